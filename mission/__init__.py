@@ -1,0 +1,1 @@
+"""What to fly: missions, planners, files, the MAVLink mission protocol and links."""

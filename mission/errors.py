@@ -1,0 +1,23 @@
+"""Errors of planning, mission items, mission files, mission transfer and links."""
+
+from geo.errors import WbfMissionError
+
+
+class PlanningError(WbfMissionError, ValueError):
+    """A planning request that has no solution or makes no sense."""
+
+
+class MissionError(WbfMissionError, ValueError):
+    """A mission item or mission with values that cannot be flown or sent."""
+
+
+class MissionFileError(WbfMissionError, ValueError):
+    """A mission file that cannot be read or written."""
+
+
+class TransferError(WbfMissionError, RuntimeError):
+    """A mission upload, download or clear that failed."""
+
+
+class LinkError(WbfMissionError, OSError):
+    """A link that cannot be opened or that broke."""

@@ -1,0 +1,260 @@
+"""The mission model: what is planned, written to files, and sent over MAVLink.
+
+A parameter that is ``None`` means "the vehicle's default": NaN on the wire, ``null`` in a QGroundControl plan.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+
+import numpy as np
+
+from mission.errors import MissionError
+
+
+class Frame(IntEnum):
+    """The coordinate frames (MAV_FRAME) that missions use."""
+
+    GLOBAL = 0
+    MISSION = 2
+    GLOBAL_RELATIVE_ALT = 3
+    GLOBAL_INT = 5
+    GLOBAL_RELATIVE_ALT_INT = 6
+    GLOBAL_TERRAIN_ALT = 10
+    GLOBAL_TERRAIN_ALT_INT = 11
+
+
+class Command(IntEnum):
+    """The commands (MAV_CMD) that the planners and the simulated vehicle know by name."""
+
+    NAV_WAYPOINT = 16
+    NAV_LOITER_UNLIM = 17
+    NAV_LOITER_TURNS = 18
+    NAV_LOITER_TIME = 19
+    NAV_RETURN_TO_LAUNCH = 20
+    NAV_LAND = 21
+    NAV_TAKEOFF = 22
+    NAV_LOITER_TO_ALT = 31
+    NAV_SPLINE_WAYPOINT = 82
+    NAV_DELAY = 93
+    CONDITION_DELAY = 112
+    CONDITION_DISTANCE = 114
+    CONDITION_YAW = 115
+    DO_SET_MODE = 176
+    DO_JUMP = 177
+    DO_CHANGE_SPEED = 178
+    DO_SET_HOME = 179
+    DO_LAND_START = 189
+    DO_SET_ROI_LOCATION = 195
+    DO_SET_ROI_NONE = 197
+    DO_SET_ROI = 201
+    DO_SET_CAM_TRIGG_DIST = 206
+    DO_SET_CAM_TRIGG_INTERVAL = 214
+    IMAGE_START_CAPTURE = 2000
+    IMAGE_STOP_CAPTURE = 2001
+    NAV_FENCE_RETURN_POINT = 5000
+    NAV_FENCE_POLYGON_VERTEX_INCLUSION = 5001
+    NAV_FENCE_POLYGON_VERTEX_EXCLUSION = 5002
+    NAV_FENCE_CIRCLE_INCLUSION = 5003
+    NAV_FENCE_CIRCLE_EXCLUSION = 5004
+    NAV_RALLY_POINT = 5100
+
+
+class MissionType(IntEnum):
+    """The three plans that a vehicle stores (MAV_MISSION_TYPE)."""
+
+    MISSION = 0
+    FENCE = 1
+    RALLY = 2
+
+
+GLOBAL_FRAMES = frozenset({0, 3, 5, 6, 10, 11})
+RELATIVE_FRAMES = frozenset({3, 6})
+DEGREES_E7 = 1e7
+_POSITION_COMMANDS = frozenset({16, 17, 18, 19, 21, 22, 31, 82, 189, 192, 195, 201, 5000, 5001, 5002, 5003, 5004, 5100})
+
+
+def has_position(command: int) -> bool:
+    """Tell whether the command's x, y, z are a place (otherwise they are parameters 5 to 7)."""
+    return command in _POSITION_COMMANDS
+
+
+@dataclass(frozen=True, slots=True)
+class GeoPoint:
+    """A place: degrees of WGS84 and metres above mean sea level."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_place(self.latitude_deg, self.longitude_deg, self.altitude_m, "point")
+
+
+def check_place(latitude_deg: float, longitude_deg: float, altitude_m: float, what: str) -> None:
+    """Raise MissionError unless the place is finite and on the globe."""
+    for name, value, limit in (
+        ("latitude", latitude_deg, 90.0),
+        ("longitude", longitude_deg, 180.0),
+        ("altitude", altitude_m, 100_000.0),
+    ):
+        if not math.isfinite(value) or abs(value) > limit:
+            msg = f"{what}: {name} {value} is outside -{limit:g}..{limit:g}"
+            raise MissionError(msg)
+
+
+@dataclass(frozen=True, slots=True)
+class MissionItem:
+    """One MAVLink mission item.
+
+    Parameters
+    ----------
+    command : int
+        MAV_CMD.
+    frame : int
+        MAV_FRAME; the INT frames 5, 6 and 11 are folded to 0, 3 and 10, which mean the same.
+    param1, param2, param3, param4 : float or None
+        As the command defines them; None is the vehicle's default (NaN).
+    x, y : float
+        Latitude and longitude in degrees (kept to 1e-7 degree, as on the wire) when the frame is global and the
+        command has a position, otherwise parameters 5 and 6.
+    z : float
+        Altitude in metres in the frame, otherwise parameter 7.
+    autocontinue : bool
+        Go on to the next item when this one is complete.
+
+    Raises
+    ------
+    MissionError
+        If a number is not finite, out of its field's range, or no place on the globe.
+
+    Examples
+    --------
+    >>> MissionItem.waypoint(28.05, -82.15, 10.0).z
+    10.0
+    """
+
+    command: int
+    frame: int = Frame.MISSION
+    param1: float | None = 0.0
+    param2: float | None = 0.0
+    param3: float | None = 0.0
+    param4: float | None = 0.0
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    autocontinue: bool = True
+
+    def __post_init__(self) -> None:
+        frame = {5: 0, 6: 3, 11: 10}.get(self.frame, self.frame)
+        object.__setattr__(self, "frame", int(frame))
+        object.__setattr__(self, "command", int(self.command))
+        if not 0 <= self.command <= 65535:
+            msg = f"mission item: command {self.command} is outside 0..65535"
+            raise MissionError(msg)
+        if not 0 <= self.frame <= 255:
+            msg = f"mission item: frame {self.frame} is outside 0..255"
+            raise MissionError(msg)
+        for name in ("param1", "param2", "param3", "param4"):
+            value = getattr(self, name)
+            if value is None:
+                continue
+            if math.isnan(value):
+                object.__setattr__(self, name, None)
+            elif not math.isfinite(value) or abs(value) > 3.4e38:
+                msg = f"mission item (command {self.command}): {name} {value} does not fit a 32-bit float"
+                raise MissionError(msg)
+        if self.has_place:
+            check_place(self.x, self.y, self.z, f"mission item (command {self.command})")
+            object.__setattr__(self, "x", round(self.x * DEGREES_E7) / DEGREES_E7)
+            object.__setattr__(self, "y", round(self.y * DEGREES_E7) / DEGREES_E7)
+            return
+        for name, limit in (("x", 2147483647.0), ("y", 2147483647.0), ("z", 3.4e38)):
+            value = getattr(self, name)
+            if not math.isfinite(value) or abs(value) > limit:
+                msg = f"mission item (command {self.command}): {name} {value} is outside -{limit:g}..{limit:g}"
+                raise MissionError(msg)
+
+    @property
+    def has_place(self) -> bool:
+        """Whether x, y, z are a latitude, a longitude and an altitude."""
+        return self.frame in GLOBAL_FRAMES and has_position(self.command)
+
+    @classmethod
+    def waypoint(
+        cls,
+        latitude_deg: float,
+        longitude_deg: float,
+        altitude_m: float,
+        *,
+        hold_s: float = 0.0,
+        acceptance_radius_m: float = 0.0,
+        yaw_deg: float | None = None,
+    ) -> MissionItem:
+        """A NAV_WAYPOINT at an altitude above home; yaw None leaves the heading to the vehicle."""
+        return cls(
+            Command.NAV_WAYPOINT,
+            Frame.GLOBAL_RELATIVE_ALT,
+            hold_s,
+            acceptance_radius_m,
+            0.0,
+            yaw_deg,
+            latitude_deg,
+            longitude_deg,
+            altitude_m,
+        )
+
+    def wire_x(self) -> int:
+        """``x`` as MISSION_ITEM_INT carries it: degE7 for a place, otherwise the parameter itself."""
+        return round(self.x * DEGREES_E7) if self.has_place else int(self.x)
+
+    def wire_y(self) -> int:
+        """``y`` as MISSION_ITEM_INT carries it: degE7 for a place, otherwise the parameter itself."""
+        return round(self.y * DEGREES_E7) if self.has_place else int(self.y)
+
+    def on_the_wire(self) -> MissionItem:
+        """Return the item as a receiver sees it: 32-bit floats, integer x and y."""
+
+        def single(value: float | None) -> float | None:
+            return None if value is None else float(np.float32(value))
+
+        return replace(
+            self,
+            param1=single(self.param1),
+            param2=single(self.param2),
+            param3=single(self.param3),
+            param4=single(self.param4),
+            x=self.x if self.has_place else float(int(self.x)),
+            y=self.y if self.has_place else float(int(self.y)),
+            z=float(np.float32(self.z)),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Mission:
+    """A whole plan: the mission, the fence and the rally points, and where home is expected.
+
+    Parameters
+    ----------
+    items : tuple of MissionItem
+        The mission, without a home item (ArduPilot's item 0 is added on transfer and in WPL files only).
+    home : GeoPoint or None
+        Planned home position; relative altitudes count from it.
+    fence, rally : tuple of MissionItem
+        Geofence items (commands 5000 to 5004) and rally points (5100).
+    cruise_speed_m_s, hover_speed_m_s : float
+        Speeds that a ground station uses for its time estimates.
+    """
+
+    items: tuple[MissionItem, ...]
+    home: GeoPoint | None = None
+    fence: tuple[MissionItem, ...] = field(default=())
+    rally: tuple[MissionItem, ...] = field(default=())
+    cruise_speed_m_s: float = 15.0
+    hover_speed_m_s: float = 5.0
+
+    def plan(self, mission_type: MissionType) -> tuple[MissionItem, ...]:
+        """Return the items of one of the three plans."""
+        return (self.items, self.fence, self.rally)[mission_type]

@@ -1,0 +1,1 @@
+"""The MAVLink mission protocol as sans-IO state machines, both roles."""

@@ -1,0 +1,1 @@
+"""The hidden state of the farm: epidemics and soil humidity over days."""

@@ -1,0 +1,15 @@
+"""Errors of environments, observations and estimators."""
+
+from geo.errors import WbfMissionError
+
+
+class EnvironmentDataError(WbfMissionError, ValueError):
+    """An environment that cannot be generated, stored or read."""
+
+
+class ObservationError(WbfMissionError, ValueError):
+    """Observations that do not fit the farm, or an observation file that cannot be read."""
+
+
+class EstimatorError(WbfMissionError, ValueError):
+    """An estimator that is unknown, wrongly configured or used before ``fit``."""

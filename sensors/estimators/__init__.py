@@ -1,0 +1,1 @@
+"""Estimators: observations in, an information model of the whole farm out."""

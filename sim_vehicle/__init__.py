@@ -1,0 +1,1 @@
+"""Who flies: motion, battery, mission execution, the MAVLink vehicle and its camera."""

@@ -1,0 +1,1 @@
+"""How vehicles move: numba kernels and the motion models around them."""

@@ -1,0 +1,1 @@
+"""The application: scenario, flight, benchmark, report and command line."""

@@ -1,0 +1,112 @@
+"""Files and folders that appear complete or not at all."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from geo.atomic import atomic_directory, atomic_path, atomic_write
+
+
+def entries(folder: Path) -> list[str]:
+    return sorted(entry.name for entry in folder.iterdir())
+
+
+def test_text_and_bytes(tmp_path):
+    with atomic_write(tmp_path / "a.txt") as file:
+        file.write("grün\n")
+    with atomic_write(str(tmp_path / "b.bin"), "wb") as file:
+        file.write(b"\x00\xff")
+    assert (tmp_path / "a.txt").read_bytes() == "grün\n".encode()
+    assert (tmp_path / "b.bin").read_bytes() == b"\x00\xff"
+    assert entries(tmp_path) == ["a.txt", "b.bin"]
+
+
+def test_nothing_before_the_end(tmp_path):
+    with atomic_write(tmp_path / "a.txt") as file:
+        file.write("x" * 100_000)
+        file.flush()
+        assert not (tmp_path / "a.txt").exists()
+    assert (tmp_path / "a.txt").stat().st_size == 100_000
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
+def test_older_file_survives_a_failure(tmp_path, error):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    with pytest.raises(error), atomic_write(path) as file:
+        file.write("new")
+        raise error
+    assert path.read_text() == "old"
+    assert entries(tmp_path) == ["a.txt"]
+
+
+def test_permissions_and_links_are_kept(tmp_path):
+    real = tmp_path / "real.txt"
+    real.write_text("old")
+    real.chmod(0o640)
+    link = tmp_path / "link.txt"
+    link.symlink_to(real)
+    with atomic_write(link) as file:
+        file.write("new")
+    assert link.is_symlink()
+    assert real.read_text() == "new"
+    assert real.stat().st_mode & 0o777 == 0o640
+
+
+def test_new_file_obeys_the_umask(tmp_path):
+    old = os.umask(0o027)
+    try:
+        with atomic_write(tmp_path / "a.txt") as file:
+            file.write("new")
+    finally:
+        os.umask(old)
+    assert (tmp_path / "a.txt").stat().st_mode & 0o777 == 0o640
+
+
+def test_errors_name_the_target(tmp_path):
+    target = tmp_path / "missing" / "a.txt"
+    with pytest.raises(FileNotFoundError) as caught, atomic_write(target) as file:
+        file.write("new")
+    assert caught.value.filename == str(target)
+    with pytest.raises(IsADirectoryError), atomic_write(tmp_path) as file:
+        file.write("new")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(NotADirectoryError), atomic_directory(tmp_path / "file"):
+        pass
+
+
+def test_path_keeps_the_suffix_and_survives_long_names(tmp_path):
+    target = tmp_path / ("n" * 250 + ".png")
+    with atomic_path(target) as temporary:
+        assert temporary.suffix == ".png"
+        assert temporary.parent == tmp_path
+        temporary.write_bytes(b"png")
+    assert target.read_bytes() == b"png"
+
+
+def test_a_device_is_written_directly():
+    with atomic_write("/dev/null") as file:
+        file.write("gone")
+    assert not Path("/dev/null").is_file()
+
+
+def test_directory_replaces_the_older_one(tmp_path):
+    target = tmp_path / "run"
+    for text in ("first", "second"):
+        with atomic_directory(target) as folder:
+            (folder / text).write_text(text)
+            assert not (target / text).exists()
+    assert entries(target) == ["second"]
+    assert entries(tmp_path) == ["run"]
+
+
+def test_directory_failure_keeps_the_older_one(tmp_path):
+    target = tmp_path / "run"
+    with atomic_directory(target) as folder:
+        (folder / "first").write_text("1")
+    with pytest.raises(KeyboardInterrupt), atomic_directory(target) as folder:
+        (folder / "second").write_text("2")
+        raise KeyboardInterrupt
+    assert entries(target) == ["first"]
+    assert entries(tmp_path) == ["run"]

@@ -1,0 +1,414 @@
+"""Farm files: GeoJSON (RFC 7946) with documented properties; see docs/farm-files.md."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import shapely
+from shapely.geometry.polygon import orient
+
+from geo.errors import FarmError
+from geo.farm import MAX_CELLS, Crop, Farm, Patch
+from geo.frame import LocalFrame
+from geo.units import FOOT_M
+
+MAX_FILE_BYTES = 32 * 2**20
+MAX_VERTICES = 100_000
+MAX_RASTER_STEPS = 20_000_000
+MAX_SPAN_M = 20_000.0
+MAX_LATITUDE_DEG = 75.0
+_MIN_CELL_M = 0.01
+_MAX_CELL_M = 1000.0
+_NAMES = {crop.name.lower(): crop for crop in Crop}
+_COUNT_SLACK = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class _Feature:
+    """A feature as the file has it: rings of float64[n, 2] longitude, latitude."""
+
+    where: str
+    name: str
+    crop: Crop
+    owner: str
+    obstacle: bool
+    rings: tuple[np.ndarray[Any, np.dtype[np.float64]], ...]
+
+
+def load_farm(path: str | os.PathLike[str]) -> Farm:
+    """Read a farm from a GeoJSON file.
+
+    Raises
+    ------
+    FarmError
+        If the file cannot be read, is no farm file, or a feature cannot be used; the text names the feature.
+    """
+    text = os.fspath(path)
+    try:
+        return _farm_of(_document(Path(text)), default_name=Path(text).stem)
+    except FarmError as error:
+        msg = f"farm file {text}: {error}"
+        raise FarmError(" ".join(msg.split())) from None
+
+
+def save_farm(farm: Farm, path: str | os.PathLike[str]) -> None:
+    """Write a farm as a GeoJSON file that `load_farm` reads back; the file appears whole or not at all.
+
+    Raises
+    ------
+    FarmError
+        If the file cannot be written.
+    """
+    frame = farm.frame
+    patches = [
+        _feature(farm, patch.polygon, name=patch.name, crop=patch.crop.name.lower(), owner=patch.owner)
+        for patch in farm.patches
+    ]
+    obstacles = [
+        _feature(farm, polygon, name=f"obstacle {number}", obstacle=True)
+        for number, polygon in enumerate(farm.obstacles, 1)
+    ]
+    document = {
+        "type": "FeatureCollection",
+        "name": farm.name,
+        "owner": farm.owner,
+        "cell_size_m": farm.cell_size_m,
+        "origin": [frame.longitude_deg, frame.latitude_deg],
+        "ground_altitude_m": frame.altitude_m,
+        "rotation_deg": frame.rotation_deg,
+        "size_cells": [farm.width_cells, farm.height_cells],
+        "home": list(reversed(frame.to_wgs84(*farm.home_m))),
+        "features": patches + obstacles,
+    }
+    target = Path(path)
+    temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
+    try:
+        temporary.write_bytes(msgspec.json.format(msgspec.json.encode(document), indent=1))
+        temporary.replace(target)
+    except (OSError, ValueError) as error:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+        msg = f"farm file {target}: cannot be written ({_reason(error)})"
+        raise FarmError(msg) from None
+
+
+def _feature(farm: Farm, polygon: shapely.Polygon, **properties: object) -> dict[str, object]:
+    rings = []
+    # Right-hand rule of RFC 7946: the exterior anticlockwise, holes clockwise.
+    oriented = orient(polygon)
+    for ring in (oriented.exterior, *oriented.interiors):
+        xy = shapely.get_coordinates(ring)
+        latitude_deg, longitude_deg = farm.frame.to_wgs84(xy[:, 0].copy(), xy[:, 1].copy())
+        rings.append(np.column_stack([longitude_deg, latitude_deg]).tolist())
+    return {
+        "type": "Feature",
+        "properties": properties,
+        "geometry": {"type": "Polygon", "coordinates": rings},
+    }
+
+
+def _reason(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error)
+
+
+def _document(path: Path) -> dict[str, Any]:
+    try:
+        if not path.is_file():
+            msg = "there is no such file"
+            raise FarmError(msg)
+        with path.open("rb") as file:
+            data = file.read(MAX_FILE_BYTES + 1)
+    except (OSError, ValueError) as error:
+        if isinstance(error, FarmError):
+            raise
+        msg = f"cannot be read ({_reason(error)})"
+        raise FarmError(msg) from None
+    if len(data) > MAX_FILE_BYTES:
+        msg = f"is larger than {MAX_FILE_BYTES // 2**20} MB"
+        raise FarmError(msg)
+    try:
+        document = msgspec.json.decode(data.decode("utf-8-sig"))
+    except UnicodeDecodeError as error:
+        msg = f"is not UTF-8 text (byte {error.start})"
+        raise FarmError(msg) from None
+    except RecursionError:
+        msg = "is nested too deeply"
+        raise FarmError(msg) from None
+    except msgspec.DecodeError as error:
+        msg = f"is not JSON ({error})"
+        raise FarmError(msg) from None
+    if not isinstance(document, dict) or document.get("type") != "FeatureCollection":
+        msg = 'is not a GeoJSON "FeatureCollection"'
+        raise FarmError(msg)
+    return document
+
+
+def _farm_of(document: dict[str, Any], default_name: str) -> Farm:
+    name = _text(document, "name", default_name, "the farm")
+    raw = document.get("features")
+    if not isinstance(raw, list) or not raw:
+        msg = 'has no "features"'
+        raise FarmError(msg)
+    features = []
+    vertices = 0
+    for index, entry in enumerate(raw):
+        features.append(_read_feature(entry, index))
+        vertices += sum(len(ring) for ring in features[-1].rings)
+        if vertices > MAX_VERTICES:
+            msg = f"{features[-1].where}: more than {MAX_VERTICES} vertices up to here; simplify the polygons"
+            raise FarmError(msg)
+    patches = [feature for feature in features if not feature.obstacle]
+    if not patches:
+        msg = "has obstacles only, no patch with a crop"
+        raise FarmError(msg)
+    owner = _text(document, "owner", patches[0].owner, "the farm")
+    cell_size_m = _number(document, "cell_size_m", FOOT_M, _MIN_CELL_M, _MAX_CELL_M)
+    home = _place(document["home"], 'member "home"') if document.get("home") is not None else None
+    _check_span(features, home)
+    frame, origin_given = _frame(document, patches)
+    polygons = [_polygon(feature, frame) for feature in features]
+    bounds = shapely.total_bounds(
+        [polygon for feature, polygon in zip(features, polygons, strict=True) if not feature.obstacle]
+    )
+    if origin_given:
+        for feature, polygon in zip(features, polygons, strict=True):
+            if not feature.obstacle and min(polygon.bounds[:2]) < -_COUNT_SLACK * cell_size_m:
+                msg = f'{feature.where}: reaches beyond the farm\'s "origin" to the south or west of the grid'
+                raise FarmError(msg)
+    width, height = _size(document, bounds[2] / cell_size_m, bounds[3] / cell_size_m, cell_size_m)
+    _check_detail(polygons, cell_size_m)
+    kept = tuple(
+        Patch(feature.name, feature.crop, feature.owner, polygon)
+        for feature, polygon in zip(features, polygons, strict=True)
+        if not feature.obstacle
+    )
+    if all(patch.owner != owner for patch in kept):
+        owners = ", ".join(sorted({repr(patch.owner) for patch in kept})[:8])
+        msg = f"no feature belongs to the owner {owner!r}; the owners are {owners}"
+        raise FarmError(msg)
+    obstacles = tuple(
+        polygon for feature, polygon in zip(features, polygons, strict=True) if feature.obstacle
+    )
+    farm = Farm(name, frame, width, height, kept, owner, (0.0, 0.0), cell_size_m, obstacles)
+    if home is not None:
+        home_m = frame.from_wgs84(home[1], home[0])
+    else:
+        nearest = shapely.shortest_line(farm.owner_area, shapely.Point(0.0, 0.0))
+        home_m = (float(nearest.coords[0][0]), float(nearest.coords[0][1])) if nearest else (0.0, 0.0)
+    return Farm(name, frame, width, height, kept, owner, home_m, cell_size_m, obstacles)
+
+
+def _read_feature(entry: object, index: int) -> _Feature:
+    where = f"feature {index}"
+    if not isinstance(entry, dict) or entry.get("type") != "Feature":
+        msg = f'{where}: is not a GeoJSON "Feature"'
+        raise FarmError(msg)
+    properties = entry.get("properties")
+    if not isinstance(properties, dict):
+        msg = f'{where}: has no "properties" with crop and owner'
+        raise FarmError(msg)
+    name = _text(properties, "name", f"patch {index}", where)
+    where = f"feature {index} ({name!r})"
+    obstacle = properties.get("obstacle", False)
+    if not isinstance(obstacle, bool):
+        msg = f'{where}: property "obstacle" is not true or false'
+        raise FarmError(msg)
+    crop, owner = Crop.NONE, ""
+    if not obstacle:
+        for key in ("crop", "owner"):
+            if properties.get(key) is None:
+                msg = f'{where}: property "{key}" is missing'
+                raise FarmError(msg)
+        label = _text(properties, "crop", "", where).lower()
+        if label not in _NAMES:
+            msg = f"{where}: unknown crop {label!r}; crops are {', '.join(_NAMES)}"
+            raise FarmError(msg)
+        crop, owner = _NAMES[label], _text(properties, "owner", "", where)
+    geometry = entry.get("geometry")
+    kind = geometry.get("type") if isinstance(geometry, dict) else None
+    if not isinstance(geometry, dict) or kind != "Polygon":
+        kind = kind if isinstance(kind, str) else "nothing"
+        advice = "; make each part a feature of its own" if kind == "MultiPolygon" else ""
+        msg = f"{where}: geometry is {_short(kind)!r}, not a Polygon{advice}"
+        raise FarmError(msg)
+    rings = geometry.get("coordinates")
+    if not isinstance(rings, list) or not rings or not rings[0]:
+        msg = f"{where}: the polygon is empty"
+        raise FarmError(msg)
+    return _Feature(where, name, crop, owner, obstacle, tuple(_ring(ring, where) for ring in rings))
+
+
+def _ring(ring: object, where: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+    if not isinstance(ring, list) or len(ring) < 4:
+        msg = f"{where}: a ring has fewer than four positions"
+        raise FarmError(msg)
+    if len(ring) > MAX_VERTICES:
+        msg = f"{where}: a ring of {len(ring)} positions is longer than {MAX_VERTICES}; simplify it"
+        raise FarmError(msg)
+    positions = np.array([_place(position, where) for position in ring])
+    if not np.array_equal(positions[0], positions[-1]):
+        msg = f"{where}: a ring is not closed (its last position must repeat the first)"
+        raise FarmError(msg)
+    return positions
+
+
+def _place(position: object, where: str) -> tuple[float, float]:
+    """Return longitude and latitude of a GeoJSON position."""
+    if (
+        not isinstance(position, list)
+        or not 2 <= len(position) <= 4
+        or not all(type(value) in (int, float) and math.isfinite(value) for value in position)
+    ):
+        msg = f"{where}: {_short(position)} is not a position [longitude, latitude] of finite numbers"
+        raise FarmError(msg)
+    longitude_deg, latitude_deg = float(position[0]), float(position[1])
+    if abs(latitude_deg) > 90.0:
+        msg = f"{where}: latitude {latitude_deg:g} is outside -90..90; positions are [longitude, latitude]"
+        raise FarmError(msg)
+    if abs(longitude_deg) > 180.0:
+        msg = f"{where}: longitude {longitude_deg:g} is outside -180..180"
+        raise FarmError(msg)
+    if abs(latitude_deg) > MAX_LATITUDE_DEG:
+        msg = (
+            f"{where}: nothing grows at latitude {latitude_deg:g}; "
+            "are latitude and longitude swapped? positions are [longitude, latitude]"
+        )
+        raise FarmError(msg)
+    return longitude_deg, latitude_deg
+
+
+def _check_span(features: list[_Feature], home: tuple[float, float] | None) -> None:
+    """Refuse places too far from home, or else from the first feature."""
+    longitude_deg, latitude_deg = home if home is not None else features[0].rings[0][0]
+    reference = LocalFrame(float(latitude_deg), float(longitude_deg))
+    anchor = 'the farm\'s "home"' if home is not None else "the first feature"
+    for feature in features:
+        for ring in feature.rings:
+            span_m = _reach_m(reference, ring[:, 1], ring[:, 0])
+            if span_m <= MAX_SPAN_M:
+                continue
+            swapped = _reach_m(reference, ring[:, 0], ring[:, 1]) <= MAX_SPAN_M
+            advice = (
+                "its latitude and longitude are swapped, positions are [longitude, latitude]"
+                if swapped
+                else f"the limit is {MAX_SPAN_M / 1000:g} km"
+            )
+            msg = f"{feature.where}: lies {span_m / 1000:.0f} km from {anchor}; {advice}"
+            raise FarmError(msg)
+
+
+def _reach_m(frame: LocalFrame, latitude_deg: Any, longitude_deg: Any) -> float:
+    if np.abs(latitude_deg).max() > 90.0:
+        return math.inf
+    x_m, y_m = frame.from_wgs84(latitude_deg.copy(), longitude_deg.copy())
+    return float(np.max(np.hypot(x_m, y_m)))
+
+
+def _frame(document: dict[str, Any], patches: list[_Feature]) -> tuple[LocalFrame, bool]:
+    """Return the frame, and whether the file gives its origin (otherwise it is the corner of the patches)."""
+    altitude_m = _number(document, "ground_altitude_m", 0.0, -1000.0, 9000.0)
+    rotation_deg = _number(document, "rotation_deg", 0.0, -360.0, 360.0)
+    if document.get("origin") is not None:
+        longitude_deg, latitude_deg = _place(document["origin"], 'member "origin"')
+        frame = LocalFrame(latitude_deg, longitude_deg, altitude_m, rotation_deg)
+        if _reach_m(frame, patches[0].rings[0][:, 1], patches[0].rings[0][:, 0]) > 2 * MAX_SPAN_M:
+            msg = f'{patches[0].where}: lies more than {2 * MAX_SPAN_M / 1000:g} km from the farm\'s "origin"'
+            raise FarmError(msg)
+        return frame, True
+    places = np.concatenate([patch.rings[0] for patch in patches])
+    frame = LocalFrame(float(places[0, 1]), float(places[0, 0]), altitude_m, rotation_deg)
+    # North turns with the origin (meridian convergence), so the corner is sought again from each better one.
+    for _ in range(4):
+        x_m, y_m = frame.from_wgs84(places[:, 1].copy(), places[:, 0].copy())
+        latitude_deg, longitude_deg = frame.to_wgs84(float(x_m.min()), float(y_m.min()))
+        frame = LocalFrame(latitude_deg, longitude_deg, altitude_m, rotation_deg)
+    return frame, False
+
+
+def _polygon(feature: _Feature, frame: LocalFrame) -> shapely.Polygon:
+    rings = []
+    for ring in feature.rings:
+        x_m, y_m = frame.from_wgs84(ring[:, 1].copy(), ring[:, 0].copy())
+        rings.append(np.column_stack([x_m, y_m]))
+    polygon = shapely.Polygon(rings[0], rings[1:])
+    if not shapely.is_valid(polygon):
+        reason = re.sub(
+            r"\[\S+ \S+\]", lambda match: _at(match.group(), frame), shapely.is_valid_reason(polygon)
+        )
+        msg = f"{feature.where}: the polygon is not valid: {reason}"
+        raise FarmError(msg)
+    if not polygon.area > 0.0:
+        msg = f"{feature.where}: the polygon has no area"
+        raise FarmError(msg)
+    return polygon
+
+
+def _at(point: str, frame: LocalFrame) -> str:
+    x_m, y_m = (float(value) for value in point.strip("[]").split())
+    latitude_deg, longitude_deg = frame.to_wgs84(x_m, y_m)
+    return f" near [{longitude_deg:.7f}, {latitude_deg:.7f}]"
+
+
+def _size(document: dict[str, Any], right: float, top: float, cell_size_m: float) -> tuple[int, int]:
+    needed = (max(math.ceil(right - _COUNT_SLACK), 1), max(math.ceil(top - _COUNT_SLACK), 1))
+    size = document.get("size_cells")
+    if size is not None:
+        if not (isinstance(size, list) and len(size) == 2 and all(type(value) is int for value in size)):
+            msg = f'member "size_cells": {_short(size)} is not [width, height]'
+            raise FarmError(msg)
+        wanted = f"{needed[0]} x {needed[1]}"
+        if size[0] < needed[0] or size[1] < needed[1]:
+            msg = f'member "size_cells": {size[0]} x {size[1]} is less than the patches need ({wanted})'
+            raise FarmError(msg)
+        needed = (size[0], size[1])
+    if needed[0] * needed[1] > MAX_CELLS:
+        msg = (
+            f"a grid of {needed[0]} x {needed[1]} cells is larger than {MAX_CELLS}; "
+            f'set a "cell_size_m" above {cell_size_m:g}'
+        )
+        raise FarmError(msg)
+    return needed
+
+
+def _check_detail(polygons: list[shapely.Polygon], cell_size_m: float) -> None:
+    """Refuse polygons whose scan conversion would take minutes: very many edges across very many columns."""
+    steps = 0.0
+    for polygon in polygons:
+        x = shapely.get_coordinates(polygon)[:, 0]
+        steps += float(np.abs(np.diff(x)).sum()) / cell_size_m
+    if steps > MAX_RASTER_STEPS:
+        msg = f"the polygons are too detailed: their edges cross {steps:.3g} columns of cells; simplify them"
+        raise FarmError(msg)
+
+
+def _text(members: dict[str, Any], key: str, default: str, where: str) -> str:
+    value = members.get(key)
+    if value is None:
+        return default
+    if not isinstance(value, str) or not value.strip() or len(value) > 200 or not value.isprintable():
+        msg = f'{where}: "{key}" is {_short(value)}, not a short line of text'
+        raise FarmError(msg)
+    return value.strip()
+
+
+def _number(document: dict[str, Any], key: str, default: float, low: float, high: float) -> float:
+    value = document.get(key)
+    if value is None:
+        return default
+    if type(value) not in (int, float) or not low <= value <= high:
+        msg = f'member "{key}": {_short(value)} is not a number in {low:g}..{high:g}'
+        raise FarmError(msg)
+    return float(value)
+
+
+def _short(value: object) -> str:
+    text = value if isinstance(value, str) else repr(value)[:200]
+    return text if len(text) <= 60 else text[:57] + "..."

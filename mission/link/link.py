@@ -1,0 +1,140 @@
+"""What a link is, and how its address is written."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Protocol
+
+from mission.errors import LinkError
+
+LOOPBACK = "127.0.0.1"
+_SCHEMES = {
+    "udp": "udpin",
+    "udpin": "udpin",
+    "udpout": "udpout",
+    "tcp": "tcp",
+    "tcpout": "tcp",
+    "tcpin": "tcpin",
+}
+_EXAMPLE = "write udpin:127.0.0.1:14550, udpout:HOST:14550, tcp:127.0.0.1:5760 or tcpin:127.0.0.1:5760"
+_URL = re.compile(r"(?P<scheme>[A-Za-z0-9]+):(//)?(?P<host>\[[^\[\]]*\]|[^:/\[\]\s]*):(?P<port>[0-9]+)/?")
+
+
+class Link(Protocol):
+    """Something that carries bytes in both directions and never blocks.
+
+    ``receive`` returns what has arrived: whole datagrams, or pieces of a stream cut anywhere. A link without a
+    peer (nobody has called yet) drops what is sent, as a radio does.
+
+    Attributes
+    ----------
+    name : str
+        The link's address as the user would write it.
+    """
+
+    name: str
+
+    def send(self, data: bytes) -> None:
+        """Send one frame (or datagram); raise LinkError if the link is broken for good."""
+
+    def receive(self) -> list[bytes]:
+        """Return at once what has arrived since the last call; LinkError if the link is broken for good."""
+
+    def close(self) -> None:
+        """Close the link; closing twice is fine."""
+
+    def fileno(self) -> int | None:
+        """Return the descriptor to wait on with ``select``, or None if there is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class LinkAddress:
+    """A parsed link address.
+
+    Parameters
+    ----------
+    scheme : str
+        ``udpin`` (bind, talk to whoever calls), ``udpout`` (call), ``tcp`` (connect) or ``tcpin`` (listen).
+    host : str
+        Host name or address.
+    port : int
+        Port; 0 lets the system choose one for ``udpin`` and ``tcpin``.
+    """
+
+    scheme: str
+    host: str
+    port: int
+
+    def __str__(self) -> str:
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{self.scheme}:{host}:{self.port}"
+
+
+def parse_link_url(url: str) -> LinkAddress:
+    """Parse a link address.
+
+    Parameters
+    ----------
+    url : str
+        ``SCHEME:HOST:PORT`` or ``SCHEME://HOST:PORT`` with the scheme udpin (or udp), udpout, tcp (or tcpout)
+        or tcpin. An empty host is the loopback address; IPv6 addresses stand in brackets.
+
+    Returns
+    -------
+    LinkAddress
+
+    Raises
+    ------
+    LinkError
+        If the text is no such address.
+
+    Examples
+    --------
+    >>> parse_link_url("udpin://0.0.0.0:14540")
+    LinkAddress(scheme='udpin', host='0.0.0.0', port=14540)
+    >>> str(parse_link_url("tcp::5760"))
+    'tcp:127.0.0.1:5760'
+    """
+    match = _URL.fullmatch(url.strip())
+    if match is None:
+        msg = f"{url!r} is not a link address; {_EXAMPLE}"
+        raise LinkError(msg)
+    scheme = _SCHEMES.get(match["scheme"].lower())
+    if scheme is None:
+        msg = f"{url!r}: unknown kind of link {match['scheme']!r}; {_EXAMPLE}"
+        raise LinkError(msg)
+    lowest = 0 if scheme in ("udpin", "tcpin") else 1
+    digits = match["port"]
+    port = int(digits) if len(digits) <= 5 else 65536
+    if not lowest <= port <= 65535:
+        msg = f"{url!r}: port {digits} is outside {lowest}..65535"
+        raise LinkError(msg)
+    return LinkAddress(scheme, match["host"].strip("[]") or LOOPBACK, port)
+
+
+def open_link(url: str, *, timeout_s: float = 5.0) -> Link:
+    """Open a link by its address.
+
+    Parameters
+    ----------
+    url : str
+        See `parse_link_url`.
+    timeout_s : float
+        How long a TCP connection may take to be made.
+
+    Raises
+    ------
+    LinkError
+        If the address is wrong, the host unknown, the port in use or the connection refused.
+    """
+    from mission.link.sockets import TcpLink, TcpServerLink, UdpInLink, UdpOutLink
+
+    address = parse_link_url(url)
+    if address.scheme == "udpin":
+        return UdpInLink(address)
+    if address.scheme == "udpout":
+        return UdpOutLink(address)
+    if address.scheme == "tcpin":
+        return TcpServerLink(address)
+    return TcpLink.connect(address, timeout_s=timeout_s)

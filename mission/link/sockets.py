@@ -1,0 +1,391 @@
+"""Links over UDP and TCP sockets, all non-blocking."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import socket
+from typing import Any
+
+from mission.errors import LinkError
+from mission.link.link import LinkAddress
+
+_DATAGRAM_BYTES = 65536
+_BATCH = 256
+_BUFFER_BYTES = 1 << 20
+_BACKLOG_BYTES = 1 << 20
+_Peer = Any
+
+
+def _why(address: LinkAddress, error: OSError) -> LinkError:
+    """Turn an operating system error into one line that says what to do."""
+    where = str(address)
+    if isinstance(error, socket.gaierror):
+        text = f"{where}: the host {address.host!r} cannot be resolved; check its name or give its address"
+    elif error.errno == errno.EADDRINUSE:
+        text = f"{where}: port {address.port} is in use; stop the other program or choose another port"
+    elif error.errno == errno.EADDRNOTAVAIL:
+        text = f"{where}: {address.host!r} is no address of this machine; bind to 127.0.0.1 or 0.0.0.0"
+    elif error.errno in (errno.EACCES, errno.EPERM):
+        text = f"{where}: not permitted; choose a port above 1023 and an address that is not a broadcast"
+    elif isinstance(error, ConnectionRefusedError):
+        text = f"{where}: connection refused; start the vehicle there first, or check the address"
+    elif isinstance(error, TimeoutError):
+        text = f"{where}: no answer to the connection request; check the address and the network"
+    else:
+        text = f"{where}: {(os.strerror(error.errno) if error.errno else str(error)).lower()}"
+    return LinkError(text)
+
+
+def _resolve(address: LinkAddress, kind: socket.SocketKind) -> tuple[int, Any]:
+    """Return the address family and the socket address, IPv4 first."""
+    try:
+        found = socket.getaddrinfo(address.host, address.port, type=kind)
+    except (OSError, UnicodeError) as error:
+        raise _why(address, socket.gaierror(str(error))) from error
+    found.sort(key=lambda entry: entry[0] != socket.AF_INET)
+    return found[0][0], found[0][4]
+
+
+class UdpSocket:
+    """A bound UDP socket that any number of peers may call; the piece that multi-client hosts build on.
+
+    Parameters
+    ----------
+    address : LinkAddress
+        Where to bind; port 0 lets the system choose.
+
+    Raises
+    ------
+    LinkError
+        If it cannot be bound.
+    """
+
+    def __init__(self, address: LinkAddress) -> None:
+        family, where = _resolve(address, socket.SOCK_DGRAM)
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        try:
+            self._socket.setblocking(False)
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
+            self._socket.bind(where)
+        except OSError as error:
+            self._socket.close()
+            raise _why(address, error) from error
+        self.address = LinkAddress(address.scheme, address.host, int(self._socket.getsockname()[1]))
+        self.name = str(self.address)
+
+    def send_to(self, data: bytes, peer: _Peer) -> None:
+        """Send one datagram; what the network will not take now is lost, as on a radio."""
+        with contextlib.suppress(OSError):
+            self._socket.sendto(data, peer)
+
+    def receive_from(self) -> list[tuple[bytes, _Peer]]:
+        """Return the datagrams that have arrived (at most 256 a call) with their senders."""
+        arrived: list[tuple[bytes, _Peer]] = []
+        take = self._socket.recvfrom
+        for _ in range(_BATCH):
+            try:
+                arrived.append(take(_DATAGRAM_BYTES))
+            except BlockingIOError:
+                break
+            except ConnectionError:
+                continue
+            except OSError as error:
+                raise _why(self.address, error) from error
+        return arrived
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+    def fileno(self) -> int | None:
+        """Return the descriptor, None once closed."""
+        number = self._socket.fileno()
+        return None if number < 0 else number
+
+
+class UdpInLink:
+    """A UDP link that waits for a caller and answers whoever called last.
+
+    Parameters
+    ----------
+    address : LinkAddress
+        Where to bind.
+    """
+
+    def __init__(self, address: LinkAddress) -> None:
+        self._socket = UdpSocket(address)
+        self._peer: _Peer | None = None
+        self.name = self._socket.name
+
+    def send(self, data: bytes) -> None:
+        """Send to the last caller; nobody has called: drop."""
+        if self._peer is not None:
+            self._socket.send_to(data, self._peer)
+
+    def receive(self) -> list[bytes]:
+        """Return the datagrams that have arrived."""
+        arrived = self._socket.receive_from()
+        if arrived:
+            self._peer = arrived[-1][1]
+        return [data for data, _ in arrived]
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+    def fileno(self) -> int | None:
+        """Return the descriptor, None once closed."""
+        return self._socket.fileno()
+
+
+class UdpOutLink:
+    """A UDP link that calls a host and hears only that host.
+
+    Parameters
+    ----------
+    address : LinkAddress
+        Whom to call.
+    """
+
+    def __init__(self, address: LinkAddress) -> None:
+        family, where = _resolve(address, socket.SOCK_DGRAM)
+        self._address = address
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        try:
+            self._socket.setblocking(False)
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
+            self._socket.connect(where)
+        except OSError as error:
+            self._socket.close()
+            raise _why(address, error) from error
+        self.name = str(address)
+
+    def send(self, data: bytes) -> None:
+        """Send one datagram; a host that is not listening yet is no error."""
+        with contextlib.suppress(OSError):
+            self._socket.send(data)
+
+    def receive(self) -> list[bytes]:
+        """Return the datagrams that have arrived (at most 256 a call)."""
+        arrived: list[bytes] = []
+        for _ in range(_BATCH):
+            try:
+                arrived.append(self._socket.recv(_DATAGRAM_BYTES))
+            except BlockingIOError:
+                break
+            except ConnectionError:
+                continue
+            except OSError as error:
+                raise _why(self._address, error) from error
+        return arrived
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+    def fileno(self) -> int | None:
+        """Return the descriptor, None once closed."""
+        number = self._socket.fileno()
+        return None if number < 0 else number
+
+
+class TcpLink:
+    """A connected TCP stream.
+
+    Bytes that the network does not take at once are kept (up to 1 MiB; then whole frames are dropped and counted
+    in ``dropped``) and go out with the next `send` or `receive`.
+
+    Parameters
+    ----------
+    connection : socket.socket
+        The connected socket; it is made non-blocking.
+    name : str
+        Name for messages.
+    """
+
+    def __init__(self, connection: socket.socket, name: str) -> None:
+        connection.setblocking(False)
+        with contextlib.suppress(OSError):
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket = connection
+        self._backlog = bytearray()
+        self._ended = False
+        self.name = name
+        self.dropped = 0
+
+    @classmethod
+    def connect(cls, address: LinkAddress, *, timeout_s: float = 5.0) -> TcpLink:
+        """Connect to a listening host; LinkError if that fails within ``timeout_s``."""
+        _resolve(address, socket.SOCK_STREAM)
+        try:
+            connection = socket.create_connection((address.host, address.port), timeout=timeout_s)
+        except OSError as error:
+            raise _why(address, error) from error
+        return cls(connection, str(address))
+
+    def send(self, data: bytes) -> None:
+        """Send one frame; LinkError once the peer has gone."""
+        if self._backlog:
+            self._flush()
+        if not self._backlog:
+            data = data[self._write(data) :]
+            self._backlog += data
+        elif len(self._backlog) + len(data) <= _BACKLOG_BYTES:
+            self._backlog += data
+        else:
+            self.dropped += 1
+
+    def _write(self, data: bytes | bytearray) -> int:
+        try:
+            return self._socket.send(data)
+        except BlockingIOError:
+            return 0
+        except OSError as error:
+            raise self._gone() from error
+
+    def _flush(self) -> None:
+        del self._backlog[: self._write(self._backlog)]
+
+    def _gone(self) -> LinkError:
+        return LinkError(f"{self.name}: the other side closed the connection; connect again")
+
+    def receive(self) -> list[bytes]:
+        """Return the pieces that have arrived; LinkError once the peer has gone and everything was read."""
+        if self._ended:
+            raise self._gone()
+        if self._backlog:
+            self._flush()
+        arrived: list[bytes] = []
+        for _ in range(_BATCH):
+            try:
+                piece = self._socket.recv(_DATAGRAM_BYTES)
+            except BlockingIOError:
+                break
+            except OSError:
+                piece = b""
+            if not piece:
+                self._ended = True
+                break
+            arrived.append(piece)
+        if self._ended and not arrived:
+            raise self._gone()
+        return arrived
+
+    def close(self) -> None:
+        """Send what is left if the network takes it, and close."""
+        if self._backlog and self._socket.fileno() >= 0:
+            with contextlib.suppress(LinkError):
+                self._flush()
+        self._ended = True
+        self._socket.close()
+
+    def fileno(self) -> int | None:
+        """Return the descriptor, None once closed."""
+        number = self._socket.fileno()
+        return None if number < 0 else number
+
+
+class TcpListener:
+    """A listening TCP socket; the piece that multi-client hosts build on.
+
+    Parameters
+    ----------
+    address : LinkAddress
+        Where to listen; port 0 lets the system choose.
+
+    Raises
+    ------
+    LinkError
+        If the port cannot be listened on.
+    """
+
+    def __init__(self, address: LinkAddress) -> None:
+        family, where = _resolve(address, socket.SOCK_STREAM)
+        self._socket = socket.socket(family, socket.SOCK_STREAM)
+        try:
+            self._socket.setblocking(False)
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            self._socket.bind(where)
+            self._socket.listen(16)
+        except OSError as error:
+            self._socket.close()
+            raise _why(address, error) from error
+        self.address = LinkAddress(address.scheme, address.host, int(self._socket.getsockname()[1]))
+        self.name = str(self.address)
+
+    def accept(self) -> list[TcpLink]:
+        """Return the connections that were made since the last call (at most 16)."""
+        accepted: list[TcpLink] = []
+        for _ in range(16):
+            try:
+                connection, peer = self._socket.accept()
+            except OSError:
+                break
+            accepted.append(TcpLink(connection, f"{self.name} from {peer[0]}:{peer[1]}"))
+        return accepted
+
+    def close(self) -> None:
+        """Stop listening; accepted connections stay open."""
+        self._socket.close()
+
+    def fileno(self) -> int | None:
+        """Return the descriptor, None once closed."""
+        number = self._socket.fileno()
+        return None if number < 0 else number
+
+
+class TcpServerLink:
+    """A TCP link that listens and serves one client at a time; a new client replaces the old one.
+
+    Parameters
+    ----------
+    address : LinkAddress
+        Where to listen.
+    """
+
+    def __init__(self, address: LinkAddress) -> None:
+        self._listener = TcpListener(address)
+        self._client: TcpLink | None = None
+        self.name = self._listener.name
+
+    def _take_client(self) -> None:
+        for client in self._listener.accept():
+            self._drop_client()
+            self._client = client
+
+    def _drop_client(self) -> None:
+        if self._client is not None:
+            self._client.close()
+            self._client = None
+
+    def send(self, data: bytes) -> None:
+        """Send to the client; nobody is connected: drop."""
+        if self._client is None:
+            self._take_client()
+        if self._client is not None:
+            try:
+                self._client.send(data)
+            except LinkError:
+                self._drop_client()
+
+    def receive(self) -> list[bytes]:
+        """Return the pieces that have arrived; a client that goes away is no error."""
+        self._take_client()
+        if self._client is None:
+            return []
+        try:
+            return self._client.receive()
+        except LinkError:
+            self._drop_client()
+            return []
+
+    def close(self) -> None:
+        """Close the client's connection and stop listening."""
+        self._drop_client()
+        self._listener.close()
+
+    def fileno(self) -> int | None:
+        """Return the client's descriptor, or the listener's while nobody is connected; None once closed."""
+        return self._client.fileno() if self._client is not None else self._listener.fileno()

@@ -1,0 +1,198 @@
+"""What every estimator can do, and how one is found by its name.
+
+An estimator follows scikit-learn: ``__init__`` only stores parameters, ``fit`` forgets everything and learns,
+``partial_fit`` learns more, both return the estimator, and what was learned is in attributes ending in ``_``.
+It is registered under the entry point group ``wbf_mission.estimators``, by this package or by any other.
+
+>>> "adaptive-disk" in estimator_names()
+True
+"""
+
+from __future__ import annotations
+
+import inspect
+from importlib.metadata import EntryPoint, entry_points
+from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
+
+import numpy as np
+
+from sensors.errors import EstimatorError
+from sensors.fields import FIELDS
+from sensors.information import InformationModel
+from sensors.observations import Observations
+
+if TYPE_CHECKING:
+    from geo.grid import FarmGrid
+
+ENTRY_POINT_GROUP = "wbf_mission.estimators"
+
+RandomState = np.random.Generator | np.random.SeedSequence | int | None
+
+
+@runtime_checkable
+class Estimator(Protocol):
+    """Observations in, an information model of the whole farm out."""
+
+    def fit(self, grid: FarmGrid, observations: Observations | None = None) -> Self:
+        """Forget everything, take the farm, and learn from the observations if there are any."""
+        ...
+
+    def partial_fit(self, observations: Observations) -> Self:
+        """Learn from more observations, made after those before."""
+        ...
+
+    def predict(self) -> InformationModel:
+        """Return what is believed now; the arrays are the caller's own."""
+        ...
+
+
+class BaseEstimator:
+    """The part that all our estimators share: the farm, checks of the observations, parameters by name.
+
+    A subclass stores its parameters in ``__init__``, and writes ``_start`` (take a new farm, check the
+    parameters), ``_learn`` (take checked observations, at least one) and ``_estimate``.
+    """
+
+    grid_: FarmGrid
+    n_observations_: int
+
+    def fit(self, grid: FarmGrid, observations: Observations | None = None) -> Self:
+        """Forget everything, take the farm, and learn from the observations if there are any.
+
+        Parameters
+        ----------
+        grid : FarmGrid
+            The farm's cells.
+        observations : Observations, optional
+            In the order in which they were made.
+
+        Raises
+        ------
+        EstimatorError
+            If a parameter is out of its range or the farm too large for the method.
+        ObservationError
+            If an observation lies outside the farm.
+        """
+        if observations is not None:
+            observations.check_inside(grid.shape)
+        self._start(grid)
+        self.grid_ = grid
+        self.n_observations_ = 0
+        return self if observations is None else self.partial_fit(observations)
+
+    def partial_fit(self, observations: Observations) -> Self:
+        """Learn from more observations, made after those before.
+
+        Raises
+        ------
+        EstimatorError
+            If the estimator has not seen a farm yet.
+        ObservationError
+            If an observation lies outside the farm; then none of them is learned.
+        """
+        self._check_fitted("partial_fit")
+        observations.check_inside(self.grid_.shape)
+        if len(observations):
+            self._learn(observations)
+            self.n_observations_ += len(observations)
+        return self
+
+    def predict(self) -> InformationModel:
+        """Return what is believed now, in arrays that are the caller's own.
+
+        Raises
+        ------
+        EstimatorError
+            If the estimator has not seen a farm yet.
+        """
+        self._check_fitted("predict")
+        return self._estimate()
+
+    def get_params(self) -> dict[str, Any]:
+        """Return the parameters of ``__init__`` by name."""
+        return {name: getattr(self, name) for name in inspect.signature(type(self)).parameters}
+
+    def __repr__(self) -> str:
+        params = ", ".join(f"{name}={value!r}" for name, value in self.get_params().items())
+        return f"{type(self).__name__}({params})"
+
+    def _check_fitted(self, what: str) -> None:
+        if not hasattr(self, "grid_"):
+            msg = f"{type(self).__name__}.{what} was called before fit: give it the farm by fit(grid) first"
+            raise EstimatorError(msg)
+
+    def _start(self, grid: FarmGrid) -> None:
+        raise AssertionError(grid)
+
+    def _learn(self, observations: Observations) -> None:
+        raise AssertionError(observations)
+
+    def _estimate(self) -> InformationModel:
+        raise AssertionError
+
+
+def check_default_values(default_values: tuple[float, ...]) -> tuple[float, float, float]:
+    """Return one finite default value per field, or raise EstimatorError."""
+    values = np.asarray(default_values, np.float64)
+    if values.shape != (len(FIELDS),) or not np.isfinite(values).all():
+        msg = f"default_values {default_values!r}: give one finite number for each of {', '.join(FIELDS)}"
+        raise EstimatorError(msg)
+    return float(values[0]), float(values[1]), float(values[2])
+
+
+def estimator_names() -> tuple[str, ...]:
+    """Return the names of all registered estimators, sorted."""
+    return tuple(sorted(_registered()))
+
+
+def make_estimator(name: str, *, random_state: RandomState = None, **params: Any) -> Estimator:
+    """Make an estimator by its registered name; only the module of this one is imported.
+
+    Parameters
+    ----------
+    name : str
+        One of `estimator_names`.
+    random_state : Generator, SeedSequence, int or None
+        Handed to the estimator if it has a parameter of this name, otherwise not needed.
+    **params
+        Further parameters of the estimator's ``__init__``.
+
+    Raises
+    ------
+    EstimatorError
+        If the name or a parameter is unknown, or the estimator cannot be loaded.
+
+    Examples
+    --------
+    >>> make_estimator("adaptive-disk")
+    AdaptiveDiskEstimator(default_values=(1.0, 1.0, 0.0), radius=None)
+    """
+    known = _registered()
+    if name not in known:
+        msg = f"no estimator {name!r}, expected one of {', '.join(sorted(known))}"
+        raise EstimatorError(msg)
+    try:
+        factory = known[name].load()
+    except (ImportError, AttributeError) as error:
+        msg = f"estimator {name!r} ({known[name].value}) cannot be loaded: {error}"
+        raise EstimatorError(msg) from error
+    accepted = inspect.signature(factory).parameters
+    anything = any(parameter.kind is parameter.VAR_KEYWORD for parameter in accepted.values())
+    unknown = [] if anything else sorted(set(params) - set(accepted))
+    if unknown:
+        own = [parameter for parameter in accepted if parameter != "random_state"]
+        msg = f"estimator {name!r} has no parameter {', '.join(unknown)}, expected {', '.join(own) or 'none'}"
+        raise EstimatorError(msg)
+    if "random_state" in accepted:
+        params["random_state"] = random_state
+    estimator: Estimator = factory(**params)
+    return estimator
+
+
+def _registered() -> dict[str, EntryPoint]:
+    found: dict[str, EntryPoint] = {}
+    for point in entry_points(group=ENTRY_POINT_GROUP):
+        if found.setdefault(point.name, point).value != point.value:
+            msg = f"estimator {point.name!r} is registered twice: {found[point.name].value} and {point.value}"
+            raise EstimatorError(msg)
+    return found

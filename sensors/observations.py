@@ -1,0 +1,310 @@
+"""Observations: what the leaf camera saw, where and when, as a struct of arrays; their Parquet and CSV files."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from geo.atomic import atomic_write
+from sensors.errors import ObservationError
+from sensors.fields import FIELDS
+
+COLUMNS = ("x", "y", "time_s", "day", *FIELDS)
+MAX_FILE_ROWS = 100_000_000
+_INT32 = np.iinfo(np.int32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observations:
+    """Observations in the order in which they were made.
+
+    Anything array-like of the right shape is accepted; the stored arrays are read-only.
+
+    Parameters
+    ----------
+    x, y : int32[n]
+        The observed cell.
+    time_s : float64[n]
+        Seconds since the start of the run.
+    day : int32[n]
+        Day of the environment.
+    values : float32[n, 3]
+        What was measured, in the order of `sensors.fields.FIELDS`; NaN where that field was not sensed.
+
+    Raises
+    ------
+    ObservationError
+        If lengths differ, a number is not finite (values: is infinite) or a cell or day is not a whole number.
+
+    Examples
+    --------
+    >>> seen = Observations([3, 4], [0, 0], [1.0, 2.0], [6, 6], [[1, 1, 0.5], [0.5, 1, float("nan")]])
+    >>> len(seen), len(seen[1:]), seen.sensed.tolist()
+    (2, 1, [[True, True, True], [True, True, False]])
+    """
+
+    x: NDArray[np.int32]
+    y: NDArray[np.int32]
+    time_s: NDArray[np.float64]
+    day: NDArray[np.int32]
+    values: NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        for name in ("x", "y", "day"):
+            object.__setattr__(self, name, _frozen(_whole(getattr(self, name), name)))
+        time_s = _numbers(self.time_s, "time_s", np.float64)
+        values = _numbers(self.values, "values", np.float32)
+        if values.size == 0:
+            values = values.reshape(-1, len(FIELDS)) if values.ndim == 2 else values.reshape(0, len(FIELDS))
+        n = len(self.x)
+        for name, array, shape in (
+            ("y", self.y, (n,)),
+            ("time_s", time_s, (n,)),
+            ("day", self.day, (n,)),
+            ("values", values, (n, len(FIELDS))),
+        ):
+            if array.shape != shape:
+                msg = f"observations: {name} has shape {array.shape}, expected {shape} for {n} cells in x"
+                raise ObservationError(msg)
+        if not np.isfinite(time_s).all():
+            msg = f"observations: time_s of observation {int(np.argmin(np.isfinite(time_s)))} is not finite"
+            raise ObservationError(msg)
+        if np.isinf(values).any():
+            msg = f"observations: a value of observation {int(np.argmax(np.isinf(values).any(axis=1)))} is infinite"
+            raise ObservationError(msg)
+        object.__setattr__(self, "time_s", _frozen(time_s))
+        object.__setattr__(self, "values", _frozen(values))
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    def __getitem__(self, key: slice | NDArray[Any]) -> Observations:
+        """Return some of the observations: a slice, a boolean mask or an index array."""
+        if not isinstance(key, slice | np.ndarray):
+            msg = f"observations: indexed by {type(key).__name__}, expected a slice or an array"
+            raise ObservationError(msg)
+        return Observations(*(getattr(self, part.name)[key] for part in fields(self)))
+
+    @property
+    def sensed(self) -> NDArray[np.bool_]:
+        """Which fields were sensed, bool[n, 3]."""
+        return ~np.isnan(self.values)
+
+    @classmethod
+    def empty(cls) -> Observations:
+        """Return no observations."""
+        nothing = np.empty(0, np.int32)
+        return cls(nothing, nothing, np.empty(0), nothing, np.empty((0, len(FIELDS)), np.float32))
+
+    @classmethod
+    def concatenate(cls, parts: Iterable[Observations]) -> Observations:
+        """Join observations, one part after the other."""
+        kept = [part for part in parts if len(part)]
+        if not kept:
+            return cls.empty()
+        return cls(*(np.concatenate([getattr(part, column.name) for part in kept]) for column in fields(cls)))
+
+    def check_inside(self, shape: tuple[int, int]) -> None:
+        """Raise ObservationError, naming the first offender, unless every observed cell lies on a farm of `shape`."""
+        width, height = shape
+        outside = (self.x < 0) | (self.x >= width) | (self.y < 0) | (self.y >= height)
+        if outside.any():
+            i = int(np.argmax(outside))
+            msg = f"observation {i}: cell ({self.x[i]}, {self.y[i]}) lies outside the farm of {width} x {height} cells"
+            raise ObservationError(msg)
+
+    def save(self, path: str | Path) -> None:
+        """Write a `.parquet` or `.csv` file; an existing file is replaced only once the new one is complete.
+
+        The columns are x, y, time_s, day, tylcv, ccr, soil; a field that was not sensed is null (CSV: empty).
+        """
+        path = Path(path)
+        save, _ = _format_of(path)
+        try:
+            save(self, path)
+        except OSError as error:
+            msg = f"{path}: cannot be written ({error.strerror or _first_line(error)})"
+            raise ObservationError(msg) from None
+
+    @classmethod
+    def load(cls, path: str | Path) -> Observations:
+        """Read a `.parquet` or `.csv` file with the columns that `save` writes (others are ignored).
+
+        Raises
+        ------
+        ObservationError
+            If the file is missing, is not what its suffix says, lacks a column or holds anything but numbers.
+        """
+        path = Path(path)
+        _, load = _format_of(path)
+        if not path.is_file():
+            msg = f"{path}: no such observation file"
+            raise ObservationError(msg)
+        try:
+            return load(path)
+        except ObservationError as error:
+            text = str(error)
+            raise ObservationError(text if text.startswith(str(path)) else f"{path}: {text}") from None
+        except OSError as error:
+            msg = f"{path}: cannot be read ({_first_line(error)})"
+            raise ObservationError(msg) from None
+
+
+def _frozen(array: NDArray[Any]) -> NDArray[Any]:
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+def _array(data: ArrayLike, name: str) -> NDArray[Any]:
+    try:
+        array = np.asarray(data)
+    except ValueError:
+        msg = f"observations: {name} is not a regular array"
+        raise ObservationError(msg) from None
+    if array.dtype.kind not in "iuf":
+        msg = f"observations: {name} holds something that is not a number"
+        raise ObservationError(msg)
+    return array
+
+
+def _numbers(data: ArrayLike, name: str, dtype: type[np.floating[Any]]) -> NDArray[Any]:
+    with np.errstate(over="ignore"):
+        return _array(data, name).astype(dtype, copy=False)
+
+
+def _whole(data: ArrayLike, name: str) -> NDArray[np.int32]:
+    array = _array(data, name)
+    if array.ndim != 1:
+        msg = f"observations: {name} has shape {array.shape}, expected one number per observation"
+        raise ObservationError(msg)
+    if array.dtype == np.int32:
+        return array
+    if array.size == 0:
+        return np.empty(0, np.int32)
+    bad = ~((array >= _INT32.min) & (array <= _INT32.max))
+    if array.dtype.kind == "f":
+        bad |= array != np.floor(array)
+    if bad.any():
+        i = int(np.argmax(bad))
+        msg = f"observations: {name} of observation {i} is {array[i]}, expected a whole number of 32 bits"
+        raise ObservationError(msg)
+    return array.astype(np.int32)
+
+
+def _first_line(error: BaseException) -> str:
+    lines = str(error).strip().splitlines()
+    return lines[0] if lines else type(error).__name__
+
+
+def _save_csv(observations: Observations, path: Path) -> None:
+    columns = [observations.x, observations.y, observations.time_s, observations.day, *observations.values.T]
+    # str() of a numpy scalar is its shortest exact form, so float32 values survive the round trip bit for bit.
+    texts = [["" if v != v else str(v) for v in column] for column in columns]
+
+    with atomic_write(path, newline="\n") as stream:
+        stream.write(",".join(COLUMNS) + "\n")
+        stream.writelines(",".join(row) + "\n" for row in zip(*texts, strict=True))
+
+
+def _load_csv(path: Path) -> Observations:
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as stream:
+            reader = csv.reader(stream, strict=True)
+            header = [name.strip() for name in next(reader, [])]
+            missing = [name for name in COLUMNS if name not in header]
+            if missing:
+                msg = f"{path}: no column {', '.join(missing)}, expected the header {','.join(COLUMNS)}"
+                raise ObservationError(msg)
+            places = [header.index(name) for name in COLUMNS]
+            columns: list[list[float]] = [[] for _ in COLUMNS]
+            for row in reader:
+                if row:
+                    _read_row(row, places, columns, f"{path}: line {reader.line_num}")
+    except (UnicodeDecodeError, csv.Error) as error:
+        msg = f"{path}: is not a CSV file ({_first_line(error)})"
+        raise ObservationError(msg) from None
+    x, y, time_s, day, *values = (np.asarray(column, np.float64) for column in columns)
+    return Observations(x, y, time_s, day, np.stack(values, axis=1))
+
+
+def _read_row(row: list[str], places: list[int], columns: list[list[float]], where: str) -> None:
+    for name, place, column in zip(COLUMNS, places, columns, strict=True):
+        text = row[place].strip() if place < len(row) else None
+        try:
+            if text is None:
+                raise ValueError
+            column.append(float("nan") if text == "" and name in FIELDS else float(text))
+        except ValueError:
+            found = "is missing" if text is None else f"is {text[:40]!r}, expected a number"
+            msg = f"{where}: {name} {found}"
+            raise ObservationError(msg) from None
+
+
+def _save_parquet(observations: Observations, path: Path) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    arrays = [
+        pa.array(column) for column in (observations.x, observations.y, observations.time_s, observations.day)
+    ]
+    # from_pandas turns NaN into null, so that other tools see "not sensed" and not a number.
+    arrays += [pa.array(column, from_pandas=True) for column in np.ascontiguousarray(observations.values.T)]
+    table = pa.table(dict(zip(COLUMNS, arrays, strict=True)))
+    with atomic_write(path, "wb") as stream:
+        pq.write_table(table, stream, compression="zstd")
+
+
+def _load_parquet(path: Path) -> Observations:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        with pq.ParquetFile(path) as file:
+            missing = [name for name in COLUMNS if name not in file.schema_arrow.names]
+            if missing:
+                msg = f"{path}: no column {', '.join(missing)}, expected {', '.join(COLUMNS)}"
+                raise ObservationError(msg)
+            if file.metadata.num_rows > MAX_FILE_ROWS:
+                msg = f"{path}: claims {file.metadata.num_rows} rows, more than the {MAX_FILE_ROWS} that are read"
+                raise ObservationError(msg)
+            table = file.read(columns=list(COLUMNS))
+    except (pa.ArrowException, OSError, ValueError) as error:
+        if isinstance(error, ObservationError):
+            raise
+        msg = f"{path}: is not a Parquet file that can be read ({_first_line(error)})"
+        raise ObservationError(msg) from None
+    columns = []
+    for name in COLUMNS:
+        column = table.column(name)
+        if not (pa.types.is_integer(column.type) or pa.types.is_floating(column.type)):
+            msg = f"{path}: column {name} is {column.type}, expected numbers"
+            raise ObservationError(msg)
+        if column.null_count and name not in FIELDS:
+            msg = f"{path}: column {name} has {column.null_count} empty entries"
+            raise ObservationError(msg)
+        columns.append(column.to_numpy())
+    x, y, time_s, day, *values = columns
+    return Observations(x, y, time_s, day, np.stack(values, axis=1))
+
+
+_Save = Callable[[Observations, Path], None]
+_Load = Callable[[Path], Observations]
+_FORMATS: dict[str, tuple[_Save, _Load]] = {
+    ".parquet": (_save_parquet, _load_parquet),
+    ".csv": (_save_csv, _load_csv),
+}
+
+
+def _format_of(path: Path) -> tuple[_Save, _Load]:
+    try:
+        return _FORMATS[path.suffix.lower()]
+    except KeyError:
+        msg = f"{path}: observation files end in {' or '.join(_FORMATS)}, not in {path.suffix or 'nothing'!r}"
+        raise ObservationError(msg) from None

@@ -1,0 +1,194 @@
+"""Budgets: what a flight may cost, in metres, seconds, watt hours or the steps of the paper's robot."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from geo.units import FOOT_M
+from mission.errors import PlanningError
+from mission.planners.path import path_length
+
+_UNITS = {
+    "m": ("m", 1.0),
+    "km": ("m", 1000.0),
+    "s": ("s", 1.0),
+    "sec": ("s", 1.0),
+    "min": ("s", 60.0),
+    "h": ("s", 3600.0),
+    "step": ("steps", 1.0),
+    "steps": ("steps", 1.0),
+    "wh": ("Wh", 1.0),
+    "kwh": ("Wh", 1000.0),
+}
+_BUDGET = re.compile(r"\s*(\d+(?:\.\d*)?|\.\d+)(e[+-]?\d+)?\s*([a-z]+)\s*", re.IGNORECASE | re.ASCII)
+
+
+@runtime_checkable
+class Budget(Protocol):
+    """What a planner may spend.
+
+    The cost need not be a length: a higher floor predicts seconds or watt hours with the vehicle's own
+    model. A planner assumes only that denser paths cost roughly more, and checks every path that it
+    returns.
+    """
+
+    @property
+    def limit(self) -> float:
+        """The most that a path may cost, in `unit`."""
+
+    @property
+    def unit(self) -> str:
+        """The unit of `limit` and `cost`: ``m``, ``s``, ``Wh`` or ``steps``."""
+
+    def cost(self, path_xy_m: NDArray[np.float64]) -> float:
+        """Return what it costs to fly ``path_xy_m``, float64[n, 2] in metres of the farm frame, n >= 1.
+
+        The first row is the start of the flight, the others are the points of the planned path. The way
+        home, if the budget has to pay for it, is the budget's own matter: it is not in the path.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class LengthBudget:
+    """A budget of flown metres over ground.
+
+    Parameters
+    ----------
+    limit_m : float
+        The most that start, path and return may measure together.
+    return_to : tuple of float, optional
+        Where the flight has to end; the straight leg there is part of the cost. None: it ends with the
+        path.
+
+    Examples
+    --------
+    >>> LengthBudget(100.0, return_to=(0.0, 0.0)).cost([[0.0, 0.0], [3.0, 4.0]])
+    10.0
+    """
+
+    limit_m: float
+    return_to: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        check_limit(self.limit_m, "m")
+
+    @property
+    def limit(self) -> float:
+        """The limit in metres."""
+        return self.limit_m
+
+    @property
+    def unit(self) -> str:
+        """``m``."""
+        return "m"
+
+    def cost(self, path_xy_m: ArrayLike) -> float:
+        """Return the length from the start through the path and back to `return_to`."""
+        path = np.asarray(path_xy_m, dtype=np.float64).reshape(-1, 2)
+        if self.return_to is None:
+            return path_length(path)
+        return path_length(np.vstack((path, np.asarray(self.return_to, dtype=np.float64))))
+
+
+@dataclass(frozen=True, slots=True)
+class StepBudget:
+    """A budget of timesteps of the paper's robot, which moves at most one cell in a timestep.
+
+    The robot takes a new step at every waypoint, so a leg costs its length in cells rounded up, and a
+    waypoint at the robot's own place costs one step too.
+
+    Parameters
+    ----------
+    limit_steps : float
+        The number of steps.
+    step_m : float
+        How far the robot gets in one step; one cell.
+    return_to : tuple of float, optional
+        Where the robot has to end; None: it ends with the path, as in the paper.
+
+    Examples
+    --------
+    >>> StepBudget(360, step_m=1.0).cost([[0.0, 0.0], [0.0, 0.0], [2.5, 0.0]])
+    4.0
+    """
+
+    limit_steps: float
+    step_m: float = FOOT_M
+    return_to: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        check_limit(self.limit_steps, "steps")
+        if not (math.isfinite(self.step_m) and self.step_m > 0):
+            msg = f"step of {self.step_m} m: a step budget needs a step longer than nothing"
+            raise PlanningError(msg)
+
+    @property
+    def limit(self) -> float:
+        """The number of steps."""
+        return self.limit_steps
+
+    @property
+    def unit(self) -> str:
+        """``steps``."""
+        return "steps"
+
+    def cost(self, path_xy_m: ArrayLike) -> float:
+        """Return the number of steps from the start through the path and back to `return_to`."""
+        path = np.asarray(path_xy_m, dtype=np.float64).reshape(-1, 2)
+        if self.return_to is not None:
+            path = np.vstack((path, np.asarray(self.return_to, dtype=np.float64)))
+        legs = np.hypot(*np.diff(path, axis=0).T) / self.step_m
+        return float(np.maximum(np.ceil(legs - 1e-6), 1.0).sum())
+
+
+def check_limit(limit: float, unit: str) -> None:
+    """Raise PlanningError unless the limit is a finite number above zero."""
+    if not (math.isfinite(limit) and limit > 0):
+        msg = f"budget of {limit:g} {unit}: a budget must be a finite number above zero"
+        raise PlanningError(msg)
+
+
+def parse_budget(text: str) -> tuple[float, str]:
+    """Read a budget such as ``8000m``.
+
+    Parameters
+    ----------
+    text : str
+        A number and its unit: ``8000m``, ``2.5km``, ``25min``, ``1500s``, ``1h``, ``360steps``, ``120Wh``.
+
+    Returns
+    -------
+    tuple of float and str
+        The value in the base unit, and the base unit: ``m``, ``s``, ``steps`` or ``Wh``.
+
+    Raises
+    ------
+    PlanningError
+        If the text is no number with a known unit, or the number is not finite and above zero.
+
+    Examples
+    --------
+    >>> parse_budget("2.5km")
+    (2500.0, 'm')
+    >>> parse_budget("25 min")
+    (1500.0, 's')
+    """
+    match = _BUDGET.fullmatch(text)
+    known = match and _UNITS.get(match.group(3).lower())
+    if match is None or known is None:
+        shown = text if len(text) <= 40 else text[:37] + "..."
+        msg = (
+            f"budget {shown!r} is not understood: write a positive number and a unit, for example "
+            "8000m, 2.5km, 25min, 1500s, 1h, 360steps or 120Wh"
+        )
+        raise PlanningError(msg)
+    unit, factor = known
+    value = float(match.group(1) + (match.group(2) or "")) * factor
+    check_limit(value, unit)
+    return value, unit

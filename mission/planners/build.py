@@ -1,0 +1,145 @@
+"""From a planned path to a mission that an autopilot flies."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mission.errors import PlanningError
+from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
+from mission.planners.path import PlannedPath, Points, drop_coincident
+
+if TYPE_CHECKING:
+    from geo.frame import LocalFrame
+
+MAX_ITEMS = 65535
+_GROUND_SPEED = 1.0
+_THROTTLE_UNCHANGED = -1.0
+
+
+def build_mission(
+    path: PlannedPath,
+    *,
+    frame: LocalFrame,
+    home_xy_m: tuple[float, float],
+    altitude_m: float,
+    speed_m_s: float,
+    camera_distance_m: float | None = None,
+    camera_interval_s: float | None = None,
+    acceptance_radius_m: float | None = None,
+    return_home: bool = True,
+) -> Mission:
+    """Return the mission that flies the path once.
+
+    The items are, in this order:
+
+    1. ``NAV_TAKEOFF`` to the altitude, above home;
+    2. ``DO_CHANGE_SPEED`` to the ground speed;
+    3. ``NAV_WAYPOINT`` at the first point of the path;
+    4. camera start: ``DO_SET_CAM_TRIGG_DIST`` (param1 metres, param3 1: one picture at once) or
+       ``DO_SET_CAM_TRIGG_INTERVAL`` (param1 milliseconds); left out when neither distance nor interval is
+       given;
+    5. ``NAV_WAYPOINT`` at each further point;
+    6. camera stop: the camera command again with param1 0;
+    7. ``NAV_RETURN_TO_LAUNCH``, which also lands; left out without `return_home`: the vehicle then holds.
+
+    Points closer than 1 cm to the one before are dropped; the heading is left to the vehicle.
+
+    Parameters
+    ----------
+    path : PlannedPath
+        The path in metres of the farm frame.
+    frame : geo.frame.LocalFrame
+        The farm frame.
+    home_xy_m : tuple of float
+        Where the vehicle takes off, in metres of the farm frame.
+    altitude_m : float
+        Height of the flight above home.
+    speed_m_s : float
+        Ground speed.
+    camera_distance_m, camera_interval_s : float, optional
+        Distance or time between two pictures; at most one of them.
+    acceptance_radius_m : float, optional
+        How near counts as reached. Default: a quarter of the path's spacing (without spacing: of its
+        shortest leg), at least 0.1 m and at most 2 m.
+    return_home : bool
+        End with a return to launch.
+
+    Returns
+    -------
+    Mission
+        With home at `home_xy_m` on the ground.
+
+    Raises
+    ------
+    PlanningError
+        If a number is out of range, both camera arguments are given, or there are more than 65535 items.
+    """
+    _check_positive("altitude", altitude_m, "m")
+    _check_positive("speed", speed_m_s, "m/s")
+    camera = _camera_command(camera_distance_m, camera_interval_s)
+    points = drop_coincident(path.points_m)
+    radius = _default_radius(path, points) if acceptance_radius_m is None else acceptance_radius_m
+    _check_positive("acceptance radius", radius, "m")
+    count = len(points) + 2 + (2 if camera else 0) + int(return_home)
+    if count > MAX_ITEMS:
+        msg = (
+            f"planner {path.planner}: the path has {len(points)} points, a mission of {count} items; "
+            f"a vehicle stores at most {MAX_ITEMS}: use a smaller budget or a wider footprint"
+        )
+        raise PlanningError(msg)
+
+    home_latitude, home_longitude = (float(value) for value in frame.to_wgs84(*home_xy_m))
+    latitudes, longitudes = frame.to_wgs84(points[:, 0], points[:, 1])
+    waypoints = [
+        MissionItem.waypoint(latitude, longitude, altitude_m, acceptance_radius_m=radius)
+        for latitude, longitude in zip(latitudes.tolist(), longitudes.tolist(), strict=True)
+    ]
+    relative = Frame.GLOBAL_RELATIVE_ALT
+    takeoff = MissionItem(
+        Command.NAV_TAKEOFF, relative, param4=None, x=home_latitude, y=home_longitude, z=altitude_m
+    )
+    speed = MissionItem(
+        Command.DO_CHANGE_SPEED, param1=_GROUND_SPEED, param2=speed_m_s, param3=_THROTTLE_UNCHANGED
+    )
+    start, stop = camera if camera else ((), ())
+    end = (MissionItem(Command.NAV_RETURN_TO_LAUNCH),) if return_home else ()
+    return Mission(
+        items=(takeoff, speed, waypoints[0], *start, *waypoints[1:], *stop, *end),
+        home=GeoPoint(home_latitude, home_longitude, frame.altitude_m),
+        cruise_speed_m_s=speed_m_s,
+        hover_speed_m_s=speed_m_s,
+    )
+
+
+def _camera_command(
+    distance_m: float | None, interval_s: float | None
+) -> tuple[tuple[MissionItem], tuple[MissionItem]] | None:
+    if distance_m is not None and interval_s is not None:
+        msg = "the camera fires by distance or by interval: give camera_distance_m or camera_interval_s, not both"
+        raise PlanningError(msg)
+    if distance_m is not None:
+        _check_positive("camera distance", distance_m, "m")
+        command = Command.DO_SET_CAM_TRIGG_DIST
+        return (MissionItem(command, param1=distance_m, param3=1.0),), (MissionItem(command),)
+    if interval_s is not None:
+        _check_positive("camera interval", interval_s, "s")
+        command = Command.DO_SET_CAM_TRIGG_INTERVAL
+        return (MissionItem(command, param1=interval_s * 1000.0),), (MissionItem(command),)
+    return None
+
+
+def _default_radius(path: PlannedPath, points: Points) -> float:
+    scale = path.spacing_m
+    if scale is None:
+        steps = np.diff(points, axis=0)
+        scale = float(np.hypot(steps[:, 0], steps[:, 1]).min(initial=8.0))
+    return min(max(scale / 4.0, 0.1), 2.0)
+
+
+def _check_positive(name: str, value: float, unit: str) -> None:
+    if not (math.isfinite(value) and value > 0):
+        msg = f"mission: {name} {value} {unit} must be a finite number above zero"
+        raise PlanningError(msg)

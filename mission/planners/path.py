@@ -1,0 +1,132 @@
+"""The planned path and the geometry of paths: length, coincident points, coverage."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+from shapely.geometry import MultiPolygon, Polygon
+
+from mission.errors import PlanningError
+
+Area: TypeAlias = Polygon | MultiPolygon
+Points: TypeAlias = NDArray[np.float64]
+
+COINCIDENT_M = 0.01
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedPath:
+    """What a planner returns.
+
+    Parameters
+    ----------
+    points_m : float64[n, 2]
+        The points to fly through in straight lines, x and y in metres of the farm frame, n >= 1; stored
+        read-only. The leg from the request's start to the first point comes before the path and is not in
+        it.
+    spacing_m : float or None
+        Distance between neighbouring rows or rings; None when the path has no such thing.
+    planner : str
+        The planner's name.
+
+    Raises
+    ------
+    PlanningError
+        If there are no points, they are no finite pairs, or the spacing is negative or not finite.
+    """
+
+    points_m: Points
+    spacing_m: float | None
+    planner: str
+
+    def __post_init__(self) -> None:
+        points = np.array(self.points_m, dtype=np.float64)
+        if points.ndim != 2 or points.shape[0] < 1 or points.shape[1] != 2 or not np.isfinite(points).all():
+            msg = (
+                f"planner {self.planner}: a path needs one or more finite (x, y) points, "
+                f"not an array of shape {points.shape}"
+            )
+            raise PlanningError(msg)
+        if self.spacing_m is not None and not (math.isfinite(self.spacing_m) and self.spacing_m >= 0):
+            msg = f"planner {self.planner}: spacing {self.spacing_m} m is no distance"
+            raise PlanningError(msg)
+        points.flags.writeable = False
+        object.__setattr__(self, "points_m", points)
+
+    @property
+    def length_m(self) -> float:
+        """Length of the path, without approach and return."""
+        return path_length(self.points_m)
+
+
+def path_length(path_xy_m: ArrayLike) -> float:
+    """Return the length of the polyline.
+
+    Examples
+    --------
+    >>> path_length([[0.0, 0.0], [3.0, 4.0], [3.0, 5.0]])
+    6.0
+    """
+    path = np.asarray(path_xy_m, dtype=np.float64).reshape(-1, 2)
+    steps = np.diff(path, axis=0)
+    return float(np.hypot(steps[:, 0], steps[:, 1]).sum())
+
+
+def drop_coincident(path_xy_m: ArrayLike, tolerance_m: float = COINCIDENT_M) -> Points:
+    """Return the path without the points that are closer than the tolerance to the last one kept.
+
+    Examples
+    --------
+    >>> drop_coincident([[0.0, 0.0], [0.001, 0.0], [1.0, 0.0]]).tolist()
+    [[0.0, 0.0], [1.0, 0.0]]
+    """
+    path = np.asarray(path_xy_m, dtype=np.float64).reshape(-1, 2)
+    steps = np.diff(path, axis=0)
+    if path.shape[0] < 2 or bool((np.hypot(steps[:, 0], steps[:, 1]) >= tolerance_m).all()):
+        return path
+    kept = [0]
+    for index in range(1, path.shape[0]):
+        last = path[kept[-1]]
+        if math.hypot(path[index, 0] - last[0], path[index, 1] - last[1]) >= tolerance_m:
+            kept.append(index)
+    return path[kept]
+
+
+def coverage(path_xy_m: PlannedPath | ArrayLike, area: Area, footprint_m: float) -> float:
+    """Return the fraction of the area that lies within half a footprint of the path.
+
+    Parameters
+    ----------
+    path_xy_m : PlannedPath or float64[n, 2]
+        The path, in metres of the farm frame.
+    area : shapely Polygon or MultiPolygon
+        What should be seen, in the same frame.
+    footprint_m : float
+        Width of what the camera sees at once.
+
+    Returns
+    -------
+    float
+        0 to 1.
+
+    Examples
+    --------
+    >>> round(coverage([[0.0, 5.0], [10.0, 5.0]], shapely.box(0, 0, 10, 10), 2.0), 3)
+    0.2
+    """
+    given = path_xy_m.points_m if isinstance(path_xy_m, PlannedPath) else path_xy_m
+    points = np.asarray(given, dtype=np.float64).reshape(-1, 2)
+    if not (math.isfinite(footprint_m) and footprint_m > 0) or points.shape[0] < 1 or area.area <= 0:
+        msg = (
+            "coverage needs a footprint above zero, a path and an area "
+            f"(footprint {footprint_m} m, {len(points)} points)"
+        )
+        raise PlanningError(msg)
+    line = shapely.linestrings(points) if points.shape[0] > 1 else shapely.points(points[0])
+    seen = shapely.buffer(line, footprint_m / 2, quad_segs=4)
+    return float(min(1.0, shapely.intersection(seen, area).area / area.area))

@@ -1,0 +1,110 @@
+"""What a planner is asked: where, from where, for how much, to see how wide."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import shapely
+
+from geo.farm import Crop
+from geo.units import FOOT_M
+from mission.errors import PlanningError
+from mission.planners.budget import Budget
+from mission.planners.path import Area, PlannedPath, Points
+
+
+@dataclass(frozen=True, slots=True)
+class CropArea:
+    """The land of one crop.
+
+    Parameters
+    ----------
+    crop : geo.farm.Crop
+        What grows there.
+    area : shapely Polygon or MultiPolygon
+        In metres of the farm frame.
+    """
+
+    crop: Crop
+    area: Area
+
+    def __post_init__(self) -> None:
+        check_area(self.area, f"area of the {self.crop.name.lower()} crop")
+
+
+@dataclass(frozen=True, slots=True)
+class PlanningRequest:
+    """One planning problem. Places are in metres of the farm frame.
+
+    Parameters
+    ----------
+    area : shapely Polygon or MultiPolygon
+        Where the path may go. Land that must not be flown over is left out by the caller (holes are
+        respected).
+    start_xy_m : tuple of float
+        Where the flight starts; it may lie outside the area.
+    budget : Budget
+        What start, path and return may cost together.
+    footprint_m : float
+        Width of what the camera sees at once. The path keeps half of it away from the area's border, and
+        rows are never closer to each other than it. 0: no inset and no limit of the density.
+    crop_areas : tuple of CropArea
+        The land of the crops, for planners that treat them differently.
+    seed : int or numpy.random.SeedSequence
+        Seed of the planners that draw.
+
+    Raises
+    ------
+    PlanningError
+        If the area is empty or invalid, or a number is not finite or out of its range.
+    """
+
+    area: Area
+    start_xy_m: tuple[float, float]
+    budget: Budget
+    footprint_m: float = FOOT_M
+    crop_areas: tuple[CropArea, ...] = ()
+    seed: int | np.random.SeedSequence = 0
+
+    def __post_init__(self) -> None:
+        check_area(self.area, "area")
+        start = tuple(float(value) for value in self.start_xy_m)
+        if len(start) != 2 or not all(math.isfinite(value) for value in start):
+            msg = f"planning request: the start {self.start_xy_m} is no (x, y) in metres"
+            raise PlanningError(msg)
+        object.__setattr__(self, "start_xy_m", start)
+        if not (math.isfinite(self.footprint_m) and self.footprint_m >= 0):
+            msg = f"planning request: footprint {self.footprint_m} m is no width"
+            raise PlanningError(msg)
+        if not (math.isfinite(self.budget.limit) and self.budget.limit > 0):
+            limit = f"{self.budget.limit} {self.budget.unit}"
+            msg = f"planning request: a budget must be a finite number above zero, not {limit}"
+            raise PlanningError(msg)
+
+    def cost(self, points_m: Points) -> float:
+        """Return what the budget charges for start, points and, if it counts it, the return."""
+        flight = np.vstack((np.asarray(self.start_xy_m, dtype=np.float64), points_m))
+        return float(self.budget.cost(flight))
+
+
+class Planner(Protocol):
+    """A planner: a callable that turns a request into a path whose cost is within the request's budget."""
+
+    def __call__(self, request: PlanningRequest, /) -> PlannedPath:
+        """Plan, or raise PlanningError."""
+
+
+def check_area(area: Area, what: str) -> None:
+    """Raise PlanningError unless the area is a valid, finite Polygon or MultiPolygon that is not empty."""
+    if not isinstance(area, shapely.Polygon | shapely.MultiPolygon):
+        msg = f"planning request: the {what} must be a Polygon or MultiPolygon, not {type(area).__name__}"
+        raise PlanningError(msg)
+    if area.is_empty or not area.area > 0:
+        msg = f"planning request: the {what} is empty"
+        raise PlanningError(msg)
+    if not np.isfinite(shapely.get_coordinates(area)).all() or not area.is_valid:
+        msg = f"planning request: the {what} is not valid geometry: {shapely.is_valid_reason(area)}"
+        raise PlanningError(msg)

@@ -1,7 +1,7 @@
 """What every MAVLink component is: a state machine without sockets and without a clock.
 
-The vehicle, its camera and the ground station have this one shape, so the same object runs on the virtual clock
-(`sim_vehicle.simulation`) and over sockets (`sim_vehicle.server`).
+The vehicle, its camera and the ground station have this one shape, so the same object runs on the virtual
+clock (`sim_vehicle.simulation`) and over sockets (`sim_vehicle.server`).
 """
 
 from __future__ import annotations
@@ -25,15 +25,23 @@ class Component(Protocol):
     system_id, component_id : int
         The address, also the source of everything that the component sends.
     wanted : frozenset of int or None
-        Message ids that `receive` cares for; None is all. The host does not parse the others. Read once, at the start.
+        Message ids that `receive` cares for; None is all. The host does not parse the others. Read once.
     """
 
     @property
-    def system_id(self) -> int: ...
+    def system_id(self) -> int:
+        """The MAVLink system, 1 to 255."""
+        ...
+
     @property
-    def component_id(self) -> int: ...
+    def component_id(self) -> int:
+        """The MAVLink component, 1 to 255."""
+        ...
+
     @property
-    def wanted(self) -> frozenset[int] | None: ...
+    def wanted(self) -> frozenset[int] | None:
+        """Message ids that `receive` cares for."""
+        ...
 
     def receive(self, message: mavlink.MAVLink_message, now_s: float) -> list[mavlink.MAVLink_message]:
         """Take one message and return the messages to send. A bad message is ignored, never raised."""

@@ -1,4 +1,4 @@
-"""Observations: what the leaf camera saw, where and when, as a struct of arrays; their Parquet and CSV files."""
+"""Observations: what the leaf camera saw, where and when, as a struct of arrays; their files."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Observations:
     Raises
     ------
     ObservationError
-        If lengths differ, a number is not finite (values: is infinite) or a cell or day is not a whole number.
+        If lengths differ, a time is not finite, a value is infinite, or a cell or day is not a whole number.
 
     Examples
     --------
@@ -76,7 +76,8 @@ class Observations:
             msg = f"observations: time_s of observation {int(np.argmin(np.isfinite(time_s)))} is not finite"
             raise ObservationError(msg)
         if np.isinf(values).any():
-            msg = f"observations: a value of observation {int(np.argmax(np.isinf(values).any(axis=1)))} is infinite"
+            i = int(np.argmax(np.isinf(values).any(axis=1)))
+            msg = f"observations: a value of observation {i} is infinite"
             raise ObservationError(msg)
         object.__setattr__(self, "time_s", _frozen(time_s))
         object.__setattr__(self, "values", _frozen(values))
@@ -111,12 +112,13 @@ class Observations:
         return cls(*(np.concatenate([getattr(part, column.name) for part in kept]) for column in fields(cls)))
 
     def check_inside(self, shape: tuple[int, int]) -> None:
-        """Raise ObservationError, naming the first offender, unless every observed cell lies on a farm of `shape`."""
+        """Raise ObservationError, naming the first offender, unless all cells lie on a farm of `shape`."""
         width, height = shape
         outside = (self.x < 0) | (self.x >= width) | (self.y < 0) | (self.y >= height)
         if outside.any():
             i = int(np.argmax(outside))
-            msg = f"observation {i}: cell ({self.x[i]}, {self.y[i]}) lies outside the farm of {width} x {height} cells"
+            cell = f"cell ({self.x[i]}, {self.y[i]})"
+            msg = f"observation {i}: {cell} lies outside the farm of {width} x {height} cells"
             raise ObservationError(msg)
 
     def save(self, path: str | Path) -> None:
@@ -205,7 +207,7 @@ def _first_line(error: BaseException) -> str:
 
 def _save_csv(observations: Observations, path: Path) -> None:
     columns = [observations.x, observations.y, observations.time_s, observations.day, *observations.values.T]
-    # str() of a numpy scalar is its shortest exact form, so float32 values survive the round trip bit for bit.
+    # str() of a numpy scalar is its shortest exact form, so float32 values survive the round trip.
     texts = [["" if v != v else str(v) for v in column] for column in columns]
 
     with atomic_write(path, newline="\n") as stream:
@@ -230,8 +232,7 @@ def _load_csv(path: Path) -> Observations:
     except (UnicodeDecodeError, csv.Error) as error:
         msg = f"{path}: is not a CSV file ({_first_line(error)})"
         raise ObservationError(msg) from None
-    x, y, time_s, day, *values = (np.asarray(column, np.float64) for column in columns)
-    return Observations(x, y, time_s, day, np.stack(values, axis=1))
+    return _from_columns([np.asarray(column, np.float64) for column in columns])
 
 
 def _read_row(row: list[str], places: list[int], columns: list[list[float]], where: str) -> None:
@@ -272,7 +273,7 @@ def _load_parquet(path: Path) -> Observations:
                 msg = f"{path}: no column {', '.join(missing)}, expected {', '.join(COLUMNS)}"
                 raise ObservationError(msg)
             if file.metadata.num_rows > MAX_FILE_ROWS:
-                msg = f"{path}: claims {file.metadata.num_rows} rows, more than the {MAX_FILE_ROWS} that are read"
+                msg = f"{path}: claims {file.metadata.num_rows} rows, more than the limit of {MAX_FILE_ROWS}"
                 raise ObservationError(msg)
             table = file.read(columns=list(COLUMNS))
     except (pa.ArrowException, OSError, ValueError) as error:
@@ -290,8 +291,18 @@ def _load_parquet(path: Path) -> Observations:
             msg = f"{path}: column {name} has {column.null_count} empty entries"
             raise ObservationError(msg)
         columns.append(column.to_numpy())
+    return _from_columns(columns)
+
+
+def _from_columns(columns: list[NDArray[Any]]) -> Observations:
     x, y, time_s, day, *values = columns
-    return Observations(x, y, time_s, day, np.stack(values, axis=1))
+    return Observations(
+        _whole(x, "x"),
+        _whole(y, "y"),
+        time_s,
+        _whole(day, "day"),
+        np.stack(values, axis=1).astype(np.float32),
+    )
 
 
 _Save = Callable[[Observations, Path], None]

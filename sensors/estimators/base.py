@@ -11,6 +11,7 @@ True
 from __future__ import annotations
 
 import inspect
+from abc import ABC, abstractmethod
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
 
@@ -46,7 +47,7 @@ class Estimator(Protocol):
         ...
 
 
-class BaseEstimator:
+class BaseEstimator(ABC):
     """The part that all our estimators share: the farm, checks of the observations, parameters by name.
 
     A subclass stores its parameters in ``__init__``, and writes ``_start`` (take a new farm, check the
@@ -121,14 +122,14 @@ class BaseEstimator:
             msg = f"{type(self).__name__}.{what} was called before fit: give it the farm by fit(grid) first"
             raise EstimatorError(msg)
 
-    def _start(self, grid: FarmGrid) -> None:
-        raise AssertionError(grid)
+    @abstractmethod
+    def _start(self, grid: FarmGrid) -> None: ...
 
-    def _learn(self, observations: Observations) -> None:
-        raise AssertionError(observations)
+    @abstractmethod
+    def _learn(self, observations: Observations) -> None: ...
 
-    def _estimate(self) -> InformationModel:
-        raise AssertionError
+    @abstractmethod
+    def _estimate(self) -> InformationModel: ...
 
 
 def check_default_values(default_values: tuple[float, ...]) -> tuple[float, float, float]:

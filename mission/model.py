@@ -1,6 +1,6 @@
 """The mission model: what is planned, written to files, and sent over MAVLink.
 
-A parameter that is ``None`` means "the vehicle's default": NaN on the wire, ``null`` in a QGroundControl plan.
+A parameter that is ``None`` means "the vehicle's default": NaN on the wire, ``null`` in a .plan file.
 """
 
 from __future__ import annotations
@@ -73,7 +73,16 @@ class MissionType(IntEnum):
 GLOBAL_FRAMES = frozenset({0, 3, 5, 6, 10, 11})
 RELATIVE_FRAMES = frozenset({3, 6})
 DEGREES_E7 = 1e7
-_POSITION_COMMANDS = frozenset({16, 17, 18, 19, 21, 22, 31, 82, 189, 192, 195, 201, 5000, 5001, 5002, 5003, 5004, 5100})
+MAX_ITEMS = 65535  # sequence numbers and counts are 16 bits wide
+# The commands marked hasLocation in the MAVLink XML, without those of local frames (23, 24).
+_POSITION_COMMANDS = frozenset(
+    {16, 17, 18, 19, 21, 22, 25, 31, 34, 35, 36, 80, 81, 82, 84, 85, 94}
+    | {179, 188, 189, 192, 195, 201, 252, 611}
+    | {4001, 4501, 5000, 5001, 5002, 5003, 5004, 5100, 30001, 43003}
+    | set(range(31000, 31010))
+)
+# NAV_CONTINUE_AND_CHANGE_ALT has no latitude, but its z is an altitude in the frame.
+_ALTITUDE_COMMANDS = frozenset({30})
 
 
 def has_position(command: int) -> bool:
@@ -116,10 +125,11 @@ class MissionItem:
     frame : int
         MAV_FRAME; the INT frames 5, 6 and 11 are folded to 0, 3 and 10, which mean the same.
     param1, param2, param3, param4 : float or None
-        As the command defines them; None is the vehicle's default (NaN).
+        As the command defines them; None is the vehicle's default (NaN). The target of a DO_JUMP (param1)
+        counts the items of `Mission.items` from 0, whatever the autopilot or the file counts from.
     x, y : float
-        Latitude and longitude in degrees (kept to 1e-7 degree, as on the wire) when the frame is global and the
-        command has a position, otherwise parameters 5 and 6.
+        Latitude and longitude in degrees (kept to 1e-7 degree, as on the wire) when the frame is global and
+        the command has a position, otherwise parameters 5 and 6.
     z : float
         Altitude in metres in the frame, otherwise parameter 7.
     autocontinue : bool
@@ -174,7 +184,7 @@ class MissionItem:
         for name, limit in (("x", 2147483647.0), ("y", 2147483647.0), ("z", 3.4e38)):
             value = getattr(self, name)
             if not math.isfinite(value) or abs(value) > limit:
-                msg = f"mission item (command {self.command}): {name} {value} is outside -{limit:g}..{limit:g}"
+                msg = f"mission item (command {self.command}): {name} {value} is not in -{limit:g}..{limit:g}"
                 raise MissionError(msg)
 
     @property
@@ -205,6 +215,18 @@ class MissionItem:
             longitude_deg,
             altitude_m,
         )
+
+    def in_standard_frame(self) -> MissionItem:
+        """Return the item in frame MISSION when its command has no place.
+
+        ArduPilot's tools give such items frame 0 or 3, PX4 refuses that, and every autopilot takes MISSION.
+
+        >>> MissionItem(Command.DO_CHANGE_SPEED, frame=3, param2=5.0).in_standard_frame().frame
+        2
+        """
+        if self.frame not in GLOBAL_FRAMES or self.has_place or self.command in _ALTITUDE_COMMANDS:
+            return self
+        return replace(self, frame=Frame.MISSION)
 
     def wire_x(self) -> int:
         """``x`` as MISSION_ITEM_INT carries it: degE7 for a place, otherwise the parameter itself."""
@@ -246,6 +268,11 @@ class Mission:
         Geofence items (commands 5000 to 5004) and rally points (5100).
     cruise_speed_m_s, hover_speed_m_s : float
         Speeds that a ground station uses for its time estimates.
+
+    Raises
+    ------
+    MissionError
+        If one of the plans has more items than MAVLink can number, or a speed is negative or not finite.
     """
 
     items: tuple[MissionItem, ...]
@@ -254,6 +281,19 @@ class Mission:
     rally: tuple[MissionItem, ...] = field(default=())
     cruise_speed_m_s: float = 15.0
     hover_speed_m_s: float = 5.0
+
+    def __post_init__(self) -> None:
+        for name in ("items", "fence", "rally"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+            count = len(getattr(self, name))
+            if count > MAX_ITEMS:
+                msg = f"mission: {name} has {count} items, MAVLink can number {MAX_ITEMS}; fly it in parts"
+                raise MissionError(msg)
+        for name in ("cruise_speed_m_s", "hover_speed_m_s"):
+            speed = getattr(self, name)
+            if not math.isfinite(speed) or speed < 0.0:
+                msg = f"mission: {name} is {speed}; give a speed of 0 m/s or more"
+                raise MissionError(msg)
 
     def plan(self, mission_type: MissionType) -> tuple[MissionItem, ...]:
         """Return the items of one of the three plans."""

@@ -29,6 +29,7 @@ _MIN_CELL_M = 0.01
 _MAX_CELL_M = 1000.0
 _NAMES = {crop.name.lower(): crop for crop in Crop}
 _COUNT_SLACK = 1e-6
+_THIN_M = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,7 +266,7 @@ def _place(position: object, where: str) -> tuple[float, float]:
     if (
         not isinstance(position, list)
         or not 2 <= len(position) <= 4
-        or not all(type(value) in (int, float) and math.isfinite(value) for value in position)
+        or not all(type(value) in (int, float) and abs(value) < 1e300 for value in position)
     ):
         msg = f"{where}: {_short(position)} is not a position [longitude, latitude] of finite numbers"
         raise FarmError(msg)
@@ -345,7 +346,7 @@ def _polygon(feature: _Feature, frame: LocalFrame) -> shapely.Polygon:
         )
         msg = f"{feature.where}: the polygon is not valid: {reason}"
         raise FarmError(msg)
-    if not polygon.area > 0.0:
+    if polygon.area <= _THIN_M * polygon.length:
         msg = f"{feature.where}: the polygon has no area"
         raise FarmError(msg)
     return polygon
@@ -361,8 +362,12 @@ def _size(document: dict[str, Any], right: float, top: float, cell_size_m: float
     needed = (max(math.ceil(right - _COUNT_SLACK), 1), max(math.ceil(top - _COUNT_SLACK), 1))
     size = document.get("size_cells")
     if size is not None:
-        if not (isinstance(size, list) and len(size) == 2 and all(type(value) is int for value in size)):
-            msg = f'member "size_cells": {_short(size)} is not [width, height]'
+        if not (
+            isinstance(size, list)
+            and len(size) == 2
+            and all(type(value) is int and 0 < value <= MAX_CELLS for value in size)
+        ):
+            msg = f'member "size_cells": {_short(size)} is not a usable [width, height]'
             raise FarmError(msg)
         wanted = f"{needed[0]} x {needed[1]}"
         if size[0] < needed[0] or size[1] < needed[1]:

@@ -1,0 +1,153 @@
+"""Farms: the benchmark's, and the arithmetic of cells."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+
+from geo import FOOT_M, Crop, Farm, FarmError, LocalFrame, Patch, farm_names, get_farm
+
+FRAME = LocalFrame(28.05, -82.15)
+
+
+def field(name: str, crop: Crop, owner: str, *box: float) -> Patch:
+    return Patch(name, crop, owner, shapely.box(*box))
+
+
+def farm(*patches: Patch, width: int = 10, height: int = 10, cell_size_m: float = 1.0) -> Farm:
+    return Farm("f", FRAME, width, height, patches, "me", (0.5, 0.5), cell_size_m)
+
+
+def test_names() -> None:
+    assert farm_names() == ("miniberry-10", "miniberry-30", "miniberry-100", "waterberry")
+    assert get_farm("WaterBerry") is get_farm("waterberry")
+    with pytest.raises(FarmError, match="unknown farm 'blueberry': choose one of miniberry-10, "):
+        get_farm("blueberry")
+
+
+@pytest.mark.parametrize("size", [10, 30, 100])
+def test_miniberry(size: int) -> None:
+    mini = get_farm(f"miniberry-{size}")
+    grid = mini.grid()
+    assert grid.shape == (size, size)
+    assert (grid.crop[:, : size // 2] == Crop.STRAWBERRY).all()
+    assert (grid.crop[:, size // 2 :] == Crop.TOMATO).all()
+    assert mini.owner_cells == size * size
+    assert mini.cell_of(*mini.home_m) == (0, 0)
+    assert mini.owner_area.equals(shapely.box(0, 0, size * FOOT_M, size * FOOT_M))
+
+
+def test_waterberry() -> None:
+    start = time.perf_counter()
+    waterberry = get_farm("waterberry")
+    grid = Farm(*(getattr(waterberry, name) for name in waterberry.__dataclass_fields__)).grid()
+    assert time.perf_counter() - start < 2.0
+    assert grid.shape == (6000, 5000)
+    assert grid.owned[1000:5000, 1000:4000].all()
+    assert waterberry.owner_cells == 12_000_000
+    assert (grid.crop != Crop.NONE).all()
+    assert waterberry.cell_of(*waterberry.home_m) == (1000, 1000)
+    # Slanted border x = 4000 - (y - 1000) / 3, in sixths of a cell; the tomatoes are painted later and keep ties.
+    for iy in (1000, 1001, 1002, 2000, 2500, 3300):
+        border_sixths = 24000 - (2 * iy + 1 - 2000)
+        first_tomato = -((3 - border_sixths) // 6)
+        row = grid.crop[:, iy]
+        assert row[first_tomato] == Crop.TOMATO, iy
+        assert row[first_tomato - 1] == Crop.STRAWBERRY, iy
+    pond = int((grid.crop == Crop.POND).sum())
+    assert pond == pytest.approx(0.5 * 24 * 200**2 * np.sin(np.pi / 12), rel=2e-3)
+    assert grid.crop[4000, 3999] == Crop.WETLAND
+    assert grid.crop[4000, 4000] == Crop.TOMATO
+    assert grid.crop[3000, 500] == Crop.STRAWBERRY
+    assert grid.planted.sum() == 12_000_000 - pond - (grid.crop == Crop.WETLAND).sum()
+
+
+def test_waterberry_against_shapely_on_random_cells() -> None:
+    waterberry = get_farm("waterberry")
+    grid = waterberry.grid()
+    rng = np.random.default_rng(5)
+    ix, iy = rng.integers(0, 6000, 3000), rng.integers(0, 5000, 3000)
+    expected = np.zeros(3000, int)
+    for patch in waterberry.patches:
+        polygon = shapely.transform(patch.polygon, lambda xy: np.round(xy / FOOT_M, 6))
+        expected[shapely.intersects_xy(polygon, ix + 0.5, iy + 0.5)] = patch.crop
+    np.testing.assert_array_equal(grid.crop[ix, iy], expected)
+
+
+def test_waterberry_areas() -> None:
+    waterberry = get_farm("waterberry")
+    corners = shapely.get_coordinates(waterberry.owner_area) / FOOT_M
+    assert len(corners) == 5
+    assert shapely.Polygon(corners).symmetric_difference(shapely.box(1000, 1000, 5000, 4000)).area < 0.1
+    square_foot = FOOT_M**2
+    for crop, mask in (
+        (Crop.TOMATO, waterberry.grid().tomato),
+        (Crop.STRAWBERRY, waterberry.grid().strawberry),
+    ):
+        assert waterberry.crop_area(crop).area / square_foot == pytest.approx(mask.sum(), rel=2e-4)
+    assert waterberry.crop_area(Crop.POND).within(waterberry.owner_area)
+    assert waterberry.crop_area(Crop.NONE).is_empty
+    whole = sum(waterberry.crop_area(crop).area for crop in Crop)
+    assert whole == pytest.approx(waterberry.owner_area.area, rel=1e-9)
+
+
+def test_areas_follow_the_painting() -> None:
+    overlaid = farm(
+        field("a", Crop.TOMATO, "me", 0, 0, 10, 10),
+        field("b", Crop.STRAWBERRY, "you", 4, 0, 6, 10),
+        field("c", Crop.STRAWBERRY, "me", 8, 0, 10, 10),
+    )
+    assert overlaid.owner_area.equals(
+        shapely.MultiPolygon([shapely.box(0, 0, 4, 10), shapely.box(6, 0, 10, 10)])
+    )
+    assert overlaid.crop_area(Crop.TOMATO).area == pytest.approx(60.0)
+    assert overlaid.crop_area(Crop.STRAWBERRY).equals(shapely.box(8, 0, 10, 10))
+    assert overlaid.owner_cells == 80
+
+
+@given(st.integers(0, 20000), st.sampled_from([FOOT_M, 1.0, 0.1]))
+def test_every_multiple_of_the_cell_size_begins_its_cell(k: int, cell_size_m: float) -> None:
+    some = farm(field("a", Crop.TOMATO, "me", 0, 0, 1, 1), cell_size_m=cell_size_m)
+    assert some.cell_of(k * cell_size_m, k * cell_size_m) == (k, k)
+    assert some.cell_of(*some.cell_centre(k, k)) == (k, k)
+    ix, iy = some.cell_of(np.array([k * cell_size_m]), np.array([(k + 0.999) * cell_size_m]))
+    assert (ix.dtype, int(ix[0]), int(iy[0])) == (np.int64, k, k)
+
+
+def test_cells_outside_and_nowhere() -> None:
+    some = farm(field("a", Crop.TOMATO, "me", 0, 0, 1, 1))
+    assert some.cell_of(-0.5, 12.0) == (-1, 12)
+    assert some.cell_of(float("inf"), float("nan")) == (-1, -1)
+    ix, _ = some.cell_of(np.array([np.inf, np.nan, -3.5, 1e300]), np.zeros(4))
+    assert ix.tolist() == [-1, -1, -4, -1]
+    x_m, y_m = some.cell_centre(np.arange(3), np.arange(3))
+    assert x_m.tolist() == y_m.tolist() == [0.5, 1.5, 2.5]
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"width_cells": 0}, "has no cells"),
+        ({"width_cells": 10**6, "height_cells": 10**6}, "larger than"),
+        ({"cell_size_m": 0.0}, "is not positive"),
+        ({"cell_size_m": float("nan")}, "is not positive"),
+        ({"owner": "nobody"}, "no patch belongs to the owner 'nobody'"),
+    ],
+)
+def test_impossible_farms_are_refused(change: dict[str, object], text: str) -> None:
+    arguments: dict[str, object] = {
+        "name": "f",
+        "frame": FRAME,
+        "width_cells": 2,
+        "height_cells": 2,
+        "patches": (field("a", Crop.TOMATO, "me", 0, 0, 1, 1),),
+        "owner": "me",
+        "home_m": (0.0, 0.0),
+    }
+    with pytest.raises(FarmError, match=text):
+        Farm(**{**arguments, **change})

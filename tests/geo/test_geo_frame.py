@@ -1,0 +1,137 @@
+"""The local frame against independent geodesy."""
+
+from __future__ import annotations
+
+import math
+import pickle
+
+import numpy as np
+import pyproj
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from geo import FarmError, LocalFrame
+
+ORIGIN = (28.05, -82.15)
+METRES = st.floats(-3000.0, 3000.0)
+FRAMES = st.builds(
+    LocalFrame,
+    st.floats(-70.0, 70.0),
+    st.floats(-180.0, 180.0),
+    st.floats(-100.0, 4000.0),
+    st.floats(-360.0, 360.0),
+)
+
+
+def ecef(latitude_deg: float, longitude_deg: float, height_m: float = 0.0) -> np.ndarray:
+    a, f = 6378137.0, 1 / 298.257223563
+    e2 = f * (2 - f)
+    latitude, longitude = math.radians(latitude_deg), math.radians(longitude_deg)
+    n = a / math.sqrt(1 - e2 * math.sin(latitude) ** 2)
+    return np.array(
+        [
+            (n + height_m) * math.cos(latitude) * math.cos(longitude),
+            (n + height_m) * math.cos(latitude) * math.sin(longitude),
+            (n * (1 - e2) + height_m) * math.sin(latitude),
+        ]
+    )
+
+
+def topocentric(frame: LocalFrame, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
+    """East and north of a place on the tangent plane, without any map projection."""
+    latitude, longitude = math.radians(frame.latitude_deg), math.radians(frame.longitude_deg)
+    d = ecef(latitude_deg, longitude_deg) - ecef(frame.latitude_deg, frame.longitude_deg)
+    east = np.array([-math.sin(longitude), math.cos(longitude), 0.0])
+    north = np.array(
+        [
+            -math.sin(latitude) * math.cos(longitude),
+            -math.sin(latitude) * math.sin(longitude),
+            math.cos(latitude),
+        ]
+    )
+    return float(east @ d), float(north @ d)
+
+
+@given(FRAMES, METRES, METRES)
+def test_round_trip_is_far_below_a_millimetre(frame: LocalFrame, x_m: float, y_m: float) -> None:
+    back = frame.from_wgs84(*frame.to_wgs84(x_m, y_m))
+    # PROJ maps what is within 1e-10 radians of the origin to the origin.
+    assert back == pytest.approx((x_m, y_m), abs=1e-6 if math.hypot(x_m, y_m) > 2e-3 else 9e-4)
+
+
+@given(FRAMES, METRES, METRES)
+def test_distance_and_azimuth_are_the_geodesics(frame: LocalFrame, x_m: float, y_m: float) -> None:
+    latitude_deg, longitude_deg = frame.to_wgs84(x_m, y_m)
+    azimuth_deg, _, distance_m = pyproj.Geod(ellps="WGS84").inv(
+        frame.longitude_deg, frame.latitude_deg, longitude_deg, latitude_deg
+    )
+    angle = math.radians(90.0 - azimuth_deg - frame.rotation_deg)
+    if math.hypot(x_m, y_m) < 2e-3:
+        assert distance_m < 3e-3
+        return
+    assert distance_m == pytest.approx(math.hypot(x_m, y_m), abs=1e-6)
+    assert distance_m * math.cos(angle) == pytest.approx(x_m, abs=1e-6)
+    assert distance_m * math.sin(angle) == pytest.approx(y_m, abs=1e-6)
+
+
+@given(FRAMES, METRES, METRES)
+def test_agrees_with_the_tangent_plane(frame: LocalFrame, x_m: float, y_m: float) -> None:
+    east_m, north_m = topocentric(frame, *frame.to_wgs84(x_m, y_m))
+    turn = math.radians(frame.rotation_deg)
+    x = east_m * math.cos(turn) + north_m * math.sin(turn)
+    y = north_m * math.cos(turn) - east_m * math.sin(turn)
+    # The chord on the tangent plane is shorter than the arc by d^3 / 6 R^2.
+    bound = math.hypot(x_m, y_m) ** 3 / 6 / 6.3e6**2 + (1e-5 if math.hypot(x_m, y_m) > 2e-3 else 9e-4)
+    assert math.hypot(x - x_m, y - y_m) <= bound
+
+
+def test_whole_farm_arrays_match_scalars() -> None:
+    frame = LocalFrame(*ORIGIN, 30.0, 17.5)
+    x_m, y_m = np.meshgrid(np.linspace(0, 1828.8, 40), np.linspace(0, 1524.0, 30), indexing="ij")
+    latitude_deg, longitude_deg = frame.to_wgs84(x_m, y_m)
+    assert latitude_deg.shape == x_m.shape
+    assert (latitude_deg[7, 9], longitude_deg[7, 9]) == pytest.approx(
+        frame.to_wgs84(float(x_m[7, 9]), float(y_m[7, 9])), abs=1e-14
+    )
+    back_x, back_y = frame.from_wgs84(latitude_deg, longitude_deg)
+    assert np.hypot(back_x - x_m, back_y - y_m).max() < 1e-3
+
+
+def test_axes() -> None:
+    north = LocalFrame(*ORIGIN).to_wgs84(0.0, 100.0)
+    assert north[0] > ORIGIN[0]
+    assert north[1] == pytest.approx(ORIGIN[1], abs=1e-12)
+    turned = LocalFrame(*ORIGIN, rotation_deg=90.0).to_wgs84(100.0, 0.0)
+    assert turned == pytest.approx(north, abs=1e-12)
+    scalar = LocalFrame(*ORIGIN).from_wgs84(28.06, -82.14)
+    assert all(type(value) is float for value in scalar)
+
+
+def test_the_date_line_is_no_border() -> None:
+    frame = LocalFrame(-17.0, 179.9999)
+    x_m, y_m = frame.from_wgs84(-17.0, -179.9999)
+    assert x_m == pytest.approx(21.3, abs=0.1)
+    assert abs(y_m) < 1e-3
+
+
+def test_places_that_do_not_exist_are_not_finite() -> None:
+    for frame in (LocalFrame(*ORIGIN), LocalFrame(*ORIGIN, rotation_deg=30.0)):
+        assert not all(map(math.isfinite, frame.from_wgs84(214.0, 0.0)))
+        x_m, _ = frame.from_wgs84(np.array([95.0, 28.0, np.nan]), np.array([0.0, -82.0, 0.0]))
+        assert np.isfinite(x_m).tolist() == [False, True, False]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [(91.0, 0.0), (0.0, 181.0), (math.nan, 0.0), (0.0, math.inf), (0.0, 0.0, 1e6), (0, 0, 0, 400)],
+)
+def test_bad_origins_are_refused(arguments: tuple[float, ...]) -> None:
+    with pytest.raises(FarmError, match="is outside"):
+        LocalFrame(*arguments)
+
+
+def test_equal_frames_are_equal_and_pickle() -> None:
+    frame = LocalFrame(28, -82, 30, 10)
+    assert frame == LocalFrame(28.0, -82.0, 30.0, 10.0)
+    assert pickle.loads(pickle.dumps(frame)).to_wgs84(1.0, 2.0) == frame.to_wgs84(1.0, 2.0)

@@ -1,0 +1,327 @@
+"""Farm files: round trips, and files that are not what they claim."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from geo import Crop, Farm, FarmError, LocalFrame, Patch, get_farm, load_farm, save_farm
+
+LON, LAT = -82.15, 28.05
+
+
+def ring(x: float = 0.0, y: float = 0.0, size: float = 0.001) -> list[list[float]]:
+    corners = [(x, y), (x + size, y), (x + size, y + size), (x, y + size), (x, y)]
+    return [[LON + dx, LAT + dy] for dx, dy in corners]
+
+
+def feature(coordinates: Any = None, geometry: str = "Polygon", **properties: Any) -> dict[str, Any]:
+    return {
+        "type": "Feature",
+        "properties": {"crop": "tomato", "owner": "me", "name": "north field", **properties},
+        "geometry": {"type": geometry, "coordinates": [ring()] if coordinates is None else coordinates},
+    }
+
+
+def document(*features: Any, **members: Any) -> dict[str, Any]:
+    return {"type": "FeatureCollection", "cell_size_m": 1.0, **members, "features": list(features)}
+
+
+def write(path: Path, content: Any) -> Path:
+    file = path / "farm.geojson"
+    file.write_bytes(content if isinstance(content, bytes) else json.dumps(content).encode())
+    return file
+
+
+def refused(path: Path, content: Any) -> str:
+    with pytest.raises(FarmError) as caught:
+        load_farm(write(path, content))
+    text = str(caught.value)
+    assert "\n" not in text
+    assert len(text) < 600
+    assert text.startswith("farm file ")
+    return text
+
+
+def same(a: Farm, b: Farm) -> None:
+    assert (a.name, a.owner, a.cell_size_m, a.frame) == (b.name, b.owner, b.cell_size_m, b.frame)
+    assert a.home_m == pytest.approx(b.home_m, abs=1e-6)
+    assert [(p.name, p.crop, p.owner) for p in a.patches] == [(p.name, p.crop, p.owner) for p in b.patches]
+    np.testing.assert_array_equal(a.grid().crop, b.grid().crop)
+    np.testing.assert_array_equal(a.grid().owned, b.grid().owned)
+    assert len(a.obstacles) == len(b.obstacles)
+    for mine, other in zip(a.obstacles, b.obstacles, strict=True):
+        assert mine.symmetric_difference(other).area < 1e-5
+
+
+@pytest.mark.parametrize("name", ["miniberry-10", "miniberry-30", "waterberry"])
+def test_built_in_farms_round_trip(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "saved.geojson"
+    save_farm(get_farm(name), path)
+    same(load_farm(path), get_farm(name))
+    assert [file.name for file in tmp_path.iterdir()] == ["saved.geojson"]
+    assert get_farm(path).name == name
+
+
+@given(rotation=st.floats(-360, 360), latitude=st.floats(-60, 60), longitude=st.floats(-180, 180))
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_rotated_farms_round_trip(rotation: float, latitude: float, longitude: float, tmp_path: Path) -> None:
+    holed = shapely.Polygon([(0, 0), (20, 0), (20, 12.3), (0, 9)], [[(2, 2), (5, 2), (5, 6)]])
+    farm = Farm(
+        "turned",
+        LocalFrame(latitude, longitude, 12.0, rotation),
+        30,
+        25,
+        (
+            Patch("a", Crop.TOMATO, "me", holed),
+            Patch("b", Crop.STRAWBERRY, "you", shapely.box(20, 0, 30, 10)),
+        ),
+        "me",
+        (3.25, 1.5),
+        1.0,
+        (shapely.box(1, 1, 2, 2),),
+    )
+    save_farm(farm, tmp_path / "t.json")
+    same(load_farm(tmp_path / "t.json"), farm)
+
+
+def test_written_rings_follow_the_right_hand_rule(tmp_path: Path) -> None:
+    save_farm(get_farm("waterberry"), tmp_path / "w.geojson")
+    for entry in json.loads((tmp_path / "w.geojson").read_text())["features"]:
+        exterior = shapely.LinearRing(entry["geometry"]["coordinates"][0])
+        assert exterior.is_ccw
+        assert exterior.coords[0] == exterior.coords[-1]
+
+
+def test_a_minimal_file(tmp_path: Path) -> None:
+    content = {"type": "FeatureCollection", "features": [feature()]}
+    farm = load_farm(write(tmp_path, content))
+    assert (farm.name, farm.owner, farm.cell_size_m) == ("farm", "me", 0.3048)
+    width_m, height_m = farm.width_cells * 0.3048, farm.height_cells * 0.3048
+    assert width_m == pytest.approx(0.001 * 111412 * math.cos(math.radians(LAT)), rel=0.003)
+    assert height_m == pytest.approx(0.001 * 110805, rel=0.003)
+    assert farm.home_m == pytest.approx((0.0, 0.0), abs=0.01)
+    assert farm.owner_cells > 0.999 * farm.width_cells * farm.height_cells
+    assert farm.patches[0].polygon.bounds[0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_grid_is_the_bounding_box_of_all_patches(tmp_path: Path) -> None:
+    far = feature([ring(0.002, 0.003)], owner="neighbour", name="far")
+    for rotation in (0.0, 30.0, -100.0):
+        farm = load_farm(write(tmp_path, document(far, feature(), owner="me", rotation_deg=rotation)))
+        bounds = shapely.total_bounds([patch.polygon for patch in farm.patches])
+        assert bounds[:2] == pytest.approx([0.0, 0.0], abs=1e-6)
+        assert (farm.width_cells, farm.height_cells) == (math.ceil(bounds[2]), math.ceil(bounds[3]))
+
+
+def test_across_the_date_line(tmp_path: Path) -> None:
+    over = [[[179.9995, -17], [-179.9995, -17], [-179.9995, -16.999], [179.9995, -16.999], [179.9995, -17]]]
+    farm = load_farm(write(tmp_path, document(feature(over))))
+    assert farm.width_cells == pytest.approx(107, abs=1)
+
+
+def test_members_and_defaults(tmp_path: Path) -> None:
+    pond = {"type": "Feature", "properties": {"obstacle": True}, "geometry": feature()["geometry"]}
+    farm = load_farm(
+        write(
+            tmp_path,
+            document(
+                feature(), pond, name="North", home=[LON, LAT], ground_altitude_m=31.5, size_cells=[200, 150]
+            ),
+        )
+    )
+    assert (farm.name, farm.frame.altitude_m, farm.width_cells, farm.height_cells) == (
+        "North",
+        31.5,
+        200,
+        150,
+    )
+    assert farm.home_m == pytest.approx((0.0, 0.0), abs=0.01)
+    assert (len(farm.patches), len(farm.obstacles)) == (1, 1)
+
+
+BOW_TIE = [[[LON, LAT], [LON + 0.001, LAT + 0.001], [LON + 0.001, LAT], [LON, LAT + 0.001], [LON, LAT]]]
+FLAT = [[[LON, LAT], [LON + 0.001, LAT], [LON + 0.002, LAT], [LON, LAT]]]
+SWAPPED = [[[lat, lon] for lon, lat in ring()]]
+
+
+@pytest.mark.parametrize(
+    ("bad", "text"),
+    [
+        (feature(BOW_TIE), "not valid: Self-intersection near ["),
+        (feature([]), "the polygon is empty"),
+        (feature([[]]), "the polygon is empty"),
+        (feature([ring()[:3]]), "fewer than four positions"),
+        (feature([ring()[:4]]), "not closed"),
+        (feature(FLAT), "the polygon"),
+        (feature([[[LON, LAT]] * 4]), "the polygon"),
+        (feature([ring(), ring(0.1, 0.1, 0.001)]), "not valid: Hole lies outside"),
+        (feature([LON, LAT], "Point"), "geometry is 'Point', not a Polygon"),
+        (feature([[ring()]], "MultiPolygon"), "make each part a feature of its own"),
+        ({**feature(), "geometry": None}, "geometry is 'nothing'"),
+        ({**feature(), "geometry": []}, "geometry is 'nothing'"),
+        (feature([[[LON, 95.0], *ring()[1:4], [LON, 95.0]]]), "latitude 95 is outside"),
+        (feature([[[190.0, LAT], *ring()[1:4], [190.0, LAT]]]), "longitude 190 is outside"),
+        (feature([ring(1.0, 0.0)]), "lies 98 km from the first feature"),
+        (feature([[[True, False]] * 4]), "is not a position"),
+        (feature([[["x", 1]] * 4]), "is not a position"),
+        (feature([[[LON]] * 4]), "is not a position"),
+        (feature([[7, 7, 7, 7]]), "is not a position"),
+        (feature("ring"), "the polygon is empty"),
+        (feature(crop="mango"), "unknown crop 'mango'; crops are none, strawberry, tomato, pond, wetland"),
+        (feature(crop=None), 'property "crop" is missing'),
+        (feature(owner=None), 'property "owner" is missing'),
+        (feature(owner=""), '"owner" is , not a short line'),
+        (feature(crop=3), '"crop" is 3, not a short line'),
+        (feature(owner="a\nb"), "not a short line"),
+        (feature(obstacle="yes"), "is not true or false"),
+    ],
+)
+def test_the_bad_feature_is_named(bad: dict[str, Any], text: str, tmp_path: Path) -> None:
+    bad["properties"]["name"] = "the bad one"
+    message = refused(tmp_path, document(feature(), bad))
+    assert "feature 1 ('the bad one')" in message
+    assert text in message
+
+
+@pytest.mark.parametrize("bad", [None, 7, [], {"type": "Point"}, {"type": "Feature"}])
+def test_what_is_no_feature_is_named_by_its_index(bad: Any, tmp_path: Path) -> None:
+    assert "feature 1: " in refused(tmp_path, document(feature(), bad))
+
+
+def test_wrong_axis_order(tmp_path: Path) -> None:
+    swapped = feature(SWAPPED, name="turned")
+    home = [LON, LAT]
+    assert "feature 0 ('turned')" in refused(tmp_path, document(swapped))
+    assert "swapped" in refused(tmp_path, document(swapped))
+    europe = [[[48.1, 11.5], [48.101, 11.5], [48.101, 11.501], [48.1, 11.501], [48.1, 11.5]]]
+    message = refused(tmp_path, document(feature(europe, name="acker"), home=[11.5, 48.1]))
+    assert "feature 0 ('acker')" in message
+    assert "latitude and longitude are swapped" in message
+    message = refused(tmp_path, document(feature(name="good"), feature(SWAPPED), home=home))
+    assert "feature 1 ('north field')" in message
+
+
+@pytest.mark.parametrize(
+    ("members", "text"),
+    [
+        ({"owner": "nobody"}, "no feature belongs to the owner 'nobody'; the owners are 'me'"),
+        ({"cell_size_m": 0}, "cell_size_m"),
+        ({"cell_size_m": "1"}, "cell_size_m"),
+        ({"cell_size_m": True}, "cell_size_m"),
+        ({"rotation_deg": 1e9}, "rotation_deg"),
+        ({"ground_altitude_m": []}, "ground_altitude_m"),
+        ({"home": [1]}, '"home"'),
+        ({"home": [0, 0]}, 'from the farm\'s "home"'),
+        ({"origin": "here"}, '"origin"'),
+        ({"origin": [0, 0]}, 'from the farm\'s "origin"'),
+        ({"origin": [LON + 0.0005, LAT]}, "south or west"),
+        ({"size_cells": [5]}, "size_cells"),
+        ({"size_cells": [10, 10]}, "less than the patches need"),
+        ({"size_cells": [10**7, 10**7]}, "larger than"),
+        ({"size_cells": [10**12, -1]}, "is not a usable"),
+        ({"name": 5}, '"name"'),
+        ({"name": "x" * 300}, '"name"'),
+    ],
+)
+def test_bad_members(members: dict[str, Any], text: str, tmp_path: Path) -> None:
+    assert text in refused(tmp_path, document(feature(), **members))
+
+
+def test_absurd_sizes(tmp_path: Path) -> None:
+    wide = document(feature(), feature([ring(0.09, 0.09)]), cell_size_m=0.05)
+    assert "larger than" in refused(tmp_path, wide)
+    zigzag = [[LON + 0.01 * (k % 2), LAT + 1e-6 * k] for k in range(3000)]
+    comb = [*zigzag, [LON + 0.02, LAT + 0.003], [LON + 0.02, LAT], zigzag[0]]
+    assert "too detailed" in refused(tmp_path, document(feature([comb]), cell_size_m=0.1))
+    long = [[LON, LAT]] * 100_001
+    assert "simplify" in refused(tmp_path, document(feature([long])))
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        (b"", "is not JSON"),
+        (b"{", "is not JSON"),
+        (b'{"type": NaN}', "is not JSON"),
+        (b"\xff\xfe{}", "is not UTF-8"),
+        (b"[" * 200_000, "nested too deeply"),
+        (b"[]", 'is not a GeoJSON "FeatureCollection"'),
+        (b"null", 'is not a GeoJSON "FeatureCollection"'),
+        (b'{"type": "FeatureCollection"}', 'has no "features"'),
+        (b'{"type": "FeatureCollection", "features": []}', 'has no "features"'),
+        (b'{"type": "FeatureCollection", "features": {}}', 'has no "features"'),
+        (b" " * (33 * 2**20), "is larger than 32 MB"),
+    ],
+)
+def test_files_that_are_something_else(content: bytes, text: str, tmp_path: Path) -> None:
+    assert text in refused(tmp_path, content)
+
+
+def test_numbers_beyond_floats(tmp_path: Path) -> None:
+    text = json.dumps(document(feature()))
+    for number in ("1e400", "9" * 400, "9" * 5000, "-1e999"):
+        refused(tmp_path, text.replace(str(LON), number, 1).encode())
+
+
+def test_only_obstacles(tmp_path: Path) -> None:
+    assert "obstacles only" in refused(tmp_path, document(feature(obstacle=True)))
+
+
+def test_paths_that_are_no_files(tmp_path: Path) -> None:
+    for path in (tmp_path, tmp_path / "missing.geojson", Path("a\0b.json")):
+        with pytest.raises(FarmError, match="farm file"):
+            load_farm(path)
+    with pytest.raises(FarmError, match="cannot be written"):
+        save_farm(get_farm("miniberry-10"), tmp_path / "no" / "such" / "folder.geojson")
+
+
+JUNK = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=4), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+def places(node: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    items = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+    found = [path] if path else []
+    for key, value in items:
+        found += places(value, (*path, key))
+    return found
+
+
+GOOD = document(
+    feature(),
+    feature([ring(0.002)]),
+    name="n",
+    owner="me",
+    home=[LON, LAT],
+    rotation_deg=10,
+    size_cells=[900, 900],
+)
+
+
+@given(data=st.data())
+@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_mutated_files_load_or_are_refused_in_one_line(data: st.DataObject, tmp_path: Path) -> None:
+    mutant = copy.deepcopy(GOOD)
+    for _ in range(data.draw(st.integers(1, 3))):
+        path = data.draw(st.sampled_from(places(mutant)))
+        node = mutant
+        for key in path[:-1]:
+            node = node[key]
+        node[path[-1]] = data.draw(JUNK)
+    try:
+        load_farm(write(tmp_path, mutant))
+    except FarmError as error:
+        assert "\n" not in str(error)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from geo.grid import FarmGrid
 
 FIELDS = ("tylcv", "ccr", "soil")
-"""Tomato yellow leaf curl virus, charcoal rot of strawberries, soil humidity: the first axis of all arrays."""
+"""Tomato yellow leaf curl virus, charcoal rot of strawberries, soil humidity: the order of all arrays."""
 
 DEFAULT_VALUES = (1.0, 1.0, 0.0)
 """The value assumed where nothing is known: healthy, healthy, dry."""

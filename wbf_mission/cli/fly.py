@@ -1,0 +1,148 @@
+"""``wbf-mission fly``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from wbf_mission.cli import options
+from wbf_mission.cli.output import Output, distance, duration
+
+EXAMPLES = """
+[bold]Examples[/bold]
+
+wbf-mission fly --farm miniberry-30 --planner lawnmower --estimator gp --vehicle ideal --seed 7
+
+wbf-mission fly --farm waterberry --planner spiral --wind 4,270,1 --out runs/windy
+
+wbf-mission fly --farm miniberry-100 --mission spiral.plan --json
+
+wbf-mission fly --scenario missions/noisy-camera.toml
+"""
+
+
+def fly_command(
+    farm: options.Farm = None,
+    planner: options.Planner = None,
+    estimator: options.Estimator = None,
+    budget: options.Budget = None,
+    mission: Annotated[
+        Path | None,
+        typer.Option(
+            help="Fly this mission file (.plan, .waypoints, .json) instead of planning.",
+            rich_help_panel="What to run",
+            show_default=False,
+        ),
+    ] = None,
+    scenario: options.ScenarioFile = None,
+    seed: options.Seed = None,
+    day: options.Day = None,
+    vehicle: options.Vehicle = None,
+    altitude: options.Altitude = None,
+    cruise_speed: options.CruiseSpeed = None,
+    acceptance_radius: options.AcceptanceRadius = None,
+    wind: options.Wind = None,
+    camera_spacing: options.CameraSpacing = None,
+    camera_footprint: options.CameraFootprint = None,
+    camera_noise: options.CameraNoise = None,
+    false_positive_rate: options.FalsePositives = None,
+    false_negative_rate: options.FalseNegatives = None,
+    camera_fields: options.CameraFields = None,
+    score_points: Annotated[
+        int | None,
+        typer.Option(
+            help="How often to score on the way.  [default: ideal on a small farm: each observation; else 25]",
+            rich_help_panel="What to run",
+        ),
+    ] = None,
+    speed: Annotated[
+        float | None,
+        typer.Option(
+            help="Pace: simulated seconds per second of wall time.  [default: as fast as possible]",
+            rich_help_panel="What to run",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for the results.  [default: runs/FARM_PLANNER_ESTIMATOR_VEHICLE_SEED]",
+            rich_help_panel="Output",
+        ),
+    ] = None,
+    files: Annotated[
+        bool, typer.Option("--files/--no-files", help="Write the results, or only print them.", rich_help_panel="Output")
+    ] = True,
+    plots: Annotated[
+        bool, typer.Option("--plots/--no-plots", help="Draw pictures among the results.", rich_help_panel="Output")
+    ] = True,
+    json: options.Json = False,
+    quiet: options.Quiet = False,
+) -> int:
+    """Do the whole job offline: plan, upload over MAVLink, fly, look, estimate, score.
+
+    Writes the plan, a telemetry log, the observations, the information model with the truth, a summary and pictures.
+    """
+    from wbf_mission.flight import fly
+    from wbf_mission.results import RunFolder
+    from wbf_mission.scenario import Scenario, ScenarioError, load_scenario, scenario_with
+
+    output = Output(as_json=json, quiet=quiet)
+    if speed is not None and not 0.01 <= speed <= 1e6:
+        msg = f"--speed {speed} is out of range: give 0.01 to 1000000 simulated seconds per second"
+        raise ScenarioError(msg)
+    base = load_scenario(scenario) if scenario else Scenario()
+    chosen = scenario_with(
+        base,
+        {
+            "farm": farm,
+            "planner": planner,
+            "estimator": estimator,
+            "budget": budget,
+            "mission": None if mission is None else str(mission),
+            "seed": seed,
+            "day": day,
+            "vehicle": vehicle,
+            "altitude_m": altitude,
+            "cruise_speed_m_s": cruise_speed,
+            "acceptance_radius_m": acceptance_radius,
+            "camera_spacing_m": camera_spacing,
+            "camera_footprint": camera_footprint,
+            "camera_noise": camera_noise,
+            "false_positive_rate": false_positive_rate,
+            "false_negative_rate": false_negative_rate,
+            "camera_fields": options.field_names(camera_fields),
+            "score_points": score_points,
+            **options.wind_values(wind),
+        },
+    )
+    folder = RunFolder.for_scenario(chosen, out) if files else None
+    with output.progress() as progress:
+        result = fly(chosen, progress=progress, pace=speed, tlog=folder.tlog if folder else None)
+        if folder is not None:
+            folder.write(result, plots=plots, progress=progress)
+    summary = result.summary()
+    summary["files"] = str(folder.path) if folder else None
+    if not result.outcome.is_good:
+        output.warn(f"{result.outcome.value}: {result.reason}")
+    losses = ", ".join(f"{name} {value:.4g}" for name, value in summary["losses"].items() if value is not None)
+    rows = {
+        "outcome": result.outcome.value + (f" ({result.reason})" if result.reason else ""),
+        "score": "-" if summary["score"] is None else f"{summary['score']:.5f} over the run, "
+        f"{summary['final_score']:.5f} at the end (0 is perfect)",
+        "loss a cell at the end": losses or "-",
+        "observations": f"{summary['observations']} of {summary['cells_observed']} cells",
+        "flown": f"{distance(summary['path_length_m'])} in {duration(summary['flight_time_s'])} "
+        f"(predicted {duration(summary['predicted_time_s'])})",
+        "battery used": "-" if summary["battery_used"] is None else f"{summary['battery_used']:.1%}",
+        "mission transfer": f"{summary['transfer']['items']} items, {summary['transfer']['retries']} retries, "
+        + ("verified" if summary["transfer"]["verified"] else "not verified"),
+        "wall time": f"{duration(summary['wall_time_s'])}: "
+        + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in summary["timings_s"].items()),
+        "flight speed": f"{summary['realtime_factor']:.0f} x real time",
+        "files": str(folder.path) if folder else "not written",
+    }
+    title = f"{result.farm.name}: {chosen.planner if chosen.mission is None else 'mission file'}, {chosen.estimator}"
+    output.result(summary, rows, title=f"{title}, {chosen.vehicle}, seed {chosen.seed}")
+    return result.outcome.exit_code

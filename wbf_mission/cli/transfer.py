@@ -1,0 +1,77 @@
+"""``wbf-mission upload`` and ``wbf-mission download``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from wbf_mission.cli import options
+from wbf_mission.cli.output import Output, duration
+
+_CONNECT_HELP = "Link to the vehicle: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or tcpin:HOST:PORT."
+Connect = Annotated[str, typer.Option(help=_CONNECT_HELP)]
+Wait = Annotated[float, typer.Option(help="Seconds to wait for the vehicle's heartbeat.", min=0.1, max=3600.0)]
+
+UPLOAD_EXAMPLES = """
+[bold]Examples[/bold]
+
+wbf-mission upload spiral.plan --connect udpin:127.0.0.1:14550
+
+wbf-mission upload rows.waypoints --connect tcp:127.0.0.1:5760
+"""
+DOWNLOAD_EXAMPLES = """
+[bold]Example[/bold]
+
+wbf-mission download --connect udpin:127.0.0.1:14550 --out onboard.plan
+"""
+
+
+def upload_command(
+    file: Annotated[Path, typer.Argument(help="Mission file: .plan, .waypoints or .json.")],
+    connect: Connect = "udpin:127.0.0.1:14550",
+    wait: Wait = 10.0,
+    json: options.Json = False,
+    quiet: options.Quiet = False,
+) -> None:
+    """Upload a mission file (mission, fence, rally points), download it again and compare."""
+    from mission.files import read_mission
+    from wbf_mission.ground_link import upload_mission
+
+    output = Output(as_json=json, quiet=quiet)
+    mission = read_mission(file)
+    with output.progress() as progress:
+        report = upload_mission(mission, connect, wait_s=wait, progress=progress, note=output.note)
+    rows = {
+        "vehicle": f"system {report.system_id}, component {report.component_id}",
+        **{name: f"{count} items, verified" for name, count in report.items.items()},
+        "messages": f"{report.messages_sent} sent, {report.messages_received} received, {report.retries} retries",
+        "time": duration(report.duration_s),
+    }
+    output.result({"file": str(file), **report.summary()}, rows, title="Uploaded")
+
+
+def download_command(
+    out: Annotated[Path, typer.Option(help="Mission file to write: .plan, .waypoints or .json.")],
+    connect: Connect = "udpin:127.0.0.1:14550",
+    wait: Wait = 10.0,
+    json: options.Json = False,
+    quiet: options.Quiet = False,
+) -> None:
+    """Download the mission, the fence and the rally points of a vehicle into a file."""
+    from mission.files import check_writable, write_mission
+    from wbf_mission.ground_link import download_mission
+
+    output = Output(as_json=json, quiet=quiet)
+    check_writable(out)
+    with output.progress() as progress:
+        mission, report = download_mission(connect, wait_s=wait, progress=progress, note=output.note)
+    write_mission(mission, out)
+    rows = {
+        "vehicle": f"system {report.system_id}, component {report.component_id}",
+        **{name: f"{count} items" for name, count in report.items.items()},
+        "time": duration(report.duration_s),
+        "file": str(out),
+    }
+    output.result({"file": str(out), **report.summary()}, rows, title="Downloaded")

@@ -1,0 +1,102 @@
+"""Estimating and scoring while the observations come in."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.estimators import Estimator
+from sensors.information import InformationModel
+from sensors.observations import Observations
+from sensors.score import RunningScore, Score
+
+DEFAULT_SCORE_POINTS = 25
+
+
+@dataclass(slots=True)
+class ScoreHistory:
+    """The scores of a run, one entry for each scored time."""
+
+    times_s: list[float] = field(default_factory=list)
+    observations: list[int] = field(default_factory=list)
+    entries: list[Score] = field(default_factory=list)
+
+    @property
+    def scores(self) -> list[float]:
+        """The paper's score at each scored time."""
+        return [entry.score for entry in self.entries]
+
+    @property
+    def field_losses(self) -> NDArray[np.float64]:
+        """The mean loss a cell of each field, float64[c, 3]."""
+        return np.array([entry.field_loss for entry in self.entries], dtype=np.float64).reshape(-1, 3)
+
+    @property
+    def score(self) -> float | None:
+        """The paper's score of the run, averaged over the scored times; None before the first."""
+        return float(np.mean(self.scores)) if self.entries else None
+
+
+class RunEstimate:
+    """An estimator that is fed and scored as a run goes on.
+
+    Parameters
+    ----------
+    estimator : Estimator
+        Already fitted to the farm.
+    score : RunningScore
+        Knows the truth, which the estimator does not.
+    every : int
+        Score after each `every` observations.
+
+    Attributes
+    ----------
+    history : ScoreHistory
+    model : InformationModel or None
+        The latest estimate.
+    estimate_s, score_s : float
+        Wall seconds that estimator and score took.
+    """
+
+    def __init__(self, estimator: Estimator, score: RunningScore, every: int) -> None:
+        self.history = ScoreHistory()
+        self.model: InformationModel | None = None
+        self.estimate_s = 0.0
+        self.score_s = 0.0
+        self._estimator = estimator
+        self._score = score
+        self._every = max(1, every)
+        self._seen = 0
+
+    def add(self, observations: Observations) -> None:
+        """Learn from observations, and score as often as is due."""
+        start = 0
+        while start < len(observations):
+            due = self._every - self._seen % self._every
+            part = observations[start : start + due]
+            begin = time.perf_counter()
+            self._estimator.partial_fit(part)
+            self.estimate_s += time.perf_counter() - begin
+            self._seen += len(part)
+            start += len(part)
+            if self._seen % self._every == 0:
+                self._evaluate(float(part.time_s[-1]))
+
+    def finish(self, time_s: float) -> None:
+        """Score what was learned last, unless that was done already."""
+        scored = self.history.observations[-1] if self.history.observations else -1
+        if scored != self._seen:
+            self._evaluate(time_s)
+
+    def _evaluate(self, time_s: float) -> None:
+        begin = time.perf_counter()
+        self.model = self._estimator.predict()
+        middle = time.perf_counter()
+        self.history.entries.append(self._score.add(self.model.value))
+        self.history.times_s.append(time_s)
+        self.history.observations.append(self._seen)
+        self.estimate_s += middle - begin
+        self.score_s += time.perf_counter() - middle

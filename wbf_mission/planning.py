@@ -1,0 +1,264 @@
+"""From a scenario to a mission: the budget in the vehicle's own terms, the path, and what it will take."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from geo import Crop, Farm, get_farm
+from geo.seeds import child_seed
+from mission.files import read_mission
+from mission.model import Mission
+from mission.planners import (
+    Budget,
+    CropArea,
+    PlannedPath,
+    PlanningRequest,
+    StepBudget,
+    build_mission,
+    coverage,
+    get_planner,
+    parse_budget,
+)
+from mission.planners.budget import LengthBudget
+from sim_vehicle.predict import Prediction, predict_flight
+from sim_vehicle.spec import VehicleSpec, get_vehicle
+from sim_vehicle.wind import Wind
+from wbf_mission.scenario import Scenario, ScenarioError
+
+PAPER_STEPS_PER_CELL = 0.4  # timesteps of a day for each of the owner's cells (Matloob et al., experiments)
+
+
+@dataclass(frozen=True, slots=True)
+class PlanResult:
+    """A mission and what it will take.
+
+    Parameters
+    ----------
+    farm : Farm
+    vehicle : VehicleSpec
+    mission : Mission
+    path_m : float64[n, 2]
+        The waypoints in metres of the farm frame.
+    spacing_m : float or None
+        Distance between neighbouring rows or rings; None where the planner has none.
+    budget_text : str
+        The budget in words.
+    length_m : float
+        Length over ground from home through the waypoints, and back home where the mission returns.
+    coverage : float
+        Fraction of the owner's land that the camera's footprint passes over.
+    prediction : Prediction
+        Time, energy and feasibility from the vehicle's own model.
+    """
+
+    farm: Farm
+    vehicle: VehicleSpec
+    mission: Mission
+    path_m: NDArray[np.float64]
+    spacing_m: float | None
+    budget_text: str
+    length_m: float
+    coverage: float
+    prediction: Prediction
+
+    @property
+    def battery_used(self) -> float | None:
+        """Fraction of the battery that the flight takes; None without a battery."""
+        return None if self.vehicle.battery is None else self.prediction.battery_fraction
+
+    def summary(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return {
+            "farm": self.farm.name,
+            "vehicle": self.vehicle.name,
+            "budget": self.budget_text,
+            "items": len(self.mission.items),
+            "waypoints": len(self.path_m),
+            "spacing_m": self.spacing_m,
+            "length_m": self.length_m,
+            "predicted_time_s": self.prediction.duration_s,
+            "predicted_energy_wh": self.prediction.energy_wh,
+            "battery_used": self.battery_used,
+            "coverage": self.coverage,
+            "feasible": self.prediction.feasible,
+            "reason": self.prediction.reason,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class FlightBudget:
+    """A budget in seconds or watt hours, charged by flying the mission in the vehicle's own model.
+
+    Parameters
+    ----------
+    limit : float
+        The most that the whole flight may take, from take-off to touch-down.
+    unit : {"s", "Wh"}
+    builder : MissionBuilder
+        Makes the mission of a path.
+    """
+
+    limit: float
+    unit: str
+    builder: MissionBuilder
+
+    def cost(self, path_xy_m: NDArray[np.float64]) -> float:
+        """Return the predicted seconds or watt hours; infinite when the vehicle cannot fly the path."""
+        points = np.asarray(path_xy_m, dtype=np.float64).reshape(-1, 2)
+        mission = self.builder.mission(PlannedPath(points[1:] if len(points) > 1 else points, None, "candidate"))
+        prediction = self.builder.predict(mission)
+        if not prediction.feasible:
+            return float("inf")
+        return prediction.duration_s if self.unit == "s" else prediction.energy_wh
+
+
+@dataclass(frozen=True, slots=True)
+class MissionBuilder:
+    """Turns paths into missions of one scenario, and predicts them."""
+
+    scenario: Scenario
+    farm: Farm
+    vehicle: VehicleSpec
+
+    def mission(self, path: PlannedPath) -> Mission:
+        """Return the mission that flies ``path``."""
+        scenario, vehicle, farm = self.scenario, self.vehicle, self.farm
+        spacing = scenario.camera_spacing_m or farm.cell_size_m * scenario.camera_footprint
+        radius = scenario.acceptance_radius_m
+        return build_mission(
+            path,
+            frame=farm.frame,
+            home_xy_m=farm.home_m,
+            altitude_m=scenario.altitude_m or vehicle.takeoff_altitude_m,
+            speed_m_s=min(scenario.cruise_speed_m_s or vehicle.cruise_speed_m_s, vehicle.top_speed_m_s),
+            camera_distance_m=None if vehicle.is_ideal else spacing,
+            camera_interval_s=vehicle.step_s if vehicle.is_ideal else None,
+            acceptance_radius_m=vehicle.acceptance_radius_m if vehicle.is_ideal and radius is None else radius,
+            return_home=not vehicle.is_ideal,
+        )
+
+    def predict(self, mission: Mission) -> Prediction:
+        """Predict the flight of ``mission`` in the scenario's mean wind."""
+        return predict_flight(mission, self.vehicle, wind=wind_of(self.scenario, gusts=False))
+
+
+def wind_of(scenario: Scenario, *, gusts: bool = True) -> Wind:
+    """Return the scenario's wind; without gusts for predictions, which must not know the run's weather."""
+    return Wind.from_direction(
+        scenario.wind_speed_m_s,
+        scenario.wind_direction_deg,
+        gust_m_s=scenario.wind_gust_m_s if gusts else 0.0,
+        seed=child_seed(scenario.seed, "wind"),
+    )
+
+
+def make_budget(builder: MissionBuilder) -> tuple[Budget, str]:
+    """Return the scenario's budget and how to say it.
+
+    Raises
+    ------
+    PlanningError
+        If the budget is not understood.
+    ScenarioError
+        If the budget's unit does not fit the vehicle.
+    """
+    scenario, farm, vehicle = builder.scenario, builder.farm, builder.vehicle
+    home = None if vehicle.is_ideal else farm.home_m
+    if scenario.budget is None:
+        if vehicle.is_ideal:
+            steps = float(round(PAPER_STEPS_PER_CELL * farm.owner_cells))
+            return StepBudget(steps, farm.cell_size_m), f"{steps:.0f} steps (0.4 x the owner's cells)"
+        if vehicle.battery is None:
+            msg = f"vehicle {vehicle.name} has no battery to budget by: give --budget, such as 8000m or 25min"
+            raise ScenarioError(msg)
+        usable = vehicle.battery.capacity_wh * (1.0 - vehicle.battery.reserve_fraction)
+        text = f"{usable:.1f} Wh (the battery less {vehicle.battery.reserve_fraction:.0%} reserve)"
+        return FlightBudget(usable, "Wh", builder), text
+    value, unit = parse_budget(scenario.budget)
+    if unit == "m":
+        return LengthBudget(value, home), f"{value:g} m"
+    if unit == "steps":
+        return StepBudget(value, farm.cell_size_m, home), f"{value:g} steps"
+    if unit == "Wh" and vehicle.power is None:
+        msg = f"budget {scenario.budget}: vehicle {vehicle.name} uses no energy; give metres, minutes or steps"
+        raise ScenarioError(msg)
+    return FlightBudget(value, unit, builder), f"{value:g} {unit}"
+
+
+def plan(scenario: Scenario) -> PlanResult:
+    """Plan a scenario, or read the mission that it names.
+
+    Raises
+    ------
+    WbfMissionError
+        If a name is unknown, a value is out of range, or no path fits the budget.
+    """
+    farm = get_farm(scenario.farm)
+    vehicle = get_vehicle(scenario.vehicle)
+    builder = MissionBuilder(scenario, farm, vehicle)
+    area = farm.owner_area
+    if farm.obstacles:
+        area = shapely.difference(area, shapely.union_all(list(farm.obstacles)))
+    footprint_m = scenario.camera_footprint * farm.cell_size_m
+    if scenario.mission is not None:
+        return _read(builder, area, footprint_m)
+    planner = get_planner(scenario.planner)
+    budget, text = make_budget(builder)
+    request = PlanningRequest(
+        area=area,
+        start_xy_m=farm.home_m,
+        budget=budget,
+        footprint_m=footprint_m,
+        crop_areas=tuple(
+            CropArea(crop, land)
+            for crop in (Crop.TOMATO, Crop.STRAWBERRY)
+            if not (land := farm.crop_area(crop)).is_empty
+        ),
+        seed=child_seed(scenario.seed, "planner"),
+    )
+    path = planner(request)
+    mission = builder.mission(path)
+    return PlanResult(
+        farm=farm,
+        vehicle=vehicle,
+        mission=mission,
+        path_m=path.points_m,
+        spacing_m=path.spacing_m,
+        budget_text=text,
+        length_m=LengthBudget(1.0, None if vehicle.is_ideal else farm.home_m).cost(
+            np.vstack((farm.home_m, path.points_m))
+        ),
+        coverage=coverage(path, area, footprint_m),
+        prediction=builder.predict(mission),
+    )
+
+
+def _read(builder: MissionBuilder, area: Any, footprint_m: float) -> PlanResult:
+    """Take the mission from the scenario's file; the farm only says where its waypoints lie."""
+    path = str(builder.scenario.mission)
+    mission = read_mission(path)
+    places = [item for item in mission.items if item.has_place and (item.x or item.y)]
+    if not places:
+        msg = f"{path}: no item of the mission has a place; give a mission with waypoints"
+        raise ScenarioError(msg)
+    x, y = builder.farm.frame.from_wgs84(
+        np.array([item.x for item in places]), np.array([item.y for item in places])
+    )
+    points = np.column_stack((x, y))
+    route = PlannedPath(points, None, "file")
+    return PlanResult(
+        farm=builder.farm,
+        vehicle=builder.vehicle,
+        mission=mission,
+        path_m=points,
+        spacing_m=None,
+        budget_text="none (mission file)",
+        length_m=LengthBudget(1.0).cost(points),
+        coverage=coverage(route, area, footprint_m),
+        prediction=builder.predict(mission),
+    )

@@ -1,0 +1,154 @@
+"""The folder that a run leaves: plan, telemetry log, observations, arrays, summary, pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import numpy as np
+
+from geo.atomic import atomic_path, atomic_write
+from mission.files import write_mission
+from sensors.fields import FIELDS
+from wbf_mission.scenario import Scenario, ScenarioError
+
+if TYPE_CHECKING:
+    from wbf_mission.flight import FlightResult, Progress
+
+
+@dataclass(frozen=True, slots=True)
+class RunFolder:
+    """Where a run's files go; files of that name are replaced, others in the folder are left alone.
+
+    Parameters
+    ----------
+    path : Path
+        The folder; it exists.
+    """
+
+    path: Path
+
+    @classmethod
+    def for_scenario(cls, scenario: Scenario, path: Path | None = None) -> RunFolder:
+        """Make the folder, by default ``runs/FARM_PLANNER_ESTIMATOR_VEHICLE_SEED``.
+
+        Raises
+        ------
+        ScenarioError
+            If the folder cannot be made.
+        """
+        if path is None:
+            what = Path(scenario.mission).stem if scenario.mission else scenario.planner
+            farm, vehicle = Path(scenario.farm).stem, Path(scenario.vehicle).stem
+            path = Path("runs") / f"{farm}_{what}_{scenario.estimator}_{vehicle}_seed{scenario.seed}"
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            msg = f"{path}: cannot be made a folder for the results ({error.strerror}); give another --out"
+            raise ScenarioError(msg) from error
+        return cls(path)
+
+    @property
+    def tlog(self) -> Path:
+        """The telemetry log."""
+        return self.path / "flight.tlog"
+
+    def write(self, result: FlightResult, *, plots: bool = True, progress: Progress | None = None) -> list[Path]:
+        """Write everything that the run has, and return the files.
+
+        ``plan.plan``, ``observations.parquet``, ``truth.npy``, ``value.npy`` and ``uncertainty.npy`` (float32[3, W, H]
+        in the order tylcv, ccr, soil), ``track.csv`` (what was flown), ``scores.csv``, ``summary.json`` and, with
+        `plots`, the pictures.
+        """
+        written: list[Path] = []
+        jobs: list[tuple[str, Any]] = [
+            ("plan.plan", lambda path: write_mission(result.plan.mission, path)),
+            ("observations.parquet", result.observations.save),
+            ("track.csv", lambda path: _write_track(result, path)),
+        ]
+        if result.truth is not None:
+            jobs.append(("truth.npy", lambda path: _write_array(path, result.truth)))
+        if result.model is not None:
+            model = result.model
+            jobs.append(("value.npy", lambda path: _write_array(path, model.value)))
+            jobs.append(("uncertainty.npy", lambda path: _write_array(path, model.uncertainty)))
+            jobs.append(("scores.csv", lambda path: _write_scores(result, path)))
+        if plots:
+            jobs += _plot_jobs(result)
+        jobs.append(("summary.json", lambda path: _write_summary(result, path)))
+        for number, (name, job) in enumerate(jobs):
+            if progress is not None:
+                progress("writing results", number, len(jobs))
+            job(self.path / name)
+            written.append(self.path / name)
+        return written
+
+
+def _write_array(path: Path, array: Any) -> None:
+    with atomic_write(path, "wb") as stream:
+        np.save(stream, np.asarray(array, dtype=np.float32), allow_pickle=False)
+
+
+def _write_summary(result: FlightResult, path: Path) -> None:
+    with atomic_write(path) as stream:
+        stream.write(msgspec.json.format(msgspec.json.encode(result.summary())).decode() + "\n")
+
+
+def _write_csv(path: Path, header: str, columns: list[Any], form: str) -> None:
+    with atomic_path(path) as temporary:
+        table = np.column_stack(columns) if len(columns[0]) else np.empty((0, len(columns)))
+        np.savetxt(temporary, table, delimiter=",", header=header, comments="", fmt=form)
+
+
+def _write_track(result: FlightResult, path: Path) -> None:
+    track = result.track
+    columns = [track.time_s, track.latitude_deg, track.longitude_deg, track.altitude_m, track.x_m, track.y_m]
+    header = "time_s,latitude_deg,longitude_deg,relative_altitude_m,x_m,y_m"
+    with atomic_path(path) as temporary:
+        np.savetxt(
+            temporary,
+            np.column_stack(columns),
+            delimiter=",",
+            header=header,
+            comments="",
+            fmt=["%.3f", "%.7f", "%.7f", "%.3f", "%.3f", "%.3f"],
+        )
+
+
+def _write_scores(result: FlightResult, path: Path) -> None:
+    history = result.history
+    names = [f"loss_{field}" for field in FIELDS]
+    header = ",".join(["time_s", "observations", "score", *names])
+    columns = [history.times_s, history.observations, history.scores, *history.field_losses.T]
+    _write_csv(path, header, columns, "%.9g")
+
+
+def _plot_jobs(result: FlightResult) -> list[tuple[str, Any]]:
+    from wbf_mission import plots
+
+    farm, title = result.farm, f"{result.farm.name}: {result.scenario.planner}, {result.scenario.vehicle}"
+    track = np.column_stack((result.track.x_m, result.track.y_m))
+    jobs: list[tuple[str, Any]] = [
+        ("path.png", lambda path: plots.plot_paths(farm, result.plan.path_m, track, path, title))
+    ]
+    if result.model is not None and result.truth is not None:
+        model, truth = result.model, result.truth
+        for number, field in enumerate(FIELDS):
+
+            def draw(path: Path, number: int = number, field: str = field) -> None:
+                plots.plot_field(farm, field, truth[number], model.value[number], model.uncertainty[number], path)
+
+            jobs.append((f"field_{field}.png", draw))
+        history = result.history
+        if len(history.times_s):
+            jobs.append(
+                (
+                    "score.png",
+                    lambda path: plots.plot_score(
+                        history.times_s, history.scores, history.field_losses, path, f"{title}: {result.scenario.estimator}"
+                    ),
+                )
+            )
+    return jobs

@@ -1,0 +1,171 @@
+"""A scenario: everything that decides a run. Equal scenarios give equal results, bit for bit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from geo.errors import WbfMissionError
+
+
+class ScenarioError(WbfMissionError, ValueError):
+    """A scenario or scenario file with a value that cannot be used."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """One run: where, with what, for how much.
+
+    Parameters
+    ----------
+    farm : str
+        Name of a farm, or path of a farm file.
+    planner, estimator, vehicle : str
+        Registered names.
+    mission : str or None
+        A mission file to fly instead of planning one.
+    budget : str or None
+        Such as ``8000m``, ``25min``, ``1500s``, ``360steps`` or ``50Wh``. None: the vehicle's battery less its
+        reserve; for the ideal vehicle 0.4 times the owner's cells in timesteps, as in the paper.
+    day : int
+        Day of the environment that is flown.
+    seed : int
+        Everything random comes from it.
+    altitude_m, cruise_speed_m_s : float or None
+        Height above home and flight speed; None is the vehicle's own.
+    acceptance_radius_m : float or None
+        Of the planned waypoints; None: a quarter of the spacing between 0.1 m and 2 m.
+    wind_speed_m_s, wind_direction_deg, wind_gust_m_s : float
+        Mean wind, the direction it comes from (degrees clockwise from north), standard deviation of its gusts.
+    camera_spacing_m : float or None
+        Distance between shots; None is one cell.
+    camera_footprint : int
+        Cells on a side of the camera's square footprint.
+    camera_noise, false_positive_rate, false_negative_rate : float
+        Sensor errors, see :class:`sensors.camera.LeafCamera`.
+    camera_fields : tuple of str
+        The fields that the sensor suite measures.
+    score_points : int or None
+        How often the estimate is scored during the run; None: every observation on small farms of the ideal
+        vehicle, otherwise 25 times.
+    """
+
+    farm: str = "miniberry-30"
+    planner: str = "spiral"
+    estimator: str = "adaptive-disk"
+    vehicle: str = "quad"
+    mission: str | None = None
+    budget: str | None = None
+    day: int = 6
+    seed: int = 0
+    altitude_m: float | None = None
+    cruise_speed_m_s: float | None = None
+    acceptance_radius_m: float | None = None
+    wind_speed_m_s: float = 0.0
+    wind_direction_deg: float = 0.0
+    wind_gust_m_s: float = 0.0
+    camera_spacing_m: float | None = None
+    camera_footprint: int = 1
+    camera_noise: float = 0.0
+    false_positive_rate: float = 0.0
+    false_negative_rate: float = 0.0
+    camera_fields: tuple[str, ...] = ("tylcv", "ccr", "soil")
+    score_points: int | None = None
+
+    def __post_init__(self) -> None:
+        _require(0 <= self.day <= 365, "day", self.day, "0 to 365")
+        _require(0 <= self.seed < 2**64, "seed", self.seed, "0 to 2^64 - 1")
+        _in_range("altitude", self.altitude_m, 0.5, 120.0, "m")
+        _in_range("cruise speed", self.cruise_speed_m_s, 0.1, 30.0, "m/s")
+        _in_range("acceptance radius", self.acceptance_radius_m, 0.05, 50.0, "m")
+        _in_range("wind speed", self.wind_speed_m_s, 0.0, 40.0, "m/s")
+        _in_range("wind direction", self.wind_direction_deg, 0.0, 360.0, "degrees")
+        _in_range("wind gust", self.wind_gust_m_s, 0.0, 15.0, "m/s")
+        _in_range("camera spacing", self.camera_spacing_m, 0.05, 1000.0, "m")
+        _require(1 <= self.camera_footprint <= 15, "camera footprint", self.camera_footprint, "1 to 15 cells")
+        _in_range("camera noise", self.camera_noise, 0.0, 1.0, "")
+        _in_range("false positive rate", self.false_positive_rate, 0.0, 1.0, "")
+        _in_range("false negative rate", self.false_negative_rate, 0.0, 1.0, "")
+        _require(
+            self.score_points is None or 1 <= self.score_points <= 1_000_000,
+            "score points",
+            self.score_points,
+            "1 to 1000000",
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the scenario as plain values, for a file or a summary."""
+        return asdict(self)
+
+
+def _require(condition: bool, name: str, value: object, allowed: str) -> None:
+    if not condition:
+        msg = f"{name} {value} is out of range: give {allowed}"
+        raise ScenarioError(msg)
+
+
+def _in_range(name: str, value: float | None, low: float, high: float, unit: str) -> None:
+    if value is None:
+        return
+    allowed = f"{low:g} to {high:g} {unit}".rstrip()
+    _require(math.isfinite(value) and low <= value <= high, name, value, allowed)
+
+
+def scenario_with(base: Scenario, changes: Mapping[str, Any]) -> Scenario:
+    """Return ``base`` with those of ``changes`` that are not None.
+
+    Examples
+    --------
+    >>> scenario_with(Scenario(), {"planner": "lawnmower", "budget": None}).planner
+    'lawnmower'
+    """
+    return replace(base, **{key: value for key, value in changes.items() if value is not None})
+
+
+def load_scenario(path: str | Path) -> Scenario:
+    """Read a scenario from a TOML file whose keys are the fields of :class:`Scenario`.
+
+    A ``farm`` or ``mission`` that names an existing file beside the scenario is taken from there.
+
+    Raises
+    ------
+    ScenarioError
+        If the file cannot be read, is not TOML, or has an unknown key or a wrong type.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        msg = f"{path}: cannot be read as a scenario ({_reason(error)}); give a TOML file"
+        raise ScenarioError(msg) from error
+    try:
+        table = msgspec.toml.decode(text)
+    except msgspec.DecodeError as error:
+        msg = f"{path}: not TOML ({error})"
+        raise ScenarioError(msg) from error
+    known = {field.name for field in fields(Scenario)}
+    unknown = sorted(set(table) - known)
+    if unknown:
+        msg = f"{path}: unknown key {unknown[0]!r}; known keys are {', '.join(sorted(known))}"
+        raise ScenarioError(msg)
+    for key in ("farm", "mission"):
+        beside = path.parent / str(table.get(key, ""))
+        if table.get(key) and beside.is_file():
+            table[key] = str(beside)
+    try:
+        return msgspec.convert(table, Scenario)
+    except msgspec.ValidationError as error:
+        msg = f"{path}: {error}"
+        raise ScenarioError(msg) from error
+    except ScenarioError as error:
+        msg = f"{path}: {error}"
+        raise ScenarioError(msg) from error
+
+
+def _reason(error: Exception) -> str:
+    return error.strerror or str(error) if isinstance(error, OSError) else "not UTF-8 text"

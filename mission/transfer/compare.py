@@ -1,0 +1,108 @@
+"""Comparing the plan that was sent with the plan that was read back."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from mission.model import Command, MissionItem
+from mission.transfer.profile import GENERIC, Profile
+
+_PLACE_DEG = 2.5e-7
+_ALTITUDE_M = 0.011
+_RELATIVE = 1e-5
+_YAW_DEG = 1e-2
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One value that is not the same on both sides.
+
+    Parameters
+    ----------
+    sequence : int
+        The item, -1 for the plan as a whole.
+    field : str
+        ``count``, or a field of `MissionItem`.
+    sent, received : float or None
+        The two values.
+    """
+
+    sequence: int
+    field: str
+    sent: float | None
+    received: float | None
+
+    def __str__(self) -> str:
+        if self.sequence < 0:
+            return f"{self.sent:g} items were sent, the vehicle holds {self.received:g}"
+        return (
+            f"item {self.sequence}: {self.field} was sent as {self.sent}, the vehicle holds {self.received}"
+        )
+
+
+def _parameter_equal(name: str, one: MissionItem, other: MissionItem, profile: Profile) -> bool:
+    sent, received = getattr(one, name), getattr(other, name)
+    if sent is None or received is None:
+        return sent is received or (sent is None and received == 0.0 and not profile.keeps_default)
+    if abs(sent - received) <= _RELATIVE * max(1.0, abs(sent)):
+        return True
+    if one.command == Command.NAV_WAYPOINT:
+        if name == "param1" and profile.whole_seconds:
+            return abs(sent - received) < 1.0
+        if name == "param4":
+            return abs(math.remainder(sent - received, 360.0)) <= _YAW_DEG
+    return False
+
+
+def compare_plans(
+    sent: tuple[MissionItem, ...],
+    received: tuple[MissionItem, ...],
+    profile: Profile = GENERIC,
+    *,
+    limit: int = 20,
+) -> tuple[Difference, ...]:
+    """List what differs between two plans, beyond what the wire and the autopilot's storage change.
+
+    Allowed are: 32-bit floats (1e-5 relative), 2.5e-7 degree, 1.1 cm of altitude, a yaw that differs by full
+    turns, the frames 5/6/11 for 0/3/10 (the same by `MissionItem`), and the fields that the profile calls lossy.
+
+    Parameters
+    ----------
+    sent, received : tuple of MissionItem
+        The plans.
+    profile : Profile
+        The autopilot that stored the plan.
+    limit : int
+        Stop after so many differences.
+
+    Returns
+    -------
+    tuple of Difference
+        Empty if the plans are the same.
+    """
+    if len(sent) != len(received):
+        return (Difference(-1, "count", len(sent), len(received)),)
+    found: list[Difference] = []
+    for sequence, (one, other) in enumerate(zip(sent, received, strict=True)):
+        if one == other:
+            continue
+        lossy = profile.lossy.get(one.command, frozenset())
+        place = one.has_place
+        tolerance = {
+            "x": _PLACE_DEG if place else _RELATIVE * max(1.0, abs(one.x)) + 1.0 * (one.x != int(one.x)),
+            "y": _PLACE_DEG if place else _RELATIVE * max(1.0, abs(one.y)) + 1.0 * (one.y != int(one.y)),
+            "z": max(_ALTITUDE_M, _RELATIVE * abs(one.z)) if place else _RELATIVE * max(1.0, abs(one.z)),
+        }
+        for name in ("command", "frame", "autocontinue"):
+            if name not in lossy and getattr(one, name) != getattr(other, name):
+                found.append(Difference(sequence, name, getattr(one, name), getattr(other, name)))
+        for name in ("param1", "param2", "param3", "param4"):
+            if name not in lossy and not _parameter_equal(name, one, other, profile):
+                found.append(Difference(sequence, name, getattr(one, name), getattr(other, name)))
+        for name, allowed in tolerance.items():
+            if name not in lossy and not abs(getattr(one, name) - getattr(other, name)) <= allowed:
+                found.append(Difference(sequence, name, getattr(one, name), getattr(other, name)))
+        if len(found) >= limit:
+            break
+    return tuple(found[:limit])

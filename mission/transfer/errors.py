@@ -1,0 +1,23 @@
+"""Errors of mission transfers: ours and theirs.
+
+::
+
+    TransferError
+    +-- LocalTransferError     this side was used wrongly; a mistake of the caller
+    +-- RemoteTransferError    the other side refused, misbehaved or fell silent
+"""
+
+from __future__ import annotations
+
+from mission.errors import TransferError
+
+
+class LocalTransferError(TransferError):
+    """A transfer that was started twice, with a plan that cannot be sent, or used after its end."""
+
+
+class RemoteTransferError(TransferError):
+    """A transfer that the vehicle refused, broke or did not answer."""
+
+
+__all__ = ["LocalTransferError", "RemoteTransferError", "TransferError"]

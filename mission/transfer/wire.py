@@ -1,0 +1,237 @@
+"""Mission items to and from MAVLink messages.
+
+MISSION_ITEM_INT (73) carries places in 1e-7 degrees, MISSION_ITEM (39) in 32-bit floats (0.4 to 1.7 m); fields as in
+https://mavlink.io/en/messages/common.html.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import zlib
+from collections.abc import Iterable
+from typing import Any
+
+from mission.errors import MissionError
+from mission.link.dialect import mavlink
+from mission.model import DEGREES_E7, GLOBAL_FRAMES, MissionItem, MissionType, has_position
+
+Message = Any
+
+PARTIAL_LIST = mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_PARTIAL_LIST
+WRITE_PARTIAL = mavlink.MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST
+ITEM = mavlink.MAVLINK_MSG_ID_MISSION_ITEM
+REQUEST = mavlink.MAVLINK_MSG_ID_MISSION_REQUEST
+LIST = mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_LIST
+COUNT = mavlink.MAVLINK_MSG_ID_MISSION_COUNT
+CLEAR = mavlink.MAVLINK_MSG_ID_MISSION_CLEAR_ALL
+ACK = mavlink.MAVLINK_MSG_ID_MISSION_ACK
+REQUEST_INT = mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_INT
+ITEM_INT = mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT
+
+CLIENT_MESSAGES = frozenset({ITEM, REQUEST, COUNT, ACK, REQUEST_INT, ITEM_INT})
+SERVER_MESSAGES = CLIENT_MESSAGES | {PARTIAL_LIST, WRITE_PARTIAL, LIST, CLEAR}
+
+ALL_TYPES = 255
+MAX_ITEMS = 65535
+
+ACCEPTED = mavlink.MAV_MISSION_ACCEPTED
+ERROR = mavlink.MAV_MISSION_ERROR
+UNSUPPORTED_FRAME = mavlink.MAV_MISSION_UNSUPPORTED_FRAME
+UNSUPPORTED = mavlink.MAV_MISSION_UNSUPPORTED
+NO_SPACE = mavlink.MAV_MISSION_NO_SPACE
+INVALID = mavlink.MAV_MISSION_INVALID
+INVALID_PARAM1 = mavlink.MAV_MISSION_INVALID_PARAM1
+INVALID_PARAM5_X = mavlink.MAV_MISSION_INVALID_PARAM5_X
+INVALID_PARAM6_Y = mavlink.MAV_MISSION_INVALID_PARAM6_Y
+INVALID_PARAM7 = mavlink.MAV_MISSION_INVALID_PARAM7
+INVALID_SEQUENCE = mavlink.MAV_MISSION_INVALID_SEQUENCE
+DENIED = mavlink.MAV_MISSION_DENIED
+OPERATION_CANCELLED = mavlink.MAV_MISSION_OPERATION_CANCELLED
+
+_MEANINGS = {
+    ACCEPTED: "accepted",
+    ERROR: "it reports an error; it may be busy with another transfer, try again",
+    UNSUPPORTED_FRAME: "it does not support the item's coordinate frame; use relative or absolute altitudes",
+    UNSUPPORTED: "it does not support the item's command or this kind of plan",
+    NO_SPACE: "it has no space for so many items; send a shorter plan",
+    INVALID: "it finds a value or the kind of plan invalid",
+    6: "parameter 1 of an item is invalid",
+    7: "parameter 2 of an item is invalid",
+    8: "parameter 3 of an item is invalid",
+    9: "parameter 4 of an item is invalid",
+    10: "the latitude (x, parameter 5) of an item is invalid",
+    11: "the longitude (y, parameter 6) of an item is invalid",
+    12: "the altitude (z, parameter 7) of an item is invalid",
+    INVALID_SEQUENCE: "an item came out of order",
+    DENIED: "it takes no commands from here; another ground station may be transferring",
+    OPERATION_CANCELLED: "it broke the transfer off",
+}
+
+
+def result_text(result: int) -> str:
+    """Say in words what a MAV_MISSION_RESULT means.
+
+    Examples
+    --------
+    >>> result_text(13)
+    'an item came out of order (MAV_MISSION_INVALID_SEQUENCE)'
+    """
+    entry = mavlink.enums["MAV_MISSION_RESULT"].get(result)
+    name = f"result {result}" if entry is None else entry.name
+    return f"{_MEANINGS.get(result, 'it answers with an unknown result')} ({name})"
+
+
+_HAS_OPAQUE_ID = {
+    message_type.id: "opaque_id" in message_type.fieldnames
+    for message_type in (mavlink.MAVLink_mission_ack_message, mavlink.MAVLink_mission_count_message)
+}
+
+
+def ack(target: tuple[int, int], result: int, mission_type: int, opaque_id: int = 0) -> Message:
+    """A MISSION_ACK; the plan's id goes in where the dialect has a field for it."""
+    extra = {"opaque_id": opaque_id} if _HAS_OPAQUE_ID[ACK] else {}
+    return mavlink.MAVLink_mission_ack_message(*target, result, mission_type=mission_type, **extra)
+
+
+def count(target: tuple[int, int], number: int, mission_type: int, opaque_id: int = 0) -> Message:
+    """A MISSION_COUNT; the plan's id goes in where the dialect has a field for it."""
+    extra = {"opaque_id": opaque_id} if _HAS_OPAQUE_ID[COUNT] else {}
+    return mavlink.MAVLink_mission_count_message(*target, number, mission_type=mission_type, **extra)
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def item_to_message(
+    item: MissionItem,
+    sequence: int,
+    mission_type: int,
+    target: tuple[int, int],
+    *,
+    current: bool = False,
+    integer: bool = True,
+) -> Message:
+    """Build MISSION_ITEM_INT (or MISSION_ITEM with ``integer=False``) for an item.
+
+    Parameters
+    ----------
+    item : MissionItem
+        The item; a parameter that is None goes out as NaN.
+    sequence : int
+        Its place in the plan.
+    mission_type : int
+        MAV_MISSION_TYPE.
+    target : tuple of int
+        System and component id of the receiver.
+    current : bool
+        Mark the item as the one to start with.
+    integer : bool
+        Places in 1e-7 degrees (True) or in 32-bit floats.
+    """
+    build = mavlink.MAVLink_mission_item_int_message if integer else mavlink.MAVLink_mission_item_message
+    return build(
+        target[0],
+        target[1],
+        sequence,
+        item.frame,
+        item.command,
+        int(current),
+        int(item.autocontinue),
+        _number(item.param1),
+        _number(item.param2),
+        _number(item.param3),
+        _number(item.param4),
+        item.wire_x() if integer else item.x,
+        item.wire_y() if integer else item.y,
+        item.z,
+        mission_type,
+    )
+
+
+def _parameter(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def item_from_message(message: Message) -> MissionItem:
+    """Read a MISSION_ITEM_INT or MISSION_ITEM.
+
+    A NaN in parameters 5 to 7 of a command that has no place becomes 0 ("not used").
+
+    Raises
+    ------
+    MissionError
+        If a number is infinite, or the place is none on the globe; `refusal` gives the answer to send.
+    """
+    place = message.frame in GLOBAL_FRAMES and has_position(message.command)
+    x, y, z = message.x, message.y, message.z
+    if place:
+        if message.id == ITEM_INT:
+            x, y = x / DEGREES_E7, y / DEGREES_E7
+    else:
+        x, y, z = (0.0 if math.isnan(value) else float(value) for value in (x, y, z))
+    return MissionItem(
+        message.command,
+        message.frame,
+        _parameter(message.param1),
+        _parameter(message.param2),
+        _parameter(message.param3),
+        _parameter(message.param4),
+        x,
+        y,
+        z,
+        bool(message.autocontinue),
+    )
+
+
+def refusal(message: Message) -> int:
+    """Return the MAV_MISSION_RESULT that says why `item_from_message` refused the message."""
+    for offset, value in enumerate((message.param1, message.param2, message.param3, message.param4)):
+        if math.isinf(value) or abs(value) > 3.4e38:
+            return int(INVALID_PARAM1) + offset
+    scale = DEGREES_E7 if message.id == ITEM_INT else 1.0
+    place = message.frame in GLOBAL_FRAMES and has_position(message.command)
+    if not (math.isfinite(message.x) and (not place or abs(message.x / scale) <= 90.0)):
+        return int(INVALID_PARAM5_X)
+    if not (math.isfinite(message.y) and (not place or abs(message.y / scale) <= 180.0)):
+        return int(INVALID_PARAM6_Y)
+    if not math.isfinite(message.z) or abs(message.z) > (100_000.0 if place else 3.4e38):
+        return int(INVALID_PARAM7)
+    return int(INVALID)
+
+
+_ITEM_BYTES = struct.Struct("<BHB4fiif")
+
+
+def plan_checksum(items: Iterable[MissionItem]) -> int:
+    """Return the id of a plan: CRC32 over frame, command, autocontinue and the seven parameters of each item.
+
+    The fields are those of PX4's mission id (``mavlink_mission.cpp``). An empty plan has the id 0, which MAVLink
+    reserves for "none"; no other plan has it.
+    """
+    checksum = 0
+    empty = True
+    for item in items:
+        empty = False
+        checksum = zlib.crc32(
+            _ITEM_BYTES.pack(
+                item.frame,
+                item.command,
+                item.autocontinue,
+                _number(item.param1),
+                _number(item.param2),
+                _number(item.param3),
+                _number(item.param4),
+                item.wire_x(),
+                item.wire_y(),
+                item.z,
+            ),
+            checksum,
+        )
+    return 0 if empty else checksum or 1
+
+
+def plan_type(number: int) -> MissionType | None:
+    """Return the plan's kind, None if the number is none of the three."""
+    return MissionType(number) if 0 <= number <= 2 else None

@@ -1,0 +1,224 @@
+"""The epidemic of one disease: SIRV status, and one day of it as a pure function.
+
+Status of a cell: 0 susceptible (S), k > 0 infected (I) with k days left, -1 removed (R), -2 immune (V:
+another crop, or nothing planted). One day has three parts:
+
+1. infected cells lose a day; those that had one day left become removed;
+2. every susceptible cell counts its infected neighbours, weighted by a distance kernel;
+3. it becomes infected, for a fixed number of days, with a probability that follows from the count.
+
+Two rules of infection exist. ``"count"`` is that of the Waterberry Farms benchmark: the count is rounded down
+to n, and p = 1 - (1 - p_t)^n. ``"kernel"`` follows the words of its paper (the probability is the convolution
+of the infected cells with a distance kernel, times a likelihood): p = min(1, p_t * count), without rounding.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.environment.front import InfectionFront
+from sensors.environment.kernel import DistanceKernel, make_kernel
+from sensors.errors import EnvironmentDataError
+
+SUSCEPTIBLE = 0
+REMOVED = -1
+IMMUNE = -2
+MAX_DAYS = 126
+"""Longest duration of an infection and of an environment: status and day of infection are kept in int8."""
+
+Draws = Callable[[NDArray[np.intp]], NDArray[np.float64]] | NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class InfectionRule:
+    """How infected neighbours infect: a kernel, and the probability for each weighted count.
+
+    Parameters
+    ----------
+    kernel : DistanceKernel
+        Weights of the neighbours.
+    likelihood : float
+        p_t: probability of infection from a count of one.
+    duration_days : int
+        How long an infection lasts.
+    rounded : bool
+        True for the rule ``"count"``, False for the rule ``"kernel"``.
+    """
+
+    kernel: DistanceKernel
+    likelihood: float
+    duration_days: int
+    rounded: bool = True
+
+    def probability(self, total: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Probability of infection.
+
+        Only additions, multiplications and divisions of floats are used, which IEEE 754 defines to the last
+        bit, so that a comparison with a random draw has the same result on every machine.
+
+        Parameters
+        ----------
+        total : int64[n]
+            Weighted counts of infected neighbours, in units of the kernel.
+
+        Returns
+        -------
+        float64[n]
+        """
+        if not self.rounded:
+            probability: NDArray[np.float64] = np.minimum(total / self.kernel.unit * self.likelihood, 1.0)
+            return probability
+        spared = [1.0]
+        for _ in range(self.kernel.total // self.kernel.unit):
+            spared.append(spared[-1] * (1.0 - self.likelihood))
+        table: NDArray[np.float64] = 1.0 - np.array(spared)
+        return table[total // self.kernel.unit]
+
+
+@dataclass(frozen=True, slots=True)
+class EpidemicParameters:
+    """Parameters of one disease.
+
+    Parameters
+    ----------
+    likelihood : float
+        p_t, probability in 0..1 of infection by one orthogonal neighbour in one day.
+    duration_days : int
+        Days that an infection lasts.
+    seed_duration_days : int
+        Days that the infections of day 0 last.
+    seeds : int, optional
+        Number of infected cells at day 0. None: 3 for every full 30 cells of the farm's width, at least 3.
+    kernel_size : int, optional
+        Side of the square of neighbours, odd, cells. None: ``2 * int(sqrt(width) / 6) + 3``, at most 11.
+    kernel_shape : {"inverse-square", "exponential", "gaussian"}
+        See `sensors.environment.kernel.make_kernel`.
+    kernel_length_cells : float
+        Length of the exponential and Gaussian shapes, cells.
+    rule : {"count", "kernel"}
+        See the module's text.
+
+    Raises
+    ------
+    EnvironmentDataError
+        If a value is out of its range.
+    """
+
+    likelihood: float
+    duration_days: int
+    seed_duration_days: int = 5
+    seeds: int | None = None
+    kernel_size: int | None = None
+    kernel_shape: str = "inverse-square"
+    kernel_length_cells: float = 1.0
+    rule: Literal["count", "kernel"] = "count"
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.likelihood <= 1.0:
+            raise EnvironmentDataError(f"epidemic: likelihood {self.likelihood} is not a probability in 0..1")
+        for name in ("duration_days", "seed_duration_days"):
+            days = getattr(self, name)
+            if not 1 <= days <= MAX_DAYS:
+                raise EnvironmentDataError(f"epidemic: {name} {days} is not in 1..{MAX_DAYS}")
+        if self.seeds is not None and self.seeds < 0:
+            raise EnvironmentDataError(f"epidemic: seeds {self.seeds} is negative")
+        if self.rule not in ("count", "kernel"):
+            raise EnvironmentDataError(f"epidemic: unknown rule {self.rule!r}; known: count, kernel")
+        make_kernel(self.kernel_shape, self.kernel_size or 3, self.kernel_length_cells)
+
+    def seed_count(self, shape: tuple[int, int]) -> int:
+        """Number of infections at day 0 on a farm of this shape (cells).
+
+        >>> [TYLCV.seed_count((w, w)) for w in (10, 30, 100, 6000)]
+        [3, 3, 9, 600]
+        """
+        return self.seeds if self.seeds is not None else 3 * max(shape[0] // 30, 1)
+
+    def infection_rule(self, shape: tuple[int, int]) -> InfectionRule:
+        """Rule of infection on a farm of this shape (cells).
+
+        >>> [TYLCV.infection_rule((w, w)).kernel.size for w in (10, 30, 100, 6000)]
+        [3, 3, 5, 11]
+        """
+        size = self.kernel_size
+        if size is None:
+            size = min(11, 2 * int(math.sqrt(shape[0]) / 6.0) + 3)
+        kernel = make_kernel(self.kernel_shape, size, self.kernel_length_cells)
+        return InfectionRule(kernel, self.likelihood, self.duration_days, self.rule == "count")
+
+
+TYLCV = EpidemicParameters(likelihood=0.25, duration_days=5)
+"""Tomato yellow leaf curl virus, on tomatoes (parameters of the Waterberry Farms code)."""
+CCR = EpidemicParameters(likelihood=0.15, duration_days=10)
+"""Charcoal rot, on strawberries (parameters of the Waterberry Farms code)."""
+
+
+def age(status: NDArray[np.int8]) -> NDArray[np.int8]:
+    """Let a day pass for the infected cells, without new infections.
+
+    Parameters
+    ----------
+    status : int8[W, H]
+        SIRV status.
+
+    Returns
+    -------
+    int8[W, H]
+        A new array.
+
+    Examples
+    --------
+    >>> age(np.array([[5, 1, 0, -1, -2]], np.int8)).tolist()
+    [[4, -1, 0, -1, -2]]
+    """
+    aged: NDArray[np.int8] = np.where(status > 1, status - 1, np.where(status == 1, REMOVED, status)).astype(
+        np.int8
+    )
+    return aged
+
+
+def step(status: NDArray[np.int8], draws: Draws, rule: InfectionRule) -> NDArray[np.int8]:
+    """Advance an epidemic by one day; a pure function of the status and the draws.
+
+    Parameters
+    ----------
+    status : int8[W, H]
+        SIRV status before the day. Infected cells may stand on immune land; they spread like any other.
+    draws : float64[W, H] or callable
+        Uniform draws in [0, 1): an array of one for every cell, or a function that is called once with the
+        flat indices (C order, ascending) of the cells that may be infected, and returns one for each of
+        these.
+    rule : InfectionRule
+        Kernel, likelihood and duration.
+
+    Returns
+    -------
+    int8[W, H]
+        Status after the day, a new array.
+
+    Notes ----- A cell is infected if p > u. The work is proportional to the number of infected cells, apart
+    from the copies of the array.
+
+    Examples
+    --------
+    >>> status = np.zeros((3, 3), np.int8)
+    >>> status[1, 1] = 5
+    >>> step(status, np.full((3, 3), 0.2), TYLCV.infection_rule((3, 3))).tolist()
+    [[0, 5, 0], [5, 4, 5], [0, 5, 0]]
+    """
+    aged = age(status)
+    front = InfectionFront(aged == SUSCEPTIBLE, rule.kernel)
+    front.infect(np.flatnonzero(aged > 0))
+    cells, total = front.exposed()
+    probability = rule.probability(total)
+    possible = probability > 0.0
+    cells, probability = cells[possible], probability[possible]
+    uniform = draws(cells) if callable(draws) else draws.reshape(-1)[cells]
+    aged.reshape(-1)[cells[probability > uniform]] = rule.duration_days
+    return aged

@@ -1,0 +1,314 @@
+"""Soil humidity: evaporation on every day, showers on some.
+
+The model of the Waterberry Farms benchmark. A hump is a two-dimensional normal density on a rectangle of
+cells, centred in it, and placed anywhere so that part of it lies on the farm. The field starts as a sum of
+humps. On each day it is multiplied by ``1 - evaporation``; then, with the probability of rain, a sum P of
+humps is scaled to a mean rainfall q over the farm, ``q * W * H * P / sum(P)``, and added; the humidity is cut
+at 1. Ten days of warm-up precede day 0.
+
+A hump is the product of a profile along x and one along y. So a sum of k humps is the product of a (W, k) and
+a (k, H) matrix, and its sum over the farm needs the sums of the columns and rows only.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from sensors.errors import EnvironmentDataError
+
+# A block of this many cells and its rain fit the second-level cache of a core.
+_BLOCK_CELLS = 1 << 17
+
+SoilSink = Callable[[int, int, NDArray[np.float32]], None]
+
+
+@dataclass(frozen=True, slots=True)
+class SoilParameters:
+    """Parameters of the soil humidity.
+
+    Parameters
+    ----------
+    evaporation : float
+        Part of the humidity that is lost in a day, 0..1.
+    rain_probability : float
+        Probability of rain on a day.
+    mean_rain : float
+        Mean over the farm of the humidity that a rainy day adds; each is uniform in 0..2 * mean_rain.
+    start_humps, shower_humps : int
+        Number of humps of the first field and of a shower.
+    warm_up_days : int
+        Days before day 0.
+    spread : float
+        Standard deviation of a hump, as a part of its side.
+    square_humps : bool
+        False: a hump has the sides of the farm, so its covariance is diag((W/8)^2, (H/8)^2) (the paper).
+        True: a hump is a square with the farm's shorter side (the authors' code); on a square farm both are
+        the same.
+
+    Raises
+    ------
+    EnvironmentDataError
+        If a value is out of its range.
+    """
+
+    evaporation: float = 0.04
+    rain_probability: float = 0.8
+    mean_rain: float = 0.06
+    start_humps: int = 30
+    shower_humps: int = 10
+    warm_up_days: int = 10
+    spread: float = 0.125
+    square_humps: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("evaporation", "rain_probability"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise EnvironmentDataError(f"soil: {name} {getattr(self, name)} is not in 0..1")
+        for name in ("mean_rain", "start_humps", "warm_up_days"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise EnvironmentDataError(f"soil: {name} {getattr(self, name)} is negative or not finite")
+        if self.shower_humps < 1:
+            raise EnvironmentDataError(f"soil: shower_humps {self.shower_humps} is less than 1")
+        if not 0.0 < self.spread < math.inf:
+            raise EnvironmentDataError(f"soil: spread {self.spread} is not a positive number")
+
+    def hump_sides(self, shape: tuple[int, int]) -> tuple[int, int]:
+        """Sides of a hump on a farm of this shape, cells."""
+        return (min(shape), min(shape)) if self.square_humps else shape
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shower:
+    """The rain of one day.
+
+    Parameters
+    ----------
+    mean_rain : float
+        Humidity that it adds, mean over the farm, before the cut at 1.
+    corners : int64[k, 2]
+        Places of the humps' lower corners, cells; they may be negative.
+    """
+
+    mean_rain: float
+    corners: NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Weather:
+    """All that chance decides about the soil.
+
+    Parameters
+    ----------
+    start_corners : int64[k, 2]
+        Places of the humps of the first field.
+    showers : tuple of Shower or None
+        The rain of each day, the days of warm-up first.
+    """
+
+    start_corners: NDArray[np.int64]
+    showers: tuple[Shower | None, ...]
+
+
+def _draw_corners(
+    shape: tuple[int, int], sides: tuple[int, int], count: int, rng: Generator
+) -> NDArray[np.int64]:
+    corners = np.empty((count, 2), np.int64)
+    for corner in corners:
+        for axis in (0, 1):
+            half = sides[axis] // 2
+            corner[axis] = rng.integers(-half, shape[axis] + half)
+    return corners
+
+
+def draw_weather(shape: tuple[int, int], days: int, parameters: SoilParameters, rng: Generator) -> Weather:
+    """Draw the weather of some days.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        The farm, cells.
+    days : int
+        Number of days after day 0.
+    parameters : SoilParameters
+        The model.
+    rng : numpy.random.Generator
+        Gives x and y of each starting hump; then for each day whether it rains, and if so how much, and x and
+        y of each hump. This is the order of the authors' code.
+
+    Returns
+    -------
+    Weather
+        Of ``warm_up_days + days`` days.
+    """
+    sides = parameters.hump_sides(shape)
+    start = _draw_corners(shape, sides, parameters.start_humps, rng)
+    showers: list[Shower | None] = []
+    for _ in range(parameters.warm_up_days + days):
+        shower = None
+        if rng.random() < parameters.rain_probability:
+            mean_rain = rng.uniform(0.0, 2.0 * parameters.mean_rain)
+            shower = Shower(mean_rain, _draw_corners(shape, sides, parameters.shower_humps, rng))
+        showers.append(shower)
+    return Weather(start, tuple(showers))
+
+
+def _profiles(corners: NDArray[np.int64], cells: int, side: int, spread: float) -> NDArray[np.float64]:
+    """Give the normal density of each hump along one axis, cut to the farm: float64[cells, k]."""
+    deviation = side * spread
+    offset = np.linspace(0.0, side, side) - side / 2.0
+    density = np.exp(-0.5 * (offset / deviation) ** 2) / (math.sqrt(2.0 * math.pi) * deviation)
+    profiles = np.zeros((cells, corners.size))
+    for column, corner in enumerate(corners.tolist()):
+        first, stop = max(corner, 0), min(corner + side, cells)
+        if first < stop:
+            profiles[first:stop, column] = density[first - corner : stop - corner]
+    return profiles
+
+
+def hump_factors(
+    corners: NDArray[np.int64], shape: tuple[int, int], parameters: SoilParameters
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Factor a sum of humps.
+
+    Parameters
+    ----------
+    corners : int64[k, 2]
+        Places of the humps' lower corners.
+    shape : tuple of int
+        The farm, cells.
+    parameters : SoilParameters
+        Gives the size of the humps.
+
+    Returns
+    -------
+    float64[W, k], float64[k, H]
+        Their matrix product is the sum of the humps.
+    """
+    sides = parameters.hump_sides(shape)
+    along_x = _profiles(corners[:, 0], shape[0], sides[0], parameters.spread)
+    along_y = _profiles(corners[:, 1], shape[1], sides[1], parameters.spread)
+    return along_x, np.ascontiguousarray(along_y.T)
+
+
+def rain_factors(
+    shower: Shower, shape: tuple[int, int], parameters: SoilParameters
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Factor the rain of a shower, scaled to its mean over the farm.
+
+    Parameters
+    ----------
+    shower : Shower
+        Amount and places.
+    shape : tuple of int
+        The farm, cells.
+    parameters : SoilParameters
+        Gives the size of the humps.
+
+    Returns
+    -------
+    (float64[W, k], float64[k, H]) or None
+        Their matrix product is the rain. None if all humps lie beside the farm: then no rain falls.
+    """
+    along_x, along_y = hump_factors(shower.corners, shape, parameters)
+    fallen = float(along_x.sum(axis=0) @ along_y.sum(axis=1))
+    if fallen <= 0.0:
+        return None
+    return along_x * (shower.mean_rain * shape[0] * shape[1] / fallen), along_y
+
+
+def soil_step(
+    humidity: NDArray[np.floating], shower: Shower | None, parameters: SoilParameters
+) -> NDArray[np.float64]:
+    """Advance the soil by one day; a pure function.
+
+    Parameters
+    ----------
+    humidity : float[W, H]
+        Humidity before the day, 0..1.
+    shower : Shower or None
+        The rain of the day.
+    parameters : SoilParameters
+        The model.
+
+    Returns
+    -------
+    float64[W, H]
+        Humidity after the day.
+    """
+    after = humidity.astype(np.float64) * (1.0 - parameters.evaporation)
+    factors = None if shower is None else rain_factors(shower, (after.shape[0], after.shape[1]), parameters)
+    if factors is None:
+        return after
+    return np.minimum(after + factors[0] @ factors[1], 1.0)
+
+
+def write_soil(
+    shape: tuple[int, int],
+    weather: Weather,
+    parameters: SoilParameters,
+    keep_days: Collection[int],
+    sink: SoilSink,
+    on_block: Callable[[], None] = lambda: None,
+) -> None:
+    """Compute the humidity of chosen days in blocks of rows, each block through all days at once.
+
+    A cell's humidity does not depend on its neighbours', so a block stays in the processor's cache for all
+    days, and no day is ever held as a whole here.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        The farm, cells.
+    weather : Weather
+        Of the warm-up and at least the last kept day.
+    parameters : SoilParameters
+        The model.
+    keep_days : collection of int
+        Days to give to the sink, 0 for the state before the first step.
+    sink : callable
+        Called as ``sink(day, first_x, block)`` with a float32 block of rows ``first_x...`` that is reused
+        afterwards; for each day in ascending order of rows.
+    on_block : callable
+        Called `soil_blocks` times.
+    """
+    width, height = shape
+    last = max(keep_days, default=0)
+    start_x, start_y = (f.astype(np.float32) for f in hump_factors(weather.start_corners, shape, parameters))
+    rains: list[tuple[NDArray[np.float32], NDArray[np.float32]] | None] = []
+    for shower in weather.showers[: parameters.warm_up_days + last]:
+        factors = None if shower is None else rain_factors(shower, shape, parameters)
+        rains.append(
+            None if factors is None else (factors[0].astype(np.float32), factors[1].astype(np.float32))
+        )
+    remaining = np.float32(1.0 - parameters.evaporation)
+    rows = _block_rows(shape)
+    rain = np.empty((rows, height), np.float32)
+    for first in range(0, width, rows):
+        block = start_x[first : first + rows] @ start_y
+        fallen = rain[: block.shape[0]]
+        if parameters.warm_up_days == 0 and 0 in keep_days:
+            sink(0, first, block)
+        for day, factors32 in enumerate(rains, start=1 - parameters.warm_up_days):
+            block *= remaining
+            if factors32 is not None:
+                np.matmul(factors32[0][first : first + rows], factors32[1], out=fallen)
+                block += fallen
+                np.minimum(block, np.float32(1.0), out=block)
+            if day in keep_days:
+                sink(day, first, block)
+        on_block()
+
+
+def _block_rows(shape: tuple[int, int]) -> int:
+    return max(1, _BLOCK_CELLS // max(shape[1], 1))
+
+
+def soil_blocks(shape: tuple[int, int]) -> int:
+    """Number of blocks in which `write_soil` works on a farm of this shape."""
+    return -(-shape[0] // _block_rows(shape))

@@ -1,0 +1,200 @@
+"""What the mission file formats share: limits, strict JSON, recognition of foreign files, jumps and home."""
+
+from __future__ import annotations
+
+import re
+from enum import IntEnum
+from typing import TypeVar
+
+import msgspec
+
+from mission.errors import MissionError, MissionFileError
+from mission.model import Command, GeoPoint, Mission, MissionItem
+
+MAX_BYTES = 64 * 2**20
+PLAN_KIND = "a QGroundControl plan"
+WAYPOINTS_KIND = "a QGC WPL waypoint list"
+NATIVE_KIND = "a wbf-mission file"
+_SUFFIX_OF_KIND = {PLAN_KIND: ".plan", WAYPOINTS_KIND: ".waypoints", NATIVE_KIND: ".json"}
+_BOM = b"\xef\xbb\xbf"
+
+T = TypeVar("T")
+
+
+class Firmware(IntEnum):
+    """For whom a file is written (MAV_AUTOPILOT)."""
+
+    GENERIC = 0
+    ARDUPILOT = 3
+    PX4 = 12
+
+
+class _Header(msgspec.Struct):
+    # Raw, because a hostile file may hold anything here.
+    file_type: msgspec.Raw = msgspec.field(default=msgspec.Raw(b"null"), name="fileType")
+    format: msgspec.Raw = msgspec.Raw(b"null")
+    type: msgspec.Raw = msgspec.Raw(b"null")
+
+
+_HEADER = msgspec.json.Decoder(_Header)
+
+
+def one_line(text: str) -> str:
+    """Make a text printable in one line of at most 500 characters."""
+    text = "".join(char if char.isprintable() else " " for char in text[:2000])
+    text = " ".join(text.split())
+    return text if len(text) <= 500 else text[:497] + "..."
+
+
+def is_json(data: bytes) -> bool:
+    """Tell whether the content starts like a JSON object or array."""
+    return data[:1000].removeprefix(_BOM).lstrip()[:1] in (b"{", b"[")
+
+
+def kind_of(data: bytes) -> str:
+    """Say in words what kind of file the content is, as far as its first characters and keys tell."""
+    start = data[:1000].removeprefix(_BOM).lstrip().lower()
+    if not start:
+        return "an empty file"
+    if start.startswith(b"qgc wpl"):
+        return WAYPOINTS_KIND
+    if start.startswith(b"<"):
+        names = {b"<kml": "a KML file", b"<gpx": "a GPX file", b"<html": "an HTML page"}
+        return next((name for tag, name in names.items() if tag in start), "an XML file")
+    if start.startswith(b"pk\x03\x04"):
+        return "a ZIP archive (KMZ, perhaps)"
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "UTF-16 text (save it as UTF-8)"
+    if start.startswith((b"{", b"[")):
+        return _kind_of_json(data)
+    return "a binary file" if b"\0" in start else "a text file of another kind"
+
+
+def _kind_of_json(data: bytes) -> str:
+    try:
+        header = _HEADER.decode(data.removeprefix(_BOM))
+    except (ValueError, RecursionError):
+        return "a JSON file of another kind"
+    if bytes(header.file_type) == b'"Plan"':
+        return PLAN_KIND
+    if bytes(header.file_type) != b"null":
+        return f"a file with fileType {one_line(bytes(header.file_type)[:80].decode(errors='replace'))}"
+    if bytes(header.format) == b'"wbf-mission"':
+        return NATIVE_KIND
+    geojson = (b'"FeatureCollection"', b'"Feature"', b'"Polygon"', b'"LineString"', b'"GeometryCollection"')
+    return "a GeoJSON file" if bytes(header.type) in geojson else "a JSON file of another kind"
+
+
+def wrong_kind(data: bytes, expected: str) -> MissionFileError:
+    """Make the error for content that is not of the expected kind."""
+    found = kind_of(data)
+    suffix = _SUFFIX_OF_KIND.get(found)
+    advice = f"rename it to end in {suffix}" if suffix else "give a .plan, .waypoints or .json mission"
+    return MissionFileError(f"this is {found}, not {expected}; {advice}")
+
+
+def decode_json(data: bytes, decoder: msgspec.json.Decoder[T]) -> T:
+    """Decode strict JSON (no NaN, no Infinity, no comments) into typed structures.
+
+    Raises
+    ------
+    MissionFileError
+        Naming the line of a syntax error, or the path of a value of the wrong type.
+    """
+    data = data.removeprefix(_BOM)
+    try:
+        return decoder.decode(data)
+    except msgspec.ValidationError as error:
+        what, _, where = str(error).rpartition(" - at `$")
+        where = where.strip("`").removeprefix(".")
+        msg = f"{where}: {what}" if what else str(error)
+        raise MissionFileError(one_line(msg)) from None
+    except RecursionError:
+        raise MissionFileError("the JSON is nested too deeply; no mission file is") from None
+    except ValueError as error:  # msgspec.DecodeError and UnicodeDecodeError
+        position = re.search(r"\(byte (\d+)\)", str(error))
+        line = data.count(b"\n", 0, int(position[1])) + 1 if position else data.count(b"\n") + 1
+        raise MissionFileError(one_line(f"line {line}: {error}; the file is damaged or no JSON")) from None
+
+
+def make_item(
+    where: str,
+    command: int,
+    frame: int,
+    parameters: tuple[float | None, float | None, float | None, float | None],
+    place: tuple[float | None, float | None, float | None],
+    *,
+    autocontinue: bool,
+) -> MissionItem:
+    """Build an item in its standard frame, or say where in the file its values are impossible.
+
+    ``None`` in `place` is a number that the file leaves out: nothing (0) for a command without a place, an
+    error for one with a place.
+    """
+    try:
+        x, y, z = (0.0 if value is None else value for value in place)
+        item = MissionItem(command, frame, *parameters, x, y, z, autocontinue)
+    except MissionError as error:
+        raise MissionFileError(f"{where}: {error}; correct the value") from None
+    if item.has_place and None in place:
+        missing = ("latitude", "longitude", "altitude")[place.index(None)]
+        msg = f"{where}: {missing} of command {command} is missing (null or NaN); give a number"
+        raise MissionFileError(msg)
+    return item.in_standard_frame()
+
+
+def jump_target(item: MissionItem, where: str) -> int:
+    """Return param1 of a DO_JUMP as a whole number."""
+    target = item.param1
+    if target is None or not float(target).is_integer():
+        msg = f"{where}: DO_JUMP to {target}; param1 has to be the number of an item"
+        raise MissionFileError(msg)
+    return int(target)
+
+
+def check_jumps(mission: Mission) -> None:
+    """Refuse a mission with a DO_JUMP to an item that does not exist."""
+    for index, item in enumerate(mission.items):
+        if item.command == Command.DO_JUMP:
+            target = jump_target(item, f"item {index}")
+            if not 0 <= target < len(mission.items):
+                msg = (
+                    f"item {index}: DO_JUMP to item {target}, but items go from 0 to {len(mission.items) - 1}"
+                )
+                raise MissionFileError(msg)
+
+
+def home_for_file(mission: Mission) -> GeoPoint:
+    """Return the home for a format that requires one.
+
+    An unknown home becomes the mission's first place at 0 m; without any place 0, 0, 0, which is read as
+    unknown.
+    """
+    if mission.home is not None:
+        return mission.home
+    first = next((item for item in mission.items if item.has_place), None)
+    return GeoPoint(0.0, 0.0) if first is None else GeoPoint(first.x, first.y)
+
+
+def home_from_file(
+    where: str, latitude_deg: float, longitude_deg: float, altitude_m: float
+) -> GeoPoint | None:
+    """Make the home position that a file gives; 0, 0, 0 is none."""
+    if latitude_deg == longitude_deg == altitude_m == 0.0:
+        return None
+    try:
+        return GeoPoint(latitude_deg, longitude_deg, altitude_m)
+    except MissionError as error:
+        raise MissionFileError(f"{where}: home {error}; correct the value") from None
+
+
+def file_parameters(
+    item: MissionItem, firmware: Firmware
+) -> tuple[float | None, float | None, float | None, float | None]:
+    """Return parameters 1 to 4 for a file; ArduPilot refuses NaN, so there a default is written as 0."""
+    default = 0.0 if firmware == Firmware.ARDUPILOT else None
+    first, second, third, fourth = (
+        default if value is None else float(value)
+        for value in (item.param1, item.param2, item.param3, item.param4)
+    )
+    return first, second, third, fourth

@@ -1,0 +1,163 @@
+"""The ``geoFence`` of a QGroundControl plan: polygons and circles from MAVLink fence items, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import msgspec
+
+from mission.errors import MissionFileError
+from mission.files.common import make_item
+from mission.model import Command, Frame, MissionItem
+
+_POLYGONS = {
+    True: Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION,
+    False: Command.NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
+}
+_CIRCLES = {True: Command.NAV_FENCE_CIRCLE_INCLUSION, False: Command.NAV_FENCE_CIRCLE_EXCLUSION}
+
+
+class Polygon(msgspec.Struct):
+    """A polygon of [latitude, longitude] vertices; inclusion means stay inside."""
+
+    polygon: list[tuple[float, float]]
+    inclusion: bool = True
+
+
+class CircleShape(msgspec.Struct):
+    """A centre [latitude, longitude] and a radius in metres."""
+
+    center: tuple[float, float]
+    radius: float
+
+
+class Circle(msgspec.Struct):
+    """A circle; inclusion means stay inside."""
+
+    circle: CircleShape
+    inclusion: bool = True
+
+
+class GeoFence(msgspec.Struct):
+    """The object ``geoFence`` of a plan, version 2."""
+
+    version: int = 2
+    polygons: list[Polygon] = []
+    circles: list[Circle] = []
+    breach_return: tuple[float, float, float] | None = msgspec.field(default=None, name="breachReturn")
+    polygon: list[msgspec.Raw] = []  # version 1, which QGroundControl itself no longer reads
+
+
+def items_of(fence: GeoFence) -> tuple[MissionItem, ...]:
+    """Make MAVLink fence items: polygons, circles, then the return point, as QGroundControl sends them.
+
+    Raises
+    ------
+    MissionFileError
+        If a polygon has fewer than three vertices, a radius is not positive, a place is impossible, or the
+        fence is of the old version 1.
+    """
+    if fence.polygon:
+        msg = (
+            f"geoFence: version {fence.version} is too old to be read; draw the fence again in QGroundControl"
+        )
+        raise MissionFileError(msg)
+    items = []
+    for index, polygon in enumerate(fence.polygons):
+        where = f"geoFence.polygons[{index}]"
+        count = len(polygon.polygon)
+        if count < 3:
+            raise MissionFileError(f"{where}: {count} vertices; a polygon has at least 3")
+        items += [
+            _place(f"{where}.polygon[{i}]", _POLYGONS[polygon.inclusion], float(count), *vertex)
+            for i, vertex in enumerate(polygon.polygon)
+        ]
+    for index, circle in enumerate(fence.circles):
+        where = f"geoFence.circles[{index}]"
+        radius_m = circle.circle.radius
+        if not radius_m > 0.0:
+            raise MissionFileError(f"{where}: radius {radius_m}; give metres above 0")
+        items.append(_place(where, _CIRCLES[circle.inclusion], radius_m, *circle.circle.center))
+    if fence.breach_return is not None:
+        items.append(
+            make_item(
+                "geoFence.breachReturn",
+                Command.NAV_FENCE_RETURN_POINT,
+                Frame.GLOBAL_RELATIVE_ALT,
+                (0.0, 0.0, 0.0, 0.0),
+                fence.breach_return,
+                autocontinue=False,
+            )
+        )
+    return tuple(items)
+
+
+def _place(
+    where: str, command: Command, first: float, latitude_deg: float, longitude_deg: float
+) -> MissionItem:
+    place = (latitude_deg, longitude_deg, 0.0)
+    return make_item(where, command, Frame.GLOBAL, (first, 0.0, 0.0, 0.0), place, autocontinue=False)
+
+
+def geo_fence(items: Sequence[MissionItem]) -> dict[str, Any]:
+    """Make the object ``geoFence`` from MAVLink fence items.
+
+    Raises
+    ------
+    MissionFileError
+        If the vertices of a polygon are incomplete or mixed, or an item is no fence item.
+    """
+    fence: dict[str, Any] = {"circles": [], "polygons": [], "version": 2}
+    index = 0
+    while index < len(items):
+        item = items[index]
+        if item.command in _POLYGONS.values():
+            vertices = polygon_at(items, index)
+            fence["polygons"].append(
+                {
+                    "inclusion": item.command == _POLYGONS[True],
+                    "polygon": [[float(vertex.x), float(vertex.y)] for vertex in vertices],
+                    "version": 1,
+                }
+            )
+            index += len(vertices)
+            continue
+        if item.command in _CIRCLES.values():
+            if item.param1 is None or not item.param1 > 0.0:
+                raise MissionFileError(
+                    f"fence item {index}: radius {item.param1}; give metres above 0 as param1"
+                )
+            circle = {"center": [float(item.x), float(item.y)], "radius": float(item.param1)}
+            fence["circles"].append(
+                {"circle": circle, "inclusion": item.command == _CIRCLES[True], "version": 1}
+            )
+        elif item.command == Command.NAV_FENCE_RETURN_POINT:
+            fence["breachReturn"] = [float(item.x), float(item.y), float(item.z)]
+        else:
+            raise MissionFileError(
+                f"fence item {index}: command {item.command} is no fence command (5000 to 5004)"
+            )
+        index += 1
+    return fence
+
+
+def polygon_at(items: Sequence[MissionItem], start: int) -> Sequence[MissionItem]:
+    """Return the vertices of the polygon that starts at an index of the fence items.
+
+    Raises
+    ------
+    MissionFileError
+        If fewer vertices follow than the first one's param1 says.
+    """
+    first = items[start]
+    count = first.param1 or 0.0
+    if not float(count).is_integer() or count < 3.0:
+        msg = f"fence item {start}: param1 is {first.param1}; give the number of vertices, at least 3"
+        raise MissionFileError(msg)
+    vertices = items[start : start + min(int(count), len(items))]
+    same = [vertex for vertex in vertices if (vertex.command, vertex.param1) == (first.command, first.param1)]
+    if len(same) < int(count):
+        msg = f"fence item {start}: a polygon of {int(count)} vertices, but {len(same)} of them are there"
+        raise MissionFileError(msg)
+    return vertices

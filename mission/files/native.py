@@ -1,0 +1,179 @@
+"""Our own mission file: JSON that holds everything a `Mission` holds, exactly.
+
+::
+
+    {
+      "format": "wbf-mission",
+      "version": 1,
+      "home": {"latitude_deg": 28.05, "longitude_deg": -82.15, "altitude_m": 30.0},
+      "cruise_speed_m_s": 15.0,
+      "hover_speed_m_s": 5.0,
+      "items": [
+        {"command":16,"frame":3,"params":[0.0,1.0,0.0,null],"x":28.05,"y":-82.15,"z":10.0,"autocontinue":true}
+      ],
+      "fence": [],
+      "rally": []
+    }
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from mission.errors import MissionError, MissionFileError
+from mission.files.common import NATIVE_KIND, Firmware, decode_json, is_json, kind_of, wrong_kind
+from mission.model import MAX_ITEMS, GeoPoint, Mission, MissionItem
+
+VERSION = 1
+_Number = float | None
+
+
+class _Version(msgspec.Struct):
+    version: int
+
+
+class _Home(msgspec.Struct, forbid_unknown_fields=True):
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float = 0.0
+
+
+class _Item(msgspec.Struct, forbid_unknown_fields=True):
+    command: Annotated[int, Meta(ge=0, le=65535)]
+    frame: Annotated[int, Meta(ge=0, le=255)]
+    params: tuple[_Number, _Number, _Number, _Number]
+    x: float
+    y: float
+    z: float
+    autocontinue: bool = True
+
+
+_Items = Annotated[list[_Item], Meta(max_length=MAX_ITEMS)]
+
+
+class _File(msgspec.Struct, forbid_unknown_fields=True):
+    format: str
+    version: int
+    items: _Items
+    home: _Home | None = None
+    fence: _Items = []
+    rally: _Items = []
+    cruise_speed_m_s: float = 15.0
+    hover_speed_m_s: float = 5.0
+
+
+_VERSION = msgspec.json.Decoder(_Version)
+_FILE = msgspec.json.Decoder(_File)
+
+
+def loads(data: bytes) -> Mission:
+    """Read a mission from the content of a file.
+
+    Parameters
+    ----------
+    data : bytes
+        UTF-8 JSON.
+
+    Returns
+    -------
+    Mission
+
+    Raises
+    ------
+    MissionFileError
+        If the content is something else, damaged, of a newer version, or has impossible values.
+    """
+    if not is_json(data):
+        raise wrong_kind(data, NATIVE_KIND)
+    if kind_of(data) != NATIVE_KIND:
+        decode_json(data, msgspec.json.Decoder(msgspec.Raw))  # a syntax error says more than the kind
+        raise wrong_kind(data, NATIVE_KIND)
+    version = decode_json(data, _VERSION).version
+    if version != VERSION:
+        msg = f"version {version} of the wbf-mission format is not known, only {VERSION}; update wbf-mission"
+        raise MissionFileError(msg)
+    file = decode_json(data, _FILE)
+    try:
+        return Mission(
+            items=_items(file.items, "items"),
+            home=None if file.home is None else _home(file.home),
+            fence=_items(file.fence, "fence"),
+            rally=_items(file.rally, "rally"),
+            cruise_speed_m_s=file.cruise_speed_m_s,
+            hover_speed_m_s=file.hover_speed_m_s,
+        )
+    except MissionError as error:
+        raise MissionFileError(str(error)) from None
+
+
+def _home(home: _Home) -> GeoPoint:
+    try:
+        return GeoPoint(home.latitude_deg, home.longitude_deg, home.altitude_m)
+    except MissionError as error:
+        raise MissionFileError(f"home: {error}; correct the value") from None
+
+
+def _items(items: list[_Item], name: str) -> tuple[MissionItem, ...]:
+    made = []
+    for index, item in enumerate(items):
+        try:
+            made.append(
+                MissionItem(item.command, item.frame, *item.params, item.x, item.y, item.z, item.autocontinue)
+            )
+        except MissionError as error:
+            raise MissionFileError(f"{name}[{index}]: {error}; correct the value") from None
+    return tuple(made)
+
+
+def dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> str:  # noqa: ARG001  one signature for all
+    """Write a mission as text; the firmware makes no difference in this format.
+
+    >>> loads(dumps(Mission((MissionItem.waypoint(28.05, -82.15, 10.0),))).encode()).items[0].z
+    10.0
+    """
+    home = mission.home
+    parts = [
+        '"format": "wbf-mission"',
+        f'"version": {VERSION}',
+        f'"home": {_text(None if home is None else _home_struct(home))}',
+        f'"cruise_speed_m_s": {_text(float(mission.cruise_speed_m_s))}',
+        f'"hover_speed_m_s": {_text(float(mission.hover_speed_m_s))}',
+        f'"items": {_list_text(mission.items)}',
+        f'"fence": {_list_text(mission.fence)}',
+        f'"rally": {_list_text(mission.rally)}',
+    ]
+    return "{\n  " + ",\n  ".join(parts) + "\n}\n"
+
+
+def _text(value: object) -> str:
+    return msgspec.json.encode(value).decode()
+
+
+def _home_struct(home: GeoPoint) -> _Home:
+    return _Home(float(home.latitude_deg), float(home.longitude_deg), float(home.altitude_m))
+
+
+def _list_text(items: tuple[MissionItem, ...]) -> str:
+    if not items:
+        return "[]"
+    # One item a line: short files, and differences that a person can read.
+    return "[\n    " + ",\n    ".join(_text(_struct(item)) for item in items) + "\n  ]"
+
+
+def _struct(item: MissionItem) -> _Item:
+    first, second, third, fourth = (
+        None if value is None else float(value)
+        for value in (item.param1, item.param2, item.param3, item.param4)
+    )
+    return _Item(
+        command=item.command,
+        frame=item.frame,
+        params=(first, second, third, fourth),
+        x=float(item.x),
+        y=float(item.y),
+        z=float(item.z),
+        autocontinue=bool(item.autocontinue),
+    )

@@ -1,0 +1,306 @@
+"""QGroundControl plans (``.plan``): JSON with the mission, the fence and the rally points.
+
+Written are simple items only, with every key that QGroundControl's loaders ask for; read are simple items and
+those complex items that carry the commands they stand for (surveys, corridor scans). Sources: the loaders of
+QGroundControl (MissionController, SimpleMissionItem, TransectStyleComplexItem, GeoFenceController,
+RallyPointController) and docs.qgroundcontrol.com, "Plan file format".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import Meta
+
+from mission.errors import MissionFileError
+from mission.files import fence as fences
+from mission.files.common import (
+    PLAN_KIND,
+    Firmware,
+    check_jumps,
+    decode_json,
+    file_parameters,
+    home_for_file,
+    home_from_file,
+    is_json,
+    jump_target,
+    kind_of,
+    make_item,
+    one_line,
+    wrong_kind,
+)
+from mission.model import MAX_ITEMS, Command, Frame, GeoPoint, Mission, MissionItem
+
+_Number = float | None
+_ALTITUDE_MODES = {Frame.GLOBAL_RELATIVE_ALT: 1, Frame.GLOBAL: 2, Frame.GLOBAL_TERRAIN_ALT: 4}
+_MIXED = 0
+
+
+class _Simple(msgspec.Struct, tag_field="type", tag="SimpleItem"):
+    command: Annotated[int, Meta(ge=0, le=65535)]
+    frame: Annotated[int, Meta(ge=0, le=255)]
+    params: tuple[_Number, _Number, _Number, _Number, _Number, _Number, _Number]
+    autocontinue: bool = msgspec.field(default=True, name="autoContinue")
+    jump_id: int | None = msgspec.field(default=None, name="doJumpId")
+    altitude: _Number = msgspec.field(default=None, name="Altitude")
+
+
+class _Transect(msgspec.Struct):
+    items: list[_Simple] | None = msgspec.field(default=None, name="Items")
+
+
+class _Complex(msgspec.Struct, tag_field="type", tag="ComplexItem"):
+    kind: str = msgspec.field(default="unnamed", name="complexItemType")
+    transect: _Transect | None = msgspec.field(default=None, name="TransectStyleComplexItem")
+    items: list[_Simple] | None = msgspec.field(default=None, name="Items")
+
+
+class _Mission(msgspec.Struct):
+    version: int
+    items: list[_Simple | _Complex]
+    home: Annotated[list[_Number], Meta(max_length=3)] | None = msgspec.field(
+        default=None, name="plannedHomePosition"
+    )
+    cruise_speed_m_s: _Number = msgspec.field(default=None, name="cruiseSpeed")
+    hover_speed_m_s: _Number = msgspec.field(default=None, name="hoverSpeed")
+
+
+class _Rally(msgspec.Struct):
+    points: list[tuple[float, float, float]] = []
+
+
+class _Plan(msgspec.Struct):
+    version: int
+    mission: _Mission
+    fence: fences.GeoFence | None = msgspec.field(default=None, name="geoFence")
+    rally: _Rally | None = msgspec.field(default=None, name="rallyPoints")
+
+
+_PLAN = msgspec.json.Decoder(_Plan)
+_ANY_JSON = msgspec.json.Decoder(msgspec.Raw)
+
+
+def loads(data: bytes) -> Mission:
+    """Read a mission from the content of a plan file.
+
+    Parameters
+    ----------
+    data : bytes
+        UTF-8 JSON with fileType "Plan", version 1, and a mission of version 2.
+
+    Returns
+    -------
+    Mission
+        Items in their standard frames; a survey is the list of commands it was saved with; jump targets are
+        indices of the items.
+
+    Raises
+    ------
+    MissionFileError
+        If the content is something else, damaged, of another version, holds complex items without their
+        commands, or has impossible values; it names the item and the field.
+    """
+    if not is_json(data):
+        raise wrong_kind(data, PLAN_KIND)
+    if kind_of(data) != PLAN_KIND:
+        decode_json(data, _ANY_JSON)  # a syntax error says more than the kind
+        raise wrong_kind(data, PLAN_KIND)
+    plan = decode_json(data, _PLAN)
+    for name, version, known in (("version", plan.version, 1), ("mission.version", plan.mission.version, 2)):
+        if version != known:
+            msg = f"{name} is {version}, only {known} is known; save the plan with a current QGroundControl"
+            raise MissionFileError(msg)
+    speeds = {
+        name: value
+        for name, value in (
+            ("cruise_speed_m_s", plan.mission.cruise_speed_m_s),
+            ("hover_speed_m_s", plan.mission.hover_speed_m_s),
+        )
+        if value is not None
+    }
+    return Mission(
+        items=_items(plan.mission.items),
+        home=_home(plan.mission.home),
+        fence=() if plan.fence is None else fences.items_of(plan.fence),
+        rally=() if plan.rally is None else _rally_items(plan.rally),
+        **speeds,
+    )
+
+
+def _flat(items: list[_Simple | _Complex]) -> Iterator[tuple[str, _Simple]]:
+    """Yield every simple item with the path of its place in the file."""
+    for index, item in enumerate(items):
+        where = f"mission.items[{index}]"
+        if isinstance(item, _Simple):
+            yield where, item
+            continue
+        transect = item.transect
+        inner, path = item.items, f"{where}.Items"
+        if inner is None and transect is not None:
+            inner, path = transect.items, f"{where}.TransectStyleComplexItem.Items"
+        if inner is None:
+            msg = (
+                f"{where}: the complex item {one_line(item.kind)[:60]!r} holds no commands; "
+                "replace it by simple items in QGroundControl"
+            )
+            raise MissionFileError(msg)
+        for position, simple in enumerate(inner):
+            yield f"{path}[{position}]", simple
+
+
+def _items(items: list[_Simple | _Complex]) -> tuple[MissionItem, ...]:
+    flat: list[tuple[str, _Simple]] = []
+    for where, simple in _flat(items):
+        if len(flat) == MAX_ITEMS:
+            msg = f"{where}: more than {MAX_ITEMS} items, which MAVLink cannot number; fly it in parts"
+            raise MissionFileError(msg)
+        flat.append((where, simple))
+    index_of: dict[int, int] = {}
+    repeated: set[int] = set()
+    for index, (_, simple) in enumerate(flat):
+        if simple.jump_id is not None:
+            if simple.jump_id in index_of:
+                repeated.add(simple.jump_id)
+            index_of[simple.jump_id] = index
+    if not index_of:
+        index_of = {index + 1: index for index in range(len(flat))}
+    made = []
+    for where, simple in flat:
+        item = _item(where, simple)
+        if item.command == Command.DO_JUMP:
+            target = jump_target(item, where)
+            if target not in index_of or target in repeated:
+                problem = "is there more than once" if target in repeated else "does not exist"
+                raise MissionFileError(f"{where}: DO_JUMP to doJumpId {target}, which {problem}")
+            item = replace(item, param1=float(index_of[target]))
+        made.append(item)
+    return tuple(made)
+
+
+def _item(where: str, simple: _Simple) -> MissionItem:
+    first, second, third, fourth, x, y, z = simple.params
+    return make_item(
+        where,
+        simple.command,
+        simple.frame,
+        (first, second, third, fourth),
+        (x, y, simple.altitude if z is None else z),
+        autocontinue=simple.autocontinue,
+    )
+
+
+def _home(position: list[float | None] | None) -> GeoPoint | None:
+    if position is None or len(position) < 2 or position[0] is None or position[1] is None:
+        return None
+    altitude_m = position[2] if len(position) > 2 else None
+    return home_from_file("mission.plannedHomePosition", position[0], position[1], altitude_m or 0.0)
+
+
+def _rally_items(rally: _Rally) -> tuple[MissionItem, ...]:
+    return tuple(
+        make_item(
+            f"rallyPoints.points[{index}]",
+            Command.NAV_RALLY_POINT,
+            Frame.GLOBAL_RELATIVE_ALT,
+            (0.0, 0.0, 0.0, 0.0),
+            point,
+            autocontinue=False,
+        )
+        for index, point in enumerate(rally.points)
+    )
+
+
+def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
+    """Write a mission as the text of a plan file.
+
+    Parameters
+    ----------
+    mission : Mission
+        Fence items need the order that MAVLink asks for (the vertices of a polygon one after the other, each
+        with their number as param1); rally points need altitudes above home, or a known home. An unknown home
+        is written as the first place of the mission.
+    firmware : Firmware
+        Goes to ``firmwareType``. For ArduPilot a default parameter is written as 0, otherwise as null.
+
+    Returns
+    -------
+    str
+        JSON.
+
+    Raises
+    ------
+    MissionFileError
+        If there is a jump to nowhere, or the fence or a rally point cannot be written.
+
+    Examples
+    --------
+    >>> loads(dumps(Mission((MissionItem.waypoint(28.05, -82.15, 10.0),))).encode()).items[0].param4 is None
+    True
+    """
+    check_jumps(mission)
+    home = home_for_file(mission)
+    modes = {_ALTITUDE_MODES.get(Frame(item.frame), _MIXED) for item in mission.items if item.has_place}
+    plan = {
+        "fileType": "Plan",
+        "geoFence": fences.geo_fence(mission.fence),
+        "groundStation": "QGroundControl",
+        "mission": {
+            "cruiseSpeed": float(mission.cruise_speed_m_s),
+            "firmwareType": int(firmware),
+            "globalPlanAltitudeMode": modes.pop() if len(modes) == 1 else (_MIXED if modes else 1),
+            "hoverSpeed": float(mission.hover_speed_m_s),
+            "items": [_simple(index, item, firmware) for index, item in enumerate(mission.items)],
+            "plannedHomePosition": [
+                float(home.latitude_deg),
+                float(home.longitude_deg),
+                float(home.altitude_m),
+            ],
+            "vehicleType": 2,
+            "version": 2,
+        },
+        "rallyPoints": {
+            "points": [_rally_point(index, item, mission) for index, item in enumerate(mission.rally)],
+            "version": 2,
+        },
+        "version": 1,
+    }
+    return msgspec.json.format(msgspec.json.encode(plan), indent=4).decode() + "\n"
+
+
+def _simple(index: int, item: MissionItem, firmware: Firmware) -> dict[str, Any]:
+    item = item.in_standard_frame()
+    parameters = list(file_parameters(item, firmware))
+    if item.command == Command.DO_JUMP:
+        parameters[0] = jump_target(item, f"item {index}") + 1.0
+    simple: dict[str, Any] = {
+        "autoContinue": bool(item.autocontinue),
+        "command": item.command,
+        "doJumpId": index + 1,
+        "frame": item.frame,
+        "params": [*parameters, float(item.x), float(item.y), float(item.z)],
+        "type": "SimpleItem",
+    }
+    if item.has_place:
+        # All three or none: QGroundControl refuses an item with only some of them.
+        simple |= {
+            "AMSLAltAboveTerrain": None,
+            "Altitude": float(item.z),
+            "AltitudeMode": _ALTITUDE_MODES[Frame(item.frame)],
+        }
+    return simple
+
+
+def _rally_point(index: int, item: MissionItem, mission: Mission) -> list[float]:
+    altitude_m = float(item.z)
+    if item.frame == Frame.GLOBAL and mission.home is not None:
+        altitude_m -= float(mission.home.altitude_m)
+    elif item.frame != Frame.GLOBAL_RELATIVE_ALT:
+        msg = (
+            f"rally point {index}: its altitude is in frame {item.frame}, a plan holds altitudes above home; "
+            "give frame 3, or frame 0 and a home"
+        )
+        raise MissionFileError(msg)
+    return [float(item.x), float(item.y), altitude_m]

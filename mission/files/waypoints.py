@@ -1,0 +1,289 @@
+r"""QGC WPL 110 waypoint lists, the text files of Mission Planner, MAVProxy and pymavlink.
+
+The first line is ``QGC WPL 110``; a row has twelve columns: seq, current, frame, command, param1 to param4, x
+(latitude), y (longitude), z (altitude), autocontinue. Row 0 is home (frame 0, altitude above mean sea level).
+A file holds one plan: a mission, a fence (commands 5000 to 5004) or rally points (5100); the last two have no
+home row.
+
+>>> from mission.model import GeoPoint
+>>> mission = Mission((MissionItem.waypoint(28.05, -82.15, 10.0),), home=GeoPoint(28.0, -82.0, 30.0))
+>>> print(dumps(mission).splitlines()[2].replace("\t", " "))
+1 0 3 16 0.00000000 0.00000000 0.00000000 NaN 28.05000000 -82.15000000 10.00000000 1
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mission.errors import MissionFileError
+from mission.files.common import (
+    WAYPOINTS_KIND,
+    Firmware,
+    check_jumps,
+    file_parameters,
+    home_for_file,
+    home_from_file,
+    jump_target,
+    kind_of,
+    make_item,
+    one_line,
+    wrong_kind,
+)
+from mission.model import MAX_ITEMS, Command, Frame, GeoPoint, Mission, MissionItem
+
+_FENCE = frozenset(range(5000, 5005))
+_RALLY = frozenset({5100})
+_LONGEST_LINE = 2000
+_COLUMNS = (
+    *("seq", "current", "frame", "command", "param1", "param2", "param3", "param4"),
+    *("x (latitude)", "y (longitude)", "z (altitude)", "autocontinue"),
+)
+# The numbers that QGroundControl gave its actions before MAV_CMD existed (pymavlink, mavwp.py).
+_ACTIONS_100 = {2: 22, 3: 20, 4: 21, 24: 22, 26: 21, 25: 16, 27: 17}
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    line: int
+    seq: int
+    frame: int
+    command: int
+    parameters: tuple[float | None, float | None, float | None, float | None]
+    place: tuple[float | None, float | None, float | None]
+    autocontinue: bool
+
+    def item(self) -> MissionItem:
+        return make_item(
+            f"line {self.line}",
+            self.command,
+            self.frame,
+            self.parameters,
+            self.place,
+            autocontinue=self.autocontinue,
+        )
+
+
+def loads(data: bytes) -> Mission:
+    """Read a mission, a fence or rally points from the content of a file.
+
+    Read are also: comments (``#``), any white space between columns, CRLF, the header of version 100, files
+    with and without a home row, gaps in seq, a home row with command 0, and commands without a place in
+    frame 0 or 3. The first row is home when its seq is 0 and it is a waypoint in frame 0 (or has command 0).
+
+    Parameters
+    ----------
+    data : bytes
+        UTF-8 text.
+
+    Returns
+    -------
+    Mission
+        Jump targets are indices of its items.
+
+    Raises
+    ------
+    MissionFileError
+        If the content is something else, damaged, or has impossible values; it names the line and the column.
+    """
+    if kind_of(data) != WAYPOINTS_KIND:
+        raise wrong_kind(data, WAYPOINTS_KIND)
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise MissionFileError(f"line {line}: this is no UTF-8 text; save the file as UTF-8") from None
+    rows = _rows(text)
+    home = None
+    if rows and _is_home(rows[0]):
+        home = _home(rows.pop(0))
+    flown = [row for row in rows if row.command not in _FENCE | _RALLY]
+    return Mission(
+        items=_with_jumps(flown),
+        home=home,
+        fence=tuple(row.item() for row in rows if row.command in _FENCE),
+        rally=tuple(row.item() for row in rows if row.command in _RALLY),
+    )
+
+
+def _rows(text: str) -> list[_Row]:
+    rows: list[_Row] = []
+    version = ""
+    for number, line in enumerate(io.StringIO(text, newline=None), start=1):
+        if len(line) > _LONGEST_LINE:
+            raise MissionFileError(
+                f"line {number}: longer than {_LONGEST_LINE} characters; the file is damaged"
+            )
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        if not version:
+            version = words[2] if len(words) == 3 else ""
+            if version not in ("100", "110"):
+                msg = (
+                    f"line {number}: version {one_line(' '.join(words))!r}; only QGC WPL 110 and 100 are read"
+                )
+                raise MissionFileError(msg)
+            continue
+        if len(rows) > MAX_ITEMS:
+            msg = f"line {number}: more than {MAX_ITEMS} items, which MAVLink cannot number; fly it in parts"
+            raise MissionFileError(msg)
+        if version == "100" and len(words) == 13:
+            words = _columns_of_100(words, number)
+        rows.append(_row(words, number))
+    return rows
+
+
+def _columns_of_100(words: list[str], line: int) -> list[str]:
+    """Put the columns of a version 100 row in the order of version 110."""
+    action = _whole(words[2], line, "action")
+    if action not in _ACTIONS_100:
+        raise MissionFileError(
+            f"line {line}: action {action} of WPL 100 is not known; save the file as WPL 110"
+        )
+    command = str(_ACTIONS_100[action])
+    return [
+        words[0],
+        words[7],
+        words[1],
+        command,
+        *words[5:7],
+        *words[3:5],
+        words[9],
+        words[8],
+        words[10],
+        words[12],
+    ]
+
+
+def _row(words: list[str], line: int) -> _Row:
+    if len(words) != len(_COLUMNS):
+        msg = f"line {line}: {len(words)} columns instead of {len(_COLUMNS)}; correct or remove the line"
+        raise MissionFileError(msg)
+    seq, _, frame, command = (_whole(words[i], line, _COLUMNS[i]) for i in range(4))
+    first, second, third, fourth, x, y, z = (_number(words[i], line, _COLUMNS[i]) for i in range(4, 11))
+    return _Row(
+        line=line,
+        seq=seq,
+        frame=frame,
+        command=command,
+        parameters=(first, second, third, fourth),
+        place=(x, y, z),
+        autocontinue=_whole(words[11], line, _COLUMNS[11]) != 0,
+    )
+
+
+def _number(word: str, line: int, column: str) -> float | None:
+    """Read a number; NaN is None."""
+    try:
+        if "_" in word or not word.isascii():
+            raise ValueError
+        value = float(word)
+    except ValueError:
+        raise MissionFileError(f"line {line}: {column} is {one_line(word)[:40]!r}; give a number") from None
+    return None if math.isnan(value) else value
+
+
+def _whole(word: str, line: int, column: str) -> int:
+    value = _number(word, line, column)
+    if value is None or not value.is_integer() or abs(value) > 1e9:
+        raise MissionFileError(f"line {line}: {column} is {one_line(word)[:40]!r}; give a whole number")
+    return int(value)
+
+
+def _is_home(row: _Row) -> bool:
+    return row.seq == 0 and (
+        row.command == 0 or (row.command == Command.NAV_WAYPOINT and row.frame == Frame.GLOBAL)
+    )
+
+
+def _home(row: _Row) -> GeoPoint | None:
+    latitude_deg, longitude_deg, altitude_m = (math.nan if value is None else value for value in row.place)
+    return home_from_file(f"line {row.line}", latitude_deg, longitude_deg, altitude_m)
+
+
+def _with_jumps(rows: list[_Row]) -> tuple[MissionItem, ...]:
+    """Make the items and turn jump targets from the file's seq numbers into indices."""
+    index_of: dict[int, int] = {}
+    repeated: set[int] = set()
+    for index, row in enumerate(rows):
+        if index_of.setdefault(row.seq, index) != index:
+            repeated.add(row.seq)
+    items = []
+    for row in rows:
+        item = row.item()
+        if item.command == Command.DO_JUMP:
+            target = jump_target(item, f"line {row.line}")
+            if target not in index_of or target in repeated:
+                problem = "is there more than once" if target in repeated else "does not exist"
+                raise MissionFileError(f"line {row.line}: DO_JUMP to seq {target}, which {problem}")
+            item = replace(item, param1=float(index_of[target]))
+        items.append(item)
+    return tuple(items)
+
+
+def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
+    """Write a mission, or a fence, or rally points, as text.
+
+    Parameters
+    ----------
+    mission : Mission
+        With items, or only a fence, or only rally points: the format holds one plan. Speeds are not kept. An
+        unknown home is written as the first place of the mission.
+    firmware : Firmware
+        For ArduPilot a default parameter is written as 0, otherwise as NaN.
+
+    Returns
+    -------
+    str
+        Lines of columns separated by tabs; numbers with at least eight decimals, and as many as they need to
+        be read back exactly.
+
+    Raises
+    ------
+    MissionFileError
+        If the mission holds more than one plan or has a jump to nowhere.
+    """
+    plans = [
+        ("mission items", mission.items),
+        ("fence items", mission.fence),
+        ("rally points", mission.rally),
+    ]
+    held = [f"{len(items)} {name}" for name, items in plans if items]
+    if len(held) > 1:
+        msg = f"a waypoint list holds one plan, not {' and '.join(held)}; write a .plan or .json file"
+        raise MissionFileError(msg)
+    lines = ["QGC WPL 110"]
+    if mission.fence or mission.rally:
+        lines += [_line(seq, item, firmware) for seq, item in enumerate(mission.fence or mission.rally)]
+        return "\n".join(lines) + "\n"
+    check_jumps(mission)
+    home = home_for_file(mission)
+    lines.append(_line(0, _home_item(home), firmware))
+    for seq, item in enumerate(mission.items, start=1):
+        standard = item.in_standard_frame()
+        if standard.command == Command.DO_JUMP:
+            standard = replace(standard, param1=jump_target(item, f"item {seq - 1}") + 1.0)
+        lines.append(_line(seq, standard, firmware))
+    return "\n".join(lines) + "\n"
+
+
+def _home_item(home: GeoPoint) -> MissionItem:
+    return MissionItem(
+        Command.NAV_WAYPOINT, Frame.GLOBAL, x=home.latitude_deg, y=home.longitude_deg, z=home.altitude_m
+    )
+
+
+def _line(seq: int, item: MissionItem, firmware: Firmware) -> str:
+    # NaN in this spelling is read by Qt, Python, C and .NET alike; .NET Framework reads no other.
+    numbers = (*file_parameters(item, firmware), item.x, item.y, item.z)
+    texts = ("NaN" if number is None else _decimal(number) for number in numbers)
+    head = f"{seq}\t{int(seq == 0)}\t{item.frame}\t{item.command}\t"
+    return head + "\t".join(texts) + f"\t{int(item.autocontinue)}"
+
+
+def _decimal(number: float) -> str:
+    return np.format_float_positional(float(number), unique=True, min_digits=8)

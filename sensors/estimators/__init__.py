@@ -1,5 +1,6 @@
 """Estimators: observations in, an information model of the whole farm out."""
 
 from sensors.estimators.base import Estimator, estimator_names, make_estimator
+from sensors.estimators.check import check_estimator
 
-__all__ = ["Estimator", "estimator_names", "make_estimator"]
+__all__ = ["Estimator", "check_estimator", "estimator_names", "make_estimator"]

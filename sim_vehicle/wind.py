@@ -105,17 +105,20 @@ class WindSeries:
         self.block: NDArray[np.float64] = self._draw()
 
     def forward(self) -> None:
-        """Go on to the next block: ``block`` float64[BLOCK, 2] (east, north; m/s) begins at grid index ``first``."""
-        self.first += BLOCK
+        """Go on to the next block: ``block`` float64[BLOCK, 2] (east, north; m/s) begins at grid index ``first``.
+
+        A steady wind has a single block of one row that always holds.
+        """
         if self._random is not None:
+            self.first += BLOCK
             self.block = self._draw()
 
     def _draw(self) -> NDArray[np.float64]:
         if self._random is None:
-            return np.repeat(self._steady[None, :], BLOCK, axis=0)
-        from scipy.signal import lfilter
+            return self._steady[None, :].copy()
+        # Imported here: a still or steady wind needs no compiler.
+        from sim_vehicle.motion.kernel import gauss_markov
 
-        noise = self._noise * self._random.standard_normal((BLOCK, 2))
-        gust, _ = lfilter([1.0], [1.0, -self._decay], noise, axis=0, zi=self._decay * self._gust[None, :])
+        gust = gauss_markov(self._noise * self._random.standard_normal((BLOCK, 2)), self._decay, self._gust)
         self._gust = gust[-1].copy()
         return np.asarray(self._steady + gust, dtype=np.float64)

@@ -1,0 +1,468 @@
+"""The compiled motion of one multirotor: jerk-limited flight along the legs of a route.
+
+The model and its control law are described in docs/vehicle-model.md. All arrays are float64 unless said otherwise;
+lengths in metres, angles in radians, east-north-up about home, headings clockwise from north.
+
+One vehicle is a row of `STATE` numbers and a row of `COUNTERS` integers, so a batch of vehicles is two arrays and a
+loop over `advance`.
+"""
+
+from __future__ import annotations
+
+from math import inf, isnan, pi, sqrt
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+# state: position 0-2, velocity 3-5, acceleration 6-8, heading 9, its rate 10, energy used (J) 11, path length 12,
+# power (W) 13, distance to the target at the last sign of progress 14, wind 15-16
+STATE = 17
+# counters: step 0, leg 1, step of the last sign of progress 2, arrived at the end 3, notified of nearness 4, points 5
+COUNTERS = 6
+# leg: target 0-2, along 3-5, across 6-8, aslant 9-11, cruise speed 12, speed to brake to 13, acceptance radius 14
+# (0: stop), heading 15 (NaN: keep), acceleration and jerk of the three axes 16-21, speeds of the last two 22-23,
+# braking distance 24, distance to notify at 25, horizontal part of the leg 26, way beyond this leg to brake in 27
+LEG = 28
+# limits: step 0, speed 1, airspeed 2, climb 3, descent 4, acceleration 5, jerk 6, vertical acceleration 7,
+# vertical jerk 8, yaw rate 9, yaw acceleration 10, energy that ends the flight (J) 11
+LIMITS = 12
+
+RAN, REACHED, WIND, STALLED, ENERGY, NEAR = range(6)
+GRID = 5
+STOP_RADIUS = 0.05
+STOP_SPEED = 0.1
+STALL_STEPS = 1500
+ALONG = 0.8
+ACROSS = 0.6
+ASLANT = 0.25
+
+
+@njit(cache=True, inline="always")
+def stopping_distance(v: float, a: float, v_end: float, limit: float, jerk: float) -> float:
+    """Return the least distance in which a speed ``v`` with acceleration ``a`` becomes ``v_end`` and steady."""
+    distance = 0.0
+    if a > 0.0:
+        t = a / jerk
+        distance = t * (v + a * t / 3.0)
+        v += 0.5 * a * t
+        a = 0.0
+    lost = v - v_end
+    if lost <= 1e-6:
+        return 0.0
+    brake = -a
+    peak = sqrt(jerk * lost + 0.5 * brake * brake)
+    if peak <= brake:
+        t = brake / jerk
+        return distance + t * (v - brake * t / 3.0)
+    if peak > limit:
+        peak = limit if limit > brake else brake
+    t = (peak - brake) / jerk
+    distance += t * (v - t * (0.5 * brake + jerk * t / 6.0))
+    v -= t * (brake + 0.5 * jerk * t)
+    v_last = v_end + 0.5 * peak * peak / jerk
+    if v > v_last:
+        distance += 0.5 * (v + v_last) * (v - v_last) / peak
+        v = v_last
+    t = peak / jerk
+    return distance + t * (v - peak * t / 3.0)
+
+
+@njit(cache=True)
+def axis_acceleration(
+    d: float, v: float, a: float, v_end: float, speed: float, limit: float, jerk: float, dt: float
+) -> float:
+    """Return the acceleration at the end of the step that brings one axis to its target.
+
+    The largest one, within the jerk and acceleration limits, after which the speed limit can still be kept and the
+    axis can still come to ``v_end`` within the remaining distance ``d``. A state from which that is possible is never
+    left, so the target is not overshot.
+    """
+    sign = 1.0
+    if d < 0.0:
+        sign, d, v, a, v_end = -1.0, -d, -v, -a, 0.0
+    change = jerk * dt
+    if v_end == 0.0 and d < 0.01 and abs(v) < 0.02 and abs(a) < 0.1:
+        rate = 64.0 * d - 48.0 * v - 12.0 * a
+        step = min(max(rate * dt, -change), change)
+        return sign * min(max(a + step, -limit), limit) if d + abs(v) + abs(a) > 1e-9 else sign * a
+    low = max(a - change, min(-limit, a + change))
+    room = speed - v - 0.5 * a * dt
+    half = 0.5 * change
+    if room >= 0.0:
+        high = sqrt(half * half + 2.0 * jerk * room) - half
+    else:
+        high = half - sqrt(half * half - 2.0 * jerk * room)
+    high = min(high, a + change, limit)
+    if high <= low:
+        return sign * low
+    third = dt * dt / 6.0
+    ahead = d - v * dt - third * 2.0 * a
+    v_half = v + 0.5 * a * dt
+    spare_high = ahead - third * high - stopping_distance(v_half + 0.5 * dt * high, high, v_end, limit, jerk)
+    if spare_high >= 0.0:
+        return sign * high
+    spare_low = ahead - third * low - stopping_distance(v_half + 0.5 * dt * low, low, v_end, limit, jerk)
+    if spare_low <= 0.0:
+        return sign * low
+    for _ in range(6):
+        middle = low + (high - low) * spare_low / (spare_low - spare_high)
+        spare = ahead - third * middle - stopping_distance(v_half + 0.5 * dt * middle, middle, v_end, limit, jerk)
+        if spare >= 0.0:
+            low, spare_low = middle, spare
+            if spare < 1e-9:
+                break
+            spare_high *= 0.5
+        else:
+            high, spare_high = middle, spare
+            spare_low *= 0.5
+    return sign * low
+
+
+@njit(cache=True)
+def rotor_power(power: Floats, airspeed2: float, climb: float) -> float:
+    """Return the electric power in flight; see `sim_vehicle.battery`."""
+    v0 = power[3]
+    ratio = airspeed2 / (2.0 * v0 * v0)
+    total = power[6] + power[0] * (1.0 + 3.0 * airspeed2 * power[2]) + power[4] * airspeed2 * sqrt(airspeed2)
+    total += power[1] * sqrt(sqrt(1.0 + ratio * ratio) - ratio)
+    if climb > 0.0:
+        total += power[5] * (0.5 * climb + sqrt(0.25 * climb * climb + v0 * v0) - v0)
+    return total
+
+
+@njit(cache=True)
+def gauss_markov(noise: Floats, decay: float, last: Floats) -> Floats:
+    """Return the first-order recursion ``g[i] = decay g[i-1] + noise[i]``, float64[n, 2]."""
+    series = np.empty_like(noise)
+    for k in range(2):
+        value = last[k]
+        for i in range(noise.shape[0]):
+            value = decay * value + noise[i, k]
+            series[i, k] = value
+    return series
+
+
+@njit(cache=True)
+def advance(
+    state: Floats,
+    counters: Integers,
+    route: Floats,
+    limits: Floats,
+    power: Floats,
+    wind: Floats,
+    first_wind: int,
+    max_steps: int,
+    stop_each: bool,
+    arrivals: Integers,
+    track: Floats,
+    track_every: int,
+) -> int:
+    """Fly up to ``max_steps`` steps along the route; return early, with the event, when something happens.
+
+    Parameters
+    ----------
+    state, counters : float64[STATE], int64[COUNTERS]
+        Changed in place.
+    route : float64[n, LEG]
+        Of `prepare_route`; after the last leg the vehicle stays at its end.
+    limits, power : float64[LIMITS], float64[7]
+    wind : float64[m, 2]
+        East and north on the grid of `GRID` steps from grid index ``first_wind``; one row is a steady wind.
+    stop_each : bool
+        Return at every waypoint, not only at the last.
+    arrivals : int64[n]
+        Receives the step at which each leg was completed.
+    track : float64[k, 3]
+        Receives the position every ``track_every`` grid points (0: never) until it is full.
+
+    Returns
+    -------
+    int
+        RAN, REACHED, WIND (the wind block is used up), STALLED (no progress for 30 s), ENERGY or NEAR.
+    """
+    dt = limits[0]
+    last = route.shape[0] - 1
+    windy = wind.shape[0] > 1 or wind[0, 0] != 0.0 or wind[0, 1] != 0.0
+    px, py, pz = state[0], state[1], state[2]
+    vx, vy, vz = state[3], state[4], state[5]
+    ax, ay, az = state[6], state[7], state[8]
+    yaw, yaw_rate, energy, length = state[9], state[10], state[11], state[12]
+    step, leg = counters[0], counters[1]
+    event = RAN
+    fresh = True
+    accel2 = limits[5] * limits[5]
+    top2 = limits[1] * limits[1]
+    tx = ty = tz = ux = uy = uz = nx = ny = nz = wx = wy = wz = 0.0
+    cruise = leave = radius = heading = horizontal = 0.0
+    for _ in range(max_steps):
+        if fresh:
+            row = route[leg]
+            tx, ty, tz = row[0], row[1], row[2]
+            ux, uy, uz = row[3], row[4], row[5]
+            nx, ny, nz = row[6], row[7], row[8]
+            wx, wy, wz = row[9], row[10], row[11]
+            cruise, leave, radius, heading, horizontal = row[12], row[13], row[14], row[15], row[26]
+            fresh = False
+        rx, ry, rz = tx - px, ty - py, tz - pz
+        if step % GRID == 0:
+            index = 0
+            if wind.shape[0] > 1:
+                index = step // GRID - first_wind
+                if index >= wind.shape[0]:
+                    event = WIND
+                    break
+            state[15], state[16] = wind[index, 0], wind[index, 1]
+            airx, airy = vx - state[15], vy - state[16]
+            state[13] = rotor_power(power, airx * airx + airy * airy, vz)
+            if track_every > 0 and (step // GRID) % track_every == 0 and counters[5] < track.shape[0]:
+                point = counters[5]
+                track[point, 0], track[point, 1], track[point, 2] = px, py, pz
+                counters[5] = point + 1
+            if counters[3] == 0:
+                left = sqrt(rx * rx + ry * ry + rz * rz)
+                if state[14] - left > 0.05 * min(cruise * STALL_STEPS * dt, state[14]) or state[14] == inf:
+                    state[14] = left
+                    counters[2] = step
+                elif step - counters[2] > STALL_STEPS:
+                    event = STALLED
+                    break
+        # Along the leg, across it, and aslant: the state in the frame of the leg.
+        ds = rx * ux + ry * uy + rz * uz
+        vs = vx * ux + vy * uy + vz * uz
+        accs = ax * ux + ay * uy + az * uz
+        dn = rx * nx + ry * ny
+        vn = vx * nx + vy * ny
+        accn = ax * nx + ay * ny
+        dw = rx * wx + ry * wy + rz * wz
+        vw = vx * wx + vy * wy + vz * wz
+        accw = ax * wx + ay * wy + az * wz
+        speed = cruise
+        if horizontal > 0.0:
+            free = top2 - vn * vn
+            most = (sqrt(free) if free > 0.0 else 0.0) / horizontal
+            if most < speed:
+                speed = most
+            if windy and horizontal > 0.05:
+                ex, ey = ux / horizontal, uy / horizontal
+                tail = state[15] * ex + state[16] * ey
+                side = state[15] * ey - state[16] * ex
+                free = limits[2] * limits[2] - side * side
+                most = (tail + sqrt(free)) / horizontal if free > 0.0 else 0.0
+                if most < speed:
+                    speed = most if most > 0.3 else 0.0
+        row = route[leg]
+        if radius > 0.0 and ds >= 0.0:
+            ahead = row[27] + (ds - radius if ds > radius else 0.0)
+            if ahead == 0.0 and vs <= leave and leave < speed:
+                speed = leave
+            if ahead > row[24] and vs <= speed:
+                ahead = 1e9
+            s1 = axis_acceleration(ahead, vs, accs, leave, speed, row[16], row[17], dt)
+        else:
+            s1 = axis_acceleration(ds, vs, accs, 0.0, speed, row[16], row[17], dt)
+        n1 = accn
+        if abs(dn) + abs(vn) + abs(accn) > 1e-9:
+            n1 = axis_acceleration(dn, vn, accn, 0.0, row[22], row[18], row[19], dt)
+        w1 = accw
+        if abs(dw) + abs(vw) + abs(accw) > 1e-9:
+            w1 = axis_acceleration(dw, vw, accw, 0.0, row[23], row[20], row[21], dt)
+        bx = s1 * ux + n1 * nx + w1 * wx
+        by = s1 * uy + n1 * ny + w1 * wy
+        bz = s1 * uz + w1 * wz
+        norm2 = bx * bx + by * by
+        if norm2 > accel2:
+            scale = sqrt(accel2 / norm2)
+            bx *= scale
+            by *= scale
+        bz = min(max(bz, -limits[7]), limits[7])
+        third = dt * dt / 6.0
+        mx = vx * dt + third * (2.0 * ax + bx)
+        my = vy * dt + third * (2.0 * ay + by)
+        mz = vz * dt + third * (2.0 * az + bz)
+        px += mx
+        py += my
+        pz += mz
+        length += sqrt(mx * mx + my * my + mz * mz)
+        vx += 0.5 * dt * (ax + bx)
+        vy += 0.5 * dt * (ay + by)
+        vz += 0.5 * dt * (az + bz)
+        ax, ay, az = bx, by, bz
+        energy += state[13] * dt
+        step += 1
+        if not isnan(heading) and (heading != yaw or yaw_rate != 0.0):
+            error = (heading - yaw + pi) % (2.0 * pi) - pi
+            size = abs(error)
+            if size < 1e-6 and abs(yaw_rate) < 1e-4:
+                yaw, yaw_rate = heading, 0.0
+            else:
+                rate = min(limits[9], 2.0 * size, 0.8 * sqrt(2.0 * limits[10] * size))
+                rate = rate if error > 0.0 else -rate
+                change = limits[10] * dt
+                yaw_rate += min(max(rate - yaw_rate, -change), change)
+                yaw = (yaw + yaw_rate * dt) % (2.0 * pi)
+        elif yaw_rate != 0.0:
+            change = limits[10] * dt
+            yaw_rate -= min(max(yaw_rate, -change), change)
+            yaw = (yaw + yaw_rate * dt) % (2.0 * pi)
+        if counters[3] == 0:
+            rx, ry, rz = tx - px, ty - py, tz - pz
+            left2 = rx * rx + ry * ry + rz * rz
+            if radius > 0.0:
+                reached = left2 <= radius * radius
+            else:
+                reached = left2 <= STOP_RADIUS * STOP_RADIUS and vx * vx + vy * vy + vz * vz <= STOP_SPEED * STOP_SPEED
+            if reached:
+                arrivals[leg] = step
+                state[14] = inf
+                counters[4] = 0
+                if leg == last:
+                    counters[3] = 1
+                    event = REACHED
+                else:
+                    leg += 1
+                    fresh = True
+                    if stop_each:
+                        event = REACHED
+            elif counters[4] == 0 and left2 < row[25] * row[25]:
+                counters[4] = 1
+                event = NEAR
+        if energy >= limits[11] and event == RAN:
+            event = ENERGY
+        if event != RAN:
+            break
+    state[0], state[1], state[2] = px, py, pz
+    state[3], state[4], state[5] = vx, vy, vz
+    state[6], state[7], state[8] = ax, ay, az
+    state[9], state[10], state[11], state[12] = yaw, yaw_rate, energy, length
+    counters[0], counters[1] = step, leg
+    return event
+
+
+@njit(cache=True)
+def _speed_within(distance: float, limit: float, jerk: float) -> float:
+    """Return the speed from which an axis stops within a distance, starting with no acceleration."""
+    v = (distance * sqrt(jerk)) ** (2.0 / 3.0)
+    if v <= limit * limit / jerk:
+        return v
+    ramp = limit / jerk
+    return 0.5 * limit * (sqrt(ramp * ramp + 8.0 * distance / limit) - ramp)
+
+
+@njit(cache=True)
+def prepare_route(
+    start: Floats, points: Floats, radius: Floats, speed: Floats, heading: Floats, near: Floats, limits: Floats
+) -> Floats:
+    """Return the legs of a route: directions, limits in the frame of each leg, and the speeds at the corners.
+
+    Parameters
+    ----------
+    start : float64[3]
+        Where the first leg begins.
+    points : float64[n, 3]
+    radius : float64[n]
+        Acceptance radius; 0 stops there. The last point is always a stop.
+    speed : float64[n]
+        Horizontal ground speed of the leg.
+    heading : float64[n]
+        Heading on the leg; NaN is the direction of the leg, infinity keeps the heading.
+    near : float64[n]
+        Distance to the point at which to return NEAR, 0 for never.
+    """
+    n = points.shape[0]
+    route = np.zeros((n, LEG))
+    lengths = np.empty(n)
+    bx, by, bz = start[0], start[1], start[2]
+    for i in range(n):
+        row = route[i]
+        for k in range(3):
+            row[k] = points[i, k]
+        dx, dy, dz = row[0] - bx, row[1] - by, row[2] - bz
+        flat = sqrt(dx * dx + dy * dy)
+        length = sqrt(flat * flat + dz * dz)
+        lengths[i] = length
+        if length > 1e-6:
+            row[3], row[4], row[5] = dx / length, dy / length, dz / length
+            flat /= length
+        elif i > 0:
+            row[3], row[4], row[5] = route[i - 1, 3], route[i - 1, 4], route[i - 1, 5]
+            flat = route[i - 1, 26]
+        else:
+            row[3], row[4], row[5] = 1.0, 0.0, 0.0
+            flat = 1.0
+        if flat < 1e-6:
+            row[3], row[4], row[5] = 0.0, 0.0, 1.0 if row[5] > 0.0 else -1.0
+            flat = 0.0
+        rise = abs(row[5])
+        row[26] = flat
+        if flat > 0.0:
+            row[6], row[7] = -row[4] / flat, row[3] / flat
+        else:
+            row[6], row[7] = 0.0, 1.0
+        row[9] = row[4] * row[8] - row[5] * row[7]
+        row[10] = row[5] * row[6] - row[3] * row[8]
+        row[11] = row[3] * row[7] - row[4] * row[6]
+        up = limits[3] if row[5] > 0.0 else limits[4]
+        for k, across, vertical in ((16, limits[5], limits[7]), (17, limits[6], limits[8])):
+            row[k + 2] = ACROSS * across
+            aslant = min(
+                ALONG * across / rise if rise > 0.0 else inf, vertical / flat if flat > 0.0 else inf
+            )
+            row[k + 4] = ASLANT * aslant
+            row[k] = min(
+                (ALONG * across - rise * row[k + 4]) / flat if flat > 0.0 else inf,
+                (vertical - flat * row[k + 4]) / rise if rise > 0.0 else inf,
+            )
+        row[22] = 0.3 * limits[1]
+        lesser = min(limits[3], limits[4])
+        row[23] = ASLANT * min(limits[1] / rise if rise > 0.0 else inf, lesser / flat if flat > 0.0 else inf)
+        row[12] = min(
+            min(speed[i], 0.95 * limits[1] - rise * row[23]) / flat if flat > 0.0 else inf,
+            (up - flat * row[23]) / rise if rise > 0.0 else inf,
+        )
+        row[14] = radius[i] if i < n - 1 else 0.0
+        if heading[i] == inf or (isnan(heading[i]) and flat * length < 0.05):
+            row[15] = np.nan
+        elif isnan(heading[i]):
+            row[15] = np.arctan2(row[3], row[4]) % (2.0 * pi)
+        else:
+            row[15] = heading[i] % (2.0 * pi)
+        row[25] = near[i]
+        bx, by, bz = row[0], row[1], row[2]
+    # Backwards: the speed at each corner, and the next place that the vehicle has to brake for. A corner that is
+    # slower than what braking for that place allows becomes such a place itself.
+    slow, way = 0.0, 0.0
+    for i in range(n - 1, -1, -1):
+        row = route[i]
+        if row[14] > 0.0:
+            after = route[i + 1]
+            corner = min(row[12], after[12])
+            turn = 1.0
+            for axis in range(3):
+                part = 0.0
+                for k in range(3):
+                    part += row[3 + k] * after[3 + 3 * axis + k]
+                if axis == 0:
+                    turn = part
+                    if part >= 0.0:
+                        continue
+                part = abs(part)
+                if part > 1e-9:
+                    room = max(part, 0.3) * row[14]
+                    corner = min(corner, _speed_within(room, after[16 + 2 * axis], after[17 + 2 * axis]) / part)
+            way = max(way + lengths[i + 1] + max(turn, 0.0) * row[14] - after[14], 0.0)
+            limit = 0.9 * after[16]
+            ramp = limit * limit / after[17]
+            reach = 0.5 * (sqrt((ramp - 2.0 * slow) ** 2 + 8.0 * limit * way) - ramp)
+            reach = max(slow, reach, _speed_within(way, limit, after[17]))
+            if corner < 1.15 * reach or turn < 0.9:
+                slow, way = min(corner, reach), 0.0
+        else:
+            slow, way = 0.0, 0.0
+        row[13], row[27] = slow, way
+        v = row[12] + 0.5 * row[16] * row[16] / row[17]
+        row[24] = v * (v / row[16] + 2.0 * row[16] / row[17])
+    return route

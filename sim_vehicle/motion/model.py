@@ -1,0 +1,106 @@
+"""What a motion model is: it flies routes, in fixed steps, and tells when something happens."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+class MotionEvent(IntEnum):
+    """Why a motion model returned; the values are those of the kernel."""
+
+    RAN = 0
+    REACHED = 1
+    STALLED = 3
+    ENERGY = 4
+    NEAR = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """Legs that are flown without a pause between them, unless a leg ends with a stop.
+
+    Parameters
+    ----------
+    points_m : float64[n, 3]
+        Ends of the legs: east, north, up about home.
+    radius_m : float64[n]
+        Acceptance radius; 0 is a stop. The last point is always a stop.
+    speed_m_s : float64[n]
+        Horizontal ground speed.
+    heading_rad : float64[n]
+        Compass heading on the leg; NaN looks along the leg, infinity keeps the heading.
+    near_m : float64[n]
+        Distance to the end at which NEAR is told, 0 for never.
+    """
+
+    points_m: NDArray[np.float64]
+    radius_m: NDArray[np.float64]
+    speed_m_s: NDArray[np.float64]
+    heading_rad: NDArray[np.float64]
+    near_m: NDArray[np.float64]
+
+    @classmethod
+    def to(cls, x_m: float, y_m: float, z_m: float, *, speed_m_s: float, heading_rad: float = math.nan) -> Route:
+        """Return a route of one leg, with a stop at its end."""
+        return cls.through([(x_m, y_m, z_m, 0.0, speed_m_s, heading_rad, 0.0)])
+
+    @classmethod
+    def through(cls, legs: list[tuple[float, float, float, float, float, float, float]]) -> Route:
+        """Return a route of (x, y, z, radius, speed, heading, near) rows."""
+        rows = np.array(legs, dtype=np.float64).T
+        return cls(np.ascontiguousarray(rows[:3].T), *(np.ascontiguousarray(row) for row in rows[3:]))
+
+
+class MotionModel(Protocol):
+    """A vehicle's motion (`Multirotor`, `IdealRobot`)."""
+
+    step_s: float
+    arrivals: NDArray[np.int64]
+    track: NDArray[np.float64]
+    track_every: int
+
+    @property
+    def time_s(self) -> float:
+        """Time since the start."""
+
+    @property
+    def step(self) -> int:
+        """Steps since the start."""
+
+    @property
+    def leg(self) -> int:
+        """Index of the leg that is being flown."""
+
+    @property
+    def position_m(self) -> tuple[float, float, float]:
+        """East, north, up about home."""
+
+    @property
+    def energy_j(self) -> float:
+        """Energy used since the start."""
+
+    def numbers(self) -> list[float]:
+        """Return position, velocity, acceleration (9), heading, its rate, energy, path, power, -, wind (2)."""
+
+    def fly(self, route: Route) -> None:
+        """Begin a route."""
+
+    def stopping_point(self) -> tuple[float, float, float]:
+        """Return where the vehicle comes to rest if it brakes now."""
+
+    def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
+        """Fly up to a number of steps, less when something happens."""
+
+    def rest(self, steps: int, *, armed: bool) -> None:
+        """Stand on the ground for a number of steps."""
+
+    def touch_down(self) -> None:
+        """Stand still on the ground."""

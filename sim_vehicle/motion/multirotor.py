@@ -1,0 +1,182 @@
+"""A multirotor as a motion model: the compiled kernel with its state, route, wind and energy."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sim_vehicle.battery import WH_J, power_coefficients
+from sim_vehicle.motion import kernel
+from sim_vehicle.motion.model import MotionEvent
+from sim_vehicle.wind import Wind
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from sim_vehicle.motion.model import Route
+    from sim_vehicle.spec import VehicleSpec
+
+_NO_TRACK = np.empty((0, 3))
+
+
+class Multirotor:
+    """A multirotor that flies routes.
+
+    Parameters
+    ----------
+    spec : VehicleSpec
+    wind : Wind, optional
+    yaw_rad : float
+        Heading at the start.
+
+    Examples
+    --------
+    >>> from sim_vehicle.motion.model import Route
+    >>> from sim_vehicle.spec import get_vehicle
+    >>> vehicle = Multirotor(get_vehicle("quad"))
+    >>> vehicle.fly(Route.to(0.0, 0.0, 10.0, speed_m_s=5.0))
+    >>> vehicle.advance(10_000)
+    <MotionEvent.REACHED: 1>
+    >>> round(vehicle.position_m[2], 1), vehicle.time_s < 10.0
+    (10.0, True)
+    """
+
+    def __init__(self, spec: VehicleSpec, wind: Wind | None = None, yaw_rad: float = 0.0) -> None:
+        self.spec = spec
+        self.step_s = spec.step_s
+        self._wind = (wind or Wind()).series()
+        capacity = spec.battery.capacity_wh * WH_J if spec.battery is not None else math.inf
+        self._limits = np.array(
+            [
+                spec.step_s,
+                spec.speed_limit_m_s,
+                spec.airspeed_limit_m_s,
+                spec.climb_speed_m_s,
+                spec.descent_speed_m_s,
+                spec.acceleration_m_s2,
+                spec.jerk_m_s3,
+                spec.vertical_acceleration_m_s2,
+                spec.vertical_jerk_m_s3,
+                spec.yaw_rate_rad_s,
+                spec.yaw_acceleration_rad_s2,
+                capacity,
+            ]
+        )
+        self._power = power_coefficients(spec.power)
+        self._idle_w = spec.power.idle_w if spec.power is not None else 0.0
+        self.state: NDArray[np.float64] = np.zeros(kernel.STATE)
+        self.state[9] = yaw_rad % (2.0 * math.pi)
+        self.state[14] = math.inf
+        self.state[13] = self._power[6]
+        self.state[15:17] = self._wind.block[0]
+        self.counters: NDArray[np.int64] = np.zeros(kernel.COUNTERS, dtype=np.int64)
+        self.arrivals: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+        self._route: NDArray[np.float64] | None = None
+        self.track: NDArray[np.float64] = _NO_TRACK
+        self.track_every = 0
+
+    @property
+    def time_s(self) -> float:
+        """Time since the start."""
+        return int(self.counters[0]) * self.step_s
+
+    @property
+    def step(self) -> int:
+        """Steps since the start."""
+        return int(self.counters[0])
+
+    @property
+    def leg(self) -> int:
+        """Index of the leg that is being flown."""
+        return int(self.counters[1])
+
+    @property
+    def position_m(self) -> tuple[float, float, float]:
+        """East, north, up about home."""
+        x, y, z = self.state[0:3].tolist()
+        return x, y, z
+
+    @property
+    def energy_j(self) -> float:
+        """Energy used since the start."""
+        return float(self.state[11])
+
+    def numbers(self) -> list[float]:
+        """Return the state as plain numbers, in the order that `sim_vehicle.motion.kernel` documents."""
+        numbers: list[float] = self.state.tolist()
+        return numbers
+
+    def fly(self, route: Route) -> None:
+        """Begin a route, from where the vehicle is and as it moves now."""
+        self._route = kernel.prepare_route(
+            self.state[0:3].copy(),
+            route.points_m,
+            route.radius_m,
+            route.speed_m_s,
+            route.heading_rad,
+            route.near_m,
+            self._limits,
+        )
+        self.arrivals = np.zeros(len(route.points_m), dtype=np.int64)
+        self.state[14] = math.inf
+        self.counters[1] = 0
+        self.counters[2] = self.counters[0]
+        self.counters[3] = self.counters[4] = 0
+
+    def stopping_point(self) -> tuple[float, float, float]:
+        """Return where the vehicle comes to rest if it brakes now."""
+        x, y, z, vx, vy, vz, ax, ay, az = self.state[0:9].tolist()
+        speed = math.sqrt(vx * vx + vy * vy + vz * vz)
+        if speed < 1e-3:
+            return x, y, z
+        ux, uy, uz = vx / speed, vy / speed, vz / speed
+        probe = np.array([[x + ux, y + uy, z + uz]])
+        one = np.ones(1)
+        row = kernel.prepare_route(self.state[0:3].copy(), probe, one, one, one, one, self._limits)[0]
+        along = ax * ux + ay * uy + az * uz
+        distance = kernel.stopping_distance(speed, along, 0.0, row[16], row[17])
+        return x + ux * distance, y + uy * distance, max(z + uz * distance, 0.0)
+
+    def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
+        """Fly up to ``max_steps`` steps, less when something happens (see `MotionEvent`)."""
+        end = int(self.counters[0]) + max_steps
+        route = self._route
+        if route is None:
+            return MotionEvent.RAN
+        while True:
+            event = kernel.advance(
+                self.state,
+                self.counters,
+                route,
+                self._limits,
+                self._power,
+                self._wind.block,
+                self._wind.first,
+                end - int(self.counters[0]),
+                stop_each,
+                self.arrivals,
+                self.track,
+                self.track_every,
+            )
+            if event != kernel.WIND:
+                return MotionEvent(event)
+            self._wind.forward()
+
+    def rest(self, steps: int, *, armed: bool) -> None:
+        """Stand on the ground for a number of steps: no motion, only the idle power."""
+        power = float(self._power[6]) + (self._idle_w if armed else 0.0)
+        self.state[13] = power
+        self.state[11] += power * steps * self.step_s
+        self.counters[0] += steps
+        if len(self._wind.block) > 1:
+            while self.counters[0] // kernel.GRID - self._wind.first >= len(self._wind.block):
+                self._wind.forward()
+            self.state[15:17] = self._wind.block[self.counters[0] // kernel.GRID - self._wind.first]
+
+    def touch_down(self) -> None:
+        """Stand still on the ground."""
+        self.state[2:9] = 0.0
+        self.state[10] = 0.0
+        self._route = None

@@ -54,9 +54,9 @@ class LocalFrame:
     >>> frame = LocalFrame(28.05, -82.15)
     >>> latitude_deg, longitude_deg = frame.to_wgs84(100.0, 0.0)
     >>> round(latitude_deg, 7), round(longitude_deg, 7)
-    (28.05, -82.1489831)
+    (28.05, -82.1489829)
     >>> x_m, y_m = frame.from_wgs84(latitude_deg, longitude_deg)
-    >>> round(x_m, 6), abs(round(y_m, 6))
+    >>> round(x_m, 6), round(abs(y_m), 5)
     (100.0, 0.0)
     """
 

@@ -52,7 +52,7 @@ def test_waterberry() -> None:
     assert waterberry.owner_cells == 12_000_000
     assert (grid.crop != Crop.NONE).all()
     assert waterberry.cell_of(*waterberry.home_m) == (1000, 1000)
-    # Slanted border x = 4000 - (y - 1000) / 3, in sixths of a cell; the tomatoes are painted later and keep ties.
+    # Slanted border x = 4000 - (y - 1000) / 3, in sixths of a cell; tomatoes are painted later.
     for iy in (1000, 1001, 1002, 2000, 2500, 3300):
         border_sixths = 24000 - (2 * iy + 1 - 2000)
         first_tomato = -((3 - border_sixths) // 6)

@@ -8,8 +8,7 @@ import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from geo import FarmError, FarmGrid
-from geo import raster
+from geo import FarmError, FarmGrid, raster
 from geo.grid import rasterise
 
 SIZE = 24
@@ -94,7 +93,7 @@ def test_blocks_of_columns_do_not_change_the_result(polygon: shapely.Polygon) ->
 
 
 def test_slanted_ties_through_metres() -> None:
-    # x = 4000 - (y - 1000) / 3 passes through the centre of every third row's cell; so does it after feet -> metres.
+    # A slope of three passes through the centre of a cell in every third row, in metres as in feet.
     foot = 0.3048
     triangle = shapely.Polygon([(4 * foot, 1 * foot), (14 * foot, 1 * foot), (14 * foot, 31 * foot)])
     cells = rasterise([(triangle, 2, True)], (16, 32), foot).crop

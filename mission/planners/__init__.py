@@ -2,7 +2,9 @@
 
 from mission.planners.budget import Budget, LengthBudget, StepBudget, parse_budget
 from mission.planners.build import build_mission
+from mission.planners.conformance import check_planner
 from mission.planners.path import PlannedPath, coverage, path_length
+from mission.planners.registry import get_planner, planner_names
 from mission.planners.request import CropArea, Planner, PlanningRequest
 
 __all__ = [
@@ -14,7 +16,10 @@ __all__ = [
     "PlanningRequest",
     "StepBudget",
     "build_mission",
+    "check_planner",
     "coverage",
+    "get_planner",
     "parse_budget",
     "path_length",
+    "planner_names",
 ]

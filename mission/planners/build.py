@@ -118,7 +118,7 @@ def _camera_command(
     distance_m: float | None, interval_s: float | None
 ) -> tuple[tuple[MissionItem], tuple[MissionItem]] | None:
     if distance_m is not None and interval_s is not None:
-        msg = "the camera fires by distance or by interval: give camera_distance_m or camera_interval_s, not both"
+        msg = "the camera fires by distance or by interval: give one of camera_distance_m, camera_interval_s"
         raise PlanningError(msg)
     if distance_m is not None:
         _check_positive("camera distance", distance_m, "m")

@@ -1,0 +1,141 @@
+"""The conformance kit: what every planner must keep, for planners from other packages too."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import shapely
+from shapely.geometry import LineString, MultiPolygon, Point, Polygon
+
+from geo.farm import Crop
+from mission.errors import PlanningError
+from mission.planners.budget import Budget, LengthBudget, StepBudget
+from mission.planners.path import Area, PlannedPath
+from mission.planners.request import CropArea, Planner, PlanningRequest
+
+_INSIDE_M = 1e-6
+
+
+class _TurnBudget:
+    """A budget like a flight time: seconds of flight at 5 m/s and 1.5 s for every turn, with the way back."""
+
+    unit = "s"
+
+    def __init__(self, limit: float, home: tuple[float, float]) -> None:
+        self.limit = limit
+        self._home = np.asarray(home)
+
+    def cost(self, path_xy_m: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> float:
+        legs = np.hypot(*np.diff(np.vstack((path_xy_m, self._home)), axis=0).T)
+        return float(legs.sum() / 5.0 + 1.5 * len(legs))
+
+
+def check_planner(planner: Planner) -> None:
+    """Check that a planner keeps the rules of the house.
+
+    Over convex, concave, pierced and disconnected areas, budgets of several units, and starts inside and
+    outside: the result is a `PlannedPath` whose cost is within the budget; it lies in the area, except for
+    transits between parts that do not hang together; the same request gives the same path; numpy's global
+    generator and the request are left alone; a budget that is too small gives a path within it or a
+    `PlanningError` of one line.
+
+    Parameters
+    ----------
+    planner : callable
+        From `PlanningRequest` to `PlannedPath`.
+
+    Raises
+    ------
+    AssertionError
+        If a rule is broken; the text says which, and for what problem.
+
+    Examples
+    --------
+    >>> from mission.planners.registry import get_planner
+    >>> check_planner(get_planner("random-waypoint"))
+    """
+    for what, request in conformance_requests():
+        _check_one(planner, what, request)
+
+
+def conformance_requests() -> Iterator[tuple[str, PlanningRequest]]:
+    """Yield the problems of the kit with a description of each."""
+    areas: dict[str, Area] = {
+        "square": shapely.box(0, 0, 60, 60),
+        "oblong off the origin": shapely.box(1000, -500, 1100, -440),
+        "triangle": Polygon([(0, 0), (80, 10), (20, 70)]),
+        "L": Polygon([(0, 0), (80, 0), (80, 20), (20, 20), (20, 80), (0, 80)]),
+        "square with a pond": Polygon(
+            [(0, 0), (70, 0), (70, 70), (0, 70)], [[(20, 20), (20, 50), (50, 50), (50, 20)]]
+        ),
+        "two fields": MultiPolygon([shapely.box(0, 0, 30, 40), shapely.box(60, 10, 90, 50)]),
+    }
+    for name, area in areas.items():
+        inside = area.representative_point()
+        x_min, y_min, x_max, y_max = area.bounds
+        middle = (y_min + y_max) / 2
+        crops = (
+            *_crop(Crop.STRAWBERRY, shapely.intersection(area, shapely.box(x_min, y_min, x_max, middle))),
+            *_crop(Crop.TOMATO, shapely.intersection(area, shapely.box(x_min, middle, x_max, y_max))),
+        )
+        outside = (x_min - 15.0, y_min - 5.0)
+        budgets: dict[tuple[float, float], tuple[Budget, ...]] = {
+            (inside.x, inside.y): (LengthBudget(1500.0), StepBudget(4000.0), LengthBudget(5.0)),
+            outside: (
+                LengthBudget(1200.0, return_to=outside),
+                _TurnBudget(600.0, outside),
+                LengthBudget(1.0, return_to=outside),
+            ),
+        }
+        for start, choices in budgets.items():
+            for budget in choices:
+                request = PlanningRequest(area, start, budget, crop_areas=crops, seed=7)
+                yield f"{name}, start {start}, budget {budget.limit:g} {budget.unit}", request
+
+
+def _crop(crop: Crop, area: Area) -> tuple[CropArea, ...]:
+    return (CropArea(crop, area),) if isinstance(area, Polygon | MultiPolygon) and area.area > 0 else ()
+
+
+def _check_one(planner: Planner, what: str, request: PlanningRequest) -> None:
+    before = shapely.to_wkb(request.area)
+    state = np.random.get_state(legacy=False)  # noqa: NPY002
+    path = _plan(planner, what, request)
+    again = _plan(planner, what, request)
+    after = np.random.get_state(legacy=False)  # noqa: NPY002
+    _require(str(state) == str(after), what, "the planner drew from numpy's global generator")
+    _require(shapely.to_wkb(request.area) == before, what, "the planner changed the area")
+    _require((path is None) == (again is None), what, "the same request once gave a path and once an error")
+    if path is None or again is None:
+        return
+    _require(isinstance(path, PlannedPath), what, f"the result is a {type(path).__name__}, not a PlannedPath")
+    same = np.array_equal(path.points_m, again.points_m) and path.spacing_m == again.spacing_m
+    _require(same, what, "the same request gave two different paths")
+    cost = request.cost(path.points_m)
+    limit = request.budget.limit
+    _require(math.isfinite(cost) and cost <= limit, what, f"the path costs {cost}, the budget is {limit}")
+    points = path.points_m
+    line = LineString(points) if len(points) > 1 else Point(points[0])
+    # Between parts that do not hang together the path may take the straight way.
+    room = request.area.convex_hull if isinstance(request.area, MultiPolygon) else request.area
+    _require(bool(room.buffer(_INSIDE_M).covers(line)), what, "the path leaves the area")
+
+
+def _plan(planner: Planner, what: str, request: PlanningRequest) -> PlannedPath | None:
+    try:
+        return planner(request)
+    except PlanningError as error:
+        text = str(error)
+        _require(
+            bool(text.strip()) and "\n" not in text, what, f"the error is not one line of text: {text!r}"
+        )
+        _require(request.budget.limit < 1000 or request.budget.unit == "s", what, f"no path at all: {text}")
+        return None
+
+
+def _require(kept: bool, what: str, broken: str) -> None:
+    if not kept:
+        msg = f"{what}: {broken}"
+        raise AssertionError(msg)

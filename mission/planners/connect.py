@@ -1,0 +1,238 @@
+"""Staying inside: the inset area, straight legs within it, and shortest ways around its corners."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+from shapely.geometry import MultiPolygon, Polygon
+from shapely.geometry.polygon import orient
+
+from mission.planners.path import Area, Points
+
+TOLERANCE_M = 5e-7
+MAX_NODES = 400
+_NO_POINTS: Points = np.empty((0, 2))
+
+
+def parts_of(area: Area) -> tuple[Polygon, ...]:
+    """Return the polygons of the area."""
+    return tuple(area.geoms) if isinstance(area, MultiPolygon) else (area,)
+
+
+def is_rectangle(area: Area) -> bool:
+    """Tell whether the area is one rectangle with sides along the axes."""
+    if not isinstance(area, Polygon) or area.interiors:
+        return False
+    x_min, y_min, x_max, y_max = area.bounds
+    box = (x_max - x_min) * (y_max - y_min)
+    return bool(box - area.area <= 1e-9 * box)
+
+
+def inset(area: Area, distance_m: float) -> Area:
+    """Return the area less a margin along its border.
+
+    A part that is too narrow for the margin gets half of it, and half again, until something is left; so
+    every part can be visited. Convex corners stay sharp, reflex ones are bevelled inward, so the result
+    lies within the true inset.
+
+    Examples
+    --------
+    >>> inset(shapely.box(0, 0, 10, 4), 1.0).bounds
+    (1.0, 1.0, 9.0, 3.0)
+    """
+    if distance_m <= 0:
+        return area
+    pieces: list[Polygon] = []
+    for part in parts_of(area):
+        margin = distance_m
+        left: list[Polygon] = []
+        while not left and margin > distance_m * 2.0**-30:
+            left = [piece for piece in parts_of(_shrunk(part, margin)) if piece.area > 0]
+            margin /= 2
+        pieces += left or [part]
+    return pieces[0] if len(pieces) == 1 else MultiPolygon(pieces)
+
+
+def _shrunk(part: Polygon, margin: float) -> Area:
+    if not is_rectangle(part):
+        return shapely.buffer(part, -margin, join_style="mitre", mitre_limit=2.0)
+    x_min, y_min, x_max, y_max = part.bounds
+    if min(x_max - x_min, y_max - y_min) <= 2 * margin:
+        return Polygon()
+    return shapely.box(x_min + margin, y_min + margin, x_max - margin, y_max - margin)
+
+
+class Region:
+    """A polygon in which straight legs are tested and detours are found.
+
+    A detour is the shortest way through the polygon's reflex corners (A* over the visibility graph, whose
+    rows are worked out when they are needed and kept). Polygons with more than 400 such corners are
+    simplified, inward, for the corners only.
+    """
+
+    def __init__(self, polygon: Polygon) -> None:
+        self.polygon = polygon
+        self._tolerant = shapely.buffer(polygon, TOLERANCE_M, join_style="mitre", mitre_limit=2.0)
+        shapely.prepare(self._tolerant)
+        self._rows: dict[int, NDArray[np.intp]] = {}
+
+    def contains(self, points_m: ArrayLike) -> NDArray[np.bool_]:
+        """Tell for each point of float64[n, 2] whether it lies in the polygon."""
+        return np.asarray(
+            shapely.covers(self._tolerant, shapely.points(np.asarray(points_m, dtype=np.float64)))
+        )
+
+    def sees(self, starts_m: ArrayLike, ends_m: ArrayLike) -> NDArray[np.bool_]:
+        """Tell for each pair of points, float64[n, 2] each, whether the straight leg stays in the polygon."""
+        legs = np.stack(np.broadcast_arrays(starts_m, ends_m), axis=-2).astype(np.float64)
+        return np.asarray(shapely.covers(self._tolerant, shapely.linestrings(legs)))
+
+    @cached_property
+    def corners(self) -> Points:
+        """The corners that a shortest way can turn at, float64[n, 2]."""
+        corners = reflex_corners(self.polygon)
+        tolerance = 1e-4 * math.sqrt(self.polygon.area)
+        while len(corners) > MAX_NODES and tolerance < 0.1 * math.sqrt(self.polygon.area):
+            simple = shapely.simplify(shapely.buffer(self.polygon, -tolerance, quad_segs=2), tolerance)
+            simpler = [reflex_corners(part) for part in parts_of(simple) if not part.is_empty]
+            if not simpler:
+                break
+            corners = np.vstack(simpler)
+            tolerance *= 2
+        return corners
+
+    def route(self, start_m: Points, end_m: Points) -> Points | None:
+        """Return the corners between two points of the polygon, float64[n, 2], or None if there is no way."""
+        if bool(self.sees(start_m[None], end_m[None])[0]):
+            return _NO_POINTS
+        found = self._search(start_m, end_m)
+        if found is None and len(self.corners) < len(reflex_corners(self.polygon)):
+            self.__dict__["corners"] = reflex_corners(self.polygon)
+            self._rows.clear()
+            found = self._search(start_m, end_m)
+        return found
+
+    def _search(self, start_m: Points, end_m: Points) -> Points | None:
+        corners = self.corners
+        if not len(corners):
+            return None
+        to_end = np.hypot(corners[:, 0] - end_m[0], corners[:, 1] - end_m[1])
+        reaches_end = self.sees(corners, end_m)
+        spent = np.full(len(corners), math.inf)
+        came_from = np.full(len(corners), -1)
+        queue: list[tuple[float, int, bool]] = []
+        for node in np.nonzero(self.sees(corners, start_m))[0].tolist():
+            spent[node] = math.dist(corners[node], start_m)
+            heapq.heappush(queue, (float(spent[node] + to_end[node]), node, False))
+        done = np.zeros(len(corners), dtype=bool)
+        while queue:
+            _, node, arrived = heapq.heappop(queue)
+            if arrived:
+                way = [node]
+                while came_from[way[-1]] >= 0:
+                    way.append(int(came_from[way[-1]]))
+                return np.asarray(corners[way[::-1]])
+            if done[node]:
+                continue
+            done[node] = True
+            if reaches_end[node]:
+                heapq.heappush(queue, (float(spent[node] + to_end[node]), node, True))
+            seen = self._visible(node)
+            through = spent[node] + np.hypot(*(corners[seen] - corners[node]).T)
+            for near, length in zip(seen[through < spent[seen]], through[through < spent[seen]], strict=True):
+                spent[near] = length
+                came_from[near] = node
+                heapq.heappush(queue, (float(length + to_end[near]), int(near), False))
+        return None
+
+    def _visible(self, node: int) -> NDArray[np.intp]:
+        if node not in self._rows:
+            self._rows[node] = np.nonzero(self.sees(self.corners, self.corners[node]))[0]
+        return self._rows[node]
+
+
+def reflex_corners(polygon: Polygon) -> Points:
+    """Return the corners where the polygon's inside angle is above 180 degrees, float64[n, 2].
+
+    Examples
+    --------
+    >>> reflex_corners(Polygon([(0, 0), (4, 0), (4, 4), (2, 4), (2, 2), (0, 2)])).tolist()
+    [[2.0, 2.0]]
+    """
+    oriented = orient(polygon)
+    found = []
+    for ring in (oriented.exterior, *oriented.interiors):
+        points = shapely.get_coordinates(ring)[:-1]
+        before, after = points - np.roll(points, 1, axis=0), np.roll(points, -1, axis=0) - points
+        turn = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+        scale = np.hypot(*before.T) * np.hypot(*after.T)
+        found.append(points[turn < -1e-12 * scale])
+    return np.vstack(found)
+
+
+class Terrain:
+    """Where a path may go: the area, and the area inset by half a footprint, where the path lies if it can.
+
+    Parameters
+    ----------
+    area : shapely Polygon or MultiPolygon
+        The area in metres.
+    footprint_m : float
+        Width of what the camera sees at once.
+    """
+
+    def __init__(self, area: Area, footprint_m: float) -> None:
+        self.area = area
+        self.flyable = inset(area, footprint_m / 2)
+        self._inner = tuple(Region(part) for part in parts_of(self.flyable))
+
+    @cached_property
+    def _outer(self) -> tuple[Region, ...]:
+        # A path may pass a neck that is narrower than the footprint, along the area's very border.
+        return tuple(Region(part) for part in parts_of(self.area))
+
+    def join(self, pieces: Sequence[Points], start_m: ArrayLike) -> Points:
+        """Return one path through the pieces, see `legs`."""
+        return np.vstack(self.legs(pieces, start_m))
+
+    def legs(self, pieces: Sequence[Points], start_m: ArrayLike) -> list[Points]:
+        """Return the pieces, each of which lies in the inset area, with the way to each before it.
+
+        Two pieces are joined by a straight leg if it stays inside, else by the shortest way inside the
+        inset area, else by the shortest way inside the area. Only between parts of the area that do not
+        hang together is the leg a straight transit. The way from the start is found likewise; the start
+        itself is not in the result.
+
+        Parameters
+        ----------
+        pieces : sequence of float64[n, 2]
+            At least one.
+        start_m : float64[2]
+            Where the flight starts, anywhere.
+        """
+        start = np.asarray(start_m, dtype=np.float64)
+        leaves = np.vstack((start, *(piece[-1] for piece in pieces[:-1])))
+        enters = np.vstack([piece[0] for piece in pieces])
+        direct = np.zeros(len(pieces), dtype=bool)
+        for region in self._inner:
+            direct[~direct] = region.sees(leaves[~direct], enters[~direct])
+        return [
+            piece if straight else np.vstack((self._detour(leave, enter), piece))
+            for piece, straight, leave, enter in zip(pieces, direct, leaves, enters, strict=True)
+        ]
+
+    def _detour(self, leave: Points, enter: Points) -> Points:
+        both = np.vstack((leave, enter))
+        for regions in (self._inner, self._outer):
+            for region in regions:
+                if bool(region.contains(both).all()):
+                    found = region.route(leave, enter)
+                    if found is not None:
+                        return found
+        return _NO_POINTS

@@ -1,0 +1,151 @@
+"""The random waypoint planner: straight to one random place after the other until the budget is used."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import shapely
+from shapely.geometry import Point
+
+from mission.errors import PlanningError
+from mission.planners.connect import Terrain
+from mission.planners.path import Area, PlannedPath, Points, drop_coincident, path_length
+from mission.planners.request import PlanningRequest
+from mission.planners.search import densest_feasible
+
+MAX_WAYPOINTS = 30_000
+_FIRST_BLOCK = 16
+_CUTS = 10
+_UNUSED = 1e-6
+_ATTEMPTS = 1000
+
+
+def random_waypoint(request: PlanningRequest, /) -> PlannedPath:
+    """Plan straight legs between uniformly distributed random places of the area.
+
+    Where the straight leg would leave the area, the leg is the shortest way inside. The last leg is cut so
+    that the budget is used up. The same seed gives the same places in the same order whatever the budget.
+
+    The path begins at the start, or, if that is outside, at the nearest place of the (inset) area.
+
+    Parameters
+    ----------
+    request : PlanningRequest
+        The problem; `seed` decides the places.
+
+    Returns
+    -------
+    PlannedPath
+        Without a spacing.
+
+    Raises
+    ------
+    PlanningError
+        If the budget does not suffice to reach the area (and return); the text says what would.
+
+    Examples
+    --------
+    >>> from mission.planners.budget import LengthBudget
+    >>> path = random_waypoint(PlanningRequest(shapely.box(0, 0, 30, 30), (5, 5), LengthBudget(360.0)))
+    >>> 359.9 < path.length_m <= 360.0
+    True
+    """
+    walk = _Walk(request)
+    budget = request.budget
+    count = _FIRST_BLOCK
+    while (cost := request.cost(walk.path(count))) <= budget.limit and count < MAX_WAYPOINTS:
+        wanted = count * budget.limit / cost if cost > 0 else math.inf
+        count = math.ceil(min(MAX_WAYPOINTS, max(1.1 * wanted + 1, count + 1), 16 * count))
+    found = densest_feasible(
+        request, walk.path, 0, count, what="random-waypoint, to reach the area,", density=walk.length
+    )
+    points = found.points_m
+    if found.index < count:
+        points = _use_up(request, points, walk.legs[found.index + 1], found.cost)
+    return PlannedPath(drop_coincident(points, 1e-6), None, "random-waypoint")
+
+
+class _Walk:
+    """The endless walk, as far as it is known."""
+
+    def __init__(self, request: PlanningRequest) -> None:
+        self._terrain = Terrain(request.area, request.footprint_m)
+        self._rng = np.random.default_rng(request.seed)
+        self._drawn = np.empty((0, 2))
+        start = Point(request.start_xy_m)
+        flyable = self._terrain.flyable
+        line = shapely.shortest_line(start, flyable)
+        entry = shapely.get_coordinates(line)[-1]
+        self._start = np.asarray(request.start_xy_m, dtype=np.float64)
+        self.legs: list[Points] = self._terrain.legs([entry[None]], self._start)
+        self._lengths = [path_length(np.vstack((self._start, self.legs[0])))]
+
+    def path(self, waypoints: int) -> Points:
+        """Return the path through the first so many waypoints."""
+        self._extend(waypoints)
+        return np.vstack(self.legs[: waypoints + 1])
+
+    def length(self, waypoints: int) -> float:
+        """Return the length of the path from the start through the first so many waypoints."""
+        self._extend(waypoints)
+        return self._lengths[waypoints]
+
+    def _extend(self, waypoints: int) -> None:
+        missing = waypoints + 1 - len(self.legs)
+        if missing <= 0:
+            return
+        while len(self._drawn) < missing:
+            self._drawn = np.vstack((self._drawn, _draw(self._terrain.flyable, missing, self._rng)))
+        places, self._drawn = self._drawn[:missing], self._drawn[missing:]
+        for leg in self._terrain.legs(list(places[:, None, :]), self.legs[-1][-1]):
+            self._lengths.append(self._lengths[-1] + path_length(np.vstack((self.legs[-1][-1], leg))))
+            self.legs.append(leg)
+
+
+def _draw(area: Area, count: int, rng: np.random.Generator) -> Points:
+    """Return at least one uniformly distributed place of the area, about `count`, by rejection from its bounds.
+
+    The rejected draws are part of the stream, so the places do not depend on how many are asked for at
+    once.
+    """
+    x_min, y_min, x_max, y_max = area.bounds
+    share = area.area / ((x_max - x_min) * (y_max - y_min))
+    size = math.ceil(min(1.1 * count / share + 16, 1_000_000))
+    shapely.prepare(area)
+    for _ in range(_ATTEMPTS):
+        draws = np.array((x_min, y_min)) + rng.random((size, 2)) * np.array((x_max - x_min, y_max - y_min))
+        kept: Points = draws[shapely.contains_xy(area, draws[:, 0], draws[:, 1])]
+        if len(kept):
+            return kept
+    msg = (
+        "random-waypoint: the area is too thin to draw places in it; use a smaller footprint or a wider area"
+    )
+    raise PlanningError(msg)
+
+
+def _use_up(request: PlanningRequest, points: Points, leg: Points, spent: float) -> Points:
+    """Return the path with as much of the next leg as the budget allows."""
+    limit = request.budget.limit
+    way = np.vstack((points[-1], leg))
+    reach = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))))
+    good, bad = 0.0, float(reach[-1])
+    good_cost, bad_cost = spent, request.cost(np.vstack((points, leg)))
+    best = points
+    for attempt in range(_CUTS):
+        if limit - good_cost <= _UNUSED * limit or bad - good <= _UNUSED * reach[-1]:
+            break
+        share = 0.5
+        if attempt % 3 < 2 and bad_cost > good_cost:
+            share = (limit * (1 - _UNUSED / 2) - good_cost) / (bad_cost - good_cost)
+        middle = good + min(max(share, 0.01), 0.99) * (bad - good)
+        last = int(np.searchsorted(reach, middle))
+        share = (middle - reach[last - 1]) / (reach[last] - reach[last - 1])
+        cut = way[last - 1] + share * (way[last] - way[last - 1])
+        candidate = np.vstack((points, way[1:last], cut))
+        cost = request.cost(candidate)
+        if cost <= limit:
+            good, good_cost, best = middle, cost, candidate
+        else:
+            bad, bad_cost = middle, cost
+    return best

@@ -1,0 +1,153 @@
+"""The densest candidate that a budget allows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mission.errors import PlanningError
+from mission.planners.path import Points
+from mission.planners.request import PlanningRequest
+
+LOOK_AHEAD = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """The result of a search.
+
+    Parameters
+    ----------
+    index : int
+        The densest candidate within the budget.
+    points_m : float64[n, 2]
+        Its points.
+    cost : float
+        Its cost.
+    """
+
+    index: int
+    points_m: Points
+    cost: float
+
+
+def densest_feasible(
+    request: PlanningRequest,
+    build: Callable[[int], Points],
+    lowest: int,
+    highest: int,
+    *,
+    what: str,
+    density: Callable[[int], float] = float,
+    limit: float | None = None,
+) -> Found:
+    """Return the largest index whose candidate costs no more than the limit.
+
+    The cost is only roughly monotone (rows that end on the far side have a longer way home), so the search
+    brackets the last feasible index by interpolation and bisection, then looks at the next `LOOK_AHEAD`
+    candidates beyond it, and goes on from there if one of them is feasible. Only a candidate whose own
+    cost was seen to be within the limit is returned.
+
+    Parameters
+    ----------
+    request : PlanningRequest
+        Its budget is charged.
+    build : callable
+        From an index to the points of the candidate.
+    lowest, highest : int
+        First and last index.
+    what : str
+        What the candidates are, for the error text: ``lawnmower with 2 rows``.
+    density : callable
+        From an index to a number that the cost is about linear in.
+    limit : float, optional
+        Default: the budget's limit.
+
+    Raises
+    ------
+    PlanningError
+        If not even the sparsest candidates are within the limit; the text says the least budget.
+    """
+    bound = request.budget.limit if limit is None else limit
+    seen: dict[int, float] = {}
+    best: Found | None = None
+
+    def feasible(index: int) -> bool:
+        nonlocal best
+        if index not in seen:
+            points = build(index)
+            seen[index] = request.cost(points)
+            if seen[index] <= bound and (best is None or index > best.index):
+                best = Found(index, points, seen[index])
+        return seen[index] <= bound
+
+    if not any(feasible(index) for index in range(lowest, min(lowest + LOOK_AHEAD, highest) + 1)):
+        raise too_small(request, min(seen.values()), what)
+    while best is not None and best.index < highest:
+        good = best.index
+        bad = min((index for index in seen if index > good), default=None)
+        halve = 0
+        while bad is None or bad - good > 1:
+            guess = _guess(seen, bound, good, bad, highest, density, bisect=halve >= 2)
+            width = (bad or highest + 1) - good
+            if feasible(guess):
+                good = guess
+            else:
+                bad = guess
+            if good == highest:
+                break
+            halve = halve + 1 if (bad or highest + 1) - good > width / 2 else 0
+        if not any(feasible(index) for index in range(good + 1, min(good + LOOK_AHEAD, highest) + 1)):
+            break
+    assert best is not None
+    return best
+
+
+def _guess(
+    seen: dict[int, float],
+    bound: float,
+    good: int,
+    bad: int | None,
+    highest: int,
+    density: Callable[[int], float],
+    *,
+    bisect: bool,
+) -> int:
+    """Return an index strictly between good and bad (beyond good while no bad one is known)."""
+    if bad is not None and bisect:
+        return (good + bad) // 2
+    last = highest if bad is None else bad - 1
+    low, low_density = seen[good], density(good)
+    if bad is not None:
+        slope = (seen[bad] - low) / (density(bad) - low_density)
+    else:
+        below = max((index for index in seen if index < good), default=None)
+        rise = low - (seen[below] if below is not None else 0.0)
+        run = low_density - (density(below) if below is not None else 0.0)
+        slope = rise / run if run > 0 else 0.0
+    wanted = low_density + (bound - low) / slope if slope > 0 else density(last)
+    return _last_below(density, wanted, good + 1, last)
+
+
+def _last_below(density: Callable[[int], float], wanted: float, first: int, last: int) -> int:
+    """Return the largest index in first..last whose density is not above the wanted one, at least first."""
+    while first < last:
+        middle = (first + last + 1) // 2
+        if density(middle) <= wanted * (1 + 1e-12):
+            first = middle
+        else:
+            last = middle - 1
+    return first
+
+
+def too_small(request: PlanningRequest, least: float, what: str) -> PlanningError:
+    """Return the error of a budget that is smaller than the least that is needed."""
+    budget = request.budget
+    needed = least * (1 + 1e-9)
+    digits = 0 if budget.unit == "steps" else 1
+    scale = 10**digits
+    rounded = -(-needed * scale // 1) / scale
+    return PlanningError(
+        f"budget of {budget.limit:g} {budget.unit} is too small: {what} needs at least "
+        f"{rounded:.{digits}f} {budget.unit} with approach and return"
+    )

@@ -1,0 +1,283 @@
+"""Rows through polygons, and the order in which to fly them (boustrophedon cells)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+from shapely.geometry import Polygon
+
+from mission.errors import PlanningError
+from mission.planners.connect import is_rectangle, parts_of
+from mission.planners.path import Area, Points
+
+_EDGE_M = 1e-7
+_MERGE_M = 1e-9
+_MAX_ROWS = 50_000
+
+
+class Sweep:
+    """Parallel rows over an area, for any number of rows.
+
+    Every part of the area has rows from border to border, so that a part is never missed; all parts have
+    about the same spacing, and none has rows closer than the footprint.
+
+    Parameters
+    ----------
+    area : shapely Polygon or MultiPolygon
+        What the rows lie in, metres (already inset).
+    footprint_m : float
+        Least distance between two rows; 0 for none.
+    angle_rad : float
+        Direction of the rows, anticlockwise from the x axis.
+    """
+
+    def __init__(self, area: Area, footprint_m: float, angle_rad: float = 0.0) -> None:
+        self._footprint_m = footprint_m
+        self._turn = _rotation(angle_rad)
+        self._parts = [_Part(part, self._turn) for part in parts_of(area)]
+        self._height_m = max(part.height_m for part in self._parts)
+        self.most_rows = self._most_rows(self._height_m)
+        self.least_rows = min(2, self.most_rows)
+
+    def _most_rows(self, height_m: float) -> int:
+        if self._footprint_m <= 0:
+            return _MAX_ROWS
+        return min(_MAX_ROWS, math.floor(height_m / self._footprint_m + 1e-9) + 1)
+
+    def spacing_m(self, rows: int) -> float:
+        """Return the distance between neighbouring rows; with a single row, the height of the area."""
+        return self._height_m / max(rows - 1, 1)
+
+    def pieces(self, rows: int, start_m: ArrayLike) -> list[Points]:
+        """Return the rows in the order of the flight, cell by cell.
+
+        A cell is a set of rows above each other that no border splits; it is flown to and fro.
+
+        Parameters
+        ----------
+        rows : int
+            Number of rows of the highest part of the area.
+        start_m : float64[2]
+            Where the flight comes from: cells and their corners are taken nearest first.
+
+        Returns
+        -------
+        list of float64[2, 2]
+            Begin and end of each stretch of row. Whether the legs between them stay inside is not checked.
+        """
+        spacing = self.spacing_m(rows)
+        cells: list[NDArray[np.float64]] = []
+        owners: list[int] = []
+        for number, part in enumerate(self._parts):
+            count = rows if part.height_m == self._height_m else math.ceil(part.height_m / spacing - 1e-9) + 1
+            found = part.cells(min(count, self._most_rows(part.height_m)))
+            cells += found
+            owners += [number] * len(found)
+        start = np.asarray(start_m, dtype=np.float64) @ self._turn.T
+        ordered = np.vstack(order_cells(cells, owners, start)) @ self._turn
+        return list(ordered.reshape(-1, 2, 2))
+
+
+class _Part:
+    """One polygon, turned so that the rows run along x."""
+
+    def __init__(self, polygon: Polygon, turn: NDArray[np.float64]) -> None:
+        rings = (polygon.exterior, *polygon.interiors)
+        turned = [shapely.get_coordinates(ring) @ turn.T for ring in rings]
+        self._from = np.vstack([ring[:-1] for ring in turned])
+        self._to = np.vstack([ring[1:] for ring in turned])
+        self._low, self._high = self._from.min(axis=0), self._from.max(axis=0)
+        self._rectangle = is_rectangle(Polygon(turned[0], turned[1:]))
+        self.height_m = float(self._high[1] - self._low[1])
+
+    def cells(self, rows: int) -> list[NDArray[np.float64]]:
+        """Return the boustrophedon cells, each float64[n, 2, 2]: row, left and right end, (x, y)."""
+        low, high = self._low, self._high
+        heights = np.linspace(low[1], high[1], rows) if rows > 1 else np.array([(low[1] + high[1]) / 2])
+        if self._rectangle:
+            ends = np.empty((rows, 2, 2))
+            ends[:, :, 1] = heights[:, None]
+            ends[:, 0, 0], ends[:, 1, 0] = low[0], high[0]
+            return [ends]
+        edge = min(_EDGE_M, self.height_m / 4)
+        row, left, right = self._scan(np.clip(heights, low[1] + edge, high[1] - edge))
+        y = np.clip(heights, low[1] + edge, high[1] - edge)[row]
+        ends = np.stack((np.stack((left, y), axis=-1), np.stack((right, y), axis=-1)), axis=1)
+        return [ends[chain] for chain in _chains(row, left, right)]
+
+    def _scan(
+        self, heights: NDArray[np.float64]
+    ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
+        """Return row number, left end and right end of the rows' pieces, sorted by row, then by x."""
+        rows: list[NDArray[np.intp]] = []
+        crossings: list[NDArray[np.float64]] = []
+        for (x_0, y_0), (x_1, y_1) in zip(self._from, self._to, strict=True):
+            first, last = np.searchsorted(heights, (min(y_0, y_1), max(y_0, y_1)))
+            hit = np.arange(first, last)
+            rows.append(hit)
+            crossings.append(x_0 + (heights[hit] - y_0) / (y_1 - y_0 or 1.0) * (x_1 - x_0))
+        row, x = np.concatenate(rows), np.concatenate(crossings)
+        order = np.lexsort((x, row))
+        row, left, right = row[order][::2], x[order][::2], x[order][1::2]
+        splits = np.ones(len(row), dtype=bool)
+        splits[1:] = (row[1:] != row[:-1]) | (left[1:] - right[:-1] > _MERGE_M)
+        firsts = np.nonzero(splits)[0]
+        lasts = np.append(firsts[1:], len(row)) - 1
+        return row[firsts], left[firsts], right[lasts]
+
+
+def _chains(row: NDArray[np.intp], left: NDArray[np.float64], right: NDArray[np.float64]) -> list[list[int]]:
+    """Return the cells: pieces of successive rows that overlap each other and no other piece."""
+    pieces: dict[int, list[int]] = {}
+    for index, number in enumerate(row.tolist()):
+        pieces.setdefault(number, []).append(index)
+    lefts, rights = left.tolist(), right.tolist()
+    chains: list[list[int]] = []
+    chain_of: dict[int, list[int]] = {}
+    for number in sorted(pieces):
+        below = pieces.get(number - 1, [])
+        touching = {
+            index: [old for old in below if lefts[old] <= rights[index] and lefts[index] <= rights[old]]
+            for index in pieces[number]
+        }
+        uses: dict[int, int] = {}
+        for olds in touching.values():
+            for old in olds:
+                uses[old] = uses.get(old, 0) + 1
+        for index, olds in touching.items():
+            if len(olds) == 1 and uses[olds[0]] == 1:
+                chain = chain_of[olds[0]]
+            else:
+                chain = []
+                chains.append(chain)
+            chain.append(index)
+            chain_of[index] = chain
+    return chains
+
+
+def order_cells(
+    cells: Sequence[NDArray[np.float64]], owners: Sequence[int], start: NDArray[np.float64]
+) -> list[Points]:
+    """Return the cells as ways to and fro, nearest entry corner first, one part of the area after the other.
+
+    Parameters
+    ----------
+    cells : sequence of float64[n, 2, 2]
+        Rows with their left and right ends.
+    owners : sequence of int
+        The part of the area that each cell is in; a part is finished before the next one is begun.
+    start : float64[2]
+        Where the flight comes from.
+    """
+    # Entry corners of each cell: first row left, first row right, last row left, last row right.
+    entries = np.array([[cell[0, 0], cell[0, 1], cell[-1, 0], cell[-1, 1]] for cell in cells])
+    owner = np.asarray(owners)
+    left = np.ones(len(cells), dtype=bool)
+    here, current = start, -1
+    ordered: list[Points] = []
+    while left.any():
+        open_cells = left & (owner == current) if (left & (owner == current)).any() else left
+        candidates = np.nonzero(open_cells)[0]
+        distance = np.hypot(*np.moveaxis(entries[candidates] - here, -1, 0))
+        nearest, corner = np.unravel_index(int(np.argmin(np.round(distance, 9))), distance.shape)
+        index = int(candidates[nearest])
+        piece = boustrophedon(cells[index], from_last=bool(corner >= 2), from_right=bool(corner % 2))
+        ordered.append(piece)
+        left[index] = False
+        here, current = piece[-1], int(owner[index])
+    return ordered
+
+
+def boustrophedon(ends: NDArray[np.float64], *, from_last: bool = False, from_right: bool = False) -> Points:
+    """Return the way to and fro along rows.
+
+    Parameters
+    ----------
+    ends : float64[n, 2, 2]
+        Left and right end of each row.
+    from_last, from_right : bool
+        Begin with the last row; begin at the right end.
+
+    Returns
+    -------
+    float64[2 n, 2]
+
+    Examples
+    --------
+    >>> boustrophedon(np.array([[[0, 0], [4, 0]], [[0, 1], [4, 1]]])).tolist()
+    [[0, 0], [4, 0], [4, 1], [0, 1]]
+    """
+    rows = ends[::-1].copy() if from_last else ends.copy()
+    rows[int(not from_right) :: 2] = rows[int(not from_right) :: 2, ::-1]
+    return rows.reshape(-1, 2)
+
+
+def lawnmower_rows(area: Area, rows: int, start_m: ArrayLike = (0.0, 0.0)) -> Points:
+    """Return rows along x over a rectangle along the axes, as the paper's lawnmower flies them.
+
+    Examples
+    --------
+    >>> lawnmower_rows(shapely.box(0, 0, 30, 30), 3).tolist()
+    [[0.0, 0.0], [30.0, 0.0], [30.0, 15.0], [0.0, 15.0], [0.0, 30.0], [30.0, 30.0]]
+    """
+    return np.vstack(Sweep(area, 0.0).pieces(rows, start_m))
+
+
+def sweep_angle(area: Area, direction: str | float | None = None) -> float:
+    """Return the direction of the rows.
+
+    Parameters
+    ----------
+    area : shapely Polygon or MultiPolygon
+        The area to sweep.
+    direction : str or float, optional
+        ``"x"``: along the x axis. ``"longest-side"``: along the longest straight side. ``"fewest-turns"``:
+        along the convex hull's edge across which the area is narrowest. A number: an angle in radians,
+        anticlockwise from the x axis. None: ``"x"`` for a rectangle along the axes, as in the paper, else
+        ``"fewest-turns"``.
+
+    Raises
+    ------
+    PlanningError
+        If the direction is none of these.
+
+    Examples
+    --------
+    >>> tall = shapely.box(0, 0, 1, 9)
+    >>> sweep_angle(tall), round(sweep_angle(tall, "fewest-turns"), 4)
+    (0.0, 1.5708)
+    """
+    if direction is None:
+        direction = "x" if is_rectangle(area) else "fewest-turns"
+    if direction == "x":
+        return 0.0
+    if isinstance(direction, int | float) and math.isfinite(direction):
+        return float(direction)
+    if direction not in {"longest-side", "fewest-turns"}:
+        msg = f"sweep direction {direction!r} is not x, longest-side, fewest-turns or an angle in radians"
+        raise PlanningError(msg)
+    if direction == "longest-side":
+        rings = [part.exterior for part in parts_of(shapely.simplify(area, _EDGE_M))]
+    else:
+        rings = [part.convex_hull.exterior for part in parts_of(area)]
+    edges = np.vstack([np.diff(shapely.get_coordinates(ring), axis=0) for ring in rings])
+    angles = np.round(np.arctan2(edges[:, 1], edges[:, 0]) % math.pi, 12)
+    angles[angles >= round(math.pi, 12)] = 0.0
+    if direction == "longest-side":
+        return float(angles[np.argmax(np.round(np.hypot(*edges.T), 9))])
+    candidates = np.unique(angles)
+    across = np.stack((-np.sin(candidates), np.cos(candidates)))
+    heights = sum(np.ptp(shapely.get_coordinates(ring) @ across, axis=0) for ring in rings)
+    return float(candidates[np.argmin(np.round(heights, 9))])
+
+
+def _rotation(angle_rad: float) -> NDArray[np.float64]:
+    """Return the matrix into the frame whose x axis has the angle (``points @ matrix.T``)."""
+    if angle_rad == 0.0:
+        return np.eye(2)
+    cosine, sine = math.cos(angle_rad), math.sin(angle_rad)
+    return np.array([[cosine, sine], [-sine, cosine]])

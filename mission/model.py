@@ -73,6 +73,7 @@ class MissionType(IntEnum):
 GLOBAL_FRAMES = frozenset({0, 3, 5, 6, 10, 11})
 RELATIVE_FRAMES = frozenset({3, 6})
 DEGREES_E7 = 1e7
+FLOAT32_MAX = 3.4028235e38
 MAX_ITEMS = 65535  # sequence numbers and counts are 16 bits wide
 # The commands marked hasLocation in the MAVLink XML, without those of local frames (23, 24).
 _POSITION_COMMANDS = frozenset(
@@ -173,7 +174,7 @@ class MissionItem:
                 continue
             if math.isnan(value):
                 object.__setattr__(self, name, None)
-            elif not math.isfinite(value) or abs(value) > 3.4e38:
+            elif not math.isfinite(value) or abs(value) > FLOAT32_MAX:
                 msg = f"mission item (command {self.command}): {name} {value} does not fit a 32-bit float"
                 raise MissionError(msg)
         if self.has_place:
@@ -181,7 +182,7 @@ class MissionItem:
             object.__setattr__(self, "x", round(self.x * DEGREES_E7) / DEGREES_E7)
             object.__setattr__(self, "y", round(self.y * DEGREES_E7) / DEGREES_E7)
             return
-        for name, limit in (("x", 2147483647.0), ("y", 2147483647.0), ("z", 3.4e38)):
+        for name, limit in (("x", 2147483647.0), ("y", 2147483647.0), ("z", FLOAT32_MAX)):
             value = getattr(self, name)
             if not math.isfinite(value) or abs(value) > limit:
                 msg = f"mission item (command {self.command}): {name} {value} is not in -{limit:g}..{limit:g}"

@@ -245,7 +245,7 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
     Raises
     ------
     MissionFileError
-        If the mission holds more than one plan or has a jump to nowhere.
+        If the mission holds more than one plan, has a fence command among its items, or a jump to nowhere.
     """
     plans = [
         ("mission items", mission.items),
@@ -264,6 +264,9 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
     home = home_for_file(mission)
     lines.append(_line(0, _home_item(home), firmware))
     for seq, item in enumerate(mission.items, start=1):
+        if item.command in _FENCE | _RALLY:
+            msg = f"item {seq - 1}: command {item.command} belongs to a fence or rally plan, not to a mission"
+            raise MissionFileError(msg)
         standard = item.in_standard_frame()
         if standard.command == Command.DO_JUMP:
             standard = replace(standard, param1=jump_target(item, f"item {seq - 1}") + 1.0)

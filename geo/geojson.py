@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import os
 import re
@@ -15,6 +14,7 @@ import numpy as np
 import shapely
 from shapely.geometry.polygon import orient
 
+from geo.atomic import atomic_write
 from geo.errors import FarmError
 from geo.farm import MAX_CELLS, Crop, Farm, Patch
 from geo.frame import LocalFrame
@@ -89,15 +89,11 @@ def save_farm(farm: Farm, path: str | os.PathLike[str]) -> None:
         "home": list(reversed(frame.to_wgs84(*farm.home_m))),
         "features": patches + obstacles,
     }
-    target = Path(path)
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
-        temporary.write_bytes(msgspec.json.format(msgspec.json.encode(document), indent=1))
-        temporary.replace(target)
+        with atomic_write(path, "wb") as file:
+            file.write(msgspec.json.format(msgspec.json.encode(document), indent=1))
     except (OSError, ValueError) as error:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
-        msg = f"farm file {target}: cannot be written ({_reason(error)})"
+        msg = f"farm file {os.fspath(path)}: cannot be written ({_reason(error)})"
         raise FarmError(msg) from None
 
 

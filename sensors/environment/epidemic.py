@@ -130,7 +130,8 @@ class EpidemicParameters:
             raise EnvironmentDataError(f"epidemic: seeds {self.seeds} is negative")
         if self.rule not in ("count", "kernel"):
             raise EnvironmentDataError(f"epidemic: unknown rule {self.rule!r}; known: count, kernel")
-        make_kernel(self.kernel_shape, self.kernel_size or 3, self.kernel_length_cells)
+        size = 3 if self.kernel_size is None else self.kernel_size
+        make_kernel(self.kernel_shape, size, self.kernel_length_cells)
 
     def seed_count(self, shape: tuple[int, int]) -> int:
         """Number of infections at day 0 on a farm of this shape (cells).

@@ -161,13 +161,9 @@ def _read_array(path: Path, shape: tuple[int, int], dtype: str, mmap: bool) -> N
         ) from error
     if not isinstance(array, np.ndarray):
         raise EnvironmentDataError(f"{path}: an archive instead of one NumPy array")
-    if (
-        array.shape != shape
-        or array.dtype.newbyteorder("<") != np.dtype(dtype)
-        or not array.flags.c_contiguous
-    ):
-        wanted = f"{np.dtype(dtype)}{list(shape)} in C order"
-        msg = f"{path}: array is {array.dtype}{list(array.shape)} instead of {wanted}"
+    if array.shape != shape or array.dtype.str != dtype or not array.flags.c_contiguous:
+        wanted = f"{dtype}{list(shape)} in C order"
+        msg = f"{path}: array is {array.dtype.str}{list(array.shape)} instead of {wanted}"
         raise EnvironmentDataError(msg)
     return array
 

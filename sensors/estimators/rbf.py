@@ -1,0 +1,140 @@
+"""The squared exponential kernel with white noise on a grid of cells, and its fit by marginal likelihood."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.errors import EstimatorError
+
+Floats = NDArray[np.float64]
+Cells = NDArray[np.int32]
+
+
+@dataclass(frozen=True, slots=True)
+class RbfKernel:
+    """``amplitude exp(-dx^2 / 2 length_x^2 - dy^2 / 2 length_y^2)``, and ``noise`` on the same observation.
+
+    The defaults are those with which the paper's Gaussian process starts.
+
+    Parameters
+    ----------
+    length_x, length_y : float
+        Length scales, cells.
+    noise : float
+        Variance of the white noise.
+    amplitude : float
+        Variance of the smooth part.
+
+    Raises
+    ------
+    EstimatorError
+        If a parameter is not positive and finite.
+    """
+
+    length_x: float = 2.0
+    length_y: float = 2.0
+    noise: float = 0.5
+    amplitude: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("length_x", "length_y", "noise", "amplitude"):
+            value = getattr(self, name)
+            if not 0 < value < float("inf"):
+                msg = f"kernel: {name} is {value}, expected a positive number"
+                raise EstimatorError(msg)
+
+    @property
+    def reach(self) -> int:
+        """The distance in cells beyond which an observation counts less than 3.4e-4 of its weight."""
+        return int(np.ceil(4 * max(self.length_x, self.length_y)))
+
+    def along_x(self, a: NDArray[Any], b: NDArray[Any]) -> Floats:
+        """The x factor of the kernel between columns a[n] and b[m], float64[n, m]."""
+        return _factor(a, b, self.length_x)
+
+    def along_y(self, a: NDArray[Any], b: NDArray[Any]) -> Floats:
+        """The y factor of the kernel between rows a[n] and b[m], float64[n, m]."""
+        return _factor(a, b, self.length_y)
+
+    def between(self, x: Cells, y: Cells) -> Floats:
+        """The covariance of the smooth part between all pairs of cells, float64[n, n]."""
+        return self.amplitude * self.along_x(x, x) * self.along_y(y, y)
+
+
+def _factor(a: NDArray[Any], b: NDArray[Any], length: float) -> Floats:
+    # Distances on a grid are small whole numbers: a table saves the exponentials.
+    distance = np.abs(np.subtract.outer(a.astype(np.intp), b.astype(np.intp)))
+    table: Floats = np.exp(-0.5 * (np.arange(int(distance.max(initial=0)) + 1) / length) ** 2)
+    return table[distance]
+
+
+def fit_kernel(
+    x: Cells,
+    y: Cells,
+    residuals: Floats,
+    *,
+    starts: tuple[RbfKernel, ...],
+    length_bounds: tuple[float, float],
+    noise_bounds: tuple[float, float],
+    amplitude_bounds: tuple[float, float],
+) -> RbfKernel:
+    """Fit the kernel by maximum marginal likelihood (L-BFGS-B with gradients).
+
+    Parameters
+    ----------
+    x, y : int32[n]
+        Observed cells; repeated ones are independent looks.
+    residuals : float64[n]
+        Observed values less the prior mean.
+    starts : tuple of RbfKernel
+        Where to start; the best optimum is taken, and the first start if none is found.
+    length_bounds, noise_bounds, amplitude_bounds : tuple of two floats
+        Limits of the length scales (cells) and of the two variances; equal limits fix a parameter.
+    """
+    from scipy.optimize import minimize
+
+    dx2 = np.subtract.outer(x, x).astype(np.float64) ** 2
+    dy2 = np.subtract.outer(y, y).astype(np.float64) ** 2
+    limits = np.log([length_bounds, length_bounds, noise_bounds, amplitude_bounds])
+    bounds: list[tuple[float, float]] = [(low, high) for low, high in limits.tolist()]
+    best, best_cost = starts[0], np.inf
+    for start in starts:
+        first = np.clip(
+            np.log([start.length_x, start.length_y, start.noise, start.amplitude]), limits[:, 0], limits[:, 1]
+        )
+        found = minimize(_cost, first, (dx2, dy2, residuals), method="L-BFGS-B", jac=True, bounds=bounds)
+        if found.fun < best_cost:
+            best, best_cost = RbfKernel(*np.exp(found.x).tolist()), float(found.fun)
+    return best
+
+
+def _cost(theta: Floats, dx2: Floats, dy2: Floats, residuals: Floats) -> tuple[float, Floats]:
+    """The negative log marginal likelihood and its gradient (Rasmussen & Williams 2006, eq. 5.8 and 5.9)."""
+    from scipy.linalg import lapack
+
+    length_x, length_y, noise, amplitude = np.exp(theta)
+    smooth = amplitude * np.exp(-0.5 * (dx2 / length_x**2 + dy2 / length_y**2))
+    covariance = smooth.copy()
+    covariance.flat[:: len(residuals) + 1] += noise
+    factor, failed = lapack.dpotrf(covariance.T, lower=1, overwrite_a=1)
+    if failed:
+        return 1e25, np.zeros(len(theta))
+    weights, _ = lapack.dpotrs(factor, residuals, lower=1)
+    cost = 0.5 * residuals @ weights + np.log(factor.diagonal()).sum()
+    inverse, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
+    lower = np.tril(inverse, -1)
+    # The derivative by K is -(w w' - K^-1) / 2; dpotri fills the lower triangle of the inverse only.
+    inner = np.outer(weights, weights) - lower - lower.T
+    inner.flat[:: len(residuals) + 1] -= inverse.diagonal()
+    by_smooth = inner * smooth
+    gradient = (
+        np.vdot(by_smooth, dx2) / length_x**2,
+        np.vdot(by_smooth, dy2) / length_y**2,
+        noise * np.trace(inner),
+        by_smooth.sum(),
+    )
+    return float(cost), -0.5 * np.array(gradient)

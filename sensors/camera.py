@@ -1,0 +1,220 @@
+"""The leaf camera: what it reads of the fields under its footprint."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from sensors.errors import ObservationError
+from sensors.fields import FIELDS
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+DISEASES = 2
+"""The first fields of `FIELDS` are diseases: 1 is healthy, 0.5 infected, 0 lost."""
+HEALTHY = 1.0
+INFECTED = 0.5
+MAX_FOOTPRINT_CELLS = 64
+
+
+class Sampled(Protocol):
+    """What a leaf camera looks at, such as `sensors.environment.Environment`."""
+
+    def sample(self, day: int, ix: NDArray[np.int64], iy: NDArray[np.int64], /) -> NDArray[np.float32]:
+        """Return float32[n, 3], the fields at cells that lie on the farm."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class LeafCameraOptions:
+    """How good the camera is; by default it reads one cell, all fields, without error.
+
+    Parameters
+    ----------
+    footprint_cells : int
+        Side of the square of cells that one picture covers.
+    noise_std : float or sequence of float
+        Standard deviation of Gaussian noise on every value, one number or one for each field. Readings are
+        not clipped to 0..1, so that the noise stays unbiased.
+    false_positive_rate : float
+        Probability that a healthy leaf reads as infected (1.0 as 0.5), in each disease field.
+    false_negative_rate : float
+        Probability that a diseased or lost leaf reads as healthy (below 1.0 as 1.0), in each disease field.
+    sensed : sequence of str
+        Names of the fields that the sensor suite measures; the others are NaN.
+
+    Raises
+    ------
+    ObservationError
+        If an option is out of range.
+    """
+
+    footprint_cells: int = 1
+    noise_std: float | Sequence[float] = 0.0
+    false_positive_rate: float = 0.0
+    false_negative_rate: float = 0.0
+    sensed: Sequence[str] = FIELDS
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.footprint_cells <= MAX_FOOTPRINT_CELLS or self.footprint_cells % 1:
+            msg = f"camera: footprint of {self.footprint_cells} cells is outside 1..{MAX_FOOTPRINT_CELLS}"
+            raise ObservationError(msg)
+        object.__setattr__(self, "noise_std", self._per_field())
+        for name in ("false_positive_rate", "false_negative_rate"):
+            rate = getattr(self, name)
+            if not 0.0 <= rate <= 1.0:
+                msg = f"camera: {name} {rate} is outside 0..1"
+                raise ObservationError(msg)
+        sensed = (self.sensed,) if isinstance(self.sensed, str) else tuple(self.sensed)
+        unknown = [name for name in sensed if name not in FIELDS]
+        if unknown or not sensed:
+            found = f"unknown field {unknown[0]!r}" if unknown else "no field is sensed"
+            msg = f"camera: {found}; choose from {', '.join(FIELDS)}"
+            raise ObservationError(msg)
+        object.__setattr__(self, "sensed", sensed)
+
+    def _per_field(self) -> tuple[float, ...]:
+        given = self.noise_std
+        stds = (float(given),) * len(FIELDS) if isinstance(given, int | float) else tuple(map(float, given))
+        if len(stds) != len(FIELDS) or not all(math.isfinite(std) and std >= 0.0 for std in stds):
+            msg = f"camera: noise_std {given} is not one number, or one for each of {', '.join(FIELDS)}, >= 0"
+            raise ObservationError(msg)
+        return stds
+
+    @property
+    def random(self) -> bool:
+        """Whether readings depend on chance."""
+        return any(self._per_field()) or self.false_positive_rate > 0.0 or self.false_negative_rate > 0.0
+
+
+class LeafCamera:
+    """A camera that reads the fields of an environment under its footprint.
+
+    Readings depend on the cells, the generator and the order of the pictures, not on how many of them are
+    taken in one call.
+
+    Parameters
+    ----------
+    environment : Sampled
+        What there is to see.
+    shape : tuple of int
+        Width and height of the farm in cells; cells beyond it give no value.
+    day : int
+        Day of the environment.
+    options : LeafCameraOptions
+        How good the camera is.
+    rng : numpy.random.Generator, optional
+        Source of the errors; required when the options ask for any.
+
+    Raises
+    ------
+    ObservationError
+        If errors are asked for and no generator is given.
+
+    Examples
+    --------
+    >>> class Field:
+    ...     def sample(self, day, ix, iy):
+    ...         return np.stack([ix / 10, iy / 10, np.full(len(ix), day)], axis=1).astype(np.float32)
+    >>> camera = LeafCamera(Field(), (10, 10), day=6)
+    >>> camera.capture([3, 12], [4, 4])[:, 0].tolist()
+    [[0.30000001192092896, 0.4000000059604645, 6.0], [nan, nan, nan]]
+    """
+
+    def __init__(
+        self,
+        environment: Sampled,
+        shape: tuple[int, int],
+        day: int,
+        options: LeafCameraOptions | None = None,
+        rng: np.random.Generator | None = None,
+    ) -> None:
+        self.environment = environment
+        self.shape = shape
+        self.day = day
+        self.options = options = LeafCameraOptions() if options is None else options
+        dx, dy = footprint_offsets(options.footprint_cells)
+        self._dx, self._dy = dx, dy
+        self._blind = [k for k, name in enumerate(FIELDS) if name not in options.sensed]
+        self._noise_std = np.array(options.noise_std, np.float32) if np.any(options.noise_std) else None
+        self._flips = options.false_positive_rate > 0.0 or options.false_negative_rate > 0.0
+        if options.random and rng is None:
+            msg = "camera: noise or false readings need a random generator"
+            raise ObservationError(msg)
+        self._noise_rng: np.random.Generator | None = None
+        self._flip_rng: np.random.Generator | None = None
+        if rng is not None and options.random:
+            self._noise_rng, self._flip_rng = rng.spawn(2)
+
+    @property
+    def cells_per_picture(self) -> int:
+        """Cells under the footprint."""
+        return len(self._dx)
+
+    def capture(self, ix: Sequence[int], iy: Sequence[int]) -> NDArray[np.float32]:
+        """Take one picture centred on each of the cells.
+
+        Parameters
+        ----------
+        ix, iy : sequence of int, length n
+            Cells, which may lie off the farm.
+
+        Returns
+        -------
+        float32[n, k, 3]
+            The fields of the k cells of each footprint, in the order of `footprint_offsets`. NaN where a
+            field is not sensed or the cell lies off the farm.
+        """
+        width, height = self.shape
+        x, y = np.array(ix, np.int64), np.array(iy, np.int64)
+        pictures, cells = len(x), len(self._dx)
+        if cells > 1:
+            x, y = (x[:, None] + self._dx).ravel(), (y[:, None] + self._dy).ravel()
+        inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+        if inside.all():
+            values = self._read(x, y)
+        else:
+            values = np.full((len(x), len(FIELDS)), np.nan, np.float32)
+            if inside.any():
+                values[inside] = self._read(x[inside], y[inside])
+        if self._flips:
+            values = self._flipped(values)
+        if self._noise_rng is not None and self._noise_std is not None:
+            noise = self._noise_rng.standard_normal(values.shape, dtype=np.float32)
+            values = values + noise * self._noise_std
+        if self._blind:
+            values = values.copy()
+            values[:, self._blind] = np.nan
+        return values.reshape(pictures, cells, len(FIELDS))
+
+    def _read(self, x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[np.float32]:
+        return self.environment.sample(self.day, x, y).astype(np.float32, copy=False)
+
+    def _flipped(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        assert self._flip_rng is not None
+        options = self.options
+        luck = self._flip_rng.random((len(values), DISEASES), dtype=np.float32)
+        values = values.copy()
+        disease = values[:, :DISEASES]
+        wrongly_infected = (disease >= HEALTHY) & (luck < options.false_positive_rate)
+        wrongly_healthy = (disease < HEALTHY) & (luck < options.false_negative_rate)
+        disease[wrongly_infected] = INFECTED
+        disease[wrongly_healthy] = HEALTHY
+        return values
+
+
+def footprint_offsets(footprint_cells: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the offsets of a footprint's cells from the cell under the camera, column by column.
+
+    Examples
+    --------
+    >>> [offsets.tolist() for offsets in footprint_offsets(2)]
+    [[0, 0, 1, 1], [0, 1, 0, 1]]
+    """
+    side = np.arange(footprint_cells) - (footprint_cells - 1) // 2
+    return np.repeat(side, footprint_cells), np.tile(side, footprint_cells)

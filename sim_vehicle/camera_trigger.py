@@ -1,0 +1,324 @@
+"""When and where a camera fires, from nothing but position telemetry.
+
+The path between two positions is what the telemetry says of it. At 10 Hz and multirotor accelerations a chord
+is within 5 mm of the path, less than the 11 mm to which MAVLink rounds positions, so the path is the chord.
+Sparser telemetry (slow radios send 1 to 4 Hz) is bent by the reported velocities: the cubic that matches
+positions and velocities at both ends (Hermite's), walked in chords of at most 0.1 s.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+MAX_GAP_MS = 1500
+REBOOT_MS = 5000
+MAX_SPEED_M_S = 150.0
+STILL_M = 0.03
+"""Movements below this do not count towards the distance: rounding and a hovering vehicle's sway."""
+_CHORD_MS = 150
+_STEP_MS = 100
+_E7 = 10_000_000
+_TURN_E7 = 360 * _E7
+_WGS84_A = 6378137.0
+_WGS84_E2 = 0.0066943799901413165
+_REFRESH_E7 = 10_000
+
+
+class Fix(NamedTuple):
+    """One position report: GLOBAL_POSITION_INT with the vehicle's clock."""
+
+    time_ms: int
+    latitude_e7: int
+    longitude_e7: int
+    altitude_mm: int
+    relative_altitude_mm: int
+    north_m_s: float
+    east_m_s: float
+    heading_cdeg: int
+
+
+class Shot(NamedTuple):
+    """One release of the shutter, at a place rounded to 1e-7 degree."""
+
+    time_us: int
+    latitude_e7: int
+    longitude_e7: int
+    altitude_mm: int
+    relative_altitude_mm: int
+    heading_cdeg: int
+
+
+@dataclass(slots=True)
+class TrackStatistics:
+    """What was wrong with the telemetry."""
+
+    gaps: int = 0
+    jumps: int = 0
+    stale: int = 0
+    reboots: int = 0
+
+
+class CameraTrigger:
+    """Finds the instants of distance, interval and external triggers along a track of position reports.
+
+    One trigger is active at a time: the last one that was set. Distances are horizontal, along the path. In a
+    gap of the telemetry (more than 1.5 s, or a jump faster than 150 m/s) nothing is fired, because nobody
+    knows where; the distance then starts anew. Late or repeated reports are ignored. A clock that jumped back
+    is a restarted autopilot: the trigger stops.
+    """
+
+    __slots__ = (
+        "_anchor",
+        "_due_us",
+        "_external",
+        "_last",
+        "_metres",
+        "_since_m",
+        "distance_m",
+        "interval_us",
+        "remaining",
+        "statistics",
+    )
+
+    def __init__(self) -> None:
+        self.distance_m = 0.0
+        self.interval_us = 0
+        self.remaining = 0
+        self.statistics = TrackStatistics()
+        self._since_m = 0.0
+        self._due_us: float = 0.0
+        self._external: list[int] = []
+        self._last: Fix | None = None
+        self._anchor: Fix | None = None
+        self._metres = (0, 0.0, 0.0)
+
+    @property
+    def position(self) -> Fix | None:
+        """The last position report, None before the first."""
+        return self._last
+
+    @property
+    def active(self) -> bool:
+        """Whether a distance or interval trigger runs."""
+        return self.distance_m > 0.0 or self.interval_us > 0
+
+    def stop(self) -> None:
+        """Stop the trigger."""
+        self.distance_m, self.interval_us, self.remaining = 0.0, 0, 0
+
+    def every_distance(self, distance_m: float) -> None:
+        """Fire after each `distance_m` of path from here on."""
+        self.stop()
+        self.distance_m = distance_m
+        self._since_m = 0.0
+        self._anchor = self._last
+
+    def every_interval(self, interval_us: int, count: int, *, start_us: int) -> None:
+        """Fire at `start_us` of the vehicle's clock and then after each interval; `count` 0 has no end."""
+        self.stop()
+        self.interval_us, self.remaining = interval_us, count
+        self._due_us = start_us
+
+    def here(self) -> Shot | None:
+        """Return a shot at the last reported position, None before the first report."""
+        fix = self._last
+        return None if fix is None else _shot(fix, fix, 1.0, fix.latitude_e7, fix.longitude_e7)
+
+    def at(self, time_us: int) -> None:
+        """Fire at an instant of the vehicle's clock, as soon as the position there is known."""
+        self._external.append(time_us)
+        del self._external[:-64]
+
+    def lost(self) -> None:
+        """Forget the track: the vehicle has no position."""
+        self._last = self._anchor = None
+
+    def add(self, fix: Fix) -> list[Shot]:
+        """Take the next position report and return the shots since the last one, in order of time."""
+        last = self._last
+        if last is None:
+            self._last = self._anchor = fix
+            self._start_at(fix)
+            return []
+        step_ms = fix.time_ms - last.time_ms
+        if step_ms <= 0:
+            if step_ms > -REBOOT_MS:
+                self.statistics.stale += 1
+                return []
+            self.statistics.reboots += 1
+            self.stop()
+            self._external.clear()
+            self._last = self._anchor = fix
+            return []
+        jumped = self._jumped(last, fix, step_ms)
+        if jumped or step_ms > MAX_GAP_MS:
+            self.statistics.gaps += not jumped
+            self.statistics.jumps += jumped
+            self._last = self._anchor = fix
+            self._since_m = 0.0
+            self._start_at(fix)
+            self._external = [time_us for time_us in self._external if time_us >= fix.time_ms * 1000]
+            return []
+        shots: list[Shot] = []
+        if self.distance_m > 0.0:
+            self._along(fix, step_ms, shots)
+        elif self.interval_us > 0:
+            self._timed(last, fix, shots)
+        if self._external:
+            self._triggered(last, fix, shots)
+            shots.sort()
+        self._last = fix
+        return shots
+
+    def _jumped(self, last: Fix, fix: Fix, step_ms: int) -> bool:
+        _, per_north, per_east = self._scale(last.latitude_e7)
+        reach_m = MAX_SPEED_M_S * step_ms / 1000.0 + 1.0
+        return (
+            abs(fix.latitude_e7 - last.latitude_e7) * per_north > reach_m
+            or abs(_turn(fix.longitude_e7 - last.longitude_e7)) * per_east > reach_m
+        )
+
+    def _start_at(self, fix: Fix) -> None:
+        """Let an interval that was due while the position was unknown go on in its rhythm."""
+        if self.interval_us > 0:
+            late = fix.time_ms * 1000 - self._due_us
+            if late > 0:
+                self._due_us += math.ceil(late / self.interval_us) * self.interval_us
+
+    def _scale(self, latitude_e7: int) -> tuple[int, float, float]:
+        """Return metres per 1e-7 degree to the north and to the east (radii of curvature of WGS84)."""
+        if abs(latitude_e7 - self._metres[0]) > _REFRESH_E7 or not self._metres[1]:
+            latitude = math.radians(latitude_e7 / _E7)
+            w = 1.0 - _WGS84_E2 * math.sin(latitude) ** 2
+            unit = math.radians(1.0 / _E7)
+            north = unit * _WGS84_A * (1.0 - _WGS84_E2) / w**1.5
+            east = unit * _WGS84_A * max(math.cos(latitude), 1e-6) / math.sqrt(w)
+            self._metres = (latitude_e7, north, east)
+        return self._metres
+
+    def _along(self, fix: Fix, step_ms: int, shots: list[Shot]) -> None:
+        anchor = self._anchor
+        assert anchor is not None
+        _, per_north, per_east = self._scale(anchor.latitude_e7)
+        north = (fix.latitude_e7 - anchor.latitude_e7) * per_north
+        east = _turn(fix.longitude_e7 - anchor.longitude_e7) * per_east
+        length = math.hypot(north, east)
+        if length < STILL_M:
+            # Only the clock goes on: the place stays, so that slow motion adds up and sway does not.
+            self._anchor = fix._replace(latitude_e7=anchor.latitude_e7, longitude_e7=anchor.longitude_e7)
+            return
+        self._anchor = fix
+        distance, since = self.distance_m, self._since_m
+        if step_ms <= _CHORD_MS:
+            if since + length < distance:
+                self._since_m = since + length
+                return
+            at = distance - since
+            north_e7 = fix.latitude_e7 - anchor.latitude_e7
+            east_e7 = _turn(fix.longitude_e7 - anchor.longitude_e7)
+            while at <= length:
+                part = at / length
+                latitude_e7 = anchor.latitude_e7 + part * north_e7
+                shots.append(_shot(anchor, fix, part, latitude_e7, anchor.longitude_e7 + part * east_e7))
+                at += distance
+            self._since_m = length - (at - distance)
+            return
+        points = _curve(anchor, fix, north, east, step_ms / 1000.0)
+        steps = len(points) - 1
+        for k in range(steps):
+            (from_north, from_east), (to_north, to_east) = points[k], points[k + 1]
+            length = math.hypot(to_north - from_north, to_east - from_east)
+            at = distance - since
+            while at <= length:
+                part = at / length
+                place_north = from_north + part * (to_north - from_north)
+                place_east = from_east + part * (to_east - from_east)
+                latitude_e7 = anchor.latitude_e7 + place_north / per_north
+                longitude_e7 = anchor.longitude_e7 + place_east / per_east
+                shots.append(_shot(anchor, fix, (k + part) / steps, latitude_e7, longitude_e7))
+                at += distance
+            since = length - (at - distance)
+        self._since_m = since
+
+    def _timed(self, last: Fix, fix: Fix, shots: list[Shot]) -> None:
+        end_us = fix.time_ms * 1000
+        while self.interval_us > 0 and self._due_us <= end_us:
+            shots.append(self._at_time(last, fix, self._due_us))
+            self._due_us += self.interval_us
+            if self.remaining:
+                self.remaining -= 1
+                if not self.remaining:
+                    self.stop()
+
+    def _triggered(self, last: Fix, fix: Fix, shots: list[Shot]) -> None:
+        end_us = fix.time_ms * 1000
+        due = [time_us for time_us in self._external if time_us <= end_us]
+        self._external = [time_us for time_us in self._external if time_us > end_us]
+        shots.extend(self._at_time(last, fix, max(time_us, last.time_ms * 1000)) for time_us in sorted(due))
+
+    def _at_time(self, last: Fix, fix: Fix, time_us: float) -> Shot:
+        step_ms = fix.time_ms - last.time_ms
+        part = min(max((time_us / 1000.0 - last.time_ms) / step_ms, 0.0), 1.0)
+        _, per_north, per_east = self._scale(last.latitude_e7)
+        north_e7 = fix.latitude_e7 - last.latitude_e7
+        east_e7 = _turn(fix.longitude_e7 - last.longitude_e7)
+        if step_ms > _CHORD_MS:
+            points = _curve(last, fix, north_e7 * per_north, east_e7 * per_east, step_ms / 1000.0)
+            steps = len(points) - 1
+            k = min(int(part * steps), steps - 1)
+            rest = part * steps - k
+            north = points[k][0] + rest * (points[k + 1][0] - points[k][0])
+            east = points[k][1] + rest * (points[k + 1][1] - points[k][1])
+            place = (last.latitude_e7 + north / per_north, last.longitude_e7 + east / per_east)
+        else:
+            place = (last.latitude_e7 + part * north_e7, last.longitude_e7 + part * east_e7)
+        return _shot(last, fix, part, *place)
+
+
+def _turn(longitude_e7: int) -> int:
+    """Return a difference of longitudes the short way round."""
+    if -180 * _E7 <= longitude_e7 <= 180 * _E7:
+        return longitude_e7
+    return longitude_e7 - _TURN_E7 if longitude_e7 > 0 else longitude_e7 + _TURN_E7
+
+
+def _shot(a: Fix, b: Fix, part: float, latitude_e7: float, longitude_e7: float) -> Shot:
+    longitude = round(longitude_e7)
+    if not -180 * _E7 <= longitude <= 180 * _E7:
+        longitude = _turn(longitude)
+    return Shot(
+        round((a.time_ms + part * (b.time_ms - a.time_ms)) * 1000.0),
+        round(latitude_e7),
+        longitude,
+        round(a.altitude_mm + part * (b.altitude_mm - a.altitude_mm)),
+        round(a.relative_altitude_mm + part * (b.relative_altitude_mm - a.relative_altitude_mm)),
+        b.heading_cdeg,
+    )
+
+
+def _curve(a: Fix, b: Fix, north: float, east: float, step_s: float) -> list[tuple[float, float]]:
+    """Return points (north, east) from `a` on the cubic Hermite curve to `b`, at equal times.
+
+    Where the velocities do not fit the positions (a curve of more than twice the chord), it is the chord.
+    """
+    steps = math.ceil(step_s * 1000.0 / _STEP_MS)
+    points = []
+    for k in range(steps + 1):
+        u = k / steps
+        start, leave, arrive = (
+            u * u * (3.0 - 2.0 * u),
+            u * (1.0 - u) ** 2 * step_s,
+            u * u * (u - 1.0) * step_s,
+        )
+        points.append(
+            (
+                start * north + leave * a.north_m_s + arrive * b.north_m_s,
+                start * east + leave * a.east_m_s + arrive * b.east_m_s,
+            )
+        )
+    length = sum(math.dist(points[k], points[k + 1]) for k in range(steps))
+    if length > 2.0 * math.hypot(north, east) + 0.5:
+        return [(north * k / steps, east * k / steps) for k in range(steps + 1)]
+    return points

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from enum import IntEnum
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -56,7 +57,7 @@ def kind_of(data: bytes) -> str:
     start = data[:1000].removeprefix(_BOM).lstrip().lower()
     if not start:
         return "an empty file"
-    if start.startswith(b"qgc wpl"):
+    if re.match(rb"qgc\s+wpl\b", start):
         return WAYPOINTS_KIND
     if start.startswith(b"<"):
         names = {b"<kml": "a KML file", b"<gpx": "a GPX file", b"<html": "an HTML page"}
@@ -141,6 +142,14 @@ def make_item(
         msg = f"{where}: {missing} of command {command} is missing (null or NaN); give a number"
         raise MissionFileError(msg)
     return item.in_standard_frame()
+
+
+def make_mission(items: Iterable[MissionItem], home: GeoPoint | None, **more: Any) -> Mission:
+    """Build a mission, or raise MissionFileError where the model would raise MissionError."""
+    try:
+        return Mission(tuple(items), home, **more)
+    except MissionError as error:
+        raise MissionFileError(str(error)) from None
 
 
 def jump_target(item: MissionItem, where: str) -> int:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from geo.atomic import atomic_write
-from mission.errors import MissionError, MissionFileError
+from mission.errors import MissionFileError
 from mission.files import native, plan, views, waypoints
 from mission.files.common import MAX_BYTES, Firmware, one_line
 from mission.model import Mission
@@ -120,7 +120,7 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
         raise MissionFileError(one_line(msg))
     try:
         return loads(data)
-    except (MissionFileError, MissionError) as error:
+    except MissionFileError as error:
         raise MissionFileError(one_line(f"{path}: {error}")) from None
 
 

@@ -24,7 +24,15 @@ import msgspec
 from msgspec import Meta
 
 from mission.errors import MissionError, MissionFileError
-from mission.files.common import NATIVE_KIND, Firmware, decode_json, is_json, kind_of, wrong_kind
+from mission.files.common import (
+    NATIVE_KIND,
+    Firmware,
+    decode_json,
+    is_json,
+    kind_of,
+    make_mission,
+    wrong_kind,
+)
 from mission.model import MAX_ITEMS, GeoPoint, Mission, MissionItem
 
 VERSION = 1
@@ -96,17 +104,14 @@ def loads(data: bytes) -> Mission:
         msg = f"version {version} of the wbf-mission format is not known, only {VERSION}; update wbf-mission"
         raise MissionFileError(msg)
     file = decode_json(data, _FILE)
-    try:
-        return Mission(
-            items=_items(file.items, "items"),
-            home=None if file.home is None else _home(file.home),
-            fence=_items(file.fence, "fence"),
-            rally=_items(file.rally, "rally"),
-            cruise_speed_m_s=file.cruise_speed_m_s,
-            hover_speed_m_s=file.hover_speed_m_s,
-        )
-    except MissionError as error:
-        raise MissionFileError(str(error)) from None
+    return make_mission(
+        _items(file.items, "items"),
+        None if file.home is None else _home(file.home),
+        fence=_items(file.fence, "fence"),
+        rally=_items(file.rally, "rally"),
+        cruise_speed_m_s=file.cruise_speed_m_s,
+        hover_speed_m_s=file.hover_speed_m_s,
+    )
 
 
 def _home(home: _Home) -> GeoPoint:

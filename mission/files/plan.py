@@ -29,6 +29,7 @@ from mission.files.common import (
     jump_target,
     kind_of,
     make_item,
+    make_mission,
     one_line,
     wrong_kind,
 )
@@ -121,9 +122,9 @@ def loads(data: bytes) -> Mission:
         )
         if value is not None
     }
-    return Mission(
-        items=_items(plan.mission.items),
-        home=_home(plan.mission.home),
+    return make_mission(
+        _items(plan.mission.items),
+        _home(plan.mission.home),
         fence=() if plan.fence is None else fences.items_of(plan.fence),
         rally=() if plan.rally is None else _rally_items(plan.rally),
         **speeds,

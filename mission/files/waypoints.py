@@ -30,6 +30,7 @@ from mission.files.common import (
     jump_target,
     kind_of,
     make_item,
+    make_mission,
     one_line,
     wrong_kind,
 )
@@ -101,9 +102,9 @@ def loads(data: bytes) -> Mission:
     if rows and _is_home(rows[0]):
         home = _home(rows.pop(0))
     flown = [row for row in rows if row.command not in _FENCE | _RALLY]
-    return Mission(
-        items=_with_jumps(flown),
-        home=home,
+    return make_mission(
+        _with_jumps(flown),
+        home,
         fence=tuple(row.item() for row in rows if row.command in _FENCE),
         rally=tuple(row.item() for row in rows if row.command in _RALLY),
     )

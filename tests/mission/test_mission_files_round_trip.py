@@ -1,20 +1,24 @@
-"""What is written is what is read: by ourselves, by MAVSDK and by pymavlink; and damage never escapes as a surprise."""
+"""What is written is what is read, by ourselves, MAVSDK and pymavlink; damaged files are refused politely."""
 
 import math
 import time
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mission.errors import MissionFileError
-from mission.files import Firmware, native, plan, waypoints
+from mission.files import Firmware, native, plan, read_mission, waypoints
 from mission.files.views import geojson_dumps, kml_dumps
 from mission.link.dialect import mavlink
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem, has_position
 
+PLANS = Path(__file__).parents[1] / "data" / "plans"
+patient = partial(settings, deadline=None)
 FLYING = [16, 17, 18, 19, 21, 22, 31, 82, 189, 195, 4501]
 DOING = [20, 93, 112, 115, 177, 178, 197, 206, 214, 2000, 2001, 12345]
 parameters = st.none() | st.floats(width=32, allow_nan=False, allow_infinity=False)
@@ -123,11 +127,13 @@ def filed(mission, firmware=Firmware.PX4):
     return replace(mission, items=items, home=home)
 
 
+@patient()
 @given(missions(), st.sampled_from(Firmware))
 def test_plan_round_trip(mission, firmware):
     assert plan.loads(plan.dumps(mission, firmware).encode()) == filed(mission, firmware)
 
 
+@patient()
 @given(missions(guarded=False), st.sampled_from(Firmware))
 def test_waypoints_round_trip(mission, firmware):
     read = waypoints.loads(waypoints.dumps(mission, firmware).encode())
@@ -142,27 +148,32 @@ def test_waypoints_round_trip(mission, firmware):
     assert read == expected
 
 
+@patient()
 @given(fences.filter(bool))
 def test_fence_as_waypoints_round_trip(fence):
     assert waypoints.loads(waypoints.dumps(Mission((), fence=fence)).encode()) == Mission((), fence=fence)
 
 
+@patient()
 @given(rallies.filter(bool))
 def test_rally_as_waypoints_round_trip(rally):
     assert waypoints.loads(waypoints.dumps(Mission((), rally=rally)).encode()) == Mission((), rally=rally)
 
 
+@patient()
 @given(missions())
 def test_native_round_trip_is_exact(mission):
     assert native.loads(native.dumps(mission).encode()) == mission
 
 
+@patient()
 @given(missions())
 def test_views_can_always_be_written(mission):
     assert geojson_dumps(mission).startswith("{")
     assert kml_dumps(mission).startswith("<?xml")
 
 
+@patient()
 @given(missions(guarded=False))
 def test_pymavlink_reads_our_waypoints(tmp_path_factory, mission):
     from pymavlink import mavwp
@@ -187,7 +198,7 @@ def test_pymavlink_reads_our_waypoints(tmp_path_factory, mission):
 
 @pytest.fixture(scope="module")
 def mavsdk_importers():
-    """MAVSDK's file importers for a PX4 and an ArduPilot, which it knows from a heartbeat each; no sockets."""
+    """MAVSDK's file importers for a PX4 and an ArduPilot, known from a heartbeat each; no sockets."""
     from mavsdk.component_type import ComponentType
     from mavsdk.mavsdk import Configuration, Mavsdk
     from mavsdk.plugins.mission_raw.mission_raw import MissionRaw
@@ -228,7 +239,7 @@ def without_terrain(mission):
     return replace(mission, items=tuple(replace(i, frame=3) if i.frame == 10 else i for i in mission.items))
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60, deadline=None)
+@patient(max_examples=60)
 @given(missions().map(without_terrain).filter(lambda mission: mission.items))
 def test_mavsdk_reads_our_plan(mavsdk_importers, mission):
     expected = filed(mission)
@@ -247,7 +258,16 @@ def test_mavsdk_reads_our_plan(mavsdk_importers, mission):
         assert_same_on_the_wire(their, item)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=30, deadline=None)
+@pytest.mark.parametrize("path", sorted(PLANS.glob("*.plan")), ids=lambda path: path.stem)
+def test_mavsdk_reads_recorded_plans_as_we_do(mavsdk_importers, path):
+    theirs = mavsdk_importers[Firmware.PX4].import_qgroundcontrol_mission(str(path))
+    mission = read_mission(path)
+    assert len(mission.items) > 5
+    for their, item in zip(theirs.mission_items, mission.items, strict=True):
+        assert_same_on_the_wire(their, item, jump_shift=1.0)
+
+
+@patient(max_examples=30)
 @given(missions().map(without_terrain).filter(lambda mission: mission.items))
 def test_mavsdk_reads_our_plan_for_ardupilot(mavsdk_importers, mission):
     expected = filed(mission, Firmware.ARDUPILOT)
@@ -261,7 +281,7 @@ def test_mavsdk_reads_our_plan_for_ardupilot(mavsdk_importers, mission):
         assert_same_on_the_wire(their, item, jump_shift=1.0)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60, deadline=None)
+@patient(max_examples=60)
 @given(missions(guarded=False).map(without_terrain))
 def test_mavsdk_reads_our_waypoints(mavsdk_importers, mission):
     text = waypoints.dumps(mission)
@@ -295,6 +315,7 @@ def refused_or_read(loads, data):
 
 
 @pytest.mark.parametrize("name", READERS)
+@patient()
 @given(st.binary(max_size=200), st.booleans())
 def test_random_bytes_are_refused_politely(name, data, started):
     refused_or_read(READERS[name], STARTS[name] + data if started else data)
@@ -333,7 +354,7 @@ TOKENS = [
 
 
 @pytest.mark.parametrize("name", READERS)
-@settings(max_examples=300)
+@patient(max_examples=300)
 @given(data=st.data())
 def test_damaged_files_are_refused_politely(name, data):
     content = bytearray(WRITERS[name](SMALL if name == "waypoints" else WHOLE, Firmware.PX4).encode())

@@ -36,6 +36,8 @@ class StopReason(Enum):
     """Nothing can happen any more: no message is under way and no component has a deadline."""
     STALLED = "stalled"
     """The components keep each other busy and time does not go on."""
+    STOPPED = "stopped"
+    """Somebody stopped it (`Server` only)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ is on the safe side. Electric power is the shaft power over the efficiency, plus
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -126,7 +127,9 @@ def battery_state(battery: BatterySpec, used_j: float, power_w: float) -> Batter
     """
     used_wh = used_j / WH_J
     fraction = min(1.0, max(0.0, 1.0 - used_wh / battery.capacity_wh))
-    open_v = battery.cells * float(np.interp(fraction, _FRACTION, _CELL_V))
+    upper = min(bisect_right(_FRACTION, fraction), len(_FRACTION) - 1)
+    share = (fraction - _FRACTION[upper - 1]) / (_FRACTION[upper] - _FRACTION[upper - 1])
+    open_v = battery.cells * (_CELL_V[upper - 1] + share * (_CELL_V[upper] - _CELL_V[upper - 1]))
     root = max(0.25 * open_v * open_v - battery.resistance_ohm * power_w, 0.0)
     voltage = 0.5 * open_v + math.sqrt(root)
     return BatteryState(

@@ -36,6 +36,7 @@ GRID = 5
 STOP_RADIUS = 0.05
 STOP_SPEED = 0.1
 STALL_STEPS = 1500
+CREEP = 3.0
 ALONG = 0.8
 ACROSS = 0.6
 ASLANT = 0.25
@@ -252,7 +253,8 @@ def advance(
                 side = state[15] * ey - state[16] * ex
                 free = limits[2] * limits[2] - side * side
                 most = (tail + sqrt(free)) / horizontal if free > 0.0 else 0.0
-                if most < speed:
+                # Without this a vehicle that brakes against a storm could never finish to stop.
+                if most < speed and (most > 0.3 or ds > CREEP):
                     speed = most if most > 0.3 else 0.0
         row = route[leg]
         if radius > 0.0 and ds >= 0.0:
@@ -366,7 +368,7 @@ def prepare_route(
     radius : float64[n]
         Acceptance radius; 0 stops there. The last point is always a stop.
     speed : float64[n]
-        Horizontal ground speed of the leg.
+        Horizontal ground speed of the leg; less its sign, a negative one is the speed of a vertical leg.
     heading : float64[n]
         Heading on the leg; NaN is the direction of the leg, infinity keeps the heading.
     near : float64[n]
@@ -419,8 +421,11 @@ def prepare_route(
         row[22] = 0.3 * limits[1]
         lesser = min(limits[3], limits[4])
         row[23] = ASLANT * min(limits[1] / rise if rise > 0.0 else inf, lesser / flat if flat > 0.0 else inf)
+        wanted = speed[i] if speed[i] >= 0.0 else inf
+        if speed[i] < 0.0 and flat == 0.0:
+            up = min(up, -speed[i])
         row[12] = min(
-            min(speed[i], 0.95 * limits[1] - rise * row[23]) / flat if flat > 0.0 else inf,
+            min(wanted, 0.95 * limits[1] - rise * row[23]) / flat if flat > 0.0 else inf,
             (up - flat * row[23]) / rise if rise > 0.0 else inf,
         )
         row[14] = radius[i] if i < n - 1 else 0.0
@@ -454,11 +459,11 @@ def prepare_route(
                     room = max(part, 0.3) * row[14]
                     corner = min(corner, _speed_within(room, after[16 + 2 * axis], after[17 + 2 * axis]) / part)
             way = max(way + lengths[i + 1] + max(turn, 0.0) * row[14] - after[14], 0.0)
-            limit = 0.9 * after[16]
+            limit = after[16] if turn > 0.9 else 0.9 * after[16]
             ramp = limit * limit / after[17]
             reach = 0.5 * (sqrt((ramp - 2.0 * slow) ** 2 + 8.0 * limit * way) - ramp)
             reach = max(slow, reach, _speed_within(way, limit, after[17]))
-            if corner < 1.15 * reach or turn < 0.9:
+            if corner < reach or turn < 0.9:
                 slow, way = min(corner, reach), 0.0
         else:
             slow, way = 0.0, 0.0

@@ -12,6 +12,8 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from sim_vehicle.spec import VehicleSpec
+
 
 class MotionEvent(IntEnum):
     """Why a motion model returned; the values are those of the kernel."""
@@ -34,7 +36,7 @@ class Route:
     radius_m : float64[n]
         Acceptance radius; 0 is a stop. The last point is always a stop.
     speed_m_s : float64[n]
-        Horizontal ground speed.
+        Horizontal ground speed; less its sign, a negative one is the speed of a vertical leg.
     heading_rad : float64[n]
         Compass heading on the leg; NaN looks along the leg, infinity keeps the heading.
     near_m : float64[n]
@@ -62,10 +64,15 @@ class Route:
 class MotionModel(Protocol):
     """A vehicle's motion (`Multirotor`, `IdealRobot`)."""
 
+    spec: VehicleSpec
     step_s: float
     arrivals: NDArray[np.int64]
     track: NDArray[np.float64]
     track_every: int
+
+    @property
+    def track_points(self) -> int:
+        """Points of the track that were written."""
 
     @property
     def time_s(self) -> float:
@@ -102,5 +109,11 @@ class MotionModel(Protocol):
     def rest(self, steps: int, *, armed: bool) -> None:
         """Stand on the ground for a number of steps."""
 
+    def respec(self, spec: VehicleSpec) -> None:
+        """Take other defaults and limits."""
+
     def touch_down(self) -> None:
         """Stand still on the ground."""
+
+    def ignore_energy(self) -> None:
+        """Tell no more that the battery is empty."""

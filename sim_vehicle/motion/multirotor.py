@@ -47,23 +47,7 @@ class Multirotor:
         self.spec = spec
         self.step_s = spec.step_s
         self._wind = (wind or Wind()).series()
-        capacity = spec.battery.capacity_wh * WH_J if spec.battery is not None else math.inf
-        self._limits = np.array(
-            [
-                spec.step_s,
-                spec.speed_limit_m_s,
-                spec.airspeed_limit_m_s,
-                spec.climb_speed_m_s,
-                spec.descent_speed_m_s,
-                spec.acceleration_m_s2,
-                spec.jerk_m_s3,
-                spec.vertical_acceleration_m_s2,
-                spec.vertical_jerk_m_s3,
-                spec.yaw_rate_rad_s,
-                spec.yaw_acceleration_rad_s2,
-                capacity,
-            ]
-        )
+        self._limits = _limits(spec)
         self._power = power_coefficients(spec.power)
         self._idle_w = spec.power.idle_w if spec.power is not None else 0.0
         self.state: NDArray[np.float64] = np.zeros(kernel.STATE)
@@ -81,6 +65,11 @@ class Multirotor:
     def time_s(self) -> float:
         """Time since the start."""
         return int(self.counters[0]) * self.step_s
+
+    @property
+    def track_points(self) -> int:
+        """Points of the track that were written."""
+        return int(self.counters[5])
 
     @property
     def step(self) -> int:
@@ -119,7 +108,7 @@ class Multirotor:
             route.near_m,
             self._limits,
         )
-        self.arrivals = np.zeros(len(route.points_m), dtype=np.int64)
+        self.arrivals = np.full(len(route.points_m), -1, dtype=np.int64)
         self.state[14] = math.inf
         self.counters[1] = 0
         self.counters[2] = self.counters[0]
@@ -175,8 +164,41 @@ class Multirotor:
                 self._wind.forward()
             self.state[15:17] = self._wind.block[self.counters[0] // kernel.GRID - self._wind.first]
 
+    def ignore_energy(self) -> None:
+        """Tell no more that the battery is empty."""
+        self._limits[11] = math.inf
+
+    def respec(self, spec: VehicleSpec) -> None:
+        """Take other defaults and limits; they hold from the next route on."""
+        energy = self._limits[11]
+        self.spec = spec
+        self._limits = _limits(spec)
+        if energy == math.inf:
+            self._limits[11] = energy
+
     def touch_down(self) -> None:
         """Stand still on the ground."""
         self.state[2:9] = 0.0
         self.state[10] = 0.0
         self._route = None
+
+
+def _limits(spec: VehicleSpec) -> NDArray[np.float64]:
+    """Return the limits in the order of the kernel."""
+    capacity = spec.battery.capacity_wh * WH_J if spec.battery is not None else math.inf
+    return np.array(
+        [
+            spec.step_s,
+            spec.speed_limit_m_s,
+            spec.airspeed_limit_m_s,
+            spec.climb_speed_m_s,
+            spec.descent_speed_m_s,
+            spec.acceleration_m_s2,
+            spec.jerk_m_s3,
+            spec.vertical_acceleration_m_s2,
+            spec.vertical_jerk_m_s3,
+            spec.yaw_rate_rad_s,
+            spec.yaw_acceleration_rad_s2,
+            capacity,
+        ]
+    )

@@ -1,0 +1,112 @@
+"""What a vehicle could not fly in a mission, found before it arms."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from mission.model import Command, Frame
+from sim_vehicle.itinerary import (
+    DO_COMMANDS,
+    MAX_TURNS,
+    NAV_COMMANDS,
+    PLACE_COMMANDS,
+    Settings,
+    do_items,
+    is_here,
+    item_places,
+    number,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from geo.frame import LocalFrame
+    from mission.model import MissionItem
+    from sim_vehicle.spec import VehicleSpec
+
+def check_mission(items: Sequence[MissionItem], frame: LocalFrame, spec: VehicleSpec) -> list[str]:
+    """List what the vehicle could not fly, each with its item; empty when all is well.
+
+    Checked are commands, frames, parameters, altitudes, distances from home, jumps and the take-off; not the energy
+    (see `sim_vehicle.predict`).
+
+    Parameters
+    ----------
+    items : sequence of MissionItem
+        Without a home item.
+    frame : LocalFrame
+        About home.
+    spec : VehicleSpec
+
+    Examples
+    --------
+    >>> from geo.frame import LocalFrame
+    >>> from mission.model import MissionItem
+    >>> from sim_vehicle.spec import get_vehicle
+    >>> check_mission([MissionItem.waypoint(28.05, -82.15, 10.0)], LocalFrame(28.05, -82.15), get_vehicle("quad"))
+    ['item 0 (NAV_WAYPOINT): no take-off before it']
+    """
+    if not items:
+        return ["the mission is empty"]
+    problems: list[str] = []
+    flying = False
+    for seq, (item, place) in enumerate(zip(items, item_places(items, frame), strict=True)):
+        what = f"item {seq} ({_name(item.command)})"
+        problems += [f"{what}: {reason}" for reason in _item_problems(item, place, len(items), spec)]
+        if item.command == Command.NAV_TAKEOFF:
+            flying = True
+        elif item.command in PLACE_COMMANDS and not flying:
+            problems.append(f"{what}: no take-off before it")
+            flying = True
+    if not any(item.command in NAV_COMMANDS for item in items):
+        problems.append("the mission has no place to fly to")
+    if not problems:
+        settings = Settings(spec.cruise_speed_m_s)
+        for seq in range(len(items)):
+            if items[seq].command == Command.DO_JUMP and do_items(items, seq, settings.copy(), 1.0)[1] < 0:
+                problems.append(f"item {seq} (DO_JUMP): jumps never lead to a place")
+                break
+    return problems
+
+
+def _name(command: int) -> str:
+    try:
+        return Command(command).name
+    except ValueError:
+        return f"command {command}"
+
+
+def _item_problems(
+    item: MissionItem, place: tuple[float, float, float], count: int, spec: VehicleSpec
+) -> list[str]:
+    command = item.command
+    if command not in NAV_COMMANDS and command not in DO_COMMANDS:
+        return ["the vehicle does not know this command"]
+    problems: list[str] = []
+    has_to_be_placed = command in PLACE_COMMANDS or command in (Command.NAV_TAKEOFF, Command.NAV_LAND)
+    if has_to_be_placed and item.frame not in (Frame.GLOBAL, Frame.GLOBAL_RELATIVE_ALT):
+        return [f"frame {item.frame} is not supported (use 0 or 3)"]
+    if has_to_be_placed:
+        x, y, z = place
+        if command != Command.NAV_LAND and not 0.0 < z <= spec.max_altitude_m:
+            problems.append(f"altitude {z:.1f} m above home is outside 0..{spec.max_altitude_m:g}")
+        if not is_here(item) and not math.hypot(x, y) <= spec.max_distance_m:
+            distance = math.hypot(x, y)
+            problems.append(f"{distance:.0f} m from home, the vehicle may go {spec.max_distance_m:.0f} m")
+    first, second = number(item.param1), number(item.param2)
+    if command in (16, 19, 93, 112) and not 0.0 <= first <= 86_400.0:
+        problems.append(f"time {first:g} s is outside 0..86400")
+    if command == Command.NAV_WAYPOINT and not 0.0 <= second <= 10_000.0:
+        problems.append(f"acceptance radius {second:g} m is outside 0..10000")
+    if command == Command.NAV_LOITER_TURNS:
+        if not 0.0 < first <= MAX_TURNS:
+            problems.append(f"{first:g} turns are outside 0..{MAX_TURNS:g}")
+        radius = number(item.param3)
+        if radius != 0.0 and not 0.5 <= abs(radius) <= 1000.0:
+            problems.append(f"radius {radius:g} m is outside 0.5..1000")
+    if command == Command.DO_JUMP and not (0.0 <= first < count and first == int(first)):
+        problems.append(f"jumps to item {first:g} of {count}")
+    if command == Command.CONDITION_DISTANCE and first < 0.0:
+        problems.append(f"distance {first:g} m is negative")
+    return problems

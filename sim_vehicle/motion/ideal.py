@@ -1,0 +1,223 @@
+"""The paper's robot: one cell a time step, no dynamics, no battery, take-off and landing in no time.
+
+The rule (the paper's robot, docs/vehicle-model.md): a robot whose waypoint is at most one step away jumps exactly
+there, and the shortened step still costs a whole time step; otherwise it moves one step along the straight line. A
+waypoint at the place where the robot already is costs a time step, too.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sim_vehicle.motion.model import MotionEvent
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from sim_vehicle.motion.model import Route
+    from sim_vehicle.spec import VehicleSpec
+
+# A waypoint that crossed the link is rounded to 1e-7 degree, 1.1 cm: that must not cost a time step.
+_SLACK = 0.05
+
+
+def ideal_positions(
+    waypoints: ArrayLike,
+    steps: int,
+    *,
+    start: tuple[float, float] = (0.0, 0.0),
+    velocity: float = 1.0,
+    repeat: bool = True,
+) -> NDArray[np.float64]:
+    """Return where the paper's robot is after each time step.
+
+    Parameters
+    ----------
+    waypoints : float[n, 2]
+        In cells.
+    steps : int
+        Number of time steps.
+    start : tuple of float
+        Place before the first step.
+    velocity : float
+        Cells a step.
+    repeat : bool
+        Begin again at the first waypoint after the last, otherwise stay.
+
+    Returns
+    -------
+    float64[steps, 2]
+        Places in cells; the observed cell is the place truncated.
+
+    Examples
+    --------
+    >>> ideal_positions([(0, 0), (1.5, 0)], 4).tolist()
+    [[0.0, 0.0], [1.0, 0.0], [1.5, 0.0], [0.5, 0.0]]
+    """
+    points = np.asarray(waypoints, dtype=np.float64).reshape(-1, 2).tolist()
+    places = np.empty((steps, 2))
+    x, y = start
+    index = 0
+    for step in range(steps):
+        if index < len(points):
+            tx, ty = points[index]
+            dx, dy = tx - x, ty - y
+            distance = math.hypot(dx, dy)
+            if distance <= velocity:
+                x, y = tx, ty
+                index += 1
+                if repeat and index == len(points):
+                    index = 0
+            else:
+                x += velocity * dx / distance
+                y += velocity * dy / distance
+        places[step] = x, y
+    return places
+
+
+class IdealRobot:
+    """The paper's robot as a motion model, in metres about home.
+
+    Heights change in no time at the beginning of a leg, and a leg that only climbs or sinks takes no step.
+
+    Parameters
+    ----------
+    spec : VehicleSpec
+        Of kind ideal.
+    yaw_rad : float
+        Heading at the start.
+    """
+
+    def __init__(self, spec: VehicleSpec, yaw_rad: float = 0.0) -> None:
+        self.spec = spec
+        self.step_s = spec.step_s
+        self.step = 0
+        self.leg = 0
+        self.arrivals: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+        self.track: NDArray[np.float64] = np.empty((0, 3))
+        self.track_every = 0
+        self.track_points = 0
+        self.energy_j = 0.0
+        self._place = (0.0, 0.0, 0.0)
+        self._velocity = (0.0, 0.0)
+        self._yaw = yaw_rad % (2.0 * math.pi)
+        self._length = 0.0
+        self._legs: list[list[float]] = []
+        self._begin: tuple[float, float, float, int] = (0.0, 0.0, 0.0, 0)
+
+    @property
+    def time_s(self) -> float:
+        """Time since the start."""
+        return self.step * self.step_s
+
+    @property
+    def position_m(self) -> tuple[float, float, float]:
+        """East, north, up about home."""
+        return self._place
+
+    def numbers(self) -> list[float]:
+        """Return the state in the order of `MotionModel.numbers`."""
+        vx, vy = self._velocity
+        still = [0.0] * 4
+        return [*self._place, vx, vy, *still, self._yaw, 0.0, 0.0, self._length, 0.0, 0.0, 0.0, 0.0]
+
+    def fly(self, route: Route) -> None:
+        """Begin a route."""
+        self._legs = np.column_stack([route.points_m, route.heading_rad]).tolist()
+        self.arrivals = np.full(len(self._legs), -1, dtype=np.int64)
+        self.leg = 0
+        self._enter()
+
+    def _enter(self) -> None:
+        x, y, _ = self._place
+        tx, ty, _, heading = self._legs[self.leg]
+        distance = math.hypot(tx - x, ty - y)
+        self._begin = (x, y, distance, self.step)
+        if math.isfinite(heading):
+            self._yaw = heading % (2.0 * math.pi)
+        elif math.isnan(heading) and distance > 0.0:
+            self._yaw = math.atan2(tx - x, ty - y) % (2.0 * math.pi)
+
+    def stopping_point(self) -> tuple[float, float, float]:
+        """Return the place: it stops at once."""
+        return self._place
+
+    def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
+        """Move up to ``max_steps`` steps, less at a waypoint (at the last one without ``stop_each``)."""
+        end = self.step + max_steps
+        while self.leg < len(self._legs):
+            tx, ty, tz, _ = self._legs[self.leg]
+            x, y, distance, begun = self._begin
+            climbs = tz != self._place[2]
+            if climbs:
+                self._length += abs(tz - self._place[2])
+                self._place = (*self._place[:2], tz)
+            stride = self.spec.cell_m
+            needed = 0 if climbs and distance < 1e-3 else max(1, math.ceil(distance / stride - _SLACK))
+            moved = min(needed, end - begun)
+            before = self._place
+            if moved >= needed:
+                here = (tx, ty, tz)
+            elif moved > 0:
+                part = moved * stride / distance
+                here = (x + (tx - x) * part, y + (ty - y) * part, tz)
+            else:
+                here = before
+            self._record(begun, moved, needed)
+            steps = begun + moved - self.step
+            if steps > 0:
+                pace = min(stride, distance) / self.step_s
+                share = pace / distance if distance > 0.0 else 0.0
+                self._velocity = ((tx - x) * share, (ty - y) * share)
+                self._length += math.hypot(here[0] - before[0], here[1] - before[1])
+            self.step, self._place = begun + moved, here
+            if moved < needed:
+                return MotionEvent.RAN
+            self.arrivals[self.leg] = self.step
+            self.leg += 1
+            if self.leg == len(self._legs):
+                self.leg -= 1
+                self._legs = []
+                return MotionEvent.REACHED
+            self._enter()
+            if stop_each:
+                return MotionEvent.REACHED
+        if end > self.step:
+            self._velocity = (0.0, 0.0)
+            self.step = end
+        return MotionEvent.RAN
+
+    def _record(self, begun: int, moved: int, needed: int) -> None:
+        """Write the places between ``self.step`` and ``begun + moved`` into the track."""
+        if not self.track_every or not len(self._legs):
+            return
+        tx, ty, tz, _ = self._legs[self.leg]
+        x, y, distance, _ = self._begin
+        first = -(-self.step // self.track_every) * self.track_every
+        for step in range(first, begun + moved, self.track_every):
+            if self.track_points >= len(self.track):
+                return
+            part = (step - begun) * self.spec.cell_m / distance if distance > 0.0 else 0.0
+            self.track[self.track_points] = (x + (tx - x) * part, y + (ty - y) * part, tz)
+            self.track_points += 1
+
+    def rest(self, steps: int, *, armed: bool) -> None:  # noqa: ARG002 (the ideal robot uses no energy)
+        """Stand on the ground for a number of steps."""
+        self._velocity = (0.0, 0.0)
+        self.step += steps
+
+    def respec(self, spec: VehicleSpec) -> None:
+        """Take other defaults."""
+        self.spec = spec
+
+    def touch_down(self) -> None:
+        """Stand still on the ground."""
+        self._place = (*self._place[:2], 0.0)
+        self._velocity = (0.0, 0.0)
+        self._legs = []
+
+    def ignore_energy(self) -> None:
+        """Nothing: there is no battery."""

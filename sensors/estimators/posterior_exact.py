@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sensors.estimators.rbf import Cells, Floats, RbfKernel
+from sensors.estimators.rbf import Cells, Floats, RbfKernel, solve_lower
 
 _BLOCK_ROWS = 128
 _RESULT_ROWS = 3
@@ -83,8 +83,6 @@ class ExactPosterior:
             self._condition_block(x[part], y[part], values[part], noise[part])
 
     def _condition_block(self, x: Cells, y: Cells, values: Floats, noise: Floats) -> None:
-        from scipy.linalg import solve_triangular
-
         width, height = self.shape
         cells = x.astype(np.intp) * height + y
         factor_x = self.kernel.along_x(x, np.arange(width)) * self.kernel.amplitude
@@ -93,9 +91,9 @@ class ExactPosterior:
         for block in self._filled():
             covariance -= block[:, cells].T @ block
         factor = np.linalg.cholesky(covariance[:, cells] + np.diag(noise))
-        rows = solve_triangular(factor, covariance, lower=True, overwrite_b=True, check_finite=False)
-        surprise = np.stack([values, np.ones_like(values)]) - self.response[:, cells]
-        weights = solve_triangular(factor, surprise.T, lower=True, check_finite=False)
+        rows = solve_lower(factor, covariance)
+        surprise = np.stack([values, np.ones_like(values)], axis=1) - self.response[:, cells].T
+        weights = solve_lower(factor, np.ascontiguousarray(surprise))
         self.response += weights.T @ rows
         self.variance -= np.einsum("ij,ij->j", rows, rows)
         self._store(rows)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.estimators.posterior_exact import merge_repeated
-from sensors.estimators.rbf import Cells, Floats, RbfKernel
+from sensors.estimators.rbf import Cells, Floats, RbfKernel, solve_lower
 
 TILE_CELLS = 32
 
@@ -97,19 +97,13 @@ class TiledPosterior:
     def _solve(
         self, tile: tuple[int, int], x: Cells, y: Cells, values: Floats, noise: Floats
     ) -> NDArray[np.float32]:
-        from scipy.linalg import cho_solve, solve_triangular
-
         columns, rows = (np.arange(s.start, s.stop) for s in self.area(tile))
         factor = np.linalg.cholesky(self.kernel.between(x, y) + np.diag(noise))
         factor_x = self.kernel.along_x(x, columns) * self.kernel.amplitude
         factor_y = self.kernel.along_y(y, rows)
-        weights = cho_solve(
-            (factor, True), np.stack([values, np.ones_like(values)], axis=1), check_finite=False
-        )
-        covariance = (factor_x[:, :, None] * factor_y[:, None, :]).reshape(len(x), -1)
-        known = solve_triangular(factor, covariance, lower=True, overwrite_b=True, check_finite=False)
+        known = solve_lower(factor, (factor_x[:, :, None] * factor_y[:, None, :]).reshape(len(x), -1))
+        weights = solve_lower(factor, np.stack([values, np.ones_like(values)], axis=1))
         out = np.empty((3, len(columns), len(rows)), np.float32)
-        for k in range(2):
-            out[k] = (factor_x * weights[:, k, None]).T @ factor_y
+        out[:2] = (weights.T @ known).reshape(2, *out.shape[1:])
         out[2] = (self.kernel.amplitude - np.einsum("ij,ij->j", known, known)).reshape(out.shape[1:])
         return out

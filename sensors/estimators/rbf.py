@@ -72,6 +72,15 @@ def _factor(a: NDArray[Any], b: NDArray[Any], length: float) -> Floats:
     return table[distance]
 
 
+def solve_lower(factor: NDArray[np.floating], right: Floats) -> Floats:
+    """Solve ``factor x = right`` for a lower triangular factor, in the memory of `right` (C order)."""
+    from scipy.linalg.blas import dtrsm
+
+    # Seen from BLAS, C order is transposed: x' U = right' with U = factor'. No copy is made.
+    solved: Floats = dtrsm(1.0, factor.T, right.T, side=1, overwrite_b=1).T
+    return solved
+
+
 def fit_kernel(
     x: Cells,
     y: Cells,

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -61,4 +63,5 @@ def test_bad_seeds_are_refused_in_one_line(bad: object) -> None:
 
 
 def test_numpy_integers_are_seeds() -> None:
-    assert stream(np.int64(7), "a").random() == stream(7, "a").random()
+    number: Any = np.int64(7)
+    assert stream(number, "a").random() == stream(7, "a").random()

@@ -29,7 +29,8 @@ def random_status(shape: tuple[int, int], seed: int, longest: int = 10) -> NDArr
 def exact_count(infected: NDArray[np.bool_], kernel: DistanceKernel) -> NDArray[np.int64]:
     """Weighted counts by full convolution; integers below 2^53 are exact in float64."""
     weights = np.rint(kernel.weights() * kernel.unit)
-    return np.rint(convolve2d(infected, weights, "same")).astype(np.int64)
+    count: NDArray[np.int64] = np.rint(convolve2d(infected, weights, "same")).astype(np.int64)
+    return count
 
 
 @pytest.mark.parametrize("size", [1, 3, 5, 7, 9, 11])
@@ -144,7 +145,8 @@ def test_the_kernel_rule_is_a_convolution_without_rounding(shape: tuple[int, int
     status = random_status(shape, seed)
     uniform = np.random.default_rng(seed).random(shape)
     wanted = age(status)
-    probability = np.minimum(0.3 * convolve2d(wanted > 0, rule.kernel.weights(), "same"), 1.0)
+    count = np.asarray(convolve2d(wanted > 0, rule.kernel.weights(), "same"), np.float64)
+    probability = np.minimum(0.3 * count, 1.0)
     wanted[(wanted == 0) & (probability > uniform)] = 4
     np.testing.assert_array_equal(step(status, uniform, rule), wanted)
 

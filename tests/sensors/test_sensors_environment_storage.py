@@ -146,7 +146,10 @@ def edit(name: str, change: Callable[[dict[str, object]], object]) -> Callable[[
 
 
 def truncate(name: str, size: int) -> Callable[[Path], None]:
-    return lambda folder: (folder / name).write_bytes((folder / name).read_bytes()[:size]) and None
+    def apply(folder: Path) -> None:
+        (folder / name).write_bytes((folder / name).read_bytes()[:size])
+
+    return apply
 
 
 def store(name: str, array: object) -> Callable[[Path], None]:

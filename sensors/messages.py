@@ -166,6 +166,7 @@ class ObservationAssembler:
         self._known: dict[_Key, None] = {}
         self._missing: dict[int, None] = {}
         self._highest = -1
+        self._highest_ms = 0
         self._single: list[tuple[int, int, int, float, float, float]] = []
         self._wide: list[_Picture] = []
 
@@ -268,16 +269,16 @@ class ObservationAssembler:
             del known[next(iter(known))]
         highest = self._highest
         if index == highest + 1 or highest < 0:
-            self._highest = index
+            self._highest, self._highest_ms = index, key[1]
         elif index > highest:
             self._missing.update(dict.fromkeys(range(max(highest + 1, index - _MAX_MISSING), index)))
-            self._highest = index
+            self._highest, self._highest_ms = index, key[1]
             while len(self._missing) > _MAX_MISSING:
                 del self._missing[next(iter(self._missing))]
         elif index in self._missing:
             del self._missing[index]
-        else:  # a camera that started anew
-            self._highest = index
+        elif key[1] > self._highest_ms:  # a camera that counts anew
+            self._highest, self._highest_ms = index, key[1]
         self.statistics.lost = len(self._missing)
 
     def missing(self) -> list[int]:

@@ -1,0 +1,55 @@
+"""What the vehicle can be told to do, whatever number an autopilot gives it."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+
+class Mode(Enum):
+    """Flight modes; each persona maps them to its own custom mode numbers."""
+
+    MANUAL = "manual"
+    ALTITUDE = "altitude"
+    POSITION = "position"
+    HOLD = "hold"
+    TAKEOFF = "takeoff"
+    MISSION = "mission"
+    RTL = "return"
+    LAND = "land"
+    GUIDED = "guided"
+
+    @property
+    def is_pilot(self) -> bool:
+        """Whether a pilot's sticks would fly; without sticks the vehicle keeps its place."""
+        return self in (Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION)
+
+    @property
+    def is_automatic(self) -> bool:
+        """Whether the vehicle follows a plan of its own (not a pilot, not single orders)."""
+        return self in (Mode.TAKEOFF, Mode.MISSION, Mode.RTL, Mode.LAND)
+
+
+class Outcome(Enum):
+    """How a run ended, or that it has not."""
+
+    RUNNING = "running"
+    """Not over yet (also: never armed)."""
+    COMPLETED = "completed"
+    """The mission was flown to its end and the vehicle is on the ground, disarmed."""
+    ARMING_REFUSED = "arming_refused"
+    """The last request to arm was refused, and the vehicle never flew."""
+    MISSION_REJECTED = "mission_rejected"
+    """The mission, as uploaded or at its start, is none that this vehicle can fly."""
+    CANNOT_FLY_ITEM = "cannot_fly_item"
+    """An item stopped the mission in flight."""
+    BATTERY_LOW = "battery_low"
+    """The battery failsafe ended the mission; the vehicle returned or landed in time."""
+    BATTERY_DEPLETED = "battery_depleted"
+    """The battery was empty in the air; the vehicle came down where it was."""
+    INTERRUPTED = "interrupted"
+    """The vehicle came down and disarmed before its mission was complete."""
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the run has ended."""
+        return self is not Outcome.RUNNING

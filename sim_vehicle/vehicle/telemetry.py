@@ -1,0 +1,309 @@
+"""Telemetry messages from the state of the vehicle: one table, message id to builder."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from mission.link.dialect import mavlink as m
+from mission.link.frames import Message
+from sim_vehicle.battery import BatteryState
+from sim_vehicle.flight import LandedState, Phase
+from sim_vehicle.vehicle.arming import health_problem
+from sim_vehicle.vehicle.modes import Mode
+
+if TYPE_CHECKING:
+    from sim_vehicle.vehicle.vehicle import SimVehicle
+
+__all__ = ["BUILDERS", "STREAMS"]
+
+_UNUSED_CELL = 65535
+_GPS = 32
+_PREARM = 1 << 28
+# gyro, accelerometer, magnetometer, barometer, GPS, motors, radio control, geofence, AHRS, battery, arming
+# checks; without the geofence bit MAVProxy reports a breach, without the last one MAVSDK says not armable.
+_SENSORS = 1 | 2 | 4 | 8 | _GPS | 1 << 15 | 1 << 16 | 1 << 20 | 1 << 21 | 1 << 25 | _PREARM
+_HOME_Q = [1.0, 0.0, 0.0, 0.0]
+_NAN = math.nan
+_BASE_MODE = {
+    Mode.MANUAL: m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED,
+    Mode.ALTITUDE: m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED | m.MAV_MODE_FLAG_STABILIZE_ENABLED,
+    Mode.POSITION: (
+        m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
+        | m.MAV_MODE_FLAG_STABILIZE_ENABLED
+        | m.MAV_MODE_FLAG_GUIDED_ENABLED
+    ),
+}
+_AUTO_MODE = m.MAV_MODE_FLAG_AUTO_ENABLED | m.MAV_MODE_FLAG_STABILIZE_ENABLED | m.MAV_MODE_FLAG_GUIDED_ENABLED
+
+
+def base_mode(mode: Mode, armed: bool) -> int:
+    """Return the base mode of HEARTBEAT; its custom mode bit makes peers read the custom mode."""
+    flags = m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | _BASE_MODE.get(mode, _AUTO_MODE)
+    return int(flags | m.MAV_MODE_FLAG_SAFETY_ARMED if armed else flags)
+
+
+def _heartbeat(vehicle: SimVehicle) -> Message:
+    pilot, persona = vehicle.pilot, vehicle.persona
+    if pilot.failsafe:
+        status = m.MAV_STATE_EMERGENCY if pilot.state.phase is Phase.DEPLETED else m.MAV_STATE_CRITICAL
+    else:
+        status = m.MAV_STATE_ACTIVE if pilot.armed else m.MAV_STATE_STANDBY
+    return m.MAVLink_heartbeat_message(
+        m.MAV_TYPE_QUADROTOR,
+        persona.autopilot,
+        base_mode(pilot.mode, pilot.armed),
+        persona.modes[pilot.mode],
+        status,
+        3,
+    )
+
+
+def _sys_status(vehicle: SimVehicle) -> Message:
+    pilot = vehicle.pilot
+    health = _SENSORS
+    if not pilot.position_ok:
+        health &= ~_GPS
+    if not pilot.armed and health_problem(pilot) is not None:
+        health &= ~_PREARM
+    battery = pilot.state.battery
+    millivolts, centiamps, percent = _UNUSED_CELL, -1, -1
+    if battery is not None:
+        millivolts, centiamps = round(1000.0 * battery.voltage_v), _int16(100.0 * battery.current_a)
+        percent = math.ceil(100.0 * battery.fraction)
+    return m.MAVLink_sys_status_message(
+        _SENSORS, _SENSORS, health, 100, millivolts, centiamps, percent, 0, 0, 0, 0, 0, 0
+    )
+
+
+def _system_time(vehicle: SimVehicle) -> Message:
+    return m.MAVLink_system_time_message(vehicle.unix_us, vehicle.boot_ms)
+
+
+def _gps_raw_int(vehicle: SimVehicle) -> Message:
+    state = vehicle.pilot.state
+    place = vehicle.place
+    if not vehicle.pilot.position_ok:
+        return m.MAVLink_gps_raw_int_message(
+            vehicle.unix_us, 1, 0, 0, 0, _UNUSED_CELL, _UNUSED_CELL, _UNUSED_CELL, _UNUSED_CELL, 0
+        )
+    east, north, _ = state.velocity_m_s
+    return m.MAVLink_gps_raw_int_message(
+        vehicle.unix_us,
+        3,
+        place[0],
+        place[1],
+        place[2],
+        70,
+        90,
+        min(65534, round(100.0 * math.hypot(east, north))),
+        _centidegrees(math.atan2(east, north)),
+        16,
+        place[2],
+        500,
+        800,
+        100,
+    )
+
+
+def _global_position_int(vehicle: SimVehicle) -> Message:
+    state = vehicle.pilot.state
+    place = vehicle.place
+    east, north, up = state.velocity_m_s
+    return m.MAVLink_global_position_int_message(
+        vehicle.boot_ms,
+        place[0],
+        place[1],
+        place[2],
+        round(1000.0 * state.position_m[2]),
+        _int16(100.0 * north),
+        _int16(100.0 * east),
+        _int16(-100.0 * up),
+        _centidegrees(state.yaw_rad),
+    )
+
+
+def _local_position_ned(vehicle: SimVehicle) -> Message:
+    state = vehicle.pilot.state
+    east, north, up = state.position_m
+    v_east, v_north, v_up = state.velocity_m_s
+    return m.MAVLink_local_position_ned_message(vehicle.boot_ms, north, east, -up, v_north, v_east, -v_up)
+
+
+def _attitude(vehicle: SimVehicle) -> Message:
+    state = vehicle.pilot.state
+    yaw = math.remainder(state.yaw_rad, 2.0 * math.pi)
+    return m.MAVLink_attitude_message(
+        vehicle.boot_ms, state.roll_rad, state.pitch_rad, yaw, 0.0, 0.0, state.yaw_rate_rad_s
+    )
+
+
+def _attitude_quaternion(vehicle: SimVehicle) -> Message:
+    state = vehicle.pilot.state
+    cr, sr = math.cos(0.5 * state.roll_rad), math.sin(0.5 * state.roll_rad)
+    cp, sp = math.cos(0.5 * state.pitch_rad), math.sin(0.5 * state.pitch_rad)
+    cy, sy = math.cos(0.5 * state.yaw_rad), math.sin(0.5 * state.yaw_rad)
+    return m.MAVLink_attitude_quaternion_message(
+        vehicle.boot_ms,
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        0.0,
+        0.0,
+        state.yaw_rate_rad_s,
+    )
+
+
+def _vfr_hud(vehicle: SimVehicle) -> Message:
+    state = vehicle.pilot.state
+    east, north, up = state.velocity_m_s
+    return m.MAVLink_vfr_hud_message(
+        state.airspeed_m_s,
+        math.hypot(east, north),
+        int(math.degrees(state.yaw_rad)) % 360,
+        50 if state.armed and state.landed is not LandedState.ON_GROUND else 0,
+        vehicle.place[2] / 1000.0,
+        up,
+    )
+
+
+def _altitude(vehicle: SimVehicle) -> Message:
+    up = vehicle.pilot.state.position_m[2]
+    amsl = vehicle.place[2] / 1000.0
+    return m.MAVLink_altitude_message(vehicle.boot_ms * 1000, amsl, amsl, up, up, up, up)
+
+
+def _battery_status(vehicle: SimVehicle) -> Message:
+    battery = vehicle.pilot.state.battery
+    if battery is None:
+        return m.MAVLink_battery_status_message(0, 1, 1, 32767, [_UNUSED_CELL] * 10, -1, -1, -1, -1, 0, 0)
+    cell = min(65534, round(1000.0 * battery.voltage_v / battery.cells))
+    cells = [cell] * min(10, battery.cells) + [_UNUSED_CELL] * max(0, 10 - battery.cells)
+    return m.MAVLink_battery_status_message(
+        0,
+        m.MAV_BATTERY_FUNCTION_ALL,
+        m.MAV_BATTERY_TYPE_LIPO,
+        2500,
+        cells,
+        _int16(100.0 * battery.current_a),
+        round(battery.used_mah),
+        round(36.0 * battery.used_wh),
+        math.ceil(100.0 * battery.fraction),
+        0,
+        _charge_state(battery),
+    )
+
+
+def _charge_state(battery: BatteryState) -> int:
+    if battery.depleted:
+        return int(m.MAV_BATTERY_CHARGE_STATE_EMERGENCY)
+    if battery.critical:
+        return int(m.MAV_BATTERY_CHARGE_STATE_CRITICAL)
+    return int(m.MAV_BATTERY_CHARGE_STATE_LOW if battery.low else m.MAV_BATTERY_CHARGE_STATE_OK)
+
+
+def _extended_sys_state(vehicle: SimVehicle) -> Message:
+    return m.MAVLink_extended_sys_state_message(0, int(vehicle.pilot.landed))
+
+
+def _home_position(vehicle: SimVehicle) -> Message:
+    latitude, longitude, altitude = vehicle.home_e7
+    return m.MAVLink_home_position_message(
+        latitude, longitude, altitude, 0.0, 0.0, 0.0, _HOME_Q, 0.0, 0.0, 1.0, vehicle.boot_ms * 1000
+    )
+
+
+def _mission_current(vehicle: SimVehicle) -> Message:
+    pilot = vehicle.pilot
+    size = pilot.mission_size
+    in_mode = 1 if pilot.mode is Mode.MISSION else 2
+    seq = vehicle.wire_seq(pilot.current_seq) if size else 0
+    return m.MAVLink_mission_current_message(
+        seq, size or (65535 if vehicle.persona.split_mode else 0), int(pilot.mission_state), in_mode
+    )
+
+
+def _wind_cov(vehicle: SimVehicle) -> Message:
+    east, north = vehicle.pilot.state.wind_m_s
+    return m.MAVLink_wind_cov_message(
+        vehicle.boot_ms * 1000, north, east, 0.0, 0.0, 0.0, vehicle.place[2] / 1000.0, 0.5, 0.5
+    )
+
+
+def _autopilot_version(vehicle: SimVehicle) -> Message:
+    persona = vehicle.persona
+    nothing = [0] * 8
+    return m.MAVLink_autopilot_version_message(
+        persona.capabilities,
+        persona.flight_sw_version,
+        0,
+        0,
+        0,
+        nothing,
+        nothing,
+        nothing,
+        0,
+        0,
+        vehicle.system_id,
+        [vehicle.system_id] + [0] * 17,
+    )
+
+
+def _current_mode(vehicle: SimVehicle) -> Message:
+    number = vehicle.persona.modes[vehicle.pilot.mode]
+    return m.MAVLink_current_mode_message(0, number, number)
+
+
+def _centidegrees(angle_rad: float) -> int:
+    return round(math.degrees(angle_rad) * 100.0) % 36000
+
+
+def _int16(value: float) -> int:
+    return max(-32767, min(32767, round(value)))
+
+
+BUILDERS: dict[int, Callable[[SimVehicle], Message]] = {
+    m.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
+    m.MAVLINK_MSG_ID_SYS_STATUS: _sys_status,
+    m.MAVLINK_MSG_ID_SYSTEM_TIME: _system_time,
+    m.MAVLINK_MSG_ID_GPS_RAW_INT: _gps_raw_int,
+    m.MAVLINK_MSG_ID_ATTITUDE: _attitude,
+    m.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: _attitude_quaternion,
+    m.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _local_position_ned,
+    m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _global_position_int,
+    m.MAVLINK_MSG_ID_VFR_HUD: _vfr_hud,
+    m.MAVLINK_MSG_ID_ALTITUDE: _altitude,
+    m.MAVLINK_MSG_ID_BATTERY_STATUS: _battery_status,
+    m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: _extended_sys_state,
+    m.MAVLINK_MSG_ID_HOME_POSITION: _home_position,
+    m.MAVLINK_MSG_ID_MISSION_CURRENT: _mission_current,
+    m.MAVLINK_MSG_ID_WIND_COV: _wind_cov,
+    m.MAVLINK_MSG_ID_AUTOPILOT_VERSION: _autopilot_version,
+    m.MAVLINK_MSG_ID_CURRENT_MODE: _current_mode,
+}
+
+_POSITION = (m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, m.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
+_STATUS = (
+    m.MAVLINK_MSG_ID_SYS_STATUS,
+    m.MAVLINK_MSG_ID_MISSION_CURRENT,
+    m.MAVLINK_MSG_ID_GPS_RAW_INT,
+    m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
+)
+_EXTRA_3 = (m.MAVLINK_MSG_ID_SYSTEM_TIME, m.MAVLINK_MSG_ID_BATTERY_STATUS)
+STREAMS: dict[int, tuple[int, ...]] = {
+    m.MAV_DATA_STREAM_ALL: (
+        *_POSITION,
+        *_STATUS,
+        m.MAVLINK_MSG_ID_ATTITUDE,
+        m.MAVLINK_MSG_ID_VFR_HUD,
+        *_EXTRA_3,
+    ),
+    m.MAV_DATA_STREAM_EXTENDED_STATUS: _STATUS,
+    m.MAV_DATA_STREAM_POSITION: _POSITION,
+    m.MAV_DATA_STREAM_EXTRA1: (m.MAVLINK_MSG_ID_ATTITUDE,),
+    m.MAV_DATA_STREAM_EXTRA2: (m.MAVLINK_MSG_ID_VFR_HUD,),
+    m.MAV_DATA_STREAM_EXTRA3: _EXTRA_3,
+}
+"""What REQUEST_DATA_STREAM switches on an ArduPilot."""

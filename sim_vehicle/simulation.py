@@ -195,7 +195,7 @@ class Simulation:
             self.bytes_sent += len(frame)
             if tap is not None:
                 tap(frame, self.now_s)
-            message_id = message.id
+            message_id = type(message).id
             target = getattr(message, "target_system", 0)
             key = (source, message_id, target << 8 | getattr(message, "target_component", 0))
             ports = routes.get(key)

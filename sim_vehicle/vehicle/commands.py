@@ -101,7 +101,7 @@ def order_of(message: Message) -> Order:
     """Read COMMAND_LONG or COMMAND_INT."""
     source = (message.get_srcSystem(), message.get_srcComponent())
     first = (message.param1, message.param2, message.param3, message.param4)
-    if message.id == m.MAVLINK_MSG_ID_COMMAND_LONG:
+    if type(message).id == m.MAVLINK_MSG_ID_COMMAND_LONG:
         params = (*first, message.param5, message.param6, message.param7)
         return Order(message.command, params, 0, source, message.confirmation > 0)
     frame = _INT_FRAMES.get(message.frame, message.frame)

@@ -180,15 +180,15 @@ class ParameterSet:
 
     def handle(self, message: Message) -> list[Message]:
         """Answer PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET."""
-        if message.id == m.MAVLINK_MSG_ID_PARAM_REQUEST_LIST:
+        if type(message).id == m.MAVLINK_MSG_ID_PARAM_REQUEST_LIST:
             return [self._message(i) for i in range(len(self._table))]
-        if message.id == m.MAVLINK_MSG_ID_PARAM_REQUEST_READ and message.param_index >= 0:
+        if type(message).id == m.MAVLINK_MSG_ID_PARAM_REQUEST_READ and message.param_index >= 0:
             index: int | None = message.param_index if message.param_index < len(self._table) else None
         else:
             index = self._index.get(str(message.param_id))
         if index is None:
             return []
-        if message.id == m.MAVLINK_MSG_ID_PARAM_SET:
+        if type(message).id == m.MAVLINK_MSG_ID_PARAM_SET:
             self._set(self._table[index], message)
         return [self._message(index)]
 

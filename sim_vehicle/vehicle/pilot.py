@@ -194,6 +194,11 @@ class Pilot:
             else:
                 self._order(Mode.HOLD)
 
+    def reject_mission(self, reason: str) -> None:
+        """Note that a mission was refused in its transfer; the old one stays in force."""
+        if not self.armed:
+            self._end(Outcome.MISSION_REJECTED, reason)
+
     def arm(self, *, force: bool = False) -> None:
         """Start the motors; in mission or take-off mode the flight begins.
 

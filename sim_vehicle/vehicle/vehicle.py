@@ -10,7 +10,16 @@ from mission.link.dialect import mavlink as m
 from mission.link.frames import Message
 from mission.model import GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
-from mission.transfer.events import Event, Output, PlanCleared, PlanReplaced, StatusText
+from mission.transfer.events import (
+    Event,
+    FailureReason,
+    Output,
+    PlanCleared,
+    PlanReplaced,
+    StatusText,
+    TransferFailed,
+    TransferStarted,
+)
 from mission.transfer.server import MissionServer
 from sim_vehicle.flight import CameraCommand, FlightEvent, ItemReached
 from sim_vehicle.itinerary import DO_COMMANDS, NAV_COMMANDS
@@ -115,6 +124,7 @@ class SimVehicle:
         self._tick_s = 0.0
         self._outbox: list[Message] = []
         self._texts = 0
+        self._uploading = False
         self._camera = CameraOrders(system_id, self.say_warning)
         self._reached: tuple[int, int, float] | None = None
         self._last_orders: dict[tuple[int, int], tuple[commands.Order, int]] = {}
@@ -159,10 +169,10 @@ class SimVehicle:
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
         """Take a message and return the answers; what is not for this vehicle is ignored."""
-        handler = self._handlers.get(message.id)
+        handler = self._handlers.get(type(message).id)
         if handler is None or not self._is_mine(message):
             return []
-        if message.id != m.MAVLINK_MSG_ID_HEARTBEAT:
+        if type(message).id != m.MAVLINK_MSG_ID_HEARTBEAT:
             self._advance(now_s)
             handler(message)
             self._show_changes()
@@ -205,7 +215,9 @@ class SimVehicle:
         if system not in (0, self.system_id):
             return False
         component = getattr(message, "target_component", 0)
-        return component in (0, self.component_id) or (component == _PLANNER and message.id in _MISSION_IDS)
+        if component == _PLANNER:
+            return type(message).id in _MISSION_IDS
+        return component in (0, self.component_id)
 
     def _advance(self, now_s: float) -> None:
         """Fly up to now and say what happened."""
@@ -389,6 +401,10 @@ class SimVehicle:
                 self.pilot.set_current(event.start_sequence)
         elif isinstance(event, PlanCleared):
             self.pilot.load(())
+        elif isinstance(event, TransferStarted):
+            self._uploading = event.upload
+        elif isinstance(event, TransferFailed) and self._uploading and event.reason is FailureReason.REFUSED:
+            self.pilot.reject_mission(event.text)
 
     def _check_item(self, item: MissionItem) -> int:
         """Judge one mission item for the transfer: MAV_MISSION_RESULT."""

@@ -2,15 +2,16 @@
 
 The shaft power in forward flight at airspeed V is the blade-element and momentum-theory model of Leishman,
 *Principles of Helicopter Aerodynamics* (2006, ch. 5), in the closed form of Zeng, Xu and Zhang, "Energy
-minimization for wireless communication with rotary-wing UAV", IEEE Trans. Wireless Commun. 18(4), 2019, eq. (12)::
+minimization for wireless communication with rotary-wing UAV", IEEE Trans. Wireless Commun. 18(4), 2019, eq.
+(12)::
 
     P(V) = P0 (1 + 3 V^2 / Utip^2)                                   profile
          + Pi sqrt(sqrt(1 + V^4 / (4 v0^4)) - V^2 / (2 v0^2))        induced
          + 1/2 rho f V^3                                             parasite
     P0 = delta/8 rho s A Utip^3,   Pi = k W v0,   v0 = sqrt(W / (2 rho A))
 
-A climb at w > 0 adds ``W (w/2 + sqrt(w^2/4 + v0^2) - v0)`` (axial momentum theory); a descent saves nothing, which
-is on the safe side. Electric power is the shaft power over the efficiency, plus the avionics.
+A climb at w > 0 adds ``W (w/2 + sqrt(w^2/4 + v0^2) - v0)`` (axial momentum theory); a descent saves nothing,
+which is on the safe side. Electric power is the shaft power over the efficiency, plus the avionics.
 """
 
 from __future__ import annotations
@@ -38,15 +39,20 @@ _CELL_V = (3.27, 3.55, 3.69, 3.73, 3.77, 3.79, 3.84, 3.87, 3.95, 4.02, 4.11, 4.2
 def power_coefficients(power: PowerSpec | None) -> NDArray[np.float64]:
     """Return the model's constants for the motion kernel, float64[7].
 
-    P0 (W), Pi (W), 1/Utip^2, v0 (m/s), rho f / 2, weight (N), all powers electric, and the constant power (W).
-    Zeros for a vehicle without a power model.
+    P0 (W), Pi (W), 1/Utip^2, v0 (m/s), rho f / 2, weight (N), all powers electric, and the constant power
+    (W). Zeros for a vehicle without a power model.
     """
     if power is None:
         return np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     weight = power.mass_kg * GRAVITY_M_S2
     induced = math.sqrt(weight / (2.0 * AIR_DENSITY_KG_M3 * power.disc_area_m2))
     profile = (
-        power.blade_drag / 8.0 * AIR_DENSITY_KG_M3 * power.solidity * power.disc_area_m2 * power.tip_speed_m_s**3
+        power.blade_drag
+        / 8.0
+        * AIR_DENSITY_KG_M3
+        * power.solidity
+        * power.disc_area_m2
+        * power.tip_speed_m_s**3
     )
     shaft = 1.0 / power.efficiency
     return np.array(
@@ -117,7 +123,8 @@ class BatteryState:
 def battery_state(battery: BatterySpec, used_j: float, power_w: float) -> BatteryState:
     """Return the state of a battery that gave ``used_j`` joules and now gives ``power_w`` watts.
 
-    The terminal voltage is the open-circuit voltage at that charge less the drop over the internal resistance.
+    The terminal voltage is the open-circuit voltage at that charge less the drop over the internal
+    resistance.
 
     Examples
     --------

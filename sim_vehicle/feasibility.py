@@ -13,7 +13,6 @@ from sim_vehicle.itinerary import (
     PLACE_COMMANDS,
     Settings,
     do_items,
-    is_here,
     item_places,
     number,
 )
@@ -24,12 +23,18 @@ if TYPE_CHECKING:
     from geo.frame import LocalFrame
     from mission.model import MissionItem
     from sim_vehicle.spec import VehicleSpec
+# Plain numbers: the checks run over thousands of items in every prediction.
+_WAYPOINT = int(Command.NAV_WAYPOINT)
+_PLACED = PLACE_COMMANDS | {int(Command.NAV_TAKEOFF), int(Command.NAV_LAND)}
+_FRAMES = frozenset({int(Frame.GLOBAL), int(Frame.GLOBAL_RELATIVE_ALT)})
+_TIMED = frozenset({16, 19, 93, 112})
+
 
 def check_mission(items: Sequence[MissionItem], frame: LocalFrame, spec: VehicleSpec) -> list[str]:
     """List what the vehicle could not fly, each with its item; empty when all is well.
 
-    Checked are commands, frames, parameters, altitudes, distances from home, jumps and the take-off; not the energy
-    (see `sim_vehicle.predict`).
+    Checked are commands, frames, parameters, altitudes, distances from home, jumps and the take-off; not the
+    energy (see `sim_vehicle.predict`).
 
     Parameters
     ----------
@@ -44,21 +49,29 @@ def check_mission(items: Sequence[MissionItem], frame: LocalFrame, spec: Vehicle
     >>> from geo.frame import LocalFrame
     >>> from mission.model import MissionItem
     >>> from sim_vehicle.spec import get_vehicle
-    >>> check_mission([MissionItem.waypoint(28.05, -82.15, 10.0)], LocalFrame(28.05, -82.15), get_vehicle("quad"))
+    >>> items = [MissionItem.waypoint(28.05, -82.15, 10.0)]
+    >>> check_mission(items, LocalFrame(28.05, -82.15), get_vehicle("quad"))
     ['item 0 (NAV_WAYPOINT): no take-off before it']
     """
+    return mission_problems(items, item_places(items, frame), spec)
+
+
+def mission_problems(
+    items: Sequence[MissionItem], places: Sequence[tuple[float, float, float]], spec: VehicleSpec
+) -> list[str]:
+    """As `check_mission`, with the places of the items known."""
     if not items:
         return ["the mission is empty"]
     problems: list[str] = []
     flying = False
-    for seq, (item, place) in enumerate(zip(items, item_places(items, frame), strict=True)):
-        what = f"item {seq} ({_name(item.command)})"
-        problems += [f"{what}: {reason}" for reason in _item_problems(item, place, len(items), spec)]
+    for seq, (item, place) in enumerate(zip(items, places, strict=True)):
+        reasons = _item_problems(item, place, len(items), spec)
         if item.command == Command.NAV_TAKEOFF:
             flying = True
-        elif item.command in PLACE_COMMANDS and not flying:
-            problems.append(f"{what}: no take-off before it")
+        elif not flying and item.command in PLACE_COMMANDS:
+            reasons.append("no take-off before it")
             flying = True
+        problems += [f"item {seq} ({_name(item.command)}): {reason}" for reason in reasons]
     if not any(item.command in NAV_COMMANDS for item in items):
         problems.append("the mission has no place to fly to")
     if not problems:
@@ -84,21 +97,24 @@ def _item_problems(
     if command not in NAV_COMMANDS and command not in DO_COMMANDS:
         return ["the vehicle does not know this command"]
     problems: list[str] = []
-    has_to_be_placed = command in PLACE_COMMANDS or command in (Command.NAV_TAKEOFF, Command.NAV_LAND)
-    if has_to_be_placed and item.frame not in (Frame.GLOBAL, Frame.GLOBAL_RELATIVE_ALT):
+    has_to_be_placed = command in _PLACED
+    if has_to_be_placed and item.frame not in _FRAMES:
         return [f"frame {item.frame} is not supported (use 0 or 3)"]
     if has_to_be_placed:
         x, y, z = place
-        if command != Command.NAV_LAND and not 0.0 < z <= spec.max_altitude_m:
+        if not 0.0 < z <= spec.max_altitude_m and command != Command.NAV_LAND:
             problems.append(f"altitude {z:.1f} m above home is outside 0..{spec.max_altitude_m:g}")
-        if not is_here(item) and not math.hypot(x, y) <= spec.max_distance_m:
-            distance = math.hypot(x, y)
-            problems.append(f"{distance:.0f} m from home, the vehicle may go {spec.max_distance_m:.0f} m")
+        if x * x + y * y > spec.max_distance_m * spec.max_distance_m:
+            problems.append(
+                f"{math.hypot(x, y):.0f} m from home, the vehicle may go {spec.max_distance_m:.0f} m"
+            )
     first, second = number(item.param1), number(item.param2)
-    if command in (16, 19, 93, 112) and not 0.0 <= first <= 86_400.0:
+    if not 0.0 <= first <= 86_400.0 and command in _TIMED:
         problems.append(f"time {first:g} s is outside 0..86400")
-    if command == Command.NAV_WAYPOINT and not 0.0 <= second <= 10_000.0:
-        problems.append(f"acceptance radius {second:g} m is outside 0..10000")
+    if command == _WAYPOINT:
+        if not 0.0 <= second <= 10_000.0:
+            problems.append(f"acceptance radius {second:g} m is outside 0..10000")
+        return problems
     if command == Command.NAV_LOITER_TURNS:
         if not 0.0 < first <= MAX_TURNS:
             problems.append(f"{first:g} turns are outside 0..{MAX_TURNS:g}")

@@ -44,7 +44,8 @@ class VehicleState:
     position_m, velocity_m_s, acceleration_m_s2 : tuple of 3 floats
         East, north, up about home (the ground at home is 0).
     roll_rad, pitch_rad : float
-        Attitude that gives the acceleration and holds against the drag of the air; roll right and pitch up positive.
+        Attitude that gives the acceleration and holds against the drag of the air; roll right and pitch up
+        positive.
     yaw_rad, yaw_rate_rad_s : float
         Compass heading (clockwise from north, 0 to 2 pi) and its rate.
     airspeed_m_s : float

@@ -1,4 +1,4 @@
-"""From mission items to legs: what the vehicle flies without asking again, and where it has to stop and think."""
+"""From mission items to legs: what the vehicle flies without asking again, and what follows."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from sim_vehicle.spec import VehicleSpec
 
 # Items that are executed between two places.
-DO_COMMANDS = frozenset({112, 114, 115, 177, 178, 189, 195, 197, 201, 203, 205, 206, 214, 530, 1000, 1001, 2000, 2001, 2003})
+DO_COMMANDS = frozenset(
+    {112, 114, 115, 177, 178, 189, 195, 197, 201, 203, 205, 206, 214, 530, 1000, 1001, 2000, 2001, 2003}
+)
 CAMERA_COMMANDS = frozenset({203, 206, 214, 530, 2000, 2001, 2003})
 CONDITIONS = frozenset({int(Command.CONDITION_DELAY), int(Command.CONDITION_DISTANCE)})
 PLACE_COMMANDS = frozenset({16, 17, 18, 19, 31})
@@ -29,6 +31,8 @@ MAX_TURNS = 100.0
 MAX_LEGS = 4096
 SLOW_LANDING_M = 5.0
 KEEP = math.inf
+# Plain numbers: an enumeration's member costs too much where a plan is made over thousands of items.
+_WAYPOINT = int(Command.NAV_WAYPOINT)
 ALONG = math.nan
 
 Row = tuple[float, float, float, float, float, float, float]
@@ -119,9 +123,9 @@ def item_places(items: Sequence[MissionItem], frame: LocalFrame) -> list[tuple[f
         x, y = frame.from_wgs84(latitude, longitude)
         ground = np.array([frame.altitude_m if items[i].frame == Frame.GLOBAL else 0.0 for i in index])
         height = np.array([items[i].z for i in index]) - ground
-        for i, *place in zip(index, np.asarray(x).tolist(), np.asarray(y).tolist(), height.tolist(), strict=True):
-            places[i] = (math.nan, math.nan, place[2]) if is_here(items[i]) else place
-    return [tuple(place) for place in places.tolist()]
+        here = np.array([is_here(items[i]) for i in index])
+        places[index] = np.column_stack([np.where(here, np.nan, x), np.where(here, np.nan, y), height])
+    return [(x, y, z) for x, y, z in places.tolist()]
 
 
 def do_items(
@@ -164,7 +168,7 @@ def do_items(
 
 
 def condition_items(items: Sequence[MissionItem], start: int) -> list[int]:
-    """Return the condition at ``start`` and the items that wait for it: those before the next place or jump."""
+    """Return the condition at ``start`` and the items that wait for it, up to the next place or jump."""
     group = []
     for seq in range(start, len(items)):
         command = items[seq].command
@@ -197,15 +201,14 @@ def plan_item_legs(
             plan.open = True
             return plan
         following = seq + 1
-        while True:
+        while following < len(items) and items[following].command != _WAYPOINT:
             _, following = do_items(items, following, settings, spec.top_speed_m_s)
             if not 0 <= following < len(items) or items[following].command not in CONDITIONS:
                 break
-            # What waits for a condition is not known now: the legs are planned again when it has changed something.
+            # What waits for a condition is not known now: the legs are planned again when it has changed
+            # something.
             following = condition_items(items, following)[-1] + 1
-        if not 0 <= following < len(items) or items[following].command != Command.NAV_WAYPOINT:
-            return plan
-        if plan.rows and math.isnan(plan.rows[-1][0]):
+        if not 0 <= following < len(items) or items[following].command != _WAYPOINT:
             return plan
         seq = following
 
@@ -227,7 +230,17 @@ def _item_legs(
     speed = settings.speed_m_s
     radius = spec.acceptance_radius_m
     heading = settings.heading_rad
-    if item.param4 is not None and command in (16, 17, 19, 21, 22):
+    if command == _WAYPOINT:
+        if item.param4 is not None:
+            heading = math.radians(item.param4)
+        hold = item.param1 or 0.0
+        if hold > 0.0:
+            plan.add((x, y, z, 0.0, speed, heading, 0.0), seq)
+            plan.ending, plan.wait_s = Ending.WAIT, hold
+        else:
+            plan.add((x, y, z, item.param2 or radius, speed, heading, 0.0), seq, done=True)
+        return x, y, z
+    if item.param4 is not None and command in (17, 19, 22, 31):
         heading = math.radians(item.param4)
     if command == Command.NAV_TAKEOFF:
         keep = KEEP if item.param4 is None else heading
@@ -256,16 +269,9 @@ def _item_legs(
         for row in rows:
             plan.add(row, seq, done=row is rows[-1])
         return rows[-1][0], rows[-1][1], rows[-1][2]
-    hold = number(item.param1) if command == Command.NAV_WAYPOINT else 0.0
-    wanted = number(item.param2) if command == Command.NAV_WAYPOINT else 0.0
-    stays = hold > 0.0 or command != Command.NAV_WAYPOINT
-    plan.add((x, y, z, 0.0 if stays else wanted or radius, speed, heading, 0.0), seq, done=not stays)
-    if command == Command.NAV_LOITER_UNLIM:
-        plan.ending = Ending.FOREVER
-    elif command == Command.NAV_LOITER_TIME:
-        plan.ending, plan.wait_s = Ending.WAIT, number(item.param1)
-    elif stays:
-        plan.ending, plan.wait_s = Ending.WAIT, hold
+    plan.add((x, y, z, 0.0, speed, heading, 0.0), seq)
+    plan.ending = Ending.FOREVER if command == Command.NAV_LOITER_UNLIM else Ending.WAIT
+    plan.wait_s = number(item.param1) if command == Command.NAV_LOITER_TIME else 0.0
     return x, y, z
 
 

@@ -10,8 +10,10 @@ import numpy as np
 from geo.frame import LocalFrame
 from sim_vehicle.battery import WH_J
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.executor import MissionExecutor, check_mission
+from sim_vehicle.executor import MissionExecutor
+from sim_vehicle.feasibility import mission_problems
 from sim_vehicle.flight import BatteryDepleted, CannotFly, MissionComplete
+from sim_vehicle.itinerary import item_places
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -68,8 +70,8 @@ def predict_flight(
 ) -> Prediction:
     """Predict a flight of the mission from home.
 
-    The vehicle is the one that flies in the simulation, so duration, energy and length are those of an undisturbed
-    flight with the same wind; a failsafe that brings a real flight home early is not played.
+    The vehicle is the one that flies in the simulation, so duration, energy and length are those of an
+    undisturbed flight with the same wind; a failsafe that brings a real flight home early is not played.
 
     Parameters
     ----------
@@ -90,8 +92,9 @@ def predict_flight(
     --------
     >>> from mission.model import GeoPoint, Mission, MissionItem
     >>> from sim_vehicle.spec import get_vehicle
-    >>> items = (MissionItem(22, 3, 0, 0, 0, None, 28.05, -82.15, 10.0), MissionItem.waypoint(28.051, -82.15, 10.0))
-    >>> flight = predict_flight(Mission(items, GeoPoint(28.05, -82.15)), get_vehicle("quad"))
+    >>> takeoff = MissionItem(22, 3, 0, 0, 0, None, 28.05, -82.15, 10.0)
+    >>> there = MissionItem.waypoint(28.051, -82.15, 10.0)
+    >>> flight = predict_flight(Mission((takeoff, there), GeoPoint(28.05, -82.15)), get_vehicle("quad"))
     >>> flight.feasible, 115.0 < flight.path_length_m < 122.0
     (True, True)
     """
@@ -99,15 +102,18 @@ def predict_flight(
         msg = f"track_step_s {track_step_s} must be positive"
         raise VehicleError(msg)
     home = frame if frame is not None else home_frame(mission)
-    problems = check_mission(mission.items, home, spec)
+    places = item_places(mission.items, home)
+    problems = mission_problems(mission.items, places, spec)
     if problems:
-        return Prediction(0.0, 0.0, 1.0, 0.0, np.zeros((1, 3)), track_step_s, feasible=False, reason=problems[0])
+        return Prediction(
+            0.0, 0.0, 1.0, 0.0, np.zeros((1, 3)), track_step_s, feasible=False, reason=problems[0]
+        )
     executor = MissionExecutor(spec, home, wind=wind)
     motion = executor.motion
     tick_s = motion.step_s if spec.is_ideal else motion.step_s * _GRID_STEPS
     motion.track_every = max(1, round(track_step_s / tick_s))
     motion.track = np.empty((_TRACK_POINTS, 3))
-    executor.load(mission.items)
+    executor.load(mission.items, places)
     executor.arm()
     executor.start()
     events = executor.fly_through(_LIMIT_S[spec.kind])
@@ -134,7 +140,8 @@ def predict_flight(
         fraction = min(1.0, max(0.0, 1.0 - energy_j / WH_J / spec.battery.capacity_wh))
         if not reason and fraction < spec.battery.reserve_fraction:
             reserve = 100.0 * spec.battery.reserve_fraction
-            reason = f"{100.0 * fraction:.0f} % of the battery is left at the end, less than the reserve of {reserve:.0f} %"
+            left = 100.0 * fraction
+            reason = f"{left:.0f} % of the battery is left at the end, the reserve is {reserve:.0f} %"
     track = np.vstack([motion.track[: motion.track_points], np.array([state.position_m])])
     return Prediction(
         duration_s=end_s,

@@ -1,4 +1,4 @@
-"""What a vehicle can do: kinematic limits, battery and power model, and the vehicles that come with the package."""
+"""What a vehicle can do: kinematic limits, battery, power model; and the vehicles of the package."""
 
 from __future__ import annotations
 
@@ -294,8 +294,10 @@ def load_vehicle(path: Path) -> VehicleSpec:
         raise VehicleError(msg) from None
 
 
-def _part(path: Path, key: str, value: object, base: BatterySpec | PowerSpec | None) -> BatterySpec | PowerSpec:
-    kind: type[BatterySpec] | type[PowerSpec] = BatterySpec if key == "battery" else PowerSpec
+def _part(
+    path: Path, key: str, value: object, base: BatterySpec | PowerSpec | None
+) -> BatterySpec | PowerSpec:
+    kind: type[BatterySpec | PowerSpec] = BatterySpec if key == "battery" else PowerSpec
     if not isinstance(value, dict):
         msg = f"vehicle file {path}: {key} must be a table"
         raise VehicleError(msg)

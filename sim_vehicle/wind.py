@@ -1,7 +1,7 @@
 """Wind over the farm: a steady wind and a gust that is a first-order Gauss-Markov process.
 
-The gust is drawn on a fixed grid of `GRID_S` in blocks, so the wind at a time depends on the seed only, not on how
-the flight was stepped.
+The gust is drawn on a fixed grid of `GRID_S` in blocks, so the wind at a time depends on the seed only, not
+on how the flight was stepped.
 """
 
 from __future__ import annotations
@@ -61,7 +61,9 @@ class Wind:
                 msg = f"wind: {name} {value} is outside -200..200"
                 raise VehicleError(msg)
         if self.gust_m_s < 0.0 or self.correlation_s <= 0.0:
-            msg = f"wind: gust_m_s {self.gust_m_s} and correlation_s {self.correlation_s} must not be negative"
+            msg = (
+                f"wind: gust_m_s {self.gust_m_s} and correlation_s {self.correlation_s} must not be negative"
+            )
             raise VehicleError(msg)
 
     @classmethod
@@ -105,9 +107,10 @@ class WindSeries:
         self.block: NDArray[np.float64] = self._draw()
 
     def forward(self) -> None:
-        """Go on to the next block: ``block`` float64[BLOCK, 2] (east, north; m/s) begins at grid index ``first``.
+        """Go on to the next block.
 
-        A steady wind has a single block of one row that always holds.
+        ``block``, float64[BLOCK, 2] (east, north; m/s), begins at grid index ``first``. A steady wind has a
+        single block of one row that always holds.
         """
         if self._random is not None:
             self.first += BLOCK

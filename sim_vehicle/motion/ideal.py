@@ -1,8 +1,8 @@
 """The paper's robot: one cell a time step, no dynamics, no battery, take-off and landing in no time.
 
-The rule (the paper's robot, docs/vehicle-model.md): a robot whose waypoint is at most one step away jumps exactly
-there, and the shortened step still costs a whole time step; otherwise it moves one step along the straight line. A
-waypoint at the place where the robot already is costs a time step, too.
+The rule (the paper's robot, docs/vehicle-model.md): a robot whose waypoint is at most one step away jumps
+exactly there, and the shortened step still costs a whole time step; otherwise it moves one step along the
+straight line. A waypoint at the place where the robot already is costs a time step, too.
 """
 
 from __future__ import annotations
@@ -166,7 +166,7 @@ class IdealRobot:
                 here = (x + (tx - x) * part, y + (ty - y) * part, tz)
             else:
                 here = before
-            self._record(begun, moved, needed)
+            self._record(begun, moved)
             steps = begun + moved - self.step
             if steps > 0:
                 pace = min(stride, distance) / self.step_s
@@ -190,7 +190,7 @@ class IdealRobot:
             self.step = end
         return MotionEvent.RAN
 
-    def _record(self, begun: int, moved: int, needed: int) -> None:
+    def _record(self, begun: int, moved: int) -> None:
         """Write the places between ``self.step`` and ``begun + moved`` into the track."""
         if not self.track_every or not len(self._legs):
             return

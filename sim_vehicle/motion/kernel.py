@@ -1,10 +1,10 @@
 """The compiled motion of one multirotor: jerk-limited flight along the legs of a route.
 
-The model and its control law are described in docs/vehicle-model.md. All arrays are float64 unless said otherwise;
-lengths in metres, angles in radians, east-north-up about home, headings clockwise from north.
+The model and its control law are described in docs/vehicle-model.md. All arrays are float64 unless said
+otherwise; lengths in metres, angles in radians, east-north-up about home, headings clockwise from north.
 
-One vehicle is a row of `STATE` numbers and a row of `COUNTERS` integers, so a batch of vehicles is two arrays and a
-loop over `advance`.
+One vehicle is a row of `STATE` numbers and a row of `COUNTERS` integers, so a batch of vehicles is two
+arrays and a loop over `advance`.
 """
 
 from __future__ import annotations
@@ -18,14 +18,16 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-# state: position 0-2, velocity 3-5, acceleration 6-8, heading 9, its rate 10, energy used (J) 11, path length 12,
-# power (W) 13, distance to the target at the last sign of progress 14, wind 15-16
+# state: position 0-2, velocity 3-5, acceleration 6-8, heading 9, its rate 10, energy used (J) 11, path
+# length 12, power (W) 13, distance to the target at the last sign of progress 14, wind 15-16
 STATE = 17
-# counters: step 0, leg 1, step of the last sign of progress 2, arrived at the end 3, notified of nearness 4, points 5
+# counters: step 0, leg 1, step of the last sign of progress 2, arrived at the end 3, notified of nearness 4,
+# points 5
 COUNTERS = 6
-# leg: target 0-2, along 3-5, across 6-8, aslant 9-11, cruise speed 12, speed to brake to 13, acceptance radius 14
-# (0: stop), heading 15 (NaN: keep), acceleration and jerk of the three axes 16-21, speeds of the last two 22-23,
-# braking distance 24, distance to notify at 25, horizontal part of the leg 26, way beyond this leg to brake in 27
+# leg: target 0-2, along 3-5, across 6-8, aslant 9-11, cruise speed 12, speed to brake to 13, acceptance
+# radius 14 (0: stop), heading 15 (NaN: keep), acceleration and jerk of the three axes 16-21, speeds of the
+# last two 22-23, braking distance 24, distance to notify at 25, horizontal part of the leg 26, way beyond
+# this leg to brake in 27
 LEG = 28
 # limits: step 0, speed 1, airspeed 2, climb 3, descent 4, acceleration 5, jerk 6, vertical acceleration 7,
 # vertical jerk 8, yaw rate 9, yaw acceleration 10, energy that ends the flight (J) 11
@@ -44,7 +46,7 @@ ASLANT = 0.25
 
 @njit(cache=True, inline="always")
 def stopping_distance(v: float, a: float, v_end: float, limit: float, jerk: float) -> float:
-    """Return the least distance in which a speed ``v`` with acceleration ``a`` becomes ``v_end`` and steady."""
+    """Return the least distance in which speed ``v``, acceleration ``a`` become a steady ``v_end``."""
     distance = 0.0
     if a > 0.0:
         t = a / jerk
@@ -78,9 +80,9 @@ def axis_acceleration(
 ) -> float:
     """Return the acceleration at the end of the step that brings one axis to its target.
 
-    The largest one, within the jerk and acceleration limits, after which the speed limit can still be kept and the
-    axis can still come to ``v_end`` within the remaining distance ``d``. A state from which that is possible is never
-    left, so the target is not overshot.
+    The largest one, within the jerk and acceleration limits, after which the speed limit can still be kept
+    and the axis can still come to ``v_end`` within the remaining distance ``d``. A state from which that is
+    possible is never left, so the target is not overshot.
     """
     sign = 1.0
     if d < 0.0:
@@ -111,7 +113,9 @@ def axis_acceleration(
         return sign * low
     for _ in range(6):
         middle = low + (high - low) * spare_low / (spare_low - spare_high)
-        spare = ahead - third * middle - stopping_distance(v_half + 0.5 * dt * middle, middle, v_end, limit, jerk)
+        spare = (
+            ahead - third * middle - stopping_distance(v_half + 0.5 * dt * middle, middle, v_end, limit, jerk)
+        )
         if spare >= 0.0:
             low, spare_low = middle, spare
             if spare < 1e-9:
@@ -120,7 +124,7 @@ def axis_acceleration(
         else:
             high, spare_high = middle, spare
             spare_low *= 0.5
-    return sign * low
+    return float(sign * low)
 
 
 @njit(cache=True)
@@ -132,7 +136,7 @@ def rotor_power(power: Floats, airspeed2: float, climb: float) -> float:
     total += power[1] * sqrt(sqrt(1.0 + ratio * ratio) - ratio)
     if climb > 0.0:
         total += power[5] * (0.5 * climb + sqrt(0.25 * climb * climb + v0 * v0) - v0)
-    return total
+    return float(total)
 
 
 @njit(cache=True)
@@ -197,14 +201,14 @@ def advance(
     fresh = True
     accel2 = limits[5] * limits[5]
     top2 = limits[1] * limits[1]
-    tx = ty = tz = ux = uy = uz = nx = ny = nz = wx = wy = wz = 0.0
+    tx = ty = tz = ux = uy = uz = nx = ny = wx = wy = wz = 0.0
     cruise = leave = radius = heading = horizontal = 0.0
     for _ in range(max_steps):
         if fresh:
             row = route[leg]
             tx, ty, tz = row[0], row[1], row[2]
             ux, uy, uz = row[3], row[4], row[5]
-            nx, ny, nz = row[6], row[7], row[8]
+            nx, ny = row[6], row[7]
             wx, wy, wz = row[9], row[10], row[11]
             cruise, leave, radius, heading, horizontal = row[12], row[13], row[14], row[15], row[26]
             fresh = False
@@ -316,7 +320,10 @@ def advance(
             if radius > 0.0:
                 reached = left2 <= radius * radius
             else:
-                reached = left2 <= STOP_RADIUS * STOP_RADIUS and vx * vx + vy * vy + vz * vz <= STOP_SPEED * STOP_SPEED
+                reached = (
+                    left2 <= STOP_RADIUS * STOP_RADIUS
+                    and vx * vx + vy * vy + vz * vz <= STOP_SPEED * STOP_SPEED
+                )
             if reached:
                 arrivals[leg] = step
                 state[14] = inf
@@ -349,14 +356,20 @@ def _speed_within(distance: float, limit: float, jerk: float) -> float:
     """Return the speed from which an axis stops within a distance, starting with no acceleration."""
     v = (distance * sqrt(jerk)) ** (2.0 / 3.0)
     if v <= limit * limit / jerk:
-        return v
+        return float(v)
     ramp = limit / jerk
     return 0.5 * limit * (sqrt(ramp * ramp + 8.0 * distance / limit) - ramp)
 
 
 @njit(cache=True)
 def prepare_route(
-    start: Floats, points: Floats, radius: Floats, speed: Floats, heading: Floats, near: Floats, limits: Floats
+    start: Floats,
+    points: Floats,
+    radius: Floats,
+    speed: Floats,
+    heading: Floats,
+    near: Floats,
+    limits: Floats,
 ) -> Floats:
     """Return the legs of a route: directions, limits in the frame of each leg, and the speeds at the corners.
 
@@ -410,9 +423,7 @@ def prepare_route(
         up = limits[3] if row[5] > 0.0 else limits[4]
         for k, across, vertical in ((16, limits[5], limits[7]), (17, limits[6], limits[8])):
             row[k + 2] = ACROSS * across
-            aslant = min(
-                ALONG * across / rise if rise > 0.0 else inf, vertical / flat if flat > 0.0 else inf
-            )
+            aslant = min(ALONG * across / rise if rise > 0.0 else inf, vertical / flat if flat > 0.0 else inf)
             row[k + 4] = ASLANT * aslant
             row[k] = min(
                 (ALONG * across - rise * row[k + 4]) / flat if flat > 0.0 else inf,
@@ -437,8 +448,8 @@ def prepare_route(
             row[15] = heading[i] % (2.0 * pi)
         row[25] = near[i]
         bx, by, bz = row[0], row[1], row[2]
-    # Backwards: the speed at each corner, and the next place that the vehicle has to brake for. A corner that is
-    # slower than what braking for that place allows becomes such a place itself.
+    # Backwards: the speed at each corner, and the next place that the vehicle has to brake for. A corner
+    # that is slower than what braking for that place allows becomes such a place itself.
     slow, way = 0.0, 0.0
     for i in range(n - 1, -1, -1):
         row = route[i]
@@ -457,7 +468,9 @@ def prepare_route(
                 part = abs(part)
                 if part > 1e-9:
                     room = max(part, 0.3) * row[14]
-                    corner = min(corner, _speed_within(room, after[16 + 2 * axis], after[17 + 2 * axis]) / part)
+                    corner = min(
+                        corner, _speed_within(room, after[16 + 2 * axis], after[17 + 2 * axis]) / part
+                    )
             way = max(way + lengths[i + 1] + max(turn, 0.0) * row[14] - after[14], 0.0)
             limit = after[16] if turn > 0.9 else 0.9 * after[16]
             ramp = limit * limit / after[17]

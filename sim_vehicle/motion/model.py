@@ -50,7 +50,9 @@ class Route:
     near_m: NDArray[np.float64]
 
     @classmethod
-    def to(cls, x_m: float, y_m: float, z_m: float, *, speed_m_s: float, heading_rad: float = math.nan) -> Route:
+    def to(
+        cls, x_m: float, y_m: float, z_m: float, *, speed_m_s: float, heading_rad: float = math.nan
+    ) -> Route:
         """Return a route of one leg, with a stop at its end."""
         return cls.through([(x_m, y_m, z_m, 0.0, speed_m_s, heading_rad, 0.0)])
 
@@ -95,7 +97,7 @@ class MotionModel(Protocol):
         """Energy used since the start."""
 
     def numbers(self) -> list[float]:
-        """Return position, velocity, acceleration (9), heading, its rate, energy, path, power, -, wind (2)."""
+        """Return position, velocity, acceleration, heading, its rate, energy, path, power, -, wind."""
 
     def fly(self, route: Route) -> None:
         """Begin a route."""

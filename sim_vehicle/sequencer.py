@@ -1,0 +1,433 @@
+"""Carries out a mission over a motion model: legs, pauses, conditions, jumps, landing, empty battery."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from mission.model import Command
+from sim_vehicle.battery import battery_state
+from sim_vehicle.errors import VehicleError
+from sim_vehicle.flight import (
+    BatteryDepleted,
+    CameraCommand,
+    CannotFly,
+    CurrentChanged,
+    Disarmed,
+    FlightEvent,
+    ItemReached,
+    Landed,
+    LandedState,
+    MissionComplete,
+    Phase,
+    TargetReached,
+)
+from sim_vehicle.itinerary import (
+    CAMERA_COMMANDS,
+    CONDITIONS,
+    KEEP,
+    Ending,
+    Itinerary,
+    Row,
+    Settings,
+    condition_items,
+    do_items,
+    item_places,
+    number,
+    plan_item_legs,
+)
+from sim_vehicle.motion.model import MotionEvent, Route
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from geo.frame import LocalFrame
+    from mission.model import MissionItem
+    from sim_vehicle.motion.model import MotionModel
+    from sim_vehicle.spec import VehicleSpec
+    from sim_vehicle.wind import Wind
+
+_REPLAN_BEFORE = 64
+_GAVE_UP = -2
+_WAYPOINT = int(Command.NAV_WAYPOINT)
+
+
+class MissionSequencer:
+    """The inner part of `sim_vehicle.executor.MissionExecutor`: what follows from what in a flight."""
+
+    def __init__(
+        self, spec: VehicleSpec, frame: LocalFrame, *, wind: Wind | None = None, yaw_rad: float = 0.0
+    ) -> None:
+        self.spec = spec
+        self.frame = frame
+        self.armed = False
+        self.phase = Phase.GROUND
+        self.landed = LandedState.ON_GROUND
+        self.items: tuple[MissionItem, ...] = ()
+        self.current_seq = -1
+        self.motion = _motion(spec, wind, yaw_rad)
+        self._places: list[tuple[float, float, float]] = []
+        self._settings = Settings(spec.cruise_speed_m_s)
+        self._plan: Itinerary | None = None
+        self._flown = 0
+        self._timer: int | None = None
+        self._disarm_step: int | None = None
+        self._waiting: list[int] = []
+        self._waiting_step: int | None = None
+        self._events: list[FlightEvent] = []
+
+    @property
+    def time_s(self) -> float:
+        """The time that the vehicle was advanced to, on its grid of steps."""
+        return self.motion.time_s
+
+    def load(
+        self, items: Sequence[MissionItem], places: list[tuple[float, float, float]] | None = None
+    ) -> None:
+        """Replace the mission and begin it anew; a vehicle that is flying one holds.
+
+        ``places`` are those of `sim_vehicle.itinerary.item_places`, when they are known already.
+        """
+        if self.phase is Phase.MISSION:
+            self.hold()
+        self.items = tuple(items)
+        self._places = item_places(self.items, self.frame) if places is None else places
+        self._settings = Settings(self.spec.cruise_speed_m_s)
+        self.current_seq = 0 if self.items else -1
+
+    def hold(self) -> None:
+        """Stop and stay; `start` resumes a mission."""
+        if self.landed is LandedState.ON_GROUND:
+            self._drop_plan(Phase.GROUND)
+            return
+        self._check_power("hold")
+        x, y, z = self.motion.stopping_point()
+        self._fly([(x, y, z, 0.0, self.spec.top_speed_m_s, KEEP, 0.0)], Phase.HOLD)
+
+    def _check_power(self, what: str) -> None:
+        if self.phase is Phase.DEPLETED:
+            msg = f"cannot {what}: the battery is empty"
+            raise VehicleError(msg)
+
+    def _fly(
+        self,
+        rows: list[Row],
+        phase: Phase,
+        ending: Ending = Ending.NEXT,
+    ) -> None:
+        plan = Itinerary(ending=ending)
+        for row in rows:
+            plan.add(row)
+        self._drop_plan(phase)
+        self._begin(plan)
+
+    def _drop_plan(self, phase: Phase) -> None:
+        self._plan = None
+        self._timer = None
+        self._waiting = []
+        self._waiting_step = None
+        self.phase = phase
+
+    def _begin(self, plan: Itinerary) -> None:
+        self._plan = plan
+        self._flown = 0
+        self._timer = None
+        if self._waits(Command.CONDITION_DISTANCE):
+            near = max(number(self.items[self._waiting[0]].param1), 1e-3)
+            plan.rows[0] = (*plan.rows[0][:6], near)
+        self.motion.fly(Route.through(plan.rows))
+        if self.landed is LandedState.ON_GROUND:
+            self.landed = LandedState.TAKEOFF
+
+    def _take_events(self) -> list[FlightEvent]:
+        events, self._events = self._events, []
+        return events
+
+    def _tell(self, event: FlightEvent) -> None:
+        self._events.append(event)
+
+    def _set_current(self, seq: int, time_s: float | None = None) -> None:
+        if seq != self.current_seq:
+            self.current_seq = seq
+            self._tell(CurrentChanged(self.time_s if time_s is None else time_s, seq))
+
+    def _run(self, target: int, *, stop_each: bool) -> None:
+        motion = self.motion
+        while motion.step < target:
+            limit = target
+            for step in (self._timer, self._disarm_step, self._waiting_step):
+                if step is not None and step < limit:
+                    limit = max(step, motion.step)
+            flying = self._plan is not None and self.landed is not LandedState.ON_GROUND
+            event = MotionEvent.RAN
+            if flying:
+                closely = stop_each or self._plan_needs_care()
+                event = motion.advance(limit - motion.step, stop_each=closely)
+                self._account(event)
+            elif limit > motion.step:
+                motion.rest(limit - motion.step, armed=self.armed)
+                self._drain_on_ground()
+            if self._timer is not None and motion.step >= self._timer:
+                self._timer = None
+                self._complete_item()
+            if self._waiting_step is not None and motion.step >= self._waiting_step:
+                self._release()
+            if self._disarm_step is not None and motion.step >= self._disarm_step:
+                self._disarm_step = None
+                self.armed = False
+                self._drop_plan(Phase.GROUND)
+                self._tell(Disarmed(self.time_s))
+            if not stop_each and (self._over() or self._stuck()):
+                return
+
+    def _over(self) -> bool:
+        return (
+            self.phase is not Phase.MISSION
+            and self._disarm_step is None
+            and (self.landed is LandedState.ON_GROUND or self.phase is Phase.HOLD)
+        )
+
+    def _stuck(self) -> bool:
+        """Whether the mission stays where it is for ever."""
+        plan = self._plan
+        return plan is not None and plan.ending is Ending.FOREVER and self._flown == len(plan.rows)
+
+    def _plan_needs_care(self) -> bool:
+        """Whether legs have to be looked at one by one even in a prediction."""
+        return bool(self._waiting) or (self._plan is not None and self._plan.open)
+
+    def _account(self, event: MotionEvent) -> None:
+        """Complete the legs that were flown, and take what ended the motion."""
+        plan = self._plan
+        motion = self.motion
+        assert plan is not None
+        reached = motion.leg + (1 if motion.arrivals[motion.leg] >= 0 else 0)
+        while self._flown < reached:
+            leg = self._flown
+            self._flown += 1
+            self._leg_done(plan, leg, int(motion.arrivals[leg]) * motion.step_s)
+            if self._plan is not plan:
+                return
+        if self.landed is LandedState.TAKEOFF and self.phase is not Phase.TAKEOFF and self._flown > 0:
+            self.landed = LandedState.IN_AIR
+        if event is MotionEvent.NEAR:
+            self._release()
+        elif event is MotionEvent.STALLED:
+            self._give_up("cannot make progress: the wind is too strong for the vehicle")
+        elif event is MotionEvent.ENERGY:
+            self._deplete()
+
+    def _leg_done(self, plan: Itinerary, leg: int, time_s: float) -> None:
+        final = leg == len(plan.rows) - 1
+        seq = plan.seqs[leg]
+        if self.landed is LandedState.TAKEOFF:
+            self.landed = LandedState.IN_AIR
+        if not final:
+            if plan.ending is Ending.TOUCHDOWN and plan.rows[leg + 1][4] < 0.0:
+                self.landed = LandedState.LANDING
+                if self.phase is Phase.RETURN:
+                    self.phase = Phase.LAND
+            if plan.done[leg]:
+                self._next_leg(plan, leg, time_s)
+            return
+        if plan.ending is Ending.TOUCHDOWN:
+            self._touch_down(seq)
+        elif plan.ending is Ending.WAIT:
+            self._timer = self.motion.step + round(plan.wait_s / self.motion.step_s)
+            if plan.wait_s <= 0.0:
+                self._timer = None
+                self._complete_item()
+        elif plan.ending is Ending.NEXT:
+            if seq >= 0:
+                self._complete_item()
+            else:
+                self._target_reached()
+
+    def _next_leg(self, plan: Itinerary, leg: int, time_s: float) -> None:
+        """Go on to the next item of the plan, unless what lies between changes the plan."""
+        self._tell(ItemReached(time_s, plan.seqs[leg]))
+        following = self._between(plan.seqs[leg] + 1, time_s)
+        nearly_out = plan.open and leg >= len(plan.rows) - _REPLAN_BEFORE
+        planned = plan.rows[leg + 1]
+        same = following == plan.seqs[leg + 1] and planned[4] == self._settings.speed_m_s
+        if same and not nearly_out and not self._waiting:
+            self._set_current(following, time_s)
+            return
+        self._fly_from(following, time_s)
+
+    def _complete_item(self) -> None:
+        """The current item is complete: go on with the items after it."""
+        seq = self.current_seq
+        self._tell(ItemReached(self.time_s, seq))
+        self._fly_from(self._between(seq + 1, self.time_s), self.time_s)
+
+    def _continue(self, seq: int) -> None:
+        time_s = self.time_s
+        self._fly_from(self._between(seq, time_s), time_s)
+
+    def _between(self, seq: int, time_s: float) -> int:
+        """Execute the items from ``seq`` to the next place and return it; `_GAVE_UP` when there is none."""
+        if self._waiting:
+            for waiting in self._waiting:
+                self._execute(waiting, time_s)
+            self._waiting = []
+            self._waiting_step = None
+        if seq < len(self.items) and self.items[seq].command == _WAYPOINT:
+            return seq
+        while True:
+            done, following = do_items(self.items, seq, self._settings, self.spec.top_speed_m_s)
+            for index in done:
+                self._announce(index, time_s)
+            if following < 0:
+                self._give_up("jumps never lead to a place", seq)
+                return _GAVE_UP
+            if following >= len(self.items) or self.items[following].command not in CONDITIONS:
+                break
+            self._waiting = condition_items(self.items, following)
+            seq = self._waiting[-1] + 1
+        if self._waiting and following >= len(self.items):
+            for waiting in self._waiting:
+                self._execute(waiting, time_s)
+            self._waiting = []
+        return following
+
+    def _announce(self, seq: int, time_s: float) -> None:
+        item = self.items[seq]
+        if item.command in CAMERA_COMMANDS:
+            self._tell(CameraCommand(time_s, seq, item))
+        self._tell(ItemReached(time_s, seq))
+
+    def _execute(self, seq: int, time_s: float) -> None:
+        """Execute one item that waited for a condition."""
+        if self.items[seq].command not in CONDITIONS:
+            do_items(self.items[: seq + 1], seq, self._settings, self.spec.top_speed_m_s)
+        self._announce(seq, time_s)
+
+    def _release(self) -> None:
+        """The condition is met: execute what waited for it, up to the next condition."""
+        time_s = self.time_s
+        before = self._settings.copy()
+        self._waiting_step = None
+        self._execute(self._waiting.pop(0), time_s)
+        # At the place itself, where a pause runs, there is no way left to wait on.
+        while self._waiting and (self._timer is not None or not self._waits()):
+            self._execute(self._waiting.pop(0), time_s)
+        if self._timer is None and (self._waiting or self._settings != before):
+            self._fly_from(self.current_seq, time_s)
+
+    def _waits(self, command: int | None = None) -> bool:
+        """Whether what comes next waits for a condition (for this one)."""
+        if not self._waiting:
+            return False
+        first = self.items[self._waiting[0]].command
+        return first in CONDITIONS if command is None else first == command
+
+    def _fly_from(self, seq: int, time_s: float) -> None:
+        """Plan the legs from a place item on and begin to fly them."""
+        if seq == _GAVE_UP:
+            return
+        if seq >= len(self.items):
+            self._finish(time_s)
+            return
+        self._set_current(seq, time_s)
+        command = self.items[seq].command
+        if self.landed is LandedState.ON_GROUND and command != Command.NAV_TAKEOFF:
+            self._on_ground(seq)
+            return
+        if self._waits(Command.CONDITION_DELAY):
+            delay = number(self.items[self._waiting[0]].param1)
+            self._waiting_step = self.motion.step + max(1, round(delay / self.motion.step_s))
+        here = self.motion.position_m
+        if math.isnan(self._places[seq][0]) and command not in (
+            Command.NAV_TAKEOFF,
+            Command.NAV_RETURN_TO_LAUNCH,
+        ):
+            here = self.motion.stopping_point()
+        self._begin(plan_item_legs(self.items, self._places, seq, self._settings.copy(), self.spec, here))
+
+    def _on_ground(self, seq: int) -> None:
+        """Do an item that is not a take-off on the ground: wait, be landed, or give up."""
+        command = self.items[seq].command
+        if command == Command.NAV_DELAY:
+            self._plan = None
+            self._timer = self.motion.step + max(
+                1, round(number(self.items[seq].param1) / self.motion.step_s)
+            )
+        elif command in (Command.NAV_LAND, Command.NAV_RETURN_TO_LAUNCH):
+            self._complete_item()
+        else:
+            self._give_up("the vehicle is on the ground: a take-off item must come first", seq)
+
+    def _finish(self, time_s: float) -> None:
+        self._tell(MissionComplete(time_s))
+        if self.landed is LandedState.ON_GROUND:
+            self._drop_plan(Phase.GROUND)
+            self._disarm_later()
+        else:
+            self.hold()
+
+    def _disarm_later(self) -> None:
+        self._disarm_step = self.motion.step + round(self.spec.disarm_delay_s / self.motion.step_s)
+
+    def _target_reached(self) -> None:
+        if self.phase in (Phase.TAKEOFF, Phase.GOTO):
+            self.phase = Phase.HOLD
+            self._tell(TargetReached(self.time_s))
+
+    def _give_up(self, reason: str, seq: int | None = None) -> None:
+        on_mission = self.phase is Phase.MISSION
+        self._tell(
+            CannotFly(self.time_s, (self.current_seq if seq is None else seq) if on_mission else -1, reason)
+        )
+        if self.phase is not Phase.DEPLETED:
+            self.hold()
+        if self.landed is LandedState.ON_GROUND:
+            self._disarm_later()
+
+    def _ground(self) -> None:
+        self.motion.touch_down()
+        self.landed = LandedState.ON_GROUND
+        self._plan = None
+        self._tell(Landed(self.time_s))
+
+    def _touch_down(self, seq: int) -> None:
+        was = self.phase
+        self._ground()
+        self._disarm_later()
+        if was is Phase.DEPLETED:
+            self._disarm_step = self.motion.step
+        elif was is Phase.MISSION and seq >= 0:
+            self._complete_item()
+            if self.landed is not LandedState.ON_GROUND:
+                self._disarm_step = None
+            return
+        self._drop_plan(Phase.GROUND)
+
+    def _drain_on_ground(self) -> None:
+        battery = self.spec.battery
+        if self.armed and battery is not None and battery_state(battery, self.motion.energy_j, 0.0).depleted:
+            self._tell(BatteryDepleted(self.time_s))
+            self.armed = False
+            self._drop_plan(Phase.GROUND)
+            self._disarm_step = None
+            self._tell(Disarmed(self.time_s))
+
+    def _deplete(self) -> None:
+        """Come down where it is: nothing else is possible any more."""
+        self.motion.ignore_energy()
+        self._tell(BatteryDepleted(self.time_s))
+        x, y, _ = self.motion.stopping_point()
+        rows = [(x, y, 0.0, 0.0, self.spec.cruise_speed_m_s, KEEP, 0.0)]
+        self._fly(rows, Phase.DEPLETED, Ending.TOUCHDOWN)
+        self.landed = LandedState.LANDING
+
+
+def _motion(spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
+    """Return the motion model of a vehicle; the compiled one is imported only where it is needed."""
+    if spec.is_ideal:
+        from sim_vehicle.motion.ideal import IdealRobot
+
+        return IdealRobot(spec, yaw_rad)
+    from sim_vehicle.motion.multirotor import Multirotor
+
+    return Multirotor(spec, wind, yaw_rad)

@@ -15,8 +15,11 @@ from typing import NamedTuple
 MAX_GAP_MS = 1500
 REBOOT_MS = 5000
 MAX_SPEED_M_S = 150.0
-STILL_M = 0.03
-"""Movements below this do not count towards the distance: rounding and a hovering vehicle's sway."""
+STILL_M = 0.1
+"""Length that a movement must reach to count towards the distance.
+
+The sway of a hovering vehicle stays below it, and rounding to 11 mm lengthens longer chords by less than 0.1 %.
+"""
 _CHORD_MS = 150
 _STEP_MS = 100
 _E7 = 10_000_000
@@ -163,7 +166,7 @@ class CameraTrigger:
             return []
         shots: list[Shot] = []
         if self.distance_m > 0.0:
-            self._along(fix, step_ms, shots)
+            self._along(fix, shots)
         elif self.interval_us > 0:
             self._timed(last, fix, shots)
         if self._external:
@@ -198,7 +201,7 @@ class CameraTrigger:
             self._metres = (latitude_e7, north, east)
         return self._metres
 
-    def _along(self, fix: Fix, step_ms: int, shots: list[Shot]) -> None:
+    def _along(self, fix: Fix, shots: list[Shot]) -> None:
         anchor = self._anchor
         assert anchor is not None
         _, per_north, per_east = self._scale(anchor.latitude_e7)
@@ -206,9 +209,11 @@ class CameraTrigger:
         east = _turn(fix.longitude_e7 - anchor.longitude_e7) * per_east
         length = math.hypot(north, east)
         if length < STILL_M:
-            # Only the clock goes on: the place stays, so that slow motion adds up and sway does not.
-            self._anchor = fix._replace(latitude_e7=anchor.latitude_e7, longitude_e7=anchor.longitude_e7)
+            # The place stays, so that slow motion adds up and sway does not; the clock goes on.
+            if fix.time_ms - anchor.time_ms > _STEP_MS:
+                self._anchor = fix._replace(latitude_e7=anchor.latitude_e7, longitude_e7=anchor.longitude_e7)
             return
+        step_ms = fix.time_ms - anchor.time_ms
         self._anchor = fix
         distance, since = self.distance_m, self._since_m
         if step_ms <= _CHORD_MS:

@@ -1,8 +1,9 @@
 """MAVLink frames out of bytes and bytes out of messages.
 
-The messages, their field tables and the exact rules are those of pymavlink's generated codec; for the common
-case (a message without number arrays, no signing) this module packs and unpacks straight from those tables, which
-is two to three times as fast. Everything else goes through the generated ``pack`` and ``decode``.
+The messages, their field tables and the exact rules are those of pymavlink's generated codec; for the
+common case (a message without number arrays, no signing) this module packs and unpacks straight from those
+tables, which is two to three times as fast. Everything else goes through the generated ``pack`` and
+``decode``.
 
 Frame layout: https://mavlink.io/en/guide/serialization.html.
 """
@@ -100,13 +101,13 @@ class FrameWriter:
             If a field does not fit its type.
         """
         codec = self.codec
-        kind = _KINDS[message.id]
+        kind = _KINDS[type(message).id]
         sequence: int = codec.seq
         if kind is None or kind.fields is None or codec.signing.sign_outgoing:
             frame: bytes = message.pack(codec)
         else:
             payload = kind.make.unpacker.pack(*kind.fields(message)).rstrip(b"\0") or b"\0"
-            number = message.id
+            number = type(message).id
             head = _HEADER.pack(
                 _V2,
                 len(payload),
@@ -164,8 +165,8 @@ class SourceStatistics:
 class FrameReader:
     """Finds the frames in whatever bytes come, and decodes those that are wanted.
 
-    Garbage is skipped up to the next frame whose checksum holds; nothing that arrives makes it raise, grow (it
-    keeps less than one frame) or wait for more than one frame's length.
+    Garbage is skipped up to the next frame whose checksum holds; nothing that arrives makes it raise, grow
+    (it keeps less than one frame) or wait for more than one frame's length.
 
     Parameters
     ----------
@@ -181,8 +182,8 @@ class FrameReader:
     sources : dict
         `SourceStatistics` by (system id, component id).
     frames, bad_frames, bad_bytes, unknown : int
-        Good frames; frames with a wrong checksum or signature; bytes that belong to no frame; frames of messages
-        that the dialect does not have.
+        Good frames; frames with a wrong checksum or signature; bytes that belong to no frame; frames of
+        messages that the dialect does not have.
     """
 
     def __init__(

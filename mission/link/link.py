@@ -24,8 +24,8 @@ _URL = re.compile(r"(?P<scheme>[A-Za-z0-9]+):(//)?(?P<host>\[[^\[\]]*\]|[^:/\[\]
 class Link(Protocol):
     """Something that carries bytes in both directions and never blocks.
 
-    ``receive`` returns what has arrived: whole datagrams, or pieces of a stream cut anywhere. A link without a
-    peer (nobody has called yet) drops what is sent, as a radio does.
+    ``receive`` returns what has arrived: whole datagrams, or pieces of a stream cut anywhere. A link
+    without a peer (nobody has called yet) drops what is sent, as a radio does.
 
     Attributes
     ----------
@@ -77,8 +77,8 @@ def parse_link_url(url: str) -> LinkAddress:
     Parameters
     ----------
     url : str
-        ``SCHEME:HOST:PORT`` or ``SCHEME://HOST:PORT`` with the scheme udpin (or udp), udpout, tcp (or tcpout)
-        or tcpin. An empty host is the loopback address; IPv6 addresses stand in brackets.
+        ``SCHEME:HOST:PORT`` or ``SCHEME://HOST:PORT`` with the scheme udpin (or udp), udpout, tcp (or
+        tcpout) or tcpin. An empty host is the loopback address; IPv6 addresses stand in brackets.
 
     Returns
     -------

@@ -194,8 +194,8 @@ class UdpOutLink:
 class TcpLink:
     """A connected TCP stream.
 
-    Bytes that the network does not take at once are kept (up to 1 MiB; then whole frames are dropped and counted
-    in ``dropped``) and go out with the next `send` or `receive`.
+    Bytes that the network does not take at once are kept (up to 1 MiB; then whole frames are dropped and
+    counted in ``dropped``) and go out with the next `send` or `receive`.
 
     Parameters
     ----------

@@ -62,7 +62,8 @@ class TlogWriter:
 def read_tlog(path: Path | str) -> Iterator[tuple[float, Message]]:
     """Yield the time (s since 1970) and the message of each record.
 
-    Records that are damaged are skipped up to the next one that makes sense; a cut last record ends the log.
+    Records that are damaged are skipped up to the next one that makes sense; a cut last record ends the
+    log.
 
     Raises
     ------

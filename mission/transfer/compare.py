@@ -12,6 +12,7 @@ _PLACE_DEG = 2.5e-7
 _ALTITUDE_M = 0.011
 _RELATIVE = 1e-5
 _YAW_DEG = 1e-2
+_FIELDS = ("command", "frame", "autocontinue", "param1", "param2", "param3", "param4", "x", "y", "z")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,17 +42,26 @@ class Difference:
         )
 
 
-def _parameter_equal(name: str, one: MissionItem, other: MissionItem, profile: Profile) -> bool:
-    sent, received = getattr(one, name), getattr(other, name)
+def _equal(name: str, one: MissionItem, other: MissionItem, profile: Profile) -> bool:
+    sent: float | None = getattr(one, name)
+    received: float | None = getattr(other, name)
     if sent is None or received is None:
         return sent is received or (sent is None and received == 0.0 and not profile.keeps_default)
-    if abs(sent - received) <= _RELATIVE * max(1.0, abs(sent)):
+    difference = abs(float(sent) - float(received))
+    if name in ("command", "frame", "autocontinue"):
+        return difference == 0.0
+    if one.has_place and name in ("x", "y"):
+        return difference <= _PLACE_DEG
+    if one.has_place and name == "z":
+        return difference <= max(_ALTITUDE_M, _RELATIVE * abs(sent))
+    if difference <= _RELATIVE * max(1.0, abs(sent)):
         return True
-    if one.command == Command.NAV_WAYPOINT:
-        if name == "param1" and profile.whole_seconds:
-            return abs(sent - received) < 1.0
-        if name == "param4":
-            return abs(math.remainder(sent - received, 360.0)) <= _YAW_DEG
+    if name in ("x", "y"):
+        return int(sent) == int(received)
+    if one.command == Command.NAV_WAYPOINT and name == "param1" and profile.whole_seconds:
+        return difference < 1.0
+    if one.command == Command.NAV_WAYPOINT and name == "param4":
+        return abs(math.remainder(difference, 360.0)) <= _YAW_DEG
     return False
 
 
@@ -64,8 +74,9 @@ def compare_plans(
 ) -> tuple[Difference, ...]:
     """List what differs between two plans, beyond what the wire and the autopilot's storage change.
 
-    Allowed are: 32-bit floats (1e-5 relative), 2.5e-7 degree, 1.1 cm of altitude, a yaw that differs by full
-    turns, the frames 5/6/11 for 0/3/10 (the same by `MissionItem`), and the fields that the profile calls lossy.
+    Allowed are: 32-bit floats (1e-5 relative), 2.5e-7 degree, 1.1 cm of altitude, a yaw that differs by
+    full turns, the frames 5/6/11 for 0/3/10 (the same by `MissionItem`), and the fields that the profile
+    calls lossy.
 
     Parameters
     ----------
@@ -85,24 +96,12 @@ def compare_plans(
         return (Difference(-1, "count", len(sent), len(received)),)
     found: list[Difference] = []
     for sequence, (one, other) in enumerate(zip(sent, received, strict=True)):
-        if one == other:
-            continue
-        lossy = profile.lossy.get(one.command, frozenset())
-        place = one.has_place
-        tolerance = {
-            "x": _PLACE_DEG if place else _RELATIVE * max(1.0, abs(one.x)) + 1.0 * (one.x != int(one.x)),
-            "y": _PLACE_DEG if place else _RELATIVE * max(1.0, abs(one.y)) + 1.0 * (one.y != int(one.y)),
-            "z": max(_ALTITUDE_M, _RELATIVE * abs(one.z)) if place else _RELATIVE * max(1.0, abs(one.z)),
-        }
-        for name in ("command", "frame", "autocontinue"):
-            if name not in lossy and getattr(one, name) != getattr(other, name):
-                found.append(Difference(sequence, name, getattr(one, name), getattr(other, name)))
-        for name in ("param1", "param2", "param3", "param4"):
-            if name not in lossy and not _parameter_equal(name, one, other, profile):
-                found.append(Difference(sequence, name, getattr(one, name), getattr(other, name)))
-        for name, allowed in tolerance.items():
-            if name not in lossy and not abs(getattr(one, name) - getattr(other, name)) <= allowed:
-                found.append(Difference(sequence, name, getattr(one, name), getattr(other, name)))
+        if one != other:
+            found += [
+                Difference(sequence, name, getattr(one, name), getattr(other, name))
+                for name in _FIELDS
+                if name not in profile.lossy.get(one.command, ()) and not _equal(name, one, other, profile)
+            ]
         if len(found) >= limit:
             break
     return tuple(found[:limit])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-from mission.model import MissionItem, MissionType
+from mission.model import GeoPoint, MissionItem, MissionType
 
 Message = Any
 
@@ -24,8 +24,8 @@ class FailureReason(Enum):
 class PlanState(Enum):
     """What the vehicle holds after a failed upload, as far as the client can know.
 
-    ``OLD``: the plan from before. ``UNKNOWN``: the old or the new one, since the last confirmation was lost; on a
-    vehicle that overwrites in place (ArduPilot) perhaps a mixture. Only a download can tell.
+    ``OLD``: the plan from before. ``UNKNOWN``: the old or the new one, since the last confirmation was
+    lost; on a vehicle that overwrites in place (ArduPilot) perhaps a mixture. Only a download can tell.
     """
 
     OLD = "old"
@@ -63,10 +63,11 @@ class UploadComplete(Event):
 
 @dataclass(frozen=True, slots=True)
 class DownloadComplete(Event):
-    """Client: the whole plan has arrived, as it came over the wire."""
+    """Client: the whole plan has arrived; ``home`` is item 0 of autopilots that have one."""
 
     items: tuple[MissionItem, ...]
     opaque_id: int = 0
+    home: GeoPoint | None = None
 
 
 @dataclass(frozen=True, slots=True)

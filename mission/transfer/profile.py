@@ -1,7 +1,7 @@
 """How autopilots differ in the mission protocol, as data for both roles.
 
-Sources: PX4 ``mavlink_mission.cpp``/``.h``, ArduPilot ``MissionItemProtocol*.cpp`` and ``AP_Mission.cpp``, and what
-PX4 1.17 (SIH) and ArduCopter 4.7 (SITL) were seen to do.
+Sources: PX4 ``mavlink_mission.cpp``/``.h``, ArduPilot ``MissionItemProtocol*.cpp`` and ``AP_Mission.cpp``,
+and what PX4 1.17 (SIH) and ArduCopter 4.7 (SITL) were seen to do.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ class Profile:
     stateless_download : bool
         The vehicle answers any request at any time, so a client may ask for several items at once.
     restart_on_count : bool
-        A second COUNT of the same ground station restarts an upload at any point (otherwise only before item 0).
+        A second COUNT of the same ground station restarts an upload at any point (otherwise only before
+        item 0).
     re_request_s, abort_s : float
         The vehicle's timers: ask again for an item; give up after nothing has come for so long.
     abort_result : int or None
@@ -133,7 +134,7 @@ ARDUPILOT = Profile(
 
 
 def profile_for(autopilot: int) -> Profile:
-    """Return the profile for the MAV_AUTOPILOT of a heartbeat; an unknown one is taken by the specification.
+    """Return the profile for the MAV_AUTOPILOT of a heartbeat, `GENERIC` for any other.
 
     Examples
     --------
@@ -166,7 +167,7 @@ def _shift_jump(item: MissionItem, by: int) -> MissionItem:
 def to_wire_order(
     items: tuple[MissionItem, ...], mission_type: MissionType, profile: Profile, home: GeoPoint | None = None
 ) -> tuple[MissionItem, ...]:
-    """Return the items as the autopilot counts them: with home in front and jump targets moved, if it does so."""
+    """Return the items as the autopilot counts them: home in front and jump targets moved, if it does so."""
     if not profile.home_at_zero or mission_type != MissionType.MISSION or not items:
         return items
     place = GeoPoint(0.0, 0.0, 0.0) if home is None else home

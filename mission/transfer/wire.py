@@ -1,7 +1,7 @@
 """Mission items to and from MAVLink messages.
 
-MISSION_ITEM_INT (73) carries places in 1e-7 degrees, MISSION_ITEM (39) in 32-bit floats (0.4 to 1.7 m); fields as in
-https://mavlink.io/en/messages/common.html.
+MISSION_ITEM_INT (73) carries places in 1e-7 degrees, MISSION_ITEM (39) in 32-bit floats (0.4 to 1.7 m);
+fields as in https://mavlink.io/en/messages/common.html.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import zlib
 from collections.abc import Iterable
 from typing import Any
 
-from mission.errors import MissionError
 from mission.link.dialect import mavlink
 from mission.model import DEGREES_E7, GLOBAL_FRAMES, MissionItem, MissionType, has_position
 
@@ -52,7 +51,7 @@ OPERATION_CANCELLED = mavlink.MAV_MISSION_OPERATION_CANCELLED
 _MEANINGS = {
     ACCEPTED: "accepted",
     ERROR: "it reports an error; it may be busy with another transfer, try again",
-    UNSUPPORTED_FRAME: "it does not support the item's coordinate frame; use relative or absolute altitudes",
+    UNSUPPORTED_FRAME: "it does not support the item's coordinate frame; use relative altitudes",
     UNSUPPORTED: "it does not support the item's command or this kind of plan",
     NO_SPACE: "it has no space for so many items; send a shorter plan",
     INVALID: "it finds a value or the kind of plan invalid",
@@ -98,6 +97,11 @@ def count(target: tuple[int, int], number: int, mission_type: int, opaque_id: in
     """A MISSION_COUNT; the plan's id goes in where the dialect has a field for it."""
     extra = {"opaque_id": opaque_id} if _HAS_OPAQUE_ID[COUNT] else {}
     return mavlink.MAVLink_mission_count_message(*target, number, mission_type=mission_type, **extra)
+
+
+def clear_all(target: tuple[int, int], mission_type: int) -> Message:
+    """A MISSION_CLEAR_ALL of one plan (255: of all)."""
+    return mavlink.MAVLink_mission_clear_all_message(*target, mission_type)
 
 
 def _number(value: float | None) -> float:
@@ -167,7 +171,7 @@ def item_from_message(message: Message) -> MissionItem:
     place = message.frame in GLOBAL_FRAMES and has_position(message.command)
     x, y, z = message.x, message.y, message.z
     if place:
-        if message.id == ITEM_INT:
+        if type(message).id == ITEM_INT:
             x, y = x / DEGREES_E7, y / DEGREES_E7
     else:
         x, y, z = (0.0 if math.isnan(value) else float(value) for value in (x, y, z))
@@ -190,7 +194,7 @@ def refusal(message: Message) -> int:
     for offset, value in enumerate((message.param1, message.param2, message.param3, message.param4)):
         if math.isinf(value) or abs(value) > 3.4e38:
             return int(INVALID_PARAM1) + offset
-    scale = DEGREES_E7 if message.id == ITEM_INT else 1.0
+    scale = DEGREES_E7 if type(message).id == ITEM_INT else 1.0
     place = message.frame in GLOBAL_FRAMES and has_position(message.command)
     if not (math.isfinite(message.x) and (not place or abs(message.x / scale) <= 90.0)):
         return int(INVALID_PARAM5_X)
@@ -205,10 +209,11 @@ _ITEM_BYTES = struct.Struct("<BHB4fiif")
 
 
 def plan_checksum(items: Iterable[MissionItem]) -> int:
-    """Return the id of a plan: CRC32 over frame, command, autocontinue and the seven parameters of each item.
+    """Return the id of a plan, a CRC32 over its items.
 
-    The fields are those of PX4's mission id (``mavlink_mission.cpp``). An empty plan has the id 0, which MAVLink
-    reserves for "none"; no other plan has it.
+    The fields (frame, command, autocontinue, seven parameters) are those of PX4's mission id
+    (``mavlink_mission.cpp``). An empty plan has the id 0, which MAVLink reserves for "none"; no other plan
+    has it.
     """
     checksum = 0
     empty = True

@@ -1,0 +1,93 @@
+"""A bad radio in virtual time: loses, delays, duplicates, reorders and damages what crosses it."""
+
+from __future__ import annotations
+
+import heapq
+from dataclasses import dataclass
+from itertools import count
+
+import numpy as np
+
+from mission.errors import LinkError
+
+
+@dataclass(frozen=True, slots=True)
+class Faults:
+    """What a channel does to the frames that cross it.
+
+    Parameters
+    ----------
+    loss, duplicate, corrupt : float
+        Chance (0 to 1) that a frame is lost, comes twice, or has one byte changed.
+    delay_s, jitter_s : float
+        Every frame takes ``delay_s`` and up to ``jitter_s`` more; with jitter, frames overtake each other.
+    """
+
+    loss: float = 0.0
+    duplicate: float = 0.0
+    corrupt: float = 0.0
+    delay_s: float = 0.0
+    jitter_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("loss", "duplicate", "corrupt"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                msg = f"{name} {getattr(self, name)} is no chance; give a number from 0 to 1"
+                raise LinkError(msg)
+        for name in ("delay_s", "jitter_s"):
+            if not 0.0 <= getattr(self, name) < float("inf"):
+                msg = f"{name} {getattr(self, name)} is no time; give seconds from 0 up"
+                raise LinkError(msg)
+
+
+class FaultyChannel:
+    """One direction of a bad link; the caller keeps the time.
+
+    Parameters
+    ----------
+    faults : Faults
+        What it does.
+    rng : numpy.random.Generator
+        Where its chances come from.
+
+    Examples
+    --------
+    >>> channel = FaultyChannel(Faults(delay_s=0.5), np.random.default_rng(1))
+    >>> channel.send(b"frame", now_s=10.0)
+    >>> channel.receive(now_s=10.4), channel.next_arrival()
+    ([], 10.5)
+    >>> channel.receive(now_s=10.5)
+    [b'frame']
+    """
+
+    def __init__(self, faults: Faults, rng: np.random.Generator) -> None:
+        self.faults = faults
+        self._rng = rng
+        self._order = count()
+        self._flying: list[tuple[float, int, bytes]] = []
+
+    def send(self, data: bytes, now_s: float) -> None:
+        """Put one frame on the air."""
+        faults, rng = self.faults, self._rng
+        for _ in range(2 if rng.random() < faults.duplicate else 1):
+            if rng.random() < faults.loss:
+                continue
+            arrives_s = now_s + faults.delay_s + faults.jitter_s * rng.random()
+            frame = self._damage(data) if rng.random() < faults.corrupt else data
+            heapq.heappush(self._flying, (arrives_s, next(self._order), frame))
+
+    def _damage(self, data: bytes) -> bytes:
+        damaged = bytearray(data)
+        damaged[int(self._rng.integers(len(damaged)))] ^= int(self._rng.integers(1, 256))
+        return bytes(damaged)
+
+    def receive(self, now_s: float) -> list[bytes]:
+        """Return the frames that have arrived by now."""
+        arrived = []
+        while self._flying and self._flying[0][0] <= now_s:
+            arrived.append(heapq.heappop(self._flying)[2])
+        return arrived
+
+    def next_arrival(self) -> float | None:
+        """When the next frame arrives, None if nothing is on the air."""
+        return self._flying[0][0] if self._flying else None

@@ -1,0 +1,345 @@
+"""What upload, download and clear have in common on the ground station's side, sans-IO."""
+
+# ruff: noqa: ARG002 - the actions of the transition table share one signature
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+from mission.model import MissionType
+from mission.transfer import wire
+from mission.transfer.client_table import (
+    CLIENT_TABLE,
+    COMPLETE,
+    FAILED,
+    READY,
+    ClientInput,
+    ClientState,
+)
+from mission.transfer.errors import LocalTransferError
+from mission.transfer.events import (
+    NOTHING,
+    FailureReason,
+    Message,
+    Output,
+    PlanState,
+    TransferFailed,
+    TransferStatistics,
+)
+from mission.transfer.profile import GENERIC, Profile
+
+_I = ClientInput
+_TROUBLE = frozenset({wire.ERROR, wire.INVALID_SEQUENCE, wire.DENIED})
+GROUND_STATION = (255, 190)
+
+
+@dataclass(frozen=True, slots=True)
+class ClientTimers:
+    """The ground station's timers, by default those of the MAVLink specification.
+
+    Parameters
+    ----------
+    reply_s : float
+        Repeat COUNT, LIST or CLEAR_ALL if nothing has come for so long.
+    item_s : float
+        Repeat the request for an item. Once the round trip time is known: four times that, at least
+        ``floor_s``.
+    retries : int
+        How often COUNT, LIST and CLEAR_ALL are repeated.
+    silence_s : float
+        Give up when no new item has crossed for so long (longer than the vehicle's own limit of 5 or 8 s).
+    floor_s : float
+        The shortest waiting time derived from the round trip.
+    """
+
+    reply_s: float = 1.5
+    item_s: float = 0.25
+    retries: int = 5
+    silence_s: float = 10.0
+    floor_s: float = 0.1
+
+
+class RoundTrip:
+    """A smoothed round trip time, shared by the transfers over one link.
+
+    Examples
+    --------
+    >>> trip = RoundTrip()
+    >>> trip.wait(0.25, 0.1, 1.5)
+    0.25
+    >>> trip.sample(0.2)
+    >>> trip.wait(0.25, 0.1, 1.5)
+    0.8
+    """
+
+    __slots__ = ("seconds",)
+
+    def __init__(self) -> None:
+        self.seconds: float | None = None
+
+    def sample(self, seconds: float) -> None:
+        """Add a measurement (smoothed by 1/8, as TCP does: RFC 6298)."""
+        known = self.seconds
+        self.seconds = seconds if known is None else known + (seconds - known) / 8.0
+
+    def wait(self, default_s: float, floor_s: float, most_s: float) -> float:
+        """Return how long to wait for an answer before asking again."""
+        if self.seconds is None:
+            return default_s
+        return min(max(4.0 * self.seconds, floor_s), most_s)
+
+
+class ClientTransfer(ABC):
+    """One upload, download or clear.
+
+    Feed it with `start`, `receive`, `poll` (at `next_deadline`) and `cancel`; send what comes out. It ends
+    with one event: a completion or `TransferFailed`; it always ends, whatever the vehicle does.
+
+    Parameters
+    ----------
+    mission_type : MissionType
+        Which plan.
+    target : tuple of int
+        System and component id of the vehicle.
+    source : tuple of int
+        Our system and component id.
+    profile : Profile
+        The autopilot's habits.
+    timers : ClientTimers
+        How long to wait.
+    round_trip : RoundTrip, optional
+        Shared measurement of the link.
+    """
+
+    _opening_input: ClientInput
+
+    def __init__(
+        self,
+        mission_type: MissionType,
+        *,
+        target: tuple[int, int] = (1, 1),
+        source: tuple[int, int] = GROUND_STATION,
+        profile: Profile = GENERIC,
+        timers: ClientTimers | None = None,
+        round_trip: RoundTrip | None = None,
+    ) -> None:
+        self.mission_type = mission_type
+        self.target = target
+        self.source = source
+        self.profile = profile
+        self.timers = ClientTimers() if timers is None else timers
+        self.round_trip = RoundTrip() if round_trip is None else round_trip
+        self._state = READY
+        self._started_s = 0.0
+        self._ended_s: float | None = None
+        self._sent_s = 0.0
+        self._progress_s = 0.0
+        self._openings = 0
+        self._trouble: tuple[int, float] | None = None
+        self._messages_sent = 0
+        self._messages_received = 0
+        self._retries = 0
+
+    # What the owner calls.
+
+    @property
+    def state(self) -> ClientState:
+        """Where the transfer is."""
+        return self._state
+
+    @property
+    def done(self) -> bool:
+        """Whether the transfer is over, well or not."""
+        return self._state is COMPLETE or self._state is FAILED
+
+    def start(self, now_s: float) -> Output:
+        """Begin.
+
+        Raises
+        ------
+        LocalTransferError
+            If it was started before.
+        """
+        if self._state is not READY:
+            msg = "this transfer was started before; make a new one"
+            raise LocalTransferError(msg)
+        self._started_s = self._progress_s = now_s
+        return self._step(self._opening_input, None, now_s)
+
+    def receive(self, message: Message, now_s: float) -> Output:
+        """Take one message; what does not belong to this transfer is ignored."""
+        if type(message).id not in wire.CLIENT_MESSAGES or not self._is_ours(message):
+            return NOTHING
+        self._messages_received += 1
+        return self._step(_I.STRAY if self.done else self._judge(message, now_s), message, now_s)
+
+    def poll(self, now_s: float) -> Output:
+        """Act on the timers that are due."""
+        if self._state is READY or self.done:
+            return NOTHING
+        if now_s >= self._give_up_s():
+            return self._step(_I.GIVE_UP, None, now_s)
+        if now_s >= self._retry_s():
+            return self._step(self._judge_retry(), None, now_s)
+        return NOTHING
+
+    def next_deadline(self) -> float | None:
+        """When `poll` has something to do, None before the start and after the end."""
+        if self._state is READY or self.done:
+            return None
+        return min(self._give_up_s(), self._retry_s())
+
+    def cancel(self, now_s: float) -> Output:
+        """Break the transfer off and tell the vehicle.
+
+        Raises
+        ------
+        LocalTransferError
+            If it is over.
+        """
+        if self.done:
+            msg = "this transfer is over; there is nothing to cancel"
+            raise LocalTransferError(msg)
+        return self._step(_I.CANCEL, None, now_s)
+
+    def statistics(self, now_s: float | None = None) -> TransferStatistics:
+        """What it has cost so far; ``now_s`` counts only while it runs."""
+        end_s = self._ended_s if self._ended_s is not None else now_s
+        return TransferStatistics(
+            self.mission_type,
+            self._item_count(),
+            self._messages_sent,
+            self._messages_received,
+            self._retries,
+            0.0 if end_s is None or self._state is READY else end_s - self._started_s,
+        )
+
+    # What the kinds of transfer add.
+
+    @abstractmethod
+    def _judge(self, message: Message, now_s: float) -> ClientInput:
+        """Return the input of the table that the message is."""
+
+    @abstractmethod
+    def _opening(self) -> Message:
+        """Return the message that begins the transfer."""
+
+    @abstractmethod
+    def _complete(self, message: Message, now_s: float) -> Output:
+        """Act on success."""
+
+    @abstractmethod
+    def _item_count(self) -> int:
+        """Return how many items the plan has."""
+
+    def _retry_s(self) -> float:
+        return self._sent_s + self.timers.reply_s
+
+    def _judge_retry(self) -> ClientInput:
+        return _I.RETRY
+
+    def _opening_limit_s(self) -> float:
+        """When the opening message has been repeated in vain often enough."""
+        if self._openings <= self.timers.retries:
+            return self._sent_s + 2.0 * self.timers.reply_s
+        return self._sent_s + self.timers.reply_s
+
+    def _give_up_s(self) -> float:
+        return self._opening_limit_s()
+
+    def _plan_state(self) -> PlanState:
+        return PlanState.OLD
+
+    # The machinery.
+
+    def _is_ours(self, message: Message) -> bool:
+        if message.target_system not in (self.source[0], 0):
+            return False
+        if message.target_component not in (self.source[1], 0):
+            return False
+        if message.mission_type != self.mission_type or message.get_srcSystem() != self.target[0]:
+            return False
+        return self.target[1] in (0, message.get_srcComponent())
+
+    def _judge_ack(self, message: Message, *, accepted: bool) -> ClientInput:
+        if message.type == wire.ACCEPTED:
+            return _I.ACK_ACCEPTED if accepted else _I.STRAY
+        return _I.ACK_TROUBLE if message.type in _TROUBLE else _I.ACK_REFUSED
+
+    def _step(self, found: ClientInput, message: Message, now_s: float) -> Output:
+        action, following = CLIENT_TABLE[self._state, found]
+        output: Output = getattr(self, f"_{action}")(message, now_s)
+        self._state = following
+        self._messages_sent += len(output.messages)
+        if self.done and self._ended_s is None:
+            self._ended_s = now_s
+        return output
+
+    def _ignore(self, message: Message, now_s: float) -> Output:
+        return NOTHING
+
+    def _send_opening(self, message: Message, now_s: float) -> Output:
+        self._openings += 1
+        self._sent_s = now_s
+        return Output((self._opening(),))
+
+    def _repeat_opening(self, message: Message, now_s: float) -> Output:
+        self._retries += 1
+        return self._send_opening(message, now_s)
+
+    def _note_trouble(self, message: Message, now_s: float) -> Output:
+        self._trouble = (message.type, now_s)
+        return NOTHING
+
+    def _failed(self, reason: FailureReason, text: str, result: int | None, *, tell: bool) -> Output:
+        failed = TransferFailed(self.mission_type, reason, text, result, self._plan_state())
+        messages = (wire.ack(self.target, wire.OPERATION_CANCELLED, self.mission_type),) if tell else ()
+        return Output(messages, (failed,))
+
+    def _fail_refused(self, message: Message, now_s: float) -> Output:
+        text = f"{self._what()} was refused: {wire.result_text(message.type)}"
+        return self._failed(FailureReason.REFUSED, text, message.type, tell=False)
+
+    def _fail_silent(self, message: Message, now_s: float) -> Output:
+        where = self._where()
+        if self._trouble is not None:
+            result = self._trouble[0]
+            text = f"{self._what()} failed {where}: {wire.result_text(result)}"
+            return self._failed(FailureReason.REFUSED, text, result, tell=True)
+        text = f"{self._what()} failed {where}: the vehicle did not answer; check the link and try again"
+        return self._failed(FailureReason.TIMEOUT, text, None, tell=True)
+
+    def _fail_cancelled(self, message: Message, now_s: float) -> Output:
+        text = f"{self._what()} was cancelled {self._where()}"
+        return self._failed(FailureReason.CANCELLED, text, None, tell=True)
+
+    def _fail_unstarted(self, message: Message, now_s: float) -> Output:
+        return self._failed(FailureReason.CANCELLED, f"{self._what()} was cancelled", None, tell=False)
+
+    def _what(self) -> str:
+        verb = type(self).__name__.removeprefix("Mission").lower()
+        return f"{verb} of the {self.mission_type.name.lower()}"
+
+    def _where(self) -> str:
+        return "at the start"
+
+
+def check_target(target: tuple[int, int], source: tuple[int, int]) -> None:
+    """Raise LocalTransferError unless both are ids that MAVLink allows."""
+    for name, (system_id, component_id) in (("target", target), ("source", source)):
+        if not 1 <= system_id <= 255 or not 0 <= component_id <= 255:
+            msg = f"{name} ids {system_id}, {component_id}: a system is 1..255 and a component 0..255"
+            raise LocalTransferError(msg)
+
+
+def common_options(transfer: ClientTransfer) -> dict[str, Any]:
+    """Return the keyword arguments that make another transfer of the same kind of link and vehicle."""
+    return {
+        "target": transfer.target,
+        "source": transfer.source,
+        "profile": transfer.profile,
+        "timers": transfer.timers,
+        "round_trip": transfer.round_trip,
+    }

@@ -1,0 +1,123 @@
+"""The vehicle's side of the mission protocol as one table.
+
+Each row reads: in this state, on this input, do this and go there. An input is a message already judged
+against the state (whose it is, whether it fits), or a timer. After
+https://mavlink.io/en/services/mission.html and PX4's ``mavlink_mission.cpp``; where ArduPilot does
+otherwise, the profile decides which input a message becomes.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import Final
+
+
+class ServerState(Enum):
+    """What the vehicle is doing."""
+
+    IDLE = "idle"
+    RECEIVING = "receiving a plan"
+    SENDING = "sending a plan"
+
+
+class ServerInput(Enum):
+    """What can happen to it."""
+
+    COUNT = "COUNT that fits"
+    COUNT_EMPTY = "COUNT 0"
+    COUNT_TOO_LARGE = "COUNT beyond the capacity"
+    COUNT_REPEATED = "COUNT again from the partner before item 0 (ArduPilot: at any time)"
+    COUNT_BUSY = "COUNT while a transfer runs"
+    BAD_TYPE = "COUNT, LIST or CLEAR of an unknown plan type"
+    ITEM_NEXT = "the item that was asked for"
+    ITEM_LAST = "the last item that was missing"
+    ITEM_REFUSED = "the item that was asked for, but it cannot be flown"
+    ITEM_OUT_OF_ORDER = "another item than the one asked for"
+    ITEM_WRONG_TYPE = "item of another plan type"
+    ITEM_FOREIGN = "item from another ground station"
+    ITEM_REPEATED = "the item that ended the last upload, again"
+    ITEM_STALE = "an item of the plan that was just received, again"
+    ITEM_UNEXPECTED = "item that nobody asked for"
+    LIST = "LIST"
+    LIST_STATELESS = "LIST (stateless profile)"
+    LIST_BUSY = "LIST while another transfer runs"
+    REQUEST = "REQUEST of the next item or one already sent"
+    REQUEST_STATELESS = "REQUEST of any item (stateless profile)"
+    REQUEST_JUMP = "REQUEST that skips items"
+    REQUEST_BEYOND = "REQUEST beyond the plan"
+    REQUEST_UNEXPECTED = "REQUEST without a LIST"
+    REQUEST_FOREIGN = "REQUEST from another ground station or of another plan type"
+    ACK_DONE = "ACK ACCEPTED from the partner after the last item"
+    ACK_CANCEL = "ACK OPERATION_CANCELLED from the partner"
+    ACK_ERROR = "any other ACK from the partner"
+    ACK_OTHER = "ACK from somebody else, of another type, or too early"
+    CLEAR = "CLEAR_ALL"
+    CLEAR_UNSUPPORTED = "CLEAR_ALL of all types where the profile has none"
+    CLEAR_BUSY = "CLEAR_ALL while a transfer runs"
+    PARTIAL = "REQUEST_PARTIAL_LIST or WRITE_PARTIAL_LIST"
+    IMPLIED_END = "COUNT or CLEAR_ALL from the partner after the last item was sent"
+    ABANDONED = "LIST from the partner before it sent any item"
+    RETRY = "re-request timer"
+    ABORT = "abort timer"
+
+
+_I = ServerInput
+IDLE, RECEIVING, SENDING = ServerState
+
+SERVER_TABLE: Final[dict[tuple[ServerState, ServerInput], tuple[str, ServerState]]] = {
+    # idle
+    (IDLE, _I.COUNT): ("ask_first", RECEIVING),
+    (IDLE, _I.COUNT_EMPTY): ("clear_by_count", IDLE),
+    (IDLE, _I.COUNT_TOO_LARGE): ("refuse_space", IDLE),
+    (IDLE, _I.BAD_TYPE): ("refuse_type", IDLE),
+    (IDLE, _I.ITEM_REPEATED): ("repeat_ack", IDLE),
+    (IDLE, _I.ITEM_STALE): ("ignore", IDLE),
+    (IDLE, _I.ITEM_UNEXPECTED): ("refuse_unexpected_item", IDLE),
+    (IDLE, _I.LIST): ("send_count", SENDING),
+    (IDLE, _I.LIST_STATELESS): ("send_count", IDLE),
+    (IDLE, _I.REQUEST_STATELESS): ("send_item", IDLE),
+    (IDLE, _I.REQUEST_BEYOND): ("answer_beyond", IDLE),
+    (IDLE, _I.REQUEST_UNEXPECTED): ("refuse_request", IDLE),
+    (IDLE, _I.ACK_OTHER): ("ignore", IDLE),
+    (IDLE, _I.CLEAR): ("clear", IDLE),
+    (IDLE, _I.CLEAR_UNSUPPORTED): ("refuse_clear", IDLE),
+    (IDLE, _I.PARTIAL): ("refuse_partial", IDLE),
+    # receiving
+    (RECEIVING, _I.COUNT_REPEATED): ("ask_first", RECEIVING),
+    (RECEIVING, _I.COUNT_BUSY): ("refuse_busy", RECEIVING),
+    (RECEIVING, _I.BAD_TYPE): ("refuse_type", RECEIVING),
+    (RECEIVING, _I.ITEM_NEXT): ("take_item", RECEIVING),
+    (RECEIVING, _I.ITEM_LAST): ("take_last_item", IDLE),
+    (RECEIVING, _I.ITEM_REFUSED): ("refuse_item", IDLE),
+    (RECEIVING, _I.ITEM_OUT_OF_ORDER): ("answer_order", RECEIVING),
+    (RECEIVING, _I.ITEM_WRONG_TYPE): ("refuse_item_type", RECEIVING),
+    (RECEIVING, _I.ITEM_FOREIGN): ("say_busy", RECEIVING),
+    (RECEIVING, _I.LIST_BUSY): ("refuse_list", RECEIVING),
+    (RECEIVING, _I.REQUEST_FOREIGN): ("ignore", RECEIVING),
+    (RECEIVING, _I.ACK_CANCEL): ("end_cancelled", IDLE),
+    (RECEIVING, _I.ACK_OTHER): ("ignore", RECEIVING),
+    (RECEIVING, _I.CLEAR_BUSY): ("say_busy", RECEIVING),
+    (RECEIVING, _I.PARTIAL): ("ignore", RECEIVING),
+    (RECEIVING, _I.ABANDONED): ("end_cancelled", IDLE),
+    (RECEIVING, _I.RETRY): ("ask_again", RECEIVING),
+    (RECEIVING, _I.ABORT): ("abort_upload", IDLE),
+    # sending
+    (SENDING, _I.COUNT_BUSY): ("refuse_busy", SENDING),
+    (SENDING, _I.BAD_TYPE): ("refuse_type", SENDING),
+    (SENDING, _I.ITEM_STALE): ("ignore", SENDING),
+    (SENDING, _I.ITEM_FOREIGN): ("say_busy", SENDING),
+    (SENDING, _I.LIST): ("send_count", SENDING),
+    (SENDING, _I.LIST_BUSY): ("refuse_list", SENDING),
+    (SENDING, _I.REQUEST): ("send_item", SENDING),
+    (SENDING, _I.REQUEST_JUMP): ("refuse_jump", IDLE),
+    (SENDING, _I.REQUEST_BEYOND): ("answer_beyond", SENDING),
+    (SENDING, _I.REQUEST_FOREIGN): ("ignore", SENDING),
+    (SENDING, _I.ACK_DONE): ("end_sent", IDLE),
+    (SENDING, _I.ACK_CANCEL): ("end_cancelled", IDLE),
+    (SENDING, _I.ACK_ERROR): ("end_refused", IDLE),
+    (SENDING, _I.ACK_OTHER): ("ignore", SENDING),
+    (SENDING, _I.CLEAR_BUSY): ("say_busy", SENDING),
+    (SENDING, _I.PARTIAL): ("ignore", SENDING),
+    (SENDING, _I.IMPLIED_END): ("end_sent", IDLE),
+    (SENDING, _I.ABORT): ("abort_download", IDLE),
+}

@@ -1,0 +1,203 @@
+"""Uploading a plan, the ground station's side, sans-IO."""
+
+# ruff: noqa: ARG002 - the actions of the transition table share one signature
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from mission.model import GeoPoint, MissionItem, MissionType
+from mission.transfer import wire
+from mission.transfer.client import ClientTransfer
+from mission.transfer.client_table import CLEARING, CONFIRMING, COUNTING, ClientInput
+from mission.transfer.errors import LocalTransferError
+from mission.transfer.events import Message, Output, PlanState, Progress, UploadComplete
+from mission.transfer.profile import to_wire_order
+
+_I = ClientInput
+_FENCE = range(5000, 5005)
+_RALLY = 5100
+_SHORTEST_TRIP_S = 0.02
+
+
+def check_plan(items: Sequence[MissionItem], mission_type: MissionType) -> None:
+    """Refuse a plan that cannot be sent, before anything is sent.
+
+    Values are finite and in range since `MissionItem` takes no others.
+
+    Raises
+    ------
+    LocalTransferError
+        If there are more than 65534 items, or one that belongs into another kind of plan.
+
+    Examples
+    --------
+    >>> check_plan([MissionItem(5100, 3, x=28.0, y=-82.0)], MissionType.MISSION)
+    Traceback (most recent call last):
+        ...
+    mission.transfer.errors.LocalTransferError: item 0: command 5100 does not belong into a mission plan
+    """
+    if len(items) >= wire.MAX_ITEMS:
+        msg = f"{len(items)} items: MAVLink counts to {wire.MAX_ITEMS}; send a shorter plan"
+        raise LocalTransferError(msg)
+    for sequence, item in enumerate(items):
+        kind = (
+            MissionType.FENCE
+            if item.command in _FENCE
+            else MissionType.RALLY
+            if item.command == _RALLY
+            else MissionType.MISSION
+        )
+        if kind != mission_type:
+            plan = mission_type.name.lower()
+            msg = f"item {sequence}: command {item.command} does not belong into a {plan} plan"
+            raise LocalTransferError(msg)
+
+
+class MissionUpload(ClientTransfer):
+    """Sends a plan; ends with `UploadComplete` or `TransferFailed`.
+
+    An empty plan is sent as MISSION_CLEAR_ALL (PX4 hangs for a while after a COUNT of 0).
+
+    Parameters
+    ----------
+    items : sequence of MissionItem
+        The plan, without a home item.
+    mission_type : MissionType
+        Which plan it is.
+    home : GeoPoint, optional
+        Home position for autopilots that want it as item 0.
+    start_sequence : int
+        The item to mark as current.
+    **options
+        See `mission.transfer.client.ClientTransfer`.
+
+    Raises
+    ------
+    LocalTransferError
+        If the plan cannot be sent.
+
+    Examples
+    --------
+    >>> upload = MissionUpload([MissionItem.waypoint(28.05, -82.15, 10.0)])
+    >>> upload.start(now_s=0.0).messages[0].get_type()
+    'MISSION_COUNT'
+    >>> upload.next_deadline()
+    1.5
+    """
+
+    def __init__(
+        self,
+        items: Sequence[MissionItem],
+        mission_type: MissionType = MissionType.MISSION,
+        *,
+        home: GeoPoint | None = None,
+        start_sequence: int = 0,
+        **options: Any,
+    ) -> None:
+        super().__init__(mission_type, **options)
+        check_plan(items, mission_type)
+        self.items = tuple(items)
+        self._wire = to_wire_order(self.items, mission_type, self.profile, home)
+        self._current = start_sequence + len(self._wire) - len(self.items)
+        self._answered_s: list[float | None] = [None] * len(self._wire)
+        self._repeated: set[int] = set()
+        self._unsent = len(self._wire)
+        self._highest = -1
+        self._last = -1
+        self._opening_input = _I.START_UPLOAD if self._wire else _I.START_CLEAR
+
+    def _item_count(self) -> int:
+        return len(self.items)
+
+    def _opening(self) -> Message:
+        if self._wire:
+            return wire.count(self.target, len(self._wire), self.mission_type)
+        return wire.clear_all(self.target, self.mission_type)
+
+    def _judge(self, message: Message, now_s: float) -> ClientInput:
+        if type(message).id in (wire.REQUEST_INT, wire.REQUEST) and self._state is not CLEARING:
+            if message.seq >= len(self._wire):
+                return _I.STRAY
+            answered_s = self._answered_s[message.seq]
+            if answered_s is None:
+                return _I.REQUEST_LAST if self._unsent == 1 else _I.REQUEST
+            trip_s = max(self.round_trip.seconds or 0.0, _SHORTEST_TRIP_S)
+            return _I.REQUEST_REPEATED if now_s < answered_s + trip_s else _I.REQUEST
+        if type(message).id == wire.ACK:
+            return self._judge_ack(message, accepted=self._state in (CONFIRMING, CLEARING))
+        return _I.STRAY
+
+    def _send_item(self, message: Message, now_s: float) -> Output:
+        sequence = message.seq
+        self._trouble = None
+        answered_s = self._answered_s[sequence]
+        events: tuple[Progress, ...] = ()
+        if answered_s is None:
+            self._measure(sequence, now_s)
+            self._unsent -= 1
+            events = (Progress(self.mission_type, len(self._wire) - self._unsent, len(self._wire)),)
+        else:
+            self._retries += 1
+            self._repeated.add(sequence)
+        if sequence > self._highest:
+            self._highest = sequence
+            self._progress_s = now_s
+        return Output(self._item(sequence, now_s).messages, events)
+
+    def _measure(self, sequence: int, now_s: float) -> None:
+        """Take the round trip from messages that were sent once only (Karn's rule)."""
+        if sequence == 0:
+            if self._openings == 1:
+                self.round_trip.sample(now_s - self._sent_s)
+            return
+        before_s = self._answered_s[sequence - 1]
+        if before_s is not None and sequence - 1 not in self._repeated:
+            self.round_trip.sample(now_s - before_s)
+
+    def _item(self, sequence: int, now_s: float) -> Output:
+        self._last = sequence
+        self._answered_s[sequence] = self._sent_s = now_s
+        message = wire.item_to_message(
+            self._wire[sequence],
+            sequence,
+            self.mission_type,
+            self.target,
+            current=self.mission_type == MissionType.MISSION and sequence == self._current,
+        )
+        return Output((message,))
+
+    def _repeat_item(self, message: Message, now_s: float) -> Output:
+        """Send the item again that was sent last: the item, or the answer to it, was lost."""
+        self._retries += 1
+        self._repeated.add(self._last)
+        return self._item(self._last, now_s)
+
+    def _retry_s(self) -> float:
+        timers = self.timers
+        if self._state is CONFIRMING:
+            return self._sent_s + self.round_trip.wait(timers.reply_s, timers.item_s, timers.reply_s)
+        return self._sent_s + timers.reply_s
+
+    def _give_up_s(self) -> float:
+        if self._state in (COUNTING, CLEARING):
+            return self._opening_limit_s()
+        limit_s = self._progress_s + self.timers.silence_s
+        if self._trouble is not None:
+            limit_s = min(limit_s, self._trouble[1] + 2.0 * self.timers.reply_s)
+        return limit_s
+
+    def _complete(self, message: Message, now_s: float) -> Output:
+        opaque_id = int(getattr(message, "opaque_id", 0))
+        return Output(events=(UploadComplete(self.mission_type, len(self.items), opaque_id),))
+
+    def _plan_state(self) -> PlanState:
+        if self._state is CONFIRMING or self._state is CLEARING:
+            return PlanState.UNKNOWN
+        return PlanState.OLD if self.profile.atomic or self._highest < 0 else PlanState.UNKNOWN
+
+    def _where(self) -> str:
+        if self._state is CONFIRMING:
+            return "after the last item"
+        return "at the start" if self._last < 0 else f"after item {self._last} of {len(self._wire)}"

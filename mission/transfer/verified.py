@@ -1,0 +1,182 @@
+"""Upload, read back and compare: the upload that knows what the vehicle holds, sans-IO.
+
+The last ACK of an upload can be lost, and then the client cannot know whether the plan is in force (the
+two generals' problem). Reading the plan back decides it. The outcomes are:
+
+- `UploadVerified`: the vehicle holds the plan that was sent.
+- `TransferFailed` with ``vehicle_plan`` OLD: the vehicle never had the whole plan, or said no; it keeps
+the old one. - `TransferFailed` with reason DIFFERENT: it was read back and is not the plan that was sent.
+- `TransferFailed` with ``vehicle_plan`` UNKNOWN: the vehicle fell silent after the last item, or during
+the reading.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from mission.model import GeoPoint, MissionItem, MissionType
+from mission.transfer.client import ClientTransfer, RoundTrip, common_options
+from mission.transfer.client_table import READY, ClientState
+from mission.transfer.compare import Difference, compare_plans
+from mission.transfer.download import MissionDownload
+from mission.transfer.errors import LocalTransferError
+from mission.transfer.events import (
+    NOTHING,
+    ClearComplete,
+    DownloadComplete,
+    Event,
+    FailureReason,
+    Message,
+    Output,
+    PlanState,
+    TransferFailed,
+    TransferStatistics,
+    UploadComplete,
+    UploadVerified,
+)
+from mission.transfer.upload import MissionUpload
+
+
+class VerifiedUpload:
+    """Sends a plan, reads it back and compares; used like any other transfer.
+
+    Parameters
+    ----------
+    items : sequence of MissionItem
+        The plan, without a home item.
+    mission_type : MissionType
+        Which plan it is.
+    home : GeoPoint, optional
+        Home position for autopilots that want it as item 0.
+    readings : int
+        How often to read back before a difference is believed (an echo of an older transfer can spoil one).
+    **options
+        See `mission.transfer.client.ClientTransfer`.
+
+    Attributes
+    ----------
+    differences : tuple of Difference
+        What differed in the last reading.
+    """
+
+    def __init__(
+        self,
+        items: Sequence[MissionItem],
+        mission_type: MissionType = MissionType.MISSION,
+        *,
+        home: GeoPoint | None = None,
+        readings: int = 2,
+        **options: Any,
+    ) -> None:
+        options["round_trip"] = options.get("round_trip") or RoundTrip()
+        upload = MissionUpload(items, mission_type, home=home, **options)
+        self.mission_type = mission_type
+        self.items = upload.items
+        self.differences: tuple[Difference, ...] = ()
+        self._upload = upload
+        self._part: ClientTransfer = upload
+        self._parts: list[ClientTransfer] = [upload]
+        self._readings = readings
+        self._verified = False
+        self._confirmed = False
+
+    @property
+    def state(self) -> ClientState:
+        """The state of the part that is running."""
+        return self._part.state
+
+    @property
+    def target(self) -> tuple[int, int]:
+        """System and component id of the vehicle."""
+        return self._upload.target
+
+    @property
+    def done(self) -> bool:
+        """Whether everything is over, well or not."""
+        return self._part.done
+
+    def start(self, now_s: float) -> Output:
+        """Begin the upload."""
+        return self._part.start(now_s)
+
+    def receive(self, message: Message, now_s: float) -> Output:
+        """Take one message."""
+        return self._go_on(self._part.receive(message, now_s), now_s)
+
+    def poll(self, now_s: float) -> Output:
+        """Act on the timers that are due."""
+        return self._go_on(self._part.poll(now_s), now_s)
+
+    def next_deadline(self) -> float | None:
+        """When `poll` has something to do, None before the start and after the end."""
+        return self._part.next_deadline()
+
+    def cancel(self, now_s: float) -> Output:
+        """Break off and tell the vehicle; LocalTransferError if it is over."""
+        if self.done:
+            msg = "this upload is over; there is nothing to cancel"
+            raise LocalTransferError(msg)
+        return self._go_on(self._part.cancel(now_s), now_s)
+
+    def statistics(self, now_s: float | None = None) -> TransferStatistics:
+        """What upload and reading have cost together."""
+        parts = [part.statistics(now_s) for part in self._parts if part.state is not READY]
+        return TransferStatistics(
+            self.mission_type,
+            len(self.items),
+            sum(part.messages_sent for part in parts),
+            sum(part.messages_received for part in parts),
+            sum(part.retries for part in parts),
+            sum(part.duration_s for part in parts),
+            self._verified,
+        )
+
+    def _go_on(self, output: Output, now_s: float) -> Output:
+        """Replace the end of a part by what follows from it."""
+        if not self._part.done or not output.events:
+            return output
+        *events, end = output.events
+        following = self._after(end, now_s)
+        return Output(output.messages, tuple(events)) + following
+
+    def _after(self, end: Event, now_s: float) -> Output:
+        if isinstance(end, UploadComplete | ClearComplete):
+            self._confirmed = True
+            return self._read_back(now_s)
+        if isinstance(end, DownloadComplete):
+            return self._compare(end, now_s)
+        if isinstance(end, TransferFailed):
+            return self._after_failure(end, now_s)
+        return NOTHING
+
+    def _after_failure(self, failed: TransferFailed, now_s: float) -> Output:
+        cancelled = failed.reason is FailureReason.CANCELLED
+        if self._part is self._upload:
+            if failed.vehicle_plan is PlanState.UNKNOWN and not cancelled:
+                return self._read_back(now_s)
+            return Output(events=(failed,))
+        text = f"the {self.mission_type.name.lower()} was sent but not verified: {failed.text}"
+        return Output(events=(replace(failed, text=text, vehicle_plan=PlanState.UNKNOWN),))
+
+    def _read_back(self, now_s: float) -> Output:
+        self._part = MissionDownload(self.mission_type, **common_options(self._upload))
+        self._parts.append(self._part)
+        return self._part.start(now_s)
+
+    def _compare(self, received: DownloadComplete, now_s: float) -> Output:
+        self.differences = compare_plans(self.items, received.items, self._upload.profile)
+        if not self.differences:
+            self._verified = True
+            return Output(events=(UploadVerified(self.mission_type, len(self.items)),))
+        self._readings -= 1
+        if self._readings > 0:
+            return self._read_back(now_s)
+        number = len(self.differences)
+        plan = self.mission_type.name.lower()
+        text = f"the vehicle does not hold the {plan} that was sent: {self.differences[0]}"
+        if number > 1:
+            text += f" (and {number - 1} more)"
+        state = PlanState.UNKNOWN if self._confirmed or not self._upload.profile.atomic else PlanState.OLD
+        return Output(events=(TransferFailed(self.mission_type, FailureReason.DIFFERENT, text, None, state),))

@@ -46,13 +46,13 @@ def plan_command(
     quiet: options.Quiet = False,
 ) -> None:
     """Plan a mission within a budget and say what it takes: length, time, coverage, battery."""
-    from mission.files import check_writable, write_mission
+    from mission.files import write_mission, writer_for
     from wbf_mission.planning import plan
     from wbf_mission.scenario import Scenario, load_scenario, scenario_with
 
     output = Output(as_json=json, quiet=quiet)
     if out is not None:
-        check_writable(out)
+        writer_for(out)
     base = load_scenario(scenario) if scenario else Scenario()
     chosen = scenario_with(
         base,

@@ -60,11 +60,11 @@ def download_command(
     quiet: options.Quiet = False,
 ) -> None:
     """Download the mission, the fence and the rally points of a vehicle into a file."""
-    from mission.files import check_writable, write_mission
+    from mission.files import write_mission, writer_for
     from wbf_mission.ground_link import download_mission
 
     output = Output(as_json=json, quiet=quiet)
-    check_writable(out)
+    writer_for(out)
     with output.progress() as progress:
         mission, report = download_mission(connect, wait_s=wait, progress=progress, note=output.note)
     write_mission(mission, out)

@@ -1,0 +1,440 @@
+"""The ground station: uploads the mission, arms, starts, listens until the flight is over. Sans-IO, like the vehicle."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.link.dialect import mavlink as m
+from mission.model import Command, Mission, MissionType
+from mission.transfer import (
+    CLIENT_MESSAGES,
+    Output,
+    Progress,
+    TransferFailed,
+    TransferStatistics,
+    UploadVerified,
+    VerifiedUpload,
+    profile_for,
+)
+from sensors.messages import ObservationAssembler
+
+GROUND_SYSTEM_ID = 255
+GROUND_COMPONENT_ID = int(m.MAV_COMP_ID_MISSIONPLANNER)
+_HEARTBEAT_S = 1.0
+_CONTACT_S = 30.0
+_COMMAND_RETRY_S = 1.0
+_COMMAND_TRIES = 4
+_FETCH_S = 0.5
+_FETCH_ROUNDS = 20
+_FETCH_AT_ONCE = 50
+_COMPLETE = 5  # MISSION_STATE_COMPLETE
+_WARNING = 4  # MAV_SEVERITY_WARNING
+_RETURNS = frozenset({int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_LAND)})
+
+
+class Phase(Enum):
+    """What the ground station is at."""
+
+    CONTACT = "waiting for the vehicle"
+    UPLOAD = "uploading"
+    ARM = "arming"
+    START = "starting the mission"
+    FLIGHT = "flying"
+    FETCH = "fetching lost pictures"
+    DONE = "done"
+
+
+class Outcome(Enum):
+    """How a run ended."""
+
+    RUNNING = "running"
+    COMPLETED = "completed"
+    NO_CONTACT = "no_contact"
+    UPLOAD_FAILED = "upload_failed"
+    ARMING_REFUSED = "arming_refused"
+    MISSION_REJECTED = "mission_rejected"
+    CANNOT_FLY_ITEM = "cannot_fly_item"
+    BATTERY_LOW = "battery_low"
+    BATTERY_DEPLETED = "battery_depleted"
+    FLIGHT_ABORTED = "flight_aborted"
+    TIME_LIMIT = "time_limit"
+    INTERRUPTED = "interrupted"
+
+    @property
+    def is_good(self) -> bool:
+        """Whether the whole mission was flown."""
+        return self is Outcome.COMPLETED
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of a command whose run ended so."""
+        return {Outcome.COMPLETED: 0, Outcome.INTERRUPTED: 130}.get(self, 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """Where the vehicle was, by its own GLOBAL_POSITION_INT.
+
+    Parameters
+    ----------
+    time_s : float64[n]
+        Seconds since the run began.
+    latitude_deg, longitude_deg, altitude_m : float64[n]
+        Position; altitude above home.
+    x_m, y_m : float64[n]
+        Position in the farm frame.
+    """
+
+    time_s: NDArray[np.float64]
+    latitude_deg: NDArray[np.float64]
+    longitude_deg: NDArray[np.float64]
+    altitude_m: NDArray[np.float64]
+    x_m: NDArray[np.float64]
+    y_m: NDArray[np.float64]
+
+    @property
+    def length_m(self) -> float:
+        """Length over ground."""
+        return float(np.hypot(np.diff(self.x_m), np.diff(self.y_m)).sum())
+
+
+@dataclass(slots=True)
+class _Order:
+    """A command that is repeated until it is answered."""
+
+    command: int
+    params: tuple[float, ...]
+    tries: int = 0
+    due_s: float = -math.inf
+
+
+@dataclass(slots=True)
+class Battery:
+    """What the vehicle told about its battery."""
+
+    remaining: float | None = None
+    consumed_wh: float | None = None
+
+
+class GroundStation:
+    """Flies one mission: waits for the vehicle, uploads and verifies, arms, starts, and listens until it is over.
+
+    Parameters
+    ----------
+    mission : Mission
+        Fence and rally points go up before the mission.
+    assembler : ObservationAssembler or None
+        Turns the camera's messages into observations.
+    vehicle_system_id : int
+    on_progress : callable, optional
+        ``on_progress(phase, done, total)`` as items cross.
+
+    Attributes
+    ----------
+    phase : Phase
+    outcome : Outcome
+    reason : str
+        Why it ended so, in the vehicle's words where it said any.
+    transfers : list of TransferStatistics
+    texts : list of (float, int, str)
+        STATUSTEXTs: time, severity, text.
+    """
+
+    system_id = GROUND_SYSTEM_ID
+    component_id = GROUND_COMPONENT_ID
+
+    def __init__(
+        self,
+        mission: Mission,
+        assembler: ObservationAssembler | None = None,
+        *,
+        vehicle_system_id: int = 1,
+        on_progress: Callable[[Phase, int, int], None] | None = None,
+    ) -> None:
+        self.mission = mission
+        self.phase = Phase.CONTACT
+        self.outcome = Outcome.RUNNING
+        self.reason = ""
+        self.transfers: list[TransferStatistics] = []
+        self.texts: list[tuple[float, int, str]] = []
+        self.battery = Battery()
+        self.started_s: float | None = None
+        self.ended_s: float | None = None
+        self._assembler = assembler
+        self._vehicle = (vehicle_system_id, int(m.MAV_COMP_ID_AUTOPILOT1))
+        self._on_progress = on_progress
+        self._autopilot = 0
+        self._armed = False
+        self._flew = False
+        self._mission_state = 0
+        self._first_s: float | None = None
+        self._heartbeat_s = -math.inf
+        self._order: _Order | None = None
+        self._transfer: VerifiedUpload | None = None
+        self._plans = deque(
+            kind
+            for kind in (MissionType.FENCE, MissionType.RALLY, MissionType.MISSION)
+            if mission.plan(kind) or kind is MissionType.MISSION
+        )
+        self._fetch_s = math.inf
+        self._fetch_rounds = 0
+        self._fixes: list[tuple[int, int, int, int]] = []
+        self._returns = any(item.command in _RETURNS for item in mission.items)
+        self._handlers: dict[int, Callable[[Any, float], list[Any]]] = {
+            m.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
+            m.MAVLINK_MSG_ID_COMMAND_ACK: self._on_ack,
+            m.MAVLINK_MSG_ID_STATUSTEXT: self._on_text,
+            m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._on_position,
+            m.MAVLINK_MSG_ID_BATTERY_STATUS: self._on_battery,
+            m.MAVLINK_MSG_ID_MISSION_CURRENT: self._on_mission_current,
+            **dict.fromkeys(CLIENT_MESSAGES, self._on_transfer),
+        }
+        if assembler is not None:
+            self._handlers[m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED] = self._on_picture
+            self._handlers[m.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY] = self._on_picture
+        self.wanted: frozenset[int] | None = frozenset(self._handlers)
+
+    @property
+    def done(self) -> bool:
+        """Whether nothing more is to come."""
+        return self.phase is Phase.DONE
+
+    @property
+    def flight_time_s(self) -> float:
+        """From the start of the mission to its end, or to the last fix."""
+        if self.started_s is None:
+            return 0.0
+        end_s = self.ended_s if self.ended_s is not None else self._last_fix_s()
+        return max(0.0, end_s - self.started_s)
+
+    def receive(self, message: Any, now_s: float) -> list[Any]:
+        """Take one message and return the answers."""
+        handler = self._handlers.get(type(message).id)
+        return handler(message, now_s) if handler is not None else []
+
+    def poll(self, now_s: float) -> list[Any]:
+        """Send what is due: heartbeat, repeated commands, the transfer's timers, requests for lost pictures."""
+        out: list[Any] = []
+        if self._first_s is None:
+            self._first_s = now_s
+        if now_s >= self._heartbeat_s:
+            self._heartbeat_s = now_s + _HEARTBEAT_S
+            out.append(m.MAVLink_heartbeat_message(m.MAV_TYPE_GCS, m.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3))
+        if self.phase is Phase.CONTACT and now_s - self._first_s > _CONTACT_S:
+            self._end(Outcome.NO_CONTACT, f"no heartbeat of system {self._vehicle[0]} in {_CONTACT_S:.0f} s", now_s)
+        if self._transfer is not None and self.phase is Phase.UPLOAD:
+            deadline_s = self._transfer.next_deadline()
+            if deadline_s is not None and deadline_s <= now_s:
+                out += self._take(self._transfer.poll(now_s), now_s)
+        if self._order is not None and now_s >= self._order.due_s:
+            out += self._send_order(now_s)
+        if self.phase is Phase.FETCH and now_s >= self._fetch_s:
+            out += self._fetch(now_s)
+        return out
+
+    def next_deadline(self) -> float:
+        """When `poll` has something to do."""
+        if self.done:
+            return math.inf
+        deadline_s = self._heartbeat_s
+        if self._order is not None:
+            deadline_s = min(deadline_s, self._order.due_s)
+        if self._transfer is not None and (transfer_s := self._transfer.next_deadline()) is not None:
+            deadline_s = min(deadline_s, transfer_s)
+        return min(deadline_s, self._fetch_s) if self.phase is Phase.FETCH else deadline_s
+
+    def interrupt(self, outcome: Outcome, reason: str, now_s: float) -> None:
+        """End the run from outside; what was received is kept."""
+        if not self.done:
+            self._end(outcome, reason, now_s)
+
+    def track(self, frame: Any) -> Track:
+        """Return what was flown since the start, in WGS84 and in ``frame`` (a LocalFrame)."""
+        fixes = np.array(self._fixes, dtype=np.float64).reshape(-1, 4)
+        latitude, longitude = fixes[:, 1] / 1e7, fixes[:, 2] / 1e7
+        x_m, y_m = frame.from_wgs84(latitude, longitude)
+        return Track(fixes[:, 0] / 1e3, latitude, longitude, fixes[:, 3] / 1e3, x_m, y_m)
+
+    # What arrives.
+
+    def _on_heartbeat(self, message: Any, now_s: float) -> list[Any]:
+        if not self._is_vehicle(message):
+            return []
+        self._armed = bool(message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
+        self._flew |= self._armed and self.phase is Phase.FLIGHT
+        if self.phase is Phase.CONTACT:
+            self._autopilot = message.autopilot
+            return self._next_upload(now_s)
+        if self.phase is Phase.FLIGHT and self._flew and not self._armed:
+            if self._mission_state == _COMPLETE:
+                self._land(Outcome.COMPLETED, "", now_s)
+            else:
+                self._land(Outcome.FLIGHT_ABORTED, self._last_warning("disarmed before the mission's end"), now_s)
+        return []
+
+    def _on_mission_current(self, message: Any, now_s: float) -> list[Any]:
+        if self._is_vehicle(message):
+            self._mission_state = message.mission_state
+            if self.phase is Phase.FLIGHT and self._mission_state == _COMPLETE and not self._returns:
+                self._land(Outcome.COMPLETED, "", now_s)
+        return []
+
+    def _on_position(self, message: Any, now_s: float) -> list[Any]:  # noqa: ARG002
+        if self.phase is Phase.FLIGHT and self._is_vehicle(message):
+            self._fixes.append((message.time_boot_ms, message.lat, message.lon, message.relative_alt))
+        return []
+
+    def _on_battery(self, message: Any, now_s: float) -> list[Any]:  # noqa: ARG002
+        if self._is_vehicle(message):
+            if message.battery_remaining >= 0:
+                self.battery.remaining = message.battery_remaining / 100.0
+            if message.energy_consumed >= 0:
+                self.battery.consumed_wh = message.energy_consumed * 100.0 / 3600.0
+        return []
+
+    def _on_text(self, message: Any, now_s: float) -> list[Any]:
+        if len(self.texts) < 10_000:
+            self.texts.append((now_s, message.severity, message.text))
+        return []
+
+    def _on_picture(self, message: Any, now_s: float) -> list[Any]:  # noqa: ARG002
+        assert self._assembler is not None
+        self._assembler.add(message)
+        return []
+
+    def _on_transfer(self, message: Any, now_s: float) -> list[Any]:
+        if self._transfer is None or self.phase is not Phase.UPLOAD:
+            return []
+        return self._take(self._transfer.receive(message, now_s), now_s)
+
+    def _on_ack(self, message: Any, now_s: float) -> list[Any]:
+        order = self._order
+        if order is None or message.command != order.command or not self._is_vehicle(message):
+            return []
+        if message.result == m.MAV_RESULT_IN_PROGRESS:
+            order.due_s = now_s + 3.0 * _COMMAND_RETRY_S
+            return []
+        if message.result != m.MAV_RESULT_ACCEPTED:
+            if message.result == m.MAV_RESULT_TEMPORARILY_REJECTED and order.tries < _COMMAND_TRIES:
+                return []
+            self._refused(_result_name(message.result), now_s)
+            return []
+        self._order = None
+        if self.phase is Phase.ARM:
+            return self._give_order(Phase.START, int(m.MAV_CMD_MISSION_START), (0.0, 0.0), now_s)
+        if self.phase is Phase.START:
+            self.phase = Phase.FLIGHT
+            self.started_s = now_s
+        return []
+
+    # What follows.
+
+    def _next_upload(self, now_s: float) -> list[Any]:
+        if not self._plans:
+            return self._give_order(Phase.ARM, int(m.MAV_CMD_COMPONENT_ARM_DISARM), (1.0,), now_s)
+        kind = self._plans.popleft()
+        self.phase = Phase.UPLOAD
+        self._transfer = VerifiedUpload(
+            self.mission.plan(kind),
+            kind,
+            home=self.mission.home,
+            target=self._vehicle,
+            source=(self.system_id, self.component_id),
+            profile=profile_for(self._autopilot),
+        )
+        return self._take(self._transfer.start(now_s), now_s)
+
+    def _take(self, output: Output, now_s: float) -> list[Any]:
+        out = list(output.messages)
+        for event in output.events:
+            if isinstance(event, Progress) and self._on_progress is not None:
+                self._on_progress(Phase.UPLOAD, event.done, event.total)
+            elif isinstance(event, UploadVerified):
+                self._keep_statistics(now_s)
+                out += self._next_upload(now_s)
+            elif isinstance(event, TransferFailed):
+                self._keep_statistics(now_s)
+                self._end(Outcome.UPLOAD_FAILED, self._last_warning(event.text), now_s)
+        return out
+
+    def _keep_statistics(self, now_s: float) -> None:
+        if self._transfer is not None:
+            self.transfers.append(self._transfer.statistics(now_s))
+            self._transfer = None
+
+    def _give_order(self, phase: Phase, command: int, params: tuple[float, ...], now_s: float) -> list[Any]:
+        self.phase = phase
+        self._order = _Order(command, params)
+        return self._send_order(now_s)
+
+    def _send_order(self, now_s: float) -> list[Any]:
+        order = self._order
+        assert order is not None
+        if order.tries >= _COMMAND_TRIES:
+            self._refused("no answer", now_s)
+            return []
+        confirmation = order.tries
+        order.tries += 1
+        order.due_s = now_s + _COMMAND_RETRY_S
+        params = (*order.params, *([0.0] * (7 - len(order.params))))
+        return [m.MAVLink_command_long_message(*self._vehicle, order.command, confirmation, *params)]
+
+    def _refused(self, why: str, now_s: float) -> None:
+        outcome = Outcome.ARMING_REFUSED if self.phase is Phase.ARM else Outcome.MISSION_REJECTED
+        self._order = None
+        self._end(outcome, self._last_warning(why), now_s)
+
+    def _land(self, outcome: Outcome, reason: str, now_s: float) -> None:
+        """The flight is over: ask for pictures that were lost on the way, if any."""
+        self.outcome, self.reason, self.ended_s = outcome, reason, now_s
+        if self._assembler is not None and self._assembler.missing():
+            self.phase = Phase.FETCH
+            self._fetch_s = now_s
+        else:
+            self.phase = Phase.DONE
+
+    def _fetch(self, now_s: float) -> list[Any]:
+        assert self._assembler is not None
+        missing = self._assembler.missing()[:_FETCH_AT_ONCE]
+        self._fetch_rounds += 1
+        if not missing or self._fetch_rounds > _FETCH_ROUNDS:
+            self.phase = Phase.DONE
+            return []
+        self._fetch_s = now_s + _FETCH_S
+        camera = (self._vehicle[0], int(m.MAV_COMP_ID_CAMERA))
+        wanted = float(m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED)
+        return [
+            m.MAVLink_command_long_message(
+                *camera, int(m.MAV_CMD_REQUEST_MESSAGE), 0, wanted, float(index), 0.0, 0.0, 0.0, 0.0, 0.0
+            )
+            for index in missing
+        ]
+
+    def _end(self, outcome: Outcome, reason: str, now_s: float) -> None:
+        self.outcome, self.reason, self.phase = outcome, reason, Phase.DONE
+        if self.ended_s is None:
+            self.ended_s = now_s
+
+    def _is_vehicle(self, message: Any) -> bool:
+        return (message.get_srcSystem(), message.get_srcComponent()) == self._vehicle
+
+    def _last_warning(self, otherwise: str) -> str:
+        """Return the vehicle's latest warning, which says more than a result code, or ``otherwise``."""
+        warnings = [text for _, severity, text in self.texts if severity <= _WARNING]
+        return warnings[-1] if warnings else otherwise
+
+    def _last_fix_s(self) -> float:
+        return self._fixes[-1][0] / 1e3 if self._fixes else (self.started_s or 0.0)
+
+
+def _result_name(result: int) -> str:
+    entry = m.enums["MAV_RESULT"].get(result)
+    return entry.name.removeprefix("MAV_RESULT_").lower().replace("_", " ") if entry else f"result {result}"

@@ -133,7 +133,7 @@ class LeafCameraComponent:
 
     def receive(self, message: Message, now_s: float) -> list[Message]:  # noqa: ARG002
         """Follow the telemetry, obey commands; return pictures and answers."""
-        kind = message.id
+        kind = type(message).id
         if kind == mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
             return self._position(message) if self._from_autopilot(message) else []
         if kind in (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT):

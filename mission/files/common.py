@@ -94,8 +94,17 @@ def wrong_kind(data: bytes, expected: str) -> MissionFileError:
     return MissionFileError(f"this is {found}, not {expected}; {advice}")
 
 
-def decode_json(data: bytes, decoder: msgspec.json.Decoder[T]) -> T:
+def decode_json(data: bytes, decoder: msgspec.json.Decoder[T], path: str = "") -> T:
     """Decode strict JSON (no NaN, no Infinity, no comments) into typed structures.
+
+    Parameters
+    ----------
+    data : bytes
+        The whole file, or a part of it.
+    decoder : msgspec.json.Decoder
+        Made once for the type.
+    path : str
+        Where in the file the part stands, for error messages.
 
     Raises
     ------
@@ -107,8 +116,8 @@ def decode_json(data: bytes, decoder: msgspec.json.Decoder[T]) -> T:
         return decoder.decode(data)
     except msgspec.ValidationError as error:
         what, _, where = str(error).rpartition(" - at `$")
-        where = where.strip("`").removeprefix(".")
-        msg = f"{where}: {what}" if what else str(error)
+        where = (path + where.strip("`")).removeprefix(".")
+        msg = f"{where}: {what or error}" if what or path else str(error)
         raise MissionFileError(one_line(msg)) from None
     except RecursionError:
         raise MissionFileError("the JSON is nested too deeply; no mission file is") from None

@@ -42,11 +42,11 @@ class Circle(msgspec.Struct):
 class GeoFence(msgspec.Struct):
     """The object ``geoFence`` of a plan, version 2."""
 
-    version: int = 2
     polygons: list[Polygon] = []
     circles: list[Circle] = []
     breach_return: tuple[float, float, float] | None = msgspec.field(default=None, name="breachReturn")
-    polygon: list[msgspec.Raw] = []  # version 1, which QGroundControl itself no longer reads
+    # Version 1, which QGroundControl itself no longer reads.
+    polygon: msgspec.Raw = msgspec.Raw(b"[]")
 
 
 def items_of(fence: GeoFence) -> tuple[MissionItem, ...]:
@@ -58,10 +58,8 @@ def items_of(fence: GeoFence) -> tuple[MissionItem, ...]:
         If a polygon has fewer than three vertices, a radius is not positive, a place is impossible, or the
         fence is of the old version 1.
     """
-    if fence.polygon:
-        msg = (
-            f"geoFence: version {fence.version} is too old to be read; draw the fence again in QGroundControl"
-        )
+    if bytes(fence.polygon) not in (b"[]", b"null"):
+        msg = "geoFence: a fence of version 1 is too old to be read; draw it again in QGroundControl"
         raise MissionFileError(msg)
     items = []
     for index, polygon in enumerate(fence.polygons):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import msgspec
 from msgspec import Meta
@@ -36,6 +36,7 @@ from mission.files.common import (
 from mission.model import MAX_ITEMS, Command, Frame, GeoPoint, Mission, MissionItem
 
 _Number = float | None
+T = TypeVar("T")
 _ALTITUDE_MODES = {Frame.GLOBAL_RELATIVE_ALT: 1, Frame.GLOBAL: 2, Frame.GLOBAL_TERRAIN_ALT: 4}
 _MIXED = 0
 
@@ -76,12 +77,16 @@ class _Rally(msgspec.Struct):
 class _Plan(msgspec.Struct):
     version: int
     mission: _Mission
-    fence: fences.GeoFence | None = msgspec.field(default=None, name="geoFence")
-    rally: _Rally | None = msgspec.field(default=None, name="rallyPoints")
+    fence: msgspec.Raw = msgspec.field(default=msgspec.Raw(b"null"), name="geoFence")
+    rally: msgspec.Raw = msgspec.field(default=msgspec.Raw(b"null"), name="rallyPoints")
 
 
 _PLAN = msgspec.json.Decoder(_Plan)
+_FENCE = msgspec.json.Decoder(fences.GeoFence | None)
+_RALLY = msgspec.json.Decoder(_Rally | None)
 _ANY_JSON = msgspec.json.Decoder(msgspec.Raw)
+# Vertices are so short that a hostile file could hold millions; autopilots store some hundreds.
+_MAX_PART_BYTES = 8 * 2**20
 
 
 def loads(data: bytes) -> Mission:
@@ -122,13 +127,24 @@ def loads(data: bytes) -> Mission:
         )
         if value is not None
     }
+    fence = _part(plan.fence, _FENCE, "geoFence")
+    rally = _part(plan.rally, _RALLY, "rallyPoints")
     return make_mission(
         _items(plan.mission.items),
         _home(plan.mission.home),
-        fence=() if plan.fence is None else fences.items_of(plan.fence),
-        rally=() if plan.rally is None else _rally_items(plan.rally),
+        fence=() if fence is None else fences.items_of(fence),
+        rally=() if rally is None else _rally_items(rally),
         **speeds,
     )
+
+
+def _part(raw: msgspec.Raw, decoder: msgspec.json.Decoder[T], name: str) -> T:
+    data = bytes(raw)
+    if len(data) > _MAX_PART_BYTES:
+        size, most = len(data) / 2**20, _MAX_PART_BYTES / 2**20
+        msg = f"{name}: {size:.0f} MiB, at most {most:.0f} are read; simplify it"
+        raise MissionFileError(msg)
+    return decode_json(data, decoder, name)
 
 
 def _flat(items: list[_Simple | _Complex]) -> Iterator[tuple[str, _Simple]]:

@@ -39,6 +39,7 @@ from mission.model import MAX_ITEMS, Command, Frame, GeoPoint, Mission, MissionI
 _FENCE = frozenset(range(5000, 5005))
 _RALLY = frozenset({5100})
 _LONGEST_LINE = 2000
+_MOST_LINES = 500_000
 _COLUMNS = (
     *("seq", "current", "frame", "command", "param1", "param2", "param3", "param4"),
     *("x (latitude)", "y (longitude)", "z (altitude)", "autocontinue"),
@@ -92,6 +93,10 @@ def loads(data: bytes) -> Mission:
     """
     if kind_of(data) != WAYPOINTS_KIND:
         raise wrong_kind(data, WAYPOINTS_KIND)
+    if data.count(b"\n") + data.count(b"\r") > _MOST_LINES:
+        raise MissionFileError(
+            f"more than {_MOST_LINES} lines; no mission of {MAX_ITEMS} items needs so many"
+        )
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -261,7 +261,7 @@ ITEM = ("mission", "items", 0)
         (("geoFence", "polygons", 0, "polygon"), [[1, 2]], "geoFence.polygons[0]: 1 vertices"),
         (("geoFence", "polygons", 0, "polygon", 1), [1, 200], "geoFence.polygons[0].polygon[1]"),
         (("geoFence", "circles", 0, "circle", "radius"), 0, "geoFence.circles[0]: radius"),
-        (("geoFence", "polygon"), [[1, 2]], "draw the fence again"),
+        (("geoFence", "polygon"), [[1, 2]], "draw it again"),
         (("rallyPoints", "points", 0), [1, 2], "rallyPoints.points[0]"),
         (
             ("rallyPoints", "points", 0, 0),
@@ -318,3 +318,9 @@ def test_too_many_items():
     text = plan.dumps(Mission(())).replace('"items": []', f'"items": [{items}]')
     with pytest.raises(MissionFileError, match=r"mission\.items\[65535\]: more than 65535"):
         plan.loads(text.encode())
+
+
+def test_too_large_a_fence():
+    text = json.dumps(document() | {"geoFence": {"polygons": [{"polygon": ["VERTICES"]}]}})
+    with pytest.raises(MissionFileError, match="geoFence: 9 MiB, at most 8"):
+        plan.loads(text.replace('"VERTICES"', ",".join(["[1,2]"] * 1_572_864)).encode())

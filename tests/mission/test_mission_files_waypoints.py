@@ -196,6 +196,11 @@ def test_too_many_rows():
             read(text)
 
 
+def test_too_many_lines():
+    with pytest.raises(MissionFileError, match="more than 500000 lines"):
+        read("#\n" * 500_000)
+
+
 def test_one_plan_a_file():
     item = MissionItem.waypoint(1.0, 2.0, 3.0)
     fence = (MissionItem(5003, 0, 5.0, x=1.0, y=2.0),)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 CAMERA_COMPONENT_ID = 100
 RING_PICTURES = 4096
-MIN_DISTANCE_M = 0.02
+MIN_DISTANCE_M = 0.01
 MIN_INTERVAL_S = 0.01
 MAX_INTERVAL_S = 86_400.0
 _HEARTBEAT_S = 1.0
@@ -146,7 +146,7 @@ class LeafCameraComponent:
                 self.trigger.stop()
             self._armed = armed
         elif kind == mavlink.MAVLINK_MSG_ID_SYSTEM_TIME:
-            known = message.time_unix_usec > _UNIX_US
+            known = _UNIX_US < message.time_unix_usec < 2**62
             self._utc_offset_us = message.time_unix_usec - message.time_boot_ms * 1000 if known else None
         elif kind == mavlink.MAVLINK_MSG_ID_CAMERA_TRIGGER:
             self._external_trigger(message)

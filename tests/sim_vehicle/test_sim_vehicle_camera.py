@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import struct
 from typing import Any
 
 import numpy as np
@@ -137,11 +136,10 @@ def test_the_cell_read_is_that_of_the_reported_position() -> None:
                 shots += 1
                 x_m, y_m = farm.frame.from_wgs84(message.lat / 1e7, message.lon / 1e7)
                 ix, iy = farm.cell_of(x_m, y_m)
-                values = next(m for m in report if m.name == "WBF_LEAF" and m.array_id == message.image_index)
+                values = next(m for m in report if getattr(m, "array_id", -1) == message.image_index)
                 assert values.data[3:6] == [ix, iy, 6.0]
                 assert values.time_usec // 1000 == message.time_boot_ms
                 assert values.data[0] == message.image_index
-            report = []
         seen = assembler.take()
         assert len(seen) == shots == assembler.statistics.pictures
         np.testing.assert_array_equal(seen.values[:, 0], seen.x)
@@ -249,7 +247,6 @@ def test_no_position_no_picture() -> None:
         (2000, (99.0, 1.0, 1)),
         (2001, (99.0,)),
         (530, (0, 1.0)),
-        (530, (0, float("nan"))),
         (512, (263.0, 5.0)),
         (512, (263.0, -1.0)),
         (512, (263.0, float("nan"))),
@@ -259,11 +256,7 @@ def test_no_position_no_picture() -> None:
 def test_refusals(number: int, p: tuple[float, ...]) -> None:
     camera = ready()
     result, rest = ask(camera, number, *p)
-    refused = {
-        mavlink.MAV_RESULT_DENIED,
-        mavlink.MAV_RESULT_ACCEPTED if (number, p[:1]) == (530, (0,)) else -1,
-    }
-    assert result in refused
+    assert result == mavlink.MAV_RESULT_DENIED
     assert rest == []
     assert not camera.capturing
 
@@ -341,9 +334,7 @@ def test_a_lost_picture_comes_again_with_its_readings() -> None:
     for number, p in ((512, (263, 7)), (2002, (7,))):
         result, again = ask(camera, number, *p)
         assert result == mavlink.MAV_RESULT_ACCEPTED
-        assert [m.get_payload() if hasattr(m, "get_payload") else 0 for m in again] == [
-            m.get_payload() for m in first
-        ]
+        assert [m.get_payload() for m in again] == [m.get_payload() for m in first]
     assembler = ObservationAssembler(FARM, day=6)
     for message in flown:
         if getattr(message, "array_id", -1) != 7:
@@ -424,7 +415,7 @@ def test_pictures_off_the_farm_hold_no_values() -> None:
     assert all(map(math.isnan, values.data[3:6]))
 
 
-def test_telemetry_in_any_chunks_gives_the_same_flight() -> None:
+def test_the_same_telemetry_gives_the_same_bytes() -> None:
     a, b = ready(), ready()
     ask(a, 206, 0.4)
     ask(b, 206, 0.4)
@@ -471,7 +462,4 @@ def test_whatever_arrives_every_answer_can_be_sent(steps: list[Any]) -> None:
             message = wire(mavlink.MAVLink_camera_trigger_message(*p))
         else:
             message = wire(mavlink.MAVLink_system_time_message(*p))
-        try:
-            sent(camera.receive(message, 0.0))
-        except struct.error as error:
-            pytest.fail(f"{kind} {p}: {error}")
+        sent(camera.receive(message, 0.0))

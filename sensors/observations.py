@@ -301,7 +301,7 @@ def _from_columns(columns: list[NDArray[Any]]) -> Observations:
         _whole(y, "y"),
         time_s,
         _whole(day, "day"),
-        np.stack(values, axis=1).astype(np.float32),
+        _numbers(np.stack(values, axis=1), "values", np.float32),
     )
 
 

@@ -11,7 +11,7 @@ from sensors.errors import EstimatorError
 from sensors.estimators.base import BaseEstimator
 from sensors.estimators.growing import GrowingArray
 from sensors.estimators.posterior_exact import ExactPosterior
-from sensors.estimators.posterior_tiled import TiledPosterior
+from sensors.estimators.posterior_tiled import TILE_CELLS, TiledPosterior
 from sensors.estimators.rbf import Floats, RbfKernel, fit_kernel
 from sensors.fields import DEFAULT_VALUES, FIELDS
 from sensors.information import InformationModel
@@ -62,7 +62,7 @@ class GaussianProcessEstimator(BaseEstimator):
     memory_limit_mb : float
         What the exact posterior may take, in MiB.
     max_points : int
-        How many observed cells one tile of the local posterior uses at most.
+        How many observed cells a tile of the local posterior uses at most; at least its own 1024.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class GaussianProcessEstimator(BaseEstimator):
         clip: bool = True,
         method: str = "auto",
         memory_limit_mb: float = 1024.0,
-        max_points: int = 1000,
+        max_points: int = 1536,
     ) -> None:
         self.prior_mean = prior_mean
         self.kernel = kernel
@@ -119,7 +119,14 @@ class GaussianProcessEstimator(BaseEstimator):
         value = np.empty((len(FIELDS), *self.grid_.shape), np.float32)
         uncertainty = np.empty_like(value)
         for k, process in enumerate(self._fields):
-            process.update(local)
+            try:
+                process.update(local)
+            except np.linalg.LinAlgError:
+                name = FIELDS[k]
+                msg = (
+                    f"gp: the covariance of {name} is singular; use a kernel or noise_bounds with more noise"
+                )
+                raise EstimatorError(msg) from None
             process.fill(value[k], uncertainty[k])
         if self.clip:
             np.clip(value, 0.0, 1.0, out=value)
@@ -147,7 +154,7 @@ class GaussianProcessEstimator(BaseEstimator):
             "amplitude_bounds": _is_interval(self.amplitude_bounds),
             "method": self.method in METHODS,
             "memory_limit_mb": self.memory_limit_mb > 0,
-            "max_points": self.max_points >= 1,
+            "max_points": self.max_points >= TILE_CELLS**2,
         }
         for name, good in problems.items():
             if not good:

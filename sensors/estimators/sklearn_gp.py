@@ -107,7 +107,7 @@ class SklearnGaussianProcessEstimator(BaseEstimator):
         width, height = self.grid_.shape
         if points > self.max_points or points * width * height > self.max_entries:
             msg = (
-                f"gp-sklearn: {points} observations on {width} x {height} cells need fits of as many points and"
+                f"gp-sklearn: {points} observations on {width} x {height} cells need fits of so many points,"
                 f" {points * width * height / 1e6:.0f} million covariances, the limits are max_points"
                 f" {self.max_points} and max_entries {self.max_entries / 1e6:.0f} million;"
                 " use the estimator 'gp' or 'adaptive-disk'"

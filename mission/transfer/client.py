@@ -42,14 +42,16 @@ class ClientTimers:
     Parameters
     ----------
     reply_s : float
-        Repeat COUNT, LIST or CLEAR_ALL if nothing has come for so long.
+        Repeat COUNT, LIST or CLEAR_ALL if nothing has come for so long (earlier, but not before twice
+        ``item_s``, once the round trip time is known).
     item_s : float
         Repeat the request for an item. Once the round trip time is known: four times that, at least
         ``floor_s``.
     retries : int
-        How often COUNT, LIST and CLEAR_ALL are repeated.
+        COUNT, LIST and CLEAR_ALL are repeated for the time that so many repetitions each ``reply_s`` take.
     silence_s : float
-        Give up when no new item has crossed for so long (longer than the vehicle's own limit of 5 or 8 s).
+        Give up when no new item has crossed for so long (longer than the vehicle's own limit of 5 or 8 s;
+        on slow links up to 20 ``reply_s``).
     floor_s : float
         The shortest waiting time derived from the round trip.
     """
@@ -135,6 +137,7 @@ class ClientTransfer(ABC):
         self._started_s = 0.0
         self._ended_s: float | None = None
         self._sent_s = 0.0
+        self._opened_s = 0.0
         self._progress_s = 0.0
         self._openings = 0
         self._trouble: tuple[int, float] | None = None
@@ -235,16 +238,22 @@ class ClientTransfer(ABC):
         """Return how many items the plan has."""
 
     def _retry_s(self) -> float:
-        return self._sent_s + self.timers.reply_s
+        timers = self.timers
+        return self._sent_s + self.round_trip.wait(timers.reply_s, 2.0 * timers.item_s, timers.reply_s)
 
     def _judge_retry(self) -> ClientInput:
         return _I.RETRY
 
     def _opening_limit_s(self) -> float:
-        """When the opening message has been repeated in vain often enough."""
-        if self._openings <= self.timers.retries:
-            return self._sent_s + 2.0 * self.timers.reply_s
-        return self._sent_s + self.timers.reply_s
+        """When the opening message has been repeated in vain for long enough."""
+        return self._opened_s + (self.timers.retries + 1) * self.timers.reply_s
+
+    def _silence_s(self) -> float:
+        """How long no item may cross: on a slow link long enough for twenty attempts."""
+        timers = self.timers
+        return max(
+            timers.silence_s, 20.0 * self.round_trip.wait(timers.item_s, timers.floor_s, timers.reply_s)
+        )
 
     def _give_up_s(self) -> float:
         return self._opening_limit_s()
@@ -283,6 +292,8 @@ class ClientTransfer(ABC):
     def _send_opening(self, message: Message, now_s: float) -> Output:
         self._openings += 1
         self._sent_s = now_s
+        if self._openings == 1:
+            self._opened_s = now_s
         return Output((self._opening(),))
 
     def _repeat_opening(self, message: Message, now_s: float) -> Output:

@@ -72,7 +72,7 @@ CLIENT_TABLE: Final[dict[tuple[ClientState, ClientInput], tuple[str, ClientState
     # upload: answering requests
     (UPLOADING, _I.REQUEST): ("send_item", UPLOADING),
     (UPLOADING, _I.REQUEST_LAST): ("send_item", CONFIRMING),
-    (UPLOADING, _I.REQUEST_REPEATED): ("ignore", UPLOADING),
+    (UPLOADING, _I.REQUEST_REPEATED): ("note_request", UPLOADING),
     (UPLOADING, _I.ACK_TROUBLE): ("note_trouble", UPLOADING),
     (UPLOADING, _I.ACK_REFUSED): ("fail_refused", FAILED),
     (UPLOADING, _I.STRAY): ("ignore", UPLOADING),
@@ -81,7 +81,7 @@ CLIENT_TABLE: Final[dict[tuple[ClientState, ClientInput], tuple[str, ClientState
     (UPLOADING, _I.CANCEL): ("fail_cancelled", FAILED),
     # upload: every item sent
     (CONFIRMING, _I.REQUEST): ("send_item", CONFIRMING),
-    (CONFIRMING, _I.REQUEST_REPEATED): ("ignore", CONFIRMING),
+    (CONFIRMING, _I.REQUEST_REPEATED): ("note_request", CONFIRMING),
     (CONFIRMING, _I.ACK_ACCEPTED): ("complete", COMPLETE),
     (CONFIRMING, _I.ACK_TROUBLE): ("note_trouble", CONFIRMING),
     (CONFIRMING, _I.ACK_REFUSED): ("fail_refused", FAILED),

@@ -54,6 +54,7 @@ class MissionDownload(ClientTransfer):
         self._most = 0
         self._asked: dict[int, tuple[float, int]] = {}
         self._next = 0
+        self._restarts = 0
         self._opaque_id = 0
         self._received: tuple[int, MissionItem] | None = None
         self._broken = ""
@@ -85,7 +86,7 @@ class MissionDownload(ClientTransfer):
     def _ask_first(self, message: Message, now_s: float) -> Output:
         if self._openings == 1:
             self.round_trip.sample(now_s - self._sent_s)
-        if not self._most:
+        if not self._restarts:
             self._progress_s = now_s
         self._items = [None] * message.count
         self._missing = message.count
@@ -113,10 +114,9 @@ class MissionDownload(ClientTransfer):
         self._items[sequence] = item
         self._missing -= 1
         self._trouble = None
+        self._progress_s = now_s
         done = len(self._items) - self._missing
-        if done > self._most:
-            self._most = done
-            self._progress_s = now_s
+        self._most = max(self._most, done)
         return Progress(self.mission_type, done, len(self._items))
 
     def _take_item(self, message: Message, now_s: float) -> Output:
@@ -140,28 +140,32 @@ class MissionDownload(ClientTransfer):
 
     def _retry_s(self) -> float:
         if self._state is LISTING:
-            return self._sent_s + self.timers.reply_s
+            return super()._retry_s()
         return min(asked_s for asked_s, _ in self._asked.values()) + self._wait_s()
 
     def _judge_retry(self) -> ClientInput:
         if self._state is LISTING:
+            return _I.RETRY
+        if self._restarts >= self.timers.retries:
             return _I.RETRY
         vain = any(times > 2 * self.timers.retries for _, times in self._asked.values())
         return _I.RESTART if vain or self._trouble is not None else _I.RETRY
 
     def _ask_again(self, message: Message, now_s: float) -> Output:
         wait_s = self._wait_s()
-        late = [(number, times) for number, (asked_s, times) in self._asked.items() if now_s >= asked_s + wait_s]
+        asked = self._asked.items()
+        late = [(number, times) for number, (asked_s, times) in asked if now_s >= asked_s + wait_s]
         self._retries += len(late)
         return Output(tuple(self._ask(sequence, now_s, times + 1) for sequence, times in late))
 
     def _restart(self, message: Message, now_s: float) -> Output:
         """Ask for the list again: the vehicle has left the transfer."""
+        self._restarts += 1
         self._asked, self._openings = {}, 0
         return self._repeat_opening(message, now_s)
 
     def _give_up_s(self) -> float:
-        limit_s = self._progress_s + self.timers.silence_s
+        limit_s = self._progress_s + self._silence_s()
         return min(limit_s, self._opening_limit_s()) if self._state is LISTING else limit_s
 
     def _fail_broken(self, message: Message, now_s: float) -> Output:

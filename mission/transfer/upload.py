@@ -10,15 +10,16 @@ from typing import Any
 from mission.model import GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
 from mission.transfer.client import ClientTransfer
-from mission.transfer.client_table import CLEARING, CONFIRMING, COUNTING, ClientInput
+from mission.transfer.client_table import CLEARING, CONFIRMING, COUNTING, UPLOADING, ClientInput
 from mission.transfer.errors import LocalTransferError
-from mission.transfer.events import Message, Output, PlanState, Progress, UploadComplete
+from mission.transfer.events import NOTHING, Message, Output, PlanState, Progress, UploadComplete
 from mission.transfer.profile import to_wire_order
 
 _I = ClientInput
 _FENCE = range(5000, 5005)
 _RALLY = 5100
 _SHORTEST_TRIP_S = 0.02
+_LONGEST_TRIP_S = 0.5
 
 
 def check_plan(items: Sequence[MissionItem], mission_type: MissionType) -> None:
@@ -123,7 +124,7 @@ class MissionUpload(ClientTransfer):
             answered_s = self._answered_s[message.seq]
             if answered_s is None:
                 return _I.REQUEST_LAST if self._unsent == 1 else _I.REQUEST
-            trip_s = max(self.round_trip.seconds or 0.0, _SHORTEST_TRIP_S)
+            trip_s = min(max(self.round_trip.seconds or 0.0, _SHORTEST_TRIP_S), _LONGEST_TRIP_S)
             return _I.REQUEST_REPEATED if now_s < answered_s + trip_s else _I.REQUEST
         if type(message).id == wire.ACK:
             return self._judge_ack(message, accepted=self._state in (CONFIRMING, CLEARING))
@@ -145,6 +146,10 @@ class MissionUpload(ClientTransfer):
             self._highest = sequence
             self._progress_s = now_s
         return Output(self._item(sequence, now_s).messages, events)
+
+    def _note_request(self, message: Message, now_s: float) -> Output:
+        self._trouble = None
+        return NOTHING
 
     def _measure(self, sequence: int, now_s: float) -> None:
         """Take the round trip from messages that were sent once only (Karn's rule)."""
@@ -175,17 +180,17 @@ class MissionUpload(ClientTransfer):
         return self._item(self._last, now_s)
 
     def _retry_s(self) -> float:
-        timers = self.timers
-        if self._state is CONFIRMING:
-            return self._sent_s + self.round_trip.wait(timers.reply_s, timers.item_s, timers.reply_s)
-        return self._sent_s + timers.reply_s
+        if self._state is UPLOADING:  # the vehicle's timer asks again; ours is for vehicles that have none
+            return self._sent_s + self.timers.reply_s
+        return super()._retry_s()
 
     def _give_up_s(self) -> float:
         if self._state in (COUNTING, CLEARING):
             return self._opening_limit_s()
-        limit_s = self._progress_s + self.timers.silence_s
+        limit_s = self._progress_s + self._silence_s()
         if self._trouble is not None:
-            limit_s = min(limit_s, self._trouble[1] + 2.0 * self.timers.reply_s)
+            trip_s = self.round_trip.seconds or 0.0
+            limit_s = min(limit_s, self._trouble[1] + 2.0 * (self.timers.reply_s + trip_s))
         return limit_s
 
     def _complete(self, message: Message, now_s: float) -> Output:

@@ -31,7 +31,9 @@ LIMIT_S = 3600.0
 GROUND = (255, 190)
 
 
-def make_items(number: int, seed: int, mission_type: MissionType = MissionType.MISSION) -> tuple[MissionItem, ...]:
+def make_items(
+    number: int, seed: int, mission_type: MissionType = MissionType.MISSION
+) -> tuple[MissionItem, ...]:
     rng = np.random.default_rng(seed)
     items = []
     for _ in range(number):
@@ -134,7 +136,7 @@ faults = st.builds(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=300, deadline=None)
 @given(
     number=st.integers(0, 25),
     kind=st.sampled_from(list(MissionType)),
@@ -203,8 +205,14 @@ def test_plain_upload_names_the_unconfirmed_case():
     assert isinstance(network.run(VerifiedUpload(new, source=GROUND)), UploadVerified)
 
 
-@settings(max_examples=40, deadline=None)
-@given(number=st.integers(0, 25), up=faults, down=faults, seed=st.integers(0, 2**32 - 1), window=st.integers(1, 12))
+@settings(max_examples=150, deadline=None)
+@given(
+    number=st.integers(0, 25),
+    up=faults,
+    down=faults,
+    seed=st.integers(0, 2**32 - 1),
+    window=st.integers(1, 12),
+)
 def test_a_download_is_the_vehicles_plan_or_fails(number, up, down, seed, window):
     profile = ARDUPILOT if window > 1 else GENERIC
     server = MissionServer(1, profile=profile)
@@ -250,7 +258,12 @@ def test_a_silent_vehicle_ends_in_failure():
         def next_deadline(self):
             return None
 
-    for client in (MissionUpload(make_items(3, 1)), MissionUpload(()), MissionDownload(), VerifiedUpload(make_items(2, 1))):
+    for client in (
+        MissionUpload(make_items(3, 1)),
+        MissionUpload(()),
+        MissionDownload(),
+        VerifiedUpload(make_items(2, 1)),
+    ):
         network = Network(Deaf(), Faults(), Faults())
         end = network.run(client)
         assert isinstance(end, TransferFailed)

@@ -1,0 +1,358 @@
+"""Running transfers over a real link: the blocking side, with a clock and a socket to wait on."""
+
+from __future__ import annotations
+
+import select
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Protocol, Self
+
+from mission.link.dialect import mavlink
+from mission.link.endpoint import MavlinkEndpoint
+from mission.link.link import Link
+from mission.model import GeoPoint, Mission, MissionType
+from mission.transfer import wire
+from mission.transfer.clear import MissionClear
+from mission.transfer.client import ClientTimers, RoundTrip
+from mission.transfer.download import MissionDownload
+from mission.transfer.errors import LocalTransferError, RemoteTransferError
+from mission.transfer.events import (
+    DownloadComplete,
+    Event,
+    FailureReason,
+    Message,
+    Output,
+    TransferFailed,
+    TransferStatistics,
+)
+from mission.transfer.profile import Profile, profile_for
+from mission.transfer.verified import VerifiedUpload
+
+OnEvent = Callable[[Event], None]
+_HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
+_WANTED = wire.CLIENT_MESSAGES | {_HEARTBEAT}
+_HEARTBEAT_S = 1.0
+_LONGEST_WAIT_S = 0.25
+_ORDER = (MissionType.FENCE, MissionType.RALLY, MissionType.MISSION)
+
+
+class Transfer(Protocol):
+    """What the driver can run: uploads, downloads, clears, verified uploads."""
+
+    @property
+    def done(self) -> bool:
+        """Whether it is over."""
+
+    def start(self, now_s: float) -> Output:
+        """Begin."""
+
+    def receive(self, message: Message, now_s: float) -> Output:
+        """Take one message."""
+
+    def poll(self, now_s: float) -> Output:
+        """Act on timers."""
+
+    def next_deadline(self) -> float | None:
+        """When to poll."""
+
+    def cancel(self, now_s: float) -> Output:
+        """Break off."""
+
+    def statistics(self, now_s: float | None = None) -> TransferStatistics:
+        """What it has cost."""
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """A vehicle that was heard.
+
+    Parameters
+    ----------
+    system_id, component_id : int
+        Its autopilot's ids.
+    autopilot : int
+        MAV_AUTOPILOT.
+    vehicle_type : int
+        MAV_TYPE.
+    """
+
+    system_id: int
+    component_id: int
+    autopilot: int
+    vehicle_type: int
+
+    @property
+    def profile(self) -> Profile:
+        """The autopilot's habits."""
+        return profile_for(self.autopilot)
+
+
+def wait_readable(link: Link, seconds: float) -> None:
+    """Wait until the link may have something, at most so long."""
+    number = link.fileno()
+    if number is None:
+        time.sleep(min(seconds, 0.001))
+    else:
+        select.select([number], [], [], seconds)
+
+
+class TransferDriver:
+    """Transfers plans with one vehicle over an endpoint, blocking.
+
+    It sends a ground station's heartbeat each second while it waits, as vehicles expect (and as a
+    ``udpout`` link needs to be found by the vehicle). When it is interrupted (Ctrl-C) it tells the vehicle
+    that the transfer is off.
+
+    Parameters
+    ----------
+    endpoint : MavlinkEndpoint
+        Our mouth and ear; its ``wanted`` is set to what transfers need.
+    clock : callable
+        Monotonic seconds.
+    wait : callable
+        ``wait(link, seconds)`` returns when something may have arrived, at the latest after that time.
+    timers : ClientTimers, optional
+        How long to wait for answers.
+    on_event : callable, optional
+        Called with each event, for a progress bar.
+    """
+
+    def __init__(
+        self,
+        endpoint: MavlinkEndpoint,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        wait: Callable[[Link, float], None] = wait_readable,
+        timers: ClientTimers | None = None,
+        on_event: OnEvent | None = None,
+    ) -> None:
+        self.endpoint = endpoint
+        self.timers = ClientTimers() if timers is None else timers
+        self.vehicle: Vehicle | None = None
+        self._clock = clock
+        self._wait = wait
+        self._on_event = on_event
+        self._round_trip = RoundTrip()
+        self._heartbeat_s = -1e9
+        endpoint.wanted = _WANTED if endpoint.wanted is None else endpoint.wanted | _WANTED
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.endpoint.close()
+
+    def wait_for_vehicle(self, timeout_s: float = 10.0, *, system_id: int | None = None) -> Vehicle:
+        """Wait for an autopilot's heartbeat.
+
+        Parameters
+        ----------
+        timeout_s : float
+            How long to wait.
+        system_id : int, optional
+            Only this vehicle.
+
+        Raises
+        ------
+        RemoteTransferError
+            If none is heard.
+        LinkError
+            If the link breaks.
+        """
+        end_s = self._clock() + timeout_s
+        while True:
+            for message in self.endpoint.receive():
+                found = _vehicle_of(message)
+                if found is not None and system_id in (None, found.system_id):
+                    self.vehicle = found
+                    return found
+            now_s = self._clock()
+            if now_s >= end_s:
+                who = "no vehicle" if system_id is None else f"no vehicle with system id {system_id}"
+                msg = (
+                    f"{self.endpoint.link.name}: {who} was heard in {timeout_s:g} s; "
+                    "start the vehicle, or check the address"
+                )
+                raise RemoteTransferError(msg)
+            self._beat(now_s)
+            self._wait(self.endpoint.link, min(end_s - now_s, _LONGEST_WAIT_S))
+
+    def run(self, transfer: Transfer) -> tuple[Event, TransferStatistics]:
+        """Run one transfer to its end and return its last event and its statistics.
+
+        Raises
+        ------
+        RemoteTransferError
+            If it fails; the text is the event's.
+        LinkError
+            If the link breaks.
+        """
+        try:
+            last = self._hand_on(transfer.start(self._clock()))
+            while not transfer.done:
+                last = self._turn(transfer) or last
+        except KeyboardInterrupt:
+            if not transfer.done:
+                self._hand_on(transfer.cancel(self._clock()))
+            raise
+        assert last is not None
+        if isinstance(last, TransferFailed):
+            raise RemoteTransferError(last.text)
+        return last, transfer.statistics()
+
+    def _turn(self, transfer: Transfer) -> Event | None:
+        last: Event | None = None
+        for message in self.endpoint.receive():
+            last = self._hand_on(transfer.receive(message, self._clock())) or last
+        now_s = self._clock()
+        last = self._hand_on(transfer.poll(now_s)) or last
+        deadline_s = transfer.next_deadline()
+        if deadline_s is not None:
+            self._beat(now_s)
+            self._wait(self.endpoint.link, min(max(deadline_s - now_s, 0.0), _LONGEST_WAIT_S))
+        return last
+
+    def _hand_on(self, output: Output) -> Event | None:
+        for message in output.messages:
+            self.endpoint.send(message)
+        if self._on_event is not None:
+            for event in output.events:
+                self._on_event(event)
+        return output.events[-1] if output.events else None
+
+    def _beat(self, now_s: float) -> None:
+        if now_s >= self._heartbeat_s + _HEARTBEAT_S:
+            self._heartbeat_s = now_s
+            self.endpoint.send(
+                mavlink.MAVLink_heartbeat_message(
+                    mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
+                )
+            )
+
+    def _options(self) -> dict[str, object]:
+        vehicle = self.vehicle or self.wait_for_vehicle()
+        return {
+            "target": (vehicle.system_id, vehicle.component_id),
+            "source": (self.endpoint.system_id, self.endpoint.component_id),
+            "profile": vehicle.profile,
+            "timers": self.timers,
+            "round_trip": self._round_trip,
+        }
+
+    def upload(
+        self, mission: Mission, *, types: Iterable[MissionType] | None = None
+    ) -> tuple[TransferStatistics, ...]:
+        """Send the plans of a mission, read them back and compare.
+
+        Fence and rally points go first, so that the mission is never checked against an old fence.
+
+        Parameters
+        ----------
+        mission : Mission
+            What to send.
+        types : iterable of MissionType, optional
+            Which plans; default the mission, and fence and rally points if there are any.
+
+        Returns
+        -------
+        tuple of TransferStatistics
+            One for each plan that was sent.
+
+        Raises
+        ------
+        LocalTransferError
+            If a plan cannot be sent; nothing has been sent then.
+        RemoteTransferError
+            If the vehicle refuses, holds something else afterwards, or does not answer.
+        LinkError
+            If the link breaks.
+        """
+        wanted = {MissionType.MISSION, *(kind for kind in _ORDER if mission.plan(kind))}
+        chosen = wanted if types is None else set(types)
+        options = self._options()
+        uploads = [
+            VerifiedUpload(mission.plan(kind), kind, home=mission.home, **options)
+            for kind in _ORDER
+            if kind in chosen
+        ]
+        return tuple(self.run(upload)[1] for upload in uploads)
+
+    def download(
+        self, *, types: Iterable[MissionType] = tuple(MissionType)
+    ) -> tuple[Mission, tuple[TransferStatistics, ...]]:
+        """Read the vehicle's plans.
+
+        A vehicle that has no fence or rally points at all (it answers UNSUPPORTED) has empty ones.
+
+        Returns
+        -------
+        Mission, tuple of TransferStatistics
+
+        Raises
+        ------
+        RemoteTransferError
+            If the vehicle refuses or does not answer.
+        LinkError
+            If the link breaks.
+        """
+        plans: dict[MissionType, DownloadComplete] = {}
+        costs: list[TransferStatistics] = []
+        options = self._options()
+        for kind in types:
+            transfer = MissionDownload(kind, **options)
+            refused: list[TransferFailed] = []
+            end = self._run_optional(transfer, refused)
+            costs.append(transfer.statistics())
+            if isinstance(end, DownloadComplete):
+                plans[kind] = end
+            elif kind == MissionType.MISSION or refused[0].result != wire.UNSUPPORTED:
+                raise RemoteTransferError(refused[0].text)
+        home: GeoPoint | None = plans[MissionType.MISSION].home if MissionType.MISSION in plans else None
+        parts = {kind: plans[kind].items if kind in plans else () for kind in MissionType}
+        mission = Mission(
+            parts[MissionType.MISSION],
+            home=home,
+            fence=parts[MissionType.FENCE],
+            rally=parts[MissionType.RALLY],
+        )
+        return mission, tuple(costs)
+
+    def _run_optional(self, transfer: MissionDownload, refused: list[TransferFailed]) -> Event | None:
+        before = self._on_event
+
+        def listen(event: Event) -> None:
+            if isinstance(event, TransferFailed):
+                refused.append(event)
+            if before is not None:
+                before(event)
+
+        self._on_event = listen
+        try:
+            return self.run(transfer)[0]
+        except RemoteTransferError:
+            if not refused or refused[0].reason is not FailureReason.REFUSED:
+                raise
+            return None
+        finally:
+            self._on_event = before
+
+    def clear(self, types: Iterable[MissionType] = tuple(MissionType)) -> tuple[TransferStatistics, ...]:
+        """Empty the plans; errors as in `download`."""
+        options = self._options()
+        return tuple(self.run(MissionClear(kind, **options))[1] for kind in types)
+
+
+def _vehicle_of(message: Message) -> Vehicle | None:
+    """Return the vehicle whose autopilot's heartbeat this is, None if it is anything else."""
+    if message.id != _HEARTBEAT or message.autopilot == mavlink.MAV_AUTOPILOT_INVALID:
+        return None
+    if message.type == mavlink.MAV_TYPE_GCS or message.get_srcSystem() == 0:
+        return None
+    return Vehicle(message.get_srcSystem(), message.get_srcComponent(), message.autopilot, message.type)
+
+
+__all__ = ["LocalTransferError", "TransferDriver", "Vehicle", "wait_readable"]

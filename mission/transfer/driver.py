@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 from mission.link.dialect import mavlink
 from mission.link.endpoint import MavlinkEndpoint
@@ -17,11 +17,10 @@ from mission.transfer import wire
 from mission.transfer.clear import MissionClear
 from mission.transfer.client import ClientTimers, RoundTrip
 from mission.transfer.download import MissionDownload
-from mission.transfer.errors import LocalTransferError, RemoteTransferError
+from mission.transfer.errors import RemoteTransferError
 from mission.transfer.events import (
     DownloadComplete,
     Event,
-    FailureReason,
     Message,
     Output,
     TransferFailed,
@@ -201,7 +200,7 @@ class TransferDriver:
             raise
         assert last is not None
         if isinstance(last, TransferFailed):
-            raise RemoteTransferError(last.text)
+            raise RemoteTransferError(last.text, last)
         return last, transfer.statistics()
 
     def _turn(self, transfer: Transfer) -> Event | None:
@@ -233,7 +232,7 @@ class TransferDriver:
                 )
             )
 
-    def _options(self) -> dict[str, object]:
+    def _options(self) -> dict[str, Any]:
         vehicle = self.vehicle or self.wait_for_vehicle()
         return {
             "target": (vehicle.system_id, vehicle.component_id),
@@ -303,14 +302,16 @@ class TransferDriver:
         costs: list[TransferStatistics] = []
         options = self._options()
         for kind in types:
-            transfer = MissionDownload(kind, **options)
-            refused: list[TransferFailed] = []
-            end = self._run_optional(transfer, refused)
-            costs.append(transfer.statistics())
+            try:
+                end, cost = self.run(MissionDownload(kind, **options))
+            except RemoteTransferError as error:
+                result = None if error.failure is None else error.failure.result
+                if kind == MissionType.MISSION or result != wire.UNSUPPORTED:
+                    raise
+                continue
+            costs.append(cost)
             if isinstance(end, DownloadComplete):
                 plans[kind] = end
-            elif kind == MissionType.MISSION or refused[0].result != wire.UNSUPPORTED:
-                raise RemoteTransferError(refused[0].text)
         home: GeoPoint | None = plans[MissionType.MISSION].home if MissionType.MISSION in plans else None
         parts = {kind: plans[kind].items if kind in plans else () for kind in MissionType}
         mission = Mission(
@@ -320,25 +321,6 @@ class TransferDriver:
             rally=parts[MissionType.RALLY],
         )
         return mission, tuple(costs)
-
-    def _run_optional(self, transfer: MissionDownload, refused: list[TransferFailed]) -> Event | None:
-        before = self._on_event
-
-        def listen(event: Event) -> None:
-            if isinstance(event, TransferFailed):
-                refused.append(event)
-            if before is not None:
-                before(event)
-
-        self._on_event = listen
-        try:
-            return self.run(transfer)[0]
-        except RemoteTransferError:
-            if not refused or refused[0].reason is not FailureReason.REFUSED:
-                raise
-            return None
-        finally:
-            self._on_event = before
 
     def clear(self, types: Iterable[MissionType] = tuple(MissionType)) -> tuple[TransferStatistics, ...]:
         """Empty the plans; errors as in `download`."""
@@ -355,4 +337,4 @@ def _vehicle_of(message: Message) -> Vehicle | None:
     return Vehicle(message.get_srcSystem(), message.get_srcComponent(), message.autopilot, message.type)
 
 
-__all__ = ["LocalTransferError", "TransferDriver", "Vehicle", "wait_readable"]
+__all__ = ["TransferDriver", "Vehicle", "wait_readable"]

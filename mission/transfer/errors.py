@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 from mission.errors import TransferError
+from mission.transfer.events import TransferFailed
 
 
 class LocalTransferError(TransferError):
@@ -17,7 +18,19 @@ class LocalTransferError(TransferError):
 
 
 class RemoteTransferError(TransferError):
-    """A transfer that the vehicle refused, broke or did not answer."""
+    """A transfer that the vehicle refused, broke or did not answer.
+
+    Parameters
+    ----------
+    text : str
+        One line.
+    failure : TransferFailed, optional
+        The event that ended the transfer.
+    """
+
+    def __init__(self, text: str, failure: TransferFailed | None = None) -> None:
+        super().__init__(text)
+        self.failure = failure
 
 
 __all__ = ["LocalTransferError", "RemoteTransferError", "TransferError"]

@@ -113,7 +113,7 @@ class Network:
 
 
 def check_promise(server, old, new, end, mission_type) -> str:
-    """The promise: new plan and success, or failure and the old plan; when unconfirmed, one of the two whole."""
+    """New plan and success, or failure and the old plan; when unconfirmed, one of the two, whole."""
     held = server.plan(mission_type).items
     assert held in (old, new), "half a plan"
     if isinstance(end, UploadVerified | UploadComplete):
@@ -177,7 +177,6 @@ def test_seeded_runs_at_thirty_percent_loss_each_way(profile):
             assert not done or held == new
             assert done or end.vehicle_plan is PlanState.UNKNOWN or held == old
             outcomes["new" if done else "unknown"] += 1
-    print(outcomes)
     assert outcomes["new"] >= 135
 
 

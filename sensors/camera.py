@@ -140,6 +140,7 @@ class LeafCamera:
         self.options = options = LeafCameraOptions() if options is None else options
         dx, dy = footprint_offsets(options.footprint_cells)
         self._dx, self._dy = dx, dy
+        self._low, self._high = -int(dx.min()), int(dx.max())
         self._blind = [k for k, name in enumerate(FIELDS) if name not in options.sensed]
         self._noise_std = np.array(options.noise_std, np.float32) if np.any(options.noise_std) else None
         self._flips = options.false_positive_rate > 0.0 or options.false_negative_rate > 0.0
@@ -175,10 +176,12 @@ class LeafCamera:
         pictures, cells = len(x), len(self._dx)
         if cells > 1:
             x, y = (x[:, None] + self._dx).ravel(), (y[:, None] + self._dy).ravel()
-        inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-        if inside.all():
+        low, right, top = self._low, width - self._high, height - self._high
+        # Comparing a few Python ints is a quarter of the cost of array comparisons, and this is hot.
+        if pictures and low <= min(ix) and max(ix) < right and low <= min(iy) and max(iy) < top:
             values = self._read(x, y)
         else:
+            inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
             values = np.full((len(x), len(FIELDS)), np.nan, np.float32)
             if inside.any():
                 values[inside] = self._read(x[inside], y[inside])

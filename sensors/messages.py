@@ -172,7 +172,7 @@ class ObservationAssembler:
 
     def add(self, message: Any) -> None:
         """Take a MAVLink message; what is not the camera's is ignored."""
-        kind = message.id
+        kind = type(message).id
         if kind != DEBUG_FLOAT_ARRAY and kind != CAMERA_IMAGE_CAPTURED:
             return
         if not self._any_source:

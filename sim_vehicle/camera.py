@@ -6,15 +6,11 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
 from mission.link.dialect import mavlink
 from sensors.messages import LEAF_NAME, pack_values
 from sim_vehicle.camera_trigger import CameraTrigger, Fix, Shot
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from geo.farm import Farm
     from sensors.camera import LeafCamera
 
@@ -43,7 +39,7 @@ Parameters = tuple[float, float, float, float]
 class _Picture(NamedTuple):
     number: int
     shot: Shot
-    values: NDArray[np.float32]
+    values: list[list[float]]
 
 
 class LeafCameraComponent:
@@ -194,20 +190,14 @@ class LeafCameraComponent:
 
     def _take(self, shots: Sequence[Shot]) -> list[Message]:
         """Read the cells under the shots and return the messages."""
-        farm = self._farm
-        from_wgs84 = farm.frame.from_wgs84
-        ix, iy = [], []
-        for shot in shots:
-            x, y = farm.cell_of(*from_wgs84(shot.latitude_e7 / _E7, shot.longitude_e7 / _E7))
-            ix.append(x)
-            iy.append(y)
-        values = self._camera.capture(ix, iy)
+        cell_of, from_wgs84 = self._farm.cell_of, self._farm.frame.from_wgs84
+        cells = [cell_of(*from_wgs84(shot.latitude_e7 / _E7, shot.longitude_e7 / _E7)) for shot in shots]
+        values = self._camera.capture([x for x, _ in cells], [y for _, y in cells]).tolist()
         messages: list[Message] = []
-        for k, shot in enumerate(shots):
-            picture = _Picture(self.image_count, shot, values[k])
-            self._ring[picture.number % RING_PICTURES] = picture
-            self.image_count += 1
+        for number, (shot, seen) in enumerate(zip(shots, values, strict=True), self.image_count):
+            picture = self._ring[number % RING_PICTURES] = _Picture(number, shot, seen)
             messages += self._report(picture)
+        self.image_count += len(shots)
         return messages
 
     def _report(self, picture: _Picture) -> list[Message]:
@@ -229,7 +219,7 @@ class LeafCameraComponent:
                 b"",
             )
         ]
-        for data in pack_values(index, self._camera.options.footprint_cells, values.tolist()):
+        for data in pack_values(index, self._camera.options.footprint_cells, values):
             data += _PADDING[len(data) :]
             report.append(
                 mavlink.MAVLink_debug_float_array_message(shot.time_us, _LEAF, index & 0xFFFF, data)

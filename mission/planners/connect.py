@@ -16,7 +16,7 @@ from shapely.geometry.polygon import orient
 from mission.planners.path import Area, Points
 
 TOLERANCE_M = 5e-7
-MAX_NODES = 400
+MAX_VERTICES = 500
 _NO_POINTS: Points = np.empty((0, 2))
 
 
@@ -37,6 +37,8 @@ def is_rectangle(area: Area) -> bool:
 def inset(area: Area, distance_m: float) -> Area:
     """Return the area less a margin along its border.
 
+    A border of more than 500 vertices is smoothed, inward, by no more than the distance.
+
     A part that is too narrow for the margin gets half of it, and half again, until something is left; so
     every part can be visited. Convex corners stay sharp, reflex ones are bevelled inward, so the result
     lies within the true inset.
@@ -55,8 +57,25 @@ def inset(area: Area, distance_m: float) -> Area:
         while not left and margin > distance_m * 2.0**-30:
             left = [piece for piece in parts_of(_shrunk(part, margin)) if piece.area > 0]
             margin /= 2
-        pieces += left or [part]
+        pieces += [smooth for piece in left or [part] for smooth in _smoothed(piece, distance_m)]
     return pieces[0] if len(pieces) == 1 else MultiPolygon(pieces)
+
+
+def _smoothed(part: Polygon, most_m: float) -> Sequence[Polygon]:
+    """Return the part with fewer vertices, within itself: what is cut off is at most twice the limit wide."""
+    tolerance = most_m / 64
+    pieces: Sequence[Polygon] = [part]
+    while shapely.get_num_coordinates(part) > MAX_VERTICES and tolerance <= most_m:
+        # What simplify moves by no more than the tolerance stays within what was shrunk by it.
+        simple = shapely.simplify(shapely.buffer(part, -tolerance, quad_segs=2), tolerance)
+        found = [piece for piece in parts_of(simple) if piece.area > 0]
+        if not found:
+            break
+        pieces = found
+        if sum(shapely.get_num_coordinates(piece) for piece in pieces) <= MAX_VERTICES:
+            break
+        tolerance *= 2
+    return pieces
 
 
 def _shrunk(part: Polygon, margin: float) -> Area:
@@ -71,16 +90,24 @@ def _shrunk(part: Polygon, margin: float) -> Area:
 class Region:
     """A polygon in which straight legs are tested and detours are found.
 
-    A detour is the shortest way through the polygon's reflex corners (A* over the visibility graph, whose
-    rows are worked out when they are needed and kept). Polygons with more than 400 such corners are
-    simplified, inward, for the corners only.
+    A detour is the shortest way through the polygon's reflex corners (A* over the visibility graph; its edges are
+    worked out when they are needed and kept).
     """
 
     def __init__(self, polygon: Polygon) -> None:
         self.polygon = polygon
         self._tolerant = shapely.buffer(polygon, TOLERANCE_M, join_style="mitre", mitre_limit=2.0)
         shapely.prepare(self._tolerant)
-        self._rows: dict[int, NDArray[np.intp]] = {}
+
+    @cached_property
+    def corners(self) -> Points:
+        """The corners that a shortest way can turn at, float64[n, 2]."""
+        return reflex_corners(self.polygon)
+
+    @cached_property
+    def _edges(self) -> NDArray[np.int8]:
+        """Whether two corners see each other: 1 yes, 0 no, -1 not yet known."""
+        return np.full((len(self.corners), len(self.corners)), -1, dtype=np.int8)
 
     def contains(self, points_m: ArrayLike) -> NDArray[np.bool_]:
         """Tell for each point of float64[n, 2] whether it lies in the polygon."""
@@ -93,68 +120,73 @@ class Region:
         legs = np.stack(np.broadcast_arrays(starts_m, ends_m), axis=-2).astype(np.float64)
         return np.asarray(shapely.covers(self._tolerant, shapely.linestrings(legs)))
 
-    @cached_property
-    def corners(self) -> Points:
-        """The corners that a shortest way can turn at, float64[n, 2]."""
-        corners = reflex_corners(self.polygon)
-        tolerance = 1e-4 * math.sqrt(self.polygon.area)
-        while len(corners) > MAX_NODES and tolerance < 0.1 * math.sqrt(self.polygon.area):
-            simple = shapely.simplify(shapely.buffer(self.polygon, -tolerance, quad_segs=2), tolerance)
-            simpler = [reflex_corners(part) for part in parts_of(simple) if not part.is_empty]
-            if not simpler:
-                break
-            corners = np.vstack(simpler)
-            tolerance *= 2
-        return corners
-
     def route(self, start_m: Points, end_m: Points) -> Points | None:
         """Return the corners between two points of the polygon, float64[n, 2], or None if there is no way."""
         if bool(self.sees(start_m[None], end_m[None])[0]):
             return _NO_POINTS
-        found = self._search(start_m, end_m)
-        if found is None and len(self.corners) < len(reflex_corners(self.polygon)):
-            self.__dict__["corners"] = reflex_corners(self.polygon)
-            self._rows.clear()
-            found = self._search(start_m, end_m)
-        return found
+        from_start = np.hypot(*(self.corners - start_m).T)
+        to_end = np.hypot(*(self.corners - end_m).T)
+        detour = from_start + to_end
+        longest = 1.5 * math.dist(start_m, end_m)
+        while len(detour):
+            # A way no longer than this lies in the ellipse about both ends, so the search may stay in it.
+            longest = max(longest, float(detour.min()))
+            near = np.nonzero(detour <= longest)[0]
+            found, length = self._search(near, start_m, end_m, from_start[near], to_end[near])
+            if found is not None and (length <= longest or len(near) == len(detour)):
+                return found
+            if len(near) == len(detour):
+                break
+            longest = max(2 * longest, length if found is not None else 0.0)
+        return None
 
-    def _search(self, start_m: Points, end_m: Points) -> Points | None:
-        corners = self.corners
-        if not len(corners):
-            return None
-        to_end = np.hypot(corners[:, 0] - end_m[0], corners[:, 1] - end_m[1])
+    def _search(
+        self,
+        near: NDArray[np.intp],
+        start_m: Points,
+        end_m: Points,
+        from_start: Points,
+        to_end: Points,
+    ) -> tuple[Points | None, float]:
+        """Return the shortest way through the corners ``near``, and its length."""
+        corners = self.corners[near]
         reaches_end = self.sees(corners, end_m)
-        spent = np.full(len(corners), math.inf)
-        came_from = np.full(len(corners), -1)
-        queue: list[tuple[float, int, bool]] = []
-        for node in np.nonzero(self.sees(corners, start_m))[0].tolist():
-            spent[node] = math.dist(corners[node], start_m)
-            heapq.heappush(queue, (float(spent[node] + to_end[node]), node, False))
-        done = np.zeros(len(corners), dtype=bool)
+        spent = np.where(self.sees(corners, start_m), from_start, math.inf)
+        came_from = np.full(len(near), -1)
+        queue = [
+            (float(spent[node] + to_end[node]), int(node), False) for node in np.nonzero(spent < math.inf)[0]
+        ]
+        heapq.heapify(queue)
+        done = np.zeros(len(near), dtype=bool)
         while queue:
-            _, node, arrived = heapq.heappop(queue)
+            length, node, arrived = heapq.heappop(queue)
             if arrived:
                 way = [node]
                 while came_from[way[-1]] >= 0:
                     way.append(int(came_from[way[-1]]))
-                return np.asarray(corners[way[::-1]])
+                return corners[way[::-1]], length
             if done[node]:
                 continue
             done[node] = True
             if reaches_end[node]:
                 heapq.heappush(queue, (float(spent[node] + to_end[node]), node, True))
-            seen = self._visible(node)
-            through = spent[node] + np.hypot(*(corners[seen] - corners[node]).T)
-            for near, length in zip(seen[through < spent[seen]], through[through < spent[seen]], strict=True):
-                spent[near] = length
-                came_from[near] = node
-                heapq.heappush(queue, (float(length + to_end[near]), int(near), False))
-        return None
+            through = spent[node] + np.hypot(*(corners - corners[node]).T)
+            shorter = np.nonzero(through < spent)[0]
+            shorter = shorter[self._visible(int(near[node]), near[shorter])]
+            spent[shorter] = through[shorter]
+            came_from[shorter] = node
+            for index in shorter.tolist():
+                heapq.heappush(queue, (float(spent[index] + to_end[index]), index, False))
+        return None, math.inf
 
-    def _visible(self, node: int) -> NDArray[np.intp]:
-        if node not in self._rows:
-            self._rows[node] = np.nonzero(self.sees(self.corners, self.corners[node]))[0]
-        return self._rows[node]
+    def _visible(self, node: int, others: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Tell which of the other corners the corner sees."""
+        unknown = others[self._edges[node, others] < 0]
+        if len(unknown):
+            seen = self.sees(self.corners[unknown], self.corners[node])
+            self._edges[node, unknown] = seen
+            self._edges[unknown, node] = seen
+        return np.asarray(self._edges[node, others] > 0)
 
 
 def reflex_corners(polygon: Polygon) -> Points:

@@ -17,6 +17,7 @@ Area: TypeAlias = Polygon | MultiPolygon
 Points: TypeAlias = NDArray[np.float64]
 
 COINCIDENT_M = 0.01
+_STRETCH = 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,6 +128,11 @@ def coverage(path_xy_m: PlannedPath | ArrayLike, area: Area, footprint_m: float)
             f"(footprint {footprint_m} m, {len(points)} points)"
         )
         raise PlanningError(msg)
-    line = shapely.linestrings(points) if points.shape[0] > 1 else shapely.points(points[0])
-    seen = shapely.buffer(line, footprint_m / 2, quad_segs=4)
+    if points.shape[0] == 1:
+        lines = [shapely.points(points[0])]
+    else:
+        # Short stretches first: a long path that crosses itself often is slow to buffer at once.
+        firsts = range(0, points.shape[0] - 1, _STRETCH)
+        lines = [shapely.linestrings(points[first : first + _STRETCH + 1]) for first in firsts]
+    seen = shapely.union_all(shapely.buffer(np.array(lines), footprint_m / 2, quad_segs=4))
     return float(min(1.0, shapely.intersection(seen, area).area / area.area))

@@ -99,12 +99,13 @@ class _Walk:
             self._drawn = np.vstack((self._drawn, _draw(self._terrain.flyable, missing, self._rng)))
         places, self._drawn = self._drawn[:missing], self._drawn[missing:]
         for leg in self._terrain.legs(list(places[:, None, :]), self.legs[-1][-1]):
-            self._lengths.append(self._lengths[-1] + path_length(np.vstack((self.legs[-1][-1], leg))))
+            way = np.vstack((self.legs[-1][-1], leg))
+            self._lengths.append(self._lengths[-1] + path_length(way))
             self.legs.append(leg)
 
 
 def _draw(area: Area, count: int, rng: np.random.Generator) -> Points:
-    """Return at least one uniformly distributed place of the area, about `count`, by rejection from its bounds.
+    """Return one or more uniformly distributed places of the area, about `count`, drawn from its bounds.
 
     The rejected draws are part of the stream, so the places do not depend on how many are asked for at
     once.

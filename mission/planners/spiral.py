@@ -19,7 +19,7 @@ SPACING_RATIO = 1e-3
 """Neighbouring spacings of the search differ by this fraction: the result is the densest to within 0.1 %."""
 
 _SMALLEST = 1e-4
-_MAX_RINGS = 20_000
+_LEAST_AREA_M2 = 1e-9
 
 
 def spiral(request: PlanningRequest, /) -> PlannedPath:
@@ -75,15 +75,16 @@ def spiral(request: PlanningRequest, /) -> PlannedPath:
 
 
 def _half_width(part: Polygon) -> float:
-    """Return the spacing beyond which there is only the outer ring (found to a thousandth)."""
+    """Return a spacing beyond which there is only the outer ring, roughly the smallest."""
     x_min, y_min, x_max, y_max = part.bounds
     high = float(min(x_max - x_min, y_max - y_min)) / 2
     if is_rectangle(part):
         return high
+    rough = shapely.simplify(part, 0.02 * high)
     low = 0.0
-    while high - low > 1e-3 * high:
+    while high - low > 0.02 * high:
         middle = (low + high) / 2
-        if shapely.buffer(part, -middle, quad_segs=1).is_empty:
+        if shapely.buffer(rough, -middle, quad_segs=1).is_empty:
             high = middle
         else:
             low = middle
@@ -173,63 +174,31 @@ def spiral_pieces(area: Area, spacing_m: float, start_m: ArrayLike) -> list[Poin
             nearest = int(np.argmin(np.round(np.hypot(*(corners - here).T), 9)))
             pieces.append(rectangle_spiral(part.bounds, spacing_m, nearest))
         else:
-            pieces += _Rings(part, spacing_m).pieces(here)
+            pieces += _rings(part, spacing_m, here)
         here = pieces[-1][-1]
     return pieces
 
 
-class _Rings:
-    """The inward offsets of a polygon as a tree: a piece of an offset holds those of the next in it."""
-
-    def __init__(self, polygon: Polygon, spacing_m: float) -> None:
-        self._spacing_m = spacing_m
-        count = min(_MAX_RINGS, math.floor(_half_width(polygon) / spacing_m))
-        offsets = spacing_m * np.arange(1, count + 1)
-        shrunk = shapely.buffer(polygon, -offsets, join_style="mitre", mitre_limit=2.0)
-        self._levels = [[polygon]]
-        for area in shrunk:
-            level = [part for part in parts_of(area) if part.area > 1e-9]
-            if not level:
-                break
-            self._levels.append(level)
-        self._within = [self._parents(depth) for depth in range(1, len(self._levels))]
-
-    def _parents(self, depth: int) -> NDArray[np.intp]:
-        """For each piece at the depth, the number of the piece one level up that holds it."""
-        inner, outer = self._levels[depth], self._levels[depth - 1]
-        if len(outer) == 1:
-            return np.zeros(len(inner), dtype=np.intp)
-        places = shapely.point_on_surface(np.array(inner))
-        return np.asarray(np.argmin(shapely.distance(places[:, None], np.array(outer)[None, :]), axis=1))
-
-    def pieces(self, start: Points) -> list[Points]:
-        """Return the rings from the outermost inwards, each branch to its end, nearest first."""
-        flown: list[Points] = []
-        here = start
-        open_branches: list[list[int]] = [[0]]
-        while open_branches:
-            depth = len(open_branches) - 1
-            if not open_branches[-1]:
-                open_branches.pop()
-                continue
-            level = self._levels[depth]
-            branch = min(open_branches[-1], key=lambda number: level[number].distance(shapely.Point(here)))
-            open_branches[-1].remove(branch)
-            for piece in self._rings_of(level[branch], here):
-                flown.append(piece)
-                here = piece[-1]
-            inner = self._within[depth] if depth < len(self._within) else np.empty(0, dtype=np.intp)
-            open_branches.append(np.nonzero(inner == branch)[0].tolist())
-        return flown
-
-    def _rings_of(self, polygon: Polygon, here: Points) -> Iterator[Points]:
-        yield (ring := ring_from(shapely.get_coordinates(polygon.exterior), here, self._spacing_m))
-        here = ring[-1]
-        holes = [shapely.get_coordinates(hole) for hole in polygon.interiors]
-        while holes:
-            gaps = [float(np.hypot(*(hole - here).T).min()) for hole in holes]
-            yield (ring := ring_from(holes.pop(int(np.argmin(gaps))), here, self._spacing_m))
+def _rings(polygon: Polygon, spacing_m: float, here: Points) -> Iterator[Points]:
+    """Yield the rings of a polygon from the outermost inwards, each branch to its end, nearest first."""
+    branches: list[list[Polygon]] = [[polygon]]
+    while branches:
+        if not branches[-1]:
+            branches.pop()
+            continue
+        distances = shapely.distance(shapely.points(here), np.array(branches[-1]))
+        piece = branches[-1].pop(int(np.argmin(distances)))
+        lines = [shapely.get_coordinates(ring) for ring in (piece.exterior, *piece.interiors)]
+        while lines:
+            gaps = [0.0] if len(lines) > len(piece.interiors) else [_gap(line, here) for line in lines]
+            yield (ring := ring_from(lines.pop(int(np.argmin(gaps))), here, spacing_m))
             here = ring[-1]
+        inner = shapely.buffer(piece, -spacing_m, join_style="mitre", mitre_limit=2.0)
+        branches.append([part for part in parts_of(inner) if part.area > _LEAST_AREA_M2])
+
+
+def _gap(line: Points, here: Points) -> float:
+    return float(np.hypot(*(line - here).T).min())
 
 
 def ring_from(ring_m: NDArray[np.float64], start_m: ArrayLike, gap_m: float) -> Points:

@@ -183,8 +183,8 @@ class VehicleSpec:
         if self.kind not in ("multirotor", "ideal"):
             msg = f"vehicle {self.name}: kind {self.kind!r} is not one of multirotor, ideal"
             raise VehicleError(msg)
-        numbers = [f.name for f in fields(self) if isinstance(getattr(self, f.name), float | int)]
-        _positive(f"vehicle {self.name}", self, *(n for n in numbers if n != "disarm_delay_s"))
+        other = ("name", "kind", "battery", "power", "disarm_delay_s")
+        _positive(f"vehicle {self.name}", self, *(f.name for f in fields(self) if f.name not in other))
         if not 0.0 <= self.disarm_delay_s < 3600.0:
             msg = f"vehicle {self.name}: disarm_delay_s {self.disarm_delay_s} is outside 0..3600"
             raise VehicleError(msg)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from sim_vehicle.spec import VehicleSpec
 
 # A waypoint that crossed the link is rounded to 1e-7 degree, 1.1 cm: that must not cost a time step.
-_SLACK = 0.05
+_SLACK = 0.04
 
 
 def ideal_positions(

@@ -19,9 +19,9 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 # state: position 0-2, velocity 3-5, acceleration 6-8, heading 9, its rate 10, energy used (J) 11, path
-# length 12, power (W) 13, distance to the target at the last sign of progress 14, wind 15-16
+# length 12, power (W) 13, step at which the leg is given up 14 (infinity: a new leg), wind 15-16
 STATE = 17
-# counters: step 0, leg 1, step of the last sign of progress 2, arrived at the end 3, notified of nearness 4,
+# counters: step 0, leg 1, step of the last motion 2, arrived at the end 3, notified of nearness 4,
 # points 5
 COUNTERS = 6
 # leg: target 0-2, along 3-5, across 6-8, aslant 9-11, cruise speed 12, speed to brake to 13, acceptance
@@ -37,7 +37,9 @@ RAN, REACHED, WIND, STALLED, ENERGY, NEAR = range(6)
 GRID = 5
 STOP_RADIUS = 0.05
 STOP_SPEED = 0.1
-STALL_STEPS = 1500
+# A leg is given up when the vehicle stands still for so long, or when it takes longer than at the slowest speed.
+STALL_S = 30.0
+SLOWEST = 0.3
 CREEP = 3.0
 ALONG = 0.8
 ACROSS = 0.6
@@ -59,8 +61,9 @@ def stopping_distance(v: float, a: float, v_end: float, limit: float, jerk: floa
     brake = -a
     peak = sqrt(jerk * lost + 0.5 * brake * brake)
     if peak <= brake:
-        t = brake / jerk
-        return distance + t * (v - brake * t / 3.0)
+        # Letting go of the brake loses too much already: the distance to where ``v_end`` is passed.
+        t = (brake - sqrt(brake * brake - 2.0 * jerk * lost)) / jerk
+        return distance + t * (v - t * (0.5 * brake - jerk * t / 6.0))
     if peak > limit:
         peak = limit if limit > brake else brake
     t = (peak - brake) / jerk
@@ -94,11 +97,17 @@ def axis_acceleration(
         return sign * min(max(a + step, -limit), limit) if d + abs(v) + abs(a) > 1e-9 else sign * a
     low = max(a - change, min(-limit, a + change))
     room = speed - v - 0.5 * a * dt
-    half = 0.5 * change
-    if room >= 0.0:
-        high = sqrt(half * half + 2.0 * jerk * room) - half
+    # Letting go of an acceleration in whole steps changes the speed by up to ``change dt / 8`` more than in the
+    # continuous law; the last bit takes two steps, which leaves no remainder to oscillate about.
+    last = change * dt
+    if abs(room) <= last:
+        high = room / dt
+    elif room > 0.0:
+        high = sqrt(0.25 * change * change + 2.0 * jerk * (room - 0.125 * last)) - 0.5 * change
     else:
-        high = half - sqrt(half * half - 2.0 * jerk * room)
+        high = 0.5 * change - sqrt(0.25 * change * change - 2.0 * jerk * room)
+    if abs(high) < 1e-12:
+        high = 0.0
     high = min(high, a + change, limit)
     if high <= low:
         return sign * low
@@ -187,7 +196,7 @@ def advance(
     Returns
     -------
     int
-        RAN, REACHED, WIND (the wind block is used up), STALLED (no progress for 30 s), ENERGY or NEAR.
+        RAN, REACHED, WIND (the wind block is used up), STALLED (no progress), ENERGY or NEAR.
     """
     dt = limits[0]
     last = route.shape[0] - 1
@@ -228,11 +237,13 @@ def advance(
                 track[point, 0], track[point, 1], track[point, 2] = px, py, pz
                 counters[5] = point + 1
             if counters[3] == 0:
-                left = sqrt(rx * rx + ry * ry + rz * rz)
-                if state[14] - left > 0.05 * min(cruise * STALL_STEPS * dt, state[14]) or state[14] == inf:
-                    state[14] = left
+                if state[14] == inf:
+                    left = sqrt(rx * rx + ry * ry + rz * rz)
+                    state[14] = step + (STALL_S + 1.5 * left / min(cruise, SLOWEST)) / dt
                     counters[2] = step
-                elif step - counters[2] > STALL_STEPS:
+                if vx * vx + vy * vy + vz * vz > 0.0025 * min(cruise * cruise, 1.0):
+                    counters[2] = step
+                if (step - counters[2]) * dt > STALL_S or step > state[14]:
                     event = STALLED
                     break
         # Along the leg, across it, and aslant: the state in the frame of the leg.
@@ -258,8 +269,8 @@ def advance(
                 free = limits[2] * limits[2] - side * side
                 most = (tail + sqrt(free)) / horizontal if free > 0.0 else 0.0
                 # Without this a vehicle that brakes against a storm could never finish to stop.
-                if most < speed and (most > 0.3 or ds > CREEP):
-                    speed = most if most > 0.3 else 0.0
+                if most < speed and (most > SLOWEST or ds > CREEP):
+                    speed = most if most > SLOWEST else 0.0
         row = route[leg]
         if radius > 0.0 and ds >= 0.0:
             ahead = row[27] + (ds - radius if ds > radius else 0.0)
@@ -420,7 +431,8 @@ def prepare_route(
         row[9] = row[4] * row[8] - row[5] * row[7]
         row[10] = row[5] * row[6] - row[3] * row[8]
         row[11] = row[3] * row[7] - row[4] * row[6]
-        up = limits[3] if row[5] > 0.0 else limits[4]
+        # A thousandth is kept for what the time step adds.
+        up = 0.999 * (limits[3] if row[5] > 0.0 else limits[4])
         for k, across, vertical in ((16, limits[5], limits[7]), (17, limits[6], limits[8])):
             row[k + 2] = ACROSS * across
             aslant = min(ALONG * across / rise if rise > 0.0 else inf, vertical / flat if flat > 0.0 else inf)

@@ -1,0 +1,96 @@
+import math
+import subprocess
+import sys
+
+import pytest
+
+from sim_vehicle.errors import VehicleError
+from sim_vehicle.spec import BatterySpec, PowerSpec, VehicleSpec, get_vehicle, vehicle_names
+
+
+def test_the_names_and_the_vehicles():
+    assert vehicle_names() == ("quad", "ideal")
+    assert get_vehicle("QUAD").name == "quad"
+    ideal = get_vehicle("ideal")
+    assert ideal.is_ideal
+    assert ideal.battery is None
+    assert ideal.cell_m == pytest.approx(0.3048)
+    assert ideal.step_s == 1.0
+    assert ideal.top_speed_m_s == pytest.approx(0.3048)
+
+
+@pytest.mark.parametrize("name", ["", "helicopter", "quad ", "../quad"])
+def test_an_unknown_vehicle_names_the_known_ones(name):
+    with pytest.raises(VehicleError, match="quad, ideal"):
+        get_vehicle(name)
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf, "fast", True])
+def test_limits_must_be_positive_numbers(value):
+    with pytest.raises(VehicleError, match="acceleration_m_s2|jerk"):
+        VehicleSpec("x", acceleration_m_s2=value, jerk_m_s3=value)
+
+
+def test_impossible_batteries_are_refused():
+    with pytest.raises(VehicleError, match="capacity_wh"):
+        BatterySpec(capacity_wh=0.0, cells=4)
+    with pytest.raises(VehicleError, match="ordered"):
+        BatterySpec(capacity_wh=10.0, cells=4, reserve_fraction=0.1, critical_fraction=0.2)
+    with pytest.raises(VehicleError, match="resistance"):
+        BatterySpec(capacity_wh=10.0, cells=4, resistance_ohm=-1.0)
+    with pytest.raises(VehicleError, match="efficiency"):
+        PowerSpec(1.0, 0.1, 70.0, efficiency=1.2)
+    with pytest.raises(VehicleError, match="power"):
+        VehicleSpec("x", battery=BatterySpec(10.0, 4))
+
+
+def test_a_vehicle_file(tmp_path):
+    path = tmp_path / "small.toml"
+    path.write_text('cruise_speed_m_s = 5.0\n[battery]\ncapacity_wh = 40\n[power]\nmass_kg = 0.9\n')
+    small = get_vehicle(str(path))
+    assert (small.name, small.cruise_speed_m_s) == ("small", 5.0)
+    assert small.battery is not None and small.battery.capacity_wh == 40
+    assert small.power is not None and small.power.mass_kg == 0.9
+    assert small.climb_speed_m_s == get_vehicle("quad").climb_speed_m_s
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("cruise = 5.0", "unknown key 'cruise'"),
+        ("cruise_speed_m_s = -5.0", "not a positive number"),
+        ("cruise_speed_m_s = '5'", "wrong type"),
+        ("kind = 'boat'", "kind"),
+        ("base = 'boat'", "base must be one of"),
+        ("battery = 5", "must be a table"),
+        ("[battery]\nvolts = 5", "unknown key 'volts'"),
+        ("base = 'ideal'\n[battery]\ncells = 5", "capacity_wh"),
+        ("[battery]\ncells = 'four'", "cells"),
+        ("not toml", "vehicle file"),
+    ],
+)
+def test_bad_vehicle_files_say_what_is_wrong(tmp_path, text, reason):
+    path = tmp_path / "bad.toml"
+    path.write_text(text)
+    with pytest.raises(VehicleError, match=reason) as error:
+        get_vehicle(str(path))
+    assert "\n" not in str(error.value)
+
+
+def test_a_missing_or_binary_vehicle_file(tmp_path):
+    with pytest.raises(VehicleError, match=r"none\.toml"):
+        get_vehicle(str(tmp_path / "none.toml"))
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(VehicleError, match=r"binary\.toml"):
+        get_vehicle(str(tmp_path / "binary.toml"))
+
+
+def test_an_ideal_flight_does_not_import_numba():
+    code = (
+        "import sys; from geo.frame import LocalFrame; from mission.model import MissionItem, Mission;"
+        "from sim_vehicle.predict import predict_flight; from sim_vehicle.spec import get_vehicle;"
+        "m = Mission((MissionItem(22, 3, 0, 0, 0, None, 28.0, -82.0, 2.0), MissionItem.waypoint(28.0001, -82.0, 2.0)));"
+        "p = predict_flight(m, get_vehicle('ideal'), frame=LocalFrame(28.0, -82.0));"
+        "assert p.feasible, p; assert 'numba' not in sys.modules; assert 'scipy' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)

@@ -69,7 +69,7 @@ class PlanResult:
     @property
     def battery_used(self) -> float | None:
         """Fraction of the battery that the flight takes; None without a battery."""
-        return None if self.vehicle.battery is None else self.prediction.battery_fraction
+        return None if self.vehicle.battery is None else 1.0 - self.prediction.battery_fraction
 
     def summary(self) -> dict[str, Any]:
         """Return plain values for JSON."""

@@ -330,7 +330,7 @@ class TransferDriver:
 
 def _vehicle_of(message: Message) -> Vehicle | None:
     """Return the vehicle whose autopilot's heartbeat this is, None if it is anything else."""
-    if message.id != _HEARTBEAT or message.autopilot == mavlink.MAV_AUTOPILOT_INVALID:
+    if type(message).id != _HEARTBEAT or message.autopilot == mavlink.MAV_AUTOPILOT_INVALID:
         return None
     if message.type == mavlink.MAV_TYPE_GCS or message.get_srcSystem() == 0:
         return None

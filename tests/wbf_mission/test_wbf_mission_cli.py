@@ -1,0 +1,193 @@
+"""The command line, as a user and as a script sees it."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from mission.files import read_mission
+from wbf_mission.cli.app import main
+
+FLY = ["fly", "--farm", "miniberry-10", "--vehicle", "ideal", "--planner", "lawnmower", "--budget", "60steps"]
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    code = main(list(arguments))
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+def spawn(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "wbf_mission", *arguments]
+    pipe = subprocess.PIPE
+    return subprocess.Popen(command, cwd=cwd, stdout=pipe, stderr=pipe, text=True, env={**os.environ, "COLUMNS": "200"})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["plan", "--farm", "atlantis"], "atlantis"),
+        (["plan", "--planner", "teleport"], "teleport"),
+        (["plan", "--vehicle", "submarine"], "submarine"),
+        (["fly", "--estimator", "oracle"], "oracle"),
+        (["plan", "--budget=-5m"], "-5m"),
+        (["plan", "--budget", "0m"], "0"),
+        (["plan", "--budget", "many"], "many"),
+        (["plan", "--budget", "1m"], "budget"),
+        (["plan", "--altitude", "-3"], "altitude"),
+        (["plan", "--wind", "strong"], "strong"),
+        (["plan", "--seed", "-1"], "seed"),
+        (["plan", "--seed", "x"], "seed"),
+        (["plan", "--out", "plan.doc"], "plan.doc"),
+        (["fly", "--mission", "absent.plan", "--no-files"], "absent.plan"),
+        (["fly", "--scenario", "absent.toml"], "absent.toml"),
+        (["fly", "--camera-fields", "tylcv,sugar", "--no-files"], "sugar"),
+        (["fly", "--speed", "0"], "--speed"),
+        (["fly", "--bogus"], "--bogus"),
+        (["fli"], "fli"),
+        (["farm", "show", "atlantis"], "atlantis"),
+        (["sim", "--autopilot", "betaflight"], "betaflight"),
+        (["sim", "--home", "here"], "here"),
+        (["sim", "--listen", "carrier-pigeon:1"], "carrier-pigeon"),
+        (["upload", "absent.plan"], "absent.plan"),
+        (["download", "--out", "x.doc"], "x.doc"),
+        (["benchmark", "--planners", "teleport"], "teleport"),
+        (["benchmark", "--seeds", "0"], "seeds"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_bad_input_is_one_line_exit_2_nothing_written(
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    says: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, *arguments)
+    assert code == 2
+    assert out == ""
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert says in err
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+@pytest.mark.parametrize("content", [b"", b"\x00\x01", b"{", b"{}", b"<kml/>", b"QGC WPL 110\nx\n", b"[" * 100_000])
+def test_files_that_are_not_missions(capsys: pytest.CaptureFixture[str], tmp_path: Path, content: bytes) -> None:
+    for suffix in (".plan", ".waypoints", ".json"):
+        path = tmp_path / f"file{suffix}"
+        path.write_bytes(content)
+        code, _, err = run(capsys, "fly", "--mission", str(path), "--no-files", "--quiet")
+        assert code == 2
+        assert str(path) in err
+        assert err.count("\n") == 1
+
+
+def test_plan_prints_and_writes_every_format(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    for suffix in (".plan", ".waypoints", ".json"):
+        out = tmp_path / f"path{suffix}"
+        code, text, _ = run(
+            capsys, "plan", "--farm", "miniberry-100", "--planner", "spiral", "--budget", "500m", "--out", str(out)
+        )
+        assert code == 0
+        for word in ("length", "predicted time", "coverage", "battery use"):
+            assert word in text
+        assert len(read_mission(out).items) > 5
+
+
+def test_plan_json_is_one_document(capsys: pytest.CaptureFixture[str]) -> None:
+    code, text, err = run(capsys, "plan", "--budget", "200m", "--json")
+    assert code == 0
+    assert err == ""
+    values = json.loads(text)
+    assert values["length_m"] <= 200.0
+    assert 0.0 < values["coverage"] <= 1.0
+
+
+def test_fly_json_and_files(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    code, text, err = run(capsys, *FLY, "--out", str(tmp_path / "run"), "--json")
+    assert code == 0
+    assert err == ""
+    values = json.loads(text)
+    assert values["outcome"] == "completed"
+    assert values["observations"] > 50
+    assert (tmp_path / "run" / "summary.json").is_file()
+    assert (tmp_path / "run" / "path.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_planned_file_can_be_flown(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    out = tmp_path / "rows.plan"
+    assert run(capsys, "plan", "--planner", "lawnmower", "--budget", "150m", "--out", str(out))[0] == 0
+    code, text, _ = run(capsys, "fly", "--mission", str(out), "--no-files", "--json")
+    assert code == 0
+    assert json.loads(text)["outcome"] == "completed"
+
+
+def test_fly_into_a_file_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path = tmp_path / "taken"
+    path.write_text("mine")
+    code, _, err = run(capsys, *FLY, "--out", str(path))
+    assert code == 2
+    assert "taken" in err
+    assert path.read_text() == "mine"
+
+
+def test_farm_list_show_draw_save(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    code, text, _ = run(capsys, "farm", "list", "--json")
+    assert code == 0
+    assert [farm["name"] for farm in json.loads(text)] == ["miniberry-10", "miniberry-30", "miniberry-100", "waterberry"]
+    code, text, _ = run(capsys, "farm", "show", "miniberry-30", "--json")
+    assert json.loads(text)["owner_cells"] == 900
+    picture, copy = tmp_path / "farm.png", tmp_path / "farm.geojson"
+    assert run(capsys, "farm", "draw", "miniberry-30", "--out", str(picture))[0] == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert run(capsys, "farm", "save", "miniberry-30", "--out", str(copy))[0] == 0
+    assert run(capsys, "plan", "--farm", str(copy), "--budget", "200m")[0] == 0
+
+
+def test_benchmark_prints_a_table_and_json(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["benchmark", "--farm", "miniberry-10", "--planners", "lawnmower,spiral", "--estimators", "point"]
+    code, text, _ = run(capsys, *arguments, "--seeds", "2", "--json")
+    assert code == 0
+    rows = json.loads(text)
+    assert [(row["planner"], row["seeds"]) for row in rows] == [("lawnmower", 2), ("spiral", 2)]
+    assert run(capsys, *arguments, "--seeds", "1")[0] == 0
+
+
+def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ("plan", "fly", "sim", "upload", "download", "benchmark"):
+        code, text, _ = run(capsys, command, "--help")
+        assert code == 0
+        assert "Example" in text
+    code, text, _ = run(capsys, "--version")
+    assert code == 0
+    assert text.startswith("wbf-mission ")
+
+
+def test_ctrl_c_leaves_a_usable_partial_result(tmp_path: Path) -> None:
+    process = spawn(
+        "fly", "--farm", "miniberry-100", "--planner", "spiral", "--speed", "5", "--out", "run", "--json", cwd=tmp_path
+    )
+    log = tmp_path / "run" / "flight.tlog"
+    deadline = time.monotonic() + 60.0
+    while time.monotonic() < deadline and not (log.is_file() and log.stat().st_size > 20_000):
+        time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130, err
+    values = json.loads(out)
+    assert values["outcome"] == "interrupted"
+    assert "Traceback" not in err
+    assert json.loads((tmp_path / "run" / "summary.json").read_text())["outcome"] == "interrupted"
+
+
+def test_output_that_nobody_reads_ends_quietly(tmp_path: Path) -> None:
+    command = f"{sys.executable} -m wbf_mission farm show waterberry | true"
+    done = subprocess.run(command, shell=True, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,168 @@
+"""Whole flights, from the plan to the score."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mission.files import read_mission, write_mission
+from mission.link.tlog import read_tlog
+from mission.model import Command, Mission, MissionItem
+from sensors.observations import Observations
+from sim_vehicle.simulation import Impairment
+from wbf_mission import flight as flight_module
+from wbf_mission.estimation import RunEstimate
+from wbf_mission.flight import fly, make_environment
+from wbf_mission.ground import Outcome
+from wbf_mission.planning import plan
+from wbf_mission.results import RunFolder
+from wbf_mission.scenario import Scenario
+
+IDEAL = Scenario(farm="miniberry-10", planner="lawnmower", vehicle="ideal", budget="60steps", seed=3)
+QUAD = Scenario(farm="miniberry-30", planner="spiral", vehicle="quad", budget="150m", seed=3)
+
+
+def test_the_ideal_robot_sees_the_truth_of_each_step() -> None:
+    result = fly(IDEAL)
+    assert result.outcome is Outcome.COMPLETED
+    seen = result.observations
+    assert len(seen) == pytest.approx(result.plan.prediction.duration_s, abs=1)
+    assert result.truth is not None
+    assert np.array_equal(seen.values, result.truth[:, seen.x, seen.y].T)
+    assert len(result.history.entries) == len(seen)
+
+
+@pytest.mark.parametrize("planner", ["lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint"])
+@pytest.mark.parametrize("estimator", ["adaptive-disk", "gp", "point"])
+def test_every_planner_with_every_estimator(planner: str, estimator: str) -> None:
+    result = fly(replace(IDEAL, planner=planner, estimator=estimator))
+    assert result.outcome is Outcome.COMPLETED
+    assert result.history.score is not None
+    assert result.history.score <= 0.0
+    assert result.history.entries[-1].loss <= result.history.entries[0].loss
+
+
+def test_the_quad_flies_what_was_planned_and_looks_all_the_way() -> None:
+    result = fly(QUAD)
+    assert result.outcome is Outcome.COMPLETED, result.reason
+    assert result.transfers[0].verified
+    assert result.flight_time_s == pytest.approx(result.plan.prediction.duration_s, rel=0.05)
+    assert result.battery_used == pytest.approx(result.plan.battery_used, rel=0.05)
+    assert result.track.length_m == pytest.approx(result.plan.length_m, rel=0.1)
+    cells = result.plan.length_m / result.farm.cell_size_m
+    assert 0.6 * cells < len(result.observations) < 1.2 * cells
+    assert result.truth is not None
+    seen = result.observations
+    assert np.array_equal(seen.values, result.truth[:, seen.x, seen.y].T)
+
+
+def test_equal_scenarios_give_equal_bytes(tmp_path: Path) -> None:
+    windy = replace(QUAD, wind_speed_m_s=4.0, wind_gust_m_s=1.0, camera_noise=0.1, false_negative_rate=0.1)
+    first = fly(windy, tlog=tmp_path / "first.tlog")
+    second = fly(windy, tlog=tmp_path / "second.tlog")
+    other = fly(replace(windy, seed=4), tlog=tmp_path / "other.tlog")
+    assert (tmp_path / "first.tlog").read_bytes() == (tmp_path / "second.tlog").read_bytes()
+    assert (tmp_path / "first.tlog").read_bytes() != (tmp_path / "other.tlog").read_bytes()
+    assert np.array_equal(first.observations.values, second.observations.values)
+    assert first.history.scores == second.history.scores
+    assert not np.array_equal(first.truth, other.truth)
+
+
+def test_the_run_folder_holds_what_others_read(tmp_path: Path) -> None:
+    folder = RunFolder.for_scenario(QUAD, tmp_path / "run")
+    result = fly(QUAD, tlog=folder.tlog)
+    written = folder.write(result)
+    assert all(path.is_file() for path in written)
+    assert {path.suffix for path in written} == {".plan", ".parquet", ".csv", ".npy", ".png", ".json"}
+    assert not [path for path in folder.path.iterdir() if path.name.startswith(".")]
+    summary = json.loads((folder.path / "summary.json").read_text())
+    for key in (
+        "seed", "farm", "planner", "estimator", "vehicle", "score", "losses", "path_length_m", "flight_time_s",
+        "wall_time_s", "realtime_factor", "observations", "battery_used", "transfer", "outcome",
+    ):  # fmt: skip
+        assert key in summary
+    assert summary["outcome"] == "completed"
+    assert len(Observations.load(folder.path / "observations.parquet")) == summary["observations"]
+    assert len(read_mission(folder.path / "plan.plan").items) == len(result.plan.mission.items)
+    assert np.load(folder.path / "value.npy").shape == (3, 30, 30)
+    kinds = {message.get_type() for _, message in read_tlog(folder.tlog)}
+    assert {"HEARTBEAT", "MISSION_ITEM_INT", "GLOBAL_POSITION_INT", "CAMERA_IMAGE_CAPTURED"} <= kinds
+    assert {"DEBUG_FLOAT_ARRAY", "BATTERY_STATUS", "COMMAND_ACK"} <= kinds
+
+
+def test_a_bad_radio_costs_time_but_no_picture() -> None:
+    radio = Impairment(loss=0.1, duplication=0.05, delay_s=0.05, jitter_s=0.1, seed=2)
+    result = fly(QUAD, impairment=radio)
+    assert result.outcome is Outcome.COMPLETED, result.reason
+    assert result.transfers[0].verified
+    assert result.transfers[0].retries > 0
+    clean = fly(QUAD)
+    assert len(result.observations) == pytest.approx(len(clean.observations), abs=20)
+
+
+def test_no_contact_is_an_outcome() -> None:
+    result = fly(QUAD, impairment=Impairment(loss=1.0))
+    assert result.outcome is Outcome.NO_CONTACT
+    assert len(result.observations) == 0
+    assert result.summary()["outcome"] == "no_contact"
+
+
+def test_an_item_that_cannot_be_flown_is_an_outcome(tmp_path: Path) -> None:
+    made = plan(QUAD).mission
+    broken = Mission((*made.items[:3], MissionItem(Command.NAV_SPLINE_WAYPOINT, 0), *made.items[3:]), made.home)
+    path = tmp_path / "spline.plan"
+    write_mission(broken, path)
+    result = fly(replace(QUAD, mission=str(path)))
+    assert result.outcome in (Outcome.UPLOAD_FAILED, Outcome.MISSION_REJECTED)
+    assert result.reason
+
+
+def test_a_battery_that_does_not_last_is_an_outcome(tmp_path: Path) -> None:
+    long = plan(replace(QUAD, farm="waterberry", budget="30km"))
+    path = tmp_path / "long.plan"
+    write_mission(long.mission, path)
+    result = fly(replace(QUAD, farm="waterberry", mission=str(path), score_points=1))
+    assert result.outcome in (Outcome.BATTERY_LOW, Outcome.BATTERY_DEPLETED), result.reason
+    assert result.battery_used is not None
+    assert result.battery_used > 0.75
+    assert len(result.observations) > 0
+
+
+def test_ctrl_c_keeps_what_was_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    learned = []
+    original = RunEstimate.add
+
+    def add(self: RunEstimate, observations: Observations) -> None:
+        original(self, observations)
+        learned.append(len(observations))
+        if sum(learned) > 100:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(flight_module.RunEstimate, "add", add)
+    result = fly(QUAD)
+    assert result.outcome is Outcome.INTERRUPTED
+    assert len(result.observations) >= 100
+    assert result.history.entries
+    assert result.outcome.exit_code == 130
+
+
+def test_partial_sensors_leave_the_other_fields_alone() -> None:
+    result = fly(replace(IDEAL, camera_fields=("soil",)))
+    assert np.isnan(result.observations.values[:, :2]).all()
+    assert not np.isnan(result.observations.values[:, 2]).any()
+    assert result.model is not None
+    assert (result.model.value[:2] == 1.0).all()
+
+
+def test_a_wide_footprint_sees_more_cells() -> None:
+    narrow, wide = fly(QUAD), fly(replace(QUAD, camera_footprint=3))
+    assert wide.summary()["cells_observed"] > 1.3 * narrow.summary()["cells_observed"]
+
+
+def test_the_environment_is_the_seeds_alone() -> None:
+    farm = plan(IDEAL).farm
+    first = make_environment(IDEAL, farm).values(6)
+    again = make_environment(replace(IDEAL, planner="spiral", vehicle="quad"), farm).values(6)
+    assert np.array_equal(first, again)

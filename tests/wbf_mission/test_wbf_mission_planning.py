@@ -1,0 +1,76 @@
+"""From scenarios to missions within their budgets."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mission.errors import PlanningError
+from mission.files import write_mission
+from wbf_mission.planning import plan
+from wbf_mission.scenario import Scenario, ScenarioError
+
+
+@pytest.mark.parametrize("planner", ["lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint"])
+def test_the_default_budget_is_the_battery_less_its_reserve(planner: str) -> None:
+    result = plan(Scenario(farm="miniberry-100", planner=planner, vehicle="quad"))
+    assert result.vehicle.battery is not None
+    assert result.prediction.feasible
+    assert result.battery_used is not None
+    assert 0.0 < result.battery_used <= 1.0 - result.vehicle.battery.reserve_fraction + 1e-9
+
+
+@pytest.mark.parametrize("planner", ["lawnmower", "spiral"])
+def test_a_time_budget_is_kept_and_used(planner: str) -> None:
+    result = plan(Scenario(farm="waterberry", planner=planner, budget="12min"))
+    assert result.prediction.duration_s <= 720.0
+    assert result.prediction.duration_s > 0.6 * 720.0
+
+
+def test_the_ideal_robot_gets_the_papers_timesteps() -> None:
+    result = plan(Scenario(farm="miniberry-30", planner="lawnmower", vehicle="ideal"))
+    assert result.budget_text.startswith("360 steps")
+    assert result.prediction.duration_s <= 360.0
+    assert result.battery_used is None
+
+
+def test_a_length_budget_counts_the_way_home() -> None:
+    result = plan(Scenario(farm="waterberry", planner="spiral", budget="8000m"))
+    assert result.length_m <= 8000.0
+    home = np.array(result.farm.home_m)
+    path = np.vstack((home, result.path_m, home))
+    assert np.hypot(*np.diff(path, axis=0).T).sum() == pytest.approx(result.length_m)
+
+
+def test_a_budget_that_is_too_small_says_what_is_needed() -> None:
+    with pytest.raises(PlanningError, match="budget"):
+        plan(Scenario(farm="waterberry", planner="lawnmower", budget="100m"))
+
+
+def test_energy_budgets_need_a_vehicle_that_uses_energy() -> None:
+    with pytest.raises(ScenarioError, match="uses no energy"):
+        plan(Scenario(vehicle="ideal", budget="50Wh"))
+
+
+def test_the_wind_is_part_of_the_prediction() -> None:
+    calm = plan(Scenario(farm="miniberry-100", planner="lawnmower", budget="900m"))
+    storm = plan(Scenario(farm="miniberry-100", planner="lawnmower", budget="900m", wind_speed_m_s=13.0))
+    assert storm.prediction.energy_wh != pytest.approx(calm.prediction.energy_wh, rel=0.02)
+
+
+def test_a_mission_file_is_taken_as_it_is(tmp_path: Path) -> None:
+    scenario = Scenario(farm="miniberry-100", planner="spiral", budget="500m")
+    made = plan(scenario)
+    path = tmp_path / "mine.plan"
+    write_mission(made.mission, path)
+    again = plan(replace(scenario, mission=str(path)))
+    assert len(again.mission.items) == len(made.mission.items)
+    assert again.prediction.duration_s == pytest.approx(made.prediction.duration_s, rel=1e-3)
+
+
+def test_the_plan_depends_on_the_seed_only() -> None:
+    scenario = Scenario(farm="miniberry-100", planner="random-waypoint", budget="400m", seed=5)
+    first, second = plan(scenario), plan(scenario)
+    assert np.array_equal(first.path_m, second.path_m)
+    assert not np.array_equal(first.path_m[:3], plan(replace(scenario, seed=6)).path_m[:3])

@@ -18,7 +18,7 @@ MAX_SPEED_M_S = 150.0
 STILL_M = 0.1
 """Length that a movement must reach to count towards the distance.
 
-The sway of a hovering vehicle stays below it, and rounding to 11 mm lengthens longer chords by less than 0.1 %.
+A hovering vehicle sways less, and rounding to 11 mm lengthens longer chords by less than 0.1 %.
 """
 _CHORD_MS = 150
 _STEP_MS = 100

@@ -1,9 +1,9 @@
 """Time the estimators against the reference methods, side by side in one process, and check their bars.
 
 The references are the methods of the published benchmark code, written out below: every disk drawn again at
-every estimate, field by field, and scikit-learn's Gaussian process fitted from scratch at every estimate (times
-marked "~" are measured at a few numbers of observations and summed over all steps). The disks are checked to be
-the same.
+every estimate, field by field, and scikit-learn's Gaussian process fitted from scratch at every estimate
+(times marked "~" are measured at a few numbers of observations and summed over all steps). The disks of both
+methods are checked to be the same.
 
 Examples::
 
@@ -177,9 +177,8 @@ def bars(steps: int) -> bool:
         command = [sys.executable, __file__, "--fly", name, "--steps", str(steps)]
         taken = clock(lambda command=command: subprocess.run(command, check=True, env={**os.environ}))
         held &= taken < bar
-        print(
-            f"whole process, {name}, {steps} steps: {taken:.2f} s, bar {bar:g} s: {'held' if taken < bar else 'MISSED'}"
-        )
+        verdict = "held" if taken < bar else "MISSED"
+        print(f"whole process, {name}, {steps} steps: {taken:.2f} s, bar {bar:g} s: {verdict}", flush=True)
     return held
 
 

@@ -1,7 +1,7 @@
 """MAVLink frames out of bytes and bytes out of messages.
 
 The messages, their field tables and the exact rules are those of pymavlink's generated codec; for the
-common case (a message without number arrays, no signing) this module packs and unpacks straight from those
+common case (a message without arrays, no signing) this module packs and unpacks straight from those
 tables, which is two to three times as fast. Everything else goes through the generated ``pack`` and
 ``decode``.
 
@@ -52,8 +52,8 @@ class _Kind:
         self.unpack: Callable[[bytes], tuple[Any, ...]] = message_type.unpacker.unpack
         flat = _flat(message_type)
         self.in_order = itemgetter(*message_type.orders) if flat else None
-        self.fields = attrgetter(*message_type.ordered_fieldnames) if flat else None
         self.text = "char" in message_type.fieldtypes
+        self.fields = attrgetter(*message_type.ordered_fieldnames) if flat and not self.text else None
 
 
 class _Kinds(dict[int, "_Kind | None"]):

@@ -124,6 +124,7 @@ class Pilot:
         self._started = False
         self._complete = False
         self._failsafe = 0
+        self._takeoff_altitude_m: float | None = None
 
     @property
     def armed(self) -> bool:
@@ -189,10 +190,7 @@ class Pilot:
         elif self.outcome in (Outcome.MISSION_REJECTED, Outcome.COMPLETED, Outcome.INTERRUPTED):
             self._end(Outcome.RUNNING, "")
         if flying:
-            if items and not self._problems:
-                self._fly_mission()
-            else:
-                self._order(Mode.HOLD)
+            self._turn_to(Mode.MISSION if items and not self._problems else Mode.HOLD)
 
     def reject_mission(self, reason: str) -> None:
         """Note that a mission was refused in its transfer; the old one stays in force."""
@@ -222,13 +220,10 @@ class Pilot:
         self._failsafe = 0
         self._end(Outcome.RUNNING, "")
         self.note(Severity.INFO, "Armed")
-        if self.mode is Mode.MISSION:
-            if self.why_no_mission() is None:
-                self._fly_mission()
-            else:
-                self.mode = Mode.HOLD
-        elif self.mode is Mode.TAKEOFF:
-            self._executor.takeoff(self.tuning.takeoff_altitude_m)
+        if self.mode is Mode.MISSION and self.why_no_mission() is not None:
+            self.mode = Mode.HOLD
+        elif self.mode in (Mode.MISSION, Mode.TAKEOFF):
+            self._turn_to(self.mode)
 
     def disarm(self, *, force: bool = False) -> None:
         """Stop the motors; in the air only by force.
@@ -245,6 +240,7 @@ class Pilot:
         except VehicleError:
             msg = "Disarming denied: not landed"
             raise RefusedError(msg) from None
+        self.state = self._executor.state()
         self._disarmed()
 
     def set_mode(self, mode: Mode) -> None:
@@ -266,13 +262,11 @@ class Pilot:
         self._order(mode)
 
     def takeoff(self, altitude_m: float) -> None:
-        """Climb to an altitude above home; disarmed, as soon as armed (then to the default altitude)."""
+        """Climb to an altitude above home; disarmed, as soon as it is armed."""
         if not 0.0 < altitude_m <= self.spec.max_altitude_m:
             raise RefusedError(f"Takeoff refused: altitude {altitude_m:g} m", denied=True)
-        self.set_mode(Mode.HOLD)
-        self.mode = Mode.TAKEOFF
-        if self.armed:
-            self._command(lambda: self._executor.takeoff(altitude_m))
+        self._takeoff_altitude_m = altitude_m
+        self.set_mode(Mode.TAKEOFF)
 
     def goto(
         self,
@@ -344,7 +338,7 @@ class Pilot:
             self._complete = True
             self.note(Severity.INFO, "Mission complete")
             if self.armed and self.landed is LandedState.IN_AIR:
-                self._order(Mode.HOLD)
+                self._turn_to(Mode.HOLD)
         elif isinstance(event, CannotFly):
             self._give_up(event)
         elif isinstance(event, BatteryDepleted):
@@ -361,7 +355,7 @@ class Pilot:
         if not self.outcome.is_over:
             self._end(Outcome.CANNOT_FLY_ITEM, f"{where}{event.reason}")
         if self.armed and self.landed is not LandedState.ON_GROUND and self.mode is not Mode.LAND:
-            self._order(Mode.LAND if self.mode is Mode.RTL else Mode.RTL)
+            self._turn_to(Mode.LAND if self.mode is Mode.RTL else Mode.RTL)
 
     def _watch_battery(self) -> None:
         battery = self.state.battery
@@ -382,10 +376,10 @@ class Pilot:
             return
         if level == 2 and self.state.phase is not Phase.LAND:
             self._end(Outcome.BATTERY_LOW, f"battery critical ({percent})")
-            self._order(Mode.LAND)
+            self._turn_to(Mode.LAND)
         elif level == 1 and not homing:
             self._end(Outcome.BATTERY_LOW, f"battery low ({percent})")
-            self._order(Mode.RTL)
+            self._turn_to(Mode.RTL)
 
     def _disarmed(self) -> None:
         self.note(Severity.INFO, "Disarmed")
@@ -395,6 +389,13 @@ class Pilot:
             else:
                 self._end(Outcome.INTERRUPTED, f"disarmed at item {self.current_seq} of {self.mission_size}")
         self._started = False
+
+    def _turn_to(self, mode: Mode) -> None:
+        """Take a mode by the vehicle's own decision; what is not possible is told."""
+        try:
+            self._order(mode)
+        except RefusedError as refusal:
+            self.note(Severity.WARNING, str(refusal))
 
     def _order(self, mode: Mode) -> None:
         """Take the mode and, armed, do what it means; what is refused leaves the mode as it was."""
@@ -412,7 +413,9 @@ class Pilot:
         if mode is Mode.MISSION:
             self._fly_mission()
         elif mode is Mode.TAKEOFF:
-            self._command(lambda: self._executor.takeoff(self.tuning.takeoff_altitude_m))
+            altitude_m = self._takeoff_altitude_m or self.tuning.takeoff_altitude_m
+            self._takeoff_altitude_m = None
+            self._command(lambda: self._executor.takeoff(altitude_m))
         elif mode in (Mode.RTL, Mode.LAND):
             if on_ground:
                 self.disarm()

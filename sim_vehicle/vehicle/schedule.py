@@ -10,6 +10,8 @@ from collections.abc import Mapping
 
 SHORTEST_US = 5_000
 """A peer cannot ask for more than 200 messages a second."""
+LONGEST_US = 2**31 - 1
+"""What MESSAGE_INTERVAL can tell."""
 
 
 class Schedule:
@@ -48,7 +50,7 @@ class Schedule:
         if interval_us < 0:
             self._interval_us.pop(message_id, None)
         else:
-            self._interval_us[message_id] = max(SHORTEST_US, interval_us)
+            self._interval_us[message_id] = min(max(SHORTEST_US, interval_us), LONGEST_US)
         self._regroup(now_us)
         return self.interval_us(message_id)
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable
 
 from geo.frame import LocalFrame
 from mission.link.dialect import mavlink as m
 from mission.link.frames import Message
-from mission.model import GeoPoint, MissionItem, MissionType
+from mission.model import Command, GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
 from mission.transfer.events import (
     Event,
@@ -42,6 +43,7 @@ _TICK_S = 0.1
 _TEXT_BYTES = 50
 _DEFAULT_EPOCH_S = 1_780_315_200.0  # 2026-06-01T12:00:00Z, so that equal runs give equal bytes
 _MISSION_IDS = frozenset(wire.SERVER_MESSAGES)
+_KNOWN_ITEMS = NAV_COMMANDS | DO_COMMANDS | frozenset(range(5000, 5005)) | {int(Command.NAV_RALLY_POINT)}
 _COMMAND_IDS = frozenset({m.MAVLINK_MSG_ID_COMMAND_LONG, m.MAVLINK_MSG_ID_COMMAND_INT})
 _PARAMETER_IDS = frozenset(
     {
@@ -166,6 +168,11 @@ class SimVehicle:
     def outcome_text(self) -> str:
         """Why it ended so."""
         return self.pilot.outcome_text
+
+    @property
+    def finished(self) -> bool:
+        """Whether the run has ended and the vehicle is down and disarmed."""
+        return self.pilot.outcome.is_over and not self.pilot.armed
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
         """Take a message and return the answers; what is not for this vehicle is ignored."""
@@ -398,7 +405,8 @@ class SimVehicle:
         elif isinstance(event, PlanReplaced) and event.changed:
             self.pilot.load(event.items)
             if event.start_sequence and not self.pilot.why_no_mission():
-                self.pilot.set_current(event.start_sequence)
+                with contextlib.suppress(RefusedError):
+                    self.pilot.set_current(event.start_sequence)
         elif isinstance(event, PlanCleared):
             self.pilot.load(())
         elif isinstance(event, TransferStarted):
@@ -408,7 +416,7 @@ class SimVehicle:
 
     def _check_item(self, item: MissionItem) -> int:
         """Judge one mission item for the transfer: MAV_MISSION_RESULT."""
-        known = item.command in NAV_COMMANDS or item.command in DO_COMMANDS
+        known = item.command in _KNOWN_ITEMS
         return int(wire.ACCEPTED if known else wire.UNSUPPORTED)
 
     def _on_set_current(self, message: Message) -> None:

@@ -272,6 +272,11 @@ def advance(
                 if most < speed and (most > SLOWEST or ds > CREEP):
                     speed = most if most > SLOWEST else 0.0
         row = route[leg]
+        if abs(vw) > row[23] and uz != 0.0:
+            most = 0.999 * (limits[3] if uz > 0.0 else limits[4]) - horizontal * abs(vw)
+            most = most / abs(uz) if most > 0.0 else 0.0
+            if most < speed:
+                speed = most
         if radius > 0.0 and ds >= 0.0:
             ahead = row[27] + (ds - radius if ds > radius else 0.0)
             if ahead == 0.0 and vs <= leave and leave < speed:

@@ -184,12 +184,13 @@ def _reposition(vehicle: SimVehicle, order: Order) -> Answer:
     altitude = order.params[6] - (0.0 if order.frame in RELATIVE_FRAMES else vehicle.home.altitude_m)
     if math.isnan(altitude):
         altitude = pilot.state.position_m[2]
-    speed, yaw = order.params[0], order.params[3]
+    # The heading is in radians here, other than in mission items.
+    speed, yaw_rad = order.params[0], order.params[3]
     pilot.goto(
         *place,
         altitude,
         mode=Mode.HOLD if vehicle.persona.split_mode else Mode.GUIDED,
-        yaw_rad=math.radians(yaw) if math.isfinite(yaw) and not vehicle.persona.data_streams else None,
+        yaw_rad=yaw_rad if math.isfinite(yaw_rad) and vehicle.persona.split_mode else None,
         speed_m_s=speed if speed > 0.0 and math.isfinite(speed) else None,
     )
     return ACCEPTED

@@ -140,6 +140,7 @@ def test_mavsdk_takes_off_pauses_goes_and_lands(sdk):
         latitude, longitude = place(10, 10)
         action.goto_location(latitude, longitude, HOME.altitude_m + 9.0, 90.0)
         wait_until(lambda: abs(telemetry.position().longitude_deg - longitude) < 1e-6, what="goto")
+        wait_until(lambda: abs(telemetry.heading().heading_deg - 90.0) < 0.5, what="heading")
         action.hold()
         action.land()
         wait_until(lambda: not telemetry.armed(), what="landing")

@@ -90,8 +90,8 @@ def _shrunk(part: Polygon, margin: float) -> Area:
 class Region:
     """A polygon in which straight legs are tested and detours are found.
 
-    A detour is the shortest way through the polygon's reflex corners (A* over the visibility graph; its edges are
-    worked out when they are needed and kept).
+    A detour is the shortest way through reflex corners: A* over the visibility graph, whose edges
+    are worked out when they are needed and kept.
     """
 
     def __init__(self, polygon: Polygon) -> None:

@@ -102,9 +102,9 @@ def check_area(area: Area, what: str) -> None:
     if not isinstance(area, shapely.Polygon | shapely.MultiPolygon):
         msg = f"planning request: the {what} must be a Polygon or MultiPolygon, not {type(area).__name__}"
         raise PlanningError(msg)
-    if area.is_empty or not area.area > 0:
-        msg = f"planning request: the {what} is empty"
-        raise PlanningError(msg)
     if not np.isfinite(shapely.get_coordinates(area)).all() or not area.is_valid:
         msg = f"planning request: the {what} is not valid geometry: {shapely.is_valid_reason(area)}"
+        raise PlanningError(msg)
+    if area.is_empty or not area.area > 0:
+        msg = f"planning request: the {what} is empty"
         raise PlanningError(msg)

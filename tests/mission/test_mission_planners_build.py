@@ -1,0 +1,151 @@
+"""Planned paths, coverage, and missions built from paths."""
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from geo.frame import LocalFrame
+from mission.errors import PlanningError
+from mission.model import Command, Frame
+from mission.planners import LengthBudget, PlannedPath, PlanningRequest, build_mission, coverage, path_length
+from mission.planners.path import drop_coincident
+
+FRAME = LocalFrame(28.05, -82.15, 30.0, rotation_deg=20.0)
+ARGUMENTS = {"frame": FRAME, "home_xy_m": (-5.0, -5.0), "altitude_m": 12.0, "speed_m_s": 6.0}
+
+
+def planned(points, spacing=2.0):
+    return PlannedPath(np.array(points, dtype=float), spacing, "test")
+
+
+def test_the_items_are_in_the_documented_order():
+    points = [(0, 0), (50, 0), (50, 0.005), (50, 2), (0, 2)]
+    mission = build_mission(planned(points), camera_distance_m=0.5, **ARGUMENTS)
+    assert [item.command for item in mission.items] == [22, 178, 16, 206, 16, 16, 16, 206, 20]
+    takeoff, speed, first, start, *_, last, stop, _ = mission.items
+    home = FRAME.to_wgs84(-5.0, -5.0)
+    assert (takeoff.x, takeoff.y) == pytest.approx(home, abs=1e-7)
+    assert (mission.home.latitude_deg, mission.home.longitude_deg) == pytest.approx(home, abs=1e-12)
+    assert (takeoff.z, takeoff.param4, takeoff.frame) == (12.0, None, Frame.GLOBAL_RELATIVE_ALT)
+    assert mission.home.altitude_m == 30.0
+    assert (speed.param1, speed.param2, speed.param3) == (1.0, 6.0, -1.0)
+    assert (first.param1, first.param2, first.param4, first.z) == (0.0, 0.5, None, 12.0)
+    assert (start.param1, start.param3) == (0.5, 1.0)
+    assert (stop.param1, stop.param3) == (0.0, 0.0)
+    assert FRAME.from_wgs84(last.x, last.y) == pytest.approx((0.0, 2.0), abs=0.012)
+
+
+def test_interval_no_camera_and_no_return():
+    mission = build_mission(planned([(0, 0), (9, 0)]), camera_interval_s=1.5, return_home=False, **ARGUMENTS)
+    assert [item.command for item in mission.items] == [22, 178, 16, 214, 16, 214]
+    assert [item.param1 for item in mission.items if item.command == 214] == [1500.0, 0.0]
+    mission = build_mission(planned([(0, 0)]), **ARGUMENTS)
+    assert [item.command for item in mission.items] == [22, 178, 16, 20]
+
+
+@pytest.mark.parametrize(("spacing", "radius"), [(0.1, 0.1), (2.0, 0.5), (50.0, 2.0), (None, 0.75)])
+def test_acceptance_radius_follows_the_spacing(spacing, radius):
+    mission = build_mission(planned([(0, 0), (9, 0), (9, 3)], spacing), **ARGUMENTS)
+    assert {i.param2 for i in mission.items if i.command == Command.NAV_WAYPOINT} == {radius}
+    mission = build_mission(planned([(0, 0), (9, 0)], spacing), acceptance_radius_m=1.25, **ARGUMENTS)
+    assert mission.items[2].param2 == 1.25
+
+
+def test_a_mission_has_at_most_65535_items():
+    x = np.arange(65535.0)
+    fits = planned(np.column_stack((x, x))[:65532])
+    assert len(build_mission(fits, **ARGUMENTS).items) == 65535
+    with pytest.raises(PlanningError, match="65535"):
+        build_mission(planned(np.column_stack((x, x))[:65533]), **ARGUMENTS)
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
+@pytest.mark.parametrize(
+    "name", ["altitude_m", "speed_m_s", "camera_distance_m", "camera_interval_s", "acceptance_radius_m"]
+)
+def test_numbers_out_of_range_are_refused(name, value):
+    with pytest.raises(PlanningError, match="above zero") as caught:
+        build_mission(planned([(0, 0), (1, 0)]), **{**ARGUMENTS, name: value})
+    assert "\n" not in str(caught.value)
+
+
+def test_only_one_way_to_fire_the_camera():
+    with pytest.raises(PlanningError, match="one of"):
+        build_mission(planned([(0, 0)]), camera_distance_m=1.0, camera_interval_s=1.0, **ARGUMENTS)
+
+
+@given(st.lists(st.tuples(st.floats(-9, 9), st.floats(-9, 9)), min_size=1, max_size=30))
+@settings(max_examples=50, deadline=None)
+def test_missions_lie_on_the_path(points):
+    mission = build_mission(planned(points), **ARGUMENTS)
+    places = np.array([(i.x, i.y) for i in mission.items if i.command == 16])
+    back = np.column_stack(FRAME.from_wgs84(places[:, 0], places[:, 1]))
+    assert np.abs(back - drop_coincident(points)).max() < 0.012
+
+
+@pytest.mark.parametrize("points", [[], [(0.0, 1.0, 2.0)], [(0.0, float("nan"))], [1.0, 2.0]])
+def test_paths_are_finite_pairs(points):
+    with pytest.raises(PlanningError, match="path needs"):
+        planned(points)
+
+
+def test_paths_do_not_change():
+    points = np.zeros((2, 2))
+    path = PlannedPath(points, None, "test")
+    points[:] = 7.0
+    assert path.points_m.max() == 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        path.points_m[0] = 1.0
+    with pytest.raises(PlanningError, match="spacing"):
+        planned([(0, 0)], -1.0)
+
+
+def test_drop_coincident_never_drifts():
+    creep = np.column_stack((np.arange(0, 1, 0.004), np.zeros(250)))
+    kept = drop_coincident(creep)
+    assert np.diff(kept[:, 0]).min() >= 0.01
+    assert path_length(kept) == pytest.approx(0.996, abs=0.01)
+
+
+def test_coverage_of_rows():
+    area = shapely.box(0, 0, 100, 50)
+    rows = np.array([(0, 5), (100, 5), (100, 25), (0, 25)], dtype=float)
+    # Two swaths of 10 m, and the turn between them at the border with its inner half.
+    assert coverage(rows, area, 10.0) == pytest.approx((2 * 1000 + 50) / 5000, rel=1e-9)
+    assert coverage(planned([(50, 25)]), area, 10.0) == pytest.approx(np.pi * 25 / 5000, rel=0.03)
+    assert coverage(np.array([(-50.0, -50.0), (-60.0, -60.0)]), area, 10.0) == 0.0
+    with pytest.raises(PlanningError, match="footprint"):
+        coverage(rows, area, 0.0)
+
+
+def test_coverage_in_stretches_is_that_of_the_whole():
+    rng = np.random.default_rng(1)
+    area = shapely.box(0, 0, 100, 100)
+    points = rng.uniform(0, 100, (70, 2))
+    whole = shapely.LineString(points).buffer(1.0, quad_segs=4).intersection(area).area / area.area
+    assert coverage(points, area, 2.0) == pytest.approx(whole, rel=1e-3)
+
+
+BOW = shapely.Polygon([(0, 0), (10, 10), (10, 0), (0, 10)])
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"area": shapely.Polygon()}, "empty"),
+        ({"area": BOW}, "valid"),
+        ({"area": shapely.LineString([(0, 0), (1, 1)])}, "Polygon"),
+        ({"start_xy_m": (float("nan"), 0.0)}, "start"),
+        ({"start_xy_m": (1.0, 2.0, 3.0)}, "start"),
+        ({"footprint_m": -1.0}, "footprint"),
+        ({"footprint_m": float("inf")}, "footprint"),
+    ],
+)
+def test_requests_that_make_no_sense(changes, text):
+    good = {"area": shapely.box(0, 0, 9, 9), "start_xy_m": (0.0, 0.0), "budget": LengthBudget(100.0)}
+    PlanningRequest(**good)
+    with pytest.raises(PlanningError, match=text) as caught:
+        PlanningRequest(**{**good, **changes})
+    assert "\n" not in str(caught.value)

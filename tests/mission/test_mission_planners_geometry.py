@@ -1,0 +1,192 @@
+"""Insets, shortest ways inside, rows through polygons, and the search for the densest."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely.geometry import LineString, MultiPolygon, Polygon
+
+from mission.errors import PlanningError
+from mission.planners import LengthBudget, PlanningRequest, path_length
+from mission.planners.connect import Region, Terrain, inset, is_rectangle
+from mission.planners.search import densest_feasible
+from mission.planners.sweep import Sweep, lawnmower_rows, sweep_angle
+
+U = Polygon([(0, 0), (90, 0), (90, 90), (60, 90), (60, 30), (30, 30), (30, 90), (0, 90)])
+POND = Polygon([(0, 0), (60, 0), (60, 60), (0, 60)], [[(20, 20), (20, 40), (40, 40), (40, 20)]])
+NECK = shapely.union_all(
+    [shapely.box(0, 0, 50, 50), shapely.box(49, 25, 101, 25.1), shapely.box(100, 0, 150, 50)]
+)
+
+
+def star(seed, corners, reach=100.0):
+    rng = np.random.default_rng(seed)
+    angle = np.sort(rng.uniform(0, 2 * np.pi, corners))
+    radius = rng.uniform(0.15, 1.0, corners) * reach
+    return Polygon(np.column_stack((radius * np.cos(angle), radius * np.sin(angle))))
+
+
+def length_through(start, way, end):
+    return path_length(np.vstack((start, way, end)))
+
+
+def test_the_shortest_way_around_is_found():
+    region = Region(U)
+    start, end = np.array((5.0, 80.0)), np.array((85.0, 80.0))
+    way = region.route(start, end)
+    assert way.tolist() == [[30.0, 30.0], [60.0, 30.0]]
+    assert len(region.route(np.array((5.0, 5.0)), np.array((85.0, 5.0)))) == 0
+    around = Region(POND).route(np.array((30.0, 10.0)), np.array((30.0, 50.0)))
+    assert length_through((30, 10), around, (30, 50)) == pytest.approx(20 + 2 * math.hypot(10, 10))
+
+
+@given(st.integers(0, 10_000), st.integers(5, 25))
+@settings(max_examples=30, deadline=None)
+def test_ways_stay_inside_and_are_no_longer_than_any_over_the_whole_graph(seed, corners):
+    polygon = star(seed, corners)
+    if not polygon.is_valid or polygon.area < 10:
+        return
+    region = Region(polygon)
+    rng = np.random.default_rng(seed)
+    places = rng.uniform(-100, 100, (400, 2))
+    places = places[shapely.contains_xy(polygon, *places.T)][:4]
+    nodes = np.vstack((places, region.corners))
+    sees = np.array([region.sees(nodes, node) for node in nodes])
+    graph = np.where(sees, np.hypot(*np.moveaxis(nodes[:, None] - nodes[None], -1, 0)), np.inf)
+    for middle in range(len(nodes)):
+        graph = np.minimum(graph, graph[:, middle, None] + graph[middle])
+    for first in range(len(places)):
+        for second in range(first):
+            way = region.route(places[first], places[second])
+            assert way is not None
+            assert length_through(places[first], way, places[second]) == pytest.approx(graph[first, second])
+            line = LineString(np.vstack((places[first], way, places[second])))
+            assert polygon.buffer(1e-6).covers(line)
+
+
+def test_inset_keeps_every_part():
+    fields = MultiPolygon(
+        [shapely.box(0, 0, 10, 10), shapely.box(20, 0, 20.1, 30), shapely.box(30, 0, 31, 1)]
+    )
+    left = inset(fields, 0.6)
+    assert len(left.geoms) == 3
+    assert fields.covers(left)
+    assert left.geoms[0].bounds == (0.6, 0.6, 9.4, 9.4)
+    assert inset(U, 0.0) is U
+    assert fields.geoms[0].boundary.distance(left.geoms[0]) == pytest.approx(0.6)
+
+
+def test_long_borders_are_smoothed_inwards():
+    angle = np.linspace(0, 2 * np.pi, 5000, endpoint=False)
+    radius = 100 + np.random.default_rng(0).uniform(-0.05, 0.05, 5000)
+    field = Polygon(np.column_stack((radius * np.cos(angle), radius * np.sin(angle))))
+    left = inset(field, 0.5)
+    assert shapely.get_num_coordinates(left) <= 500
+    assert field.buffer(-0.5 + 1e-6).covers(left)
+    assert left.area > field.buffer(-1.5).area
+
+
+def test_a_neck_narrower_than_the_footprint_is_passed_inside_the_area():
+    terrain = Terrain(NECK, 2.0)
+    assert len(terrain.flyable.geoms) == 2
+    joined = terrain.join([np.array([(10.0, 10.0)]), np.array([(140.0, 40.0)])], (10.0, 10.0))
+    assert NECK.buffer(1e-6).covers(LineString(joined))
+
+
+def test_is_rectangle():
+    assert is_rectangle(Polygon([(0, 0), (5, 0), (9, 0), (9, 4), (0, 4)]))
+    assert not is_rectangle(U)
+    assert not is_rectangle(POND)
+    assert not is_rectangle(MultiPolygon([shapely.box(0, 0, 1, 1)]))
+
+
+@given(st.integers(0, 10_000), st.integers(3, 25), st.integers(2, 60), st.floats(0.0, math.pi), st.booleans())
+@settings(max_examples=60, deadline=None)
+def test_rows_are_what_shapely_cuts(seed, corners, rows, angle, pierced):
+    area = star(seed, corners)
+    if not area.is_valid or area.area < 10:
+        return
+    if pierced:
+        area = area.difference(area.representative_point().buffer(math.sqrt(area.area) / 8, quad_segs=4))
+        if not isinstance(area, Polygon):
+            return
+    sweep = Sweep(area, 0.0, angle)
+    pieces = sweep.pieces(rows, (0.0, 0.0))
+    flown = shapely.linestrings(np.array(pieces))
+    assert area.buffer(1e-6).covers(shapely.MultiLineString(list(flown)))
+    turned = shapely.affinity.rotate(area, -angle, origin=(0, 0), use_radians=True)
+    x_min, y_min, x_max, y_max = turned.bounds
+    heights = np.linspace(y_min, y_max, rows)[1:-1]
+    cut = sum(turned.intersection(LineString([(x_min - 1, y), (x_max + 1, y)])).length for y in heights)
+    ends = np.array(pieces) @ np.array([-math.sin(angle), math.cos(angle)])
+    inner = (ends.mean(axis=1) > y_min + 1e-5) & (ends.mean(axis=1) < y_max - 1e-5)
+    assert shapely.length(flown[inner]).sum() == pytest.approx(cut, rel=1e-6, abs=1e-4)
+
+
+def test_every_part_has_rows_no_closer_than_the_footprint():
+    fields = MultiPolygon(
+        [shapely.box(0, 0, 10, 100), shapely.box(20, 0, 30, 7), shapely.box(40, 0, 50, 0.5)]
+    )
+    pieces = np.array(Sweep(fields, 1.0).pieces(11, (0.0, 0.0)))
+    heights = [
+        sorted(pieces[(pieces[:, :, 0].min(axis=1) >= x) & (pieces[:, :, 0].max(axis=1) <= x + 10), 0, 1])
+        for x in (0, 20, 40)
+    ]
+    assert heights[0] == pytest.approx(range(0, 101, 10))
+    assert heights[1] == pytest.approx([0, 7])
+    assert heights[2] == pytest.approx([0.25])
+
+
+def test_directions():
+    tilted = shapely.affinity.rotate(shapely.box(0, 0, 100, 20), 30)
+    assert sweep_angle(tilted) == pytest.approx(math.radians(30))
+    assert sweep_angle(tilted, "longest-side") == pytest.approx(math.radians(30))
+    assert sweep_angle(tilted, "x") == 0.0
+    assert sweep_angle(tilted, 0.5) == 0.5
+    assert sweep_angle(shapely.box(0, 0, 20, 100)) == 0.0
+    assert sweep_angle(shapely.box(0, 0, 20, 100), "fewest-turns") == pytest.approx(math.pi / 2)
+    for nonsense in ("y", math.nan):
+        with pytest.raises(PlanningError, match="direction"):
+            sweep_angle(tilted, nonsense)
+
+
+def test_rows_may_start_at_any_corner():
+    area = shapely.box(0, 0, 30, 30)
+    for start in ((0, 0), (30, 0), (30, 30), (0, 30)):
+        assert tuple(lawnmower_rows(area, 5, start)[0]) == start
+
+
+@given(st.lists(st.integers(0, 12), min_size=1, max_size=80), st.integers(1, 500))
+@settings(max_examples=200, deadline=None)
+def test_the_search_returns_a_feasible_candidate_that_no_neighbour_beats(noise, limit):
+    costs = [10 * index + wobble + 5 for index, wobble in enumerate(noise)]
+    request = PlanningRequest(shapely.box(0, 0, 1, 1), (0, 0), LengthBudget(limit))
+    asked = []
+
+    def build(index):
+        asked.append(index)
+        return np.array([(costs[index], 0.0)])
+
+    feasible = [index for index, cost in enumerate(costs) if cost <= limit]
+    try:
+        found = densest_feasible(request, build, 0, len(costs) - 1, what="test")
+    except PlanningError as error:
+        assert not [index for index in feasible if index <= 3]
+        assert "needs at least" in str(error)
+    else:
+        # The cost falls by no more than 2 from one candidate to the next: the look-ahead sees past it.
+        assert found.index == max(feasible)
+        assert found.cost == costs[found.index] <= limit
+    assert len(asked) == len(set(asked)) <= 22
+
+
+def test_the_error_names_a_budget_that_suffices():
+    def build(_):
+        return np.array([(123.456, 0.0)])
+
+    request = PlanningRequest(shapely.box(0, 0, 1, 1), (0, 0), LengthBudget(100.0))
+    with pytest.raises(PlanningError, match=r"100 m is too small: two rows needs at least 123\.5 m"):
+        densest_feasible(request, build, 1, 3, what="two rows")

@@ -57,10 +57,22 @@ class Ground:
         kind = type(message).id
         if kind == m.MAVLINK_MSG_ID_MISSION_REQUEST_INT:
             item = self.items[message.seq]
-            first = [float("nan") if p is None else p for p in (item.param1, item.param2, item.param3, item.param4)]
+            first = [
+                float("nan") if p is None else p for p in (item.param1, item.param2, item.param3, item.param4)
+            ]
             return [
                 m.MAVLink_mission_item_int_message(
-                    1, 1, message.seq, item.frame, item.command, 0, 1, *first, item.wire_x(), item.wire_y(), item.z
+                    1,
+                    1,
+                    message.seq,
+                    item.frame,
+                    item.command,
+                    0,
+                    1,
+                    *first,
+                    item.wire_x(),
+                    item.wire_y(),
+                    item.z,
                 )
             ]
         if kind == m.MAVLINK_MSG_ID_MISSION_ACK:

@@ -12,9 +12,8 @@ from collections.abc import Hashable, Iterable
 from typing import Generic, TypeVar
 
 from mission.link.dialect import mavlink
-from mission.link.frames import FrameWriter, Message
 
-__all__ = ["Address", "RoutingTable", "encode", "frame_id", "frame_source", "frame_target"]
+__all__ = ["Address", "RoutingTable", "frame_id", "frame_source", "frame_target"]
 
 Port = TypeVar("Port", bound=Hashable)
 Address = tuple[int, int]
@@ -23,17 +22,6 @@ Address = tuple[int, int]
 AUTOPILOT = 1
 MAGIC_2 = 0xFD
 _target_offsets: dict[int, tuple[int, int]] = {}
-
-
-def encode(writer: FrameWriter, message: Message) -> bytes:
-    """Pack a message as the next frame of its sender; what the fast codec cannot do, the generated one does."""
-    try:
-        return writer.encode(message)
-    except struct.error:
-        codec = writer.codec
-        frame: bytes = message.pack(codec)
-        codec.seq = (codec.seq + 1) & 255
-        return frame
 
 
 def frame_id(frame: bytes) -> int:

@@ -15,7 +15,7 @@ from mission.link.frames import FrameReader, FrameWriter, Message
 from sim_vehicle.clients import Client, Door, open_door
 from sim_vehicle.component import NEVER, Component
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.routing import RoutingTable, encode, frame_id, frame_source, frame_target
+from sim_vehicle.routing import RoutingTable, frame_id, frame_source, frame_target
 from sim_vehicle.simulation import StopReason
 
 __all__ = ["Server", "default_urls"]
@@ -270,7 +270,7 @@ class Server:
 
     def _send(self, local: _Local, messages: Iterable[Message]) -> None:
         for message in messages:
-            frame = encode(local.writer, message)
+            frame = local.writer.encode(message)
             if self._tap is not None:
                 self._tap(frame, self.now_s)
             self._inbox.append((frame, local))

@@ -18,7 +18,7 @@ from mission.link.dialect import mavlink
 from mission.link.frames import FrameReader, FrameWriter
 from sim_vehicle.component import NEVER, Component
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.routing import RoutingTable, encode
+from sim_vehicle.routing import RoutingTable
 
 __all__ = ["Impairment", "Simulation", "StopReason"]
 
@@ -188,9 +188,9 @@ class Simulation:
 
     def _send(self, source: int, messages: Iterable[mavlink.MAVLink_message]) -> None:
         """Pack each message once and put its bytes on the way."""
-        writer, tap, inbox, routes = self._writers[source], self._tap, self._inbox, self._routes
+        encode, tap, inbox, routes = self._writers[source].encode, self._tap, self._inbox, self._routes
         for message in messages:
-            frame = encode(writer, message)
+            frame = encode(message)
             self.frames += 1
             self.bytes_sent += len(frame)
             if tap is not None:

@@ -13,7 +13,6 @@ from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
 from sim_vehicle.component import Component
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.routing import encode
 from sim_vehicle.spec import get_vehicle
 from sim_vehicle.vehicle import ARDUPILOT, PX4, Mode, Outcome, SimVehicle, get_persona, persona_names
 from sim_vehicle.vehicle.commands import HANDLERS
@@ -28,7 +27,7 @@ GROUND = FrameWriter(255, 190)
 
 def crossed(message, writer=GROUND):
     """The message as its receiver decodes it."""
-    return FrameReader().feed(encode(writer, message))[0]
+    return FrameReader().feed(writer.encode(message))[0]
 
 
 class Peer:
@@ -508,10 +507,10 @@ def test_nothing_that_comes_makes_it_raise(persona, flying, frames):
                 if hasattr(message, field):
                     setattr(message, field, 1)
             for answer in peer.vehicle.receive(message, peer.now_s):
-                encode(writer, answer)
+                writer.encode(answer)
         peer.now_s += 0.05
         for message in peer.vehicle.poll(peer.now_s):
-            encode(writer, message)
+            writer.encode(message)
         assert peer.vehicle.next_deadline() > peer.now_s
 
 

@@ -32,10 +32,10 @@ _FIT_RUNS = 8
 class GaussianProcessEstimator(BaseEstimator):
     """A Gaussian process per field with the paper's kernel: squared exponential plus white noise.
 
-    The kernel is fitted rarely, by marginal likelihood, when a field has 16, 32, 64, ... observations, and
-    from those only; beyond 512, from eight runs of 64 consecutive ones, evenly spread. While they are all
-    equal (nothing but healthy plants so far) there is nothing to fit, and the kernel stays what it was given
-    as. (The paper fixes the amplitude to 1: ``amplitude_bounds=(1, 1)``.)
+    The kernel is fitted rarely, by marginal likelihood, when a field has 16, 32, 64, ..., 512, 2048, 8192,
+    ... observations, and from those only; beyond 512, from eight runs of 64 consecutive ones, evenly
+    spread. While they are all equal (nothing but healthy plants so far) there is nothing to fit, and the
+    kernel stays what it was given as. (The paper fixes the amplitude to 1: ``amplitude_bounds=(1, 1)``.)
 
     Between fits, another observation updates the posterior in O(observations x cells), exactly
     (`ExactPosterior`). Repeated observations of a cell are independent looks. When the exact posterior of the
@@ -257,12 +257,17 @@ class _FieldProcess:
 
 
 def _due_fit(n: int) -> int:
-    """Return the number of observations at which the kernel was last due: 16, 32, 64, ..., or 0.
+    """Return the number of observations at which the kernel was last due: 16, 32, ..., 512, 2048, ..., or 0.
 
-    >>> [_due_fit(n) for n in (15, 16, 31, 32, 1000)]
-    [0, 16, 16, 32, 512]
+    >>> [_due_fit(n) for n in (15, 16, 31, 32, 1000, 2047, 2048, 10_000)]
+    [0, 16, 16, 32, 512, 512, 2048, 8192]
     """
-    return 0 if n < _FIRST_FIT else 1 << (n.bit_length() - 1)
+    if n < _FIRST_FIT:
+        return 0
+    due = 1 << (n.bit_length() - 1)
+    # A fit makes the posterior start anew; beyond the points that one fit uses it is worth that only rarely.
+    late = due > _FIT_POINTS and (due // _FIT_POINTS).bit_length() % 2 == 0
+    return due // 2 if late else due
 
 
 def _fit_subset(n: int) -> NDArray[np.intp]:

@@ -1,8 +1,8 @@
 """Measure how much faster than real time an offline flight with everything on is.
 
 The vehicle with all its telemetry, the leaf camera that takes a picture each foot and reports each by two
-messages, a ground station that parses everything it would show, and a tlog that records every frame; all over the
-in-memory link on one core. The time is that of the processor. The bar is 500 times real time.
+messages, a ground station that parses everything it would show, and a tlog that records every frame; all over
+the in-memory link on one core. The time is that of the processor. The bar is 500 times real time.
 
     python benchmarks/offline_flight.py [--profile]
 """

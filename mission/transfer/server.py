@@ -144,6 +144,8 @@ class MissionServer:
         if message.target_component != self.component_id and message.target_component not in _COMPONENTS:
             return NOTHING
         sender = (message.get_srcSystem(), message.get_srcComponent())
+        if sender[0] == 0:  # an answer to system 0 would be a broadcast, which ends other stations' transfers
+            return NOTHING
         before = NOTHING
         while True:
             state = self._state

@@ -87,6 +87,8 @@ class Itinerary:
         Of a WAIT.
     open : bool
         Whether it was cut short, so it has to be planned again before its end.
+    unsure : bool
+        Whether something between its items waits for a condition, which may change it.
     """
 
     rows: list[Row] = field(default_factory=list)
@@ -95,6 +97,7 @@ class Itinerary:
     ending: Ending = Ending.NEXT
     wait_s: float = 0.0
     open: bool = False
+    unsure: bool = False
 
     def add(self, row: Row, seq: int = -1, *, done: bool = False) -> None:
         """Append a leg."""
@@ -205,6 +208,7 @@ def plan_item_legs(
             _, following = do_items(items, following, settings, spec.top_speed_m_s)
             if not 0 <= following < len(items) or items[following].command not in CONDITIONS:
                 break
+            plan.unsure = True
             # What waits for a condition is not known now: the legs are planned again when it has changed
             # something.
             following = condition_items(items, following)[-1] + 1

@@ -194,28 +194,30 @@ class MissionSequencer:
 
     def _plan_needs_care(self) -> bool:
         """Whether legs have to be looked at one by one even in a prediction."""
-        return bool(self._waiting) or (self._plan is not None and self._plan.open)
+        plan = self._plan
+        return bool(self._waiting) or (plan is not None and (plan.open or plan.unsure))
 
     def _account(self, event: MotionEvent) -> None:
         """Complete the legs that were flown, and take what ended the motion."""
         plan = self._plan
-        motion = self.motion
+        self._complete_legs()
+        if event is MotionEvent.ENERGY:
+            if self.landed is not LandedState.ON_GROUND:
+                self._deplete()
+        elif self._plan is plan:
+            if event is MotionEvent.NEAR:
+                self._release()
+            elif event is MotionEvent.STALLED:
+                self._give_up("cannot make progress: the wind is too strong for the vehicle")
+
+    def _complete_legs(self) -> None:
+        plan, motion = self._plan, self.motion
         assert plan is not None
         reached = motion.leg + (1 if motion.arrivals[motion.leg] >= 0 else 0)
-        while self._flown < reached:
+        while self._flown < reached and self._plan is plan:
             leg = self._flown
             self._flown += 1
             self._leg_done(plan, leg, int(motion.arrivals[leg]) * motion.step_s)
-            if self._plan is not plan:
-                return
-        if self.landed is LandedState.TAKEOFF and self.phase is not Phase.TAKEOFF and self._flown > 0:
-            self.landed = LandedState.IN_AIR
-        if event is MotionEvent.NEAR:
-            self._release()
-        elif event is MotionEvent.STALLED:
-            self._give_up("cannot make progress: the wind is too strong for the vehicle")
-        elif event is MotionEvent.ENERGY:
-            self._deplete()
 
     def _leg_done(self, plan: Itinerary, leg: int, time_s: float) -> None:
         final = leg == len(plan.rows) - 1

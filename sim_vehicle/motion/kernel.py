@@ -177,6 +177,8 @@ def advance(
 ) -> int:
     """Fly up to ``max_steps`` steps along the route; return early, with the event, when something happens.
 
+    An empty battery hides that a leg was completed in the same step: ``arrivals`` tells that in any case.
+
     Parameters
     ----------
     state, counters : float64[STATE], int64[COUNTERS]
@@ -355,7 +357,7 @@ def advance(
             elif counters[4] == 0 and left2 < row[25] * row[25]:
                 counters[4] = 1
                 event = NEAR
-        if energy >= limits[11] and event == RAN:
+        if energy >= limits[11]:
             event = ENERGY
         if event != RAN:
             break

@@ -49,7 +49,9 @@ def leg(size, low, high):
     coordinate = st.floats(-size, size)
     radius = st.sampled_from([0.0, 0.1, 0.5, 1.0, 3.0])
     heading = st.sampled_from([math.nan, math.inf, 0.0, 2.0, -7.0])
-    return st.tuples(coordinate, coordinate, st.floats(low, high), radius, st.floats(0.5, 20.0), heading, st.just(0.0))
+    return st.tuples(
+        coordinate, coordinate, st.floats(low, high), radius, st.floats(0.5, 20.0), heading, st.just(0.0)
+    )
 
 
 FARMS = st.one_of(
@@ -250,4 +252,6 @@ def test_the_stopping_point_is_where_it_stops():
     _, states, _ = fly([(*point, 0.0, 13.0, math.inf, 0.0)], vehicle=vehicle)
     assert np.linalg.norm(states[-1, :3] - point) < 0.05
     check_limits(states)
-    assert np.linalg.norm(states[:, :3] - states[0, :3], axis=1).max() <= math.dist(point, states[0, :3]) + 0.01
+    assert (
+        np.linalg.norm(states[:, :3] - states[0, :3], axis=1).max() <= math.dist(point, states[0, :3]) + 0.01
+    )

@@ -46,7 +46,7 @@ def test_impossible_batteries_are_refused():
 
 def test_a_vehicle_file(tmp_path):
     path = tmp_path / "small.toml"
-    path.write_text('cruise_speed_m_s = 5.0\n[battery]\ncapacity_wh = 40\n[power]\nmass_kg = 0.9\n')
+    path.write_text("cruise_speed_m_s = 5.0\n[battery]\ncapacity_wh = 40\n[power]\nmass_kg = 0.9\n")
     small = get_vehicle(str(path))
     assert (small.name, small.cruise_speed_m_s) == ("small", 5.0)
     assert small.battery is not None and small.battery.capacity_wh == 40

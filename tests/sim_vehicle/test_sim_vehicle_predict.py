@@ -1,0 +1,156 @@
+import math
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from geo.frame import LocalFrame
+from mission.model import GeoPoint, Mission, MissionItem
+from sim_vehicle.errors import VehicleError
+from sim_vehicle.executor import MissionExecutor
+from sim_vehicle.flight import Disarmed, MissionComplete
+from sim_vehicle.predict import predict_flight
+from sim_vehicle.spec import get_vehicle
+from sim_vehicle.wind import Wind
+
+HOME = LocalFrame(28.05, -82.15)
+QUAD = get_vehicle("quad")
+IDEAL = get_vehicle("ideal")
+
+
+def plan(points, speed=5.0, radius=0.0, z=10.0, end=20):
+    items = [MissionItem(22, 3, 0, 0, 0, None, 28.05, -82.15, z), MissionItem(178, 2, 1, speed, -1)]
+    for k, (x, y) in enumerate(points):
+        items.append(MissionItem.waypoint(*HOME.to_wgs84(float(x), float(y)), z, acceptance_radius_m=radius))
+        if k == 0:
+            items.append(MissionItem(206, 2, 1.0, 0, 1))
+    items += [MissionItem(206, 2, 0.0), MissionItem(end, 2)]
+    return Mission(tuple(items), GeoPoint(28.05, -82.15))
+
+
+def lawnmower(width, rows, spacing):
+    points = []
+    for k in range(rows):
+        ends = [(0.0, k * spacing), (width, k * spacing)]
+        points += ends if k % 2 == 0 else ends[::-1]
+    return points
+
+
+def flown(mission, spec, wind=None):
+    vehicle = MissionExecutor(spec, HOME, wind=wind)
+    vehicle.load(mission.items)
+    vehicle.arm()
+    vehicle.start()
+    complete = None
+    step = 1.0 if spec.is_ideal else 0.1
+    while vehicle.armed:
+        for event in vehicle.advance(vehicle.time_s + step):
+            if isinstance(event, MissionComplete):
+                complete = event.time_s, vehicle.motion.energy_j, vehicle.state().path_length_m
+            if isinstance(event, Disarmed):
+                return complete
+    return complete
+
+
+FLIGHTS = [
+    (plan(lawnmower(100.0, 6, 10.0)), QUAD, None),
+    (plan(lawnmower(9.0, 15, 0.6), radius=0.1, speed=3.0), QUAD, None),
+    (plan(lawnmower(300.0, 4, 20.0), speed=12.0), QUAD, Wind(6.0, -3.0)),
+    (plan(lawnmower(100.0, 3, 10.0)), QUAD, Wind(4.0, 4.0, gust_m_s=2.0, seed=11)),
+    (plan(lawnmower(9.144, 11, 0.9144)), IDEAL, None),
+]
+
+
+@pytest.mark.parametrize(("mission", "spec", "wind"), FLIGHTS)
+def test_the_prediction_is_the_flight(mission, spec, wind):
+    predicted = predict_flight(mission, spec, wind=wind)
+    duration, energy, length = flown(mission, spec, wind)
+    assert predicted.feasible and predicted.reason == ""
+    assert predicted.duration_s == duration
+    # The flown energy is read up to one look after the end.
+    assert predicted.energy_wh == pytest.approx(energy / 3600.0, abs=0.01)
+    assert predicted.path_length_m == pytest.approx(length, abs=1e-9)
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    st.lists(st.tuples(st.floats(-80, 80), st.floats(-80, 80)), min_size=1, max_size=8),
+    st.floats(1.0, 14.0),
+    st.floats(0.0, 9.0),
+)
+def test_the_prediction_is_the_flight_for_random_missions(points, speed, blow):
+    mission, wind = plan(points, speed), Wind(blow, 0.0, gust_m_s=0.5)
+    predicted = predict_flight(mission, QUAD, wind=wind)
+    duration, energy, _ = flown(mission, QUAD, wind)
+    assert predicted.duration_s == duration
+    assert predicted.energy_wh == pytest.approx(energy / 3600.0, abs=0.01)
+
+
+def test_the_ideal_vehicle_counts_the_steps_of_the_paper():
+    # 11 rows of 30 cells, 3 cells apart: 360 steps, and one for the first waypoint, where it already is.
+    cells = lawnmower(30.0, 11, 3.0)
+    mission = plan([(x * 0.3048, y * 0.3048) for x, y in cells], end=21)
+    mission = replace(mission, items=mission.items[:-1])
+    assert predict_flight(mission, IDEAL).duration_s == 361.0
+
+
+def test_the_track_is_the_path():
+    predicted = predict_flight(plan(lawnmower(100.0, 3, 10.0)), QUAD, track_step_s=0.5)
+    assert predicted.track_m[0].tolist() == [0.0, 0.0, 0.0]
+    assert predicted.track_m[-1] == pytest.approx([0.0, 0.0, 0.0], abs=0.01)
+    assert len(predicted.track_m) == pytest.approx(predicted.duration_s / 0.5, abs=8)
+    steps = np.linalg.norm(np.diff(predicted.track_m, axis=0), axis=1)
+    assert steps.max() <= 5.0 * 0.5 + 0.05
+    assert steps.sum() == pytest.approx(predicted.path_length_m, rel=0.01)
+    ideal = predict_flight(plan(lawnmower(9.0, 3, 0.9)), IDEAL)
+    assert len(ideal.track_m) == pytest.approx(ideal.duration_s, abs=3)
+    assert np.linalg.norm(np.diff(ideal.track_m[1:, :2], axis=0), axis=1).max() <= 0.3048 * 1.05
+
+
+def test_more_energy_than_the_reserve_leaves_is_not_feasible():
+    rows = [predict_flight(plan(lawnmower(400.0, n, 10.0), speed=8.0), QUAD) for n in (2, 12, 22, 40)]
+    assert [p.feasible for p in rows] == [True, True, True, False]
+    assert all(a.battery_fraction > b.battery_fraction for a, b in zip(rows, rows[1:], strict=False))
+    assert "reserve" in rows[-1].reason or "empty" in rows[-1].reason
+    never = predict_flight(plan(lawnmower(1500.0, 40, 10.0), speed=8.0), QUAD)
+    assert not never.feasible
+    assert "battery is empty" in never.reason
+    assert never.battery_fraction == 0.0
+    assert 1400.0 < never.duration_s < 2600.0
+
+
+def test_what_cannot_be_flown_has_a_reason():
+    mission = plan([(10.0, 0.0)])
+    assert "wind" in predict_flight(mission, QUAD, wind=Wind(30.0, 0.0)).reason
+    waypoint_first = replace(mission, items=mission.items[2:])
+    assert "no take-off" in predict_flight(waypoint_first, QUAD).reason
+    forever = MissionItem(17, 3, 0, 0, 0, None, 28.05, -82.15, 10.0)
+    endless = replace(mission, items=(*mission.items[:-1], forever))
+    assert "never ends" in predict_flight(endless, QUAD).reason
+    looping = replace(mission, items=(*mission.items[:-1], MissionItem(177, 2, 2, -1)))
+    assert "battery is empty" in predict_flight(looping, QUAD).reason
+
+
+def test_home():
+    mission = replace(plan([(10.0, 0.0)]), home=None)
+    assert predict_flight(mission, QUAD).feasible
+    with pytest.raises(VehicleError, match="no home"):
+        predict_flight(Mission((MissionItem(20, 2),)), QUAD)
+    for bad in (0.0, -1.0, math.nan):
+        with pytest.raises(VehicleError, match="track_step_s"):
+            predict_flight(mission, QUAD, track_step_s=bad)
+
+
+def test_a_prediction_is_quick():
+    mission = plan(lawnmower(300.0, 18, 10.0), speed=5.0)
+    predict_flight(mission, QUAD)
+    best = math.inf
+    for _ in range(5):
+        begin = time.process_time()
+        predicted = predict_flight(mission, QUAD)
+        best = min(best, time.process_time() - begin)
+    assert predicted.duration_s > 1000.0
+    assert best < 0.06

@@ -255,7 +255,8 @@ def _get_home(vehicle: SimVehicle, _order: Order) -> Answer:
 def _set_interval(vehicle: SimVehicle, order: Order) -> Answer:
     message_id, interval = order.number(1, -1), order.params[1]
     if message_id not in vehicle.builders or math.isnan(interval) or abs(interval) > 1e10:
-        return DENIED
+        msg = f"Interval of message {message_id} refused"
+        raise RefusedError(msg, denied=True)
     vehicle.schedule.set_interval(message_id, int(interval), vehicle.now_us)
     return ACCEPTED
 
@@ -263,7 +264,8 @@ def _set_interval(vehicle: SimVehicle, order: Order) -> Answer:
 def _get_interval(vehicle: SimVehicle, order: Order) -> Answer:
     message_id = order.number(1, -1)
     if not 0 <= message_id <= 65535:
-        return DENIED
+        msg = f"Interval of message {message_id} refused"
+        raise RefusedError(msg, denied=True)
     known = message_id in vehicle.builders
     interval = vehicle.schedule.interval_us(message_id) if known else 0
     return Answer(messages=(m.MAVLink_message_interval_message(message_id, interval),))

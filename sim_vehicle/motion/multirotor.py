@@ -9,6 +9,7 @@ import numpy as np
 
 from sim_vehicle.battery import WH_J, power_coefficients
 from sim_vehicle.motion import kernel
+from sim_vehicle.motion.legs import prepare_route
 from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.wind import Wind
 
@@ -99,7 +100,7 @@ class Multirotor:
 
     def fly(self, route: Route) -> None:
         """Begin a route, from where the vehicle is and as it moves now."""
-        self._route = kernel.prepare_route(
+        self._route = prepare_route(
             self.state[0:3].copy(),
             route.points_m,
             route.radius_m,
@@ -123,7 +124,7 @@ class Multirotor:
         ux, uy, uz = vx / speed, vy / speed, vz / speed
         probe = np.array([[x + ux, y + uy, z + uz]])
         one = np.ones(1)
-        row = kernel.prepare_route(self.state[0:3].copy(), probe, one, one, one, one, self._limits)[0]
+        row = prepare_route(self.state[0:3].copy(), probe, one, one, one, one, self._limits)[0]
         along = ax * ux + ay * uy + az * uz
         distance = kernel.stopping_distance(speed, along, 0.0, row[16], row[17])
         return x + ux * distance, y + uy * distance, max(z + uz * distance, 0.0)

@@ -1,4 +1,5 @@
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -53,7 +54,7 @@ def test_climbing_costs_more_and_descending_saves_nothing(airspeed, climb, more)
 @given(st.lists(st.floats(0.0, 400e3), min_size=2, max_size=20), st.floats(0.0, 400.0))
 def test_voltage_and_fraction_fall_with_use(used, power):
     states = [battery_state(BATTERY, u, power) for u in sorted(used)]
-    for earlier, later in zip(states, states[1:], strict=False):
+    for earlier, later in pairwise(states):
         assert later.fraction <= earlier.fraction
         assert later.voltage_v <= earlier.voltage_v + 1e-12
     assert all(math.isfinite(s.voltage_v) and 10.0 < s.voltage_v <= 16.8 for s in states)

@@ -407,7 +407,7 @@ def test_orders_that_make_no_sense():
 
 
 def test_a_mission_without_takeoff_ends_at_once_and_disarms():
-    events, vehicle = mission([wp(10, 0), RTL])
+    events, _ = mission([wp(10, 0), RTL])
     assert [type(event) for event in events] == [CannotFly, Disarmed]
     assert (events[0].seq, "take-off" in events[0].reason) == (0, True)
 

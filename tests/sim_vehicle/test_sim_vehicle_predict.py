@@ -1,6 +1,7 @@
 import math
 import time
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -113,7 +114,7 @@ def test_the_track_is_the_path():
 def test_more_energy_than_the_reserve_leaves_is_not_feasible():
     rows = [predict_flight(plan(lawnmower(400.0, n, 10.0), speed=8.0), QUAD) for n in (2, 12, 22, 40)]
     assert [p.feasible for p in rows] == [True, True, True, False]
-    assert all(a.battery_fraction > b.battery_fraction for a, b in zip(rows, rows[1:], strict=False))
+    assert all(a.battery_fraction > b.battery_fraction for a, b in pairwise(rows))
     assert "reserve" in rows[-1].reason or "empty" in rows[-1].reason
     never = predict_flight(plan(lawnmower(1500.0, 40, 10.0), speed=8.0), QUAD)
     assert not never.feasible

@@ -27,7 +27,7 @@ def test_an_unknown_vehicle_names_the_known_ones(name):
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf, "fast", True])
 def test_limits_must_be_positive_numbers(value):
-    with pytest.raises(VehicleError, match="acceleration_m_s2|jerk"):
+    with pytest.raises(VehicleError, match=r"acceleration_m_s2|jerk"):
         VehicleSpec("x", acceleration_m_s2=value, jerk_m_s3=value)
 
 
@@ -89,7 +89,8 @@ def test_an_ideal_flight_does_not_import_numba():
     code = (
         "import sys; from geo.frame import LocalFrame; from mission.model import MissionItem, Mission;"
         "from sim_vehicle.predict import predict_flight; from sim_vehicle.spec import get_vehicle;"
-        "m = Mission((MissionItem(22, 3, 0, 0, 0, None, 28.0, -82.0, 2.0), MissionItem.waypoint(28.0001, -82.0, 2.0)));"
+        "up = MissionItem(22, 3, 0, 0, 0, None, 28.0, -82.0, 2.0);"
+        "m = Mission((up, MissionItem.waypoint(28.0001, -82.0, 2.0)));"
         "p = predict_flight(m, get_vehicle('ideal'), frame=LocalFrame(28.0, -82.0));"
         "assert p.feasible, p; assert 'numba' not in sys.modules; assert 'scipy' not in sys.modules"
     )

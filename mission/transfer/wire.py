@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from mission.link.dialect import mavlink
-from mission.model import DEGREES_E7, GLOBAL_FRAMES, MissionItem, MissionType, has_position
+from mission.model import DEGREES_E7, FLOAT32_MAX, GLOBAL_FRAMES, MissionItem, MissionType, has_position
 
 Message = Any
 
@@ -32,6 +32,7 @@ CLIENT_MESSAGES = frozenset({ITEM, REQUEST, COUNT, ACK, REQUEST_INT, ITEM_INT})
 SERVER_MESSAGES = CLIENT_MESSAGES | {PARTIAL_LIST, WRITE_PARTIAL, LIST, CLEAR}
 
 ALL_TYPES = 255
+INT32_MAX = 2147483647.0
 MAX_ITEMS = 65535
 
 ACCEPTED = mavlink.MAV_MISSION_ACCEPTED
@@ -42,8 +43,6 @@ NO_SPACE = mavlink.MAV_MISSION_NO_SPACE
 INVALID = mavlink.MAV_MISSION_INVALID
 INVALID_PARAM1 = mavlink.MAV_MISSION_INVALID_PARAM1
 INVALID_PARAM5_X = mavlink.MAV_MISSION_INVALID_PARAM5_X
-INVALID_PARAM6_Y = mavlink.MAV_MISSION_INVALID_PARAM6_Y
-INVALID_PARAM7 = mavlink.MAV_MISSION_INVALID_PARAM7
 INVALID_SEQUENCE = mavlink.MAV_MISSION_INVALID_SEQUENCE
 DENIED = mavlink.MAV_MISSION_DENIED
 OPERATION_CANCELLED = mavlink.MAV_MISSION_OPERATION_CANCELLED
@@ -192,16 +191,14 @@ def item_from_message(message: Message) -> MissionItem:
 def refusal(message: Message) -> int:
     """Return the MAV_MISSION_RESULT that says why `item_from_message` refused the message."""
     for offset, value in enumerate((message.param1, message.param2, message.param3, message.param4)):
-        if math.isinf(value) or abs(value) > 3.4e38:
+        if abs(value) > FLOAT32_MAX:
             return int(INVALID_PARAM1) + offset
-    scale = DEGREES_E7 if type(message).id == ITEM_INT else 1.0
     place = message.frame in GLOBAL_FRAMES and has_position(message.command)
-    if not (math.isfinite(message.x) and (not place or abs(message.x / scale) <= 90.0)):
-        return int(INVALID_PARAM5_X)
-    if not (math.isfinite(message.y) and (not place or abs(message.y / scale) <= 180.0)):
-        return int(INVALID_PARAM6_Y)
-    if not math.isfinite(message.z) or abs(message.z) > (100_000.0 if place else 3.4e38):
-        return int(INVALID_PARAM7)
+    scale = DEGREES_E7 if place and message.id == ITEM_INT else 1.0
+    limits = (90.0, 180.0, 100_000.0) if place else (INT32_MAX, INT32_MAX, FLOAT32_MAX)
+    for offset, value in enumerate((message.x / scale, message.y / scale, message.z)):
+        if not abs(value) <= limits[offset]:
+            return int(INVALID_PARAM5_X) + offset
     return int(INVALID)
 
 

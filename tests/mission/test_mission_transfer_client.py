@@ -226,6 +226,7 @@ def test_home_first_for_ardupilot():
     download = start(MissionDownload(profile=ARDUPILOT))
     download.receive(count(3), 0.1)
     for message in (first, second):
+        message.target_system, message.target_component = GROUND
         download.receive(sent(message), 0.2)
     end = download.receive(item(MissionItem(Command.DO_JUMP, 2, 1.0, 2.0), 2), 0.3).events[-1]
     assert end.items == (A, jump)

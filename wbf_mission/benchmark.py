@@ -46,7 +46,9 @@ class BenchmarkRow:
             "score_std": float(np.std(self.score)),
             "final_score_mean": float(np.mean(self.final_score)),
             "final_score_std": float(np.std(self.final_score)),
-            "losses_mean": {name: float(np.mean([row[name] for row in self.losses])) for name in self.losses[0]},
+            "losses_mean": {
+                name: float(np.mean([row[name] for row in self.losses])) for name in self.losses[0]
+            },
             "observations_mean": float(np.mean(self.observations)),
             "wall_time_s": self.wall_time_s,
             "scores": list(self.score),

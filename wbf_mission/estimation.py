@@ -14,6 +14,7 @@ from sensors.observations import Observations
 from sensors.score import RunningScore, Score
 
 DEFAULT_SCORE_POINTS = 25
+LARGE_FARM_SCORE_POINTS = 10
 
 
 @dataclass(slots=True)

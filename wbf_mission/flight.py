@@ -28,7 +28,7 @@ from sim_vehicle.camera import LeafCameraComponent
 from sim_vehicle.simulation import Impairment, Simulation, StopReason
 from sim_vehicle.vehicle import Outcome as VehicleOutcome
 from sim_vehicle.vehicle import SimVehicle
-from wbf_mission.estimation import DEFAULT_SCORE_POINTS, RunEstimate, ScoreHistory
+from wbf_mission.estimation import DEFAULT_SCORE_POINTS, LARGE_FARM_SCORE_POINTS, RunEstimate, ScoreHistory
 from wbf_mission.ground import GroundStation, Outcome, Phase, Track
 from wbf_mission.planning import PlanResult, plan, wind_of
 from wbf_mission.scenario import Scenario
@@ -36,10 +36,13 @@ from wbf_mission.scenario import Scenario
 Progress = Callable[[str, float, float], None]
 
 SMALL_FARM_CELLS = 2500
+LARGE_FARM_VALUES = 10_000_000
 SLICE_S = 1.0
 FLIGHT_LIMIT_FACTOR = 3.0
 FLIGHT_LIMIT_EXTRA_S = 600.0
-EPOCH_UNIX_S = 1_780_315_200.0  # 2026-06-01T12:00:00Z: a fixed time of day, so that equal runs give equal logs
+EPOCH_UNIX_S = (
+    1_780_315_200.0  # 2026-06-01T12:00:00Z: a fixed time of day, so that equal runs give equal logs
+)
 
 
 class FlightError(WbfMissionError, RuntimeError):
@@ -275,7 +278,9 @@ class _Run:
         self.vehicle = SimVehicle(planned.vehicle, home, wind=wind_of(scenario), epoch_unix_s=EPOCH_UNIX_S)
         self.camera = LeafCameraComponent(camera, farm)
         estimator.fit(grid)
-        self.estimate = RunEstimate(estimator, RunningScore(truth, relevance_masks(grid)), self._score_every())
+        self.estimate = RunEstimate(
+            estimator, RunningScore(truth, relevance_masks(grid)), self._score_every()
+        )
         self.parts: list[Observations] = []
         self.simulation: Simulation | None = None
         self.watch.lap("setup")
@@ -286,13 +291,19 @@ class _Run:
         if vehicle.is_ideal:
             expected = self.planned.prediction.duration_s / vehicle.step_s
         else:
-            expected = self.planned.length_m / (self.scenario.camera_spacing_m or cell_m * self.scenario.camera_footprint)
+            expected = self.planned.length_m / (
+                self.scenario.camera_spacing_m or cell_m * self.scenario.camera_footprint
+            )
         expected *= self.scenario.camera_footprint**2
         points = self.scenario.score_points
         if points is None:
             if vehicle.is_ideal and self.planned.farm.owner_cells <= SMALL_FARM_CELLS:
                 return 1
-            points = DEFAULT_SCORE_POINTS
+            points = (
+                LARGE_FARM_SCORE_POINTS
+                if np.prod(self.truth.shape) > LARGE_FARM_VALUES
+                else DEFAULT_SCORE_POINTS
+            )
         return max(1, round(expected / points))
 
     def fly(self, pace: float | None, tlog: Path | None, impairment: Impairment | None) -> None:
@@ -318,7 +329,9 @@ class _Run:
                 if pace is not None:
                     self._keep_pace(begin, pace)
                 if simulation.now_s > limit_s or stop in (StopReason.IDLE, StopReason.STALLED):
-                    why = f"not over after {simulation.now_s:.0f} simulated seconds ({self.ground.phase.value})"
+                    why = (
+                        f"not over after {simulation.now_s:.0f} simulated seconds ({self.ground.phase.value})"
+                    )
                     self.ground.interrupt(Outcome.TIME_LIMIT, why, simulation.now_s)
                 self._learn()
                 if self.ground.phase is Phase.FLIGHT:

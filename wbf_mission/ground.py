@@ -229,7 +229,9 @@ class GroundStation:
             self._heartbeat_s = now_s + _HEARTBEAT_S
             out.append(m.MAVLink_heartbeat_message(m.MAV_TYPE_GCS, m.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3))
         if self.phase is Phase.CONTACT and now_s - self._first_s > _CONTACT_S:
-            self._end(Outcome.NO_CONTACT, f"no heartbeat of system {self._vehicle[0]} in {_CONTACT_S:.0f} s", now_s)
+            self._end(
+                Outcome.NO_CONTACT, f"no heartbeat of system {self._vehicle[0]} in {_CONTACT_S:.0f} s", now_s
+            )
         if self._transfer is not None and self.phase is Phase.UPLOAD:
             deadline_s = self._transfer.next_deadline()
             if deadline_s is not None and deadline_s <= now_s:
@@ -277,7 +279,9 @@ class GroundStation:
             if self._mission_state == _COMPLETE:
                 self._land(Outcome.COMPLETED, "", now_s)
             else:
-                self._land(Outcome.FLIGHT_ABORTED, self._last_warning("disarmed before the mission's end"), now_s)
+                self._land(
+                    Outcome.FLIGHT_ABORTED, self._last_warning("disarmed before the mission's end"), now_s
+                )
         return []
 
     def _on_mission_current(self, message: Any, now_s: float) -> list[Any]:

@@ -110,7 +110,9 @@ class FlightBudget:
     def cost(self, path_xy_m: NDArray[np.float64]) -> float:
         """Return the predicted seconds or watt hours; infinite when the vehicle cannot fly the path."""
         points = np.asarray(path_xy_m, dtype=np.float64).reshape(-1, 2)
-        mission = self.builder.mission(PlannedPath(points[1:] if len(points) > 1 else points, None, "candidate"))
+        mission = self.builder.mission(
+            PlannedPath(points[1:] if len(points) > 1 else points, None, "candidate")
+        )
         prediction = self.builder.predict(mission)
         if not prediction.feasible:
             return float("inf")
@@ -138,7 +140,9 @@ class MissionBuilder:
             speed_m_s=min(scenario.cruise_speed_m_s or vehicle.cruise_speed_m_s, vehicle.top_speed_m_s),
             camera_distance_m=None if vehicle.is_ideal else spacing,
             camera_interval_s=vehicle.step_s if vehicle.is_ideal else None,
-            acceptance_radius_m=vehicle.acceptance_radius_m if vehicle.is_ideal and radius is None else radius,
+            acceptance_radius_m=vehicle.acceptance_radius_m
+            if vehicle.is_ideal and radius is None
+            else radius,
             return_home=not vehicle.is_ideal,
         )
 
@@ -185,7 +189,9 @@ def make_budget(builder: MissionBuilder) -> tuple[Budget, str]:
     if unit == "steps":
         return StepBudget(value, farm.cell_size_m, home), f"{value:g} steps"
     if unit == "Wh" and vehicle.power is None:
-        msg = f"budget {scenario.budget}: vehicle {vehicle.name} uses no energy; give metres, minutes or steps"
+        msg = (
+            f"budget {scenario.budget}: vehicle {vehicle.name} uses no energy; give metres, minutes or steps"
+        )
         raise ScenarioError(msg)
     return FlightBudget(value, unit, builder), f"{value:g} {unit}"
 

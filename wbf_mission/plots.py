@@ -25,7 +25,8 @@ CROP_COLOURS = {
     Crop.POND: "#8fbcd4",
     Crop.WETLAND: "#9ccfb8",
 }
-MAX_PIXELS = 900  # a picture shows no more cells a side than this; larger farms are drawn every n-th cell
+HEALTH_COLOURS = ["#5a0f14", "#f08a24", "#4f9d5d"]  # lost, infected, healthy
+MAX_PIXELS = 600  # a picture shows no more cells a side than this; larger farms are drawn in blocks of cells
 
 
 def _figure(width: float, height: float) -> Figure:
@@ -50,6 +51,15 @@ def _stride(grid: FarmGrid) -> int:
 def _extent(grid: FarmGrid) -> tuple[float, float, float, float]:
     width, height = grid.shape
     return 0.0, width * grid.cell_size_m, 0.0, height * grid.cell_size_m
+
+
+def _shrink(cells: NDArray[Any], stride: int, pick: Any) -> NDArray[Any]:
+    """Return one value for each ``stride`` x ``stride`` block of cells, chosen by ``pick`` (np.min, np.mean, ...)."""
+    if stride == 1:
+        return cells
+    width, height = (size // stride * stride for size in cells.shape)
+    blocks = cells[:width, :height].reshape(width // stride, stride, height // stride, stride)
+    return np.asarray(pick(blocks, axis=(1, 3)))
 
 
 def _show(axes: Axes, cells: NDArray[Any], grid: FarmGrid, **style: Any) -> Any:
@@ -107,9 +117,17 @@ def plot_paths(
     draw_farm(axes, farm)
     crops = axes.get_legend()
     if planned_m is not None and len(planned_m):
-        axes.plot(planned_m[:, 0], planned_m[:, 1], color="#1f4e79", linewidth=0.9, label="planned", zorder=3)
+        axes.plot(
+            planned_m[:, 0],
+            planned_m[:, 1],
+            color="#1f4e79",
+            linewidth=2.2,
+            alpha=0.55,
+            label="planned",
+            zorder=3,
+        )
     if flown_m is not None and len(flown_m):
-        axes.plot(flown_m[:, 0], flown_m[:, 1], color="#d1495b", linewidth=0.9, label="flown", zorder=4)
+        axes.plot(flown_m[:, 0], flown_m[:, 1], color="#c8102e", linewidth=0.8, label="flown", zorder=4)
         axes.plot(*flown_m[0], marker="o", color="black", markersize=4, linestyle="", label="start", zorder=5)
     axes.legend(loc="upper right", fontsize=7, framealpha=0.85)
     if crops is not None:
@@ -126,26 +144,34 @@ def plot_field(
     uncertainty: NDArray[np.float32],
     path: Path,
 ) -> Path:
-    """Write truth, estimate and uncertainty ([W, H] each) of one field; cells that are not scored are pale."""
+    """Write truth, estimate and uncertainty ([W, H] each) of one field; cells that are not scored are pale.
+
+    On a farm of more cells than pixels a pixel shows the worst cell of its block for a disease, so that no outbreak
+    falls between the pixels, and the mean for the soil; the uncertainty is the least of its block.
+    """
     grid = farm.grid()
     stride = _stride(grid)
-    mask = relevance_masks(grid)[FIELDS.index(field)][::stride, ::stride]
+    mask = _shrink(relevance_masks(grid)[FIELDS.index(field)], stride, np.any)
     figure = _figure(12, 4.2)
     panels = figure.subplots(1, 3, sharex=True, sharey=True)
     shade = np.where(mask, np.nan, 1.0)
-    top = float(np.max(uncertainty)) if uncertainty.size else 1.0
+    from matplotlib.colors import LinearSegmentedColormap
+
+    pick = np.mean if field == "soil" else np.min
+    colours = "YlGnBu" if field == "soil" else LinearSegmentedColormap.from_list("health", HEALTH_COLOURS)
+    top = float(np.max(uncertainty)) or 1.0
     for axes, name, cells, style in zip(
         panels,
         ("truth", "estimate", "uncertainty"),
-        (truth, estimate, uncertainty),
+        (_shrink(truth, stride, pick), _shrink(estimate, stride, pick), _shrink(uncertainty, stride, np.min)),
         (
-            {"cmap": "YlGnBu" if field == "soil" else "RdYlGn", "vmin": 0.0, "vmax": 1.0},
-            {"cmap": "YlGnBu" if field == "soil" else "RdYlGn", "vmin": 0.0, "vmax": 1.0},
-            {"cmap": "magma", "vmin": 0.0, "vmax": max(top, 1e-6)},
+            {"cmap": colours, "vmin": 0.0, "vmax": 1.0},
+            {"cmap": colours, "vmin": 0.0, "vmax": 1.0},
+            {"cmap": "magma", "vmin": 0.0, "vmax": top},
         ),
         strict=True,
     ):
-        image = _show(axes, cells[::stride, ::stride], grid, **style)
+        image = _show(axes, cells, grid, **style)
         _show(axes, shade, grid, cmap="gray", vmin=0.0, vmax=1.0, alpha=0.65)
         figure.colorbar(image, ax=axes, shrink=0.8)
         axes.set_title(f"{FIELD_TITLES[field]}: {name}", fontsize=9)

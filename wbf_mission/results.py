@@ -55,7 +55,9 @@ class RunFolder:
         """The telemetry log."""
         return self.path / "flight.tlog"
 
-    def write(self, result: FlightResult, *, plots: bool = True, progress: Progress | None = None) -> list[Path]:
+    def write(
+        self, result: FlightResult, *, plots: bool = True, progress: Progress | None = None
+    ) -> list[Path]:
         """Write everything that the run has, and return the files.
 
         ``plan.plan``, ``observations.parquet``, ``truth.npy``, ``value.npy`` and ``uncertainty.npy`` (float32[3, W, H]
@@ -138,7 +140,9 @@ def _plot_jobs(result: FlightResult) -> list[tuple[str, Any]]:
         for number, field in enumerate(FIELDS):
 
             def draw(path: Path, number: int = number, field: str = field) -> None:
-                plots.plot_field(farm, field, truth[number], model.value[number], model.uncertainty[number], path)
+                plots.plot_field(
+                    farm, field, truth[number], model.value[number], model.uncertainty[number], path
+                )
 
             jobs.append((f"field_{field}.png", draw))
         history = result.history
@@ -147,7 +151,11 @@ def _plot_jobs(result: FlightResult) -> list[tuple[str, Any]]:
                 (
                     "score.png",
                     lambda path: plots.plot_score(
-                        history.times_s, history.scores, history.field_losses, path, f"{title}: {result.scenario.estimator}"
+                        history.times_s,
+                        history.scores,
+                        history.field_losses,
+                        path,
+                        f"{title}: {result.scenario.estimator}",
                     ),
                 )
             )

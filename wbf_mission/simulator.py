@@ -71,7 +71,9 @@ def parse_home(text: str) -> tuple[GeoPoint, float]:
             raise ValueError
         return GeoPoint(latitude, longitude, altitude), heading
     except ValueError as error:
-        msg = f"home {text!r} is not LAT,LON[,ALT[,HEADING]] in degrees and metres, such as 28.05,-82.15,30,90"
+        msg = (
+            f"home {text!r} is not LAT,LON[,ALT[,HEADING]] in degrees and metres, such as 28.05,-82.15,30,90"
+        )
         raise ScenarioError(msg) from error
 
 
@@ -115,7 +117,11 @@ def make_components(
     if with_camera:
         environment = make_environment(scenario, farm, progress)
         optics = LeafCamera(
-            environment, farm.grid().shape, scenario.day, camera_options(scenario), stream(scenario.seed, "camera")
+            environment,
+            farm.grid().shape,
+            scenario.day,
+            camera_options(scenario),
+            stream(scenario.seed, "camera"),
         )
         camera = LeafCameraComponent(optics, farm)
     return Simulated(vehicle, camera, place, persona.name)

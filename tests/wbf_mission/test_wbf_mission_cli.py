@@ -25,7 +25,9 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, 
 def spawn(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "wbf_mission", *arguments]
     pipe = subprocess.PIPE
-    return subprocess.Popen(command, cwd=cwd, stdout=pipe, stderr=pipe, text=True, env={**os.environ, "COLUMNS": "200"})
+    return subprocess.Popen(
+        command, cwd=cwd, stdout=pipe, stderr=pipe, text=True, env={**os.environ, "COLUMNS": "200"}
+    )
 
 
 @pytest.mark.parametrize(
@@ -78,8 +80,12 @@ def test_bad_input_is_one_line_exit_2_nothing_written(
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
-@pytest.mark.parametrize("content", [b"", b"\x00\x01", b"{", b"{}", b"<kml/>", b"QGC WPL 110\nx\n", b"[" * 100_000])
-def test_files_that_are_not_missions(capsys: pytest.CaptureFixture[str], tmp_path: Path, content: bytes) -> None:
+@pytest.mark.parametrize(
+    "content", [b"", b"\x00\x01", b"{", b"{}", b"<kml/>", b"QGC WPL 110\nx\n", b"[" * 100_000]
+)
+def test_files_that_are_not_missions(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, content: bytes
+) -> None:
     for suffix in (".plan", ".waypoints", ".json"):
         path = tmp_path / f"file{suffix}"
         path.write_bytes(content)
@@ -93,7 +99,16 @@ def test_plan_prints_and_writes_every_format(capsys: pytest.CaptureFixture[str],
     for suffix in (".plan", ".waypoints", ".json"):
         out = tmp_path / f"path{suffix}"
         code, text, _ = run(
-            capsys, "plan", "--farm", "miniberry-100", "--planner", "spiral", "--budget", "500m", "--out", str(out)
+            capsys,
+            "plan",
+            "--farm",
+            "miniberry-100",
+            "--planner",
+            "spiral",
+            "--budget",
+            "500m",
+            "--out",
+            str(out),
         )
         assert code == 0
         for word in ("length", "predicted time", "coverage", "battery use"):
@@ -141,7 +156,12 @@ def test_fly_into_a_file_is_refused(capsys: pytest.CaptureFixture[str], tmp_path
 def test_farm_list_show_draw_save(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     code, text, _ = run(capsys, "farm", "list", "--json")
     assert code == 0
-    assert [farm["name"] for farm in json.loads(text)] == ["miniberry-10", "miniberry-30", "miniberry-100", "waterberry"]
+    assert [farm["name"] for farm in json.loads(text)] == [
+        "miniberry-10",
+        "miniberry-30",
+        "miniberry-100",
+        "waterberry",
+    ]
     code, text, _ = run(capsys, "farm", "show", "miniberry-30", "--json")
     assert json.loads(text)["owner_cells"] == 900
     picture, copy = tmp_path / "farm.png", tmp_path / "farm.geojson"
@@ -152,7 +172,15 @@ def test_farm_list_show_draw_save(capsys: pytest.CaptureFixture[str], tmp_path: 
 
 
 def test_benchmark_prints_a_table_and_json(capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["benchmark", "--farm", "miniberry-10", "--planners", "lawnmower,spiral", "--estimators", "point"]
+    arguments = [
+        "benchmark",
+        "--farm",
+        "miniberry-10",
+        "--planners",
+        "lawnmower,spiral",
+        "--estimators",
+        "point",
+    ]
     code, text, _ = run(capsys, *arguments, "--seeds", "2", "--json")
     assert code == 0
     rows = json.loads(text)
@@ -172,7 +200,17 @@ def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_ctrl_c_leaves_a_usable_partial_result(tmp_path: Path) -> None:
     process = spawn(
-        "fly", "--farm", "miniberry-100", "--planner", "spiral", "--speed", "5", "--out", "run", "--json", cwd=tmp_path
+        "fly",
+        "--farm",
+        "miniberry-100",
+        "--planner",
+        "spiral",
+        "--speed",
+        "5",
+        "--out",
+        "run",
+        "--json",
+        cwd=tmp_path,
     )
     log = tmp_path / "run" / "flight.tlog"
     deadline = time.monotonic() + 60.0
@@ -189,5 +227,7 @@ def test_ctrl_c_leaves_a_usable_partial_result(tmp_path: Path) -> None:
 
 def test_output_that_nobody_reads_ends_quietly(tmp_path: Path) -> None:
     command = f"{sys.executable} -m wbf_mission farm show waterberry | true"
-    done = subprocess.run(command, shell=True, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        command, shell=True, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+    )
     assert "Traceback" not in done.stderr

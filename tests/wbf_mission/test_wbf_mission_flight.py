@@ -111,7 +111,9 @@ def test_no_contact_is_an_outcome() -> None:
 
 def test_an_item_that_cannot_be_flown_is_an_outcome(tmp_path: Path) -> None:
     made = plan(QUAD).mission
-    broken = Mission((*made.items[:3], MissionItem(Command.NAV_SPLINE_WAYPOINT, 0), *made.items[3:]), made.home)
+    broken = Mission(
+        (*made.items[:3], MissionItem(Command.NAV_SPLINE_WAYPOINT, 0), *made.items[3:]), made.home
+    )
     path = tmp_path / "spline.plan"
     write_mission(broken, path)
     result = fly(replace(QUAD, mission=str(path)))

@@ -18,7 +18,9 @@ from mission.model import Command, GeoPoint, Mission, MissionItem
 def spawn(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "wbf_mission", *arguments]
     pipe = subprocess.PIPE
-    return subprocess.Popen(command, cwd=cwd, stdout=pipe, stderr=pipe, text=True, env={**os.environ, "COLUMNS": "200"})
+    return subprocess.Popen(
+        command, cwd=cwd, stdout=pipe, stderr=pipe, text=True, env={**os.environ, "COLUMNS": "200"}
+    )
 
 
 def free_port() -> int:
@@ -31,7 +33,13 @@ def free_port() -> int:
 def simulator(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
     port = free_port()
     process = spawn(
-        "sim", "--autopilot", request.param, "--listen", f"tcpin:127.0.0.1:{port}", "--no-camera", cwd=tmp_path
+        "sim",
+        "--autopilot",
+        request.param,
+        "--listen",
+        f"tcpin:127.0.0.1:{port}",
+        "--no-camera",
+        cwd=tmp_path,
     )
     assert process.stderr is not None
     assert "Ctrl-C ends it" in process.stderr.readline()
@@ -53,7 +61,8 @@ def fenced_mission() -> Mission:
         ),
         home=GeoPoint(28.05, -82.15, 30.0),
         fence=tuple(
-            MissionItem(Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION, 3, 4.0, x=lat, y=lon) for lat, lon in corners
+            MissionItem(Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION, 3, 4.0, x=lat, y=lon)
+            for lat, lon in corners
         ),
         rally=(MissionItem(Command.NAV_RALLY_POINT, 3, x=28.051, y=-82.151, z=20.0),),
     )
@@ -104,7 +113,9 @@ def test_a_port_that_is_taken_is_one_line(tmp_path: Path) -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        process = spawn("sim", "--listen", f"tcpin:127.0.0.1:{port}", "--no-camera", "--duration", "1", cwd=tmp_path)
+        process = spawn(
+            "sim", "--listen", f"tcpin:127.0.0.1:{port}", "--no-camera", "--duration", "1", cwd=tmp_path
+        )
         _, err = process.communicate(timeout=60)
     assert process.returncode == 2
     assert str(port) in err

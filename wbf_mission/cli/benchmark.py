@@ -28,7 +28,8 @@ def benchmark_command(
         str, typer.Option(help="Estimators, separated by commas.", rich_help_panel=_RUN)
     ] = "adaptive-disk,gp",
     seeds: Annotated[
-        int, typer.Option(help="How many environments: seeds 0, 1, ...", min=1, max=100_000, rich_help_panel=_RUN)
+        int,
+        typer.Option(help="How many environments: seeds 0, 1, ...", min=1, max=100_000, rich_help_panel=_RUN),
     ] = 10,
     budget: options.Budget = None,
     scenario: options.ScenarioFile = None,
@@ -81,7 +82,17 @@ def benchmark_command(
                 duration(values["wall_time_s"] / seeds),
             ]
         )
-    header = ["planner", "estimator", "score, run", "score, end", "TYLCV", "CCR", "soil", "observations", "wall a run"]
+    header = [
+        "planner",
+        "estimator",
+        "score, run",
+        "score, end",
+        "TYLCV",
+        "CCR",
+        "soil",
+        "observations",
+        "wall a run",
+    ]
     title = f"{base.farm}, {base.vehicle}, day {base.day}, {seeds} environments (score: 0 is perfect)"
     output.table([row.summary() for row in rows], header, table, title=title)
 

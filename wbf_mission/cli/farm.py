@@ -10,7 +10,9 @@ import typer
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output, distance
 
-app = typer.Typer(no_args_is_help=True, help="Look at farms: list them, show one, draw one, save one as GeoJSON.")
+app = typer.Typer(
+    no_args_is_help=True, help="Look at farms: list them, show one, draw one, save one as GeoJSON."
+)
 
 FarmArgument = Annotated[
     str, typer.Argument(help="Name of a farm or a GeoJSON file.", autocompletion=options._complete("farm"))
@@ -78,7 +80,12 @@ def show_command(farm: FarmArgument, json: options.Json = False, quiet: options.
         "home_m": list(place.home_m),
         "crops": counts,
         "patches": [
-            {"name": patch.name, "crop": patch.crop.name.lower(), "owner": patch.owner, "area_m2": patch.polygon.area}
+            {
+                "name": patch.name,
+                "crop": patch.crop.name.lower(),
+                "owner": patch.owner,
+                "area_m2": patch.polygon.area,
+            }
             for patch in place.patches
         ],
     }
@@ -104,7 +111,9 @@ def show_command(farm: FarmArgument, json: options.Json = False, quiet: options.
 @app.command("draw", epilog="[bold]Example[/bold]\n\nwbf-mission farm draw waterberry --out waterberry.png")
 def draw_command(
     farm: FarmArgument,
-    out: Annotated[Path | None, typer.Option(help="PNG file.  [default: FARM.png]", show_default=False)] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="PNG file.  [default: FARM.png]", show_default=False)
+    ] = None,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> None:
@@ -117,7 +126,9 @@ def draw_command(
     Output(as_json=json, quiet=quiet).result({"file": str(target)}, title="Drawn")
 
 
-@app.command("save", epilog="[bold]Example[/bold]\n\nwbf-mission farm save miniberry-30 --out my-farm.geojson")
+@app.command(
+    "save", epilog="[bold]Example[/bold]\n\nwbf-mission farm save miniberry-30 --out my-farm.geojson"
+)
 def save_command(
     farm: FarmArgument,
     out: Annotated[Path, typer.Option(help="GeoJSON file.")],

@@ -53,7 +53,7 @@ def fly_command(
     score_points: Annotated[
         int | None,
         typer.Option(
-            help="How often to score on the way.  [default: ideal on a small farm: each observation; else 25]",
+            help="How often to score on the way.  [default: ideal on a small farm: each observation; else 25; Waterberry: 10]",
             rich_help_panel="What to run",
         ),
     ] = None,
@@ -72,10 +72,14 @@ def fly_command(
         ),
     ] = None,
     files: Annotated[
-        bool, typer.Option("--files/--no-files", help="Write the results, or only print them.", rich_help_panel="Output")
+        bool,
+        typer.Option(
+            "--files/--no-files", help="Write the results, or only print them.", rich_help_panel="Output"
+        ),
     ] = True,
     plots: Annotated[
-        bool, typer.Option("--plots/--no-plots", help="Draw pictures among the results.", rich_help_panel="Output")
+        bool,
+        typer.Option("--plots/--no-plots", help="Draw pictures among the results.", rich_help_panel="Output"),
     ] = True,
     json: options.Json = False,
     quiet: options.Quiet = False,
@@ -126,11 +130,14 @@ def fly_command(
     summary["files"] = str(folder.path) if folder else None
     if not result.outcome.is_good:
         output.warn(f"{result.outcome.value}: {result.reason}")
-    losses = ", ".join(f"{name} {value:.4g}" for name, value in summary["losses"].items() if value is not None)
+    losses = ", ".join(
+        f"{name} {value:.4g}" for name, value in summary["losses"].items() if value is not None
+    )
     rows = {
         "outcome": result.outcome.value + (f" ({result.reason})" if result.reason else ""),
-        "score": "-" if summary["score"] is None else f"{summary['score']:.5f} over the run, "
-        f"{summary['final_score']:.5f} at the end (0 is perfect)",
+        "score": "-"
+        if summary["score"] is None
+        else f"{summary['score']:.5f} over the run, {summary['final_score']:.5f} at the end (0 is perfect)",
         "loss a cell at the end": losses or "-",
         "observations": f"{summary['observations']} of {summary['cells_observed']} cells",
         "flown": f"{distance(summary['path_length_m'])} in {duration(summary['flight_time_s'])} "

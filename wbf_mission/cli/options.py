@@ -57,10 +57,15 @@ Budget = Annotated[
 ScenarioFile = Annotated[
     Path | None,
     typer.Option(
-        "--scenario", help="A scenario file (TOML); other options change it.", rich_help_panel=_RUN, show_default=False
+        "--scenario",
+        help="A scenario file (TOML); other options change it.",
+        rich_help_panel=_RUN,
+        show_default=False,
     ),
 ]
-Seed = Annotated[int | None, typer.Option(help="Everything random comes from it.  [default: 0]", rich_help_panel=_RUN)]
+Seed = Annotated[
+    int | None, typer.Option(help="Everything random comes from it.  [default: 0]", rich_help_panel=_RUN)
+]
 Day = Annotated[
     int | None, typer.Option(help="Day of the environment that is flown.  [default: 6]", rich_help_panel=_RUN)
 ]
@@ -73,7 +78,8 @@ Vehicle = Annotated[
     ),
 ]
 Altitude = Annotated[
-    float | None, typer.Option(help="Flight height above home, m.  [default: the vehicle's]", rich_help_panel=_VEHICLE)
+    float | None,
+    typer.Option(help="Flight height above home, m.  [default: the vehicle's]", rich_help_panel=_VEHICLE),
 ]
 CruiseSpeed = Annotated[
     float | None, typer.Option(help="Flight speed, m/s.  [default: the vehicle's]", rich_help_panel=_VEHICLE)
@@ -90,7 +96,8 @@ Wind = Annotated[
     ),
 ]
 CameraSpacing = Annotated[
-    float | None, typer.Option(help="Distance between shots, m.  [default: one cell]", rich_help_panel=_CAMERA)
+    float | None,
+    typer.Option(help="Distance between shots, m.  [default: one cell]", rich_help_panel=_CAMERA),
 ]
 CameraFootprint = Annotated[
     int | None, typer.Option(help="Cells on a side of the footprint.  [default: 1]", rich_help_panel=_CAMERA)
@@ -101,18 +108,24 @@ CameraNoise = Annotated[
 FalsePositives = Annotated[
     float | None,
     typer.Option(
-        "--false-positive-rate", help="Healthy leaves seen as infected, 0 to 1.  [default: 0]", rich_help_panel=_CAMERA
+        "--false-positive-rate",
+        help="Healthy leaves seen as infected, 0 to 1.  [default: 0]",
+        rich_help_panel=_CAMERA,
     ),
 ]
 FalseNegatives = Annotated[
     float | None,
     typer.Option(
-        "--false-negative-rate", help="Infected leaves seen as healthy, 0 to 1.  [default: 0]", rich_help_panel=_CAMERA
+        "--false-negative-rate",
+        help="Infected leaves seen as healthy, 0 to 1.  [default: 0]",
+        rich_help_panel=_CAMERA,
     ),
 ]
 CameraFields = Annotated[
     str | None,
-    typer.Option(help="Fields that are measured, such as tylcv,soil.  [default: all three]", rich_help_panel=_CAMERA),
+    typer.Option(
+        help="Fields that are measured, such as tylcv,soil.  [default: all three]", rich_help_panel=_CAMERA
+    ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.", rich_help_panel=_OUTPUT)]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no notes.", rich_help_panel=_OUTPUT)]

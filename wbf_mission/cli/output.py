@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+FILE_WIDTH = 140  # columns of a table that goes to a file or a pipe
 ProgressCallback = Callable[[str, float, float], None]
 
 
@@ -29,7 +30,7 @@ class Output:
     def __init__(self, *, as_json: bool = False, quiet: bool = False) -> None:
         self.as_json = as_json
         self.quiet = quiet
-        self._stdout = Console(highlight=False, soft_wrap=True)
+        self._stdout = Console(highlight=False, width=None if sys.stdout.isatty() else FILE_WIDTH)
         self._stderr = Console(stderr=True, highlight=False, soft_wrap=True)
 
     def note(self, text: str) -> None:
@@ -41,7 +42,9 @@ class Output:
         """Say something that went wrong but does not end the command."""
         self._stderr.print(f"warning: {text}", markup=False, style="yellow")
 
-    def result(self, values: Mapping[str, Any], rows: Mapping[str, str] | None = None, title: str = "") -> None:
+    def result(
+        self, values: Mapping[str, Any], rows: Mapping[str, str] | None = None, title: str = ""
+    ) -> None:
         """Print the command's result: ``values`` as JSON, or ``rows`` (name, text) as a table."""
         if self.as_json:
             self.raw_json(values)

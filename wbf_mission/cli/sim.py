@@ -27,7 +27,10 @@ def sim_command(
     farm: options.Farm = None,
     vehicle: options.Vehicle = None,
     autopilot: Annotated[
-        str, typer.Option(help="px4 or ardupilot: whose ports, modes and habits.", rich_help_panel="Vehicle and weather")
+        str,
+        typer.Option(
+            help="px4 or ardupilot: whose ports, modes and habits.", rich_help_panel="Vehicle and weather"
+        ),
     ] = "px4",
     listen: Annotated[
         list[str] | None,
@@ -39,14 +42,19 @@ def sim_command(
     ] = None,
     connect: Annotated[
         list[str] | None,
-        typer.Option(help="Link that we open: udpout:HOST:PORT or tcp:HOST:PORT; may be repeated.", rich_help_panel=_LINKS),
+        typer.Option(
+            help="Link that we open: udpout:HOST:PORT or tcp:HOST:PORT; may be repeated.",
+            rich_help_panel=_LINKS,
+        ),
     ] = None,
     speed: Annotated[
         float, typer.Option(help="Simulated seconds per second of wall time.", rich_help_panel=_LINKS)
     ] = 1.0,
     duration: Annotated[
         float | None,
-        typer.Option(help="Stop after so many simulated seconds.  [default: until Ctrl-C]", rich_help_panel=_LINKS),
+        typer.Option(
+            help="Stop after so many simulated seconds.  [default: until Ctrl-C]", rich_help_panel=_LINKS
+        ),
     ] = None,
     home: Annotated[
         str | None,
@@ -60,7 +68,8 @@ def sim_command(
     seed: options.Seed = None,
     day: options.Day = None,
     camera: Annotated[
-        bool, typer.Option("--camera/--no-camera", help="Carry the leaf camera.", rich_help_panel="Leaf camera")
+        bool,
+        typer.Option("--camera/--no-camera", help="Carry the leaf camera.", rich_help_panel="Leaf camera"),
     ] = True,
     camera_footprint: options.CameraFootprint = None,
     camera_noise: options.CameraNoise = None,
@@ -107,7 +116,12 @@ def sim_command(
     place = None if home is None else parse_home(home)
     with output.progress() as progress:
         simulated = make_components(
-            scenario, autopilot=autopilot, home=place, wind=wind_of(scenario), with_camera=camera, progress=progress
+            scenario,
+            autopilot=autopilot,
+            home=place,
+            wind=wind_of(scenario),
+            with_camera=camera,
+            progress=progress,
         )
     urls = [*(listen or []), *(connect or [])] or list(default_urls(simulated.autopilot))
     log = None

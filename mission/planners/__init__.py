@@ -3,9 +3,10 @@
 from mission.planners.budget import Budget, LengthBudget, StepBudget, parse_budget
 from mission.planners.build import build_mission
 from mission.planners.conformance import check_planner
-from mission.planners.path import PlannedPath, coverage, path_length
+from mission.planners.path import PlannedPath, path_length
 from mission.planners.registry import get_planner, planner_names
 from mission.planners.request import CropArea, Planner, PlanningRequest
+from mission.planners.seen import coverage
 
 __all__ = [
     "Budget",

@@ -1,4 +1,4 @@
-"""The planned path and the geometry of paths: length, coincident points, coverage."""
+"""The planned path and the geometry of paths: length and coincident points."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry import MultiPolygon, Polygon
 
@@ -17,7 +16,6 @@ Area: TypeAlias = Polygon | MultiPolygon
 Points: TypeAlias = NDArray[np.float64]
 
 COINCIDENT_M = 0.01
-_STRETCH = 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,43 +94,3 @@ def drop_coincident(path_xy_m: ArrayLike, tolerance_m: float = COINCIDENT_M) -> 
         if math.hypot(path[index, 0] - last[0], path[index, 1] - last[1]) >= tolerance_m:
             kept.append(index)
     return path[kept]
-
-
-def coverage(path_xy_m: PlannedPath | ArrayLike, area: Area, footprint_m: float) -> float:
-    """Return the fraction of the area that lies within half a footprint of the path.
-
-    Parameters
-    ----------
-    path_xy_m : PlannedPath or float64[n, 2]
-        The path, in metres of the farm frame.
-    area : shapely Polygon or MultiPolygon
-        What should be seen, in the same frame.
-    footprint_m : float
-        Width of what the camera sees at once.
-
-    Returns
-    -------
-    float
-        0 to 1.
-
-    Examples
-    --------
-    >>> round(coverage([[0.0, 5.0], [10.0, 5.0]], shapely.box(0, 0, 10, 10), 2.0), 3)
-    0.2
-    """
-    given = path_xy_m.points_m if isinstance(path_xy_m, PlannedPath) else path_xy_m
-    points = np.asarray(given, dtype=np.float64).reshape(-1, 2)
-    if not (math.isfinite(footprint_m) and footprint_m > 0) or points.shape[0] < 1 or area.area <= 0:
-        msg = (
-            "coverage needs a footprint above zero, a path and an area "
-            f"(footprint {footprint_m} m, {len(points)} points)"
-        )
-        raise PlanningError(msg)
-    if points.shape[0] == 1:
-        lines = [shapely.points(points[0])]
-    else:
-        # Short stretches first: a long path that crosses itself often is slow to buffer at once.
-        firsts = range(0, points.shape[0] - 1, _STRETCH)
-        lines = [shapely.linestrings(points[first : first + _STRETCH + 1]) for first in firsts]
-    seen = shapely.union_all(shapely.buffer(np.array(lines), footprint_m / 2, quad_segs=4))
-    return float(min(1.0, shapely.intersection(seen, area).area / area.area))

@@ -9,7 +9,7 @@ from mission.errors import PlanningError
 from mission.planners.path import Points
 from mission.planners.request import PlanningRequest
 
-LOOK_AHEAD = 3
+LOOK_AHEAD = (1, 2, 3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,11 +40,12 @@ def densest_feasible(
     what: str,
     density: Callable[[int], float] = float,
     limit: float | None = None,
+    look_ahead: tuple[int, ...] = LOOK_AHEAD,
 ) -> Found:
     """Return the largest index whose candidate costs no more than the limit.
 
     The cost is only roughly monotone (rows that end on the far side have a longer way home), so the search
-    brackets the last feasible index by interpolation and bisection, then looks at the next `LOOK_AHEAD`
+    brackets the last feasible index by interpolation and bisection, then tries a few
     candidates beyond it, and goes on from there if one of them is feasible. Only a candidate whose own
     cost was seen to be within the limit is returned.
 
@@ -62,6 +63,8 @@ def densest_feasible(
         From an index to a number that the cost is about linear in.
     limit : float, optional
         Default: the budget's limit.
+    look_ahead : tuple of int
+        How far beyond the last feasible index others are tried.
 
     Raises
     ------
@@ -81,7 +84,7 @@ def densest_feasible(
                 best = Found(index, points, seen[index])
         return seen[index] <= bound
 
-    if not any(feasible(index) for index in range(lowest, min(lowest + LOOK_AHEAD, highest) + 1)):
+    if not any(feasible(index) for index in range(lowest, min(lowest + 3, highest) + 1)):
         raise too_small(request, min(seen.values()), what)
     while best is not None and best.index < highest:
         good = best.index
@@ -97,7 +100,7 @@ def densest_feasible(
             if good == highest:
                 break
             halve = halve + 1 if (bad or highest + 1) - good > width / 2 else 0
-        if not any(feasible(index) for index in range(good + 1, min(good + LOOK_AHEAD, highest) + 1)):
+        if not any(feasible(good + ahead) for ahead in look_ahead if good + ahead <= highest):
             break
     assert best is not None
     return best

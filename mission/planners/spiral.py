@@ -69,7 +69,13 @@ def spiral(request: PlanningRequest, /) -> PlannedPath:
         return drop_coincident(terrain.join(pieces, request.start_xy_m), 1e-6)
 
     found = densest_feasible(
-        request, build, 0, highest, what="spiral with one ring", density=lambda index: 1.0 / spacing(index)
+        request,
+        build,
+        0,
+        highest,
+        what="spiral with one ring",
+        density=lambda index: 1.0 / spacing(index),
+        look_ahead=(1, 3, 10, 30),
     )
     return PlannedPath(found.points_m, spacing(found.index), "spiral")
 

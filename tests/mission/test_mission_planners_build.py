@@ -11,6 +11,8 @@ from mission.errors import PlanningError
 from mission.model import Command, Frame
 from mission.planners import LengthBudget, PlannedPath, PlanningRequest, build_mission, coverage, path_length
 from mission.planners.path import drop_coincident
+from mission.planners.seen import EXACT_LEGS
+from mission.planners.sweep import lawnmower_rows
 
 FRAME = LocalFrame(28.05, -82.15, 30.0, rotation_deg=20.0)
 ARGUMENTS = {"frame": FRAME, "home_xy_m": (-5.0, -5.0), "altitude_m": 12.0, "speed_m_s": 6.0}
@@ -126,6 +128,20 @@ def test_coverage_in_stretches_is_that_of_the_whole():
     points = rng.uniform(0, 100, (70, 2))
     whole = shapely.LineString(points).buffer(1.0, quad_segs=4).intersection(area).area / area.area
     assert coverage(points, area, 2.0) == pytest.approx(whole, rel=1e-3)
+
+
+def test_coverage_of_long_paths_is_counted_well():
+    area = shapely.Polygon([(0, 0), (300, 0), (200, 200), (0, 200)])
+    rng = np.random.default_rng(2)
+    for points in (rng.uniform(0, 200, (400, 2)), lawnmower_rows(shapely.box(0, 0, 300, 200), 180)):
+        whole = shapely.union_all(
+            shapely.buffer(shapely.linestrings(np.stack((points[:-1], points[1:]), axis=1)), 0.25)
+        )
+        assert len(points) - 1 > EXACT_LEGS
+        exact = whole.intersection(area).area / area.area
+        assert coverage(points, area, 0.5) == pytest.approx(exact, abs=0.01)
+    still = np.full((1000, 2), 50.0)
+    assert coverage(still, area, 20.0) == pytest.approx(np.pi * 100 / area.area, rel=0.05)
 
 
 BOW = shapely.Polygon([(0, 0), (10, 10), (10, 0), (0, 10)])

@@ -67,7 +67,7 @@ def run_benchmark(
 ) -> list[BenchmarkRow]:
     """Fly every planner with every estimator on the environments of all seeds.
 
-    The environment of a seed is the same for all planners and estimators, so rows can be compared pair by pair.
+    The environment of a seed is the same for all planners and estimators, so rows can be compared in pairs.
 
     Parameters
     ----------

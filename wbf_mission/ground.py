@@ -1,4 +1,4 @@
-"""The ground station: uploads the mission, arms, starts, listens until the flight is over. Sans-IO, like the vehicle."""
+"""The ground station: uploads, arms, starts, listens until the flight is over. Sans-IO, like the vehicle."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ class Battery:
 
 
 class GroundStation:
-    """Flies one mission: waits for the vehicle, uploads and verifies, arms, starts, and listens until it is over.
+    """Flies one mission: waits for the vehicle, uploads, verifies, arms, starts, listens until it is over.
 
     Parameters
     ----------
@@ -221,7 +221,7 @@ class GroundStation:
         return handler(message, now_s) if handler is not None else []
 
     def poll(self, now_s: float) -> list[Any]:
-        """Send what is due: heartbeat, repeated commands, the transfer's timers, requests for lost pictures."""
+        """Send what is due: heartbeat, repeated commands, transfer timers, requests for lost pictures."""
         out: list[Any] = []
         if self._first_s is None:
             self._first_s = now_s

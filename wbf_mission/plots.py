@@ -1,4 +1,4 @@
-"""PNG pictures of a run: the farm with the paths, truth / estimate / uncertainty per field, score over time."""
+"""PNG pictures of a run: farm and paths, truth / estimate / uncertainty per field, score over time."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def _extent(grid: FarmGrid) -> tuple[float, float, float, float]:
 
 
 def _shrink(cells: NDArray[Any], stride: int, pick: Any) -> NDArray[Any]:
-    """Return one value for each ``stride`` x ``stride`` block of cells, chosen by ``pick`` (np.min, np.mean, ...)."""
+    """Return one value for each ``stride`` x ``stride`` block of cells, chosen by ``pick`` (np.min, ...)."""
     if stride == 1:
         return cells
     width, height = (size // stride * stride for size in cells.shape)
@@ -69,7 +69,7 @@ def _show(axes: Axes, cells: NDArray[Any], grid: FarmGrid, **style: Any) -> Any:
 
 
 def draw_farm(axes: Axes, farm: Farm) -> None:
-    """Draw crops, patch borders and the owner's land into ``axes`` (metres east and north of the farm's origin)."""
+    """Draw crops and the owner's land into ``axes`` (metres along the farm's axes)."""
     from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.patches import Patch as LegendPatch
 
@@ -146,8 +146,8 @@ def plot_field(
 ) -> Path:
     """Write truth, estimate and uncertainty ([W, H] each) of one field; cells that are not scored are pale.
 
-    On a farm of more cells than pixels a pixel shows the worst cell of its block for a disease, so that no outbreak
-    falls between the pixels, and the mean for the soil; the uncertainty is the least of its block.
+    On a farm of more cells than pixels a pixel shows the worst cell of its block for a disease, so that no
+    outbreak falls between the pixels, and the mean for the soil; the uncertainty is the least of its block.
     """
     grid = farm.grid()
     stride = _stride(grid)
@@ -160,15 +160,16 @@ def plot_field(
     pick = np.mean if field == "soil" else np.min
     colours = "YlGnBu" if field == "soil" else LinearSegmentedColormap.from_list("health", HEALTH_COLOURS)
     top = float(np.max(uncertainty)) or 1.0
+    styles: tuple[dict[str, Any], ...] = (
+        {"cmap": colours, "vmin": 0.0, "vmax": 1.0},
+        {"cmap": colours, "vmin": 0.0, "vmax": 1.0},
+        {"cmap": "magma", "vmin": 0.0, "vmax": top},
+    )
     for axes, name, cells, style in zip(
         panels,
         ("truth", "estimate", "uncertainty"),
         (_shrink(truth, stride, pick), _shrink(estimate, stride, pick), _shrink(uncertainty, stride, np.min)),
-        (
-            {"cmap": colours, "vmin": 0.0, "vmax": 1.0},
-            {"cmap": colours, "vmin": 0.0, "vmax": 1.0},
-            {"cmap": "magma", "vmin": 0.0, "vmax": top},
-        ),
+        styles,
         strict=True,
     ):
         image = _show(axes, cells, grid, **style)

@@ -60,9 +60,9 @@ class RunFolder:
     ) -> list[Path]:
         """Write everything that the run has, and return the files.
 
-        ``plan.plan``, ``observations.parquet``, ``truth.npy``, ``value.npy`` and ``uncertainty.npy`` (float32[3, W, H]
-        in the order tylcv, ccr, soil), ``track.csv`` (what was flown), ``scores.csv``, ``summary.json`` and, with
-        `plots`, the pictures.
+        ``plan.plan``, ``observations.parquet``, ``truth.npy``, ``value.npy`` and ``uncertainty.npy``
+        (float32[3, W, H] in the order tylcv, ccr, soil), ``track.csv`` (what was flown), ``scores.csv``,
+        ``summary.json`` and, with `plots`, the pictures.
         """
         written: list[Path] = []
         jobs: list[tuple[str, Any]] = [

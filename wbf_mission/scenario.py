@@ -30,8 +30,8 @@ class Scenario:
     mission : str or None
         A mission file to fly instead of planning one.
     budget : str or None
-        Such as ``8000m``, ``25min``, ``1500s``, ``360steps`` or ``50Wh``. None: the vehicle's battery less its
-        reserve; for the ideal vehicle 0.4 times the owner's cells in timesteps, as in the paper.
+        Such as ``8000m``, ``25min``, ``1500s``, ``360steps`` or ``50Wh``. None: the vehicle's battery less
+        its reserve; for the ideal vehicle 0.4 times the owner's cells in timesteps, as in the paper.
     day : int
         Day of the environment that is flown.
     seed : int
@@ -41,7 +41,7 @@ class Scenario:
     acceptance_radius_m : float or None
         Of the planned waypoints; None: a quarter of the spacing between 0.1 m and 2 m.
     wind_speed_m_s, wind_direction_deg, wind_gust_m_s : float
-        Mean wind, the direction it comes from (degrees clockwise from north), standard deviation of its gusts.
+        Mean wind, the direction it comes from (degrees clockwise from north), standard deviation of gusts.
     camera_spacing_m : float or None
         Distance between shots; None is one cell.
     camera_footprint : int

@@ -79,8 +79,8 @@ def test_the_run_folder_holds_what_others_read(tmp_path: Path) -> None:
     assert not [path for path in folder.path.iterdir() if path.name.startswith(".")]
     summary = json.loads((folder.path / "summary.json").read_text())
     for key in (
-        "seed", "farm", "planner", "estimator", "vehicle", "score", "losses", "path_length_m", "flight_time_s",
-        "wall_time_s", "realtime_factor", "observations", "battery_used", "transfer", "outcome",
+        "seed", "farm", "planner", "estimator", "vehicle", "score", "losses", "path_length_m",
+        "flight_time_s", "wall_time_s", "realtime_factor", "observations", "battery_used", "transfer", "outcome",
     ):  # fmt: skip
         assert key in summary
     assert summary["outcome"] == "completed"

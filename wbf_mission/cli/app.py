@@ -43,7 +43,7 @@ def _root(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
-    """Plan drone scouting missions over a farm, fly them in simulation or upload them, and score the map they give."""
+    """Plan drone scouting missions, fly them in simulation or upload them, and score the map they give."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -62,7 +62,7 @@ def main(arguments: list[str] | None = None) -> int:
         return _complain("interrupted", EXIT_INTERRUPTED)
     except BrokenPipeError:
         # The reader of our output has gone; nothing is left to say, and flushing at exit must not complain.
-        sys.stdout = None  # type: ignore[assignment]
+        sys.stdout = None
         return EXIT_INTERRUPTED
     except MemoryError:
         return _complain("out of memory: choose a smaller farm or fewer days", EXIT_BAD_INPUT)

@@ -91,7 +91,8 @@ def show_command(farm: FarmArgument, json: options.Json = False, quiet: options.
     }
     rows = {
         "size": f"{place.width_cells} x {place.height_cells} cells of {place.cell_size_m:g} m",
-        "origin": f"{place.frame.latitude_deg:.6f}, {place.frame.longitude_deg:.6f}, {place.frame.altitude_m:g} m AMSL",
+        "origin": f"{place.frame.latitude_deg:.6f}, {place.frame.longitude_deg:.6f}, "
+        f"{place.frame.altitude_m:g} m AMSL",
         "rotation": f"{place.frame.rotation_deg:g} degrees anticlockwise from east",
         "owner": f"{place.owner}: {place.owner_cells} cells, {area.area / 10_000:.2f} ha",
         "home": f"{distance(place.home_m[0])} east, {distance(place.home_m[1])} north of the origin",

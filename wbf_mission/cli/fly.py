@@ -53,7 +53,7 @@ def fly_command(
     score_points: Annotated[
         int | None,
         typer.Option(
-            help="How often to score on the way.  [default: ideal on a small farm: each observation; else 25; Waterberry: 10]",
+            help="How often to score on the way.  [default: 25; Waterberry 10; ideal, small farm: always]",
             rich_help_panel="What to run",
         ),
     ] = None,
@@ -86,7 +86,8 @@ def fly_command(
 ) -> int:
     """Do the whole job offline: plan, upload over MAVLink, fly, look, estimate, score.
 
-    Writes the plan, a telemetry log, the observations, the information model with the truth, a summary and pictures.
+    Writes the plan, a telemetry log, the observations, the information model with the truth, a summary
+    and pictures.
     """
     from wbf_mission.flight import fly
     from wbf_mission.results import RunFolder
@@ -130,6 +131,7 @@ def fly_command(
     summary["files"] = str(folder.path) if folder else None
     if not result.outcome.is_good:
         output.warn(f"{result.outcome.value}: {result.reason}")
+    transfer = summary["transfer"]
     losses = ", ".join(
         f"{name} {value:.4g}" for name, value in summary["losses"].items() if value is not None
     )
@@ -143,13 +145,14 @@ def fly_command(
         "flown": f"{distance(summary['path_length_m'])} in {duration(summary['flight_time_s'])} "
         f"(predicted {duration(summary['predicted_time_s'])})",
         "battery used": "-" if summary["battery_used"] is None else f"{summary['battery_used']:.1%}",
-        "mission transfer": f"{summary['transfer']['items']} items, {summary['transfer']['retries']} retries, "
-        + ("verified" if summary["transfer"]["verified"] else "not verified"),
+        "mission transfer": f"{transfer['items']} items, {transfer['retries']} retries, "
+        + ("verified" if transfer["verified"] else "not verified"),
         "wall time": f"{duration(summary['wall_time_s'])}: "
         + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in summary["timings_s"].items()),
         "flight speed": f"{summary['realtime_factor']:.0f} x real time",
         "files": str(folder.path) if folder else "not written",
     }
-    title = f"{result.farm.name}: {chosen.planner if chosen.mission is None else 'mission file'}, {chosen.estimator}"
+    how = chosen.planner if chosen.mission is None else "mission file"
+    title = f"{result.farm.name}: {how}, {chosen.estimator}"
     output.result(summary, rows, title=f"{title}, {chosen.vehicle}, seed {chosen.seed}")
     return result.outcome.exit_code

@@ -35,7 +35,7 @@ def sim_command(
     listen: Annotated[
         list[str] | None,
         typer.Option(
-            help="Link for ground stations; may be given several times: udpin:HOST:PORT, udpout:HOST:PORT, tcpin:HOST:PORT."
+            help="Link for ground stations, may be repeated: udpin:, udpout: or tcpin:HOST:PORT."
             "  [default: the autopilot's own simulator ports]",
             rich_help_panel=_LINKS,
         ),
@@ -140,7 +140,8 @@ def sim_command(
         with Server(simulated.components, urls, speed=speed, tap=tap) as server:
             point = simulated.home
             output.note(
-                f"{scenario.vehicle} as {simulated.autopilot} at {point.latitude_deg:.6f}, {point.longitude_deg:.6f} "
+                f"{scenario.vehicle} as {simulated.autopilot} "
+                f"at {point.latitude_deg:.6f}, {point.longitude_deg:.6f} "
                 f"on {', '.join(server.urls)}; Ctrl-C ends it"
             )
             stopped = server.run(limit_s=math.inf if duration is None else duration)

@@ -48,7 +48,8 @@ def upload_command(
     rows = {
         "vehicle": f"system {report.system_id}, component {report.component_id}",
         **{name: f"{count} items, verified" for name, count in report.items.items()},
-        "messages": f"{report.messages_sent} sent, {report.messages_received} received, {report.retries} retries",
+        "messages": f"{report.messages_sent} sent, {report.messages_received} received, "
+        f"{report.retries} retries",
         "time": duration(report.duration_s),
     }
     output.result({"file": str(file), **report.summary()}, rows, title="Uploaded")

@@ -206,6 +206,13 @@ class FrameReader:
         """Take a datagram or a piece of a stream and return the wanted messages that are complete now."""
         messages: list[Message] = []
         pending = self._pending
+        if not pending and len(data) >= _V2_OVERHEAD and data[0] == _V2 and not data[2]:
+            after = _V2_OVERHEAD + data[1]
+            if after == len(data):  # the usual datagram: one frame
+                if not self._take(data, 0, after, messages):
+                    self.bad_bytes += 1
+                    self._scan(data[1:], messages, final=False)
+                return messages
         if pending:
             self._pending = b""
             if starts_with_frame(data):
@@ -239,7 +246,8 @@ class FrameReader:
 
     def _take(self, data: bytes, at: int, after: int, messages: list[Message]) -> bool:
         """Handle the frame in ``data[at:after]``; return False if it is none."""
-        number = _message_id(data, at)
+        newer = data[at] == _V2
+        number = data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16 if newer else data[at + 5]
         kind = _KINDS[number]
         if kind is None:
             # Its checksum cannot be verified, so believe it only where another frame or the end follows.
@@ -247,20 +255,21 @@ class FrameReader:
                 return False
             self.unknown += 1
             known = self.sources.get((data[at + 5], data[at + 6]))
-            if known is not None and data[at] == _V2:
+            if known is not None and newer:
                 known.count(data[at + 4])
             return True
         if not _checksum_holds(data, at, after, kind):
             self.bad_frames += 1
             return False
         frame = data[at:after]
-        if frame[0] == _V2:
+        if newer:
             sequence, system_id, component_id = frame[4], frame[5], frame[6]
         else:
             sequence, system_id, component_id = frame[2], frame[3], frame[4]
         message = None
-        if self.wanted is None or number in self.wanted or self.codec.signing.secret_key is not None:
-            message = self._decode(frame, kind, number, sequence, system_id, component_id)
+        wanted = self.wanted is None or number in self.wanted
+        if wanted or self.codec.signing.secret_key is not None:
+            message = self._decode(frame, kind)
             if message is None:
                 self.bad_frames += 1
                 return True
@@ -271,13 +280,11 @@ class FrameReader:
         self.frames += 1
         if self.tap is not None:
             self.tap(frame)
-        if message is not None and (self.wanted is None or number in self.wanted):
+        if wanted:
             messages.append(message)
         return True
 
-    def _decode(
-        self, frame: bytes, kind: _Kind, number: int, sequence: int, system_id: int, component_id: int
-    ) -> Message | None:
+    def _decode(self, frame: bytes, kind: _Kind) -> Message | None:
         """Return the message of a frame whose checksum holds, None if its signature or content is refused."""
         in_order = kind.in_order
         if in_order is None or frame[0] != _V2 or frame[2] or self.codec.signing.secret_key is not None:
@@ -294,9 +301,9 @@ class FrameReader:
         if kind.text:
             values = [value.rstrip(b"\0") if isinstance(value, bytes) else value for value in values]
         message = kind.make(*values)
-        message._header = mavlink.MAVLink_header(
-            number, 0, frame[3], frame[1], sequence, system_id, component_id
-        )
+        header = message._header
+        header.mlen, header.incompat_flags, header.compat_flags = frame[1], 0, frame[3]
+        header.seq, header.srcSystem, header.srcComponent = frame[4], frame[5], frame[6]
         message._msgbuf = frame
         message._payload = frame[10:-2]
         message._crc = frame[-2] | frame[-1] << 8

@@ -54,8 +54,6 @@ def test_addresses(url, address):
         "ftp:host:1",
         "tcp:host:0",
         "udpout::0",
-    ]
-    + [
         "udpin:host:65536",
         "udpin:h:1:2",
         "udpin:::1:5",

@@ -14,8 +14,8 @@ PAGE = Path(__file__).parents[2] / "docs" / "transfer.md"
 
 @pytest.mark.parametrize("table", [CLIENT_TABLE, SERVER_TABLE], ids=["client", "server"])
 def test_the_page_prints_the_table(table):
-    rows = [
-        f"| {state.value} | {found.value} | {action.replace('_', ' ')} | {'-' if then is state else then.value} |"
-        for (state, found), (action, then) in table.items()
-    ]
+    rows = []
+    for (state, found), (action, then) in table.items():
+        following = "-" if then is state else then.value
+        rows.append(f"| {state.value} | {found.value} | {action.replace('_', ' ')} | {following} |")
     assert "\n".join(rows) in PAGE.read_text(encoding="utf-8")

@@ -95,7 +95,7 @@ class PowerSpec:
     blade_drag: float = 0.012
     induced_factor: float = 1.15
     drag_area_m2: float = 0.035
-    efficiency: float = 0.65
+    efficiency: float = 0.61
     avionics_w: float = 12.0
     idle_w: float = 25.0
 

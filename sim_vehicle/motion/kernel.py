@@ -75,6 +75,22 @@ def stopping_distance(v: float, a: float, v_end: float, limit: float, jerk: floa
     return distance + t * (v - peak * t / 3.0)
 
 
+@njit(cache=True, inline="always")
+def _gentle_acceleration(room: float, jerk: float, dt: float) -> float:
+    """Return the acceleration from which a speed that is ``room`` below its limit just reaches it.
+
+    Letting go of an acceleration in whole steps changes the speed by up to ``jerk dt^2 / 8`` more than in the
+    continuous law; the last bit takes two steps, which leaves no remainder to oscillate about.
+    """
+    change = jerk * dt
+    last = change * dt
+    if abs(room) <= last:
+        return room / dt
+    if room > 0.0:
+        return sqrt(0.25 * change * change + 2.0 * jerk * (room - 0.125 * last)) - 0.5 * change
+    return 0.5 * change - sqrt(0.25 * change * change - 2.0 * jerk * room)
+
+
 @njit(cache=True)
 def axis_acceleration(
     d: float, v: float, a: float, v_end: float, speed: float, limit: float, jerk: float, dt: float
@@ -95,15 +111,7 @@ def axis_acceleration(
         return sign * min(max(a + step, -limit), limit) if d + abs(v) + abs(a) > 1e-9 else sign * a
     low = max(a - change, min(-limit, a + change))
     room = speed - v - 0.5 * a * dt
-    # Letting go of an acceleration in whole steps changes the speed by up to ``change dt / 8`` more than in
-    # the continuous law; the last bit takes two steps, which leaves no remainder to oscillate about.
-    last = change * dt
-    if abs(room) <= last:
-        high = room / dt
-    elif room > 0.0:
-        high = sqrt(0.25 * change * change + 2.0 * jerk * (room - 0.125 * last)) - 0.5 * change
-    else:
-        high = 0.5 * change - sqrt(0.25 * change * change - 2.0 * jerk * room)
+    high = _gentle_acceleration(room, jerk, dt)
     if abs(high) < 1e-12:
         high = 0.0
     high = min(high, a + change, limit)
@@ -301,6 +309,13 @@ def advance(
             bx *= scale
             by *= scale
         bz = min(max(bz, -limits[7]), limits[7])
+        # A new leg may give the vertical axis less jerk than it needs to end what the leg before had begun.
+        if vz > 0.5 * limits[3]:
+            most = _gentle_acceleration(limits[3] - vz - 0.5 * az * dt, limits[8], dt)
+            bz = max(min(bz, most), az - limits[8] * dt, -limits[7])
+        elif vz < -0.5 * limits[4]:
+            most = _gentle_acceleration(limits[4] + vz + 0.5 * az * dt, limits[8], dt)
+            bz = min(max(bz, -most), az + limits[8] * dt, limits[7])
         third = dt * dt / 6.0
         mx = vx * dt + third * (2.0 * ax + bx)
         my = vy * dt + third * (2.0 * ay + by)

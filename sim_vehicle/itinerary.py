@@ -111,11 +111,6 @@ def number(value: float | None, default: float = 0.0) -> float:
     return default if value is None else value
 
 
-def is_here(item: MissionItem) -> bool:
-    """Tell whether the item means the place where the vehicle is (latitude and longitude are zero)."""
-    return item.x == 0.0 and item.y == 0.0 and item.command in HERE_COMMANDS
-
-
 def item_places(items: Sequence[MissionItem], frame: LocalFrame) -> list[tuple[float, float, float]]:
     """Return east, north, up about home of each item; NaN where it has no place of its own."""
     places = np.full((len(items), 3), np.nan)
@@ -126,7 +121,9 @@ def item_places(items: Sequence[MissionItem], frame: LocalFrame) -> list[tuple[f
         x, y = frame.from_wgs84(latitude, longitude)
         ground = np.array([frame.altitude_m if items[i].frame == Frame.GLOBAL else 0.0 for i in index])
         height = np.array([items[i].z for i in index]) - ground
-        here = np.array([is_here(items[i]) for i in index])
+        here = (latitude == 0.0) & (longitude == 0.0)
+        if here.any():
+            here &= np.array([items[i].command in HERE_COMMANDS for i in index])
         places[index] = np.column_stack([np.where(here, np.nan, x), np.where(here, np.nan, y), height])
     return [(x, y, z) for x, y, z in places.tolist()]
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from geo import Farm
 from geo.errors import WbfMissionError
@@ -245,12 +246,14 @@ def fly(
     environment = make_environment(scenario, farm, progress)
     truth = environment.values(scenario.day)
     watch.lap("environment")
-    run = _Run(scenario, planned, environment, truth, estimator, options, tell, watch)
-    try:
-        run.fly(pace, tlog, impairment)
-    except KeyboardInterrupt:
-        run.interrupt()
-    return run.result()
+    # One BLAS thread: sums do not depend on the number of cores then, and small matrices are faster.
+    with threadpool_limits(1, user_api="blas"):
+        run = _Run(scenario, planned, environment, truth, estimator, options, tell, watch)
+        try:
+            run.fly(pace, tlog, impairment)
+        except KeyboardInterrupt:
+            run.interrupt()
+        return run.result()
 
 
 class _Run:

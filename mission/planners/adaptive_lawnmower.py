@@ -16,6 +16,7 @@ from mission.planners.search import Found, densest_feasible
 from mission.planners.sweep import Sweep, sweep_angle
 
 TOMATO_SHARE = 2 / 3
+LEAST_ROWS = 1
 NAME = "adaptive-lawnmower"
 
 
@@ -50,7 +51,7 @@ def adaptive_lawnmower(
     Raises
     ------
     PlanningError
-        If the budget does not suffice for two rows over each crop; the text says what would.
+        If the budget does not suffice for one row over each crop; the text says what would.
     """
     if not (math.isfinite(tomato_share) and 0 < tomato_share < 1):
         msg = f"{NAME}: the share of the tomatoes must be between 0 and 1, not {tomato_share}"
@@ -62,7 +63,7 @@ def adaptive_lawnmower(
         [_sweep(land, request.footprint_m, direction) for land in lands or [request.area]],
     )
     if len(plan.sweeps) == 1:
-        least, most = plan.sweeps[0].least_rows, plan.sweeps[0].most_rows
+        least, most = LEAST_ROWS, plan.sweeps[0].most_rows
         found = densest_feasible(request, lambda rows: plan.path(rows), least, most, what=plan.what)
         return plan.result(found, found.index)
     return _both(plan, tomato_share)
@@ -76,7 +77,7 @@ class _Plan:
 
     @property
     def what(self) -> str:
-        return f"{NAME} with two rows over each crop"
+        return f"{NAME} with one row over each crop"
 
     def path(self, *rows: int) -> Points:
         """The path with the numbers of rows over the first crops."""
@@ -98,14 +99,14 @@ def _both(plan: _Plan, tomato_share: float) -> PlannedPath:
 
     def most_tomatoes(strawberries: int, highest: int) -> Found:
         return densest_feasible(
-            request, lambda rows: plan.path(rows, strawberries), tomato.least_rows, highest, what=plan.what
+            request, lambda rows: plan.path(rows, strawberries), LEAST_ROWS, highest, what=plan.what
         )
 
     def most_strawberries(tomatoes: int) -> Found:
         return densest_feasible(
             request,
             lambda rows: plan.path(tomatoes, rows),
-            strawberry.least_rows,
+            LEAST_ROWS,
             strawberry.most_rows,
             what=plan.what,
         )
@@ -113,14 +114,14 @@ def _both(plan: _Plan, tomato_share: float) -> PlannedPath:
     share = request.budget.limit * tomato_share
     try:
         tomatoes = densest_feasible(
-            request, lambda rows: plan.path(rows), tomato.least_rows, tomato.most_rows, what=NAME, limit=share
+            request, lambda rows: plan.path(rows), LEAST_ROWS, tomato.most_rows, what=NAME, limit=share
         ).index
     except PlanningError:
-        tomatoes = tomato.least_rows
+        tomatoes = LEAST_ROWS
     try:
         found = most_strawberries(tomatoes)
     except PlanningError:
-        tomatoes = most_tomatoes(strawberry.least_rows, tomatoes).index
+        tomatoes = most_tomatoes(LEAST_ROWS, tomatoes).index
         found = most_strawberries(tomatoes)
     strawberries = found.index
     if strawberries == strawberry.most_rows and tomatoes < tomato.most_rows:

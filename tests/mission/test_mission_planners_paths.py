@@ -250,7 +250,7 @@ def test_the_tomatoes_get_what_the_strawberries_cannot_use_and_give_what_they_ne
     scarce = adaptive_lawnmower(request(220.0, 0.5))
     assert scarce.points_m[:, 1].min() < 1
     with pytest.raises(PlanningError, match="needs at least"):
-        adaptive_lawnmower(request(100.0, 0.5))
+        adaptive_lawnmower(request(60.0, 0.5))
     crops = (CropArea(Crop.STRAWBERRY, shapely.box(0, 0, 30, 2)), SQUARE_CROPS[1])
     path = adaptive_lawnmower(PlanningRequest(SQUARE, (0, 0), LengthBudget(500.0), 1.0, crops))
     assert path.length_m > 460

@@ -20,7 +20,7 @@ from wbf_mission.planning import plan
 from wbf_mission.results import RunFolder
 from wbf_mission.scenario import Scenario
 
-IDEAL = Scenario(farm="miniberry-10", planner="lawnmower", vehicle="ideal", budget="60steps", seed=3)
+IDEAL = Scenario(farm="miniberry-10", planner="lawnmower", vehicle="ideal", seed=3)
 QUAD = Scenario(farm="miniberry-30", planner="spiral", vehicle="quad", budget="150m", seed=3)
 
 

@@ -1,0 +1,9 @@
+"""What all tests share: property tests have no deadlines, and the same examples on every run in CI."""
+
+import os
+
+from hypothesis import settings
+
+settings.register_profile("default", deadline=None)
+settings.register_profile("ci", deadline=None, derandomize=True)
+settings.load_profile("ci" if os.environ.get("CI") else "default")

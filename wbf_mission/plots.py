@@ -152,7 +152,7 @@ def plot_field(
     grid = farm.grid()
     stride = _stride(grid)
     mask = _shrink(relevance_masks(grid)[FIELDS.index(field)], stride, np.any)
-    figure = _figure(12, 4.2)
+    figure = _figure(12, 3.5)
     panels = figure.subplots(1, 3, sharex=True, sharey=True)
     shade = np.where(mask, np.nan, 1.0)
     from matplotlib.colors import LinearSegmentedColormap

@@ -1,5 +1,7 @@
 """The examples of the documentation do what they say: every ``wbf-mission`` line in a ``sh`` block runs."""
 
+import ast
+import doctest
 import os
 import re
 import shlex
@@ -14,9 +16,13 @@ REPOSITORY = Path(__file__).parents[2]
 PAGES = sorted([REPOSITORY / "README.md", *(REPOSITORY / "docs").glob("*.md")])
 
 
+def blocks(page: Path, language: str) -> list[str]:
+    pattern = rf"^```{language}\n(.*?)^```"
+    return re.findall(pattern, page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+
+
 def commands(page: Path) -> list[str]:
-    blocks = re.findall(r"^```sh\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
-    lines = [line for block in blocks for line in block.splitlines()]
+    lines = [line for block in blocks(page, "sh") for line in block.splitlines()]
     # The benchmark of the README takes a minute: two environments show that the line is right.
     return [line.replace("--seeds 10", "--seeds 1") for line in lines if line.startswith("wbf-mission ")]
 
@@ -30,6 +36,19 @@ def test_the_commands_of_a_page_run(page: Path, tmp_path: Path) -> None:
             words, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False, env={**os.environ}
         )
         assert done.returncode == 0, f"{line}\n{done.stderr}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_python_in_a_page_is_sound(page: Path) -> None:
+    """Sessions (>>>) give what they show; other blocks are Python whose imports exist."""
+    failures, _ = doctest.testfile(str(page), module_relative=False)
+    assert failures == 0
+    for block in blocks(page, "python"):
+        if block.lstrip().startswith(">>>"):
+            continue
+        tree = ast.parse(block)
+        imports = [node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
+        exec(compile(ast.Module(imports, type_ignores=[]), page.name, "exec"), {})
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 # Items that are executed between two places.
 DO_COMMANDS = frozenset(
-    {112, 114, 115, 177, 178, 189, 195, 197, 201, 203, 205, 206, 214, 530, 1000, 1001, 2000, 2001, 2003}
+    {112, 114, 115, 177, 178, 189, 195, 197, 201, 203, 205, 206, 214, 530}
+    | {1000, 1001, 2000, 2001, 2003, 2500, 2501}
 )
 CAMERA_COMMANDS = frozenset({203, 206, 214, 530, 2000, 2001, 2003})
 CONDITIONS = frozenset({int(Command.CONDITION_DELAY), int(Command.CONDITION_DISTANCE)})

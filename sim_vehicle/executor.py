@@ -43,6 +43,9 @@ class MissionExecutor(MissionSequencer):
         The mission.
     current_seq : int
         The item that is being flown or comes next, -1 without a mission.
+    takes_off : bool
+        Whether a mission that begins on the ground without a take-off item climbs first, to the height of
+        its place or the take-off altitude if that is higher (as PX4 does).
     """
 
     def respec(self, spec: VehicleSpec) -> None:

@@ -30,7 +30,9 @@ _FRAMES = frozenset({int(Frame.GLOBAL), int(Frame.GLOBAL_RELATIVE_ALT)})
 _TIMED = frozenset({16, 19, 93, 112})
 
 
-def check_mission(items: Sequence[MissionItem], frame: LocalFrame, spec: VehicleSpec) -> list[str]:
+def check_mission(
+    items: Sequence[MissionItem], frame: LocalFrame, spec: VehicleSpec, *, needs_takeoff: bool = True
+) -> list[str]:
     """List what the vehicle could not fly, each with its item; empty when all is well.
 
     Checked are commands, frames, parameters, altitudes, distances from home, jumps and the take-off; not the
@@ -43,6 +45,8 @@ def check_mission(items: Sequence[MissionItem], frame: LocalFrame, spec: Vehicle
     frame : LocalFrame
         About home.
     spec : VehicleSpec
+    needs_takeoff : bool
+        Whether the vehicle does not take off by itself on the way to the first place.
 
     Examples
     --------
@@ -53,17 +57,21 @@ def check_mission(items: Sequence[MissionItem], frame: LocalFrame, spec: Vehicle
     >>> check_mission(items, LocalFrame(28.05, -82.15), get_vehicle("quad"))
     ['item 0 (NAV_WAYPOINT): no take-off before it']
     """
-    return mission_problems(items, item_places(items, frame), spec)
+    return mission_problems(items, item_places(items, frame), spec, needs_takeoff=needs_takeoff)
 
 
 def mission_problems(
-    items: Sequence[MissionItem], places: Sequence[tuple[float, float, float]], spec: VehicleSpec
+    items: Sequence[MissionItem],
+    places: Sequence[tuple[float, float, float]],
+    spec: VehicleSpec,
+    *,
+    needs_takeoff: bool = True,
 ) -> list[str]:
     """As `check_mission`, with the places of the items known."""
     if not items:
         return ["the mission is empty"]
     problems: list[str] = []
-    flying = False
+    flying = not needs_takeoff
     for seq, (item, place) in enumerate(zip(items, places, strict=True)):
         reasons = _item_problems(item, place, len(items), spec)
         if item.command == Command.NAV_TAKEOFF:

@@ -106,6 +106,12 @@ class Itinerary:
         self.seqs.append(seq)
         self.done.append(done)
 
+    def prepend(self, row: Row, seq: int) -> None:
+        """Put a leg before all others; it completes nothing."""
+        self.rows.insert(0, row)
+        self.seqs.insert(0, seq)
+        self.done.insert(0, False)
+
 
 def number(value: float | None, default: float = 0.0) -> float:
     """Return a parameter, or the default when it is not set."""

@@ -26,6 +26,7 @@ from sim_vehicle.itinerary import (
     CAMERA_COMMANDS,
     CONDITIONS,
     KEEP,
+    PLACE_COMMANDS,
     Ending,
     Itinerary,
     Row,
@@ -65,6 +66,7 @@ class MissionSequencer:
         self.landed = LandedState.ON_GROUND
         self.items: tuple[MissionItem, ...] = ()
         self.current_seq = -1
+        self.takes_off = False
         self.motion = _motion(spec, wind, yaw_rad)
         self._places: list[tuple[float, float, float]] = []
         self._settings = Settings(spec.cruise_speed_m_s)
@@ -333,7 +335,8 @@ class MissionSequencer:
             return
         self._set_current(seq, time_s)
         command = self.items[seq].command
-        if self.landed is LandedState.ON_GROUND and command != Command.NAV_TAKEOFF:
+        climbs = self.landed is LandedState.ON_GROUND and command != Command.NAV_TAKEOFF
+        if climbs and not (self.takes_off and command in PLACE_COMMANDS):
             self._on_ground(seq)
             return
         if self._waits(Command.CONDITION_DELAY):
@@ -345,7 +348,12 @@ class MissionSequencer:
             Command.NAV_RETURN_TO_LAUNCH,
         ):
             here = self.motion.stopping_point()
-        self._begin(plan_item_legs(self.items, self._places, seq, self._settings.copy(), self.spec, here))
+        if climbs:
+            here = (here[0], here[1], max(self._places[seq][2], self.spec.takeoff_altitude_m))
+        plan = plan_item_legs(self.items, self._places, seq, self._settings.copy(), self.spec, here)
+        if climbs:
+            plan.prepend((*here, self.spec.acceptance_radius_m, self._settings.speed_m_s, KEEP, 0.0), seq)
+        self._begin(plan)
 
     def _on_ground(self, seq: int) -> None:
         """Do an item that is not a take-off on the ground: wait, be landed, or give up."""

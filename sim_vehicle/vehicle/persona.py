@@ -70,6 +70,8 @@ class Persona:
         Habits in the mission transfer.
     split_mode : bool
         DO_SET_MODE carries main and sub mode in parameters 2 and 3 (PX4), not the custom mode in parameter 2.
+    takes_off : bool
+        A mission that begins on the ground needs no take-off item (PX4).
     data_streams : bool
         REQUEST_DATA_STREAM changes rates (ArduPilot); otherwise it is ignored.
     reached_repeats : int
@@ -88,6 +90,7 @@ class Persona:
     parameter_encoding: Literal["bytewise", "cast"]
     profile: transfer_profile.Profile
     split_mode: bool
+    takes_off: bool
     data_streams: bool
     reached_repeats: int
     rates_hz: Mapping[int, float] = field(default_factory=lambda: _RATES_HZ)
@@ -133,6 +136,7 @@ PX4 = Persona(
     parameter_encoding="bytewise",
     profile=transfer_profile.PX4,
     split_mode=True,
+    takes_off=True,
     data_streams=False,
     reached_repeats=10,
 )
@@ -160,6 +164,7 @@ ARDUPILOT = Persona(
     parameter_encoding="cast",
     profile=transfer_profile.ARDUPILOT,
     split_mode=False,
+    takes_off=False,
     data_streams=True,
     reached_repeats=0,
 )

@@ -86,6 +86,8 @@ class Pilot:
         Compass heading at the start.
     mode : Mode
         At the start.
+    takes_off : bool
+        Whether a mission needs no take-off item.
 
     Attributes
     ----------
@@ -108,6 +110,7 @@ class Pilot:
         wind: Wind | None = None,
         yaw_rad: float = 0.0,
         mode: Mode = Mode.HOLD,
+        takes_off: bool = False,
     ) -> None:
         self.spec = spec
         self.frame = frame
@@ -118,6 +121,7 @@ class Pilot:
         self.position_ok = True
         self.arming_block: str | None = None
         self._executor = MissionExecutor(spec, frame, wind=wind, yaw_rad=yaw_rad)
+        self._executor.takes_off = takes_off
         self.state: VehicleState = self._executor.state()
         self._notices: list[Notice] = []
         self._problems: tuple[str, ...] = ()
@@ -180,7 +184,11 @@ class Pilot:
 
     def load(self, items: Sequence[MissionItem]) -> None:
         """Replace the mission; one that cannot be flown is kept, but not flown."""
-        self._problems = tuple(check_mission(items, self.frame, self.spec)) if items else ()
+        self._problems = ()
+        if items:
+            needs_takeoff = not self._executor.takes_off
+            problems = check_mission(items, self.frame, self.spec, needs_takeoff=needs_takeoff)
+            self._problems = tuple(problems)
         flying = self.mode is Mode.MISSION and self.armed
         self._executor.load(items)
         self._started = self._complete = False

@@ -116,7 +116,12 @@ class SimVehicle:
         )
         frame = LocalFrame(home.latitude_deg, home.longitude_deg, home.altitude_m)
         self.pilot = Pilot(
-            spec, frame, wind=wind, yaw_rad=math.radians(yaw_deg % 360.0), mode=persona.boot_mode
+            spec,
+            frame,
+            wind=wind,
+            yaw_rad=math.radians(yaw_deg % 360.0),
+            mode=persona.boot_mode,
+            takes_off=persona.takes_off,
         )
         self.place = self.home_e7
         self.schedule = self._default_schedule()

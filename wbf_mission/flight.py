@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,17 +18,18 @@ from mission.model import GeoPoint
 from sensors.camera import LeafCamera, LeafCameraOptions
 from sensors.environment import Environment, generate_environment
 from sensors.estimators import Estimator, make_estimator
-from sensors.fields import FIELDS, relevance_masks
-from sensors.information import InformationModel
-from sensors.messages import AssemblerStatistics, ObservationAssembler
+from sensors.fields import relevance_masks
+from sensors.messages import ObservationAssembler
 from sensors.observations import Observations
 from sensors.score import RunningScore
 from sim_vehicle.camera import LeafCameraComponent
 from sim_vehicle.simulation import Impairment, Simulation, StopReason
 from sim_vehicle.vehicle import Outcome as VehicleOutcome
 from sim_vehicle.vehicle import SimVehicle
-from wbf_mission.estimation import DEFAULT_SCORE_POINTS, LARGE_FARM_SCORE_POINTS, RunEstimate, ScoreHistory
-from wbf_mission.ground import GroundStation, Outcome, Phase, Track
+from wbf_mission.estimation import DEFAULT_SCORE_POINTS, LARGE_FARM_SCORE_POINTS, RunEstimate
+from wbf_mission.flight_result import FlightResult
+from wbf_mission.ground import GroundStation
+from wbf_mission.outcome import Outcome, Phase
 from wbf_mission.planning import PlanResult, plan, wind_of
 from wbf_mission.scenario import Scenario
 
@@ -48,118 +47,6 @@ EPOCH_UNIX_S = (
 
 class FlightError(WbfMissionError, RuntimeError):
     """A run that cannot be done."""
-
-
-@dataclass(slots=True)
-class FlightResult:
-    """What a run gave; parts that were not reached are empty.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    plan : PlanResult
-    outcome : Outcome
-        How the flight ended.
-    reason : str
-        Why it ended so, empty when it went well.
-    track : Track
-        What was flown.
-    observations : Observations
-        What arrived from the camera.
-    camera : AssemblerStatistics
-        Pictures received, lost, fetched again.
-    transfers : list
-        Statistics of the mission transfers.
-    truth, model : float32[3, W, H] and InformationModel, or None
-        The environment of the flight's day, and the last estimate.
-    history : ScoreHistory
-        Scores over time.
-    battery_used : float or None
-        Fraction of the battery, from the vehicle's telemetry.
-    flight_time_s : float
-        Simulated seconds from the mission's start to its end.
-    timings_s : dict
-        Wall seconds of each part.
-    texts : list
-        What the vehicle said (time, severity, text).
-    """
-
-    scenario: Scenario
-    plan: PlanResult
-    outcome: Outcome
-    reason: str
-    track: Track
-    observations: Observations
-    camera: AssemblerStatistics
-    transfers: list[Any]
-    truth: NDArray[np.float32] | None
-    model: InformationModel | None
-    history: ScoreHistory
-    battery_used: float | None
-    flight_time_s: float
-    simulated_s: float
-    frames: int
-    timings_s: dict[str, float] = field(default_factory=dict)
-    texts: list[tuple[float, int, str]] = field(default_factory=list)
-
-    @property
-    def farm(self) -> Farm:
-        """The farm that was flown."""
-        return self.plan.farm
-
-    def summary(self) -> dict[str, Any]:
-        """Return the run in plain values, for JSON."""
-        final = self.history.entries[-1] if self.history.entries else None
-        seen = self.observations
-        cells = len(np.unique(seen.x.astype(np.int64) * self.farm.height_cells + seen.y)) if len(seen) else 0
-        flight_s = self.timings_s.get("flight", 0.0)
-        return {
-            "seed": self.scenario.seed,
-            "farm": self.farm.name,
-            "planner": self.scenario.planner if self.scenario.mission is None else None,
-            "mission": self.scenario.mission,
-            "estimator": self.scenario.estimator,
-            "vehicle": self.plan.vehicle.name,
-            "day": self.scenario.day,
-            "outcome": self.outcome.value,
-            "reason": self.reason,
-            "score": self.history.score,
-            "final_score": final.score if final else None,
-            "scored_times": len(self.history.entries),
-            "losses": dict(zip(FIELDS, final.field_loss, strict=True)) if final else dict.fromkeys(FIELDS),
-            "rmse": dict(zip(FIELDS, final.field_rmse, strict=True)) if final else dict.fromkeys(FIELDS),
-            "mae": dict(zip(FIELDS, final.field_mae, strict=True)) if final else dict.fromkeys(FIELDS),
-            "authors_axis_max": final.authors_axis_max if final else None,
-            "observations": len(seen),
-            "cells_observed": cells,
-            "path_length_m": self.track.length_m,
-            "planned_length_m": self.plan.length_m,
-            "flight_time_s": self.flight_time_s,
-            "predicted_time_s": self.plan.prediction.duration_s,
-            "battery_used": self.battery_used,
-            "predicted_battery_used": self.plan.battery_used,
-            "coverage": self.plan.coverage,
-            "spacing_m": self.plan.spacing_m,
-            "budget": self.plan.budget_text,
-            "transfer": _transfer_summary(self.transfers),
-            "camera": asdict(self.camera),
-            "mavlink_frames": self.frames,
-            "wall_time_s": sum(self.timings_s.values()),
-            "realtime_factor": self.simulated_s / flight_s if flight_s > 0.0 else 0.0,
-            "timings_s": dict(self.timings_s),
-            "scenario": self.scenario.to_dict(),
-        }
-
-
-def _transfer_summary(transfers: list[Any]) -> dict[str, Any]:
-    return {
-        "items": sum(part.items for part in transfers),
-        "messages_sent": sum(part.messages_sent for part in transfers),
-        "messages_received": sum(part.messages_received for part in transfers),
-        "retries": sum(part.retries for part in transfers),
-        "duration_s": sum(part.duration_s for part in transfers),
-        "verified": bool(transfers) and all(part.verified for part in transfers),
-    }
 
 
 class _Stopwatch:

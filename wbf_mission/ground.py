@@ -6,11 +6,9 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import Enum
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mission.link.dialect import mavlink as m
 from mission.model import Command, Mission, MissionType
@@ -25,6 +23,7 @@ from mission.transfer import (
     profile_for,
 )
 from sensors.messages import ObservationAssembler
+from wbf_mission.outcome import Outcome, Phase, Track
 
 GROUND_SYSTEM_ID = 255
 GROUND_COMPONENT_ID = int(m.MAV_COMP_ID_MISSIONPLANNER)
@@ -38,72 +37,6 @@ _FETCH_AT_ONCE = 50
 _COMPLETE = 5  # MISSION_STATE_COMPLETE
 _WARNING = 4  # MAV_SEVERITY_WARNING
 _RETURNS = frozenset({int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_LAND)})
-
-
-class Phase(Enum):
-    """What the ground station is at."""
-
-    CONTACT = "waiting for the vehicle"
-    UPLOAD = "uploading"
-    ARM = "arming"
-    START = "starting the mission"
-    FLIGHT = "flying"
-    FETCH = "fetching lost pictures"
-    DONE = "done"
-
-
-class Outcome(Enum):
-    """How a run ended."""
-
-    RUNNING = "running"
-    COMPLETED = "completed"
-    NO_CONTACT = "no_contact"
-    UPLOAD_FAILED = "upload_failed"
-    ARMING_REFUSED = "arming_refused"
-    MISSION_REJECTED = "mission_rejected"
-    CANNOT_FLY_ITEM = "cannot_fly_item"
-    BATTERY_LOW = "battery_low"
-    BATTERY_DEPLETED = "battery_depleted"
-    FLIGHT_ABORTED = "flight_aborted"
-    TIME_LIMIT = "time_limit"
-    INTERRUPTED = "interrupted"
-
-    @property
-    def is_good(self) -> bool:
-        """Whether the whole mission was flown."""
-        return self is Outcome.COMPLETED
-
-    @property
-    def exit_code(self) -> int:
-        """Exit code of a command whose run ended so."""
-        return {Outcome.COMPLETED: 0, Outcome.INTERRUPTED: 130}.get(self, 1)
-
-
-@dataclass(frozen=True, slots=True)
-class Track:
-    """Where the vehicle was, by its own GLOBAL_POSITION_INT.
-
-    Parameters
-    ----------
-    time_s : float64[n]
-        Seconds since the run began.
-    latitude_deg, longitude_deg, altitude_m : float64[n]
-        Position; altitude above home.
-    x_m, y_m : float64[n]
-        Position in the farm frame.
-    """
-
-    time_s: NDArray[np.float64]
-    latitude_deg: NDArray[np.float64]
-    longitude_deg: NDArray[np.float64]
-    altitude_m: NDArray[np.float64]
-    x_m: NDArray[np.float64]
-    y_m: NDArray[np.float64]
-
-    @property
-    def length_m(self) -> float:
-        """Length over ground."""
-        return float(np.hypot(np.diff(self.x_m), np.diff(self.y_m)).sum())
 
 
 @dataclass(slots=True)

@@ -15,7 +15,8 @@ from sensors.fields import FIELDS
 from wbf_mission.scenario import Scenario, ScenarioError
 
 if TYPE_CHECKING:
-    from wbf_mission.flight import FlightResult, Progress
+    from wbf_mission.flight import Progress
+    from wbf_mission.flight_result import FlightResult
 
 
 @dataclass(frozen=True, slots=True)

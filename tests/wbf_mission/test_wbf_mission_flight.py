@@ -15,7 +15,7 @@ from sim_vehicle.simulation import Impairment
 from wbf_mission import flight as flight_module
 from wbf_mission.estimation import RunEstimate
 from wbf_mission.flight import fly, make_environment
-from wbf_mission.ground import Outcome
+from wbf_mission.outcome import Outcome
 from wbf_mission.planning import plan
 from wbf_mission.results import RunFolder
 from wbf_mission.scenario import Scenario
@@ -79,9 +79,22 @@ def test_the_run_folder_holds_what_others_read(tmp_path: Path) -> None:
     assert not [path for path in folder.path.iterdir() if path.name.startswith(".")]
     summary = json.loads((folder.path / "summary.json").read_text())
     for key in (
-        "seed", "farm", "planner", "estimator", "vehicle", "score", "losses", "path_length_m",
-        "flight_time_s", "wall_time_s", "realtime_factor", "observations", "battery_used", "transfer", "outcome",
-    ):  # fmt: skip
+        "seed",
+        "farm",
+        "planner",
+        "estimator",
+        "vehicle",
+        "score",
+        "losses",
+        "path_length_m",
+        "flight_time_s",
+        "wall_time_s",
+        "realtime_factor",
+        "observations",
+        "battery_used",
+        "transfer",
+        "outcome",
+    ):
         assert key in summary
     assert summary["outcome"] == "completed"
     assert len(Observations.load(folder.path / "observations.parquet")) == summary["observations"]

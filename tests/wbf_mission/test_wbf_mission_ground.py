@@ -1,0 +1,125 @@
+"""The ground station by itself: what it sends and when it gives up, message by message."""
+
+from typing import Any
+
+import pytest
+
+from mission.link.dialect import mavlink as m
+from mission.model import Command, GeoPoint, Mission, MissionItem
+from mission.transfer import MissionServer
+from wbf_mission.ground import GroundStation
+from wbf_mission.outcome import Outcome, Phase
+
+MISSION = Mission(
+    (
+        MissionItem(Command.NAV_TAKEOFF, 3, param4=None, x=28.05, y=-82.15, z=5.0),
+        MissionItem.waypoint(28.051, -82.15, 5.0),
+        MissionItem(Command.NAV_RETURN_TO_LAUNCH),
+    ),
+    GeoPoint(28.05, -82.15, 30.0),
+)
+
+
+def from_vehicle(message: Any, component: int = 1) -> Any:
+    message.pack(m.MAVLink(None, 1, component))
+    return message
+
+
+def heartbeat(*, armed: bool = False) -> Any:
+    mode = m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (m.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
+    return from_vehicle(m.MAVLink_heartbeat_message(2, m.MAV_AUTOPILOT_PX4, mode, 0, 4, 3))
+
+
+def ack(command: int, result: int = 0) -> Any:
+    return from_vehicle(m.MAVLink_command_ack_message(command, result))
+
+
+def commands(messages: list[Any]) -> list[int]:
+    return [message.command for message in messages if message.get_type() == "COMMAND_LONG"]
+
+
+def uploaded(ground: GroundStation) -> list[Any]:
+    """Let the ground station upload to a vehicle's mission server; return what it sends then."""
+    server = MissionServer(1, 1)
+    queue = ground.receive(heartbeat(), 1.0)
+    for _ in range(200):
+        if not queue or ground.phase is Phase.ARM:
+            break
+        replies = []
+        for message in queue:
+            message.pack(m.MAVLink(None, 255, 190))
+            replies += server.receive(message, 1.0).messages
+        queue = [out for reply in replies for out in ground.receive(from_vehicle(reply), 1.0)]
+    assert ground.phase is Phase.ARM
+    assert ground.transfers[0].verified
+    return queue
+
+
+def test_it_sends_a_heartbeat_each_second_and_gives_up_without_a_vehicle() -> None:
+    ground = GroundStation(MISSION)
+    beats = 0
+    for tenth in range(400):
+        beats += sum(message.get_type() == "HEARTBEAT" for message in ground.poll(tenth / 10))
+    assert ground.outcome is Outcome.NO_CONTACT
+    assert 30 <= beats <= 41
+
+
+def test_it_arms_after_the_upload_and_starts_after_arming() -> None:
+    ground = GroundStation(MISSION)
+    assert commands(uploaded(ground)) == [m.MAV_CMD_COMPONENT_ARM_DISARM]
+    started = ground.receive(ack(m.MAV_CMD_COMPONENT_ARM_DISARM), 1.2)
+    assert commands(started) == [m.MAV_CMD_MISSION_START]
+    ground.receive(ack(m.MAV_CMD_MISSION_START), 1.3)
+    assert ground.phase is Phase.FLIGHT
+    assert ground.started_s == 1.3
+
+
+def test_commands_are_repeated_until_answered_then_given_up() -> None:
+    ground = GroundStation(MISSION)
+    first = uploaded(ground)
+    confirmations = [message.confirmation for message in first if message.get_type() == "COMMAND_LONG"]
+    for tenth in range(12, 100):
+        confirmations += [x.confirmation for x in ground.poll(tenth / 10) if x.get_type() == "COMMAND_LONG"]
+    assert confirmations == [0, 1, 2, 3]
+    assert ground.outcome is Outcome.ARMING_REFUSED
+    assert ground.reason == "no answer"
+
+
+def test_a_refusal_carries_the_vehicles_own_words() -> None:
+    ground = GroundStation(MISSION)
+    uploaded(ground)
+    ground.receive(from_vehicle(m.MAVLink_statustext_message(4, b"Arming denied: battery low")), 1.1)
+    ground.receive(ack(m.MAV_CMD_COMPONENT_ARM_DISARM, m.MAV_RESULT_DENIED), 1.2)
+    assert ground.outcome is Outcome.ARMING_REFUSED
+    assert ground.reason == "Arming denied: battery low"
+
+
+@pytest.mark.parametrize(("state", "outcome"), [(5, Outcome.COMPLETED), (3, Outcome.FLIGHT_ABORTED)])
+def test_disarming_ends_the_flight_by_the_missions_state(state: int, outcome: Outcome) -> None:
+    ground = GroundStation(MISSION)
+    uploaded(ground)
+    ground.receive(ack(m.MAV_CMD_COMPONENT_ARM_DISARM), 1.2)
+    ground.receive(ack(m.MAV_CMD_MISSION_START), 1.3)
+    ground.receive(heartbeat(armed=False), 1.4)
+    assert not ground.done, "a heartbeat from before the arming says nothing"
+    ground.receive(heartbeat(armed=True), 2.0)
+    ground.receive(from_vehicle(m.MAVLink_mission_current_message(2, 3, state, 1)), 90.0)
+    ground.receive(heartbeat(armed=False), 91.0)
+    assert ground.outcome is outcome
+    assert ground.flight_time_s == pytest.approx(91.0 - 1.3)
+
+
+def test_messages_of_other_systems_are_not_taken_for_the_vehicles() -> None:
+    ground = GroundStation(MISSION)
+    other = m.MAVLink_heartbeat_message(2, m.MAV_AUTOPILOT_PX4, 1, 0, 4, 3)
+    other.pack(m.MAVLink(None, 7, 1))
+    assert ground.receive(other, 1.0) == []
+    assert ground.phase is Phase.CONTACT
+
+
+def test_fence_and_rally_go_before_the_mission() -> None:
+    rally = MissionItem(Command.NAV_RALLY_POINT, 3, x=28.051, y=-82.151, z=20.0)
+    ground = GroundStation(Mission(MISSION.items, MISSION.home, rally=(rally,)))
+    sent = ground.receive(heartbeat(), 1.0)
+    assert sent[0].get_type() == "MISSION_COUNT"
+    assert sent[0].mission_type == m.MAV_MISSION_TYPE_RALLY

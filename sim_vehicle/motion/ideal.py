@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion.model import MotionEvent
 
 if TYPE_CHECKING:
@@ -141,6 +142,21 @@ class IdealRobot:
         elif math.isnan(heading) and distance > 0.0:
             self._yaw = math.atan2(tx - x, ty - y) % (2.0 * math.pi)
 
+    def steer(
+        self,
+        velocity_m_s: tuple[float, float, float],  # noqa: ARG002
+        *,
+        height_m: float = math.nan,  # noqa: ARG002
+        heading_rad: float = math.inf,  # noqa: ARG002
+        turn_rad_s: float = math.nan,  # noqa: ARG002
+    ) -> None:
+        """Refuse: it only knows places."""
+        msg = f"vehicle {self.spec.name}: the ideal robot has no velocity control, give it places"
+        raise VehicleError(msg)
+
+    def look_at(self, place_m: tuple[float, float] | None) -> None:
+        """Nothing: it looks along its way."""
+
     def stopping_point(self) -> tuple[float, float, float]:
         """Return the place: it stops at once."""
         return self._place
@@ -212,6 +228,12 @@ class IdealRobot:
     def respec(self, spec: VehicleSpec) -> None:
         """Take other defaults."""
         self.spec = spec
+
+    def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
+        """Nothing: heights change in no time."""
+
+    def use_energy(self, joules: float) -> None:
+        """Nothing: there is no battery."""
 
     def touch_down(self) -> None:
         """Stand still on the ground."""

@@ -9,7 +9,7 @@ arrays and a loop over `advance`.
 
 from __future__ import annotations
 
-from math import inf, isnan, pi, sqrt
+from math import atan2, inf, isnan, pi, sqrt
 
 import numpy as np
 from numba import njit
@@ -19,19 +19,23 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 # state: position 0-2, velocity 3-5, acceleration 6-8, heading 9, its rate 10, energy used (J) 11, path
-# length 12, power (W) 13, step at which the leg is given up 14 (infinity: a new leg), wind 15-16
-STATE = 17
+# length 12, power (W) 13, step at which the leg is given up 14 (infinity: a new leg), wind 15-16, place that
+# the nose points at 17-18 (NaN: none)
+STATE = 19
 # counters: step 0, leg 1, step of the last motion 2, arrived at the end 3, notified of nearness 4,
 # points 5
 COUNTERS = 6
 # leg: target 0-2, along 3-5, across 6-8, aslant 9-11, cruise speed 12, speed to brake to 13, acceptance
-# radius 14 (0: stop), heading 15 (NaN: keep), acceleration and jerk of the three axes 16-21, speeds of the
+# radius 14 (0: stop; VELOCITY, AT_HEIGHT), heading 15 (NaN: keep), acceleration and jerk of the three axes 16-21, speeds of the
 # last two 22-23, braking distance 24, distance to notify at 25, horizontal part of the leg 26, way beyond
-# this leg to brake in 27
-LEG = 28
+# this leg to brake in 27, rate of turning 28 (NaN: by the heading), vertical speed 29
+LEG = 30
+# Radii of legs that have no end: a velocity is kept, or a horizontal velocity at the height of the target.
+VELOCITY, AT_HEIGHT = -1.0, -2.0
 # limits: step 0, speed 1, airspeed 2, climb 3, descent 4, acceleration 5, jerk 6, vertical acceleration 7,
-# vertical jerk 8, yaw rate 9, yaw acceleration 10, energy that ends the flight (J) 11
-LIMITS = 12
+# vertical jerk 8, yaw rate 9, yaw acceleration 10, energy that ends the flight (J) 11, speed of touching down
+# 12
+LIMITS = 13
 
 RAN, REACHED, WIND, STALLED, ENERGY, NEAR = range(6)
 GRID = 5
@@ -41,6 +45,8 @@ STOP_SPEED = 0.1
 # speed.
 STALL_S = 30.0
 SLOWEST = 0.3
+# Nearer than this to the place that it points at, the nose keeps its direction.
+ROI_NEAR = 0.5
 CREEP = 3.0
 
 
@@ -140,6 +146,33 @@ def axis_acceleration(
             high, spare_high = middle, spare
             spare_low *= 0.5
     return float(sign * low)
+
+
+@njit(cache=True)
+def velocity_acceleration(v: float, a: float, wanted: float, limit: float, jerk: float, dt: float) -> float:
+    """Return the acceleration at the end of the step that brings one axis to a speed, without overshoot."""
+    change = jerk * dt
+    low = max(a - change, min(-limit, a + change))
+    high = min(a + change, max(limit, a - change))
+    gentle = _gentle_acceleration(wanted - v - 0.5 * a * dt, jerk, dt)
+    return float(min(max(gentle, low), high))
+
+
+@njit(cache=True)
+def _climb_acceleration(row: Floats, height: float, v: float, a: float, limits: Floats) -> float:
+    """Return the vertical acceleration of a leg that keeps a velocity, slow enough to touch down."""
+    dt, limit, jerk = limits[0], row[20], row[21]
+    if row[14] == AT_HEIGHT:
+        d = row[2] - height
+        if abs(d) + abs(v) + abs(a) <= 1e-9:
+            return 0.0
+        speed = 0.999 * (limits[3] if d > 0.0 else limits[4])
+        return float(axis_acceleration(d, v, a, 0.0, speed, limit, jerk, dt))
+    wanted = row[29]
+    if wanted >= 0.0:
+        return float(velocity_acceleration(v, a, wanted, limit, jerk, dt))
+    end = min(-wanted, limits[12])
+    return -float(axis_acceleration(max(height, 0.0), -v, -a, end, -wanted, limit, jerk, dt))
 
 
 @njit(cache=True)
@@ -244,7 +277,7 @@ def advance(
                 point = counters[5]
                 track[point, 0], track[point, 1], track[point, 2] = px, py, pz
                 counters[5] = point + 1
-            if counters[3] == 0:
+            if counters[3] == 0 and radius >= 0.0:
                 if state[14] == inf:
                     left = sqrt(rx * rx + ry * ry + rz * rz)
                     state[14] = step + (STALL_S + 1.5 * left / min(cruise, SLOWEST)) / dt
@@ -285,7 +318,9 @@ def advance(
             most = most / abs(uz) if most > 0.0 else 0.0
             if most < speed:
                 speed = most
-        if radius > 0.0 and ds >= 0.0:
+        if radius < 0.0:
+            s1 = velocity_acceleration(vs, accs, speed, row[16], row[17], dt)
+        elif radius > 0.0 and ds >= 0.0:
             ahead = row[27] + (ds - radius if ds > radius else 0.0)
             if ahead == 0.0 and vs <= leave and leave < speed:
                 speed = leave
@@ -295,10 +330,14 @@ def advance(
         else:
             s1 = axis_acceleration(ds, vs, accs, 0.0, speed, row[16], row[17], dt)
         n1 = accn
-        if abs(dn) + abs(vn) + abs(accn) > 1e-9:
+        if radius < 0.0:
+            n1 = velocity_acceleration(vn, accn, 0.0, row[18], row[19], dt)
+        elif abs(dn) + abs(vn) + abs(accn) > 1e-9:
             n1 = axis_acceleration(dn, vn, accn, 0.0, row[22], row[18], row[19], dt)
         w1 = accw
-        if abs(dw) + abs(vw) + abs(accw) > 1e-9:
+        if radius < 0.0:
+            w1 = _climb_acceleration(row, pz, vz, az, limits)
+        elif abs(dw) + abs(vw) + abs(accw) > 1e-9:
             w1 = axis_acceleration(dw, vw, accw, 0.0, row[23], row[20], row[21], dt)
         bx = s1 * ux + n1 * nx + w1 * wx
         by = s1 * uy + n1 * ny + w1 * wy
@@ -330,7 +369,16 @@ def advance(
         ax, ay, az = bx, by, bz
         energy += state[13] * dt
         step += 1
-        if not isnan(heading) and (heading != yaw or yaw_rate != 0.0):
+        if not isnan(state[17]):
+            east, north = state[17] - px, state[18] - py
+            if east * east + north * north > ROI_NEAR * ROI_NEAR:
+                heading = atan2(east, north) % (2.0 * pi)
+        if not isnan(row[28]):
+            change = limits[10] * dt
+            rate = min(max(row[28], -limits[9]), limits[9])
+            yaw_rate += min(max(rate - yaw_rate, -change), change)
+            yaw = (yaw + yaw_rate * dt) % (2.0 * pi)
+        elif not isnan(heading) and (heading != yaw or yaw_rate != 0.0):
             error = (heading - yaw + pi) % (2.0 * pi) - pi
             size = abs(error)
             if size < 1e-6 and abs(yaw_rate) < 1e-4:
@@ -348,7 +396,9 @@ def advance(
         if counters[3] == 0:
             rx, ry, rz = tx - px, ty - py, tz - pz
             left2 = rx * rx + ry * ry + rz * rz
-            if radius > 0.0:
+            if radius < 0.0:
+                reached = radius == VELOCITY and row[29] < 0.0 and pz <= 0.0
+            elif radius > 0.0:
                 reached = left2 <= radius * radius
             else:
                 reached = (

@@ -7,7 +7,7 @@ from math import inf, isnan, pi, sqrt
 import numpy as np
 from numba import njit
 
-from sim_vehicle.motion.kernel import LEG, Floats
+from sim_vehicle.motion.kernel import AT_HEIGHT, LEG, VELOCITY, Floats
 
 # How the horizontal limits are shared: along the leg and across it (0.8^2 + 0.6^2 = 1), and aslant.
 ALONG = 0.8
@@ -33,6 +33,7 @@ def prepare_route(
     speed: Floats,
     heading: Floats,
     near: Floats,
+    turn: float,
     limits: Floats,
 ) -> Floats:
     """Return the legs of a route: directions, limits in the frame of each leg, and the speeds at the corners.
@@ -50,6 +51,8 @@ def prepare_route(
         Heading on the leg; NaN is the direction of the leg, infinity keeps the heading.
     near : float64[n]
         Distance to the point at which to return NEAR, 0 for never.
+    turn : float
+        Rate of turning, NaN turns to the headings.
     """
     n = points.shape[0]
     route = np.zeros((n, LEG))
@@ -112,6 +115,7 @@ def prepare_route(
         else:
             row[15] = heading[i] % (2.0 * pi)
         row[25] = near[i]
+        row[28] = turn
         bx, by, bz = row[0], row[1], row[2]
     # Backwards: the speed at each corner, and the next place that the vehicle has to brake for. A corner
     # that is slower than what braking for that place allows becomes such a place itself.
@@ -149,3 +153,57 @@ def prepare_route(
         v = row[12] + 0.5 * row[16] * row[16] / row[17]
         row[24] = v * (v / row[16] + 2.0 * row[16] / row[17])
     return route
+
+
+def prepare_velocity(
+    position: Floats,
+    velocity: tuple[float, float, float],
+    height_m: float,
+    heading_rad: float,
+    turn_rad_s: float,
+    limits: Floats,
+) -> Floats:
+    """Return the one leg of a flight at a velocity, float64[1, LEG].
+
+    Its axes are the horizontal direction of flight, the one across it, and the vertical, so the velocity comes
+    about within the limits of any other leg: 80 % of the horizontal ones along, 60 % across.
+
+    Parameters
+    ----------
+    position : float64[3]
+    velocity : tuple of 3 floats
+        East, north, up.
+    height_m : float
+        Height to keep in place of the vertical speed, NaN for none.
+    heading_rad, turn_rad_s : float
+        As in `prepare_route`; a heading of NaN is that of the flight, infinity keeps it.
+    """
+    east, north, up = velocity
+    speed = np.hypot(east, north)
+    ux, uy = (east / speed, north / speed) if speed > 0.0 else (1.0, 0.0)
+    row = np.zeros(LEG)
+    row[:3] = position
+    # So far that it is never reached; the wind's limit looks at what is left of the leg.
+    row[0] += 1e6 * ux
+    row[1] += 1e6 * uy
+    row[3:12] = ux, uy, 0.0, -uy, ux, 0.0, 0.0, 0.0, 1.0
+    row[12] = min(speed, 0.95 * limits[1])
+    row[14] = VELOCITY if np.isnan(height_m) else AT_HEIGHT
+    row[15] = np.nan
+    if np.isfinite(heading_rad):
+        row[15] = heading_rad % (2.0 * np.pi)
+    elif np.isnan(heading_rad) and speed > 0.1:
+        row[15] = np.arctan2(ux, uy) % (2.0 * np.pi)
+    row[16:22] = (
+        ALONG * limits[5],
+        ALONG * limits[6],
+        ACROSS * limits[5],
+        ACROSS * limits[6],
+        limits[7],
+        limits[8],
+    )
+    row[22], row[23], row[26], row[28] = limits[1], limits[3], 1.0, turn_rad_s
+    row[29] = min(max(up, -0.999 * limits[4]), 0.999 * limits[3])
+    if not np.isnan(height_m):
+        row[2] = height_m
+    return row[np.newaxis]

@@ -41,6 +41,8 @@ class Route:
         Compass heading on the leg; NaN looks along the leg, infinity keeps the heading.
     near_m : float64[n]
         Distance to the end at which NEAR is told, 0 for never.
+    turn_rad_s : float
+        Rate of turning instead of the headings; NaN for none.
     """
 
     points_m: NDArray[np.float64]
@@ -48,19 +50,32 @@ class Route:
     speed_m_s: NDArray[np.float64]
     heading_rad: NDArray[np.float64]
     near_m: NDArray[np.float64]
+    turn_rad_s: float = math.nan
 
     @classmethod
     def to(
-        cls, x_m: float, y_m: float, z_m: float, *, speed_m_s: float, heading_rad: float = math.nan
+        cls,
+        x_m: float,
+        y_m: float,
+        z_m: float,
+        *,
+        speed_m_s: float,
+        heading_rad: float = math.nan,
+        turn_rad_s: float = math.nan,
     ) -> Route:
         """Return a route of one leg, with a stop at its end."""
-        return cls.through([(x_m, y_m, z_m, 0.0, speed_m_s, heading_rad, 0.0)])
+        return cls.through([(x_m, y_m, z_m, 0.0, speed_m_s, heading_rad, 0.0)], turn_rad_s)
 
     @classmethod
-    def through(cls, legs: list[tuple[float, float, float, float, float, float, float]]) -> Route:
+    def through(
+        cls,
+        legs: list[tuple[float, float, float, float, float, float, float]],
+        turn_rad_s: float = math.nan,
+    ) -> Route:
         """Return a route of (x, y, z, radius, speed, heading, near) rows."""
         rows = np.array(legs, dtype=np.float64).T
-        return cls(np.ascontiguousarray(rows[:3].T), *(np.ascontiguousarray(row) for row in rows[3:]))
+        points = np.ascontiguousarray(rows[:3].T)
+        return cls(points, *(np.ascontiguousarray(row) for row in rows[3:]), turn_rad_s=turn_rad_s)
 
 
 class MotionModel(Protocol):
@@ -102,6 +117,28 @@ class MotionModel(Protocol):
     def fly(self, route: Route) -> None:
         """Begin a route."""
 
+    def steer(
+        self,
+        velocity_m_s: tuple[float, float, float],
+        *,
+        height_m: float = math.nan,
+        heading_rad: float = math.inf,
+        turn_rad_s: float = math.nan,
+    ) -> None:
+        """Keep a velocity (east, north, up), or its horizontal part at a height.
+
+        Sinking, it goes on to the ground and slows down to the landing speed there; REACHED tells the touch.
+        A heading of NaN is that of the flight, infinity keeps it.
+
+        Raises
+        ------
+        VehicleError
+            When the vehicle has no velocity control.
+        """
+
+    def look_at(self, place_m: tuple[float, float] | None) -> None:
+        """Point the nose at a place (east, north) whatever is flown, None for no more."""
+
     def stopping_point(self) -> tuple[float, float, float]:
         """Return where the vehicle comes to rest if it brakes now."""
 
@@ -113,6 +150,12 @@ class MotionModel(Protocol):
 
     def respec(self, spec: VehicleSpec) -> None:
         """Take other defaults and limits."""
+
+    def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
+        """Climb and sink no faster than this, from the next route on; None is the vehicle's own limit."""
+
+    def use_energy(self, joules: float) -> None:
+        """Take energy out of the battery."""
 
     def touch_down(self) -> None:
         """Stand still on the ground."""

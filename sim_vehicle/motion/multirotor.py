@@ -9,7 +9,7 @@ import numpy as np
 
 from sim_vehicle.battery import WH_J, power_coefficients
 from sim_vehicle.motion import kernel
-from sim_vehicle.motion.legs import prepare_route
+from sim_vehicle.motion.legs import prepare_route, prepare_velocity
 from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.wind import Wind
 
@@ -54,6 +54,7 @@ class Multirotor:
         self.state: NDArray[np.float64] = np.zeros(kernel.STATE)
         self.state[9] = yaw_rad % (2.0 * math.pi)
         self.state[14] = math.inf
+        self.state[17:19] = math.nan
         self.state[13] = self._power[6]
         self.state[15:17] = self._wind.block[0]
         self.counters: NDArray[np.int64] = np.zeros(kernel.COUNTERS, dtype=np.int64)
@@ -95,7 +96,7 @@ class Multirotor:
 
     def numbers(self) -> list[float]:
         """Return the state as plain numbers, in the order that `sim_vehicle.motion.kernel` documents."""
-        numbers: list[float] = self.state.tolist()
+        numbers: list[float] = self.state[:17].tolist()
         return numbers
 
     def fly(self, route: Route) -> None:
@@ -107,9 +108,32 @@ class Multirotor:
             route.speed_m_s,
             route.heading_rad,
             route.near_m,
+            route.turn_rad_s,
             self._limits,
         )
-        self.arrivals = np.full(len(route.points_m), -1, dtype=np.int64)
+        self._begin()
+
+    def steer(
+        self,
+        velocity_m_s: tuple[float, float, float],
+        *,
+        height_m: float = math.nan,
+        heading_rad: float = math.inf,
+        turn_rad_s: float = math.nan,
+    ) -> None:
+        """Keep a velocity, or its horizontal part at a height; downward it goes on to the ground."""
+        self._route = prepare_velocity(
+            self.state[0:3], velocity_m_s, height_m, heading_rad, turn_rad_s, self._limits
+        )
+        self._begin()
+
+    def look_at(self, place_m: tuple[float, float] | None) -> None:
+        """Point the nose at a place (east, north) whatever is flown, None for no more."""
+        self.state[17:19] = math.nan if place_m is None else place_m
+
+    def _begin(self) -> None:
+        assert self._route is not None
+        self.arrivals = np.full(len(self._route), -1, dtype=np.int64)
         self.state[14] = math.inf
         self.counters[1] = 0
         self.counters[2] = self.counters[0]
@@ -124,7 +148,7 @@ class Multirotor:
         ux, uy, uz = vx / speed, vy / speed, vz / speed
         probe = np.array([[x + ux, y + uy, z + uz]])
         one = np.ones(1)
-        row = prepare_route(self.state[0:3].copy(), probe, one, one, one, one, self._limits)[0]
+        row = prepare_route(self.state[0:3].copy(), probe, one, one, one, one, math.nan, self._limits)[0]
         along = ax * ux + ay * uy + az * uz
         distance = kernel.stopping_distance(speed, along, 0.0, row[16], row[17])
         return x + ux * distance, y + uy * distance, max(z + uz * distance, 0.0)
@@ -177,6 +201,16 @@ class Multirotor:
         if energy == math.inf:
             self._limits[11] = energy
 
+    def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
+        """Climb and sink no faster than this, from the next route on; None is the vehicle's own limit."""
+        spec = self.spec
+        self._limits[3] = min(climb_m_s or math.inf, spec.climb_speed_m_s)
+        self._limits[4] = min(descent_m_s or math.inf, spec.descent_speed_m_s)
+
+    def use_energy(self, joules: float) -> None:
+        """Take energy out of the battery."""
+        self.state[11] += joules
+
     def touch_down(self) -> None:
         """Stand still on the ground."""
         self.state[2:9] = 0.0
@@ -201,5 +235,6 @@ def _limits(spec: VehicleSpec) -> NDArray[np.float64]:
             spec.yaw_rate_rad_s,
             spec.yaw_acceleration_rad_s2,
             capacity,
+            spec.landing_speed_m_s,
         ]
     )

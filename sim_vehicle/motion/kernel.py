@@ -26,9 +26,9 @@ STATE = 19
 # points 5
 COUNTERS = 6
 # leg: target 0-2, along 3-5, across 6-8, aslant 9-11, cruise speed 12, speed to brake to 13, acceptance
-# radius 14 (0: stop; VELOCITY, AT_HEIGHT), heading 15 (NaN: keep), acceleration and jerk of the three axes 16-21, speeds of the
-# last two 22-23, braking distance 24, distance to notify at 25, horizontal part of the leg 26, way beyond
-# this leg to brake in 27, rate of turning 28 (NaN: by the heading), vertical speed 29
+# radius 14 (0: stop; VELOCITY, AT_HEIGHT), heading 15 (NaN: keep), acceleration and jerk of the three axes
+# 16-21, speeds of the last two 22-23, braking distance 24, distance to notify at 25, horizontal part of the
+# leg 26, way beyond this leg to brake in 27, rate of turning 28 (NaN: by the heading), vertical speed 29
 LEG = 30
 # Radii of legs that have no end: a velocity is kept, or a horizontal velocity at the height of the target.
 VELOCITY, AT_HEIGHT = -1.0, -2.0

@@ -165,8 +165,8 @@ def prepare_velocity(
 ) -> Floats:
     """Return the one leg of a flight at a velocity, float64[1, LEG].
 
-    Its axes are the horizontal direction of flight, the one across it, and the vertical, so the velocity comes
-    about within the limits of any other leg: 80 % of the horizontal ones along, 60 % across.
+    Its axes are the horizontal direction of flight, the one across it, and the vertical, so the velocity
+    comes about within the limits of any other leg: 80 % of the horizontal ones along, 60 % across.
 
     Parameters
     ----------

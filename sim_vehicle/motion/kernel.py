@@ -176,6 +176,34 @@ def _climb_acceleration(row: Floats, height: float, v: float, a: float, limits: 
 
 
 @njit(cache=True)
+def _below_top_speed(
+    vx: float, vy: float, ax: float, ay: float, bx: float, by: float, limits: Floats
+) -> tuple[float, float]:
+    """Return the horizontal acceleration without what would lead beyond the speed limit.
+
+    The axes of a leg that only keeps a velocity turn with every order, so that the sum of what each allows can
+    be too much. A quarter of the jerk is left for the turning of the velocity itself.
+    """
+    speed2 = vx * vx + vy * vy
+    if speed2 < 0.25 * limits[1] * limits[1]:
+        return bx, by
+    dt, speed = limits[0], sqrt(speed2)
+    ux, uy = vx / speed, vy / speed
+    now = ax * ux + ay * uy
+    outward = bx * ux + by * uy
+    most = _gentle_acceleration(0.999 * limits[1] - speed - 0.5 * now * dt, 0.75 * limits[6], dt)
+    if outward <= most:
+        return bx, by
+    change = limits[6] * dt
+    radial = max(most, now - change, -limits[5]) - now
+    tangential = (by - ay) * ux - (bx - ax) * uy
+    room = change * change - radial * radial
+    free = sqrt(room) if room > 0.0 else 0.0
+    tangential = min(max(tangential, -free), free)
+    return ax + radial * ux - tangential * uy, ay + radial * uy + tangential * ux
+
+
+@njit(cache=True)
 def rotor_power(power: Floats, airspeed2: float, climb: float) -> float:
     """Return the electric power in flight; see `sim_vehicle.battery`."""
     v0 = power[3]
@@ -342,6 +370,8 @@ def advance(
         bx = s1 * ux + n1 * nx + w1 * wx
         by = s1 * uy + n1 * ny + w1 * wy
         bz = s1 * uz + w1 * wz
+        if radius < 0.0:
+            bx, by = _below_top_speed(vx, vy, ax, ay, bx, by, limits)
         norm2 = bx * bx + by * by
         if norm2 > accel2:
             scale = sqrt(accel2 / norm2)

@@ -68,7 +68,7 @@ def obey(vehicle, order):
     vehicle.steer(tuple(velocity), height_m=height, heading_rad=heading, turn_rad_s=turn)
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(st.lists(ORDER, min_size=1, max_size=6), st.booleans())
 def test_limits_hold_whatever_velocities_are_told(orders, windy):
     vehicle = aloft(wind=FALSE_CALM if windy else None)

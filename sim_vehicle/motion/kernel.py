@@ -181,8 +181,8 @@ def _below_top_speed(
 ) -> tuple[float, float]:
     """Return the horizontal acceleration without what would lead beyond the speed limit.
 
-    The axes of a leg that only keeps a velocity turn with every order, so that the sum of what each allows can
-    be too much. A quarter of the jerk is left for the turning of the velocity itself.
+    The axes of a leg that only keeps a velocity turn with every order, so that the sum of what each allows
+    can be too much. A quarter of the jerk is left for the turning of the velocity itself.
     """
     speed2 = vx * vx + vy * vy
     if speed2 < 0.25 * limits[1] * limits[1]:

@@ -72,6 +72,8 @@ class Persona:
         DO_SET_MODE carries main and sub mode in parameters 2 and 3 (PX4), not the custom mode in parameter 2.
     takes_off : bool
         A mission that begins on the ground needs no take-off item (PX4).
+    after_takeoff : Mode
+        The mode that follows an ordered take-off.
     data_streams : bool
         REQUEST_DATA_STREAM changes rates (ArduPilot); otherwise it is ignored.
     reached_repeats : int
@@ -91,6 +93,7 @@ class Persona:
     profile: transfer_profile.Profile
     split_mode: bool
     takes_off: bool
+    after_takeoff: Mode
     data_streams: bool
     reached_repeats: int
     rates_hz: Mapping[int, float] = field(default_factory=lambda: _RATES_HZ)
@@ -137,6 +140,7 @@ PX4 = Persona(
     profile=transfer_profile.PX4,
     split_mode=True,
     takes_off=True,
+    after_takeoff=Mode.HOLD,
     data_streams=False,
     reached_repeats=10,
 )
@@ -165,6 +169,7 @@ ARDUPILOT = Persona(
     profile=transfer_profile.ARDUPILOT,
     split_mode=False,
     takes_off=False,
+    after_takeoff=Mode.GUIDED,
     data_streams=True,
     reached_repeats=0,
 )

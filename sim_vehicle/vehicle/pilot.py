@@ -88,6 +88,8 @@ class Pilot:
         At the start.
     takes_off : bool
         Whether a mission needs no take-off item.
+    after_takeoff : Mode
+        The mode that follows an ordered take-off.
 
     Attributes
     ----------
@@ -111,6 +113,7 @@ class Pilot:
         yaw_rad: float = 0.0,
         mode: Mode = Mode.HOLD,
         takes_off: bool = False,
+        after_takeoff: Mode = Mode.HOLD,
     ) -> None:
         self.spec = spec
         self.frame = frame
@@ -122,6 +125,7 @@ class Pilot:
         self.arming_block: str | None = None
         self._executor = MissionExecutor(spec, frame, wind=wind, yaw_rad=yaw_rad)
         self._executor.takes_off = takes_off
+        self._after_takeoff = after_takeoff
         self.state: VehicleState = self._executor.state()
         self._notices: list[Notice] = []
         self._problems: tuple[str, ...] = ()
@@ -341,7 +345,7 @@ class Pilot:
     def _react(self, event: FlightEvent) -> None:
         if isinstance(event, TargetReached):
             if self.mode is Mode.TAKEOFF:
-                self.mode = Mode.HOLD
+                self.mode = self._after_takeoff
         elif isinstance(event, MissionComplete):
             self._complete = True
             self.note(Severity.INFO, "Mission complete")

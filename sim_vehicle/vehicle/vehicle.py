@@ -122,6 +122,7 @@ class SimVehicle:
             yaw_rad=math.radians(yaw_deg % 360.0),
             mode=persona.boot_mode,
             takes_off=persona.takes_off,
+            after_takeoff=persona.after_takeoff,
         )
         self.place = self.home_e7
         self.schedule = self._default_schedule()

@@ -200,7 +200,7 @@ def test_takeoff_heights_of_the_two_autopilots():
         assert peer.result(22, 0, 0, 0, 0, 0, 0, parameter) == 0
         peer.wait(20.0)
         assert peer.vehicle.pilot.state.position_m[2] == pytest.approx(expected, abs=0.1)
-        assert peer.vehicle.pilot.mode is Mode.HOLD
+        assert peer.vehicle.pilot.mode is persona.after_takeoff
     peer = Peer(ARDUPILOT)
     assert peer.result(22, 0, 0, 0, 0, 0, 0, 6.0) == 4
     peer = Peer(PX4)

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import heapq
+import math
 from dataclasses import dataclass
 from itertools import count
 
 import numpy as np
 
 from mission.errors import LinkError
+
+
+_BUFFER_BYTES = 16384
+_BITS_A_BYTE = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +26,8 @@ class Faults:
         Chance (0 to 1) that a frame is lost, comes twice, or has one byte changed.
     delay_s, jitter_s : float
         Every frame takes ``delay_s`` and up to ``jitter_s`` more; with jitter, frames overtake each other.
+    baud : float
+        Bits per second of the line, ten for a byte (8N1). What does not fit its buffer of 16 KiB is lost.
     """
 
     loss: float = 0.0
@@ -28,6 +35,7 @@ class Faults:
     corrupt: float = 0.0
     delay_s: float = 0.0
     jitter_s: float = 0.0
+    baud: float = math.inf
 
     def __post_init__(self) -> None:
         for name in ("loss", "duplicate", "corrupt"):
@@ -38,6 +46,9 @@ class Faults:
             if not 0.0 <= getattr(self, name) < float("inf"):
                 msg = f"{name} {getattr(self, name)} is no time; give seconds from 0 up"
                 raise LinkError(msg)
+        if not self.baud >= 1.0:
+            msg = f"baud {self.baud} is no speed of a line; give bits per second, such as 57600"
+            raise LinkError(msg)
 
 
 class FaultyChannel:
@@ -46,7 +57,7 @@ class FaultyChannel:
     Parameters
     ----------
     faults : Faults
-        What it does.
+        What it does; may be changed at any time, for the frames that are sent from then on.
     rng : numpy.random.Generator
         Where its chances come from.
 
@@ -65,14 +76,21 @@ class FaultyChannel:
         self._rng = rng
         self._order = count()
         self._flying: list[tuple[float, int, bytes]] = []
+        self._free_s = -math.inf
 
     def send(self, data: bytes, now_s: float) -> None:
         """Put one frame on the air."""
         faults, rng = self.faults, self._rng
+        starts_s = max(now_s, self._free_s)
+        if faults.baud < math.inf:
+            takes_s = _BITS_A_BYTE / faults.baud
+            if (starts_s - now_s) > _BUFFER_BYTES * takes_s:
+                return
+            self._free_s = starts_s = starts_s + len(data) * takes_s
         for _ in range(2 if rng.random() < faults.duplicate else 1):
             if rng.random() < faults.loss:
                 continue
-            arrives_s = now_s + faults.delay_s + faults.jitter_s * rng.random()
+            arrives_s = starts_s + faults.delay_s + faults.jitter_s * rng.random()
             frame = self._damage(data) if rng.random() < faults.corrupt else data
             heapq.heappush(self._flying, (arrives_s, next(self._order), frame))
 

@@ -17,7 +17,13 @@ _SCHEMES = {
     "tcpout": "tcp",
     "tcpin": "tcpin",
 }
-_EXAMPLE = "write udpin:127.0.0.1:14550, udpout:HOST:14550, tcp:127.0.0.1:5760 or tcpin:127.0.0.1:5760"
+SERIAL = "serial"
+SERIAL_BAUD = 57600
+_BAUDS = (300, 12_000_000)
+_EXAMPLE = (
+    "write udpin:127.0.0.1:14550, udpout:HOST:14550, tcp:127.0.0.1:5760, tcpin:127.0.0.1:5760"
+    " or serial:/dev/ttyUSB0:57600"
+)
 _URL = re.compile(r"(?P<scheme>[A-Za-z0-9]+):(//)?(?P<host>\[[^\[\]]*\]|[^:/\[\]\s]*):(?P<port>[0-9]+)/?")
 
 
@@ -55,11 +61,12 @@ class LinkAddress:
     Parameters
     ----------
     scheme : str
-        ``udpin`` (bind, talk to whoever calls), ``udpout`` (call), ``tcp`` (connect) or ``tcpin`` (listen).
+        ``udpin`` (bind, talk to whoever calls), ``udpout`` (call), ``tcp`` (connect), ``tcpin`` (listen) or
+        ``serial``.
     host : str
-        Host name or address.
+        Host name or address; the device of a serial line.
     port : int
-        Port; 0 lets the system choose one for ``udpin`` and ``tcpin``.
+        Port, 0 lets the system choose one for ``udpin`` and ``tcpin``; bits per second of a serial line.
     """
 
     scheme: str
@@ -67,7 +74,7 @@ class LinkAddress:
     port: int
 
     def __str__(self) -> str:
-        host = f"[{self.host}]" if ":" in self.host else self.host
+        host = f"[{self.host}]" if ":" in self.host and self.scheme != SERIAL else self.host
         return f"{self.scheme}:{host}:{self.port}"
 
 
@@ -78,7 +85,8 @@ def parse_link_url(url: str) -> LinkAddress:
     ----------
     url : str
         ``SCHEME:HOST:PORT`` or ``SCHEME://HOST:PORT`` with the scheme udpin (or udp), udpout, tcp (or
-        tcpout) or tcpin. An empty host is the loopback address; IPv6 addresses stand in brackets.
+        tcpout) or tcpin. An empty host is the loopback address; IPv6 addresses stand in brackets. Or
+        ``serial:DEVICE[:BAUD]``, 57600 baud unless given.
 
     Returns
     -------
@@ -95,8 +103,13 @@ def parse_link_url(url: str) -> LinkAddress:
     LinkAddress(scheme='udpin', host='0.0.0.0', port=14540)
     >>> str(parse_link_url("tcp::5760"))
     'tcp:127.0.0.1:5760'
+    >>> str(parse_link_url("serial:/dev/ttyACM0"))
+    'serial:/dev/ttyACM0:57600'
     """
-    match = _URL.fullmatch(url.strip())
+    text = url.strip()
+    if text.lower().startswith("serial:"):
+        return _parse_serial(text)
+    match = _URL.fullmatch(text)
     if match is None:
         msg = f"{url!r} is not a link address; {_EXAMPLE}"
         raise LinkError(msg)
@@ -113,7 +126,20 @@ def parse_link_url(url: str) -> LinkAddress:
     return LinkAddress(scheme, match["host"].strip("[]") or LOOPBACK, port)
 
 
-def open_link(url: str, *, timeout_s: float = 5.0) -> Link:
+def _parse_serial(url: str) -> LinkAddress:
+    rest = url[len("serial:") :]
+    rest = rest[2:] if rest.startswith("//") else rest
+    device, colon, digits = rest.rpartition(":")
+    if not colon:
+        device, digits = rest, str(SERIAL_BAUD)
+    baud = int(digits) if digits.isascii() and digits.isdigit() and len(digits) <= 8 else 0
+    if not device or not _BAUDS[0] <= baud <= _BAUDS[1]:
+        msg = f"{url!r} is no serial line: write serial:DEVICE:BAUD, such as serial:/dev/ttyUSB0:57600"
+        raise LinkError(msg)
+    return LinkAddress(SERIAL, device, baud)
+
+
+def open_link(url: str, *, timeout_s: float = 5.0, reconnect: bool = False) -> Link:
     """Open a link by its address.
 
     Parameters
@@ -122,19 +148,31 @@ def open_link(url: str, *, timeout_s: float = 5.0) -> Link:
         See `parse_link_url`.
     timeout_s : float
         How long a TCP connection may take to be made.
+    reconnect : bool
+        A ``tcp`` link that is lost is made again as soon as the other side is there, and drops what is sent
+        in between; without, it raises LinkError.
 
     Raises
     ------
     LinkError
-        If the address is wrong, the host unknown, the port in use or the connection refused.
+        If the address is wrong, the host unknown, the port in use, the connection refused or the device
+        absent.
     """
     from mission.link.sockets import TcpLink, TcpServerLink, UdpInLink, UdpOutLink
 
     address = parse_link_url(url)
+    if address.scheme == SERIAL:
+        from mission.link.serial import SerialLink
+
+        return SerialLink(address)
     if address.scheme == "udpin":
         return UdpInLink(address)
     if address.scheme == "udpout":
         return UdpOutLink(address)
     if address.scheme == "tcpin":
         return TcpServerLink(address)
+    if reconnect:
+        from mission.link.reconnect import TcpClientLink
+
+        return TcpClientLink(address, timeout_s=timeout_s)
     return TcpLink.connect(address, timeout_s=timeout_s)

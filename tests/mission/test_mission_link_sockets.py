@@ -59,7 +59,7 @@ def test_addresses(url, address):
         "udpin:::1:5",
         "udpin:a b:5",
         "udpin:h:" + "9" * 5000,
-        "serial:/dev/ttyUSB0:57600",
+        "serial:/dev/ttyUSB0:slow",
     ],
 )
 def test_bad_addresses_are_one_clear_line(url):

@@ -1,0 +1,145 @@
+"""A TCP connection that is made again when it was lost."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import selectors
+import socket
+import time
+from collections.abc import Callable
+
+from mission.errors import LinkError
+from mission.link.link import LinkAddress
+from mission.link.sockets import TcpLink
+
+_RETRY_S = 1.0
+_GIVE_UP_S = 5.0
+_PENDING = frozenset({0, errno.EINPROGRESS, errno.EWOULDBLOCK, errno.EALREADY})
+
+
+class TcpClientLink:
+    """A TCP link to a host that may go away and come back.
+
+    While the host is away, what is sent is dropped and a new connection is tried each second, without ever
+    blocking.
+
+    Parameters
+    ----------
+    address : LinkAddress
+        Whom to call.
+    timeout_s : float
+        How long the first connection may take.
+    clock : callable
+        Monotonic seconds.
+
+    Attributes
+    ----------
+    connections : int
+        How often it was connected.
+
+    Raises
+    ------
+    LinkError
+        If the first connection cannot be made.
+    """
+
+    def __init__(
+        self,
+        address: LinkAddress,
+        *,
+        timeout_s: float = 5.0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.name = str(address)
+        self.connections = 1
+        self._address = address
+        self._clock = clock
+        self._link: TcpLink | None = TcpLink.connect(address, timeout_s=timeout_s)
+        self._trying: socket.socket | None = None
+        self._next_s = 0.0
+        self._closed = False
+
+    @property
+    def connected(self) -> bool:
+        """Whether the host is there."""
+        return self._link is not None
+
+    def send(self, data: bytes) -> None:
+        """Send, or drop it while nobody is there."""
+        link = self._link or self._try()
+        if link is None:
+            return
+        try:
+            link.send(data)
+        except LinkError:
+            self._lose()
+
+    def receive(self) -> list[bytes]:
+        """Return what has arrived; nothing while nobody is there."""
+        link = self._link or self._try()
+        if link is None:
+            return []
+        try:
+            return link.receive()
+        except LinkError:
+            self._lose()
+            return []
+
+    def close(self) -> None:
+        """Close the connection and stop trying."""
+        self._closed = True
+        if self._trying is not None:
+            self._trying.close()
+            self._trying = None
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+
+    def fileno(self) -> int | None:
+        """Return the connection's descriptor, None while there is none."""
+        return None if self._link is None else self._link.fileno()
+
+    def _lose(self) -> None:
+        if self._link is not None:
+            self._link.close()
+        self._link = None
+        self._next_s = self._clock() + _RETRY_S
+
+    def _try(self) -> TcpLink | None:
+        """Go on with the connection that is being made, or begin one when it is time."""
+        now_s = self._clock()
+        if self._closed:
+            return None
+        if self._trying is None:
+            if now_s >= self._next_s:
+                self._next_s = now_s + _RETRY_S
+                self._begin(now_s)
+            return None
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._trying, selectors.EVENT_WRITE)
+            ready = bool(selector.select(0))
+        if not ready and now_s < self._deadline_s:
+            return None
+        trying, self._trying = self._trying, None
+        if not ready or trying.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
+            trying.close()
+            return None
+        self._link = TcpLink(trying, self.name)
+        self.connections += 1
+        return self._link
+
+    def _begin(self, now_s: float) -> None:
+        self._deadline_s = now_s + _GIVE_UP_S
+        with contextlib.suppress(OSError):
+            found = socket.getaddrinfo(self._address.host, self._address.port, type=socket.SOCK_STREAM)
+            found.sort(key=lambda entry: entry[0] != socket.AF_INET)
+            trying = socket.socket(found[0][0], socket.SOCK_STREAM)
+            trying.setblocking(False)
+            if trying.connect_ex(found[0][4]) in _PENDING:
+                self._trying = trying
+            else:
+                trying.close()
+
+
+__all__ = ["TcpClientLink"]

@@ -1,0 +1,96 @@
+"""A link over a serial line: a telemetry radio, or the USB port of an autopilot."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from typing import Any
+
+from mission.errors import LinkError
+from mission.link.link import LinkAddress
+
+_BACKLOG_BYTES = 1 << 16
+_READ_BYTES = 65536
+
+
+class SerialLink:
+    """A serial line, never blocking.
+
+    What the line does not take at once is kept (up to 64 KiB; then whole frames are dropped and counted in
+    ``dropped``) and goes out with the next `send` or `receive`.
+
+    Parameters
+    ----------
+    address : LinkAddress
+        ``host`` is the device, ``port`` the bits per second.
+
+    Raises
+    ------
+    LinkError
+        If pyserial is not installed or the device cannot be opened.
+    """
+
+    def __init__(self, address: LinkAddress) -> None:
+        self.name = str(address)
+        self.dropped = 0
+        self._backlog = bytearray()
+        try:
+            import serial
+        except ImportError as error:
+            msg = (
+                f"{self.name}: serial lines need pyserial; install it with: pip install 'wbf-mission[serial]'"
+            )
+            raise LinkError(msg) from error
+        try:
+            self._port: Any = serial.Serial(
+                address.host, address.port, timeout=0, write_timeout=0, exclusive=True
+            )
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or str(error)
+            msg = f"{self.name}: the device cannot be opened ({' '.join(reason.split()).lower()}); check its name"
+            raise LinkError(msg) from error
+
+    def send(self, data: bytes) -> None:
+        """Send one frame; LinkError once the device has gone."""
+        if self._backlog:
+            self._flush()
+        if self._backlog and len(self._backlog) + len(data) > _BACKLOG_BYTES:
+            self.dropped += 1
+            return
+        self._backlog += data
+        self._flush()
+
+    def _flush(self) -> None:
+        # pyserial's own write waits for a line that takes nothing, whatever its time-out.
+        try:
+            written = os.write(self._port.fileno(), self._backlog)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            raise self._gone() from error
+        del self._backlog[:written]
+
+    def _gone(self) -> LinkError:
+        return LinkError(f"{self.name}: the device has gone; plug it in and start again")
+
+    def receive(self) -> list[bytes]:
+        """Return what has arrived; LinkError once the device has gone."""
+        if self._backlog:
+            self._flush()
+        try:
+            data = self._port.read(_READ_BYTES)
+        except (OSError, TypeError) as error:
+            raise self._gone() from error
+        return [data] if data else []
+
+    def close(self) -> None:
+        """Close the line."""
+        with contextlib.suppress(OSError):
+            self._port.close()
+
+    def fileno(self) -> int | None:
+        """Return the descriptor, None once closed."""
+        return int(self._port.fileno()) if self._port.is_open else None
+
+
+__all__ = ["SerialLink"]

@@ -13,6 +13,7 @@ from sim_vehicle.camera import LeafCameraComponent
 from sim_vehicle.component import Component
 from sim_vehicle.spec import get_vehicle
 from sim_vehicle.vehicle import SimVehicle, get_persona
+from sim_vehicle.warm_up import warm_up
 from sim_vehicle.wind import Wind
 from wbf_mission.flight import EPOCH_UNIX_S, camera_options, make_environment
 from wbf_mission.scenario import Scenario, ScenarioError
@@ -112,6 +113,9 @@ def make_components(
         latitude, longitude = farm.frame.to_wgs84(*farm.home_m)
         home = GeoPoint(latitude, longitude, farm.frame.altitude_m), 0.0
     place, heading = home
+    if progress is not None:
+        progress("preparing the vehicle", 0.0, 1.0)
+    warm_up(spec)
     vehicle = SimVehicle(spec, place, wind=wind, persona=persona, yaw_deg=heading, epoch_unix_s=EPOCH_UNIX_S)
     camera = None
     if with_camera:

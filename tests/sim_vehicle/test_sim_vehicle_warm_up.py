@@ -30,7 +30,8 @@ assert any(before.values()), before
 vehicle = SimVehicle(spec, GeoPoint(28.0, -82.0, 10.0), wind=Wind(2.0, 1.0, 0.5))
 pilot = vehicle.pilot
 place = LocalFrame(28.0, -82.0).to_wgs84
-pilot.load([MissionItem.waypoint(*place(x, 5.0), 8.0, hold_s=h) for x, h in ((5.0, 0.0), (12.0, 1.0), (3.0, 0.0))])
+ways = ((5.0, 0.0), (12.0, 1.0), (3.0, 0.0))
+pilot.load([MissionItem.waypoint(*place(x, 5.0), 8.0, hold_s=hold_s) for x, hold_s in ways])
 pilot.arm()
 pilot.set_mode(type(pilot.mode).MISSION)
 pilot.advance(60.0)

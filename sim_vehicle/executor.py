@@ -8,7 +8,8 @@ from sim_vehicle.battery import battery_state
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.feasibility import check_mission
 from sim_vehicle.flight import FlightEvent, LandedState, Phase, VehicleState
-from sim_vehicle.itinerary import ALONG, KEEP, Ending, landing_rows, return_rows
+from sim_vehicle.itinerary import MAX_TURNS, Ending
+from sim_vehicle.paths import ALONG, KEEP, Place, Row, circle_rows, landing_rows, return_rows
 from sim_vehicle.sequencer import MissionSequencer
 from sim_vehicle.spec import AIR_DENSITY_KG_M3, GRAVITY_M_S2, VehicleSpec
 
@@ -146,15 +147,18 @@ class MissionExecutor(MissionSequencer):
         *,
         yaw_rad: float | None = None,
         speed_m_s: float | None = None,
+        turn_rad_s: float = math.nan,
     ) -> None:
         """Fly to a place about home and hold there; TargetReached tells when.
+
+        ``yaw_rad`` None looks along the way, infinity keeps the heading.
 
         Raises
         ------
         VehicleError
-            On the ground, too far from home, or out of the range of altitudes or speeds.
+            Not armed, too far from home, or out of the range of altitudes or speeds.
         """
-        self._in_air("fly to a place")
+        self._ready("fly to a place")
         self._check_height(altitude_m)
         if not math.hypot(x_m, y_m) <= self.spec.max_distance_m:
             msg = f"cannot fly to ({x_m:g}, {y_m:g}): more than {self.spec.max_distance_m:g} m from home"
@@ -162,10 +166,71 @@ class MissionExecutor(MissionSequencer):
         if speed_m_s is not None:
             self._settings.speed_m_s = self._checked_speed(speed_m_s)
         heading = ALONG if yaw_rad is None else yaw_rad
-        self._fly([(x_m, y_m, altitude_m, 0.0, self._settings.speed_m_s, heading, 0.0)], Phase.GOTO)
+        row = (x_m, y_m, altitude_m, 0.0, self._settings.speed_m_s, heading, 0.0)
+        self._disarm_step = None
+        self._fly([row], Phase.GOTO, turn_rad_s=turn_rad_s)
 
-    def return_home(self) -> None:
-        """Climb to the return altitude, fly home, land.
+    def steer(
+        self,
+        velocity_m_s: Place,
+        *,
+        height_m: float = math.nan,
+        yaw_rad: float = KEEP,
+        turn_rad_s: float = math.nan,
+    ) -> None:
+        """Keep a velocity (east, north, up) until another order; sinking ends with touch-down.
+
+        Parameters
+        ----------
+        velocity_m_s : tuple of 3 floats
+            More than the vehicle flies is reduced.
+        height_m : float
+            Height to keep instead of the vertical speed, NaN for none.
+        yaw_rad, turn_rad_s : float
+            Heading (infinity keeps it, NaN looks ahead) and rate of turning (NaN for none).
+
+        Raises
+        ------
+        VehicleError
+            When not armed, on the ground without a climb, the height is out of range, or the vehicle has no
+            velocity control.
+        """
+        self._ready("fly at a velocity")
+        if not math.isnan(height_m):
+            self._check_height(height_m)
+        elif self.landed is LandedState.ON_GROUND and not velocity_m_s[2] > 0.0:
+            msg = "cannot fly at a velocity: on the ground"
+            raise VehicleError(msg)
+        self._disarm_step = None
+        self.motion.set_climb(None, None)
+        self._keep_velocity(velocity_m_s, height_m=height_m, heading_rad=yaw_rad, turn_rad_s=turn_rad_s)
+        self.phase = Phase.STEERED
+        self._timer = self._waiting_step = None
+        self._waiting = []
+
+    def orbit(self, x_m: float, y_m: float, altitude_m: float, radius_m: float, speed_m_s: float) -> None:
+        """Fly circles about a place (clockwise with a positive radius), a hundred of them, then hold.
+
+        Raises
+        ------
+        VehicleError
+            On the ground, or out of the range of altitudes, speeds, distances or radii (0.5 to 1000 m).
+        """
+        self._in_air("orbit")
+        self._check_height(altitude_m)
+        if not 0.5 <= abs(radius_m) <= 1000.0 or not math.hypot(x_m, y_m) <= self.spec.max_distance_m:
+            msg = f"cannot orbit at {radius_m:g} m about ({x_m:g}, {y_m:g}): out of range"
+            raise VehicleError(msg)
+        speed = self._checked_speed(speed_m_s)
+        here = self.motion.position_m
+        rows = circle_rows((x_m, y_m, altitude_m), here, MAX_TURNS, radius_m, speed, self.spec)
+        self._fly(rows, Phase.GOTO)
+
+    def return_home(self, place_m: Place | None = None) -> None:
+        """Climb to the return altitude, fly home or to the nearest rally point, land.
+
+        A place (east, north, least height) is returned to instead and not landed at; the vehicle brakes
+        before it turns to it.
 
         Raises
         ------
@@ -173,10 +238,21 @@ class MissionExecutor(MissionSequencer):
             On the ground.
         """
         self._in_air("return home")
-        rows = return_rows(
-            self.spec, self.motion.position_m, max(self._settings.speed_m_s, self.spec.cruise_speed_m_s)
-        )
-        self._fly(rows, Phase.RETURN, Ending.TOUCHDOWN)
+        self.look_at(None)
+        speed = max(self._settings.speed_m_s, self.spec.cruise_speed_m_s)
+        x, y, z = self.motion.stopping_point()
+        rows: list[Row] = []
+        if math.hypot(x - self.motion.position_m[0], y - self.motion.position_m[1]) > 0.2:
+            rows.append((x, y, z, 0.0, self.spec.top_speed_m_s, KEEP, 0.0))
+        if place_m is None:
+            self._fly(
+                rows + return_rows(self.spec, (x, y, z), speed, self.haven()), Phase.RETURN, Ending.TOUCHDOWN
+            )
+            return
+        height = max(place_m[2], self.spec.return_altitude_m, z)
+        rows.append((x, y, height, self.spec.acceptance_radius_m, speed, KEEP, 0.0))
+        rows.append((place_m[0], place_m[1], height, 0.0, speed, ALONG, 0.0))
+        self._fly(rows, Phase.GOTO)
 
     def land(self) -> None:
         """Land here.
@@ -187,6 +263,7 @@ class MissionExecutor(MissionSequencer):
             On the ground.
         """
         self._in_air("land")
+        self.look_at(None)
         x, y, _ = self.motion.stopping_point()
         here = self.motion.position_m
         rows = landing_rows(self.spec, (x, y, here[2]), here, self._settings.speed_m_s)
@@ -201,6 +278,8 @@ class MissionExecutor(MissionSequencer):
             When it is not positive, or beyond what the vehicle flies.
         """
         self._settings.speed_m_s = self._checked_speed(speed_m_s)
+        if self.phase is Phase.STEERED:
+            return
         plan = self._plan
         if plan is None or self._timer is not None:
             return

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _WAYPOINT = int(Command.NAV_WAYPOINT)
 _PLACED = PLACE_COMMANDS | {int(Command.NAV_TAKEOFF), int(Command.NAV_LAND)}
 _FRAMES = frozenset({int(Frame.GLOBAL), int(Frame.GLOBAL_RELATIVE_ALT)})
-_TIMED = frozenset({16, 19, 93, 112})
+_TIMED = frozenset({16, 19, 82, 93, 112})
 
 
 def check_mission(
@@ -117,7 +117,11 @@ def _item_problems(
                 f"{math.hypot(x, y):.0f} m from home, the vehicle may go {spec.max_distance_m:.0f} m"
             )
     first, second = number(item.param1), number(item.param2)
-    if not 0.0 <= first <= 86_400.0 and command in _TIMED:
+    if command == Command.NAV_DELAY and first < 0.0:
+        day = (second, number(item.param3), number(item.param4))
+        if any(not -1.0 <= value < limit for value, limit in zip(day, (24.0, 60.0, 60.0), strict=True)):
+            problems.append("time of day {:g}:{:g}:{:g} is none".format(*day))
+    elif not 0.0 <= first <= 86_400.0 and command in _TIMED:
         problems.append(f"time {first:g} s is outside 0..86400")
     if command == _WAYPOINT:
         if not 0.0 <= second <= 10_000.0:

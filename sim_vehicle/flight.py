@@ -30,7 +30,14 @@ class Phase(Enum):
     GOTO = "flying to a place"
     RETURN = "returning home"
     LAND = "landing"
+    STEERED = "flying as it is told"
     DEPLETED = "coming down without power"
+    FALLING = "falling"
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether it can obey no more."""
+        return self is Phase.DEPLETED or self is Phase.FALLING
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +120,15 @@ class CameraCommand:
 
 
 @dataclass(frozen=True, slots=True)
+class HomeMoved:
+    """The mission moved home: east and north of where the vehicle started."""
+
+    time_s: float
+    x_m: float
+    y_m: float
+
+
+@dataclass(frozen=True, slots=True)
 class MissionComplete:
     """The last mission item was completed."""
 
@@ -160,6 +176,7 @@ FlightEvent = (
     ItemReached
     | CurrentChanged
     | CameraCommand
+    | HomeMoved
     | MissionComplete
     | CannotFly
     | TargetReached

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mission.model import Command, Frame, MissionItem
+from sim_vehicle.paths import ALONG, KEEP, Row, circle_rows, landing_rows, return_rows, spline_rows
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,24 +20,25 @@ if TYPE_CHECKING:
 
 # Items that are executed between two places.
 DO_COMMANDS = frozenset(
-    {112, 114, 115, 177, 178, 189, 195, 197, 201, 203, 205, 206, 214, 530}
+    {112, 114, 115, 177, 178, 179, 189, 195, 197, 201, 203, 205, 206, 214, 530}
     | {1000, 1001, 2000, 2001, 2003, 2500, 2501}
 )
 CAMERA_COMMANDS = frozenset({203, 206, 214, 530, 2000, 2001, 2003})
 CONDITIONS = frozenset({int(Command.CONDITION_DELAY), int(Command.CONDITION_DISTANCE)})
-PLACE_COMMANDS = frozenset({16, 17, 18, 19, 31})
+PLACE_COMMANDS = frozenset({16, 17, 18, 19, 31, 82})
+# Flown through to the next place without a pause.
+PASSED_COMMANDS = frozenset({16, 82})
+# What the vehicle does with them is known only when they are executed.
+SURPRISING_COMMANDS = frozenset({115, 179, 195, 197, 201})
 NAV_COMMANDS = PLACE_COMMANDS | {20, 21, 22, 93}
 HERE_COMMANDS = frozenset({17, 18, 19, 21, 22, 31})
-LOITER_RADIUS_M = 10.0
 MAX_TURNS = 100.0
 MAX_LEGS = 4096
-SLOW_LANDING_M = 5.0
-KEEP = math.inf
 # Plain numbers: an enumeration's member costs too much where a plan is made over thousands of items.
 _WAYPOINT = int(Command.NAV_WAYPOINT)
-ALONG = math.nan
+_SPLINE = int(Command.NAV_SPLINE_WAYPOINT)
 
-Row = tuple[float, float, float, float, float, float, float]
+Place = tuple[float, float, float]
 
 
 class Ending(Enum):
@@ -57,14 +59,24 @@ class Settings:
     speed_m_s : float
         Ground speed.
     heading_rad : float
-        Heading of items that set none; NaN looks along the path.
+        Heading on the way to the next place if that sets none; NaN looks along the path.
+    climb_m_s, descent_m_s : float or None
+        Vertical speeds, None for the vehicle's own.
     jumps : dict
         How often each jump was taken, by its item.
+    default_m_s : float
+        Ground speed to come back to.
+    yaw_rad : float
+        Heading now, from which a relative one counts.
     """
 
     speed_m_s: float
     heading_rad: float = ALONG
+    climb_m_s: float | None = None
+    descent_m_s: float | None = None
     jumps: dict[int, int] = field(default_factory=dict)
+    default_m_s: float = 0.0
+    yaw_rad: float = field(default=0.0, compare=False)
 
     def copy(self) -> Settings:
         """Return an independent copy."""
@@ -83,9 +95,11 @@ class Itinerary:
         The item that each leg belongs to, -1 outside a mission.
     done : list of bool
         Whether the leg completes its item.
+    speeds : list of float
+        The ground speed that was set for the leg; a curve may be flown more slowly.
     ending : Ending
     wait_s : float
-        Of a WAIT.
+        Of a WAIT; NaN until the time of day that the item names.
     open : bool
         Whether it was cut short, so it has to be planned again before its end.
     unsure : bool
@@ -95,13 +109,15 @@ class Itinerary:
     rows: list[Row] = field(default_factory=list)
     seqs: list[int] = field(default_factory=list)
     done: list[bool] = field(default_factory=list)
+    speeds: list[float] = field(default_factory=list)
     ending: Ending = Ending.NEXT
     wait_s: float = 0.0
     open: bool = False
     unsure: bool = False
 
-    def add(self, row: Row, seq: int = -1, *, done: bool = False) -> None:
+    def add(self, row: Row, seq: int = -1, *, done: bool = False, speed: float | None = None) -> None:
         """Append a leg."""
+        self.speeds.append(row[4] if speed is None else speed)
         self.rows.append(row)
         self.seqs.append(seq)
         self.done.append(done)
@@ -109,6 +125,7 @@ class Itinerary:
     def prepend(self, row: Row, seq: int) -> None:
         """Put a leg before all others; it completes nothing."""
         self.rows.insert(0, row)
+        self.speeds.insert(0, row[4])
         self.seqs.insert(0, seq)
         self.done.insert(0, False)
 
@@ -118,7 +135,7 @@ def number(value: float | None, default: float = 0.0) -> float:
     return default if value is None else value
 
 
-def item_places(items: Sequence[MissionItem], frame: LocalFrame) -> list[tuple[float, float, float]]:
+def item_places(items: Sequence[MissionItem], frame: LocalFrame) -> list[Place]:
     """Return east, north, up about home of each item; NaN where it has no place of its own."""
     places = np.full((len(items), 3), np.nan)
     index = [i for i, item in enumerate(items) if item.has_place]
@@ -165,13 +182,55 @@ def do_items(
                 seq = int(number(item.param1))
                 continue
         elif command == Command.DO_CHANGE_SPEED:
-            speed = number(item.param2, -1.0)
-            if speed > 0.0 and number(item.param1) in (0.0, 1.0):
-                settings.speed_m_s = min(speed, top_speed_m_s)
+            _change_speed(item, settings, top_speed_m_s)
         elif command == Command.CONDITION_YAW:
-            settings.heading_rad = math.radians(number(item.param1))
+            settings.heading_rad = _yaw(item, settings.yaw_rad)
         seq += 1
     return done, seq
+
+
+def _change_speed(item: MissionItem, settings: Settings, top_speed_m_s: float) -> None:
+    """Ground and air speed are one (0, 1); climb and descent (2, 3); -2 is the vehicle's own speed again."""
+    kind, speed = number(item.param1), number(item.param2, -1.0)
+    wanted = speed if speed > 0.0 else None
+    if wanted is None and speed != -2.0:
+        return
+    if kind in (0.0, 1.0):
+        settings.speed_m_s = min(wanted or settings.default_m_s or settings.speed_m_s, top_speed_m_s)
+    elif kind == 2.0:
+        settings.climb_m_s = wanted
+    elif kind == 3.0:
+        settings.descent_m_s = wanted
+
+
+def _yaw(item: MissionItem, yaw_rad: float) -> float:
+    """Return the heading that CONDITION_YAW asks for; the short way round, whatever its direction says."""
+    angle = math.radians(number(item.param1))
+    if number(item.param4) == 0.0:
+        return angle
+    return yaw_rad + (-angle if number(item.param3) < 0.0 else angle)
+
+
+def time_of_day_wait_s(item: MissionItem, unix_s: float) -> float:
+    """Return how long NAV_DELAY waits for its time of day (UTC): hour, minute, second, -1 is any.
+
+    Examples
+    --------
+    >>> noon = 1_780_315_200.0
+    >>> time_of_day_wait_s(MissionItem(93, 2, -1.0, 12.0, 30.0, 0.0), noon)
+    1800.0
+    >>> time_of_day_wait_s(MissionItem(93, 2, -1.0, -1.0, -1.0, 15.0), noon + 20.0)
+    55.0
+    """
+    fields = [number(value, -1.0) for value in (item.param2, item.param3, item.param4)]
+    period_s, wanted_s = 60.0, max(fields[2], 0.0)
+    if fields[0] >= 0.0:
+        period_s, wanted_s = 86_400.0, wanted_s + 3600.0 * fields[0] + 60.0 * max(fields[1], 0.0)
+    elif fields[1] >= 0.0:
+        period_s, wanted_s = 3600.0, wanted_s + 60.0 * fields[1]
+    elif fields[2] < 0.0:
+        return 0.0
+    return (wanted_s - unix_s) % period_s
 
 
 def condition_items(items: Sequence[MissionItem], start: int) -> list[int]:
@@ -187,54 +246,112 @@ def condition_items(items: Sequence[MissionItem], start: int) -> list[int]:
 
 def plan_item_legs(
     items: Sequence[MissionItem],
-    places: Sequence[tuple[float, float, float]],
+    places: Sequence[Place],
     seq: int,
     settings: Settings,
     spec: VehicleSpec,
-    here: tuple[float, float, float],
+    here: Place,
+    haven: Place = (0.0, 0.0, 0.0),
 ) -> Itinerary:
     """Return the legs from the place item ``seq`` on, as far as they are flown without a pause.
 
-    ``settings`` is a copy to look ahead with; ``here`` is where the vehicle is.
+    ``settings`` is a copy to look ahead with; ``here`` is where the vehicle is, ``haven`` where it returns to
+    and the least height of the way there.
     """
     plan = Itinerary()
     last = here
+    tangent = (0.0, 0.0, 0.0)
     while True:
         item = items[seq]
-        last = _item_legs(plan, item, places[seq], seq, settings, spec, last)
+        if item.command == _SPLINE:
+            end = _placed(places[seq], last)
+            ahead = _place_ahead(items, places, seq)
+            tangent = _spline_legs(plan, item, seq, settings, spec, (last, end, ahead), tangent)
+            last = end
+        else:
+            before = last
+            last = _item_legs(plan, item, places[seq], seq, settings, spec, last, haven)
+            tangent = (0.0, 0.0, 0.0)
+            if item.command == _WAYPOINT:
+                tangent = (last[0] - before[0], last[1] - before[1], last[2] - before[2])
+        settings.heading_rad = ALONG
         if plan.ending is not Ending.NEXT:
             return plan
         if len(plan.rows) >= MAX_LEGS:
             plan.open = True
             return plan
         following = seq + 1
-        while following < len(items) and items[following].command != _WAYPOINT:
-            _, following = do_items(items, following, settings, spec.top_speed_m_s)
+        while following < len(items) and items[following].command not in PASSED_COMMANDS:
+            done, following = do_items(items, following, settings, spec.top_speed_m_s)
+            plan.unsure |= any(_surprises(items[index]) for index in done)
             if not 0 <= following < len(items) or items[following].command not in CONDITIONS:
                 break
             plan.unsure = True
             # What waits for a condition is not known now: the legs are planned again when it has changed
             # something.
             following = condition_items(items, following)[-1] + 1
-        if not 0 <= following < len(items) or items[following].command != _WAYPOINT:
+        if not 0 <= following < len(items) or items[following].command not in PASSED_COMMANDS:
             return plan
         seq = following
+
+
+def _surprises(item: MissionItem) -> bool:
+    vertical = item.command == Command.DO_CHANGE_SPEED and number(item.param1) > 1.0
+    return vertical or item.command in SURPRISING_COMMANDS
+
+
+def _placed(place: Place, last: Place) -> Place:
+    return (last[0], last[1], place[2]) if math.isnan(place[0]) else place
+
+
+def _place_ahead(items: Sequence[MissionItem], places: Sequence[Place], seq: int) -> Place | None:
+    """Return the place after a spline waypoint that is flown through to, None when it stops there."""
+    if number(items[seq].param1) > 0.0:
+        return None
+    following = seq + 1
+    while following < len(items) and items[following].command in DO_COMMANDS:
+        if items[following].command == Command.DO_JUMP:
+            return None
+        following += 1
+    if following >= len(items) or items[following].command not in PASSED_COMMANDS:
+        return None
+    return None if math.isnan(places[following][0]) else places[following]
+
+
+def _spline_legs(
+    plan: Itinerary,
+    item: MissionItem,
+    seq: int,
+    settings: Settings,
+    spec: VehicleSpec,
+    way: tuple[Place, Place, Place | None],
+    tangent: Place,
+) -> Place:
+    """Append the legs of a spline waypoint and return the direction of its end."""
+    hold = number(item.param1)
+    rows, after = spline_rows(way, tangent, settings.speed_m_s, settings.heading_rad, spec)
+    if hold > 0.0:
+        rows[-1] = (*rows[-1][:3], 0.0, *rows[-1][4:])
+    for row in rows:
+        plan.add(row, seq, done=row is rows[-1] and hold <= 0.0, speed=settings.speed_m_s)
+    if hold > 0.0:
+        plan.ending, plan.wait_s = Ending.WAIT, hold
+    return after
 
 
 def _item_legs(
     plan: Itinerary,
     item: MissionItem,
-    place: tuple[float, float, float],
+    place: Place,
     seq: int,
     settings: Settings,
     spec: VehicleSpec,
-    last: tuple[float, float, float],
-) -> tuple[float, float, float]:
+    last: Place,
+    haven: Place,
+) -> Place:
     """Append the legs of one item and return where they end."""
     command = item.command
-    x, y, z = place
-    if math.isnan(x):
-        x, y = last[0], last[1]
+    x, y, z = _placed(place, last)
     speed = settings.speed_m_s
     radius = spec.acceptance_radius_m
     heading = settings.heading_rad
@@ -259,10 +376,10 @@ def _item_legs(
             return x, y, z
         return last[0], last[1], max(z, last[2])
     if command == Command.NAV_RETURN_TO_LAUNCH:
-        for row in return_rows(spec, last, speed):
+        for row in return_rows(spec, last, speed, haven):
             plan.add(row, seq)
         plan.ending = Ending.TOUCHDOWN
-        return 0.0, 0.0, 0.0
+        return haven[0], haven[1], 0.0
     if command == Command.NAV_LAND:
         for row in landing_rows(spec, (x, y, last[2]), last, speed):
             plan.add(row, seq)
@@ -270,10 +387,11 @@ def _item_legs(
         return x, y, 0.0
     if command == Command.NAV_DELAY:
         plan.add((*last, 0.0, speed, KEEP, 0.0), seq)
-        plan.ending, plan.wait_s = Ending.WAIT, number(item.param1)
+        delay = number(item.param1)
+        plan.ending, plan.wait_s = Ending.WAIT, delay if delay >= 0.0 else math.nan
         return last
     if command == Command.NAV_LOITER_TURNS:
-        rows = circle_rows(item, (x, y, z), last, speed, spec)
+        rows = circle_rows((x, y, z), last, number(item.param1), number(item.param3), speed, spec)
         for row in rows:
             plan.add(row, seq, done=row is rows[-1])
         return rows[-1][0], rows[-1][1], rows[-1][2]
@@ -281,60 +399,3 @@ def _item_legs(
     plan.ending = Ending.FOREVER if command == Command.NAV_LOITER_UNLIM else Ending.WAIT
     plan.wait_s = number(item.param1) if command == Command.NAV_LOITER_TIME else 0.0
     return x, y, z
-
-
-def landing_rows(
-    spec: VehicleSpec, above: tuple[float, float, float], last: tuple[float, float, float], speed: float
-) -> list[Row]:
-    """Return the legs to a place at the height ``above[2]`` and down to the ground there."""
-    x, y, z = above
-    rows: list[Row] = []
-    if math.hypot(x - last[0], y - last[1]) > 0.05:
-        rows.append((x, y, z, 0.0, speed, ALONG, 0.0))
-    if z > SLOW_LANDING_M:
-        rows.append((x, y, SLOW_LANDING_M, 0.3, -spec.descent_speed_m_s, KEEP, 0.0))
-    rows.append((x, y, 0.0, 0.0, -spec.landing_speed_m_s, KEEP, 0.0))
-    return rows
-
-
-def return_rows(spec: VehicleSpec, last: tuple[float, float, float], speed: float) -> list[Row]:
-    """Return the legs home: up to the return altitude unless home is right below, over home, and down."""
-    x, y, z = last
-    if math.hypot(x, y) <= spec.acceptance_radius_m:
-        return landing_rows(spec, (0.0, 0.0, z), last, speed)
-    rows: list[Row] = []
-    if z < spec.return_altitude_m:
-        z = spec.return_altitude_m
-        rows.append((x, y, z, spec.acceptance_radius_m, speed, KEEP, 0.0))
-    return rows + landing_rows(spec, (0.0, 0.0, z), (x, y, z), speed)
-
-
-def circle_rows(
-    item: MissionItem,
-    centre: tuple[float, float, float],
-    last: tuple[float, float, float],
-    speed: float,
-    spec: VehicleSpec,
-) -> list[Row]:
-    """Return chords of 10 degrees for a circle that begins at its point nearest to the vehicle."""
-    x, y, z = centre
-    radius = number(item.param3) or LOITER_RADIUS_M
-    sense = -1.0 if radius > 0.0 else 1.0
-    radius = abs(radius)
-    begin = math.atan2(last[1] - y, last[0] - x)
-    chords = max(1, round(36.0 * number(item.param1)))
-    step = sense * math.radians(10.0)
-    slow = min(speed, math.sqrt(0.5 * spec.acceleration_m_s2 * radius))
-    accept = min(spec.acceptance_radius_m, 0.3 * radius * abs(step))
-    return [
-        (
-            x + radius * math.cos(begin + k * step),
-            y + radius * math.sin(begin + k * step),
-            z,
-            accept,
-            speed if k == 0 else slow,
-            ALONG,
-            0.0,
-        )
-        for k in range(chords + 1)
-    ]

@@ -6,17 +6,14 @@ import math
 from typing import TYPE_CHECKING
 
 from mission.model import Command
-from sim_vehicle.battery import battery_state
-from sim_vehicle.errors import VehicleError
+from sim_vehicle.craft import Craft
 from sim_vehicle.flight import (
-    BatteryDepleted,
     CameraCommand,
     CannotFly,
     CurrentChanged,
     Disarmed,
-    FlightEvent,
+    HomeMoved,
     ItemReached,
-    Landed,
     LandedState,
     MissionComplete,
     Phase,
@@ -25,68 +22,55 @@ from sim_vehicle.flight import (
 from sim_vehicle.itinerary import (
     CAMERA_COMMANDS,
     CONDITIONS,
-    KEEP,
     PLACE_COMMANDS,
     Ending,
     Itinerary,
-    Row,
     Settings,
     condition_items,
     do_items,
     item_places,
     number,
     plan_item_legs,
+    time_of_day_wait_s,
 )
-from sim_vehicle.motion.model import MotionEvent, Route
+from sim_vehicle.motion.model import MotionEvent
+from sim_vehicle.paths import ALONG, KEEP, Place
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from geo.frame import LocalFrame
     from mission.model import MissionItem
-    from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.spec import VehicleSpec
     from sim_vehicle.wind import Wind
 
 _REPLAN_BEFORE = 64
 _GAVE_UP = -2
 _WAYPOINT = int(Command.NAV_WAYPOINT)
+ROI_COMMANDS = frozenset({195, 197, 201})
+EPOCH_UNIX_S = 1_780_315_200.0
+"""Time of day at time 0 unless another is given: 2026-06-01T12:00:00Z."""
 
 
-class MissionSequencer:
+class MissionSequencer(Craft):
     """The inner part of `sim_vehicle.executor.MissionExecutor`: what follows from what in a flight."""
 
     def __init__(
         self, spec: VehicleSpec, frame: LocalFrame, *, wind: Wind | None = None, yaw_rad: float = 0.0
     ) -> None:
-        self.spec = spec
-        self.frame = frame
-        self.armed = False
-        self.phase = Phase.GROUND
-        self.landed = LandedState.ON_GROUND
+        super().__init__(spec, frame, wind=wind, yaw_rad=yaw_rad)
         self.items: tuple[MissionItem, ...] = ()
         self.current_seq = -1
         self.takes_off = False
-        self.motion = _motion(spec, wind, yaw_rad)
-        self._places: list[tuple[float, float, float]] = []
-        self._settings = Settings(spec.cruise_speed_m_s)
-        self._plan: Itinerary | None = None
-        self._flown = 0
-        self._timer: int | None = None
-        self._disarm_step: int | None = None
+        self.epoch_unix_s = EPOCH_UNIX_S
+        self._places: list[Place] = []
+        self._settings = Settings(spec.cruise_speed_m_s, default_m_s=spec.cruise_speed_m_s)
         self._waiting: list[int] = []
         self._waiting_step: int | None = None
-        self._events: list[FlightEvent] = []
+        self._replan = False
 
-    @property
-    def time_s(self) -> float:
-        """The time that the vehicle was advanced to, on its grid of steps."""
-        return self.motion.time_s
-
-    def load(
-        self, items: Sequence[MissionItem], places: list[tuple[float, float, float]] | None = None
-    ) -> None:
-        """Replace the mission and begin it anew; a vehicle that is flying one holds.
+    def load(self, items: Sequence[MissionItem], places: list[Place] | None = None, current: int = 0) -> None:
+        """Replace the mission, to begin at an item; a vehicle that is flying one holds.
 
         ``places`` are those of `sim_vehicle.itinerary.item_places`, when they are known already.
         """
@@ -94,59 +78,20 @@ class MissionSequencer:
             self.hold()
         self.items = tuple(items)
         self._places = item_places(self.items, self.frame) if places is None else places
-        self._settings = Settings(self.spec.cruise_speed_m_s)
-        self.current_seq = 0 if self.items else -1
-
-    def hold(self) -> None:
-        """Stop and stay; `start` resumes a mission."""
-        if self.landed is LandedState.ON_GROUND:
-            self._drop_plan(Phase.GROUND)
-            return
-        self._check_power("hold")
-        x, y, z = self.motion.stopping_point()
-        self._fly([(x, y, z, 0.0, self.spec.top_speed_m_s, KEEP, 0.0)], Phase.HOLD)
-
-    def _check_power(self, what: str) -> None:
-        if self.phase is Phase.DEPLETED:
-            msg = f"cannot {what}: the battery is empty"
-            raise VehicleError(msg)
-
-    def _fly(
-        self,
-        rows: list[Row],
-        phase: Phase,
-        ending: Ending = Ending.NEXT,
-    ) -> None:
-        plan = Itinerary(ending=ending)
-        for row in rows:
-            plan.add(row)
-        self._drop_plan(phase)
-        self._begin(plan)
+        self._settings = Settings(self.spec.cruise_speed_m_s, default_m_s=self.spec.cruise_speed_m_s)
+        self.current_seq = min(current, len(self.items) - 1)
+        self.look_at(None)
 
     def _drop_plan(self, phase: Phase) -> None:
-        self._plan = None
-        self._timer = None
+        super()._drop_plan(phase)
         self._waiting = []
         self._waiting_step = None
-        self.phase = phase
 
-    def _begin(self, plan: Itinerary) -> None:
-        self._plan = plan
-        self._flown = 0
-        self._timer = None
+    def _begin(self, plan: Itinerary, turn_rad_s: float = math.nan) -> None:
         if self._waits(Command.CONDITION_DISTANCE):
             near = max(number(self.items[self._waiting[0]].param1), 1e-3)
             plan.rows[0] = (*plan.rows[0][:6], near)
-        self.motion.fly(Route.through(plan.rows))
-        if self.landed is LandedState.ON_GROUND:
-            self.landed = LandedState.TAKEOFF
-
-    def _take_events(self) -> list[FlightEvent]:
-        events, self._events = self._events, []
-        return events
-
-    def _tell(self, event: FlightEvent) -> None:
-        self._events.append(event)
+        super()._begin(plan, turn_rad_s)
 
     def _set_current(self, seq: int, time_s: float | None = None) -> None:
         if seq != self.current_seq:
@@ -228,17 +173,16 @@ class MissionSequencer:
             self.landed = LandedState.IN_AIR
         if not final:
             if plan.ending is Ending.TOUCHDOWN and plan.rows[leg + 1][4] < 0.0:
-                self.landed = LandedState.LANDING
-                if self.phase is Phase.RETURN:
-                    self.phase = Phase.LAND
+                self._descend()
             if plan.done[leg]:
                 self._next_leg(plan, leg, time_s)
             return
         if plan.ending is Ending.TOUCHDOWN:
             self._touch_down(seq)
         elif plan.ending is Ending.WAIT:
-            self._timer = self.motion.step + round(plan.wait_s / self.motion.step_s)
-            if plan.wait_s <= 0.0:
+            wait_s = self._delay_s(seq) if math.isnan(plan.wait_s) else plan.wait_s
+            self._timer = self.motion.step + round(wait_s / self.motion.step_s)
+            if wait_s <= 0.0:
                 self._timer = None
                 self._complete_item()
         elif plan.ending is Ending.NEXT:
@@ -252,9 +196,8 @@ class MissionSequencer:
         self._tell(ItemReached(time_s, plan.seqs[leg]))
         following = self._between(plan.seqs[leg] + 1, time_s)
         nearly_out = plan.open and leg >= len(plan.rows) - _REPLAN_BEFORE
-        planned = plan.rows[leg + 1]
-        same = following == plan.seqs[leg + 1] and planned[4] == self._settings.speed_m_s
-        if same and not nearly_out and not self._waiting:
+        same = following == plan.seqs[leg + 1] and plan.speeds[leg + 1] == self._settings.speed_m_s
+        if same and not nearly_out and not self._waiting and not self._replan:
             self._set_current(following, time_s)
             return
         self._fly_from(following, time_s)
@@ -271,6 +214,7 @@ class MissionSequencer:
 
     def _between(self, seq: int, time_s: float) -> int:
         """Execute the items from ``seq`` to the next place and return it; `_GAVE_UP` when there is none."""
+        self._settings.heading_rad = ALONG
         if self._waiting:
             for waiting in self._waiting:
                 self._execute(waiting, time_s)
@@ -278,6 +222,7 @@ class MissionSequencer:
             self._waiting_step = None
         if seq < len(self.items) and self.items[seq].command == _WAYPOINT:
             return seq
+        self._settings.yaw_rad = self.motion.numbers()[9]
         while True:
             done, following = do_items(self.items, seq, self._settings, self.spec.top_speed_m_s)
             for index in done:
@@ -297,13 +242,27 @@ class MissionSequencer:
 
     def _announce(self, seq: int, time_s: float) -> None:
         item = self.items[seq]
-        if item.command in CAMERA_COMMANDS:
+        command = item.command
+        if command in CAMERA_COMMANDS:
             self._tell(CameraCommand(time_s, seq, item))
+        elif command in ROI_COMMANDS:
+            x, y, _ = self._places[seq]
+            self.look_at(None if math.isnan(x) else (x, y))
+        elif command == Command.DO_SET_HOME:
+            here = self.motion.position_m[:2] if number(item.param1) == 1.0 else self._places[seq][:2]
+            if not math.isnan(here[0]):
+                self.home_m = here
+                self._tell(HomeMoved(time_s, *here))
+        elif command == Command.CONDITION_YAW:
+            self._replan |= number(item.param4) != 0.0
+        elif command == Command.DO_CHANGE_SPEED:
+            self._replan |= number(item.param1) > 1.0
         self._tell(ItemReached(time_s, seq))
 
     def _execute(self, seq: int, time_s: float) -> None:
         """Execute one item that waited for a condition."""
         if self.items[seq].command not in CONDITIONS:
+            self._settings.yaw_rad = self.motion.numbers()[9]
             do_items(self.items[: seq + 1], seq, self._settings, self.spec.top_speed_m_s)
         self._announce(seq, time_s)
 
@@ -348,9 +307,15 @@ class MissionSequencer:
             Command.NAV_RETURN_TO_LAUNCH,
         ):
             here = self.motion.stopping_point()
+        self._replan = False
+        self.motion.set_climb(self._settings.climb_m_s, self._settings.descent_m_s)
+        if command in (Command.NAV_RETURN_TO_LAUNCH, Command.NAV_LAND):
+            self.look_at(None)
         if climbs:
             here = (here[0], here[1], max(self._places[seq][2], self.spec.takeoff_altitude_m))
-        plan = plan_item_legs(self.items, self._places, seq, self._settings.copy(), self.spec, here)
+        plan = plan_item_legs(
+            self.items, self._places, seq, self._settings.copy(), self.spec, here, self.haven()
+        )
         if climbs:
             plan.prepend((*here, self.spec.acceptance_radius_m, self._settings.speed_m_s, KEEP, 0.0), seq)
         self._begin(plan)
@@ -360,13 +325,16 @@ class MissionSequencer:
         command = self.items[seq].command
         if command == Command.NAV_DELAY:
             self._plan = None
-            self._timer = self.motion.step + max(
-                1, round(number(self.items[seq].param1) / self.motion.step_s)
-            )
+            self._timer = self.motion.step + max(1, round(self._delay_s(seq) / self.motion.step_s))
         elif command in (Command.NAV_LAND, Command.NAV_RETURN_TO_LAUNCH):
             self._complete_item()
         else:
             self._give_up("the vehicle is on the ground: a take-off item must come first", seq)
+
+    def _delay_s(self, seq: int) -> float:
+        item = self.items[seq]
+        delay_s = number(item.param1)
+        return delay_s if delay_s >= 0.0 else time_of_day_wait_s(item, self.epoch_unix_s + self.time_s)
 
     def _finish(self, time_s: float) -> None:
         self._tell(MissionComplete(time_s))
@@ -375,9 +343,6 @@ class MissionSequencer:
             self._disarm_later()
         else:
             self.hold()
-
-    def _disarm_later(self) -> None:
-        self._disarm_step = self.motion.step + round(self.spec.disarm_delay_s / self.motion.step_s)
 
     def _target_reached(self) -> None:
         if self.phase in (Phase.TAKEOFF, Phase.GOTO):
@@ -389,22 +354,16 @@ class MissionSequencer:
         self._tell(
             CannotFly(self.time_s, (self.current_seq if seq is None else seq) if on_mission else -1, reason)
         )
-        if self.phase is not Phase.DEPLETED:
+        if not self.phase.is_lost:
             self.hold()
         if self.landed is LandedState.ON_GROUND:
             self._disarm_later()
-
-    def _ground(self) -> None:
-        self.motion.touch_down()
-        self.landed = LandedState.ON_GROUND
-        self._plan = None
-        self._tell(Landed(self.time_s))
 
     def _touch_down(self, seq: int) -> None:
         was = self.phase
         self._ground()
         self._disarm_later()
-        if was is Phase.DEPLETED:
+        if was.is_lost:
             self._disarm_step = self.motion.step
         elif was is Phase.MISSION and seq >= 0:
             self._complete_item()
@@ -412,32 +371,3 @@ class MissionSequencer:
                 self._disarm_step = None
             return
         self._drop_plan(Phase.GROUND)
-
-    def _drain_on_ground(self) -> None:
-        battery = self.spec.battery
-        if self.armed and battery is not None and battery_state(battery, self.motion.energy_j, 0.0).depleted:
-            self._tell(BatteryDepleted(self.time_s))
-            self.armed = False
-            self._drop_plan(Phase.GROUND)
-            self._disarm_step = None
-            self._tell(Disarmed(self.time_s))
-
-    def _deplete(self) -> None:
-        """Come down where it is: nothing else is possible any more."""
-        self.motion.ignore_energy()
-        self._tell(BatteryDepleted(self.time_s))
-        x, y, _ = self.motion.stopping_point()
-        rows = [(x, y, 0.0, 0.0, self.spec.cruise_speed_m_s, KEEP, 0.0)]
-        self._fly(rows, Phase.DEPLETED, Ending.TOUCHDOWN)
-        self.landed = LandedState.LANDING
-
-
-def _motion(spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
-    """Return the motion model of a vehicle; the compiled one is imported only where it is needed."""
-    if spec.is_ideal:
-        from sim_vehicle.motion.ideal import IdealRobot
-
-        return IdealRobot(spec, yaw_rad)
-    from sim_vehicle.motion.multirotor import Multirotor
-
-    return Multirotor(spec, wind, yaw_rad)

@@ -74,8 +74,8 @@ class Route:
     ) -> Route:
         """Return a route of (x, y, z, radius, speed, heading, near) rows."""
         rows = np.array(legs, dtype=np.float64).T
-        points = np.ascontiguousarray(rows[:3].T)
-        return cls(points, *(np.ascontiguousarray(row) for row in rows[3:]), turn_rad_s=turn_rad_s)
+        radius, speed, heading, near = (np.ascontiguousarray(row) for row in rows[3:])
+        return cls(np.ascontiguousarray(rows[:3].T), radius, speed, heading, near, turn_rad_s)
 
 
 class MotionModel(Protocol):

@@ -1,8 +1,16 @@
 """The one place that chooses the MAVLink dialect; everything else imports ``mavlink`` from here.
 
-``all`` of pymavlink holds the common, standard, development and ArduPilot messages.
+``all`` of pymavlink holds the common, standard, development and ArduPilot messages; `mission.link.additions`
+adds what it lacks (opaque plan ids, PROTOCOL_VERSION, COMPONENT_METADATA, events).
 """
 
-from pymavlink.dialects.v20 import all as mavlink
+from typing import Any
+
+from pymavlink.dialects.v20 import all as generated
+
+from mission.link.additions import extend
+
+extend(generated)
+mavlink: Any = generated
 
 __all__ = ["mavlink"]

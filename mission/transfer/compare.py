@@ -45,6 +45,8 @@ class Difference:
 def _equal(name: str, one: MissionItem, other: MissionItem, profile: Profile) -> bool:
     sent: float | None = getattr(one, name)
     received: float | None = getattr(other, name)
+    if name == "frame" and not profile.keeps_frame and not one.has_place:
+        return True
     if sent is None or received is None:
         return sent is received or (sent is None and received == 0.0 and not profile.keeps_default)
     difference = abs(float(sent) - float(received))

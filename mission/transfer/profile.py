@@ -61,6 +61,36 @@ class Profile:
         A waypoint's hold time is kept in whole seconds.
     keeps_default : bool
         A NaN parameter reads back as NaN (otherwise as 0).
+    keeps_frame : bool
+        The frame of an item without a place is kept (otherwise it reads back as GLOBAL).
+    int_frames : bool
+        MISSION_ITEM_INT carries the frames 5 and 6 for 0 and 3.
+    strict_frames : bool
+        ``frames`` is also asked of items without a place.
+    range_checked : bool
+        Items with places and numbers out of range are refused (otherwise stored as they came).
+    nan_parameters : mapping of int to frozenset of str, or None
+        Per command, the parameters that may be NaN; None for all of all commands.
+    placed, unplaced : frozenset of int or None
+        Commands that are taken in a global frame, and in the frame MISSION; None for any.
+    checks_jumps : bool
+        A DO_JUMP out of the plan is refused.
+    opaque_ids : bool
+        Plans have ids.
+    capacity : tuple of int
+        The most items that the autopilot's simulator takes, per plan, without home.
+    type_result : int
+        ACK for a plan type that does not exist.
+    partial_write : bool
+        MISSION_WRITE_PARTIAL_LIST works.
+    empty_hold_s : float
+        After a COUNT of 0 every COUNT is refused for so long.
+    received_texts : tuple of str or None
+        What it says (MAV_SEVERITY_INFO) when a plan has been received, per plan.
+    timeout_text : str
+        What it says when an upload is given up.
+    text_prefix : str
+        Before what it says about refusals.
     """
 
     name: str
@@ -83,7 +113,33 @@ class Profile:
     lossy: Mapping[int, frozenset[str]] = field(default_factory=dict)
     whole_seconds: bool = False
     keeps_default: bool = True
+    keeps_frame: bool = True
+    int_frames: bool = False
+    strict_frames: bool = True
+    range_checked: bool = True
+    nan_parameters: Mapping[int, frozenset[str]] | None = None
+    placed: frozenset[int] | None = None
+    unplaced: frozenset[int] | None = None
+    checks_jumps: bool = False
+    opaque_ids: bool = True
+    capacity: tuple[int, int, int] = (wire.MAX_ITEMS, wire.MAX_ITEMS, wire.MAX_ITEMS)
+    type_result: int = wire.INVALID
+    partial_write: bool = False
+    empty_hold_s: float = 0.0
+    received_texts: tuple[str, str, str] | None = None
+    timeout_text: str = "Operation timeout"
+    text_prefix: str = ""
 
+
+# After PX4's parse_mavlink_mission_item: commands in a global frame, and in the frame MISSION.
+_PX4_PLACED = frozenset(
+    {16, 17, 19, 21, 22, 31, 80, 84, 85, 195, 201, 4501, 5000, 5001, 5002, 5003, 5004, 5100}
+)
+_PX4_UNPLACED = frozenset(
+    {20, 80, 93, 112, 114, 177, 178, 179, 187, 189, 196, 197, 200, 201, 203, 204, 205, 206, 211, 214}
+    | {260, 530, 531, 532, 1000, 1001, 2000, 2001, 2003, 2500, 2501, 3000, 42600}
+)
+_YAW = frozenset({"param4"})
 
 GENERIC = Profile("the vehicle", mavlink.MAV_AUTOPILOT_GENERIC)
 
@@ -93,6 +149,13 @@ PX4 = Profile(
     float_answers=True,
     frames=_GLOBAL_AND_MISSION,
     range_result=None,
+    int_frames=True,
+    range_checked=False,
+    placed=_PX4_PLACED,
+    unplaced=_PX4_UNPLACED,
+    capacity=(wire.MAX_ITEMS - 1, wire.MAX_ITEMS, wire.MAX_ITEMS),
+    empty_hold_s=5.0,
+    text_prefix="WPM: ",
     usual_limits=(500, 64, 32),
     lossy={
         Command.NAV_WAYPOINT: frozenset({"param3"}),
@@ -117,16 +180,30 @@ ARDUPILOT = Profile(
     order_result=wire.INVALID_SEQUENCE,
     range_result=wire.INVALID_SEQUENCE,
     clear_all_types=False,
-    frames=_GLOBAL_AND_MISSION | {10, 11},
+    frames=frozenset({0, 3, 5, 6, 10, 11}),
+    strict_frames=False,
+    keeps_frame=False,
+    nan_parameters={
+        Command.NAV_WAYPOINT: _YAW,
+        Command.NAV_LAND: _YAW,
+        Command.NAV_TAKEOFF: _YAW,
+    },
+    checks_jumps=True,
+    opaque_ids=False,
+    capacity=(4366, 500, 100),
+    type_result=wire.UNSUPPORTED,
+    partial_write=True,
+    received_texts=("Flight plan received", "Fence received", "Rally points received"),
+    timeout_text="Mission upload timeout",
     usual_limits=(718, 200, None),
     lossy={
         Command.NAV_WAYPOINT: frozenset({"param2", "param3", "param4", "autocontinue"}),
         Command.NAV_TAKEOFF: frozenset({"param1", "param2", "param3", "param4", "x", "y", "frame"}),
         Command.NAV_LAND: frozenset({"param2", "param3", "param4"}),
-        Command.NAV_RETURN_TO_LAUNCH: frozenset({"frame", "x", "y", "z", "param2", "param3", "param4"}),
-        Command.DO_CHANGE_SPEED: frozenset({"frame", "param4"}),
-        Command.DO_SET_CAM_TRIGG_DIST: frozenset({"frame", "param2", "param4"}),
-        Command.DO_JUMP: frozenset({"frame", "param3", "param4"}),
+        Command.NAV_RETURN_TO_LAUNCH: frozenset({"x", "y", "z", "param2", "param3", "param4"}),
+        Command.DO_CHANGE_SPEED: frozenset({"param4"}),
+        Command.DO_SET_CAM_TRIGG_DIST: frozenset({"param2", "param4"}),
+        Command.DO_JUMP: frozenset({"param3", "param4"}),
     },
     whole_seconds=True,
     keeps_default=False,
@@ -164,17 +241,23 @@ def _shift_jump(item: MissionItem, by: int) -> MissionItem:
     return replace(item, param1=item.param1 + by)
 
 
+def home_items(home: GeoPoint) -> tuple[MissionItem]:
+    """Return the item that stands for home, alone."""
+    return (
+        MissionItem(
+            Command.NAV_WAYPOINT, Frame.GLOBAL, x=home.latitude_deg, y=home.longitude_deg, z=home.altitude_m
+        ),
+    )
+
+
 def to_wire_order(
     items: tuple[MissionItem, ...], mission_type: MissionType, profile: Profile, home: GeoPoint | None = None
 ) -> tuple[MissionItem, ...]:
     """Return the items as the autopilot counts them: home in front and jump targets moved, if it does so."""
     if not profile.home_at_zero or mission_type != MissionType.MISSION or not items:
         return items
-    place = GeoPoint(0.0, 0.0, 0.0) if home is None else home
-    first = MissionItem(
-        Command.NAV_WAYPOINT, Frame.GLOBAL, x=place.latitude_deg, y=place.longitude_deg, z=place.altitude_m
-    )
-    return (first, *(_shift_jump(item, 1) for item in items))
+    first = home_items(GeoPoint(0.0, 0.0, 0.0) if home is None else home)
+    return (*first, *(_shift_jump(item, 1) for item in items))
 
 
 def from_wire_order(

@@ -22,14 +22,16 @@ from mission.transfer.events import (
     TransferFailed,
     TransferStarted,
 )
-from mission.transfer.profile import from_wire_order
+from mission.transfer.profile import from_wire_order, to_wire_order
 from mission.transfer.server_judge import ServerMemory, StoredPlan, Validator
 from mission.transfer.server_table import IDLE, RECEIVING, SENDING, SERVER_TABLE, ServerInput, ServerState
+from mission.transfer.storage import frame_on_wire
 
 _I = ServerInput
 _COMPONENTS = frozenset({0, mavlink.MAV_COMP_ID_MISSIONPLANNER})
 _WARNING = mavlink.MAV_SEVERITY_WARNING
 _CRITICAL = mavlink.MAV_SEVERITY_CRITICAL
+_INFO = mavlink.MAV_SEVERITY_INFO
 
 
 class MissionServer(ServerMemory):
@@ -55,6 +57,8 @@ class MissionServer(ServerMemory):
     ----------
     current_sequence : int
         The item marked as current in downloads.
+    locked : bool
+        The mission may not be cleared now (ArduPilot while it flies it).
 
     Examples
     --------
@@ -81,7 +85,7 @@ class MissionServer(ServerMemory):
 
     def set_plan(self, mission_type: MissionType, items: Sequence[MissionItem]) -> StoredPlan:
         """Put a plan in force from inside the vehicle and return it with its id."""
-        plan = StoredPlan(tuple(items), wire.plan_checksum(items))
+        plan = self._stored(tuple(items))
         self._plans[mission_type] = plan
         self._ended = None
         return plan
@@ -98,6 +102,7 @@ class MissionServer(ServerMemory):
         if sender[0] == 0:  # an answer to system 0 would be a broadcast, which ends other stations' transfers
             return NOTHING
         before = NOTHING
+        self._now_s = now_s
         while True:
             state = self._state
             found = self._judge(message, sender)
@@ -138,9 +143,18 @@ class MissionServer(ServerMemory):
 
     def _ask_first(self, message: Message, sender: tuple[int, int], now_s: float) -> Output:
         self._partner, self._type, self._count = sender, MissionType(message.mission_type), message.count
+        return self._begin(0, now_s)
+
+    def _ask_part(self, message: Message, sender: tuple[int, int], now_s: float) -> Output:
+        self._partner, self._type = sender, MissionType(message.mission_type)
+        self._count = message.end_index + 1
+        return self._begin(message.start_index, now_s, part=True)
+
+    def _begin(self, first: int, now_s: float, *, part: bool = False) -> Output:
         self._items, self._start, self._ended = [], 0, None
+        self._first, self._part, self._warned = first, part, False
         self._heard_s = now_s
-        started = TransferStarted(self._type, upload=True, count=message.count)
+        started = TransferStarted(self._type, upload=True, count=self._count - first)
         return self._ask(now_s) + Output(events=(started,))
 
     def _ask(self, now_s: float) -> Output:
@@ -150,34 +164,60 @@ class MissionServer(ServerMemory):
             if self.profile.request_int
             else mavlink.MAVLink_mission_request_message
         )
-        return Output((build(*self._partner, len(self._items), self._type),))
+        return Output((build(*self._partner, self._expected, self._type),))
 
     def _ask_again(self, message: Message, sender: tuple[int, int], now_s: float) -> Output:
         return self._ask(now_s)
 
-    def _take(self, message: Message) -> None:
+    def _take(self, message: Message) -> tuple[Event, ...]:
+        """Keep the item that was judged; ArduPilot complains once about items of the old kind."""
         assert self._candidate is not None
         if message.current and message.seq:
             self._start = message.seq - self._home_items(self._type)
         self._items.append(self._candidate)
+        return self._warn_of_floats("got MISSION_ITEM; GCS should send MISSION_ITEM_INT", message, wire.ITEM)
+
+    def _warn_of_floats(self, text: str, message: Message, old: int) -> tuple[Event, ...]:
+        if self._warned or type(message).id != old or not self.profile.stateless_download:
+            return ()
+        self._warned = True
+        return (StatusText(self._type, _WARNING, text),)
 
     def _take_item(self, message: Message, sender: tuple[int, int], now_s: float) -> Output:
-        self._take(message)
-        return self._ask(now_s)
+        said = self._take(message)
+        return self._ask(now_s) + Output(events=said)
 
     def _take_last_item(self, message: Message, sender: tuple[int, int], now_s: float) -> Output:
-        self._take(message)
+        said = self._take(message)
         last = self._candidate if message.seq or not self._home_items(self._type) else None
         self._ended = (sender, self._type, message.seq, last, int(wire.ACCEPTED))
-        items, _ = from_wire_order(tuple(self._items), self._type, self.profile)
-        replaced = self._put(items, start=self._start)
-        return self._ack(wire.ACCEPTED, self._type, sender, replaced)
+        replaced = self._put(self._merged(), start=self._start)
+        return self._ack(wire.ACCEPTED, self._type, sender, replaced, *said, *self._received())
+
+    def _received(self) -> tuple[Event, ...]:
+        texts = self.profile.received_texts
+        return () if texts is None else (StatusText(self._type, _INFO, texts[self._type]),)
+
+    def _merged(self) -> tuple[MissionItem, ...]:
+        """Return the plan after what has come: the whole new one, or the old one with a part replaced."""
+        came = tuple(self._items)
+        if self._first or self._part or len(came) < self._count:
+            old = self._wire_items(self._type)
+            if not old and came:
+                old = to_wire_order(came[:1], self._type, self.profile, self.home)[:1]
+            end = len(old) if self._part else self._count
+            came = old[: self._first] + came + old[self._first + len(came) : end]
+        return from_wire_order(came, self._type, self.profile)[0]
+
+    def _stored(self, items: tuple[MissionItem, ...]) -> StoredPlan:
+        return StoredPlan(items, wire.plan_checksum(items) if self.profile.opaque_ids else 0)
 
     def _put(self, items: tuple[MissionItem, ...], *, start: int = 0, complete: bool = True) -> Event:
-        plan = StoredPlan(items, wire.plan_checksum(items))
-        changed = plan.opaque_id != self._plans[self._type].opaque_id
+        plan, before = self._stored(items), self._plans[self._type]
+        changed = plan.opaque_id != before.opaque_id if self.profile.atomic else items != before.items
         self._plans[self._type] = plan
         self._items = []
+        self._cleared = False
         return PlanReplaced(self._type, items, plan.opaque_id, changed, start, complete)
 
     def _refuse_item(self, message: Message, sender: tuple[int, int], now_s: float) -> Output:
@@ -200,15 +240,39 @@ class MissionServer(ServerMemory):
         return self._ack(self._ended[4], self._ended[1], sender)
 
     def _refuse_unexpected_item(self, message: Message, sender: tuple[int, int], now_s: float) -> Output:
-        said = StatusText(self._type, _WARNING, "WPM: REJ. item: no transfer is running")
+        said = self._say("REJ. item: no transfer is running")
         return self._ack(wire.ERROR, message.mission_type, sender, said)
 
     def _refuse_busy(self, message: Message, sender: tuple[int, int], now_s: float) -> Output:
-        said = StatusText(self._type, _WARNING, "WPM: REJ. CMD: Busy")
+        said = self._say("REJ. CMD: Busy")
         return self._ack(self.profile.busy_result, message.mission_type, sender, said)
 
     def _say_busy(self, message: Message, sender: tuple[int, int], now_s: float) -> Output:
-        return Output(events=(StatusText(self._type, _WARNING, "WPM: IGN. CMD: Busy"),))
+        return Output(events=(self._say("IGN. CMD: Busy"),))
+
+    def _say(self, text: str) -> StatusText:
+        return StatusText(self._type, _WARNING, self.profile.text_prefix + text)
+
+    def _refuse_foreign_item(self, message: Message, sender: tuple[int, int], now_s: float) -> Output:
+        """PX4 says so and sends nothing; ArduPilot answers."""
+        if self.profile.busy_result == wire.DENIED:
+            return self._ack(wire.DENIED, message.mission_type, sender)
+        return self._say_busy(message, sender, now_s)
+
+    def _refuse_request_now(self, message: Message, sender: tuple[int, int], now_s: float) -> Output:
+        if self.profile.stateless_download:
+            return self._ack(wire.DENIED, message.mission_type, sender)
+        return NOTHING
+
+    def _refuse_clear_now(self, message: Message, sender: tuple[int, int], now_s: float) -> Output:
+        if self.profile.busy_result == wire.DENIED:
+            said = self._say("Mission not cleared: it is in use")
+            return self._ack(wire.ERROR, message.mission_type, sender, said)
+        return self._say_busy(message, sender, now_s)
+
+    def _refuse_changed(self, message: Message, sender: tuple[int, int], now_s: float) -> Output:
+        said = self._say("REJ. MISSION_REQUEST after _INT")
+        return self._ack(wire.ERROR, message.mission_type, sender, said)
 
     def _refuse_list(self, message: Message, sender: tuple[int, int], now_s: float) -> Output:
         if self.profile.busy_result == wire.DENIED:
@@ -216,7 +280,7 @@ class MissionServer(ServerMemory):
         return self._say_busy(message, sender, now_s)
 
     def _refuse_type(self, message: Message, sender: tuple[int, int], now_s: float) -> Output:
-        return self._ack(wire.INVALID, message.mission_type, sender)
+        return self._ack(self.profile.type_result, message.mission_type, sender)
 
     def _refuse_space(self, message: Message, sender: tuple[int, int], now_s: float) -> Output:
         mission_type = MissionType(message.mission_type)
@@ -234,15 +298,19 @@ class MissionServer(ServerMemory):
         kinds = tuple(MissionType) if everything else (MissionType(message.mission_type),)
         for kind in kinds:
             self._plans[kind] = StoredPlan()
+        self._cleared |= MissionType.MISSION in kinds
         self._ended = None
         return self._ack(wire.ACCEPTED, message.mission_type, sender, *(PlanCleared(kind) for kind in kinds))
 
     def _clear_by_count(self, message: Message, sender: tuple[int, int], now_s: float) -> Output:
-        return self._clear(message, sender, now_s)
+        self._held_until_s = now_s + self.profile.empty_hold_s
+        self._type = MissionType(message.mission_type)
+        return self._clear(message, sender, now_s) + Output(events=self._received())
 
     def _send_count(self, message: Message, sender: tuple[int, int], now_s: float) -> Output:
         self._partner, self._type = sender, MissionType(message.mission_type)
         self._outgoing, self._next, self._heard_s = self._wire_items(self._type), 0, now_s
+        self._asked_int = self._warned = False
         number = len(self._outgoing)
         reply = wire.count(sender, number, self._type, self._plans[self._type].opaque_id)
         return Output((reply,), (TransferStarted(self._type, upload=False, count=number),))
@@ -254,23 +322,32 @@ class MissionServer(ServerMemory):
         current = mission_type == MissionType.MISSION and message.seq == (
             self.current_sequence + self._home_items(mission_type)
         )
-        integer = type(message).id == wire.REQUEST_INT or not self.profile.float_answers
+        asked_int = type(message).id == wire.REQUEST_INT
+        self._asked_int |= asked_int
+        integer = asked_int or not self.profile.float_answers
+        item = items[message.seq]
+        frame = frame_on_wire(item, self.profile, integer=integer)
         reply = wire.item_to_message(
-            items[message.seq], message.seq, mission_type, sender, current=current, integer=integer
+            item, message.seq, mission_type, sender, current=current, integer=integer, frame=frame
         )
-        return Output((reply,))
+        text = "got MISSION_REQUEST; use MISSION_REQUEST_INT!"
+        return Output((reply,), self._warn_of_floats(text, message, wire.REQUEST))
 
     def _answer_beyond(self, message: Message, sender: tuple[int, int], now_s: float) -> Output:
         if self.profile.range_result is None:
             return NOTHING
-        return self._ack(self.profile.range_result, message.mission_type, sender)
+        refused = self._ack(self.profile.range_result, message.mission_type, sender)
+        if not self.profile.stateless_download:
+            return refused
+        number = len(self._wire_items(MissionType(message.mission_type)))
+        return Output((wire.count(sender, number, message.mission_type),)) + refused
 
     def _refuse_request(self, message: Message, sender: tuple[int, int], now_s: float) -> Output:
-        said = StatusText(self._type, _WARNING, "WPM: REJ. request: no LIST before it")
+        said = self._say("REJ. request: no LIST before it")
         return self._ack(wire.ERROR, message.mission_type, sender, said)
 
     def _refuse_jump(self, message: Message, sender: tuple[int, int], now_s: float) -> Output:
-        said = StatusText(self._type, _WARNING, f"WPM: REJ. request of {message.seq}: next is {self._next}")
+        said = self._say(f"REJ. request of {message.seq}: next is {self._next}")
         failed = self._fail(FailureReason.BROKEN, f"item {message.seq} was requested, {self._next} is next")
         return self._ack(wire.ERROR, message.mission_type, sender, *failed, said)
 
@@ -285,8 +362,8 @@ class MissionServer(ServerMemory):
         return Output(events=self._fail(FailureReason.CANCELLED, "the ground station cancelled the transfer"))
 
     def _abort_upload(self, message: Message, sender: tuple[int, int], now_s: float) -> Output:
-        text = f"item {len(self._items)} of {self._count} did not come in {self.profile.abort_s:g} s"
-        said = StatusText(self._type, _CRITICAL, "Operation timeout")
+        text = f"item {self._expected} of {self._count} did not come in {self.profile.abort_s:g} s"
+        said = StatusText(self._type, _CRITICAL, self.profile.timeout_text)
         events = (*self._fail(FailureReason.TIMEOUT, text), said)
         if self.profile.abort_result is None:
             return Output(events=events)
@@ -307,10 +384,7 @@ class MissionServer(ServerMemory):
         if self._state is not RECEIVING or self.profile.atomic or not self._items:
             self._items = []
             return (failed,)
-        came, _ = from_wire_order(tuple(self._items), self._type, self.profile)
-        number = self._count - self._home_items(self._type)
-        rest = self._plans[self._type].items[len(came) : number]
-        return (failed, self._put(came + rest, complete=False))
+        return (failed, self._put(self._merged(), complete=False))
 
     def _ack(self, result: int, mission_type: int, target: tuple[int, int], *events: Event) -> Output:
         plan = wire.plan_type(mission_type)

@@ -9,8 +9,9 @@ from mission.errors import MissionError
 from mission.model import Command, GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
 from mission.transfer.events import Message
-from mission.transfer.profile import PX4, Profile, to_wire_order
+from mission.transfer.profile import PX4, Profile, home_items, to_wire_order
 from mission.transfer.server_table import IDLE, RECEIVING, SENDING, ServerInput
+from mission.transfer.storage import UncheckedItem, as_stored, judge_item, judge_numbers
 
 Validator = Callable[[MissionItem], int]
 _Items = tuple[MissionItem, ...]
@@ -47,13 +48,21 @@ class ServerMemory:
         self.validator = validator
         self.home = home
         self.current_sequence = 0
-        self._capacity = dict.fromkeys(MissionType, wire.MAX_ITEMS) | dict(capacity or {})
+        self.locked = False
+        self._capacity = dict(zip(MissionType, profile.capacity, strict=True)) | dict(capacity or {})
         self._plans = {kind: StoredPlan() for kind in MissionType}
         self._state = IDLE
         self._partner = _NOBODY
         self._type = MissionType.MISSION
         self._count = 0
         self._items: list[MissionItem] = []
+        self._first = 0
+        self._part = False
+        self._cleared = home is None
+        self._now_s = 0.0
+        self._held_until_s = -1.0
+        self._asked_int = False
+        self._warned = False
         self._outgoing: tuple[MissionItem, ...] = ()
         self._next = 0
         self._start = 0
@@ -75,7 +84,7 @@ class ServerMemory:
         if number == wire.ACK:
             return self._judge_ack(message, sender)
         if number in (wire.PARTIAL_LIST, wire.WRITE_PARTIAL):
-            return _I.PARTIAL
+            return self._judge_partial(message)
         mission_type = wire.plan_type(message.mission_type)
         everything = number == wire.CLEAR and message.mission_type == wire.ALL_TYPES
         if mission_type is None and not everything:
@@ -85,20 +94,33 @@ class ServerMemory:
         if self._state is SENDING and sender == self._partner and self._next >= len(self._outgoing):
             return _I.IMPLIED_END
         if number == wire.CLEAR:
+            if everything and not self.profile.clear_all_types:
+                return _I.CLEAR_UNSUPPORTED if self._state is IDLE else _I.BAD_TYPE
             if self._state is not IDLE:
                 return _I.CLEAR_BUSY
-            return _I.CLEAR_UNSUPPORTED if everything and not self.profile.clear_all_types else _I.CLEAR
+            locked = self.locked and mission_type == MissionType.MISSION
+            return _I.CLEAR_LOCKED if locked else _I.CLEAR
         assert mission_type is not None
         return self._judge_count(message.count, mission_type, sender)
 
     def _judge_count(self, number: int, mission_type: MissionType, sender: tuple[int, int]) -> ServerInput:
         fits = number <= self._capacity[mission_type] + (self._home_items(mission_type))
         if self._state is IDLE:
+            if self._now_s < self._held_until_s:
+                return _I.COUNT_BUSY
             return _I.COUNT_EMPTY if number == 0 else _I.COUNT if fits else _I.COUNT_TOO_LARGE
         if self._state is SENDING or sender != self._partner or mission_type != self._type:
             return _I.COUNT_BUSY
         again = not self._items or self.profile.restart_on_count
         return _I.COUNT_REPEATED if again and fits and number else _I.COUNT_BUSY
+
+    def _judge_partial(self, message: Message) -> ServerInput:
+        kind = wire.plan_type(message.mission_type)
+        if type(message).id != wire.WRITE_PARTIAL or not self.profile.partial_write or kind is None:
+            return _I.PARTIAL
+        number = len(self._wire_items(kind))
+        within = 0 <= message.start_index <= message.end_index <= number
+        return _I.WRITE if within else _I.PARTIAL
 
     def _judge_item(self, message: Message, sender: tuple[int, int]) -> ServerInput:
         if self._state is not RECEIVING:
@@ -107,7 +129,7 @@ class ServerMemory:
             return _I.ITEM_FOREIGN
         if message.mission_type != self._type:
             return _I.ITEM_WRONG_TYPE
-        if message.seq != len(self._items):
+        if message.seq != self._expected:
             return _I.ITEM_OUT_OF_ORDER
         self._candidate, self._verdict = self._read_item(message)
         if self._verdict != wire.ACCEPTED:
@@ -120,10 +142,8 @@ class ServerMemory:
         ended = self._ended
         if ended is None or sender != ended[0] or message.mission_type != ended[1]:
             return unexpected
-        try:
-            item = wire.item_from_message(message)
-        except MissionError:
-            item = None
+        item = self._item_of(message)
+        item = None if item is None else as_stored(item, self.profile)
         if message.seq == ended[2] and (ended[4] != wire.ACCEPTED or item == ended[3]):
             return _I.ITEM_REPEATED if self._state is IDLE else _I.ITEM_STALE
         if ended[4] != wire.ACCEPTED:
@@ -140,7 +160,7 @@ class ServerMemory:
             return _I.LIST_BUSY
         if self._state is SENDING:
             return _I.LIST
-        return _I.LIST_BUSY if self._items else _I.ABANDONED
+        return _I.LIST_BUSY if self._items or self.profile.stateless_download else _I.ABANDONED
 
     def _judge_request(self, message: Message, sender: tuple[int, int]) -> ServerInput:
         if self._state is IDLE:
@@ -153,6 +173,8 @@ class ServerMemory:
             return _I.REQUEST_FOREIGN
         if message.seq >= len(self._outgoing):
             return _I.REQUEST_BEYOND
+        if self._asked_int and type(message).id == wire.REQUEST and self.profile.float_answers:
+            return _I.REQUEST_CHANGED
         return _I.REQUEST if message.seq <= self._next else _I.REQUEST_JUMP
 
     def _judge_ack(self, message: Message, sender: tuple[int, int]) -> ServerInput:
@@ -170,19 +192,36 @@ class ServerMemory:
         """Return the item and the verdict on it."""
         if self._home_items(self._type) and message.seq == 0:
             return MissionItem(Command.NAV_WAYPOINT), int(wire.ACCEPTED)
-        try:
-            item = wire.item_from_message(message)
-        except MissionError:
+        verdict = judge_numbers(message, self.profile)
+        if verdict != wire.ACCEPTED:
+            return None, verdict
+        item = self._item_of(message)
+        if item is None:
             return None, wire.refusal(message)
-        if self.profile.frames is not None and item.frame not in self.profile.frames:
-            return None, int(wire.UNSUPPORTED_FRAME)
         fence, rally = item.command in _FENCE, item.command == Command.NAV_RALLY_POINT
-        if (fence, rally) != (self._type == MissionType.FENCE, self._type == MissionType.RALLY):
-            return None, int(wire.ERROR if fence or rally else wire.UNSUPPORTED)
-        if item.command in _POLYGON and not (item.param1 or 0.0) >= 3.0:
-            return None, int(wire.ERROR)
-        verdict = wire.ACCEPTED if self.validator is None else self.validator(item)
-        return item, int(verdict)
+        verdict = judge_item(item, self._count, self.profile)
+        if verdict == wire.ACCEPTED and (fence, rally) != (
+            self._type == MissionType.FENCE,
+            self._type == MissionType.RALLY,
+        ):
+            verdict = int(wire.ERROR if fence or rally else wire.UNSUPPORTED)
+        if verdict == wire.ACCEPTED and item.command in _POLYGON and not (item.param1 or 0.0) >= 3.0:
+            verdict = int(wire.ERROR)
+        if verdict == wire.ACCEPTED and self.validator is not None:
+            verdict = int(self.validator(item))
+        return as_stored(item, self.profile), verdict
+
+    def _item_of(self, message: Message) -> MissionItem | None:
+        """Read an item; None when its numbers make no sense and the autopilot would see that."""
+        try:
+            return wire.item_from_message(message)
+        except MissionError:
+            return None if self.profile.range_checked else UncheckedItem.of(message)
+
+    @property
+    def _expected(self) -> int:
+        """Number of the item that is asked for."""
+        return self._first + len(self._items)
 
     def _home_items(self, mission_type: MissionType) -> int:
         return int(self.profile.home_at_zero and mission_type == MissionType.MISSION)
@@ -195,4 +234,6 @@ class ServerMemory:
         if cached is None or cached[0] is not items or cached[1] is not self.home:
             cached = (items, self.home, to_wire_order(items, mission_type, self.profile, self.home))
             self._with_home = cached
+        if not items and not self._cleared and self.home is not None:
+            return home_items(self.home)
         return cached[2]

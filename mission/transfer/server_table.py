@@ -27,7 +27,7 @@ class ServerInput(Enum):
     COUNT_EMPTY = "COUNT 0"
     COUNT_TOO_LARGE = "COUNT beyond the capacity"
     COUNT_REPEATED = "COUNT again from the partner before item 0 (ArduPilot: at any time)"
-    COUNT_BUSY = "COUNT while a transfer runs"
+    COUNT_BUSY = "COUNT while a transfer runs (PX4: also for a while after COUNT 0)"
     BAD_TYPE = "COUNT, LIST or CLEAR of an unknown plan type"
     ITEM_NEXT = "the item that was asked for"
     ITEM_LAST = "the last item that was missing"
@@ -53,8 +53,11 @@ class ServerInput(Enum):
     ACK_OTHER = "ACK from somebody else, of another type, or too early"
     CLEAR = "CLEAR_ALL"
     CLEAR_UNSUPPORTED = "CLEAR_ALL of all types where the profile has none"
+    CLEAR_LOCKED = "CLEAR_ALL while the plan is flown (ArduPilot)"
     CLEAR_BUSY = "CLEAR_ALL while a transfer runs"
     PARTIAL = "REQUEST_PARTIAL_LIST or WRITE_PARTIAL_LIST"
+    WRITE = "WRITE_PARTIAL_LIST within the plan (ArduPilot)"
+    REQUEST_CHANGED = "REQUEST (float) after REQUEST_INT in one download"
     IMPLIED_END = "COUNT or CLEAR_ALL from the partner after the last item was sent"
     ABANDONED = "LIST from the partner before it sent any item"
     RETRY = "re-request timer"
@@ -69,6 +72,7 @@ SERVER_TABLE: Final[dict[tuple[ServerState, ServerInput], tuple[str, ServerState
     (IDLE, _I.COUNT): ("ask_first", RECEIVING),
     (IDLE, _I.COUNT_EMPTY): ("clear_by_count", IDLE),
     (IDLE, _I.COUNT_TOO_LARGE): ("refuse_space", IDLE),
+    (IDLE, _I.COUNT_BUSY): ("refuse_busy", IDLE),
     (IDLE, _I.BAD_TYPE): ("refuse_type", IDLE),
     (IDLE, _I.ITEM_REPEATED): ("repeat_ack", IDLE),
     (IDLE, _I.ITEM_STALE): ("ignore", IDLE),
@@ -81,7 +85,9 @@ SERVER_TABLE: Final[dict[tuple[ServerState, ServerInput], tuple[str, ServerState
     (IDLE, _I.ACK_OTHER): ("ignore", IDLE),
     (IDLE, _I.CLEAR): ("clear", IDLE),
     (IDLE, _I.CLEAR_UNSUPPORTED): ("refuse_clear", IDLE),
+    (IDLE, _I.CLEAR_LOCKED): ("refuse_clear_now", IDLE),
     (IDLE, _I.PARTIAL): ("refuse_partial", IDLE),
+    (IDLE, _I.WRITE): ("ask_part", RECEIVING),
     # receiving
     (RECEIVING, _I.COUNT_REPEATED): ("ask_first", RECEIVING),
     (RECEIVING, _I.COUNT_BUSY): ("refuse_busy", RECEIVING),
@@ -91,13 +97,14 @@ SERVER_TABLE: Final[dict[tuple[ServerState, ServerInput], tuple[str, ServerState
     (RECEIVING, _I.ITEM_REFUSED): ("refuse_item", IDLE),
     (RECEIVING, _I.ITEM_OUT_OF_ORDER): ("answer_order", RECEIVING),
     (RECEIVING, _I.ITEM_WRONG_TYPE): ("refuse_item_type", RECEIVING),
-    (RECEIVING, _I.ITEM_FOREIGN): ("say_busy", RECEIVING),
+    (RECEIVING, _I.ITEM_FOREIGN): ("refuse_foreign_item", RECEIVING),
     (RECEIVING, _I.LIST_BUSY): ("refuse_list", RECEIVING),
-    (RECEIVING, _I.REQUEST_FOREIGN): ("ignore", RECEIVING),
+    (RECEIVING, _I.REQUEST_FOREIGN): ("refuse_request_now", RECEIVING),
     (RECEIVING, _I.ACK_CANCEL): ("end_cancelled", IDLE),
     (RECEIVING, _I.ACK_OTHER): ("ignore", RECEIVING),
-    (RECEIVING, _I.CLEAR_BUSY): ("say_busy", RECEIVING),
+    (RECEIVING, _I.CLEAR_BUSY): ("refuse_clear_now", RECEIVING),
     (RECEIVING, _I.PARTIAL): ("ignore", RECEIVING),
+    (RECEIVING, _I.WRITE): ("ignore", RECEIVING),
     (RECEIVING, _I.ABANDONED): ("end_cancelled", IDLE),
     (RECEIVING, _I.RETRY): ("ask_again", RECEIVING),
     (RECEIVING, _I.ABORT): ("abort_upload", IDLE),
@@ -109,6 +116,7 @@ SERVER_TABLE: Final[dict[tuple[ServerState, ServerInput], tuple[str, ServerState
     (SENDING, _I.LIST): ("send_count", SENDING),
     (SENDING, _I.LIST_BUSY): ("refuse_list", SENDING),
     (SENDING, _I.REQUEST): ("send_item", SENDING),
+    (SENDING, _I.REQUEST_CHANGED): ("refuse_changed", SENDING),
     (SENDING, _I.REQUEST_JUMP): ("refuse_jump", IDLE),
     (SENDING, _I.REQUEST_BEYOND): ("answer_beyond", SENDING),
     (SENDING, _I.REQUEST_FOREIGN): ("ignore", SENDING),

@@ -14,6 +14,7 @@ from mission.transfer.client_table import CLEARING, CONFIRMING, COUNTING, UPLOAD
 from mission.transfer.errors import LocalTransferError
 from mission.transfer.events import NOTHING, Message, Output, PlanState, Progress, UploadComplete
 from mission.transfer.profile import to_wire_order
+from mission.transfer.storage import without_nan
 
 _I = ClientInput
 _FENCE = range(5000, 5005)
@@ -100,7 +101,10 @@ class MissionUpload(ClientTransfer):
         super().__init__(mission_type, **options)
         check_plan(items, mission_type)
         self.items = tuple(items)
-        self._wire = to_wire_order(self.items, mission_type, self.profile, home)
+        self._wire = tuple(
+            without_nan(item, self.profile)
+            for item in to_wire_order(self.items, mission_type, self.profile, home)
+        )
         self._current = start_sequence + len(self._wire) - len(self.items)
         self._answered_s: list[float | None] = [None] * len(self._wire)
         self._repeated: set[int] = set()

@@ -80,22 +80,18 @@ def result_text(result: int) -> str:
     return f"{_MEANINGS.get(result, 'it answers with an unknown result')} ({name})"
 
 
-_HAS_OPAQUE_ID = {
-    message_type.id: "opaque_id" in message_type.fieldnames
-    for message_type in (mavlink.MAVLink_mission_ack_message, mavlink.MAVLink_mission_count_message)
-}
-
-
 def ack(target: tuple[int, int], result: int, mission_type: int, opaque_id: int = 0) -> Message:
-    """A MISSION_ACK; the plan's id goes in where the dialect has a field for it."""
-    extra = {"opaque_id": opaque_id} if _HAS_OPAQUE_ID[ACK] else {}
-    return mavlink.MAVLink_mission_ack_message(*target, result, mission_type=mission_type, **extra)
+    """A MISSION_ACK, with the plan's id (0 for none)."""
+    return mavlink.MAVLink_mission_ack_message(
+        *target, result, mission_type=mission_type, opaque_id=opaque_id
+    )
 
 
 def count(target: tuple[int, int], number: int, mission_type: int, opaque_id: int = 0) -> Message:
-    """A MISSION_COUNT; the plan's id goes in where the dialect has a field for it."""
-    extra = {"opaque_id": opaque_id} if _HAS_OPAQUE_ID[COUNT] else {}
-    return mavlink.MAVLink_mission_count_message(*target, number, mission_type=mission_type, **extra)
+    """A MISSION_COUNT, with the plan's id (0 for none)."""
+    return mavlink.MAVLink_mission_count_message(
+        *target, number, mission_type=mission_type, opaque_id=opaque_id
+    )
 
 
 def clear_all(target: tuple[int, int], mission_type: int) -> Message:
@@ -115,6 +111,7 @@ def item_to_message(
     *,
     current: bool = False,
     integer: bool = True,
+    frame: int | None = None,
 ) -> Message:
     """Build MISSION_ITEM_INT (or MISSION_ITEM with ``integer=False``) for an item.
 
@@ -132,13 +129,15 @@ def item_to_message(
         Mark the item as the one to start with.
     integer : bool
         Places in 1e-7 degrees (True) or in 32-bit floats.
+    frame : int, optional
+        MAV_FRAME to write instead of the item's own (5 and 6 mean the same as 0 and 3).
     """
     build = mavlink.MAVLink_mission_item_int_message if integer else mavlink.MAVLink_mission_item_message
     return build(
         target[0],
         target[1],
         sequence,
-        item.frame,
+        item.frame if frame is None else frame,
         item.command,
         int(current),
         int(item.autocontinue),

@@ -20,6 +20,7 @@ from mission.transfer import (
     RemoteTransferError,
 )
 from mission.transfer.driver import TransferDriver, Vehicle, wait_readable
+from mission.transfer.storage import as_stored
 
 MISSION, FENCE, RALLY = MissionType
 PLAN = Mission(
@@ -91,10 +92,10 @@ def test_upload_and_download():
 def test_ardupilot_is_known_by_its_heartbeat():
     bench = Bench(ARDUPILOT)
     bench.driver.upload(PLAN, types=[MISSION])
-    assert bench.server.plan(MISSION).items == PLAN.items
+    assert bench.server.plan(MISSION).items == tuple(as_stored(item, ARDUPILOT) for item in PLAN.items)
     assert bench.server.plan(RALLY).items == ()
     came, _ = bench.driver.download(types=[MISSION])
-    assert came.items == PLAN.items
+    assert came.items == bench.server.plan(MISSION).items
     assert came.home is not None
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -24,6 +26,7 @@ from mission.transfer import (
     wire,
 )
 from mission.transfer.server_table import SERVER_TABLE, ServerInput, ServerState
+from mission.transfer.storage import UncheckedItem, as_stored, without_nan
 
 GROUND, OTHER = (255, 190), (245, 190)
 MISSION, FENCE, RALLY = MissionType
@@ -73,6 +76,10 @@ def short(output):
         (m.get_type()[8:], getattr(m, fields.get(m.get_type(), "seq")), (m.target_system, m.target_component))
         for m in output.messages
     ]
+
+
+def texts(output):
+    return [event.text for event in output.events if isinstance(event, StatusText)]
 
 
 def kinds(output):
@@ -194,12 +201,39 @@ def test_items_that_cannot_be_flown_end_the_upload(server, bad, kind, result):
         ("z", 1e6, 12),
     ],
 )
-def test_numbers_that_make_no_sense(server, field, value, result):
+def test_numbers_that_make_no_sense(field, value, result):
+    for profile, place in ((GENERIC, 0), (ARDUPILOT, 1)):
+        server = MissionServer(1, profile=profile)
+        server.set_plan(MISSION, OLD)
+        begin(server, 1 + place)
+        if place:
+            server.receive(item(A, 0), 0.1)
+        message = wire.item_to_message(A, place, 0, (1, 1))
+        setattr(message, field, value)
+        assert short(server.receive(sent(message), 0.1)) == [("ACK", result, GROUND)]
+        assert server.plan(MISSION).items == OLD
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("x", 950_000_000), ("y", 1_900_000_000), ("z", float("nan")), ("z", 1e6), ("param1", float("inf"))],
+)
+def test_px4_does_not_check_ranges(server, field, value):
     begin(server, 1)
     message = wire.item_to_message(A, 0, 0, (1, 1))
     setattr(message, field, value)
-    assert short(server.receive(sent(message), 0.1)) == [("ACK", result, GROUND)]
-    assert server.plan(MISSION).items == OLD
+    assert short(server.receive(sent(message), 0.1)) == [("ACK", 0, GROUND)]
+    assert isinstance(server.plan(MISSION).items[0], UncheckedItem)
+    server.receive(listing(), 1.0)
+    back = getattr(sent(server.receive(request(0), 1.1).messages[0], (1, 1)), field)
+    assert back == value or (math.isnan(back) and math.isnan(value))
+
+
+def test_a_float_item_that_no_number_holds_is_refused_by_all(server):
+    begin(server, 1)
+    message = wire.item_to_message(A, 0, 0, (1, 1), integer=False)
+    message.x = float("inf")
+    assert short(server.receive(sent(message), 0.1)) == [("ACK", 10, GROUND)]
 
 
 def test_nan_in_unused_fields_is_taken_as_zero(server):
@@ -324,42 +358,192 @@ def test_only_our_messages(server):
     assert server.receive(count(1, target=(1, 190)), 0.0).messages != ()
 
 
-def test_ardupilot_habits():
-    server = MissionServer(1, profile=ARDUPILOT, home=GeoPoint(28.0, -82.0, 12.0))
-    server.set_plan(MISSION, (C, C, C))
-    assert short(begin(server, 3)) == [("REQUEST", 0, GROUND)]
-    assert short(server.receive(listing(source=OTHER), 0.0)) == [("ACK", wire.DENIED, OTHER)]
-    assert short(server.receive(count(3, source=OTHER), 0.0)) == [("ACK", wire.DENIED, OTHER)]
-    server.receive(item(A, 0), 0.1)  # home: not stored
-    assert short(server.receive(item(C, 2), 0.2)) == [("ACK", wire.INVALID_SEQUENCE, GROUND)]
-    server.receive(item(A, 1), 0.3)
-    assert server.next_deadline() == pytest.approx(1.3)
-    output = server.poll(8.4)
+@pytest.fixture
+def copter():
+    made = MissionServer(1, profile=ARDUPILOT, home=GeoPoint(28.0, -82.0, 12.0))
+    made.set_plan(MISSION, (C, C, C))
+    return made
+
+
+def kept(plan_item):
+    return as_stored(plan_item, ARDUPILOT)
+
+
+def test_ardupilot_uploads_in_place(copter):
+    assert short(begin(copter, 3)) == [("REQUEST", 0, GROUND)]
+    copter.receive(item(A, 0), 0.1)  # home: not stored
+    assert short(copter.receive(item(C, 2), 0.2)) == [("ACK", wire.INVALID_SEQUENCE, GROUND)]
+    copter.receive(item(A, 1), 0.3)
+    assert copter.next_deadline() == pytest.approx(1.3)
+    output = copter.poll(8.4)
     assert short(output) == [("ACK", wire.OPERATION_CANCELLED, GROUND)]
-    assert server.plan(MISSION).items == (A, C)  # in place: the new beginning, the old rest
+    assert "Mission upload timeout" in texts(output)
+    assert copter.plan(MISSION).items == (kept(A), C)  # the new beginning, the old rest
     assert [event.complete for event in output.events if isinstance(event, PlanReplaced)] == [False]
-    assert short(server.receive(listing(), 9.0)) == [("COUNT", 3, GROUND)]
-    home = server.receive(request(0, source=OTHER), 9.0).messages[0]
+
+
+def test_ardupilot_denies_whoever_comes_during_an_upload(copter):
+    begin(copter, 3)
+    for message in (listing(source=OTHER), count(3, source=OTHER), item(A, 0, source=OTHER)):
+        assert short(copter.receive(message, 0.0)) == [("ACK", wire.DENIED, OTHER)]
+    assert short(copter.receive(listing(), 0.0)) == [("ACK", wire.DENIED, GROUND)]
+    assert short(copter.receive(request(0), 0.0)) == [("ACK", wire.DENIED, GROUND)]
+    assert short(copter.receive(clear(), 0.0)) == [("ACK", wire.ERROR, GROUND)]
+    copter.receive(item(A, 0), 0.1)
+    assert short(copter.receive(count(2), 0.2)) == [("REQUEST", 0, GROUND)]
+
+
+def test_ardupilot_says_that_it_has_the_plan(copter):
+    begin(copter, 2)
+    copter.receive(item(A, 0), 0.1)
+    output = copter.receive(item(B, 1, integer=False), 0.2)
+    assert short(output) == [("ACK", wire.ACCEPTED, GROUND)]
+    assert texts(output) == ["got MISSION_ITEM; GCS should send MISSION_ITEM_INT", "Flight plan received"]
+    assert output.messages[0].opaque_id == 0
+
+
+def test_ardupilot_home_is_item_zero(copter):
+    assert short(copter.receive(listing(), 9.0)) == [("COUNT", 4, GROUND)]
+    home = copter.receive(request(0, source=OTHER), 9.0).messages[0]
     assert (home.x, home.frame, home.z) == (280000000, 0, 12.0)
-    assert short(server.receive(request(2), 9.0)) == [("ITEM_INT", 2, GROUND)]
-    assert short(server.receive(request(3), 9.0)) == [("ACK", wire.INVALID_SEQUENCE, GROUND)]
-    assert short(server.receive(clear(255), 9.0)) == [("ACK", wire.UNSUPPORTED, GROUND)]
-    begin(server, 3, 10.0)
-    server.receive(item(A, 0), 10.1)
-    assert short(server.receive(count(2), 10.2)) == [("REQUEST", 0, GROUND)]
+    begin(copter, 1)
+    copter.receive(item(A, 0), 9.1)
+    assert copter.plan(MISSION).items == ()
+    assert short(copter.receive(listing(), 9.2)) == [("COUNT", 1, GROUND)]
+    assert short(copter.receive(clear(), 9.3)) == [("ACK", wire.ACCEPTED, GROUND)]
+    assert short(copter.receive(listing(), 9.4)) == [("COUNT", 0, GROUND)]
 
 
-def test_opaque_ids_go_into_messages_that_have_the_field(server, monkeypatch):
-    class Ack(mavlink.MAVLink_mission_ack_message):
-        def __init__(self, *values, opaque_id=0, **named):
-            super().__init__(*values, **named)
-            self.opaque_id = opaque_id
+def test_ardupilot_answers_requests_at_any_time(copter):
+    assert short(copter.receive(request(2), 9.0)) == [("ITEM_INT", 2, GROUND)]
+    assert short(copter.receive(request(4), 9.0)) == [
+        ("COUNT", 4, GROUND),
+        ("ACK", wire.INVALID_SEQUENCE, GROUND),
+    ]
+    copter.receive(listing(), 9.0)
+    output = copter.receive(request(1, integer=False), 9.0)
+    assert short(output) == [("ITEM", 1, GROUND)]
+    assert texts(output) == ["got MISSION_REQUEST; use MISSION_REQUEST_INT!"]
+    assert texts(copter.receive(request(2, integer=False), 9.0)) == []
 
-    monkeypatch.setitem(wire._HAS_OPAQUE_ID, wire.ACK, True)
-    monkeypatch.setattr(mavlink, "MAVLink_mission_ack_message", Ack)
+
+def test_ardupilot_clears_what_it_may(copter):
+    assert short(copter.receive(clear(255), 9.0)) == [("ACK", wire.UNSUPPORTED, GROUND)]
+    assert short(copter.receive(count(1, kind=7), 0.0)) == [("ACK", wire.UNSUPPORTED, GROUND)]
+    copter.locked = True
+    assert short(copter.receive(clear(), 9.0)) == [("ACK", wire.ERROR, GROUND)]
+    assert copter.plan(MISSION).items == (C, C, C)
+    assert short(copter.receive(clear(1), 9.0)) == [("ACK", wire.ACCEPTED, GROUND)]
+
+
+def test_ardupilot_has_room_for_so_many(copter):
+    output = copter.receive(count(60000), 0.0)
+    assert short(output) == [("ACK", wire.NO_SPACE, GROUND)]
+    assert texts(output) == ["Only 4366 items are supported"]
+
+
+@pytest.mark.parametrize(
+    ("bad", "result"),
+    [
+        (MissionItem(177, 2, 0.0, 1.0), wire.ERROR),
+        (MissionItem(177, 2, 3.0, 1.0), wire.ERROR),
+        (MissionItem(177, 2, 1.0, 1.0), wire.ACCEPTED),
+        (MissionItem(16, 3, None, x=1, y=2, z=3), wire.INVALID_PARAM1),
+        (MissionItem(16, 3, 0.0, param4=None, x=1, y=2, z=3), wire.ACCEPTED),
+        (MissionItem(19, 3, 0.0, param4=None, x=1, y=2, z=3), wire.INVALID_PARAM1 + 3),
+        (MissionItem(16, 2, x=1, y=2, z=3), wire.UNSUPPORTED_FRAME),
+        (MissionItem(16, 1, x=1, y=2, z=3), wire.UNSUPPORTED_FRAME),
+        (MissionItem(16, 10, x=1, y=2, z=3), wire.ACCEPTED),
+    ],
+)
+def test_ardupilot_judges_items(copter, bad, result):
+    begin(copter, 3)
+    copter.receive(item(A, 0), 0.1)
+    output = copter.receive(item(bad, 1), 0.2)
+    assert short(output) == ([("REQUEST", 2, GROUND)] if result == 0 else [("ACK", result, GROUND)])
+
+
+@pytest.mark.parametrize(
+    ("bad", "result"),
+    [
+        (MissionItem(20, 3), wire.UNSUPPORTED),
+        (MissionItem(20, 2), wire.ACCEPTED),
+        (MissionItem(16, 2, x=1, y=2), wire.UNSUPPORTED),
+        (MissionItem(16, 10, x=1, y=2), wire.UNSUPPORTED_FRAME),
+        (MissionItem(18, 3, x=1, y=2), wire.UNSUPPORTED),
+        (MissionItem(115, 2), wire.UNSUPPORTED),
+        (MissionItem(201, 3, 1.0, x=1, y=2), wire.INVALID_PARAM1),
+        (MissionItem(201, 3, 3.0, x=1, y=2), wire.ACCEPTED),
+    ],
+)
+def test_px4_judges_items(server, bad, result):
+    begin(server, 2)
+    output = server.receive(item(bad, 0), 0.1)
+    assert short(output) == ([("REQUEST_INT", 1, GROUND)] if result == 0 else [("ACK", result, GROUND)])
+
+
+def test_what_is_kept_of_items(server, copter):
+    server.set_plan(MISSION, (A,))
+    server.receive(listing(), 0.0)
+    assert server.receive(request(0, integer=False), 0.1).messages[0].frame == 3
+    back = server.receive(request(0), 0.1).messages[0]
+    assert back.frame == 6
+    assert math.isnan(back.param4)
+    items = (MissionItem(20, 2), MissionItem(93, 2, 3.0, None), MissionItem.waypoint(1, 2, 3, hold_s=2.7))
+    begin(copter, 3 + 1)
+    copter.receive(item(A, 0), 0.1)
+    copter.receive(item(items[0], 1), 0.1)
+    copter.receive(item(without_nan(items[1], ARDUPILOT), 2), 0.1)
+    copter.receive(item(items[2], 3), 0.1)
+    back = [copter.receive(request(seq), 1.0).messages[0] for seq in (1, 2, 3)]
+    assert [(b.frame, b.param1, b.param2) for b in back] == [(0, 0.0, 0.0), (0, 3.0, 0.0), (3, 2.0, 0.0)]
+
+
+def write_part(first, last, kind=0):
+    return sent(mavlink.MAVLink_mission_write_partial_list_message(1, 1, first, last, kind))
+
+
+def test_ardupilot_writes_a_part(copter):
+    copter.set_plan(MISSION, (kept(A), kept(B), kept(C)))
+    assert short(copter.receive(write_part(2, 2), 0.0)) == [("REQUEST", 2, GROUND)]
+    output = copter.receive(item(C, 2), 0.1)
+    assert short(output) == [("ACK", 0, GROUND)]
+    assert copter.plan(MISSION).items == (kept(A), kept(C), kept(C))
+    copter.receive(write_part(4, 4), 0.0)
+    copter.receive(item(B, 4), 0.1)
+    assert copter.plan(MISSION).items == (kept(A), kept(C), kept(C), kept(B))
+    copter.receive(write_part(0, 1), 0.0)
+    copter.receive(item(C, 0), 0.1)
+    copter.receive(item(B, 1), 0.1)
+    assert copter.plan(MISSION).items == (kept(B), kept(C), kept(C), kept(B))
+    for first, last in ((3, 2), (0, 6), (-1, 2)):
+        assert short(copter.receive(write_part(first, last), 0.0)) == [("ACK", wire.ERROR, GROUND)]
+    copter.receive(write_part(1, 3), 1.0)
+    copter.receive(item(A, 1), 1.1)
+    copter.poll(10.0)
+    assert copter.plan(MISSION).items == (kept(A), kept(C), kept(C), kept(B))
+
+
+def test_px4_refuses_counts_for_a_while_after_an_empty_one(server):
+    assert short(server.receive(count(0), 0.0)) == [("ACK", 0, GROUND)]
+    assert short(server.receive(count(2), 4.9)) == [("ACK", wire.ERROR, GROUND)]
+    assert short(server.receive(count(2), 5.0)) == [("REQUEST_INT", 0, GROUND)]
+
+
+def test_px4_wants_requests_of_one_kind(server):
+    server.set_plan(MISSION, (A, B))
+    server.receive(listing(), 0.0)
+    server.receive(request(0), 0.1)
+    assert short(server.receive(request(1, integer=False), 0.2)) == [("ACK", wire.ERROR, GROUND)]
+    assert short(server.receive(request(1), 0.3)) == [("ITEM_INT", 1, GROUND)]
+
+
+def test_the_plans_id_is_in_ack_and_count(server):
     begin(server, 1)
     (message,) = server.receive(item(A, 0), 0.1).messages
-    assert message.opaque_id == plan_checksum((A,)) == server.plan(MISSION).opaque_id != 0
+    assert sent(message, (1, 1)).opaque_id == plan_checksum((A,)) == server.plan(MISSION).opaque_id != 0
+    (message,) = server.receive(listing(), 0.2).messages
+    assert sent(message, (1, 1)).opaque_id == server.plan(MISSION).opaque_id
 
 
 def test_the_table_names_only_actions_that_exist():

@@ -1,0 +1,143 @@
+"""What an autopilot makes of the mission items that it is sent: which it takes, and what it keeps of them.
+
+Sources: PX4 ``mavlink_mission.cpp`` (parse_mavlink_mission_item), ArduPilot ``AP_Mission.cpp``
+(mavlink_int_to_mission_cmd, sanity_check_params), and what PX4 1.17 and ArduCopter 4.7 were seen to do.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+from mission.model import Command, Frame, MissionItem, has_position
+from mission.transfer import wire
+from mission.transfer.profile import Profile
+
+__all__ = ["UncheckedItem", "as_stored", "frame_on_wire", "judge_item", "judge_numbers", "without_nan"]
+
+_PARAMETERS = ("param1", "param2", "param3", "param4")
+_INT_FRAMES = {0: 5, 3: 6, 10: 11}
+_ROI_LOCATION = 3
+
+
+class UncheckedItem(MissionItem):
+    """An item whose numbers make no sense, kept as it came, as PX4 does; no vehicle can fly it."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "frame", {5: 0, 6: 3, 11: 10}.get(self.frame, self.frame))
+
+    @classmethod
+    def of(cls, message: Any) -> UncheckedItem | None:
+        """Read an item message; None when its place does not even fit the 32 bits of a MISSION_ITEM_INT."""
+        placed = message.frame in (0, 3, 5, 6, 10, 11) and has_position(message.command)
+        scale = 1e7 if placed and type(message).id == wire.ITEM_INT else 1.0
+        x, y = message.x / scale, message.y / scale
+        limit = wire.INT32_MAX / (1e7 if placed else 1.0)
+        if not (abs(x) <= limit and abs(y) <= limit):
+            return None
+        first, second, third, fourth = (
+            None if math.isnan(value) else value for value in (getattr(message, name) for name in _PARAMETERS)
+        )
+        carry_on = bool(message.autocontinue)
+        return cls(message.command, message.frame, first, second, third, fourth, x, y, message.z, carry_on)
+
+
+def judge_numbers(message: Any, profile: Profile) -> int:
+    """Return the MAV_MISSION_RESULT for the parameters of an item as they came (NaN where it may not be)."""
+    if profile.nan_parameters is None:
+        return int(wire.ACCEPTED)
+    allowed = profile.nan_parameters.get(message.command, frozenset())
+    for offset, name in enumerate(_PARAMETERS):
+        value = getattr(message, name)
+        if not math.isfinite(value) and not (math.isnan(value) and name in allowed):
+            return int(wire.INVALID_PARAM1) + offset
+    if math.isnan(message.z):
+        return int(wire.INVALID_PARAM5_X) + 2
+    return int(wire.ACCEPTED)
+
+
+def without_nan(item: MissionItem, profile: Profile) -> MissionItem:
+    """Return the item with 0 for each unset parameter that the autopilot would refuse as NaN.
+
+    Examples
+    --------
+    >>> from mission.transfer.profile import ARDUPILOT
+    >>> without_nan(MissionItem(Command.NAV_DELAY, param2=None), ARDUPILOT).param2
+    0.0
+    """
+    if profile.nan_parameters is None:
+        return item
+    allowed = profile.nan_parameters.get(item.command, frozenset())
+    unset: dict[str, Any] = {
+        name: 0.0 for name in _PARAMETERS if getattr(item, name) is None and name not in allowed
+    }
+    return replace(item, **unset) if unset else item
+
+
+def judge_item(item: MissionItem, count: int, profile: Profile) -> int:
+    """Return the MAV_MISSION_RESULT for command, frame and jump target of an item.
+
+    Parameters
+    ----------
+    item : MissionItem
+        As it came, jump targets as the autopilot counts.
+    count : int
+        Items of the plan on the wire.
+    profile : Profile
+
+    Examples
+    --------
+    >>> from mission.transfer.profile import PX4
+    >>> judge_item(MissionItem(Command.NAV_RETURN_TO_LAUNCH, Frame.GLOBAL_RELATIVE_ALT), 1, PX4)
+    3
+    """
+    placed = has_position(item.command)
+    if profile.frames is not None and item.frame not in profile.frames and (placed or profile.strict_frames):
+        return int(wire.UNSUPPORTED_FRAME)
+    known = profile.unplaced if item.frame == Frame.MISSION else profile.placed
+    if known is not None and item.command not in known:
+        return int(wire.UNSUPPORTED)
+    if item.command == Command.DO_JUMP and profile.checks_jumps:
+        target = int(item.param1 or 0.0)
+        if not 0 < target < count:
+            return int(wire.ERROR)
+    roi = item.command == Command.DO_SET_ROI and item.frame != Frame.MISSION
+    if roi and profile.placed is not None and item.param1 != _ROI_LOCATION:
+        return int(wire.INVALID_PARAM1)
+    return int(wire.ACCEPTED)
+
+
+def as_stored(item: MissionItem, profile: Profile) -> MissionItem:
+    """Return what the autopilot keeps of an item, and so reads back and flies.
+
+    Examples
+    --------
+    >>> from mission.transfer.profile import ARDUPILOT
+    >>> as_stored(MissionItem(Command.NAV_RETURN_TO_LAUNCH), ARDUPILOT).frame
+    0
+    """
+    changes: dict[str, Any] = {}
+    lost = profile.lossy.get(item.command, frozenset())
+    for name in _PARAMETERS:
+        value = getattr(item, name)
+        if (name in lost and value != 0.0) or (value is None and not profile.keeps_default):
+            changes[name] = 0.0
+    if not item.has_place:
+        if not profile.keeps_frame and item.frame != Frame.GLOBAL:
+            changes["frame"] = Frame.GLOBAL
+        changes |= {name: 0.0 for name in ("x", "y", "z") if name in lost and getattr(item, name) != 0.0}
+    if "autocontinue" in lost and not item.autocontinue:
+        changes["autocontinue"] = True
+    if profile.whole_seconds and item.command == Command.NAV_WAYPOINT and item.param1:
+        whole = float(min(65535, max(0, int(item.param1))))
+        if whole != item.param1:
+            changes["param1"] = whole
+    return replace(item, **changes) if changes else item
+
+
+def frame_on_wire(item: MissionItem, profile: Profile, *, integer: bool) -> int:
+    """Return the frame of an item in a download: PX4 gives the INT frames in MISSION_ITEM_INT."""
+    return _INT_FRAMES.get(item.frame, item.frame) if integer and profile.int_frames else item.frame

@@ -2,21 +2,40 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from collections.abc import Callable
-from typing import Any, Protocol
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
 
 from mission.errors import LinkError
 from mission.link.frames import FrameReader
-from mission.link.link import LOOPBACK, LinkAddress, parse_link_url
+from mission.link.link import LOOPBACK, SERIAL, Link, LinkAddress, open_link, parse_link_url
 from mission.link.sockets import TcpLink, TcpListener, UdpSocket
 from sim_vehicle.errors import VehicleError
+from sim_vehicle.fault_plan import FaultyLink
 
-__all__ = ["Client", "Door", "open_door"]
+__all__ = ["Client", "Door", "Handle", "ServerUrl", "open_door"]
 
 _DATAGRAM_BYTES = 1200
 _SILENCE_S = 60.0
 _MOST_PEERS = 64
+
+
+@dataclass(frozen=True, slots=True)
+class ServerUrl:
+    """An address of the server.
+
+    Parameters
+    ----------
+    url : str
+        See `open_door`.
+    system : int or None
+        Only this vehicle is found there, as at one port of one autopilot; None: all, as behind a router.
+    """
+
+    url: str
+    system: int | None = None
 
 
 class Client:
@@ -30,10 +49,19 @@ class Client:
         For messages.
     write : callable
         Sends bytes; LinkError when the peer has gone.
+
+    Attributes
+    ----------
+    system : int or None
+        The only vehicle that it meets, see `ServerUrl`.
+    radio : FaultyLink or None
+        What spoils its frames.
     """
 
     def __init__(self, name: str, write: Callable[[bytes], None]) -> None:
         self.name = name
+        self.system: int | None = None
+        self.radio: FaultyLink | None = None
         self.alive = True
         self.heard_s = time.monotonic()
         self._write = write
@@ -68,6 +96,15 @@ class Client:
             self.alive = False
 
 
+class Handle(NamedTuple):
+    """What to do when a descriptor is ready."""
+
+    owner: object
+    """Whose descriptor it is; numbers are used again."""
+    receive: Callable[[], list[tuple[Client, bytes]]]
+    """Returns frames and who sent them."""
+
+
 class Door(Protocol):
     """A socket with its clients.
 
@@ -79,8 +116,8 @@ class Door(Protocol):
 
     name: str
 
-    def handles(self) -> dict[int, Callable[[], list[tuple[Client, bytes]]]]:
-        """Descriptors to wait for, each with what to call then: returns frames and who sent them."""
+    def handles(self) -> dict[int, Handle]:
+        """Descriptors to wait for, each with what to do then."""
 
     def clients(self) -> list[Client]:
         """Return the clients that are there now."""
@@ -99,9 +136,9 @@ class _UdpDoor:
             self._fixed = (peer.host, peer.port)
             self._admit(self._fixed)
 
-    def handles(self) -> dict[int, Callable[[], list[tuple[Client, bytes]]]]:
+    def handles(self) -> dict[int, Handle]:
         number = self._socket.fileno()
-        return {} if number is None else {number: self._receive}
+        return {} if number is None else {number: Handle(self._socket, self._receive)}
 
     def clients(self) -> list[Client]:
         if len(self._peers) > (self._fixed is not None):
@@ -138,22 +175,18 @@ class _UdpDoor:
 
 
 class _TcpDoor:
-    def __init__(self, name: str, listener: TcpListener | None, links: list[TcpLink]) -> None:
-        self.name = name
+    def __init__(self, listener: TcpListener) -> None:
+        self.name = listener.name
         self._listener = listener
-        self._links: dict[TcpLink, Client] = {link: self._client(link) for link in links}
+        self._links: dict[TcpLink, Client] = {}
 
-    @staticmethod
-    def _client(link: TcpLink) -> Client:
-        return Client(link.name, link.send)
-
-    def handles(self) -> dict[int, Callable[[], list[tuple[Client, bytes]]]]:
-        found: dict[int, Callable[[], list[tuple[Client, bytes]]]] = {}
-        if self._listener is not None and (number := self._listener.fileno()) is not None:
-            found[number] = self._accept
+    def handles(self) -> dict[int, Handle]:
+        found: dict[int, Handle] = {}
+        if (number := self._listener.fileno()) is not None:
+            found[number] = Handle(self._listener, self._accept)
         for link in self._links:
             if (number := link.fileno()) is not None:
-                found[number] = lambda link=link: self._receive(link)  # type: ignore[misc]
+                found[number] = Handle(link, lambda link=link: self._receive(link))  # type: ignore[misc]
         return found
 
     def clients(self) -> list[Client]:
@@ -164,16 +197,14 @@ class _TcpDoor:
         return list(self._links.values())
 
     def close(self) -> None:
-        if self._listener is not None:
-            self._listener.close()
+        self._listener.close()
         for link in self._links:
             link.close()
 
     def _accept(self) -> list[tuple[Client, bytes]]:
-        assert self._listener is not None
         for link in self._listener.accept():
             if len(self._links) < _MOST_PEERS:
-                self._links[link] = self._client(link)
+                self._links[link] = Client(link.name, link.send)
             else:
                 link.close()
         return []
@@ -190,6 +221,43 @@ class _TcpDoor:
         return [(client, frame) for piece in pieces for frame in client.take(piece)]
 
 
+class _LinkDoor:
+    """One peer behind a link: a serial line, or a TCP connection that we make (again, when it was lost)."""
+
+    def __init__(self, link: Link) -> None:
+        self.name = link.name
+        self._link = link
+        self._client = Client(link.name, link.send)
+        self._socket: tuple[int, object] = (-1, None)
+
+    def _owner(self) -> object:
+        """Return a token that is another one after each reconnection."""
+        made = getattr(self._link, "connections", 1)
+        if self._socket[0] != made:
+            self._socket = (made, object())
+        return self._socket[1]
+
+    def handles(self) -> dict[int, Handle]:
+        number = self._link.fileno() if self._client.alive else None
+        return {} if number is None else {number: Handle(self._owner(), self._receive)}
+
+    def clients(self) -> list[Client]:
+        if self._client.alive and self._link.fileno() is None:
+            self._receive()
+        return [self._client] if self._client.alive else []
+
+    def close(self) -> None:
+        self._link.close()
+
+    def _receive(self) -> list[tuple[Client, bytes]]:
+        try:
+            pieces = self._link.receive()
+        except LinkError:
+            self._client.alive = False
+            return []
+        return [(self._client, frame) for piece in pieces for frame in self._client.take(piece)]
+
+
 def _speaks_mavlink(data: bytes) -> bool:
     reader = FrameReader(wanted=())
     reader.feed(data)
@@ -203,8 +271,9 @@ def open_door(url: str) -> Door:
     ----------
     url : str
         ``udpin:HOST:PORT`` waits for clients, ``udpout:HOST:PORT`` sends to one (and serves whoever answers),
-        ``tcpin:HOST:PORT`` waits for connections, ``tcp:HOST:PORT`` makes one. After ``udpout`` the local
-        port may follow: ``udpout:127.0.0.1:14550,18570``.
+        ``tcpin:HOST:PORT`` waits for connections, ``tcp:HOST:PORT`` makes one and makes it again when it was
+        lost, ``serial:DEVICE:BAUD`` is a serial line. After ``udpout`` the local port may follow:
+        ``udpout:127.0.0.1:14550,18570``.
 
     Raises
     ------
@@ -214,6 +283,8 @@ def open_door(url: str) -> Door:
         If the local port is no port.
     """
     text, comma, local = url.partition(",")
+    if text.strip().lower().startswith(SERIAL):
+        return _LinkDoor(open_link(url))
     address = parse_link_url(text)
     port = 0
     if comma:
@@ -224,11 +295,18 @@ def open_door(url: str) -> Door:
     if address.scheme == "udpin":
         return _UdpDoor(address)
     if address.scheme == "udpout":
-        near = LOOPBACK if address.host in (LOOPBACK, "localhost") else "0.0.0.0"  # noqa: S104
-        peer = LinkAddress("udpout", LOOPBACK if near == LOOPBACK else address.host, address.port)
-        return _UdpDoor(LinkAddress("udpout", near, port), peer)
+        host = _address_of(address)
+        near = LOOPBACK if host.startswith("127.") else "0.0.0.0"  # noqa: S104
+        return _UdpDoor(LinkAddress("udpout", near, port), LinkAddress("udpout", host, address.port))
     if address.scheme == "tcpin":
-        listener = TcpListener(address)
-        return _TcpDoor(listener.name, listener, [])
-    link = TcpLink.connect(address)
-    return _TcpDoor(link.name, None, [link])
+        return _TcpDoor(TcpListener(address))
+    return _LinkDoor(open_link(text, reconnect=True))
+
+
+def _address_of(address: LinkAddress) -> str:
+    """Return the IPv4 address of a host, so that its answers are known for its own."""
+    try:
+        return str(socket.getaddrinfo(address.host, address.port, socket.AF_INET, socket.SOCK_DGRAM)[0][4][0])
+    except (OSError, UnicodeError) as error:
+        msg = f"{address}: the host {address.host!r} has no IPv4 address; check its name"
+        raise LinkError(msg) from error

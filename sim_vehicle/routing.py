@@ -89,7 +89,8 @@ class RoutingTable(Generic[Port]):
     Examples
     --------
     >>> table = RoutingTable()
-    >>> table.heard("radio", (255, 190)); table.heard("bus", (1, 100))
+    >>> table.heard("radio", (255, 190)), table.heard("bus", (1, 100)), table.heard("bus", (1, 100))
+    (True, True, False)
     >>> table.destinations((1, 0), "radio", ["radio", "bus"])
     ['bus']
     >>> table.destinations((7, 0), "radio", ["radio", "bus"])
@@ -101,11 +102,13 @@ class RoutingTable(Generic[Port]):
     def __init__(self) -> None:
         self._known: dict[Port, set[Address]] = {}
 
-    def heard(self, port: Port, address: Address) -> None:
-        """Remember that this address lives behind this port (at most 256 for one port)."""
+    def heard(self, port: Port, address: Address) -> bool:
+        """Remember that this address lives behind this port (at most 256 for one port); True if it is new."""
         known = self._known.setdefault(port, set())
-        if address not in known and len(known) < self._LIMIT:
-            known.add(address)
+        if address in known or len(known) >= self._LIMIT:
+            return False
+        known.add(address)
+        return True
 
     def forget(self, port: Port) -> None:
         """Drop a port that is gone."""

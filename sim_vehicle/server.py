@@ -1,28 +1,32 @@
-"""The host on the wall clock: the same components over UDP and TCP, for any number of clients."""
+"""The host on the wall clock: the same components over UDP, TCP and serial lines, for many clients at once."""
 
 from __future__ import annotations
 
-import contextlib
-import selectors
-import socket
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from types import TracebackType
 from typing import Self
 
-from mission.link.frames import FrameReader, FrameWriter, Message
-from sim_vehicle.clients import Client, Door, open_door
+from numpy.random import SeedSequence
+
+from mission.link.frames import FrameReader, FrameWriter, Message, starts_with_frame
+from sim_vehicle.clients import Client, ServerUrl
 from sim_vehicle.component import NEVER, Component
 from sim_vehicle.errors import VehicleError
+from sim_vehicle.fault_plan import FaultSession
+from sim_vehicle.faults import Fault
+from sim_vehicle.gate import Gate
 from sim_vehicle.routing import RoutingTable, frame_id, frame_source, frame_target
 from sim_vehicle.simulation import StopReason
 
-__all__ = ["Server", "default_urls"]
+__all__ = ["Server", "ServerUrl", "default_urls"]
 
 _LONGEST_WAIT_S = 0.5
 _BURST_S = 0.02
 _LARGEST_LAG_S = 0.5
+_MOST_ROUTES = 20_000
+_MOST_ANSWERS = 100_000
 
 
 def default_urls(autopilot: str, index: int = 0) -> tuple[str, ...]:
@@ -49,12 +53,17 @@ def default_urls(autopilot: str, index: int = 0) -> tuple[str, ...]:
 class _Local:
     """A component of ours as a port of the router."""
 
-    __slots__ = ("component", "wanted", "writer")
+    __slots__ = ("component", "system", "wanted", "writer")
 
     def __init__(self, component: Component) -> None:
         self.component = component
+        self.system = component.system_id
         self.wanted = component.wanted
         self.writer = FrameWriter(component.system_id, component.component_id)
+
+
+_Port = _Local | Client
+_Route = tuple[tuple[_Local, ...], tuple[Client, ...]]
 
 
 class Server:
@@ -67,13 +76,17 @@ class Server:
     ----------
     components : sequence of Component
         Their addresses must differ.
-    urls : sequence of str
-        See `sim_vehicle.clients.open_door`.
+    urls : sequence of str or ServerUrl
+        See `sim_vehicle.clients.open_door`; a `ServerUrl` can belong to one vehicle of several.
     speed : float
         Seconds of the components' time in a second of the wall clock; infinity is as fast as it goes.
         When the machine cannot keep up, time is stretched, never skipped.
     tap : callable, optional
         ``tap(frame, now_s)`` sees every frame, sent and received.
+    faults : sequence of Fault or str
+        What goes wrong, see `sim_vehicle.faults`; links are numbered as in ``urls``, from 1.
+    seed : int or numpy.random.SeedSequence
+        Of the faults.
 
     Attributes
     ----------
@@ -85,7 +98,7 @@ class Server:
     Raises
     ------
     VehicleError
-        If two components have one address, or the speed is not positive.
+        If two components have one address, the speed is not positive, or a fault is wrong.
     LinkError
         If an address is wrong or in use.
 
@@ -99,10 +112,12 @@ class Server:
     def __init__(
         self,
         components: Sequence[Component],
-        urls: Sequence[str],
+        urls: Sequence[str | ServerUrl],
         *,
         speed: float = 1.0,
         tap: Callable[[bytes, float], None] | None = None,
+        faults: Sequence[Fault | str] = (),
+        seed: int | SeedSequence = 0,
     ) -> None:
         if not speed > 0.0:
             msg = f"server: speed {speed} is not positive; 1 is real time"
@@ -114,29 +129,22 @@ class Server:
         self.now_s = 0.0
         self.speed = speed
         self._tap = tap
-        self._locals = [_Local(component) for component in components]
-        self._table: RoutingTable[_Local | Client] = RoutingTable()
+        session = FaultSession(faults, seed)
+        self._locals = [_Local(component) for component in session.wrap(components)]
+        self._table: RoutingTable[_Port] = RoutingTable()
         for local, address in zip(self._locals, addresses, strict=True):
             self._table.heard(local, address)
         self._reader = FrameReader()
-        self._inbox: deque[tuple[bytes, _Local | Client]] = deque()
+        self._inbox: deque[tuple[bytes, _Port]] = deque()
+        self._routes: dict[tuple[_Port, int, tuple[int, int]], _Route] = {}
         self._clients: list[Client] = []
-        self._doors: list[Door] = []
-        self._selector = selectors.DefaultSelector()
-        self._watched: dict[int, Callable[[], list[tuple[Client, bytes]]]] = {}
+        self._radios: list[Client] = []
         self._stopping = False
-        self._wake, self._woken = socket.socketpair()
-        self._woken.setblocking(False)
-        self._selector.register(self._woken, selectors.EVENT_READ)
         self._origin_s = 0.0
-        try:
-            for url in urls:
-                self._doors.append(open_door(url))
-        except BaseException:
-            self.close()
-            raise
-        self.urls = tuple(door.name for door in self._doors)
-        self._look_for_clients()
+        doors = [url if isinstance(url, ServerUrl) else ServerUrl(url) for url in urls]
+        self._gate = Gate(doors, session)
+        self.urls = self._gate.urls
+        self._meet_clients()
 
     @property
     def clients(self) -> tuple[str, ...]:
@@ -178,22 +186,21 @@ class Server:
     def stop(self) -> None:
         """End `run`; may be called from another thread."""
         self._stopping = True
-        with contextlib.suppress(OSError):
-            self._wake.send(b"\0")
+        self._gate.wake()
 
     def close(self) -> None:
         """Close all sockets."""
-        for door in self._doors:
-            door.close()
-        self._selector.close()
-        self._wake.close()
-        self._woken.close()
+        self._gate.close()
 
     def _wall_s(self) -> float:
         return 0.0 if self.speed == NEVER else time.monotonic() * self.speed
 
     def _deadline(self) -> float:
-        return min((local.component.next_deadline() for local in self._locals), default=NEVER)
+        deadline_s = min((local.component.next_deadline() for local in self._locals), default=NEVER)
+        for client in self._radios:
+            assert client.radio is not None
+            deadline_s = min(deadline_s, client.radio.next_arrival())
+        return deadline_s
 
     def _run_due(self, end_s: float) -> None:
         """Poll the components at each of their deadlines that has come, in order."""
@@ -213,6 +220,7 @@ class Server:
             for local in self._locals:
                 if local.component.next_deadline() <= self.now_s:
                     self._send(local, local.component.poll(self.now_s))
+            self._take_from_radios()
             self._route_all()
             self._flush()
             if self.speed == NEVER:
@@ -231,42 +239,51 @@ class Server:
             wait_s = (target_s - self._origin_s - self._wall_s()) / self.speed
         elif self._deadline() == NEVER:
             wait_s = _LONGEST_WAIT_S
-        ready = self._selector.select(max(0.0, min(wait_s, _LONGEST_WAIT_S)))
-        if self.speed != NEVER and ready:
+        arrived = self._gate.wait(min(wait_s, _LONGEST_WAIT_S))
+        self._meet_clients()
+        if not arrived:
+            return
+        if self.speed != NEVER:
             clock_s = self._origin_s + self._wall_s()
             self.now_s = max(self.now_s, min(clock_s, self._deadline(), end_s))
-        for key, _ in ready:
-            handle = self._watched.get(key.fd)
-            if handle is None:
-                with contextlib.suppress(OSError):
-                    self._woken.recv(4096)
-                continue
-            for client, frame in handle():
-                if client not in self._clients:
-                    self._clients.append(client)
-                self._table.heard(client, frame_source(frame))
-                if self._tap is not None:
-                    self._tap(frame, self.now_s)
-                self._inbox.append((frame, client))
+        for client, frame in arrived:
+            if self._tap is not None:
+                self._tap(frame, self.now_s)
+            if client.radio is not None:
+                client.radio.send("up", frame, frame_target(frame)[0], self.now_s)
+            else:
+                self._take(client, frame)
                 self._route_all()
-        if ready:
-            self._flush()
-            self._look_for_clients()
+        self._take_from_radios()
+        self._route_all()
+        self._flush()
 
-    def _look_for_clients(self) -> None:
-        """Take up new clients and sockets, and forget those that are gone."""
-        found = [client for door in self._doors for client in door.clients()]
+    def _take(self, client: Client, frame: bytes) -> None:
+        if self._table.heard(client, frame_source(frame)):
+            self._routes.clear()
+        self._inbox.append((frame, client))
+
+    def _take_from_radios(self) -> None:
+        """Take what comes out of the radios now; damaged frames of clients end here."""
+        for client in self._radios:
+            assert client.radio is not None
+            for frame in client.radio.receive("up", self.now_s):
+                if starts_with_frame(frame) == len(frame):
+                    self._take(client, frame)
+            for frame in client.radio.receive("down", self.now_s):
+                client.send(frame)
+
+    def _meet_clients(self) -> None:
+        """Take note of who came and who went."""
+        clients = self._gate.clients
+        if clients is self._clients:
+            return
         for client in self._clients:
-            if client not in found:
+            if client not in clients:
                 self._table.forget(client)
-        self._clients = found
-        handles = {fd: handle for door in self._doors for fd, handle in door.handles().items()}
-        for fd in self._watched.keys() - handles.keys():
-            with contextlib.suppress(KeyError, ValueError, OSError):
-                self._selector.unregister(fd)
-        for fd in handles.keys() - self._watched.keys():
-            self._selector.register(fd, selectors.EVENT_READ)
-        self._watched = handles
+        self._clients = clients
+        self._radios = [client for client in clients if client.radio is not None]
+        self._routes.clear()
 
     def _send(self, local: _Local, messages: Iterable[Message]) -> None:
         for message in messages:
@@ -276,23 +293,50 @@ class Server:
             self._inbox.append((frame, local))
 
     def _route_all(self) -> None:
-        inbox = self._inbox
-        budget = 100_000
-        while inbox and budget:
-            budget -= 1
+        inbox, routes = self._inbox, self._routes
+        for _ in range(_MOST_ANSWERS):
+            if not inbox:
+                return
             frame, source = inbox.popleft()
-            message_id = frame_id(frame)
-            ports: list[_Local | Client] = [*self._locals, *self._clients]
-            for port in self._table.destinations(frame_target(frame), source, ports):
-                if isinstance(port, Client):
-                    port.send(frame)
-                elif port.wanted is None or message_id in port.wanted:
-                    for message in self._reader.feed(frame):
-                        self._send(port, port.component.receive(message, self.now_s))
+            key = (source, frame_id(frame), frame_target(frame))
+            route = routes.get(key)
+            if route is None:
+                route = self._route(*key)
+                if len(routes) >= _MOST_ROUTES:
+                    routes.clear()
+                routes[key] = route
+            locals_, clients = route
+            for client in clients:
+                if client.radio is not None:
+                    client.radio.send("down", frame, frame_source(frame)[0], self.now_s)
+                else:
+                    client.send(frame)
+            if locals_:
+                for message in self._reader.feed(frame):
+                    for local in locals_:
+                        self._send(local, local.component.receive(message, self.now_s))
         inbox.clear()
 
+    def _route(self, source: _Port, message_id: int, target: tuple[int, int]) -> _Route:
+        """Who gets such a message: ours that care for it, and clients."""
+        ports: list[_Port] = [*self._locals, *self._clients]
+        found = [port for port in self._table.destinations(target, source, ports) if _meet(source, port)]
+        return (
+            tuple(
+                port
+                for port in found
+                if isinstance(port, _Local) and (port.wanted is None or message_id in port.wanted)
+            ),
+            tuple(port for port in found if isinstance(port, Client)),
+        )
+
     def _flush(self) -> None:
-        for client in self._clients:
-            client.flush()
-        if not all(client.alive for client in self._clients):
-            self._look_for_clients()
+        self._gate.flush()
+        self._meet_clients()
+
+
+def _meet(one: _Port, other: _Port) -> bool:
+    """Whether two ports share a wire: a client at a vehicle's own door meets that vehicle only."""
+    if isinstance(one, _Local) and isinstance(other, _Local):
+        return True
+    return one.system is None or other.system is None or one.system == other.system

@@ -6,7 +6,6 @@ jumps to the next deadline, so the same components and seeds give the same bytes
 
 from __future__ import annotations
 
-import heapq
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -15,10 +14,13 @@ from enum import Enum
 import numpy as np
 
 from mission.link.dialect import mavlink
-from mission.link.frames import FrameReader, FrameWriter
+from mission.link.frames import FrameReader, FrameWriter, starts_with_frame
 from sim_vehicle.component import NEVER, Component
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.routing import RoutingTable
+from sim_vehicle.fault_plan import FaultSession, FaultyLink
+from sim_vehicle.faults import Fault
+from sim_vehicle.routing import RoutingTable, frame_id, frame_source, frame_target
+from sim_vehicle.virtual_link import VirtualLink
 
 __all__ = ["Impairment", "Simulation", "StopReason"]
 
@@ -70,6 +72,17 @@ class Impairment:
                 msg = f"link impairment: {name} {getattr(self, name)} is no delay; give seconds from 0"
                 raise VehicleError(msg)
 
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """The same as faults of a link."""
+        values = {
+            "loss": self.loss,
+            "duplicate": self.duplication,
+            "delay": self.delay_s,
+            "jitter": self.jitter_s,
+        }
+        return tuple(Fault(kind, value) for kind, value in values.items() if value)
+
 
 class Simulation:
     """Runs components on one virtual clock.
@@ -83,7 +96,12 @@ class Simulation:
     impairment : Impairment, optional
         The radio between `remote` and the others; without it every frame arrives at once.
     remote : sequence of Component
-        The components on the far side of the radio.
+        The components on the far side of a radio, each with its own; so is every `open_link`.
+    faults : sequence of Fault or str
+        What goes wrong, see `sim_vehicle.faults`; the links are numbered as `remote` lists them, then as
+        they are opened.
+    seed : int or numpy.random.SeedSequence
+        Of the faults (the impairment has its own).
 
     Attributes
     ----------
@@ -110,11 +128,20 @@ class Simulation:
         tap: Callable[[bytes, float], None] | None = None,
         impairment: Impairment | None = None,
         remote: Sequence[Component] = (),
+        faults: Sequence[Fault | str] = (),
+        seed: int | np.random.SeedSequence = 0,
     ) -> None:
         self.now_s = 0.0
         self.frames = 0
         self.bytes_sent = 0
-        self._components = tuple(components)
+        if impairment is not None:
+            faults, seed = (*faults, *impairment.faults), impairment.seed
+        self._session = FaultSession(faults, seed)
+        far = [any(c is r for r in remote) for c in components]
+        near = iter(self._session.wrap([c for c, is_far in zip(components, far, strict=True) if not is_far]))
+        self._components = tuple(
+            c if is_far else next(near) for c, is_far in zip(components, far, strict=True)
+        )
         self._tap = tap
         self._writers = [FrameWriter(c.system_id, c.component_id) for c in components]
         self._reader = FrameReader()
@@ -128,13 +155,37 @@ class Simulation:
             self._table.heard(port, address)
         self._routes: dict[tuple[int, int, int], tuple[int, ...]] = {}
         self._inbox: deque[tuple[tuple[int, ...], bytes]] = deque()
-        self._impairment = impairment
-        self._remote = frozenset(i for i, c in enumerate(components) if any(c is r for r in remote))
-        seed = impairment.seed if impairment else 0
-        sequence = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
-        self._luck = [np.random.default_rng(s) for s in sequence.spawn(2)]
-        self._late: list[tuple[float, int, int, bytes]] = []
-        self._late_count = 0
+        self._links: list[VirtualLink] = []
+        self._radios: dict[int, FaultyLink] = {}
+        self._radio_count = 0
+        for port, component in enumerate(components):
+            if far[port]:
+                self._add_radio(port, f"{component.system_id}.{component.component_id}")
+
+    def open_link(self, name: str = "virtual") -> VirtualLink:
+        """Open a link for ground software that lives on the virtual clock.
+
+        Parameters
+        ----------
+        name : str
+            For messages, and for faults that name a link.
+
+        Returns
+        -------
+        VirtualLink
+            A `mission.link.Link` whose ``wait`` lets virtual time pass.
+        """
+        link = VirtualLink(name, self, len(self._components) + len(self._links))
+        self._links.append(link)
+        self._routes.clear()
+        self._add_radio(link.port, name)
+        return link
+
+    def _add_radio(self, port: int, name: str) -> None:
+        self._radio_count += 1
+        radio = self._session.link(name, self._radio_count)
+        if radio is not None:
+            self._radios[port] = radio
 
     def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
         """Let time pass until a condition holds or `limit_s` more seconds went by.
@@ -160,8 +211,8 @@ class Simulation:
                 return StopReason.FINISHED
             deadlines = [component.next_deadline() for component in self._components]
             next_s = min(deadlines, default=NEVER)
-            if self._late and self._late[0][0] < next_s:
-                next_s = self._late[0][0]
+            for radio in self._radios.values():
+                next_s = min(next_s, radio.next_arrival())
             if next_s == NEVER:
                 return StopReason.IDLE
             if next_s > end_s:
@@ -177,18 +228,29 @@ class Simulation:
 
     def _step(self, deadlines: Iterable[float]) -> None:
         now_s = self.now_s
-        while self._late and self._late[0][0] <= now_s:
-            _, _, port, frame = heapq.heappop(self._late)
-            self._inbox.append(((port,), frame))
+        for port, radio in self._radios.items():
+            self._arrive(port, radio)
         for port, deadline_s in enumerate(deadlines):
             if deadline_s <= now_s:
                 messages = self._components[port].poll(now_s)
                 if messages:
                     self._send(port, messages)
 
+    def _arrive(self, port: int, radio: FaultyLink) -> None:
+        """Take what comes out of a radio now; damaged frames end here, but links see them."""
+        for frame in radio.receive("up", self.now_s):
+            if starts_with_frame(frame) == len(frame):
+                self._forward(frame, self._ports(port, frame_id(frame), frame_target(frame)))
+        for frame in radio.receive("down", self.now_s):
+            if port >= len(self._components):
+                self._links[port - len(self._components)].deliver(frame)
+            elif starts_with_frame(frame) == len(frame):
+                self._inbox.append(((port,), frame))
+
     def _send(self, source: int, messages: Iterable[mavlink.MAVLink_message]) -> None:
         """Pack each message once and put its bytes on the way."""
         encode, tap, inbox, routes = self._writers[source].encode, self._tap, self._inbox, self._routes
+        plain = not self._links and not self._radios
         for message in messages:
             frame = encode(message)
             self.frames += 1
@@ -201,33 +263,60 @@ class Simulation:
             ports = routes.get(key)
             if ports is None:
                 ports = routes[key] = self._route(*key)
-            if ports:
-                if self._impairment is not None:
-                    ports = self._impair(source, ports, frame)
-                inbox.append((ports, frame))
+            if plain:
+                if ports:
+                    inbox.append((ports, frame))
+            elif source in self._radios:
+                self._radios[source].send("up", frame, target, self.now_s)
+            else:
+                self._forward(frame, ports)
+
+    def send_frame(self, source: int, frame: bytes) -> None:
+        """Put a whole frame of a virtual link on the way."""
+        self.frames += 1
+        self.bytes_sent += len(frame)
+        if self._tap is not None:
+            self._tap(frame, self.now_s)
+        if self._table.heard(source, frame_source(frame)):
+            self._routes.clear()
+        target = frame_target(frame)
+        if source in self._radios:
+            self._radios[source].send("up", frame, target[0], self.now_s)
+        else:
+            self._forward(frame, self._ports(source, frame_id(frame), target))
+
+    def _ports(self, source: int, message_id: int, target: tuple[int, int]) -> tuple[int, ...]:
+        key = (source, message_id, target[0] << 8 | target[1])
+        ports = self._routes.get(key)
+        if ports is None:
+            ports = self._routes[key] = self._route(*key)
+        return ports
 
     def _route(self, source: int, message_id: int, target: int) -> tuple[int, ...]:
         """Ports that get such a message and care for it."""
-        found = self._table.destinations((target >> 8, target & 255), source, range(len(self._components)))
-        return tuple(p for p in found if (wanted := self._wanted[p]) is None or message_id in wanted)
+        everyone = range(len(self._components) + len(self._links))
+        found = self._table.destinations((target >> 8, target & 255), source, everyone)
+        return tuple(p for p in found if self._cares(p, message_id))
 
-    def _impair(self, source: int, ports: tuple[int, ...], frame: bytes) -> tuple[int, ...]:
-        """Send the frame over the radio to the ports on its far side; return the ports on the near side."""
-        impairment = self._impairment
-        assert impairment is not None
-        near = tuple(p for p in ports if (p in self._remote) == (source in self._remote))
-        luck = self._luck[source in self._remote]
+    def _cares(self, port: int, message_id: int) -> bool:
+        if port >= len(self._components):
+            return True
+        wanted = self._wanted[port]
+        return wanted is None or message_id in wanted
+
+    def _forward(self, frame: bytes, ports: tuple[int, ...]) -> None:
+        """Put a frame on the way to ports of which some are links or behind radios."""
+        near: list[int] = []
+        system = frame_source(frame)[0]
         for port in ports:
-            if port in near:
-                continue
-            copies = 0 if luck.random() < impairment.loss else 1
-            if impairment.duplication and luck.random() < impairment.duplication:
-                copies *= 2
-            for _ in range(copies):
-                late_s = impairment.delay_s + impairment.jitter_s * luck.random()
-                self._late_count += 1
-                heapq.heappush(self._late, (self.now_s + late_s, self._late_count, port, frame))
-        return near
+            if port in self._radios:
+                self._radios[port].send("down", frame, system, self.now_s)
+            elif port >= len(self._components):
+                self._links[port - len(self._components)].deliver(frame)
+            else:
+                near.append(port)
+        if near:
+            self._inbox.append((tuple(near), frame))
 
     def _deliver(self) -> bool:
         """Hand over what has arrived, and the answers to it; False when the answers never end."""

@@ -46,8 +46,8 @@ class SerialLink:
                 address.host, address.port, timeout=0, write_timeout=0, exclusive=True
             )
         except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or str(error)
-            msg = f"{self.name}: the device cannot be opened ({' '.join(reason.split()).lower()}); check its name"
+            reason = " ".join((getattr(error, "strerror", None) or str(error)).split()).lower()
+            msg = f"{self.name}: the device cannot be opened ({reason}); check its name"
             raise LinkError(msg) from error
 
     def send(self, data: bytes) -> None:

@@ -50,7 +50,7 @@ def test_messages_cross_a_serial_line_both_ways(line):
 
 
 def test_a_device_that_goes_away_is_told(line):
-    near, device = line
+    _, device = line
     link = open_link(f"serial:{device}")
     link.close()
     with pytest.raises(LinkError, match="has gone"):

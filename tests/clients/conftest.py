@@ -185,7 +185,7 @@ def mavsdk_system():
 
 @pytest.fixture
 def connected(fly, mavsdk_system):
-    """A vehicle and MAVSDK on it, connected as to the autopilot's own simulator: UDP to us, or TCP from us."""
+    """A vehicle and MAVSDK on it, connected as the autopilot's own simulator is: UDP to us, TCP from us."""
 
     def connect(autopilot, **options):
         if autopilot == "ardupilot":

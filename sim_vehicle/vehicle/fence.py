@@ -1,0 +1,226 @@
+"""The geofence: where the vehicle may be, how far it is from the edge, and what it broke.
+
+Checking each moment of a flight is cheap because a vehicle that is 100 m from the edge cannot have crossed it
+before it has flown 100 m: until then nothing is computed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mission.model import Command, MissionItem
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from geo.frame import LocalFrame
+
+__all__ = ["Bounds", "Breach", "Fence", "FenceWatch"]
+
+_INCLUSIONS = frozenset(
+    {int(Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION), int(Command.NAV_FENCE_CIRCLE_INCLUSION)}
+)
+_POLYGONS = frozenset(
+    {int(Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION), int(Command.NAV_FENCE_POLYGON_VERTEX_EXCLUSION)}
+)
+_CIRCLES = frozenset({int(Command.NAV_FENCE_CIRCLE_INCLUSION), int(Command.NAV_FENCE_CIRCLE_EXCLUSION)})
+
+
+class Breach(IntEnum):
+    """What was broken, as FENCE_BREACH numbers it."""
+
+    NONE = 0
+    MIN_ALTITUDE = 1
+    MAX_ALTITUDE = 2
+    BOUNDARY = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Zone:
+    """A polygon or, with a radius, a circle; ``inclusion`` means stay inside."""
+
+    points_m: NDArray[np.float64]
+    radius_m: float
+    inclusion: bool
+
+    def depth_m(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how far inside the zone's edge each place is, negative outside."""
+        if self.radius_m > 0.0:
+            return np.asarray(self.radius_m - np.hypot(x - self.points_m[0, 0], y - self.points_m[0, 1]))
+        ax, ay = self.points_m[:, 0, None], self.points_m[:, 1, None]
+        dx, dy = np.roll(ax, -1, axis=0) - ax, np.roll(ay, -1, axis=0) - ay
+        px, py = x - ax, y - ay
+        squared = np.maximum(dx * dx + dy * dy, 1e-12)
+        part = np.clip((px * dx + py * dy) / squared, 0.0, 1.0)
+        away = np.sqrt(((px - part * dx) ** 2 + (py - part * dy) ** 2).min(axis=0))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crosses = ((py < 0.0) != (py - dy < 0.0)) & (px < np.where(dy != 0.0, dx * py / dy, 0.0))
+        inside = crosses.sum(axis=0) % 2 == 1
+        return np.where(inside, away, -away)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fence:
+    """The zones of a fence plan.
+
+    Parameters
+    ----------
+    zones : tuple
+        Polygons and circles.
+    return_point_m : tuple of 3 floats or None
+        East, north, height of the point to return to.
+    any_inclusion : bool
+        Being inside one of the inclusion zones is enough (PX4); otherwise inside all (ArduPilot).
+    """
+
+    zones: tuple[_Zone, ...] = ()
+    return_point_m: tuple[float, float, float] | None = None
+    any_inclusion: bool = True
+
+    @classmethod
+    def of(cls, items: Sequence[MissionItem], frame: LocalFrame, *, any_inclusion: bool = True) -> Fence:
+        """Make a fence from the items 5000 to 5004 of a plan; what is incomplete is left out.
+
+        Examples
+        --------
+        >>> from geo.frame import LocalFrame
+        >>> circle = MissionItem(5003, 0, 50.0, x=28.05, y=-82.15)
+        >>> fence = Fence.of([circle], LocalFrame(28.05, -82.15))
+        >>> fence.margin_m(30.0, 0.0), fence.margin_m(60.0, 0.0)
+        (20.0, -10.0)
+        """
+        zones: list[_Zone] = []
+        point: tuple[float, float, float] | None = None
+        vertices: list[tuple[float, float]] = []
+        for item in items:
+            if not item.has_place:
+                continue
+            x, y = frame.from_wgs84(item.x, item.y)
+            first = item.param1 or 0.0
+            if item.command == Command.NAV_FENCE_RETURN_POINT:
+                point = (x, y, item.z)
+            elif item.command in _CIRCLES and first > 0.0:
+                zones.append(_Zone(np.array([[x, y]]), first, item.command in _INCLUSIONS))
+            elif item.command in _POLYGONS:
+                vertices.append((x, y))
+                if len(vertices) == int(first) >= 3:
+                    zones.append(_Zone(np.array(vertices), 0.0, item.command in _INCLUSIONS))
+                if len(vertices) >= int(first):
+                    vertices = []
+        return cls(tuple(zones), point, any_inclusion)
+
+    def margins_m(self, x_m: ArrayLike, y_m: ArrayLike) -> NDArray[np.float64]:
+        """Return how far each place may move in any direction, negative where it is not allowed to be."""
+        x, y = np.atleast_1d(np.asarray(x_m, float)), np.atleast_1d(np.asarray(y_m, float))
+        margin = np.full(len(x), np.inf)
+        inside = [zone.depth_m(x, y) for zone in self.zones if zone.inclusion]
+        if inside:
+            margin = np.max(inside, axis=0) if self.any_inclusion else np.min(inside, axis=0)
+        for zone in self.zones:
+            if not zone.inclusion:
+                margin = np.minimum(margin, -zone.depth_m(x, y))
+        return np.asarray(margin)
+
+    def margin_m(self, x_m: float, y_m: float) -> float:
+        """As `margins_m` for one place."""
+        return float(self.margins_m(x_m, y_m)[0])
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """Limits that need no plan; 0 and infinity are none.
+
+    Parameters
+    ----------
+    floor_m, ceiling_m : float
+        Heights above home.
+    radius_m : float
+        Distance from home.
+    areas : bool
+        Whether the zones of the plan count.
+    """
+
+    floor_m: float = -math.inf
+    ceiling_m: float = math.inf
+    radius_m: float = math.inf
+    areas: bool = True
+
+
+@dataclass(slots=True)
+class FenceWatch:
+    """A fence and the vehicle in it.
+
+    Parameters
+    ----------
+    fence : Fence
+    bounds : Bounds
+
+    Attributes
+    ----------
+    breach : Breach
+        What is broken now.
+    reason : str
+        In words.
+    count : int
+        How often a fence was broken.
+    broken_s : float
+        When the last time was.
+    """
+
+    fence: Fence = field(default_factory=Fence)
+    bounds: Bounds = field(default_factory=Bounds)
+    breach: Breach = Breach.NONE
+    reason: str = ""
+    count: int = 0
+    broken_s: float = 0.0
+    _free_until_m: float = -math.inf
+
+    def change(self, fence: Fence | None = None, bounds: Bounds | None = None) -> None:
+        """Take another fence or other bounds."""
+        self.fence = fence if fence is not None else self.fence
+        self.bounds = bounds if bounds is not None else self.bounds
+        self._free_until_m = -math.inf
+
+    def judge(
+        self, place_m: tuple[float, float, float], home_m: tuple[float, float]
+    ) -> tuple[Breach, str, float]:
+        """Return what a place breaks, in words, and how far it may move until it does."""
+        x, y, z = place_m
+        bounds = self.bounds
+        away = math.hypot(x - home_m[0], y - home_m[1])
+        edge = self.fence.margin_m(x, y) if bounds.areas and self.fence.zones else math.inf
+        free = min(bounds.ceiling_m - z, z - bounds.floor_m, bounds.radius_m - away, edge)
+        if z > bounds.ceiling_m:
+            return Breach.MAX_ALTITUDE, f"{z:.1f} m high, {bounds.ceiling_m:g} m are allowed", free
+        if away > bounds.radius_m:
+            return Breach.BOUNDARY, f"{away:.0f} m from home, {bounds.radius_m:g} m are allowed", free
+        if edge < 0.0:
+            return Breach.BOUNDARY, f"{-edge:.1f} m outside the area", free
+        if z < bounds.floor_m:
+            return Breach.MIN_ALTITUDE, f"{z:.1f} m high, {bounds.floor_m:g} m are the least", free
+        return Breach.NONE, "", free
+
+    def check(
+        self,
+        place_m: tuple[float, float, float],
+        flown_m: float,
+        home_m: tuple[float, float],
+        now_s: float,
+    ) -> bool:
+        """Look at the vehicle after it has flown so far; True when it has just broken the fence."""
+        if flown_m < self._free_until_m:
+            return False
+        breach, reason, free = self.judge(place_m, home_m)
+        fresh = breach is not Breach.NONE and self.breach is Breach.NONE
+        self.breach, self.reason = breach, reason
+        self._free_until_m = flown_m + free if breach is Breach.NONE else -math.inf
+        if fresh:
+            self.count += 1
+            self.broken_s = now_s
+        return fresh

@@ -137,6 +137,11 @@ def load_scenario(path: str | Path) -> Scenario:
     ScenarioError
         If the file cannot be read, is not TOML, or has an unknown key or a wrong type.
     """
+    return scenario_from_table(read_table(path), Path(path))
+
+
+def read_table(path: str | Path) -> dict[str, Any]:
+    """Read a TOML file as it is; ScenarioError if it cannot be read or is not TOML."""
     path = Path(path)
     try:
         text = path.read_text(encoding="utf-8")
@@ -144,10 +149,16 @@ def load_scenario(path: str | Path) -> Scenario:
         msg = f"{path}: cannot be read as a scenario ({_reason(error)}); give a TOML file"
         raise ScenarioError(msg) from error
     try:
-        table = msgspec.toml.decode(text)
+        table: dict[str, Any] = msgspec.toml.decode(text)
     except msgspec.DecodeError as error:
         msg = f"{path}: not TOML ({error})"
         raise ScenarioError(msg) from error
+    return table
+
+
+def scenario_from_table(table: dict[str, Any], path: Path) -> Scenario:
+    """Make a scenario from the keys of a file; ``path`` is that file. Errors as of `load_scenario`."""
+    table = dict(table)
     known = {field.name for field in fields(Scenario)}
     unknown = sorted(set(table) - known)
     if unknown:

@@ -1,8 +1,8 @@
-"""The vehicle and its camera as components, for the simulator on sockets."""
+"""Vehicles and their cameras as components, for the simulator on sockets."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from geo import get_farm
@@ -11,6 +11,7 @@ from mission.model import GeoPoint
 from sensors.camera import LeafCamera
 from sim_vehicle.camera import LeafCameraComponent
 from sim_vehicle.component import Component
+from sim_vehicle.fleet import SPACING_M, Fleet
 from sim_vehicle.spec import get_vehicle
 from sim_vehicle.vehicle import SimVehicle, get_persona
 from sim_vehicle.warm_up import warm_up
@@ -21,30 +22,42 @@ from wbf_mission.scenario import Scenario, ScenarioError
 
 @dataclass(frozen=True, slots=True)
 class Simulated:
-    """A vehicle that is ready to be served.
+    """Vehicles that are ready to be served.
 
     Parameters
     ----------
-    vehicle : SimVehicle
-    camera : LeafCameraComponent or None
-    home : GeoPoint
-    autopilot : str
+    fleet : Fleet
+    cameras : tuple of LeafCameraComponent
+        One for each vehicle, or none.
     """
 
-    vehicle: SimVehicle
-    camera: LeafCameraComponent | None
-    home: GeoPoint
-    autopilot: str
+    fleet: Fleet
+    cameras: tuple[LeafCameraComponent, ...]
+
+    @property
+    def vehicles(self) -> tuple[SimVehicle, ...]:
+        """The vehicles, systems 1 to N."""
+        return self.fleet.vehicles
+
+    @property
+    def vehicle(self) -> SimVehicle:
+        """The first vehicle."""
+        return self.vehicles[0]
+
+    @property
+    def autopilot(self) -> str:
+        """Whom they play."""
+        return self.fleet.persona.name
 
     @property
     def components(self) -> list[Component]:
         """What a host has to run."""
-        return [self.vehicle] if self.camera is None else [self.vehicle, self.camera]
+        return [*self.vehicles, *self.cameras]
 
     @property
     def pictures(self) -> int:
         """How many pictures were taken."""
-        return 0 if self.camera is None else self.camera.image_count
+        return sum(camera.image_count for camera in self.cameras)
 
 
 def parse_home(text: str) -> tuple[GeoPoint, float]:
@@ -81,25 +94,31 @@ def parse_home(text: str) -> tuple[GeoPoint, float]:
 def make_components(
     scenario: Scenario,
     *,
+    count: int | None = None,
     autopilot: str = "px4",
-    home: tuple[GeoPoint, float] | None = None,
+    homes: Sequence[tuple[GeoPoint, float]] = (),
+    spacing_m: float = SPACING_M,
     wind: Wind | None = None,
     with_camera: bool = True,
     progress: Callable[[str, float, float], None] | None = None,
 ) -> Simulated:
-    """Make the vehicle and its camera.
+    """Make vehicles, each with its camera.
 
     Parameters
     ----------
     scenario : Scenario
         Farm, vehicle, seed, day and camera.
+    count : int, optional
+        How many; as many as there are homes, else one.
     autopilot : str
         The persona: px4 or ardupilot.
-    home : tuple of GeoPoint and float, optional
-        Where it starts and its heading; the farm's home without.
+    homes : sequence of GeoPoint and float
+        Where they start and their headings; none: around the farm's home.
+    spacing_m : float
+        Between vehicles that share a home.
     wind : Wind, optional
     with_camera : bool
-        Without the camera no environment is generated.
+        Without cameras no environment is generated.
 
     Raises
     ------
@@ -109,23 +128,26 @@ def make_components(
     farm = get_farm(scenario.farm)
     spec = get_vehicle(scenario.vehicle)
     persona = get_persona(autopilot)
-    if home is None:
+    if not homes:
         latitude, longitude = farm.frame.to_wgs84(*farm.home_m)
-        home = GeoPoint(latitude, longitude, farm.frame.altitude_m), 0.0
-    place, heading = home
+        homes = [(GeoPoint(latitude, longitude, farm.frame.altitude_m), 0.0)]
+    fleet = Fleet(
+        spec, homes, count, persona=persona, wind=wind, spacing_m=spacing_m, epoch_unix_s=EPOCH_UNIX_S
+    )
     if progress is not None:
         progress("preparing the vehicle", 0.0, 1.0)
     warm_up(spec)
-    vehicle = SimVehicle(spec, place, wind=wind, persona=persona, yaw_deg=heading, epoch_unix_s=EPOCH_UNIX_S)
-    camera = None
+    cameras: list[LeafCameraComponent] = []
     if with_camera:
         environment = make_environment(scenario, farm, progress)
-        optics = LeafCamera(
-            environment,
-            farm.grid().shape,
-            scenario.day,
-            camera_options(scenario),
-            stream(scenario.seed, "camera"),
-        )
-        camera = LeafCameraComponent(optics, farm)
-    return Simulated(vehicle, camera, place, persona.name)
+        for vehicle in fleet.vehicles:
+            names = ("camera",) if vehicle.system_id == 1 else ("camera", str(vehicle.system_id))
+            optics = LeafCamera(
+                environment,
+                farm.grid().shape,
+                scenario.day,
+                camera_options(scenario),
+                stream(scenario.seed, *names),
+            )
+            cameras.append(LeafCameraComponent(optics, farm, system_id=vehicle.system_id))
+    return Simulated(fleet, tuple(cameras))

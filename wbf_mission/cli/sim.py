@@ -3,40 +3,56 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output
 
+if TYPE_CHECKING:
+    from mission.link.tlog import TlogWriter
+    from wbf_mission.simulator import Simulated
+
 EXAMPLES = """
 [bold]Examples[/bold]
 
 wbf-mission sim --farm waterberry
 
-wbf-mission sim --autopilot ardupilot --speed 10
+wbf-mission sim --autopilot ardupilot --count 3 --speed 10
 
 wbf-mission sim --listen tcpin:127.0.0.1:5760 --listen udpout:127.0.0.1:14550 --tlog flight.tlog
+
+wbf-mission sim --fault loss=0.2 --fault gps-loss,at=airborne,from=20,for=10
 """
 _LINKS = "Links and time"
+_VEHICLE = "Vehicle and weather"
 
 
 def sim_command(
+    scenario_file: options.ScenarioFile = None,
     farm: options.Farm = None,
     vehicle: options.Vehicle = None,
     autopilot: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help="px4 or ardupilot: whose ports, modes and habits.", rich_help_panel="Vehicle and weather"
+            help="px4 or ardupilot: whose ports, modes and habits.  [default: px4]", rich_help_panel=_VEHICLE
         ),
-    ] = "px4",
+    ] = None,
+    count: Annotated[
+        int | None,
+        typer.Option(
+            help="How many vehicles, systems 1 to N, each at its own ports.  [default: one for each home]",
+            rich_help_panel=_VEHICLE,
+        ),
+    ] = None,
     listen: Annotated[
         list[str] | None,
         typer.Option(
-            help="Link for ground stations, may be repeated: udpin:, udpout: or tcpin:HOST:PORT."
-            "  [default: the autopilot's own simulator ports]",
+            help="Link for ground stations, with all vehicles behind it; may be repeated: udpin:, udpout: or"
+            " tcpin:HOST:PORT, serial:DEVICE:BAUD.  [default: the autopilot's own simulator ports]",
             rich_help_panel=_LINKS,
         ),
     ] = None,
@@ -48,8 +64,11 @@ def sim_command(
         ),
     ] = None,
     speed: Annotated[
-        float, typer.Option(help="Simulated seconds per second of wall time.", rich_help_panel=_LINKS)
-    ] = 1.0,
+        str | None,
+        typer.Option(
+            help="Simulated seconds per second of wall time, or max.  [default: 1]", rich_help_panel=_LINKS
+        ),
+    ] = None,
     duration: Annotated[
         float | None,
         typer.Option(
@@ -57,49 +76,81 @@ def sim_command(
         ),
     ] = None,
     home: Annotated[
-        str | None,
+        list[str] | None,
         typer.Option(
-            help="Start at LAT,LON[,ALT[,HEADING]]: degrees, metres above sea level, degrees."
-            "  [default: the farm's home]",
-            rich_help_panel="Vehicle and weather",
+            help="Start at LAT,LON[,ALT[,HEADING]]: degrees, metres above sea level, degrees; once for all or"
+            " once for each vehicle.  [default: the farm's home]",
+            rich_help_panel=_VEHICLE,
         ),
+    ] = None,
+    spacing: Annotated[
+        float | None,
+        typer.Option(help="Between vehicles that share a home, m.  [default: 4]", rich_help_panel=_VEHICLE),
     ] = None,
     wind: options.Wind = None,
     seed: options.Seed = None,
     day: options.Day = None,
     camera: Annotated[
-        bool,
+        bool | None,
         typer.Option("--camera/--no-camera", help="Carry the leaf camera.", rich_help_panel="Leaf camera"),
-    ] = True,
+    ] = None,
     camera_footprint: options.CameraFootprint = None,
     camera_noise: options.CameraNoise = None,
     false_positive_rate: options.FalsePositives = None,
     false_negative_rate: options.FalseNegatives = None,
     camera_fields: options.CameraFields = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="What goes wrong: KIND[=VALUE][,from=S][,for=S][,at=EVENT][,...], may be repeated; see"
+            " --list-faults.",
+            rich_help_panel="Faults",
+        ),
+    ] = None,
+    list_faults: Annotated[
+        bool, typer.Option("--list-faults", help="List the kinds of faults.", rich_help_panel="Faults")
+    ] = False,
     tlog: Annotated[
         Path | None, typer.Option(help="Log every frame there.", rich_help_panel="Output", show_default=False)
     ] = None,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> None:
-    """Run the simulated vehicle with its leaf camera on UDP or TCP, for ground stations and MAVLink programs.
+    """Run simulated vehicles with leaf cameras on UDP, TCP or serial lines, for ground stations and programs.
 
     It binds to loopback unless a link says otherwise. End it with Ctrl-C.
     """
-    from sim_vehicle.server import Server, default_urls
+    from sim_vehicle.faults import parse_fault
+    from sim_vehicle.server import Server
     from wbf_mission.planning import wind_of
-    from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
+    from wbf_mission.scenario import Scenario, scenario_with
+    from wbf_mission.sim_options import SimOptions, load_sim, parse_speed, sim_with
     from wbf_mission.simulator import make_components, parse_home
 
     output = Output(as_json=json, quiet=quiet)
-    if not (math.isfinite(speed) and 0.01 <= speed <= 1000.0):
-        msg = f"--speed {speed} is out of range: give 0.01 to 1000 simulated seconds per second"
-        raise ScenarioError(msg)
-    if duration is not None and not 0.0 < duration < 1e9:
-        msg = f"--duration {duration} is out of range: give a positive number of simulated seconds"
-        raise ScenarioError(msg)
+    if list_faults:
+        _list_faults(output)
+        return
+    base, given, planned = (
+        (Scenario(), SimOptions(), ()) if scenario_file is None else load_sim(scenario_file)
+    )
+    faults = [*planned, *(parse_fault(text) for text in fault or ())]
+    chosen = sim_with(
+        given,
+        {
+            "autopilot": autopilot,
+            "count": count,
+            "home": tuple(home or ()),
+            "spacing_m": spacing,
+            "listen": tuple(listen or ()),
+            "connect": tuple(connect or ()),
+            "speed": speed,
+            "duration_s": duration,
+            "camera": camera,
+        },
+    )
     scenario = scenario_with(
-        Scenario(),
+        base,
         {
             "farm": farm,
             "vehicle": vehicle,
@@ -113,50 +164,94 @@ def sim_command(
             **options.wind_values(wind),
         },
     )
-    place = None if home is None else parse_home(home)
+    homes = [parse_home(text) for text in chosen.home]
     with output.progress() as progress:
         simulated = make_components(
             scenario,
-            autopilot=autopilot,
-            home=place,
+            count=chosen.count,
+            autopilot=chosen.autopilot,
+            homes=homes,
+            spacing_m=chosen.spacing_m,
             wind=wind_of(scenario),
-            with_camera=camera,
+            with_camera=chosen.camera,
             progress=progress,
         )
-    urls = [*(listen or []), *(connect or [])] or list(default_urls(simulated.autopilot))
-    log = None
-    tap = None
-    if tlog is not None:
-        from mission.link.tlog import TlogWriter
-        from wbf_mission.flight import EPOCH_UNIX_S
-
-        log = TlogWriter(tlog)
-        write = log.write
-
-        def tap(frame: bytes, now_s: float) -> None:
-            write(frame, EPOCH_UNIX_S + now_s)
-
+    log, tap = _log(tlog)
     try:
-        with Server(simulated.components, urls, speed=speed, tap=tap) as server:
-            point = simulated.home
-            output.note(
-                f"{scenario.vehicle} as {simulated.autopilot} "
-                f"at {point.latitude_deg:.6f}, {point.longitude_deg:.6f} "
-                f"on {', '.join(server.urls)}; Ctrl-C ends it"
-            )
-            stopped = server.run(limit_s=math.inf if duration is None else duration)
+        with Server(
+            simulated.components,
+            [*chosen.listen, *chosen.connect] or simulated.fleet.urls,
+            speed=parse_speed(chosen.speed),
+            tap=tap,
+            faults=faults,
+            seed=scenario.seed,
+        ) as server:
+            output.note(_greeting(simulated, scenario.vehicle, server.urls))
+            for wrong in faults:
+                output.note(f"fault: {wrong}")
+            stopped = server.run(limit_s=math.inf if chosen.duration_s is None else chosen.duration_s)
             seconds = server.now_s
     finally:
         if log is not None:
             log.close()
-    state = simulated.vehicle.outcome.value
+    first = simulated.vehicle
     values = {
         "simulated_s": seconds,
         "stopped": stopped.value,
-        "outcome": state,
-        "outcome_text": simulated.vehicle.outcome_text,
+        "outcome": first.outcome.value,
+        "outcome_text": first.outcome_text,
+        "vehicles": [
+            {"system": v.system_id, "outcome": v.outcome.value, "outcome_text": v.outcome_text}
+            for v in simulated.vehicles
+        ],
         "pictures": simulated.pictures,
         "urls": list(server.urls),
         "tlog": str(tlog) if tlog else None,
     }
-    output.result(values, title="Simulator stopped")
+    rows = {key: str(value) for key, value in values.items() if key != "vehicles"}
+    for one in simulated.vehicles[1:]:
+        rows[f"vehicle {one.system_id}"] = f"{one.outcome.value} {one.outcome_text}".strip()
+    output.result(values, rows, title="Simulator stopped")
+
+
+def _log(path: Path | None) -> tuple[TlogWriter | None, Callable[[bytes, float], None] | None]:
+    """Open the log, and return it with what writes a frame into it."""
+    if path is None:
+        return None, None
+    from mission.link.tlog import TlogWriter
+    from wbf_mission.flight import EPOCH_UNIX_S
+
+    log = TlogWriter(path)
+    write = log.write
+
+    def tap(frame: bytes, now_s: float) -> None:
+        write(frame, EPOCH_UNIX_S + now_s)
+
+    return log, tap
+
+
+def _greeting(simulated: Simulated, vehicle: str, urls: tuple[str, ...]) -> str:
+    point = simulated.vehicle.home
+    number = len(simulated.vehicles)
+    who = (
+        f"{vehicle} as {simulated.autopilot}"
+        if number == 1
+        else f"{number} x {vehicle} as {simulated.autopilot}"
+    )
+    shown = urls if len(urls) <= 8 else (*urls[:7], f"{len(urls) - 7} more")
+    return (
+        f"{who} at {point.latitude_deg:.6f}, {point.longitude_deg:.6f} on {', '.join(shown)}; Ctrl-C ends it"
+    )
+
+
+def _list_faults(output: Output) -> None:
+    from sim_vehicle.faults import KINDS, TRIGGERS
+
+    rows = [
+        [name, kind.group, "" if kind.value == "none" else kind.value, kind.text]
+        for name, kind in KINDS.items()
+    ]
+    values = [dict(zip(("kind", "group", "value", "text"), row, strict=True)) for row in rows]
+    output.table(values, ["fault", "of", "value", "what it does"], rows, title="Faults")
+    output.note(f"when: from=SECONDS, for=SECONDS, at={'|'.join(TRIGGERS)}")
+    output.note("where: vehicle=SYSTEM, direction=up|down|both, link=NAME|NUMBER; how often: times=N")

@@ -93,9 +93,10 @@ class Flying:
         from wbf_mission.simulator import make_components
 
         scenario = scenario_with(Scenario(), {"farm": "miniberry-10"})
-        self.simulated = make_components(scenario, autopilot=autopilot, with_camera=camera)
-        self.autopilot, self.vehicle, self.home = autopilot, self.simulated.vehicle, self.simulated.home
-        self.server = Server(self.simulated.components, urls, speed=speed)
+        simulated = make_components(scenario, autopilot=autopilot, with_camera=camera)
+        self.autopilot, self.vehicle, self.home = autopilot, simulated.vehicle, simulated.vehicle.home
+        self.camera = next((c for c in simulated.components if c.component_id == 100), None)
+        self.server = Server(simulated.components, urls, speed=speed)
         self.urls = self.server.urls
         self._thread = threading.Thread(target=self.server.run, daemon=True)
         self._thread.start()

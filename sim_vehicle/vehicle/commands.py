@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["HANDLERS", "Answer", "Order", "execute", "order_of"]
 
+_ASKING = frozenset(range(521, 529))
 _INT_FRAMES = {5: 0, 6: 3, 11: 10}
 _STANDARD_MODES = {
     1: Mode.HOLD,
@@ -47,6 +48,8 @@ class Order:
         System and component of the sender.
     again : bool
         The sender repeats a command that it had no answer to.
+    long : bool
+        It came as COMMAND_LONG, with places in 32-bit floats.
     """
 
     command: int
@@ -54,6 +57,7 @@ class Order:
     frame: int
     source: tuple[int, int]
     again: bool
+    long: bool = False
 
     def number(self, index: int, default: int = 0) -> int:
         """Return a parameter (from 1) as an integer; the default when it is not finite."""
@@ -94,7 +98,7 @@ ACCEPTED = Answer()
 UNSUPPORTED = Answer(int(m.MAV_RESULT_UNSUPPORTED))
 DENIED = Answer(int(m.MAV_RESULT_DENIED))
 FAILED = Answer(int(m.MAV_RESULT_FAILED))
-REJECTED = Answer(int(m.MAV_RESULT_TEMPORARILY_REJECTED))
+INT_ONLY = Answer(int(m.MAV_RESULT_COMMAND_INT_ONLY))
 
 
 def order_of(message: Message) -> Order:
@@ -103,7 +107,7 @@ def order_of(message: Message) -> Order:
     first = (message.param1, message.param2, message.param3, message.param4)
     if type(message).id == m.MAVLINK_MSG_ID_COMMAND_LONG:
         params = (*first, message.param5, message.param6, message.param7)
-        return Order(message.command, params, 0, source, message.confirmation > 0)
+        return Order(message.command, params, 0, source, message.confirmation > 0, True)
     frame = _INT_FRAMES.get(message.frame, message.frame)
     scale = 1e-7 if frame in (0, 3, 10) else 1.0
     params = (*first, message.x * scale, message.y * scale, message.z)
@@ -113,12 +117,15 @@ def order_of(message: Message) -> Order:
 def execute(vehicle: SimVehicle, order: Order) -> tuple[Answer, str]:
     """Do a command; returns the answer and, when it was refused, the reason."""
     handler = HANDLERS.get(order.command)
-    if handler is None:
-        return UNSUPPORTED, ""
+    if handler is None or order.command in vehicle.persona.unsupported:
+        asks = order.command in _ASKING  # peers ask for what may not be there; that is no order
+        return UNSUPPORTED, "" if asks else f"Command {order.command} refused: not supported"
+    if order.long and order.command in vehicle.persona.int_only:
+        return INT_ONLY, f"Command {order.command} refused: send COMMAND_INT"
     try:
         return handler(vehicle, order), ""
     except RefusedError as refusal:
-        return (DENIED if refusal.denied else REJECTED), str(refusal)
+        return (DENIED if refusal.denied else Answer(vehicle.persona.refused_result)), str(refusal)
 
 
 def _arm(vehicle: SimVehicle, order: Order) -> Answer:
@@ -262,7 +269,10 @@ def _set_interval(vehicle: SimVehicle, order: Order) -> Answer:
 
 
 def _get_interval(vehicle: SimVehicle, order: Order) -> Answer:
-    message_id = order.number(1, -1)
+    return _interval_of(vehicle, order.number(1, -1))
+
+
+def _interval_of(vehicle: SimVehicle, message_id: int) -> Answer:
     if not 0 <= message_id <= 65535:
         msg = f"Interval of message {message_id} refused"
         raise RefusedError(msg, denied=True)
@@ -273,14 +283,21 @@ def _get_interval(vehicle: SimVehicle, order: Order) -> Answer:
 
 def _request_message(vehicle: SimVehicle, order: Order) -> Answer:
     message_id = order.number(1, -1)
+    if message_id == m.MAVLINK_MSG_ID_MESSAGE_INTERVAL:
+        return _interval_of(vehicle, order.number(2, -1))
     if message_id == m.MAVLINK_MSG_ID_AVAILABLE_MODES:
-        return Answer(messages=vehicle.available_modes(order.number(2)))
+        messages = vehicle.available_modes(order.number(2))
+        return Answer(messages=messages) if messages else DENIED
     messages = vehicle.built(message_id)
     return Answer(messages=messages) if messages else UNSUPPORTED
 
 
 def _capabilities(vehicle: SimVehicle, _order: Order) -> Answer:
     return Answer(messages=vehicle.built(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION))
+
+
+def _protocol_version(vehicle: SimVehicle, _order: Order) -> Answer:
+    return Answer(messages=vehicle.built(m.MAVLINK_MSG_ID_PROTOCOL_VERSION))
 
 
 def _camera(vehicle: SimVehicle, order: Order) -> Answer:
@@ -325,6 +342,7 @@ HANDLERS: dict[int, Handler] = {
     m.MAV_CMD_GET_MESSAGE_INTERVAL: _get_interval,
     m.MAV_CMD_REQUEST_MESSAGE: _request_message,
     m.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: _capabilities,
+    m.MAV_CMD_REQUEST_PROTOCOL_VERSION: _protocol_version,
     m.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: _reboot,
     m.MAV_CMD_PREFLIGHT_CALIBRATION: _calibrate,
     **dict.fromkeys(CAMERA_COMMANDS, _camera),

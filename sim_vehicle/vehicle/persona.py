@@ -6,7 +6,7 @@ Sources: PX4 ``px4_custom_mode.h`` and the common message set; ArduCopter ``mode
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
@@ -26,7 +26,7 @@ _COMMON_CAPABILITIES = (
     | m.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
     | m.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
 )
-_RATES_HZ = MappingProxyType(
+_PX4_RATES_HZ = MappingProxyType(
     {
         m.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
         m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
@@ -78,6 +78,17 @@ class Persona:
         REQUEST_DATA_STREAM changes rates (ArduPilot); otherwise it is ignored.
     reached_repeats : int
         How often MISSION_ITEM_REACHED is sent again, once a second, after it happened.
+    reached_merged : bool
+        Of items that end together (a place, the commands after it, and a return that follows) only the last
+        is reported.
+    current_lag_s : float
+        How long after an item was reached MISSION_CURRENT tells the next one.
+    refused_result : int
+        MAV_RESULT of a command that cannot be done now.
+    unsupported : frozenset of int
+        MAV_CMDs that the autopilot does not take, though the vehicle could.
+    int_only : frozenset of int
+        MAV_CMDs that are only taken as COMMAND_INT.
     rates_hz : mapping of int to float
         Message id to rate after the start.
     """
@@ -96,7 +107,12 @@ class Persona:
     after_takeoff: Mode
     data_streams: bool
     reached_repeats: int
-    rates_hz: Mapping[int, float] = field(default_factory=lambda: _RATES_HZ)
+    rates_hz: Mapping[int, float]
+    reached_merged: bool = False
+    current_lag_s: float = 0.1
+    refused_result: int = int(m.MAV_RESULT_TEMPORARILY_REJECTED)
+    unsupported: frozenset[int] = frozenset()
+    int_only: frozenset[int] = frozenset()
 
     def mode_of(self, custom_mode: int) -> Mode | None:
         """Return the mode with this custom number, None if the autopilot has none or it is not flown here."""
@@ -143,6 +159,9 @@ PX4 = Persona(
     after_takeoff=Mode.HOLD,
     data_streams=False,
     reached_repeats=10,
+    rates_hz=_PX4_RATES_HZ,
+    reached_merged=True,
+    unsupported=frozenset({int(m.MAV_CMD_DO_SET_MISSION_CURRENT)}),
 )
 
 ARDUPILOT = Persona(
@@ -172,6 +191,9 @@ ARDUPILOT = Persona(
     after_takeoff=Mode.GUIDED,
     data_streams=True,
     reached_repeats=0,
+    rates_hz=MappingProxyType({m.MAVLINK_MSG_ID_HEARTBEAT: 1.0}),
+    refused_result=int(m.MAV_RESULT_FAILED),
+    int_only=frozenset({int(m.MAV_CMD_DO_REPOSITION)}),
 )
 
 _PERSONAS = {persona.name: persona for persona in (PX4, ARDUPILOT)}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from mission.link.dialect import mavlink as m
 from mission.link.frames import Message
 from sim_vehicle.battery import BatteryState
-from sim_vehicle.flight import LandedState, Phase
+from sim_vehicle.flight import LandedState, Phase, VehicleState
 from sim_vehicle.vehicle.arming import health_problem
 from sim_vehicle.vehicle.modes import Mode
 
@@ -24,6 +24,9 @@ _PREARM = 1 << 28
 # gyro, accelerometer, magnetometer, barometer, GPS, motors, radio control, geofence, AHRS, battery, arming
 # checks; without the geofence bit MAVProxy reports a breach, without the last one MAVSDK says not armable.
 _SENSORS = 1 | 2 | 4 | 8 | _GPS | 1 << 15 | 1 << 16 | 1 << 20 | 1 << 21 | 1 << 25 | _PREARM
+# attitude, velocities, positions and height above ground; without a position only what the sensors give
+_ESTIMATES_OK = 1 | 2 | 4 | 8 | 16 | 32 | 256 | 512
+_ESTIMATES_BLIND = 1 | 4 | 32
 _HOME_Q = [1.0, 0.0, 0.0, 0.0]
 _NAN = math.nan
 _BASE_MODE = {
@@ -46,7 +49,7 @@ def base_mode(mode: Mode, armed: bool) -> int:
 
 def _heartbeat(vehicle: SimVehicle) -> Message:
     pilot, persona = vehicle.pilot, vehicle.persona
-    if pilot.failsafe:
+    if pilot.failsafe.active:
         status = m.MAV_STATE_EMERGENCY if pilot.state.phase is Phase.DEPLETED else m.MAV_STATE_CRITICAL
     else:
         status = m.MAV_STATE_ACTIVE if pilot.armed else m.MAV_STATE_STANDBY
@@ -220,8 +223,11 @@ def _mission_current(vehicle: SimVehicle) -> Message:
     size = pilot.mission_size
     in_mode = 1 if pilot.mode is Mode.MISSION else 2
     seq = vehicle.wire_seq(pilot.current_seq) if size else 0
+    state = pilot.mission_state
+    if state == m.MISSION_STATE_COMPLETE:
+        seq = 0
     return m.MAVLink_mission_current_message(
-        seq, size or (65535 if vehicle.persona.split_mode else 0), int(pilot.mission_state), in_mode
+        seq, size or (65535 if vehicle.persona.split_mode else 0), int(state), in_mode, *vehicle.plan_ids
     )
 
 
@@ -249,6 +255,75 @@ def _autopilot_version(vehicle: SimVehicle) -> Message:
         vehicle.system_id,
         [vehicle.system_id] + [0] * 17,
     )
+
+
+def _protocol_version(_vehicle: SimVehicle) -> Message:
+    return m.MAVLink_protocol_version_message(200, 100, 200, [0] * 8, [0] * 8)
+
+
+def _modes_monitor(_vehicle: SimVehicle) -> Message:
+    return m.MAVLink_available_modes_monitor_message(0)
+
+
+def _estimator_status(vehicle: SimVehicle) -> Message:
+    ok = vehicle.pilot.position_ok
+    return m.MAVLink_estimator_status_message(
+        vehicle.unix_us, _ESTIMATES_OK if ok else _ESTIMATES_BLIND, 0.1, 0.1, 0.1, 0.1, 0.0, 0.0, 0.5, 0.8
+    )
+
+
+def _rc_channels(vehicle: SimVehicle) -> Message:
+    return m.MAVLink_rc_channels_message(vehicle.boot_ms, 0, *[_UNUSED_CELL] * 18, 255)
+
+
+def _vibration(vehicle: SimVehicle) -> Message:
+    return m.MAVLink_vibration_message(vehicle.unix_us, 0.0, 0.0, 0.0, 0, 0, 0)
+
+
+def _scaled_pressure(vehicle: SimVehicle) -> Message:
+    pressure_hpa = _pressure_hpa(vehicle)
+    return m.MAVLink_scaled_pressure_message(vehicle.boot_ms, pressure_hpa, 0.0, 2500)
+
+
+def _pressure_hpa(vehicle: SimVehicle) -> float:
+    """Pressure of the ICAO standard atmosphere at the vehicle's height above the sea."""
+    height_m = min(11_000.0, vehicle.place[2] / 1000.0)
+    return float(1013.25 * (1.0 - 2.25577e-5 * height_m) ** 5.25588)
+
+
+def _highres_imu(vehicle: SimVehicle) -> Message:
+    """Tell what the sensors would read: specific force and magnetic field along forward, right, down."""
+    state = vehicle.pilot.state
+    east, north, up = state.acceleration_m_s2
+    force = _to_body(state, north, east, -(up + 9.80665))
+    field = _to_body(state, 0.25, 0.0, 0.41)
+    return m.MAVLink_highres_imu_message(
+        vehicle.unix_us,
+        *force,
+        0.0,
+        0.0,
+        state.yaw_rate_rad_s,
+        *field,
+        _pressure_hpa(vehicle),
+        0.0,
+        vehicle.place[2] / 1000.0,
+        25.0,
+        0x1FFF,
+    )
+
+
+def _to_body(state: VehicleState, north: float, east: float, down: float) -> tuple[float, float, float]:
+    """Turn a vector from north, east, down to forward, right, down by yaw, pitch and roll in this order."""
+    cy, sy = math.cos(state.yaw_rad), math.sin(state.yaw_rad)
+    cp, sp = math.cos(state.pitch_rad), math.sin(state.pitch_rad)
+    cr, sr = math.cos(state.roll_rad), math.sin(state.roll_rad)
+    x, y = cy * north + sy * east, cy * east - sy * north
+    x, z = cp * x - sp * down, sp * x + cp * down
+    return x, cr * y + sr * z, cr * z - sr * y
+
+
+def _gps_global_origin(vehicle: SimVehicle) -> Message:
+    return m.MAVLink_gps_global_origin_message(*vehicle.home_e7, vehicle.unix_us)
 
 
 def _current_mode(vehicle: SimVehicle) -> Message:
@@ -282,6 +357,14 @@ BUILDERS: dict[int, Callable[[SimVehicle], Message]] = {
     m.MAVLINK_MSG_ID_WIND_COV: _wind_cov,
     m.MAVLINK_MSG_ID_AUTOPILOT_VERSION: _autopilot_version,
     m.MAVLINK_MSG_ID_CURRENT_MODE: _current_mode,
+    m.MAVLINK_MSG_ID_AVAILABLE_MODES_MONITOR: _modes_monitor,
+    m.MAVLINK_MSG_ID_PROTOCOL_VERSION: _protocol_version,
+    m.MAVLINK_MSG_ID_ESTIMATOR_STATUS: _estimator_status,
+    m.MAVLINK_MSG_ID_RC_CHANNELS: _rc_channels,
+    m.MAVLINK_MSG_ID_VIBRATION: _vibration,
+    m.MAVLINK_MSG_ID_SCALED_PRESSURE: _scaled_pressure,
+    m.MAVLINK_MSG_ID_HIGHRES_IMU: _highres_imu,
+    m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: _gps_global_origin,
 }
 
 _POSITION = (m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, m.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
@@ -291,16 +374,22 @@ _STATUS = (
     m.MAVLINK_MSG_ID_GPS_RAW_INT,
     m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
 )
-_EXTRA_3 = (m.MAVLINK_MSG_ID_SYSTEM_TIME, m.MAVLINK_MSG_ID_BATTERY_STATUS)
+_EXTRA_3 = (m.MAVLINK_MSG_ID_SYSTEM_TIME, m.MAVLINK_MSG_ID_BATTERY_STATUS, m.MAVLINK_MSG_ID_VIBRATION)
+_SENSOR = (m.MAVLINK_MSG_ID_SCALED_PRESSURE,)
+_RADIO = (m.MAVLINK_MSG_ID_RC_CHANNELS,)
 STREAMS: dict[int, tuple[int, ...]] = {
     m.MAV_DATA_STREAM_ALL: (
         *_POSITION,
         *_STATUS,
+        *_SENSOR,
+        *_RADIO,
         m.MAVLINK_MSG_ID_ATTITUDE,
         m.MAVLINK_MSG_ID_VFR_HUD,
         *_EXTRA_3,
     ),
+    m.MAV_DATA_STREAM_RAW_SENSORS: _SENSOR,
     m.MAV_DATA_STREAM_EXTENDED_STATUS: _STATUS,
+    m.MAV_DATA_STREAM_RC_CHANNELS: _RADIO,
     m.MAV_DATA_STREAM_POSITION: _POSITION,
     m.MAV_DATA_STREAM_EXTRA1: (m.MAVLINK_MSG_ID_ATTITUDE,),
     m.MAV_DATA_STREAM_EXTRA2: (m.MAVLINK_MSG_ID_VFR_HUD,),

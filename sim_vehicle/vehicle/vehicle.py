@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 from geo.frame import LocalFrame
 from mission.link.dialect import mavlink as m
@@ -22,6 +23,8 @@ from mission.transfer.events import (
     TransferStarted,
 )
 from mission.transfer.server import MissionServer
+from mission.transfer.storage import UncheckedItem
+from sim_vehicle.component import NEVER
 from sim_vehicle.flight import CameraCommand, FlightEvent, ItemReached
 from sim_vehicle.itinerary import DO_COMMANDS, NAV_COMMANDS
 from sim_vehicle.spec import VehicleSpec
@@ -136,8 +139,12 @@ class SimVehicle:
         self._outbox: list[Message] = []
         self._texts = 0
         self._uploading = False
+        self._returning = -1
+        self._progress: tuple[object, ...] = ()
         self._camera = CameraOrders(system_id, self.say_warning)
         self._reached: tuple[int, int, float] | None = None
+        self._current_due_s = NEVER
+        self.plan_ids = (0, 0, 0)
         self._last_orders: dict[tuple[int, int], tuple[commands.Order, int]] = {}
         self._shown: tuple[object, ...] = ()
         self._parameters = ParameterSet(
@@ -202,6 +209,9 @@ class SimVehicle:
         if self._camera.next_deadline() <= now_s:
             self._outbox += self._camera.retry(now_s)
         self._repeat_reached(now_s)
+        if self._current_due_s <= now_s:
+            self._current_due_s = NEVER
+            self._outbox += self.built(m.MAVLINK_MSG_ID_MISSION_CURRENT)
         deadline_s = self._missions.next_deadline()
         if deadline_s is not None and deadline_s <= now_s:
             self._take(self._missions.poll(now_s))
@@ -219,6 +229,7 @@ class SimVehicle:
         deadline_s = min(deadline_s, self._camera.next_deadline())
         if self._reached is not None:
             deadline_s = min(deadline_s, self._reached[2])
+        deadline_s = min(deadline_s, self._current_due_s)
         transfer_s = self._missions.next_deadline()
         return deadline_s if transfer_s is None else min(deadline_s, transfer_s)
 
@@ -254,8 +265,27 @@ class SimVehicle:
             round(longitude * 1e7),
             round(1000.0 * (up + self.home.altitude_m)),
         )
-        for event in events:
+        for event in self._merged(events) if self.persona.reached_merged else events:
             self._tell(event, now_s)
+
+    def _merged(self, events: list[FlightEvent]) -> list[FlightEvent]:
+        """Keep of items that ended together the last; a return that follows counts as reached already."""
+        last = {event.time_s: event for event in events if isinstance(event, ItemReached)}
+        items = self._missions.plan(MissionType.MISSION).items
+        kept: list[FlightEvent] = []
+        for event in events:
+            if not isinstance(event, ItemReached):
+                kept.append(event)
+            elif event.seq == self._returning:
+                self._returning = -1
+            elif last[event.time_s] is event:
+                following = event.seq + 1
+                if following < len(items) and items[following].command == Command.NAV_RETURN_TO_LAUNCH:
+                    self._returning = following
+                    kept.append(replace(event, seq=following))
+                else:
+                    kept.append(event)
+        return kept
 
     def _tell(self, event: FlightEvent, now_s: float) -> None:
         if isinstance(event, ItemReached):
@@ -291,8 +321,15 @@ class SimVehicle:
             m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
             m.MAVLINK_MSG_ID_MISSION_CURRENT,
         )
+        self._missions.locked = pilot.armed and pilot.mode is Mode.MISSION
+        steps_on = self._progress[1:] == shown[2][1:]
+        self._progress = shown[2]
         for message_id, old, new in zip(kinds, before, shown, strict=True):
-            if old != new:
+            if old == new:
+                continue
+            if message_id == m.MAVLINK_MSG_ID_MISSION_CURRENT and steps_on:
+                self._current_due_s = self.now_us / 1e6 + self.persona.current_lag_s
+            else:
                 self._outbox.append(BUILDERS[message_id](self))
 
     def _say(self, severity: int, text: str) -> None:
@@ -409,10 +446,24 @@ class SimVehicle:
     def _on_transfer(self, event: Event) -> None:
         if isinstance(event, StatusText):
             self._say(event.severity, event.text)
-        elif event.mission_type is not MissionType.MISSION:
             return
-        elif isinstance(event, PlanReplaced) and event.changed:
+        if isinstance(event, PlanReplaced | PlanCleared):
+            mission, fence, rally = (self._missions.plan(kind).opaque_id for kind in MissionType)
+            self.plan_ids = (mission, fence, rally)
+        if event.mission_type is not MissionType.MISSION:
+            return
+        if isinstance(event, PlanReplaced) and event.changed:
+            bad = next((i for i, item in enumerate(event.items) if isinstance(item, UncheckedItem)), None)
+            if bad is not None:
+                self.pilot.load(())
+                self.pilot.reject_mission(f"item {bad}: its place or its numbers make no sense")
+                self.pilot.note(Severity.CRITICAL, f"Mission rejected: item {bad} makes no sense")
+                return
+            self._returning = -1
+            flying = self.pilot.armed and self.pilot.mode is Mode.MISSION
             self.pilot.load(event.items)
+            if flying and self.persona.profile.home_at_zero:
+                self.pilot.note(Severity.INFO, "Auto mission changed, restarted command")
             if event.start_sequence and not self.pilot.why_no_mission():
                 with contextlib.suppress(RefusedError):
                     self.pilot.set_current(event.start_sequence)

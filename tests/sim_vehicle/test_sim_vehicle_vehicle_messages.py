@@ -107,7 +107,7 @@ def test_all_modes_are_listed():
     assert [a.mode_index for a in modes] == list(range(1, modes[0].number_modes + 1))
     assert {a.custom_mode for a in modes} == set(PX4.modes.values())
     assert len(peer.order(512, 435, 2)) == 2
-    assert peer.order(512, 435, 99)[0].result == 0
+    assert peer.order(512, 435, 99)[0].result == 2
 
 
 def test_capabilities_and_home_by_the_old_commands():
@@ -242,10 +242,10 @@ def test_mission_start_pause_and_current_item():
     assert peer.upload(survey()) == 0
     assert peer.result(300, 1.0) == 0
     assert peer.vehicle.pilot.current_seq == 1
-    answers = peer.order(224, 0.0)
-    assert (answers[0].result, answers[-1].get_type(), answers[-1].seq) == (0, "MISSION_CURRENT", 0)
-    assert peer.result(224, 3.0) == 2
-    assert peer.result(224, -1.0, 1.0) == 0
+    answers = peer.tell(m.MAVLink_mission_set_current_message(1, 1, 0))
+    assert [(a.get_type(), a.seq) for a in answers] == [("MISSION_CURRENT", 0)]
+    assert peer.result(224, 1.0) == 3, "PX4 takes the message only"
+    assert "Command 224 refused: not supported" in peer.texts()
     peer.tell(m.MAVLink_mission_set_current_message(1, 1, 2))
     assert peer.vehicle.pilot.current_seq == 2
     peer.tell(m.MAVLink_mission_set_current_message(1, 1, 77))
@@ -262,6 +262,9 @@ def test_ardupilot_counts_home_as_item_zero():
     assert peer.vehicle.pilot.mission_size == 3
     assert peer.order(224, 2.0)[-1].seq == 2
     assert peer.vehicle.pilot.current_seq == 1
+    assert peer.result(224, -1.0, 1.0) == 0
+    assert peer.vehicle.pilot.current_seq == 0
+    assert peer.result(224, 4.0) == 2
 
 
 def test_clearing_the_mission():

@@ -18,11 +18,13 @@ from sim_vehicle.itinerary import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from geo.frame import LocalFrame
     from mission.model import MissionItem
+    from sim_vehicle.paths import Place
     from sim_vehicle.spec import VehicleSpec
+
 # Plain numbers: the checks run over thousands of items in every prediction.
 _WAYPOINT = int(Command.NAV_WAYPOINT)
 _PLACED = PLACE_COMMANDS | {int(Command.NAV_TAKEOFF), int(Command.NAV_LAND)}
@@ -31,7 +33,12 @@ _TIMED = frozenset({16, 19, 82, 93, 112})
 
 
 def check_mission(
-    items: Sequence[MissionItem], frame: LocalFrame, spec: VehicleSpec, *, needs_takeoff: bool = True
+    items: Sequence[MissionItem],
+    frame: LocalFrame,
+    spec: VehicleSpec,
+    *,
+    needs_takeoff: bool = True,
+    outside: Callable[[Place], str | None] | None = None,
 ) -> list[str]:
     """List what the vehicle could not fly, each with its item; empty when all is well.
 
@@ -47,6 +54,9 @@ def check_mission(
     spec : VehicleSpec
     needs_takeoff : bool
         Whether the vehicle does not take off by itself on the way to the first place.
+    outside : callable, optional
+        Tells why a fence does not allow a place (east, north, up), None when it does. Only the places are
+        looked at, not the ways between them, as autopilots do.
 
     Examples
     --------
@@ -57,7 +67,14 @@ def check_mission(
     >>> check_mission(items, LocalFrame(28.05, -82.15), get_vehicle("quad"))
     ['item 0 (NAV_WAYPOINT): no take-off before it']
     """
-    return mission_problems(items, item_places(items, frame), spec, needs_takeoff=needs_takeoff)
+    places = item_places(items, frame)
+    problems = mission_problems(items, places, spec, needs_takeoff=needs_takeoff)
+    if outside is not None and not problems:
+        for seq, (item, place) in enumerate(zip(items, places, strict=True)):
+            reason = outside(place) if item.command in _PLACED and not math.isnan(place[0]) else None
+            if reason is not None:
+                problems.append(f"item {seq} ({_name(item.command)}): outside the fence, {reason}")
+    return problems
 
 
 def mission_problems(

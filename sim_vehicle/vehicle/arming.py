@@ -20,6 +20,14 @@ def _position(pilot: Pilot) -> str | None:
     return None if pilot.position_ok else "no position"
 
 
+def _motors(pilot: Pilot) -> str | None:
+    return None if pilot.motor_ok else "motor failure"
+
+
+def _safety(pilot: Pilot) -> str | None:
+    return pilot.failsafe.why_not_arm()
+
+
 def _blocked(pilot: Pilot) -> str | None:
     return pilot.arming_block
 
@@ -41,7 +49,7 @@ def _mission(pilot: Pilot) -> str | None:
     return pilot.why_no_mission() if pilot.mode is Mode.MISSION else None
 
 
-_HEALTH: tuple[Callable[[Pilot], str | None], ...] = (_position, _blocked, _battery)
+_HEALTH: tuple[Callable[[Pilot], str | None], ...] = (_position, _motors, _blocked, _battery, _safety)
 _CHECKS = (*_HEALTH, _mode, _mission)
 
 

@@ -36,7 +36,6 @@ class Breach(IntEnum):
     """What was broken, as FENCE_BREACH numbers it."""
 
     NONE = 0
-    MIN_ALTITUDE = 1
     MAX_ALTITUDE = 2
     BOUNDARY = 3
 
@@ -52,7 +51,8 @@ class _Zone:
     def depth_m(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how far inside the zone's edge each place is, negative outside."""
         if self.radius_m > 0.0:
-            return np.asarray(self.radius_m - np.hypot(x - self.points_m[0, 0], y - self.points_m[0, 1]))
+            away: NDArray[np.float64] = np.hypot(x - self.points_m[0, 0], y - self.points_m[0, 1])
+            return self.radius_m - away
         ax, ay = self.points_m[:, 0, None], self.points_m[:, 1, None]
         dx, dy = np.roll(ax, -1, axis=0) - ax, np.roll(ay, -1, axis=0) - ay
         px, py = x - ax, y - ay
@@ -138,15 +138,14 @@ class Bounds:
 
     Parameters
     ----------
-    floor_m, ceiling_m : float
-        Heights above home.
+    ceiling_m : float
+        Height above home.
     radius_m : float
         Distance from home.
     areas : bool
         Whether the zones of the plan count.
     """
 
-    floor_m: float = -math.inf
     ceiling_m: float = math.inf
     radius_m: float = math.inf
     areas: bool = True
@@ -195,15 +194,13 @@ class FenceWatch:
         bounds = self.bounds
         away = math.hypot(x - home_m[0], y - home_m[1])
         edge = self.fence.margin_m(x, y) if bounds.areas and self.fence.zones else math.inf
-        free = min(bounds.ceiling_m - z, z - bounds.floor_m, bounds.radius_m - away, edge)
+        free = min(bounds.ceiling_m - z, bounds.radius_m - away, edge)
         if z > bounds.ceiling_m:
             return Breach.MAX_ALTITUDE, f"{z:.1f} m high, {bounds.ceiling_m:g} m are allowed", free
         if away > bounds.radius_m:
             return Breach.BOUNDARY, f"{away:.0f} m from home, {bounds.radius_m:g} m are allowed", free
         if edge < 0.0:
             return Breach.BOUNDARY, f"{-edge:.1f} m outside the area", free
-        if z < bounds.floor_m:
-            return Breach.MIN_ALTITUDE, f"{z:.1f} m high, {bounds.floor_m:g} m are the least", free
         return Breach.NONE, "", free
 
     def check(

@@ -31,8 +31,20 @@ class Tuning:
         Time from touch-down to disarming.
     low_fraction, critical_fraction : float
         Battery levels of the two failsafes.
-    low_battery_action : int
-        0 warns only, 1 returns at low and lands at critical.
+    low_battery_action, critical_battery_action : int
+        The autopilot's own values (`sim_vehicle.vehicle.rules`); the second is used by ArduPilot only.
+    emergency_fraction : float
+        Level of the last battery failsafe.
+    fence_enable, fence_action, fence_type : int
+        The autopilot's own values; ``fence_type`` as FENCE_TYPE: 1 ceiling, 2 radius, 4 areas.
+    fence_ceiling_m, fence_radius_m : float
+        Height above and distance from home; 0 is no limit.
+    link_action : int
+        The autopilot's own value; 0 is none.
+    link_timeout_s : float
+        Silence of the ground station after which it is lost.
+    setpoint_timeout_s : float
+        Age at which setpoints hold no more.
     """
 
     cruise_speed_m_s: float
@@ -44,6 +56,16 @@ class Tuning:
     low_fraction: float
     critical_fraction: float
     low_battery_action: int = 1
+    critical_battery_action: int = 1
+    emergency_fraction: float = 0.05
+    fence_enable: int = 1
+    fence_action: int = 2
+    fence_type: int = 7
+    fence_ceiling_m: float = 0.0
+    fence_radius_m: float = 0.0
+    link_action: int = 0
+    link_timeout_s: float = 10.0
+    setpoint_timeout_s: float = 1.0
 
     @classmethod
     def of(cls, spec: VehicleSpec) -> Tuning:

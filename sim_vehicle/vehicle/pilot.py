@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from enum import IntEnum
+from dataclasses import replace
 
 from geo.frame import LocalFrame
-from mission.model import MissionItem
+from mission.model import Command, MissionItem
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.executor import MissionExecutor, check_mission
 from sim_vehicle.flight import (
@@ -22,55 +21,19 @@ from sim_vehicle.flight import (
     TargetReached,
     VehicleState,
 )
+from sim_vehicle.itinerary import item_places
 from sim_vehicle.spec import VehicleSpec
 from sim_vehicle.vehicle.arming import why_not_arm
+from sim_vehicle.vehicle.failsafe import Failsafe
+from sim_vehicle.vehicle.fence import Fence
 from sim_vehicle.vehicle.modes import Mode, Outcome
+from sim_vehicle.vehicle.notices import MissionState, Notice, RefusedError, Severity
 from sim_vehicle.vehicle.parameters import Tuning
+from sim_vehicle.vehicle.rules import PX4_RULES, Rules
+from sim_vehicle.vehicle.setpoints import Steering
 from sim_vehicle.wind import Wind
 
 __all__ = ["MissionState", "Notice", "Pilot", "RefusedError", "Severity"]
-
-
-class Severity(IntEnum):
-    """As MAV_SEVERITY numbers them."""
-
-    CRITICAL = 2
-    WARNING = 4
-    INFO = 6
-
-
-class MissionState(IntEnum):
-    """As MISSION_STATE numbers them."""
-
-    NO_MISSION = 1
-    NOT_STARTED = 2
-    ACTIVE = 3
-    PAUSED = 4
-    COMPLETE = 5
-
-
-@dataclass(frozen=True, slots=True)
-class Notice:
-    """Something that the operator is told."""
-
-    severity: Severity
-    text: str
-
-
-class RefusedError(VehicleError):
-    """An order that the vehicle does not take.
-
-    Parameters
-    ----------
-    reason : str
-        For the operator.
-    denied : bool
-        The order can never be taken as it is; False when it may be taken later.
-    """
-
-    def __init__(self, reason: str, *, denied: bool = False) -> None:
-        super().__init__(reason)
-        self.denied = denied
 
 
 class Pilot:
@@ -90,16 +53,30 @@ class Pilot:
         Whether a mission needs no take-off item.
     after_takeoff : Mode
         The mode that follows an ordered take-off.
+    rules : Rules
+        What the autopilot does when something goes wrong.
+    epoch_unix_s : float, optional
+        Time of day at time 0.
 
     Attributes
     ----------
     mode : Mode
+    now_s : float
+        Time of the last `advance`.
+    executor : MissionExecutor
+        What flies.
+    failsafe : Failsafe
+        The safety functions.
+    steering : Steering
+        Setpoints.
     state : VehicleState
         At the time of the last `advance`.
     outcome, outcome_text
         How the run ended and why.
     position_ok : bool
-        Whether there is a position (GPS).
+        Whether there is a position (GPS); assign it.
+    motor_ok : bool
+        Whether all motors run; see `fail_motor`.
     arming_block : str or None
         A reason from outside not to arm.
     """
@@ -114,6 +91,8 @@ class Pilot:
         mode: Mode = Mode.HOLD,
         takes_off: bool = False,
         after_takeoff: Mode = Mode.HOLD,
+        rules: Rules = PX4_RULES,
+        epoch_unix_s: float | None = None,
     ) -> None:
         self.spec = spec
         self.frame = frame
@@ -122,22 +101,27 @@ class Pilot:
         self.outcome = Outcome.RUNNING
         self.outcome_text = ""
         self.position_ok = True
+        self.motor_ok = True
         self.arming_block: str | None = None
-        self._executor = MissionExecutor(spec, frame, wind=wind, yaw_rad=yaw_rad)
-        self._executor.takes_off = takes_off
+        self.now_s = 0.0
+        self.executor = MissionExecutor(spec, frame, wind=wind, yaw_rad=yaw_rad)
+        self.executor.takes_off = takes_off
+        if epoch_unix_s is not None:
+            self.executor.epoch_unix_s = epoch_unix_s
         self._after_takeoff = after_takeoff
-        self.state: VehicleState = self._executor.state()
+        self.state: VehicleState = self.executor.state()
+        self.failsafe = Failsafe(self, rules)
+        self.steering = Steering(self)
         self._notices: list[Notice] = []
         self._problems: tuple[str, ...] = ()
         self._started = False
         self._complete = False
-        self._failsafe = 0
         self._takeoff_altitude_m: float | None = None
 
     @property
     def armed(self) -> bool:
         """Whether the motors run."""
-        return self._executor.armed
+        return self.executor.armed
 
     @property
     def landed(self) -> LandedState:
@@ -145,24 +129,24 @@ class Pilot:
         return self.state.landed
 
     @property
-    def failsafe(self) -> bool:
-        """Whether a failsafe has taken over."""
-        return self._failsafe > 0
+    def home_m(self) -> tuple[float, float]:
+        """Where home is, east and north of the start."""
+        return self.executor.home_m
 
     @property
     def mission_size(self) -> int:
         """Items of the mission."""
-        return len(self._executor.items)
+        return len(self.executor.items)
 
     @property
     def current_seq(self) -> int:
         """The mission item that is flown now or next."""
-        return max(0, self._executor.current_seq)
+        return max(0, self.executor.current_seq)
 
     @property
     def mission_state(self) -> MissionState:
         """Progress of the mission."""
-        if not self._executor.items or self._problems:
+        if not self.executor.items or self._problems:
             return MissionState.NO_MISSION
         if self._complete:
             return MissionState.COMPLETE
@@ -182,32 +166,75 @@ class Pilot:
 
     def why_no_mission(self) -> str | None:
         """Return why the mission cannot be flown, None when it can."""
-        if not self._executor.items:
+        if not self.executor.items:
             return "no mission"
         return self._problems[0] if self._problems else None
 
     def load(self, items: Sequence[MissionItem]) -> None:
-        """Replace the mission; one that cannot be flown is kept, but not flown."""
-        self._problems = ()
-        if items:
-            needs_takeoff = not self._executor.takes_off
-            problems = check_mission(items, self.frame, self.spec, needs_takeoff=needs_takeoff)
-            self._problems = tuple(problems)
+        """Replace the mission; one that cannot be flown is kept, but not flown.
+
+        In flight, ArduPilot goes on with the item of the same number, PX4 begins anew.
+        """
+        self._judge(items)
         flying = self.mode is Mode.MISSION and self.armed
-        self._executor.load(items)
+        airborne = self.armed and self.landed is not LandedState.ON_GROUND
+        keeps = self.failsafe.rules.keeps_item and airborne and 0 < self.current_seq < len(items)
+        self.executor.load(items, current=self.current_seq if keeps else 0)
         self._started = self._complete = False
         if self._problems:
-            self._end(Outcome.MISSION_REJECTED, self._problems[0])
+            self.end(Outcome.MISSION_REJECTED, self._problems[0])
             self.note(Severity.CRITICAL, f"Mission rejected: {self._problems[0]}")
         elif self.outcome in (Outcome.MISSION_REJECTED, Outcome.COMPLETED, Outcome.INTERRUPTED):
-            self._end(Outcome.RUNNING, "")
+            self.end(Outcome.RUNNING, "")
         if flying:
-            self._turn_to(Mode.MISSION if items and not self._problems else Mode.HOLD)
+            self.turn_to(Mode.MISSION if items and not self._problems else Mode.HOLD)
+
+    def set_fence(self, items: Sequence[MissionItem]) -> None:
+        """Replace the fence; a mission that is not flown now is judged again."""
+        any_inclusion = self.failsafe.rules.any_inclusion
+        self.failsafe.set_fence(Fence.of(items, self.frame, any_inclusion=any_inclusion))
+        self._judge_again()
+
+    def set_rally(self, items: Sequence[MissionItem]) -> None:
+        """Replace the rally points, which are returned to when they are nearer than home."""
+        places = item_places([item for item in items if item.command == Command.NAV_RALLY_POINT], self.frame)
+        self.executor.rally_m = tuple(place for place in places if not math.isnan(place[0]))
+
+    def set_home(self, latitude_deg: float, longitude_deg: float) -> None:
+        """Move home; its altitude stays that of the ground. RefusedError too far from the start."""
+        x_m, y_m = self.frame.from_wgs84(latitude_deg, longitude_deg)
+        if not math.hypot(x_m, y_m) <= self.spec.max_distance_m:
+            msg = f"Home refused: more than {self.spec.max_distance_m:.0f} m from the start"
+            raise RefusedError(msg, denied=True)
+        self.executor.home_m = (x_m, y_m)
+        self.failsafe.retune()
+
+    def _judge(self, items: Sequence[MissionItem]) -> None:
+        """Find what in a mission cannot be flown."""
+        self._problems = ()
+        if items:
+            problems = check_mission(
+                items,
+                self.frame,
+                self.spec,
+                needs_takeoff=not self.executor.takes_off,
+                outside=self.failsafe.outside if self.failsafe.fence_enabled else None,
+            )
+            self._problems = tuple(problems)
+
+    def _judge_again(self) -> None:
+        items = self.executor.items
+        if not items or (self.armed and self.mode is Mode.MISSION):
+            return
+        before = self._problems
+        self._judge(items)
+        if self._problems and self._problems != before:
+            self.note(Severity.CRITICAL, f"Mission rejected: {self._problems[0]}")
 
     def reject_mission(self, reason: str) -> None:
         """Note that a mission was refused in its transfer; the old one stays in force."""
         if not self.armed:
-            self._end(Outcome.MISSION_REJECTED, reason)
+            self.end(Outcome.MISSION_REJECTED, reason)
 
     def arm(self, *, force: bool = False) -> None:
         """Start the motors; in mission or take-off mode the flight begins.
@@ -222,20 +249,22 @@ class Pilot:
         reason = None if force else why_not_arm(self)
         if reason is None:
             try:
-                self._executor.arm()
+                self.executor.arm()
             except VehicleError as error:
                 reason = str(error)
         if reason is not None:
             if not self._started:
-                self._end(Outcome.ARMING_REFUSED, reason)
-            raise RefusedError(f"Arming denied: {reason}")
-        self._failsafe = 0
-        self._end(Outcome.RUNNING, "")
+                self.end(Outcome.ARMING_REFUSED, reason)
+            rules = self.failsafe.rules
+            self.note(Severity.CRITICAL, f"{rules.preflight}: {reason}")
+            raise RefusedError(f"{rules.arming}: {reason}")
+        self.failsafe.armed()
+        self.end(Outcome.RUNNING, "")
         self.note(Severity.INFO, "Armed")
         if self.mode is Mode.MISSION and self.why_no_mission() is not None:
             self.mode = Mode.HOLD
         elif self.mode in (Mode.MISSION, Mode.TAKEOFF):
-            self._turn_to(self.mode)
+            self.turn_to(self.mode)
 
     def disarm(self, *, force: bool = False) -> None:
         """Stop the motors; in the air only by force.
@@ -248,11 +277,11 @@ class Pilot:
         if not self.armed:
             return
         try:
-            self._executor.disarm(force=force)
+            self.executor.disarm(force=force)
         except VehicleError:
             msg = "Disarming denied: not landed"
             raise RefusedError(msg) from None
-        self.state = self._executor.state()
+        self.state = self.executor.state()
         self._disarmed()
 
     def set_mode(self, mode: Mode) -> None:
@@ -269,8 +298,12 @@ class Pilot:
                 raise RefusedError(f"Mission mode refused: {reason}")
         if mode is not Mode.MANUAL and not self.position_ok:
             raise RefusedError(f"Mode {mode.value} refused: no position")
-        if self.state.phase is Phase.DEPLETED:
-            raise RefusedError(f"Mode {mode.value} refused: battery empty")
+        if self.state.phase.is_lost:
+            why = "battery empty" if self.state.phase is Phase.DEPLETED else "falling"
+            raise RefusedError(f"Mode {mode.value} refused: {why}")
+        if mode is Mode.GUIDED and self.failsafe.rules.needs_stream and not self.steering.is_fresh:
+            msg = "Mode guided refused: no setpoints"
+            raise RefusedError(msg)
         self._order(mode)
 
     def takeoff(self, altitude_m: float) -> None:
@@ -299,16 +332,92 @@ class Pilot:
         if not distance_m <= self.spec.max_distance_m or not 0.0 < altitude_m <= self.spec.max_altitude_m:
             msg = f"Reposition refused: {distance_m:.0f} m from home, {altitude_m:.0f} m high"
             raise RefusedError(msg, denied=True)
+        outside = self.failsafe.outside((x_m, y_m, altitude_m))
+        if outside is not None:
+            raise RefusedError(f"Reposition refused by the fence: {outside}", denied=True)
+        self._take_over(mode)
+        self._command(lambda: self.executor.goto(x_m, y_m, altitude_m, yaw_rad=yaw_rad, speed_m_s=speed_m_s))
+
+    def orbit(
+        self,
+        latitude_deg: float,
+        longitude_deg: float,
+        altitude_m: float,
+        *,
+        radius_m: float,
+        speed_m_s: float,
+        mode: Mode,
+    ) -> None:
+        """Fly circles about a place at an altitude above home."""
+        x_m, y_m = self.frame.from_wgs84(latitude_deg, longitude_deg)
+        self._take_over(mode)
+        self._command(lambda: self.executor.orbit(x_m, y_m, altitude_m, radius_m, speed_m_s))
+
+    def turn(self, yaw_rad: float) -> None:
+        """Turn on the place; RefusedError while something else is flown."""
+        if self.state.phase is not Phase.HOLD:
+            msg = "Yaw refused: the vehicle is not holding"
+            raise RefusedError(msg)
+        x_m, y_m, z_m = self.executor.motion.stopping_point()
+        self._command(lambda: self.executor.goto(x_m, y_m, z_m, yaw_rad=yaw_rad))
+
+    def look_at(self, latitude_deg: float | None, longitude_deg: float = 0.0) -> None:
+        """Point the nose at a place whatever is flown, None for no more."""
+        place = None if latitude_deg is None else self.frame.from_wgs84(latitude_deg, longitude_deg)
+        self.executor.look_at(place)
+
+    def place_of(
+        self, latitude_deg: float, longitude_deg: float, altitude_m: float, *, relative: bool
+    ) -> tuple[float, float, float]:
+        """Return east, north, up about the start of a place."""
+        x_m, y_m = self.frame.from_wgs84(latitude_deg, longitude_deg)
+        return x_m, y_m, altitude_m - (0.0 if relative else self.frame.altitude_m)
+
+    def _take_over(self, mode: Mode) -> None:
+        """Hold, in the mode that a single order is flown in."""
+        if not self.armed or self.landed is LandedState.ON_GROUND:
+            msg = "Reposition refused: not flying"
+            raise RefusedError(msg)
         self.set_mode(Mode.HOLD)
         self.mode = mode
-        self._command(lambda: self._executor.goto(x_m, y_m, altitude_m, yaw_rad=yaw_rad, speed_m_s=speed_m_s))
+        self.steering.forget()
+
+    def fail_motor(self, failed: bool = True) -> None:
+        """Stop a motor for good, or repair it: without it a vehicle in the air falls, and cannot arm."""
+        self.motor_ok = not failed
+        if failed and self.armed:
+            self.terminate("motor failure")
+
+    def drain_battery(self, fraction: float) -> None:
+        """Leave no more than this fraction of its capacity in the battery."""
+        self.executor.drain_battery(fraction)
+        self.state = self.executor.state()
+
+    def terminate(self, reason: str) -> None:
+        """Lose the thrust at once: the vehicle falls."""
+        self.note(Severity.CRITICAL, f"Flight terminated: {reason}")
+        self.failsafe.gave_out()
+        if self.landed is not LandedState.ON_GROUND:
+            self.end(Outcome.CRASHED, reason)
+        self.executor.fall()
+        self.state = self.executor.state()
+
+    def return_to(self, place_m: tuple[float, float, float]) -> None:
+        """Fly to a place (east, north, least height) by the vehicle's own decision and hold there."""
+        self.mode = Mode.HOLD
+        self.steering.forget()
+        self._command(lambda: self.executor.return_home(place_m))
+
+    def heard_ground(self, now_s: float) -> None:
+        """Note a heartbeat of a ground station, of which the link-loss failsafe counts the silence."""
+        self.failsafe.heard(now_s)
 
     def set_current(self, seq: int) -> None:
         """Go on with this mission item; Refused when there is none."""
         if not 0 <= seq < self.mission_size:
             raise RefusedError(f"Mission item {seq} refused: there are {self.mission_size}", denied=True)
         self._complete = False
-        self._command(lambda: self._executor.set_current(seq))
+        self._command(lambda: self.executor.set_current(seq))
 
     def set_speed(self, speed_m_s: float) -> None:
         """Change the ground speed; Refused beyond the vehicle's limit."""
@@ -316,7 +425,7 @@ class Pilot:
             raise RefusedError(
                 f"Speed refused: {speed_m_s:g} of {self.spec.top_speed_m_s:g} m/s", denied=True
             )
-        self._command(lambda: self._executor.set_speed(speed_m_s))
+        self._command(lambda: self.executor.set_speed(speed_m_s))
 
     def retune(self) -> None:
         """Take the values of `tuning`."""
@@ -330,16 +439,20 @@ class Pilot:
             landing_speed_m_s=tuning.landing_speed_m_s,
             disarm_delay_s=tuning.disarm_delay_s,
         )
-        self._executor.respec(self.spec)
+        self.executor.respec(self.spec)
+        self.failsafe.retune()
+        self._judge_again()
 
     def advance(self, now_s: float) -> list[FlightEvent]:
         """Fly up to a time and return what happened."""
-        events = self._executor.advance(now_s)
-        self.state = self._executor.state()
+        self.now_s = now_s
+        events = self.executor.advance(now_s)
+        self.state = self.executor.state()
         for event in events:
             self._react(event)
-        if self.armed:
-            self._watch_battery()
+        if self.executor.armed:
+            self.failsafe.check()
+            self.steering.check()
         return events
 
     def _react(self, event: FlightEvent) -> None:
@@ -350,12 +463,12 @@ class Pilot:
             self._complete = True
             self.note(Severity.INFO, "Mission complete")
             if self.armed and self.landed is LandedState.IN_AIR:
-                self._turn_to(Mode.HOLD)
+                self.turn_to(Mode.HOLD)
         elif isinstance(event, CannotFly):
             self._give_up(event)
         elif isinstance(event, BatteryDepleted):
-            self._failsafe = 3
-            self._end(Outcome.BATTERY_DEPLETED, f"battery empty at {event.time_s:.0f} s")
+            self.failsafe.gave_out()
+            self.end(Outcome.BATTERY_DEPLETED, f"battery empty at {event.time_s:.0f} s")
             self.note(Severity.CRITICAL, "Battery empty: coming down")
         elif isinstance(event, Disarmed):
             self._disarmed()
@@ -365,44 +478,20 @@ class Pilot:
         where = f"Item {event.seq}: " if event.seq >= 0 else ""
         self.note(Severity.CRITICAL, f"{where}{event.reason}")
         if not self.outcome.is_over:
-            self._end(Outcome.CANNOT_FLY_ITEM, f"{where}{event.reason}")
+            self.end(Outcome.CANNOT_FLY_ITEM, f"{where}{event.reason}")
         if self.armed and self.landed is not LandedState.ON_GROUND and self.mode is not Mode.LAND:
-            self._turn_to(Mode.LAND if self.mode is Mode.RTL else Mode.RTL)
-
-    def _watch_battery(self) -> None:
-        battery = self.state.battery
-        if battery is None or self.state.phase is Phase.DEPLETED:
-            return
-        level = 2 if battery.fraction < self.tuning.critical_fraction else 0
-        level = level or (1 if battery.fraction < self.tuning.low_fraction else 0)
-        if level <= self._failsafe:
-            return
-        self._failsafe = level
-        percent = f"{100.0 * battery.fraction:.0f} %"
-        homing = self.state.phase in (Phase.RETURN, Phase.LAND)
-        if level == 2:
-            self.note(Severity.CRITICAL, f"Battery critical ({percent}): landing")
-        else:
-            self.note(Severity.WARNING, f"Battery low ({percent})" + ("" if homing else ": returning"))
-        if self.tuning.low_battery_action == 0 or self.landed is LandedState.ON_GROUND:
-            return
-        if level == 2 and self.state.phase is not Phase.LAND:
-            self._end(Outcome.BATTERY_LOW, f"battery critical ({percent})")
-            self._turn_to(Mode.LAND)
-        elif level == 1 and not homing:
-            self._end(Outcome.BATTERY_LOW, f"battery low ({percent})")
-            self._turn_to(Mode.RTL)
+            self.turn_to(Mode.LAND if self.mode is Mode.RTL else Mode.RTL)
 
     def _disarmed(self) -> None:
         self.note(Severity.INFO, "Disarmed")
         if self._started and not self.outcome.is_over:
             if self._complete:
-                self._end(Outcome.COMPLETED, "mission complete")
+                self.end(Outcome.COMPLETED, "mission complete")
             else:
-                self._end(Outcome.INTERRUPTED, f"disarmed at item {self.current_seq} of {self.mission_size}")
+                self.end(Outcome.INTERRUPTED, f"disarmed at item {self.current_seq} of {self.mission_size}")
         self._started = False
 
-    def _turn_to(self, mode: Mode) -> None:
+    def turn_to(self, mode: Mode) -> None:
         """Take a mode by the vehicle's own decision; what is not possible is told."""
         try:
             self._order(mode)
@@ -411,6 +500,7 @@ class Pilot:
 
     def _order(self, mode: Mode) -> None:
         """Take the mode and, armed, do what it means; what is refused leaves the mode as it was."""
+        self.steering.forget()
         before, self.mode = self.mode, mode
         if not self.armed:
             return
@@ -427,21 +517,23 @@ class Pilot:
         elif mode is Mode.TAKEOFF:
             altitude_m = self._takeoff_altitude_m or self.tuning.takeoff_altitude_m
             self._takeoff_altitude_m = None
-            self._command(lambda: self._executor.takeoff(altitude_m))
+            self._command(lambda: self.executor.takeoff(altitude_m))
         elif mode in (Mode.RTL, Mode.LAND):
             if on_ground:
                 self.disarm()
             else:
-                self._command(self._executor.return_home if mode is Mode.RTL else self._executor.land)
+                self._command(self.executor.return_home if mode is Mode.RTL else self.executor.land)
         elif not on_ground or self.state.phase is not Phase.GROUND:
-            self._command(self._executor.hold)
+            self._command(self.executor.hold)
+        if mode is Mode.GUIDED:
+            self._command(self.steering.begin)
 
     def _fly_mission(self) -> None:
         if self._complete:
-            self._executor.set_current(0)
+            self.executor.set_current(0)
         self._complete = False
         self._started = True
-        self._command(self._executor.start)
+        self._command(self.executor.start)
 
     def _command(self, order: Callable[[], None]) -> None:
         """Give the executor an order; what it refuses is refused here."""
@@ -451,8 +543,9 @@ class Pilot:
             raise
         except VehicleError as error:
             raise RefusedError(str(error)) from None
-        self.state = self._executor.state()
+        self.state = self.executor.state()
 
-    def _end(self, outcome: Outcome, reason: str) -> None:
+    def end(self, outcome: Outcome, reason: str) -> None:
+        """Note how the run ended."""
         self.outcome = outcome
         self.outcome_text = reason

@@ -25,15 +25,16 @@ from mission.transfer.events import (
 from mission.transfer.server import MissionServer
 from mission.transfer.storage import UncheckedItem
 from sim_vehicle.component import NEVER
-from sim_vehicle.flight import CameraCommand, FlightEvent, ItemReached
+from sim_vehicle.flight import CameraCommand, FlightEvent, HomeMoved, ItemReached
 from sim_vehicle.itinerary import DO_COMMANDS, NAV_COMMANDS
 from sim_vehicle.spec import VehicleSpec
-from sim_vehicle.vehicle import commands
+from sim_vehicle.vehicle import commands, setpoints
 from sim_vehicle.vehicle.camera_orders import CAMERA, CameraOrders
 from sim_vehicle.vehicle.modes import Mode, Outcome
 from sim_vehicle.vehicle.parameters import ParameterSet, parameter_table
 from sim_vehicle.vehicle.persona import PX4, Persona
 from sim_vehicle.vehicle.pilot import Pilot, RefusedError, Severity
+from sim_vehicle.vehicle.rules import rules_for
 from sim_vehicle.vehicle.schedule import Schedule
 from sim_vehicle.vehicle.telemetry import BUILDERS, STREAMS
 from sim_vehicle.wind import Wind
@@ -126,6 +127,8 @@ class SimVehicle:
             mode=persona.boot_mode,
             takes_off=persona.takes_off,
             after_takeoff=persona.after_takeoff,
+            rules=rules_for(persona.name),
+            epoch_unix_s=epoch_unix_s,
         )
         self.place = self.home_e7
         self.schedule = self._default_schedule()
@@ -172,6 +175,7 @@ class SimVehicle:
             m.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: self._on_data_stream,
             m.MAVLINK_MSG_ID_SET_MODE: self._on_set_mode,
             m.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
+            **dict.fromkeys(setpoints.MESSAGES, self.pilot.steering.take),
         }
         self.wanted: frozenset[int] | None = frozenset(self._handlers)
 
@@ -200,6 +204,8 @@ class SimVehicle:
             handler(message)
             self._show_changes()
             return self._sent()
+        if message.type == m.MAV_TYPE_GCS:
+            self.pilot.heard_ground(now_s)
         handler(message)
         return []
 
@@ -293,6 +299,8 @@ class SimVehicle:
             self._outbox.append(m.MAVLink_mission_item_reached_message(seq))
             repeats = self.persona.reached_repeats
             self._reached = (seq, repeats, now_s + 1.0) if repeats else None
+        elif isinstance(event, HomeMoved):
+            self.moved_home()
         elif isinstance(event, CameraCommand):
             item = event.item
             first = (item.param1, item.param2, item.param3, item.param4)
@@ -347,6 +355,13 @@ class SimVehicle:
     def say_warning(self, text: str) -> None:
         """Tell the operator why something was refused."""
         self.pilot.note(Severity.WARNING, text)
+
+    def moved_home(self) -> None:
+        """Tell where home is now."""
+        latitude, longitude = self.pilot.frame.to_wgs84(*self.pilot.home_m)
+        self.home_e7 = (round(latitude * 1e7), round(longitude * 1e7), self.home_e7[2])
+        self._missions.home = GeoPoint(latitude, longitude, self.home.altitude_m)
+        self._outbox += self.built(m.MAVLINK_MSG_ID_HOME_POSITION)
 
     def built(self, message_id: int) -> tuple[Message, ...]:
         """Return the message with this id from the state now, nothing when there is none."""
@@ -450,6 +465,11 @@ class SimVehicle:
         if isinstance(event, PlanReplaced | PlanCleared):
             mission, fence, rally = (self._missions.plan(kind).opaque_id for kind in MissionType)
             self.plan_ids = (mission, fence, rally)
+        if isinstance(event, PlanReplaced | PlanCleared) and event.mission_type is not MissionType.MISSION:
+            items = event.items if isinstance(event, PlanReplaced) else ()
+            sound = [item for item in items if not isinstance(item, UncheckedItem)]
+            is_fence = event.mission_type is MissionType.FENCE
+            (self.pilot.set_fence if is_fence else self.pilot.set_rally)(sound)
         if event.mission_type is not MissionType.MISSION:
             return
         if isinstance(event, PlanReplaced) and event.changed:

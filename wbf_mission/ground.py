@@ -35,6 +35,9 @@ _FETCH_S = 0.5
 _FETCH_ROUNDS = 20
 _FETCH_AT_ONCE = 50
 _COMPLETE = 5  # MISSION_STATE_COMPLETE
+_STREAM_HZ = 4
+_FAST = (int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT), int(m.MAVLINK_MSG_ID_ATTITUDE))
+_FAST_US = 100_000
 _WARNING = 4  # MAV_SEVERITY_WARNING
 _RETURNS = frozenset({int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_LAND)})
 
@@ -105,6 +108,7 @@ class GroundStation:
         self._vehicle = (vehicle_system_id, int(m.MAV_COMP_ID_AUTOPILOT1))
         self._on_progress = on_progress
         self._autopilot = 0
+        self._silent = True
         self._armed = False
         self._flew = False
         self._mission_state = 0
@@ -207,7 +211,7 @@ class GroundStation:
         self._flew |= self._armed and self.phase is Phase.FLIGHT
         if self.phase is Phase.CONTACT:
             self._autopilot = message.autopilot
-            return self._next_upload(now_s)
+            return self._ask_for_streams() + self._next_upload(now_s)
         if self.phase is Phase.FLIGHT and self._flew and not self._armed:
             if self._mission_state == _COMPLETE:
                 self._land(Outcome.COMPLETED, "", now_s)
@@ -215,7 +219,21 @@ class GroundStation:
                 self._land(
                     Outcome.FLIGHT_ABORTED, self._last_warning("disarmed before the mission's end"), now_s
                 )
-        return []
+        return self._ask_for_streams()
+
+    def _ask_for_streams(self) -> list[Any]:
+        """Ask an ArduPilot for telemetry, which it sends to nobody who does not ask, until it comes."""
+        silent, self._silent = self._silent, True
+        if self._autopilot != m.MAV_AUTOPILOT_ARDUPILOTMEGA or not silent:
+            return []
+        asked = [m.MAVLink_request_data_stream_message(*self._vehicle, m.MAV_DATA_STREAM_ALL, _STREAM_HZ, 1)]
+        asked += [
+            m.MAVLink_command_long_message(
+                *self._vehicle, int(m.MAV_CMD_SET_MESSAGE_INTERVAL), 0, message_id, _FAST_US, 0, 0, 0, 0, 0
+            )
+            for message_id in _FAST
+        ]
+        return asked
 
     def _on_mission_current(self, message: Any, now_s: float) -> list[Any]:
         if self._is_vehicle(message):
@@ -225,7 +243,10 @@ class GroundStation:
         return []
 
     def _on_position(self, message: Any, now_s: float) -> list[Any]:  # noqa: ARG002
-        if self.phase is Phase.FLIGHT and self._is_vehicle(message):
+        if not self._is_vehicle(message):
+            return []
+        self._silent = False
+        if self.phase is Phase.FLIGHT:
             self._fixes.append((message.time_boot_ms, message.lat, message.lon, message.relative_alt))
         return []
 

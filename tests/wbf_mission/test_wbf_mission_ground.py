@@ -123,3 +123,18 @@ def test_fence_and_rally_go_before_the_mission() -> None:
     sent = ground.receive(heartbeat(), 1.0)
     assert sent[0].get_type() == "MISSION_COUNT"
     assert sent[0].mission_type == m.MAV_MISSION_TYPE_RALLY
+
+
+def test_an_ardupilot_is_asked_for_telemetry_until_it_comes() -> None:
+    ground = GroundStation(MISSION)
+    beat = from_vehicle(m.MAVLink_heartbeat_message(2, m.MAV_AUTOPILOT_ARDUPILOTMEGA, 1, 0, 3, 3))
+
+    def asks(now_s: float) -> list[str]:
+        return [message.get_type() for message in ground.receive(beat, now_s)]
+
+    asked = ["REQUEST_DATA_STREAM", "COMMAND_LONG", "COMMAND_LONG"]
+    assert asks(0.0) == [*asked, "MISSION_COUNT"]
+    assert asks(1.0) == asked
+    ground.receive(from_vehicle(m.MAVLink_global_position_int_message(0, 0, 0, 0, 0, 0, 0, 0, 0)), 1.5)
+    assert asks(2.0) == []
+    assert asks(3.0) == asked

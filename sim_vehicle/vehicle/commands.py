@@ -12,6 +12,7 @@ from mission.link.frames import Message
 from mission.model import RELATIVE_FRAMES, Command
 from sim_vehicle.vehicle.arming import FORCE
 from sim_vehicle.vehicle.camera_orders import CAMERA_COMMANDS
+from sim_vehicle.vehicle.flight_orders import FLIGHT_ORDERS
 from sim_vehicle.vehicle.modes import Mode
 from sim_vehicle.vehicle.pilot import RefusedError
 
@@ -240,19 +241,9 @@ def _change_speed(vehicle: SimVehicle, order: Order) -> Answer:
     return ACCEPTED
 
 
-def _set_home(vehicle: SimVehicle, order: Order) -> Answer:
-    """Home is where the vehicle started; asking for exactly that is fine."""
-    pilot = vehicle.pilot
-    if order.params[0] == 1.0:
-        east, north, up = pilot.state.position_m
-        distance = math.hypot(east, north, up)
-    else:
-        place = order.place
-        distance = math.inf if place is None else math.hypot(*pilot.frame.from_wgs84(*place))
-    if not distance < 1.0:
-        msg = "Home refused: it stays where the vehicle started"
-        raise RefusedError(msg, denied=True)
-    return Answer(messages=vehicle.built(m.MAVLINK_MSG_ID_HOME_POSITION))
+def _flight_order(vehicle: SimVehicle, order: Order) -> Answer:
+    FLIGHT_ORDERS[order.command](vehicle, order)
+    return ACCEPTED
 
 
 def _get_home(vehicle: SimVehicle, _order: Order) -> Answer:
@@ -336,7 +327,7 @@ HANDLERS: dict[int, Handler] = {
     m.MAV_CMD_DO_PAUSE_CONTINUE: _pause_continue,
     m.MAV_CMD_DO_SET_MISSION_CURRENT: _mission_current,
     Command.DO_CHANGE_SPEED: _change_speed,
-    Command.DO_SET_HOME: _set_home,
+    **dict.fromkeys(FLIGHT_ORDERS, _flight_order),
     m.MAV_CMD_GET_HOME_POSITION: _get_home,
     m.MAV_CMD_SET_MESSAGE_INTERVAL: _set_interval,
     m.MAV_CMD_GET_MESSAGE_INTERVAL: _get_interval,

@@ -120,7 +120,11 @@ class Parameter:
 def parameter_table(autopilot: str, spec: VehicleSpec, system_id: int) -> tuple[Parameter, ...]:
     """Return the parameters of a vehicle as one autopilot names them, sorted by name."""
     make = {"px4": _px4_table, "ardupilot": _ardupilot_table}[autopilot]
-    return tuple(sorted(make(spec, system_id), key=lambda p: p.name))
+    # Imported here: the tables of the safety functions are made of these parameters.
+    from sim_vehicle.vehicle.safety_parameters import safety_parameters
+
+    parameters = make(spec, system_id) + safety_parameters(autopilot, spec)
+    return tuple(sorted(parameters, key=lambda p: p.name))
 
 
 def _px4_table(spec: VehicleSpec, system_id: int) -> list[Parameter]:

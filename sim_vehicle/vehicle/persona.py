@@ -161,7 +161,14 @@ PX4 = Persona(
     reached_repeats=10,
     rates_hz=_PX4_RATES_HZ,
     reached_merged=True,
-    unsupported=frozenset({int(m.MAV_CMD_DO_SET_MISSION_CURRENT)}),
+    unsupported=frozenset(
+        int(command)
+        for command in (
+            m.MAV_CMD_CONDITION_YAW,
+            m.MAV_CMD_DO_FENCE_ENABLE,
+            m.MAV_CMD_DO_SET_MISSION_CURRENT,
+        )
+    ),
 )
 
 ARDUPILOT = Persona(
@@ -193,6 +200,7 @@ ARDUPILOT = Persona(
     reached_repeats=0,
     rates_hz=MappingProxyType({m.MAVLINK_MSG_ID_HEARTBEAT: 1.0}),
     refused_result=int(m.MAV_RESULT_FAILED),
+    unsupported=frozenset({int(m.MAV_CMD_DO_ORBIT), int(m.MAV_CMD_DO_CHANGE_ALTITUDE)}),
     int_only=frozenset({int(m.MAV_CMD_DO_REPOSITION)}),
 )
 

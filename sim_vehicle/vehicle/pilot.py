@@ -97,6 +97,8 @@ class Pilot:
         self.spec = spec
         self.frame = frame
         self.tuning = Tuning.of(spec)
+        for name, value in rules.defaults.items():
+            setattr(self.tuning, name, value)
         self.mode = mode
         self.outcome = Outcome.RUNNING
         self.outcome_text = ""
@@ -132,6 +134,11 @@ class Pilot:
     def home_m(self) -> tuple[float, float]:
         """Where home is, east and north of the start."""
         return self.executor.home_m
+
+    @property
+    def items(self) -> tuple[MissionItem, ...]:
+        """The mission."""
+        return self.executor.items
 
     @property
     def mission_size(self) -> int:

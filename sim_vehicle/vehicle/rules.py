@@ -7,7 +7,7 @@ parameter reference (FENCE_ACTION, FS_GCS_ENABLE, BATT_FS_LOW_ACT, GUID_TIMEOUT)
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -54,6 +54,8 @@ class Rules:
         Texts before the reason that arming is refused: the check's, and that of the order.
     fence_text, fence_clear, link_lost, link_regained, stream_lost : str
         Texts for the operator; ``fence_text`` and ``stream_lost`` have a place for what follows.
+    defaults : mapping of str to float
+        Values of `Tuning` that are not those of its own defaults.
     """
 
     fence_actions: Mapping[int, Action]
@@ -71,6 +73,7 @@ class Rules:
     link_lost: str
     link_regained: str
     stream_lost: str
+    defaults: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
     def fence_action(self, tuning: Tuning) -> Action:
         """Return what follows a breach."""
@@ -132,6 +135,19 @@ ARDUPILOT_RULES = Rules(
     link_lost="GCS Failsafe",
     link_regained="GCS Failsafe Cleared",
     stream_lost="Guided timeout: {}",
+    # The simulator's own way at a low battery: home, then land; ArduCopter itself only warns.
+    defaults=MappingProxyType(
+        {
+            "fence_enable": 0,
+            "fence_action": 1,
+            "fence_ceiling_m": 100.0,
+            "fence_radius_m": 300.0,
+            "link_timeout_s": 5.0,
+            "setpoint_timeout_s": 3.0,
+            "low_battery_action": 2,
+            "critical_battery_action": 1,
+        }
+    ),
 )
 
 

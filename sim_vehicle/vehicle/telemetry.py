@@ -11,6 +11,7 @@ from mission.link.frames import Message
 from sim_vehicle.battery import BatteryState
 from sim_vehicle.flight import LandedState, Phase, VehicleState
 from sim_vehicle.vehicle.arming import health_problem
+from sim_vehicle.vehicle.fence import Breach
 from sim_vehicle.vehicle.modes import Mode
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ __all__ = ["BUILDERS", "STREAMS"]
 
 _UNUSED_CELL = 65535
 _GPS = 32
+_FENCE = 1 << 20
 _PREARM = 1 << 28
 # gyro, accelerometer, magnetometer, barometer, GPS, motors, radio control, geofence, AHRS, battery, arming
 # checks; without the geofence bit MAVProxy reports a breach, without the last one MAVSDK says not armable.
@@ -68,6 +70,8 @@ def _sys_status(vehicle: SimVehicle) -> Message:
     health = _SENSORS
     if not pilot.position_ok:
         health &= ~_GPS
+    if pilot.failsafe.fence.breach and pilot.armed:
+        health &= ~_FENCE
     if not pilot.armed and health_problem(pilot) is not None:
         health &= ~_PREARM
     battery = pilot.state.battery
@@ -176,6 +180,16 @@ def _altitude(vehicle: SimVehicle) -> Message:
     up = vehicle.pilot.state.position_m[2]
     amsl = vehicle.place[2] / 1000.0
     return m.MAVLink_altitude_message(vehicle.boot_ms * 1000, amsl, amsl, up, up, up, up)
+
+
+def _fence_status(vehicle: SimVehicle) -> Message:
+    watch = vehicle.pilot.failsafe.fence
+    return m.MAVLink_fence_status_message(
+        int(watch.breach is not Breach.NONE),
+        min(watch.count, 65535),
+        int(watch.breach),
+        round(1000.0 * watch.broken_s),
+    )
 
 
 def _battery_status(vehicle: SimVehicle) -> Message:
@@ -351,6 +365,7 @@ BUILDERS: dict[int, Callable[[SimVehicle], Message]] = {
     m.MAVLINK_MSG_ID_VFR_HUD: _vfr_hud,
     m.MAVLINK_MSG_ID_ALTITUDE: _altitude,
     m.MAVLINK_MSG_ID_BATTERY_STATUS: _battery_status,
+    m.MAVLINK_MSG_ID_FENCE_STATUS: _fence_status,
     m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: _extended_sys_state,
     m.MAVLINK_MSG_ID_HOME_POSITION: _home_position,
     m.MAVLINK_MSG_ID_MISSION_CURRENT: _mission_current,

@@ -295,7 +295,9 @@ def test_speed_home_reboot_and_calibration():
     assert peer.result(178, 1.0, 500.0) == 2
     assert peer.result(178, 3.0, 5.0) == 3
     assert peer.result(179, 1.0) == 0
-    assert peer.result(179, 0, 0, 0, 0, 28.06, -82.15, 10.0) == 2
+    assert peer.result(179, 0, 0, 0, 0, 29.06, -82.15, 10.0) == 2
+    assert peer.result(179, 0, 0, 0, 0, 28.06, -82.15, 10.0) == 0
+    assert peer.vehicle.home_e7[0] == 280_600_000
     assert peer.result(241) == 0
     peer.wait(5.0)
     assert peer.result(246, 1.0) == 0

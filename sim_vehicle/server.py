@@ -11,6 +11,7 @@ from typing import Self
 from numpy.random import SeedSequence
 
 from mission.link.frames import FrameReader, FrameWriter, Message, starts_with_frame
+from mission.link.signing import SETUP_SIGNING, Signing
 from sim_vehicle.clients import Client, ServerUrl
 from sim_vehicle.component import NEVER, Component
 from sim_vehicle.errors import VehicleError
@@ -55,11 +56,11 @@ class _Local:
 
     __slots__ = ("component", "system", "wanted", "writer")
 
-    def __init__(self, component: Component) -> None:
+    def __init__(self, component: Component, signing: Signing | None) -> None:
         self.component = component
         self.system = component.system_id
         self.wanted = component.wanted
-        self.writer = FrameWriter(component.system_id, component.component_id)
+        self.writer = FrameWriter(component.system_id, component.component_id, signing=signing)
 
 
 _Port = _Local | Client
@@ -87,6 +88,8 @@ class Server:
         What goes wrong, see `sim_vehicle.faults`; links are numbered as in ``urls``, from 1.
     seed : int or numpy.random.SeedSequence
         Of the faults.
+    signing : Signing, optional
+        Signs what the components send; of clients only what it accepts is heard and passed on.
 
     Attributes
     ----------
@@ -118,6 +121,7 @@ class Server:
         tap: Callable[[bytes, float], None] | None = None,
         faults: Sequence[Fault | str] = (),
         seed: int | SeedSequence = 0,
+        signing: Signing | None = None,
     ) -> None:
         if not speed > 0.0:
             msg = f"server: speed {speed} is not positive; 1 is real time"
@@ -129,8 +133,9 @@ class Server:
         self.now_s = 0.0
         self.speed = speed
         self._tap = tap
+        self._signing = signing
         session = FaultSession(faults, seed)
-        self._locals = [_Local(component) for component in session.wrap(components)]
+        self._locals = [_Local(component, signing) for component in session.wrap(components)]
         self._table: RoutingTable[_Port] = RoutingTable()
         for local, address in zip(self._locals, addresses, strict=True):
             self._table.heard(local, address)
@@ -247,7 +252,7 @@ class Server:
             clock_s = self._origin_s + self._wall_s()
             self.now_s = max(self.now_s, min(clock_s, self._deadline(), end_s))
         for client, frame in arrived:
-            if self._tap is not None:
+            if self._tap is not None and frame_id(frame) != SETUP_SIGNING:  # a key is never logged
                 self._tap(frame, self.now_s)
             if client.radio is not None:
                 client.radio.send("up", frame, frame_target(frame)[0], self.now_s)
@@ -259,6 +264,8 @@ class Server:
         self._flush()
 
     def _take(self, client: Client, frame: bytes) -> None:
+        if self._signing is not None and not self._signing.accepts(frame, frame_id(frame)):
+            return
         if self._table.heard(client, frame_source(frame)):
             self._routes.clear()
         self._inbox.append((frame, client))
@@ -327,7 +334,7 @@ class Server:
                 for port in found
                 if isinstance(port, _Local) and (port.wanted is None or message_id in port.wanted)
             ),
-            tuple(port for port in found if isinstance(port, Client)),
+            tuple(port for port in found if isinstance(port, Client) and message_id != SETUP_SIGNING),
         )
 
     def _flush(self) -> None:

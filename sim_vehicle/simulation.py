@@ -15,6 +15,7 @@ import numpy as np
 
 from mission.link.dialect import mavlink
 from mission.link.frames import FrameReader, FrameWriter, starts_with_frame
+from mission.link.signing import SETUP_SIGNING, Signing
 from sim_vehicle.component import NEVER, Component
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.fault_plan import FaultSession, FaultyLink
@@ -102,6 +103,8 @@ class Simulation:
         they are opened.
     seed : int or numpy.random.SeedSequence
         Of the faults (the impairment has its own).
+    signing : Signing, optional
+        Signs what the components send; of `open_link` only what it accepts is heard and passed on.
 
     Attributes
     ----------
@@ -130,7 +133,9 @@ class Simulation:
         remote: Sequence[Component] = (),
         faults: Sequence[Fault | str] = (),
         seed: int | np.random.SeedSequence = 0,
+        signing: Signing | None = None,
     ) -> None:
+        self._signing = signing
         self.now_s = 0.0
         self.frames = 0
         self.bytes_sent = 0
@@ -143,7 +148,7 @@ class Simulation:
             c if is_far else next(near) for c, is_far in zip(components, far, strict=True)
         )
         self._tap = tap
-        self._writers = [FrameWriter(c.system_id, c.component_id) for c in components]
+        self._writers = [FrameWriter(c.system_id, c.component_id, signing=signing) for c in components]
         self._reader = FrameReader()
         self._wanted = [c.wanted for c in components]
         self._table: RoutingTable[int] = RoutingTable()
@@ -275,7 +280,10 @@ class Simulation:
         """Put a whole frame of a virtual link on the way."""
         self.frames += 1
         self.bytes_sent += len(frame)
-        if self._tap is not None:
+        message_id = frame_id(frame)
+        if self._signing is not None and not self._signing.accepts(frame, message_id):
+            return
+        if self._tap is not None and message_id != SETUP_SIGNING:  # a key is never logged
             self._tap(frame, self.now_s)
         if self._table.heard(source, frame_source(frame)):
             self._routes.clear()
@@ -283,7 +291,7 @@ class Simulation:
         if source in self._radios:
             self._radios[source].send("up", frame, target[0], self.now_s)
         else:
-            self._forward(frame, self._ports(source, frame_id(frame), target))
+            self._forward(frame, self._ports(source, message_id, target))
 
     def _ports(self, source: int, message_id: int, target: tuple[int, int]) -> tuple[int, ...]:
         key = (source, message_id, target[0] << 8 | target[1])
@@ -300,7 +308,7 @@ class Simulation:
 
     def _cares(self, port: int, message_id: int) -> bool:
         if port >= len(self._components):
-            return True
+            return message_id != SETUP_SIGNING
         wanted = self._wanted[port]
         return wanted is None or message_id in wanted
 

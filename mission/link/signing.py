@@ -2,8 +2,8 @@
 
 Frame and rules after https://mavlink.io/en/guide/message_signing.html: 13 bytes follow the checksum, the
 link's number, a time stamp of 48 bits (10 microseconds since 2015-01-01 UTC), and the first 48 bits of the
-SHA-256 of the key and all that comes before. A time stamp that is not newer than the last of its sender on its
-link is a replay; so is, from a sender that was not heard yet, one that is more than a minute old.
+SHA-256 of the key and all that comes before. A time stamp that is not newer than the last of its sender on
+its link is a replay; so is, from a sender that was not heard yet, one that is more than a minute old.
 """
 
 from __future__ import annotations

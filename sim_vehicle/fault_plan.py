@@ -342,12 +342,12 @@ def _fits(fault: Fault, message: Message) -> bool:
     """Whether a message of the component is one that the fault concerns."""
     number, kind = type(message).id, fault.kind
     if kind == "drop":
-        return number == fault.number and fault.direction in ("down", "both")
+        return bool(number == fault.number and fault.direction in ("down", "both"))
     if kind in ("no-final-ack", "final-ack-error"):
-        return number == m.MAVLINK_MSG_ID_MISSION_ACK and message.type == m.MAV_MISSION_ACCEPTED
+        return bool(number == m.MAVLINK_MSG_ID_MISSION_ACK and message.type == m.MAV_MISSION_ACCEPTED)
     if number in _REQUESTS:
         return bool(message.seq == fault.number)
-    return number in _ITEMS and kind != "early-final-ack" and bool(message.seq == fault.number)
+    return bool(number in _ITEMS and kind != "early-final-ack" and message.seq == fault.number)
 
 
 def _gone(_message: Message, _fault: Fault) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from geo.errors import WbfMissionError
-from wbf_mission.cli import benchmark, farm, fly, plan, sim, transfer
+from wbf_mission.cli import benchmark, check, farm, fly, plan, sim, transfer
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
@@ -23,6 +23,7 @@ app = typer.Typer(
 app.command("plan", epilog=plan.EXAMPLES)(plan.plan_command)
 app.command("fly", epilog=fly.EXAMPLES)(fly.fly_command)
 app.command("sim", epilog=sim.EXAMPLES)(sim.sim_command)
+app.command("check", epilog=check.EXAMPLES)(check.check_command)
 app.command("upload", epilog=transfer.UPLOAD_EXAMPLES)(transfer.upload_command)
 app.command("download", epilog=transfer.DOWNLOAD_EXAMPLES)(transfer.download_command)
 app.add_typer(farm.app, name="farm")

@@ -1,0 +1,103 @@
+"""Checks of the command protocol; none of them arms."""
+
+from __future__ import annotations
+
+from mission.link.dialect import mavlink as m
+from wbf_mission.check.peer import Peer, result_name
+from wbf_mission.check.registry import FailedError, check
+
+_UNKNOWN = 31999  # no MAV_CMD has this number
+_REFUSED = frozenset({m.MAV_RESULT_UNSUPPORTED, m.MAV_RESULT_DENIED, m.MAV_RESULT_FAILED})
+
+
+@check("command.unknown-long", "an unknown COMMAND_LONG is answered UNSUPPORTED")
+def unknown_long(peer: Peer) -> None:
+    """Send a number that is no command."""
+    answer = peer.command(_UNKNOWN)
+    if answer is None:
+        raise FailedError("no COMMAND_ACK")
+    if answer.result != m.MAV_RESULT_UNSUPPORTED:
+        raise FailedError(f"it is answered {result_name(answer.result)}")
+
+
+@check("command.unknown-int", "an unknown COMMAND_INT is answered UNSUPPORTED")
+def unknown_int(peer: Peer) -> None:
+    """Send a number that is no command."""
+    question = m.MAVLink_command_int_message(*peer.address, 0, _UNKNOWN, 0, 0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0.0)
+    answer = peer.ask(question, m.MAVLINK_MSG_ID_COMMAND_ACK, where=lambda a: a.command == _UNKNOWN)
+    if answer is None:
+        raise FailedError("no COMMAND_ACK")
+    if answer.result != m.MAV_RESULT_UNSUPPORTED:
+        raise FailedError(f"it is answered {result_name(answer.result)}")
+
+
+@check("command.ack-address", "COMMAND_ACK is addressed to the sender", required=False)
+def ack_address(peer: Peer) -> None:
+    """Look at the target of an answer."""
+    answer = peer.command(_UNKNOWN)
+    if answer is None:
+        raise FailedError("no COMMAND_ACK")
+    target = (answer.target_system, answer.target_component)
+    if target != (peer.endpoint.system_id, peer.endpoint.component_id):
+        raise FailedError(f"it is addressed to {target}")
+
+
+@check("command.request-message", "REQUEST_MESSAGE is acknowledged")
+def request_message(peer: Peer) -> None:
+    """Ask for something that every autopilot has."""
+    peer.must(m.MAV_CMD_REQUEST_MESSAGE, float(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION))
+
+
+@check("command.request-unknown", "REQUEST_MESSAGE for a message that does not exist is not accepted")
+def request_unknown(peer: Peer) -> None:
+    """Ask for a number that is no message."""
+    answer = peer.command(m.MAV_CMD_REQUEST_MESSAGE, 65500.0)
+    if answer is None:
+        raise FailedError("no COMMAND_ACK")
+    if answer.result not in _REFUSED:
+        raise FailedError(f"it is answered {result_name(answer.result)}")
+
+
+@check("command.repeated", "a repeated command (confirmation 1) is acknowledged again")
+def repeated(peer: Peer) -> None:
+    """Send one twice, as a client does that lost the answer."""
+    values = (float(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION), *[0.0] * 6)
+    command = m.MAV_CMD_REQUEST_MESSAGE
+    for confirmation in (0, 1):
+        answer = peer.ask(
+            m.MAVLink_command_long_message(*peer.address, command, confirmation, *values),
+            m.MAVLINK_MSG_ID_COMMAND_ACK,
+            where=lambda a: a.command == command,
+        )
+        if answer is None:
+            raise FailedError(f"no COMMAND_ACK with confirmation {confirmation}")
+
+
+@check("command.foreign-system", "a command for another system is not answered")
+def foreign_system(peer: Peer) -> None:
+    """Send one to a system that nobody has."""
+    other = 237 if peer.vehicle.system_id != 237 else 236
+    peer.forget()
+    peer.send(m.MAVLink_command_long_message(other, peer.address[1], _UNKNOWN, 0, *[0.0] * 7))
+    if peer.expect(m.MAVLINK_MSG_ID_COMMAND_ACK, 1.0, lambda a: a.command == _UNKNOWN) is not None:
+        raise FailedError(f"it answers a command for system {other}")
+
+
+@check("command.broadcast", "a command for system 0, component 0 is answered", required=False)
+def broadcast(peer: Peer) -> None:
+    """Send one to everybody."""
+    question = m.MAVLink_command_long_message(0, 0, _UNKNOWN, 0, *[0.0] * 7)
+    if peer.ask(question, m.MAVLINK_MSG_ID_COMMAND_ACK, where=lambda a: a.command == _UNKNOWN) is None:
+        raise FailedError("no COMMAND_ACK")
+
+
+@check("command.bad-arming", "arming with a parameter that is neither 0 nor 1 does not arm")
+def bad_arming(peer: Peer) -> None:
+    """Ask for something between."""
+    answer = peer.command(m.MAV_CMD_COMPONENT_ARM_DISARM, 0.3)
+    peer.sleep(1.2)
+    if peer.armed:
+        peer.command(m.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
+        raise FailedError("it armed")
+    if answer is None:
+        raise FailedError("no COMMAND_ACK")

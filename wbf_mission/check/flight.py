@@ -1,0 +1,105 @@
+"""Checks that fly: they arm the vehicle, and run only when that is asked for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from mission.link.dialect import mavlink as m
+from mission.link.frames import Message
+from mission.model import Command, MissionItem
+from wbf_mission.check.peer import Peer
+from wbf_mission.check.registry import FailedError, check
+
+_READY_S = 90.0
+_FLIGHT_S = 240.0
+_ALTITUDE_M = 8.0
+_COPTER_GUIDED = 4.0
+_PX4_HOLD = (4.0, 3.0)
+
+
+def _ready_mode(peer: Peer) -> None:
+    """Take a mode in which it arms: GUIDED of ArduCopter, hold of PX4."""
+    peer.must(m.MAV_CMD_DO_SET_MODE, 1.0, *((_COPTER_GUIDED,) if peer.is_ardupilot else _PX4_HOLD))
+
+
+def _arm(peer: Peer) -> None:
+    """Arm as soon as it is possible."""
+    end_s = peer.now() + _READY_S
+    while not peer.armed:
+        answer = peer.command(m.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+        peer.sleep(1.5)
+        if not peer.armed and peer.now() > end_s:
+            result = "no answer" if answer is None else f"result {answer.result}"
+            raise FailedError(f"it does not arm in {_READY_S:g} s: {result}{peer.said()}")
+
+
+def _wait(peer: Peer, what: str, seconds: float, done: Callable[[Message], bool]) -> None:
+    """Wait until ``done(message)`` holds; FailedError that says what did not happen."""
+    for _, message in peer.heard(seconds):
+        if done(message):
+            return
+    raise FailedError(f"{what} in {seconds:g} s{peer.said()}")
+
+
+def _is_up(message: Message) -> bool:
+    if type(message).id != m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
+        return False
+    return bool(message.relative_alt > 700 * _ALTITUDE_M)
+
+
+def _is_disarmed(message: Message) -> bool:
+    if type(message).id != m.MAVLINK_MSG_ID_HEARTBEAT:
+        return False
+    return not message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED
+
+
+@check("fly.takeoff-land", "it arms, takes off, lands and disarms by command", flies=True)
+def takeoff_land(peer: Peer) -> str:
+    """Up and down."""
+    began_s = peer.now()
+    _ready_mode(peer)
+    if not peer.is_ardupilot:
+        peer.command(m.MAV_CMD_NAV_TAKEOFF, *[math.nan] * 6, peer.home.altitude_m + _ALTITUDE_M)
+    _arm(peer)
+    peer.must(
+        m.MAV_CMD_NAV_TAKEOFF,
+        *([0.0] * 6 if peer.is_ardupilot else [math.nan] * 6),
+        _ALTITUDE_M if peer.is_ardupilot else peer.home.altitude_m + _ALTITUDE_M,
+    )
+    _wait(peer, "it does not climb", _FLIGHT_S, _is_up)
+    peer.must(m.MAV_CMD_NAV_LAND)
+    _wait(peer, "it does not land and disarm", _FLIGHT_S, _is_disarmed)
+    return f"{peer.now() - began_s:.0f} s"
+
+
+@check("fly.mission", "it flies a mission, reports each item reached, returns and disarms", flies=True)
+def mission(peer: Peer) -> str:
+    """Take-off, three places, return."""
+    home = peer.home
+    items = (
+        MissionItem(Command.NAV_TAKEOFF, 3, x=home.latitude_deg, y=home.longitude_deg, z=_ALTITUDE_M),
+        *(
+            MissionItem.waypoint(home.latitude_deg + north, home.longitude_deg + east, _ALTITUDE_M)
+            for north, east in ((1e-4, 0.0), (1e-4, 1e-4), (0.0, 1e-4))
+        ),
+        MissionItem(Command.NAV_RETURN_TO_LAUNCH),
+    )
+    peer.upload(items)
+    first = int(peer.profile.home_at_zero)
+    _ready_mode(peer)
+    _arm(peer)
+    peer.must(m.MAV_CMD_MISSION_START)
+    reached: set[int] = set()
+    began_s = peer.now()
+
+    def done(message: Message) -> bool:
+        if type(message).id == m.MAVLINK_MSG_ID_MISSION_ITEM_REACHED:
+            reached.add(message.seq - first)
+        return peer.now() > began_s + 5.0 and _is_disarmed(message)
+
+    _wait(peer, "it does not come back and disarm", _FLIGHT_S, done)
+    missing = [seq for seq in (1, 2) if seq not in reached]
+    if missing:
+        raise FailedError(f"no MISSION_ITEM_REACHED for item {missing[0]}, only for {sorted(reached)}")
+    return f"{peer.now() - began_s:.0f} s, reached {sorted(reached)}"

@@ -1,0 +1,379 @@
+"""Checks of what a vehicle does when its peer breaks the rules of the mission transfer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from mission.link.dialect import mavlink as m
+from mission.link.frames import Message
+from mission.model import MissionItem, MissionType
+from mission.transfer import result_text, wire
+from wbf_mission.check.peer import Peer
+from wbf_mission.check.registry import FailedError, check
+
+_REQUESTS = frozenset({wire.REQUEST, wire.REQUEST_INT})
+_ANSWERS = _REQUESTS | {wire.ACK}
+_RE_REQUEST_S = 4.0
+_GIVE_UP_S = 12.0
+_MISSION = int(MissionType.MISSION)
+
+
+class Sender:
+    """An upload by hand: each message is ours to send, to leave out, or to send wrong."""
+
+    def __init__(self, peer: Peer, items: Sequence[MissionItem]) -> None:
+        home = [
+            MissionItem(16, 0, x=peer.home.latitude_deg, y=peer.home.longitude_deg, z=peer.home.altitude_m)
+        ]
+        self.peer = peer
+        self.items = [*home, *items] if peer.profile.home_at_zero else list(items)
+
+    def begin(self, kind: int = _MISSION) -> None:
+        """Send COUNT until item 0 is asked for; FailedError if it is not."""
+        question = m.MAVLink_mission_count_message(*self.peer.address, len(self.items), kind)
+        for _ in range(4):
+            answer = self.peer.ask(question, _ANSWERS, tries=2)
+            if answer is not None and type(answer).id in _REQUESTS and answer.seq == 0:
+                return
+            # An earlier transfer may still be running out.
+            self.peer.sleep(2.0)
+        raise FailedError(
+            "COUNT is not answered by a request for item 0" if answer is None else _told(answer)
+        )
+
+    def message(self, number: int, kind: int = _MISSION) -> Message:
+        """Return the message with one item."""
+        return wire.item_to_message(self.items[number], number, kind, self.peer.address, current=number == 0)
+
+    def send(self, number: int) -> None:
+        """Send one item."""
+        self.peer.send(self.message(number))
+
+    def finish(self, first: int = 0) -> Message:
+        """Answer requests until the last ACK, and return that."""
+        self.send(first)
+        while True:
+            answer = self.peer.expect(_ANSWERS, _RE_REQUEST_S)
+            if answer is None:
+                raise FailedError("the vehicle falls silent in the middle of the upload")
+            if type(answer).id == wire.ACK:
+                if answer.type == wire.INVALID_SEQUENCE and self.peer.is_ardupilot:
+                    continue
+                return answer
+            if answer.seq >= len(self.items):
+                raise FailedError(f"item {answer.seq} of {len(self.items)} is asked for")
+            self.send(answer.seq)
+
+    def cancel(self) -> None:
+        """Break off, and wait until the vehicle has."""
+        self.peer.send(m.MAVLink_mission_ack_message(*self.peer.address, wire.OPERATION_CANCELLED, _MISSION))
+        self.peer.sleep(0.3)
+
+
+def _told(message: Message) -> str:
+    if type(message).id == wire.ACK:
+        return f"the vehicle answers: {result_text(message.type)}"
+    return f"the vehicle asks for item {message.seq}"
+
+
+def _accepted(answer: Message) -> None:
+    if answer.type != wire.ACCEPTED:
+        raise FailedError(_told(answer))
+
+
+def _holds(peer: Peer, number: int) -> None:
+    found = len(peer.download())
+    if found != number:
+        raise FailedError(f"the mission has {found} items instead of {number}")
+
+
+@check("transfer.asks-first", "COUNT is answered by a request for item 0, addressed to us")
+def asks_first(peer: Peer) -> str:
+    """Look at the request."""
+    sender = Sender(peer, peer.items(4))
+    sender.begin()
+    answer = peer.expect(_REQUESTS, _RE_REQUEST_S)
+    sender.cancel()
+    if answer is None:
+        return "asked once"
+    if (answer.target_system, answer.target_component) not in (
+        (peer.endpoint.system_id, peer.endpoint.component_id),
+        (peer.endpoint.system_id, 0),
+    ):
+        raise FailedError(f"it is addressed to {answer.target_system}/{answer.target_component}")
+    return str(answer.get_type())
+
+
+@check("transfer.asks-again", "an item that does not come is asked for again")
+def asks_again(peer: Peer) -> str:
+    """Keep item 1 back."""
+    sender = Sender(peer, peer.items(4))
+    sender.begin()
+    sender.send(0)
+    seen = 0
+    began_s = peer.now()
+    while peer.now() - began_s < _RE_REQUEST_S and seen < 2:
+        answer = peer.expect(_REQUESTS, _RE_REQUEST_S)
+        seen += answer is not None and answer.seq == 1
+    after_s = peer.now() - began_s
+    if seen < 2:
+        sender.cancel()
+        raise FailedError(f"it is not asked for again in {_RE_REQUEST_S} s")
+    _accepted(sender.finish(1))
+    return f"after {after_s:.2f} s"
+
+
+@check("transfer.duplicate-count", "a COUNT that comes twice does not spoil the upload")
+def duplicate_count(peer: Peer) -> None:
+    """Send it again before item 0."""
+    sender = Sender(peer, peer.items(4))
+    sender.begin()
+    peer.send(m.MAVLink_mission_count_message(*peer.address, len(sender.items), _MISSION))
+    _accepted(sender.finish())
+    _holds(peer, 4)
+
+
+@check("transfer.duplicate-item", "an item that comes twice does not spoil the upload")
+def duplicate_item(peer: Peer) -> None:
+    """Send item 0 twice."""
+    sender = Sender(peer, peer.items(4))
+    sender.begin()
+    sender.send(0)
+    _accepted(sender.finish())
+    peer.sleep(0.5)
+    _holds(peer, 4)
+
+
+@check("transfer.out-of-order", "an item out of order is not taken for the one that was asked for")
+def out_of_order(peer: Peer) -> None:
+    """Send item 2 when item 0 is asked for, then go on as asked."""
+    sender = Sender(peer, peer.items(5))
+    sender.begin()
+    sender.send(2)
+    answer = peer.expect(_ANSWERS, _RE_REQUEST_S)
+    if answer is not None and type(answer).id == wire.ACK:
+        if answer.type == wire.ACCEPTED:
+            raise FailedError("it is accepted")
+        if not peer.is_ardupilot:
+            return
+    _accepted(sender.finish())
+    _holds(peer, 5)
+
+
+@check("transfer.wrong-type", "an item of another plan is not taken into the mission")
+def wrong_type(peer: Peer) -> None:
+    """Send a fence item, then go on as asked."""
+    sender = Sender(peer, peer.items(4))
+    sender.begin()
+    peer.send(sender.message(0, int(MissionType.FENCE)))
+    answer = peer.expect(_ANSWERS, _RE_REQUEST_S)
+    if answer is not None and type(answer).id in _REQUESTS and answer.seq > 0:
+        sender.cancel()
+        raise FailedError(f"it is taken: the vehicle asks for item {answer.seq}")
+    if answer is not None and type(answer).id == wire.ACK and answer.type == wire.ACCEPTED:
+        raise FailedError("it is accepted")
+    sender.cancel()
+
+
+@check("transfer.cancel", "after OPERATION_CANCELLED in an upload a new one works")
+def cancel(peer: Peer) -> None:
+    """Break off after the first item."""
+    sender = Sender(peer, peer.items(6))
+    sender.begin()
+    sender.send(0)
+    sender.cancel()
+    peer.upload(peer.items(3))
+
+
+@check("transfer.cancel-download", "after OPERATION_CANCELLED in a download a new transfer works")
+def cancel_download(peer: Peer) -> None:
+    """Break off after COUNT."""
+    peer.upload(peer.items(4))
+    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, _MISSION), wire.COUNT)
+    peer.send(m.MAVLink_mission_ack_message(*peer.address, wire.OPERATION_CANCELLED, _MISSION))
+    peer.upload(peer.items(3))
+
+
+@check("transfer.old-plan-kept", "a broken-off upload leaves the old mission as it was", required=False)
+def old_plan_kept(peer: Peer) -> None:
+    """Send a mission, begin another, break off, read."""
+    peer.upload(peer.items(5))
+    sender = Sender(peer, peer.items(9))
+    sender.begin()
+    sender.send(0)
+    peer.expect(_REQUESTS)
+    sender.cancel()
+    peer.sleep(1.0)
+    _holds(peer, 5)
+
+
+@check("transfer.silence", "after a client that fell silent a new upload works in 12 s")
+def silence(peer: Peer) -> str:
+    """Vanish after item 0."""
+    sender = Sender(peer, peer.items(6))
+    sender.begin()
+    sender.send(0)
+    peer.sleep(_GIVE_UP_S)
+    peer.upload(peer.items(3))
+    return f"tried after {_GIVE_UP_S:g} s"
+
+
+@check("transfer.late-item", "an item that nobody asked for changes nothing")
+def late_item(peer: Peer) -> None:
+    """Send one while no transfer runs."""
+    peer.upload(peer.items(4))
+    peer.send(Sender(peer, peer.items(4)).message(1))
+    peer.sleep(0.5)
+    _holds(peer, 4)
+
+
+@check("transfer.last-ack-again", "the last item sent again is acknowledged again", required=False)
+def last_ack_again(peer: Peer) -> None:
+    """Do as if the last ACK had been lost."""
+    sender = Sender(peer, peer.items(4))
+    sender.begin()
+    _accepted(sender.finish())
+    peer.forget()
+    sender.send(len(sender.items) - 1)
+    if peer.expect(wire.ACK) is None:
+        raise FailedError("no MISSION_ACK")
+
+
+@check("transfer.unknown-command", "an item with an unknown command is refused by MISSION_ACK")
+def unknown_command(peer: Peer) -> str:
+    """Send a command that nobody has."""
+    items = peer.items(4)
+    return _refused(peer, [*items[:2], MissionItem(31999), *items[2:]])
+
+
+@check("transfer.unknown-frame", "an item in a frame that does not exist is refused by MISSION_ACK")
+def unknown_frame(peer: Peer) -> str:
+    """Send a waypoint in frame 200."""
+    sender = Sender(peer, peer.items(3))
+    wrong = sender.message(1)
+    wrong.frame = 200
+    return _refused_message(sender, wrong, 1)
+
+
+@check("transfer.bad-latitude", "a latitude of 95 degrees is refused", required=False)
+def bad_latitude(peer: Peer) -> str:
+    """Send a place that is none."""
+    sender = Sender(peer, peer.items(3))
+    wrong = sender.message(1)
+    wrong.x = 950_000_000
+    return _refused_message(sender, wrong, 1)
+
+
+@check("transfer.nan", "a yaw of NaN is stored or refused, and the vehicle lives on")
+def nan(peer: Peer) -> str:
+    """Send it by hand, read it back."""
+    sender = Sender(peer, peer.items(4))
+    sender.begin()
+    place = 2 if peer.profile.home_at_zero else 1
+    for number in range(place):
+        sender.send(number)
+        peer.expect(_REQUESTS, _RE_REQUEST_S, lambda a, number=number: a.seq == number + 1)  # type: ignore[misc]
+    item = sender.message(place)
+    item.param4 = float("nan")
+    peer.send(item)
+    answer = peer.expect(_ANSWERS, _RE_REQUEST_S)
+    if answer is None:
+        raise FailedError("the vehicle falls silent")
+    if type(answer).id == wire.ACK and answer.type != wire.ACCEPTED:
+        return f"refused: {result_text(answer.type)}"
+    sender.cancel()
+    return "taken"
+
+
+@check("transfer.too-many", "a COUNT of 65535 is refused or can be broken off", required=False)
+def too_many(peer: Peer) -> str:
+    """Announce more than anybody holds."""
+    question = m.MAVLink_mission_count_message(*peer.address, 65535, _MISSION)
+    answer = peer.ask(question, _ANSWERS)
+    Sender(peer, ()).cancel()
+    if answer is None:
+        raise FailedError("no answer")
+    if type(answer).id == wire.ACK and answer.type == wire.ACCEPTED:
+        raise FailedError("it is accepted")
+    return _told(answer)
+
+
+@check("transfer.count-zero", "COUNT 0 clears the mission")
+def count_zero(peer: Peer) -> None:
+    """Announce nothing."""
+    peer.upload(peer.items(4))
+    answer = peer.ask(m.MAVLink_mission_count_message(*peer.address, 0, _MISSION), wire.ACK)
+    if answer is None:
+        raise FailedError("no MISSION_ACK")
+    _accepted(answer)
+    # PX4 refuses the next uploads for some seconds.
+    peer.sleep(6.0)
+    _holds(peer, 0)
+
+
+@check("transfer.unknown-type", "a COUNT with a plan type that does not exist is refused", required=False)
+def unknown_type(peer: Peer) -> str:
+    """Announce plan type 77."""
+    answer = peer.ask(m.MAVLink_mission_count_message(*peer.address, 3, 77), _ANSWERS)
+    Sender(peer, ()).cancel()
+    if answer is None:
+        raise FailedError("no answer")
+    if type(answer).id in _REQUESTS or answer.type == wire.ACCEPTED:
+        raise FailedError(_told(answer))
+    return _told(answer)
+
+
+@check("transfer.request-beyond", "a request beyond the mission is not answered by an item")
+def request_beyond(peer: Peer) -> None:
+    """Ask for item 300 of 3."""
+    peer.upload(peer.items(3))
+    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, _MISSION), wire.COUNT)
+    peer.forget()
+    peer.send(m.MAVLink_mission_request_int_message(*peer.address, 300, _MISSION))
+    answer = peer.expect({wire.ITEM_INT, wire.ITEM}, 1.0)
+    peer.send(m.MAVLink_mission_ack_message(*peer.address, wire.OPERATION_CANCELLED, _MISSION))
+    if answer is not None:
+        raise FailedError(f"item {answer.seq} comes")
+    peer.upload(peer.items(2))
+
+
+@check("transfer.re-read", "a request that comes again is answered again")
+def re_read(peer: Peer) -> None:
+    """Ask for item 0 twice, as after a loss."""
+    peer.upload(peer.items(3))
+    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, _MISSION), wire.COUNT)
+    question = m.MAVLink_mission_request_int_message(*peer.address, 0, _MISSION)
+    for number in (1, 2):
+        if peer.ask(question, wire.ITEM_INT, where=lambda a: a.seq == 0) is None:
+            raise FailedError(f"request {number} of item 0 gives no MISSION_ITEM_INT")
+    peer.send(m.MAVLink_mission_ack_message(*peer.address, wire.OPERATION_CANCELLED, _MISSION))
+
+
+def _refused(peer: Peer, items: Sequence[MissionItem]) -> str:
+    sender = Sender(peer, items)
+    sender.begin()
+    answer = sender.finish()
+    if answer.type == wire.ACCEPTED:
+        raise FailedError("it is accepted")
+    return result_text(answer.type)
+
+
+def _refused_message(sender: Sender, wrong: Message, number: int) -> str:
+    """Send an upload in which one item is replaced, and return how it was refused."""
+    peer = sender.peer
+    sender.begin()
+    sender.send(0)
+    while True:
+        answer = peer.expect(_ANSWERS, _RE_REQUEST_S)
+        if answer is None:
+            sender.cancel()
+            raise FailedError("the vehicle falls silent")
+        if type(answer).id == wire.ACK:
+            break
+        if answer.seq == number:
+            peer.send(wrong)
+        else:
+            sender.send(min(answer.seq, len(sender.items) - 1))
+    if answer.type == wire.ACCEPTED:
+        raise FailedError("it is accepted")
+    return result_text(answer.type)

@@ -1,0 +1,159 @@
+"""Checks of the parameter protocol."""
+
+from __future__ import annotations
+
+import struct
+
+from mission.link.dialect import mavlink as m
+from mission.link.frames import Message
+from wbf_mission.check.peer import Peer
+from wbf_mission.check.registry import FailedError, SkippedError, check
+
+_VALUE = m.MAVLINK_MSG_ID_PARAM_VALUE
+_QUIET_S = 1.5
+_LONGEST_S = 120.0
+_ROUNDS = 5
+_HARMLESS = (
+    "MIS_TAKEOFF_ALT",
+    "PILOT_TKOFF_ALT",
+    "RTL_RETURN_ALT",
+    "RTL_ALT",
+    "WPNAV_SPEED",
+    "MPC_XY_CRUISE",
+)
+
+
+def _name(message: Message) -> str:
+    return str(message.param_id).rstrip("\0")
+
+
+def _bits(value: float) -> bytes:
+    return struct.pack("<f", value)
+
+
+def _read(peer: Peer, name: str) -> Message | None:
+    question = m.MAVLink_param_request_read_message(*peer.address, name.encode(), -1)
+    return peer.ask(question, _VALUE, where=lambda answer: _name(answer) == name)
+
+
+def _listed(peer: Peer) -> dict[int, Message]:
+    """Return all parameters by index, asking again for those that got lost."""
+    found: dict[int, Message] = {}
+    peer.forget()
+    peer.send(m.MAVLink_param_request_list_message(*peer.address))
+    began_s = peer.now()
+    while peer.now() - began_s < _LONGEST_S:
+        message = peer.expect(_VALUE, _QUIET_S)
+        if message is None:
+            break
+        if message.param_index < message.param_count:
+            found[message.param_index] = message
+            if len(found) == message.param_count:
+                break
+    count = next(iter(found.values())).param_count if found else 0
+    for _ in range(_ROUNDS):
+        for index in [index for index in range(count) if index not in found][:200]:
+            question = m.MAVLink_param_request_read_message(*peer.address, b"", index)
+            answer = peer.ask(question, _VALUE, where=lambda a, index=index: a.param_index == index, tries=1)  # type: ignore[misc]
+            if answer is not None:
+                found[index] = answer
+    return found
+
+
+def _some(peer: Peer) -> Message:
+    """Return a parameter that may be changed on the ground."""
+    for name in _HARMLESS:
+        message = _read(peer, name)
+        if message is not None:
+            return message
+    raise SkippedError(f"it has none of {', '.join(_HARMLESS)}")
+
+
+@check("param.list", "PARAM_REQUEST_LIST gives every index once, with one count")
+def param_list(peer: Peer) -> str:
+    """Read the list."""
+    found = _listed(peer)
+    if not found:
+        raise FailedError("no PARAM_VALUE")
+    counts = {message.param_count for message in found.values()}
+    if len(counts) > 1:
+        raise FailedError(f"the counts differ: {sorted(counts)}")
+    count = counts.pop()
+    missing = [index for index in range(count) if index not in found]
+    if missing:
+        raise FailedError(f"{len(missing)} of {count} never come, the first is {missing[0]}")
+    names = {_name(message) for message in found.values()}
+    if len(names) < count:
+        raise FailedError(f"{count - len(names)} names come twice")
+    return f"{count} parameters"
+
+
+@check("param.read-index", "PARAM_REQUEST_READ by index")
+def read_index(peer: Peer) -> str:
+    """Read the first."""
+    question = m.MAVLink_param_request_read_message(*peer.address, b"", 0)
+    answer = peer.ask(question, _VALUE, where=lambda a: a.param_index == 0)
+    if answer is None:
+        raise FailedError("no PARAM_VALUE")
+    return _name(answer)
+
+
+@check("param.read-name", "PARAM_REQUEST_READ by name gives the same value")
+def read_name(peer: Peer) -> str:
+    """Read the first by its name."""
+    question = m.MAVLink_param_request_read_message(*peer.address, b"", 0)
+    first = peer.ask(question, _VALUE, where=lambda a: a.param_index == 0)
+    if first is None:
+        raise FailedError("the first parameter cannot be read by index")
+    name = _name(first)
+    answer = _read(peer, name)
+    if answer is None:
+        raise FailedError(f"no PARAM_VALUE for {name}")
+    if answer.param_type != first.param_type or _bits(answer.param_value) != _bits(first.param_value):
+        raise FailedError(f"{name} is {answer.param_value}, by index {first.param_value}")
+    return name
+
+
+@check("param.read-unknown", "a parameter that does not exist gives no value", required=False)
+def read_unknown(peer: Peer) -> None:
+    """Ask for a name that nobody has."""
+    peer.forget()
+    peer.send(m.MAVLink_param_request_read_message(*peer.address, b"NO_SUCH_THING_X", -1))
+    if peer.expect(_VALUE, 1.0, lambda a: _name(a) == "NO_SUCH_THING_X") is not None:
+        raise FailedError("it has a value")
+
+
+@check("param.set", "PARAM_SET changes a value, answers with it, and it is read back")
+def param_set(peer: Peer) -> str:
+    """Change a harmless one and set it back."""
+    before = _some(peer)
+    name = _name(before)
+    if before.param_type != m.MAV_PARAM_TYPE_REAL32:
+        changed = before.param_value
+    else:
+        changed = struct.unpack("<f", _bits(before.param_value * 1.05 + 0.1))[0]
+    try:
+        answer = _set(peer, name, changed, before.param_type)
+        if answer is None:
+            raise FailedError(f"no PARAM_VALUE for {name}")
+        if _bits(answer.param_value) != _bits(changed):
+            raise FailedError(f"{name} set to {changed} is answered as {answer.param_value}")
+        read = _read(peer, name)
+        if read is None or _bits(read.param_value) != _bits(changed):
+            raise FailedError(f"{name} set to {changed} is not read back")
+    finally:
+        _set(peer, name, before.param_value, before.param_type)
+    return name
+
+
+def _set(peer: Peer, name: str, value: float, kind: int) -> Message | None:
+    question = m.MAVLink_param_set_message(*peer.address, name.encode(), value, kind)
+    return peer.ask(question, _VALUE, where=lambda answer: _name(answer) == name)
+
+
+@check("param.set-unknown", "PARAM_SET of a name that does not exist adds nothing", required=False)
+def set_unknown(peer: Peer) -> None:
+    """Set a name that nobody has."""
+    _set(peer, "NO_SUCH_THING_X", 1.0, m.MAV_PARAM_TYPE_REAL32)
+    if _read(peer, "NO_SUCH_THING_X") is not None:
+        raise FailedError("now it has a value")

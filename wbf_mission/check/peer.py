@@ -1,0 +1,296 @@
+"""Our side of the link to the vehicle that is checked."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from mission.link.dialect import mavlink as m
+from mission.link.endpoint import MavlinkEndpoint
+from mission.link.frames import Message
+from mission.link.link import Link
+from mission.model import Command, GeoPoint, Mission, MissionItem, MissionType
+from mission.transfer import Profile
+from mission.transfer.driver import TransferDriver, Vehicle, wait_readable
+from wbf_mission.check.registry import FailedError
+
+__all__ = ["GROUND", "Peer"]
+
+GROUND = (255, int(m.MAV_COMP_ID_MISSIONPLANNER))
+_LONGEST_WAIT_S = 0.1
+_ANSWER_S = 1.5
+_TRIES = 3
+_SOMEWHERE = GeoPoint(47.397742, 8.545594, 488.0)
+
+
+class Peer:
+    """A ground station that asks a vehicle what it wants to know.
+
+    Parameters
+    ----------
+    link : Link
+        Where the vehicle is.
+    clock, wait : callable
+        Monotonic seconds; ``wait(link, seconds)`` until something may have arrived. Those of a
+        `sim_vehicle.virtual_link.VirtualLink` check a simulation on its own clock.
+
+    Attributes
+    ----------
+    vehicle : Vehicle
+        Who is checked; known after `find`.
+    driver : TransferDriver
+        Whole mission transfers.
+    texts : list of str
+        What the vehicle said.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        wait: Callable[[Link, float], None] = wait_readable,
+    ) -> None:
+        self.endpoint = MavlinkEndpoint(link, *GROUND)
+        self.driver = TransferDriver(self.endpoint, clock=clock, wait=wait)
+        self.endpoint.wanted = None
+        self.texts: deque[str] = deque(maxlen=200)
+        self.armed = False
+        self.home = _SOMEWHERE
+        self._clock = clock
+        self._wait = wait
+        self._queue: deque[tuple[float, Message]] = deque()
+        self._beat_s = -math.inf
+
+    def now(self) -> float:
+        """Seconds of the clock."""
+        return self._clock()
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """Who is checked."""
+        assert self.driver.vehicle is not None
+        return self.driver.vehicle
+
+    @property
+    def profile(self) -> Profile:
+        """The mission habits of its autopilot."""
+        return self.vehicle.profile
+
+    @property
+    def is_ardupilot(self) -> bool:
+        """Whether it says that it is an ArduPilot."""
+        return self.vehicle.autopilot == m.MAV_AUTOPILOT_ARDUPILOTMEGA
+
+    @property
+    def address(self) -> tuple[int, int]:
+        """The vehicle's system and component."""
+        return self.vehicle.system_id, self.vehicle.component_id
+
+    def find(self, timeout_s: float, system_id: int | None) -> Vehicle:
+        """Wait for the vehicle's heartbeat; RemoteTransferError if there is none."""
+        return self.driver.wait_for_vehicle(timeout_s, system_id=system_id)
+
+    def send(self, *messages: Message) -> None:
+        """Send messages."""
+        for message in messages:
+            self.endpoint.send(message)
+
+    def forget(self) -> None:
+        """Drop what has arrived so far."""
+        self._receive()
+        self._queue.clear()
+
+    def heard(self, seconds: float, *, everyone: bool = False) -> Iterator[tuple[float, Message]]:
+        """Yield what the vehicle's autopilot (or everyone) sends in the next seconds, with the time."""
+        end_s = self.now() + seconds
+        while True:
+            while self._queue:
+                now_s, message = self._queue.popleft()
+                if everyone or (message.get_srcSystem(), message.get_srcComponent()) == self.address:
+                    yield now_s, message
+            left_s = end_s - self.now()
+            if left_s <= 0.0:
+                return
+            if self.now() >= self._beat_s + 1.0:
+                self._beat_s = self.now()
+                self.send(m.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+            self._wait(self.endpoint.link, min(left_s, _LONGEST_WAIT_S))
+            self._receive()
+
+    def _receive(self) -> None:
+        now_s = self.now()
+        for message in self.endpoint.receive():
+            kind = type(message).id
+            if message.get_srcSystem() == self.vehicle.system_id:
+                if kind == m.MAVLINK_MSG_ID_STATUSTEXT:
+                    self.texts.append(str(message.text))
+                elif kind == m.MAVLINK_MSG_ID_HEARTBEAT and message.get_srcComponent() == self.address[1]:
+                    self.armed = bool(message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
+            self._queue.append((now_s, message))
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass, and keep nothing of what comes."""
+        for _ in self.heard(seconds):
+            pass
+
+    def collect(self, kind: int, seconds: float) -> list[tuple[float, Message]]:
+        """Return the messages of one id in the next seconds, with their times."""
+        self.forget()
+        return [(now_s, message) for now_s, message in self.heard(seconds) if type(message).id == kind]
+
+    def expect(
+        self,
+        kinds: int | Iterable[int],
+        seconds: float = _ANSWER_S,
+        where: Callable[[Message], bool] = lambda _: True,
+    ) -> Message | None:
+        """Wait for a message with one of these ids; None if it does not come."""
+        wanted = {kinds} if isinstance(kinds, int) else set(kinds)
+        for _, message in self.heard(seconds):
+            if type(message).id in wanted and where(message):
+                return message
+        return None
+
+    def ask(
+        self,
+        question: Message,
+        kinds: int | Iterable[int],
+        *,
+        where: Callable[[Message], bool] = lambda _: True,
+        tries: int = _TRIES,
+    ) -> Message | None:
+        """Send a message until an answer comes, at most ``tries`` times."""
+        for _ in range(tries):
+            self.forget()
+            self.send(question)
+            answer = self.expect(kinds, where=where)
+            if answer is not None:
+                return answer
+        return None
+
+    def command(self, command: int, *params: float, tries: int = _TRIES, seconds: float = _ANSWER_S) -> Any:
+        """Send COMMAND_LONG and return its COMMAND_ACK (the last one, when it is long), None without one."""
+        values = [*params, *[0.0] * (7 - len(params))]
+        for number in range(tries):
+            self.forget()
+            self.send(m.MAVLink_command_long_message(*self.address, command, number, *values))
+            answer = self._acknowledgement(command, seconds)
+            if answer is not None:
+                return answer
+        return None
+
+    def _acknowledgement(self, command: int, seconds: float) -> Any:
+        answer = self.expect(m.MAVLINK_MSG_ID_COMMAND_ACK, seconds, lambda a: a.command == command)
+        while answer is not None and answer.result == m.MAV_RESULT_IN_PROGRESS:
+            answer = self.expect(m.MAVLINK_MSG_ID_COMMAND_ACK, 10.0, lambda a: a.command == command) or None
+        return answer
+
+    def must(self, command: int, *params: float) -> Any:
+        """Send a command that has to be accepted; FailedError otherwise."""
+        answer = self.command(command, *params)
+        name = command_name(command)
+        if answer is None:
+            raise FailedError(f"no COMMAND_ACK for {name}")
+        if answer.result != m.MAV_RESULT_ACCEPTED:
+            raise FailedError(f"{name} was answered {result_name(answer.result)}{self.said()}")
+        return answer
+
+    def request(self, message_id: int) -> Message | None:
+        """Return a message that was asked for by REQUEST_MESSAGE, None if it does not come."""
+        for _ in range(_TRIES):
+            self.forget()
+            self.send(
+                m.MAVLink_command_long_message(
+                    *self.address, m.MAV_CMD_REQUEST_MESSAGE, 0, float(message_id), *[0.0] * 6
+                )
+            )
+            message = self.expect(message_id)
+            if message is not None:
+                return message
+        return None
+
+    def said(self) -> str:
+        """Return the vehicle's last text, for the end of a sentence."""
+        return f" ({self.texts[-1]!r})" if self.texts else ""
+
+    def items(self, number: int) -> tuple[MissionItem, ...]:
+        """Return a harmless mission: a take-off, places within 100 m of home, a return."""
+        home = self.home
+        takeoff = MissionItem(
+            Command.NAV_TAKEOFF, 3, param1=0.0, x=home.latitude_deg, y=home.longitude_deg, z=10.0
+        )
+        if number == 1:
+            return (MissionItem.waypoint(home.latitude_deg, home.longitude_deg, 10.0),)
+        places = [
+            MissionItem.waypoint(
+                home.latitude_deg + 5e-4 * math.sin(0.7 * k),
+                home.longitude_deg + 5e-4 * math.cos(0.7 * k),
+                10.0 + k % 7,
+            )
+            for k in range(number - 2)
+        ]
+        return (takeoff, *places, MissionItem(Command.NAV_RETURN_TO_LAUNCH))
+
+    def upload(self, items: Iterable[MissionItem], kind: MissionType = MissionType.MISSION) -> None:
+        """Send a plan, read it back and compare; RemoteTransferError if that fails."""
+        plan = tuple(items)
+        empty: tuple[MissionItem, ...] = ()
+        mission = Mission(
+            plan if kind is MissionType.MISSION else empty,
+            home=self.home,
+            fence=plan if kind is MissionType.FENCE else empty,
+            rally=plan if kind is MissionType.RALLY else empty,
+        )
+        self.driver.upload(mission, types=[kind])
+
+    def download(self, kind: MissionType = MissionType.MISSION) -> tuple[MissionItem, ...]:
+        """Read a plan."""
+        return self.driver.download(types=[kind])[0].plan(kind)
+
+    @contextmanager
+    def plans_kept(self) -> Iterator[None]:
+        """Put the vehicle's own plans back at the end."""
+        mission, _ = self.driver.download()
+        try:
+            yield
+        finally:
+            self.sleep(0.2)
+            for kind in MissionType:
+                plan = mission.plan(kind)
+                if plan:
+                    self.upload(plan, kind)
+            empty = [kind for kind in MissionType if not mission.plan(kind)]
+            self.driver.clear([kind for kind in empty if self.download(kind)])
+
+    def close(self) -> None:
+        """Close the link."""
+        self.endpoint.close()
+
+
+def command_name(command: int) -> str:
+    """Return the name of a MAV_CMD.
+
+    Examples
+    --------
+    >>> command_name(400)
+    'COMPONENT_ARM_DISARM'
+    """
+    entry = m.enums["MAV_CMD"].get(command)
+    return f"command {command}" if entry is None else str(entry.name).removeprefix("MAV_CMD_")
+
+
+def result_name(result: int) -> str:
+    """Return the name of a MAV_RESULT.
+
+    Examples
+    --------
+    >>> result_name(3)
+    'UNSUPPORTED'
+    """
+    entry = m.enums["MAV_RESULT"].get(result)
+    return f"result {result}" if entry is None else str(entry.name).removeprefix("MAV_RESULT_")

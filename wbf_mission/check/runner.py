@@ -1,0 +1,227 @@
+"""Running the checks, and the report."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any
+
+from geo.errors import WbfMissionError
+from mission.errors import LinkError
+from mission.link import open_link
+from mission.link.dialect import mavlink as m
+from mission.link.link import Link
+from mission.model import GeoPoint
+from mission.transfer import RemoteTransferError
+from mission.transfer.driver import Vehicle, wait_readable
+from wbf_mission.check.peer import Peer
+from wbf_mission.check.registry import (
+    Check,
+    CheckError,
+    CheckResult,
+    FailedError,
+    SkippedError,
+    Verdict,
+    chosen_checks,
+)
+
+__all__ = ["CheckReport", "check_link", "check_vehicle"]
+
+_MISSION_GROUPS = frozenset({"mission", "transfer", "fly"})
+OnResult = Callable[[CheckResult], None]
+
+
+@dataclass(frozen=True, slots=True)
+class CheckReport:
+    """What was found.
+
+    Parameters
+    ----------
+    name : str
+        The link.
+    vehicle : Vehicle
+    results : tuple of CheckResult
+    """
+
+    name: str
+    vehicle: Vehicle
+    results: tuple[CheckResult, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether everything required holds."""
+        return not any(result.bad for result in self.results)
+
+    def result(self, check_id: str) -> CheckResult:
+        """Return the result of one check; CheckError if it was not run."""
+        for result in self.results:
+            if result.check.id == check_id:
+                return result
+        raise CheckError(f"check {check_id!r} was not run")
+
+    def summary(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        verdicts = [result.verdict for result in self.results]
+        return {
+            "url": self.name,
+            "system": self.vehicle.system_id,
+            "component": self.vehicle.component_id,
+            "autopilot": self.vehicle.profile.name,
+            "vehicle_type": self.vehicle.vehicle_type,
+            "passed": self.passed,
+            "counts": {verdict.value: verdicts.count(verdict) for verdict in Verdict},
+            "checks": [result.summary() for result in self.results],
+        }
+
+
+def check_vehicle(
+    url: str,
+    *,
+    fly: bool = False,
+    only: Iterable[str] = (),
+    system_id: int | None = None,
+    wait_s: float = 10.0,
+    on_result: OnResult | None = None,
+) -> CheckReport:
+    """Check the vehicle behind a link.
+
+    It never arms unless `fly` is given, refuses a vehicle that is armed, and puts the vehicle's own plans
+    back at the end.
+
+    Parameters
+    ----------
+    url : str
+        See `mission.link.parse_link_url`.
+    fly : bool
+        Also run the checks that arm and fly.
+    only : iterable of str
+        Ids or groups of checks; empty: all.
+    system_id : int, optional
+        Which vehicle, where there are several.
+    wait_s : float
+        How long to wait for its heartbeat.
+    on_result : callable, optional
+        Called with each result as it is found.
+
+    Returns
+    -------
+    CheckReport
+
+    Raises
+    ------
+    CheckError
+        If a check does not exist, or the vehicle is armed.
+    LinkError
+        If the link cannot be opened or breaks.
+    TransferError
+        If no vehicle is heard.
+    """
+    chosen_checks(tuple(only), fly=fly)
+    link = open_link(url)
+    try:
+        return check_link(link, fly=fly, only=only, system_id=system_id, wait_s=wait_s, on_result=on_result)
+    finally:
+        link.close()
+
+
+def check_link(
+    link: Link,
+    *,
+    fly: bool = False,
+    only: Iterable[str] = (),
+    system_id: int | None = None,
+    wait_s: float = 10.0,
+    on_result: OnResult | None = None,
+    clock: Callable[[], float] = time.monotonic,
+    wait: Callable[[Link, float], None] = wait_readable,
+) -> CheckReport:
+    """Check the vehicle behind an open link, by a clock of one's own; see `check_vehicle`.
+
+    Examples
+    --------
+    On the virtual clock of a simulation:
+
+    >>> from mission.model import GeoPoint
+    >>> from sim_vehicle.simulation import Simulation
+    >>> from sim_vehicle.spec import get_vehicle
+    >>> from sim_vehicle.vehicle import SimVehicle
+    >>> simulation = Simulation([SimVehicle(get_vehicle("quad"), GeoPoint(28.05, -82.15))])
+    >>> link = simulation.open_link()
+    >>> check_link(link, only=["identity.heartbeat"], clock=link.clock, wait=link.wait).passed
+    True
+    """
+    checks = chosen_checks(tuple(only), fly=fly)
+    peer = Peer(link, clock=clock, wait=wait)
+    vehicle = peer.find(wait_s, system_id)
+    peer.sleep(1.5)
+    if peer.armed:
+        msg = f"{link.name}: the vehicle is armed; land and disarm it before it is checked"
+        raise CheckError(msg)
+    _find_home(peer)
+    results: list[CheckResult] = []
+    tell = on_result or _silent
+    with ExitStack() as stack:
+        kept = False
+        for one in checks:
+            if one.group in _MISSION_GROUPS and not kept:
+                kept = _keep_plans(peer, stack)
+            result = _run(one, peer)
+            results.append(result)
+            tell(result)
+    return CheckReport(link.name, vehicle, tuple(results))
+
+
+def _keep_plans(peer: Peer, stack: ExitStack) -> bool:
+    """Read the vehicle's plans, to be put back at the end as well as it lets us."""
+    keeper = peer.plans_kept()
+    try:
+        keeper.__enter__()
+    except RemoteTransferError:
+        return True
+
+    def put_back() -> None:
+        try:
+            keeper.__exit__(None, None, None)
+        except RemoteTransferError:
+            peer.texts.append("the vehicle's own plans could not be put back")
+
+    stack.callback(put_back)
+    return True
+
+
+def _find_home(peer: Peer) -> None:
+    """Learn where the vehicle is, so that the missions are near it."""
+    for kind in (m.MAVLINK_MSG_ID_HOME_POSITION, m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT):
+        message = peer.expect(kind, 1.2) or peer.request(kind)
+        if message is None:
+            continue
+        if kind == m.MAVLINK_MSG_ID_HOME_POSITION:
+            place = (message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1e3)
+        else:
+            place = (message.lat / 1e7, message.lon / 1e7, message.alt / 1e3)
+        if abs(place[0]) < 89.0 and abs(place[1]) < 179.0 and any(place[:2]):
+            peer.home = GeoPoint(*place)
+            return
+
+
+def _run(one: Check, peer: Peer) -> CheckResult:
+    began_s = peer.now()
+    verdict = Verdict.PASSED
+    try:
+        peer.forget()
+        detail = one.function(peer) or ""
+    except FailedError as error:
+        verdict, detail = Verdict.FAILED, str(error)
+    except SkippedError as error:
+        verdict, detail = Verdict.SKIPPED, str(error)
+    except LinkError:
+        raise
+    except WbfMissionError as error:
+        verdict, detail = Verdict.FAILED, str(error)
+    return CheckResult(one, verdict, detail, peer.now() - began_s)
+
+
+def _silent(_result: CheckResult) -> None:
+    return None

@@ -1,0 +1,87 @@
+"""``wbf-mission check``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from wbf_mission.cli import options
+from wbf_mission.cli.output import Output
+
+if TYPE_CHECKING:
+    from wbf_mission.check.registry import CheckResult
+
+EXAMPLES = """
+[bold]Examples[/bold]
+
+wbf-mission check udpin:127.0.0.1:14550
+
+wbf-mission check tcp:127.0.0.1:5760 --only mission --only transfer
+
+wbf-mission check udpin:127.0.0.1:14540 --fly --json
+"""
+
+
+def check_command(
+    url: Annotated[
+        str | None,
+        typer.Argument(
+            help="Link to the vehicle: udpin:, udpout:, tcp: or tcpin:HOST:PORT, or serial:DEVICE:BAUD.",
+            show_default=False,
+        ),
+    ] = None,
+    fly: Annotated[bool, typer.Option("--fly", help="Also run the checks that arm and fly.")] = False,
+    only: Annotated[
+        list[str] | None, typer.Option(help="Only this check or group of checks; may be repeated.")
+    ] = None,
+    system: Annotated[
+        int | None, typer.Option(help="System id of the vehicle, where there are several.")
+    ] = None,
+    wait: Annotated[
+        float, typer.Option(help="Seconds to wait for the vehicle's heartbeat.", min=0.1, max=3600.0)
+    ] = 10.0,
+    list_checks: Annotated[bool, typer.Option("--list", help="List the checks.")] = False,
+    json: options.Json = False,
+    quiet: options.Quiet = False,
+) -> None:
+    """Check whether a vehicle does what ground software expects of a MAVLink autopilot.
+
+    It never arms unless --fly is given, and puts the vehicle's plans back. Exit code 1: something required
+    does not hold.
+    """
+    from wbf_mission.check import Verdict, all_checks, check_vehicle
+
+    output = Output(as_json=json, quiet=quiet)
+    if list_checks:
+        rows = [[one.id, "required" if one.required else "", one.text] for one in all_checks()]
+        values = [{"id": one.id, "required": one.required, "text": one.text} for one in all_checks()]
+        output.table(values, ["check", "", "what must hold"], rows, title="Checks")
+        return
+    if url is None:
+        msg = "give the link to the vehicle, such as udpin:127.0.0.1:14550, or --list"
+        raise typer.BadParameter(msg)
+
+    def tell(result: CheckResult) -> None:
+        output.note(
+            f"{result.verdict.value:8}{result.check.id}{': ' + result.detail if result.detail else ''}"
+        )
+
+    report = check_vehicle(url, fly=fly, only=only or (), system_id=system, wait_s=wait, on_result=tell)
+    marks = {Verdict.PASSED: "holds", Verdict.SKIPPED: "skipped", Verdict.FAILED: "FAILS"}
+    rows = [
+        [
+            result.check.id,
+            marks[result.verdict]
+            if result.check.required or result.verdict is not Verdict.FAILED
+            else "fails",
+            result.check.text,
+            result.detail,
+        ]
+        for result in report.results
+    ]
+    vehicle = report.vehicle
+    title = f"{vehicle.profile.name}, system {vehicle.system_id} on {report.name}"
+    output.table(report.summary(), ["check", "", "what must hold", "seen"], rows, title=title)
+    if not report.passed:
+        raise typer.Exit(1)

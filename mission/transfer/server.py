@@ -83,6 +83,10 @@ class MissionServer(ServerMemory):
         """Return the plan in force, without home."""
         return self._plans[mission_type]
 
+    def count(self, mission_type: MissionType) -> int:
+        """Return how many items a download has (with home, where the autopilot counts it)."""
+        return len(self._wire_items(mission_type))
+
     def set_plan(self, mission_type: MissionType, items: Sequence[MissionItem]) -> StoredPlan:
         """Put a plan in force from inside the vehicle and return it with its id."""
         plan = self._stored(tuple(items))

@@ -8,13 +8,18 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable
+import zlib
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 from mission.link.dialect import mavlink as m
 from mission.link.frames import Message
 from sim_vehicle.spec import VehicleSpec
+
+HASH = "_HASH_CHECK"
+"""What a peer asks a PX4 for to learn whether it knows all parameters already."""
+_NO_INDEX = 65535
 
 __all__ = ["Parameter", "ParameterSet", "Tuning", "parameter_table"]
 
@@ -134,7 +139,13 @@ def _px4_table(spec: VehicleSpec, system_id: int) -> list[Parameter]:
         Parameter("BAT_LOW_THR", "low_fraction", low=0.0, high=0.9),
         Parameter("COM_DISARM_LAND", "disarm_delay_s", low=0.0, high=600.0),
         Parameter("COM_LOW_BAT_ACT", "low_battery_action", integer=True, low=0, high=3),
+        Parameter("CAL_ACC0_ID", integer=True, value=1310988),
+        Parameter("CAL_GYRO0_ID", integer=True, value=1310988),
+        Parameter("CAL_MAG0_ID", integer=True, value=197388),
+        Parameter("COM_RC_IN_MODE", integer=True, value=1),
+        Parameter("MAV_COMP_ID", integer=True, value=1),
         Parameter("MAV_SYS_ID", integer=True, value=system_id),
+        Parameter("MAV_TYPE", integer=True, value=m.MAV_TYPE_QUADROTOR),
         Parameter("MIS_TAKEOFF_ALT", "takeoff_altitude_m", low=0.5, high=spec.max_altitude_m),
         Parameter("MPC_ACC_HOR", value=spec.acceleration_m_s2),
         Parameter("MPC_JERK_AUTO", value=spec.jerk_m_s3),
@@ -153,8 +164,13 @@ def _ardupilot_table(spec: VehicleSpec, system_id: int) -> list[Parameter]:
     ceiling_cm = 100.0 * spec.max_altitude_m
     return [
         Parameter("DISARM_DELAY", "disarm_delay_s", integer=True, low=0, high=127),
+        Parameter("FENCE_TOTAL", integer=True),
+        Parameter("FRAME_CLASS", integer=True, value=1),
+        Parameter("FRAME_TYPE", integer=True, value=1),
         Parameter("LAND_SPEED", "landing_speed_m_s", True, 100.0, 10, 100.0 * spec.descent_speed_m_s),
+        Parameter("MIS_TOTAL", integer=True),
         Parameter("PILOT_TKOFF_ALT", "takeoff_altitude_m", False, 100.0, 50.0, ceiling_cm),
+        Parameter("RALLY_TOTAL", integer=True),
         Parameter("RTL_ALT", "return_altitude_m", True, 100.0, 50, ceiling_cm),
         Parameter("SYSID_THISMAV", integer=True, value=system_id),
         Parameter("WPNAV_ACCEL", value=100.0 * spec.acceleration_m_s2),
@@ -179,6 +195,8 @@ class ParameterSet:
         Called after a parameter took a new value.
     refused : callable
         Called with a reason when a value was not taken.
+    live : mapping of str to callable, optional
+        Constants that are counted anew each time.
     """
 
     def __init__(
@@ -188,7 +206,9 @@ class ParameterSet:
         encoding: Literal["bytewise", "cast"],
         changed: Callable[[], None],
         refused: Callable[[str], None],
+        live: Mapping[str, Callable[[], float]] | None = None,
     ) -> None:
+        self._live = dict(live or {})
         self._table = table
         self._index = {parameter.name: i for i, parameter in enumerate(table)}
         self._tuning = tuning
@@ -199,6 +219,8 @@ class ParameterSet:
     def value(self, name: str) -> float:
         """Return the value of a parameter in its own unit; KeyError when there is none."""
         parameter = self._table[self._index[name]]
+        if name in self._live:
+            return float(self._live[name]())
         if parameter.field is None:
             return parameter.value
         value = float(getattr(self._tuning, parameter.field)) * parameter.scale
@@ -212,11 +234,25 @@ class ParameterSet:
             index: int | None = message.param_index if message.param_index < len(self._table) else None
         else:
             index = self._index.get(str(message.param_id))
+            if index is None and self._bytewise and str(message.param_id) == HASH:
+                return [self._hash()]
         if index is None:
             return []
         if type(message).id == m.MAVLINK_MSG_ID_PARAM_SET:
             self._set(self._table[index], message)
         return [self._message(index)]
+
+    def _hash(self) -> Message:
+        """Return the checksum of all names and values, as PX4 does; it answers an attempt to set it, too."""
+        checksum = 0
+        for parameter in self._table:
+            value = self.value(parameter.name)
+            raw = struct.pack("<i", round(value)) if parameter.integer else struct.pack("<f", value)
+            checksum = zlib.crc32(parameter.name.encode() + raw, checksum)
+        value = struct.unpack("<f", struct.pack("<I", checksum))[0]
+        return m.MAVLink_param_value_message(
+            HASH.encode(), value, int(m.MAV_PARAM_TYPE_UINT32), len(self._table), _NO_INDEX
+        )
 
     def _set(self, parameter: Parameter, message: Message) -> None:
         value = self._decode(message.param_value, message.param_type)

@@ -8,8 +8,10 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from geo.frame import LocalFrame
+from mission.errors import LinkError
 from mission.link.dialect import mavlink as m
 from mission.link.frames import Message
+from mission.link.signing import Signing
 from mission.model import Command, GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
 from mission.transfer.events import (
@@ -78,6 +80,8 @@ class SimVehicle:
         Compass heading at the start.
     epoch_unix_s : float
         Time of day at the host's time 0, seconds since 1970.
+    signing : Signing, optional
+        The host's, so that SETUP_SIGNING can change its key where it may.
 
     Attributes
     ----------
@@ -108,7 +112,9 @@ class SimVehicle:
         system_id: int = 1,
         yaw_deg: float = 0.0,
         epoch_unix_s: float = _DEFAULT_EPOCH_S,
+        signing: Signing | None = None,
     ) -> None:
+        self._signing = signing
         self.system_id = system_id
         self.component_id = _AUTOPILOT
         self.persona = persona
@@ -156,6 +162,7 @@ class SimVehicle:
             persona.parameter_encoding,
             self.pilot.retune,
             self.say_warning,
+            {} if persona.split_mode else self._totals(),
         )
         self._missions = MissionServer(
             system_id,
@@ -174,6 +181,7 @@ class SimVehicle:
             m.MAVLINK_MSG_ID_PING: self._on_ping,
             m.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: self._on_data_stream,
             m.MAVLINK_MSG_ID_SET_MODE: self._on_set_mode,
+            m.MAVLINK_MSG_ID_SETUP_SIGNING: self._on_setup_signing,
             m.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
             **dict.fromkeys(setpoints.MESSAGES, self.pilot.steering.take),
         }
@@ -521,6 +529,26 @@ class SimVehicle:
     def _on_timesync(self, message: Message) -> None:
         if message.tc1 == 0:
             self._outbox.append(m.MAVLink_timesync_message(self.unix_us * 1000, message.ts1))
+
+    def _on_setup_signing(self, message: Message) -> None:
+        if message.target_system != self.system_id:  # a key is never for everybody
+            return
+        if self.pilot.armed or self._signing is None:
+            why = "armed" if self.pilot.armed else "not over this link"
+            self.say_warning(f"Signing setup refused: {why}")
+            return
+        try:
+            self._signing.setup(bytes(message.secret_key), message.initial_timestamp)
+        except LinkError:
+            self.say_warning("Signing setup refused: not over this link")
+
+    def _totals(self) -> dict[str, Callable[[], float]]:
+        """Return the parameters that count the plans, as ArduPilot names them."""
+        return {
+            "MIS_TOTAL": lambda: self._missions.count(MissionType.MISSION),
+            "FENCE_TOTAL": lambda: self._missions.count(MissionType.FENCE),
+            "RALLY_TOTAL": lambda: self._missions.count(MissionType.RALLY),
+        }
 
     def _on_data_stream(self, message: Message) -> None:
         if not self.persona.data_streams:

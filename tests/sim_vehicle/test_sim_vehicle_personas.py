@@ -1,4 +1,4 @@
-"""What tells a PX4 from an ArduPilot, as their peers see it: transfers, acknowledgements, streams, signing."""
+"""What tells a PX4 from an ArduPilot, as peers see it: transfers, acknowledgements, streams, signing."""
 
 import math
 import struct
@@ -136,7 +136,8 @@ def test_mavsdk_notices_a_new_plan():
     try:
         assert sdk.add_any_connection(f"tcpout://127.0.0.1:{port}") == 0
         changes = []
-        MissionRaw(sdk.first_autopilot(5.0)).subscribe_mission_changed(lambda *_: changes.append(1))
+        mission = MissionRaw(sdk.first_autopilot(5.0))
+        mission.subscribe_mission_changed(lambda *_: changes.append(1))
         time.sleep(1.2)  # let it see the id of the plan before
         with TransferDriver(MavlinkEndpoint(open_link(f"tcp:127.0.0.1:{port}"), 245, 190)) as driver:
             driver.wait_for_vehicle(5.0)

@@ -80,10 +80,15 @@ def setpoint_of(message: Message, pilot: Pilot, *, body_positions: bool) -> Setp
     if mask & _FORCE:
         msg = "Setpoint refused: forces are not flown"
         raise RefusedError(msg, denied=True)
+    local = type(message).id == m.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+    place_given = (message.x, message.y, message.z) if local else (message.alt,)
+    if any(map(math.isinf, (*place_given, message.vx, message.vy, message.vz))):
+        msg = "Setpoint refused: infinity is no number to fly"
+        raise RefusedError(msg, denied=True)
     x, y, z, yaw = *pilot.state.position_m, pilot.state.yaw_rad
     turned = frame in (_BODY, _BODY_OFFSET, _BODY_FRD)
     velocity = _enu(message.vx, message.vy, message.vz, yaw if turned else 0.0)
-    if type(message).id == m.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT:
+    if not local:
         if frame not in _GLOBAL:
             raise RefusedError(f"Setpoint refused: frame {frame}", denied=True)
         place = pilot.place_of(
@@ -104,7 +109,7 @@ def setpoint_of(message: Message, pilot: Pilot, *, body_positions: bool) -> Setp
     turn = math.nan if mask & _IGNORE_TURN else float(message.yaw_rate)
     setpoint = Setpoint(_masked(place, mask), _masked(velocity, mask >> 3), heading, turn)
     if all(map(math.isnan, (*setpoint.position_m, *setpoint.velocity_m_s, heading, turn))):
-        msg = "Setpoint refused: neither place nor velocity nor heading"
+        msg = "Setpoint refused: neither place nor velocity"
         raise RefusedError(msg, denied=True)
     return setpoint
 
@@ -207,9 +212,6 @@ class Steering:
             across = (0.0, 0.0) if math.isnan(vx) else (vx, vy)
             up = 0.0 if math.isnan(vz) else vz
             heading = math.inf if math.isnan(yaw) else yaw
-            if not all(map(math.isfinite, (*across, up))):
-                msg = "the velocity is no number"
-                raise VehicleError(msg)
             executor.steer((*across, up), height_m=z, yaw_rad=heading, turn_rad_s=turn)
             return
         here = executor.motion.stopping_point()

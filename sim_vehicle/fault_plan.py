@@ -234,7 +234,9 @@ class FaultyComponent:
     def poll(self, now_s: float) -> list[Message]:
         """Poll the component unless it is silent."""
         self._turn(now_s)
-        return [] if self._silent(now_s) else self._spoil(self.inner.poll(now_s), now_s)
+        if self._silent(now_s) or self.inner.next_deadline() > now_s:
+            return []
+        return self._spoil(self.inner.poll(now_s), now_s)
 
     def next_deadline(self) -> float:
         """The component's deadline or the next time that a fault begins or ends."""

@@ -32,4 +32,18 @@ def _gps(pilot: Any, broken: bool) -> None:
     pilot.position_ok = not broken
 
 
-_SWITCHES: dict[str, Callable[[Any, bool], None]] = {"gps-loss": _gps}
+def _motor(pilot: Any, broken: bool) -> None:
+    pilot.fail_motor(broken)
+
+
+def _battery(pilot: Any, broken: bool) -> None:
+    # Nobody changes a battery in flight: the end of the fault does not charge it.
+    if broken:
+        pilot.drain_battery(0.0)
+
+
+_SWITCHES: dict[str, Callable[[Any, bool], None]] = {
+    "gps-loss": _gps,
+    "motor-failure": _motor,
+    "dead-battery": _battery,
+}

@@ -11,7 +11,6 @@ import numpy as np
 
 from mission.errors import LinkError
 
-
 _BUFFER_BYTES = 16384
 _BITS_A_BYTE = 10.0
 

@@ -104,6 +104,17 @@ def asks_first(peer: Peer) -> str:
     return str(answer.get_type())
 
 
+@check("transfer.final-ack", "the last item is acknowledged by MISSION_ACK, addressed to us")
+def final_ack(peer: Peer) -> None:
+    """Send a whole plan by hand."""
+    sender = Sender(peer, peer.items(3))
+    sender.begin()
+    answer = sender.finish()
+    _accepted(answer)
+    if answer.target_system not in (0, peer.endpoint.system_id):
+        raise FailedError(f"it is addressed to system {answer.target_system}")
+
+
 @check("transfer.asks-again", "an item that does not come is asked for again")
 def asks_again(peer: Peer) -> str:
     """Keep item 1 back."""

@@ -84,7 +84,7 @@ class Peer:
     @property
     def is_ardupilot(self) -> bool:
         """Whether it says that it is an ArduPilot."""
-        return self.vehicle.autopilot == m.MAV_AUTOPILOT_ARDUPILOTMEGA
+        return bool(self.vehicle.autopilot == m.MAV_AUTOPILOT_ARDUPILOTMEGA)
 
     @property
     def address(self) -> tuple[int, int]:

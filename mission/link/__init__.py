@@ -4,6 +4,7 @@ from mission.link.endpoint import LinkStatistics, MavlinkEndpoint
 from mission.link.frames import FrameReader, FrameWriter, SourceStatistics
 from mission.link.link import Link, LinkAddress, open_link, parse_link_url
 from mission.link.memory import MemoryLink, memory_pair
+from mission.link.signing import Signing, key_from_text
 from mission.link.tlog import TlogWriter, read_tlog
 
 __all__ = [
@@ -14,8 +15,10 @@ __all__ = [
     "LinkStatistics",
     "MavlinkEndpoint",
     "MemoryLink",
+    "Signing",
     "SourceStatistics",
     "TlogWriter",
+    "key_from_text",
     "memory_pair",
     "open_link",
     "parse_link_url",

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from mission.link.dialect import mavlink
 from mission.link.frames import FrameReader, FrameWriter, Message, SourceStatistics
 from mission.link.link import Link
+from mission.link.signing import Signing
 
 Tap = Callable[[bytes, bool], None]
 
@@ -51,6 +52,8 @@ class MavlinkEndpoint:
         Ids of the messages that `receive` returns; the others are checked and counted only. None: all.
     tap : callable, optional
         Called with the bytes of each frame and whether it was sent (True) or received (False), for a log.
+    signing : Signing, optional
+        Signs what is sent; what it does not accept is not received.
 
     Examples
     --------
@@ -70,11 +73,12 @@ class MavlinkEndpoint:
         *,
         wanted: Iterable[int] | None = None,
         tap: Tap | None = None,
+        signing: Signing | None = None,
     ) -> None:
         self.link = link
         self.codec = mavlink.MAVLink(None, system_id, component_id)
-        self._writer = FrameWriter(system_id, component_id, self.codec)
-        self._reader = FrameReader(wanted, codec=self.codec)
+        self._writer = FrameWriter(system_id, component_id, self.codec, signing=signing)
+        self._reader = FrameReader(wanted, codec=self.codec, signing=signing)
         self._sent = 0
         self._sent_bytes = 0
         self._received_bytes = 0

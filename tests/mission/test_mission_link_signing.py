@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mission.errors import LinkError
-from mission.link import FrameReader, FrameWriter
+from mission.link import FrameReader, FrameWriter, MavlinkEndpoint, memory_pair
 from mission.link.dialect import mavlink
 from mission.link.signing import Signing, key_from_text
 
@@ -135,3 +135,14 @@ def test_keys_and_links_that_are_none():
 def test_the_key_is_not_shown():
     assert "k" * 8 not in repr(Signing(KEY))
     assert KEY.hex() not in repr(Signing(KEY))
+
+
+def test_endpoints_with_a_key_talk_to_each_other_only():
+    one, other = memory_pair()
+    ground = MavlinkEndpoint(one, 255, 190, signing=Signing(KEY))
+    vehicle = MavlinkEndpoint(other, 1, 1, signing=Signing(KEY))
+    ground.send(START)
+    assert [message.seq for message in vehicle.receive()] == [3]
+    MavlinkEndpoint(one, 254, 190).send(START)
+    assert vehicle.receive() == []
+    assert vehicle.statistics.bad_frames == 1

@@ -32,5 +32,7 @@ def warm_up(spec: VehicleSpec) -> None:
     executor.arm()
     executor.takeoff(min(2.0, spec.max_altitude_m))
     executor.advance(1.0)
+    executor.steer((0.5, 0.0, 0.0))
+    executor.advance(1.5)
     executor.hold()
     executor.advance(2.0)

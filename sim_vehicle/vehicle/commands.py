@@ -220,7 +220,10 @@ def _pause_continue(vehicle: SimVehicle, order: Order) -> Answer:
     if order.params[0] not in (0.0, 1.0):
         msg = f"Pause refused: parameter 1 is {order.params[0]:g}"
         raise RefusedError(msg, denied=True)
-    vehicle.pilot.set_mode(Mode.MISSION if order.params[0] else Mode.HOLD)
+    if order.params[0]:
+        vehicle.pilot.resume()
+    else:
+        vehicle.pilot.pause()
     return ACCEPTED
 
 

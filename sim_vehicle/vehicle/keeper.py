@@ -11,7 +11,7 @@ from geo.frame import LocalFrame
 from mission.model import Command, MissionItem
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.executor import MissionExecutor, check_mission
-from sim_vehicle.flight import LandedState, VehicleState
+from sim_vehicle.flight import LandedState, Phase, VehicleState
 from sim_vehicle.itinerary import item_places
 from sim_vehicle.spec import VehicleSpec
 from sim_vehicle.vehicle.fence import Fence
@@ -105,7 +105,7 @@ class Keeper:
             return MissionState.COMPLETE
         if not self._started:
             return MissionState.NOT_STARTED
-        flying = self.mode is Mode.MISSION and self.armed
+        flying = self.mode is Mode.MISSION and self.armed and self.state.phase is not Phase.HOLD
         return MissionState.ACTIVE if flying else MissionState.PAUSED
 
     def notices(self) -> list[Notice]:

@@ -257,6 +257,24 @@ class Pilot(Keeper):
         self.mode = mode
         self.steering.forget()
 
+    def pause(self) -> None:
+        """Stop and stay: in the hold mode (PX4), or without leaving the mode (ArduPilot)."""
+        if not self.failsafe.rules.pauses_in_mode:
+            self.set_mode(Mode.HOLD)
+            return
+        if not self.armed or self.mode not in (Mode.MISSION, Mode.GUIDED):
+            raise RefusedError(f"Pause refused: mode {self.mode.value}")
+        self.steering.forget()
+        self._command(self.executor.hold)
+
+    def resume(self) -> None:
+        """Go on after a pause: with the mission, or (ArduPilot in guided mode) with the next setpoint."""
+        if self.failsafe.rules.pauses_in_mode and self.mode is Mode.GUIDED:
+            return
+        if self.failsafe.rules.pauses_in_mode and self.mode is not Mode.MISSION:
+            raise RefusedError(f"Resume refused: mode {self.mode.value}")
+        self.set_mode(Mode.MISSION)
+
     def fail_motor(self, failed: bool = True) -> None:
         """Stop a motor for good, or repair it: without it a vehicle in the air falls, and cannot arm."""
         self.motor_ok = not failed

@@ -48,6 +48,8 @@ class Rules:
     needs_stream : bool
         Setpoints have to flow before their mode is taken, and the mode is left when they stop (PX4);
         otherwise only velocities grow old (ArduPilot).
+    pauses_in_mode : bool
+        A pause stops the vehicle without leaving the mode (ArduPilot); otherwise it is the hold mode.
     looks_ahead : bool
         Without a heading, the nose turns to a setpoint's place.
     preflight, arming : str
@@ -65,6 +67,7 @@ class Rules:
     any_inclusion: bool
     keeps_item: bool
     needs_stream: bool
+    pauses_in_mode: bool
     looks_ahead: bool
     preflight: str
     arming: str
@@ -109,6 +112,7 @@ PX4_RULES = Rules(
     any_inclusion=True,
     keeps_item=False,
     needs_stream=True,
+    pauses_in_mode=False,
     looks_ahead=False,
     preflight="Preflight Fail",
     arming="Arming denied",
@@ -127,6 +131,7 @@ ARDUPILOT_RULES = Rules(
     any_inclusion=False,
     keeps_item=True,
     needs_stream=False,
+    pauses_in_mode=True,
     looks_ahead=True,
     preflight="PreArm",
     arming="Arm",

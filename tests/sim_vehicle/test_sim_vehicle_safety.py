@@ -1,6 +1,7 @@
 """Safety functions of both autopilots: geofence, link, battery, position, motors, arming, rally points."""
 
 import math
+import struct
 from dataclasses import replace
 
 import pytest
@@ -9,7 +10,8 @@ from hypothesis import strategies as st
 
 from geo.frame import LocalFrame
 from mission.link.dialect import mavlink as m
-from mission.model import GeoPoint, MissionItem
+from mission.model import GeoPoint, MissionItem, MissionType
+from mission.transfer import wire
 from sim_vehicle.flight import LandedState, Phase
 from sim_vehicle.spec import get_vehicle
 from sim_vehicle.vehicle import ARDUPILOT, PX4, Mode, Outcome, SimVehicle
@@ -518,6 +520,81 @@ def test_a_mission_changed_in_flight(persona, seq):
     assert rig.pilot.mode is Mode.MISSION
     rig.run(200.0)
     assert rig.pilot.outcome is Outcome.COMPLETED
+
+
+@BOTH
+def test_pause_and_continue_at_any_moment(persona):
+    for when_s in (1.0, 8.0, 12.0, 22.0, 40.0):
+        rig = Rig(persona)
+        rig.pilot.load([takeoff(), wp(40, 0, hold_s=5.0), wp(40, 40), RTL])
+        rig.pilot.set_mode(Mode.MISSION)
+        rig.pilot.arm()
+        rig.run(when_s)
+        seq = rig.pilot.current_seq
+        assert rig.pilot.mission_state == 3
+        assert rig.command(193, 0.0) == 0
+        assert rig.pilot.mode is (Mode.MISSION if persona is ARDUPILOT else Mode.HOLD)
+        assert rig.pilot.mission_state == 4
+        rig.run(10.0)
+        assert math.hypot(*rig.pilot.state.velocity_m_s) < 0.05
+        assert rig.pilot.current_seq == seq
+        assert rig.command(193, 1.0) == 0
+        assert rig.pilot.mission_state == 3
+        rig.run(150.0)
+        assert rig.pilot.outcome is Outcome.COMPLETED
+    assert rig.command(193, 0.5) == 2
+
+
+@BOTH
+@pytest.mark.parametrize("when_s", [2.0, 12.0, 30.0, 48.0])
+def test_the_current_item_is_set_at_any_moment(persona, when_s):
+    rig = Rig(persona)
+    rig.pilot.load([takeoff(), wp(40, 0, hold_s=5.0), wp(40, 40), RTL])
+    rig.pilot.set_mode(Mode.MISSION)
+    rig.pilot.arm()
+    rig.run(when_s)
+    own = 2
+    rig.tell(m.MAVLink_mission_set_current_message(1, 1, rig.vehicle.wire_seq(own)))
+    assert rig.pilot.current_seq == own
+    rig.run(150.0)
+    assert rig.pilot.outcome is Outcome.COMPLETED
+
+
+def test_a_fence_and_rally_points_come_over_the_link():
+    rig = Rig(PX4)
+    latitude, longitude = FRAME.to_wgs84(30.0, 0.0)
+    plans = {1: zone(5001, SQUARE), 2: [MissionItem(5100, 3, x=latitude, y=longitude, z=20.0)]}
+    for kind, items in plans.items():
+        rig.tell(m.MAVLink_mission_count_message(1, 1, len(items), kind))
+        for seq, item in enumerate(items):
+            rig.tell(wire.item_to_message(item, seq, MissionType(kind), (1, 1)))
+    assert rig.pilot.failsafe.outside((80.0, 0.0, 10.0)) == "30.0 m outside the area"
+    (point,) = rig.pilot.executor.rally_m
+    assert point == pytest.approx((30.0, 0.0, 20.0), abs=0.02)
+    rig.tell(m.MAVLink_mission_clear_all_message(1, 1, 1))
+    rig.tell(m.MAVLink_mission_clear_all_message(1, 1, 2))
+    assert rig.pilot.failsafe.outside((80.0, 0.0, 10.0)) is None
+    assert rig.pilot.executor.rally_m == ()
+
+
+@BOTH
+def test_the_parameters_act(persona):
+    rig = Rig(persona)
+    values = (
+        {"FENCE_ENABLE": (1, "fence_enable"), "FENCE_ALT_MAX": (77.0, "fence_ceiling_m")}
+        if persona is ARDUPILOT
+        else {"GF_ACTION": (3, "fence_action"), "GF_MAX_HOR_DIST": (77.0, "fence_radius_m")}
+    )
+    for name, (value, field) in values.items():
+        sent, kind = float(value), 9
+        if isinstance(value, int):
+            kind = 6
+            if persona is PX4:
+                sent = struct.unpack("<f", struct.pack("<i", value))[0]
+        rig.tell(m.MAVLink_param_set_message(1, 1, name.encode(), sent, kind))
+        assert getattr(rig.pilot.tuning, field) == value
+    away = (78.0, 0.0, 10.0) if persona is PX4 else (0.0, 0.0, 78.0)
+    assert rig.pilot.failsafe.outside(away) is not None
 
 
 def test_a_moved_home_is_returned_to_and_measured_from():

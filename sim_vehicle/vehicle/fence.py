@@ -60,7 +60,9 @@ class _Zone:
         part = np.clip((px * dx + py * dy) / squared, 0.0, 1.0)
         away = np.sqrt(((px - part * dx) ** 2 + (py - part * dy) ** 2).min(axis=0))
         with np.errstate(divide="ignore", invalid="ignore"):
-            crosses = ((py < 0.0) != (py - dy < 0.0)) & (px < np.where(dy != 0.0, dx * py / dy, 0.0))
+            crosses = ((ay > y) != (np.roll(ay, -1, axis=0) > y)) & (
+                px < np.where(dy != 0.0, dx * py / dy, 0.0)
+            )
         inside = crosses.sum(axis=0) % 2 == 1
         return np.where(inside, away, -away)
 

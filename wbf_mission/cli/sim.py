@@ -13,6 +13,7 @@ from wbf_mission.cli import options
 from wbf_mission.cli.output import Output
 
 if TYPE_CHECKING:
+    from mission.link.signing import Signing
     from mission.link.tlog import TlogWriter
     from wbf_mission.simulator import Simulated
 
@@ -67,6 +68,17 @@ def sim_command(
         str | None,
         typer.Option(
             help="Simulated seconds per second of wall time, or max.  [default: 1]", rich_help_panel=_LINKS
+        ),
+    ] = None,
+    signing_key: Annotated[
+        str | None,
+        typer.Option(
+            envvar="WBF_MISSION_SIGNING_KEY",
+            help="Hear only who signs with this key, and sign: 64 hexadecimal digits, a phrase, or @FILE that"
+            " holds one.",
+            rich_help_panel=_LINKS,
+            show_default=False,
+            show_envvar=True,
         ),
     ] = None,
     duration: Annotated[
@@ -185,6 +197,7 @@ def sim_command(
             tap=tap,
             faults=faults,
             seed=scenario.seed,
+            signing=_signing(signing_key),
         ) as server:
             output.note(_greeting(simulated, scenario.vehicle, server.urls))
             for wrong in faults:
@@ -212,6 +225,24 @@ def sim_command(
     for one in simulated.vehicles[1:]:
         rows[f"vehicle {one.system_id}"] = f"{one.outcome.value} {one.outcome_text}".strip()
     output.result(values, rows, title="Simulator stopped")
+
+
+def _signing(key: str | None) -> Signing | None:
+    """Return what signs with a key as it was typed, None without one."""
+    if key is None:
+        return None
+    import time
+
+    from mission.errors import LinkError
+    from mission.link.signing import Signing, key_from_text
+
+    if key.startswith("@"):
+        try:
+            key = Path(key[1:]).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            msg = f"signing key: {key[1:]} cannot be read"
+            raise LinkError(msg) from error
+    return Signing(key_from_text(key), clock=time.time)
 
 
 def _log(path: Path | None) -> tuple[TlogWriter | None, Callable[[bytes, float], None] | None]:

@@ -20,6 +20,8 @@ MIN_DISTANCE_M = 0.01
 MIN_INTERVAL_S = 0.01
 MAX_INTERVAL_S = 86_400.0
 _HEARTBEAT_S = 1.0
+_PATIENCE_S = 2.5
+_POSITION_US, _TIME_US = 100_000.0, 1_000_000.0
 _STORAGE_MIB = 1024.0
 _MIB_PER_PICTURE = 1e-4
 _LEAF = LEAF_NAME.encode()
@@ -45,11 +47,12 @@ class _Picture(NamedTuple):
 class LeafCameraComponent:
     """A MAVLink camera that fires as the mission commands and sends what it reads.
 
-    It knows where the vehicle is from telemetry only: GLOBAL_POSITION_INT of its own system's autopilot (10
-    Hz is best, 1 Hz is enough). It fires by DO_SET_CAM_TRIGG_DIST, DO_SET_CAM_TRIGG_INTERVAL,
-    IMAGE_START_CAPTURE and an autopilot's CAMERA_TRIGGER, stops when the vehicle disarms or its autopilot
-    restarts, and reports each picture by CAMERA_IMAGE_CAPTURED and DEBUG_FLOAT_ARRAY (see
-    `sensors.messages`). The cell that it reads is the one under the position that it reports.
+    It knows where the vehicle is from telemetry only: GLOBAL_POSITION_INT of its own system's autopilot
+    (10 Hz is best, 1 Hz is enough); when none comes (an ArduPilot sends what was asked for) it asks for
+    it. It fires by DO_SET_CAM_TRIGG_DIST, DO_SET_CAM_TRIGG_INTERVAL, IMAGE_START_CAPTURE and an
+    autopilot's CAMERA_TRIGGER, stops when the vehicle disarms or its autopilot restarts, and reports each
+    picture by CAMERA_IMAGE_CAPTURED and DEBUG_FLOAT_ARRAY (see `sensors.messages`). The cell that it
+    reads is the one under the position that it reports.
 
     Parameters
     ----------
@@ -92,6 +95,7 @@ class LeafCameraComponent:
         self._autopilot = (system_id, autopilot_component_id)
         self._ring: list[_Picture | None] = [None] * RING_PICTURES
         self._heartbeat_s: float | None = None
+        self._position_s: float | None = None
         self._mode = mavlink.CAMERA_MODE_IMAGE_SURVEY
         self._armed = False
         self._utc_offset_us: int | None = None
@@ -116,27 +120,46 @@ class LeafCameraComponent:
             return []
         late = due_s is None or now_s - due_s > _HEARTBEAT_S
         self._heartbeat_s = (now_s if late or due_s is None else due_s) + _HEARTBEAT_S
+        heartbeat = mavlink.MAVLink_heartbeat_message(
+            mavlink.MAV_TYPE_CAMERA,
+            mavlink.MAV_AUTOPILOT_INVALID,
+            0,
+            0,
+            mavlink.MAV_STATE_ACTIVE if self.trigger.active else mavlink.MAV_STATE_STANDBY,
+            3,
+        )
+        return [heartbeat, *self._ask(now_s)]
+
+    def _ask(self, now_s: float) -> list[Message]:
+        """Ask an autopilot that is there for the telemetry that does not come."""
+        if self._position_s is None or now_s < self._position_s + _PATIENCE_S:
+            return []
+        self._position_s = now_s
+        wanted = (
+            (mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, _POSITION_US),
+            (mavlink.MAVLINK_MSG_ID_SYSTEM_TIME, _TIME_US),
+        )
+        command = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
         return [
-            mavlink.MAVLink_heartbeat_message(
-                mavlink.MAV_TYPE_CAMERA,
-                mavlink.MAV_AUTOPILOT_INVALID,
-                0,
-                0,
-                mavlink.MAV_STATE_ACTIVE if self.trigger.active else mavlink.MAV_STATE_STANDBY,
-                3,
-            )
+            mavlink.MAVLink_command_long_message(*self._autopilot, command, 0, kind, period_us, 0, 0, 0, 0, 0)
+            for kind, period_us in wanted
         ]
 
-    def receive(self, message: Message, now_s: float) -> list[Message]:  # noqa: ARG002
+    def receive(self, message: Message, now_s: float) -> list[Message]:
         """Follow the telemetry, obey commands; return pictures and answers."""
         kind = type(message).id
         if kind == mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
-            return self._position(message) if self._from_autopilot(message) else []
+            if not self._from_autopilot(message):
+                return []
+            self._position_s = now_s
+            return self._position(message)
         if kind in (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT):
             return self._command(message)
         if not self._from_autopilot(message):
             return []
         if kind == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+            if self._position_s is None:
+                self._position_s = now_s
             armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
             if self._armed and not armed:
                 self.trigger.stop()

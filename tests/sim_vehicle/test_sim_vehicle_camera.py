@@ -463,3 +463,21 @@ def test_whatever_arrives_every_answer_can_be_sent(steps: list[Any]) -> None:
         else:
             message = wire(mavlink.MAVLink_system_time_message(*p))
         sent(camera.receive(message, 0.0))
+
+
+def test_it_asks_for_the_positions_that_do_not_come() -> None:
+    camera = make()
+
+    def asked(now_s: float) -> list[tuple[int, int, float]]:
+        orders = [m for m in sent(camera.poll(now_s)) if m.get_type() == "COMMAND_LONG"]
+        assert all((m.target_system, m.target_component) == VEHICLE for m in orders)
+        return [(m.command, int(m.param1), m.param2) for m in orders]
+
+    assert asked(0.0) == asked(5.0) == [], "there is no autopilot yet"
+    camera.receive(wire(heartbeat(False)), 6.0)
+    assert asked(7.0) == []
+    assert asked(9.0) == [(511, 33, 100_000.0), (511, 2, 1_000_000.0)]
+    assert asked(10.0) == [], "it waits for what it asked for"
+    assert asked(12.0) != []
+    camera.receive(position(0, 1.0, 1.0), 13.0)
+    assert asked(14.0) == asked(15.0) == []

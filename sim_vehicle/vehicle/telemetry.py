@@ -286,6 +286,12 @@ def _estimator_status(vehicle: SimVehicle) -> Message:
     )
 
 
+def _ekf_status_report(vehicle: SimVehicle) -> Message:
+    ok = vehicle.pilot.position_ok
+    flags = _ESTIMATES_OK if ok else _ESTIMATES_BLIND
+    return m.MAVLink_ekf_status_report_message(flags, 0.1, 0.1, 0.1, 0.1, 0.0)
+
+
 def _rc_channels(vehicle: SimVehicle) -> Message:
     return m.MAVLink_rc_channels_message(vehicle.boot_ms, 0, *[_UNUSED_CELL] * 18, 255)
 
@@ -375,6 +381,7 @@ BUILDERS: dict[int, Callable[[SimVehicle], Message]] = {
     m.MAVLINK_MSG_ID_AVAILABLE_MODES_MONITOR: _modes_monitor,
     m.MAVLINK_MSG_ID_PROTOCOL_VERSION: _protocol_version,
     m.MAVLINK_MSG_ID_ESTIMATOR_STATUS: _estimator_status,
+    m.MAVLINK_MSG_ID_EKF_STATUS_REPORT: _ekf_status_report,
     m.MAVLINK_MSG_ID_RC_CHANNELS: _rc_channels,
     m.MAVLINK_MSG_ID_VIBRATION: _vibration,
     m.MAVLINK_MSG_ID_SCALED_PRESSURE: _scaled_pressure,
@@ -389,7 +396,12 @@ _STATUS = (
     m.MAVLINK_MSG_ID_GPS_RAW_INT,
     m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
 )
-_EXTRA_3 = (m.MAVLINK_MSG_ID_SYSTEM_TIME, m.MAVLINK_MSG_ID_BATTERY_STATUS, m.MAVLINK_MSG_ID_VIBRATION)
+_EXTRA_3 = (
+    m.MAVLINK_MSG_ID_SYSTEM_TIME,
+    m.MAVLINK_MSG_ID_BATTERY_STATUS,
+    m.MAVLINK_MSG_ID_VIBRATION,
+    m.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+)
 _SENSOR = (m.MAVLINK_MSG_ID_SCALED_PRESSURE,)
 _RADIO = (m.MAVLINK_MSG_ID_RC_CHANNELS,)
 STREAMS: dict[int, tuple[int, ...]] = {

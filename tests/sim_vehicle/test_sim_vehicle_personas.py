@@ -302,6 +302,7 @@ def test_sensors_at_rest_tell_what_they_would_at_rest():
     assert pressure == pytest.approx(1013.25 - 20.0 / 8.33, abs=0.2)
     assert imu.abs_pressure == pytest.approx(pressure)
     assert peer.asked(230).flags & 16
+    assert peer.asked(193).flags == peer.asked(230).flags
     assert peer.asked(241).clipping_0 == 0
     assert peer.asked(65).chancount == 0
     assert peer.asked(49).latitude == 280500000

@@ -85,6 +85,17 @@ def with_home(items, home):
     return (MissionItem.waypoint(home.latitude_deg, home.longitude_deg, home.altitude_m), *items)
 
 
+def request_streams(flying):
+    """Ask an ArduPilot for its telemetry, as a MAVProxy would that runs beside a client."""
+    from mission.link.dialect import mavlink
+
+    codec = mavlink.MAVLink(None, 254, 230)
+    with socket.create_connection(("127.0.0.1", port_of(flying.urls[0]))) as connection:
+        connection.settimeout(5.0)
+        connection.sendall(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 10, 1).pack(codec))
+        wait_until(lambda: b"\x21" in connection.recv(4096), what="the telemetry")
+
+
 class Flying:
     """A vehicle behind a server in a thread."""
 
@@ -164,6 +175,23 @@ def sim(tmp_path):
         log.close()
 
 
+@pytest.fixture(scope="session")
+def installed(tmp_path_factory):
+    """Install packages into a directory of their own: ``installed("name<4", ...)`` is its PYTHONPATH."""
+
+    def install(*arguments):
+        target = tmp_path_factory.mktemp("packages")
+        pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-compile", "--no-input"]
+        pip += ["--disable-pip-version-check", "--retries", "1", "--target", str(target), *arguments]
+        done = subprocess.run(pip, capture_output=True, text=True, timeout=300)
+        if done.returncode != 0:
+            reason = done.stderr.strip().splitlines()[-1:] or ["no reason"]
+            pytest.skip(f"pip cannot install {' '.join(arguments)} (no network?): {reason[0]}")
+        return str(target)
+
+    return install
+
+
 @pytest.fixture
 def mavsdk_system():
     """Connect MAVSDK: ``mavsdk_system(url)`` gives the first autopilot's system."""
@@ -228,4 +256,5 @@ def tools():
         rally_about=rally_about,
         with_home=with_home,
         raw_items=raw_items,
+        request_streams=request_streams,
     )

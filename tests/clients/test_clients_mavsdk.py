@@ -20,6 +20,9 @@ def ready(connected, tools):
 
         flying, system = connected(autopilot, **options)
         telemetry = Telemetry(system)
+        if flying.is_ardupilot:  # it sends what it is asked for
+            for name in ("health", "position", "landed_state", "gps_info", "battery", "home"):
+                getattr(telemetry, f"set_rate_{name}")(10.0 if name == "position" else 2.0)
         tools.wait_until(telemetry.health_all_ok, what="health all ok")
         return flying, system, telemetry, Action(system), MissionRaw(system)
 
@@ -27,7 +30,10 @@ def ready(connected, tools):
 
 
 def signature(items):
-    return [(i.frame, i.command, round(i.param1, 6), i.x, i.y, round(i.z, 3)) for i in items]
+    frames = {5: 0, 6: 3}  # with and without INT they mean the same
+    return [
+        (frames.get(i.frame, i.frame), i.command, round(i.param1, 6), i.x, i.y, round(i.z, 3)) for i in items
+    ]
 
 
 def test_it_is_recognised(autopilot, ready, tools):
@@ -171,18 +177,18 @@ def test_it_hears_refusals_and_why(autopilot, ready, tools):
             order(*arguments)
         return error.value.result
 
+    no = (ActionResult.COMMAND_DENIED, ActionResult.FAILED)  # PX4's word and ArduPilot's
     flying.vehicle.pilot.arming_block = "compass not calibrated"
     tools.wait_until(lambda: not telemetry.health().is_armable, what="not armable")
-    assert refused(action.arm) == ActionResult.COMMAND_DENIED
+    assert refused(action.arm) in no
     tools.wait_until(lambda: any("compass not calibrated" in t for t in texts), what="the reason")
     flying.vehicle.pilot.arming_block = None
     tools.wait_until(lambda: telemetry.health().is_armable, what="armable")
-    assert refused(action.goto_location, *flying.place(5, 5), 40.0, 0.0) == ActionResult.COMMAND_DENIED
-    assert refused(action.terminate) in (ActionResult.UNSUPPORTED, ActionResult.COMMAND_DENIED)
+    assert refused(action.goto_location, *flying.place(5, 5), 40.0, 0.0) in no
     action.arm()
     action.takeoff()
     tools.wait_until(telemetry.in_air, what="in air")
-    assert refused(action.disarm) == ActionResult.COMMAND_DENIED
+    assert refused(action.disarm) in no
     tools.wait_until(lambda: any("not landed" in t for t in texts), what="the second reason")
     assert telemetry.armed()
     action.land()

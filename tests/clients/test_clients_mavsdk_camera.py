@@ -37,6 +37,12 @@ def test_pictures_one_by_one_and_in_series(autopilot, shooting, tools):
     assert found.horizontal_resolution_px == found.vertical_resolution_px == 1
     camera.set_mode(CAMERA, Mode.PHOTO)
     tools.wait_until(lambda: camera.get_mode(CAMERA) == Mode.PHOTO, what="photo mode")
+    first_fix = tools.wait_until(lambda: flying.camera.trigger.position, what="the camera's first position")
+
+    def knows_the_time():
+        return flying.camera.trigger.position.time_ms > first_fix.time_ms + 2000
+
+    tools.wait_until(knows_the_time, what="two seconds of telemetry")
     camera.take_photo(CAMERA)
     tools.wait_until(lambda: len(captures) == 1, what="the picture")
     first = captures[0]

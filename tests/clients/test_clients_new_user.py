@@ -26,7 +26,7 @@ def take_off_and_land(system, tools, *, ardupilot=False):
 
     telemetry, action = Telemetry(system), Action(system)
     if ardupilot:
-        for name in ("position", "landed_state", "home"):
+        for name in ("health", "position", "landed_state", "home"):
             getattr(telemetry, f"set_rate_{name}")(4.0)
     tools.wait_until(telemetry.health_all_ok, what="health all ok")
     action.set_takeoff_altitude(3.0)
@@ -56,10 +56,16 @@ def test_ardupilot_by_default(sim, mavsdk_system, tools):
     take_off_and_land(mavsdk_system("tcpout://127.0.0.1:5760"), tools, ardupilot=True)
 
 
-@pytest.mark.parametrize(
-    "example",
-    ["mission.py", "takeoff_and_land.py", "asyncio/mission.py", "asyncio/takeoff_and_land.py", "asyncio/telemetry.py"],
-)  # fmt: skip
+EXAMPLES = (
+    "mission.py",
+    "takeoff_and_land.py",
+    "asyncio/mission.py",
+    "asyncio/takeoff_and_land.py",
+    "asyncio/telemetry.py",
+)
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
 def test_examples_of_mavsdk_as_they_are(example, sim):
     """Unchanged, from a copy of MAVSDK's sources: MAVSDK_EXAMPLES=.../MAVSDK/py/mavsdk/examples."""
     script = Path(os.environ.get("MAVSDK_EXAMPLES", "MAVSDK_EXAMPLES")) / example

@@ -52,7 +52,7 @@ class Sender:
     def finish(self, first: int = 0) -> Message:
         """Answer requests until the last ACK, and return that."""
         self.send(first)
-        while True:
+        for _ in range(4 * len(self.items) + 20):
             answer = self.peer.expect(_ANSWERS, _RE_REQUEST_S)
             if answer is None:
                 raise FailedError("the vehicle falls silent in the middle of the upload")
@@ -63,6 +63,8 @@ class Sender:
             if answer.seq >= len(self.items):
                 raise FailedError(f"item {answer.seq} of {len(self.items)} is asked for")
             self.send(answer.seq)
+        self.cancel()
+        raise FailedError(f"the vehicle does not come to an end; it asks for item {answer.seq}")
 
     def cancel(self) -> None:
         """Break off, and wait until the vehicle has."""
@@ -374,17 +376,18 @@ def _refused_message(sender: Sender, wrong: Message, number: int) -> str:
     peer = sender.peer
     sender.begin()
     sender.send(0)
-    while True:
+    for _ in range(4 * len(sender.items) + 20):
         answer = peer.expect(_ANSWERS, _RE_REQUEST_S)
         if answer is None:
             sender.cancel()
             raise FailedError("the vehicle falls silent")
         if type(answer).id == wire.ACK:
-            break
+            if answer.type == wire.ACCEPTED:
+                raise FailedError("it is accepted")
+            return result_text(answer.type)
         if answer.seq == number:
             peer.send(wrong)
         else:
             sender.send(min(answer.seq, len(sender.items) - 1))
-    if answer.type == wire.ACCEPTED:
-        raise FailedError("it is accepted")
-    return result_text(answer.type)
+    sender.cancel()
+    raise FailedError("it is neither refused nor accepted")

@@ -10,6 +10,7 @@ from wbf_mission.check.peer import Peer
 from wbf_mission.check.registry import FailedError, SkippedError, check
 
 _VALUE = m.MAVLINK_MSG_ID_PARAM_VALUE
+_NOBODYS = "NO_SUCH_THING_X"
 _QUIET_S = 1.5
 _LONGEST_S = 120.0
 _ROUNDS = 5
@@ -31,9 +32,9 @@ def _bits(value: float) -> bytes:
     return struct.pack("<f", value)
 
 
-def _read(peer: Peer, name: str) -> Message | None:
+def _read(peer: Peer, name: str, tries: int = 3) -> Message | None:
     question = m.MAVLink_param_request_read_message(*peer.address, name.encode(), -1)
-    return peer.ask(question, _VALUE, where=lambda answer: _name(answer) == name)
+    return peer.ask(question, _VALUE, where=lambda answer: _name(answer) == name, tries=tries)
 
 
 def _listed(peer: Peer) -> dict[int, Message]:
@@ -117,9 +118,7 @@ def read_name(peer: Peer) -> str:
 @check("param.read-unknown", "a parameter that does not exist gives no value", required=False)
 def read_unknown(peer: Peer) -> None:
     """Ask for a name that nobody has."""
-    peer.forget()
-    peer.send(m.MAVLink_param_request_read_message(*peer.address, b"NO_SUCH_THING_X", -1))
-    if peer.expect(_VALUE, 1.0, lambda a: _name(a) == "NO_SUCH_THING_X") is not None:
+    if _read(peer, _NOBODYS, tries=1) is not None:
         raise FailedError("it has a value")
 
 
@@ -146,14 +145,14 @@ def param_set(peer: Peer) -> str:
     return name
 
 
-def _set(peer: Peer, name: str, value: float, kind: int) -> Message | None:
+def _set(peer: Peer, name: str, value: float, kind: int, tries: int = 3) -> Message | None:
     question = m.MAVLink_param_set_message(*peer.address, name.encode(), value, kind)
-    return peer.ask(question, _VALUE, where=lambda answer: _name(answer) == name)
+    return peer.ask(question, _VALUE, where=lambda answer: _name(answer) == name, tries=tries)
 
 
 @check("param.set-unknown", "PARAM_SET of a name that does not exist adds nothing", required=False)
 def set_unknown(peer: Peer) -> None:
     """Set a name that nobody has."""
-    _set(peer, "NO_SUCH_THING_X", 1.0, m.MAV_PARAM_TYPE_REAL32)
-    if _read(peer, "NO_SUCH_THING_X") is not None:
+    _set(peer, _NOBODYS, 1.0, m.MAV_PARAM_TYPE_REAL32, tries=1)
+    if _read(peer, _NOBODYS, tries=1) is not None:
         raise FailedError("now it has a value")

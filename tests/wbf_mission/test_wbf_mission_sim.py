@@ -1,0 +1,140 @@
+"""The simulator command: fleets, faults, speeds, scenario files, bad input."""
+
+import json
+import subprocess
+import sys
+import time
+
+import pytest
+
+from mission.link import read_tlog
+from wbf_mission.cli.app import main
+from wbf_mission.sim_options import load_sim, parse_speed
+
+QUICK = ["sim", "--no-camera", "--listen", "udpin:127.0.0.1:0", "--speed", "max", "-q", "--json"]
+
+
+def sim(capsys, *arguments):
+    assert main([*QUICK, *arguments]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_a_fleet_at_full_speed_into_a_log(tmp_path, capsys):
+    log = tmp_path / "fleet.tlog"
+    values = sim(capsys, "--count", "4", "--duration", "20", "--tlog", str(log))
+    assert [vehicle["system"] for vehicle in values["vehicles"]] == [1, 2, 3, 4]
+    assert values["simulated_s"] == 20.0
+    assert {message.get_srcSystem() for _, message in read_tlog(log)} == {1, 2, 3, 4}
+    again = tmp_path / "again.tlog"
+    sim(capsys, "--count", "4", "--duration", "20", "--tlog", str(again))
+    assert log.read_bytes() == again.read_bytes()
+
+
+def test_homes_one_for_each(tmp_path, capsys):
+    log = tmp_path / "homes.tlog"
+    sim(capsys, "--home", "10,20,30", "--home", "11,21,31,90", "--duration", "1.5", "--tlog", str(log))
+    places = {
+        message.get_srcSystem(): (message.latitude, message.longitude)
+        for _, message in read_tlog(log)
+        if message.get_type() == "HOME_POSITION"
+    }
+    assert places == {1: (100000000, 200000000), 2: (110000000, 210000000)}
+
+
+def test_faults_of_the_command_line_and_of_a_file(tmp_path, capsys):
+    scenario = tmp_path / "bad-day.toml"
+    scenario.write_text(
+        'farm = "miniberry-10"\nseed = 4\n'
+        '[sim]\nautopilot = "ardupilot"\ncount = 2\nspeed = "max"\nduration_s = 9.5\ncamera = false\n'
+        'listen = ["udpin:127.0.0.1:0"]\n'
+        '[[fault]]\nkind = "silence"\nfrom = 3\nvehicle = 2\n'
+    )
+    log = tmp_path / "faults.tlog"
+    arguments = ["sim", "--scenario", str(scenario), "--fault", "drop=HEARTBEAT,vehicle=1,from=5"]
+    assert main([*arguments, "--tlog", str(log), "--json", "-q"]) == 0
+    assert json.loads(capsys.readouterr().out)["simulated_s"] == 9.5
+    beats = {1: 0, 2: 0}
+    for _, message in read_tlog(log):
+        beats[message.get_srcSystem()] += message.get_type() == "HEARTBEAT"
+    assert beats == {1: 5, 2: 3}
+
+
+def test_options_change_what_the_file_says(tmp_path, capsys):
+    scenario = tmp_path / "sim.toml"
+    scenario.write_text("[sim]\ncount = 5\nspeed = 1.0\nduration_s = 100.0\n")
+    values = sim(capsys, "--scenario", str(scenario), "--count", "1", "--duration", "2")
+    assert len(values["vehicles"]) == 1
+
+
+def test_the_list_of_faults(capsys):
+    assert main(["sim", "--list-faults"]) == 0
+    captured = capsys.readouterr()
+    assert "no-final-ack" in captured.out
+    assert "direction=up|down|both" in captured.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--count", "0"], "1 to 250"),
+        (["--count", "251"], "1 to 250"),
+        (["--count", "3", "--home", "1,2", "--home", "3,4"], "one for each"),
+        (["--count", "2", "--spacing", "-1"], "spacing"),
+        (["--speed", "fast"], "max"),
+        (["--speed", "0"], "max"),
+        (["--speed", "nan"], "max"),
+        (["--duration", "-3"], "duration"),
+        (["--fault", "meteor"], "meteor"),
+        (["--fault", "loss=2"], "chance"),
+        (["--scenario", "/no/such/file.toml"], "file.toml"),
+        (["--listen", "serial:/dev/none:57600"], "cannot be opened"),
+        (["--listen", "udpout:no.such.host.invalid:14550"], "no.such.host"),
+        (["--connect", "tcp:127.0.0.1:1"], "refused"),
+        (["--autopilot", "betaflight"], "betaflight"),
+        (["--home", "91,0"], "home"),
+    ],
+)
+def test_bad_input_is_one_line_and_code_2(arguments, text, capsys):
+    assert main([*QUICK, "--duration", "1", *arguments]) == 2
+    error = capsys.readouterr().err.strip()
+    assert text in error
+    assert len(error.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[sim]\nspede = 1", "unknown key 'spede'"),
+        ("[sim]\nspeed = 'fast'", "max"),
+        ("[sim]\ncount = 'two'", "count"),
+        ("sim = 3", r"\[sim\]"),
+        ("[[fault]]\nkind = 'loss'", "fault 1"),
+        ("colour = 3", "unknown key 'colour'"),
+        ("[sim", "not TOML"),
+    ],
+)
+def test_bad_files(tmp_path, text, message):
+    from geo.errors import WbfMissionError
+
+    path = tmp_path / "bad.toml"
+    path.write_text(text)
+    with pytest.raises(WbfMissionError, match=message) as caught:
+        load_sim(path)
+    assert "bad.toml" in str(caught.value)
+
+
+def test_speeds():
+    assert parse_speed("0.1") == 0.1
+    assert parse_speed("MAX") == float("inf")
+
+
+def test_it_starts_in_about_a_second():
+    command = [sys.executable, "-m", "wbf_mission", *QUICK, "--duration", "0.1"]
+    best = min(_seconds(command) for _ in range(2))
+    assert best < 3.0  # 0.8 s on an idle machine of two cores
+
+
+def _seconds(command):
+    began = time.monotonic()
+    subprocess.run(command, check=True, capture_output=True)
+    return time.monotonic() - began

@@ -14,6 +14,7 @@ from sim_vehicle.executor import MissionExecutor
 from sim_vehicle.feasibility import mission_problems
 from sim_vehicle.flight import BatteryDepleted, CannotFly, MissionComplete
 from sim_vehicle.itinerary import item_places
+from sim_vehicle.sequencer import EPOCH_UNIX_S
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -67,6 +68,7 @@ def predict_flight(
     wind: Wind | None = None,
     frame: LocalFrame | None = None,
     track_step_s: float = 1.0,
+    epoch_unix_s: float = EPOCH_UNIX_S,
 ) -> Prediction:
     """Predict a flight of the mission from home.
 
@@ -82,6 +84,8 @@ def predict_flight(
         About home; by default about the mission's home, otherwise about its first place.
     track_step_s : float
         Spacing of the track in time, rounded to tenths of a second (to steps for the ideal vehicle).
+    epoch_unix_s : float
+        Time of day at the start, for items that wait for one.
 
     Raises
     ------
@@ -109,6 +113,7 @@ def predict_flight(
             0.0, 0.0, 1.0, 0.0, np.zeros((1, 3)), track_step_s, feasible=False, reason=problems[0]
         )
     executor = MissionExecutor(spec, home, wind=wind)
+    executor.epoch_unix_s = epoch_unix_s
     motion = executor.motion
     tick_s = motion.step_s if spec.is_ideal else motion.step_s * _GRID_STEPS
     motion.track_every = max(1, round(track_step_s / tick_s))

@@ -89,6 +89,8 @@ def test_a_delay_ends_at_its_time_of_day():
     assert times(events)[2] == pytest.approx(90.0, abs=0.05)
     events, _ = flown(items, prepare=lambda v: setattr(v, "epoch_unix_s", v.epoch_unix_s - 60.0))
     assert times(events)[2] == pytest.approx(150.0, abs=0.05)
+    early = predict_flight(Mission(tuple(items)), QUAD, frame=HOME, epoch_unix_s=1_780_315_140.0)
+    assert early.duration_s == pytest.approx(150.0 + 28.0, abs=8.0)
     events, _ = flown([takeoff(), do(93, -1, -1, -1, 45), RTL])
     assert times(events)[1] == pytest.approx(45.0, abs=0.05)
     events, _ = flown([do(93, -1, -1, 1, -1), takeoff(), RTL])

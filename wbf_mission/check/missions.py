@@ -52,6 +52,7 @@ class Sender:
     def finish(self, first: int = 0) -> Message:
         """Answer requests until the last ACK, and return that."""
         self.send(first)
+        asked = first
         for _ in range(4 * len(self.items) + 20):
             answer = self.peer.expect(_ANSWERS, _RE_REQUEST_S)
             if answer is None:
@@ -62,9 +63,10 @@ class Sender:
                 return answer
             if answer.seq >= len(self.items):
                 raise FailedError(f"item {answer.seq} of {len(self.items)} is asked for")
-            self.send(answer.seq)
+            asked = answer.seq
+            self.send(asked)
         self.cancel()
-        raise FailedError(f"the vehicle does not come to an end; it asks for item {answer.seq}")
+        raise FailedError(f"the vehicle does not come to an end; it asks for item {asked}")
 
     def cancel(self) -> None:
         """Break off, and wait until the vehicle has."""

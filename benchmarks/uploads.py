@@ -1,0 +1,162 @@
+"""Measure mission uploads: 1000 items on loopback by our client and by MAVSDK, and behind a bad radio.
+
+Over loopback TCP (our client) and UDP (MAVSDK) the vehicle runs in a process of its own; the bar is 0.5 s for
+the upload alone. Behind a radio that loses every fifth frame each way (on the virtual clock) the plan has to
+arrive whole and correct; the time is that of the virtual clock.
+
+    python benchmarks/uploads.py [--items 1000] [--autopilot px4]
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from mission.link import MavlinkEndpoint, open_link
+from mission.model import GeoPoint, MissionItem, MissionType
+from mission.transfer import MissionDownload, MissionUpload, compare_plans
+from mission.transfer.driver import TransferDriver
+from sim_vehicle.simulation import Simulation
+from sim_vehicle.spec import get_vehicle
+from sim_vehicle.vehicle import SimVehicle, get_persona
+
+BAR_S = 0.5
+HOME = GeoPoint(28.05, -82.15, 20.0)
+LOSS = 0.2
+
+
+def plan(number: int) -> tuple[MissionItem, ...]:
+    """Return a mission with different places."""
+    return tuple(MissionItem.waypoint(28.05 + 1e-6 * k, -82.15 + 1e-6 * (k % 7), 10.0) for k in range(number))
+
+
+@contextmanager
+def simulator(autopilot: str, url: str) -> Iterator[str]:
+    """Run ``wbf-mission sim`` in a process and yield the address that it took."""
+    command = [sys.executable, "-m", "wbf_mission", "sim", "--no-camera", "--autopilot", autopilot]
+    process = subprocess.Popen([*command, "--listen", url], stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    try:
+        greeting = process.stderr.readline()
+        found = re.search(r"((?:tcpin|udpout|udpin):\S+?)[;,]", greeting)
+        if found is None:
+            sys.exit(f"the simulator did not start: {greeting}")
+        yield found[1]
+    finally:
+        process.terminate()
+        process.wait()
+        process.stderr.close()
+
+
+def by_our_client(items: tuple[MissionItem, ...], autopilot: str) -> tuple[float, float]:
+    """Return the seconds of an upload and of a download over TCP, the best of three."""
+    best = [float("inf"), float("inf")]
+    with simulator(autopilot, "tcpin:127.0.0.1:0") as url:
+        link = open_link(url.replace("tcpin", "tcp"))
+        with TransferDriver(MavlinkEndpoint(link, 255, 190)) as driver:
+            driver.wait_for_vehicle()
+            options = {"target": (1, 1), "source": (255, 190), "profile": get_persona(autopilot).profile}
+            for _ in range(3):
+                for number, transfer in enumerate(
+                    (
+                        MissionUpload(items, home=HOME, **options),
+                        MissionDownload(MissionType.MISSION, **options),
+                    )
+                ):
+                    began = time.perf_counter()
+                    driver.run(transfer)
+                    best[number] = min(best[number], time.perf_counter() - began)
+    return best[0], best[1]
+
+
+def by_mavsdk(items: tuple[MissionItem, ...], autopilot: str) -> float:
+    """Return the seconds of an upload by MAVSDK over UDP, the best of three."""
+    import mavsdk
+    from mavsdk.plugins.mission_raw import MissionItem as RawItem
+    from mavsdk.plugins.mission_raw import MissionRaw
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    with simulator(autopilot, f"udpout:127.0.0.1:{port}"):
+        client = mavsdk.Mavsdk(
+            mavsdk.Configuration.create_with_component_type(mavsdk.ComponentType.GROUND_STATION)
+        )
+        client.add_any_connection(f"udpin://127.0.0.1:{port}")
+        system = client.first_autopilot(15.0)
+        if system is None:
+            sys.exit("MAVSDK does not find the vehicle")
+        plugin = MissionRaw(system)
+        sent = [
+            RawItem(
+                k,
+                3,
+                item.command,
+                int(k == 0),
+                1,
+                0.0,
+                0.0,
+                0.0,
+                0.0,
+                item.wire_x(),
+                item.wire_y(),
+                item.z,
+                0,
+            )
+            for k, item in enumerate(items)
+        ]
+        best = float("inf")
+        for _ in range(3):
+            began = time.perf_counter()
+            plugin.upload_mission(sent)
+            best = min(best, time.perf_counter() - began)
+        client.destroy()
+        return best
+
+
+def behind_a_bad_radio(items: tuple[MissionItem, ...], autopilot: str) -> tuple[float, float, bool]:
+    """Return virtual and processor seconds of a verified upload at 20 % loss, and whether it is correct."""
+    persona = get_persona(autopilot)
+    vehicle = SimVehicle(get_vehicle("quad"), HOME, persona=persona)
+    link = Simulation([vehicle], faults=[f"loss={LOSS}", "delay=0.02"], seed=1).open_link()
+    driver = TransferDriver(MavlinkEndpoint(link, 255, 190), clock=link.clock, wait=link.wait)
+    driver.wait_for_vehicle()
+    options = {"target": (1, 1), "source": (255, 190), "profile": persona.profile}
+    began_s, began = link.clock(), time.process_time()
+    driver.run(MissionUpload(items, home=HOME, **options))
+    took_s, busy = link.clock() - began_s, time.process_time() - began
+    end, _ = driver.run(MissionDownload(MissionType.MISSION, **options))
+    return took_s, busy, not compare_plans(items, end.items, persona.profile)
+
+
+def main() -> None:
+    """Measure everything and compare it with the bar."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--items", type=int, default=1000)
+    parser.add_argument("--autopilot", choices=("px4", "ardupilot"), default="px4")
+    options = parser.parse_args()
+    items, autopilot = plan(options.items), options.autopilot
+    up, down = by_our_client(items, autopilot)
+    theirs = by_mavsdk(items, autopilot)
+    took_s, busy, correct = behind_a_bad_radio(items, autopilot)
+    print(f"{autopilot}, {len(items)} items, loopback, the vehicle in its own process")
+    print(f"  our client: up {up:.3f} s ({len(items) / up:.0f} items/s), down {down:.3f} s")
+    print(f"  MAVSDK:     up {theirs:.3f} s ({len(items) / theirs:.0f} items/s)")
+    print(
+        f"  at {100 * LOSS:.0f} % loss each way and 20 ms: {took_s:.1f} virtual seconds in {busy:.2f} s,",
+        end=" ",
+    )
+    print("complete and correct" if correct else "NOT CORRECT")
+    met = max(up, theirs) < BAR_S * len(items) / 1000 and correct
+    print(f"bar {BAR_S} s for 1000: {'met' if met else 'MISSED'}")
+    sys.exit(0 if met else 1)
+
+
+if __name__ == "__main__":
+    main()

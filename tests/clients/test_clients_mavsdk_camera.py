@@ -23,11 +23,29 @@ def shooting(connected, tools):
     return start
 
 
+def listed_and_stored(camera, number, storage, tools):
+    """What MAVSDK knows after it has asked for the camera's status, each five seconds."""
+    from mavsdk.plugins.camera import CameraError, PhotosRange, Storage
+
+    def photos():
+        try:
+            return camera.list_photos(CAMERA, PhotosRange.ALL)
+        except CameraError:
+            return ()
+
+    tools.wait_until(lambda: len(photos()) == number, what="the list of photos")
+    tools.wait_until(lambda: storage, what="storage information")
+    assert storage[-1].storage_status == Storage.StorageStatus.FORMATTED
+    assert storage[-1].total_storage_mib == 1024.0
+
+
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_pictures_one_by_one_and_in_series(autopilot, shooting, tools):
-    from mavsdk.plugins.camera import CameraError, Mode, PhotosRange
+    from mavsdk.plugins.camera import CameraError, Mode
 
     flying, _, camera, captures = shooting(autopilot)
+    storage = []
+    camera.subscribe_storage(lambda update, _: storage.append(update.storage))
     (found,) = camera.camera_list().cameras
     assert (found.component_id, found.vendor_name, found.model_name) == (
         CAMERA,
@@ -60,13 +78,8 @@ def test_pictures_one_by_one_and_in_series(autopilot, shooting, tools):
     times = [info.time_utc_us for info in captures[1:]]
     assert all(later - sooner == 500_000 for sooner, later in pairwise(times))
 
-    def photos():
-        try:
-            return camera.list_photos(CAMERA, PhotosRange.ALL)
-        except CameraError:
-            return ()  # MAVSDK does not know the number yet: it asks from time to time
-
-    tools.wait_until(lambda: len(photos()) == number, what="the list of photos")
+    if not flying.is_ardupilot:
+        listed_and_stored(camera, number, storage, tools)
     camera.format_storage(CAMERA, 0)
     camera.reset_settings(CAMERA)
     with pytest.raises(CameraError):
@@ -78,13 +91,10 @@ def test_pictures_one_by_one_and_in_series(autopilot, shooting, tools):
 def test_a_mission_by_items_of_the_mission_plugin_takes_pictures(shooting, tools):
     """The mission plugin (not mission_raw), which has no take-off item and films too, on PX4."""
     from mavsdk.plugins.action import Action
-    from mavsdk.plugins.camera import Storage
     from mavsdk.plugins.mission import Mission, MissionItem, MissionPlan
     from mavsdk.plugins.telemetry import FlightMode, Telemetry
 
-    flying, system, camera, captures = shooting("px4", speed=20.0)
-    storage = []
-    camera.subscribe_storage(lambda update, _: storage.append(update.storage))
+    flying, system, _, captures = shooting("px4", speed=20.0)
     telemetry, action, mission = Telemetry(system), Action(system), Mission(system)
     wait = tools.wait_until
     wait(telemetry.health_all_ok, what="health all ok")
@@ -126,6 +136,3 @@ def test_a_mission_by_items_of_the_mission_plugin_takes_pictures(shooting, tools
     assert all(info.position.relative_altitude_m > 6.0 for info in captures)
     action.return_to_launch()
     wait(lambda: not telemetry.armed(), what="disarming at home")
-    wait(lambda: storage, what="storage information")  # MAVSDK asks each five seconds
-    assert storage[-1].storage_status == Storage.StorageStatus.FORMATTED
-    assert storage[-1].total_storage_mib == 1024.0

@@ -1,0 +1,143 @@
+"""What is known around a cell, in numbers: observed healthy, infected and lost plants at each distance.
+
+A map of codes says what is known of every cell. The features of a cell are, for each ring of distances around
+it, how many cells have each code; the cell itself is left out. They do not change under rotation and
+reflection, and depend only on cells at most `REACH` away along each axis. A few numbers about the whole field
+follow.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+REACH = 8
+UNKNOWN, SEEN_SUSCEPTIBLE, SEEN_INFECTED, SEEN_REMOVED, NO_HOST_CODE = range(5)
+"""Codes of cells: not observed, three classes, and land without the crop (or beside the farm)."""
+
+_CODES = (SEEN_SUSCEPTIBLE, SEEN_INFECTED, SEEN_REMOVED, NO_HOST_CODE)
+_RING_ENDS = (1, 2, 4, 5, 8, 9, 10, 13, 18, 20, 26, 36, 50, 65, 90, 2 * REACH**2)  # squared distances
+_OVERALL = 3
+_CHUNK_CELLS = 1 << 14
+_CLUSTER_LINK = 5
+
+N_FEATURES = len(_RING_ENDS) * len(_CODES) + _OVERALL
+
+
+def _rings() -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]:
+    axis = np.arange(-REACH, REACH + 1)
+    dx, dy = (grid.ravel() for grid in np.meshgrid(axis, axis, indexing="ij"))
+    squared = dx**2 + dy**2
+    near = squared > 0
+    dx, dy, squared = dx[near], dy[near], squared[near]
+    member = np.searchsorted(_RING_ENDS, squared)[:, None] == np.arange(len(_RING_ENDS))
+    # Counts are scaled by the root of the ring's size, so that features have similar variances.
+    return dx, dy, (member / np.sqrt(member.sum(axis=0))).astype(np.float32)
+
+
+_DX, _DY, _RING_WEIGHTS = _rings()
+
+
+def padded_codes(hosts: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Return a map of codes with nothing observed, and a margin of `REACH` cells around it.
+
+    Parameters
+    ----------
+    hosts : bool[W, H]
+        Cells that can carry the disease.
+
+    Returns
+    -------
+    uint8[W + 2 REACH, H + 2 REACH]
+    """
+    codes = np.full((hosts.shape[0] + 2 * REACH, hosts.shape[1] + 2 * REACH), NO_HOST_CODE, np.uint8)
+    codes[REACH:-REACH, REACH:-REACH][hosts] = UNKNOWN
+    return codes
+
+
+def inner(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the view of a padded map that is the farm itself, [W, H]."""
+    return codes[REACH:-REACH, REACH:-REACH]
+
+
+def local_features(
+    codes: NDArray[np.uint8], x: NDArray[np.intp], y: NDArray[np.intp], out: NDArray[np.float32]
+) -> None:
+    """Write the features of the rings around some cells into the first columns of `out`.
+
+    Parameters
+    ----------
+    codes : uint8[W + 2 REACH, H + 2 REACH]
+        See `padded_codes`.
+    x, y : intp[n]
+        Cells of the farm.
+    out : float32[n, N_FEATURES]
+        The last columns, for `overall_features`, are left as they are.
+    """
+    stride = codes.shape[1]
+    flat = codes.reshape(-1)
+    steps = _DX * stride + _DY
+    width = len(_RING_ENDS)
+    for start in range(0, len(x), _CHUNK_CELLS):
+        part = slice(start, start + _CHUNK_CELLS)
+        centres = (x[part] + REACH) * stride + (y[part] + REACH)
+        around = flat[centres[:, None] + steps]
+        for number, code in enumerate(_CODES):
+            seen = (around == code).astype(np.float32)
+            out[part, number * width : (number + 1) * width] = seen @ _RING_WEIGHTS
+
+
+def overall_features(codes: NDArray[np.uint8], hosts: int, seeds: int) -> tuple[float, ...]:
+    """Return the part of the field observed, outbreaks seen by those expected, and the part seen sick.
+
+    Sick cells at most five cells apart along each axis count as one outbreak.
+
+    Parameters
+    ----------
+    codes : uint8[W + 2 REACH, H + 2 REACH]
+        See `padded_codes`.
+    hosts : int
+        Number of cells that can carry the disease.
+    seeds : int
+        Number of outbreaks that the model lets begin.
+    """
+    counts = np.bincount(codes.ravel(), minlength=len(_CODES) + 1)
+    sick = int(counts[SEEN_INFECTED] + counts[SEEN_REMOVED])
+    observed = sick + int(counts[SEEN_SUSCEPTIBLE])
+    outbreaks = 0
+    if sick:
+        from scipy import ndimage
+
+        is_sick = (codes == SEEN_INFECTED) | (codes == SEEN_REMOVED)
+        grown = ndimage.maximum_filter(is_sick.view(np.uint8), size=_CLUSTER_LINK, mode="constant")
+        outbreaks = ndimage.label(grown, structure=np.ones((3, 3)))[1]
+    share = max(hosts, 1)
+    return observed / share, min(outbreaks / max(seeds, 1), 2.0), sick / share
+
+
+def set_overall(features: NDArray[np.float32], overall: tuple[float, ...]) -> None:
+    """Write the numbers of `overall_features` into the last columns of rows of features."""
+    features[:, -_OVERALL:] = overall
+
+
+def cells_in_reach(
+    x: NDArray[np.intp], y: NDArray[np.intp], shape: tuple[int, int]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the different cells of a farm whose features, or which themselves, some changed cells touch.
+
+    Examples
+    --------
+    >>> x, y = cells_in_reach(np.array([0]), np.array([20]), (30, 30))
+    >>> len(x), int(x.max()), int(y.min())
+    (153, 8, 12)
+    """
+    axis = np.arange(-REACH, REACH + 1)
+    found = []
+    for start in range(0, len(x), _CHUNK_CELLS):
+        i = (x[start : start + _CHUNK_CELLS, None, None] + axis[:, None]) + 0 * axis
+        j = (y[start : start + _CHUNK_CELLS, None, None] + axis) + 0 * axis[:, None]
+        inside = (i >= 0) & (i < shape[0]) & (j >= 0) & (j < shape[1])
+        found.append(np.unique(i[inside] * shape[1] + j[inside]))
+    flat = np.unique(np.concatenate(found)) if found else np.empty(0, np.intp)
+    columns, rows = np.divmod(flat, shape[1])
+    return columns.astype(np.intp), rows.astype(np.intp)

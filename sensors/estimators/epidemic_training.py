@@ -1,0 +1,287 @@
+"""Learning class probabilities from simulated outbreaks, and keeping what was learned.
+
+Outbreaks of the disease's own model are drawn, observed along random ways that end at random times, and a
+small network learns the class of cells that were not observed from what is known around them. The seeds of
+these outbreaks are streams of their own: no environment that is flown is ever among them, except by a chance
+of 2^-128.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import os
+import zipfile
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from geo.atomic import atomic_write
+from geo.seeds import stream
+from sensors.environment import EpidemicParameters
+from sensors.environment.epidemic import MAX_DAYS
+from sensors.environment.outbreak import simulate_outbreak, value_table
+from sensors.errors import EstimatorError
+from sensors.estimators.epidemic_features import (
+    N_FEATURES,
+    REACH,
+    UNKNOWN,
+    inner,
+    local_features,
+    overall_features,
+    padded_codes,
+    set_overall,
+)
+from sensors.estimators.epidemic_network import Network, train
+from sensors.estimators.epidemic_paths import random_path
+
+VERSION = 1
+WHOLE_FARM_CELLS = 128 * 128
+"""On farms with more cells the training sees windows; features of the whole field are not used."""
+LAYERS = (N_FEATURES, 64, 32, 3)
+_WINDOW = 96
+_LOOKS = 3
+_CELLS_A_LOOK = 60
+_LONGEST_SHARE = 0.45
+_NEAR_PREFERENCE = 4.0
+_NEAR_SIZE = 9
+_WITH_SEEDS_SHARE = 0.8
+_SMALLEST_TRAINING = 10
+
+_in_memory: dict[str, Network] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class Lesson:
+    """What a network is trained for; equal lessons give equal networks.
+
+    Parameters
+    ----------
+    parameters : EpidemicParameters
+        The disease.
+    day : int
+        Day of the observations.
+    outbreaks : int
+        Number of simulated fields.
+    epochs : int
+        Passes of the training over the samples.
+    seed : int
+        Of the training.
+    """
+
+    parameters: EpidemicParameters
+    day: int
+    outbreaks: int = 2000
+    epochs: int = 6
+    seed: int = 0
+
+    def key(self, hosts: NDArray[np.bool_]) -> str:
+        """Return a name for the network of this lesson on this crop map."""
+        told = {**asdict(self), "version": VERSION, "layers": LAYERS, "shape": hosts.shape}
+        digest = hashlib.sha256(json.dumps(told, sort_keys=True).encode())
+        digest.update(np.packbits(hosts).data)
+        return digest.hexdigest()[:32]
+
+
+def cache_folder(folder: str | os.PathLike[str] | None) -> Path:
+    """Return the folder of trained networks: the given one, or one below XDG_CACHE_HOME or ~/.cache."""
+    if folder is not None:
+        return Path(folder)
+    base = os.environ.get("XDG_CACHE_HOME")
+    # The standard says that relative paths there are to be ignored.
+    root = Path(base) if base and Path(base).is_absolute() else Path.home() / ".cache"
+    return root / "wbf-mission" / "epidemic"
+
+
+def network_for(lesson: Lesson, hosts: NDArray[np.bool_], folder: str | os.PathLike[str] | None) -> Network:
+    """Return the network of a lesson: from memory, from its file, or trained now and kept in both.
+
+    A file that cannot be read, or is not what its name claims, is replaced; a folder that cannot be written
+    to costs a training in every process, not an error.
+
+    Raises
+    ------
+    EstimatorError
+        If the day is beyond what the model of the environment allows.
+    """
+    if not 0 <= lesson.day <= MAX_DAYS:
+        msg = f"epidemic: day {lesson.day} is not in 0..{MAX_DAYS}, the days of an environment"
+        raise EstimatorError(msg)
+    key = lesson.key(hosts)
+    if key not in _in_memory:
+        path = cache_folder(folder) / f"{key}.npz"
+        network = load_network(path)
+        if network is None:
+            network = learn(lesson, hosts)
+            save_network(network, path)
+        _in_memory[key] = network
+    return _in_memory[key]
+
+
+def save_network(network: Network, path: Path) -> None:
+    """Write a network, or leave it if the folder cannot be written to."""
+    layers = {f"weight{i}": weight for i, weight in enumerate(network.weights)}
+    layers |= {f"bias{i}": bias for i, bias in enumerate(network.biases)}
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(path, "wb") as stream_:
+            np.savez(stream_, allow_pickle=False, **layers)
+    except OSError:
+        return
+
+
+def load_network(path: Path) -> Network | None:
+    """Read a network; None if there is none that can be used."""
+    weights, biases = [], []
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            for i, shape in enumerate(itertools.pairwise(LAYERS)):
+                weight, bias = file[f"weight{i}"], file[f"bias{i}"]
+                good = weight.shape == shape and bias.shape == shape[1:]
+                good = good and weight.dtype == bias.dtype == np.float32
+                if not (good and np.isfinite(weight).all() and np.isfinite(bias).all()):
+                    return None
+                weights.append(weight)
+                biases.append(bias)
+    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
+        return None
+    return Network(tuple(weights), tuple(biases))
+
+
+def learn(lesson: Lesson, hosts: NDArray[np.bool_]) -> Network:
+    """Simulate, observe and train."""
+    from threadpoolctl import threadpool_limits
+
+    rng = stream(lesson.seed, "epidemic-estimator", lesson.key(hosts))
+    # One BLAS thread: the sums do not depend on the number of cores then.
+    with threadpool_limits(1, user_api="blas"):
+        features, classes, weights = draw_samples(lesson, hosts, rng)
+        return train(Network.draw(LAYERS, rng), features, classes, weights, epochs=lesson.epochs, rng=rng)
+
+
+def classes_of(values: NDArray[np.floating]) -> NDArray[np.int8]:
+    """Return the class nearest to each value: 0 susceptible, 1 infected, 2 removed; -1 for NaN.
+
+    >>> classes_of(np.array([1.0, 0.5, 0.0, 0.8, 1.7, -0.2, np.nan])).tolist()
+    [0, 1, 2, 0, 0, 2, -1]
+    """
+    with np.errstate(invalid="ignore"):
+        nearest = np.where(values > 0.75, 0, np.where(values > 0.25, 1, 2))
+    return np.where(np.isnan(values), -1, nearest).astype(np.int8)
+
+
+def draw_samples(
+    lesson: Lesson, hosts: NDArray[np.bool_], rng: Generator
+) -> tuple[NDArray[np.float32], NDArray[np.int8], NDArray[np.float32]]:
+    """Draw cells that were not observed, with what was known around them.
+
+    Returns
+    -------
+    features : float32[n, N_FEATURES]
+    classes : int8[n]
+        The truth.
+    weights : float32[n]
+        How much each counts, so that together they stand for all cells not observed at the looks; mean 1.
+    """
+    field = _Fields(lesson, hosts, rng)
+    features: list[NDArray[np.float32]] = []
+    classes: list[NDArray[np.int8]] = []
+    weights: list[NDArray[np.float64]] = []
+    for _ in range(max(lesson.outbreaks, _SMALLEST_TRAINING)):
+        land, truth, margin, weight = field.draw()
+        cells = random_path(land.shape, max(1, int(_LONGEST_SHARE * land.size)), rng)
+        cells = cells[land[cells[:, 0], cells[:, 1]]]
+        for look in range(_LOOKS):
+            # The first looks are spread over the whole way, the later ones lie towards its end.
+            count = int(np.ceil(len(cells) * rng.random() ** (1.0 if look == 0 else 0.3)))
+            codes = padded_codes(land)
+            x, y = cells[:count].T
+            inner(codes)[x, y] = truth[x, y] + 1
+            chosen, counts = _choose(codes, margin, rng)
+            if not len(chosen):
+                continue
+            part = np.zeros((len(chosen), N_FEATURES), np.float32)
+            local_features(codes, chosen[:, 0], chosen[:, 1], part)
+            if field.whole:
+                set_overall(part, overall_features(codes, field.hosts, field.seeds))
+            features.append(part)
+            classes.append(truth[chosen[:, 0], chosen[:, 1]])
+            weights.append(weight * counts)
+    if not features:
+        return np.empty((0, N_FEATURES), np.float32), np.empty(0, np.int8), np.empty(0, np.float32)
+    together = np.concatenate(weights)
+    return np.concatenate(features), np.concatenate(classes), (together / together.mean()).astype(np.float32)
+
+
+def _choose(
+    codes: NDArray[np.uint8], margin: int, rng: Generator
+) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Choose cells not observed, preferably near sick ones, and say for how many each stands."""
+    from scipy import ndimage
+
+    middle = inner(codes)[margin : codes.shape[0] - 2 * REACH - margin]
+    unknown = np.argwhere(middle[:, margin : codes.shape[1] - 2 * REACH - margin] == UNKNOWN) + margin
+    if len(unknown) <= _CELLS_A_LOOK:
+        return unknown, np.ones(len(unknown))
+    sick = (inner(codes) == 2) | (inner(codes) == 3)
+    near = ndimage.maximum_filter(sick.view(np.uint8), size=_NEAR_SIZE, mode="constant")
+    preference = np.where(near[unknown[:, 0], unknown[:, 1]] > 0, _NEAR_PREFERENCE, 1.0)
+    share = preference / preference.sum()
+    chosen = rng.choice(len(unknown), _CELLS_A_LOOK, p=share)
+    return unknown[chosen], 1.0 / (_CELLS_A_LOOK * share[chosen])
+
+
+class _Fields:
+    """Draws simulated fields: the farm, or on large farms windows of it with their share of the seeds."""
+
+    def __init__(self, lesson: Lesson, hosts: NDArray[np.bool_], rng: Generator) -> None:
+        self.whole = hosts.size <= WHOLE_FARM_CELLS
+        self._ranks = np.cumsum(np.count_nonzero(hosts, axis=1))
+        self.hosts = int(self._ranks[-1])
+        self.seeds = lesson.parameters.seed_count(hosts.shape)
+        self._land = hosts
+        self._day = lesson.day
+        self._rng = rng
+        size = lesson.parameters.kernel_size
+        if size is None:
+            size = lesson.parameters.infection_rule(hosts.shape).kernel.size
+        # Seeds and kernel follow from the farm's width, which a window does not have.
+        self._parameters = replace(lesson.parameters, seeds=self.seeds, kernel_size=size)
+        self._classes = classes_of(value_table(self._parameters, lesson.day))
+
+    def draw(self) -> tuple[NDArray[np.bool_], NDArray[np.int8], int, float]:
+        """Return cells with the crop, their classes, a margin to leave out, and the weight of this field."""
+        if self.whole:
+            return self._land, self._simulate(self._land, self.seeds), 0, 1.0
+        rng = self._rng
+        land = self._window()
+        expected = self.seeds * np.count_nonzero(land) / self.hosts
+        none = float(np.exp(-expected))
+        if rng.random() >= _WITH_SEEDS_SHARE:
+            return land, np.zeros(land.shape, np.int8), REACH, none / (1.0 - _WITH_SEEDS_SHARE)
+        # Outbreaks are rare on a large farm: windows with at least one are drawn oftener and count less.
+        # Their number is that of the arrivals of a Poisson process that has its first arrival before time 1.
+        first = -np.log1p(-float(rng.random()) * (1.0 - none)) / max(expected, 1e-300)
+        later = int(rng.poisson(expected * max(0.0, 1.0 - first)))
+        weight = (1.0 - none) / _WITH_SEEDS_SHARE
+        return land, self._simulate(land, 1 + later), REACH, weight
+
+    def _window(self) -> NDArray[np.bool_]:
+        """Cut a window with a random cell of the crop somewhere in it."""
+        rank = int(self._rng.integers(0, self.hosts))
+        x = int(np.searchsorted(self._ranks, rank, side="right"))
+        row = np.flatnonzero(self._land[x])
+        y = int(row[self._rng.integers(0, len(row))])
+        corner = [
+            int(np.clip(place - self._rng.integers(0, _WINDOW), 0, max(0, side - _WINDOW)))
+            for place, side in zip((x, y), self._land.shape, strict=True)
+        ]
+        return self._land[corner[0] : corner[0] + _WINDOW, corner[1] : corner[1] + _WINDOW]
+
+    def _simulate(self, land: NDArray[np.bool_], seeds: int) -> NDArray[np.int8]:
+        onset = simulate_outbreak(land, replace(self._parameters, seeds=seeds), self._day, self._rng)
+        return self._classes[onset.view(np.uint8)]

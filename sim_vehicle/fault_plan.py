@@ -31,6 +31,7 @@ _REQUESTED = {
     m.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: "download",
 }
 _MOST_FAILED_PICTURES = 100_000
+_FEWEST_PORT = 1000
 
 
 class FaultSession:
@@ -93,17 +94,17 @@ class FaultSession:
 
         ``number`` counts the host's links from 1, ``client`` those who share one; each has its own luck.
         """
-        faults = [
-            fault
-            for fault in self.faults
-            if fault.group == "link"
-            and (
-                fault.link is None
-                or fault.link == str(number)
-                or (not fault.link.isdigit() and fault.link in name)
-            )
-        ]
+        faults = [f for f in self.faults if f.group == "link" and _names(f.link, name, number)]
         return FaultyLink(faults, self, self._seed, f"{number}.{client}") if faults else None
+
+
+def _names(wanted: str | None, name: str, number: int) -> bool:
+    """Whether a fault's ``link`` means this one: below 1000 its number, else a part of its name."""
+    if wanted is None:
+        return True
+    if wanted.isascii() and wanted.isdigit() and int(wanted) < _FEWEST_PORT:
+        return int(wanted) == number
+    return wanted in name
 
 
 def _concerns(fault: Fault, component: Component, systems: set[int]) -> bool:

@@ -128,7 +128,8 @@ class Fault:
     direction : {"up", "down", "both"}
         To the vehicle, from the vehicle, or both; of links and of ``drop``.
     link : str or None
-        Only links with this in their name (such as ``14550``), or the link with this number (from 1).
+        Only links with this in their name (such as ``14550``), or below 1000 the link with this number,
+        counted from 1.
     times : int or None
         It happens so many times only; of message faults.
 

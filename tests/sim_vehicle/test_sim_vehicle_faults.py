@@ -379,3 +379,5 @@ def test_a_session_combines_what_holds_at_once():
     later = radio._now("up", 1, 10.0)
     assert (later.loss, later.delay_s) == (0.75, pytest.approx(0.3))
     assert FaultSession(["loss=0.5,link=2"]).link("x", 1) is None
+    assert FaultSession(["loss=0.5,link=14550"]).link("udpout:127.0.0.1:14550", 1) is not None
+    assert FaultSession(["loss=0.5,link=14540"]).link("udpout:127.0.0.1:14550", 14540) is None

@@ -56,7 +56,7 @@ def check_command(
     if list_checks:
         rows = [[one.id, "required" if one.required else "", one.text] for one in all_checks()]
         values = [{"id": one.id, "required": one.required, "text": one.text} for one in all_checks()]
-        output.table(values, ["check", "", "what must hold"], rows, title="Checks")
+        output.table(values, ["check", "", "what must hold"], rows, title="Checks", left=True)
         return
     if url is None:
         msg = "give the link to the vehicle, such as udpin:127.0.0.1:14550, or --list"
@@ -82,6 +82,6 @@ def check_command(
     ]
     vehicle = report.vehicle
     title = f"{vehicle.profile.name}, system {vehicle.system_id} on {report.name}"
-    output.table(report.summary(), ["check", "", "what must hold", "seen"], rows, title=title)
+    output.table(report.summary(), ["check", "", "what must hold", "seen"], rows, title=title, left=True)
     if not report.passed:
         raise typer.Exit(1)

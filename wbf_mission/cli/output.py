@@ -56,14 +56,16 @@ class Output:
             table.add_row(name, text)
         self._stdout.print(table)
 
-    def table(self, values: Any, header: list[str], rows: list[list[str]], title: str = "") -> None:
-        """Print several results: ``values`` as JSON, or a table with a header."""
+    def table(
+        self, values: Any, header: list[str], rows: list[list[str]], title: str = "", *, left: bool = False
+    ) -> None:
+        """Print several results: ``values`` as JSON, or a table with a header; numbers to the right."""
         if self.as_json:
             self.raw_json(values)
             return
         table = Table(title=title or None, title_justify="left", title_style="bold")
         for column, name in enumerate(header):
-            table.add_column(name, justify="left" if column == 0 else "right", no_wrap=column == 0)
+            table.add_column(name, justify="left" if left or column == 0 else "right", no_wrap=column == 0)
         for row in rows:
             table.add_row(*row)
         self._stdout.print(table)

@@ -283,6 +283,6 @@ def _list_faults(output: Output) -> None:
         for name, kind in KINDS.items()
     ]
     values = [dict(zip(("kind", "group", "value", "text"), row, strict=True)) for row in rows]
-    output.table(values, ["fault", "of", "value", "what it does"], rows, title="Faults")
+    output.table(values, ["fault", "of", "value", "what it does"], rows, title="Faults", left=True)
     output.note(f"when: from=SECONDS, for=SECONDS, at={'|'.join(TRIGGERS)}")
     output.note("where: vehicle=SYSTEM, direction=up|down|both, link=NAME|NUMBER; how often: times=N")

@@ -5,9 +5,13 @@ import sys
 
 def main() -> None:
     """Run the command line and end the process with its exit code."""
-    from wbf_mission.cli.app import main as run
+    try:
+        from wbf_mission.cli.app import main as run
 
-    sys.exit(run())
+        code = run()
+    except KeyboardInterrupt:
+        code = 130
+    sys.exit(code)
 
 
 if __name__ == "__main__":

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from geo.errors import WbfMissionError
+from sensors.errors import EstimatorError
 from sensors.estimators import Estimator
 from sensors.information import InformationModel
 from sensors.observations import Observations
@@ -79,7 +83,8 @@ class RunEstimate:
             due = self._every - self._seen % self._every
             part = observations[start : start + due]
             begin = time.perf_counter()
-            self._estimator.partial_fit(part)
+            with _blame(self._estimator):
+                self._estimator.partial_fit(part)
             self.estimate_s += time.perf_counter() - begin
             self._seen += len(part)
             start += len(part)
@@ -94,10 +99,23 @@ class RunEstimate:
 
     def _evaluate(self, time_s: float) -> None:
         begin = time.perf_counter()
-        self.model = self._estimator.predict()
+        with _blame(self._estimator):
+            self.model = self._estimator.predict()
         middle = time.perf_counter()
         self.history.entries.append(self._score.add(self.model.value))
         self.history.times_s.append(time_s)
         self.history.observations.append(self._seen)
         self.estimate_s += middle - begin
         self.score_s += time.perf_counter() - middle
+
+
+@contextmanager
+def _blame(estimator: Estimator) -> Iterator[None]:
+    """Name the estimator whose own code failed; the cause stays attached for its author."""
+    try:
+        yield
+    except (WbfMissionError, MemoryError):
+        raise
+    except Exception as error:
+        msg = f"estimator {type(estimator).__name__} failed: {type(error).__name__}: {error}"
+        raise EstimatorError(msg) from error

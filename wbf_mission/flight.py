@@ -181,7 +181,7 @@ class _Run:
         if vehicle.is_ideal:
             expected = self.planned.prediction.duration_s / vehicle.step_s
         else:
-            expected = self.planned.length_m / (
+            expected = self.planned.prediction.path_length_m / (
                 self.scenario.camera_spacing_m or cell_m * self.scenario.camera_footprint
             )
         expected *= self.scenario.camera_footprint**2
@@ -296,6 +296,10 @@ class _Run:
                 VehicleOutcome.BATTERY_LOW: Outcome.BATTERY_LOW,
                 VehicleOutcome.BATTERY_DEPLETED: Outcome.BATTERY_DEPLETED,
                 VehicleOutcome.MISSION_REJECTED: Outcome.MISSION_REJECTED,
+                VehicleOutcome.FENCE_BREACHED: Outcome.FENCE_BREACHED,
+                VehicleOutcome.LINK_LOST: Outcome.LINK_LOST,
+                VehicleOutcome.POSITION_LOST: Outcome.POSITION_LOST,
+                VehicleOutcome.CRASHED: Outcome.CRASHED,
             }.get(vehicle.outcome, Outcome.FLIGHT_ABORTED)
             return precise, vehicle.outcome_text or ground.reason
         return ground.outcome, ground.reason

@@ -29,6 +29,8 @@ GROUND_SYSTEM_ID = 255
 GROUND_COMPONENT_ID = int(m.MAV_COMP_ID_MISSIONPLANNER)
 _HEARTBEAT_S = 1.0
 _CONTACT_S = 30.0
+_STATE_S = 2.5
+_GROUND_MM = 50
 _COMMAND_RETRY_S = 1.0
 _COMMAND_TRIES = 4
 _FETCH_S = 0.5
@@ -113,6 +115,8 @@ class GroundStation:
         self._flew = False
         self._mission_state = 0
         self._first_s: float | None = None
+        self._disarmed_s: float | None = None
+        self._chunk = (0, -1)
         self._heartbeat_s = -math.inf
         self._order: _Order | None = None
         self._transfer: VerifiedUpload | None = None
@@ -146,11 +150,11 @@ class GroundStation:
 
     @property
     def flight_time_s(self) -> float:
-        """From the start of the mission to its end, or to the last fix."""
+        """From the start of the mission to the last fix in the air."""
         if self.started_s is None:
             return 0.0
-        end_s = self.ended_s if self.ended_s is not None else self._last_fix_s()
-        return max(0.0, end_s - self.started_s)
+        aloft = (fix[0] for fix in reversed(self._fixes) if fix[3] > _GROUND_MM)
+        return max(0.0, next(aloft, 0) / 1e3 - self.started_s)
 
     def receive(self, message: Any, now_s: float) -> list[Any]:
         """Take one message and return the answers."""
@@ -175,6 +179,12 @@ class GroundStation:
                 out += self._take(self._transfer.poll(now_s), now_s)
         if self._order is not None and now_s >= self._order.due_s:
             out += self._send_order(now_s)
+        if (
+            self.phase is Phase.FLIGHT
+            and self._disarmed_s is not None
+            and now_s >= self._disarmed_s + _STATE_S
+        ):
+            self._land(Outcome.FLIGHT_ABORTED, self._last_warning("disarmed before the mission's end"), now_s)
         if self.phase is Phase.FETCH and now_s >= self._fetch_s:
             out += self._fetch(now_s)
         return out
@@ -212,13 +222,11 @@ class GroundStation:
         if self.phase is Phase.CONTACT:
             self._autopilot = message.autopilot
             return self._ask_for_streams() + self._next_upload(now_s)
-        if self.phase is Phase.FLIGHT and self._flew and not self._armed:
+        if self.phase is Phase.FLIGHT and self._flew and not self._armed and self._disarmed_s is None:
+            # The mission's state may be told a moment after the disarming.
+            self._disarmed_s = now_s
             if self._mission_state == _COMPLETE:
                 self._land(Outcome.COMPLETED, "", now_s)
-            else:
-                self._land(
-                    Outcome.FLIGHT_ABORTED, self._last_warning("disarmed before the mission's end"), now_s
-                )
         return self._ask_for_streams()
 
     def _ask_for_streams(self) -> list[Any]:
@@ -238,7 +246,8 @@ class GroundStation:
     def _on_mission_current(self, message: Any, now_s: float) -> list[Any]:
         if self._is_vehicle(message):
             self._mission_state = message.mission_state
-            if self.phase is Phase.FLIGHT and self._mission_state == _COMPLETE and not self._returns:
+            over = self._disarmed_s is not None or not self._returns
+            if self.phase is Phase.FLIGHT and self._mission_state == _COMPLETE and over:
                 self._land(Outcome.COMPLETED, "", now_s)
         return []
 
@@ -259,8 +268,15 @@ class GroundStation:
         return []
 
     def _on_text(self, message: Any, now_s: float) -> list[Any]:
-        if len(self.texts) < 10_000:
+        if not self._is_vehicle(message):
+            return []
+        number, chunk = message.id, message.chunk_seq
+        if self.texts and number and (number, chunk - 1) == self._chunk:
+            began_s, severity, text = self.texts[-1]
+            self.texts[-1] = (began_s, severity, text + message.text)
+        elif len(self.texts) < 10_000:
             self.texts.append((now_s, message.severity, message.text))
+        self._chunk = (number, chunk)
         return []
 
     def _on_picture(self, message: Any, now_s: float) -> list[Any]:  # noqa: ARG002
@@ -388,9 +404,6 @@ class GroundStation:
         """Return the vehicle's latest warning, which says more than a result code, or ``otherwise``."""
         warnings = [text for _, severity, text in self.texts if severity <= _WARNING]
         return warnings[-1] if warnings else otherwise
-
-    def _last_fix_s(self) -> float:
-        return self._fixes[-1][0] / 1e3 if self._fixes else (self.started_s or 0.0)
 
 
 def _result_name(result: int) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from mission.link import MavlinkEndpoint, open_link
@@ -22,8 +22,8 @@ class TransferReport:
 
     Parameters
     ----------
-    system_id, component_id : int
-        The vehicle.
+    system_id, component_id, autopilot : int
+        The vehicle, and its MAV_AUTOPILOT.
     items : dict
         Items of each plan, by its name.
     verified : bool
@@ -34,6 +34,7 @@ class TransferReport:
 
     system_id: int
     component_id: int
+    autopilot: int
     items: dict[str, int]
     verified: bool
     messages_sent: int
@@ -74,7 +75,8 @@ def download_mission(
     with _driver(url, progress, "downloading") as driver:
         vehicle = _find(driver, wait_s, note)
         mission, costs = driver.download()
-        return mission, _report(vehicle, costs)
+        counts = {kind.name.lower(): len(mission.plan(kind)) for kind in MissionType}
+        return mission, replace(_report(vehicle, costs), items=counts)
 
 
 def _driver(url: str, progress: ProgressCallback, what: str) -> TransferDriver:
@@ -96,6 +98,7 @@ def _report(vehicle: Vehicle, costs: Iterable[TransferStatistics]) -> TransferRe
     return TransferReport(
         vehicle.system_id,
         vehicle.component_id,
+        vehicle.autopilot,
         {part.mission_type.name.lower(): part.items for part in parts},
         all(part.verified for part in parts),
         sum(part.messages_sent for part in parts),

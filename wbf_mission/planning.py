@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,13 +11,16 @@ import shapely
 from numpy.typing import NDArray
 
 from geo import Crop, Farm, get_farm
+from geo.errors import WbfMissionError
 from geo.seeds import child_seed
+from mission.errors import PlanningError
 from mission.files import read_mission
-from mission.model import Mission
+from mission.model import Command, Mission
 from mission.planners import (
     Budget,
     CropArea,
     PlannedPath,
+    Planner,
     PlanningRequest,
     StepBudget,
     build_mission,
@@ -30,6 +34,7 @@ from sim_vehicle.spec import VehicleSpec, get_vehicle
 from sim_vehicle.wind import Wind
 from wbf_mission.scenario import Scenario, ScenarioError
 
+_CAMERA_STARTS = frozenset({206, 214, 2000})
 PAPER_STEPS_PER_CELL = 0.4  # timesteps of a day for each of the owner's cells (Matloob et al., experiments)
 
 
@@ -67,6 +72,33 @@ class PlanResult:
     prediction: Prediction
 
     @property
+    def crosses_obstacles(self) -> bool:
+        """Whether the way from home through the waypoints, and back, leads over an obstacle of the farm."""
+        home = np.array(self.farm.home_m)
+        way = shapely.LineString(np.vstack((home, self.path_m, home)))
+        return any(way.intersects(obstacle) for obstacle in self.farm.obstacles)
+
+    @property
+    def warnings(self) -> list[str]:
+        """Return what an operator should know before flying, each in one line."""
+        found = []
+        if not self.prediction.feasible:
+            found.append(f"the vehicle cannot fly this mission: {self.prediction.reason}")
+        if self.crosses_obstacles:
+            found.append("the path or the way home crosses an obstacle: keep the flight height above it")
+        if not any(item.command in _CAMERA_STARTS for item in self.mission.items):
+            found.append("the mission never starts the camera: there will be no observations")
+        ground = shapely.box(
+            0.0,
+            0.0,
+            self.farm.width_cells * self.farm.cell_size_m,
+            self.farm.height_cells * self.farm.cell_size_m,
+        )
+        if not shapely.MultiPoint(self.path_m).intersects(ground):
+            found.append(f"no waypoint lies on the farm {self.farm.name}: is this the right --farm?")
+        return found
+
+    @property
     def battery_used(self) -> float | None:
         """Fraction of the battery that the flight takes; None without a battery."""
         return None if self.vehicle.battery is None else 1.0 - self.prediction.battery_fraction
@@ -87,6 +119,7 @@ class PlanResult:
             "coverage": self.coverage,
             "feasible": self.prediction.feasible,
             "reason": self.prediction.reason,
+            "warnings": self.warnings,
         }
 
 
@@ -114,9 +147,10 @@ class FlightBudget:
             PlannedPath(points[1:] if len(points) > 1 else points, None, "candidate")
         )
         prediction = self.builder.predict(mission)
-        if not prediction.feasible:
-            return float("inf")
-        return prediction.duration_s if self.unit == "s" else prediction.energy_wh
+        if prediction.feasible:
+            return prediction.duration_s if self.unit == "s" else prediction.energy_wh
+        # What only exceeds the budget still has a price, to be told when nothing fits.
+        return prediction.energy_wh if self.unit == "Wh" and prediction.energy_wh > self.limit else math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,6 +240,7 @@ def plan(scenario: Scenario) -> PlanResult:
     """
     farm = get_farm(scenario.farm)
     vehicle = get_vehicle(scenario.vehicle)
+    _check_wind(scenario, vehicle)
     builder = MissionBuilder(scenario, farm, vehicle)
     area = farm.owner_area
     if farm.obstacles:
@@ -227,7 +262,7 @@ def plan(scenario: Scenario) -> PlanResult:
         ),
         seed=child_seed(scenario.seed, "planner"),
     )
-    path = planner(request)
+    path = _run_planner(planner, request, scenario.planner)
     mission = builder.mission(path)
     return PlanResult(
         farm=farm,
@@ -244,6 +279,36 @@ def plan(scenario: Scenario) -> PlanResult:
     )
 
 
+def _run_planner(planner: Planner, request: PlanningRequest, name: str) -> PlannedPath:
+    """Run a planner, whoever wrote it, and hold it to its budget."""
+    try:
+        path = planner(request)
+        cost = request.cost(path.points_m)
+    except (WbfMissionError, MemoryError):
+        raise
+    except Exception as error:
+        msg = f"planner {name} failed: {type(error).__name__}: {error}"
+        raise PlanningError(msg) from error
+    budget = request.budget
+    if not cost <= budget.limit * (1.0 + 1e-9):
+        msg = (
+            f"planner {name} returned a path that takes {cost:.6g} {budget.unit}, "
+            f"over the budget of {budget.limit:g} {budget.unit}"
+        )
+        raise PlanningError(msg)
+    return path
+
+
+def _check_wind(scenario: Scenario, vehicle: VehicleSpec) -> None:
+    limit = vehicle.airspeed_limit_m_s
+    if not vehicle.is_ideal and scenario.wind_speed_m_s >= limit:
+        msg = (
+            f"wind of {scenario.wind_speed_m_s:g} m/s: vehicle {vehicle.name} flies at most {limit:g} m/s "
+            "through the air and would be blown away; wait for less wind"
+        )
+        raise ScenarioError(msg)
+
+
 def _read(builder: MissionBuilder, area: Any, footprint_m: float) -> PlanResult:
     """Take the mission from the scenario's file; the farm only says where its waypoints lie."""
     path = str(builder.scenario.mission)
@@ -257,6 +322,7 @@ def _read(builder: MissionBuilder, area: Any, footprint_m: float) -> PlanResult:
     )
     points = np.column_stack((x, y))
     route = PlannedPath(points, None, "file")
+    returns = any(item.command == Command.NAV_RETURN_TO_LAUNCH for item in mission.items)
     return PlanResult(
         farm=builder.farm,
         vehicle=builder.vehicle,
@@ -264,7 +330,9 @@ def _read(builder: MissionBuilder, area: Any, footprint_m: float) -> PlanResult:
         path_m=points,
         spacing_m=None,
         budget_text="none (mission file)",
-        length_m=LengthBudget(1.0).cost(points),
+        length_m=LengthBudget(1.0, builder.farm.home_m if returns else None).cost(
+            np.vstack((builder.farm.home_m, points)) if mission.home is None else points
+        ),
         coverage=coverage(route, area, footprint_m),
         prediction=builder.predict(mission),
     )

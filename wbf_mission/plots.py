@@ -84,6 +84,9 @@ def draw_farm(axes: Axes, farm: Farm) -> None:
     for polygon in getattr(area, "geoms", [area]):
         x, y = polygon.exterior.xy
         axes.plot(x, y, color="#5b4636", linewidth=1.2, linestyle="--", zorder=2)
+    for obstacle in farm.obstacles:
+        x, y = obstacle.exterior.xy
+        axes.fill(x, y, facecolor="none", edgecolor="#333333", hatch="xxx", linewidth=0.8, zorder=2)
     present = [Crop(int(code)) for code in np.unique(crops)]
     axes.legend(
         handles=[LegendPatch(color=CROP_COLOURS[crop], label=crop.name.lower()) for crop in present if crop],
@@ -143,6 +146,7 @@ def plot_field(
     estimate: NDArray[np.float32],
     uncertainty: NDArray[np.float32],
     path: Path,
+    about: str = "",
 ) -> Path:
     """Write truth, estimate and uncertainty ([W, H] each) of one field; cells that are not scored are pale.
 
@@ -178,6 +182,7 @@ def plot_field(
         axes.set_title(f"{FIELD_TITLES[field]}: {name}", fontsize=9)
         axes.set_xlabel("x (m)")
     panels[0].set_ylabel("y (m)")
+    figure.suptitle(about, fontsize=9)
     return _save(figure, path)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,22 @@ if TYPE_CHECKING:
     from wbf_mission.flight_result import FlightResult
 
 
+_FILES = (
+    "summary.json",
+    "plan.plan",
+    "flight.tlog",
+    "observations.parquet",
+    "track.csv",
+    "truth.npy",
+    "value.npy",
+    "uncertainty.npy",
+    "scores.csv",
+    "path.png",
+    "score.png",
+    *(f"field_{field}.png" for field in FIELDS),
+)
+
+
 @dataclass(frozen=True, slots=True)
 class RunFolder:
     """Where a run's files go; files of that name are replaced, others in the folder are left alone.
@@ -33,7 +50,9 @@ class RunFolder:
 
     @classmethod
     def for_scenario(cls, scenario: Scenario, path: Path | None = None) -> RunFolder:
-        """Make the folder, by default ``runs/FARM_PLANNER_ESTIMATOR_VEHICLE_SEED``.
+        """Make the folder and clear it of an older run's files; others are left alone.
+
+        By default ``runs/FARM_PLANNER_ESTIMATOR_VEHICLE_SEED`` and a digest of what else is not the default.
 
         Raises
         ------
@@ -43,9 +62,14 @@ class RunFolder:
         if path is None:
             what = Path(scenario.mission).stem if scenario.mission else scenario.planner
             farm, vehicle = Path(scenario.farm).stem, Path(scenario.vehicle).stem
-            path = Path("runs") / f"{farm}_{what}_{scenario.estimator}_{vehicle}_seed{scenario.seed}"
+            path = (
+                Path("runs")
+                / f"{farm}_{what}_{scenario.estimator}_{vehicle}_seed{scenario.seed}{_rest(scenario)}"
+            )
         try:
             path.mkdir(parents=True, exist_ok=True)
+            for name in _FILES:
+                (path / name).unlink(missing_ok=True)
         except OSError as error:
             msg = f"{path}: cannot be made a folder for the results ({error.strerror}); give another --out"
             raise ScenarioError(msg) from error
@@ -78,15 +102,25 @@ class RunFolder:
             jobs.append(("value.npy", lambda path: _write_array(path, model.value)))
             jobs.append(("uncertainty.npy", lambda path: _write_array(path, model.uncertainty)))
             jobs.append(("scores.csv", lambda path: _write_scores(result, path)))
+        jobs.insert(0, ("summary.json", lambda path: _write_summary(result, path)))
         if plots:
             jobs += _plot_jobs(result)
-        jobs.append(("summary.json", lambda path: _write_summary(result, path)))
         for number, (name, job) in enumerate(jobs):
             if progress is not None:
                 progress("writing results", number, len(jobs))
             job(self.path / name)
             written.append(self.path / name)
         return written
+
+
+def _rest(scenario: Scenario) -> str:
+    """Return a digest of what the name of the folder does not tell, empty if all of it is the default."""
+    told = {"farm", "planner", "estimator", "vehicle", "seed", "mission"}
+    default = Scenario().to_dict()
+    rest = {k: v for k, v in scenario.to_dict().items() if k not in told and v != default[k]}
+    if not rest:
+        return ""
+    return "_" + hashlib.sha256(msgspec.json.encode(sorted(rest.items()))).hexdigest()[:6]
 
 
 def _write_array(path: Path, array: Any) -> None:
@@ -131,7 +165,10 @@ def _write_scores(result: FlightResult, path: Path) -> None:
 def _plot_jobs(result: FlightResult) -> list[tuple[str, Any]]:
     from wbf_mission import plots
 
-    farm, title = result.farm, f"{result.farm.name}: {result.scenario.planner}, {result.scenario.vehicle}"
+    scenario, farm = result.scenario, result.farm
+    how = scenario.planner if scenario.mission is None else Path(scenario.mission).name
+    title = f"{farm.name}: {how}, {scenario.vehicle}"
+    about = f"{farm.name}, day {scenario.day}, {scenario.estimator}"
     track = np.column_stack((result.track.x_m, result.track.y_m))
     jobs: list[tuple[str, Any]] = [
         ("path.png", lambda path: plots.plot_paths(farm, result.plan.path_m, track, path, title))
@@ -142,7 +179,7 @@ def _plot_jobs(result: FlightResult) -> list[tuple[str, Any]]:
 
             def draw(path: Path, number: int = number, field: str = field) -> None:
                 plots.plot_field(
-                    farm, field, truth[number], model.value[number], model.uncertainty[number], path
+                    farm, field, truth[number], model.value[number], model.uncertainty[number], path, about
                 )
 
             jobs.append((f"field_{field}.png", draw))
@@ -156,7 +193,7 @@ def _plot_jobs(result: FlightResult) -> list[tuple[str, Any]]:
                         history.scores,
                         history.field_losses,
                         path,
-                        f"{title}: {result.scenario.estimator}",
+                        f"{title}, {scenario.estimator}",
                     ),
                 )
             )

@@ -109,6 +109,9 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
         values. The message is one line with the file, the line or item, what is wrong, and what to do.
     """
     loads = reader_for(path)
+    if Path(path).exists() and not Path(path).is_file():
+        msg = f"{path}: cannot be read: it is a directory or a device, no mission file"
+        raise MissionFileError(one_line(msg))
     try:
         with Path(path).open("rb") as file:
             data = file.read(MAX_BYTES + 1)

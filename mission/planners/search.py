@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -146,6 +147,11 @@ def _last_below(density: Callable[[int], float], wanted: float, first: int, last
 def too_small(request: PlanningRequest, least: float, what: str) -> PlanningError:
     """Return the error of a budget that is smaller than the least that is needed."""
     budget = request.budget
+    if not math.isfinite(least):
+        return PlanningError(
+            f"budget of {budget.limit:g} {budget.unit}: the vehicle cannot fly even {what} and come back; "
+            "take a smaller area, a nearer start, less wind or another vehicle"
+        )
     needed = least * (1 + 1e-9)
     digits = 0 if budget.unit == "steps" else 1
     scale = 10**digits

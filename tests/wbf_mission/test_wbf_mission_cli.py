@@ -60,6 +60,11 @@ def spawn(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
         (["download", "--out", "x.doc"], "x.doc"),
         (["benchmark", "--planners", "teleport"], "teleport"),
         (["benchmark", "--seeds", "0"], "seeds"),
+        (["plan", "--wind", "20,0"], "wind of 20"),
+        (["fly", "--mission", "absent.plan", "--budget", "5min"], "--budget"),
+        (["fly", "--mission", "absent.plan", "--planner", "spiral"], "--planner"),
+        (["farm", "draw", "miniberry-10", "--out", "farm.bmp"], "farm.bmp"),
+        (["farm", "save", "miniberry-10", "--out", "farm.txt"], "farm.txt"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
@@ -196,6 +201,32 @@ def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     code, text, _ = run(capsys, "--version")
     assert code == 0
     assert text.startswith("wbf-mission ")
+
+
+def test_a_group_without_a_command_shows_its_help(capsys: pytest.CaptureFixture[str]) -> None:
+    code, text, err = run(capsys, "farm")
+    assert code == 2
+    assert "draw" in text
+    assert err == ""
+
+
+def test_what_an_operator_should_know_is_said(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    out = tmp_path / "rows.plan"
+    assert run(capsys, "plan", "--planner", "lawnmower", "--budget", "150m", "--out", str(out))[0] == 0
+    code, text, err = run(
+        capsys, "fly", "--farm", "waterberry", "--mission", str(out), "--no-files", "--json"
+    )
+    assert code == 0
+    assert "no waypoint lies on the farm" in err
+    assert json.loads(text)["observations"] == 0
+
+
+def test_a_pipe_is_no_mission(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path = tmp_path / "pipe.plan"
+    os.mkfifo(path)
+    code, _, err = run(capsys, "fly", "--mission", str(path), "--no-files")
+    assert code == 2
+    assert "pipe.plan" in err
 
 
 def test_ctrl_c_leaves_a_usable_partial_result(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import pytest
 from mission.files import read_mission, write_mission
 from mission.link.tlog import read_tlog
 from mission.model import Command, Mission, MissionItem
+from sensors.errors import EstimatorError
 from sensors.observations import Observations
 from sim_vehicle.simulation import Impairment
 from wbf_mission import flight as flight_module
@@ -181,3 +182,39 @@ def test_the_environment_is_the_seeds_alone() -> None:
     first = make_environment(IDEAL, farm).values(6)
     again = make_environment(replace(IDEAL, planner="spiral", vehicle="quad"), farm).values(6)
     assert np.array_equal(first, again)
+
+
+def test_the_ideal_robot_flies_a_mission_that_comes_home(tmp_path: Path) -> None:
+    path = tmp_path / "rows.plan"
+    write_mission(plan(QUAD).mission, path)
+    result = fly(replace(IDEAL, farm="miniberry-30", mission=str(path)))
+    assert result.outcome is Outcome.COMPLETED, result.reason
+
+
+def test_an_estimator_that_fails_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        msg = "no such luck"
+        raise ZeroDivisionError(msg)
+
+    monkeypatch.setattr("sensors.estimators.point.PointEstimator.predict", fail)
+    with pytest.raises(EstimatorError, match="PointEstimator failed: ZeroDivisionError: no such luck"):
+        fly(replace(IDEAL, estimator="point"))
+
+
+def test_runs_that_differ_have_folders_that_differ(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    folders = {
+        RunFolder.for_scenario(scenario).path
+        for scenario in (
+            IDEAL,
+            replace(IDEAL, budget="30steps"),
+            replace(IDEAL, day=5),
+            replace(IDEAL, seed=4),
+        )
+    }
+    assert len(folders) == 4
+    older = RunFolder.for_scenario(IDEAL).path
+    (older / "path.png").write_bytes(b"old")
+    (older / "mine.txt").write_text("mine")
+    RunFolder.for_scenario(IDEAL)
+    assert [path.name for path in older.iterdir()] == ["mine.txt"]

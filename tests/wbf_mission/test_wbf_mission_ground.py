@@ -104,9 +104,26 @@ def test_disarming_ends_the_flight_by_the_missions_state(state: int, outcome: Ou
     assert not ground.done, "a heartbeat from before the arming says nothing"
     ground.receive(heartbeat(armed=True), 2.0)
     ground.receive(from_vehicle(m.MAVLink_mission_current_message(2, 3, state, 1)), 90.0)
+    for time_s, height_m in ((60.0, 5.0), (88.0, 0.4), (89.0, 0.0)):
+        fix = m.MAVLink_global_position_int_message(
+            round(time_s * 1e3), 280500000, -821500000, 30000, round(height_m * 1e3), 0, 0, 0, 0
+        )
+        ground.receive(from_vehicle(fix), time_s)
     ground.receive(heartbeat(armed=False), 91.0)
+    ground.poll(94.0)
     assert ground.outcome is outcome
-    assert ground.flight_time_s == pytest.approx(91.0 - 1.3)
+    assert ground.flight_time_s == pytest.approx(88.0 - 1.3), "up to the last fix in the air"
+
+
+def test_a_long_text_comes_in_pieces() -> None:
+    ground = GroundStation(MISSION)
+    for chunk, text in enumerate((b"Preflight Fail: the battery is at 12 % and the miss", b"ion needs 80 %")):
+        ground.receive(from_vehicle(m.MAVLink_statustext_message(4, text, 7, chunk)), 1.0)
+    ground.receive(from_vehicle(m.MAVLink_statustext_message(6, b"Ready", 0, 0)), 1.1)
+    assert [text for _, _, text in ground.texts] == [
+        "Preflight Fail: the battery is at 12 % and the mission needs 80 %",
+        "Ready",
+    ]
 
 
 def test_messages_of_other_systems_are_not_taken_for_the_vehicles() -> None:

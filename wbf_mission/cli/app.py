@@ -56,7 +56,11 @@ def main(arguments: list[str] | None = None) -> int:
         code = app(args=arguments, standalone_mode=False, prog_name="wbf-mission")
         sys.stdout.flush()
     except typer.TyperException as error:
-        return _complain(f"{error.format_message()} (see 'wbf-mission --help')", error.exit_code)
+        text = error.format_message()
+        if not text:  # a command without its subcommand: its help says what there is
+            app(args=[*(sys.argv[1:] if arguments is None else arguments), "--help"], standalone_mode=False)
+            return EXIT_BAD_INPUT
+        return _complain(f"{text} (see 'wbf-mission --help')", error.exit_code)
     except WbfMissionError as error:
         return _complain(str(error), EXIT_BAD_INPUT)
     except (KeyboardInterrupt, typer.Abort):
@@ -70,6 +74,8 @@ def main(arguments: list[str] | None = None) -> int:
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         return _complain(f"{where}{error.strerror or error}", EXIT_BAD_INPUT)
+    if code == EXIT_INTERRUPTED:
+        return _complain("interrupted", EXIT_INTERRUPTED)
     return code if isinstance(code, int) else 0
 
 

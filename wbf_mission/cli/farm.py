@@ -123,7 +123,7 @@ def draw_command(
     from wbf_mission.plots import plot_farm
 
     place = get_farm(farm)
-    target = plot_farm(place, out or Path(f"{place.name.lower()}.png"))
+    target = plot_farm(place, _with_suffix(out or Path(f"{place.name.lower()}.png"), ".png"))
     Output(as_json=json, quiet=quiet).result({"file": str(target)}, title="Drawn")
 
 
@@ -139,5 +139,14 @@ def save_command(
     """Save a farm as GeoJSON, a start for a farm file of your own."""
     from geo import get_farm, save_farm
 
-    save_farm(get_farm(farm), out)
+    save_farm(get_farm(farm), _with_suffix(out, ".geojson", ".json"))
     Output(as_json=json, quiet=quiet).result({"file": str(out)}, title="Saved")
+
+
+def _with_suffix(path: Path, *suffixes: str) -> Path:
+    from geo import FarmError
+
+    if path.suffix.lower() not in suffixes:
+        msg = f"{path}: the file's name has to end in {' or '.join(suffixes)}"
+        raise FarmError(msg)
+    return path

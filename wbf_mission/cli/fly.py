@@ -67,7 +67,7 @@ def fly_command(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Folder for the results.  [default: runs/FARM_PLANNER_ESTIMATOR_VEHICLE_SEED]",
+            help="Folder for the results.  [default: runs/ and a name from the scenario]",
             rich_help_panel="Output",
         ),
     ] = None,
@@ -122,11 +122,32 @@ def fly_command(
             **options.wind_values(wind),
         },
     )
+    if mission is not None:
+        planned = {
+            "--planner": planner,
+            "--budget": budget,
+            "--altitude": altitude,
+            "--cruise-speed": cruise_speed,
+            "--acceptance-radius": acceptance_radius,
+            "--camera-spacing": camera_spacing,
+        }
+        for option, value in planned.items():
+            if value is not None:
+                msg = f"{option} has no effect on the mission in {mission}: leave one of the two out"
+                raise ScenarioError(msg)
     folder = RunFolder.for_scenario(chosen, out) if files else None
+    interrupted = False
     with output.progress() as progress:
         result = fly(chosen, progress=progress, pace=speed, tlog=folder.tlog if folder else None)
-        if folder is not None:
-            folder.write(result, plots=plots, progress=progress)
+        try:
+            if folder is not None:
+                folder.write(result, plots=plots, progress=progress)
+        except KeyboardInterrupt:
+            interrupted = True
+    for warning in result.plan.warnings:
+        output.warn(warning)
+    if interrupted:
+        output.warn("interrupted while the results were written: some files are missing")
     summary = result.summary()
     summary["files"] = str(folder.path) if folder else None
     if not result.outcome.is_good:
@@ -155,4 +176,4 @@ def fly_command(
     how = chosen.planner if chosen.mission is None else "mission file"
     title = f"{result.farm.name}: {how}, {chosen.estimator}"
     output.result(summary, rows, title=f"{title}, {chosen.vehicle}, seed {chosen.seed}")
-    return result.outcome.exit_code
+    return 130 if interrupted else result.outcome.exit_code

@@ -73,6 +73,8 @@ def plan_command(
     with output.progress() as progress:
         progress("planning", 0, 1)
         result = plan(chosen)
+    for warning in result.warnings:
+        output.warn(warning)
     if out is not None:
         write_mission(result.mission, out)
     values = {**result.summary(), "file": str(out) if out else None}

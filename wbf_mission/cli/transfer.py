@@ -63,14 +63,15 @@ def download_command(
     quiet: options.Quiet = False,
 ) -> None:
     """Download the mission, the fence and the rally points of a vehicle into a file."""
-    from mission.files import write_mission, writer_for
+    from mission.files import Firmware, write_mission, writer_for
     from wbf_mission.ground_link import download_mission
 
     output = Output(as_json=json, quiet=quiet)
     writer_for(out)
     with output.progress() as progress:
         mission, report = download_mission(connect, wait_s=wait, progress=progress, note=output.note)
-    write_mission(mission, out)
+    firmware = Firmware(report.autopilot) if report.autopilot in set(Firmware) else Firmware.GENERIC
+    write_mission(mission, out, firmware=firmware)
     rows = {
         "vehicle": f"system {report.system_id}, component {report.component_id}",
         **{name: f"{count} items" for name, count in report.items.items()},

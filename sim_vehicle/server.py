@@ -1,4 +1,4 @@
-"""The host on the wall clock: the same components over UDP, TCP and serial lines, for many clients at once."""
+"""The host on the wall clock: the same components over UDP, TCP and serial lines, for many clients."""
 
 from __future__ import annotations
 

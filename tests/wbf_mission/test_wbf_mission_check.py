@@ -1,6 +1,7 @@
 """The conformance kit: our autopilots pass, broken ones fail where they are broken."""
 
 import json
+import socket
 import threading
 
 import pytest
@@ -206,3 +207,25 @@ def test_bad_input_is_one_line_and_code_2(arguments, text, capsys):
     error = capsys.readouterr().err.strip()
     assert text in error
     assert error.splitlines()[-1].startswith("error: ")
+
+
+@pytest.mark.slow
+def test_mavsdks_server_plugins_hold_what_they_have():
+    from mavsdk import ComponentType, Configuration, Mavsdk
+    from mavsdk.plugins.mission_raw_server import MissionRawServer
+    from mavsdk.plugins.param_server import ParamServer
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    autopilot = Mavsdk(Configuration.create_with_component_type(ComponentType.AUTOPILOT))
+    component = autopilot.server_component()
+    missions, parameters = MissionRawServer(component), ParamServer(component)
+    missions.subscribe_incoming_mission(lambda *_: None)
+    missions.subscribe_clear_all(lambda *_: None)
+    parameters.provide_param_float("MIS_TAKEOFF_ALT", 5.0)
+    autopilot.add_any_connection(f"udpout://127.0.0.1:{port}")
+    groups = ("identity", "param", "mission.ten-items", "mission.clear", "transfer.final-ack")
+    report = check_vehicle(f"udpin:127.0.0.1:{port}", only=groups)
+    autopilot.destroy()
+    assert failed(report) == {"identity.heartbeat-fields", "identity.capabilities"}

@@ -91,6 +91,17 @@ def _holds(peer: Peer, number: int) -> None:
         raise FailedError(f"the mission has {found} items instead of {number}")
 
 
+@check("transfer.final-ack", "the last item is acknowledged by MISSION_ACK, addressed to us")
+def final_ack(peer: Peer) -> None:
+    """Send a whole plan by hand."""
+    sender = Sender(peer, peer.items(3))
+    sender.begin()
+    answer = sender.finish()
+    _accepted(answer)
+    if answer.target_system not in (0, peer.endpoint.system_id):
+        raise FailedError(f"it is addressed to system {answer.target_system}")
+
+
 @check("transfer.asks-first", "COUNT is answered by a request for item 0, addressed to us")
 def asks_first(peer: Peer) -> str:
     """Look at the request."""
@@ -106,17 +117,6 @@ def asks_first(peer: Peer) -> str:
     ):
         raise FailedError(f"it is addressed to {answer.target_system}/{answer.target_component}")
     return str(answer.get_type())
-
-
-@check("transfer.final-ack", "the last item is acknowledged by MISSION_ACK, addressed to us")
-def final_ack(peer: Peer) -> None:
-    """Send a whole plan by hand."""
-    sender = Sender(peer, peer.items(3))
-    sender.begin()
-    answer = sender.finish()
-    _accepted(answer)
-    if answer.target_system not in (0, peer.endpoint.system_id):
-        raise FailedError(f"it is addressed to system {answer.target_system}")
 
 
 @check("transfer.asks-again", "an item that does not come is asked for again")

@@ -31,7 +31,7 @@ from sensors.environment import generate_environment
 from sensors.estimators import Estimator, make_estimator
 from sensors.fields import FIELDS, relevance_masks
 from sensors.observations import Observations
-from sensors.score import RunningScore, Score
+from sensors.score import PAPER_WEIGHTS, RunningScore, Score
 from sim_vehicle.motion.ideal import ideal_positions
 from wbf_mission.planning import PAPER_STEPS_PER_CELL, plan
 from wbf_mission.scenario import Scenario
@@ -43,8 +43,8 @@ DAY = 6
 RESAMPLES = 4000
 ZERO_MEAN_GP = {"prior_mean": (0.0, 0.0, 0.0), "amplitude_bounds": (1.0, 1.0), "clip": False}
 BARS = {"final / AD": 0.25, "final / best GP": 0.5, "run / AD": 0.6}
-# Columns of a result: the three fields and the paper's loss of all together.
-COLUMNS = (*FIELDS, "all")
+# Columns of a result: the fields, and with the paper's weights the two diseases and all three together.
+COLUMNS = (*FIELDS, "diseases", "all")
 
 Losses = NDArray[np.float64]
 
@@ -72,9 +72,11 @@ def make(name: str, seed: int) -> Estimator:
     return make_estimator(name, random_state=random_state)
 
 
-def losses_of(score: Score) -> list[float]:
+def losses_of(score: Score, masks: NDArray[np.bool_]) -> list[float]:
     """Return the numbers of COLUMNS."""
-    return [*score.field_loss, score.loss]
+    weights = np.array(PAPER_WEIGHTS.field[:2]) * masks[:2].sum(axis=(1, 2))
+    diseases = float(np.average(score.field_loss[:2], weights=weights))
+    return [*score.field_loss, diseases, score.loss]
 
 
 def run(
@@ -84,7 +86,7 @@ def run(
 
     Returns
     -------
-    float64[planners, estimators, environments, 2, 4]
+    float64[planners, estimators, environments, 2, 5]
         Losses at the end and averaged over the scored times, of each of COLUMNS.
     """
     grid = get_farm(farm).grid()
@@ -106,7 +108,7 @@ def run(
                 history = []
                 for start, stop in itertools.pairwise(stops):
                     model = estimator.partial_fit(seen[int(start) : int(stop)]).predict()
-                    history.append(losses_of(running.evaluate(model.value)))
+                    history.append(losses_of(running.evaluate(model.value), masks))
                 out[i, j, number] = history[-1], np.mean(history, axis=0)
         print(f"\r{farm}: environment {number + 1} of {len(seeds)}", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
@@ -135,7 +137,7 @@ def show(farm: str, planners: Sequence[str], names: Sequence[str], losses: Losse
             means = losses[i, j].mean(axis=0)
             cells = "".join(f"{final:>9.4f}|{mean:.4f} " for final, mean in means.T)
             print(f"{planner:<20} {name:<14}{cells}")
-    if "epidemic" not in names:
+    if "epidemic" not in names or len(names) == 1:
         return True
     rng = np.random.default_rng(0)
     ours = losses[:, names.index("epidemic")]
@@ -158,7 +160,7 @@ def show(farm: str, planners: Sequence[str], names: Sequence[str], losses: Losse
                 mine = ours[part, :, when, k].mean(axis=0)
                 them = np.stack([others[method][part, :, when, k].mean(axis=0) for method in methods])
                 value, low, high = ratio(mine, them, rng)
-                bar = BARS[what] if column in ("tylcv", "ccr") else 1.0
+                bar = BARS[what] if column in ("tylcv", "ccr", "diseases") else 1.0
                 missed = value > bar and (i == len(planners) or value > 1.0)
                 # The soil has to be as good as that of the Gaussian processes, not a part of the disks'.
                 if column != "all" and (column != "soil" or methods != ["adaptive-disk"]):

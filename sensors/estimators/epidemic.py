@@ -87,7 +87,7 @@ class EpidemicEstimator(BaseEstimator):
         day: int = 6,
         misreading_rate: float = 0.0,
         weights: ScoreWeights = PAPER_WEIGHTS,
-        outbreaks: int = 2000,
+        outbreaks: int = 1000,
         epochs: int = 6,
         training_seed: int = 0,
         cache: str | os.PathLike[str] | None = None,

@@ -39,11 +39,13 @@ from sensors.estimators.epidemic_features import (
 from sensors.estimators.epidemic_network import Network, train
 from sensors.estimators.epidemic_paths import random_path
 
-VERSION = 1
+VERSION = 2
+"""Part of the names of files; it has to grow with every change of the training."""
 WHOLE_FARM_CELLS = 128 * 128
 """On farms with more cells the training sees windows; features of the whole field are not used."""
 LAYERS = (N_FEATURES, 64, 32, 3)
-_WINDOW = 96
+_WINDOW = 64
+_WAYS = 2
 _LOOKS = 3
 _CELLS_A_LOOK = 60
 _LONGEST_SHARE = 0.45
@@ -75,7 +77,7 @@ class Lesson:
 
     parameters: EpidemicParameters
     day: int
-    outbreaks: int = 2000
+    outbreaks: int = 1000
     epochs: int = 6
     seed: int = 0
 
@@ -193,28 +195,22 @@ def draw_samples(
     weights: list[NDArray[np.float64]] = []
     for _ in range(max(lesson.outbreaks, _SMALLEST_TRAINING)):
         land, truth, margin, weight = field.draw()
-        cells = random_path(land.shape, max(1, int(_LONGEST_SHARE * land.size)), rng)
-        cells = cells[land[cells[:, 0], cells[:, 1]]]
-        for look in range(_LOOKS):
-            # The first looks are spread over the whole way, the later ones lie towards its end.
-            count = int(np.ceil(len(cells) * rng.random() ** (1.0 if look == 0 else 0.3)))
-            codes = padded_codes(land)
-            x, y = cells[:count].T
-            inner(codes)[x, y] = truth[x, y] + 1
-            chosen, counts = _choose(codes, margin, rng)
-            if not len(chosen):
-                continue
-            part = np.zeros((len(chosen), N_FEATURES), np.float32)
-            local_features(codes, chosen[:, 0], chosen[:, 1], part)
-            if field.whole:
-                set_overall(part, overall_features(codes, field.hosts, field.seeds))
-            features.append(part)
-            classes.append(truth[chosen[:, 0], chosen[:, 1]])
-            weights.append(weight * counts)
-    if not features:
-        return np.empty((0, N_FEATURES), np.float32), np.empty(0, np.int8), np.empty(0, np.float32)
+        for _way in range(_WAYS):
+            cells = random_path(land.shape, max(1, int(_LONGEST_SHARE * land.size)), rng)
+            cells = cells[land[cells[:, 0], cells[:, 1]]]
+            for look in range(_LOOKS):
+                # The first looks are spread over the whole way, the later ones lie towards its end.
+                count = int(np.ceil(len(cells) * rng.random() ** (1.0 if look == 0 else 0.3)))
+                codes = padded_codes(land)
+                x, y = cells[:count].T
+                inner(codes)[x, y] = truth[x, y] + 1
+                chosen, counts = _choose(codes, margin, rng)
+                features.append(field.features(codes, chosen))
+                classes.append(truth[chosen[:, 0], chosen[:, 1]])
+                weights.append(weight * counts)
     together = np.concatenate(weights)
-    return np.concatenate(features), np.concatenate(classes), (together / together.mean()).astype(np.float32)
+    mean = together.mean() if len(together) else 1.0
+    return np.concatenate(features), np.concatenate(classes), (together / mean).astype(np.float32)
 
 
 def _choose(
@@ -269,6 +265,14 @@ class _Fields:
         later = int(rng.poisson(expected * max(0.0, 1.0 - first)))
         weight = (1.0 - none) / _WITH_SEEDS_SHARE
         return land, self._simulate(land, 1 + later), REACH, weight
+
+    def features(self, codes: NDArray[np.uint8], cells: NDArray[np.intp]) -> NDArray[np.float32]:
+        """Return what is known around some cells, float32[n, N_FEATURES]."""
+        out = np.zeros((len(cells), N_FEATURES), np.float32)
+        local_features(codes, cells[:, 0], cells[:, 1], out)
+        if self.whole:
+            set_overall(out, overall_features(codes, self.hosts, self.seeds))
+        return out
 
     def _window(self) -> NDArray[np.bool_]:
         """Cut a window with a random cell of the crop somewhere in it."""

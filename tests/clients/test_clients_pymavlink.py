@@ -5,6 +5,8 @@ import time
 
 import pytest
 
+from mission.link.dialect import mavlink
+
 os.environ["MAVLINK20"] = "1"
 
 pytestmark = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
@@ -60,6 +62,9 @@ def upload(connection, items, mission_type=0, *, integer=True):
     while True:
         message = receive(connection, ["MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"])
         if message.get_type() == "MISSION_ACK":
+            # A slow machine answers a repeated request twice: ArduPilot says so by 13 and carries on.
+            if message.type == mavlink.MAV_MISSION_INVALID_SEQUENCE and len(asked) > 1:
+                continue
             return message.type, asked
         asked.append(message.get_type())
         seq = message.seq

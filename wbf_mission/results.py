@@ -133,7 +133,7 @@ def _write_summary(result: FlightResult, path: Path) -> None:
         stream.write(msgspec.json.format(msgspec.json.encode(result.summary())).decode() + "\n")
 
 
-def _write_csv(path: Path, header: str, columns: list[Any], form: str) -> None:
+def _write_csv(path: Path, header: str, columns: list[Any], form: str | list[str]) -> None:
     with atomic_path(path) as temporary:
         table = np.column_stack(columns) if len(columns[0]) else np.empty((0, len(columns)))
         np.savetxt(temporary, table, delimiter=",", header=header, comments="", fmt=form)
@@ -143,15 +143,7 @@ def _write_track(result: FlightResult, path: Path) -> None:
     track = result.track
     columns = [track.time_s, track.latitude_deg, track.longitude_deg, track.altitude_m, track.x_m, track.y_m]
     header = "time_s,latitude_deg,longitude_deg,relative_altitude_m,x_m,y_m"
-    with atomic_path(path) as temporary:
-        np.savetxt(
-            temporary,
-            np.column_stack(columns),
-            delimiter=",",
-            header=header,
-            comments="",
-            fmt=["%.3f", "%.7f", "%.7f", "%.3f", "%.3f", "%.3f"],
-        )
+    _write_csv(path, header, columns, ["%.3f", "%.7f", "%.7f", "%.3f", "%.3f", "%.3f"])
 
 
 def _write_scores(result: FlightResult, path: Path) -> None:

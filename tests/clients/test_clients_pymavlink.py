@@ -59,15 +59,17 @@ def upload(connection, items, mission_type=0, *, integer=True):
     mav = connection.mav
     mav.mission_count_send(1, 1, len(items), mission_type)
     asked = []
+    sequences: list[int] = []
     while True:
         message = receive(connection, ["MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"])
         if message.get_type() == "MISSION_ACK":
             # A slow machine answers a repeated request twice: ArduPilot says so by 13 and carries on.
-            if message.type == mavlink.MAV_MISSION_INVALID_SEQUENCE and len(asked) > 1:
+            if message.type == mavlink.MAV_MISSION_INVALID_SEQUENCE and len(set(sequences)) < len(sequences):
                 continue
             return message.type, asked
         asked.append(message.get_type())
         seq = message.seq
+        sequences.append(seq)
         item = items[seq]
         head = (1, 1, seq, item.frame, item.command, int(seq == 0), 1)
         params = [

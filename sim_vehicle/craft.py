@@ -6,11 +6,12 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from sim_vehicle.autopilot import autopilot_of
 from sim_vehicle.battery import WH_J, battery_state
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.flight import BatteryDepleted, Disarmed, FlightEvent, Landed, LandedState, Phase
 from sim_vehicle.itinerary import Ending, Itinerary
-from sim_vehicle.motion.model import Route
+from sim_vehicle.motion.model import LegKind, Route
 from sim_vehicle.paths import KEEP, Place, Row
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ class Craft:
         self.landed = LandedState.ON_GROUND
         self.home_m = (0.0, 0.0)
         self.rally_m: tuple[Place, ...] = ()
-        self.motion = _motion(spec, wind, yaw_rad)
+        self.motion: MotionModel = autopilot_of(spec).motion(spec, wind, yaw_rad)
         self._plan: Itinerary | None = None
         self._flown = 0
         self._timer: int | None = None
@@ -57,7 +58,7 @@ class Craft:
             return
         self._check_power("hold")
         x, y, z = self.motion.stopping_point()
-        self._fly([(x, y, z, 0.0, self.spec.top_speed_m_s, KEEP, 0.0)], Phase.HOLD)
+        self._fly([(x, y, z, 0.0, self.spec.top_speed_m_s, KEEP, 0.0, LegKind.STAY)], Phase.HOLD)
 
     def look_at(self, place_m: tuple[float, float] | None) -> None:
         """Point the nose at a place (east, north) whatever is flown, None for no more."""
@@ -75,7 +76,7 @@ class Craft:
         self.look_at(None)
         if self.spec.is_ideal:
             x, y, _ = self.motion.position_m
-            down = (x, y, 0.0, 0.0, self.spec.cruise_speed_m_s, KEEP, 0.0)
+            down = (x, y, 0.0, 0.0, self.spec.cruise_speed_m_s, KEEP, 0.0, LegKind.LAND)
             self._fly([down], Phase.FALLING, Ending.TOUCHDOWN)
             return
         self.motion.respec(
@@ -197,17 +198,6 @@ class Craft:
         if self.phase is Phase.FALLING:
             return
         x, y, _ = self.motion.stopping_point()
-        rows = [(x, y, 0.0, 0.0, self.spec.cruise_speed_m_s, KEEP, 0.0)]
+        rows: list[Row] = [(x, y, 0.0, 0.0, self.spec.cruise_speed_m_s, KEEP, 0.0, LegKind.LAND)]
         self._fly(rows, Phase.DEPLETED, Ending.TOUCHDOWN)
         self.landed = LandedState.LANDING
-
-
-def _motion(spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
-    """Return the motion model of a vehicle; the compiled one is imported only where it is needed."""
-    if spec.is_ideal:
-        from sim_vehicle.motion.ideal import IdealRobot
-
-        return IdealRobot(spec, yaw_rad)
-    from sim_vehicle.motion.multirotor import Multirotor
-
-    return Multirotor(spec, wind, yaw_rad)

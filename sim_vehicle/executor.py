@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 
+from sim_vehicle.autopilot import autopilot_of
 from sim_vehicle.battery import battery_state
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.feasibility import check_mission
 from sim_vehicle.flight import FlightEvent, LandedState, Phase, VehicleState
 from sim_vehicle.itinerary import MAX_TURNS, Ending
-from sim_vehicle.paths import ALONG, KEEP, Place, Row, circle_rows, landing_rows, return_rows
+from sim_vehicle.motion.model import LegKind
+from sim_vehicle.paths import ALONG, KEEP, Place, Row, circle_rows
 from sim_vehicle.sequencer import MissionSequencer
 from sim_vehicle.spec import AIR_DENSITY_KG_M3, GRAVITY_M_S2, VehicleSpec
 
@@ -137,7 +139,8 @@ class MissionExecutor(MissionSequencer):
         x, y, z = self.motion.position_m
         self._disarm_step = None
         self._settings.speed_m_s = self.spec.cruise_speed_m_s
-        self._fly([(x, y, max(altitude_m, z), 0.0, self._settings.speed_m_s, KEEP, 0.0)], Phase.TAKEOFF)
+        up = (x, y, max(altitude_m, z), 0.0, self._settings.speed_m_s, KEEP, 0.0, LegKind.TAKEOFF)
+        self._fly([up], Phase.TAKEOFF)
 
     def goto(
         self,
@@ -243,14 +246,13 @@ class MissionExecutor(MissionSequencer):
         x, y, z = self.motion.stopping_point()
         rows: list[Row] = []
         if math.hypot(x - self.motion.position_m[0], y - self.motion.position_m[1]) > 0.2:
-            rows.append((x, y, z, 0.0, self.spec.top_speed_m_s, KEEP, 0.0))
+            rows.append((x, y, z, 0.0, self.spec.top_speed_m_s, KEEP, 0.0, LegKind.STAY))
         if place_m is None:
-            self._fly(
-                rows + return_rows(self.spec, (x, y, z), speed, self.haven()), Phase.RETURN, Ending.TOUCHDOWN
-            )
+            home = autopilot_of(self.spec).return_rows(self.spec, (x, y, z), speed, self.haven())
+            self._fly(rows + home, Phase.RETURN, Ending.TOUCHDOWN)
             return
         height = max(place_m[2], self.spec.return_altitude_m, z)
-        rows.append((x, y, height, self.spec.acceptance_radius_m, speed, KEEP, 0.0))
+        rows.append((x, y, height, self.spec.acceptance_radius_m, speed, KEEP, 0.0, LegKind.CLIMB))
         rows.append((place_m[0], place_m[1], height, 0.0, speed, ALONG, 0.0))
         self._fly(rows, Phase.GOTO)
 
@@ -266,7 +268,9 @@ class MissionExecutor(MissionSequencer):
         self.look_at(None)
         x, y, _ = self.motion.stopping_point()
         here = self.motion.position_m
-        rows = landing_rows(self.spec, (x, y, here[2]), here, self._settings.speed_m_s)
+        rows = autopilot_of(self.spec).landing_rows(
+            self.spec, (x, y, here[2]), here, self._settings.speed_m_s
+        )
         self._fly(rows, Phase.LAND, Ending.TOUCHDOWN)
 
     def set_speed(self, speed_m_s: float) -> None:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mission.model import Command, Frame, MissionItem
-from sim_vehicle.paths import ALONG, KEEP, Row, circle_rows, landing_rows, return_rows, spline_rows
+from sim_vehicle.autopilot import autopilot_of
+from sim_vehicle.paths import ALONG, KEEP, Row, circle_rows, spline_rows
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -360,7 +361,7 @@ def _item_legs(
             heading = math.radians(item.param4)
         hold = item.param1 or 0.0
         if hold > 0.0:
-            plan.add((x, y, z, 0.0, speed, heading, 0.0), seq)
+            plan.add((x, y, z, item.param2 or 0.0, speed, heading, 0.0), seq)
             plan.ending, plan.wait_s = Ending.WAIT, hold
         else:
             plan.add((x, y, z, item.param2 or radius, speed, heading, 0.0), seq, done=True)
@@ -368,20 +369,17 @@ def _item_legs(
     if item.param4 is not None and command in (17, 19, 22, 31):
         heading = math.radians(item.param4)
     if command == Command.NAV_TAKEOFF:
-        keep = KEEP if item.param4 is None else heading
-        aside = math.hypot(x - last[0], y - last[1]) > radius
-        plan.add((last[0], last[1], max(z, last[2]), radius, speed, keep, 0.0), seq, done=not aside)
-        if aside:
-            plan.add((x, y, z, radius, speed, heading, 0.0), seq, done=True)
-            return x, y, z
-        return last[0], last[1], max(z, last[2])
+        rows = autopilot_of(spec).takeoff_rows(spec, last, (x, y, z), speed, heading)
+        for row in rows:
+            plan.add(row, seq, done=row is rows[-1])
+        return rows[-1][0], rows[-1][1], rows[-1][2]
     if command == Command.NAV_RETURN_TO_LAUNCH:
-        for row in return_rows(spec, last, speed, haven):
+        for row in autopilot_of(spec).return_rows(spec, last, speed, haven):
             plan.add(row, seq)
         plan.ending = Ending.TOUCHDOWN
         return haven[0], haven[1], 0.0
     if command == Command.NAV_LAND:
-        for row in landing_rows(spec, (x, y, last[2]), last, speed):
+        for row in autopilot_of(spec).landing_rows(spec, (x, y, last[2]), last, speed):
             plan.add(row, seq)
         plan.ending = Ending.TOUCHDOWN
         return x, y, 0.0

@@ -1,4 +1,4 @@
-"""Shapes of flight as rows of legs: landing, return, circle, spline."""
+"""Shapes of flight as rows of legs: circle, spline."""
 
 from __future__ import annotations
 
@@ -9,45 +9,15 @@ if TYPE_CHECKING:
     from sim_vehicle.spec import VehicleSpec
 
 LOITER_RADIUS_M = 10.0
-SLOW_LANDING_M = 5.0
 # Headings of a leg: keep the one that is, look along the leg.
 KEEP = math.inf
 ALONG = math.nan
 _CHORD_M = 2.0
 _MAX_CHORDS = 64
 
-Row = tuple[float, float, float, float, float, float, float]
+# East, north, up, radius, speed, heading, near, and where they matter kind and pause: see `Route.through`.
+Row = tuple[float, ...]
 Place = tuple[float, float, float]
-
-
-def landing_rows(spec: VehicleSpec, above: Place, last: Place, speed: float) -> list[Row]:
-    """Return the legs to a place at the height ``above[2]`` and down to the ground there."""
-    x, y, z = above
-    rows: list[Row] = []
-    if math.hypot(x - last[0], y - last[1]) > 0.05:
-        rows.append((x, y, z, 0.0, speed, ALONG, 0.0))
-    if z > SLOW_LANDING_M:
-        rows.append((x, y, SLOW_LANDING_M, 0.3, -spec.descent_speed_m_s, KEEP, 0.0))
-    rows.append((x, y, 0.0, 0.0, -spec.landing_speed_m_s, KEEP, 0.0))
-    return rows
-
-
-def return_rows(spec: VehicleSpec, last: Place, speed: float, haven: Place = (0.0, 0.0, 0.0)) -> list[Row]:
-    """Return the legs home: up to the return altitude unless home is right below, over home, and down.
-
-    ``haven`` is home or another place to return to, and the least height of the way there if that is more
-    than the return altitude.
-    """
-    x, y, z = last
-    home_x, home_y, least = haven
-    if math.hypot(x - home_x, y - home_y) <= spec.acceptance_radius_m:
-        return landing_rows(spec, (home_x, home_y, z), last, speed)
-    rows: list[Row] = []
-    least = max(least, spec.return_altitude_m)
-    if z < least:
-        z = least
-        rows.append((x, y, z, spec.acceptance_radius_m, speed, KEEP, 0.0))
-    return rows + landing_rows(spec, (home_x, home_y, z), (x, y, z), speed)
 
 
 def circle_rows(

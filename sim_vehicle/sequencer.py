@@ -90,7 +90,7 @@ class MissionSequencer(Craft):
     def _begin(self, plan: Itinerary, turn_rad_s: float = math.nan) -> None:
         if self._waits(Command.CONDITION_DISTANCE):
             near = max(number(self.items[self._waiting[0]].param1), 1e-3)
-            plan.rows[0] = (*plan.rows[0][:6], near)
+            plan.rows[0] = (*plan.rows[0][:6], near, *plan.rows[0][7:])
         super()._begin(plan, turn_rad_s)
 
     def _set_current(self, seq: int, time_s: float | None = None) -> None:

@@ -13,6 +13,8 @@ from sim_vehicle.errors import VehicleError
 
 AIR_DENSITY_KG_M3 = 1.225
 GRAVITY_M_S2 = 9.80665
+KINDS = ("multirotor", "fixed-wing", "rover", "ideal")
+AUTOPILOTS = ("px4", "ardupilot", "generic")
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,8 +116,12 @@ class VehicleSpec:
     ----------
     name : str
         Name for reports.
-    kind : {"multirotor", "ideal"}
+    kind : {"multirotor", "fixed-wing", "rover", "ideal"}
         The motion model.
+    autopilot : {"px4", "ardupilot", "generic"}
+        Whose law of motion it follows; "generic" is that of none in particular.
+    parameters : tuple of (str, float)
+        Parameters of the autopilot that are not at their defaults, under their real names.
     cruise_speed_m_s : float
         Ground speed on a mission that does not set one.
     speed_limit_m_s : float
@@ -155,7 +161,9 @@ class VehicleSpec:
     """
 
     name: str
-    kind: Literal["multirotor", "ideal"] = "multirotor"
+    kind: Literal["multirotor", "fixed-wing", "rover", "ideal"] = "multirotor"
+    autopilot: Literal["px4", "ardupilot", "generic"] = "generic"
+    parameters: tuple[tuple[str, float], ...] = ()
     cruise_speed_m_s: float = 8.0
     speed_limit_m_s: float = 14.0
     airspeed_limit_m_s: float = 16.0
@@ -180,10 +188,12 @@ class VehicleSpec:
     power: PowerSpec | None = None
 
     def __post_init__(self) -> None:
-        if self.kind not in ("multirotor", "ideal"):
-            msg = f"vehicle {self.name}: kind {self.kind!r} is not one of multirotor, ideal"
-            raise VehicleError(msg)
-        other = ("name", "kind", "battery", "power", "disarm_delay_s")
+        for name, known in (("kind", KINDS), ("autopilot", AUTOPILOTS)):
+            value = getattr(self, name)
+            if value not in known:
+                msg = f"vehicle {self.name}: {name} {value!r} is not one of {', '.join(known)}"
+                raise VehicleError(msg)
+        other = ("name", "kind", "autopilot", "parameters", "battery", "power", "disarm_delay_s")
         _positive(f"vehicle {self.name}", self, *(f.name for f in fields(self) if f.name not in other))
         if not 0.0 <= self.disarm_delay_s < 3600.0:
             msg = f"vehicle {self.name}: disarm_delay_s {self.disarm_delay_s} is outside 0..3600"

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from sim_vehicle.spec import VehicleSpec
@@ -23,6 +25,18 @@ class MotionEvent(IntEnum):
     STALLED = 3
     ENERGY = 4
     NEAR = 5
+
+
+class LegKind(IntEnum):
+    """What a leg is flown for; an autopilot has its own law for some."""
+
+    WAYPOINT = 0
+    TAKEOFF = 1
+    CLIMB = 2
+    HOME = 3
+    DESCEND = 4
+    LAND = 5
+    STAY = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +55,10 @@ class Route:
         Compass heading on the leg; NaN looks along the leg, infinity keeps the heading.
     near_m : float64[n]
         Distance to the end at which NEAR is told, 0 for never.
+    kind : int64[n]
+        `LegKind` of each leg.
+    pause_s : float64[n]
+        Time to stay at the end of the leg, which is a stop then.
     turn_rad_s : float
         Rate of turning instead of the headings; NaN for none.
     """
@@ -50,6 +68,8 @@ class Route:
     speed_m_s: NDArray[np.float64]
     heading_rad: NDArray[np.float64]
     near_m: NDArray[np.float64]
+    kind: NDArray[np.int64]
+    pause_s: NDArray[np.float64]
     turn_rad_s: float = math.nan
 
     @classmethod
@@ -67,15 +87,14 @@ class Route:
         return cls.through([(x_m, y_m, z_m, 0.0, speed_m_s, heading_rad, 0.0)], turn_rad_s)
 
     @classmethod
-    def through(
-        cls,
-        legs: list[tuple[float, float, float, float, float, float, float]],
-        turn_rad_s: float = math.nan,
-    ) -> Route:
-        """Return a route of (x, y, z, radius, speed, heading, near) rows."""
-        rows = np.array(legs, dtype=np.float64).T
-        radius, speed, heading, near = (np.ascontiguousarray(row) for row in rows[3:])
-        return cls(np.ascontiguousarray(rows[:3].T), radius, speed, heading, near, turn_rad_s)
+    def through(cls, legs: Sequence[tuple[float, ...]], turn_rad_s: float = math.nan) -> Route:
+        """Return a route of (x, y, z, radius, speed, heading, near[, kind[, pause]]) rows."""
+        table = np.zeros((len(legs), 9))
+        for row, leg in zip(table, legs, strict=True):
+            row[: len(leg)] = leg
+        radius, speed, heading, near, kind, pause = (np.ascontiguousarray(row) for row in table.T[3:])
+        points = np.ascontiguousarray(table[:, :3])
+        return cls(points, radius, speed, heading, near, kind.astype(np.int64), pause, turn_rad_s)
 
 
 class MotionModel(Protocol):

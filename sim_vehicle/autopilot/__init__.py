@@ -1,0 +1,62 @@
+"""The autopilots: how each of them makes a vehicle move (`autopilot_of`)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from sim_vehicle.autopilot.model import Autopilot
+    from sim_vehicle.spec import VehicleSpec
+
+__all__ = ["autopilot_of", "with_autopilot"]
+
+
+def autopilot_of(spec: VehicleSpec) -> Autopilot:
+    """Return what flies a vehicle; modules are imported only when they are needed."""
+    if spec.kind == "ideal" or spec.autopilot == "generic":
+        from sim_vehicle.autopilot.generic import GENERIC
+
+        return GENERIC
+    if spec.kind == "fixed-wing":
+        from sim_vehicle.autopilot.plane import PLANE
+
+        return PLANE
+    if spec.kind == "rover":
+        from sim_vehicle.autopilot.rover import ROVER
+
+        return ROVER
+    if spec.autopilot == "px4":
+        from sim_vehicle.autopilot.px4 import PX4_MULTIROTOR
+
+        return PX4_MULTIROTOR
+    from sim_vehicle.autopilot.arducopter import ARDUCOPTER
+
+    return ARDUCOPTER
+
+
+def with_autopilot(
+    spec: VehicleSpec,
+    name: Literal["px4", "ardupilot", "generic"],
+    parameters: Mapping[str, float] | None = None,
+) -> VehicleSpec:
+    """Return a vehicle as an autopilot flies it, with further parameters of that autopilot.
+
+    The ideal vehicle has no autopilot and is returned as it is.
+
+    Raises
+    ------
+    VehicleError
+        A parameter that the autopilot has not, or a value outside its range.
+    """
+    if spec.is_ideal:
+        return spec
+    from sim_vehicle.autopilot.model import check_settings
+
+    merged = {**dict(spec.parameters), **(parameters or {})}
+    flown = replace(spec, autopilot=name, parameters=tuple(merged.items()))
+    autopilot = autopilot_of(flown)
+    check_settings(flown, autopilot.settings)
+    return autopilot.fit(flown)

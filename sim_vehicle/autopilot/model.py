@@ -1,0 +1,109 @@
+"""What an autopilot decides about a flight: the law of motion, the way up, home and down, its parameters."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+from sim_vehicle.errors import VehicleError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from sim_vehicle.motion.model import MotionModel
+    from sim_vehicle.paths import Place, Row
+    from sim_vehicle.spec import VehicleSpec
+    from sim_vehicle.wind import Wind
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """One parameter of an autopilot, under its real name.
+
+    Parameters
+    ----------
+    default, low, high : float
+        Default and allowed values, in the parameter's own unit.
+    unit : str
+        Such as ``m/s``, ``cm/s`` or ``deg``; empty for a number.
+    text : str
+        What it is, in a few words.
+    integer : bool
+        Whether it is INT32 on the wire.
+    """
+
+    default: float
+    low: float
+    high: float
+    unit: str
+    text: str
+    integer: bool = False
+
+
+class Autopilot(Protocol):
+    """What flies a vehicle. One object for all vehicles: all that differs is in their spec."""
+
+    name: str
+    settings: Mapping[str, Setting]
+
+    def fit(self, spec: VehicleSpec) -> VehicleSpec:
+        """Return the vehicle with those of its values that parameters decide (radii, speeds, heights, ...)."""
+
+    def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
+        """Return the motion of a vehicle that stands at home."""
+
+    def takeoff_rows(
+        self, spec: VehicleSpec, here: Place, target: Place, speed: float, heading: float
+    ) -> list[Row]:
+        """Return the legs from the ground to the end of a take-off item; ``heading`` as in `Route`."""
+
+    def landing_rows(self, spec: VehicleSpec, above: Place, last: Place, speed: float) -> list[Row]:
+        """Return the legs from ``last`` to the height ``above[2]`` over a place and down to the ground."""
+
+    def return_rows(self, spec: VehicleSpec, last: Place, speed: float, haven: Place) -> list[Row]:
+        """Return the legs home and down.
+
+        ``haven`` is home or another place to return to, and the least height of the way there if that is more
+        than the return altitude.
+        """
+
+
+def setting(spec: VehicleSpec, name: str, table: Mapping[str, Setting]) -> float:
+    """Return the value of a parameter for a vehicle: its own, or the default.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from sim_vehicle.spec import get_vehicle
+    >>> table = {"MPC_ACC_HOR": Setting(3.0, 2.0, 15.0, "m/s^2", "acceleration")}
+    >>> setting(get_vehicle("quad"), "MPC_ACC_HOR", table)
+    3.0
+    >>> setting(replace(get_vehicle("quad"), parameters=(("MPC_ACC_HOR", 5.0),)), "MPC_ACC_HOR", table)
+    5.0
+    """
+    for key, value in spec.parameters:
+        if key == name:
+            return value
+    return table[name].default
+
+
+def check_settings(spec: VehicleSpec, table: Mapping[str, Setting]) -> None:
+    """Check the parameters of a vehicle.
+
+    Raises
+    ------
+    VehicleError
+        A parameter that the autopilot has not, or a value outside its range.
+    """
+    for name, value in spec.parameters:
+        known = table.get(name)
+        if known is None:
+            msg = f"vehicle {spec.name}: {spec.autopilot} has no parameter {name} that moves the vehicle"
+            raise VehicleError(msg)
+        if not (math.isfinite(value) and known.low <= value <= known.high):
+            msg = (
+                f"vehicle {spec.name}: {name} {value:g} is out of range: "
+                f"give {known.low:g} to {known.high:g} {known.unit}".rstrip()
+            )
+            raise VehicleError(msg)

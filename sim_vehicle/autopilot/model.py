@@ -48,7 +48,7 @@ class Autopilot(Protocol):
     settings: Mapping[str, Setting]
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
-        """Return the vehicle with those of its values that parameters decide (radii, speeds, heights, ...)."""
+        """Return the vehicle with what parameters decide of its values (radii, speeds, heights)."""
 
     def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
         """Return the motion of a vehicle that stands at home."""

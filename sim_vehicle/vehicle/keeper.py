@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from geo.frame import LocalFrame
 from mission.model import Command, MissionItem
+from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.executor import MissionExecutor, check_mission
 from sim_vehicle.flight import LandedState, Phase, VehicleState
@@ -203,6 +204,7 @@ class Keeper:
             landing_speed_m_s=tuning.landing_speed_m_s,
             disarm_delay_s=tuning.disarm_delay_s,
         )
+        self.spec = with_autopilot(self.spec, self.spec.autopilot, tuning.settings)
         self.executor.respec(self.spec)
         self.failsafe.retune()
         self._judge_again()

@@ -10,11 +10,12 @@ import math
 import struct
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from mission.link.dialect import mavlink as m
 from mission.link.frames import Message
+from sim_vehicle.autopilot import autopilot_of
 from sim_vehicle.spec import VehicleSpec
 
 HASH = "_HASH_CHECK"
@@ -50,6 +51,8 @@ class Tuning:
         Silence of the ground station after which it is lost.
     setpoint_timeout_s : float
         Age at which setpoints hold no more.
+    settings : dict of str to float
+        The autopilot's parameters that move the vehicle and are not at their defaults, in their own units.
     """
 
     cruise_speed_m_s: float
@@ -71,6 +74,7 @@ class Tuning:
     link_action: int = 0
     link_timeout_s: float = 10.0
     setpoint_timeout_s: float = 1.0
+    settings: dict[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(cls, spec: VehicleSpec) -> Tuning:
@@ -85,6 +89,7 @@ class Tuning:
             spec.disarm_delay_s,
             battery.reserve_fraction if battery else 0.0,
             battery.critical_fraction if battery else 0.0,
+            settings=dict(spec.parameters),
         )
 
 
@@ -105,7 +110,9 @@ class Parameter:
     low, high : float
         Allowed values, in the parameter's unit.
     value : float
-        Of a constant.
+        Of a constant; the default of a setting.
+    setting : bool
+        Whether it is one of `Tuning.settings`.
     """
 
     name: str
@@ -115,6 +122,7 @@ class Parameter:
     low: float = -math.inf
     high: float = math.inf
     value: float = 0.0
+    setting: bool = False
 
     @property
     def kind(self) -> int:
@@ -128,8 +136,18 @@ def parameter_table(autopilot: str, spec: VehicleSpec, system_id: int) -> tuple[
     # Imported here: the tables of the safety functions are made of these parameters.
     from sim_vehicle.vehicle.safety_parameters import safety_parameters
 
-    parameters = make(spec, system_id) + safety_parameters(autopilot, spec)
-    return tuple(sorted(parameters, key=lambda p: p.name))
+    table = {p.name: p for p in make(spec, system_id) + safety_parameters(autopilot, spec)}
+    if spec.autopilot == autopilot:
+        for name, known in autopilot_of(spec).settings.items():
+            table[name] = Parameter(
+                name,
+                integer=known.integer,
+                low=known.low,
+                high=known.high,
+                value=known.default,
+                setting=True,
+            )
+    return tuple(table[name] for name in sorted(table))
 
 
 def _px4_table(spec: VehicleSpec, system_id: int) -> list[Parameter]:
@@ -221,6 +239,8 @@ class ParameterSet:
         parameter = self._table[self._index[name]]
         if name in self._live:
             return float(self._live[name]())
+        if parameter.setting:
+            return self._tuning.settings.get(name, parameter.value)
         if parameter.field is None:
             return parameter.value
         value = float(getattr(self._tuning, parameter.field)) * parameter.scale
@@ -256,10 +276,13 @@ class ParameterSet:
 
     def _set(self, parameter: Parameter, message: Message) -> None:
         value = self._decode(message.param_value, message.param_type)
-        if parameter.field is None:
+        if parameter.field is None and not parameter.setting:
             self._refused(f"{parameter.name} cannot be changed")
         elif not parameter.low <= value <= parameter.high:
             self._refused(f"{parameter.name} must be {parameter.low:g} to {parameter.high:g}")
+        elif parameter.field is None:
+            self._tuning.settings[parameter.name] = value
+            self._changed()
         else:
             stored = value / parameter.scale
             if isinstance(getattr(self._tuning, parameter.field), int):

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from sensors.errors import EstimatorError
 from sensors.fields import FIELDS
+from sensors.tiles import tile_shape
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,6 +22,12 @@ class InformationModel:
         The estimate of each field in each cell (1 healthy, 0.5 infected, 0 lost; soil humidity 0 to 1).
     uncertainty : float32[3, W, H]
         Zero where the value is known, growing with doubt; its scale is the estimator's own.
+    changed : bool[tiles along x, tiles along y], optional
+        The tiles (`sensors.tiles`) outside of which no value and no uncertainty differs from the model that
+        the same estimator's `predict` returned before; None if everything may differ.
+    revision : int, optional
+        How many models the estimator returned before this one since its `fit`. `changed` is relative to the
+        model of the revision before: who has missed that one has to take everything as changed.
 
     Raises
     ------
@@ -36,6 +43,8 @@ class InformationModel:
 
     value: NDArray[np.float32]
     uncertainty: NDArray[np.float32]
+    changed: NDArray[np.bool_] | None = None
+    revision: int = 0
 
     def __post_init__(self) -> None:
         for name, array in (("value", self.value), ("uncertainty", self.uncertainty)):
@@ -47,6 +56,12 @@ class InformationModel:
             shapes = f"value {self.value.shape} and uncertainty {self.uncertainty.shape}"
             msg = f"information model: {shapes} differ in shape"
             raise EstimatorError(msg)
+        if self.changed is not None:
+            expected = tile_shape(self.shape)
+            if self.changed.shape != expected or self.changed.dtype != np.bool_:
+                found = f"{self.changed.dtype}{list(self.changed.shape)}"
+                msg = f"information model: changed is {found}, expected bool{list(expected)}"
+                raise EstimatorError(msg)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -60,6 +75,10 @@ class InformationModel:
             raise EstimatorError(msg)
         value: NDArray[np.float32] = self.value[FIELDS.index(field)]
         return value
+
+    def copy(self) -> InformationModel:
+        """Return a model in arrays of its own, which stays as it is when the estimator learns more."""
+        return InformationModel(self.value.copy(), self.uncertainty.copy())
 
     @classmethod
     def uniform(

@@ -43,7 +43,13 @@ class Estimator(Protocol):
         ...
 
     def predict(self) -> InformationModel:
-        """Return what is believed now; the arrays are the caller's own."""
+        """Return what is believed now.
+
+        The arrays may be the estimator's own, changed in place and therefore read-only for the caller: they
+        hold until the next ``fit`` or ``partial_fit``. Who needs them longer takes `InformationModel.copy`.
+        An estimator that knows what its observations touched says so in `InformationModel.changed`, so that
+        scores and views follow without looking at the whole farm.
+        """
         ...
 
 
@@ -99,7 +105,7 @@ class BaseEstimator(ABC):
         return self
 
     def predict(self) -> InformationModel:
-        """Return what is believed now, in arrays that are the caller's own.
+        """Return what is believed now, in arrays that hold until the next `fit` or `partial_fit`.
 
         Raises
         ------

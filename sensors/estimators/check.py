@@ -22,8 +22,10 @@ from sensors.estimators.base import Estimator
 from sensors.fields import FIELDS
 from sensors.information import InformationModel
 from sensors.observations import Observations
+from sensors.tiles import TILE_CELLS
 
 SHAPE = (12, 9)
+WIDE_SHAPE = (150, 70)
 
 
 def check_estimator(estimator: Estimator, *, n_observations: int = 14) -> None:
@@ -56,14 +58,16 @@ class _Subject:
     def __init__(self, estimator: Estimator, n_observations: int) -> None:
         self._estimator = estimator
         self.name = type(estimator).__name__
-        half = SHAPE[1] // 2
-        crop = np.full(SHAPE, 1, np.int8)
-        crop[:, half:] = 2
-        self.grid = FarmGrid(SHAPE, 0.3048, crop, np.ones(SHAPE, np.bool_))
+        self.grid, self.wide_grid = _farm(SHAPE), _farm(WIDE_SHAPE)
         rng = np.random.default_rng(20)
         self.seen = _observations(
             rng.integers(0, SHAPE[0], n_observations),
             rng.integers(0, SHAPE[1], n_observations),
+            rng.choice([0.0, 0.5, 1.0], (n_observations, len(FIELDS))),
+        )
+        self.spread = _observations(
+            rng.integers(0, WIDE_SHAPE[0], n_observations),
+            rng.integers(0, WIDE_SHAPE[1], n_observations),
             rng.choice([0.0, 0.5, 1.0], (n_observations, len(FIELDS))),
         )
 
@@ -84,7 +88,6 @@ class _Subject:
             self.require(array.shape == shape, f"{name} {when} has shape {array.shape}, not {shape}")
             self.require(array.dtype == np.float32, f"{name} {when} is {array.dtype}, not float32")
             self.require(bool(np.isfinite(array).all()), f"{name} {when} is not finite in every cell")
-            self.require(array.flags.writeable, f"{name} {when} is read-only, but it is the caller's own")
         self.require(bool((model.uncertainty >= 0).all()), f"uncertainty {when} is negative in some cell")
 
     def require_same(
@@ -93,6 +96,12 @@ class _Subject:
         pairs = ((a.value, b.value), (a.uncertainty, b.uncertainty))
         same = all(np.allclose(one, two, rtol=0, atol=tolerance, equal_nan=True) for one, two in pairs)
         self.require(same, text)
+
+
+def _farm(shape: tuple[int, int]) -> FarmGrid:
+    crop = np.full(shape, 1, np.int8)
+    crop[:, shape[1] // 2 :] = 2
+    return FarmGrid(shape, 0.3048, crop, np.ones(shape, np.bool_))
 
 
 def _observations(
@@ -178,19 +187,42 @@ def _check_forgets(subject: _Subject) -> None:
     subject.require_same(again, subject.model(half), "fit must forget what was learned before", 1e-6)
 
 
-def _check_own_arrays(subject: _Subject) -> None:
+def _check_arrays(subject: _Subject) -> None:
     estimator = subject.fresh().fit(subject.grid, subject.seen)
     model = estimator.predict()
-    kept = copy.deepcopy(model)
+    kept = model.copy()
     estimator.partial_fit(_observations([5], [5], [[0.0, 0.0, 1.0]])).predict()
-    subject.require_same(
-        model, kept, "a model that was returned must not change when the estimator learns more"
-    )
+    # Arrays that the caller may write to are his own; the estimator's are read-only and change with it.
+    for one, other in ((model.value, kept.value), (model.uncertainty, kept.uncertainty)):
+        if one.flags.writeable:
+            text = "an array that can be written to must not change when the estimator learns more"
+            subject.require(np.array_equal(one, other), text)
     estimator = subject.fresh().fit(subject.grid, subject.seen)
     spoilt = estimator.predict()
-    spoilt.value[:] = 7.0
-    spoilt.uncertainty[:] = 7.0
-    subject.require_same(kept, estimator.predict(), "changing a returned model must not change the estimator")
+    for array in (spoilt.value, spoilt.uncertainty):
+        if array.flags.writeable:
+            array[:] = 7.0
+    text = "changing a returned model must not change the estimator (make its arrays read-only)"
+    subject.require_same(kept, estimator.predict(), text)
+
+
+def _check_changed(subject: _Subject) -> None:
+    estimator = subject.fresh().fit(subject.grid)
+    estimator.predict()
+    if estimator.partial_fit(subject.seen[:1]).predict().changed is None:
+        return
+    grid = subject.wide_grid
+    before = estimator.fit(grid).predict().copy()
+    for start, stop in ((0, 3), (3, 4), (4, 4), (4, len(subject.spread))):
+        model = estimator.partial_fit(subject.spread[start:stop]).predict()
+        if model.changed is not None:
+            same = ~np.kron(model.changed, np.ones((TILE_CELLS, TILE_CELLS), np.bool_))
+            same = same[: grid.shape[0], : grid.shape[1]]
+            for name in ("value", "uncertainty"):
+                was, now = getattr(before, name), getattr(model, name)
+                text = f"{name} differs from the last model in a tile that is not reported as changed"
+                subject.require(np.array_equal(was[:, same], now[:, same]), text)
+        before = model.copy()
 
 
 def _check_inputs_untouched(subject: _Subject) -> None:
@@ -243,7 +275,8 @@ _CHECKS: tuple[Callable[[_Subject], None], ...] = (
     _check_form_and_effect,
     _check_chunks,
     _check_forgets,
-    _check_own_arrays,
+    _check_arrays,
+    _check_changed,
     _check_inputs_untouched,
     _check_not_sensed,
     _check_duplicates,

@@ -13,6 +13,7 @@ from sensors.estimators.growing import GrowingArray
 from sensors.estimators.point import PointEstimator
 from sensors.information import InformationModel
 from sensors.observations import Observations
+from sensors.tiles import tile_shape
 
 OURS = ("adaptive-disk", "authors-ad", "gp", "gp-sklearn", "point")
 GRID = FarmGrid((6, 5), 0.3048, np.ones((6, 5), np.int8), np.ones((6, 5), bool))
@@ -151,8 +152,13 @@ class Broken(PointEstimator):
             model.value[0, 0, 0] = np.nan
         if self.promise == "has shape":
             return InformationModel(model.value[:, :-1], model.uncertainty[:, :-1])
-        if self.promise == "read-only":
-            model.value.flags.writeable = False
+        if self.promise == "not reported as changed":
+            return InformationModel(model.value, model.uncertainty, np.zeros(tile_shape(model.shape), bool))
+        if self.promise == "can be written to":
+            self.kept = getattr(self, "kept", model.value)
+            if self.kept.shape == model.value.shape:
+                self.kept[:] = model.value
+                return InformationModel(self.kept, model.uncertainty)
         if self.promise == "same random_state":
             model.uncertainty[:] += np.float32(np.random.default_rng().random())
         if self.promise == "must change the value":
@@ -175,7 +181,8 @@ class Broken(PointEstimator):
         "is negative",
         "finite",
         "has shape",
-        "read-only",
+        "not reported as changed",
+        "can be written to",
         "same random_state",
         "must change the value",
     ],

@@ -39,3 +39,21 @@ def test_unknown_field_is_named():
     model = InformationModel.uniform((2, 3), value=(1.0, 1.0, 0.0), uncertainty=1.0)
     with pytest.raises(EstimatorError, match=r"no field 'rain', expected one of tylcv, ccr, soil"):
         model.of("rain")
+
+
+def test_changed_tiles_have_the_farms_tiles():
+    model = InformationModel.uniform((130, 64), value=(1, 1, 0), uncertainty=1)
+    InformationModel(model.value, model.uncertainty, np.zeros((3, 1), bool), 4)
+    for changed in (np.zeros((2, 1), bool), np.zeros((3, 1), int)):
+        with pytest.raises(EstimatorError, match=r"changed is .*expected bool\[3, 1\]"):
+            InformationModel(model.value, model.uncertainty, changed)
+
+
+def test_a_copy_stays_as_it_is():
+    model = InformationModel.uniform((5, 4), value=(1, 1, 0), uncertainty=1)
+    view = model.value.view()
+    view.flags.writeable = False
+    copy = InformationModel(view, model.uncertainty).copy()
+    model.value[:] = 0.25
+    assert copy.value[0, 0, 0] == 1
+    assert copy.value.flags.writeable

@@ -25,7 +25,7 @@ from sensors.score import RunningScore
 from sim_vehicle.camera import LeafCameraComponent
 from sim_vehicle.simulation import Impairment, Simulation, StopReason
 from sim_vehicle.vehicle import Outcome as VehicleOutcome
-from sim_vehicle.vehicle import SimVehicle
+from sim_vehicle.vehicle import SimVehicle, get_persona
 from wbf_mission.estimation import DEFAULT_SCORE_POINTS, LARGE_FARM_SCORE_POINTS, RunEstimate
 from wbf_mission.flight_result import FlightResult
 from wbf_mission.ground import GroundStation
@@ -165,7 +165,13 @@ class _Run:
         self.ground = GroundStation(planned.mission, self.assembler, on_progress=self._on_transfer)
         latitude, longitude = farm.frame.to_wgs84(*farm.home_m)
         home = planned.mission.home or GeoPoint(latitude, longitude, farm.frame.altitude_m)
-        self.vehicle = SimVehicle(planned.vehicle, home, wind=wind_of(scenario), epoch_unix_s=EPOCH_UNIX_S)
+        self.vehicle = SimVehicle(
+            planned.vehicle,
+            home,
+            wind=wind_of(scenario),
+            persona=get_persona(scenario.autopilot),
+            epoch_unix_s=EPOCH_UNIX_S,
+        )
         self.camera = LeafCameraComponent(camera, farm)
         estimator.fit(grid)
         self.estimate = RunEstimate(

@@ -29,6 +29,7 @@ from mission.planners import (
     parse_budget,
 )
 from mission.planners.budget import LengthBudget
+from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.predict import Prediction, predict_flight
 from sim_vehicle.spec import VehicleSpec, get_vehicle
 from sim_vehicle.wind import Wind
@@ -161,6 +162,11 @@ class MissionBuilder:
     farm: Farm
     vehicle: VehicleSpec
 
+    @property
+    def cruise_speed_m_s(self) -> float:
+        """The speed that the mission sets: the scenario's, or what the vehicle was built for."""
+        return self.scenario.cruise_speed_m_s or get_vehicle(self.scenario.vehicle).cruise_speed_m_s
+
     def mission(self, path: PlannedPath) -> Mission:
         """Return the mission that flies ``path``."""
         scenario, vehicle, farm = self.scenario, self.vehicle, self.farm
@@ -171,7 +177,7 @@ class MissionBuilder:
             frame=farm.frame,
             home_xy_m=farm.home_m,
             altitude_m=scenario.altitude_m or vehicle.takeoff_altitude_m,
-            speed_m_s=min(scenario.cruise_speed_m_s or vehicle.cruise_speed_m_s, vehicle.top_speed_m_s),
+            speed_m_s=min(self.cruise_speed_m_s, vehicle.top_speed_m_s),
             camera_distance_m=None if vehicle.is_ideal else spacing,
             camera_interval_s=vehicle.step_s if vehicle.is_ideal else None,
             acceptance_radius_m=vehicle.acceptance_radius_m
@@ -183,6 +189,17 @@ class MissionBuilder:
     def predict(self, mission: Mission) -> Prediction:
         """Predict the flight of ``mission`` in the scenario's mean wind."""
         return predict_flight(mission, self.vehicle, wind=wind_of(self.scenario, gusts=False))
+
+
+def flown_vehicle(scenario: Scenario) -> VehicleSpec:
+    """Return the scenario's vehicle as its autopilot flies it.
+
+    Raises
+    ------
+    VehicleError
+        If the vehicle or a parameter is unknown, or a value out of range.
+    """
+    return with_autopilot(get_vehicle(scenario.vehicle), "generic", scenario.parameters)
 
 
 def wind_of(scenario: Scenario, *, gusts: bool = True) -> Wind:
@@ -239,7 +256,7 @@ def plan(scenario: Scenario) -> PlanResult:
         If a name is unknown, a value is out of range, or no path fits the budget.
     """
     farm = get_farm(scenario.farm)
-    vehicle = get_vehicle(scenario.vehicle)
+    vehicle = flown_vehicle(scenario)
     _check_wind(scenario, vehicle)
     builder = MissionBuilder(scenario, farm, vehicle)
     area = farm.owner_area

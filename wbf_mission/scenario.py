@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from geo.errors import WbfMissionError
+
+FLYING = ("px4", "ardupilot")
 
 
 class ScenarioError(WbfMissionError, ValueError):
@@ -27,6 +29,10 @@ class Scenario:
         Name of a farm, or path of a farm file.
     planner, estimator, vehicle : str
         Registered names.
+    autopilot : {"px4", "ardupilot"}
+        Who flies the vehicle: its law of motion, its modes and its habits. The ideal vehicle has none.
+    parameters : dict of str to float
+        Parameters of the autopilot that are not at their defaults, such as MPC_ACC_HOR or WPNAV_RADIUS.
     mission : str or None
         A mission file to fly instead of planning one.
     budget : str or None
@@ -59,6 +65,8 @@ class Scenario:
     planner: str = "spiral"
     estimator: str = "adaptive-disk"
     vehicle: str = "quad"
+    autopilot: str = "px4"
+    parameters: dict[str, float] = field(default_factory=dict)
     mission: str | None = None
     budget: str | None = None
     day: int = 6
@@ -80,6 +88,7 @@ class Scenario:
     def __post_init__(self) -> None:
         _require(0 <= self.day <= 365, "day", self.day, "0 to 365")
         _require(0 <= self.seed < 2**64, "seed", self.seed, "0 to 2^64 - 1")
+        _require(self.autopilot in FLYING, "autopilot", repr(self.autopilot), " or ".join(FLYING))
         _in_range("altitude", self.altitude_m, 0.5, 120.0, "m")
         _in_range("cruise speed", self.cruise_speed_m_s, 0.1, 30.0, "m/s")
         _in_range("acceptance radius", self.acceptance_radius_m, 0.05, 50.0, "m")
@@ -117,14 +126,17 @@ def _in_range(name: str, value: float | None, low: float, high: float, unit: str
 
 
 def scenario_with(base: Scenario, changes: Mapping[str, Any]) -> Scenario:
-    """Return ``base`` with those of ``changes`` that are not None.
+    """Return ``base`` with those of ``changes`` that are not None; parameters are added to its own.
 
     Examples
     --------
     >>> scenario_with(Scenario(), {"planner": "lawnmower", "budget": None}).planner
     'lawnmower'
     """
-    return replace(base, **{key: value for key, value in changes.items() if value is not None})
+    given = {key: value for key, value in changes.items() if value is not None}
+    if "parameters" in given:
+        given["parameters"] = {**base.parameters, **given["parameters"]}
+    return replace(base, **given)
 
 
 def load_scenario(path: str | Path) -> Scenario:
@@ -159,7 +171,7 @@ def read_table(path: str | Path) -> dict[str, Any]:
 def scenario_from_table(table: dict[str, Any], path: Path) -> Scenario:
     """Make a scenario from the keys of a file; ``path`` is that file. Errors as of `load_scenario`."""
     table = dict(table)
-    known = {field.name for field in fields(Scenario)}
+    known = {one.name for one in fields(Scenario)}
     unknown = sorted(set(table) - known)
     if unknown:
         msg = f"{path}: unknown key {unknown[0]!r}; known keys are {', '.join(sorted(known))}"

@@ -23,8 +23,6 @@ class SimOptions:
 
     Parameters
     ----------
-    autopilot : str
-        px4 or ardupilot.
     count : int or None
         How many vehicles; None: as many as there are homes.
     home : tuple of str
@@ -41,7 +39,6 @@ class SimOptions:
         Whether the vehicles carry leaf cameras.
     """
 
-    autopilot: str = "px4"
     count: int | None = None
     home: tuple[str, ...] = ()
     spacing_m: float = 4.0

@@ -12,11 +12,11 @@ from sensors.camera import LeafCamera
 from sim_vehicle.camera import LeafCameraComponent
 from sim_vehicle.component import Component
 from sim_vehicle.fleet import SPACING_M, Fleet
-from sim_vehicle.spec import get_vehicle
 from sim_vehicle.vehicle import SimVehicle, get_persona
 from sim_vehicle.warm_up import warm_up
 from sim_vehicle.wind import Wind
 from wbf_mission.flight import EPOCH_UNIX_S, camera_options, make_environment
+from wbf_mission.planning import flown_vehicle
 from wbf_mission.scenario import Scenario, ScenarioError
 
 
@@ -95,7 +95,6 @@ def make_components(
     scenario: Scenario,
     *,
     count: int | None = None,
-    autopilot: str = "px4",
     homes: Sequence[tuple[GeoPoint, float]] = (),
     spacing_m: float = SPACING_M,
     wind: Wind | None = None,
@@ -110,8 +109,6 @@ def make_components(
         Farm, vehicle, seed, day and camera.
     count : int, optional
         How many; as many as there are homes, else one.
-    autopilot : str
-        The persona: px4 or ardupilot.
     homes : sequence of GeoPoint and float
         Where they start and their headings; none: around the farm's home.
     spacing_m : float
@@ -126,8 +123,8 @@ def make_components(
         If a name is unknown or an option out of range.
     """
     farm = get_farm(scenario.farm)
-    spec = get_vehicle(scenario.vehicle)
-    persona = get_persona(autopilot)
+    spec = flown_vehicle(scenario)
+    persona = get_persona(scenario.autopilot)
     if not homes:
         latitude, longitude = farm.frame.to_wgs84(*farm.home_m)
         homes = [(GeoPoint(latitude, longitude, farm.frame.altitude_m), 0.0)]

@@ -103,8 +103,8 @@ class Flying:
         from wbf_mission.scenario import Scenario, scenario_with
         from wbf_mission.simulator import make_components
 
-        scenario = scenario_with(Scenario(), {"farm": "miniberry-10"})
-        simulated = make_components(scenario, autopilot=autopilot, with_camera=camera)
+        scenario = scenario_with(Scenario(), {"farm": "miniberry-10", "autopilot": autopilot})
+        simulated = make_components(scenario, with_camera=camera)
         self.autopilot, self.vehicle, self.home = autopilot, simulated.vehicle, simulated.vehicle.home
         self.camera = next((c for c in simulated.components if c.component_id == 100), None)
         self.server = Server(simulated.components, urls, speed=speed)

@@ -41,8 +41,8 @@ def test_homes_one_for_each(tmp_path, capsys):
 def test_faults_of_the_command_line_and_of_a_file(tmp_path, capsys):
     scenario = tmp_path / "bad-day.toml"
     scenario.write_text(
-        'farm = "miniberry-10"\nseed = 4\n'
-        '[sim]\nautopilot = "ardupilot"\ncount = 2\nspeed = "max"\nduration_s = 9.5\ncamera = false\n'
+        'farm = "miniberry-10"\nseed = 4\nautopilot = "ardupilot"\n'
+        '[sim]\ncount = 2\nspeed = "max"\nduration_s = 9.5\ncamera = false\n'
         'listen = ["udpin:127.0.0.1:0"]\n'
         '[[fault]]\nkind = "silence"\nfrom = 3\nvehicle = 2\n'
     )

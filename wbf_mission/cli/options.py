@@ -77,6 +77,22 @@ Vehicle = Annotated[
         rich_help_panel=_VEHICLE,
     ),
 ]
+Autopilot = Annotated[
+    str | None,
+    typer.Option(
+        help="px4 or ardupilot: whose way of flying, modes and habits.  [default: px4]",
+        rich_help_panel=_VEHICLE,
+    ),
+]
+Parameter = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--param",
+        help="A parameter of the autopilot, NAME=VALUE, such as MPC_ACC_HOR=4; may be repeated.",
+        rich_help_panel=_VEHICLE,
+        show_default=False,
+    ),
+]
 Altitude = Annotated[
     float | None,
     typer.Option(help="Flight height above home, m.  [default: the vehicle's]", rich_help_panel=_VEHICLE),
@@ -149,6 +165,27 @@ def wind_values(text: str | None) -> dict[str, float]:
         msg = f"--wind {text!r} is not SPEED,FROM or SPEED,FROM,GUST; give numbers such as 5,270 or 5,270,1.5"
         raise ScenarioError(msg)
     return dict(zip(("wind_speed_m_s", "wind_direction_deg", "wind_gust_m_s"), numbers, strict=False))
+
+
+def parameter_values(texts: list[str] | None) -> dict[str, float] | None:
+    """Read ``NAME=VALUE`` texts.
+
+    >>> parameter_values(["MPC_ACC_HOR=4", "NAV_ACC_RAD=1.5"])
+    {'MPC_ACC_HOR': 4.0, 'NAV_ACC_RAD': 1.5}
+    """
+    from wbf_mission.scenario import ScenarioError
+
+    if not texts:
+        return None
+    values = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            values[name.strip().upper()] = float(value)
+        except ValueError:
+            msg = f"--param {text!r} is not NAME=VALUE; give one such as MPC_ACC_HOR=4"
+            raise ScenarioError(msg) from None
+    return values
 
 
 def field_names(text: str | None) -> tuple[str, ...] | None:

@@ -36,12 +36,8 @@ def sim_command(
     scenario_file: options.ScenarioFile = None,
     farm: options.Farm = None,
     vehicle: options.Vehicle = None,
-    autopilot: Annotated[
-        str | None,
-        typer.Option(
-            help="px4 or ardupilot: whose ports, modes and habits.  [default: px4]", rich_help_panel=_VEHICLE
-        ),
-    ] = None,
+    autopilot: options.Autopilot = None,
+    parameter: options.Parameter = None,
     count: Annotated[
         int | None,
         typer.Option(
@@ -150,7 +146,6 @@ def sim_command(
     chosen = sim_with(
         given,
         {
-            "autopilot": autopilot,
             "count": count,
             "home": tuple(home or ()),
             "spacing_m": spacing,
@@ -166,6 +161,8 @@ def sim_command(
         {
             "farm": farm,
             "vehicle": vehicle,
+            "autopilot": autopilot,
+            "parameters": options.parameter_values(parameter),
             "seed": seed,
             "day": day,
             "camera_footprint": camera_footprint,
@@ -181,7 +178,6 @@ def sim_command(
         simulated = make_components(
             scenario,
             count=chosen.count,
-            autopilot=chosen.autopilot,
             homes=homes,
             spacing_m=chosen.spacing_m,
             wind=wind_of(scenario),

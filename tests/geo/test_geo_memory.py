@@ -1,0 +1,86 @@
+"""Foresight of memory: the least of all limits counts, and the error says what would be needed."""
+
+import subprocess
+import sys
+
+import pytest
+
+from geo.errors import WbfMissionError
+from geo.memory import AvailableMemory, NotEnoughMemoryError, available_memory, human_bytes, require_memory
+
+GB = 10**9
+
+
+def system(root, *, free=16 * GB, groups="", files=None):
+    """Write what a Linux kernel would tell."""
+    files = {
+        "proc/meminfo": f"MemTotal: 32000000 kB\nMemAvailable: {free // 1024} kB\n",
+        "proc/self/cgroup": groups,
+        **(files or {}),
+    }
+    for name, text in files.items():
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(str(text))
+    return root
+
+
+def test_the_machines_free_memory_counts(tmp_path):
+    found = available_memory(system(tmp_path))
+    assert found == AvailableMemory(16 * GB // 1024 * 1024, "what the machine has free")
+
+
+@pytest.mark.parametrize("at", ["sys/fs/cgroup/a/b", "sys/fs/cgroup/a", "sys/fs/cgroup"])
+def test_the_limit_of_any_unified_group_above_counts(tmp_path, at):
+    files = {
+        f"{at}/memory.max": 4 * GB,
+        f"{at}/memory.current": 3 * GB,
+        f"{at}/memory.stat": f"anon {2 * GB}\ninactive_file {GB}\n",
+        "sys/fs/cgroup/a/b/c/memory.max": "max",
+        "sys/fs/cgroup/a/b/c/memory.current": 5,
+    }
+    found = available_memory(system(tmp_path, groups="0::/a/b/c\n", files=files))
+    assert found == AvailableMemory(2 * GB, "control group limit 4.0 GB")
+
+
+def test_the_older_groups_count_and_no_limit_is_none(tmp_path):
+    group = "sys/fs/cgroup/memory/x"
+    files = {
+        f"{group}/memory.limit_in_bytes": 2 * GB,
+        f"{group}/memory.usage_in_bytes": 3 * GB,
+        "sys/fs/cgroup/memory/memory.limit_in_bytes": 9223372036854771712,
+        "sys/fs/cgroup/memory/memory.usage_in_bytes": 1,
+    }
+    groups = "5:cpu,cpuacct:/x\n4:memory:/x\n0::/\n"
+    found = available_memory(system(tmp_path, groups=groups, files=files))
+    assert found == AvailableMemory(0, "control group limit 2.0 GB")
+
+
+def test_a_system_that_tells_nothing_forbids_nothing(tmp_path):
+    assert available_memory(tmp_path) is None
+
+
+def test_the_error_is_one_line_with_sum_parts_and_limit():
+    little = AvailableMemory(GB, "control group limit 2.0 GB")
+    with pytest.raises(NotEnoughMemoryError) as caught:
+        require_memory("a run", {"small": 10**6, "b": 2 * GB, "c": 9 * GB}, available=little)
+    assert str(caught.value) == (
+        "a run needs 11.0 GB of memory (c 9.0 GB, b 2.0 GB), "
+        "available are 1.0 GB (control group limit 2.0 GB)"
+    )
+    assert isinstance(caught.value, WbfMissionError)
+    assert isinstance(caught.value, MemoryError)
+    require_memory("a run", {"b": GB}, available=little)
+
+
+def test_the_limit_of_the_address_space_counts():
+    code = (
+        "import resource; resource.setrlimit(resource.RLIMIT_AS, (10**9, 10**9)); "
+        "from geo.memory import available_memory as a; print(a().limited_by, a().bytes < 10**9)"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout == "address space limit 1.0 GB True\n"
+
+
+def test_sizes_in_words():
+    assert [human_bytes(n) for n in (2_000, 3_400_000, 999_000_000)] == ["2 kB", "3 MB", "999 MB"]

@@ -15,6 +15,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from sim_vehicle.motion.air import wind_at
+
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
@@ -253,8 +255,8 @@ def advance(
     route : float64[n, LEG]
         Of `prepare_route`; after the last leg the vehicle stays at its end.
     limits, power : float64[LIMITS], float64[7]
-    wind : float64[m, 2]
-        East and north on the grid of `GRID` steps from grid index ``first_wind``; one row is a steady wind.
+    wind : float64[m, ROW]
+        On the grid of `GRID` steps from grid index ``first_wind``, see `wind_at`; one row is a steady wind.
     stop_each : bool
         Return at every waypoint, not only at the last.
     arrivals : int64[n]
@@ -298,9 +300,9 @@ def advance(
                 if index >= wind.shape[0]:
                     event = WIND
                     break
-            state[15], state[16] = wind[index, 0], wind[index, 1]
+            state[15], state[16], rising = wind_at(wind[index], pz)
             airx, airy = vx - state[15], vy - state[16]
-            state[13] = rotor_power(power, airx * airx + airy * airy, vz)
+            state[13] = rotor_power(power, airx * airx + airy * airy, vz - rising)
             if track_every > 0 and (step // GRID) % track_every == 0 and counters[5] < track.shape[0]:
                 point = counters[5]
                 track[point, 0], track[point, 1], track[point, 2] = px, py, pz

@@ -56,7 +56,7 @@ class Multirotor:
         self.state[14] = math.inf
         self.state[17:19] = math.nan
         self.state[13] = self._power[6]
-        self.state[15:17] = self._wind.block[0]
+        self.state[15:17] = self._wind.at(0, 0.0)[:2]
         self.counters: NDArray[np.int64] = np.zeros(kernel.COUNTERS, dtype=np.int64)
         self.arrivals: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
         self._route: NDArray[np.float64] | None = None
@@ -184,10 +184,7 @@ class Multirotor:
         self.state[13] = power
         self.state[11] += power * steps * self.step_s
         self.counters[0] += steps
-        if len(self._wind.block) > 1:
-            while self.counters[0] // kernel.GRID - self._wind.first >= len(self._wind.block):
-                self._wind.forward()
-            self.state[15:17] = self._wind.block[self.counters[0] // kernel.GRID - self._wind.first]
+        self.state[15:17] = self._wind.at(self.step // kernel.GRID, 0.0)[:2]
 
     def ignore_energy(self) -> None:
         """Tell no more that the battery is empty."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -69,6 +69,7 @@ def predict_flight(
     frame: LocalFrame | None = None,
     track_step_s: float = 1.0,
     epoch_unix_s: float = EPOCH_UNIX_S,
+    endless: bool = False,
 ) -> Prediction:
     """Predict a flight of the mission from home.
 
@@ -86,6 +87,8 @@ def predict_flight(
         Spacing of the track in time, rounded to tenths of a second (to steps for the ideal vehicle).
     epoch_unix_s : float
         Time of day at the start, for items that wait for one.
+    endless : bool
+        Fly on when the battery is empty: what the whole mission takes, however much that is.
 
     Raises
     ------
@@ -105,6 +108,8 @@ def predict_flight(
     if not track_step_s > 0.0:
         msg = f"track_step_s {track_step_s} must be positive"
         raise VehicleError(msg)
+    if endless:
+        spec = replace(spec, battery=None)
     home = frame if frame is not None else home_frame(mission)
     places = item_places(mission.items, home)
     problems = mission_problems(mission.items, places, spec)

@@ -32,6 +32,7 @@ from mission.planners.budget import LengthBudget
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.predict import Prediction, predict_flight
 from sim_vehicle.spec import VehicleSpec, get_vehicle
+from sim_vehicle.swaps import batteries_needed
 from sim_vehicle.wind import Wind
 from wbf_mission.scenario import Scenario, ScenarioError
 
@@ -60,6 +61,8 @@ class PlanResult:
         Fraction of the owner's land that the camera's footprint passes over.
     prediction : Prediction
         Time, energy and feasibility from the vehicle's own model.
+    batteries : int or None
+        How many the mission needs, changed at home; 0 for a vehicle without one, None if no number is enough.
     """
 
     farm: Farm
@@ -71,6 +74,7 @@ class PlanResult:
     length_m: float
     coverage: float
     prediction: Prediction
+    batteries: int | None
 
     @property
     def crosses_obstacles(self) -> bool:
@@ -117,6 +121,7 @@ class PlanResult:
             "predicted_time_s": self.prediction.duration_s,
             "predicted_energy_wh": self.prediction.energy_wh,
             "battery_used": self.battery_used,
+            "batteries": self.batteries,
             "coverage": self.coverage,
             "feasible": self.prediction.feasible,
             "reason": self.prediction.reason,
@@ -189,6 +194,11 @@ class MissionBuilder:
     def predict(self, mission: Mission) -> Prediction:
         """Predict the flight of ``mission`` in the scenario's mean wind."""
         return predict_flight(mission, self.vehicle, wind=wind_of(self.scenario, gusts=False))
+
+    def batteries(self, mission: Mission, prediction: Prediction) -> int | None:
+        """Return how many batteries ``mission`` needs (see `sim_vehicle.swaps.batteries_needed`)."""
+        wind = wind_of(self.scenario, gusts=False)
+        return batteries_needed(mission, self.vehicle, prediction, wind=wind)
 
 
 def flown_vehicle(scenario: Scenario) -> VehicleSpec:
@@ -281,6 +291,7 @@ def plan(scenario: Scenario) -> PlanResult:
     )
     path = _run_planner(planner, request, scenario.planner)
     mission = builder.mission(path)
+    prediction = builder.predict(mission)
     return PlanResult(
         farm=farm,
         vehicle=vehicle,
@@ -292,7 +303,8 @@ def plan(scenario: Scenario) -> PlanResult:
             np.vstack((farm.home_m, path.points_m))
         ),
         coverage=coverage(path, area, footprint_m),
-        prediction=builder.predict(mission),
+        prediction=prediction,
+        batteries=builder.batteries(mission, prediction),
     )
 
 
@@ -339,6 +351,7 @@ def _read(builder: MissionBuilder, area: Any, footprint_m: float) -> PlanResult:
     )
     points = np.column_stack((x, y))
     route = PlannedPath(points, None, "file")
+    prediction = builder.predict(mission)
     returns = any(item.command == Command.NAV_RETURN_TO_LAUNCH for item in mission.items)
     return PlanResult(
         farm=builder.farm,
@@ -351,5 +364,6 @@ def _read(builder: MissionBuilder, area: Any, footprint_m: float) -> PlanResult:
             np.vstack((builder.farm.home_m, points)) if mission.home is None else points
         ),
         coverage=coverage(route, area, footprint_m),
-        prediction=builder.predict(mission),
+        prediction=prediction,
+        batteries=builder.batteries(mission, prediction),
     )

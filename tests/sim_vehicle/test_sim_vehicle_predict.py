@@ -1,5 +1,4 @@
 import math
-import time
 from dataclasses import replace
 from itertools import pairwise
 
@@ -15,6 +14,7 @@ from sim_vehicle.executor import MissionExecutor
 from sim_vehicle.flight import Disarmed, MissionComplete
 from sim_vehicle.predict import predict_flight
 from sim_vehicle.spec import get_vehicle
+from sim_vehicle.swaps import batteries_needed
 from sim_vehicle.wind import Wind
 
 HOME = LocalFrame(28.05, -82.15)
@@ -145,13 +145,26 @@ def test_home():
             predict_flight(mission, QUAD, track_step_s=bad)
 
 
-def test_a_prediction_is_quick():
-    mission = plan(lawnmower(300.0, 18, 10.0), speed=5.0)
-    predict_flight(mission, QUAD)
-    best = math.inf
-    for _ in range(5):
-        begin = time.process_time()
-        predicted = predict_flight(mission, QUAD)
-        best = min(best, time.process_time() - begin)
-    assert predicted.duration_s > 1000.0
-    assert best < 0.06
+def test_batteries_are_counted_with_their_ways_home_and_back():
+    short, far = plan(lawnmower(400.0, 4, 10.0), speed=8.0), plan(lawnmower(400.0, 100, 4.0), speed=8.0)
+    one, more = predict_flight(short, QUAD), predict_flight(far, QUAD)
+    assert batteries_needed(short, QUAD, one) == 1
+    whole = predict_flight(far, QUAD, endless=True)
+    assert whole.feasible and not more.feasible
+    usable = QUAD.battery.capacity_wh * 0.8
+    least = math.ceil(whole.energy_wh / usable)
+    assert least >= 2
+    assert batteries_needed(far, QUAD, more) in (least, least + 1)
+    # Far from home, more of each battery goes into the ways.
+    away = plan([(x + 3000.0, y) for x, y in lawnmower(400.0, 100, 4.0)], speed=8.0)
+    assert batteries_needed(away, QUAD, predict_flight(away, QUAD)) > least + 1
+
+
+def test_no_number_of_batteries_is_enough():
+    beyond = plan([(12_000.0, 0.0)], speed=8.0)
+    assert batteries_needed(beyond, QUAD, predict_flight(beyond, QUAD)) is None
+    gale = Wind(30.0, 0.0)
+    mission = plan([(10.0, 0.0)])
+    assert batteries_needed(mission, QUAD, predict_flight(mission, QUAD, wind=gale), wind=gale) is None
+    steps = plan(lawnmower(9.0, 3, 0.9))
+    assert batteries_needed(steps, IDEAL, predict_flight(steps, IDEAL)) == 0

@@ -94,6 +94,7 @@ def plan_command(
         "predicted time": duration(result.prediction.duration_s),
         "coverage": f"{result.coverage:.2%} of the owner's land",
         "battery use": battery,
+        "batteries": "never enough" if result.batteries is None else str(result.batteries),
         "file": str(out) if out else "not written (give --out FILE)",
     }
     output.result(values, rows, title="Plan")

@@ -10,15 +10,16 @@ Soil humidity has no worse side. The score is -L: 0 is perfect, lower is worse.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import EstimatorError
 from sensors.fields import FIELDS
-
-_CHUNK_CELLS = 1 << 16
+from sensors.information import InformationModel
+from sensors.score_sums import SUMS, count_cells, find_extremes, sum_errors
+from sensors.tiles import tile_shape
 
 _Triple = tuple[float, float, float]
 
@@ -119,6 +120,10 @@ def paper_loss(
 class RunningScore:
     """Scores the estimates of one run against the same truth; masks and counts are prepared once.
 
+    The sums over the cells are kept for each tile of the farm (`sensors.tiles`). An estimator's model that
+    says what changed since the one before is summed again only there, with the very result that summing
+    everything has: no error accumulates, because tiles are summed anew and added up, nothing is subtracted.
+
     Parameters
     ----------
     truth : float[3, W, H]
@@ -153,6 +158,8 @@ class RunningScore:
             msg = "score: no cell of the farm is relevant, its owner grows neither tomatoes nor strawberries"
             raise EstimatorError(msg)
         self._shape = masks.shape
+        self._tiles = tile_shape((masks.shape[1], masks.shape[2]))
+        self._summed: tuple[NDArray[np.floating], int] | None = None
         self.weights = weights
         self.losses: list[float] = []
         self.advance(truth)
@@ -161,28 +168,40 @@ class RunningScore:
         """Score the following estimates against another truth (the next day)."""
         self._check_shape(truth, "truth")
         self._truth = truth
+        self._summed = None
 
-    def add(self, estimate: NDArray[np.floating]) -> Score:
+    def add(self, estimate: NDArray[np.floating] | InformationModel) -> Score:
         """Evaluate an estimate (as `evaluate`) and count it as one of the scored times."""
         result = self.evaluate(estimate)
         self.losses.append(result.loss)
         return result
 
-    def evaluate(self, estimate: NDArray[np.floating]) -> Score:
-        """Return the score of one estimate, float[3, W, H].
+    def evaluate(self, estimate: NDArray[np.floating] | InformationModel) -> Score:
+        """Return the score of one estimate.
+
+        Parameters
+        ----------
+        estimate : float[3, W, H] or InformationModel
+            A model is summed only in the tiles that it reports as changed, if it is the successor of the
+            model that was evaluated last.
 
         Raises
         ------
         EstimatorError
             If its shape is not the truth's, or it is not finite in a relevant cell.
         """
-        self._check_shape(estimate, "estimate")
-        sums = [part.errors(self._truth[k], estimate[k]) for k, part in enumerate(self._fields)]
+        value = estimate.value if isinstance(estimate, InformationModel) else estimate
+        self._check_shape(value, "estimate")
+        tiles = self._stale_tiles(estimate)
+        self._summed = None
+        sums = [part.errors(tiles, self._truth[k], value[k]) for k, part in enumerate(self._fields)]
         loss = float(np.dot(self._weight, [s.loss for s in sums]) / self._weight.sum())
         if not np.isfinite(loss):
             bad = ", ".join(FIELDS[k] for k, s in enumerate(sums) if not np.isfinite(s.loss))
             msg = f"score: the estimate (or the truth) of {bad} is not finite in every relevant cell"
             raise EstimatorError(msg)
+        if isinstance(estimate, InformationModel):
+            self._summed = value, estimate.revision
         return Score(
             loss=loss,
             field_loss=_triple([s.loss for s in sums]),
@@ -202,6 +221,13 @@ class RunningScore:
         """The paper's score of the run so far, -L."""
         return -self.loss
 
+    def _stale_tiles(self, estimate: NDArray[np.floating] | InformationModel) -> NDArray[np.bool_]:
+        if self._summed is not None and isinstance(estimate, InformationModel):
+            value, revision = self._summed
+            if estimate.changed is not None and estimate.value is value and estimate.revision == revision + 1:
+                return estimate.changed
+        return np.ones(self._tiles, np.bool_)
+
     def _check_shape(self, array: NDArray[np.floating], name: str) -> None:
         if array.shape != self._shape:
             msg = f"score: {name} has shape {array.shape}, the masks have {self._shape}"
@@ -217,67 +243,44 @@ class _Errors:
     axis_max: float = 0.0
 
 
-@dataclass(slots=True)
 class _ScoredField:
-    """One field's mask, cut to the rows and columns that hold relevant cells."""
+    """One field's relevant cells, and the sums over them of the estimate that was scored last."""
 
-    k: int
-    mask: NDArray[np.bool_]
-    weights: ScoreWeights
-    cells: int = field(init=False)
-    box: tuple[slice, slice] = field(init=False)
-    column_cells: NDArray[np.intp] = field(init=False)
+    def __init__(self, k: int, mask: NDArray[np.bool_], weights: ScoreWeights) -> None:
+        width, height = mask.shape
+        columns, rows = tile_shape((width, height))
+        self._mask = mask
+        self._low, self._high = weights.too_sick[k], weights.too_healthy[k]
+        self._tile_cells = np.zeros((columns, rows), np.int64)
+        count_cells(mask, self._tile_cells)
+        self.cells = int(self._tile_cells.sum())
+        self._sums = np.zeros((columns, rows, SUMS))
+        self._line_cells = np.count_nonzero(mask, axis=0)
+        # The authors score soil, where no side is worse, by its plain mean absolute error.
+        lines = height if self.cells and self._low != self._high else 0
+        self._above, self._below = np.zeros((columns, lines)), np.zeros((columns, lines))
 
-    def __post_init__(self) -> None:
-        rows = np.flatnonzero(self.mask.any(axis=1))
-        self.column_cells = np.count_nonzero(self.mask, axis=0)
-        columns = np.flatnonzero(self.column_cells)
-        self.cells = int(self.column_cells.sum())
-        self.box = (_span(rows), _span(columns))
-
-    def errors(self, truth: NDArray[np.floating], estimate: NDArray[np.floating]) -> _Errors:
-        """Sum the errors chunk by chunk, so that temporaries stay in the cache, in float64."""
+    def errors(
+        self, tiles: NDArray[np.bool_], truth: NDArray[np.floating], estimate: NDArray[np.floating]
+    ) -> _Errors:
+        """Sum the errors in these tiles anew, and add up all."""
         out = _Errors()
         if not self.cells:
             return out
-        squares = worse_squares = absolute = worse_absolute = 0.0
-        rows, columns = self.box
-        step = max(1, _CHUNK_CELLS // max(1, columns.stop - columns.start))
-        for start in range(rows.start, rows.stop, step):
-            part = (slice(start, min(start + step, rows.stop)), columns)
-            error = np.subtract(estimate[part], truth[part], dtype=np.float64)
-            # A product with the mask would keep NaN and inf of cells that do not count.
-            error = np.where(self.mask[part], error, 0.0).ravel()
-            squares += float(error @ error)
-            absolute += float(np.abs(error).sum())
-            np.maximum(error, 0.0, out=error)
-            worse_squares += float(error @ error)
-            worse_absolute += float(error.sum())
-        low, high = self.weights.too_sick[self.k], self.weights.too_healthy[self.k]
-        out.mse, out.mae = squares / self.cells, absolute / self.cells
-        out.loss = (low * (squares - worse_squares) + high * worse_squares) / self.cells
-        out.weighted_mae = (low * (absolute - worse_absolute) + high * worse_absolute) / self.cells
-        # The authors score soil by its plain mean absolute error.
-        out.axis_max = -out.mae if low == high else self._axis_max(truth, estimate, low, high)
+        sum_errors(tiles, self._tile_cells, self._mask, truth, estimate, self._sums)
+        squares, worse_squares, absolute, worse_absolute = (
+            self._sums.reshape(-1, SUMS).sum(axis=0) / self.cells
+        ).tolist()
+        low, high = self._low, self._high
+        out.mse, out.mae = squares, absolute
+        out.loss = low * (squares - worse_squares) + high * worse_squares
+        out.weighted_mae = low * (absolute - worse_absolute) + high * worse_absolute
+        out.axis_max = -out.mae
+        if low != high:
+            find_extremes(tiles, self._line_cells, truth, estimate, self._above, self._below)
+            worst = low * self._below.max(axis=0) + high * self._above.max(axis=0)
+            out.axis_max = -float(self._line_cells @ worst) / self.cells
         return out
-
-    def _axis_max(
-        self, truth: NDArray[np.floating], estimate: NDArray[np.floating], low: float, high: float
-    ) -> float:
-        width, height = self.mask.shape
-        above = np.full(height, -np.inf)
-        below = np.full(height, -np.inf)
-        step = max(1, _CHUNK_CELLS // height)
-        for start in range(0, width, step):
-            part = slice(start, start + step)
-            error = np.subtract(estimate[part], truth[part], dtype=np.float64)
-            np.maximum(above, error.max(axis=0), out=above)
-            np.maximum(below, -error.min(axis=0), out=below)
-        return -float(self.column_cells @ (low * below + high * above)) / self.cells
-
-
-def _span(indices: NDArray[np.intp]) -> slice:
-    return slice(int(indices[0]), int(indices[-1]) + 1) if indices.size else slice(0, 0)
 
 
 def _triple(values: list[float]) -> _Triple:

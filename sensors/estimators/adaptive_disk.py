@@ -5,19 +5,20 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sensors.errors import EstimatorError
 from sensors.estimators.base import BaseEstimator, check_default_values
-from sensors.estimators.disks import DiskMap, Stamp, centred_disk
+from sensors.estimators.disk_painting import paint
+from sensors.estimators.disks import Disk, DiskMap, centred_disk
 from sensors.estimators.growing import GrowingArray
 from sensors.fields import DEFAULT_VALUES, FIELDS
 from sensors.information import InformationModel
+from sensors.tiles import tile_shape
 
 if TYPE_CHECKING:
     from geo.grid import FarmGrid
     from sensors.observations import Observations
-
-_CHUNK_CELLS = 1 << 18
 
 
 class AdaptiveDiskEstimator(BaseEstimator):
@@ -26,6 +27,9 @@ class AdaptiveDiskEstimator(BaseEstimator):
     The radius shrinks as observations come in, so that all disks together always have about twice the farm's
     area (`sensors.estimators.disks.adaptive_radius`); a field's disks are those of the observations that
     sensed it. The uncertainty is 0 in a disk and 1 elsewhere.
+
+    The model is kept and changed in place: further observations write only the cells of their own disks while
+    the radius stays, and those that disks cover or covered when it shrinks.
 
     Parameters
     ----------
@@ -40,6 +44,8 @@ class AdaptiveDiskEstimator(BaseEstimator):
         One per field; fields that were always sensed together share one.
     values_ : list of GrowingArray
         The sensed values of each field in order.
+    revision_ : int
+        Of the last model, -1 before the first.
 
     Examples
     --------
@@ -53,6 +59,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
 
     maps_: list[DiskMap]
     values_: list[GrowingArray]
+    revision_: int
 
     def __init__(
         self, default_values: tuple[float, float, float] = DEFAULT_VALUES, radius: int | None = None
@@ -61,7 +68,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
         self.radius = radius
 
     @staticmethod
-    def _stamp(radius: int) -> Stamp:
+    def _stamp(radius: int) -> Disk:
         return centred_disk(radius)
 
     def _start(self, grid: FarmGrid) -> None:
@@ -73,6 +80,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
             raise EstimatorError(msg)
         self.maps_ = [DiskMap(grid.shape, self._stamp, self.radius)] * len(FIELDS)
         self.values_ = [GrowingArray((), np.float32) for _ in FIELDS]
+        self.revision_ = -1
 
     def _learn(self, observations: Observations) -> None:
         sensed = observations.sensed
@@ -92,20 +100,43 @@ class AdaptiveDiskEstimator(BaseEstimator):
             self.values_[k].append(observations.values[sensed[:, k], k])
 
     def _estimate(self) -> InformationModel:
-        width, height = self.grid_.shape
-        value = np.empty((len(FIELDS), width, height), np.float32)
-        uncertainty = np.empty_like(value)
-        # The default is the last entry of each table, where the index -1 of uncovered cells finds it.
-        pairs = zip(self.values_, self.default_values, strict=True)
-        tables = [np.append(values.array, np.float32(default)) for values, default in pairs]
-        owners = [disks.owner() for disks in self.maps_]
-        step = max(1, _CHUNK_CELLS // height)
-        for start in range(0, width, step):
-            part = slice(start, start + step)
-            for k, table in enumerate(tables):
-                if k == 0 or owners[k] is not owners[k - 1]:
-                    index = owners[k][part].astype(np.intp)
-                    uncovered = index < 0
-                np.take(table, index, out=value[k, part], mode="wrap")
-                uncertainty[k, part] = uncovered
-        return InformationModel(value, uncertainty)
+        everything = self.revision_ < 0
+        if everything:
+            self._value = np.empty((len(FIELDS), *self.grid_.shape), np.float32)
+            self._uncertainty = np.empty((1, *self.grid_.shape), np.float32)
+            self._published = self._value, self._uncertainty
+        changed = np.zeros(tile_shape(self.grid_.shape), np.bool_)
+        maps = list(dict.fromkeys(self.maps_))
+        if len(maps) > 1 and len(self._uncertainty) == 1:
+            self._uncertainty = np.repeat(self._uncertainty, len(FIELDS), axis=0)
+        for disks in maps:
+            painting = disks.outstanding()
+            fields = [k for k in range(len(FIELDS)) if self.maps_[k] is disks]
+            paint(
+                np.ones_like(painting.tiles) if everything else painting.tiles,
+                painting.reset or everything,
+                np.ascontiguousarray(painting.x),
+                np.ascontiguousarray(painting.y),
+                painting.disk.first,
+                painting.disk.low,
+                painting.disk.high,
+                np.stack([self.values_[k].array[painting.start :] for k in fields]),
+                np.array([self.default_values[k] for k in fields], np.float32),
+                np.array(fields),
+                self._value,
+                np.array(fields if len(self._uncertainty) > 1 else [0]),
+                self._uncertainty,
+                changed,
+            )
+        self.revision_ += 1
+        return InformationModel(*self._views(), None if everything else changed, self.revision_)
+
+    def _views(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return the caller's read-only views of value and uncertainty, the same ones every time."""
+        # They are others after a new fit, when fields have parted, and in a copy of the estimator.
+        own = (self._value, self._uncertainty)
+        if any(view.base is not array for view, array in zip(self._published, own, strict=True)):
+            # Fields that share one map share one plane of uncertainty.
+            shape = self._value.shape
+            self._published = np.broadcast_to(self._value, shape), np.broadcast_to(self._uncertainty, shape)
+        return self._published

@@ -5,22 +5,22 @@ from __future__ import annotations
 import numpy as np
 
 from sensors.estimators.adaptive_disk import AdaptiveDiskEstimator
-from sensors.estimators.disks import Stamp
+from sensors.estimators.disks import Disk, half_widths
 
 
-def misplaced_disk(radius: int) -> Stamp:
+def misplaced_disk(radius: int) -> Disk:
     """Return the authors' disk: last row and column are missing, the mask's *corner* is at the observation.
 
     The disk is therefore centred at (x + radius, y + radius) and does not cover the observed cell.
 
     Examples
     --------
-    >>> mask, offset = misplaced_disk(2)
-    >>> mask.astype(int).tolist(), offset
-    ([[0, 0, 1, 0], [0, 1, 1, 1], [1, 1, 1, 1], [0, 1, 1, 1]], 0)
+    >>> disk = misplaced_disk(2)
+    >>> disk.first, disk.low.tolist(), disk.high.tolist()
+    (0, [2, 1, 0, 1], [3, 4, 4, 4])
     """
-    steps = np.arange(-radius, radius)
-    return steps[:, None] ** 2 + steps**2 <= radius**2, 0
+    half = half_widths(radius, np.arange(-radius, radius))
+    return Disk(0, radius - half, np.minimum(radius + half + 1, 2 * radius))
 
 
 class AuthorsAdaptiveDiskEstimator(AdaptiveDiskEstimator):
@@ -43,5 +43,5 @@ class AuthorsAdaptiveDiskEstimator(AdaptiveDiskEstimator):
         super().__init__(default_values, radius)
 
     @staticmethod
-    def _stamp(radius: int) -> Stamp:
+    def _stamp(radius: int) -> Disk:
         return misplaced_disk(radius)

@@ -1,21 +1,40 @@
-"""Stamping disks on a farm: for every cell, the latest observation whose disk covers it.
+"""Disks that observations stand for: their size, their form, and which ones still have to be painted.
 
-Both adaptive disk estimators work on this owner map and look values up in it. The disks' total area is about
-twice the farm's whatever their number, and a stamp is one masked copy: a map costs O(observations + cells).
+The disks' total area is about twice the farm's whatever their number.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sensors.estimators.growing import GrowingArray
+from sensors.tiles import tile_shape, tiles_of_boxes
 
-Stamp = tuple[NDArray[np.bool_], int]
-"""A disk as a square mask, and where the mask's first row and column lie relative to the observed cell."""
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Disk:
+    """The cells that one observation stands for, relative to the observed cell.
+
+    Row i holds the cells ``x + first + i`` by ``[y + low[i], y + high[i])``.
+
+    Parameters
+    ----------
+    first : int
+    low, high : int32[rows]
+    """
+
+    first: int
+    low: NDArray[np.int32]
+    high: NDArray[np.int32]
+
+
+Stamp = Callable[[int], Disk]
+"""Radius in, disk out."""
 
 
 def adaptive_radius(n_observations: int, shape: tuple[int, int]) -> int:
@@ -32,95 +51,103 @@ def adaptive_radius(n_observations: int, shape: tuple[int, int]) -> int:
     return int(1 + math.sqrt(2 * width * height / (math.pi * n_observations)))
 
 
-def centred_disk(radius: int) -> Stamp:
+def half_widths(radius: int, steps: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Return the largest whole j with ``i^2 + j^2 <= radius^2`` for each step i."""
+    # The square root of a square below 2^53 is exact.
+    return np.floor(np.sqrt(radius**2 - steps**2)).astype(np.int32)
+
+
+def centred_disk(radius: int) -> Disk:
     """Return the cells at most `radius` from the observed one.
 
     Examples
     --------
-    >>> centred_disk(1)[0].astype(int).tolist()
-    [[0, 1, 0], [1, 1, 1], [0, 1, 0]]
+    >>> disk = centred_disk(1)
+    >>> disk.first, disk.low.tolist(), disk.high.tolist()
+    (-1, [0, -1, 0], [1, 2, 1])
     """
-    mask = np.zeros((2 * radius + 1, 2 * radius + 1), np.bool_)
-    for i in range(-radius, radius + 1):
-        half = math.isqrt(radius * radius - i * i)
-        mask[radius + i, radius - half : radius + half + 1] = True
-    return mask, -radius
+    half = half_widths(radius, np.arange(-radius, radius + 1))
+    return Disk(-radius, -half, half + 1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Painting:
+    """What has to be painted so that a map is up to date.
+
+    Parameters
+    ----------
+    tiles : bool[tiles along x, tiles along y]
+        Where.
+    reset : bool
+        Whether the older disks are gone, so that what no disk of these reaches has nothing.
+    start : int
+        The first observation to paint; the ones before are there already.
+    x, y : int32[n]
+        The observed cells from `start` on.
+    disk : Disk
+    """
+
+    tiles: NDArray[np.bool_]
+    reset: bool
+    start: int
+    x: NDArray[np.int32]
+    y: NDArray[np.int32]
+    disk: Disk
 
 
 class DiskMap:
-    """The latest observation that covers each cell, kept up to date while observations arrive.
+    """The disks of a growing number of observations, and which of them are not on the map yet.
 
     Parameters
     ----------
     shape : tuple of int
         Width and height of the farm in cells.
     stamp : callable
-        Radius in, `Stamp` out.
+        Radius in, `Disk` out.
     radius : int or None
         A fixed radius in cells, or None for `adaptive_radius`.
-
     """
 
-    def __init__(self, shape: tuple[int, int], stamp: Callable[[int], Stamp], radius: int | None) -> None:
+    def __init__(self, shape: tuple[int, int], stamp: Stamp, radius: int | None) -> None:
         self.shape = shape
         self._cells = GrowingArray((2,), np.int32)
-        self._make_stamp = stamp
+        self._stamp = stamp
         self._fixed_radius = radius
-        self._radius = -1
-        self._stamp = stamp(0)
-        self._stamped = 0
-        self._owner = np.full(shape, -1, np.int32)
+        self._radius = 0
+        self._painted = 0
+        self._covered = np.zeros(tile_shape(shape), np.bool_)
 
     def append(self, x: NDArray[np.int32], y: NDArray[np.int32]) -> None:
-        """Take further observations; they are stamped when the map is next asked for."""
+        """Take further observations; they are painted when the map is next asked for."""
         self._cells.append(np.stack([x, y], axis=1))
 
     def copy(self) -> DiskMap:
-        """Return a map of the same observations that grows on its own."""
-        other = DiskMap(self.shape, self._make_stamp, self._fixed_radius)
-        other.append(*self._cells.array.T)
+        """Return a map of the same observations, painted as far as this one, that grows on its own."""
+        other = DiskMap(self.shape, self._stamp, self._fixed_radius)
+        other._cells.append(self._cells.array)
+        other._radius, other._painted = self._radius, self._painted
+        other._covered = self._covered.copy()
         return other
 
-    def owner(self) -> NDArray[np.int32]:
-        """Return the index of each cell's latest observation, -1 where no disk reaches.
+    def outstanding(self) -> Painting:
+        """Return what is to be painted since the last call, and take it as done.
 
-        Returns
-        -------
-        int32[W, H]
-            Not a copy: it changes with the next call.
+        When the radius has become another, these are all disks, otherwise only the further ones; in both
+        cases only in the tiles that disks reach, or reached before.
         """
         n = len(self._cells)
-        if n > self._stamped:
-            radius = self._fixed_radius or adaptive_radius(n, self.shape)
-            if radius != self._radius:
-                self._owner.fill(-1)
-                self._radius, self._stamp, self._stamped = radius, self._make_stamp(radius), 0
-            x, y = self._cells.array[self._stamped :].T
-            _stamp_all(self._owner, x, y, self._stamped, *self._stamp)
-            self._stamped = n
-        return self._owner
-
-
-def _stamp_all(
-    owner: NDArray[np.int32],
-    x: NDArray[np.int32],
-    y: NDArray[np.int32],
-    first: int,
-    mask: NDArray[np.bool_],
-    offset: int,
-) -> None:
-    width, height = owner.shape
-    side = len(mask)
-    left, low = x + offset, y + offset
-    # All clipping is done on the arrays at once; the loop itself only slices and copies.
-    windows = zip(
-        np.clip(left, 0, width).tolist(),
-        np.clip(left + side, 0, width).tolist(),
-        np.clip(low, 0, height).tolist(),
-        np.clip(low + side, 0, height).tolist(),
-        left.tolist(),
-        low.tolist(),
-        strict=True,
-    )
-    for index, (x0, x1, y0, y1, i, j) in enumerate(windows, first):
-        np.copyto(owner[x0:x1, y0:y1], index, where=mask[x0 - i : x1 - i, y0 - j : y1 - j])
+        radius = 0 if n == 0 else self._fixed_radius or adaptive_radius(n, self.shape)
+        reset = radius != self._radius
+        start = 0 if reset else self._painted
+        x, y = self._cells.array[start:].T
+        disk = self._stamp(max(radius, 1))
+        left = x + disk.first
+        tiles = tiles_of_boxes(
+            self.shape, left, left + len(disk.low), y + disk.low.min(), y + disk.high.max()
+        )
+        if reset:
+            tiles, self._covered = tiles | self._covered, tiles
+        else:
+            self._covered |= tiles
+        self._radius, self._painted = radius, n
+        return Painting(tiles, reset, start, x, y, disk)

@@ -1,5 +1,6 @@
 """The adaptive disk: against its definition, and against the authors' published estimates."""
 
+import pickle
 import tracemalloc
 from pathlib import Path
 
@@ -11,10 +12,11 @@ from hypothesis import strategies as st
 from geo.grid import FarmGrid
 from sensors.errors import EstimatorError
 from sensors.estimators.adaptive_disk import AdaptiveDiskEstimator
-from sensors.estimators.authors import AuthorsAdaptiveDiskEstimator
+from sensors.estimators.authors import AuthorsAdaptiveDiskEstimator, misplaced_disk
 from sensors.estimators.disks import adaptive_radius, centred_disk
 from sensors.fields import FIELDS
 from sensors.observations import Observations
+from sensors.tiles import TILE_CELLS, tile_shape
 
 GOLDEN = Path(__file__).parents[1] / "data" / "golden"
 
@@ -92,10 +94,19 @@ def test_authors_ad_is_the_published_estimate(name):
 
 @given(st.integers(0, 40))
 def test_the_disk_is_round_and_centred(radius):
-    mask, offset = centred_disk(radius)
-    i, j = np.indices(mask.shape) + offset
-    assert np.array_equal(mask, i**2 + j**2 <= radius**2)
-    assert mask.shape == (2 * radius + 1,) * 2
+    disk = centred_disk(radius)
+    i, j = np.indices((2 * radius + 1,) * 2) - radius
+    assert disk.first == -radius
+    assert np.array_equal((disk.low[:, None] <= j) & (j < disk.high[:, None]), i**2 + j**2 <= radius**2)
+
+
+@given(st.integers(1, 40))
+def test_the_authors_disk_lies_aside_and_lacks_a_row_and_a_column(radius):
+    disk = misplaced_disk(radius)
+    i, j = np.indices((2 * radius,) * 2) - radius
+    covered = (disk.low[:, None] - radius <= j) & (j < disk.high[:, None] - radius)
+    assert disk.first == 0
+    assert np.array_equal(covered, i**2 + j**2 <= radius**2)
 
 
 @given(st.integers(1, 10**6), st.integers(1, 6000), st.integers(1, 6000))
@@ -140,3 +151,94 @@ def test_memory_is_the_result_and_one_map():
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 1.4 * (6 + 1) * 4 * shape[0] * shape[1]
+
+
+def painted(shape, seen, radius=None):
+    """Disk by disk over the whole farm, every field sensed by every observation."""
+    value = np.empty((3, *shape), np.float32)
+    value[:] = np.array([1, 1, 0])[:, None, None]
+    uncertainty = np.ones_like(value)
+    i, j = np.indices(shape)
+    r = radius or (adaptive_radius(len(seen), shape) if len(seen) else 0)
+    for x, y, row in zip(seen.x, seen.y, seen.values, strict=True):
+        disk = (i - x) ** 2 + (j - y) ** 2 <= r * r
+        value[:, disk] = row[:, None]
+        uncertainty[:, disk] = 0
+    return value, uncertainty
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    shape=st.tuples(st.integers(1, 200), st.integers(1, 200)),
+    n=st.integers(0, 60),
+    seed=st.integers(0, 1000),
+    radius=st.sampled_from([None, 1, 5, 70]),
+    pieces=st.integers(1, 8),
+)
+def test_farms_of_many_tiles_are_kept_up_to_date(shape, n, seed, radius, pieces):
+    rng = np.random.default_rng(seed)
+    radius = min(radius, *[max(shape)]) if radius else None
+    seen = observations(rng.integers(0, shape[0], n), rng.integers(0, shape[1], n), rng.random((n, 3)))
+    estimator = AdaptiveDiskEstimator(radius=radius).fit(grid_of(*shape))
+    stop = 0
+    before = None
+    for piece in range(1, pieces + 1):
+        start, stop = stop, n * piece // pieces
+        model = estimator.partial_fit(seen[start:stop]).predict()
+        value, uncertainty = painted(shape, seen[:stop], radius)
+        np.testing.assert_array_equal(model.value, value)
+        np.testing.assert_array_equal(model.uncertainty, uncertainty)
+        assert model.revision == piece - 1
+        if before is None:
+            assert model.changed is None
+        else:
+            cells = np.any((value != before[0]) | (uncertainty != before[1]), axis=0)
+            tiles = np.zeros(tile_shape(shape), bool)
+            x, y = np.nonzero(cells)
+            tiles[x // TILE_CELLS, y // TILE_CELLS] = True
+            np.testing.assert_array_equal(model.changed, tiles)
+        before = value, uncertainty
+
+
+def test_a_running_flight_writes_in_place_and_only_where_its_disks_are():
+    rng = np.random.default_rng(8)
+    grid = grid_of(2000, 1500)
+    seen = observations(100 + np.arange(600), np.full(600, 90), rng.random((600, 3)))
+    estimator = AdaptiveDiskEstimator().fit(grid, seen[:500])
+    first = estimator.predict()
+    tracemalloc.start()
+    later = estimator.partial_fit(seen[500:]).predict()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert later.value is first.value
+    assert later.uncertainty is first.uncertainty
+    assert peak < 500_000
+    assert 0 < later.changed.mean() < 0.1
+    again = estimator.predict()
+    assert not again.changed.any()
+    assert again.revision == 2
+    with pytest.raises(ValueError, match="read-only"):
+        later.value[0, 0, 0] = 1
+
+
+def test_copies_of_an_estimator_go_their_own_ways():
+    rng = np.random.default_rng(9)
+    seen = observations(rng.integers(0, 90, 40), rng.integers(0, 90, 40), rng.random((40, 3)))
+    one = AdaptiveDiskEstimator().fit(grid_of(90, 90), seen[:20])
+    one.predict()
+    other = pickle.loads(pickle.dumps(one))
+    value = one.predict().copy().value
+    np.testing.assert_array_equal(other.partial_fit(seen[20:]).predict().value, painted((90, 90), seen)[0])
+    np.testing.assert_array_equal(one.predict().value, value)
+
+
+def test_fields_that_part_get_an_uncertainty_of_their_own():
+    rng = np.random.default_rng(10)
+    values = rng.random((30, 3))
+    estimator = AdaptiveDiskEstimator().fit(grid_of(80, 70), observations([20] * 30, [30] * 30, values))
+    model = estimator.predict()
+    assert model.uncertainty.strides[0] == 0
+    values[:, 1] = np.nan
+    model = estimator.partial_fit(observations([60] * 30, [60] * 30, values)).predict()
+    assert model.uncertainty[:, 60, 60].tolist() == [0, 1, 0]
+    assert model.uncertainty[:, 20, 30].tolist() == [0, 0, 0]

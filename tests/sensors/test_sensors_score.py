@@ -4,14 +4,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from geo.grid import FarmGrid
 from sensors.errors import EstimatorError
-from sensors.estimators.authors import misplaced_disk
-from sensors.estimators.disks import DiskMap
+from sensors.estimators.adaptive_disk import AdaptiveDiskEstimator
+from sensors.estimators.authors import AuthorsAdaptiveDiskEstimator
 from sensors.fields import FIELDS
+from sensors.information import InformationModel
+from sensors.observations import Observations
 from sensors.score import PAPER_WEIGHTS, RunningScore, ScoreWeights, paper_loss
 
 GOLDEN = Path(__file__).parents[1] / "data" / "golden"
@@ -28,12 +31,17 @@ def farm():
 
 def authors_estimates(run):
     """The authors' adaptive disk after each step, in float64, with their default of 0."""
-    disks = DiskMap((31, 31), misplaced_disk, None)
-    for step in range(1, len(run["positions"]) + 1):
-        x, y, _ = run["positions"][step - 1 : step].T
-        disks.append(x, y)
-        table = np.vstack([run["observations"][:step], np.zeros(3)])
-        yield np.moveaxis(table[disks.owner()], -1, 0)
+    n = len(run["positions"])
+    x, y, _ = run["positions"].T
+    # Disks of the observations' numbers, which float32 holds exactly.
+    numbers = np.repeat(np.arange(n, dtype=np.float32)[:, None], 3, axis=1)
+    seen = Observations(x, y, np.arange(n), np.full(n, 6), numbers)
+    grid = FarmGrid((31, 31), 0.3048, np.ones((31, 31), np.int8), np.ones((31, 31), bool))
+    estimator = AuthorsAdaptiveDiskEstimator(default_values=(-1, -1, -1)).fit(grid)
+    for step in range(n):
+        owner = estimator.partial_fit(seen[step : step + 1]).predict().value[0].astype(int)
+        table = np.vstack([run["observations"][: step + 1], np.zeros(3)])
+        yield np.moveaxis(table[owner], -1, 0)
 
 
 @pytest.mark.parametrize("name", RUNS)
@@ -114,15 +122,106 @@ def test_a_field_without_cells_does_not_count():
     assert score.field_loss[0] == 0.0
 
 
-def test_chunks_do_not_show(monkeypatch):
-    rng = np.random.default_rng(1)
-    truth, estimate = rng.random((2, 3, 37, 23))
-    masks = rng.random((3, 37, 23)) < 0.4
-    whole = RunningScore(truth, masks).evaluate(estimate)
-    monkeypatch.setattr("sensors.score._CHUNK_CELLS", 50)
-    parts = RunningScore(truth, masks).evaluate(estimate)
-    np.testing.assert_allclose(parts.field_loss, whole.field_loss, rtol=1e-12)
-    assert parts.authors_axis_max == pytest.approx(whole.authors_axis_max)
+def plainly(truth, estimate, mask, low, high):
+    """One field's mean costs and the authors' maximum, over the whole arrays."""
+    error = np.where(mask, np.float64(estimate) - truth, 0.0)
+    cost = np.where(error > 0, high, low)
+    everywhere = np.float64(estimate) - truth
+    lines = low * (-everywhere).max(axis=0) + high * everywhere.max(axis=0)
+    return (
+        (cost * error**2).sum() / mask.sum(),
+        (cost * abs(error)).sum() / mask.sum(),
+        -(mask.sum(axis=0) @ lines) / mask.sum() if low != high else -abs(error).sum() / mask.sum(),
+    )
+
+
+@given(st.tuples(st.integers(1, 200), st.integers(1, 200)), st.integers(0, 100))
+@settings(max_examples=25, deadline=None)
+def test_tiles_do_not_show(shape, seed):
+    rng = np.random.default_rng(seed)
+    truth, estimate = rng.random((2, 3, *shape), dtype=np.float32)
+    masks = rng.random((3, *shape)) < 0.4
+    masks[:, 0, 0] = True
+    score = RunningScore(truth, masks).evaluate(estimate)
+    plain = [plainly(truth[k], estimate[k], masks[k], 1, (10, 10, 1)[k]) for k in range(3)]
+    np.testing.assert_allclose(score.field_loss, [part[0] for part in plain], rtol=1e-12)
+    np.testing.assert_allclose(score.field_weighted_mae, [part[1] for part in plain], rtol=1e-12)
+    expected = np.dot(PAPER_WEIGHTS.field, [part[2] for part in plain])
+    assert score.authors_axis_max == pytest.approx(expected, rel=1e-12)
+
+
+def flight(shape, n, seed):
+    """A farm's truth and masks, an estimator that changes its arrays in place, and observations of a path."""
+    rng = np.random.default_rng(seed)
+    truth = rng.choice([0.0, 0.5, 1.0], (3, *shape)).astype(np.float32)
+    masks = rng.random((3, *shape)) < 0.7
+    masks[:, 0, 0] = True
+    grid = FarmGrid(shape, 0.3048, np.ones(shape, np.int8), np.ones(shape, bool))
+    x, y = rng.integers(0, shape[0], n), rng.integers(0, shape[1], n)
+    seen = Observations(x, y, np.arange(n), np.full(n, 6), truth[:, x, y].T)
+    return truth, masks, AdaptiveDiskEstimator(radius=3).fit(grid), seen
+
+
+@given(
+    st.tuples(st.integers(3, 200), st.integers(3, 200)),
+    st.lists(st.integers(0, 20), max_size=8),
+    st.integers(0, 99),
+)
+@settings(max_examples=25, deadline=None)
+def test_scoring_while_it_flies_is_scoring_everything(shape, cuts, seed):
+    truth, masks, estimator, seen = flight(shape, 20, seed)
+    running = RunningScore(truth, masks)
+    for start, stop in zip([0, *sorted(cuts)], [*sorted(cuts), 20], strict=True):
+        model = estimator.partial_fit(seen[start:stop]).predict()
+        score = running.add(model)
+        # Equal, not nearly equal: the same tiles are added in the same order.
+        assert score == RunningScore(truth, masks).evaluate(model.value.copy())
+
+
+def test_only_the_changed_tiles_of_the_next_model_are_looked_at():
+    truth, masks, estimator, _ = flight((200, 200), 20, 3)
+    running = RunningScore(truth, masks)
+    model = estimator.predict()
+    first = running.evaluate(model)
+    value = model.value.copy()
+    view = value.view()
+    nothing = np.zeros((4, 4), bool)
+
+    def model_of(array, changed, revision):
+        return InformationModel(array, model.uncertainty, changed, revision)
+
+    running.evaluate(model_of(view, None, 0))
+    value[:] = 0.25
+    assert running.evaluate(model_of(view, nothing, 1)) == first
+    plain = RunningScore(truth, masks).evaluate(value)
+    # Whatever is not surely the next model of the same array is summed as a whole.
+    assert running.evaluate(model_of(view, nothing, 3)) == plain
+    value[:] = 0.5
+    plain = RunningScore(truth, masks).evaluate(value)
+    assert running.evaluate(model_of(value, nothing, 4)) == plain
+    value[:] = 0.75
+    plain = RunningScore(truth, masks).evaluate(value)
+    assert running.evaluate(value) == plain
+    assert running.evaluate(model_of(value, nothing, 5)) == plain
+
+
+def test_a_new_day_is_summed_as_a_whole():
+    truth, masks, estimator, _ = flight((100, 100), 20, 4)
+    running = RunningScore(truth, masks)
+    running.add(estimator.predict())
+    running.advance(1 - truth)
+    model = estimator.predict()
+    assert running.add(model) == RunningScore(1 - truth, masks).evaluate(model)
+
+
+def test_after_a_refused_estimate_everything_is_summed():
+    truth, masks, estimator, _ = flight((100, 100), 20, 5)
+    running = RunningScore(truth, masks)
+    running.add(estimator.predict())
+    with pytest.raises(EstimatorError, match="not finite"):
+        running.add(np.full_like(truth, np.nan))
+    model = estimator.predict()
+    assert running.add(model) == RunningScore(truth, masks).evaluate(model)
 
 
 def test_the_mean_is_taken_over_the_scored_times_and_days():

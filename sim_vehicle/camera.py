@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mission.link.dialect import mavlink
@@ -52,7 +52,8 @@ class LeafCameraComponent:
     it. It fires by DO_SET_CAM_TRIGG_DIST, DO_SET_CAM_TRIGG_INTERVAL, IMAGE_START_CAPTURE and an
     autopilot's CAMERA_TRIGGER, stops when the vehicle disarms or its autopilot restarts, and reports each
     picture by CAMERA_IMAGE_CAPTURED and DEBUG_FLOAT_ARRAY (see `sensors.messages`). The cell that it
-    reads is the one under the position that it reports.
+    reads is the one under the vehicle: where the vehicle errs about its place, not under the position that
+    it reports.
 
     Parameters
     ----------
@@ -64,6 +65,9 @@ class LeafCameraComponent:
         Address; the system is that of the vehicle.
     autopilot_component_id : int
         Whose telemetry to follow.
+    position_error : callable, optional
+        ``position_error(time_us)``, how far east and north (m) of the truth the vehicle believed to be, at a
+        time since its boot; exact without.
     """
 
     wanted: frozenset[int] | None = frozenset(
@@ -85,7 +89,9 @@ class LeafCameraComponent:
         system_id: int = 1,
         component_id: int = CAMERA_COMPONENT_ID,
         autopilot_component_id: int = mavlink.MAV_COMP_ID_AUTOPILOT1,
+        position_error: Callable[[float], tuple[float, float]] | None = None,
     ) -> None:
+        self._position_error = position_error
         self.system_id = system_id
         self.component_id = component_id
         self.trigger = CameraTrigger()
@@ -213,8 +219,7 @@ class LeafCameraComponent:
 
     def _take(self, shots: Sequence[Shot]) -> list[Message]:
         """Read the cells under the shots and return the messages."""
-        cell_of, from_wgs84 = self._farm.cell_of, self._farm.frame.from_wgs84
-        cells = [cell_of(*from_wgs84(shot.latitude_e7 / _E7, shot.longitude_e7 / _E7)) for shot in shots]
+        cells = [self._cell_under(shot) for shot in shots]
         values = self._camera.capture([x for x, _ in cells], [y for _, y in cells]).tolist()
         messages: list[Message] = []
         for number, (shot, seen) in enumerate(zip(shots, values, strict=True), self.image_count):
@@ -222,6 +227,17 @@ class LeafCameraComponent:
             messages += self._report(picture)
         self.image_count += len(shots)
         return messages
+
+    def _cell_under(self, shot: Shot) -> tuple[int, int]:
+        """Return the cell that the camera looks at."""
+        farm = self._farm
+        x_m, y_m = farm.frame.from_wgs84(shot.latitude_e7 / _E7, shot.longitude_e7 / _E7)
+        if self._position_error is not None:
+            east_m, north_m = self._position_error(shot.time_us)
+            turn = math.radians(farm.frame.rotation_deg)
+            x_m -= east_m * math.cos(turn) + north_m * math.sin(turn)
+            y_m -= north_m * math.cos(turn) - east_m * math.sin(turn)
+        return farm.cell_of(x_m, y_m)
 
     def _report(self, picture: _Picture) -> list[Message]:
         index, shot, values = picture

@@ -91,6 +91,8 @@ class Persona:
         MAV_CMDs that are only taken as COMMAND_INT.
     rates_hz : mapping of int to float
         Message id to rate after the start.
+    truth_message : int
+        What its simulators send to tell the true state of the vehicle.
     """
 
     name: str
@@ -113,6 +115,7 @@ class Persona:
     refused_result: int = int(m.MAV_RESULT_TEMPORARILY_REJECTED)
     unsupported: frozenset[int] = frozenset()
     int_only: frozenset[int] = frozenset()
+    truth_message: int = int(m.MAVLINK_MSG_ID_HIL_STATE_QUATERNION)
 
     def mode_of(self, custom_mode: int) -> Mode | None:
         """Return the mode with this custom number, None if the autopilot has none or it is not flown here."""
@@ -202,6 +205,7 @@ ARDUPILOT = Persona(
     refused_result=int(m.MAV_RESULT_FAILED),
     unsupported=frozenset({int(m.MAV_CMD_DO_ORBIT), int(m.MAV_CMD_DO_CHANGE_ALTITUDE)}),
     int_only=frozenset({int(m.MAV_CMD_DO_REPOSITION)}),
+    truth_message=int(m.MAVLINK_MSG_ID_SIM_STATE),
 )
 
 _PERSONAS = {persona.name: persona for persona in (PX4, ARDUPILOT)}

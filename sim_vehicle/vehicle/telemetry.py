@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING
 from mission.link.dialect import mavlink as m
 from mission.link.frames import Message
 from sim_vehicle.battery import BatteryState
-from sim_vehicle.flight import LandedState, Phase, VehicleState
+from sim_vehicle.flight import LandedState, Phase
+from sim_vehicle.navigation import HDOP, VDOP
 from sim_vehicle.vehicle.arming import health_problem
 from sim_vehicle.vehicle.fence import Breach
 from sim_vehicle.vehicle.modes import Mode
+from sim_vehicle.vehicle.true_state import hil_state_quaternion, int16, quaternion, sim_state, to_body
 
 if TYPE_CHECKING:
     from sim_vehicle.vehicle.vehicle import SimVehicle
@@ -77,7 +79,7 @@ def _sys_status(vehicle: SimVehicle) -> Message:
     battery = pilot.state.battery
     millivolts, centiamps, percent = _UNUSED_CELL, -1, -1
     if battery is not None:
-        millivolts, centiamps = round(1000.0 * battery.voltage_v), _int16(100.0 * battery.current_a)
+        millivolts, centiamps = round(1000.0 * battery.voltage_v), int16(100.0 * battery.current_a)
         percent = math.ceil(100.0 * battery.fraction)
     return m.MAVLink_sys_status_message(
         _SENSORS, _SENSORS, health, 100, millivolts, centiamps, percent, 0, 0, 0, 0, 0, 0
@@ -96,20 +98,34 @@ def _gps_raw_int(vehicle: SimVehicle) -> Message:
             vehicle.unix_us, 1, 0, 0, 0, _UNUSED_CELL, _UNUSED_CELL, _UNUSED_CELL, _UNUSED_CELL, 0
         )
     east, north, _ = state.velocity_m_s
+    east_m, north_m, up_m = vehicle.sensed.gps_m
+    eph, epv, horizontal_mm, vertical_mm = 70, 90, 500, 800
+    if vehicle.errors is not None:
+        latitude, longitude = vehicle.pilot.frame.to_wgs84(east_m, north_m)
+        place = (
+            round(latitude * 1e7),
+            round(longitude * 1e7),
+            round(1000.0 * (up_m + vehicle.home.altitude_m)),
+        )
+        noise = vehicle.errors.noise
+        if noise.gps_m > 0.0:
+            eph, epv = round(100.0 * HDOP), round(100.0 * VDOP)
+            horizontal_mm = round(1000.0 * noise.horizontal_accuracy_m)
+            vertical_mm = round(1000.0 * noise.vertical_accuracy_m)
     return m.MAVLink_gps_raw_int_message(
         vehicle.unix_us,
         3,
         place[0],
         place[1],
         place[2],
-        70,
-        90,
+        eph,
+        epv,
         min(65534, round(100.0 * math.hypot(east, north))),
         _centidegrees(math.atan2(east, north)),
         16,
         place[2],
-        500,
-        800,
+        horizontal_mm,
+        vertical_mm,
         100,
     )
 
@@ -123,17 +139,17 @@ def _global_position_int(vehicle: SimVehicle) -> Message:
         place[0],
         place[1],
         place[2],
-        round(1000.0 * state.position_m[2]),
-        _int16(100.0 * north),
-        _int16(100.0 * east),
-        _int16(-100.0 * up),
+        round(1000.0 * vehicle.sensed.believed_m[2]),
+        int16(100.0 * north),
+        int16(100.0 * east),
+        int16(-100.0 * up),
         _centidegrees(state.yaw_rad),
     )
 
 
 def _local_position_ned(vehicle: SimVehicle) -> Message:
     state = vehicle.pilot.state
-    east, north, up = state.position_m
+    east, north, up = vehicle.sensed.believed_m
     v_east, v_north, v_up = state.velocity_m_s
     return m.MAVLink_local_position_ned_message(vehicle.boot_ms, north, east, -up, v_north, v_east, -v_up)
 
@@ -148,18 +164,8 @@ def _attitude(vehicle: SimVehicle) -> Message:
 
 def _attitude_quaternion(vehicle: SimVehicle) -> Message:
     state = vehicle.pilot.state
-    cr, sr = math.cos(0.5 * state.roll_rad), math.sin(0.5 * state.roll_rad)
-    cp, sp = math.cos(0.5 * state.pitch_rad), math.sin(0.5 * state.pitch_rad)
-    cy, sy = math.cos(0.5 * state.yaw_rad), math.sin(0.5 * state.yaw_rad)
     return m.MAVLink_attitude_quaternion_message(
-        vehicle.boot_ms,
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-        0.0,
-        0.0,
-        state.yaw_rate_rad_s,
+        vehicle.boot_ms, *quaternion(state), 0.0, 0.0, state.yaw_rate_rad_s
     )
 
 
@@ -177,7 +183,7 @@ def _vfr_hud(vehicle: SimVehicle) -> Message:
 
 
 def _altitude(vehicle: SimVehicle) -> Message:
-    up = vehicle.pilot.state.position_m[2]
+    up = vehicle.sensed.believed_m[2]
     amsl = vehicle.place[2] / 1000.0
     return m.MAVLink_altitude_message(vehicle.boot_ms * 1000, amsl, amsl, up, up, up, up)
 
@@ -204,7 +210,7 @@ def _battery_status(vehicle: SimVehicle) -> Message:
         m.MAV_BATTERY_TYPE_LIPO,
         2500,
         cells,
-        _int16(100.0 * battery.current_a),
+        int16(100.0 * battery.current_a),
         round(battery.used_mah),
         round(36.0 * battery.used_wh),
         math.ceil(100.0 * battery.fraction),
@@ -250,6 +256,12 @@ def _wind_cov(vehicle: SimVehicle) -> Message:
     return m.MAVLink_wind_cov_message(
         vehicle.boot_ms * 1000, north, east, 0.0, 0.0, 0.0, vehicle.place[2] / 1000.0, 0.5, 0.5
     )
+
+
+def _wind(vehicle: SimVehicle) -> Message:
+    east, north = vehicle.pilot.state.wind_m_s
+    direction = math.degrees(math.atan2(-east, -north)) if east or north else 0.0
+    return m.MAVLink_wind_message(direction, math.hypot(east, north), 0.0)
 
 
 def _autopilot_version(vehicle: SimVehicle) -> Message:
@@ -307,16 +319,23 @@ def _scaled_pressure(vehicle: SimVehicle) -> Message:
 
 def _pressure_hpa(vehicle: SimVehicle) -> float:
     """Pressure of the ICAO standard atmosphere at the vehicle's height above the sea."""
-    height_m = min(11_000.0, vehicle.place[2] / 1000.0)
+    height_m = min(11_000.0, _barometer_m(vehicle))
     return float(1013.25 * (1.0 - 2.25577e-5 * height_m) ** 5.25588)
+
+
+def _barometer_m(vehicle: SimVehicle) -> float:
+    """Return the barometer's height above the sea."""
+    if vehicle.errors is None:
+        return vehicle.place[2] / 1000.0
+    return vehicle.sensed.barometer_m + vehicle.home.altitude_m
 
 
 def _highres_imu(vehicle: SimVehicle) -> Message:
     """Tell what the sensors would read: specific force and magnetic field along forward, right, down."""
     state = vehicle.pilot.state
     east, north, up = state.acceleration_m_s2
-    force = _to_body(state, north, east, -(up + 9.80665))
-    field = _to_body(state, 0.25, 0.0, 0.41)
+    force = to_body(state, north, east, -(up + 9.80665))
+    field = to_body(state, 0.25, 0.0, 0.41)
     return m.MAVLink_highres_imu_message(
         vehicle.unix_us,
         *force,
@@ -326,20 +345,10 @@ def _highres_imu(vehicle: SimVehicle) -> Message:
         *field,
         _pressure_hpa(vehicle),
         0.0,
-        vehicle.place[2] / 1000.0,
+        _barometer_m(vehicle),
         25.0,
         0x1FFF,
     )
-
-
-def _to_body(state: VehicleState, north: float, east: float, down: float) -> tuple[float, float, float]:
-    """Turn a vector from north, east, down to forward, right, down by yaw, pitch and roll in this order."""
-    cy, sy = math.cos(state.yaw_rad), math.sin(state.yaw_rad)
-    cp, sp = math.cos(state.pitch_rad), math.sin(state.pitch_rad)
-    cr, sr = math.cos(state.roll_rad), math.sin(state.roll_rad)
-    x, y = cy * north + sy * east, cy * east - sy * north
-    x, z = cp * x - sp * down, sp * x + cp * down
-    return x, cr * y + sr * z, cr * z - sr * y
 
 
 def _gps_global_origin(vehicle: SimVehicle) -> Message:
@@ -353,10 +362,6 @@ def _current_mode(vehicle: SimVehicle) -> Message:
 
 def _centidegrees(angle_rad: float) -> int:
     return round(math.degrees(angle_rad) * 100.0) % 36000
-
-
-def _int16(value: float) -> int:
-    return max(-32767, min(32767, round(value)))
 
 
 BUILDERS: dict[int, Callable[[SimVehicle], Message]] = {
@@ -376,6 +381,9 @@ BUILDERS: dict[int, Callable[[SimVehicle], Message]] = {
     m.MAVLINK_MSG_ID_HOME_POSITION: _home_position,
     m.MAVLINK_MSG_ID_MISSION_CURRENT: _mission_current,
     m.MAVLINK_MSG_ID_WIND_COV: _wind_cov,
+    m.MAVLINK_MSG_ID_WIND: _wind,
+    m.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: hil_state_quaternion,
+    m.MAVLINK_MSG_ID_SIM_STATE: sim_state,
     m.MAVLINK_MSG_ID_AUTOPILOT_VERSION: _autopilot_version,
     m.MAVLINK_MSG_ID_CURRENT_MODE: _current_mode,
     m.MAVLINK_MSG_ID_AVAILABLE_MODES_MONITOR: _modes_monitor,
@@ -401,6 +409,7 @@ _EXTRA_3 = (
     m.MAVLINK_MSG_ID_BATTERY_STATUS,
     m.MAVLINK_MSG_ID_VIBRATION,
     m.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+    m.MAVLINK_MSG_ID_WIND,
 )
 _SENSOR = (m.MAVLINK_MSG_ID_SCALED_PRESSURE,)
 _RADIO = (m.MAVLINK_MSG_ID_RC_CHANNELS,)

@@ -29,6 +29,7 @@ from mission.transfer.storage import UncheckedItem
 from sim_vehicle.component import NEVER
 from sim_vehicle.flight import CameraCommand, FlightEvent, HomeMoved, ItemReached
 from sim_vehicle.itinerary import DO_COMMANDS, NAV_COMMANDS
+from sim_vehicle.navigation import NavigationErrors, Sensed, SensorNoise
 from sim_vehicle.spec import VehicleSpec
 from sim_vehicle.vehicle import commands, setpoints
 from sim_vehicle.vehicle.camera_orders import CAMERA, CameraOrders
@@ -46,6 +47,7 @@ __all__ = ["SimVehicle"]
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 _PLANNER = int(m.MAV_COMP_ID_MISSIONPLANNER)
 _TICK_S = 0.1
+_TRUTH_HZ = 10.0
 _TEXT_BYTES = 50
 _DEFAULT_EPOCH_S = 1_780_315_200.0  # 2026-06-01T12:00:00Z, so that equal runs give equal bytes
 AREA_COMMANDS = frozenset(
@@ -82,6 +84,8 @@ class SimVehicle:
         Time of day at the host's time 0, seconds since 1970.
     signing : Signing, optional
         The host's, so that SETUP_SIGNING can change its key where it may.
+    noise : SensorNoise, optional
+        How wrong it believes to be where it is; exact without.
 
     Attributes
     ----------
@@ -89,6 +93,8 @@ class SimVehicle:
         The vehicle without MAVLink: state, mode, outcome.
     schedule : Schedule
         Message intervals.
+    sensed : Sensed
+        Where it is, in truth and by its sensors.
 
     Examples
     --------
@@ -113,8 +119,11 @@ class SimVehicle:
         yaw_deg: float = 0.0,
         epoch_unix_s: float = _DEFAULT_EPOCH_S,
         signing: Signing | None = None,
+        noise: SensorNoise | None = None,
     ) -> None:
         self._signing = signing
+        self.errors = NavigationErrors(noise) if noise is not None and not noise.is_off else None
+        self.sensed = Sensed.exact((0.0, 0.0, 0.0))
         self.system_id = system_id
         self.component_id = _AUTOPILOT
         self.persona = persona
@@ -272,7 +281,9 @@ class SimVehicle:
         self._tick_s = now_s
         pilot = self.pilot
         events = pilot.advance(now_s)
-        east, north, up = pilot.state.position_m
+        place, errors = pilot.state.position_m, self.errors
+        self.sensed = Sensed.exact(place) if errors is None else errors.sense(place, now_s)
+        east, north, up = self.sensed.believed_m
         latitude, longitude = pilot.frame.to_wgs84(east, north)
         self.place = (
             round(latitude * 1e7),
@@ -411,9 +422,19 @@ class SimVehicle:
         self.schedule = self._default_schedule()
 
     def _default_schedule(self) -> Schedule:
-        """Rates of the persona, but nothing oftener than the vehicle moves on."""
+        """Rates of the persona, but nothing oftener than the vehicle moves on; the truth where it differs."""
         most_hz = 1.0 / self.pilot.spec.step_s
-        return Schedule({kind: min(rate, most_hz) for kind, rate in self.persona.rates_hz.items()})
+        rates_hz = {kind: min(rate, most_hz) for kind, rate in self.persona.rates_hz.items()}
+        if self.errors is not None:
+            rates_hz[self.persona.truth_message] = min(_TRUTH_HZ, most_hz)
+        return Schedule(rates_hz)
+
+    def position_error(self, boot_us: float) -> tuple[float, float]:
+        """Return how far east and north of the truth it believed to be, at a time of its own clock."""
+        if self.errors is None:
+            return 0.0, 0.0
+        error = self.errors.at((boot_us + self._boot_us) / 1e6)
+        return error.east_m, error.north_m
 
     def command_camera(self, command: int, params: tuple[float, ...]) -> None:
         """Send a command to the camera, until it is acknowledged or was sent three times."""

@@ -10,15 +10,52 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from geo import Farm
 from geo.errors import WbfMissionError
+from geo.memory import require_memory
 from sensors.errors import EstimatorError
 from sensors.estimators import Estimator
+from sensors.estimators.base import estimator_memory
 from sensors.information import InformationModel
 from sensors.observations import Observations
 from sensors.score import RunningScore, Score
 
 DEFAULT_SCORE_POINTS = 25
+LARGE_FARM_CELLS = 3_000_000
+# How often a large farm is scored by an estimator that computes every cell anew, and by one that does not.
 LARGE_FARM_SCORE_POINTS = 10
+INCREMENTAL_SCORE_POINTS = 100
+
+# Per cell: truth, the environment behind it (two onset days and soil), crop map and masks of farm and score.
+_RUN_BYTES_A_CELL = 12 + 6 + 8
+_PROGRAM_BYTES = 300_000_000
+
+
+def score_points(farm: Farm, estimator: Estimator) -> int:
+    """Return at how many times a run on this farm is scored unless the scenario says so."""
+    if farm.width_cells * farm.height_cells <= LARGE_FARM_CELLS:
+        return DEFAULT_SCORE_POINTS
+    incremental = getattr(estimator, "incremental", False)
+    return INCREMENTAL_SCORE_POINTS if incremental else LARGE_FARM_SCORE_POINTS
+
+
+def require_run_memory(farm: Farm, estimator: Estimator, n_observations: int) -> None:
+    """Foresee the memory of a whole run.
+
+    Raises
+    ------
+    NotEnoughMemoryError
+        If the machine, a control group or the process's limit does not leave as much.
+    """
+    shape = (farm.width_cells, farm.height_cells)
+    require_memory(
+        f"flying {farm.name} ({shape[0]} x {shape[1]} cells) with {type(estimator).__name__}",
+        {
+            "estimate": estimator_memory(estimator, shape, n_observations),
+            "environment and score": _RUN_BYTES_A_CELL * shape[0] * shape[1],
+            "program": _PROGRAM_BYTES,
+        },
+    )
 
 
 @dataclass(slots=True)
@@ -61,7 +98,7 @@ class RunEstimate:
     ----------
     history : ScoreHistory
     model : InformationModel or None
-        The latest estimate.
+        The latest estimate; its arrays may be the estimator's own, which change with the next observations.
     estimate_s, score_s : float
         Wall seconds that estimator and score took.
     """
@@ -102,7 +139,7 @@ class RunEstimate:
         with _blame(self._estimator):
             self.model = self._estimator.predict()
         middle = time.perf_counter()
-        self.history.entries.append(self._score.add(self.model.value))
+        self.history.entries.append(self._score.add(self.model))
         self.history.times_s.append(time_s)
         self.history.observations.append(self._seen)
         self.estimate_s += middle - begin

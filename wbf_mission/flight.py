@@ -26,7 +26,7 @@ from sim_vehicle.camera import LeafCameraComponent
 from sim_vehicle.simulation import Impairment, Simulation, StopReason
 from sim_vehicle.vehicle import Outcome as VehicleOutcome
 from sim_vehicle.vehicle import SimVehicle, get_persona
-from wbf_mission.estimation import DEFAULT_SCORE_POINTS, LARGE_FARM_SCORE_POINTS, RunEstimate
+from wbf_mission.estimation import RunEstimate, require_run_memory, score_points
 from wbf_mission.flight_result import FlightResult
 from wbf_mission.ground import GroundStation
 from wbf_mission.outcome import Outcome, Phase
@@ -36,7 +36,6 @@ from wbf_mission.scenario import Scenario
 Progress = Callable[[str, float, float], None]
 
 SMALL_FARM_CELLS = 2500
-LARGE_FARM_VALUES = 10_000_000
 SLICE_S = 1.0
 FLIGHT_LIMIT_FACTOR = 3.0
 FLIGHT_LIMIT_EXTRA_S = 600.0
@@ -130,6 +129,7 @@ def fly(
     tell("planning", 1, 1)
     watch.lap("plan")
     farm = planned.farm
+    require_run_memory(farm, estimator, round(_expected_observations(scenario, planned)))
     environment = make_environment(scenario, farm, progress)
     truth = environment.values(scenario.day)
     watch.lap("environment")
@@ -173,7 +173,7 @@ class _Run:
             epoch_unix_s=EPOCH_UNIX_S,
         )
         self.camera = LeafCameraComponent(camera, farm)
-        estimator.fit(grid)
+        self.estimator = estimator.fit(grid)
         self.estimate = RunEstimate(
             estimator, RunningScore(truth, relevance_masks(grid)), self._score_every()
         )
@@ -183,24 +183,13 @@ class _Run:
 
     def _score_every(self) -> int:
         """Return after how many observations the estimate is scored."""
-        vehicle, cell_m = self.planned.vehicle, self.planned.farm.cell_size_m
-        if vehicle.is_ideal:
-            expected = self.planned.prediction.duration_s / vehicle.step_s
-        else:
-            expected = self.planned.prediction.path_length_m / (
-                self.scenario.camera_spacing_m or cell_m * self.scenario.camera_footprint
-            )
-        expected *= self.scenario.camera_footprint**2
+        planned = self.planned
         points = self.scenario.score_points
         if points is None:
-            if vehicle.is_ideal and self.planned.farm.owner_cells <= SMALL_FARM_CELLS:
+            if planned.vehicle.is_ideal and planned.farm.owner_cells <= SMALL_FARM_CELLS:
                 return 1
-            points = (
-                LARGE_FARM_SCORE_POINTS
-                if np.prod(self.truth.shape) > LARGE_FARM_VALUES
-                else DEFAULT_SCORE_POINTS
-            )
-        return max(1, round(expected / points))
+            points = score_points(planned.farm, self.estimator)
+        return max(1, round(_expected_observations(self.scenario, planned) / points))
 
     def fly(self, pace: float | None, tlog: Path | None, impairment: Impairment | None) -> None:
         """Fly from the first heartbeat to the last, estimating on the way."""
@@ -309,6 +298,15 @@ class _Run:
             }.get(vehicle.outcome, Outcome.FLIGHT_ABORTED)
             return precise, vehicle.outcome_text or ground.reason
         return ground.outcome, ground.reason
+
+
+def _expected_observations(scenario: Scenario, planned: PlanResult) -> float:
+    if planned.vehicle.is_ideal:
+        pictures = planned.prediction.duration_s / planned.vehicle.step_s
+    else:
+        spacing_m = scenario.camera_spacing_m or planned.farm.cell_size_m * scenario.camera_footprint
+        pictures = planned.prediction.path_length_m / spacing_m
+    return pictures * scenario.camera_footprint**2
 
 
 def _silent(_what: str, _done: float, _total: float) -> None:

@@ -57,6 +57,8 @@ class AdaptiveDiskEstimator(BaseEstimator):
     [[1.0, 0.5, 1.0], [0.5, 0.5, 0.5], [1.0, 0.5, 1.0]]
     """
 
+    incremental = True
+
     maps_: list[DiskMap]
     values_: list[GrowingArray]
     revision_: int

@@ -13,7 +13,7 @@ from __future__ import annotations
 import inspect
 from abc import ABC, abstractmethod
 from importlib.metadata import EntryPoint, entry_points
-from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -59,6 +59,9 @@ class BaseEstimator(ABC):
     A subclass stores its parameters in ``__init__``, and writes ``_start`` (take a new farm, check the
     parameters), ``_learn`` (take checked observations, at least one) and ``_estimate``.
     """
+
+    incremental: ClassVar[bool] = False
+    """Whether a model after some further observations takes little time on a farm of any size."""
 
     grid_: FarmGrid
     n_observations_: int
@@ -115,6 +118,11 @@ class BaseEstimator(ABC):
         self._check_fitted("predict")
         return self._estimate()
 
+    def memory_bytes(self, shape: tuple[int, int], n_observations: int) -> int:  # noqa: ARG002
+        """Return how much memory fit and predict take on a farm of this shape, the model included."""
+        width, height = shape
+        return 2 * len(FIELDS) * 4 * width * height
+
     def get_params(self) -> dict[str, Any]:
         """Return the parameters of ``__init__`` by name."""
         return {name: getattr(self, name) for name in inspect.signature(type(self)).parameters}
@@ -136,6 +144,13 @@ class BaseEstimator(ABC):
 
     @abstractmethod
     def _estimate(self) -> InformationModel: ...
+
+
+def estimator_memory(estimator: Estimator, shape: tuple[int, int], n_observations: int) -> int:
+    """Return the memory that an estimator takes, as it says itself or else that of its model, in bytes."""
+    own = getattr(estimator, "memory_bytes", None)
+    width, height = shape
+    return int(own(shape, n_observations)) if own is not None else 2 * len(FIELDS) * 4 * width * height
 
 
 def check_default_values(default_values: tuple[float, ...]) -> tuple[float, float, float]:

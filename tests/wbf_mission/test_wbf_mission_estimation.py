@@ -1,0 +1,79 @@
+"""How often a run is scored, what it needs, and that scoring on the way looks only at what changed."""
+
+import numpy as np
+import pytest
+
+import geo.memory
+from geo.farms import get_farm
+from geo.memory import AvailableMemory, NotEnoughMemoryError
+from sensors.estimators import make_estimator
+from sensors.fields import relevance_masks
+from sensors.observations import Observations
+from sensors.score import RunningScore
+from wbf_mission.cli.app import main
+from wbf_mission.estimation import RunEstimate, require_run_memory, score_points
+
+
+@pytest.mark.parametrize(
+    ("farm", "estimator", "points"),
+    [
+        ("miniberry-30", "adaptive-disk", 25),
+        ("miniberry-100", "gp-sklearn", 25),
+        ("waterberry", "adaptive-disk", 100),
+        ("waterberry", "gp-sklearn", 10),
+    ],
+)
+def test_a_large_farm_is_scored_often_where_that_is_cheap(farm, estimator, points):
+    assert score_points(get_farm(farm), make_estimator(estimator)) == points
+
+
+def test_scores_on_the_way_are_those_of_the_whole_farm():
+    grid = get_farm("miniberry-100").grid()
+    rng = np.random.default_rng(2)
+    truth = rng.choice([0.0, 0.5, 1.0], (3, *grid.shape)).astype(np.float32)
+    x, y = rng.integers(0, 100, (2, 90))
+    seen = Observations(x, y, np.arange(90.0), np.full(90, 6), truth[:, x, y].T)
+    run = RunEstimate(
+        make_estimator("adaptive-disk").fit(grid), RunningScore(truth, relevance_masks(grid)), every=20
+    )
+    for start in range(0, 90, 7):
+        run.add(seen[start : start + 7])
+    run.finish(100.0)
+    assert run.history.observations == [20, 40, 60, 80, 90]
+    for n, entry in zip(run.history.observations, run.history.entries, strict=True):
+        model = make_estimator("adaptive-disk").fit(grid, seen[:n]).predict()
+        assert entry == RunningScore(truth, relevance_masks(grid)).evaluate(model.value)
+
+
+def little(monkeypatch, size):
+    found = AvailableMemory(size, "control group limit 1.0 GB")
+    monkeypatch.setattr(geo.memory, "available_memory", lambda: found)
+
+
+def test_a_run_that_would_not_fit_is_refused_before_it_starts(monkeypatch, capsys, tmp_path):
+    little(monkeypatch, 900_000_000)
+    code = main(["fly", "--farm", "waterberry", "--estimator", "adaptive-disk", "--out", str(tmp_path), "-q"])
+    assert code == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert (
+        "flying waterberry (6000 x 5000 cells) with AdaptiveDiskEstimator needs 1.8 GB of memory" in lines[0]
+    )
+    assert "available are 900 MB (control group limit 1.0 GB)" in lines[0]
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_small_farm_fits(monkeypatch):
+    little(monkeypatch, 900_000_000)
+    require_run_memory(get_farm("miniberry-100"), make_estimator("adaptive-disk"), 1000)
+
+
+def test_an_estimator_says_what_it_needs(monkeypatch):
+    class Greedy:
+        def memory_bytes(self, shape, n_observations):
+            return 1000 * n_observations + shape[0]
+
+    little(monkeypatch, 900_000_000)
+    require_run_memory(get_farm("miniberry-10"), Greedy(), 10)
+    with pytest.raises(NotEnoughMemoryError, match=r"Greedy needs 1\.3 GB of memory \(estimate 1\.0 GB"):
+        require_run_memory(get_farm("miniberry-10"), Greedy(), 10**6)

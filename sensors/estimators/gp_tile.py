@@ -1,0 +1,318 @@
+"""The compiled part of the local Gaussian process: one tile, solved from the observations around it.
+
+There are two ways to the same posterior. With few observations, their covariance is factored. With more of them
+than the field has degrees of freedom there, the process is written in sine functions on a box around the tile
+(Solin & Särkkä 2020, "Hilbert space methods for reduced-rank Gaussian process regression"), and the precision of
+their weights is factored. In both, with factor L, rows ``L^-1 c`` of each node's covariance c with the
+observations (or its functions) give the mean by their products with the solved data, and the variance by their
+squares.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Places = NDArray[np.int64]
+
+_PANEL = 64
+_BATCH = 256
+
+
+@njit(cache=True, nogil=True)
+def add_to_cells(
+    index: NDArray[np.int32],
+    cells: NDArray[np.int32],
+    sums: Floats,
+    used: int,
+    x: NDArray[np.int32],
+    y: NDArray[np.int32],
+    values: Floats,
+) -> int:
+    """Add observations to the sums of their cells; return how many observed cells there are now.
+
+    Parameters
+    ----------
+    index : int32[W, H]
+        One more than the row of each cell in `sums`; 0 where nothing was observed. Changed.
+    cells, sums : int32[n, 2], float64[n, 2]
+        Place, number and sum of the values, with room for the cells that are new. Changed.
+    used : int
+        Number of observed cells so far.
+    x, y, values
+        The observations.
+    """
+    for k in range(len(x)):
+        row = index[x[k], y[k]] - 1
+        if row < 0:
+            row = used
+            used += 1
+            index[x[k], y[k]] = used
+            cells[row, 0], cells[row, 1] = x[k], y[k]
+            sums[row, :] = 0.0
+        sums[row, 0] += 1.0
+        sums[row, 1] += values[k]
+    return used
+
+
+@njit(cache=True, nogil=True)
+def gather(index: NDArray[np.int32], sums: Floats, box: Any) -> Floats:
+    """Return x, y, number and mean value of the observed cells in a box, float64[n, 4]."""
+    x0, x1, y0, y1 = box
+    found = 0
+    for x in range(x0, x1):
+        for y in range(y0, y1):
+            found += index[x, y] > 0
+    out = np.empty((found, 4))
+    found = 0
+    for x in range(x0, x1):
+        for y in range(y0, y1):
+            row = index[x, y] - 1
+            if row >= 0:
+                out[found, 0], out[found, 1] = x, y
+                out[found, 2], out[found, 3] = sums[row, 0], sums[row, 1] / sums[row, 0]
+                found += 1
+    return out
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _subtract_products(rows: Floats, weights: Floats, i: int, columns: int) -> None:
+    """Subtract ``weights[j] * rows[j]`` for all j < i from ``rows[i]``."""
+    target = rows[i]
+    j = 0
+    while j + 4 <= i:
+        a, b, c, d = weights[j], weights[j + 1], weights[j + 2], weights[j + 3]
+        for p in range(columns):
+            target[p] -= a * rows[j, p] + b * rows[j + 1, p] + c * rows[j + 2, p] + d * rows[j + 3, p]
+        j += 4
+    while j < i:
+        a = weights[j]
+        for p in range(columns):
+            target[p] -= a * rows[j, p]
+        j += 1
+
+
+@njit(cache=True, nogil=True)
+def solve_lower(factor: Floats, right: Floats, columns: int) -> None:
+    """Solve ``factor x = right`` for the first `columns` columns, in place."""
+    for i in range(len(factor)):
+        _subtract_products(right, factor[i], i, columns)
+        inverse = 1.0 / factor[i, i]
+        for p in range(columns):
+            right[i, p] *= inverse
+
+
+@njit(cache=True, nogil=True)
+def fill_nodes(
+    factor: Floats, weights: Floats, along_x: Floats, along_y: Floats, terms: Places, posterior: NDArray[np.float32]
+) -> None:
+    """Write the posterior at the nodes of a tile.
+
+    Parameters
+    ----------
+    factor : float64[n, n]
+        Lower triangular.
+    weights : float64[n, 2]
+        The solved data: values, and a constant of one.
+    along_x, along_y : float64[k, w], float64[l, h]
+        Factors of the nodes' right-hand sides.
+    terms : int64[n, 2]
+        Row i of the right-hand side is the product of these rows of `along_x` and `along_y`.
+    posterior : float32[3, w, h]
+        The posterior mean under a zero prior mean, the same for observations that are all one, and the sum of the
+        squared rows. Changed.
+    """
+    n = len(factor)
+    width, height = along_x.shape[1], along_y.shape[1]
+    rows = np.empty((n, _PANEL))
+    sums = np.empty((3, _PANEL))
+    for start in range(0, width * height, _PANEL):
+        columns = min(_PANEL, width * height - start)
+        for i in range(n):
+            a, b = along_x[terms[i, 0]], along_y[terms[i, 1]]
+            p, q = divmod(start, height)
+            for t in range(columns):
+                rows[i, t] = a[p] * b[q]
+                q += 1
+                if q == height:
+                    p, q = p + 1, 0
+        solve_lower(factor, rows, columns)
+        sums[:] = 0.0
+        for i in range(n):
+            for t in range(columns):
+                known = rows[i, t]
+                sums[0, t] += weights[i, 0] * known
+                sums[1, t] += weights[i, 1] * known
+                sums[2, t] += known * known
+        for t in range(columns):
+            p, q = divmod(start + t, height)
+            for part in range(3):
+                posterior[part, p, q] = sums[part, t]
+
+
+@njit(cache=True, nogil=True)
+def _bells(places: Floats, nodes: Floats, length: float) -> Floats:
+    """Return the factors of the covariance along one axis, float64[places, nodes]."""
+    out = np.empty((len(places), len(nodes)))
+    scale = -0.5 / (length * length)
+    for i in range(len(places)):
+        for p in range(len(nodes)):
+            d = nodes[p] - places[i]
+            out[i, p] = np.exp(scale * d * d)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _solve_few(seen: Floats, kernel: Any, node_x: Floats, node_y: Floats, posterior: NDArray[np.float32]) -> None:
+    """Solve a tile by the covariance of the observations; the third part is the reduction of the variance."""
+    length_x, length_y, noise, amplitude = kernel
+    n = len(seen)
+    scale_x, scale_y = -0.5 / length_x**2, -0.5 / length_y**2
+    covariance = np.empty((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            dx, dy = seen[i, 0] - seen[j, 0], seen[i, 1] - seen[j, 1]
+            covariance[i, j] = amplitude * np.exp(scale_x * dx * dx + scale_y * dy * dy)
+            covariance[j, i] = covariance[i, j]
+        covariance[i, i] += noise / seen[i, 2]
+    factor = np.linalg.cholesky(covariance)
+    weights = np.empty((n, 2))
+    weights[:, 0] = seen[:, 3]
+    weights[:, 1] = 1.0
+    solve_lower(factor, weights, 2)
+    along_x = amplitude * _bells(seen[:, 0], node_x, length_x)
+    along_y = _bells(seen[:, 1], node_y, length_y)
+    terms = np.empty((n, 2), np.int64)
+    for i in range(n):
+        terms[i, 0] = terms[i, 1] = i
+    fill_nodes(factor, weights, along_x, along_y, terms, posterior)
+
+
+@njit(cache=True, nogil=True)
+def sines(places: Floats, low: float, high: float, roots: Floats) -> Floats:
+    """Return the sine functions of the box low .. high, times the roots of their variances, float64[k, places]."""
+    out = np.empty((len(roots), len(places)))
+    scale = np.sqrt(2.0 / (high - low))
+    for i in range(len(roots)):
+        frequency = np.pi * (i + 1) / (high - low)
+        for p in range(len(places)):
+            out[i, p] = roots[i] * scale * np.sin(frequency * (places[p] - low))
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _solve_many(
+    seen: Floats,
+    kernel: Any,
+    spectrum: Any,
+    terms: Places,
+    span_x: Any,
+    span_y: Any,
+    node_x: Floats,
+    node_y: Floats,
+    posterior: NDArray[np.float32],
+) -> None:
+    """Solve a tile by the weights of sine functions; the third part is the reduction of the variance."""
+    noise, amplitude = kernel[2], kernel[3]
+    roots_x, roots_y = spectrum[0], spectrum[1]
+    (low_x, high_x), (low_y, high_y) = span_x, span_y
+    m = len(terms)
+    precision = np.eye(m)
+    weights = np.zeros((m, 2))
+    batch = np.empty((m, _BATCH))
+    for start in range(0, len(seen), _BATCH):
+        part = seen[start : start + _BATCH]
+        along_x = sines(part[:, 0], low_x, high_x, roots_x)
+        along_y = sines(part[:, 1], low_y, high_y, roots_y)
+        batch[:] = 0.0
+        for p in range(len(part)):
+            root = np.sqrt(part[p, 2] / noise)
+            for i in range(m):
+                batch[i, p] = root * along_x[terms[i, 0], p] * along_y[terms[i, 1], p]
+                weights[i, 0] += batch[i, p] * root * part[p, 3]
+                weights[i, 1] += batch[i, p] * root
+        precision += np.dot(batch, batch.T)
+    factor = np.linalg.cholesky(precision)
+    solve_lower(factor, weights, 2)
+    along_x, along_y = sines(node_x, low_x, high_x, roots_x), sines(node_y, low_y, high_y, roots_y)
+    fill_nodes(factor, weights, along_x, along_y, terms, posterior)
+    for p in range(len(node_x)):
+        for q in range(len(node_y)):
+            posterior[2, p, q] = amplitude - posterior[2, p, q]
+
+
+@njit(cache=True, nogil=True)
+def _centred(middle: float, side: float) -> tuple[float, float]:
+    return middle - 0.5 * side, middle + 0.5 * side
+
+
+@njit(cache=True, nogil=True)
+def solve_tiles(
+    tiles: Places,
+    edges_x: Places,
+    edges_y: Places,
+    lattice: Any,
+    index: NDArray[np.int32],
+    sums: Floats,
+    reach: Any,
+    kernel: Any,
+    spectrum: Any,
+    terms: Places,
+    posterior: NDArray[np.float32],
+) -> None:
+    """Solve some tiles.
+
+    Parameters
+    ----------
+    tiles : int64[n, 2]
+        Their columns and rows.
+    edges_x, edges_y : int64
+        The first node of each column and row of tiles, and the end of the last one.
+    lattice : tuple of four ints
+        Place of the first node along each axis, and the nodes' distances, cells.
+    index, sums
+        The observations, see `add_to_cells`.
+    reach : tuple of two ints
+        How far along each axis an observation counts, cells.
+    kernel : tuple of four floats
+        Both length scales (cells), variance of the noise, variance of the smooth part.
+    spectrum : tuple of float64[k], float64[l], float, float
+        Roots of the variances of sine functions along each axis, and the sides of their box (cells), in the middle
+        of which the tile is.
+    terms : int64[m, 2]
+        Which products of sine functions are used; they are where there are more observed cells than functions.
+    posterior : float32[3, nodes along x, nodes along y]
+        See `fill_nodes`; the third part is the reduction of the variance. Changed.
+    """
+    first_x, first_y, step_x, step_y = lattice
+    for k in range(len(tiles)):
+        i0, i1 = edges_x[tiles[k, 0]], edges_x[tiles[k, 0] + 1]
+        j0, j1 = edges_y[tiles[k, 1]], edges_y[tiles[k, 1] + 1]
+        box = (
+            max(0, first_x + i0 * step_x - reach[0]),
+            min(index.shape[0], first_x + (i1 - 1) * step_x + reach[0] + 1),
+            max(0, first_y + j0 * step_y - reach[1]),
+            min(index.shape[1], first_y + (j1 - 1) * step_y + reach[1] + 1),
+        )
+        span_x = _centred(first_x + 0.5 * (i0 + i1 - 1) * step_x, spectrum[2])
+        span_y = _centred(first_y + 0.5 * (j0 + j1 - 1) * step_y, spectrum[3])
+        seen = gather(index, sums, box)
+        if len(seen) == 0:
+            continue
+        # Nodes that no observation reaches keep the prior.
+        i0 = max(i0, -int((first_x - seen[:, 0].min() + reach[0]) // step_x))
+        j0 = max(j0, -int((first_y - seen[:, 1].min() + reach[1]) // step_y))
+        i1 = min(i1, int((seen[:, 0].max() + reach[0] - first_x) // step_x) + 1)
+        j1 = min(j1, int((seen[:, 1].max() + reach[1] - first_y) // step_y) + 1)
+        if i0 >= i1 or j0 >= j1:
+            continue
+        node_x = first_x + step_x * np.arange(i0, i1).astype(np.float64)
+        node_y = first_y + step_y * np.arange(j0, j1).astype(np.float64)
+        if len(seen) <= len(terms):
+            _solve_few(seen, kernel, node_x, node_y, posterior[:, i0:i1, j0:j1])
+        else:
+            _solve_many(seen, kernel, spectrum, terms, span_x, span_y, node_x, node_y, posterior[:, i0:i1, j0:j1])

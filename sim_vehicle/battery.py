@@ -1,17 +1,10 @@
-"""Electric power of a rotorcraft by flight state, and the battery that it drains.
+"""The battery that a flight drains, as a battery monitor sees it.
 
-The shaft power in forward flight at airspeed V is the blade-element and momentum-theory model of Leishman,
-*Principles of Helicopter Aerodynamics* (2006, ch. 5), in the closed form of Zeng, Xu and Zhang, "Energy
-minimization for wireless communication with rotary-wing UAV", IEEE Trans. Wireless Commun. 18(4), 2019, eq.
-(12)::
-
-    P(V) = P0 (1 + 3 V^2 / Utip^2)                                   profile
-         + Pi sqrt(sqrt(1 + V^4 / (4 v0^4)) - V^2 / (2 v0^2))        induced
-         + 1/2 rho f V^3                                             parasite
-    P0 = delta/8 rho s A Utip^3,   Pi = k W v0,   v0 = sqrt(W / (2 rho A))
-
-A climb at w > 0 adds ``W (w/2 + sqrt(w^2/4 + v0^2) - v0)`` (axial momentum theory); a descent saves nothing,
-which is on the safe side. Electric power is the shaft power over the efficiency, plus the avionics.
+The equivalent circuit of one time constant (Thevenin): an open-circuit voltage by the energy that is left,
+the pack's resistance, and a resistance with a capacitor beside it, whose voltage builds up under load and
+recovers in rest. It is what Bauersfeld and Scaramuzza, "Range, endurance, and optimal speed estimates for
+multicopters", IEEE Robot. Autom. Lett. 7(2), 2022, use for drones' batteries. Values and their sources are in
+docs/energy.md.
 """
 
 from __future__ import annotations
@@ -19,72 +12,21 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from sim_vehicle.spec import AIR_DENSITY_KG_M3, GRAVITY_M_S2
-
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from sim_vehicle.power_spec import BatterySpec
 
-    from sim_vehicle.spec import BatterySpec, PowerSpec
+__all__ = ["WH_J", "BatteryMeter", "BatteryState", "remaining_fraction"]
 
 WH_J = 3600.0
-# Open-circuit voltage of a lithium-polymer cell over its remaining fraction: the usual discharge curve.
+# The usual discharge curve of a lithium-polymer cell: height between its empty and its full open-circuit
+# voltage, over the remaining fraction of the energy.
 _FRACTION = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
-_CELL_V = (3.27, 3.55, 3.69, 3.73, 3.77, 3.79, 3.84, 3.87, 3.95, 4.02, 4.11, 4.2)
-
-
-def power_coefficients(power: PowerSpec | None) -> NDArray[np.float64]:
-    """Return the model's constants for the motion kernel, float64[7].
-
-    P0 (W), Pi (W), 1/Utip^2, v0 (m/s), rho f / 2, weight (N), all powers electric, and the constant power
-    (W). Zeros for a vehicle without a power model.
-    """
-    if power is None:
-        return np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-    weight = power.mass_kg * GRAVITY_M_S2
-    induced = math.sqrt(weight / (2.0 * AIR_DENSITY_KG_M3 * power.disc_area_m2))
-    profile = (
-        power.blade_drag
-        / 8.0
-        * AIR_DENSITY_KG_M3
-        * power.solidity
-        * power.disc_area_m2
-        * power.tip_speed_m_s**3
-    )
-    shaft = 1.0 / power.efficiency
-    return np.array(
-        [
-            shaft * profile,
-            shaft * power.induced_factor * weight * induced,
-            power.tip_speed_m_s**-2,
-            induced,
-            shaft * 0.5 * AIR_DENSITY_KG_M3 * power.drag_area_m2,
-            shaft * weight,
-            power.avionics_w,
-        ]
-    )
-
-
-def flight_power_w(power: PowerSpec, airspeed_m_s: float = 0.0, climb_m_s: float = 0.0) -> float:
-    """Return the electric power in flight, watts, at a horizontal airspeed and a climb rate.
-
-    Examples
-    --------
-    >>> from sim_vehicle.spec import QUAD
-    >>> 150.0 < flight_power_w(QUAD.power) < 200.0
-    True
-    """
-    p0, pi, tip, v0, drag, weight, constant = power_coefficients(power).tolist()
-    v2 = airspeed_m_s * airspeed_m_s
-    ratio = v2 / (2.0 * v0 * v0)
-    total = constant + p0 * (1.0 + 3.0 * v2 * tip) + drag * v2 * abs(airspeed_m_s)
-    total += pi * math.sqrt(math.sqrt(1.0 + ratio * ratio) - ratio)
-    if climb_m_s > 0.0:
-        total += weight * (0.5 * climb_m_s + math.sqrt(0.25 * climb_m_s * climb_m_s + v0 * v0) - v0)
-    return float(total)
+_HEIGHT = (0.0, 0.301, 0.452, 0.495, 0.538, 0.559, 0.613, 0.645, 0.731, 0.806, 0.903, 1.0)
+# The mean power by which the remaining time is told follows the power with this time constant.
+_AVERAGE_S = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,24 +37,26 @@ class BatteryState:
     ----------
     voltage_v, current_a : float
         At the terminals, now.
+    rest_voltage_v : float
+        What the voltage would be at once without the current: the sag over the resistance made good.
     used_wh, used_mah : float
-        Drawn since the start.
+        Drawn since the battery was full.
     fraction : float
         Remaining energy over the capacity, 0 to 1.
+    remaining_s : float
+        Until empty at the mean power of late; infinite without any.
     cells : int
         Cells in series.
-    low, critical : bool
-        Below the reserve, below the critical level.
     """
 
     voltage_v: float
     current_a: float
+    rest_voltage_v: float
     used_wh: float
     used_mah: float
     fraction: float
+    remaining_s: float
     cells: int
-    low: bool
-    critical: bool
 
     @property
     def depleted(self) -> bool:
@@ -120,32 +64,101 @@ class BatteryState:
         return self.fraction <= 0.0
 
 
-def battery_state(battery: BatterySpec, used_j: float, power_w: float) -> BatteryState:
-    """Return the state of a battery that gave ``used_j`` joules and now gives ``power_w`` watts.
-
-    The terminal voltage is the open-circuit voltage at that charge less the drop over the internal
-    resistance.
+def remaining_fraction(battery: BatterySpec, used_j: float) -> float:
+    """Return the remaining fraction of a battery that gave ``used_j`` joules, 0 to 1.
 
     Examples
     --------
-    >>> from sim_vehicle.spec import QUAD
-    >>> round(battery_state(QUAD.battery, 0.0, 0.0).voltage_v, 1)
-    16.8
+    >>> from sim_vehicle.spec import get_vehicle
+    >>> battery = get_vehicle("quad").battery
+    >>> round(remaining_fraction(battery, 0.25 * battery.capacity_wh * WH_J), 6)
+    0.75
     """
-    used_wh = used_j / WH_J
-    fraction = min(1.0, max(0.0, 1.0 - used_wh / battery.capacity_wh))
-    upper = min(bisect_right(_FRACTION, fraction), len(_FRACTION) - 1)
-    share = (fraction - _FRACTION[upper - 1]) / (_FRACTION[upper] - _FRACTION[upper - 1])
-    open_v = battery.cells * (_CELL_V[upper - 1] + share * (_CELL_V[upper] - _CELL_V[upper - 1]))
-    root = max(0.25 * open_v * open_v - battery.resistance_ohm * power_w, 0.0)
-    voltage = 0.5 * open_v + math.sqrt(root)
-    return BatteryState(
-        voltage_v=voltage,
-        current_a=power_w / voltage,
-        used_wh=used_wh,
-        used_mah=1000.0 * used_wh / battery.nominal_voltage_v,
-        fraction=fraction,
-        cells=battery.cells,
-        low=fraction < battery.reserve_fraction,
-        critical=fraction < battery.critical_fraction,
-    )
+    return min(1.0, max(0.0, 1.0 - used_j / WH_J / battery.capacity_wh))
+
+
+class BatteryMeter:
+    """Follows the voltage of one battery; time only goes forward.
+
+    Parameters
+    ----------
+    battery : BatterySpec
+
+    Examples
+    --------
+    >>> from sim_vehicle.spec import get_vehicle
+    >>> meter = BatteryMeter(get_vehicle("quad").battery)
+    >>> round(meter.read(0.0, 0.0, 0.0).voltage_v, 1)
+    17.4
+    >>> hovering = meter.read(1.0, 178.0, 178.0)
+    >>> 16.9 < hovering.voltage_v < 17.3, 10.0 < hovering.current_a < 10.5
+    (True, True)
+    """
+
+    def __init__(self, battery: BatterySpec) -> None:
+        self.battery = battery
+        span = battery.full_cell_v - battery.empty_cell_v
+        self._open_v = tuple(battery.cells * (battery.empty_cell_v + height * span) for height in _HEIGHT)
+        # Charge that is left at the nodes, in Ah: between them the voltage is linear in the energy.
+        charge = [0.0]
+        for (low, high), (low_v, high_v) in zip(pairwise(_FRACTION), pairwise(self._open_v), strict=True):
+            charge.append(charge[-1] + battery.capacity_wh * _charge(high - low, low_v, high_v))
+        self._charge_ah = tuple(charge)
+        self._time_s = 0.0
+        self._power_w = 0.0
+        self._average_w: float | None = None
+        self._slow_v = 0.0
+
+    def read(self, time_s: float, used_j: float, power_w: float) -> BatteryState:
+        """Return the state of the battery, and remember it for the recovery of its voltage.
+
+        Parameters
+        ----------
+        time_s : float
+            Now; reading again at the same time gives the same.
+        used_j : float
+            Energy that its cells gave since they were full.
+        power_w : float
+            Power that they give now, losses in the battery included.
+        """
+        battery = self.battery
+        fraction = remaining_fraction(battery, used_j)
+        upper = min(bisect_right(_FRACTION, fraction), len(_FRACTION) - 1)
+        low, high = _FRACTION[upper - 1], _FRACTION[upper]
+        low_v, high_v = self._open_v[upper - 1], self._open_v[upper]
+        open_v = low_v + (fraction - low) / (high - low) * (high_v - low_v)
+        left_ah = self._charge_ah[upper - 1] + battery.capacity_wh * _charge(fraction - low, low_v, open_v)
+        elapsed = time_s - self._time_s
+        if elapsed > 0.0:
+            # The load between two looks is taken as the mean of what they saw.
+            mean_w = 0.5 * (self._power_w + power_w)
+            kept = math.exp(-elapsed / battery.relaxation_s)
+            target_v = battery.polarization_ohm * mean_w / open_v
+            self._slow_v = target_v + (self._slow_v - target_v) * kept
+            kept = math.exp(-elapsed / _AVERAGE_S)
+            before = power_w if self._average_w is None else self._average_w
+            self._average_w = mean_w + (before - mean_w) * kept
+            self._time_s = time_s
+        self._power_w = power_w
+        average_w = power_w if self._average_w is None else self._average_w
+        left_wh = fraction * battery.capacity_wh
+        current = power_w / open_v
+        rest_v = open_v - self._slow_v
+        return BatteryState(
+            voltage_v=max(rest_v - battery.resistance_ohm * current, 0.0),
+            current_a=current,
+            rest_voltage_v=rest_v,
+            used_wh=used_j / WH_J,
+            used_mah=1000.0 * (self._charge_ah[-1] - left_ah),
+            fraction=fraction,
+            remaining_s=WH_J * left_wh / average_w if average_w > 0.0 else math.inf,
+            cells=battery.cells,
+        )
+
+
+def _charge(share: float, low_v: float, high_v: float) -> float:
+    """Return the charge of a share of the energy between two voltages, Ah per Wh of capacity."""
+    rise = high_v - low_v
+    if rise < 1e-6 * low_v:
+        return share / low_v
+    return share * math.log(high_v / low_v) / rise

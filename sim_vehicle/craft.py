@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot import autopilot_of
-from sim_vehicle.battery import WH_J, battery_state
+from sim_vehicle.battery import WH_J, BatteryMeter, remaining_fraction
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.flight import BatteryDepleted, Disarmed, FlightEvent, Landed, LandedState, Phase
 from sim_vehicle.itinerary import Ending, Itinerary
@@ -40,6 +40,7 @@ class Craft:
         self.home_m = (0.0, 0.0)
         self.rally_m: tuple[Place, ...] = ()
         self.motion: MotionModel = autopilot_of(spec).motion(spec, wind, yaw_rad)
+        self._meter = BatteryMeter(spec.battery) if spec.battery is not None else None
         self._plan: Itinerary | None = None
         self._flown = 0
         self._timer: int | None = None
@@ -184,7 +185,7 @@ class Craft:
 
     def _drain_on_ground(self) -> None:
         battery = self.spec.battery
-        if self.armed and battery is not None and battery_state(battery, self.motion.energy_j, 0.0).depleted:
+        if self.armed and battery is not None and remaining_fraction(battery, self.motion.energy_j) <= 0.0:
             self._tell(BatteryDepleted(self.time_s))
             self.armed = False
             self._drop_plan(Phase.GROUND)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from sim_vehicle.autopilot import autopilot_of
-from sim_vehicle.battery import battery_state
+from sim_vehicle.battery import remaining_fraction
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.feasibility import check_mission
 from sim_vehicle.flight import FlightEvent, LandedState, Phase, VehicleState
@@ -70,7 +70,7 @@ class MissionExecutor(MissionSequencer):
             When the battery is empty.
         """
         battery = self.spec.battery
-        if battery is not None and battery_state(battery, self.motion.energy_j, 0.0).depleted:
+        if battery is not None and remaining_fraction(battery, self.motion.energy_j) <= 0.0:
             msg = "the battery is empty: change it before arming"
             raise VehicleError(msg)
         self.armed = True
@@ -326,7 +326,8 @@ class MissionExecutor(MissionSequencer):
             lift = GRAVITY_M_S2 + az
             pitch = -math.atan2(east * sin + north * cos, lift)
             roll = math.atan2((east * cos - north * sin) * math.cos(pitch), lift)
-        battery = battery_state(spec.battery, energy, power) if spec.battery is not None else None
+        meter = self._meter
+        battery = meter.read(self.motion.time_s, energy, power) if meter is not None else None
         return VehicleState(
             time_s=self.motion.time_s,
             position_m=(x, y, z),

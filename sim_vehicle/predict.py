@@ -144,7 +144,8 @@ def predict_flight(
     # What the idling motors take between touch-down and disarming is no part of the mission.
     energy_j = motion.energy_j
     if executor.time_s > end_s and spec.power is not None and not reason:
-        energy_j -= (spec.power.avionics_w + spec.power.idle_w) * (executor.time_s - end_s)
+        idle_w = spec.power.avionics_w + spec.power.camera_w + spec.power.idle_w
+        energy_j -= idle_w * (executor.time_s - end_s)
     fraction = 1.0
     if spec.battery is not None:
         fraction = min(1.0, max(0.0, 1.0 - energy_j / WH_J / spec.battery.capacity_wh))

@@ -1,110 +1,94 @@
-"""What a vehicle can do: kinematic limits, battery, power model; and the vehicles of the package."""
+"""What a vehicle can do: kinematic limits, battery, power model; and how to get one by its name."""
 
 from __future__ import annotations
 
 import math
-import tomllib
-from dataclasses import dataclass, fields, replace
-from pathlib import Path
-from typing import Any, Literal
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from types import MappingProxyType
+from typing import Literal
 
 from geo.units import FOOT_M
 from sim_vehicle.errors import VehicleError
+from sim_vehicle.power_spec import (
+    AIR_DENSITY_KG_M3,
+    GRAVITY_M_S2,
+    AnyPowerSpec,
+    BatterySpec,
+    FixedWingPowerSpec,
+    PowerSpec,
+    RoverPowerSpec,
+    positive,
+)
 
-AIR_DENSITY_KG_M3 = 1.225
-GRAVITY_M_S2 = 9.80665
+__all__ = [
+    "AIR_DENSITY_KG_M3",
+    "AUTOPILOTS",
+    "GRAVITY_M_S2",
+    "KINDS",
+    "POWER_OF_KIND",
+    "AnyPowerSpec",
+    "BatterySpec",
+    "FixedWingPowerSpec",
+    "PowerSpec",
+    "PublishedEndurance",
+    "RoverPowerSpec",
+    "VehicleSpec",
+    "get_vehicle",
+    "vehicle_names",
+]
+
 KINDS = ("multirotor", "fixed-wing", "rover", "ideal")
 AUTOPILOTS = ("px4", "ardupilot", "generic")
+POWER_OF_KIND: Mapping[str, type[AnyPowerSpec]] = MappingProxyType(
+    {"multirotor": PowerSpec, "fixed-wing": FixedWingPowerSpec, "rover": RoverPowerSpec}
+)
+_NO_LIMITS = (
+    "name",
+    "kind",
+    "autopilot",
+    "parameters",
+    "battery",
+    "power",
+    "px4",
+    "ardupilot",
+    "published",
+    "description",
+    "disarm_delay_s",
+    "linear_drag_1_s",
+    "attitude_response_s",
+)
 
 
 @dataclass(frozen=True, slots=True)
-class BatterySpec:
-    """A battery pack.
+class PublishedEndurance:
+    """How long a vehicle flies as its maker tells it.
 
     Parameters
     ----------
-    capacity_wh : float
-        Energy of the full pack, watt hours.
-    cells : int
-        Cells in series.
-    cell_voltage_v : float
-        Nominal voltage of a cell.
-    resistance_ohm : float
-        Internal resistance of the whole pack.
-    reserve_fraction : float
-        Below this fraction the battery is low; a plan should land before it.
-    critical_fraction : float
-        Below this fraction the vehicle must land where it is.
+    endurance_min : float
+        Minutes.
+    airspeed_m_s : float
+        0 for hovering.
+    used_fraction : float
+        Share of the battery that the flight takes.
+    condition, source : str
+        As published, and where.
     """
 
-    capacity_wh: float
-    cells: int
-    cell_voltage_v: float = 3.8
-    resistance_ohm: float = 0.02
-    reserve_fraction: float = 0.2
-    critical_fraction: float = 0.1
+    endurance_min: float
+    airspeed_m_s: float = 0.0
+    used_fraction: float = 1.0
+    condition: str = ""
+    source: str = ""
 
     def __post_init__(self) -> None:
-        _positive("battery", self, "capacity_wh", "cells", "cell_voltage_v")
-        if self.resistance_ohm < 0.0 or not math.isfinite(self.resistance_ohm):
-            msg = f"battery: resistance_ohm {self.resistance_ohm} is negative"
-            raise VehicleError(msg)
-        if not 0.0 <= self.critical_fraction <= self.reserve_fraction < 1.0:
+        positive("published", self, "endurance_min", "used_fraction")
+        if not 0.0 <= self.airspeed_m_s < 200.0 or self.used_fraction > 1.0:
             msg = (
-                f"battery: critical_fraction {self.critical_fraction} and reserve_fraction "
-                f"{self.reserve_fraction} must be ordered within 0..1"
+                f"published: airspeed_m_s {self.airspeed_m_s} must be 0 to 200, "
+                f"used_fraction {self.used_fraction} at most 1"
             )
-            raise VehicleError(msg)
-
-    @property
-    def nominal_voltage_v(self) -> float:
-        """Nominal voltage of the pack."""
-        return self.cells * self.cell_voltage_v
-
-
-@dataclass(frozen=True, slots=True)
-class PowerSpec:
-    """Parameters of the rotorcraft power model (see `sim_vehicle.battery`).
-
-    Parameters
-    ----------
-    mass_kg : float
-        Take-off mass.
-    disc_area_m2 : float
-        Disc area of all rotors together.
-    tip_speed_m_s : float
-        Blade tip speed.
-    solidity : float
-        Blade area over disc area.
-    blade_drag : float
-        Profile drag coefficient of the blades.
-    induced_factor : float
-        Ratio of the real to the ideal induced power.
-    drag_area_m2 : float
-        Equivalent flat plate area of the fuselage.
-    efficiency : float
-        Shaft power over electric power (motors, speed controllers, wiring).
-    avionics_w : float
-        Constant power of autopilot, radio and camera.
-    idle_w : float
-        Additional power while armed on the ground.
-    """
-
-    mass_kg: float
-    disc_area_m2: float
-    tip_speed_m_s: float
-    solidity: float = 0.05
-    blade_drag: float = 0.012
-    induced_factor: float = 1.15
-    drag_area_m2: float = 0.035
-    efficiency: float = 0.61
-    avionics_w: float = 12.0
-    idle_w: float = 25.0
-
-    def __post_init__(self) -> None:
-        _positive("power", self, *(f.name for f in fields(self)))
-        if self.efficiency > 1.0:
-            msg = f"power: efficiency {self.efficiency} is above 1"
             raise VehicleError(msg)
 
 
@@ -149,10 +133,20 @@ class VehicleSpec:
         Time from touch-down to disarming.
     cell_m : float
         Length of one step of the ideal vehicle.
+    linear_drag_1_s : float or None
+        Drag of a multirotor per mass and airspeed; None is that of the autopilot's reference airframe.
+    attitude_response_s : float or None
+        Time in which its tilt follows what the autopilot wants; None is that of the reference airframe.
     battery : BatterySpec or None
         None is an endless battery.
-    power : PowerSpec or None
-        None uses no energy.
+    power : PowerSpec, FixedWingPowerSpec, RoverPowerSpec or None
+        The one of its kind; None uses no energy.
+    px4, ardupilot : tuple of (str, float)
+        Parameters for when that autopilot flies it, under their real names.
+    published : PublishedEndurance or None
+        What the maker of such a vehicle tells, to compare the model with.
+    description : str
+        In a few words, for lists.
 
     Examples
     --------
@@ -184,8 +178,14 @@ class VehicleSpec:
     step_s: float = 0.02
     disarm_delay_s: float = 2.0
     cell_m: float = FOOT_M
+    linear_drag_1_s: float | None = None
+    attitude_response_s: float | None = None
     battery: BatterySpec | None = None
-    power: PowerSpec | None = None
+    power: AnyPowerSpec | None = None
+    px4: tuple[tuple[str, float], ...] = ()
+    ardupilot: tuple[tuple[str, float], ...] = ()
+    published: PublishedEndurance | None = None
+    description: str = ""
 
     def __post_init__(self) -> None:
         for name, known in (("kind", KINDS), ("autopilot", AUTOPILOTS)):
@@ -193,13 +193,21 @@ class VehicleSpec:
             if value not in known:
                 msg = f"vehicle {self.name}: {name} {value!r} is not one of {', '.join(known)}"
                 raise VehicleError(msg)
-        other = ("name", "kind", "autopilot", "parameters", "battery", "power", "disarm_delay_s")
-        _positive(f"vehicle {self.name}", self, *(f.name for f in fields(self) if f.name not in other))
+        positive(f"vehicle {self.name}", self, *(f.name for f in fields(self) if f.name not in _NO_LIMITS))
+        for name, least in (("linear_drag_1_s", 0.0), ("attitude_response_s", 0.02)):
+            value = getattr(self, name)
+            if value is not None and not least <= value <= 10.0:
+                msg = f"vehicle {self.name}: {name} {value!r} is outside {least:g}..10"
+                raise VehicleError(msg)
         if not 0.0 <= self.disarm_delay_s < 3600.0:
             msg = f"vehicle {self.name}: disarm_delay_s {self.disarm_delay_s} is outside 0..3600"
             raise VehicleError(msg)
         if self.battery is not None and self.power is None:
             msg = f"vehicle {self.name}: a battery needs a power model ([power])"
+            raise VehicleError(msg)
+        wanted = POWER_OF_KIND.get(self.kind)
+        if self.power is not None and (wanted is None or not isinstance(self.power, wanted)):
+            msg = f"vehicle {self.name}: {type(self.power).__name__} is no power model of kind {self.kind}"
             raise VehicleError(msg)
 
     @property
@@ -213,34 +221,11 @@ class VehicleSpec:
         return self.cell_m / self.step_s if self.is_ideal else 0.95 * self.speed_limit_m_s
 
 
-def _positive(what: str, spec: object, *names: str) -> None:
-    for name in names:
-        value = getattr(spec, name)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < 1e9:
-            msg = f"{what}: {name} {value!r} is not a positive number"
-            raise VehicleError(msg)
-
-
-QUAD = VehicleSpec(
-    name="quad",
-    battery=BatterySpec(capacity_wh=89.2, cells=4),
-    power=PowerSpec(mass_kg=1.391, disc_area_m2=0.181, tip_speed_m_s=75.0, solidity=0.1),
-)
-IDEAL = VehicleSpec(
-    name="ideal",
-    kind="ideal",
-    cruise_speed_m_s=FOOT_M,
-    speed_limit_m_s=FOOT_M,
-    acceptance_radius_m=FOOT_M / 2.0,
-    step_s=1.0,
-    disarm_delay_s=0.0,
-)
-_VEHICLES = {vehicle.name: vehicle for vehicle in (QUAD, IDEAL)}
-
-
 def vehicle_names() -> tuple[str, ...]:
-    """Return the names of the vehicles that come with the package."""
-    return tuple(_VEHICLES)
+    """Return the names of the vehicles that come with the package, the default one first."""
+    from sim_vehicle.vehicle_files import packaged_names
+
+    return packaged_names()
 
 
 def get_vehicle(name: str) -> VehicleSpec:
@@ -256,70 +241,6 @@ def get_vehicle(name: str) -> VehicleSpec:
     VehicleError
         If there is no such vehicle, or the file is not one.
     """
-    if name.lower().endswith(".toml"):
-        return load_vehicle(Path(name))
-    try:
-        return _VEHICLES[name.lower()]
-    except KeyError:
-        msg = f"unknown vehicle {name!r}: choose {', '.join(_VEHICLES)} or a .toml file"
-        raise VehicleError(msg) from None
+    from sim_vehicle.vehicle_files import find_vehicle
 
-
-def load_vehicle(path: Path) -> VehicleSpec:
-    """Read a vehicle file: keys of `VehicleSpec`, tables ``[battery]`` and ``[power]``.
-
-    A key ``base`` names the vehicle whose values hold where the file has none (default ``quad``).
-
-    Raises
-    ------
-    VehicleError
-        If the file cannot be read, is not TOML, has unknown keys or impossible values.
-    """
-    try:
-        data: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        msg = f"vehicle file {path}: {error}"
-        raise VehicleError(msg) from None
-    base = _VEHICLES.get(str(data.pop("base", "quad")).lower())
-    if base is None:
-        msg = f"vehicle file {path}: base must be one of {', '.join(_VEHICLES)}"
-        raise VehicleError(msg)
-    changes: dict[str, Any] = {"name": path.stem}
-    for key, value in data.items():
-        if key in ("battery", "power"):
-            changes[key] = _part(path, key, value, getattr(base, key))
-            continue
-        default = getattr(base, key, None) if key in {f.name for f in fields(VehicleSpec)} else None
-        if default is None:
-            msg = f"vehicle file {path}: unknown key {key!r}"
-            raise VehicleError(msg)
-        if isinstance(default, str) != isinstance(value, str):
-            msg = f"vehicle file {path}: {key} {value!r} has the wrong type"
-            raise VehicleError(msg)
-        changes[key] = value
-    try:
-        return replace(base, **changes)
-    except VehicleError as error:
-        msg = f"vehicle file {path}: {error}"
-        raise VehicleError(msg) from None
-
-
-def _part(
-    path: Path, key: str, value: object, base: BatterySpec | PowerSpec | None
-) -> BatterySpec | PowerSpec:
-    kind: type[BatterySpec | PowerSpec] = BatterySpec if key == "battery" else PowerSpec
-    if not isinstance(value, dict):
-        msg = f"vehicle file {path}: {key} must be a table"
-        raise VehicleError(msg)
-    unknown = sorted(set(value) - {f.name for f in fields(kind)})
-    if unknown:
-        msg = f"vehicle file {path}: unknown key {unknown[0]!r} in [{key}]"
-        raise VehicleError(msg)
-    try:
-        return replace(base, **value) if base is not None else kind(**value)
-    except TypeError as error:
-        msg = f"vehicle file {path}: [{key}]: {error}"
-        raise VehicleError(msg) from None
-    except VehicleError as error:
-        msg = f"vehicle file {path}: {error}"
-        raise VehicleError(msg) from None
+    return find_vehicle(name)

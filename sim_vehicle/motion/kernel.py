@@ -16,6 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from sim_vehicle.motion.air import wind_at
+from sim_vehicle.motion.power_kernels import multirotor_power
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -207,14 +208,8 @@ def _below_top_speed(
 
 @njit(cache=True)
 def rotor_power(power: Floats, airspeed2: float, climb: float) -> float:
-    """Return the electric power in flight; see `sim_vehicle.battery`."""
-    v0 = power[3]
-    ratio = airspeed2 / (2.0 * v0 * v0)
-    total = power[6] + power[0] * (1.0 + 3.0 * airspeed2 * power[2]) + power[4] * airspeed2 * sqrt(airspeed2)
-    total += power[1] * sqrt(sqrt(1.0 + ratio * ratio) - ratio)
-    if climb > 0.0:
-        total += power[5] * (0.5 * climb + sqrt(0.25 * climb * climb + v0 * v0) - v0)
-    return float(total)
+    """Return the electric power in flight without acceleration; see `sim_vehicle.power`."""
+    return float(multirotor_power(power, sqrt(airspeed2), 0.0, climb, 0.0, 0.0, 0.0))
 
 
 @njit(cache=True)
@@ -302,7 +297,7 @@ def advance(
                     break
             state[15], state[16], rising = wind_at(wind[index], pz)
             airx, airy = vx - state[15], vy - state[16]
-            state[13] = rotor_power(power, airx * airx + airy * airy, vz - rising)
+            state[13] = multirotor_power(power, airx, airy, vz - rising, ax, ay, az)
             if track_every > 0 and (step // GRID) % track_every == 0 and counters[5] < track.shape[0]:
                 point = counters[5]
                 track[point, 0], track[point, 1], track[point, 2] = px, py, pz

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim_vehicle.battery import WH_J, power_coefficients
+from sim_vehicle.battery import WH_J
 from sim_vehicle.motion import kernel
 from sim_vehicle.motion.legs import prepare_route, prepare_velocity
 from sim_vehicle.motion.model import MotionEvent
+from sim_vehicle.power import power_coefficients
 from sim_vehicle.wind import Wind
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ class Multirotor:
         self.step_s = spec.step_s
         self._wind = (wind or Wind()).series()
         self._limits = _limits(spec)
-        self._power = power_coefficients(spec.power)
+        self._power = power_coefficients(spec.power, spec.battery)
         self._idle_w = spec.power.idle_w if spec.power is not None else 0.0
         self.state: NDArray[np.float64] = np.zeros(kernel.STATE)
         self.state[9] = yaw_rad % (2.0 * math.pi)

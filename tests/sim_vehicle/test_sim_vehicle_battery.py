@@ -1,72 +1,116 @@
 import math
 from itertools import pairwise
 
-import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
-from sim_vehicle.battery import WH_J, battery_state, flight_power_w, power_coefficients
-from sim_vehicle.motion.kernel import rotor_power
-from sim_vehicle.spec import QUAD, PowerSpec
+from sim_vehicle.battery import WH_J, BatteryMeter, remaining_fraction
+from sim_vehicle.spec import BatterySpec, get_vehicle, vehicle_names
 
-BATTERY = QUAD.battery
-POWER = QUAD.power
-
-
-def test_hover_endurance_is_that_of_the_data_sheet():
-    minutes = BATTERY.capacity_wh / flight_power_w(POWER) * 60.0
-    assert 25.0 < minutes < 32.0
+BATTERY = get_vehicle("quad").battery
+CAPACITY_J = BATTERY.capacity_wh * WH_J
+PACKS = [get_vehicle(name).battery for name in vehicle_names() if get_vehicle(name).battery is not None]
 
 
-def test_the_published_example():
-    # Zeng, Xu, Zhang 2019, table I: W = 20 N, A = 0.503 m2, Utip = 120 m/s, s = 0.05, delta = 0.012, k = 0.1
-    # gives P0 = 79.86 W, Pi = 88.63 W, v0 = 4.03 m/s.
-    published = PowerSpec(20.0 / 9.80665, 0.503, 120.0, 0.05, 0.012, 1.1, 0.6 * 0.05 * 0.503, 1.0)
-    p0, pi, _, v0, drag, _, _ = power_coefficients(published)
-    assert p0 == pytest.approx(79.86, rel=2e-3)
-    assert pi == pytest.approx(88.63, rel=2e-3)
-    assert v0 == pytest.approx(4.03, rel=2e-3)
-    assert drag == pytest.approx(0.00924, rel=5e-3)
+def _resting(fraction, power=0.0):
+    return BatteryMeter(BATTERY).read(0.0, (1.0 - fraction) * CAPACITY_J, power)
 
 
-def test_power_over_speed_has_its_minimum_between_hover_and_top_speed():
-    speeds = np.linspace(0.0, 16.0, 161)
-    power = [flight_power_w(POWER, v) for v in speeds]
-    best = speeds[int(np.argmin(power))]
-    assert 4.0 < best < 13.0
-    assert power[-1] > min(power)
-
-
-@settings(deadline=None)
-@given(st.floats(0.0, 25.0), st.floats(-5.0, 5.0))
-def test_the_kernel_has_the_same_power(airspeed, climb):
-    compiled = rotor_power(power_coefficients(POWER), airspeed * airspeed, climb)
-    assert compiled == pytest.approx(flight_power_w(POWER, airspeed, climb), rel=1e-9)
-
-
-@given(st.floats(0.0, 20.0), st.floats(0.0, 5.0), st.floats(0.01, 2.0))
-def test_climbing_costs_more_and_descending_saves_nothing(airspeed, climb, more):
-    assert flight_power_w(POWER, airspeed, climb + more) > flight_power_w(POWER, airspeed, climb)
-    assert flight_power_w(POWER, airspeed, -more) == flight_power_w(POWER, airspeed, 0.0)
-
-
-@given(st.lists(st.floats(0.0, 400e3), min_size=2, max_size=20), st.floats(0.0, 400.0))
+@given(st.lists(st.floats(0.0, 1.2 * CAPACITY_J), min_size=2, max_size=20), st.floats(0.0, 400.0))
 def test_voltage_and_fraction_fall_with_use(used, power):
-    states = [battery_state(BATTERY, u, power) for u in sorted(used)]
+    states = [BatteryMeter(BATTERY).read(0.0, joules, power) for joules in sorted(used)]
     for earlier, later in pairwise(states):
         assert later.fraction <= earlier.fraction
         assert later.voltage_v <= earlier.voltage_v + 1e-12
-    assert all(math.isfinite(s.voltage_v) and 10.0 < s.voltage_v <= 16.8 for s in states)
+        assert later.used_mah >= earlier.used_mah - 1e-9
+    assert all(math.isfinite(s.voltage_v) and 10.0 < s.voltage_v <= 17.4 for s in states)
 
 
-def test_levels():
-    def at(fraction):
-        return battery_state(BATTERY, (1.0 - fraction) * BATTERY.capacity_wh * WH_J, 170.0)
+@given(st.floats(0.0, 1.0), st.floats(0.0, 300.0), st.floats(0.0, 300.0))
+def test_more_power_is_less_voltage_and_more_current(fraction, power, more):
+    low, high = _resting(fraction, power), _resting(fraction, power + more)
+    assert high.voltage_v <= low.voltage_v
+    assert high.current_a >= low.current_a
+    assert high.rest_voltage_v == low.rest_voltage_v
 
-    assert not at(0.21).low
-    assert at(0.19).low and not at(0.19).critical
-    assert at(0.09).critical and not at(0.09).depleted
-    assert at(0.0).depleted and at(-0.5).fraction == 0.0
-    assert at(0.5).used_mah == pytest.approx(5868.0 / 2.0, rel=1e-3)
-    assert at(0.5).current_a * at(0.5).voltage_v == pytest.approx(170.0)
+
+def test_a_full_and_an_empty_pack():
+    assert _resting(1.0).voltage_v == pytest.approx(4 * 4.35)
+    assert _resting(0.0).voltage_v == pytest.approx(4 * 3.0)
+    assert _resting(0.0).depleted and not _resting(0.01).depleted
+    assert _resting(-0.5).fraction == 0.0
+    assert _resting(0.5).remaining_s == math.inf
+
+
+@pytest.mark.parametrize("pack", PACKS, ids=lambda pack: f"{pack.capacity_wh} Wh")
+def test_the_charge_of_the_discharge_curve_is_that_of_the_data_sheet(pack):
+    empty = BatteryMeter(pack).read(0.0, pack.capacity_wh * WH_J, 0.0)
+    assert empty.used_mah == pytest.approx(pack.capacity_mah, rel=0.015)
+
+
+def test_the_current_is_the_rate_of_the_charge():
+    meter = BatteryMeter(BATTERY)
+    power, step = 178.0, 1.0
+    charge = 0.0
+    last = meter.read(0.0, 0.0, power)
+    for second in range(1, 1700):
+        state = meter.read(second * step, second * power, power)
+        charge += 0.5 * (last.current_a + state.current_a) * step / 3.6
+        last = state
+    assert charge == pytest.approx(last.used_mah, rel=1e-4)
+
+
+def test_the_sag_of_a_load_builds_up_and_recovers():
+    meter = BatteryMeter(BATTERY)
+    resting = meter.read(0.0, 0.0, 0.0).voltage_v
+    at_once = meter.read(0.001, 0.0, 300.0).voltage_v
+    current = 300.0 / 17.4
+    assert resting - at_once == pytest.approx(BATTERY.resistance_ohm * current, rel=1e-3)
+    held = [meter.read(0.001 + 10.0 * k, 0.0, 300.0).voltage_v for k in range(1, 30)]
+    assert all(later < earlier + 1e-12 for earlier, later in pairwise(held))
+    assert at_once - held[-1] == pytest.approx(BATTERY.polarization_ohm * current, rel=1e-3)
+    released = meter.read(290.002, 0.0, 0.0).voltage_v
+    assert released == pytest.approx(resting - BATTERY.polarization_ohm * current, abs=1e-3)
+    later = meter.read(290.002 + BATTERY.relaxation_s, 0.0, 0.0).voltage_v
+    assert resting - later == pytest.approx((resting - released) * math.exp(-1.0), rel=0.01)
+    assert meter.read(2000.0, 0.0, 0.0).voltage_v == pytest.approx(resting, abs=1e-6)
+
+
+def test_reading_twice_changes_nothing():
+    meter = BatteryMeter(BATTERY)
+    meter.read(0.0, 0.0, 0.0)
+    assert meter.read(5.0, 500.0, 150.0) == meter.read(5.0, 500.0, 150.0)
+
+
+@given(st.integers(1, 50))
+def test_how_often_one_looks_hardly_matters(looks):
+    often, seldom = BatteryMeter(BATTERY), BatteryMeter(BATTERY)
+    for meter in (often, seldom):
+        meter.read(0.0, 0.0, 170.0)
+    for k in range(1, looks):
+        often.read(60.0 * k / looks, 170.0 * 60.0 * k / looks, 170.0)
+    assert often.read(60.0, 10200.0, 170.0).voltage_v == pytest.approx(
+        seldom.read(60.0, 10200.0, 170.0).voltage_v, abs=0.02
+    )
+
+
+def test_the_remaining_time_follows_the_load():
+    meter = BatteryMeter(BATTERY)
+    meter.read(0.0, 0.0, 178.4)
+    steady = meter.read(100.0, 0.0, 178.4)
+    assert steady.remaining_s == pytest.approx(1800.0, rel=1e-3)
+    more = meter.read(101.0, 0.0, 356.8)
+    assert 1700.0 < more.remaining_s < 1800.0
+    assert meter.read(400.0, 0.0, 356.8).remaining_s == pytest.approx(900.0, rel=1e-2)
+
+
+@given(st.floats(0.0, 2.0 * CAPACITY_J))
+def test_the_fraction_without_a_meter_is_the_same(used):
+    assert remaining_fraction(BATTERY, used) == BatteryMeter(BATTERY).read(0.0, used, 100.0).fraction
+
+
+def test_a_pack_without_resistance_does_not_sag():
+    meter = BatteryMeter(BatterySpec(50.0, 4, resistance_ohm=0.0, polarization_ohm=0.0))
+    meter.read(0.0, 0.0, 0.0)
+    assert meter.read(10.0, 0.0, 500.0).voltage_v == pytest.approx(16.8)

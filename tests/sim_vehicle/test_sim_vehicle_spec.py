@@ -5,11 +5,19 @@ import sys
 import pytest
 
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.spec import BatterySpec, PowerSpec, VehicleSpec, get_vehicle, vehicle_names
+from sim_vehicle.spec import (
+    BatterySpec,
+    FixedWingPowerSpec,
+    PowerSpec,
+    RoverPowerSpec,
+    VehicleSpec,
+    get_vehicle,
+    vehicle_names,
+)
 
 
 def test_the_names_and_the_vehicles():
-    assert vehicle_names() == ("quad", "ideal")
+    assert vehicle_names() == ("quad", "mini-quad", "rover", "wing", "ideal")
     assert get_vehicle("QUAD").name == "quad"
     ideal = get_vehicle("ideal")
     assert ideal.is_ideal
@@ -21,7 +29,7 @@ def test_the_names_and_the_vehicles():
 
 @pytest.mark.parametrize("name", ["", "helicopter", "quad ", "../quad"])
 def test_an_unknown_vehicle_names_the_known_ones(name):
-    with pytest.raises(VehicleError, match="quad, ideal"):
+    with pytest.raises(VehicleError, match="quad, mini-quad, rover, wing, ideal"):
         get_vehicle(name)
 
 
@@ -42,6 +50,47 @@ def test_impossible_batteries_are_refused():
         PowerSpec(1.0, 0.1, 70.0, efficiency=1.2)
     with pytest.raises(VehicleError, match="power"):
         VehicleSpec("x", battery=BatterySpec(10.0, 4))
+    with pytest.raises(VehicleError, match="no power model of kind fixed-wing"):
+        VehicleSpec("x", kind="fixed-wing", power=PowerSpec(1.0, 0.1, 70.0))
+    with pytest.raises(VehicleError, match="no power model of kind ideal"):
+        VehicleSpec("x", kind="ideal", power=PowerSpec(1.0, 0.1, 70.0))
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"cells": 0},
+        {"cells": 3.5},
+        {"cells": True},
+        {"relaxation_s": 0.0},
+        {"polarization_ohm": -0.1},
+        {"polarization_ohm": math.nan},
+        {"full_cell_v": 3.7},
+        {"empty_cell_v": 3.9},
+        {"full_cell_v": 9.0},
+        {"capacity_wh": math.inf},
+        {"reserve_fraction": 1.0},
+        {"reserve_fraction": math.nan},
+    ],
+)
+def test_impossible_values_of_a_battery(values):
+    with pytest.raises(VehicleError, match=r"battery: "):
+        BatterySpec(**{"capacity_wh": 10.0, "cells": 4, **values})
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"camera_w": -1.0},
+        {"idle_w": math.nan},
+        {"oswald": 0.0},
+        {"efficiency": 1.01},
+        {"wing_area_m2": "1"},
+    ],
+)
+def test_impossible_values_of_a_wing(values):
+    with pytest.raises(VehicleError, match=r"power: "):
+        FixedWingPowerSpec(**{"mass_kg": 2.0, "wing_area_m2": 0.4, "wing_span_m": 1.8, **values})
 
 
 def test_a_vehicle_file(tmp_path):
@@ -67,6 +116,28 @@ def test_a_vehicle_file(tmp_path):
         ("base = 'ideal'\n[battery]\ncells = 5", "capacity_wh"),
         ("[battery]\ncells = 'four'", "cells"),
         ("not toml", "vehicle file"),
+        ("autopilot = 'px4'", "unknown key 'autopilot'"),
+        ("name = 'x'", "unknown key 'name'"),
+        ("kind = 3", "kind 3"),
+        ("base = 3", "base must be one of"),
+        ("[battery]\ncells = 4.5", "cells"),
+        ("[battery]\ncapacity_wh = true", "wrong type"),
+        ("[battery]\ncapacity_wh = [1]", "capacity_wh"),
+        ("[power]\nwing_area_m2 = 1.0", "unknown key 'wing_area_m2'"),
+        ("kind = 'fixed-wing'\n[power]\ndisc_area_m2 = 1.0", "unknown key 'disc_area_m2'"),
+        (
+            "base = 'quad'\nkind = 'rover'\n[battery]\ncells = 4\ncapacity_wh = 5",
+            "a battery needs a power model",
+        ),
+        ("base = 'ideal'\n[power]\nmass_kg = 1.0", r"kind ideal has no \[power\]"),
+        ("[published]\nendurance_min = 0", "endurance_min"),
+        ("[published]\nused_fraction = 2\nendurance_min = 9", "used_fraction"),
+        ("[published]\nendurance_min = 9\nsource = 5", "wrong type"),
+        ("px4 = 5", "px4 must be a table"),
+        ("[px4]\nmpc_acc = 1", "no parameter's name"),
+        ("[px4]\nMPC_ACC_HOR = '3'", "not a number"),
+        ("[ardupilot]\nWPNAV_SPEED = nan", "not a number"),
+        ("[ardupilot]\nA_VERY_LONG_PARAMETER = 1", "no parameter's name"),
     ],
 )
 def test_bad_vehicle_files_say_what_is_wrong(tmp_path, text, reason):
@@ -75,6 +146,31 @@ def test_bad_vehicle_files_say_what_is_wrong(tmp_path, text, reason):
     with pytest.raises(VehicleError, match=reason) as error:
         get_vehicle(str(path))
     assert "\n" not in str(error.value)
+
+
+def test_a_vehicle_file_has_parameters_of_both_autopilots(tmp_path):
+    path = tmp_path / "tuned.toml"
+    path.write_text("[px4]\nMPC_ACC_HOR = 4\nNAV_ACC_RAD = 2.5\n[ardupilot]\nWPNAV_SPEED = 750\n")
+    tuned = get_vehicle(str(path))
+    assert tuned.px4 == (("MPC_ACC_HOR", 4.0), ("NAV_ACC_RAD", 2.5))
+    assert tuned.ardupilot == (("WPNAV_SPEED", 750.0),)
+    assert tuned.parameters == ()
+
+
+def test_a_file_is_based_on_the_vehicle_of_its_kind(tmp_path):
+    path = tmp_path / "own.toml"
+    path.write_text("kind = 'fixed-wing'\n[power]\nmass_kg = 2.0\n")
+    wing = get_vehicle(str(path))
+    assert isinstance(wing.power, FixedWingPowerSpec)
+    assert (wing.power.mass_kg, wing.power.wing_span_m) == (2.0, 2.35)
+    assert wing.battery == get_vehicle("wing").battery
+    # What the maker of the other vehicle tells is not told of this one.
+    assert wing.published is None and wing.description == ""
+    path.write_text("base = 'quad'\nkind = 'rover'\n")
+    rover = get_vehicle(str(path))
+    assert rover.kind == "rover" and rover.power is None and rover.battery is None
+    path.write_text("kind = 'rover'\n[power]\nrolling_resistance = 0.2\n")
+    assert isinstance(get_vehicle(str(path)).power, RoverPowerSpec)
 
 
 def test_a_missing_or_binary_vehicle_file(tmp_path):

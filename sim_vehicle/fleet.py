@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -11,6 +10,7 @@ from geo.seeds import child_seed
 from mission.model import GeoPoint
 from sim_vehicle.clients import ServerUrl
 from sim_vehicle.errors import VehicleError
+from sim_vehicle.navigation import SensorNoise
 from sim_vehicle.server import default_urls
 from sim_vehicle.spec import VehicleSpec
 from sim_vehicle.vehicle import PX4, Persona, SimVehicle
@@ -87,6 +87,8 @@ class Fleet:
     persona : Persona
     wind : Wind, optional
         The steady wind is the same for all; each has its own gusts.
+    noise : SensorNoise, optional
+        Each vehicle has its own errors of this size.
     spacing_m : float
     epoch_unix_s : float
         See `SimVehicle`.
@@ -116,6 +118,7 @@ class Fleet:
         *,
         persona: Persona = PX4,
         wind: Wind | None = None,
+        noise: SensorNoise | None = None,
         spacing_m: float = SPACING_M,
         epoch_unix_s: float = _DEFAULT_EPOCH_S,
     ) -> None:
@@ -138,6 +141,7 @@ class Fleet:
                 spec,
                 place,
                 wind=_wind_of(wind, system),
+                noise=None if noise is None else noise.of_vehicle(system),
                 persona=persona,
                 system_id=system,
                 yaw_deg=heading,
@@ -154,6 +158,6 @@ class Fleet:
 
 def _wind_of(wind: Wind | None, system: int) -> Wind | None:
     """Return a vehicle's wind: the first one's gusts are those of the wind as it is given."""
-    if wind is None or system == 1 or math.isclose(wind.gust_m_s, 0.0):
+    if wind is None or system == 1 or not wind.is_gusty:
         return wind
     return replace(wind, seed=child_seed(wind.seed, f"vehicle-{system}"))

@@ -30,8 +30,9 @@ from wbf_mission.estimation import RunEstimate, require_run_memory, score_points
 from wbf_mission.flight_result import FlightResult
 from wbf_mission.ground import GroundStation
 from wbf_mission.outcome import Outcome, Phase
-from wbf_mission.planning import PlanResult, plan, wind_of
+from wbf_mission.planning import PlanResult, plan
 from wbf_mission.scenario import Scenario
+from wbf_mission.weather import noise_of, wind_of
 
 Progress = Callable[[str, float, float], None]
 
@@ -171,8 +172,11 @@ class _Run:
             wind=wind_of(scenario),
             persona=get_persona(scenario.autopilot),
             epoch_unix_s=EPOCH_UNIX_S,
+            noise=noise_of(scenario),
         )
-        self.camera = LeafCameraComponent(camera, farm)
+        self.camera = LeafCameraComponent(
+            camera, farm, position_error=self.vehicle.position_error if self.vehicle.errors else None
+        )
         self.estimator = estimator.fit(grid)
         self.estimate = RunEstimate(
             estimator, RunningScore(truth, relevance_masks(grid)), self._score_every()
@@ -268,6 +272,7 @@ class _Run:
             outcome=outcome,
             reason=reason,
             track=ground.track(self.planned.farm.frame),
+            true_track=ground.true_track(self.planned.farm.frame),
             observations=Observations.concatenate(self.parts),
             camera=self.assembler.statistics,
             transfers=ground.transfers,

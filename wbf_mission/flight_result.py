@@ -32,7 +32,9 @@ class FlightResult:
     reason : str
         Why it ended so, empty when it went well.
     track : Track
-        What was flown.
+        What was flown, as the vehicle believed.
+    true_track : Track or None
+        What was flown; None when the vehicle made no errors about its place.
     observations : Observations
         What arrived from the camera.
     camera : AssemblerStatistics
@@ -70,6 +72,7 @@ class FlightResult:
     frames: int
     timings_s: dict[str, float] = field(default_factory=dict)
     texts: list[tuple[float, int, str]] = field(default_factory=list)
+    true_track: Track | None = None
 
     @property
     def farm(self) -> Farm:
@@ -102,6 +105,7 @@ class FlightResult:
             "observations": len(seen),
             "cells_observed": cells,
             "path_length_m": self.track.length_m,
+            "position_error_m": self._position_error(),
             "planned_length_m": self.plan.length_m,
             "flight_time_s": self.flight_time_s,
             "predicted_time_s": self.plan.prediction.duration_s,
@@ -118,6 +122,13 @@ class FlightResult:
             "timings_s": dict(self.timings_s),
             "scenario": self.scenario.to_dict(),
         }
+
+    def _position_error(self) -> dict[str, float] | None:
+        """Return how far the vehicle was from where it believed to be: root of the mean square, and most."""
+        if self.true_track is None or not len(self.track.time_s):
+            return None
+        error_m = self.track.distance_m(self.true_track)
+        return {"rms": float(np.sqrt(np.mean(error_m**2))), "max": float(error_m.max())}
 
 
 def _transfer_summary(transfers: list[Any]) -> dict[str, Any]:

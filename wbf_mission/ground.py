@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,6 +31,7 @@ _HEARTBEAT_S = 1.0
 _CONTACT_S = 30.0
 _STATE_S = 2.5
 _GROUND_MM = 50
+_ON_GROUND = 1  # MAV_LANDED_STATE_ON_GROUND
 _COMMAND_RETRY_S = 1.0
 _COMMAND_TRIES = 4
 _FETCH_S = 0.5
@@ -128,6 +129,10 @@ class GroundStation:
         self._fetch_s = math.inf
         self._fetch_rounds = 0
         self._fixes: list[tuple[int, int, int, int]] = []
+        self._true_fixes: list[tuple[float, int, int, int]] = []
+        self._ground_mm: int | None = None
+        self._grounded = False
+        self._aloft_ms = 0
         self._returns = any(item.command in _RETURNS for item in mission.items)
         self._handlers: dict[int, Callable[[Any, float], list[Any]]] = {
             m.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
@@ -136,6 +141,9 @@ class GroundStation:
             m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._on_position,
             m.MAVLINK_MSG_ID_BATTERY_STATUS: self._on_battery,
             m.MAVLINK_MSG_ID_MISSION_CURRENT: self._on_mission_current,
+            m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._on_landed,
+            m.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: self._on_truth,
+            m.MAVLINK_MSG_ID_SIM_STATE: self._on_truth,
             **dict.fromkeys(CLIENT_MESSAGES, self._on_transfer),
         }
         if assembler is not None:
@@ -153,8 +161,7 @@ class GroundStation:
         """From the start of the mission to the last fix in the air."""
         if self.started_s is None:
             return 0.0
-        aloft = (fix[0] for fix in reversed(self._fixes) if fix[3] > _GROUND_MM)
-        return max(0.0, next(aloft, 0) / 1e3 - self.started_s)
+        return max(0.0, self._aloft_ms / 1e3 - self.started_s)
 
     def receive(self, message: Any, now_s: float) -> list[Any]:
         """Take one message and return the answers."""
@@ -207,10 +214,11 @@ class GroundStation:
 
     def track(self, frame: Any) -> Track:
         """Return what was flown since the start, in WGS84 and in ``frame`` (a LocalFrame)."""
-        fixes = np.array(self._fixes, dtype=np.float64).reshape(-1, 4)
-        latitude, longitude = fixes[:, 1] / 1e7, fixes[:, 2] / 1e7
-        x_m, y_m = frame.from_wgs84(latitude, longitude)
-        return Track(fixes[:, 0] / 1e3, latitude, longitude, fixes[:, 3] / 1e3, x_m, y_m)
+        return _track(self._fixes, frame)
+
+    def true_track(self, frame: Any) -> Track | None:
+        """Return where the vehicle truly was, None if its simulator did not tell."""
+        return _track(self._true_fixes, frame) if self._true_fixes else None
 
     # What arrives.
 
@@ -257,6 +265,29 @@ class GroundStation:
         self._silent = False
         if self.phase is Phase.FLIGHT:
             self._fixes.append((message.time_boot_ms, message.lat, message.lon, message.relative_alt))
+            if message.relative_alt > _GROUND_MM and not self._grounded:
+                self._aloft_ms = message.time_boot_ms
+        return []
+
+    def _on_landed(self, message: Any, now_s: float) -> list[Any]:  # noqa: ARG002
+        if self._is_vehicle(message):
+            self._grounded = message.landed_state == _ON_GROUND
+        return []
+
+    def _on_truth(self, message: Any, now_s: float) -> list[Any]:
+        """Note where a simulated vehicle truly is; its height counts from where it stood first."""
+        if not self._is_vehicle(message):
+            return []
+        if type(message).id == m.MAVLINK_MSG_ID_SIM_STATE:
+            latitude_e7, longitude_e7 = message.lat_int, message.lon_int
+            altitude_mm = round(1000.0 * message.alt)
+        else:
+            latitude_e7, longitude_e7, altitude_mm = message.lat, message.lon, message.alt
+        if self._ground_mm is None:
+            self._ground_mm = altitude_mm
+        if self.phase is Phase.FLIGHT:
+            height_mm = altitude_mm - self._ground_mm
+            self._true_fixes.append((1000.0 * now_s, latitude_e7, longitude_e7, height_mm))
         return []
 
     def _on_battery(self, message: Any, now_s: float) -> list[Any]:  # noqa: ARG002
@@ -404,6 +435,14 @@ class GroundStation:
         """Return the vehicle's latest warning, which says more than a result code, or ``otherwise``."""
         warnings = [text for _, severity, text in self.texts if severity <= _WARNING]
         return warnings[-1] if warnings else otherwise
+
+
+def _track(fixes: Sequence[tuple[float, int, int, int]], frame: Any) -> Track:
+    """Return fixes (ms, 1e-7 degree, 1e-7 degree, mm) as a track."""
+    rows = np.array(fixes, dtype=np.float64).reshape(-1, 4)
+    latitude, longitude = rows[:, 1] / 1e7, rows[:, 2] / 1e7
+    x_m, y_m = frame.from_wgs84(latitude, longitude)
+    return Track(rows[:, 0] / 1e3, latitude, longitude, rows[:, 3] / 1e3, x_m, y_m)
 
 
 def _result_name(result: int) -> str:

@@ -54,7 +54,7 @@ class Outcome(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Where the vehicle was, by its own GLOBAL_POSITION_INT.
+    """Where the vehicle was, by its own GLOBAL_POSITION_INT or in truth.
 
     Parameters
     ----------
@@ -77,3 +77,13 @@ class Track:
     def length_m(self) -> float:
         """Length over ground."""
         return float(np.hypot(np.diff(self.x_m), np.diff(self.y_m)).sum())
+
+    def at(self, time_s: NDArray[np.float64]) -> Track:
+        """Return the track at other times, straight between its fixes."""
+        columns = (self.latitude_deg, self.longitude_deg, self.altitude_m, self.x_m, self.y_m)
+        return Track(time_s, *(np.interp(time_s, self.time_s, column) for column in columns))
+
+    def distance_m(self, other: Track) -> NDArray[np.float64]:
+        """Return the horizontal distance from another track at the times of this one."""
+        there = other.at(self.time_s)
+        return np.hypot(self.x_m - there.x_m, self.y_m - there.y_m)

@@ -33,8 +33,8 @@ from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.predict import Prediction, predict_flight
 from sim_vehicle.spec import VehicleSpec, get_vehicle
 from sim_vehicle.swaps import batteries_needed
-from sim_vehicle.wind import Wind
 from wbf_mission.scenario import Scenario, ScenarioError
+from wbf_mission.weather import wind_of
 
 _CAMERA_STARTS = frozenset({206, 214, 2000})
 PAPER_STEPS_PER_CELL = 0.4  # timesteps of a day for each of the owner's cells (Matloob et al., experiments)
@@ -212,16 +212,6 @@ def flown_vehicle(scenario: Scenario) -> VehicleSpec:
     return with_autopilot(get_vehicle(scenario.vehicle), "generic", scenario.parameters)
 
 
-def wind_of(scenario: Scenario, *, gusts: bool = True) -> Wind:
-    """Return the scenario's wind; without gusts for predictions, which must not know the run's weather."""
-    return Wind.from_direction(
-        scenario.wind_speed_m_s,
-        scenario.wind_direction_deg,
-        gust_m_s=scenario.wind_gust_m_s if gusts else 0.0,
-        seed=child_seed(scenario.seed, "wind"),
-    )
-
-
 def make_budget(builder: MissionBuilder) -> tuple[Budget, str]:
     """Return the scenario's budget and how to say it.
 
@@ -330,9 +320,11 @@ def _run_planner(planner: Planner, request: PlanningRequest, name: str) -> Plann
 
 def _check_wind(scenario: Scenario, vehicle: VehicleSpec) -> None:
     limit = vehicle.airspeed_limit_m_s
-    if not vehicle.is_ideal and scenario.wind_speed_m_s >= limit:
+    height_m = scenario.altitude_m or vehicle.takeoff_altitude_m
+    speed = math.hypot(*wind_of(scenario, gusts=False).mean_at(height_m))
+    if not vehicle.is_ideal and speed >= limit:
         msg = (
-            f"wind of {scenario.wind_speed_m_s:g} m/s: vehicle {vehicle.name} flies at most {limit:g} m/s "
+            f"wind of {speed:g} m/s: vehicle {vehicle.name} flies at most {limit:g} m/s "
             "through the air and would be blown away; wait for less wind"
         )
         raise ScenarioError(msg)

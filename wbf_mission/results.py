@@ -142,8 +142,15 @@ def _write_csv(path: Path, header: str, columns: list[Any], form: str | list[str
 def _write_track(result: FlightResult, path: Path) -> None:
     track = result.track
     columns = [track.time_s, track.latitude_deg, track.longitude_deg, track.altitude_m, track.x_m, track.y_m]
-    header = "time_s,latitude_deg,longitude_deg,relative_altitude_m,x_m,y_m"
-    _write_csv(path, header, columns, ["%.3f", "%.7f", "%.7f", "%.3f", "%.3f", "%.3f"])
+    names = ["latitude_deg", "longitude_deg", "relative_altitude_m", "x_m", "y_m"]
+    form = ["%.7f", "%.7f", "%.3f", "%.3f", "%.3f"]
+    header = ["time_s", *names]
+    if result.true_track is not None:
+        true = result.true_track.at(track.time_s)
+        columns += [true.latitude_deg, true.longitude_deg, true.altitude_m, true.x_m, true.y_m]
+        header += [f"true_{name}" for name in names]
+        form *= 2
+    _write_csv(path, ",".join(header), columns, ["%.3f", *form])
 
 
 def _write_scores(result: FlightResult, path: Path) -> None:

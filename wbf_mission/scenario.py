@@ -15,6 +15,10 @@ from geo.errors import WbfMissionError
 FLYING = ("px4", "ardupilot")
 
 
+_SHEARS = ("log", "power")
+_TURBULENCES = ("light", "moderate", "severe", "wind")
+
+
 class ScenarioError(WbfMissionError, ValueError):
     """A scenario or scenario file with a value that cannot be used."""
 
@@ -48,6 +52,18 @@ class Scenario:
         Of the planned waypoints; None: a quarter of the spacing between 0.1 m and 2 m.
     wind_speed_m_s, wind_direction_deg, wind_gust_m_s : float
         Mean wind, the direction it comes from (degrees clockwise from north), standard deviation of gusts.
+    wind_height_m : float
+        Height above the ground at which the mean wind holds.
+    wind_shear : {"log", "power"} or None
+        How it grows with the height; None: not at all.
+    wind_roughness_m, wind_exponent : float
+        Roughness length of the logarithmic law, exponent of the power law.
+    turbulence : str or float or None
+        Dryden's gusts instead of ``wind_gust_m_s``: light, moderate, severe, wind (as strong as the mean wind
+        makes them), or the wind at 6 m that decides them, m/s.
+    gps_noise_m, baro_noise_m : float
+        Standard deviation of the slow errors of satellite positions (each horizontal axis) and of the
+        barometer's height.
     camera_spacing_m : float or None
         Distance between shots; None is one cell.
     camera_footprint : int
@@ -77,6 +93,13 @@ class Scenario:
     wind_speed_m_s: float = 0.0
     wind_direction_deg: float = 0.0
     wind_gust_m_s: float = 0.0
+    wind_height_m: float = 10.0
+    wind_shear: str | None = None
+    wind_roughness_m: float = 0.1
+    wind_exponent: float = 1.0 / 7.0
+    turbulence: str | float | None = None
+    gps_noise_m: float = 0.0
+    baro_noise_m: float = 0.0
     camera_spacing_m: float | None = None
     camera_footprint: int = 1
     camera_noise: float = 0.0
@@ -95,6 +118,23 @@ class Scenario:
         _in_range("wind speed", self.wind_speed_m_s, 0.0, 40.0, "m/s")
         _in_range("wind direction", self.wind_direction_deg, 0.0, 360.0, "degrees")
         _in_range("wind gust", self.wind_gust_m_s, 0.0, 15.0, "m/s")
+        _in_range("wind height", self.wind_height_m, 1.0, 300.0, "m")
+        _require(
+            self.wind_shear in (None, *_SHEARS), "wind shear", repr(self.wind_shear), " or ".join(_SHEARS)
+        )
+        _in_range("wind roughness", self.wind_roughness_m, 1e-5, 0.7, "m")
+        _in_range("wind exponent", self.wind_exponent, 0.0, 1.0, "")
+        if isinstance(self.turbulence, str):
+            levels = ", ".join(_TURBULENCES) + ", or the wind at 6 m in m/s"
+            _require(self.turbulence in _TURBULENCES, "turbulence", repr(self.turbulence), levels)
+        else:
+            _in_range("turbulence", self.turbulence, 0.0, 40.0, "m/s")
+        if self.turbulence is not None and self.wind_gust_m_s > 0.0:
+            gust = f"a wind gust of {self.wind_gust_m_s:g} m/s"
+            msg = f"turbulence {self.turbulence} and {gust}: give one of them"
+            raise ScenarioError(msg)
+        _in_range("gps noise", self.gps_noise_m, 0.0, 20.0, "m")
+        _in_range("baro noise", self.baro_noise_m, 0.0, 5.0, "m")
         _in_range("camera spacing", self.camera_spacing_m, 0.05, 1000.0, "m")
         _require(1 <= self.camera_footprint <= 15, "camera footprint", self.camera_footprint, "1 to 15 cells")
         _in_range("camera noise", self.camera_noise, 0.0, 1.0, "")

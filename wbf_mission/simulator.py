@@ -14,10 +14,10 @@ from sim_vehicle.component import Component
 from sim_vehicle.fleet import SPACING_M, Fleet
 from sim_vehicle.vehicle import SimVehicle, get_persona
 from sim_vehicle.warm_up import warm_up
-from sim_vehicle.wind import Wind
 from wbf_mission.flight import EPOCH_UNIX_S, camera_options, make_environment
 from wbf_mission.planning import flown_vehicle
 from wbf_mission.scenario import Scenario, ScenarioError
+from wbf_mission.weather import noise_of, wind_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,6 @@ def make_components(
     count: int | None = None,
     homes: Sequence[tuple[GeoPoint, float]] = (),
     spacing_m: float = SPACING_M,
-    wind: Wind | None = None,
     with_camera: bool = True,
     progress: Callable[[str, float, float], None] | None = None,
 ) -> Simulated:
@@ -106,14 +105,13 @@ def make_components(
     Parameters
     ----------
     scenario : Scenario
-        Farm, vehicle, seed, day and camera.
+        Farm, vehicle, weather, sensors, seed, day and camera.
     count : int, optional
         How many; as many as there are homes, else one.
     homes : sequence of GeoPoint and float
         Where they start and their headings; none: around the farm's home.
     spacing_m : float
         Between vehicles that share a home.
-    wind : Wind, optional
     with_camera : bool
         Without cameras no environment is generated.
 
@@ -129,7 +127,14 @@ def make_components(
         latitude, longitude = farm.frame.to_wgs84(*farm.home_m)
         homes = [(GeoPoint(latitude, longitude, farm.frame.altitude_m), 0.0)]
     fleet = Fleet(
-        spec, homes, count, persona=persona, wind=wind, spacing_m=spacing_m, epoch_unix_s=EPOCH_UNIX_S
+        spec,
+        homes,
+        count,
+        persona=persona,
+        wind=wind_of(scenario),
+        noise=noise_of(scenario),
+        spacing_m=spacing_m,
+        epoch_unix_s=EPOCH_UNIX_S,
     )
     if progress is not None:
         progress("preparing the vehicle", 0.0, 1.0)
@@ -146,5 +151,8 @@ def make_components(
                 camera_options(scenario),
                 stream(scenario.seed, *names),
             )
-            cameras.append(LeafCameraComponent(optics, farm, system_id=vehicle.system_id))
+            position_error = vehicle.position_error if vehicle.errors is not None else None
+            cameras.append(
+                LeafCameraComponent(optics, farm, system_id=vehicle.system_id, position_error=position_error)
+            )
     return Simulated(fleet, tuple(cameras))

@@ -46,6 +46,10 @@ def fly_command(
     cruise_speed: options.CruiseSpeed = None,
     acceptance_radius: options.AcceptanceRadius = None,
     wind: options.Wind = None,
+    wind_shear: options.WindShear = None,
+    turbulence: options.Turbulence = None,
+    gps_noise: options.GpsNoise = None,
+    baro_noise: options.BaroNoise = None,
     camera_spacing: options.CameraSpacing = None,
     camera_footprint: options.CameraFootprint = None,
     camera_noise: options.CameraNoise = None,
@@ -123,7 +127,11 @@ def fly_command(
             "false_negative_rate": false_negative_rate,
             "camera_fields": options.field_names(camera_fields),
             "score_points": score_points,
+            "turbulence": options.turbulence_value(turbulence),
+            "gps_noise_m": gps_noise,
+            "baro_noise_m": baro_noise,
             **options.wind_values(wind),
+            **options.shear_values(wind_shear),
         },
     )
     if mission is not None:

@@ -111,6 +111,35 @@ Wind = Annotated[
         rich_help_panel=_VEHICLE,
     ),
 ]
+WindShear = Annotated[
+    str | None,
+    typer.Option(
+        help="How the wind grows with the height: log[,ROUGHNESS[,HEIGHT]] or power[,EXPONENT[,HEIGHT]];"
+        " HEIGHT, m, is that of --wind.  [default: not at all; log,0.1,10; power,0.143,10]",
+        rich_help_panel=_VEHICLE,
+    ),
+]
+Turbulence = Annotated[
+    str | None,
+    typer.Option(
+        help="Dryden gusts (MIL-F-8785C): light, moderate, severe, wind (what the wind makes), or the wind at"
+        " 6 m in m/s.  [default: none]",
+        rich_help_panel=_VEHICLE,
+    ),
+]
+GpsNoise = Annotated[
+    float | None,
+    typer.Option(
+        help="Slow error of satellite positions, m, one sigma along an axis.  [default: 0]",
+        rich_help_panel=_VEHICLE,
+    ),
+]
+BaroNoise = Annotated[
+    float | None,
+    typer.Option(
+        help="Slow error of the barometer's height, m, one sigma.  [default: 0]", rich_help_panel=_VEHICLE
+    ),
+]
 CameraSpacing = Annotated[
     float | None,
     typer.Option(help="Distance between shots, m.  [default: one cell]", rich_help_panel=_CAMERA),
@@ -186,6 +215,45 @@ def parameter_values(texts: list[str] | None) -> dict[str, float] | None:
             msg = f"--param {text!r} is not NAME=VALUE; give one such as MPC_ACC_HOR=4"
             raise ScenarioError(msg) from None
     return values
+
+
+def shear_values(text: str | None) -> dict[str, Any]:
+    """Read ``log[,ROUGHNESS[,HEIGHT]]`` or ``power[,EXPONENT[,HEIGHT]]`` into the scenario's wind fields.
+
+    >>> shear_values("power,0.2")
+    {'wind_shear': 'power', 'wind_exponent': 0.2}
+    """
+    from wbf_mission.scenario import ScenarioError
+
+    if text is None:
+        return {}
+    law, *rest = (part.strip() for part in text.split(","))
+    try:
+        numbers = [float(part) for part in rest]
+    except ValueError:
+        numbers = [0.0] * 3
+    if law not in ("log", "power") or len(numbers) > 2:
+        msg = (
+            f"--wind-shear {text!r} is not log[,ROUGHNESS[,HEIGHT]] or power[,EXPONENT[,HEIGHT]]; "
+            "give such as log,0.1,10"
+        )
+        raise ScenarioError(msg)
+    names = ("wind_roughness_m" if law == "log" else "wind_exponent", "wind_height_m")
+    return {"wind_shear": law, **dict(zip(names, numbers, strict=False))}
+
+
+def turbulence_value(text: str | None) -> str | float | None:
+    """Read a level of turbulence, or the wind that decides it.
+
+    >>> turbulence_value("light"), turbulence_value("6.5")
+    ('light', 6.5)
+    """
+    if text is None:
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        return text
 
 
 def field_names(text: str | None) -> tuple[str, ...] | None:

@@ -34,6 +34,7 @@ def plan_command(
     cruise_speed: options.CruiseSpeed = None,
     acceptance_radius: options.AcceptanceRadius = None,
     wind: options.Wind = None,
+    wind_shear: options.WindShear = None,
     camera_spacing: options.CameraSpacing = None,
     camera_footprint: options.CameraFootprint = None,
     out: Annotated[
@@ -72,6 +73,7 @@ def plan_command(
             "camera_spacing_m": camera_spacing,
             "camera_footprint": camera_footprint,
             **options.wind_values(wind),
+            **options.shear_values(wind_shear),
         },
     )
     with output.progress() as progress:

@@ -96,6 +96,10 @@ def sim_command(
         typer.Option(help="Between vehicles that share a home, m.  [default: 4]", rich_help_panel=_VEHICLE),
     ] = None,
     wind: options.Wind = None,
+    wind_shear: options.WindShear = None,
+    turbulence: options.Turbulence = None,
+    gps_noise: options.GpsNoise = None,
+    baro_noise: options.BaroNoise = None,
     seed: options.Seed = None,
     day: options.Day = None,
     camera: Annotated[
@@ -130,7 +134,6 @@ def sim_command(
     """
     from sim_vehicle.faults import parse_fault
     from sim_vehicle.server import Server
-    from wbf_mission.planning import wind_of
     from wbf_mission.scenario import Scenario, scenario_with
     from wbf_mission.sim_options import SimOptions, load_sim, parse_speed, sim_with
     from wbf_mission.simulator import make_components, parse_home
@@ -170,7 +173,11 @@ def sim_command(
             "false_positive_rate": false_positive_rate,
             "false_negative_rate": false_negative_rate,
             "camera_fields": options.field_names(camera_fields),
+            "turbulence": options.turbulence_value(turbulence),
+            "gps_noise_m": gps_noise,
+            "baro_noise_m": baro_noise,
             **options.wind_values(wind),
+            **options.shear_values(wind_shear),
         },
     )
     homes = [parse_home(text) for text in chosen.home]
@@ -180,7 +187,6 @@ def sim_command(
             count=chosen.count,
             homes=homes,
             spacing_m=chosen.spacing_m,
-            wind=wind_of(scenario),
             with_camera=chosen.camera,
             progress=progress,
         )

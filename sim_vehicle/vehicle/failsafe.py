@@ -12,6 +12,7 @@ from sim_vehicle.vehicle.notices import Severity
 from sim_vehicle.vehicle.rules import Action, Rules
 
 if TYPE_CHECKING:
+    from sim_vehicle.battery import BatteryState
     from sim_vehicle.vehicle.pilot import Pilot
 
 __all__ = ["Failsafe"]
@@ -48,6 +49,7 @@ class Failsafe:
         self.active = False
         self._pilot = pilot
         self._battery_level = 0
+        self._sagging_since_s = [math.inf, math.inf]
         self._position_lost = False
         self._heard_s = -math.inf
         self.retune()
@@ -85,6 +87,7 @@ class Failsafe:
         """Begin again with the arming."""
         self.active = self._position_lost = False
         self._battery_level = 0
+        self._sagging_since_s = [math.inf, math.inf]
 
     def gave_out(self) -> None:
         """Note that the battery is empty or the vehicle falls: nothing more can be done."""
@@ -125,21 +128,53 @@ class Failsafe:
     def _silence_s(self) -> float:
         return self._pilot.now_s - self._heard_s
 
+    def battery_level(self) -> int:
+        """Return how the battery is: 0 fine, 1 low, 2 critical, 3 almost empty."""
+        battery, tuning = self._pilot.state.battery, self._pilot.tuning
+        if battery is None:
+            return 0
+        if battery.fraction < tuning.critical_fraction:
+            almost = battery.fraction < min(tuning.emergency_fraction, tuning.critical_fraction)
+            level = 3 if almost or battery.depleted else 2
+        else:
+            level = int(battery.fraction < tuning.low_fraction)
+        # An ArduPilot does not take back what it said when the voltage recovers.
+        said = self._battery_level if self.rules.watches_voltage else 0
+        return max(level, self._voltage_level(), said)
+
+    def _voltage_level(self) -> int:
+        """Return what a voltage means that was too low for the time of the parameter, 0 to 2."""
+        now_s, patience_s = self._pilot.now_s, self._pilot.tuning.low_voltage_timer_s
+        if patience_s <= 0.0:
+            return 0
+        low, critical = (now_s - since_s > patience_s for since_s in self._sagging_since_s)
+        return 2 if critical else int(low)
+
+    def _check_voltage(self, battery: BatteryState) -> None:
+        """Note since when the voltage is too low, as it is under load or without the sag."""
+        tuning, now_s = self._pilot.tuning, self._pilot.now_s
+        voltage = battery.rest_voltage_v if tuning.low_voltage_source == 1 else battery.voltage_v
+        for i, limit in enumerate((tuning.low_voltage_v, tuning.critical_voltage_v)):
+            since_s = self._sagging_since_s[i]
+            self._sagging_since_s[i] = min(since_s, now_s) if voltage < limit else math.inf
+
     def _check_battery(self) -> None:
         pilot = self._pilot
         battery, tuning = pilot.state.battery, pilot.tuning
-        if battery is None or battery.fraction >= tuning.low_fraction:
+        if battery is None:
             return
-        level = 1
-        if battery.fraction < tuning.critical_fraction:
-            level = 3 if battery.fraction < min(tuning.emergency_fraction, tuning.critical_fraction) else 2
+        if self.rules.watches_voltage:
+            self._check_voltage(battery)
+        level = self.battery_level()
         if level <= self._battery_level:
             return
         self._battery_level = level
         action = self.rules.battery_action(level, tuning)
         homing = pilot.state.phase in (Phase.RETURN, Phase.LAND)
         acts = action not in (Action.NONE, Action.WARN) and not (homing and action is Action.RETURN)
-        text = f"{_LEVELS[level]} ({100.0 * battery.fraction:.0f} %)"
+        by_charge = battery.fraction < (tuning.low_fraction if level == 1 else tuning.critical_fraction)
+        amount = f"{100.0 * battery.fraction:.0f} %" if by_charge else f"{battery.voltage_v:.2f} V"
+        text = f"{_LEVELS[level]} ({amount})"
         severity = Severity.CRITICAL if level > 1 else Severity.WARNING
         pilot.note(severity, f"Battery {text}" + (f": {action.value}" if acts else ""))
         self._act(action, Outcome.BATTERY_LOW, f"battery {text}")

@@ -41,6 +41,10 @@ class Tuning:
         The autopilot's own values (`sim_vehicle.vehicle.rules`); the second is used by ArduPilot only.
     emergency_fraction : float
         Level of the last battery failsafe.
+    low_voltage_v, critical_voltage_v, low_voltage_timer_s : float
+        Voltages of the whole pack that are low and critical after that time; 0 is none. Of ArduPilot only.
+    low_voltage_source : int
+        0 for the voltage as it is, 1 for it without the sag of the load.
     fence_enable, fence_action, fence_type : int
         The autopilot's own values; ``fence_type`` as FENCE_TYPE: 1 ceiling, 2 radius, 4 areas.
     fence_ceiling_m, fence_radius_m : float
@@ -66,6 +70,10 @@ class Tuning:
     low_battery_action: int = 1
     critical_battery_action: int = 1
     emergency_fraction: float = 0.05
+    low_voltage_v: float = 0.0
+    critical_voltage_v: float = 0.0
+    low_voltage_timer_s: float = 10.0
+    low_voltage_source: int = 0
     fence_enable: int = 1
     fence_action: int = 2
     fence_type: int = 7
@@ -89,6 +97,8 @@ class Tuning:
             spec.disarm_delay_s,
             battery.reserve_fraction if battery else 0.0,
             battery.critical_fraction if battery else 0.0,
+            # ArduCopter's default, which is meant for three cells and refuses to arm with fewer.
+            low_voltage_v=10.5 if spec.kind == "multirotor" and battery and battery.cells > 2 else 0.0,
             settings=dict(spec.parameters),
         )
 

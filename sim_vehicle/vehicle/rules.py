@@ -1,7 +1,7 @@
 """What each autopilot does when something goes wrong, and how it says so: data only.
 
 Sources: PX4 parameter reference (GF_ACTION, NAV_DLL_ACT, COM_LOW_BAT_ACT, COM_OF_LOSS_T), ArduCopter
-parameter reference (FENCE_ACTION, FS_GCS_ENABLE, BATT_FS_LOW_ACT, GUID_TIMEOUT).
+parameter reference (FENCE_ACTION, FS_GCS_ENABLE, BATT_FS_LOW_ACT, BATT_LOW_VOLT, GUID_TIMEOUT).
 """
 
 from __future__ import annotations
@@ -41,6 +41,8 @@ class Rules:
         For a low, a critical and an emergency level, by the value of their parameter.
     critical_apart : bool
         The critical level has a parameter of its own (ArduPilot).
+    watches_voltage : bool
+        A voltage that stays too low is a low battery, too (ArduPilot).
     any_inclusion : bool
         Being in one of the inclusion zones of a fence is enough.
     keeps_item : bool
@@ -64,6 +66,7 @@ class Rules:
     link_actions: Mapping[int, Action]
     battery_actions: tuple[Mapping[int, Action], Mapping[int, Action], Mapping[int, Action]]
     critical_apart: bool
+    watches_voltage: bool
     any_inclusion: bool
     keeps_item: bool
     needs_stream: bool
@@ -109,6 +112,7 @@ PX4_RULES = Rules(
         _actions(WARN="0", LAND="1 2 3"),
     ),
     critical_apart=False,
+    watches_voltage=False,
     any_inclusion=True,
     keeps_item=False,
     needs_stream=True,
@@ -128,6 +132,7 @@ ARDUPILOT_RULES = Rules(
     link_actions=_actions(NONE="0", RETURN="1 2 3 4 6", LAND="5", HOLD="7"),
     battery_actions=(_BATTERY, _BATTERY, _actions(WARN="0 1 2 3 4 5 6 7")),
     critical_apart=True,
+    watches_voltage=True,
     any_inclusion=False,
     keeps_item=True,
     needs_stream=False,

@@ -51,9 +51,13 @@ def _ardupilot(spec: VehicleSpec) -> list[Parameter]:
     ]
     battery = spec.battery
     if battery is not None:
-        capacity_mah = 1000.0 * battery.capacity_wh / battery.nominal_voltage_v
+        capacity_mah = battery.capacity_mah
         parameters += [
             Parameter("BATT_CAPACITY", integer=True, value=round(capacity_mah)),
+            Parameter("BATT_CRT_VOLT", "critical_voltage_v", low=0.0, high=100.0),
+            Parameter("BATT_FS_VOLTSRC", "low_voltage_source", integer=True, low=0, high=1),
+            Parameter("BATT_LOW_TIMER", "low_voltage_timer_s", integer=True, low=0, high=120),
+            Parameter("BATT_LOW_VOLT", "low_voltage_v", low=0.0, high=100.0),
             Parameter(
                 "BATT_CRT_MAH", "critical_fraction", scale=capacity_mah, low=0.0, high=0.5 * capacity_mah
             ),

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from mission.link.dialect import mavlink as m
 from mission.link.frames import Message
-from sim_vehicle.battery import BatteryState
 from sim_vehicle.flight import LandedState, Phase
 from sim_vehicle.navigation import HDOP, VDOP
 from sim_vehicle.vehicle.arming import health_problem
@@ -31,6 +30,13 @@ _SENSORS = 1 | 2 | 4 | 8 | _GPS | 1 << 15 | 1 << 16 | 1 << 20 | 1 << 21 | 1 << 2
 # attitude, velocities, positions and height above ground; without a position only what the sensors give
 _ESTIMATES_OK = 1 | 2 | 4 | 8 | 16 | 32 | 256 | 512
 _ESTIMATES_BLIND = 1 | 4 | 32
+# by the level of the battery: fine, low, critical, almost empty
+_CHARGE_STATES = (
+    m.MAV_BATTERY_CHARGE_STATE_OK,
+    m.MAV_BATTERY_CHARGE_STATE_LOW,
+    m.MAV_BATTERY_CHARGE_STATE_CRITICAL,
+    m.MAV_BATTERY_CHARGE_STATE_EMERGENCY,
+)
 _HOME_Q = [1.0, 0.0, 0.0, 0.0]
 _NAN = math.nan
 _BASE_MODE = {
@@ -214,17 +220,18 @@ def _battery_status(vehicle: SimVehicle) -> Message:
         round(battery.used_mah),
         round(36.0 * battery.used_wh),
         math.ceil(100.0 * battery.fraction),
-        0,
-        _charge_state(battery),
+        _remaining_s(vehicle),
+        _CHARGE_STATES[vehicle.pilot.failsafe.battery_level()],
     )
 
 
-def _charge_state(battery: BatteryState) -> int:
-    if battery.depleted:
-        return int(m.MAV_BATTERY_CHARGE_STATE_EMERGENCY)
-    if battery.critical:
-        return int(m.MAV_BATTERY_CHARGE_STATE_CRITICAL)
-    return int(m.MAV_BATTERY_CHARGE_STATE_LOW if battery.low else m.MAV_BATTERY_CHARGE_STATE_OK)
+def _remaining_s(vehicle: SimVehicle) -> int:
+    """Return how long the battery lasts in flight; 0 (unknown) on the ground and from an ArduPilot."""
+    battery, pilot = vehicle.pilot.state.battery, vehicle.pilot
+    told = vehicle.persona.autopilot == m.MAV_AUTOPILOT_PX4 and pilot.landed is not LandedState.ON_GROUND
+    if battery is None or not told or not math.isfinite(battery.remaining_s):
+        return 0
+    return min(round(battery.remaining_s), 2**31 - 1)
 
 
 def _extended_sys_state(vehicle: SimVehicle) -> Message:

@@ -135,7 +135,8 @@ def main() -> None:
     text = table(rows)
     sys.stdout.write(text + "\n")
     if options.out is not None:
-        atomic_write(options.out, (text + "\n").encode())
+        with atomic_write(options.out) as file:
+            file.write(text + "\n")
 
 
 if __name__ == "__main__":

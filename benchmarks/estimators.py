@@ -140,9 +140,32 @@ def disks_on_the_large_farm(n: int) -> None:
     assert np.array_equal(models[0].value, models[1].value)
     assert np.array_equal(models[0].uncertainty, models[1].uncertainty)
     report(f"adaptive disk, Waterberry, {n} observations, one estimate", ours, reference_s)
-    masks = relevance_masks(grid)
-    running = RunningScore(models[1].value, masks)
+    running = RunningScore(models[1].value, relevance_masks(grid))
     report("score of three fields, Waterberry", clock(lambda: running.add(models[0].value)))
+    updates_on_the_large_farm(grid, seen, running)
+
+
+def updates_on_the_large_farm(grid: FarmGrid, seen: Observations, running: RunningScore) -> None:
+    """A running flight: estimate and score after every 100 observations, whole and where something changed."""
+    estimator = make_estimator("adaptive-disk").fit(grid)
+    estimate_s, score_s = [], []
+    for start in range(0, len(seen), 100):
+        models = []
+        estimate_s.append(
+            clock(
+                lambda start=start, models=models: models.append(
+                    estimator.partial_fit(seen[start : start + 100]).predict()
+                )
+            )
+        )
+        score_s.append(clock(lambda models=models: running.add(models[0])))
+    assert running.evaluate(models[0]) == running.evaluate(models[0].value)
+    whole_s = clock(lambda: running.evaluate(models[0].value))
+    for what, times in (("estimate", estimate_s), ("score", score_s)):
+        report(f"adaptive disk, Waterberry, {what} after each 100 observations, sum", sum(times))
+        report(f"... median of one, {len(times)} times", float(np.median(times[1:])))
+        report("... the slowest but the first", max(times[1:]))
+    report("... all of the farm scored each time, sum (~)", whole_s * len(score_s))
 
 
 def processes_on_the_small_farm(steps: int, samples: tuple[int, ...]) -> None:

@@ -1,0 +1,155 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim_vehicle.turbulence import LEVELS_W20_M_S
+from wbf_mission.cli.options import shear_values, turbulence_value
+from wbf_mission.flight import fly
+from wbf_mission.flight_result import FlightResult
+from wbf_mission.planning import plan
+from wbf_mission.results import RunFolder
+from wbf_mission.scenario import Scenario, ScenarioError, load_scenario
+from wbf_mission.simulator import make_components
+from wbf_mission.weather import noise_of, wind_of
+
+WINDY = Scenario(
+    farm="miniberry-10",
+    planner="lawnmower",
+    seed=5,
+    wind_speed_m_s=5.0,
+    wind_direction_deg=250.0,
+    wind_shear="log",
+    turbulence="wind",
+)
+LOST = replace(WINDY, gps_noise_m=1.5, baro_noise_m=0.4)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"wind_shear": "linear"}, "wind shear 'linear' .* log or power"),
+        ({"wind_roughness_m": 0.0}, "wind roughness"),
+        ({"wind_exponent": 2.0}, "wind exponent"),
+        ({"wind_height_m": 0.5}, "wind height"),
+        ({"turbulence": "awful"}, "turbulence 'awful' .* light, moderate, severe, wind"),
+        ({"turbulence": -1.0}, "turbulence -1"),
+        ({"turbulence": math.nan}, "turbulence nan"),
+        ({"turbulence": "light", "wind_gust_m_s": 1.0}, "one of them"),
+        ({"gps_noise_m": -0.1}, "gps noise"),
+        ({"baro_noise_m": 99.0}, "baro noise"),
+    ],
+)
+def test_weather_that_makes_no_sense_is_refused(changes: dict[str, object], message: str) -> None:
+    with pytest.raises(ScenarioError, match=message):
+        Scenario(**changes)  # type: ignore[arg-type]
+
+
+def test_the_wind_of_a_scenario() -> None:
+    wind = wind_of(WINDY)
+    assert wind.turbulence is not None
+    w20 = 5.0 * math.log(6.096 / 0.1) / math.log(10.0 / 0.1)
+    assert wind.turbulence.w20_m_s == pytest.approx(w20)
+    assert math.hypot(*wind.mean_at(10.0)) == pytest.approx(5.0)
+    level = wind_of(replace(WINDY, turbulence="severe", altitude_m=25.0, cruise_speed_m_s=3.0)).turbulence
+    assert level is not None
+    assert (level.w20_m_s, level.height_m) == (LEVELS_W20_M_S["severe"], 25.0)
+    assert level.airspeed_m_s == pytest.approx(math.hypot(3.0, *wind.mean_at(25.0)))
+    told = wind_of(WINDY, gusts=False)
+    assert told.turbulence is None and told.mean_at(30.0) == wind.mean_at(30.0)
+    assert noise_of(WINDY).is_off
+
+
+def test_options() -> None:
+    assert shear_values(None) == {}
+    assert shear_values("log, 0.03, 2") == {
+        "wind_shear": "log",
+        "wind_roughness_m": 0.03,
+        "wind_height_m": 2.0,
+    }
+    assert turbulence_value("moderate") == "moderate"
+    for wrong in ("linear", "log,a", "log,1,2,3", ""):
+        with pytest.raises(ScenarioError, match="--wind-shear"):
+            shear_values(wrong)
+
+
+def test_a_scenario_file_tells_the_weather(tmp_path: Path) -> None:
+    path = tmp_path / "windy.toml"
+    path.write_text('wind_speed_m_s = 4\nwind_shear = "power"\nturbulence = 6.5\ngps_noise_m = 1.0\n')
+    scenario = load_scenario(path)
+    assert (scenario.wind_shear, scenario.turbulence, scenario.gps_noise_m) == ("power", 6.5, 1.0)
+    path.write_text('turbulence = "light"\n')
+    assert load_scenario(path).turbulence == "light"
+
+
+def test_a_wind_too_strong_at_the_height_of_the_flight_is_refused() -> None:
+    calm_below = Scenario(wind_speed_m_s=12.0, wind_height_m=2.0, wind_shear="log", altitude_m=60.0)
+    with pytest.raises(ScenarioError, match="blown away"):
+        plan(calm_below)
+
+
+@pytest.fixture(scope="module")
+def flights() -> tuple[FlightResult, FlightResult]:
+    return fly(WINDY), fly(LOST)
+
+
+def test_noise_leaves_the_wind_and_the_belief_alone(flights: tuple[FlightResult, FlightResult]) -> None:
+    sure, lost = flights
+    assert sure.outcome.is_good and lost.outcome.is_good
+    assert lost.battery_used == sure.battery_used
+    # The last centimetres above the ground are told with the error of the height.
+    assert lost.flight_time_s == pytest.approx(sure.flight_time_s, abs=0.5)
+    np.testing.assert_array_equal(lost.track.x_m, sure.track.x_m)
+    np.testing.assert_array_equal(lost.track.y_m, sure.track.y_m)
+
+
+def test_the_truth_is_beside_what_was_believed(flights: tuple[FlightResult, FlightResult]) -> None:
+    sure, lost = flights
+    assert sure.true_track is None and sure.summary()["position_error_m"] is None
+    assert lost.true_track is not None
+    error_m = lost.track.distance_m(lost.true_track)
+    told = lost.summary()["position_error_m"]
+    assert told == {"rms": pytest.approx(np.sqrt(np.mean(error_m**2))), "max": error_m.max()}
+    assert 0.1 < told["rms"] < 6.0
+    heights = lost.true_track.altitude_m
+    assert heights.min() >= 0.0 and heights[-1] == 0.0
+
+
+def test_errors_of_place_cost_score_and_put_leaves_into_wrong_cells(
+    flights: tuple[FlightResult, FlightResult],
+) -> None:
+    sure, lost = flights
+    assert sure.truth is not None and sure.model is not None and lost.model is not None
+    for result, right in ((sure, True), (lost, False)):
+        seen = result.observations
+        truth = sure.truth[:, seen.x, seen.y].T
+        assert np.allclose(seen.values, truth) == right
+    assert lost.history.entries[-1].score < sure.history.entries[-1].score
+
+
+def test_the_track_file_has_both(flights: tuple[FlightResult, FlightResult], tmp_path: Path) -> None:
+    for result, columns in zip(flights, (6, 11), strict=True):
+        folder = RunFolder.for_scenario(result.scenario, tmp_path / str(columns))
+        folder.write(result, plots=False)
+        lines = (folder.path / "track.csv").read_text().splitlines()
+        assert len(lines[0].split(",")) == len(lines[-1].split(",")) == columns
+        assert len(lines) == len(result.track.time_s) + 1
+
+
+def test_an_ardupilot_tells_the_truth_too() -> None:
+    result = fly(replace(LOST, autopilot="ardupilot"))
+    assert result.outcome.is_good and result.true_track is not None
+    assert len(result.true_track.time_s) > 0.8 * len(result.track.time_s)
+
+
+def test_the_simulator_has_the_weather_and_the_errors() -> None:
+    simulated = make_components(LOST, count=2, with_camera=False)
+    first, second = simulated.vehicles
+    assert first.errors is not None and second.errors is not None
+    assert first.errors.at(9.0) != second.errors.at(9.0)
+    assert first.pilot.state.wind_m_s != (0.0, 0.0)
+    assert make_components(WINDY, with_camera=False).vehicle.errors is None

@@ -167,22 +167,19 @@ class MissionBuilder:
     farm: Farm
     vehicle: VehicleSpec
 
-    @property
-    def cruise_speed_m_s(self) -> float:
-        """The speed that the mission sets: the scenario's, or what the vehicle was built for."""
-        return self.scenario.cruise_speed_m_s or get_vehicle(self.scenario.vehicle).cruise_speed_m_s
-
     def mission(self, path: PlannedPath) -> Mission:
         """Return the mission that flies ``path``."""
         scenario, vehicle, farm = self.scenario, self.vehicle, self.farm
+        # What the vehicle was built for, not what an autopilot does that is told nothing.
+        built = get_vehicle(scenario.vehicle)
         spacing = scenario.camera_spacing_m or farm.cell_size_m * scenario.camera_footprint
         radius = scenario.acceptance_radius_m
         return build_mission(
             path,
             frame=farm.frame,
             home_xy_m=farm.home_m,
-            altitude_m=scenario.altitude_m or vehicle.takeoff_altitude_m,
-            speed_m_s=min(self.cruise_speed_m_s, vehicle.top_speed_m_s),
+            altitude_m=scenario.altitude_m or built.takeoff_altitude_m,
+            speed_m_s=min(scenario.cruise_speed_m_s or built.cruise_speed_m_s, vehicle.top_speed_m_s),
             camera_distance_m=None if vehicle.is_ideal else spacing,
             camera_interval_s=vehicle.step_s if vehicle.is_ideal else None,
             acceptance_radius_m=vehicle.acceptance_radius_m

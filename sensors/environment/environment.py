@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import hashlib
+import operator
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sensors.environment.epidemic import IMMUNE, SUSCEPTIBLE
+from sensors.environment.layers import ArrayLayer, Layer, T
 from sensors.environment.model import DISEASES, Disease, EnvironmentModel
 from sensors.environment.outbreak import NO_HOST, status_table, value_table
 from sensors.errors import EnvironmentDataError
 
 if TYPE_CHECKING:
     from geo.grid import FarmGrid
-
-_T = TypeVar("_T", bound=np.generic)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,16 +81,31 @@ class Environment:
             raise EnvironmentDataError(
                 f"environment: onset of {DISEASES[0]} has {first.ndim} axes instead of 2"
             )
-        self.model = model
-        self.provenance = provenance or Provenance()
-        self.shape: tuple[int, int] = (first.shape[0], first.shape[1])
-        self.days: tuple[int, ...] = tuple(sorted(soil))
-        if not self.days:
+        shape = (first.shape[0], first.shape[1])
+        if not soil:
             raise EnvironmentDataError("environment: it has no day; keep at least one")
-        self._onset = {
-            disease: self._checked(f"onset of {disease}", onset[disease], np.int8) for disease in DISEASES
-        }
-        self._soil = {day: self._checked(f"soil of day {day}", soil[day], np.float32) for day in self.days}
+        self._set_up(
+            shape,
+            model,
+            {disease: _layer(f"onset of {disease}", onset[disease], np.int8, shape) for disease in DISEASES},
+            {day: _layer(f"soil of day {day}", soil[day], np.float32, shape) for day in sorted(soil)},
+            provenance or Provenance(),
+        )
+
+    def _set_up(
+        self,
+        shape: tuple[int, int],
+        model: EnvironmentModel,
+        onset: Mapping[Disease, Layer[np.int8]],
+        soil: Mapping[int, Layer[np.float32]],
+        provenance: Provenance,
+    ) -> None:
+        self.shape = shape
+        self.model = model
+        self.provenance = provenance
+        self.days: tuple[int, ...] = tuple(soil)
+        self._onset = onset
+        self._soil = soil
         self._statuses = {
             (disease, day): status_table(model.epidemic(disease), day)
             for disease in DISEASES
@@ -102,19 +117,31 @@ class Environment:
             for day in self.days
         }
 
-    def _checked(self, name: str, array: NDArray[_T], dtype: type[_T]) -> NDArray[_T]:
-        if array.shape != self.shape or array.dtype != dtype:
-            wanted = f"{np.dtype(dtype)}{list(self.shape)}"
-            msg = f"environment: {name} is {array.dtype}{list(array.shape)} instead of {wanted}"
-            raise EnvironmentDataError(msg)
-        view = np.ascontiguousarray(array).view()
-        view.flags.writeable = False
-        return view
+    @classmethod
+    def from_layers(
+        cls,
+        shape: tuple[int, int],
+        model: EnvironmentModel,
+        onset: Mapping[Disease, Layer[np.int8]],
+        soil: Mapping[int, Layer[np.float32]],
+        provenance: Provenance,
+    ) -> Environment:
+        """Make an environment that reads from layers; `soil` has its days in ascending order."""
+        environment = cls.__new__(cls)
+        environment._set_up(shape, model, onset, soil, provenance)
+        return environment
 
     def _check_day(self, day: int) -> None:
         if day not in self._soil:
             kept = ", ".join(map(str, self.days))
             raise EnvironmentDataError(f"environment: day {day} is not kept; kept days: {kept}")
+
+    def _onset_of(self, disease: Disease) -> Layer[np.int8]:
+        if disease not in self._onset:
+            raise EnvironmentDataError(
+                f"environment: unknown disease {disease!r}; known: {', '.join(DISEASES)}"
+            )
+        return self._onset[disease]
 
     def onset(self, disease: Disease) -> NDArray[np.int8]:
         """Day of infection of each cell.
@@ -129,11 +156,7 @@ class Environment:
         int8[W, H]
             0 for the seeds, -1 for cells never infected, -2 for cells without the crop. Read-only.
         """
-        if disease not in self._onset:
-            raise EnvironmentDataError(
-                f"environment: unknown disease {disease!r}; known: {', '.join(DISEASES)}"
-            )
-        return self._onset[disease]
+        return self._onset_of(disease).whole()
 
     def status(self, disease: Disease, day: int) -> NDArray[np.int8]:
         """SIRV status on a day.
@@ -155,17 +178,18 @@ class Environment:
         EnvironmentDataError
             If the disease is unknown or the day not kept.
         """
-        onset = self.onset(disease)
+        layer = self._onset_of(disease)
         self._check_day(day)
+        onset = layer.whole()
         status = np.where(onset == NO_HOST, np.int8(IMMUNE), np.int8(SUSCEPTIBLE))
         once_infected = np.flatnonzero(onset >= 0)
         status.reshape(-1)[once_infected] = self._statuses[disease, day][onset.reshape(-1)[once_infected]]
         return status
 
     def soil(self, day: int) -> NDArray[np.float32]:
-        """Soil humidity on a kept day: float32[W, H], read-only, not copied."""
+        """Soil humidity on a kept day: float32[W, H], read-only."""
         self._check_day(day)
-        return self._soil[day]
+        return self._soil[day].whole()
 
     def values(self, day: int, out: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
         """Give E on a day.
@@ -189,15 +213,65 @@ class Environment:
         """
         self._check_day(day)
         values = np.empty((3, *self.shape), np.float32) if out is None else out
+        self._fill(values, day, lambda layer: layer.whole())
+        return values
+
+    def window(self, day: int, x: slice, y: slice) -> NDArray[np.float32]:
+        """Give E on a part of the farm; of a stored environment only the chunks there are decoded.
+
+        Parameters
+        ----------
+        day : int
+            A kept day.
+        x, y : slice
+            Cells; no step, and an end that is not given is that of the farm.
+
+        Returns
+        -------
+        float32[3, w, h]
+            As `values` of that part. A new array.
+
+        Raises
+        ------
+        EnvironmentDataError
+            If the day is not kept or the window not on the farm.
+
+        Examples
+        --------
+        >>> from geo.farms import get_farm
+        >>> from sensors.environment import generate_environment
+        >>> environment = generate_environment(get_farm("miniberry-30").grid(), days=6, seed=7)
+        >>> environment.window(6, slice(3, 13), slice(20, None)).shape
+        (3, 10, 10)
+        """
+        self._check_day(day)
+        part = tuple(
+            _part(name, cells, size) for name, cells, size in zip("xy", (x, y), self.shape, strict=True)
+        )
+        values = np.empty((3, *(cells.stop - cells.start for cells in part)), np.float32)
+        self._fill(values, day, lambda layer: layer.window(*part))
+        return values
+
+    def _fill(
+        self,
+        values: NDArray[np.float32],
+        day: int,
+        read: Callable[[Layer[Any]], NDArray[Any]],
+    ) -> None:
         for index, disease in enumerate(DISEASES):
             field = values[index]
             field.fill(1.0)
-            onset = self._onset[disease].reshape(-1)
+            onset = read(self._onset[disease])
             # Few cells are ever infected: setting these is several times faster than a table for all.
-            once_infected = np.flatnonzero(onset >= 0)
-            field.reshape(-1)[once_infected] = self._values[disease, day][onset[once_infected]]
-        values[2] = self._soil[day]
-        return values
+            if onset.flags.c_contiguous and field.flags.c_contiguous:
+                once_infected = np.flatnonzero(onset >= 0)
+                field.reshape(-1)[once_infected] = self._values[disease, day][
+                    onset.reshape(-1)[once_infected]
+                ]
+            else:
+                infected = onset >= 0
+                field[infected] = self._values[disease, day][onset[infected]]
+        values[2] = read(self._soil[day])
 
     def sample(self, day: int, ix: ArrayLike, iy: ArrayLike) -> NDArray[np.float32]:
         """Give E at some cells on a day, without building the whole day.
@@ -235,8 +309,9 @@ class Environment:
         for index, disease in enumerate(DISEASES):
             # As an unsigned byte, the codes of cells never infected and without host index the end of the
             # table.
-            samples[:, index] = self._values[disease, day][self._onset[disease][x, y].view(np.uint8)]
-        samples[:, 2] = self._soil[day][x, y]
+            onset = self._onset[disease].cells(x, y)
+            samples[:, index] = self._values[disease, day][onset.view(np.uint8)]
+        samples[:, 2] = self._soil[day].cells(x, y)
         return samples
 
     def matches(self, grid: FarmGrid) -> bool:
@@ -261,24 +336,42 @@ class Environment:
         save_environment(self, path)
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str], mmap: bool = True) -> Environment:
+    def load(cls, path: str | os.PathLike[str], *, lazy: bool = True) -> Environment:
         """Load from a folder.
 
         Parameters
         ----------
         path : path-like
             A folder that `save` or `generate_environment` wrote.
-        mmap : bool
-            Map the files into memory and read what is used, instead of all at once.
+        lazy : bool
+            Decode what is used when it is used, instead of all at once.
 
         Raises
         ------
         EnvironmentDataError
-            If a file is missing or is not what it claims; the text names the file.
+            If a file is missing or is not what it claims; the text names the file. What is read later is
+            checked then, with the same error.
         """
         from sensors.environment.storage import load_environment
 
-        return load_environment(path, mmap=mmap)
+        return load_environment(path, lazy=lazy)
+
+
+def _layer(name: str, array: NDArray[T], dtype: type[T], shape: tuple[int, int]) -> ArrayLayer[T]:
+    if array.shape != shape or array.dtype != dtype:
+        wanted = f"{np.dtype(dtype)}{list(shape)}"
+        msg = f"environment: {name} is {array.dtype}{list(array.shape)} instead of {wanted}"
+        raise EnvironmentDataError(msg)
+    return ArrayLayer(array)
+
+
+def _part(name: str, cells: slice, size: int) -> slice:
+    start = 0 if cells.start is None else operator.index(cells.start)
+    stop = size if cells.stop is None else operator.index(cells.stop)
+    if cells.step not in (None, 1) or not 0 <= start < stop <= size:
+        msg = f"environment: window {name} {start}:{stop} is not a part of the farm's 0:{size} without steps"
+        raise EnvironmentDataError(msg)
+    return slice(start, stop)
 
 
 def grid_digest(grid: FarmGrid) -> str:

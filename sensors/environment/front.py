@@ -1,7 +1,8 @@
 """The front of an epidemic: which susceptible cells have infected neighbours, and how many.
 
-Only cells near infected ones can change, so the front is kept as a list of cells and updated by the cells
-that became infected or were removed; the farm is never scanned. The arrays carry a margin of the kernel's
+Only cells near infected ones can change. The weighted number of infected neighbours is kept for every cell
+and changed around cells that become infected or are removed, so a day costs as much as there are such cells,
+however large the front has grown; the farm is never scanned. The arrays carry a margin of the kernel's
 radius, so that neighbours need no test for the border.
 """
 
@@ -13,6 +14,9 @@ from numpy.typing import NDArray
 from sensors.environment.kernel import DistanceKernel
 
 Cells = NDArray[np.intp]
+
+FRONT_BYTES_A_CELL = 9
+"""Memory of a front, by cells of the farm."""
 
 
 class InfectionFront:
@@ -27,23 +31,23 @@ class InfectionFront:
 
     Notes
     -----
-    Cells are given and returned as flat indices of the farm in C order. Memory: three bytes a cell.
+    Cells are given and returned as flat indices of the farm in C order. Memory: nine bytes a cell.
     """
 
     def __init__(self, susceptible: NDArray[np.bool_], kernel: DistanceKernel) -> None:
         width, height = susceptible.shape
         margin = kernel.radius
-        self._kernel = kernel
         self._height = height
         self._stride = height + 2 * margin
         self._margin = margin
         padded = np.zeros((width + 2 * margin, self._stride), np.bool_)
         padded[margin : margin + width, margin : margin + height] = susceptible
         self._susceptible = padded.reshape(-1)
-        self._infected = np.zeros(padded.size, np.uint8)
-        self._listed = np.zeros(padded.size, np.bool_)
+        self._total = np.zeros(padded.size, np.int64)
         self._front: Cells = np.empty(0, np.intp)
-        self._steps = tuple(dx * self._stride + dy for dx, dy in kernel.offsets)
+        self._steps = tuple(
+            (weight, dx * self._stride + dy) for weight, ring in kernel.rings for dx, dy in ring
+        )
 
     def _pad(self, cells: Cells) -> Cells:
         x, y = np.divmod(cells, self._height)
@@ -56,7 +60,7 @@ class InfectionFront:
         return cells
 
     def infect(self, cells: Cells) -> None:
-        """Make cells infected; their susceptible neighbours join the front.
+        """Make cells infected; their neighbours join the front.
 
         Parameters
         ----------
@@ -65,14 +69,14 @@ class InfectionFront:
         """
         centres = self._pad(cells)
         self._susceptible[centres] = False
-        self._infected[centres] = 1
         joining = [self._front]
-        for step in self._steps:
+        for weight, step in self._steps:
+            # Different centres have different neighbours at one step, so plain indexing adds them all.
             near = centres + step
-            near = near[~self._listed[near]]
-            near = near[self._susceptible[near]]
-            self._listed[near] = True
-            joining.append(near)
+            total = self._total.take(near)
+            joining.append(near[total == 0])
+            total += weight
+            self._total[near] = total
         self._front = np.concatenate(joining)
 
     def remove(self, cells: Cells) -> None:
@@ -83,7 +87,9 @@ class InfectionFront:
         cells : intp[n]
             Cells that were given to `infect`.
         """
-        self._infected[self._pad(cells)] = 0
+        centres = self._pad(cells)
+        for weight, step in self._steps:
+            self._total[centres + step] -= weight
 
     def exposed(self) -> tuple[Cells, NDArray[np.int64]]:
         """Find the susceptible cells with infected neighbours.
@@ -95,22 +101,10 @@ class InfectionFront:
         total : int64[n]
             Weighted number of infected neighbours in units of the kernel, at least 1.
         """
-        front = self._front
-        kept = self._susceptible[front]
-        front = np.sort(front[kept])
-        total = np.zeros(front.size, np.int64)
-        ring_count = np.empty(front.size, np.uint8)
-        one = np.empty(front.size, np.uint8)
-        # A view that starts at the neighbour of padded cell `origin` saves adding an offset to every index.
-        origin = self._margin * self._stride + self._margin
-        centres = front - origin
-        for weight, ring in self._kernel.rings:
-            ring_count.fill(0)
-            for dx, dy in ring:
-                np.take(self._infected[origin + dx * self._stride + dy :], centres, out=one, mode="clip")
-                ring_count += one
-            total += np.multiply(ring_count, weight, dtype=np.int64)
-        alone = total == 0
-        self._listed[front[alone]] = False
-        self._front = front[~alone]
-        return self._unpad(self._front), total[~alone]
+        front = np.sort(self._front[self._susceptible[self._front]])
+        total = self._total.take(front)
+        kept = total > 0
+        # A cell that lost its infected neighbours and got new ones since the last call is listed twice.
+        kept[1:] &= front[1:] != front[:-1]
+        self._front = front[kept]
+        return self._unpad(self._front), total[kept]

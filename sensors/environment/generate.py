@@ -1,68 +1,133 @@
-"""Generating environments."""
+"""Generating environments: in memory, or day by day into a folder, where it can be resumed."""
 
 from __future__ import annotations
 
+import contextlib
 import os
+import threading
 from collections.abc import Callable, Iterable
-from pathlib import Path
-from typing import TYPE_CHECKING
+from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self, TypeVar
 
 import numpy as np
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from geo.grid import STRAWBERRY, TOMATO
+from geo.memory import NotEnoughMemoryError, require_memory
 from geo.seeds import root_seed, stream
 from sensors.environment.environment import Environment, Provenance, grid_digest
 from sensors.environment.epidemic import MAX_DAYS
+from sensors.environment.front import FRONT_BYTES_A_CELL
 from sensors.environment.model import DISEASES, Disease, EnvironmentModel
 from sensors.environment.outbreak import simulate_outbreak
-from sensors.environment.soil import draw_weather, soil_blocks, write_soil
+from sensors.environment.soil import SoilCourse, draw_weather
 from sensors.errors import EnvironmentDataError
 
 if TYPE_CHECKING:
     from geo.grid import FarmGrid
+    from sensors.environment.storage import EnvironmentStore
 
+T = TypeVar("T")
 Progress = Callable[[int, int], None]
-_BYTES_A_CELL = 8
 HOSTS: dict[Disease, int] = {"tylcv": TOMATO, "ccr": STRAWBERRY}
 """The crop, as in the crop map, that each disease infects."""
 
+# Smaller farms are done before threads have started.
+_THREADS_FROM_CELLS = 1_000_000
+_POLL_S = 0.05
+
+
+class _StoppedError(Exception):
+    """Ends a thread whose result nobody waits for any more."""
+
 
 class _Steps:
-    """Counts finished pieces of work and reports them."""
+    """Counts finished pieces of work, in any thread, and reports them in the caller's."""
 
     def __init__(self, total: int, progress: Progress | None) -> None:
-        self._done, self._total, self._progress = 0, total, progress
+        self._done, self._told, self._total, self._progress = 0, 0, total, progress
+        self._lock = threading.Lock()
+        self._caller = threading.get_ident()
+        self.stopped = threading.Event()
 
-    def __call__(self) -> None:
-        self._done += 1
-        if self._progress is not None:
-            self._progress(self._done, self._total)
+    def __call__(self, pieces: int = 1) -> None:
+        if self.stopped.is_set():
+            raise _StoppedError
+        with self._lock:
+            self._done += pieces
+        if threading.get_ident() == self._caller:
+            self.tell()
+
+    def tell(self) -> None:
+        """Report what was done since the last time; may raise what the caller's function raises."""
+        done = self._done
+        if self._progress is not None and done > self._told:
+            self._told = done
+            self._progress(done, self._total)
+
+    def wait(self, future: Future[T]) -> T:
+        """Return the result of a future, reporting progress meanwhile."""
+        while not future.done():
+            wait([future], timeout=_POLL_S)
+            self.tell()
+        return future.result()
 
 
-def _free_memory() -> int | None:
-    try:
-        for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines():
-            if line.startswith("MemAvailable:"):
-                return int(line.split()[1]) * 1024
-    except (OSError, ValueError, IndexError):
-        return None
-    return None
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What to generate: equal tasks give equal environments.
 
+    Parameters
+    ----------
+    grid : FarmGrid
+        The farm.
+    days : tuple of int
+        The kept days.
+    seed : SeedSequence
+    model : EnvironmentModel
+    farm_name : str
+    """
 
-def _check_memory(shape: tuple[int, int], days_in_memory: int) -> None:
-    needed = shape[0] * shape[1] * (_BYTES_A_CELL + 4 * days_in_memory)
-    free = _free_memory()
-    if free is not None and needed > free:
-        msg = (
-            f"environment: {days_in_memory} days of {shape[0]} x {shape[1]} cells need {needed / 1e9:.1f} GB "
-            f"of memory and {free / 1e9:.1f} GB are free; keep fewer days, or generate into a folder"
+    grid: FarmGrid
+    days: tuple[int, ...]
+    seed: SeedSequence
+    model: EnvironmentModel
+    farm_name: str = ""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Cells of the farm."""
+        return int(self.grid.shape[0]), int(self.grid.shape[1])
+
+    def provenance(self) -> Provenance:
+        """Tell where the environment comes from."""
+        entropy = np.atleast_1d(np.asarray(self.seed.entropy, dtype=object)).tolist()
+        return Provenance(
+            self.farm_name,
+            grid_digest(self.grid),
+            tuple(map(str, entropy)),
+            tuple(int(word) for word in self.seed.spawn_key),
         )
-        raise EnvironmentDataError(msg)
 
 
-def _kept_days(days: int, keep_days: Iterable[int] | None) -> tuple[int, ...]:
+def make_task(
+    grid: FarmGrid,
+    *,
+    days: int = 15,
+    seed: SeedSequence | int,
+    model: EnvironmentModel | None = None,
+    keep_days: Iterable[int] | None = None,
+    farm_name: str = "",
+) -> Task:
+    """Check what to generate; see `generate_environment`."""
+    return Task(grid, kept_days(days, keep_days), root_seed(seed), model or EnvironmentModel(), farm_name)
+
+
+def kept_days(days: int, keep_days: Iterable[int] | None) -> tuple[int, ...]:
+    """Check the days to keep, all of 0..days if None; EnvironmentDataError if there is a wrong one."""
     if not 0 <= days <= MAX_DAYS:
         raise EnvironmentDataError(f"environment: {days} days are not in 0..{MAX_DAYS}")
     kept = tuple(range(days + 1)) if keep_days is None else tuple(sorted({int(day) for day in keep_days}))
@@ -71,6 +136,57 @@ def _kept_days(days: int, keep_days: Iterable[int] | None) -> tuple[int, ...]:
     if kept[0] < 0 or kept[-1] > days:
         raise EnvironmentDataError(f"environment: keep_days {kept[0]}..{kept[-1]} are not in 0..{days}")
     return kept
+
+
+def memory_needed(
+    shape: tuple[int, int], days: int, *, on_disk: bool = False, threads: int | None = None
+) -> dict[str, int]:
+    """Estimate the memory that generating takes at its peak.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        The farm, cells.
+    days : int
+        Number of kept days.
+    on_disk : bool
+        Whether they are written to a folder.
+    threads : int, optional
+        As for `generate_environment`.
+
+    Returns
+    -------
+    dict of str to int
+        Bytes by what they are for.
+
+    Examples
+    --------
+    >>> sum(memory_needed((6000, 5000), 16, on_disk=True)) < 1.5e9  # doctest: +SKIP
+    """
+    cells = shape[0] * shape[1]
+    at_once = 2 if _thread_count(cells, threads) > 1 else 1
+    # Two days that alternate, and a day's compressed chunks before and after they are joined.
+    soil = cells * (2 * 4 + 2 * 4) if on_disk else cells * 4 * days
+    # A disease: its day of infection, its hosts, its front, and lists of the cells near infected ones.
+    return {"soil": soil, "diseases": cells * (len(DISEASES) + at_once * (1 + FRONT_BYTES_A_CELL + 4))}
+
+
+def check_memory(shape: tuple[int, int], days: int, *, on_disk: bool, threads: int | None = None) -> None:
+    """Raise NotEnoughMemoryError, with what to do, if generating would not fit into memory."""
+    try:
+        require_memory(
+            f"environment: generating {days} days of {shape[0]} x {shape[1]} cells",
+            memory_needed(shape, days, on_disk=on_disk, threads=threads),
+        )
+    except NotEnoughMemoryError as error:
+        advice = "take a smaller farm" if on_disk else "keep fewer days, or generate into a folder"
+        raise NotEnoughMemoryError(f"{error}; {advice}") from None
+
+
+def _thread_count(cells: int, threads: int | None) -> int:
+    if cells < _THREADS_FROM_CELLS:
+        return 1
+    return max(1, len(os.sched_getaffinity(0)) if threads is None else threads)
 
 
 def generate_environment(
@@ -83,12 +199,14 @@ def generate_environment(
     keep_days: Iterable[int] | None = None,
     farm_name: str = "",
     directory: str | os.PathLike[str] | None = None,
+    threads: int | None = None,
 ) -> Environment:
     """Generate the environment of a farm over some days.
 
     The diseases and the soil use the streams "tylcv", "ccr" and "soil" of the seed (`geo.seeds`), so they are
     independent. The diseases are the same on every machine to the last bit; the soil may differ by a rounding
-    error of float32. A day's state does not depend on how many days follow or are kept.
+    error of float32. A day's state does not depend on how many days follow or are kept, nor anything on the
+    number of threads.
 
     Parameters
     ----------
@@ -101,15 +219,20 @@ def generate_environment(
     model : EnvironmentModel, optional
         Parameters; the benchmark's by default.
     progress : callable, optional
-        Called as ``progress(done, total)`` after each piece of work. It may raise to stop.
+        Called as ``progress(done, total)`` after each piece of work, in the calling thread. It may raise to
+        stop.
     keep_days : iterable of int, optional
         Days to keep, all of 0..days by default. A kept day needs four bytes a cell (for the soil), the
         diseases need two bytes a cell for all days together.
     farm_name : str
         Recorded in the provenance.
     directory : path-like, optional
-        Write the days to this folder while they are computed and return them memory-mapped, so that no day is
-        held in memory. The folder appears complete or, after an error or Ctrl-C, not at all.
+        Write the days to this folder while they are computed and return them as they are stored, so that
+        they are not held in memory. The folder appears when it is complete. After an error or Ctrl-C the days
+        that were finished are kept beside it, and the same call goes on with them. If the folder holds this
+        environment already, nothing is computed.
+    threads : int, optional
+        How many to use on large farms; by default one for each processor that this process may use.
 
     Returns
     -------
@@ -118,7 +241,9 @@ def generate_environment(
     Raises
     ------
     EnvironmentDataError
-        If days are out of range, memory would not suffice, or the folder cannot be written.
+        If days are out of range, or the folder cannot be written.
+    geo.memory.NotEnoughMemoryError
+        If memory would not suffice.
     geo.seeds.SeedError
         If the seed is not usable.
 
@@ -131,39 +256,117 @@ def generate_environment(
     >>> environment.days, environment.values(6).shape
     ((0, 1, 2, 3, 4, 5, 6), (3, 12, 12))
     """
-    model = model or EnvironmentModel()
-    root = root_seed(seed)
-    kept = _kept_days(days, keep_days)
-    shape = (int(grid.shape[0]), int(grid.shape[1]))
-    entropy = np.atleast_1d(np.asarray(root.entropy, dtype=object)).tolist()
-    provenance = Provenance(
-        farm_name, grid_digest(grid), tuple(map(str, entropy)), tuple(int(word) for word in root.spawn_key)
+    task = make_task(grid, days=days, seed=seed, model=model, keep_days=keep_days, farm_name=farm_name)
+    if directory is not None:
+        return _generate_into(directory, task, progress, threads)
+    check_memory(task.shape, len(task.days), on_disk=False, threads=threads)
+    with _Work(task, progress, threads) as work:
+        outbreaks = {disease: work.start_outbreak(disease) for disease in DISEASES}
+        soil: dict[int, NDArray[np.float32]] = {}
+        earlier = None
+        for day in task.days:
+            soil[day] = np.empty(task.shape, np.float32)
+            work.soil.compute(day, soil[day], earlier, work.step)
+            earlier = day, soil[day]
+        onset = {disease: work.step.wait(outbreak) for disease, outbreak in outbreaks.items()}
+        work.step.tell()
+    return Environment(task.model, onset, soil, task.provenance())
+
+
+class _Work:
+    """The computation of a task; on leaving, its threads have ended."""
+
+    def __init__(self, task: Task, progress: Progress | None, threads: int | None) -> None:
+        self._task = task
+        last = task.days[-1]
+        weather = draw_weather(task.shape, last, task.model.soil, stream(task.seed, "soil"))
+        self.soil = SoilCourse(task.shape, weather, task.model.soil, last)
+        self.step = _Steps(len(DISEASES) * last + len(self.soil.blocks) * len(task.days), progress)
+        self._threads = _thread_count(task.grid.crop.size, threads)
+        self._stack = contextlib.ExitStack()
+
+    def __enter__(self) -> Self:
+        with self._stack:
+            # One BLAS thread: the soil does not depend on the number of cores then.
+            self._stack.enter_context(threadpool_limits(1, user_api="blas"))
+            self._pool: Executor | None = None
+            if self._threads > 1:
+                self._pool = self._stack.enter_context(ThreadPoolExecutor(len(DISEASES)))
+            # Entered last, so that the writer's last piece of work ends first.
+            self._writer = self._stack.enter_context(ThreadPoolExecutor(1))
+            self._stack = self._stack.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.step.stopped.set()
+        self._stack.close()
+
+    def start_outbreak(self, disease: Disease) -> Future[NDArray[np.int8]]:
+        """Start a disease; without threads it is over on return."""
+        if self._pool is not None:
+            return self._pool.submit(self._outbreak, disease)
+        future: Future[NDArray[np.int8]] = Future()
+        future.set_result(self._outbreak(disease))
+        return future
+
+    def _outbreak(self, disease: Disease) -> NDArray[np.int8]:
+        task = self._task
+        hosts = np.asarray(task.grid.crop) == HOSTS[disease]
+        rng = stream(task.seed, disease)
+        return simulate_outbreak(hosts, task.model.epidemic(disease), task.days[-1], rng, self.step)
+
+    def start_writing(self, store: EnvironmentStore, day: int, soil: NDArray[np.float32]) -> Future[None]:
+        """Start to write a day; without threads it is written on return."""
+        future = self._writer.submit(store.write_soil, day, soil)
+        if self._pool is None:
+            future.result()
+        return future
+
+
+def _generate_into(
+    directory: str | os.PathLike[str], task: Task, progress: Progress | None, threads: int | None
+) -> Environment:
+    from sensors.environment.storage import (
+        load_environment,
+        make_header,
+        stored_environment,
+        unfinished_store,
     )
-    _check_memory(shape, 0 if directory is not None else len(kept))
-    step = _Steps(len(DISEASES) * kept[-1] + soil_blocks(shape), progress)
-    weather = draw_weather(shape, kept[-1], model.soil, stream(root, "soil"))
 
-    def outbreak(disease: Disease) -> NDArray[np.int8]:
-        parameters = model.epidemic(disease)
-        hosts = np.asarray(grid.crop) == HOSTS[disease]
-        return simulate_outbreak(hosts, parameters, kept[-1], stream(root, disease), step)
-
-    if directory is None:
-        onset = {disease: outbreak(disease) for disease in DISEASES}
-        soil = {day: np.empty(shape, np.float32) for day in kept}
-
-        def keep(day: int, first_x: int, block: NDArray[np.float32]) -> None:
-            soil[day][first_x : first_x + block.shape[0]] = block
-
-        write_soil(shape, weather, model.soil, kept, keep, step)
-        return Environment(model, onset, soil, provenance)
-
-    from sensors.environment.storage import SoilFiles, environment_folder, write_header, write_onset
-
-    with environment_folder(directory) as folder:
+    header = make_header(task.shape, task.days, task.model, task.provenance())
+    finished = stored_environment(directory, header)
+    if finished is not None:
+        return finished
+    check_memory(task.shape, len(task.days), on_disk=True, threads=threads)
+    with unfinished_store(directory, header, resume=True) as store, _Work(task, progress, threads) as work:
+        outbreaks: dict[Disease, Future[NDArray[np.int8]]] = {}
         for disease in DISEASES:
-            write_onset(folder, disease, outbreak(disease))
-        with SoilFiles(folder, shape, kept) as files:
-            write_soil(shape, weather, model.soil, kept, files, step)
-        write_header(folder, shape, kept, model, provenance)
-    return Environment.load(directory)
+            if store.saved_onset(disease) is None:
+                outbreaks[disease] = work.start_outbreak(disease)
+            else:
+                work.step(task.days[-1])
+        spare = [np.empty(task.shape, np.float32) for _ in range(2)]
+        earlier: tuple[int, NDArray[np.float32]] | None = None
+        writing: Future[None] | None = None
+        for day in task.days:
+            for disease in [disease for disease, outbreak in outbreaks.items() if outbreak.done()]:
+                store.write_onset(disease, outbreaks.pop(disease).result())
+            saved = store.saved_soil(day)
+            if saved is not None:
+                earlier = day, saved
+                work.step(len(work.soil.blocks))
+                continue
+            # The other one may still be on its way to the disk.
+            soil = spare[0]
+            work.soil.compute(day, soil, earlier, work.step)
+            if writing is not None:
+                work.step.wait(writing)
+            writing = work.start_writing(store, day, soil)
+            earlier = day, soil
+            spare.reverse()
+        for disease, outbreak in outbreaks.items():
+            store.write_onset(disease, work.step.wait(outbreak))
+        if writing is not None:
+            work.step.wait(writing)
+        work.step.tell()
+    return load_environment(directory)

@@ -248,18 +248,116 @@ def soil_step(
     return np.minimum(after + factors[0] @ factors[1], 1.0)
 
 
+class SoilCourse:
+    """The humidity of a farm from day to day, computed in blocks of rows.
+
+    A cell's humidity does not depend on its neighbours', so a block can go through many days while it is in
+    the processor's cache. Blocks may be computed in any order, and the days in any portions: the result is
+    the same to the last bit.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        The farm, cells.
+    weather : Weather
+        Of the warm-up and at least the last day.
+    parameters : SoilParameters
+        The model.
+    last_day : int
+        Rain is prepared up to this day.
+    """
+
+    def __init__(
+        self, shape: tuple[int, int], weather: Weather, parameters: SoilParameters, last_day: int
+    ) -> None:
+        self.shape = shape
+        self.first_day = -parameters.warm_up_days
+        rows = _block_rows(shape)
+        self.blocks = tuple(slice(first, min(first + rows, shape[0])) for first in range(0, shape[0], rows))
+        self._start = _single(hump_factors(weather.start_corners, shape, parameters))
+        self._remaining = np.float32(1.0 - parameters.evaporation)
+        self._rains = [
+            None if shower is None else _single(rain_factors(shower, shape, parameters))
+            for shower in weather.showers[: parameters.warm_up_days + last_day]
+        ]
+
+    def begin(self, rows: slice, out: NDArray[np.float32]) -> None:
+        """Compute a block before the warm-up: day `first_day`.
+
+        Parameters
+        ----------
+        rows : slice
+            One of `blocks`.
+        out : float32[n, H]
+            Is filled.
+        """
+        assert self._start is not None
+        np.matmul(self._start[0][rows], self._start[1], out=out)
+
+    def advance(
+        self, rows: slice, block: NDArray[np.float32], day: int, until: int, out: NDArray[np.float32]
+    ) -> None:
+        """Let days pass for a block.
+
+        Parameters
+        ----------
+        rows : slice
+            One of `blocks`.
+        block : float32[n, H]
+            Humidity on day `day`; it is not changed unless it is `out`.
+        day, until : int
+            Days.
+        out : float32[n, H]
+            Is filled with the humidity on day `until`.
+        """
+        if until == day:
+            out[...] = block
+            return
+        rain = np.empty_like(out)
+        for factors in self._rains[day - self.first_day : until - self.first_day]:
+            block = np.multiply(block, self._remaining, out=out)
+            if factors is not None:
+                np.matmul(factors[0][rows], factors[1], out=rain)
+                out += rain
+                np.minimum(out, np.float32(1.0), out=out)
+
+    def compute(
+        self,
+        day: int,
+        out: NDArray[np.float32],
+        earlier: tuple[int, NDArray[np.float32]] | None = None,
+        on_block: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Compute a day of the whole farm.
+
+        Parameters
+        ----------
+        day : int
+            The day, 0 for the state before the first step.
+        out : float32[W, H]
+            Is filled.
+        earlier : (int, float32[W, H]), optional
+            An earlier day and its humidity, to go on from.
+        on_block : callable
+            Called after each of `blocks`.
+        """
+        for rows in self.blocks:
+            if earlier is None:
+                self.begin(rows, out[rows])
+                self.advance(rows, out[rows], self.first_day, day, out[rows])
+            else:
+                self.advance(rows, earlier[1][rows], earlier[0], day, out[rows])
+            on_block()
+
+
 def write_soil(
     shape: tuple[int, int],
     weather: Weather,
     parameters: SoilParameters,
     keep_days: Collection[int],
     sink: SoilSink,
-    on_block: Callable[[], None] = lambda: None,
 ) -> None:
-    """Compute the humidity of chosen days in blocks of rows, each block through all days at once.
-
-    A cell's humidity does not depend on its neighbours', so a block stays in the processor's cache for all
-    days, and no day is ever held as a whole here.
+    """Compute the humidity of chosen days block by block, each block through all days at once.
 
     Parameters
     ----------
@@ -274,41 +372,23 @@ def write_soil(
     sink : callable
         Called as ``sink(day, first_x, block)`` with a float32 block of rows ``first_x...`` that is reused
         afterwards; for each day in ascending order of rows.
-    on_block : callable
-        Called `soil_blocks` times.
     """
-    width, height = shape
-    last = max(keep_days, default=0)
-    start_x, start_y = (f.astype(np.float32) for f in hump_factors(weather.start_corners, shape, parameters))
-    rains: list[tuple[NDArray[np.float32], NDArray[np.float32]] | None] = []
-    for shower in weather.showers[: parameters.warm_up_days + last]:
-        factors = None if shower is None else rain_factors(shower, shape, parameters)
-        rains.append(
-            None if factors is None else (factors[0].astype(np.float32), factors[1].astype(np.float32))
-        )
-    remaining = np.float32(1.0 - parameters.evaporation)
-    rows = _block_rows(shape)
-    rain = np.empty((rows, height), np.float32)
-    for first in range(0, width, rows):
-        block = start_x[first : first + rows] @ start_y
-        fallen = rain[: block.shape[0]]
-        if parameters.warm_up_days == 0 and 0 in keep_days:
-            sink(0, first, block)
-        for day, factors32 in enumerate(rains, start=1 - parameters.warm_up_days):
-            block *= remaining
-            if factors32 is not None:
-                np.matmul(factors32[0][first : first + rows], factors32[1], out=fallen)
-                block += fallen
-                np.minimum(block, np.float32(1.0), out=block)
-            if day in keep_days:
-                sink(day, first, block)
-        on_block()
+    course = SoilCourse(shape, weather, parameters, max(keep_days, default=0))
+    for rows in course.blocks:
+        block = np.empty((rows.stop - rows.start, shape[1]), np.float32)
+        course.begin(rows, block)
+        at = course.first_day
+        for day in sorted(keep_days):
+            course.advance(rows, block, at, day, block)
+            sink(day, rows.start, block)
+            at = day
+
+
+def _single(
+    factors: tuple[NDArray[np.float64], NDArray[np.float64]] | None,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
+    return None if factors is None else (factors[0].astype(np.float32), factors[1].astype(np.float32))
 
 
 def _block_rows(shape: tuple[int, int]) -> int:
     return max(1, _BLOCK_CELLS // max(shape[1], 1))
-
-
-def soil_blocks(shape: tuple[int, int]) -> int:
-    """Number of blocks in which `write_soil` works on a farm of this shape."""
-    return -(-shape[0] // _block_rows(shape))

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import hashlib
+import threading
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from numpy.typing import NDArray
 
 from geo.farms import get_farm
 from geo.grid import FarmGrid
+from geo.memory import AvailableMemory, NotEnoughMemoryError
 from geo.seeds import child_seed
 from sensors.environment import (
     CCR,
@@ -22,8 +25,15 @@ from sensors.environment import (
     SoilParameters,
     generate_environment,
 )
-from sensors.environment import generate as generate_module
-from sensors.environment.soil import draw_weather, hump_factors, rain_factors, soil_step, write_soil
+from sensors.environment.generate import memory_needed
+from sensors.environment.soil import (
+    SoilCourse,
+    draw_weather,
+    hump_factors,
+    rain_factors,
+    soil_step,
+    write_soil,
+)
 from sensors.errors import EnvironmentDataError
 
 
@@ -163,6 +173,21 @@ def test_cells_outside_the_farm_are_refused(
         environment.sample(6, ix, iy)  # type: ignore[arg-type]
 
 
+@given(st.integers(0, 29), st.integers(0, 29), st.integers(1, 30), st.integers(1, 30), st.integers(0, 15))
+def test_a_window_is_a_part_of_the_values(
+    environment: Environment, x: int, y: int, width: int, height: int, day: int
+) -> None:
+    part = slice(x, min(x + width, 30)), slice(y, min(y + height, 30))
+    np.testing.assert_array_equal(environment.window(day, *part), environment.values(day)[:, *part])
+
+
+@pytest.mark.parametrize("part", [slice(0, 31), slice(-1, 4), slice(4, 4), slice(0, 8, 2), slice(5, 2)])
+def test_windows_outside_the_farm_are_refused(environment: Environment, part: slice) -> None:
+    for x, y, name in ((part, slice(None), "x"), (slice(None), part, "y")):
+        with pytest.raises(EnvironmentDataError, match=f"window {name} "):
+            environment.window(6, x, y)
+
+
 def test_days_that_are_not_kept_are_refused(grid: FarmGrid) -> None:
     environment = generate_environment(grid, seed=7, days=6, keep_days=[2, 6])
     for call in (environment.values, environment.soil, lambda day: environment.status("ccr", day)):
@@ -210,10 +235,21 @@ def test_progress_ends_at_the_total_and_can_stop_the_work(grid: FarmGrid) -> Non
         generate_environment(grid, seed=1, progress=stop)
 
 
-def test_too_little_memory_is_foreseen(grid: FarmGrid, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(generate_module, "_free_memory", lambda: 1000)
-    with pytest.raises(EnvironmentDataError, match=r"16 days of 30 x 30 cells need .* keep fewer days"):
+def test_too_little_memory_is_foreseen(
+    grid: FarmGrid, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("geo.memory.available_memory", lambda: AvailableMemory(1000, "the test"))
+    with pytest.raises(NotEnoughMemoryError, match=r"16 days of 30 x 30 cells needs .* keep fewer days"):
         generate_environment(grid, seed=1)
+    with pytest.raises(NotEnoughMemoryError, match=r"1 kB \(the test\); take a smaller farm$"):
+        generate_environment(grid, seed=1, directory=tmp_path / "e")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_needed_on_disk_does_not_grow_with_the_days() -> None:
+    few, many = (sum(memory_needed((6000, 5000), days, on_disk=True).values()) for days in (2, 126))
+    assert few == many < 1.5e9
+    assert sum(memory_needed((6000, 5000), 126).values()) > 126 * 120e6
 
 
 def test_provenance_names_the_farm_and_the_seed(grid: FarmGrid) -> None:
@@ -353,6 +389,48 @@ def test_without_rain_the_soil_dries() -> None:
 def test_bad_soil_parameters_are_refused(changes: dict[str, float]) -> None:
     with pytest.raises(EnvironmentDataError, match="soil: "):
         SoilParameters(**changes)  # type: ignore[arg-type]
+
+
+def test_threads_change_nothing(monkeypatch: pytest.MonkeyPatch, grid: FarmGrid, tmp_path: Path) -> None:
+    alone = generate_environment(grid, seed=5, threads=1)
+    monkeypatch.setattr("sensors.environment.generate._THREADS_FROM_CELLS", 0)
+    calls: list[int] = []
+    together = generate_environment(grid, seed=5, threads=4, progress=lambda done, _total: calls.append(done))
+    stored = generate_environment(grid, seed=5, threads=2, directory=tmp_path / "e")
+    for other in (together, stored):
+        for disease in DISEASES:
+            np.testing.assert_array_equal(alone.onset(disease), other.onset(disease))
+        for day in alone.days:
+            np.testing.assert_array_equal(alone.soil(day), other.soil(day))
+    assert calls == sorted(calls)
+    assert calls[-1] == 2 * 15 + 16
+
+
+def test_threads_end_when_the_caller_stops(monkeypatch: pytest.MonkeyPatch, grid: FarmGrid) -> None:
+    monkeypatch.setattr("sensors.environment.generate._THREADS_FROM_CELLS", 0)
+    before = threading.active_count()
+
+    def stop(done: int, total: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        generate_environment(grid, seed=5, threads=2, progress=stop)
+    assert threading.active_count() == before
+
+
+@settings(max_examples=20)
+@given(st.lists(st.integers(0, 8), min_size=1, max_size=5), st.integers(0, 2**32))
+def test_the_soil_is_the_same_in_any_portions(days: list[int], seed: int) -> None:
+    shape = (40, 4000)
+    weather = draw_weather(shape, 8, SoilParameters(), np.random.default_rng(seed))
+    course = SoilCourse(shape, weather, SoilParameters(), 8)
+    at_once, earlier = np.empty(shape, np.float32), None
+    for day in sorted(days):
+        course.compute(day, at_once)
+        in_portions = np.empty(shape, np.float32)
+        course.compute(day, in_portions, earlier)
+        np.testing.assert_array_equal(in_portions, at_once)
+        earlier = day, in_portions
 
 
 # The full farm

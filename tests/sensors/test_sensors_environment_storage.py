@@ -1,12 +1,20 @@
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import pickle
-from collections.abc import Callable
+import shutil
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import zarr
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from geo.errors import WbfMissionError
 from geo.farms import get_farm
@@ -17,8 +25,10 @@ from sensors.environment import (
     EnvironmentModel,
     EpidemicParameters,
     generate_environment,
+    storage,
 )
-from sensors.environment.storage import SoilFiles
+from sensors.environment.layers import ChunkCache, ChunkedLayer
+from sensors.environment.storage import EnvironmentStore, unfinished_store
 from sensors.errors import EnvironmentDataError
 
 
@@ -43,6 +53,13 @@ def folder(environment: Environment, tmp_path: Path) -> Path:
     return tmp_path / "e"
 
 
+@contextlib.contextmanager
+def small_chunks() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(storage, "CHUNK_CELLS", 7)
+        yield
+
+
 def assert_same(a: Environment, b: Environment) -> None:
     assert (a.days, a.shape, a.model, a.provenance) == (b.days, b.shape, b.model, b.provenance)
     for disease in DISEASES:
@@ -51,34 +68,136 @@ def assert_same(a: Environment, b: Environment) -> None:
         np.testing.assert_array_equal(a.values(day), b.values(day))
 
 
-@pytest.mark.parametrize("mmap", [True, False])
-def test_what_is_saved_is_loaded(environment: Environment, folder: Path, mmap: bool) -> None:
-    loaded = Environment.load(folder, mmap=mmap)
+@pytest.mark.parametrize("lazy", [True, False])
+def test_what_is_saved_is_loaded(environment: Environment, folder: Path, lazy: bool) -> None:
+    loaded = Environment.load(folder, lazy=lazy)
     assert_same(loaded, environment)
     np.testing.assert_array_equal(loaded.sample(6, [1, 9], [2, 9]), environment.sample(6, [1, 9], [2, 9]))
+    for day in environment.days:
+        for disease in DISEASES:
+            np.testing.assert_array_equal(loaded.status(disease, day), environment.status(disease, day))
     with pytest.raises(ValueError, match="read-only"):
         loaded.soil(6)[0, 0] = 1
 
 
-def test_the_default_is_memory_mapped(folder: Path) -> None:
-    base: object = Environment.load(folder).soil(6)
-    while isinstance(base, np.ndarray) and not isinstance(base, np.memmap):
-        base = base.base
-    assert isinstance(base, np.memmap)
+def test_any_zarr_reader_can_read_it(environment: Environment, folder: Path) -> None:
+    group: Any = zarr.open_group(folder, mode="r")
+    assert group.attrs["format"] == "wbf-mission environment"
+    assert group.attrs["version"] == 2
+    assert group.attrs["provenance"]["farm"] == "Miniberry-10"
+    assert group.attrs["provenance"]["entropy"] == [str(2**100 + 7)]
+    assert group.attrs["model"]["ccr"]["kernel_shape"] == "gaussian"
+    assert group["day"][:].tolist() == [0, 6, 9]
+    assert group["soil"].metadata.dimension_names == ("day", "x", "y")
+    np.testing.assert_array_equal(group["soil"][1], environment.soil(6))
+    np.testing.assert_array_equal(group["tylcv"][:], environment.onset("tylcv"))
 
 
-def test_the_files_are_the_documented_ones(folder: Path) -> None:
-    names = ["ccr.npy", "environment.json", "soil-000.npy", "soil-006.npy", "soil-009.npy", "tylcv.npy"]
-    assert sorted(path.name for path in folder.iterdir()) == names
-    header = json.loads((folder / "environment.json").read_text())
-    assert header["format"] == "wbf-mission environment"
-    assert header["version"] == 1
-    assert header["shape"] == [10, 10]
-    assert header["days"] == [0, 6, 9]
-    assert header["provenance"]["farm"] == "Miniberry-10"
-    assert header["provenance"]["entropy"] == [str(2**100 + 7)]
-    assert header["model"]["ccr"]["kernel_shape"] == "gaussian"
-    assert np.load(folder / "soil-006.npy", allow_pickle=False).dtype == np.dtype("<f4")
+def test_xarray_can_read_it(environment: Environment, folder: Path) -> None:
+    xarray = pytest.importorskip("xarray")
+    dataset = xarray.open_zarr(folder, consolidated=False)
+    np.testing.assert_array_equal(dataset.soil.sel(day=6), environment.soil(6))
+
+
+def test_a_day_is_one_file(folder: Path) -> None:
+    files = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    arrays = {f"{name}/zarr.json" for name in ("day", "tylcv", "ccr", "soil")}
+    days = {f"soil/c/{index}/0/0" for index in range(3)}
+    assert files == {"zarr.json", *arrays, *days, "day/c/0", "tylcv/c/0/0", "ccr/c/0/0"}
+
+
+# Chunks
+
+
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.lists(st.tuples(st.integers(0, 29), st.integers(0, 29)), max_size=60),
+    st.tuples(st.integers(0, 29), st.integers(0, 29), st.integers(1, 30), st.integers(1, 30)),
+)
+def test_cells_and_windows_of_chunks_are_those_of_the_whole(
+    chunked: tuple[Environment, Environment],
+    cells: list[tuple[int, int]],
+    window: tuple[int, int, int, int],
+) -> None:
+    memory, stored = chunked
+    ix = np.array([x for x, _ in cells], np.int32)
+    iy = np.array([y for _, y in cells], np.int32)
+    np.testing.assert_array_equal(stored.sample(6, ix, iy), memory.sample(6, ix, iy))
+    x, y, width, height = window
+    part = slice(x, min(x + width, 30)), slice(y, min(y + height, 30))
+    np.testing.assert_array_equal(stored.window(6, *part), memory.window(6, *part))
+
+
+@pytest.fixture(scope="module")
+def chunked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Environment, Environment]]:
+    """30 x 30 cells in chunks of 7 x 7, which do not divide it."""
+    memory = generate_environment(get_farm("miniberry-30").grid(), days=6, seed=3)
+    path = tmp_path_factory.mktemp("chunks") / "e"
+    with small_chunks():
+        memory.save(path)
+        yield memory, Environment.load(path)
+
+
+def test_only_the_chunks_of_a_window_are_decoded(
+    chunked: tuple[Environment, Environment], tmp_path: Path
+) -> None:
+    with small_chunks():
+        chunked[0].save(tmp_path / "e")
+        shard = tmp_path / "e" / "soil" / "c" / "6" / "0" / "0"
+        content = bytearray(shard.read_bytes())
+        # The index of the shard is at its end: offset and length of each of the 5 x 5 chunks, a checksum.
+        index = np.frombuffer(bytes(content[-4 - 25 * 16 : -4]), "<u8").reshape(5, 5, 2)
+        spoilt = int(index[4, 4, 0]) + 20
+        content[spoilt] ^= 0xFF
+        shard.write_bytes(content)
+        stored = Environment.load(tmp_path / "e")
+        with pytest.raises(EnvironmentDataError, match="damaged"):
+            stored.window(6, slice(28, 30), slice(27, 30))
+        with pytest.raises(EnvironmentDataError, match="damaged"):
+            stored.sample(6, 29, 29)
+        part = slice(0, 28), slice(0, 30)
+        np.testing.assert_array_equal(stored.window(6, *part), chunked[0].window(6, *part))
+        assert stored.sample(6, 27, 29).shape == (1, 3)
+        with pytest.raises(EnvironmentDataError, match="damaged"):
+            Environment.load(tmp_path / "e", lazy=False)
+
+
+def test_a_chunk_is_decoded_once_while_it_is_used() -> None:
+    array = np.arange(100 * 60, dtype=np.float32).reshape(100, 60)
+    asked: list[tuple[slice, slice]] = []
+
+    def read(x: slice, y: slice) -> NDArray[np.float32]:
+        asked.append((x, y))
+        return array[x, y].copy()
+
+    layer = ChunkedLayer("a", (100, 60), (32, 32), read, ChunkCache(3 * 32 * 32 * 4))
+    for x in range(100):
+        assert layer.cells(np.array([x]), np.array([5])) == array[x, 5]
+    assert [(part.start, part.stop) for part, _ in asked] == [(0, 32), (32, 64), (64, 96), (96, 100)]
+    layer.cells(np.array([40, 99]), np.array([5, 5]))
+    assert len(asked) == 4
+    layer.cells(np.array([3, 40]), np.array([5, 59]))
+    assert len(asked) == 6
+
+
+def test_the_cache_of_chunks_is_bounded() -> None:
+    cache = ChunkCache(100)
+    made: list[int] = []
+
+    def chunk(number: int) -> NDArray[np.int8]:
+        def decode() -> NDArray[np.int8]:
+            made.append(number)
+            return np.zeros(40, np.int8)
+
+        return cache.get(("a", number, 0), decode)
+
+    for number in (1, 2, 1, 3, 1, 2):
+        chunk(number)
+    assert made == [1, 2, 3, 2]
+    assert cache.get(("b", 0, 0), lambda: np.zeros(1000, np.int8)).size == 1000
+
+
+# Generating into a folder
 
 
 def test_generating_into_a_folder_gives_the_same(grid: FarmGrid, tmp_path: Path) -> None:
@@ -86,36 +205,113 @@ def test_generating_into_a_folder_gives_the_same(grid: FarmGrid, tmp_path: Path)
     on_disk = generate_environment(grid, days=6, seed=3, directory=tmp_path / "new" / "e")
     assert_same(on_disk, in_memory)
     in_memory.save(tmp_path / "f")
-    for path in (tmp_path / "f").iterdir():
-        assert path.read_bytes() == (tmp_path / "new" / "e" / path.name).read_bytes()
+    for path in (tmp_path / "f").rglob("*"):
+        if path.is_file():
+            assert (
+                path.read_bytes() == (tmp_path / "new" / "e" / path.relative_to(tmp_path / "f")).read_bytes()
+            )
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["e"]
 
 
-def test_an_interrupted_generation_leaves_nothing(grid: FarmGrid, tmp_path: Path) -> None:
-    def stop(done: int, total: int) -> None:
-        if done == total:
+class Stop:
+    """Progress that stops at some piece of work, and counts the pieces that were done."""
+
+    def __init__(self, at: int) -> None:
+        self.at = at
+        self.calls: list[int] = []
+
+    def __call__(self, done: int, total: int) -> None:
+        self.calls.append(done)
+        if done >= self.at:
             raise KeyboardInterrupt
 
+
+def written_days(partial: Path) -> list[int]:
+    return sorted(int(path.parts[-3]) for path in (partial / "soil").glob("c/*/0/0"))
+
+
+def test_an_interrupted_generation_goes_on_with_its_finished_days(grid: FarmGrid, tmp_path: Path) -> None:
+    target, partial = tmp_path / "e", tmp_path / ".e.partial"
     with pytest.raises(KeyboardInterrupt):
-        generate_environment(grid, days=3, seed=3, directory=tmp_path / "e", progress=stop)
-    assert list(tmp_path.iterdir()) == []
+        generate_environment(grid, days=9, seed=3, directory=target, progress=Stop(2 * 9 + 5))
+    assert not target.exists()
+    assert written_days(partial) == [0, 1, 2, 3]
+    times = {path: path.stat().st_mtime_ns for path in partial.rglob("*") if path.is_file()}
+    made: list[int] = []
+    again = generate_environment(
+        grid, days=9, seed=3, directory=target, progress=lambda done, _total: made.append(done)
+    )
+    assert_same(again, generate_environment(grid, days=9, seed=3))
+    for path, time_ns in times.items():
+        assert (target / path.relative_to(partial)).stat().st_mtime_ns == time_ns
+    assert made[-1] == 2 * 9 + 10
+    assert [path.name for path in tmp_path.iterdir()] == ["e"]
+
+
+def test_a_half_written_day_is_made_again(grid: FarmGrid, tmp_path: Path) -> None:
+    target, partial = tmp_path / "e", tmp_path / ".e.partial"
+    with pytest.raises(KeyboardInterrupt):
+        generate_environment(grid, days=9, seed=3, directory=target, progress=Stop(2 * 9 + 7))
+    truncate("soil/c/2/0/0", 100)(partial)
+    truncate("ccr/c/0/0", 0)(partial)
+    (partial / "soil/c/4/0/0").write_bytes(os.urandom(500))
+    (partial / "soil/c/5/0/0.abc.partial").write_bytes(b"left by a killed process")
+    again = generate_environment(grid, days=9, seed=3, directory=target)
+    assert_same(again, generate_environment(grid, days=9, seed=3))
+    assert not list(target.rglob("*.partial"))
+
+
+def test_another_environment_is_not_resumed(grid: FarmGrid, tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        generate_environment(grid, days=9, seed=3, directory=tmp_path / "e", progress=Stop(2 * 9 + 7))
+    other = generate_environment(grid, days=9, seed=4, directory=tmp_path / "e")
+    assert_same(other, generate_environment(grid, days=9, seed=4))
+
+
+def test_what_is_there_already_is_not_made_again(grid: FarmGrid, tmp_path: Path) -> None:
+    first = generate_environment(grid, days=4, seed=3, directory=tmp_path / "e")
+    again = generate_environment(grid, days=4, seed=3, directory=tmp_path / "e", progress=Stop(0))
+    assert_same(again, first)
+    truncate("soil/c/2/0/0", 100)(tmp_path / "e")
+    repaired = generate_environment(grid, days=4, seed=3, directory=tmp_path / "e")
+    assert_same(repaired, generate_environment(grid, days=4, seed=3))
 
 
 def test_an_interrupted_generation_keeps_the_older_environment(
     grid: FarmGrid, environment: Environment, folder: Path
 ) -> None:
-    def stop(done: int, total: int) -> None:
-        raise KeyboardInterrupt
-
     with pytest.raises(KeyboardInterrupt):
-        generate_environment(grid, days=3, seed=3, directory=folder, progress=stop)
+        generate_environment(grid, days=3, seed=3, directory=folder, progress=Stop(1))
     assert_same(Environment.load(folder), environment)
+
+
+def test_two_processes_do_not_write_the_same_environment(environment: Environment, tmp_path: Path) -> None:
+    header = storage.make_header(
+        environment.shape, environment.days, environment.model, environment.provenance
+    )
+    with pytest.raises(ZeroDivisionError), unfinished_store(tmp_path / "e", header):
+        with pytest.raises(EnvironmentDataError, match="another process is writing"):
+            environment.save(tmp_path / "e")
+        _ = 1 / 0
+    environment.save(tmp_path / "e")
+    assert_same(Environment.load(tmp_path / "e"), environment)
 
 
 def test_an_older_environment_is_replaced(grid: FarmGrid, folder: Path) -> None:
     newer = generate_environment(grid, days=2, seed=8)
     newer.save(folder)
     assert_same(Environment.load(folder), newer)
-    assert not (folder / "soil-009.npy").exists()
+    assert [path.name for path in folder.parent.iterdir()] == ["e"]
+
+
+def test_an_environment_of_the_first_format_is_replaced(environment: Environment, tmp_path: Path) -> None:
+    (tmp_path / "e").mkdir()
+    for name in ("environment.json", "tylcv.npy", "ccr.npy", "soil-006.npy"):
+        (tmp_path / "e" / name).write_bytes(b"old")
+    with pytest.raises(EnvironmentDataError, match=r"zarr\.json"):
+        Environment.load(tmp_path / "e")
+    environment.save(tmp_path / "e")
+    assert_same(Environment.load(tmp_path / "e"), environment)
 
 
 def test_a_loaded_environment_can_be_saved_onto_itself(environment: Environment, folder: Path) -> None:
@@ -130,19 +326,32 @@ def test_a_folder_with_something_else_is_not_replaced(environment: Environment, 
     assert (tmp_path / "thesis.txt").read_text() == "mine"
 
 
+def test_another_zarr_group_is_not_replaced(environment: Environment, tmp_path: Path) -> None:
+    zarr.create_group(tmp_path / "e", attributes={"mine": 1})
+    with pytest.raises(EnvironmentDataError, match="something else"):
+        environment.save(tmp_path / "e")
+
+
 def test_a_file_in_the_way_is_named(environment: Environment, tmp_path: Path) -> None:
     (tmp_path / "e").write_text("a file")
     with pytest.raises(EnvironmentDataError, match="e: cannot be written"):
         environment.save(tmp_path / "e")
 
 
-def edit(name: str, change: Callable[[dict[str, object]], object]) -> Callable[[Path], None]:
+# Hostile and damaged files
+
+
+def edit(name: str, change: Callable[[Any], object]) -> Callable[[Path], None]:
     def apply(folder: Path) -> None:
-        header = json.loads((folder / name).read_text())
-        change(header)
-        (folder / name).write_text(json.dumps(header))
+        document = json.loads((folder / name).read_text())
+        change(document)
+        (folder / name).write_text(json.dumps(document))
 
     return apply
+
+
+def edit_header(change: Callable[[Any], object]) -> Callable[[Path], None]:
+    return edit("zarr.json", lambda document: change(document["attributes"]))
 
 
 def truncate(name: str, size: int) -> Callable[[Path], None]:
@@ -152,66 +361,94 @@ def truncate(name: str, size: int) -> Callable[[Path], None]:
     return apply
 
 
-def store(name: str, array: object) -> Callable[[Path], None]:
+def write(name: str, content: bytes) -> Callable[[Path], None]:
     def apply(folder: Path) -> None:
-        with (folder / name).open("wb") as file:
-            np.save(file, array, allow_pickle=True)  # type: ignore[arg-type]
+        (folder / name).write_bytes(content)
 
     return apply
 
 
-def archive(folder: Path) -> None:
-    with (folder / "ccr.npy").open("wb") as file:
-        np.savez(file, a=np.zeros(3))
+def store_values(name: str, value: float) -> Callable[[Path], None]:
+    def apply(folder: Path) -> None:
+        array: Any = zarr.open_array(folder / name, mode="r+")
+        array[...] = value
+
+    return apply
 
 
-HEADER = "environment.json"
+def inner_codecs(document: Any) -> Any:
+    return document["codecs"][0]["configuration"]["codecs"]
+
+
+HEADER = "zarr.json"
+TYLCV = "tylcv/zarr.json"
+SOIL = "soil/zarr.json"
 HOSTILE: list[tuple[str, Callable[[Path], object]]] = [
     (HEADER, lambda folder: (folder / HEADER).unlink()),
-    (HEADER, lambda folder: (folder / HEADER).write_text("")),
-    (HEADER, lambda folder: (folder / HEADER).write_bytes(b"\xff\xfe\x00")),
-    (HEADER, lambda folder: (folder / HEADER).write_text("[" * 10_000)),
-    (HEADER, lambda folder: (folder / HEADER).write_text("[1, 2]")),
-    (HEADER, edit(HEADER, lambda header: header.pop("days"))),
-    (HEADER, edit(HEADER, lambda header: header.update(colour="red"))),
-    (HEADER, edit(HEADER, lambda header: header.update(format="zarr"))),
-    (HEADER, edit(HEADER, lambda header: header.update(version=2))),
-    (HEADER, edit(HEADER, lambda header: header.update(version="1"))),
-    (HEADER, edit(HEADER, lambda header: header.update(shape=[10]))),
-    (HEADER, edit(HEADER, lambda header: header.update(shape=[0, 10]))),
-    (HEADER, edit(HEADER, lambda header: header.update(days=[]))),
-    (HEADER, edit(HEADER, lambda header: header.update(days=[6, 0]))),
-    (HEADER, edit(HEADER, lambda header: header.update(days=[-1, 6]))),
-    (HEADER, edit(HEADER, lambda header: header.update(fields=["soil"]))),
-    (HEADER, edit(HEADER, lambda header: header["model"]["ccr"].update(likelihood=7))),  # type: ignore[index]
-    (HEADER, edit(HEADER, lambda header: header["model"]["soil"].update(spread="wide"))),  # type: ignore[index]
-    ("tylcv.npy", edit(HEADER, lambda header: header.update(shape=[10, 11]))),
-    ("soil-007.npy", edit(HEADER, lambda header: header.update(days=[0, 6, 7, 9]))),
-    ("ccr.npy", lambda folder: (folder / "ccr.npy").unlink()),
-    ("ccr.npy", truncate("ccr.npy", 0)),
-    ("ccr.npy", truncate("ccr.npy", 60)),
-    ("ccr.npy", truncate("ccr.npy", 150)),
-    ("ccr.npy", archive),
-    ("ccr.npy", lambda folder: (folder / "ccr.npy").write_bytes(pickle.dumps({"a": 1}))),
-    ("ccr.npy", store("ccr.npy", np.array([[None] * 10] * 10, object))),
-    ("ccr.npy", store("ccr.npy", np.zeros((10, 10), np.int16))),
-    ("ccr.npy", store("ccr.npy", np.full((10, 10), -3, np.int8))),
-    ("ccr.npy", store("ccr.npy", np.asfortranarray(np.zeros((10, 10), np.int8)))),
-    ("soil-006.npy", truncate("soil-006.npy", 400)),
-    ("soil-006.npy", store("soil-006.npy", np.zeros((10, 10)))),
-    ("soil-006.npy", store("soil-006.npy", np.zeros((10, 9), np.float32))),
-    ("soil-006.npy", store("soil-006.npy", np.zeros((10, 10), ">f4"))),
+    (HEADER, write(HEADER, b"")),
+    (HEADER, write(HEADER, b"\xff\xfe\x00")),
+    (HEADER, write(HEADER, b"[" * 10_000)),
+    (HEADER, write(HEADER, b'{"attributes":' + b"[" * 100_000)),
+    (HEADER, write(HEADER, b"[1, 2]")),
+    (HEADER, edit(HEADER, lambda document: document.pop("attributes"))),
+    (HEADER, edit(HEADER, lambda document: document.update(zarr_format=2))),
+    (HEADER, edit(HEADER, lambda document: document.update(node_type="array"))),
+    (HEADER, edit_header(lambda header: header.pop("days"))),
+    (HEADER, edit_header(lambda header: header.update(colour="red"))),
+    (HEADER, edit_header(lambda header: header.update(format="zarr"))),
+    (HEADER, edit_header(lambda header: header.update(version=3))),
+    (HEADER, edit_header(lambda header: header.update(version="2"))),
+    (HEADER, edit_header(lambda header: header.update(shape=[10]))),
+    (HEADER, edit_header(lambda header: header.update(shape=[0, 10]))),
+    (HEADER, edit_header(lambda header: header.update(days=[]))),
+    (HEADER, edit_header(lambda header: header.update(days=[6, 0]))),
+    (HEADER, edit_header(lambda header: header.update(days=[-1, 6]))),
+    (HEADER, edit_header(lambda header: header.update(fields=["soil"]))),
+    (HEADER, edit_header(lambda header: header["model"]["ccr"].update(likelihood=7))),
+    (HEADER, edit_header(lambda header: header["model"]["soil"].update(spread="wide"))),
+    (TYLCV, edit_header(lambda header: header.update(shape=[10, 11]))),
+    (TYLCV, edit_header(lambda header: header.update(shape=[10**9, 10**9]))),
+    (SOIL, edit_header(lambda header: header.update(days=[0, 6, 7, 9]))),
+    (TYLCV, lambda folder: (folder / TYLCV).unlink()),
+    (TYLCV, write(TYLCV, b"{}")),
+    (TYLCV, write(TYLCV, b"[" * 10_000)),
+    (TYLCV, write(TYLCV, pickle.dumps({"a": 1}))),
+    (TYLCV, edit(TYLCV, lambda document: document.update(data_type="int16"))),
+    (TYLCV, edit(TYLCV, lambda document: document.update(data_type="object"))),
+    (TYLCV, edit(TYLCV, lambda document: document.update(shape=[10, 10**12]))),
+    (TYLCV, edit(TYLCV, lambda document: document.update(codecs=[{"name": "bytes"}]))),
+    (TYLCV, edit(TYLCV, lambda document: inner_codecs(document).append({"name": "gzip"}))),
+    (
+        TYLCV,
+        edit(TYLCV, lambda document: inner_codecs(document).insert(0, {"name": "numcodecs.pickle"})),
+    ),
+    (
+        TYLCV,
+        edit(TYLCV, lambda d: d["codecs"][0]["configuration"].update(chunk_shape=[5, 5])),
+    ),
+    (SOIL, edit(SOIL, lambda document: document.update(data_type="float64"))),
+    ("ccr/c/0/0", lambda folder: (folder / "ccr/c/0/0").unlink()),
+    ("ccr/c/0/0", truncate("ccr/c/0/0", 0)),
+    ("ccr/c/0/0", truncate("ccr/c/0/0", 20)),
+    ("ccr/c/0/0", write("ccr/c/0/0", pickle.dumps({"a": 1}))),
+    ("ccr/c/0/0", store_values("ccr", -3)),
+    ("ccr/c/0/0", store_values("ccr", -128)),
+    ("soil/c/1/0/0", lambda folder: (folder / "soil/c/1/0/0").unlink()),
+    ("soil/c/1/0/0", truncate("soil/c/1/0/0", 200)),
+    ("soil/c/0/0/0", store_values("soil", float("nan"))),
+    ("soil/c/0/0/0", store_values("soil", float("inf"))),
+    ("soil/c/0/0/0", store_values("soil", -0.5)),
 ]
 
 
-@pytest.mark.parametrize("mmap", [True, False])
+@pytest.mark.parametrize("lazy", [True, False])
 @pytest.mark.parametrize(("name", "harm"), HOSTILE)
 def test_files_that_are_not_what_they_claim_are_named(
-    folder: Path, name: str, harm: Callable[[Path], object], mmap: bool
+    folder: Path, name: str, harm: Callable[[Path], object], lazy: bool
 ) -> None:
     harm(folder)
     with pytest.raises(EnvironmentDataError) as caught:
-        Environment.load(folder, mmap=mmap)
+        Environment.load(folder, lazy=lazy)
     assert str(caught.value).startswith(str(folder / name) + ": ")
     assert "\n" not in str(caught.value)
     assert isinstance(caught.value, WbfMissionError)
@@ -224,8 +461,19 @@ def test_a_path_that_is_no_folder_is_named(tmp_path: Path, name: str) -> None:
         Environment.load(tmp_path / name)
 
 
-def test_soil_blocks_have_to_come_in_order(tmp_path: Path) -> None:
-    with SoilFiles(tmp_path, (4, 3), [1]) as files:
-        files(1, 0, np.zeros((2, 3), np.float32))
-        with pytest.raises(EnvironmentDataError, match="soil of day 1"):
-            files(1, 3, np.zeros((1, 3), np.float32))
+def test_a_folder_that_vanishes_is_named(environment: Environment, folder: Path) -> None:
+    loaded = Environment.load(folder)
+    shutil.rmtree(folder)
+    with pytest.raises(EnvironmentDataError, match="is missing"):
+        loaded.values(6)
+
+
+def test_a_store_that_cannot_be_written_is_named(
+    environment: Environment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(self: EnvironmentStore, day: int, soil: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(EnvironmentStore, "write_soil", full)
+    with pytest.raises(EnvironmentDataError, match="e: cannot be written: No space left on device"):
+        environment.save(tmp_path / "e")

@@ -1,0 +1,181 @@
+"""Environments kept between runs, so that the same farm, seed and day are not generated again.
+
+An entry is a stored environment under a name that is a digest of all that decides it: the crop map, the
+model, the seed, the days and the version of the format. Entries appear complete or not at all, so processes
+may share a cache. One that is damaged is generated again. When the cache grows beyond its limit, the entries
+that were used least recently are removed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shutil
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+from numpy.random import SeedSequence
+
+from sensors.environment.environment import Environment
+from sensors.environment.generate import Progress, generate_environment, make_task
+from sensors.environment.model import EnvironmentModel
+from sensors.errors import EnvironmentDataError
+from sensors.user_cache import user_cache_folder
+
+if TYPE_CHECKING:
+    from geo.grid import FarmGrid
+
+LIMIT_VARIABLE = "WBF_MISSION_ENVIRONMENT_CACHE_MB"
+DEFAULT_LIMIT_MB = 2000
+CACHED_FROM_CELLS = 1_000_000
+"""Smaller farms are generated faster than they are read."""
+
+_ENTRY = re.compile(r"[0-9a-f]{32}")
+_LEFTOVER = re.compile(r"\.[0-9a-f]{32}\.(partial|older)")
+_LEFTOVER_AFTER_S = 3600.0
+
+
+@dataclass(frozen=True, slots=True)
+class EnvironmentCache:
+    """A folder of environments.
+
+    Parameters
+    ----------
+    folder : Path
+        Nothing in it is touched but entries of this cache.
+    limit_bytes : int
+        Size of all entries together; 0 turns the cache off.
+    """
+
+    folder: Path
+    limit_bytes: int
+
+    @classmethod
+    def of_user(cls) -> EnvironmentCache:
+        """Return the user's cache.
+
+        It is ``wbf-mission/environments`` below XDG_CACHE_HOME or ``~/.cache``. The variable
+        WBF_MISSION_ENVIRONMENT_CACHE_MB sets its limit, 2000 by default; 0 turns it off.
+
+        Raises
+        ------
+        EnvironmentDataError
+            If the variable is not a number of megabytes.
+        """
+        text = os.environ.get(LIMIT_VARIABLE, "").strip() or str(DEFAULT_LIMIT_MB)
+        if not (text.isascii() and text.isdecimal() and len(text) <= 9):
+            msg = f"{LIMIT_VARIABLE}={text!r} is not a number of megabytes; give one, or 0 for no cache"
+            raise EnvironmentDataError(msg)
+        return cls(user_cache_folder("environments"), int(text) * 1_000_000)
+
+    def environment(
+        self,
+        grid: FarmGrid,
+        *,
+        day: int,
+        seed: SeedSequence | int,
+        model: EnvironmentModel | None = None,
+        farm_name: str = "",
+        progress: Progress | None = None,
+    ) -> tuple[Environment, bool]:
+        """Give the environment of one day, from the cache or generated now and kept.
+
+        A folder that cannot be written to costs a generation in every run, not an error.
+
+        Parameters
+        ----------
+        grid, seed, model, farm_name, progress
+            As for `generate_environment`.
+        day : int
+            The day to keep.
+
+        Returns
+        -------
+        environment : Environment
+            In memory.
+        cached : bool
+            Whether it came from the cache.
+
+        Raises
+        ------
+        EnvironmentDataError, geo.memory.NotEnoughMemoryError
+            As `generate_environment`.
+        """
+
+        def generate() -> Environment:
+            return generate_environment(
+                grid,
+                days=day,
+                seed=seed,
+                model=model,
+                keep_days=[day],
+                farm_name=farm_name,
+                progress=progress,
+            )
+
+        if self.limit_bytes <= 0 or grid.crop.size < CACHED_FROM_CELLS:
+            return generate(), False
+        from sensors.environment.storage import make_header, open_store
+
+        task = make_task(grid, days=day, seed=seed, model=model, keep_days=[day], farm_name=farm_name)
+        header = make_header(task.shape, task.days, task.model, task.provenance())
+        path = self.folder / hashlib.sha256(msgspec.json.encode(header)).hexdigest()[:32]
+        try:
+            store = open_store(path)
+            if store.header == header:
+                environment = store.environment(lazy=False)
+                _touch(path)
+                return environment, True
+        except EnvironmentDataError:
+            shutil.rmtree(path, ignore_errors=True)
+        environment = generate()
+        try:
+            environment.save(path)
+            self._shrink()
+        except (EnvironmentDataError, OSError):
+            return environment, False
+        return environment, False
+
+    def _shrink(self) -> None:
+        """Remove the entries that were used least recently, as far as the limit asks for it."""
+        entries: list[tuple[float, int, Path]] = []
+        for path in self.folder.iterdir():
+            if _ENTRY.fullmatch(path.name):
+                entries.append((_last_use(path), _size(path), path))
+            elif _LEFTOVER.fullmatch(path.name) and _last_use(path) < time.time() - _LEFTOVER_AFTER_S:
+                shutil.rmtree(path, ignore_errors=True)
+        total = sum(size for _, size, _ in entries)
+        for _, size, path in sorted(entries):
+            if total <= self.limit_bytes:
+                break
+            shutil.rmtree(path, ignore_errors=True)
+            total -= size
+
+
+def _touch(path: Path) -> None:
+    try:
+        os.utime(path)
+    except OSError:
+        return
+
+
+def _last_use(path: Path) -> float:
+    try:
+        return path.stat().st_mtime
+    except OSError:
+        return 0.0
+
+
+def _size(path: Path) -> int:
+    total = 0
+    for folder, _, files in os.walk(path):
+        for file in files:
+            try:
+                total += (Path(folder) / file).stat().st_size
+            except OSError:
+                continue
+    return total

@@ -1,0 +1,167 @@
+"""Arrays over a farm that an environment reads from: held in memory, or in chunks in a store.
+
+Both give the whole array, a window of it, or single cells. A chunk that single cells need is decoded once and
+kept among the most recently used ones, so that a camera that looks at cell after cell along a path decodes
+each chunk on its way once.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from typing import Any, Generic, Protocol, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+T = TypeVar("T", bound=np.generic)
+S_co = TypeVar("S_co", bound=np.generic, covariant=True)
+
+Read = Callable[[slice, slice], NDArray[T]]
+
+
+class Layer(Protocol[S_co]):
+    """One array over the farm, ``[x, y]``."""
+
+    def whole(self) -> NDArray[S_co]:
+        """Return the array, read-only."""
+
+    def window(self, x: slice, y: slice) -> NDArray[S_co]:
+        """Return a part; both slices have a start and a stop within the farm and no step."""
+
+    def cells(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> NDArray[S_co]:
+        """Return single cells, which lie on the farm: [n]."""
+
+
+class ArrayLayer(Generic[T]):
+    """A layer in memory, or mapped into it.
+
+    Parameters
+    ----------
+    array : [W, H]
+        Is not copied if it is contiguous.
+    """
+
+    __slots__ = ("_array",)
+
+    def __init__(self, array: NDArray[T]) -> None:
+        self._array = np.ascontiguousarray(array).view()
+        self._array.flags.writeable = False
+
+    def whole(self) -> NDArray[T]:
+        """Return the array, read-only."""
+        return self._array
+
+    def window(self, x: slice, y: slice) -> NDArray[T]:
+        """Return a view."""
+        part: NDArray[T] = self._array[x, y]
+        return part
+
+    def cells(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> NDArray[T]:
+        """Return single cells: [n]."""
+        found: NDArray[T] = self._array[x, y]
+        return found
+
+
+class ChunkCache:
+    """The chunks used last.
+
+    Parameters
+    ----------
+    limit_bytes : int
+        Older chunks are dropped beyond this; the newest one is always kept.
+    """
+
+    __slots__ = ("_bytes", "_chunks", "_limit", "_lock")
+
+    def __init__(self, limit_bytes: int) -> None:
+        self._limit = limit_bytes
+        self._bytes = 0
+        self._chunks: OrderedDict[tuple[str, int, int], NDArray[Any]] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def get(self, key: tuple[str, int, int], decode: Callable[[], NDArray[Any]]) -> NDArray[Any]:
+        """Return a chunk, decoded now if it is not here."""
+        with self._lock:
+            chunk = self._chunks.get(key)
+            if chunk is not None:
+                self._chunks.move_to_end(key)
+                return chunk
+        chunk = decode()
+        with self._lock:
+            if key not in self._chunks:
+                self._chunks[key] = chunk
+                self._bytes += chunk.nbytes
+            while self._bytes > self._limit and len(self._chunks) > 1:
+                self._bytes -= self._chunks.popitem(last=False)[1].nbytes
+        return chunk
+
+
+class ChunkedLayer(Generic[T]):
+    """A layer that is read when it is needed, chunk by chunk.
+
+    Parameters
+    ----------
+    name : str
+        Tells this layer from others in the cache.
+    shape : tuple of int
+        Of the whole array.
+    chunk : tuple of int
+        Of one chunk; those at the end of an axis may be cut off.
+    read : callable
+        ``read(x, y)`` decodes a window.
+    cache : ChunkCache
+        Shared by the layers of an environment.
+    """
+
+    __slots__ = ("_cache", "_chunk", "_name", "_read", "_shape")
+
+    def __init__(
+        self, name: str, shape: tuple[int, int], chunk: tuple[int, int], read: Read[T], cache: ChunkCache
+    ) -> None:
+        self._name = name
+        self._shape = shape
+        self._chunk = chunk
+        self._read = read
+        self._cache = cache
+
+    def whole(self) -> NDArray[T]:
+        """Decode the whole array; it is not kept here."""
+        array = self._read(slice(0, self._shape[0]), slice(0, self._shape[1]))
+        array.flags.writeable = False
+        return array
+
+    def window(self, x: slice, y: slice) -> NDArray[T]:
+        """Decode the chunks that the window touches."""
+        return self._read(x, y)
+
+    def _decoded(self, column: int, row: int) -> NDArray[T]:
+        def decode() -> NDArray[Any]:
+            start_x, start_y = column * self._chunk[0], row * self._chunk[1]
+            return self._read(
+                slice(start_x, min(start_x + self._chunk[0], self._shape[0])),
+                slice(start_y, min(start_y + self._chunk[1], self._shape[1])),
+            )
+
+        return cast("NDArray[T]", self._cache.get((self._name, column, row), decode))
+
+    def cells(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> NDArray[T]:
+        """Return single cells, chunk by chunk: [n]."""
+        width, height = self._chunk
+        column, row = x // width, y // height
+        at_x, at_y = int(column[0]), int(row[0])
+        first = self._decoded(at_x, at_y)
+        if x.size == 1 or ((column == at_x).all() and (row == at_y).all()):
+            alone: NDArray[T] = first[x - at_x * width, y - at_y * height]
+            return alone
+        found: NDArray[T] = np.empty(x.size, first.dtype)
+        number = column * np.int64(-(-self._shape[1] // height)) + row
+        order = np.argsort(number, kind="stable")
+        starts = np.flatnonzero(np.diff(number[order], prepend=-1))
+        for start, stop in zip(starts, [*starts[1:], x.size], strict=True):
+            part = order[start:stop]
+            at_x, at_y = int(column[part[0]]), int(row[part[0]])
+            chunk = self._decoded(at_x, at_y)
+            found[part] = chunk[x[part] - at_x * width, y[part] - at_y * height]
+        return found

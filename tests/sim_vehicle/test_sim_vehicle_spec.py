@@ -17,7 +17,9 @@ from sim_vehicle.spec import (
 
 
 def test_the_names_and_the_vehicles():
-    assert vehicle_names() == ("quad", "mini-quad", "rover", "wing", "ideal")
+    names = vehicle_names()
+    assert (names[0], names[-1]) == ("quad", "ideal")
+    assert {"mini-quad", "rover", "wing"} < set(names)
     assert get_vehicle("QUAD").name == "quad"
     ideal = get_vehicle("ideal")
     assert ideal.is_ideal
@@ -29,7 +31,7 @@ def test_the_names_and_the_vehicles():
 
 @pytest.mark.parametrize("name", ["", "helicopter", "quad ", "../quad"])
 def test_an_unknown_vehicle_names_the_known_ones(name):
-    with pytest.raises(VehicleError, match="quad, mini-quad, rover, wing, ideal"):
+    with pytest.raises(VehicleError, match=r"choose quad, .*mini-quad, .*ideal or a"):
         get_vehicle(name)
 
 

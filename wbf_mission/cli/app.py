@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from geo.errors import WbfMissionError
-from wbf_mission.cli import benchmark, check, farm, fly, plan, sim, transfer
+from wbf_mission.cli import benchmark, check, farm, fly, plan, sim, transfer, vehicle
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
@@ -27,6 +27,7 @@ app.command("check", epilog=check.EXAMPLES)(check.check_command)
 app.command("upload", epilog=transfer.UPLOAD_EXAMPLES)(transfer.upload_command)
 app.command("download", epilog=transfer.DOWNLOAD_EXAMPLES)(transfer.download_command)
 app.add_typer(farm.app, name="farm")
+app.add_typer(vehicle.app, name="vehicle")
 app.command("benchmark", epilog=benchmark.EXAMPLES)(benchmark.benchmark_command)
 
 

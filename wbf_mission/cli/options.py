@@ -72,7 +72,8 @@ Day = Annotated[
 Vehicle = Annotated[
     str | None,
     typer.Option(
-        help="quad (flies) or ideal (the paper's robot).  [default: quad]",
+        help="One of `wbf-mission vehicle list`, such as quad or ideal (the paper's robot), or a .toml file."
+        "  [default: quad]",
         autocompletion=_complete("vehicle"),
         rich_help_panel=_VEHICLE,
     ),

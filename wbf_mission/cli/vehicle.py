@@ -1,0 +1,121 @@
+"""``wbf-mission vehicle``: list, show."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from wbf_mission.cli import options
+from wbf_mission.cli.output import Output
+
+if TYPE_CHECKING:
+    from sim_vehicle.spec import VehicleSpec
+
+app = typer.Typer(no_args_is_help=True, help="Look at vehicles: list them, show one with its endurance.")
+
+VehicleArgument = Annotated[
+    str,
+    typer.Argument(help="Name of a vehicle or a TOML file.", autocompletion=options._complete("vehicle")),
+]
+
+
+@app.command("list")
+def list_command(json: options.Json = False, quiet: options.Quiet = False) -> None:
+    """List the vehicles that are known by name, with the endurance of their cruise flight."""
+    from sim_vehicle.spec import get_vehicle, vehicle_names
+
+    vehicles = [get_vehicle(name) for name in vehicle_names()]
+    values = [_summary(vehicle) for vehicle in vehicles]
+    rows = [
+        [
+            value["name"],
+            value["kind"],
+            _number(value["mass_kg"], "{:.3g} kg"),
+            _number(value["battery_wh"], "{:.4g} Wh"),
+            f"{value['cruise_speed_m_s']:g} m/s",
+            _number(value["cruise_endurance_min"], "{:.0f} min"),
+            value["description"],
+        ]
+        for value in values
+    ]
+    columns = ["vehicle", "kind", "mass", "battery", "cruise", "lasts", "what it is"]
+    Output(as_json=json, quiet=quiet).table(values, columns, rows)
+
+
+@app.command("show", epilog="[bold]Example[/bold]\n\nwbf-mission vehicle show quad")
+def show_command(vehicle: VehicleArgument, json: options.Json = False, quiet: options.Quiet = False) -> None:
+    """Show a vehicle's limits, battery, power and endurance."""
+    from sim_vehicle.spec import get_vehicle
+
+    spec = get_vehicle(vehicle)
+    values = _summary(spec)
+    rows = {
+        "what": spec.description or "-",
+        "kind": spec.kind,
+        "speeds": f"{spec.cruise_speed_m_s:g} m/s cruise, {spec.top_speed_m_s:.1f} m/s at most; "
+        f"{spec.climb_speed_m_s:g} m/s up, {spec.descent_speed_m_s:g} m/s down",
+    }
+    if spec.power is not None:
+        rows["mass"] = f"{spec.power.mass_kg:g} kg"
+    if spec.battery is not None and spec.power is not None:
+        _add_endurance(spec, values, rows)
+    for name, table in (("PX4", spec.px4), ("ArduPilot", spec.ardupilot)):
+        if table:
+            rows[f"parameters for {name}"] = ", ".join(f"{key}={value:g}" for key, value in table)
+    Output(as_json=json, quiet=quiet).result(values, rows, title=spec.name)
+
+
+def _add_endurance(spec: VehicleSpec, values: dict[str, Any], rows: dict[str, str]) -> None:
+    """Add what the model tells about time and way on one battery, and what the maker tells."""
+    from sim_vehicle.endurance import best_speeds, endurance_s
+    from sim_vehicle.power import flight_power_w
+
+    battery, power = spec.battery, spec.power
+    assert battery is not None
+    assert power is not None
+    best = best_speeds(spec)
+    values["best_endurance_min"] = best.endurance_s / 60.0
+    values["best_endurance_speed_m_s"] = best.endurance_speed_m_s
+    values["best_range_m"] = best.range_m
+    values["best_range_speed_m_s"] = best.range_speed_m_s
+    rows["battery"] = (
+        f"{battery.capacity_wh:g} Wh, {battery.cells} cells, {battery.capacity_mah:.0f} mAh; "
+        f"low at {battery.reserve_fraction:.0%}, critical at {battery.critical_fraction:.0%}"
+    )
+    cruise_w = flight_power_w(power, spec.cruise_speed_m_s, battery=battery)
+    rows["cruise"] = f"{cruise_w:.0f} W, {values['cruise_endurance_min']:.1f} min until empty"
+    if spec.kind == "multirotor":
+        hover_w = flight_power_w(power, battery=battery)
+        values["hover_power_w"] = hover_w
+        rows["hover"] = f"{hover_w:.0f} W, {endurance_s(spec, 0.0) / 60.0:.1f} min until empty"
+    rows["longest"] = f"{best.endurance_s / 60.0:.1f} min at {best.endurance_speed_m_s:.1f} m/s"
+    rows["farthest"] = f"{best.range_m / 1000.0:.1f} km at {best.range_speed_m_s:.1f} m/s"
+    if spec.published is not None:
+        told = spec.published
+        model = endurance_s(spec, told.airspeed_m_s, used_fraction=told.used_fraction) / 60.0
+        values["published_endurance_min"] = told.endurance_min
+        values["published_condition"] = told.condition
+        values["published_source"] = told.source
+        values["model_endurance_min"] = model
+        rows["published"] = f"{told.endurance_min:g} min ({told.condition}; {told.source})"
+        rows["the model then"] = f"{model:.1f} min"
+
+
+def _summary(spec: VehicleSpec) -> dict[str, Any]:
+    from sim_vehicle.endurance import endurance_s
+
+    endless = spec.battery is None or spec.power is None
+    return {
+        "name": spec.name,
+        "kind": spec.kind,
+        "description": spec.description,
+        "mass_kg": None if spec.power is None else spec.power.mass_kg,
+        "battery_wh": None if spec.battery is None else spec.battery.capacity_wh,
+        "cruise_speed_m_s": spec.cruise_speed_m_s,
+        "cruise_endurance_min": None if endless else endurance_s(spec, spec.cruise_speed_m_s) / 60.0,
+    }
+
+
+def _number(value: float | None, form: str) -> str:
+    return "-" if value is None else form.format(value)

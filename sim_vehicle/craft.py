@@ -59,7 +59,9 @@ class Craft:
             return
         self._check_power("hold")
         x, y, z = self.motion.stopping_point()
-        self._fly([(x, y, z, 0.0, self.spec.top_speed_m_s, KEEP, 0.0, LegKind.STAY)], Phase.HOLD)
+        circles = self.spec.kind == "fixed-wing"
+        speed = self.spec.cruise_speed_m_s if circles else self.spec.top_speed_m_s
+        self._fly([(x, y, z, 0.0, speed, KEEP, 0.0, LegKind.STAY)], Phase.HOLD)
 
     def look_at(self, place_m: tuple[float, float] | None) -> None:
         """Point the nose at a place (east, north) whatever is flown, None for no more."""
@@ -195,10 +197,13 @@ class Craft:
     def _deplete(self) -> None:
         """Come down where it is: nothing else is possible any more."""
         self.motion.ignore_energy()
+        self.motion.lose_power()
         self._tell(BatteryDepleted(self.time_s))
         if self.phase is Phase.FALLING:
             return
         x, y, _ = self.motion.stopping_point()
-        rows: list[Row] = [(x, y, 0.0, 0.0, self.spec.cruise_speed_m_s, KEEP, 0.0, LegKind.LAND)]
+        # A wing comes down on a circle.
+        down = (x, y, 0.0, 0.0, self.spec.cruise_speed_m_s, KEEP, 0.0, LegKind.LAND, 0.0, 0.0)
+        rows: list[Row] = [down]
         self._fly(rows, Phase.DEPLETED, Ending.TOUCHDOWN)
         self.landed = LandedState.LANDING

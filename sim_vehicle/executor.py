@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import math
 
+from mission.model import Command
 from sim_vehicle.autopilot import autopilot_of
+from sim_vehicle.autopilot.plane import plane_of
 from sim_vehicle.battery import remaining_fraction
+from sim_vehicle.circling import circle_row, circles, lands
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.feasibility import check_mission
 from sim_vehicle.flight import FlightEvent, LandedState, Phase, VehicleState
-from sim_vehicle.itinerary import MAX_TURNS, Ending
+from sim_vehicle.itinerary import MAX_TURNS, Ending, do_items, plan_item_legs
 from sim_vehicle.motion.model import LegKind
 from sim_vehicle.paths import ALONG, KEEP, Place, Row, circle_rows
 from sim_vehicle.sequencer import MissionSequencer
 from sim_vehicle.spec import AIR_DENSITY_KG_M3, GRAVITY_M_S2, VehicleSpec
 
 __all__ = ["MissionExecutor", "check_mission"]
+
+_LANDING_COMMANDS = frozenset({16, 18, 19, 21, 31})
 
 
 class MissionExecutor(MissionSequencer):
@@ -226,7 +231,10 @@ class MissionExecutor(MissionSequencer):
             raise VehicleError(msg)
         speed = self._checked_speed(speed_m_s)
         here = self.motion.position_m
-        rows = circle_rows((x_m, y_m, altitude_m), here, MAX_TURNS, radius_m, speed, self.spec)
+        if circles(self.spec):
+            rows = [circle_row((x_m, y_m, altitude_m), radius_m, speed, MAX_TURNS)]
+        else:
+            rows = circle_rows((x_m, y_m, altitude_m), here, MAX_TURNS, radius_m, speed, self.spec)
         self._fly(rows, Phase.GOTO)
 
     def return_home(self, place_m: Place | None = None) -> None:
@@ -243,6 +251,9 @@ class MissionExecutor(MissionSequencer):
         self._in_air("return home")
         self.look_at(None)
         speed = max(self._settings.speed_m_s, self.spec.cruise_speed_m_s)
+        if circles(self.spec):
+            self._return_circling(place_m, speed)
+            return
         x, y, z = self.motion.stopping_point()
         rows: list[Row] = []
         if math.hypot(x - self.motion.position_m[0], y - self.motion.position_m[1]) > 0.2:
@@ -255,6 +266,37 @@ class MissionExecutor(MissionSequencer):
         rows.append((x, y, height, self.spec.acceptance_radius_m, speed, KEEP, 0.0, LegKind.CLIMB))
         rows.append((place_m[0], place_m[1], height, 0.0, speed, ALONG, 0.0))
         self._fly(rows, Phase.GOTO)
+
+    def _return_circling(self, place_m: Place | None, speed: float) -> None:
+        """Return as a wing does: to a circle over the place or home, or to the landing of the mission."""
+        here = self.motion.position_m
+        if place_m is not None:
+            height = max(place_m[2], self.spec.return_altitude_m, here[2])
+            self._fly([circle_row((place_m[0], place_m[1], height), math.nan, speed)], Phase.GOTO)
+            return
+        rows = self._mission_landing(here)
+        if not rows:
+            rows = autopilot_of(self.spec).return_rows(self.spec, here, speed, self.haven())
+        self._fly(rows, Phase.RETURN, Ending.TOUCHDOWN if lands(rows) else Ending.NEXT)
+
+    def _mission_landing(self, here: Place) -> list[Row]:
+        """Return the legs of the mission's landing, where it has one and a return is to use it."""
+        starts = [seq for seq, item in enumerate(self.items) if item.command == Command.DO_LAND_START]
+        if not starts or not plane_of(self.spec.autopilot).lands_as_mission(self.spec):
+            return []
+        rows: list[Row] = []
+        seq = starts[0]
+        settings = self._settings.copy()
+        while True:
+            _, seq = do_items(self.items, seq, settings, self.spec.top_speed_m_s)
+            if not 0 <= seq < len(self.items) or self.items[seq].command not in _LANDING_COMMANDS:
+                return []
+            plan = plan_item_legs(self.items, self._places, seq, settings, self.spec, here, self.haven())
+            rows += plan.rows
+            here = (rows[-1][0], rows[-1][1], rows[-1][2])
+            if plan.ending is Ending.TOUCHDOWN:
+                return rows
+            seq = plan.seqs[-1] + 1
 
     def land(self) -> None:
         """Land here.
@@ -326,6 +368,10 @@ class MissionExecutor(MissionSequencer):
             lift = GRAVITY_M_S2 + az
             pitch = -math.atan2(east * sin + north * cos, lift)
             roll = math.atan2((east * cos - north * sin) * math.cos(pitch), lift)
+        throttle = 0.5
+        attitude = self.motion.attitude()
+        if attitude is not None:
+            roll, pitch, airspeed, throttle = attitude
         meter = self._meter
         battery = meter.read(self.motion.time_s, energy, power) if meter is not None else None
         return VehicleState(
@@ -346,6 +392,7 @@ class MissionExecutor(MissionSequencer):
             landed=self.landed,
             phase=self.phase,
             current_seq=self.current_seq,
+            throttle=throttle,
         )
 
     def _ready(self, what: str) -> None:

@@ -73,6 +73,8 @@ class VehicleState:
         What the vehicle is doing.
     current_seq : int
         The mission item that is being flown, -1 without a mission.
+    throttle : float
+        0 to 1; a half where the motion has none.
     """
 
     time_s: float
@@ -92,6 +94,7 @@ class VehicleState:
     landed: LandedState
     phase: Phase
     current_seq: int
+    throttle: float = 0.5
 
 
 @dataclass(frozen=True, slots=True)

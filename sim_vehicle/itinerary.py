@@ -11,6 +11,7 @@ import numpy as np
 
 from mission.model import Command, Frame, MissionItem
 from sim_vehicle.autopilot import autopilot_of
+from sim_vehicle.circling import circles, circling, lands, next_place
 from sim_vehicle.paths import ALONG, KEEP, Row, circle_rows, spline_rows
 
 if TYPE_CHECKING:
@@ -262,9 +263,21 @@ def plan_item_legs(
     plan = Itinerary()
     last = here
     tangent = (0.0, 0.0, 0.0)
+    on_circles = circles(spec)
     while True:
         item = items[seq]
-        if item.command == _SPLINE:
+        circle = None
+        if on_circles:
+            place = _placed(places[seq], last)
+            circle = circling(item, place, settings.speed_m_s, spec, next_place(items, places, seq))
+        if circle is not None:
+            last = place
+            plan.add(circle.row, seq, done=circle.goes_on)
+            if circle.forever:
+                plan.ending = Ending.FOREVER
+            elif circle.wait_s is not None:
+                plan.ending, plan.wait_s = Ending.WAIT, circle.wait_s
+        elif item.command == _SPLINE:
             end = _placed(places[seq], last)
             ahead = _place_ahead(items, places, seq)
             tangent = _spline_legs(plan, item, seq, settings, spec, (last, end, ahead), tangent)
@@ -374,9 +387,11 @@ def _item_legs(
             plan.add(row, seq, done=row is rows[-1])
         return rows[-1][0], rows[-1][1], rows[-1][2]
     if command == Command.NAV_RETURN_TO_LAUNCH:
-        for row in autopilot_of(spec).return_rows(spec, last, speed, haven):
+        rows = autopilot_of(spec).return_rows(spec, last, speed, haven)
+        for row in rows:
             plan.add(row, seq)
-        plan.ending = Ending.TOUCHDOWN
+        # A wing may only circle over home.
+        plan.ending = Ending.NEXT if circles(spec) and not lands(rows) else Ending.TOUCHDOWN
         return haven[0], haven[1], 0.0
     if command == Command.NAV_LAND:
         for row in autopilot_of(spec).landing_rows(spec, (x, y, last[2]), last, speed):

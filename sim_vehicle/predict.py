@@ -126,7 +126,7 @@ def predict_flight(
     executor.load(mission.items, places)
     executor.arm()
     executor.start()
-    events = executor.fly_through(_LIMIT_S[spec.kind])
+    events = executor.fly_through(_LIMIT_S["ideal" if spec.is_ideal else "multirotor"])
     state = executor.state()
     end_s = next((event.time_s for event in reversed(events) if isinstance(event, MissionComplete)), None)
     reason = ""

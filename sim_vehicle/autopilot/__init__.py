@@ -16,14 +16,14 @@ __all__ = ["autopilot_of", "with_autopilot"]
 
 def autopilot_of(spec: VehicleSpec) -> Autopilot:
     """Return what flies a vehicle; modules are imported only when they are needed."""
-    if spec.kind == "ideal" or spec.autopilot == "generic":
+    if spec.kind == "ideal" or (spec.kind == "multirotor" and spec.autopilot == "generic"):
         from sim_vehicle.autopilot.generic import GENERIC
 
         return GENERIC
     if spec.kind == "fixed-wing":
-        from sim_vehicle.autopilot.plane import PLANE
+        from sim_vehicle.autopilot.plane import plane_of
 
-        return PLANE
+        return plane_of(spec.autopilot)
     if spec.kind == "rover":
         from sim_vehicle.autopilot.rover import ROVER
 
@@ -44,7 +44,9 @@ def with_autopilot(
 ) -> VehicleSpec:
     """Return a vehicle as an autopilot flies it, with further parameters of that autopilot.
 
-    The ideal vehicle has no autopilot and is returned as it is.
+    The ideal vehicle has no autopilot and is returned as it is; a fixed wing or rover of no autopilot in
+    particular is flown as PX4 does it. The vehicle's own parameters of that autopilot hold unless others are
+    given.
 
     Raises
     ------
@@ -55,7 +57,10 @@ def with_autopilot(
         return spec
     from sim_vehicle.autopilot.model import check_settings
 
-    merged = {**dict(spec.parameters), **(parameters or {})}
+    if name == "generic" and spec.kind != "multirotor":
+        name = "px4"
+    own = {"px4": spec.px4, "ardupilot": spec.ardupilot}.get(name, ())
+    merged = {**dict(own), **dict(spec.parameters), **(parameters or {})}
     flown = replace(spec, autopilot=name, parameters=tuple(merged.items()))
     autopilot = autopilot_of(flown)
     check_settings(flown, autopilot.settings)

@@ -125,6 +125,10 @@ class IdealRobot:
         still = [0.0] * 4
         return [*self._place, vx, vy, *still, self._yaw, 0.0, 0.0, self._length, 0.0, 0.0, 0.0, 0.0]
 
+    def attitude(self) -> tuple[float, float, float, float] | None:
+        """None: it has none."""
+        return None
+
     def fly(self, route: Route) -> None:
         """Begin a route."""
         self._legs = np.column_stack([route.points_m, route.heading_rad]).tolist()
@@ -234,6 +238,9 @@ class IdealRobot:
 
     def use_energy(self, joules: float) -> None:
         """Nothing: there is no battery."""
+
+    def lose_power(self) -> None:
+        """Nothing: it comes down with what is left."""
 
     def touch_down(self) -> None:
         """Stand still on the ground."""

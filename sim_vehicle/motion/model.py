@@ -37,6 +37,7 @@ class LegKind(IntEnum):
     DESCEND = 4
     LAND = 5
     STAY = 6
+    LOITER = 7
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +62,9 @@ class Route:
         Time to stay at the end of the leg, which is a stop then.
     turn_rad_s : float
         Rate of turning instead of the headings; NaN for none.
+    circle : float64[n, 4] or None
+        For vehicles that stay by circling: radius (clockwise when positive, NaN is the autopilot's own),
+        turns, and the place (east, north) towards which the circle is left, NaN for anywhere.
     """
 
     points_m: NDArray[np.float64]
@@ -71,6 +75,7 @@ class Route:
     kind: NDArray[np.int64]
     pause_s: NDArray[np.float64]
     turn_rad_s: float = math.nan
+    circle: NDArray[np.float64] | None = None
 
     @classmethod
     def to(
@@ -88,17 +93,19 @@ class Route:
 
     @classmethod
     def through(cls, legs: Sequence[tuple[float, ...]], turn_rad_s: float = math.nan) -> Route:
-        """Return a route of (x, y, z, radius, speed, heading, near[, kind[, pause]]) rows."""
-        table = np.zeros((len(legs), 9))
+        """Return a route of (x, y, z, radius, speed, heading, near[, kind[, pause[, circle...]]]) rows."""
+        table = np.zeros((len(legs), 13))
+        table[:, 9:] = math.nan
         for row, leg in zip(table, legs, strict=True):
             row[: len(leg)] = leg
-        radius, speed, heading, near, kind, pause = (np.ascontiguousarray(row) for row in table.T[3:])
+        radius, speed, heading, near, kind, pause = (np.ascontiguousarray(row) for row in table.T[3:9])
         points = np.ascontiguousarray(table[:, :3])
-        return cls(points, radius, speed, heading, near, kind.astype(np.int64), pause, turn_rad_s)
+        circle = np.ascontiguousarray(table[:, 9:])
+        return cls(points, radius, speed, heading, near, kind.astype(np.int64), pause, turn_rad_s, circle)
 
 
 class MotionModel(Protocol):
-    """A vehicle's motion (`Multirotor`, `IdealRobot`)."""
+    """A vehicle's motion (`Multirotor`, `FixedWing`, `Rover`, `IdealRobot`)."""
 
     spec: VehicleSpec
     step_s: float
@@ -132,6 +139,9 @@ class MotionModel(Protocol):
 
     def numbers(self) -> list[float]:
         """Return position, velocity, acceleration, heading, its rate, energy, path, power, -, wind."""
+
+    def attitude(self) -> tuple[float, float, float, float] | None:
+        """Return roll, pitch, airspeed and throttle; None where they follow from the acceleration."""
 
     def fly(self, route: Route) -> None:
         """Begin a route."""
@@ -175,6 +185,9 @@ class MotionModel(Protocol):
 
     def use_energy(self, joules: float) -> None:
         """Take energy out of the battery."""
+
+    def lose_power(self) -> None:
+        """Fly on without the motor, where that is possible."""
 
     def touch_down(self) -> None:
         """Stand still on the ground."""

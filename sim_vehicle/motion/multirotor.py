@@ -100,6 +100,10 @@ class Multirotor:
         numbers: list[float] = self.state[:17].tolist()
         return numbers
 
+    def attitude(self) -> tuple[float, float, float, float] | None:
+        """None: they follow from the acceleration."""
+        return None
+
     def fly(self, route: Route) -> None:
         """Begin a route, from where the vehicle is and as it moves now."""
         self._route = prepare_route(
@@ -208,6 +212,9 @@ class Multirotor:
     def use_energy(self, joules: float) -> None:
         """Take energy out of the battery."""
         self.state[11] += joules
+
+    def lose_power(self) -> None:
+        """Nothing: it comes down with what is left."""
 
     def touch_down(self) -> None:
         """Stand still on the ground."""

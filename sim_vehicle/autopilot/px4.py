@@ -138,7 +138,13 @@ class Px4MultirotorAutopilot:
         rows.append((x, y, 0.0, 0.0, -spec.landing_speed_m_s, KEEP, 0.0, LegKind.LAND))
         return rows
 
-    def return_rows(self, spec: VehicleSpec, last: Place, speed: float, haven: Place) -> list[Row]:
+    def return_rows(
+        self,
+        spec: VehicleSpec,
+        last: Place,
+        speed: float,  # noqa: ARG002
+        haven: Place,
+    ) -> list[Row]:
         """Return the legs home: up, home at the cruise speed, down to wait if so told, and down."""
         x, y, z = last
         home_x, home_y, least = haven

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from sim_vehicle.spec import VehicleSpec
     from sim_vehicle.wind import Wind
 
-# The reference airframe, SIH quadrotor 10040: SIH_KDV over SIH_MASS; four times SIH_T_MAX over SIH_MASS; the hover
-# thrust and lowest thrust that go with it are MPC_THR_HOVER and MPC_THR_MIN.
+# The reference airframe, SIH quadrotor 10040: SIH_KDV and four times SIH_T_MAX over SIH_MASS; MPC_THR_MIN.
 SIH_DRAG_1_S = 1.0
 SIH_THRUST_M_S2 = 20.0
 LOWEST_THRUST = 0.12
@@ -139,7 +138,9 @@ class Px4Multirotor(Multirotor):
         stops = route.pause_s > 0.0
         stops[-1] = True
         ahead = np.vstack([route.points_m[1:], route.points_m[-1:]])
-        table[:, 6:9] = np.where(stops[:, np.newaxis] | (route.kind >= LegKind.CLIMB)[:, np.newaxis], route.points_m, ahead)
+        table[:, 6:9] = np.where(
+            stops[:, np.newaxis] | (route.kind >= LegKind.CLIMB)[:, np.newaxis], route.points_m, ahead
+        )
         table[:, 9] = np.where(route.radius_m > 0.0, route.radius_m, self._radius_m)
         table[:, 10] = np.where(route.speed_m_s > 0.0, route.speed_m_s, self.spec.cruise_speed_m_s)
         table[:, 10] = np.minimum(table[:, 10], self._law[kernel.XY_VEL_MAX])
@@ -239,6 +240,18 @@ class Px4Multirotor(Multirotor):
         time_s = 0.5 * speed / self._law[kernel.ACC_HOR] + BRAKE_DELAY_S
         return x + vx * time_s, y + vy * time_s, max(z, 0.0)
 
+    def attitude(self) -> tuple[float, float, float, float] | None:
+        """Return roll, pitch, airspeed and throttle; None where they follow from the acceleration."""
+        if not self._guided or self.state[2] <= 0.0:
+            return None
+        state, (east, north) = self.state, self.guide[12:14].tolist()
+        sine, cosine = math.sin(state[9]), math.cos(state[9])
+        up = math.sqrt(1.0 - east * east - north * north)
+        pitch = -math.atan2(east * sine + north * cosine, up)
+        roll = math.atan2((east * cosine - north * sine) * math.cos(pitch), up)
+        airspeed = math.hypot(state[3] - state[15], state[4] - state[16])
+        return roll, pitch, airspeed, min(self.guide[16] / SIH_THRUST_M_S2, 1.0)
+
     def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
         """Fly up to ``max_steps`` steps, less when something happens (see `MotionEvent`)."""
         if not self._guided:
@@ -284,9 +297,8 @@ class Px4Multirotor(Multirotor):
     def touch_down(self) -> None:
         """Stand still on the ground."""
         super().touch_down()
-        heading = self.guide[kernel.G_HEADING] = self.state[9]
         self.guide[:] = 0.0
-        self.guide[kernel.G_HEADING] = heading
+        self.guide[kernel.G_HEADING] = self.state[9]
         self.guide[kernel.G_CLOCK] = -1.0
         self._guided = False
 

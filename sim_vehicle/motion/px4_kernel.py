@@ -1,8 +1,9 @@
 """The compiled motion of a multirotor under PX4: navigator, trajectory, controllers, airframe.
 
 Mechanisms and constants from PX4 v1.17: ``FlightTaskAuto`` and ``PositionSmoothing`` (the trajectory that is
-followed), ``mc_pos_control`` (``PositionControl``, ``Takeoff``), ``navigator/mission_block`` (when a waypoint is
-reached), ``land_detector``, and ``simulator_sih`` (the airframe). docs/vehicle-model.md tells what is left out.
+followed), ``mc_pos_control`` (``PositionControl``, ``Takeoff``), ``navigator/mission_block`` (when a waypoint
+is reached), ``land_detector``, and ``simulator_sih`` (the airframe). docs/vehicle-model.md tells what is left
+out.
 
 The state and the counters are those of `sim_vehicle.motion.kernel`; what the autopilot remembers is a further
 row of `GUIDE` numbers. East-north-up about home.
@@ -12,13 +13,25 @@ from __future__ import annotations
 
 from math import atan2, cos, exp, inf, isnan, pi, sin, sqrt
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from sim_vehicle.motion.air import wind_at
-from sim_vehicle.motion.kernel import ENERGY, GRID, NEAR, RAN, REACHED, ROI_NEAR, STALL_S, STALLED, WIND, rotor_power
+from sim_vehicle.motion.kernel import (
+    ENERGY,
+    GRID,
+    NEAR,
+    RAN,
+    REACHED,
+    ROI_NEAR,
+    STALL_S,
+    STALLED,
+    WIND,
+    Floats,
+    Integers,
+)
+from sim_vehicle.motion.power_kernels import multirotor_power
 from sim_vehicle.motion.px4_smoothing import (
+    Vector,
     clamped,
     climb_speed,
     follow,
@@ -29,22 +42,20 @@ from sim_vehicle.motion.px4_smoothing import (
     unit_dot,
 )
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-
 GRAVITY = 9.80665
 
 # leg: target 0-2, place before 3-5, place after 6-8, acceptance radius 9, speed 10, heading 11 (NaN: to the
-# target, infinity: keep), distance to notify at 12, kind 13 (`LegKind`), pause 14, rate of turning 15 (NaN: by the
-# heading)
+# target, infinity: keep), distance to notify at 12, kind 13 (`LegKind`), pause 14, rate of turning 15 (NaN:
+# by the heading)
 LEG = 16
 _TAKEOFF, _CLIMB, _DESCEND, _LAND = 1, 2, 4, 5
 
-# guide: trajectory 0-8 (place, velocity, acceleration), velocity integrals 9-11, thrust direction 12-13, its rate
-# 14-15, thrust (m/s^2) 16, filtered acceleration 17-19, speed before a turn 20, vertical speed wanted 21,
-# waypoints that are followed 22-30 (target, before, after), state against the track 31, a new leg 32, time since
-# the motors started 33 (negative: off, infinity: in flight), wanted heading 34, nearest so far 35, in the
-# acceptance radius since step 36 (negative: not yet), time on the ground 37, taking off from the ground 38
+# guide: trajectory 0-8 (place, velocity, acceleration), velocity integrals 9-11, thrust direction 12-13, its
+# rate 14-15, thrust (m/s^2) 16, filtered acceleration 17-19, speed before a turn 20, vertical speed wanted
+# 21, waypoints that are followed 22-30 (target, before, after), state against the track 31, a new leg 32,
+# time since the motors started 33 (negative: off, infinity: in flight), wanted heading 34, nearest so far 35,
+# in the acceptance radius since step 36 (negative: not yet), time on the ground 37, taking off from the
+# ground 38
 GUIDE = 39
 G_TURN, G_CLIMB, G_TARGET, G_BEFORE, G_AFTER, G_STATE, G_FRESH = 20, 21, 22, 25, 28, 31, 32
 G_CLOCK, G_HEADING, G_BEST, G_INSIDE, G_GROUND, G_LAUNCH = 33, 34, 35, 36, 37, 38
@@ -100,6 +111,8 @@ LOOKAHEAD_M = 5.0
 # Share of the thrust that climbing leaves for the horizontal, MPC_THR_XY_MARG.
 MARGIN = 0.3
 BRISK = 0.2
+# Mean size of the error of the estimated vertical speed.
+NOISE_M_S = 0.13
 PROGRESS = 0.98
 
 
@@ -207,7 +220,9 @@ def _guide(g: Floats, row: Floats, law: Floats, px: float, py: float, pz: float)
 
 
 @njit(cache=True)
-def _control(g: Floats, law: Floats, state: Floats, climb_limit: float, flying: bool) -> tuple[float, float, float]:
+def _control(
+    g: Floats, law: Floats, state: Floats, climb_limit: float, flying: bool
+) -> tuple[float, float, float]:
     """Return the thrust vector (m/s^2) that the position and velocity controllers want."""
     dt = law[DT]
     vx = g[3] + law[XY_P] * (g[0] - state[0])
@@ -239,10 +254,15 @@ def _control(g: Floats, law: Floats, state: Floats, climb_limit: float, flying: 
     room = sqrt(max(most * most - tz * tz, 0.0))
     if level > room:
         tx, ty = tx * room / level, ty * room / level
-    # Tracking anti-windup: the integral gives back what the vehicle does not deliver.
-    if wanted2 > tx * tx + ty * ty:
-        ex -= 2.0 / law[XY_VEL_P] * (ax - tx)
-        ey -= 2.0 / law[XY_VEL_P] * (ay - ty)
+    # Tracking anti-windup: the integral gives back what the vehicle does not deliver. It does so whenever the
+    # thrust is below that of hovering, hence on the average of a noisy vertical speed too.
+    noise = NOISE_M_S * law[Z_VEL_P]
+    missing = 0.5 * (sqrt(az * az + noise * noise) - az) / GRAVITY
+    lostx, losty = missing * ax, missing * ay
+    if (ax - tx) ** 2 + (ay - ty) ** 2 > lostx * lostx + losty * losty and wanted2 > tx * tx + ty * ty:
+        lostx, losty = ax - tx, ay - ty
+    ex -= 2.0 / law[XY_VEL_P] * lostx
+    ey -= 2.0 / law[XY_VEL_P] * losty
     g[9] += law[XY_VEL_I] * ex * dt
     g[10] += law[XY_VEL_I] * ey * dt
     g[11] = min(max(g[11] + law[Z_VEL_I] * ez * dt, -GRAVITY), GRAVITY)
@@ -279,11 +299,11 @@ def _turn(g: Floats, row: Floats, law: Floats, state: Floats) -> None:
 
 
 @njit(cache=True)
-def _fly(g: Floats, law: Floats, state: Floats, wanted: tuple[float, float, float], lag: float) -> float:
+def _fly(g: Floats, law: Floats, state: Floats, wanted: Vector, lag: float) -> float:
     """Move the airframe by one step and return the length of it.
 
-    The direction of the thrust follows as the attitude does (an angle controller over a rate that lags), its size as
-    the motors do; the drag is linear.
+    The direction of the thrust follows as the attitude does (an angle controller over a rate that lags), its
+    size as the motors do; the drag is linear.
     """
     dt = law[DT]
     size = sqrt(wanted[0] ** 2 + wanted[1] ** 2 + wanted[2] ** 2)
@@ -324,23 +344,24 @@ def _fly(g: Floats, law: Floats, state: Floats, wanted: tuple[float, float, floa
 
 
 @njit(cache=True)
-def _inside(row: Floats, law: Floats, x: float, y: float, z: float) -> bool:
+def _inside(row: Floats, law: Floats, state: Floats) -> bool:
     """Tell whether the navigator takes a waypoint as reached, its heading and pause aside."""
-    kind, rise = row[13], row[2] - z
+    kind, rise = row[13], row[2] - state[2]
     if kind == _TAKEOFF:
         return bool(rise < (law[ALT_RAD] if row[2] >= law[ALT_RAD] else 0.5 * row[2]))
-    if kind == _CLIMB or kind == _DESCEND:
+    if kind in (_CLIMB, _DESCEND):
         return bool(abs(rise) <= law[ALT_RAD])
-    return bool((row[0] - x) ** 2 + (row[1] - y) ** 2 <= row[9] * row[9] and abs(rise) <= law[ALT_RAD])
+    flat2 = (row[0] - state[0]) ** 2 + (row[1] - state[1]) ** 2
+    return bool(flat2 <= row[9] * row[9] and abs(rise) <= law[ALT_RAD])
 
 
 @njit(cache=True)
-def _left(row: Floats, x: float, y: float, z: float) -> float:
+def _left(row: Floats, state: Floats) -> float:
     """Return what is left of a leg; only the height counts where only the height ends it."""
-    rise, kind = row[2] - z, row[13]
-    if kind == _TAKEOFF or kind == _CLIMB or kind == _DESCEND or kind == _LAND:
-        return abs(rise)
-    return sqrt((row[0] - x) ** 2 + (row[1] - y) ** 2 + rise * rise)
+    rise, kind = row[2] - state[2], row[13]
+    if kind in (_TAKEOFF, _CLIMB, _DESCEND, _LAND):
+        return float(abs(rise))
+    return float(sqrt((row[0] - state[0]) ** 2 + (row[1] - state[1]) ** 2 + rise * rise))
 
 
 @njit(cache=True)
@@ -403,13 +424,14 @@ def advance(
                     return WIND
             state[15], state[16], rising = wind_at(wind[index], state[2])
             airx, airy = state[3] - state[15], state[4] - state[16]
-            state[13] = rotor_power(power, airx * airx + airy * airy, state[5] - rising)
+            climb = state[5] - rising
+            state[13] = multirotor_power(power, airx, airy, climb, state[6], state[7], state[8])
             if track_every > 0 and (step // GRID) % track_every == 0 and counters[5] < track.shape[0]:
                 for k in range(3):
                     track[counters[5], k] = state[k]
                 counters[5] += 1
             if counters[3] == 0 and g[G_INSIDE] < 0.0:
-                left = _left(row, state[0], state[1], state[2])
+                left = _left(row, state)
                 if left < PROGRESS * g[G_BEST] or g[G_CLOCK] < law[SPOOLUP] or g[G_GROUND] > 0.0:
                     g[G_BEST] = left
                     counters[2] = step
@@ -449,9 +471,8 @@ def advance(
                 if kind == _LAND:
                     if g[G_GROUND] >= law[LAND_TIME]:
                         g[G_INSIDE] = step
-                elif (2 * step) % 5 < 2 and g[G_CLOCK] >= law[SPOOLUP]:
-                    if _inside(row, law, state[0], state[1], state[2]):
-                        g[G_INSIDE] = step
+                elif (2 * step) % 5 < 2 and g[G_CLOCK] >= law[SPOOLUP] and _inside(row, law, state):
+                    g[G_INSIDE] = step
             reached = g[G_INSIDE] >= 0.0 and (step - g[G_INSIDE]) * dt >= row[14]
             if reached and kind == 0.0 and row[11] < inf and isnan(state[17]) and isnan(row[15]):
                 gap = (row[11] - state[9] + pi) % (2.0 * pi) - pi

@@ -68,7 +68,9 @@ def _plateau(t1: float, t3: float, a: float, change: float, jerk: float) -> floa
 
 
 @njit(cache=True)
-def stretched(p: Profile, v: float, a: float, wanted: float, limit: float, jerk: float, total: float) -> Profile:
+def stretched(
+    p: Profile, v: float, a: float, wanted: float, limit: float, jerk: float, total: float
+) -> Profile:
     """Return the profile that takes a total time, so that all axes end together."""
     sign, t1, t2, t3 = p
     if sign == 0.0 or t1 + t2 + t3 >= total:
@@ -123,9 +125,19 @@ def unit_dot(ax: float, ay: float, bx: float, by: float) -> float:
 
 @njit(cache=True)
 def level_speed(
-    place: Vector, target: Vector, after: Vector, radius: float, cruise: float, accel: float, jerk: float, gain: float
+    place: Vector,
+    target: Vector,
+    after: Vector,
+    radius: float,
+    cruise: float,
+    accel: float,
+    jerk: float,
+    gain: float,
 ) -> float:
-    """Return the horizontal speed from which the vehicle can take the next corner and stop at the one after it."""
+    """Return the horizontal speed from which the next corner can be taken and the one after it stopped at.
+
+    ``gain`` is the share of the acceleration in corners.
+    """
     far = sqrt((target[0] - after[0]) ** 2 + (target[1] - after[1]) ** 2)
     corner = 0.0
     if far > 0.001 and far >= radius:
@@ -178,7 +190,10 @@ def clamped(v: Vector, level: float, climb: float) -> Vector:
 
 @njit(cache=True)
 def lookahead(place: Vector, begin: Vector, target: Vector, reach: float) -> Vector:
-    """Return the point of the line from ``begin`` to ``target`` that is ``reach`` away and ahead (L1 guidance)."""
+    """Return the point of the line from ``begin`` to ``target`` that is ``reach`` away and ahead.
+
+    The L1 guidance of PX4, in space.
+    """
     dx, dy, dz = target[0] - begin[0], target[1] - begin[1], target[2] - begin[2]
     size = sqrt(dx * dx + dy * dy + dz * dz)
     if size < _TINY:
@@ -189,5 +204,3 @@ def lookahead(place: Vector, begin: Vector, target: Vector, reach: float) -> Vec
     off2 = (x - place[0]) ** 2 + (y - place[1]) ** 2 + (z - place[2]) ** 2
     ahead = sqrt(reach * reach - off2) if reach * reach > off2 else 0.0
     return x + ahead * dx, y + ahead * dy, z + ahead * dz
-
-

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 # The airframe of ArduPilot's simulator (`SIM_Frame.h`, default model): 3 kg, 0.18 m2 of discs, and as much drag
 # at 15.08 m/s as 45 degrees of tilt overcome; a part of it, the momentum drag of the rotors, is linear.
-_MASS_KG, _DISC_M2, _MOMENTUM = 3.0, 0.18, 0.2
+_MASS_KG, _DISC_M2, _MOMENTUM = 3.0, 0.18, 0.34
 _REFERENCE_M_S, _REFERENCE_RAD = 15.08, math.radians(45.0)
-_AIR_KG_M3 = 1.225
+_AIR_KG_M3, _REFERENCE_AIR_KG_M3 = 1.225, 1.157
 _HOVER_THROTTLE = 0.39
 # What the attitude lags behind its target: rate loops and motors.
 _ATTITUDE_S = 0.05
@@ -243,4 +243,4 @@ def _drag(spec: VehicleSpec) -> tuple[float, float]:
     momentum = _MOMENTUM * math.sqrt(weight * _AIR_KG_M3 * _DISC_M2)
     whole = weight * math.tan(_REFERENCE_RAD)
     rest = whole - momentum * math.cos(_REFERENCE_RAD) * _REFERENCE_M_S
-    return momentum / _MASS_KG, rest / _REFERENCE_M_S**2 / _MASS_KG
+    return momentum / _MASS_KG, rest / _REFERENCE_M_S**2 / _MASS_KG * _AIR_KG_M3 / _REFERENCE_AIR_KG_M3

@@ -26,8 +26,8 @@ from sim_vehicle.motion.kernel import (
     STALL_S,
     STALLED,
     WIND,
-    rotor_power,
 )
+from sim_vehicle.motion.power_kernels import multirotor_power
 from sim_vehicle.motion.scurve import (
     MADE,
     TIME,
@@ -49,7 +49,7 @@ RX, RY, RZ, RADIUS, SPEED, HEADING, DISTANCE, KIND, PAUSE = range(9)
 _TAKEOFF, _HOME, _LAND, _STAY, _ARC = 1, 3, 5, 6, 7
 
 # The guide: desired position 0-2, velocity 3-5 and acceleration 6-8; begin 9-11 and end 12-14 of the leg
-GUIDE = 44
+GUIDE = 45
 PX, VX, AX, BEGIN, END = 0, 3, 6, 9, 12
 # pace of the target 15, error along the track 16 and speed along it 17
 PACE, LAG, ALONG = 15, 16, 17
@@ -61,8 +61,8 @@ ASKED, TARGET, LEAN = 28, 30, 32
 # mode 34, whether the next leg is known 35, speed in use 36-38 (level, up, down), what to begin 39
 MODE, FAST, LEVEL, UP, DOWN, BEGINS = 34, 35, 36, 37, 38, 39
 # step until which it waits 40 (infinity: it does not), whether the way is done 41 (2: the pause runs), speed
-# along chords 42, vertical wind 43
-UNTIL, DONE, PACE_ARC, RISING = 40, 41, 42, 43
+# along chords 42, vertical wind 43, vertical acceleration by drag 44
+UNTIL, DONE, PACE_ARC, RISING, LIFT = 40, 41, 42, 43, 44
 
 NO_MODE, HOLDING, LEGS, CLIMBING, LANDING, LANDED, CHORDS = range(7)
 NOTHING, CHAINED, SAME, ANEW = range(4)
@@ -113,6 +113,8 @@ LAW = 40
 ) = range(LAW)
 
 GRAVITY = 9.80665
+LEAST_WAY = 0.01
+SHAKE = 0.04
 
 
 @njit(cache=True, inline="always")
@@ -191,6 +193,16 @@ def _make(i: int, a: Floats, b: Floats, guide: Floats, law: Floats, heads: Float
 
 
 @njit(cache=True)
+def _apart(guide: Floats) -> None:
+    """Keep the begin of a leg from its end: an estimated position is never exactly the wanted one."""
+    gap = 0.0
+    for k in range(3):
+        gap += (guide[END + k] - guide[BEGIN + k]) ** 2
+    if gap < LEAST_WAY * LEAST_WAY:
+        guide[BEGIN] = guide[END] - LEAST_WAY
+
+
+@njit(cache=True)
 def _begin(
     state: Floats,
     guide: Floats,
@@ -254,6 +266,8 @@ def _begin(
             guide[FAST] = 0.0
         guide[BEGIN : BEGIN + 3] = guide[END : END + 3]
         guide[END : END + 3] = row[RX : RZ + 1]
+        if before != LEGS:
+            _apart(guide)
         if guide[FAST] != 0.0 and heads[2, TIME] < end_time(heads[2], curves[2]):
             heads[1], curves[1] = heads[2], curves[2]
         else:
@@ -326,10 +340,11 @@ def _command(state: Floats, guide: Floats, law: Floats) -> None:
     guide[ASKED], guide[ASKED + 1] = _across_first(ax, ay, wx, wy, law[MOST_LEAN])
     # The thrust follows the vertical acceleration with a proportional and an integral part at once.
     az = law[VEL_Z_P] * fz + guide[AX + 2]
-    thrust = (law[ACC_Z_P] * az + guide[THRUST_I]) / (1.0 + law[ACC_Z_P])
+    gain, lift = law[ACC_Z_P], guide[LIFT]
+    thrust = (gain * (az - lift) + guide[THRUST_I]) / (1.0 + gain)
     thrust = min(max(thrust, -GRAVITY), 1.5 * GRAVITY)
     most = law[ACC_Z_IMAX]
-    guide[THRUST_I] = min(max(guide[THRUST_I] + law[ACC_Z_I] * dt * (az - thrust), -most), most)
+    guide[THRUST_I] = min(max(guide[THRUST_I] + law[ACC_Z_I] * dt * (az - thrust - lift), -most), most)
     guide[THRUST] = thrust
 
 
@@ -358,11 +373,19 @@ def _move(state: Floats, guide: Floats, law: Floats, rising: float) -> float:
         guide[TARGET + k] += law[TARGET_FILTER] * (guide[ASKED + k] - guide[TARGET + k])
         guide[LEAN + k] += law[LEAN_FILTER] * (guide[TARGET + k] - guide[LEAN + k])
     share = 1.0 + guide[THRUST] / GRAVITY
+    # Drag acts in the plane of the rotors and, without the part of their momentum, across it.
+    lx, ly = guide[LEAN], guide[LEAN + 1]
+    stretch = sqrt(lx * lx + ly * ly + GRAVITY * GRAVITY)
+    nx, ny, nz = lx / stretch, ly / stretch, GRAVITY / stretch
     ux, uy, uz = state[3] - state[15], state[4] - state[16], state[5] - rising
-    drag = law[DRAG] + law[DRAG_2] * sqrt(ux * ux + uy * uy + uz * uz)
-    ax = share * guide[LEAN] - drag * ux
-    ay = share * guide[LEAN + 1] - drag * uy
-    az = guide[THRUST] - drag * uz
+    through = ux * nx + uy * ny + uz * nz
+    ux, uy, uz = ux - through * nx, uy - through * ny, uz - through * nz
+    drag = law[DRAG] * sqrt(max(share, 0.0) / nz) + law[DRAG_2] * sqrt(ux * ux + uy * uy + uz * uz)
+    through *= law[DRAG_2] * abs(through)
+    ax = share * lx - drag * ux - through * nx
+    ay = share * ly - drag * uy - through * ny
+    guide[LIFT] = -drag * uz - through * nz
+    az = guide[THRUST] + guide[LIFT]
     mx = dt * (state[3] + 0.5 * dt * ax)
     my = dt * (state[4] + 0.5 * dt * ay)
     mz = dt * (state[5] + 0.5 * dt * az)
@@ -381,6 +404,17 @@ def _move(state: Floats, guide: Floats, law: Floats, rising: float) -> float:
     return sqrt(mx * mx + my * my + mz * mz)
 
 
+@njit(cache=True, inline="always")
+def _blurred_share(share: float, blur: float) -> float:
+    """Return the mean of a number within 0 to 1 when it shakes by ``blur`` to both sides."""
+    high, low = share + blur, share - blur
+    if low >= 1.0 or high <= 0.0 or (low >= 0.0 and high <= 1.0):
+        return min(max(share, 0.0), 1.0)
+    high = high - 0.5 if high > 1.0 else 0.5 * high * high
+    low = 0.5 * low * low if low > 0.0 else 0.0
+    return (high - low) / (2.0 * blur)
+
+
 @njit(cache=True)
 def _lead_legs(guide: Floats, law: Floats, heads: Floats, curves: Floats) -> bool:
     """Move the target along this leg, the end of the one before and the begin of the next; tell its end.
@@ -390,7 +424,7 @@ def _lead_legs(guide: Floats, law: Floats, heads: Floats, curves: Floats) -> boo
     wanted = sqrt(guide[VX] ** 2 + guide[VX + 1] ** 2 + guide[VX + 2] ** 2)
     pace = 1.0
     if wanted > 1e-6:
-        pace = min(max(0.05 + (guide[ALONG] - law[POS_P] * guide[LAG]) / wanted, 0.0), 1.0)
+        pace = _blurred_share(0.05 + (guide[ALONG] - law[POS_P] * guide[LAG]) / wanted, SHAKE / wanted)
     guide[PACE] += law[PACE_FILTER] * (pace - guide[PACE])
     dt = law[DT] * guide[PACE]
     ends = end_time(heads[1], curves[1])
@@ -677,9 +711,11 @@ def advance(
             state[15], state[16], rising = wind_at(wind[index], state[2])
             ux, uy = state[3] - state[15], state[4] - state[16]
             grounded = guide[MODE] == LANDED or (guide[MODE] == CLIMBING and step < guide[UNTIL] < inf)
-            state[13] = (
-                law[STAND_BY] if grounded else rotor_power(power, ux * ux + uy * uy, state[5] - rising)
-            )
+            if grounded:
+                state[13] = law[STAND_BY]
+            else:
+                climb = state[5] - rising
+                state[13] = multirotor_power(power, ux, uy, climb, state[6], state[7], state[8])
             if track_every > 0 and (step // GRID) % track_every == 0 and counters[5] < track.shape[0]:
                 track[counters[5]] = state[0:3]
                 counters[5] += 1

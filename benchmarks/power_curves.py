@@ -57,18 +57,18 @@ def table() -> None:
         for speed, minutes in numbers[-1]:
             model = endurance_s(vehicle, speed) / 60.0
             note = "  (set)" if speed == 0.0 else ""
-            print(
-                f"{name:<20} {speed:>5.1f} {minutes:>6.1f} min {model:>7.1f} {model / minutes - 1:>+7.1%}{note}"
-            )
+            _row(name, speed, minutes, model, note)
     for name in ("mini-quad", "quad", "wing"):
         vehicle = get_vehicle(name)
         told = vehicle.published
         assert told is not None
         model = endurance_s(vehicle, told.airspeed_m_s, used_fraction=told.used_fraction) / 60.0
-        error = model / told.endurance_min - 1.0
-        print(
-            f"{name:<20} {told.airspeed_m_s:>5.1f} {told.endurance_min:>6.1f} min {model:>7.1f} {error:>+7.1%}"
-        )
+        _row(name, told.airspeed_m_s, told.endurance_min, model)
+
+
+def _row(name: str, speed: float, minutes: float, model: float, note: str = "") -> None:
+    error = model / minutes - 1.0
+    print(f"{name:<20} {speed:>5.1f} {minutes:>6.1f} min {model:>7.1f} {error:>+7.1%}{note}")
 
 
 def draw(out: Path) -> None:

@@ -5,12 +5,16 @@ import numpy as np
 import pytest
 from scipy.signal import welch
 
+from mission.link.dialect import mavlink
+from mission.model import GeoPoint
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion.air import wind_at
 from sim_vehicle.motion.model import MotionEvent, Route
 from sim_vehicle.motion.multirotor import Multirotor
 from sim_vehicle.spec import get_vehicle
 from sim_vehicle.turbulence import LEVELS_W20_M_S, Turbulence, intensities_m_s, length_scales_m, spectrum
+from sim_vehicle.vehicle import SimVehicle
+from sim_vehicle.vehicle.telemetry import STREAMS
 from sim_vehicle.wind import BLOCK, GRID_S, Wind, WindShear
 
 FOOT = 0.3048
@@ -270,3 +274,39 @@ def test_gusts_cost_energy_and_calm_air_is_calm():
     assert 1.01 * calm.energy_j < rough.energy_j < 1.5 * calm.energy_j
     still, _ = flown(Wind(turbulence=Turbulence(0.0), shear=WindShear()), 1000)
     np.testing.assert_array_equal(still.state, calm.state)
+
+
+# On the wire.
+
+
+def message(vehicle, kind):
+    (built,) = vehicle.built(kind)
+    return built
+
+
+def test_the_wind_is_told_as_each_autopilot_tells_it():
+    wind = Wind.from_direction(5.0, 300.0)
+    vehicle = SimVehicle(QUAD, GeoPoint(28.05, -82.15, 12.0), wind=wind)
+    vehicle.poll(1.0)
+    cov = message(vehicle, mavlink.MAVLINK_MSG_ID_WIND_COV)
+    assert (cov.wind_y, cov.wind_x) == pytest.approx((wind.east_m_s, wind.north_m_s))
+    told = message(vehicle, mavlink.MAVLINK_MSG_ID_WIND)
+    assert (told.direction % 360.0, told.speed, told.speed_z) == pytest.approx((300.0, 5.0, 0.0))
+    calm = SimVehicle(QUAD, GeoPoint(28.05, -82.15, 12.0))
+    still = message(calm, mavlink.MAVLINK_MSG_ID_WIND)
+    assert (still.direction, still.speed) == (0.0, 0.0)
+    assert mavlink.MAVLINK_MSG_ID_WIND in STREAMS[mavlink.MAV_DATA_STREAM_EXTRA3]
+
+
+def test_heading_and_direction_over_ground_are_two_things():
+    # A wing that flies to the east with its nose 20 degrees into a north wind.
+    vehicle = SimVehicle(QUAD, GeoPoint(28.05, -82.15, 12.0), wind=Wind(0.0, -4.0))
+    vehicle.poll(1.0)
+    vehicle.pilot.state = replace(
+        vehicle.pilot.state, velocity_m_s=(11.0, 0.0, 0.0), yaw_rad=math.radians(70.0)
+    )
+    position = message(vehicle, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
+    assert (position.hdg, position.vx, position.vy) == (7000, 0, 1100)
+    assert message(vehicle, mavlink.MAVLINK_MSG_ID_GPS_RAW_INT).cog == 9000
+    hud = message(vehicle, mavlink.MAVLINK_MSG_ID_VFR_HUD)
+    assert (hud.heading, hud.groundspeed) == (70, 11.0)

@@ -1,7 +1,9 @@
-"""The fast Gaussian process: exact and incremental where it fits into memory, local where it does not."""
+"""The Gaussian process: exact and incremental where it fits into memory, at scale where it does not."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,60 +11,78 @@ from numpy.typing import NDArray
 
 from sensors.errors import EstimatorError
 from sensors.estimators.base import BaseEstimator
-from sensors.estimators.growing import GrowingArray
+from sensors.estimators.gp_field import FieldProcess
 from sensors.estimators.posterior_exact import ExactPosterior
-from sensors.estimators.posterior_tiled import TILE_CELLS, TiledPosterior
-from sensors.estimators.rbf import Floats, RbfKernel, fit_kernel
+from sensors.estimators.rbf import RbfKernel, fit_kernel
 from sensors.fields import DEFAULT_VALUES, FIELDS
 from sensors.information import InformationModel
+from sensors.tiles import tile_shape
 
 if TYPE_CHECKING:
     from geo.grid import FarmGrid
+    from sensors.environment import EnvironmentModel
     from sensors.observations import Observations
 
 HEALTHY_MEAN = (1.0, 1.0, None)
 ZERO_MEAN = (0.0, 0.0, 0.0)
 METHODS = ("auto", "exact", "local")
+TEACHERS = ("auto", "observations", "model")
+SMALL_FARM_CELLS = 128 * 128
+"""On larger farms the prior is learned from the model of the environment unless something else is wanted."""
 
-_FIRST_FIT = 16
-_FIT_POINTS = 512
-_FIT_RUNS = 8
+_LOCAL_BYTES_A_CELL = 72
 
 
 class GaussianProcessEstimator(BaseEstimator):
     """A Gaussian process per field with the paper's kernel: squared exponential plus white noise.
 
-    The kernel is fitted rarely, by marginal likelihood, when a field has 16, 32, 64, ..., 512, 2048, 8192,
-    ... observations, and from those only; beyond 512, from eight runs of 64 consecutive ones, evenly
-    spread. While they are all equal (nothing but healthy plants so far) there is nothing to fit, and the
-    kernel stays what it was given as. (The paper fixes the amplitude to 1: ``amplitude_bounds=(1, 1)``.)
+    *Mean and kernel.* Learned from the observations, the kernel is fitted rarely, by marginal likelihood,
+    when a field has 16, 32, 64, ..., 512, 2048, 8192, ... observations, and from those only; beyond 512, from
+    eight runs of 64 consecutive ones, evenly spread. While they are all equal (nothing but healthy plants so
+    far) there is nothing to fit, and the kernel stays what it was given as. (The paper fixes the amplitude to
+    1: ``amplitude_bounds=(1, 1)``.) Learned from the model, mean and kernel are those of simulated
+    environments of the latest observed day on this farm (`sensors.estimators.gp_prior`); that takes one or
+    two seconds, once, and is kept in a folder.
 
-    Between fits, another observation updates the posterior in O(observations x cells), exactly
-    (`ExactPosterior`). Repeated observations of a cell are independent looks. When the exact posterior of the
-    three fields would need more memory than allowed, the posterior is local (`TiledPosterior`).
+    *Posterior.* Exact, an observation costs O(observations x cells) (`ExactPosterior`). When that would need
+    more memory than allowed, it is computed tile by tile from the observations around, or, for kernels that
+    are long against the farm, in sine functions (`sensors.estimators.gp_local`); an update then touches only
+    what further observations reach, and the arrays that `predict` returns are the same ones at each call.
+    Repeated observations of a cell are independent looks.
 
     The uncertainty is the standard deviation of an observation, noise included, as in the paper: the noise is
     what a cell differs from its smooth neighbourhood by.
 
     Parameters
     ----------
-    prior_mean : tuple of three (float or None)
-        The value of each field far from all observations; None is the mean of its observations so far.
-        The default is healthy, healthy, and the running mean for soil; ``(0, 0, 0)`` is the paper's.
+    prior_mean : tuple of three (float or None), optional
+        The value of each field far from all observations; None in it is the mean of its observations so far.
+        By default what was learned from the model, or else healthy, healthy, and the running mean for soil;
+        ``(0, 0, 0)`` is the paper's.
     kernel : RbfKernel
         The kernel until the first fit.
     optimise : bool
-        Whether the kernel is fitted.
+        Whether anything is learned; otherwise `prior_mean` and `kernel` are taken as they are.
     length_bounds, noise_bounds, amplitude_bounds : tuple of two floats
-        Limits of the fit: length scales in cells, variances of the noise and of the smooth part.
+        Limits of the fit to observations: length scales in cells, variances of the noise and of the smooth
+        part.
     clip : bool
         Whether values are limited to 0 .. 1, outside of which no field lies.
     method : {"auto", "exact", "local"}
         See above.
     memory_limit_mb : float
         What the exact posterior may take, in MiB.
-    max_points : int
-        How many observed cells a tile of the local posterior uses at most; at least its own 1024.
+    learn_from : {"auto", "observations", "model"}
+        What mean and kernel are learned from. "auto" is observations on farms of up to 128 x 128 cells, and
+        the model on larger ones, where few observations show a sick plant.
+    model : EnvironmentModel, optional
+        What is assumed about diseases and weather; the benchmark's by default.
+    day : int
+        The day that is assumed before there is any observation.
+    training_seed : int
+        Of the simulated environments; equal seeds give equal priors.
+    cache : path-like, optional
+        Folder of learned priors; by default ``wbf-mission/gp`` in XDG_CACHE_HOME or ~/.cache.
 
     Attributes
     ----------
@@ -83,7 +103,7 @@ class GaussianProcessEstimator(BaseEstimator):
 
     def __init__(
         self,
-        prior_mean: tuple[float | None, float | None, float | None] = HEALTHY_MEAN,
+        prior_mean: Sequence[float | None] | None = None,
         kernel: RbfKernel = RbfKernel(),  # noqa: B008 (immutable)
         optimise: bool = True,
         length_bounds: tuple[float, float] = (1.0, 10.0),
@@ -92,7 +112,11 @@ class GaussianProcessEstimator(BaseEstimator):
         clip: bool = True,
         method: str = "auto",
         memory_limit_mb: float = 1024.0,
-        max_points: int = 1536,
+        learn_from: str = "auto",
+        model: EnvironmentModel | None = None,
+        day: int = 6,
+        training_seed: int = 0,
+        cache: str | os.PathLike[str] | None = None,
     ) -> None:
         self.prior_mean = prior_mean
         self.kernel = kernel
@@ -103,35 +127,112 @@ class GaussianProcessEstimator(BaseEstimator):
         self.clip = clip
         self.method = method
         self.memory_limit_mb = memory_limit_mb
-        self.max_points = max_points
+        self.learn_from = learn_from
+        self.model = model
+        self.day = day
+        self.training_seed = training_seed
+        self.cache = cache
+
+    def memory_bytes(self, shape: tuple[int, int], n_observations: int) -> int:
+        """Return the memory that the estimator takes on a farm with so many observations, in bytes."""
+        cells = shape[0] * shape[1]
+        models = 2 * len(FIELDS) * 4 * cells
+        exact = len(FIELDS) * ExactPosterior.bytes_needed(n_observations, shape)
+        local = self.method == "local" or (self.method == "auto" and exact > self.memory_limit_mb * 2**20)
+        return _LOCAL_BYTES_A_CELL * cells if local else models + exact
 
     def _start(self, grid: FarmGrid) -> None:
         self._check_parameters()
-        self._fields = [_FieldProcess(self, grid.shape, k) for k in range(len(FIELDS))]
+        means = HEALTHY_MEAN if self.prior_mean is None else tuple(self.prior_mean)
+        self._fields = [
+            FieldProcess(grid.shape, mean, before, self.kernel)
+            for mean, before in zip(means, DEFAULT_VALUES, strict=True)
+        ]
         self.kernels_ = [self.kernel] * len(FIELDS)
+        large = grid.shape[0] * grid.shape[1] > SMALL_FARM_CELLS
+        auto = "model" if large else "observations"
+        self._teacher = auto if self.learn_from == "auto" else self.learn_from
+        self._latest_day: int | None = None
+        self._learned_day: int | None = None
+        self._own: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
+        self._revision = -1
 
     def _learn(self, observations: Observations) -> None:
-        for process, sensed in zip(self._fields, observations.sensed.T, strict=True):
-            process.append(observations[sensed])
+        for k, (process, sensed) in enumerate(zip(self._fields, observations.sensed.T, strict=True)):
+            process.append(observations.x[sensed], observations.y[sensed], observations.values[sensed, k])
+        self._latest_day = max(int(observations.day.max()), self._latest_day or 0)
 
     def _estimate(self) -> InformationModel:
-        local = self._needs_local()
-        value = np.empty((len(FIELDS), *self.grid_.shape), np.float32)
-        uncertainty = np.empty_like(value)
-        for k, process in enumerate(self._fields):
+        if self.optimise:
+            if self._teacher == "model":
+                self._take_priors(self.day if self._latest_day is None else self._latest_day)
+            else:
+                for process in self._fields:
+                    process.fit(self._fit_kernel)
+        exact = not self._needs_local()
+        for name, process in zip(FIELDS, self._fields, strict=True):
             try:
-                process.update(local)
+                process.update(exact=exact)
             except np.linalg.LinAlgError:
-                name = FIELDS[k]
                 msg = (
                     f"gp: the covariance of {name} is singular; use a kernel or noise_bounds with more noise"
                 )
                 raise EstimatorError(msg) from None
-            process.fill(value[k], uncertainty[k])
-        if self.clip:
-            np.clip(value, 0.0, 1.0, out=value)
         self.kernels_ = [process.kernel for process in self._fields]
-        return InformationModel(value, uncertainty)
+        self._revision += 1
+        return self._exact_model() if exact else self._local_model()
+
+    def _exact_model(self) -> InformationModel:
+        value = np.empty((len(FIELDS), *self.grid_.shape), np.float32)
+        uncertainty = np.empty_like(value)
+        for k, process in enumerate(self._fields):
+            process.write_all(value[k], uncertainty[k], clip=self.clip)
+        return InformationModel(value, uncertainty, revision=self._revision)
+
+    def _local_model(self) -> InformationModel:
+        shape = self.grid_.shape
+        first = self._own is None
+        if self._own is None:
+            self._own = (
+                np.empty((len(FIELDS), *shape), np.float32),
+                np.empty((len(FIELDS), *shape), np.float32),
+            )
+        changed = np.zeros(tile_shape(shape), np.bool_)
+        for process, value, uncertainty in zip(self._fields, *self._own, strict=True):
+            changed |= process.write_changes(value, uncertainty, clip=self.clip)
+        views = tuple(array.view() for array in self._own)
+        for view in views:
+            view.flags.writeable = False
+        return InformationModel(views[0], views[1], None if first else changed, self._revision)
+
+    def _take_priors(self, day: int) -> None:
+        if day == self._learned_day:
+            return
+        from sensors.environment import EnvironmentModel
+        from sensors.estimators.epidemic_training import cache_folder
+        from sensors.estimators.gp_prior import learn_priors
+
+        folder = cache_folder(self.cache) if self.cache else cache_folder(None).with_name("gp")
+        model = self.model or EnvironmentModel()
+        priors = learn_priors(self.grid_, model, day, self.training_seed, folder)
+        for process, prior in zip(self._fields, priors, strict=True):
+            process.kernel = prior.kernel
+            if self.prior_mean is None:
+                process.mean = prior.mean
+        self._learned_day = day
+
+    def _fit_kernel(
+        self, x: NDArray[np.int32], y: NDArray[np.int32], residuals: NDArray[np.float64]
+    ) -> RbfKernel:
+        return fit_kernel(
+            x,
+            y,
+            residuals,
+            starts=(self.kernel,),
+            length_bounds=self.length_bounds,
+            noise_bounds=self.noise_bounds,
+            amplitude_bounds=self.amplitude_bounds,
+        )
 
     def _needs_local(self) -> bool:
         needed = sum(ExactPosterior.bytes_needed(len(p), self.grid_.shape) for p in self._fields) / 2**20
@@ -145,16 +246,19 @@ class GaussianProcessEstimator(BaseEstimator):
         return self.method == "local" or (self.method == "auto" and needed > self.memory_limit_mb)
 
     def _check_parameters(self) -> None:
+        means = self.prior_mean
         problems = {
-            "prior_mean": len(self.prior_mean) == len(FIELDS)
-            and all(mean is None or np.isfinite(mean) for mean in self.prior_mean),
+            "prior_mean": means is None
+            or (len(means) == len(FIELDS) and all(mean is None or np.isfinite(mean) for mean in means)),
             "kernel": isinstance(self.kernel, RbfKernel),
             "length_bounds": _is_interval(self.length_bounds),
             "noise_bounds": _is_interval(self.noise_bounds),
             "amplitude_bounds": _is_interval(self.amplitude_bounds),
             "method": self.method in METHODS,
             "memory_limit_mb": self.memory_limit_mb > 0,
-            "max_points": self.max_points >= TILE_CELLS**2,
+            "learn_from": self.learn_from in TEACHERS,
+            "day": isinstance(self.day, int | np.integer) and self.day >= 0,
+            "training_seed": isinstance(self.training_seed, int) and self.training_seed >= 0,
         }
         for name, good in problems.items():
             if not good:
@@ -164,116 +268,3 @@ class GaussianProcessEstimator(BaseEstimator):
 
 def _is_interval(bounds: tuple[float, float]) -> bool:
     return len(bounds) == 2 and 0 < bounds[0] <= bounds[1] < float("inf")
-
-
-class _FieldProcess:
-    """The observations of one field, its kernel and its posterior."""
-
-    def __init__(self, owner: GaussianProcessEstimator, shape: tuple[int, int], k: int) -> None:
-        self.kernel = owner.kernel
-        self._owner = owner
-        self._shape = shape
-        self._k = k
-        self._cells = GrowingArray((2,), np.int32)
-        self._values = GrowingArray((), np.float64)
-        self._fitted = 0
-        self._conditioned = 0
-        self._posterior: ExactPosterior | TiledPosterior = ExactPosterior((0, 0), self.kernel)
-
-    def __len__(self) -> int:
-        return len(self._values)
-
-    def append(self, observations: Observations) -> None:
-        self._cells.append(np.stack([observations.x, observations.y], axis=1))
-        self._values.append(observations.values[:, self._k])
-
-    def update(self, local: bool) -> None:
-        """Bring kernel and posterior up to date with the observations."""
-        due = _due_fit(len(self)) if self._owner.optimise else 0
-        if due > self._fitted:
-            self._fit(due)
-        wanted = TiledPosterior if local else ExactPosterior
-        if (
-            not isinstance(self._posterior, wanted)
-            or self._posterior.kernel is not self.kernel
-            or not self._conditioned
-        ):
-            self._posterior = (
-                TiledPosterior(self._shape, self.kernel, self._owner.max_points)
-                if local
-                else ExactPosterior(self._shape, self.kernel)
-            )
-            self._conditioned = 0
-        new = len(self) - self._conditioned
-        if new:
-            x, y = self._cells.array.T
-            if isinstance(self._posterior, TiledPosterior):
-                self._posterior.condition(x, y, self._values.array, new)
-            else:
-                old = self._conditioned
-                self._posterior.condition(x[old:], y[old:], self._values.array[old:])
-            self._conditioned = len(self)
-
-    def fill(self, value: NDArray[np.float32], uncertainty: NDArray[np.float32]) -> None:
-        """Write the posterior mean and standard deviation into arrays [W, H]."""
-        mean = self._prior_mean(len(self))
-        noise = self.kernel.noise
-        if isinstance(self._posterior, ExactPosterior):
-            response, constant = self._posterior.response.reshape(2, *self._shape)
-            value[:] = mean + response - mean * constant
-            variance = self._posterior.variance.reshape(self._shape)
-            uncertainty[:] = np.sqrt(np.maximum(variance, 0.0) + noise)
-            return
-        value[:] = mean
-        uncertainty[:] = np.sqrt(self.kernel.amplitude + noise)
-        for tile, (response, constant, variance) in self._posterior.tiles.items():
-            area = self._posterior.area(tile)
-            value[area] = mean + response - mean * constant
-            uncertainty[area] = np.sqrt(np.maximum(variance, 0.0) + noise)
-
-    def _fit(self, count: int) -> None:
-        chosen = _fit_subset(count)
-        x, y = self._cells.array[chosen].T
-        residuals: Floats = self._values.array[chosen] - self._prior_mean(count)
-        self._fitted = count
-        if np.ptp(residuals) == 0:
-            self.kernel = self._owner.kernel
-            return
-        self.kernel = fit_kernel(
-            x,
-            y,
-            residuals,
-            starts=(self._owner.kernel,),
-            length_bounds=self._owner.length_bounds,
-            noise_bounds=self._owner.noise_bounds,
-            amplitude_bounds=self._owner.amplitude_bounds,
-        )
-
-    def _prior_mean(self, count: int) -> float:
-        given = self._owner.prior_mean[self._k]
-        if given is not None:
-            return given
-        return float(self._values.array[:count].mean()) if count else DEFAULT_VALUES[self._k]
-
-
-def _due_fit(n: int) -> int:
-    """Return the number of observations at which the kernel was last due: 16, 32, ..., 512, 2048, ..., or 0.
-
-    >>> [_due_fit(n) for n in (15, 16, 31, 32, 1000, 2047, 2048, 10_000)]
-    [0, 16, 16, 32, 512, 512, 2048, 8192]
-    """
-    if n < _FIRST_FIT:
-        return 0
-    due = 1 << (n.bit_length() - 1)
-    # A fit makes the posterior start anew; beyond the points that one fit uses it is worth that only rarely.
-    late = due > _FIT_POINTS and (due // _FIT_POINTS).bit_length() % 2 == 0
-    return due // 2 if late else due
-
-
-def _fit_subset(n: int) -> NDArray[np.intp]:
-    """Return the indices of the observations, of the first `n`, from which the kernel is fitted."""
-    if n <= _FIT_POINTS:
-        return np.arange(n)
-    run = _FIT_POINTS // _FIT_RUNS
-    starts = np.linspace(0, n - run, _FIT_RUNS).astype(np.intp)
-    return (starts[:, None] + np.arange(run)).ravel()

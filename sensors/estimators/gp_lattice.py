@@ -1,6 +1,7 @@
 """Nodes over a farm, at which the posterior of a Gaussian process is known, and the cells written from them.
 
-Nodes are a quarter of a length scale apart, or on every cell where that is less than two cells along both axes.
+Nodes are a quarter of a length scale apart, or on every cell where that is less than two cells along both
+axes.
 """
 
 from __future__ import annotations
@@ -9,7 +10,9 @@ import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from contextlib import AbstractContextManager
+from functools import lru_cache
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,9 +68,7 @@ class LatticeAxis:
         """The nodes, cells."""
         return self.first + self.step * np.arange(self.nodes, dtype=np.float64)
 
-    def reached(
-        self, cells: NDArray[np.integer], reach: int
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def reached(self, cells: NDArray[np.integer], reach: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the first and last tile with a node within reach of each cell."""
         places = cells.astype(np.int64)
         low = -((self.first - places + reach) // self.step)
@@ -104,16 +105,14 @@ class NodeLattice:
     x, y : LatticeAxis
         The nodes.
     posterior : float32[3, nodes along x, nodes along y]
-        The posterior mean under a zero prior mean, the same for observations that are all one, and how much the
-        variance of the smooth part is less than the prior's. Whoever changes it calls `changed`.
+        The posterior mean under a zero prior mean, the same for observations that are all one, and how much
+        the variance of the smooth part is less than the prior's. Whoever changes it calls `changed`.
     """
 
     def __init__(self, shape: tuple[int, int], kernel: RbfKernel, tile_cells: tuple[float, float]) -> None:
         self.shape = shape
         self.kernel = kernel
-        steps = [
-            max(1, int(length / NODES_PER_LENGTH)) for length in (kernel.length_x, kernel.length_y)
-        ]
+        steps = [max(1, int(length / NODES_PER_LENGTH)) for length in (kernel.length_x, kernel.length_y)]
         self._single = max(steps) == 1
         self.x, self.y = (
             LatticeAxis(cells, step, single=self._single, tile_cells=tile)
@@ -192,16 +191,29 @@ class NodeLattice:
                     yield start, min(start + _COLUMNS_AT_ONCE, x1), y0, y1
 
 
-def in_parallel(work: Callable[[Sequence[Part]], None], items: Sequence[Part]) -> None:
-    """Do work on all items, in parts on the cores that there are; it has to release the interpreter's lock."""
-    from threadpoolctl import threadpool_limits
+@lru_cache(maxsize=1)
+def _controller() -> Any:
+    # SciPy brings linear algebra of its own, which has to be there to be found.
+    import scipy.linalg  # noqa: F401
+    from threadpoolctl import ThreadpoolController
 
+    return ThreadpoolController()
+
+
+def one_blas_thread() -> AbstractContextManager[Any]:
+    """Keep linear algebra on one thread: over small matrices, threads wait for each other too long."""
+    limited: AbstractContextManager[Any] = _controller().limit(limits=1, user_api="blas")
+    return limited
+
+
+def in_parallel(work: Callable[[Sequence[Part]], None], items: Sequence[Part]) -> None:
+    """Do work on all items, in parts on all cores; it has to release the interpreter's lock."""
     cores = os.cpu_count() or 1
     if len(items) < 2 or cores == 1:
         work(items)
         return
     size = max(1, len(items) // (_PARTS_PER_CORE * cores))
     parts = [items[start : start + size] for start in range(0, len(items), size)]
-    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(cores) as pool:
+    with one_blas_thread(), ThreadPoolExecutor(cores) as pool:
         for done in [pool.submit(work, part) for part in parts]:
             done.result()

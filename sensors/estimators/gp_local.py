@@ -1,9 +1,10 @@
 """Posteriors of a Gaussian process for farms of any size.
 
-`LocalPosterior` is for kernels that are short against the farm: tiles of about eight length scales are solved one by
-one, each from the observations in it and within five lengths around it. `WholePosterior` is for kernels that are
-long against it: the process is written in sine functions over the whole farm, and observations add to sums.
-Neither thins or averages observations; only repeated ones of a cell are taken together, which is exact.
+`LocalPosterior` is for kernels that are short against the farm: tiles of about eight length scales are solved
+one by one, each from the observations in it and within five lengths around it. `WholePosterior` is for
+kernels that are long against it: the process is written in sine functions over the whole farm, and
+observations add to sums. Neither thins or averages observations; only repeated ones of a cell are taken
+together, which is exact.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.estimators import gp_tile
-from sensors.estimators.gp_lattice import NodeLattice, in_parallel
+from sensors.estimators.gp_lattice import NodeLattice, in_parallel, one_blas_thread
 from sensors.estimators.rbf import Cells, Floats, RbfKernel
 
 TILE_LENGTHS = 8.0
@@ -29,8 +30,8 @@ _BATCH = 4096
 class Spectrum:
     """Sine functions on a box, and their prior variances (Solin & Särkkä 2020, eq. 21 and 56).
 
-    Those functions are left out whose variance is too small for observations of the given density to matter: so
-    small that all of them together know it to less than a thousandth.
+    Those functions are left out whose variance is too small for observations of the given density to matter:
+    so small that all of them together know it to less than a thousandth.
 
     Parameters
     ----------
@@ -223,24 +224,32 @@ class WholePosterior:
         if not self._waiting:
             return
         self._waiting = False
-        factor = np.linalg.cholesky(self._precision)
+        with one_blas_thread():
+            factor = np.linalg.cholesky(self._precision)
         weights = self._response.copy()
         gp_tile.solve_lower(factor, weights, 2)
-        along = [
+        along_x, along_y = (
             self._sines(axis.places, k) for k, axis in enumerate((self.lattice.x, self.lattice.y))
-        ]
+        )
         posterior = self.lattice.posterior
-        gp_tile.fill_nodes(factor, weights, *along, self._spectrum.terms, posterior)
+
+        def work(columns: Sequence[int]) -> None:
+            part = slice(columns[0], columns[-1] + 1)
+            terms = self._spectrum.terms
+            gp_tile.fill_nodes(factor, weights, along_x[:, part], along_y, terms, posterior[:, part])
+
+        in_parallel(work, range(len(along_x[0])))
         posterior[2] = self.kernel.amplitude - posterior[2]
         self.lattice.changed(np.ones((1, 1), np.bool_))
 
-    def _sines(self, places: Floats, k: int) -> Floats:
+    def _sines(self, places: Floats, k: int) -> NDArray[np.floating]:
         half = 0.5 * self._spectrum.sides[k]
         middle = self._middle[k]
-        functions: Floats = gp_tile.sines(places, middle - half, middle + half, self._spectrum.roots[k])
+        box = middle - half, middle + half
+        functions: NDArray[np.floating] = gp_tile.sines(places, *box, self._spectrum.roots[k])
         return functions
 
-    def _functions(self, x: Cells, y: Cells) -> Floats:
+    def _functions(self, x: Cells, y: Cells) -> NDArray[np.floating]:
         """Return the functions at cells, float64[n, m]."""
         a, b = self._sines(x.astype(np.float64), 0), self._sines(y.astype(np.float64), 1)
         terms = self._spectrum.terms

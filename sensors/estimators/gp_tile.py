@@ -1,11 +1,11 @@
 """The compiled part of the local Gaussian process: one tile, solved from the observations around it.
 
-There are two ways to the same posterior. With few observations, their covariance is factored. With more of them
-than the field has degrees of freedom there, the process is written in sine functions on a box around the tile
-(Solin & Särkkä 2020, "Hilbert space methods for reduced-rank Gaussian process regression"), and the precision of
-their weights is factored. In both, with factor L, rows ``L^-1 c`` of each node's covariance c with the
-observations (or its functions) give the mean by their products with the solved data, and the variance by their
-squares.
+There are two ways to the same posterior. With few observations, their covariance is factored. With more of
+them than the field has degrees of freedom there, the process is written in sine functions on a box around the
+tile (Solin & Särkkä 2020, "Hilbert space methods for reduced-rank Gaussian process regression"), and the
+precision of their weights is factored. In both, with factor L, rows ``L^-1 c`` of each node's covariance c
+with the observations (or its functions) give the mean by their products with the solved data, and the
+variance by their squares.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 Places = NDArray[np.int64]
 
 _PANEL = 64
@@ -108,7 +108,12 @@ def solve_lower(factor: Floats, right: Floats, columns: int) -> None:
 
 @njit(cache=True, nogil=True)
 def fill_nodes(
-    factor: Floats, weights: Floats, along_x: Floats, along_y: Floats, terms: Places, posterior: NDArray[np.float32]
+    factor: Floats,
+    weights: Floats,
+    along_x: Floats,
+    along_y: Floats,
+    terms: Places,
+    posterior: NDArray[np.float32],
 ) -> None:
     """Write the posterior at the nodes of a tile.
 
@@ -123,8 +128,8 @@ def fill_nodes(
     terms : int64[n, 2]
         Row i of the right-hand side is the product of these rows of `along_x` and `along_y`.
     posterior : float32[3, w, h]
-        The posterior mean under a zero prior mean, the same for observations that are all one, and the sum of the
-        squared rows. Changed.
+        The posterior mean under a zero prior mean, the same for observations that are all one, and the sum of
+        the squared rows. Changed.
     """
     n = len(factor)
     width, height = along_x.shape[1], along_y.shape[1]
@@ -167,7 +172,9 @@ def _bells(places: Floats, nodes: Floats, length: float) -> Floats:
 
 
 @njit(cache=True, nogil=True)
-def _solve_few(seen: Floats, kernel: Any, node_x: Floats, node_y: Floats, posterior: NDArray[np.float32]) -> None:
+def _solve_few(
+    seen: Floats, kernel: Any, node_x: Floats, node_y: Floats, posterior: NDArray[np.float32]
+) -> None:
     """Solve a tile by the covariance of the observations; the third part is the reduction of the variance."""
     length_x, length_y, noise, amplitude = kernel
     n = len(seen)
@@ -194,7 +201,7 @@ def _solve_few(seen: Floats, kernel: Any, node_x: Floats, node_y: Floats, poster
 
 @njit(cache=True, nogil=True)
 def sines(places: Floats, low: float, high: float, roots: Floats) -> Floats:
-    """Return the sine functions of the box low .. high, times the roots of their variances, float64[k, places]."""
+    """Return sine functions of the box low .. high, times the roots of their variances, [k, places]."""
     out = np.empty((len(roots), len(places)))
     scale = np.sqrt(2.0 / (high - low))
     for i in range(len(roots)):
@@ -281,10 +288,11 @@ def solve_tiles(
     kernel : tuple of four floats
         Both length scales (cells), variance of the noise, variance of the smooth part.
     spectrum : tuple of float64[k], float64[l], float, float
-        Roots of the variances of sine functions along each axis, and the sides of their box (cells), in the middle
-        of which the tile is.
+        Roots of the variances of sine functions along each axis, and the sides of their box (cells), in the
+        middle of which the tile is.
     terms : int64[m, 2]
-        Which products of sine functions are used; they are where there are more observed cells than functions.
+        Which products of sine functions are used; they are where there are more observed cells than
+        functions.
     posterior : float32[3, nodes along x, nodes along y]
         See `fill_nodes`; the third part is the reduction of the variance. Changed.
     """
@@ -315,4 +323,6 @@ def solve_tiles(
         if len(seen) <= len(terms):
             _solve_few(seen, kernel, node_x, node_y, posterior[:, i0:i1, j0:j1])
         else:
-            _solve_many(seen, kernel, spectrum, terms, span_x, span_y, node_x, node_y, posterior[:, i0:i1, j0:j1])
+            _solve_many(
+                seen, kernel, spectrum, terms, span_x, span_y, node_x, node_y, posterior[:, i0:i1, j0:j1]
+            )

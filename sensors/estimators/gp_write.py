@@ -62,8 +62,8 @@ def write_from_nodes(
     Parameters
     ----------
     posterior : float32[3, w, h]
-        At the nodes, of which the third along each axis is at cell 0: response to the values and to a constant,
-        and reduction of the variance.
+        At the nodes, of which the third along each axis is at cell 0: response to the values and to a
+        constant, and reduction of the variance.
     weights_x, weights_y : float32[6, step]
         See `lagrange_weights`.
     box : tuple of four ints

@@ -15,7 +15,6 @@ from geo.grid import FarmGrid
 from sensors.errors import EstimatorError
 from sensors.estimators.gaussian_process import ZERO_MEAN, GaussianProcessEstimator
 from sensors.estimators.posterior_exact import ExactPosterior, merge_repeated
-from sensors.estimators.posterior_tiled import TiledPosterior
 from sensors.estimators.rbf import RbfKernel, _cost, fit_kernel
 from sensors.estimators.sklearn_gp import SklearnGaussianProcessEstimator
 from sensors.observations import Observations
@@ -204,28 +203,6 @@ def test_the_local_posterior_is_close_to_the_exact_one(pieces):
     np.testing.assert_allclose(models["local"].uncertainty, models["exact"].uncertainty, atol=2e-3)
 
 
-def test_an_update_of_the_local_posterior_computes_only_what_it_reaches():
-    kernel = RbfKernel(2.0, 2.0, 0.1, 1.0)
-    posterior = TiledPosterior((640, 640), kernel, 100)
-    x, y, values = np.array([16, 400], np.int32), np.array([16, 400], np.int32), np.array([1.0, 2.0])
-    posterior.condition(x[:1], y[:1], values[:1], 1)
-    assert list(posterior.tiles) == [(0, 0)]
-    first = posterior.tiles[0, 0]
-    posterior.condition(x, y, values, 1)
-    assert posterior.tiles[0, 0] is first
-    assert sorted(posterior.tiles) == [(0, 0), (12, 12)]
-    assert posterior.tiles[12, 12].shape == (3, 32, 32)
-
-
-def test_the_local_posterior_takes_the_nearest_when_there_are_too_many():
-    seen = path_observations((60, 60), 1200)
-    few, full = (TiledPosterior((60, 60), KERNEL, most) for most in (600, 2000))
-    for posterior in (few, full):
-        posterior.condition(seen.x, seen.y, seen.values[:, 2].astype(float), len(seen))
-    worst = max(np.abs(few.tiles[tile] - full.tiles[tile]).max() for tile in full.tiles)
-    assert 0 < worst < 1e-2
-
-
 def test_a_large_farm_is_no_reason_to_give_up():
     shape = (3000, 2500)
     seen = random_observations(300, (200, 200))
@@ -255,7 +232,9 @@ def test_the_exact_method_says_what_it_would_need():
         ({"noise_bounds": (0, 1)}, "noise_bounds"),
         ({"kernel": "rbf"}, "kernel"),
         ({"memory_limit_mb": 0}, "memory_limit_mb"),
-        ({"max_points": 1000}, "max_points"),
+        ({"learn_from": "books"}, "learn_from"),
+        ({"day": -1}, "day"),
+        ({"training_seed": -1}, "training_seed"),
     ],
 )
 def test_impossible_parameters_are_named(params, name):

@@ -7,3 +7,6 @@ from hypothesis import settings
 settings.register_profile("default", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "default")
+
+# What a user's cache holds must not decide what a test sees.
+os.environ["WBF_MISSION_ENVIRONMENT_CACHE_MB"] = "0"

@@ -16,7 +16,8 @@ from geo.seeds import child_seed, stream
 from mission.link.tlog import TlogWriter
 from mission.model import GeoPoint
 from sensors.camera import LeafCamera, LeafCameraOptions
-from sensors.environment import Environment, generate_environment
+from sensors.environment import Environment
+from sensors.environment.cache import EnvironmentCache
 from sensors.estimators import Estimator, make_estimator
 from sensors.fields import relevance_masks
 from sensors.messages import ObservationAssembler
@@ -62,19 +63,25 @@ class _Stopwatch:
         self._since = now
 
 
-def make_environment(scenario: Scenario, farm: Farm, progress: Progress | None = None) -> Environment:
-    """Generate the environment of the scenario's seed up to its day."""
+def make_environment(
+    scenario: Scenario, farm: Farm, progress: Progress | None = None, *, use_cache: bool = True
+) -> Environment:
+    """Give the environment of the scenario's seed on its day; large farms' are kept in the user's cache."""
+    return _find_environment(scenario, farm, progress, use_cache=use_cache)[0]
+
+
+def _find_environment(
+    scenario: Scenario, farm: Farm, progress: Progress | None, *, use_cache: bool
+) -> tuple[Environment, bool]:
+    """Give the environment, and whether it came from the cache."""
 
     def tell(done: int, total: int) -> None:
         if progress is not None:
             progress("environment", done, total)
 
-    return generate_environment(
-        farm.grid(),
-        days=scenario.day,
-        seed=child_seed(scenario.seed, "environment"),
-        keep_days=[scenario.day],
-        progress=tell,
+    cache = EnvironmentCache.of_user() if use_cache else EnvironmentCache.off()
+    return cache.environment(
+        farm.grid(), day=scenario.day, seed=child_seed(scenario.seed, "environment"), progress=tell
     )
 
 
@@ -96,6 +103,7 @@ def fly(
     pace: float | None = None,
     tlog: Path | None = None,
     impairment: Impairment | None = None,
+    use_cache: bool = True,
 ) -> FlightResult:
     """Do a scenario's whole job offline.
 
@@ -110,6 +118,9 @@ def fly(
         Write every MAVLink frame of the run there.
     impairment : Impairment, optional
         A bad radio between the ground station and the vehicle.
+    use_cache : bool
+        Take the environment of a large farm from the user's cache, or keep it there
+        (:class:`sensors.environment.cache.EnvironmentCache`).
 
     Returns
     -------
@@ -131,7 +142,7 @@ def fly(
     watch.lap("plan")
     farm = planned.farm
     require_run_memory(farm, estimator, round(_expected_observations(scenario, planned)))
-    environment = make_environment(scenario, farm, progress)
+    environment, cached = _find_environment(scenario, farm, progress, use_cache=use_cache)
     truth = environment.values(scenario.day)
     watch.lap("environment")
     # One BLAS thread: sums do not depend on the number of cores then, and small matrices are faster.
@@ -141,7 +152,9 @@ def fly(
             run.fly(pace, tlog, impairment)
         except KeyboardInterrupt:
             run.interrupt()
-        return run.result()
+        result = run.result()
+    result.environment_cached = cached
+    return result
 
 
 class _Run:

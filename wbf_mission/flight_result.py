@@ -53,6 +53,8 @@ class FlightResult:
         Wall seconds of each part.
     texts : list
         What the vehicle said (time, severity, text).
+    environment_cached : bool
+        Whether the environment came from the user's cache.
     """
 
     scenario: Scenario
@@ -72,6 +74,7 @@ class FlightResult:
     frames: int
     timings_s: dict[str, float] = field(default_factory=dict)
     texts: list[tuple[float, int, str]] = field(default_factory=list)
+    environment_cached: bool = False
     true_track: Track | None = None
 
     @property
@@ -120,6 +123,7 @@ class FlightResult:
             "wall_time_s": sum(self.timings_s.values()),
             "realtime_factor": self.simulated_s / flight_s if flight_s > 0.0 else 0.0,
             "timings_s": dict(self.timings_s),
+            "environment_cached": self.environment_cached,
             "scenario": self.scenario.to_dict(),
         }
 

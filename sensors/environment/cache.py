@@ -72,6 +72,11 @@ class EnvironmentCache:
             raise EnvironmentDataError(msg)
         return cls(user_cache_folder("environments"), int(text) * 1_000_000)
 
+    @classmethod
+    def off(cls) -> EnvironmentCache:
+        """Return a cache that keeps nothing."""
+        return cls(user_cache_folder("environments"), 0)
+
     def environment(
         self,
         grid: FarmGrid,

@@ -298,6 +298,7 @@ def _make(member: int) -> bool:
         if stop.is_set():
             raise _StoppedError
 
+    check(0, 0)
     return plan.make(member, check)
 
 

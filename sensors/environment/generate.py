@@ -340,17 +340,22 @@ def _generate_into(
     check_memory(task.shape, len(task.days), on_disk=True, threads=threads)
     with unfinished_store(directory, header, resume=True) as store, _Work(task, progress, threads) as work:
         outbreaks: dict[Disease, Future[NDArray[np.int8]]] = {}
+
+        def write_finished_outbreaks() -> None:
+            for disease in [disease for disease, outbreak in outbreaks.items() if outbreak.done()]:
+                store.write_onset(disease, outbreaks.pop(disease).result())
+
         for disease in DISEASES:
             if store.saved_onset(disease) is None:
                 outbreaks[disease] = work.start_outbreak(disease)
+                write_finished_outbreaks()
             else:
                 work.step(task.days[-1])
         spare = [np.empty(task.shape, np.float32) for _ in range(2)]
         earlier: tuple[int, NDArray[np.float32]] | None = None
         writing: Future[None] | None = None
         for day in task.days:
-            for disease in [disease for disease, outbreak in outbreaks.items() if outbreak.done()]:
-                store.write_onset(disease, outbreaks.pop(disease).result())
+            write_finished_outbreaks()
             saved = store.saved_soil(day)
             if saved is not None:
                 earlier = day, saved

@@ -38,6 +38,7 @@ from sensors.estimators.epidemic_features import (
 )
 from sensors.estimators.epidemic_network import Network, train
 from sensors.estimators.epidemic_paths import random_path
+from sensors.user_cache import user_cache_folder
 
 VERSION = 2
 """Part of the names of files; it has to grow with every change of the training."""
@@ -91,12 +92,7 @@ class Lesson:
 
 def cache_folder(folder: str | os.PathLike[str] | None) -> Path:
     """Return the folder of trained networks: the given one, or one below XDG_CACHE_HOME or ~/.cache."""
-    if folder is not None:
-        return Path(folder)
-    base = os.environ.get("XDG_CACHE_HOME")
-    # The standard says that relative paths there are to be ignored.
-    root = Path(base) if base and Path(base).is_absolute() else Path.home() / ".cache"
-    return root / "wbf-mission" / "epidemic"
+    return Path(folder) if folder is not None else user_cache_folder("epidemic")
 
 
 def network_for(lesson: Lesson, hosts: NDArray[np.bool_], folder: str | os.PathLike[str] | None) -> Network:

@@ -1,4 +1,4 @@
-"""``wbf-mission farm``: list, show, draw."""
+"""``wbf-mission farm``: list, show, draw, save, generate environments."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from typing import Annotated
 import typer
 
 from wbf_mission.cli import options
-from wbf_mission.cli.output import Output, distance
+from wbf_mission.cli.output import Output, distance, duration
 
 app = typer.Typer(
-    no_args_is_help=True, help="Look at farms: list them, show one, draw one, save one as GeoJSON."
+    no_args_is_help=True,
+    help="Look at farms: list them, show one, draw one, save one as GeoJSON, generate environments of one.",
 )
 
 FarmArgument = Annotated[
@@ -141,6 +142,126 @@ def save_command(
 
     save_farm(get_farm(farm), _with_suffix(out, ".geojson", ".json"))
     Output(as_json=json, quiet=quiet).result({"file": str(out)}, title="Saved")
+
+
+GENERATE_EXAMPLES = """
+[bold]Examples[/bold]
+
+wbf-mission farm generate --farm miniberry-30 --count 50 --jobs 2 --out environments/miniberry
+
+wbf-mission farm generate --farm waterberry --keep 6 --count 8 --jobs 2 --out environments/day-6
+"""
+
+
+@app.command("generate", epilog=GENERATE_EXAMPLES)
+def generate_command(
+    farm: options.Farm = None,
+    count: Annotated[int, typer.Option(help="How many environments.", min=1, max=100_000)] = 1,
+    days: Annotated[int, typer.Option(help="Days after the first one.", min=0, max=126)] = 15,
+    keep: Annotated[
+        str | None,
+        typer.Option(help="Days to keep, such as 6 or 1-15 or 0,6,15.  [default: all]", show_default=False),
+    ] = None,
+    seed: options.Seed = None,
+    jobs: Annotated[int, typer.Option(help="Processes at once; -1: one per core.", min=-1, max=1024)] = 1,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder.  [default: environments/ and the farm's name]", show_default=False),
+    ] = None,
+    json: options.Json = False,
+    quiet: options.Quiet = False,
+) -> int:
+    """Generate environments of a farm: diseases and soil on each day, as Zarr stores.
+
+    Ctrl-C keeps what is finished, and the same command goes on with it.
+    """
+    import os
+    import time
+
+    from geo import get_farm
+    from sensors.environment.ensemble import generate_ensemble
+    from wbf_mission.scenario import Scenario, ScenarioError
+
+    output = Output(as_json=json, quiet=quiet)
+    if jobs == 0:
+        msg = "--jobs 0 runs nothing: give a number of processes, or -1 for one per core"
+        raise ScenarioError(msg)
+    place = get_farm(farm or Scenario().farm)
+    kept = None if keep is None else _days(keep)
+    folder = out or Path("environments") / place.name.lower()
+    begin = time.perf_counter()
+    try:
+        with output.progress() as progress:
+            ensemble = generate_ensemble(
+                place.grid(),
+                folder,
+                members=count,
+                seed=Scenario().seed if seed is None else seed,
+                days=days if kept is None else max(kept),
+                keep_days=kept,
+                farm_name=place.name,
+                jobs=len(os.sched_getaffinity(0)) if jobs < 0 else jobs,
+                progress=lambda done, total: progress("environments", done, total),
+            )
+    except KeyboardInterrupt:
+        output.warn(f"stopped; what is finished in {folder} is kept, and the same command goes on with it")
+        return 130
+    seconds = time.perf_counter() - begin
+    size = sum(path.stat().st_size for path in ensemble.folder.rglob("*") if path.is_file())
+    values = {
+        "folder": str(folder),
+        "farm": place.name,
+        "members": len(ensemble),
+        "generated": len(ensemble.made),
+        "found": len(ensemble.found),
+        "days": list(ensemble.header.days),
+        "bytes": size,
+        "wall_time_s": seconds,
+    }
+    rows = {
+        "folder": str(folder),
+        "environments": f"{count}: {len(ensemble.made)} generated now, {len(ensemble.found)} were there",
+        "days": _ranges(ensemble.header.days),
+        "size": f"{size / 1e6:.1f} MB",
+        "wall time": duration(seconds),
+    }
+    output.result(values, rows, title=f"{place.name}: environments")
+    return 0
+
+
+def _days(text: str) -> list[int]:
+    """Read ``0,6,10-15``.
+
+    >>> _days("0,4-6")
+    [0, 4, 5, 6]
+    """
+    from wbf_mission.scenario import ScenarioError
+
+    days: set[int] = set()
+    for part in text.split(","):
+        first, dash, last = (word.strip() for word in part.partition("-"))
+        numbers = (first, last if dash else first)
+        good = all(number.isascii() and number.isdecimal() and len(number) <= 3 for number in numbers)
+        if not good or int(numbers[0]) > int(numbers[1]) or int(numbers[1]) > 126:
+            msg = f"--keep {text!r} are not days in 0..126: give such as 6, 1-15 or 0,6,15"
+            raise ScenarioError(msg)
+        days.update(range(int(numbers[0]), int(numbers[1]) + 1))
+    return sorted(days)
+
+
+def _ranges(days: tuple[int, ...]) -> str:
+    """Write days as ``0, 4-6``.
+
+    >>> _ranges((0, 4, 5, 6))
+    '0, 4-6'
+    """
+    parts: list[list[int]] = []
+    for day in days:
+        if parts and day == parts[-1][-1] + 1:
+            parts[-1].append(day)
+        else:
+            parts.append([day])
+    return ", ".join(str(part[0]) if len(part) == 1 else f"{part[0]}-{part[-1]}" for part in parts)
 
 
 def _with_suffix(path: Path, *suffixes: str) -> Path:

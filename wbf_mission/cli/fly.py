@@ -87,6 +87,14 @@ def fly_command(
         bool,
         typer.Option("--plots/--no-plots", help="Draw pictures among the results.", rich_help_panel="Output"),
     ] = True,
+    cache: Annotated[
+        bool,
+        typer.Option(
+            "--cache/--no-cache",
+            help="Keep a large farm's environment for the next run.",
+            rich_help_panel="What to run",
+        ),
+    ] = True,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> int:
@@ -150,7 +158,13 @@ def fly_command(
     folder = RunFolder.for_scenario(chosen, out) if files else None
     interrupted = False
     with output.progress() as progress:
-        result = fly(chosen, progress=progress, pace=speed, tlog=folder.tlog if folder else None)
+        result = fly(
+            chosen,
+            progress=progress,
+            pace=speed,
+            tlog=folder.tlog if folder else None,
+            use_cache=cache,
+        )
         try:
             if folder is not None:
                 folder.write(result, plots=plots, progress=progress)

@@ -51,7 +51,7 @@ def kernel_seconds_per_step(points: list[tuple[float, float]], *, plain: bool, m
     """Return the time of one step; ``plain`` runs the same source uncompiled."""
     vehicle = Multirotor(QUAD)
     vehicle.fly(Route.through([(x, y, 10.0, 1.0, 5.0, math.nan, 0.0) for x, y in points]))
-    names = ("stopping_distance", "axis_acceleration", "rotor_power", "advance")
+    names = ("stopping_distance", "axis_acceleration", "multirotor_power", "advance")
     compiled = {name: getattr(kernel, name) for name in names}
     if plain:
         for name in names:

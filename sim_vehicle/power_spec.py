@@ -98,7 +98,7 @@ class BatterySpec:
 
 @dataclass(frozen=True, slots=True)
 class PowerSpec:
-    """Parameters of the rotorcraft power model (see `sim_vehicle.power.rotor_power`).
+    """Parameters of the rotorcraft power model (see `sim_vehicle.power.multirotor_power`).
 
     Parameters
     ----------

@@ -207,12 +207,6 @@ def _below_top_speed(
 
 
 @njit(cache=True)
-def rotor_power(power: Floats, airspeed2: float, climb: float) -> float:
-    """Return the electric power in flight without acceleration; see `sim_vehicle.power`."""
-    return float(multirotor_power(power, sqrt(airspeed2), 0.0, climb, 0.0, 0.0, 0.0))
-
-
-@njit(cache=True)
 def gauss_markov(noise: Floats, decay: float, last: Floats) -> Floats:
     """Return the first-order recursion ``g[i] = decay g[i-1] + noise[i]``, float64[n, 2]."""
     series = np.empty_like(noise)

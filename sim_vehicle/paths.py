@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from sim_vehicle.motion.model import LegKind
+
 if TYPE_CHECKING:
     from sim_vehicle.spec import VehicleSpec
 
@@ -45,6 +47,7 @@ def circle_rows(
             speed if k == 0 else slow,
             ALONG,
             0.0,
+            LegKind.ARC if k > 0 else LegKind.WAYPOINT,
         )
         for k in range(chords + 1)
     ]
@@ -95,7 +98,7 @@ def spline_rows(
     for k in range(1, chords + 1):
         slow = min(speed, *limits[max(0, k - 3) : k + 2])
         accept = min(spec.acceptance_radius_m, 0.45 * math.dist(points[k - 1], points[k]))
-        rows.append((*points[k], accept, slow, heading, 0.0))
+        rows.append((*points[k], accept, slow, heading, 0.0, LegKind.ARC))
     return rows, arrive
 
 

@@ -130,7 +130,12 @@ class ArduCopterAutopilot:
         return ArduCopter(spec, wind, yaw_rad)
 
     def takeoff_rows(
-        self, spec: VehicleSpec, here: Place, target: Place, speed: float, heading: float
+        self,
+        spec: VehicleSpec,  # noqa: ARG002
+        here: Place,
+        target: Place,
+        speed: float,
+        heading: float,
     ) -> list[Row]:
         """Return the leg of a take-off: straight up, wherever its place is."""
         keep = KEEP if math.isnan(heading) else heading
@@ -145,7 +150,13 @@ class ArduCopterAutopilot:
         rows.append((x, y, 0.0, 0.0, -spec.landing_speed_m_s, KEEP, 0.0, LegKind.LAND))
         return rows
 
-    def return_rows(self, spec: VehicleSpec, last: Place, speed: float, haven: Place) -> list[Row]:
+    def return_rows(
+        self,
+        spec: VehicleSpec,
+        last: Place,
+        speed: float,  # noqa: ARG002
+        haven: Place,
+    ) -> list[Row]:
         """Return the legs home: up, less near home, straight home, a wait, and down."""
         get = lookup(spec)
         x, y, z = last

@@ -1,4 +1,4 @@
-"""A multirotor as ArduCopter flies it: the compiled guidance with its state and the law that parameters make."""
+"""A multirotor as ArduCopter flies it: the compiled flight with its state and the law of its parameters."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ import numpy as np
 from sim_vehicle.autopilot.arducopter import lookup
 from sim_vehicle.battery import WH_J
 from sim_vehicle.motion import arducopter_kernel as kernel
+from sim_vehicle.motion import arducopter_layout as at
 from sim_vehicle.motion import scurve
+from sim_vehicle.motion.arducopter_control import stopping_way
+from sim_vehicle.motion.kernel import WIND
 from sim_vehicle.motion.model import LegKind, MotionEvent
 from sim_vehicle.motion.multirotor import Multirotor
 
@@ -21,15 +24,16 @@ if TYPE_CHECKING:
     from sim_vehicle.spec import VehicleSpec
     from sim_vehicle.wind import Wind
 
-# The airframe of ArduPilot's simulator (`SIM_Frame.h`, default model): 3 kg, 0.18 m2 of discs, and as much drag
-# at 15.08 m/s as 45 degrees of tilt overcome; a part of it, the momentum drag of the rotors, is linear.
+# The airframe of ArduPilot's simulator (`SIM_Frame.h`, default model): 3 kg, 0.18 m2 of discs, and as much
+# drag at 15.08 m/s as 45 degrees of tilt overcome; the momentum drag of the rotors, a part of it, is linear.
+# Its coefficient (0.2 there) is the one with which speed builds up as in recorded flights at 5 to 10 m/s.
 _MASS_KG, _DISC_M2, _MOMENTUM = 3.0, 0.18, 0.34
 _REFERENCE_M_S, _REFERENCE_RAD = 15.08, math.radians(45.0)
 _AIR_KG_M3, _REFERENCE_AIR_KG_M3 = 1.225, 1.157
 _HOVER_THROTTLE = 0.39
 # What the attitude lags behind its target: rate loops and motors.
 _ATTITUDE_S = 0.05
-# From the order to climb until the thrust carries: the motors spool up, then the throttle rises to hovering.
+# On the ground the throttle runs down for a second before the land detector begins its own.
 _LAND_DETECTOR_S = 2.0
 
 
@@ -51,11 +55,11 @@ class ArduCopter(Multirotor):
 
     def __init__(self, spec: VehicleSpec, wind: Wind | None = None, yaw_rad: float = 0.0) -> None:
         super().__init__(spec, wind, yaw_rad)
-        self.guide: NDArray[np.float64] = np.zeros(kernel.GUIDE)
+        self.guide: NDArray[np.float64] = np.zeros(at.GUIDE)
         self.heads: NDArray[np.float64] = np.zeros((3, scurve.HEAD))
         self.curves: NDArray[np.float64] = np.zeros((3, scurve.SEGMENTS, scurve.COLUMNS))
         self.law = _law(spec, self._idle_w + float(self._power[6]))
-        self.guide[kernel.LEVEL] = spec.cruise_speed_m_s
+        self.guide[at.LEVEL] = spec.cruise_speed_m_s
         self._rows: NDArray[np.float64] | None = None
         self._turning = math.nan
 
@@ -72,7 +76,7 @@ class ArduCopter(Multirotor):
                 route.pause_s,
             )
         )
-        self.guide[kernel.BEGINS] = self._follows(rows[0])
+        self.guide[at.BEGINS] = self._follows(rows[0])
         self._rows, self._route = np.ascontiguousarray(rows), rows
         self._turning = route.turn_rad_s
         self._begin()
@@ -80,20 +84,20 @@ class ArduCopter(Multirotor):
     def _follows(self, row: NDArray[np.float64]) -> int:
         """Return how a leg follows from what is flown now."""
         guide = self.guide
-        if self._rows is None or row[kernel.KIND] == LegKind.CLIMB:
-            return kernel.ANEW
+        if self._rows is None or row[at.KIND] == LegKind.CLIMB:
+            return at.ANEW
         target = row[:3]
-        arrived = guide[kernel.BEGINS] == kernel.CHAINED
-        end = guide[kernel.END : kernel.END + 3]
-        if arrived and guide[kernel.FAST] != 0.0:
+        arrived = guide[at.BEGINS] == at.CHAINED
+        end = guide[at.END : at.END + 3]
+        if arrived and guide[at.FAST] != 0.0:
             head = self.heads[2]
             ahead = end + head[scurve.LENGTH] * head[scurve.UX : scurve.UZ + 1]
-            return kernel.CHAINED if np.allclose(ahead, target, rtol=0.0, atol=1e-3) else kernel.ANEW
+            return at.CHAINED if np.allclose(ahead, target, rtol=0.0, atol=1e-3) else at.ANEW
         if arrived or self.counters[3]:
-            return kernel.CHAINED
-        if guide[kernel.MODE] == kernel.LEGS and np.allclose(end, target, rtol=0.0, atol=1e-3):
-            return kernel.SAME
-        return kernel.ANEW
+            return at.CHAINED
+        if guide[at.MODE] == at.LEGS and np.allclose(end, target, rtol=0.0, atol=1e-3):
+            return at.SAME
+        return at.ANEW
 
     def steer(
         self,
@@ -113,12 +117,25 @@ class ArduCopter(Multirotor):
         law, guide = self.law, self.guide
         speed = math.hypot(vx, vy)
         if speed > 0.0:
-            most = min(speed, float(guide[kernel.LEVEL]))
-            way = kernel.stopping_way(most, law[kernel.POS_P], law[kernel.ACCEL]) / speed
+            most = min(speed, float(guide[at.LEVEL]))
+            way = stopping_way(most, law[at.POS_P], law[at.ACCEL]) / speed
             x, y = x + vx * way, y + vy * way
-        most = float(law[kernel.SPEED_UP if vz > 0.0 else kernel.SPEED_DOWN])
-        way = kernel.stopping_way(min(abs(vz), most), law[kernel.POS_Z_P], law[kernel.ACCEL_Z])
+        most = float(law[at.SPEED_UP if vz > 0.0 else at.SPEED_DOWN])
+        way = stopping_way(min(abs(vz), most), law[at.POS_Z_P], law[at.ACCEL_Z])
         return x, y, max(z + math.copysign(way, vz), 0.0)
+
+    def attitude(self) -> tuple[float, float, float, float] | None:
+        """Return roll, pitch, airspeed and throttle; None where they follow from the acceleration."""
+        if self._rows is None or self.state[2] <= 0.0:
+            return None
+        state, (east, north) = self.state, self.guide[at.LEAN : at.LEAN + 2].tolist()
+        sine, cosine = math.sin(state[9]), math.cos(state[9])
+        pitch = -math.atan2(east * sine + north * cosine, at.GRAVITY)
+        roll = math.atan2((east * cosine - north * sine) * math.cos(pitch), at.GRAVITY)
+        airspeed = math.hypot(state[3] - state[15], state[4] - state[16])
+        stretch = math.sqrt(1.0 + (east * east + north * north) / at.GRAVITY**2)
+        thrust = (1.0 + float(self.guide[at.THRUST]) / at.GRAVITY) * stretch
+        return roll, pitch, airspeed, min(max(_HOVER_THROTTLE * thrust, 0.0), 1.0)
 
     def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
         """Fly up to ``max_steps`` steps, less when something happens (see `MotionEvent`)."""
@@ -145,42 +162,42 @@ class ArduCopter(Multirotor):
                 self.track,
                 self.track_every,
             )
-            if event != kernel.WIND:
+            if event != WIND:
                 return MotionEvent(event)
             self._wind.forward()
 
     def ignore_energy(self) -> None:
         """Tell no more that the battery is empty."""
         super().ignore_energy()
-        self.law[kernel.CAPACITY] = math.inf
+        self.law[at.CAPACITY] = math.inf
 
     def respec(self, spec: VehicleSpec) -> None:
         """Take other defaults, limits and parameters; they hold from the next leg on."""
         super().respec(spec)
         capacity = self._limits[11]
-        self.law = _law(spec, float(self.law[kernel.STAND_BY]))
-        self.law[kernel.CAPACITY] = capacity
+        self.law = _law(spec, float(self.law[at.STAND_BY]))
+        self.law[at.CAPACITY] = capacity
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
         """Climb and sink at this speed, from the next route on; None is the vehicle's own."""
         super().set_climb(climb_m_s, descent_m_s)
-        self.law[kernel.SPEED_UP] = climb_m_s or self.spec.climb_speed_m_s
-        self.law[kernel.SPEED_DOWN] = descent_m_s or self.spec.descent_speed_m_s
+        self.law[at.SPEED_UP] = climb_m_s or self.spec.climb_speed_m_s
+        self.law[at.SPEED_DOWN] = descent_m_s or self.spec.descent_speed_m_s
 
     def touch_down(self) -> None:
         """Stand still on the ground."""
         super().touch_down()
         self._rows = None
         self.guide[:] = 0.0
-        self.guide[kernel.LEVEL] = self.spec.cruise_speed_m_s
+        self.guide[at.LEVEL] = self.spec.cruise_speed_m_s
 
 
 def _law(spec: VehicleSpec, stand_by_w: float) -> NDArray[np.float64]:
     """Return the law of motion in the order of the kernel."""
     get = lookup(spec)
     dt = spec.step_s
-    law = np.zeros(kernel.LAW)
-    gravity = kernel.GRAVITY
+    law = np.zeros(at.LAW)
+    gravity = at.GRAVITY
     turn_rate = math.radians(get("ATC_RATE_R_MAX")), math.radians(get("ATC_RATE_P_MAX"))
     turn_accel = math.radians(0.01 * min(get("ATC_ACCEL_R_MAX"), get("ATC_ACCEL_P_MAX")))
     accel = 0.01 * get("WPNAV_ACCEL")
@@ -191,44 +208,44 @@ def _law(spec: VehicleSpec, stand_by_w: float) -> NDArray[np.float64]:
     hover = gravity / _HOVER_THROTTLE
     # Gains of the throttle are per cm/s^2 and for a throttle of 1000.
     thrust_p = 0.1 * get("PSC_ACCZ_P") * hover
-    law[kernel.DT] = dt
-    law[kernel.DRAG : kernel.DRAG_2 + 1] = _drag(spec)
-    law[kernel.ERROR_FILTER] = _share(dt, get("PSC_VELXY_FLTE"))
-    law[kernel.RATE_FILTER] = _share(dt, get("PSC_VELXY_FLTD"))
-    law[kernel.POS_P] = get("PSC_POSXY_P")
-    law[kernel.VEL_P : kernel.VEL_D + 1] = get("PSC_VELXY_P"), get("PSC_VELXY_I"), get("PSC_VELXY_D")
-    law[kernel.VEL_IMAX] = 0.01 * get("PSC_VELXY_IMAX")
-    law[kernel.POS_Z_P], law[kernel.VEL_Z_P] = get("PSC_POSZ_P"), get("PSC_VELZ_P")
-    law[kernel.ERROR_Z_FILTER] = _share(dt, get("PSC_VELZ_FLTE"))
-    law[kernel.ACC_Z_P], law[kernel.ACC_Z_I] = thrust_p, 0.1 * get("PSC_ACCZ_I") * hover
-    law[kernel.ACC_Z_IMAX] = max(0.001 * get("PSC_ACCZ_IMAX"), _HOVER_THROTTLE) * hover
-    law[kernel.ACCEL], law[kernel.ACCEL_Z] = accel, accel_z
-    law[kernel.CORNER] = 0.01 * get("WPNAV_ACCEL_C") or 2.0 * accel
-    law[kernel.WP_RADIUS] = 0.01 * get("WPNAV_RADIUS")
-    law[kernel.PACE_FILTER] = min(1.0, dt * get("WPNAV_JERK") / accel)
-    law[kernel.JERK] = jerk
-    law[kernel.SNAP] = 0.5 * min(snap, jerk * math.pi / (2.0 * max(get("ATC_INPUT_TC"), 0.1)))
-    law[kernel.SHAPE_JERK] = min(get("PSC_JERK_XY"), limit, 0.5 * math.sqrt(accel * snap))
-    law[kernel.SHAPE_JERK_Z] = get("PSC_JERK_Z")
+    law[at.DT] = dt
+    law[at.DRAG : at.DRAG_2 + 1] = _drag(spec)
+    law[at.ERROR_FILTER] = _share(dt, get("PSC_VELXY_FLTE"))
+    law[at.RATE_FILTER] = _share(dt, get("PSC_VELXY_FLTD"))
+    law[at.POS_P] = get("PSC_POSXY_P")
+    law[at.VEL_P : at.VEL_D + 1] = get("PSC_VELXY_P"), get("PSC_VELXY_I"), get("PSC_VELXY_D")
+    law[at.VEL_IMAX] = 0.01 * get("PSC_VELXY_IMAX")
+    law[at.POS_Z_P], law[at.VEL_Z_P] = get("PSC_POSZ_P"), get("PSC_VELZ_P")
+    law[at.ERROR_Z_FILTER] = _share(dt, get("PSC_VELZ_FLTE"))
+    law[at.ACC_Z_P], law[at.ACC_Z_I] = thrust_p, 0.1 * get("PSC_ACCZ_I") * hover
+    law[at.ACC_Z_IMAX] = max(0.001 * get("PSC_ACCZ_IMAX"), _HOVER_THROTTLE) * hover
+    law[at.ACCEL], law[at.ACCEL_Z] = accel, accel_z
+    law[at.CORNER] = 0.01 * get("WPNAV_ACCEL_C") or 2.0 * accel
+    law[at.WP_RADIUS] = 0.01 * get("WPNAV_RADIUS")
+    law[at.PACE_FILTER] = min(1.0, dt * get("WPNAV_JERK") / accel)
+    law[at.JERK] = jerk
+    law[at.SNAP] = 0.5 * min(snap, jerk * math.pi / (2.0 * max(get("ATC_INPUT_TC"), 0.1)))
+    law[at.SHAPE_JERK] = min(get("PSC_JERK_XY"), limit, 0.5 * math.sqrt(accel * snap))
+    law[at.SHAPE_JERK_Z] = get("PSC_JERK_Z")
     for name in ("PSC_ACCZ_FLTT", "PSC_ACCZ_FLTE"):
         if get(name) > 0.0:
             most = min(gravity, accel_z) * 2.0 * math.pi * get(name) / 5.0
-            law[kernel.SHAPE_JERK_Z] = min(law[kernel.SHAPE_JERK_Z], most)
-    law[kernel.MOST_LEAN] = gravity * math.tan(math.radians(get("PSC_ANGLE_MAX") or 0.01 * get("ANGLE_MAX")))
-    law[kernel.TARGET_FILTER] = 1.0 - math.exp(-dt / max(get("ATC_INPUT_TC"), 1e-3))
-    lag = _ATTITUDE_S
-    law[kernel.LEAN_FILTER] = 1.0 - math.exp(-dt / lag)
-    law[kernel.SPEED_UP], law[kernel.SPEED_DOWN] = spec.climb_speed_m_s, spec.descent_speed_m_s
-    law[kernel.LAND_FAST] = 0.01 * get("LAND_SPEED_HIGH")
-    law[kernel.LAND_SLOW] = spec.landing_speed_m_s
-    law[kernel.LAND_LOW] = max(0.01 * get("LAND_ALT_LOW"), 1.0)
-    law[kernel.SPOOL_STEPS] = round((get("MOT_SPOOL_TIME") + _HOVER_THROTTLE * get("TKOFF_SLEW_TIME")) / dt)
-    law[kernel.DETECT_STEPS] = round(_LAND_DETECTOR_S / dt)
-    law[kernel.YAW_RATE] = spec.yaw_rate_rad_s
-    law[kernel.YAW_ACCEL] = spec.yaw_acceleration_rad_s2
-    law[kernel.LOOKS_AHEAD] = get("WP_YAW_BEHAVIOR") > 0.0
-    law[kernel.CAPACITY] = spec.battery.capacity_wh * WH_J if spec.battery is not None else math.inf
-    law[kernel.STAND_BY] = stand_by_w
+            law[at.SHAPE_JERK_Z] = min(law[at.SHAPE_JERK_Z], most)
+    law[at.MOST_LEAN] = gravity * math.tan(math.radians(get("PSC_ANGLE_MAX") or 0.01 * get("ANGLE_MAX")))
+    law[at.TARGET_FILTER] = 1.0 - math.exp(-dt / max(get("ATC_INPUT_TC"), 1e-3))
+    lag = spec.attitude_response_s
+    law[at.LEAN_FILTER] = 1.0 - math.exp(-dt / (_ATTITUDE_S if lag is None else lag))
+    law[at.SPEED_UP], law[at.SPEED_DOWN] = spec.climb_speed_m_s, spec.descent_speed_m_s
+    law[at.LAND_FAST] = 0.01 * get("LAND_SPEED_HIGH")
+    law[at.LAND_SLOW] = spec.landing_speed_m_s
+    law[at.LAND_LOW] = max(0.01 * get("LAND_ALT_LOW"), 1.0)
+    law[at.SPOOL_STEPS] = round((get("MOT_SPOOL_TIME") + _HOVER_THROTTLE * get("TKOFF_SLEW_TIME")) / dt)
+    law[at.DETECT_STEPS] = round(_LAND_DETECTOR_S / dt)
+    law[at.YAW_RATE] = spec.yaw_rate_rad_s
+    law[at.YAW_ACCEL] = spec.yaw_acceleration_rad_s2
+    law[at.LOOKS_AHEAD] = get("WP_YAW_BEHAVIOR") > 0.0
+    law[at.CAPACITY] = spec.battery.capacity_wh * WH_J if spec.battery is not None else math.inf
+    law[at.STAND_BY] = stand_by_w
     return law
 
 
@@ -238,9 +255,12 @@ def _share(dt: float, frequency_hz: float) -> float:
 
 
 def _drag(spec: VehicleSpec) -> tuple[float, float]:
-    """Return the drag over mass and airspeed: its constant part (1/s) and the one that grows with it (1/m)."""
-    weight = _MASS_KG * kernel.GRAVITY
+    """Return the drag over mass and airspeed: the constant part (1/s), and the one over airspeed (1/m)."""
+    if spec.linear_drag_1_s is not None:
+        return spec.linear_drag_1_s, 0.0
+    weight = _MASS_KG * at.GRAVITY
     momentum = _MOMENTUM * math.sqrt(weight * _AIR_KG_M3 * _DISC_M2)
     whole = weight * math.tan(_REFERENCE_RAD)
     rest = whole - momentum * math.cos(_REFERENCE_RAD) * _REFERENCE_M_S
-    return momentum / _MASS_KG, rest / _REFERENCE_M_S**2 / _MASS_KG * _AIR_KG_M3 / _REFERENCE_AIR_KG_M3
+    rest *= _AIR_KG_M3 / _REFERENCE_AIR_KG_M3
+    return momentum / _MASS_KG, rest / _REFERENCE_M_S**2 / _MASS_KG

@@ -38,6 +38,7 @@ class LegKind(IntEnum):
     LAND = 5
     STAY = 6
     LOITER = 7
+    ARC = 8
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,9 +1,9 @@
 """Jerk-limited profiles along a straight leg, as ArduPilot's navigation makes them.
 
-A profile is a chain of 23 segments: a start, seven that accelerate, seven that change the speed under way, one
-constant speed, and seven that brake to a stop. The jerk rises and falls along raised cosines, so the snap is
-limited too. Formulas after ArduPilot, `libraries/AP_Math/SCurve.cpp` (4.7), whose rules also decide when the next
-leg begins while the present one still brakes, which makes the corners.
+A profile is a chain of 23 segments: a start, seven that accelerate, seven that change the speed under way,
+one of constant speed, and seven that brake to a stop. The jerk rises and falls along raised cosines, so the
+snap is limited too. Formulas after ArduPilot, `libraries/AP_Math/SCurve.cpp` (4.7), whose rules also decide
+when the next leg begins while the present one still brakes, which makes the corners.
 
 A leg is a row of `HEAD` numbers and a table of `SEGMENTS` x `COLUMNS` of them. All is SI.
 """

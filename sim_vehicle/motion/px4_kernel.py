@@ -111,8 +111,9 @@ LOOKAHEAD_M = 5.0
 # Share of the thrust that climbing leaves for the horizontal, MPC_THR_XY_MARG.
 MARGIN = 0.3
 BRISK = 0.2
-# Mean size of the error of the estimated vertical speed.
-NOISE_M_S = 0.13
+# Mean size of the errors of the estimated vertical speed and horizontal position.
+NOISE_M_S = 0.15
+NOISE_M = 0.12
 PROGRESS = 0.98
 
 
@@ -201,11 +202,14 @@ def _guide(g: Floats, row: Floats, law: Floats, px: float, py: float, pz: float)
     fastest = law[XY_VEL_MAX]
     wx, wy = min(max(wx, -fastest), fastest), min(max(wy, -fastest), fastest)
     wz = min(max(wz, -top), top)
-    # The trajectory waits for a vehicle that is behind it.
+    # The trajectory waits for a vehicle that is behind it; on the average of a noisy estimate, half so for one
+    # that is beside it.
     ex, ey = g[0] - px, g[1] - py
-    t = dt
-    if ex * g[3] + ey * g[4] >= 0.0:
-        t *= 1.0 - min(sqrt(ex * ex + ey * ey) / law[ERR_MAX], 1.0)
+    speed2 = g[3] * g[3] + g[4] * g[4]
+    lead = (ex * g[3] + ey * g[4]) / sqrt(speed2) if speed2 > 0.0 else 0.0
+    behind = 0.5 * (1.0 + lead / sqrt(lead * lead + NOISE_M * NOISE_M))
+    error = behind * sqrt(ex * ex + ey * ey + NOISE_M * NOISE_M)
+    t = dt * (1.0 - min(error / law[ERR_MAX], 1.0))
     a = profile(g[3], g[6], wx, accel, jerk)
     b = profile(g[4], g[7], wy, accel, jerk)
     c = profile(g[5], g[8], wz, limit, jerk)

@@ -260,7 +260,7 @@ def _together(plan: _Plan, members: int, jobs: int, tell: Progress) -> list[int]
             raise EnvironmentDataError(msg) from error
         except BaseException:
             stop.set()
-            pool.shutdown(wait=False, cancel_futures=True)
+            pool.shutdown(cancel_futures=True)
             raise
     return sorted(made)
 

@@ -108,3 +108,29 @@ def next_place(items: Sequence[MissionItem], places: Sequence[Place], seq: int) 
         if command in (Command.DO_JUMP, Command.NAV_RETURN_TO_LAUNCH, Command.NAV_TAKEOFF):
             return None
     return None
+
+
+def landing_problems(items: Sequence[MissionItem], places: Sequence[Place], spec: VehicleSpec) -> list[str]:
+    """List what is wrong with the landings of a wing; PX4 refuses an approach that is too steep.
+
+    Only an approach from a waypoint is judged: a circle is left where it points to the landing.
+    """
+    plane = plane_of(spec.autopilot)
+    problems = []
+    before: tuple[int, Place] | None = None
+    for seq, (item, place) in enumerate(zip(items, places, strict=True)):
+        if item.command == Command.NAV_LAND and not plane.ardupilot:
+            if before is None:
+                problems.append(f"item {seq} (NAV_LAND): no place before it to approach it from")
+            elif before[0] == _WAYPOINT and not math.isnan(place[0] + before[1][0]):
+                way = math.hypot(place[0] - before[1][0], place[1] - before[1][1])
+                slope = math.degrees(math.atan2(before[1][2], max(way, 1e-3)))
+                steepest = plane.landing_angle_deg(spec)
+                if slope > steepest + 0.05:
+                    problems.append(
+                        f"item {seq} (NAV_LAND): the approach of {slope:.1f} degrees is steeper than "
+                        f"FW_LND_ANG {steepest:g}: begin it farther away or lower"
+                    )
+        if item.command in _PLACED or item.command == Command.NAV_TAKEOFF:
+            before = (item.command, place)
+    return problems

@@ -134,6 +134,8 @@ class GroundStation:
         self._grounded = False
         self._aloft_ms = 0
         self._returns = any(item.command in _RETURNS for item in mission.items)
+        self._lands = any(item.command == Command.NAV_LAND for item in mission.items)
+        self._is_wing = False
         self._handlers: dict[int, Callable[[Any, float], list[Any]]] = {
             m.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
             m.MAVLINK_MSG_ID_COMMAND_ACK: self._on_ack,
@@ -225,6 +227,7 @@ class GroundStation:
     def _on_heartbeat(self, message: Any, now_s: float) -> list[Any]:
         if not self._is_vehicle(message):
             return []
+        self._is_wing = message.type == m.MAV_TYPE_FIXED_WING
         self._armed = bool(message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
         self._flew |= self._armed and self.phase is Phase.FLIGHT
         if self.phase is Phase.CONTACT:
@@ -254,7 +257,9 @@ class GroundStation:
     def _on_mission_current(self, message: Any, now_s: float) -> list[Any]:
         if self._is_vehicle(message):
             self._mission_state = message.mission_state
-            over = self._disarmed_s is not None or not self._returns
+            # A wing whose mission ends with a return may circle over home for ever.
+            circles = self._is_wing and not self._lands
+            over = self._disarmed_s is not None or not self._returns or circles
             if self.phase is Phase.FLIGHT and self._mission_state == _COMPLETE and over:
                 self._land(Outcome.COMPLETED, "", now_s)
         return []

@@ -23,6 +23,7 @@ from mission.planners import (
     Planner,
     PlanningRequest,
     StepBudget,
+    WingPattern,
     build_mission,
     coverage,
     get_planner,
@@ -30,6 +31,8 @@ from mission.planners import (
 )
 from mission.planners.budget import LengthBudget
 from sim_vehicle.autopilot import with_autopilot
+from sim_vehicle.autopilot.plane import plane_of
+from sim_vehicle.circling import circles
 from sim_vehicle.predict import Prediction, predict_flight
 from sim_vehicle.spec import VehicleSpec, get_vehicle
 from sim_vehicle.swaps import batteries_needed
@@ -37,6 +40,9 @@ from wbf_mission.scenario import Scenario, ScenarioError
 from wbf_mission.weather import wind_of
 
 _CAMERA_STARTS = frozenset({206, 214, 2000})
+# Where an aeroplane's climb-out leads to, and the height of its final approach.
+CLIMB_OUT_M = 150.0
+APPROACH_ALTITUDE_M = 30.0
 PAPER_STEPS_PER_CELL = 0.4  # timesteps of a day for each of the owner's cells (Matloob et al., experiments)
 
 
@@ -186,6 +192,24 @@ class MissionBuilder:
             if vehicle.is_ideal and radius is None
             else radius,
             return_home=not vehicle.is_ideal,
+            pattern=self._pattern(scenario.altitude_m or built.takeoff_altitude_m),
+        )
+
+    def _pattern(self, altitude_m: float) -> WingPattern | None:
+        """Return how an aeroplane takes off and lands, into the wind."""
+        vehicle, scenario = self.vehicle, self.scenario
+        if not circles(vehicle):
+            return None
+        law = plane_of(vehicle.autopilot).limits(vehicle)
+        down_m = min(altitude_m, APPROACH_ALTITUDE_M)
+        return WingPattern(
+            heading_rad=math.radians(scenario.wind_direction_deg) if scenario.wind_speed_m_s > 0.0 else 0.0,
+            climb_out_m=CLIMB_OUT_M,
+            # A little flatter than the steepest slope.
+            approach_m=1.1 * down_m / law.landing_slope,
+            approach_altitude_m=down_m,
+            radius_m=max(abs(law.loiter_radius), 1.2 * law.tightest_m(law.airspeed_trim)),
+            placed_start=vehicle.autopilot == "ardupilot",
         )
 
     def predict(self, mission: Mission) -> Prediction:
@@ -206,7 +230,11 @@ def flown_vehicle(scenario: Scenario) -> VehicleSpec:
     VehicleError
         If the vehicle or a parameter is unknown, or a value out of range.
     """
-    return with_autopilot(get_vehicle(scenario.vehicle), "generic", scenario.parameters)
+    vehicle = get_vehicle(scenario.vehicle)
+    autopilot = "ardupilot" if scenario.autopilot == "ardupilot" else "px4"
+    return with_autopilot(
+        vehicle, "generic" if vehicle.kind == "multirotor" else autopilot, scenario.parameters
+    )
 
 
 def make_budget(builder: MissionBuilder) -> tuple[Budget, str]:

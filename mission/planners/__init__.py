@@ -1,7 +1,7 @@
 """Planners: a farm, a start and a budget in, a path within the budget out."""
 
 from mission.planners.budget import Budget, LengthBudget, StepBudget, parse_budget
-from mission.planners.build import build_mission
+from mission.planners.build import WingPattern, build_mission
 from mission.planners.conformance import check_planner
 from mission.planners.path import PlannedPath, path_length
 from mission.planners.registry import get_planner, planner_names
@@ -16,6 +16,7 @@ __all__ = [
     "Planner",
     "PlanningRequest",
     "StepBudget",
+    "WingPattern",
     "build_mission",
     "check_planner",
     "coverage",

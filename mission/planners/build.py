@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,8 +16,34 @@ if TYPE_CHECKING:
     from geo.frame import LocalFrame
 
 MAX_ITEMS = 65535
-_GROUND_SPEED = 1.0
+_AIRSPEED, _GROUND_SPEED = 0.0, 1.0
 _THROTTLE_UNCHANGED = -1.0
+
+
+@dataclass(frozen=True, slots=True)
+class WingPattern:
+    """How an aeroplane takes off and lands.
+
+    Parameters
+    ----------
+    heading_rad : float
+        Compass heading of take-off and landing, best into the wind.
+    climb_out_m : float
+        Distance of the take-off item's place from home.
+    approach_m, approach_altitude_m : float
+        Length and height above home of the beginning of the final approach.
+    radius_m : float
+        Of the circle on which it comes down to that height.
+    placed_start : bool
+        Whether ``DO_LAND_START`` has a place, as ArduPilot wants it; PX4 wants none.
+    """
+
+    heading_rad: float
+    climb_out_m: float
+    approach_m: float
+    approach_altitude_m: float
+    radius_m: float
+    placed_start: bool = False
 
 
 def build_mission(
@@ -30,6 +57,7 @@ def build_mission(
     camera_interval_s: float | None = None,
     acceptance_radius_m: float | None = None,
     return_home: bool = True,
+    pattern: WingPattern | None = None,
 ) -> Mission:
     """Return the mission that flies the path once.
 
@@ -44,6 +72,10 @@ def build_mission(
     5. ``NAV_WAYPOINT`` at each further point;
     6. camera stop: the camera command again with param1 0;
     7. ``NAV_RETURN_TO_LAUNCH``, which also lands; left out without `return_home`: the vehicle then holds.
+
+    An aeroplane, which has a `pattern`, takes off towards a place ahead, keeps an airspeed, and lands in
+    place of the return: ``DO_LAND_START``, ``NAV_LOITER_TO_ALT`` on a circle that touches the final approach,
+    ``NAV_LAND`` at home.
 
     Points closer than 1 cm to the one before are dropped; the heading is left to the vehicle.
 
@@ -66,6 +98,8 @@ def build_mission(
         shortest leg), at least 0.1 m and at most 2 m.
     return_home : bool
         End with a return to launch.
+    pattern : WingPattern, optional
+        For an aeroplane.
 
     Returns
     -------
@@ -83,7 +117,8 @@ def build_mission(
     points = drop_coincident(path.points_m)
     radius = _default_radius(path, points) if acceptance_radius_m is None else acceptance_radius_m
     _check_positive("acceptance radius", radius, "m")
-    count = len(points) + 2 + (2 if camera else 0) + int(return_home)
+    ending = 3 if pattern is not None else 1
+    count = len(points) + 2 + (2 if camera else 0) + (ending if return_home else 0)
     if count > MAX_ITEMS:
         msg = (
             f"planner {path.planner}: the path has {len(points)} points, a mission of {count} items; "
@@ -101,17 +136,56 @@ def build_mission(
     takeoff = MissionItem(
         Command.NAV_TAKEOFF, relative, param4=None, x=home_latitude, y=home_longitude, z=altitude_m
     )
-    speed = MissionItem(
-        Command.DO_CHANGE_SPEED, param1=_GROUND_SPEED, param2=speed_m_s, param3=_THROTTLE_UNCHANGED
-    )
+    kind = _GROUND_SPEED if pattern is None else _AIRSPEED
+    speed = MissionItem(Command.DO_CHANGE_SPEED, param1=kind, param2=speed_m_s, param3=_THROTTLE_UNCHANGED)
     start, stop = camera if camera else ((), ())
-    end = (MissionItem(Command.NAV_RETURN_TO_LAUNCH),) if return_home else ()
+    end: tuple[MissionItem, ...] = (MissionItem(Command.NAV_RETURN_TO_LAUNCH),)
+    if pattern is not None:
+        takeoff, end = _pattern_items(pattern, frame, home_xy_m, altitude_m)
+    if not return_home:
+        end = ()
     return Mission(
         items=(takeoff, speed, waypoints[0], *start, *waypoints[1:], *stop, *end),
         home=GeoPoint(home_latitude, home_longitude, frame.altitude_m),
         cruise_speed_m_s=speed_m_s,
         hover_speed_m_s=speed_m_s,
     )
+
+
+def _pattern_items(
+    pattern: WingPattern, frame: LocalFrame, home_xy_m: tuple[float, float], altitude_m: float
+) -> tuple[MissionItem, tuple[MissionItem, ...]]:
+    """Return the take-off and the landing of an aeroplane."""
+    # The compass heading in the farm frame, whose x-axis may be turned from east.
+    angle = 0.5 * math.pi - pattern.heading_rad - math.radians(frame.rotation_deg)
+    ahead = (math.cos(angle), math.sin(angle))
+    right = (ahead[1], -ahead[0])
+    x, y = home_xy_m
+    relative = Frame.GLOBAL_RELATIVE_ALT
+
+    def item(command: Command, along_m: float, aside_m: float, z: float, *params: float) -> MissionItem:
+        place = (x + along_m * ahead[0] + aside_m * right[0], y + along_m * ahead[1] + aside_m * right[1])
+        latitude, longitude = (float(value) for value in frame.to_wgs84(*place))
+        first, second, third, fourth = params
+        return MissionItem(command, relative, first, second, third, fourth, latitude, longitude, z)
+
+    takeoff = item(Command.NAV_TAKEOFF, pattern.climb_out_m, 0.0, altitude_m, 10.0, 0.0, 0.0, 0.0)
+    down = pattern.approach_altitude_m
+    circle = item(
+        Command.NAV_LOITER_TO_ALT,
+        -pattern.approach_m,
+        pattern.radius_m,
+        down,
+        1.0,
+        pattern.radius_m,
+        0.0,
+        1.0,
+    )
+    land = item(Command.NAV_LAND, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    start = MissionItem(Command.DO_LAND_START)
+    if pattern.placed_start:
+        start = item(Command.DO_LAND_START, -pattern.approach_m, 0.0, down, 0.0, 0.0, 0.0, 0.0)
+    return takeoff, (start, circle, land)
 
 
 def _camera_command(

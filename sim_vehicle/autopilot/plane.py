@@ -255,6 +255,10 @@ class Plane:
 
         return FixedWing(spec, self.limits, wind, yaw_rad)
 
+    def landing_angle_deg(self, spec: VehicleSpec) -> float:
+        """Return the steepest approach that PX4 takes."""
+        return setting(spec, "FW_LND_ANG", PX4_SETTINGS)
+
     def lands_as_mission(self, spec: VehicleSpec) -> bool:
         """Whether a return flies the landing of the mission, if it has one."""
         return self._of(spec, "RTL_AUTOLAND" if self.ardupilot else "RTL_TYPE") in (1.0, 2.0)

@@ -190,7 +190,9 @@ class FixedWing(Multirotor):
         n = len(route.points_m)
         rows = np.zeros((n, wing.LEG))
         rows[:, :3] = route.points_m
-        rows[:, 4] = route.radius_m
+        # What is the vehicle's default is left to the law; ArduPlane keeps radii in one byte.
+        radius = np.where(route.radius_m == self.spec.acceptance_radius_m, 0.0, route.radius_m)
+        rows[:, 4] = np.floor(np.minimum(radius, 255.0))
         rows[:, 5] = np.clip(np.abs(route.speed_m_s), law.airspeed_min, law.airspeed_max)
         rows[:, 6] = route.near_m
         circle = route.circle if route.circle is not None else np.full((n, 4), np.nan)
@@ -200,12 +202,13 @@ class FixedWing(Multirotor):
         rows[:, 13] = law.height_acceptance
         rows[:, 14] = 0.5 * math.pi
         for i in range(n):
-            rows[i, 3] = kind = self._kind(int(route.kind[i]), rows[i], float(circle[i, 0]))
-            radius = float(circle[i, 0])
-            if not abs(radius) > 0.0:
-                radius = law.loiter_radius
-            least = 1.05 * law.tightest_m(rows[i, 5])
-            rows[i, 7] = math.copysign(max(abs(radius), least), radius)
+            stops = not route.radius_m[i] > 0.0
+            rows[i, 3] = kind = self._kind(int(route.kind[i]), stops, float(circle[i, 0]))
+            wanted = float(circle[i, 0])
+            if not abs(wanted) > 0.0:
+                wanted = law.loiter_radius
+            least = 1.05 * law.tightest_m(float(rows[i, 5]))
+            rows[i, 7] = math.copysign(max(abs(wanted), least), wanted)
             if kind == wing.CIRCLE:
                 rows[i, 13] = min(law.height_acceptance, 10.0)
             elif kind == wing.CIRCULAR_LANDING:
@@ -216,12 +219,12 @@ class FixedWing(Multirotor):
         self._corners(rows)
         return rows
 
-    def _kind(self, kind: int, row: NDArray[np.float64], radius: float) -> float:
+    def _kind(self, kind: int, stops: bool, radius: float) -> float:
         if kind == LegKind.TAKEOFF:
             return wing.TAKEOFF
         if kind == LegKind.LAND:
             return wing.LANDING if math.isnan(radius) else wing.CIRCULAR_LANDING
-        if kind in (LegKind.LOITER, LegKind.STAY) or row[4] <= 0.0:
+        if kind in (LegKind.LOITER, LegKind.STAY) or stops:
             return wing.CIRCLE
         return wing.LINE
 

@@ -21,6 +21,7 @@ from sim_vehicle.spec import VehicleSpec
 HASH = "_HASH_CHECK"
 """What a peer asks a PX4 for to learn whether it knows all parameters already."""
 _NO_INDEX = 65535
+_MAV_TYPES = {"fixed-wing": m.MAV_TYPE_FIXED_WING, "rover": m.MAV_TYPE_GROUND_ROVER}
 
 __all__ = ["Parameter", "ParameterSet", "Tuning", "parameter_table"]
 
@@ -144,9 +145,11 @@ def parameter_table(autopilot: str, spec: VehicleSpec, system_id: int) -> tuple[
     """Return the parameters of a vehicle as one autopilot names them, sorted by name."""
     make = {"px4": _px4_table, "ardupilot": _ardupilot_table}[autopilot]
     # Imported here: the tables of the safety functions are made of these parameters.
+    from sim_vehicle.vehicle.kinds import foreign_parameter
     from sim_vehicle.vehicle.safety_parameters import safety_parameters
 
     table = {p.name: p for p in make(spec, system_id) + safety_parameters(autopilot, spec)}
+    table = {name: p for name, p in table.items() if not foreign_parameter(spec, name)}
     if spec.autopilot == autopilot:
         for name, known in autopilot_of(spec).settings.items():
             table[name] = Parameter(
@@ -173,7 +176,7 @@ def _px4_table(spec: VehicleSpec, system_id: int) -> list[Parameter]:
         Parameter("COM_RC_IN_MODE", integer=True, value=1),
         Parameter("MAV_COMP_ID", integer=True, value=1),
         Parameter("MAV_SYS_ID", integer=True, value=system_id),
-        Parameter("MAV_TYPE", integer=True, value=m.MAV_TYPE_QUADROTOR),
+        Parameter("MAV_TYPE", integer=True, value=_MAV_TYPES.get(spec.kind, m.MAV_TYPE_QUADROTOR)),
         Parameter("MIS_TAKEOFF_ALT", "takeoff_altitude_m", low=0.5, high=spec.max_altitude_m),
         Parameter("MPC_ACC_HOR", value=spec.acceleration_m_s2),
         Parameter("MPC_JERK_AUTO", value=spec.jerk_m_s3),

@@ -93,6 +93,10 @@ class Persona:
         Message id to rate after the start.
     truth_message : int
         What its simulators send to tell the true state of the vehicle.
+    mav_type : int
+        MAV_TYPE of the heartbeat.
+    banner : str
+        What it says of itself when all parameters are asked for (ArduPilot); empty for nothing.
     """
 
     name: str
@@ -116,6 +120,8 @@ class Persona:
     unsupported: frozenset[int] = frozenset()
     int_only: frozenset[int] = frozenset()
     truth_message: int = int(m.MAVLINK_MSG_ID_HIL_STATE_QUATERNION)
+    mav_type: int = int(m.MAV_TYPE_QUADROTOR)
+    banner: str = ""
 
     def mode_of(self, custom_mode: int) -> Mode | None:
         """Return the mode with this custom number, None if the autopilot has none or it is not flown here."""

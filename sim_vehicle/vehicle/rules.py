@@ -7,7 +7,7 @@ parameter reference (FENCE_ACTION, FS_GCS_ENABLE, BATT_FS_LOW_ACT, BATT_LOW_VOLT
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -161,12 +161,37 @@ ARDUPILOT_RULES = Rules(
 )
 
 
-def rules_for(autopilot: str) -> Rules:
-    """Return the rules of a persona by its name.
+# ArduPlane's and Rover's own numbers; the ways at a low and a critical battery are those of the copter.
+_PLANE_BATTERY = _actions(WARN="0", RETURN="1 6", LAND="2 4 5", TERMINATE="3")
+ARDUPLANE_RULES = replace(
+    ARDUPILOT_RULES,
+    fence_actions=_actions(WARN="0", RETURN="1 6 7", HOLD="8", LAND="9"),
+    link_actions=_actions(NONE="0", RETURN="1 2 3"),
+    battery_actions=(_PLANE_BATTERY, _PLANE_BATTERY, _actions(WARN="0 1 2 3 4 5 6 7")),
+    defaults=MappingProxyType(
+        {**ARDUPILOT_RULES.defaults, "low_battery_action": 1, "critical_battery_action": 2}
+    ),
+)
+_ROVER_BATTERY = _actions(WARN="0", RETURN="1 3 4", HOLD="2 6", TERMINATE="5")
+ARDUROVER_RULES = replace(
+    ARDUPILOT_RULES,
+    fence_actions=_actions(WARN="0", RETURN="1 3", HOLD="2 4 5"),
+    link_actions=_actions(NONE="0", RETURN="1 2"),
+    battery_actions=(_ROVER_BATTERY, _ROVER_BATTERY, _actions(WARN="0 1 2 3 4 5 6 7")),
+    defaults=MappingProxyType(
+        {**ARDUPILOT_RULES.defaults, "low_battery_action": 1, "critical_battery_action": 2}
+    ),
+)
+
+
+def rules_for(autopilot: str, kind: str = "multirotor") -> Rules:
+    """Return the rules of a persona by its name, for a kind of vehicle.
 
     Examples
     --------
     >>> rules_for("px4").fence_actions[5].value
     'landing'
     """
-    return {"ardupilot": ARDUPILOT_RULES}.get(autopilot, PX4_RULES)
+    if autopilot != "ardupilot":
+        return PX4_RULES
+    return {"fixed-wing": ARDUPLANE_RULES, "rover": ARDUROVER_RULES}.get(kind, ARDUPILOT_RULES)

@@ -64,7 +64,7 @@ def _heartbeat(vehicle: SimVehicle) -> Message:
     else:
         status = m.MAV_STATE_ACTIVE if pilot.armed else m.MAV_STATE_STANDBY
     return m.MAVLink_heartbeat_message(
-        m.MAV_TYPE_QUADROTOR,
+        persona.mav_type,
         persona.autopilot,
         base_mode(pilot.mode, pilot.armed),
         persona.modes[pilot.mode],
@@ -182,7 +182,7 @@ def _vfr_hud(vehicle: SimVehicle) -> Message:
         state.airspeed_m_s,
         math.hypot(east, north),
         int(math.degrees(state.yaw_rad)) % 360,
-        50 if state.armed and state.landed is not LandedState.ON_GROUND else 0,
+        round(100.0 * state.throttle) if state.armed and state.landed is not LandedState.ON_GROUND else 0,
         vehicle.place[2] / 1000.0,
         up,
     )

@@ -33,6 +33,7 @@ from sim_vehicle.navigation import NavigationErrors, Sensed, SensorNoise
 from sim_vehicle.spec import VehicleSpec
 from sim_vehicle.vehicle import commands, setpoints
 from sim_vehicle.vehicle.camera_orders import CAMERA, CameraOrders
+from sim_vehicle.vehicle.kinds import as_flown
 from sim_vehicle.vehicle.modes import Mode, Outcome
 from sim_vehicle.vehicle.parameters import ParameterSet, parameter_table
 from sim_vehicle.vehicle.persona import PX4, Persona
@@ -121,6 +122,7 @@ class SimVehicle:
         signing: Signing | None = None,
         noise: SensorNoise | None = None,
     ) -> None:
+        spec, persona = as_flown(spec, persona)
         self._signing = signing
         self.errors = NavigationErrors(noise) if noise is not None and not noise.is_off else None
         self.sensed = Sensed.exact((0.0, 0.0, 0.0))
@@ -142,7 +144,7 @@ class SimVehicle:
             mode=persona.boot_mode,
             takes_off=persona.takes_off,
             after_takeoff=persona.after_takeoff,
-            rules=rules_for(persona.name),
+            rules=rules_for(persona.name, spec.kind),
             epoch_unix_s=epoch_unix_s,
         )
         self.place = self.home_e7
@@ -477,6 +479,8 @@ class SimVehicle:
 
     def _on_parameter(self, message: Message) -> None:
         self._outbox += self._parameters.handle(message)
+        if self.persona.banner and type(message).id == m.MAVLINK_MSG_ID_PARAM_REQUEST_LIST:
+            self.pilot.note(Severity.INFO, self.persona.banner)
 
     def _on_mission(self, message: Message) -> None:
         self._take(self._missions.receive(message, self.now_us / 1e6))

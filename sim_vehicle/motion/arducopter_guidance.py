@@ -44,6 +44,7 @@ from sim_vehicle.motion.arducopter_layout import (
     LAND_SLOW,
     LANDED,
     LANDING,
+    LEAST_SPEED,
     LEAST_WAY,
     LEGS,
     LEVEL,
@@ -180,13 +181,13 @@ def begin(
     kind = int(row[KIND])
     before = guide[MODE]
     speed = row[SPEED]
-    faster = (
-        law[SPEED_UP] != guide[UP]
-        or law[SPEED_DOWN] != guide[DOWN]
-        or (speed > 0.0 and speed != guide[LEVEL])
-    )
-    if speed > 0.0:
-        guide[LEVEL] = speed
+    if kind == ARC:
+        # The bends of a curve may be slower than what the mission set.
+        speed = max(speed, guide[LEVEL])
+    elif speed < LEAST_SPEED:
+        speed = guide[LEVEL]
+    faster = law[SPEED_UP] != guide[UP] or law[SPEED_DOWN] != guide[DOWN] or speed != guide[LEVEL]
+    guide[LEVEL] = speed
     guide[UP], guide[DOWN] = law[SPEED_UP], law[SPEED_DOWN]
     if kind in (TAKEOFF, LAND):
         if how == ANEW or before == CHORDS:
@@ -309,7 +310,7 @@ def _lead_chord(guide: Floats, law: Floats, route: Floats, leg: int) -> bool:
     # What lies ahead within the way that braking takes.
     accel = 0.5 * law[ACCEL]
     speed = guide[PACE_ARC]
-    top = min(route[leg, SPEED], guide[LEVEL])
+    top = route[leg, SPEED]
     way, i = left, leg
     need = 0.5 * speed * speed / accel + 2.0 * dt * speed
     while way <= need:

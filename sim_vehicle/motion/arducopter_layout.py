@@ -72,6 +72,8 @@ LAW = 40
 ) = range(LAW)
 
 GRAVITY = 9.80665
+LEAST_SPEED = 0.2
+"""A lower horizontal speed is not taken (WPNAV_WP_SPEED_MIN)."""
 LEAST_WAY = 0.01
 """A leg from where the vehicle stands is at least so long: an estimated position is never the exact one."""
 SHAKE = 0.04

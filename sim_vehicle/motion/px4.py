@@ -116,7 +116,7 @@ class Px4Multirotor(Multirotor):
     >>> vehicle.fly(Route.through([(0.0, 0.0, 10.0, 0.0, 5.0, math.inf, 0.0, LegKind.TAKEOFF)]))
     >>> vehicle.advance(10_000)
     <MotionEvent.REACHED: 1>
-    >>> 9.2 < vehicle.position_m[2] < 9.3, 9.0 < vehicle.time_s < 11.0
+    >>> 9.2 < vehicle.position_m[2] < 9.3, 10.0 < vehicle.time_s < 13.0
     (True, True)
     """
 

@@ -108,6 +108,7 @@ MOTOR_S = 0.05
 # Cut-off of the filter before the derivative term of the velocity controller, MPC_VELD_LP.
 DERIVATIVE_S = 1.0 / (2.0 * pi * 5.0)
 LOOKAHEAD_M = 5.0
+LEAST_TRACK_M = 1.0
 # Share of the thrust that climbing leaves for the horizontal, MPC_THR_XY_MARG.
 MARGIN = 0.3
 BRISK = 0.2
@@ -155,7 +156,8 @@ def _choose_waypoints(g: Floats, row: Floats, px: float, py: float, pz: float, r
 def _guide(g: Floats, row: Floats, law: Floats, px: float, py: float, pz: float) -> None:
     """Move the trajectory by one step."""
     dt, jerk, accel, radius = law[DT], law[JERK], law[ACC_HOR], row[9]
-    _choose_waypoints(g, row, px, py, pz, radius)
+    # With less, a wind that shakes the vehicle off its track could keep it going to and fro between states.
+    _choose_waypoints(g, row, px, py, pz, max(radius, LEAST_TRACK_M))
     kind = row[13]
     if g[G_CLIMB] > 0.0:
         limit, top = law[ACC_UP], law[AUTO_UP]
@@ -202,8 +204,8 @@ def _guide(g: Floats, row: Floats, law: Floats, px: float, py: float, pz: float)
     fastest = law[XY_VEL_MAX]
     wx, wy = min(max(wx, -fastest), fastest), min(max(wy, -fastest), fastest)
     wz = min(max(wz, -top), top)
-    # The trajectory waits for a vehicle that is behind it; on the average of a noisy estimate, half so for one
-    # that is beside it.
+    # The trajectory waits for a vehicle that is behind it; on the average of a noisy estimate, half so for
+    # one that is beside it.
     ex, ey = g[0] - px, g[1] - py
     speed2 = g[3] * g[3] + g[4] * g[4]
     lead = (ex * g[3] + ey * g[4]) / sqrt(speed2) if speed2 > 0.0 else 0.0
@@ -303,7 +305,7 @@ def _turn(g: Floats, row: Floats, law: Floats, state: Floats) -> None:
 
 
 @njit(cache=True)
-def _fly(g: Floats, law: Floats, state: Floats, wanted: Vector, lag: float) -> float:
+def _fly(g: Floats, law: Floats, state: Floats, wanted: Vector, lag: float, flying: bool) -> float:
     """Move the airframe by one step and return the length of it.
 
     The direction of the thrust follows as the attitude does (an angle controller over a rate that lags), its
@@ -325,11 +327,14 @@ def _fly(g: Floats, law: Floats, state: Floats, wanted: Vector, lag: float) -> f
     ay = g[16] * g[13] - law[DRAG] * (state[4] - state[16])
     az = g[16] * sqrt(1.0 - flat2) - GRAVITY - law[DRAG] * state[5]
     if state[2] <= 0.0 and (az <= 0.0 or state[5] < 0.0):
-        for k in range(12, 16):
-            g[k] = 0.0
-        for k in range(3, 9):
-            state[k] = 0.0
-        return 0.0
+        if not flying:
+            for k in range(12, 16):
+                g[k] = 0.0
+            for k in range(3, 9):
+                state[k] = 0.0
+            return 0.0
+        # A waypoint so low that the vehicle grazes the ground: it slides.
+        az, state[5] = max(az, 0.0), max(state[5], 0.0)
     mx = dt * (state[3] + 0.5 * ax * dt)
     my = dt * (state[4] + 0.5 * ay * dt)
     mz = dt * (state[5] + 0.5 * az * dt)
@@ -467,7 +472,7 @@ def advance(
                     climb_limit = low + (g[G_CLOCK] - law[SPOOLUP]) / ramp * (climb_limit - low)
                 _guide(g, row, law, state[0], state[1], state[2])
                 wanted = _control(g, law, state, climb_limit, flying)
-                state[12] += _fly(g, law, state, wanted, lag)
+                state[12] += _fly(g, law, state, wanted, lag, flying)
                 _turn(g, row, law, state)
         if counters[3] == 0:
             # The navigator looks twenty times a second.

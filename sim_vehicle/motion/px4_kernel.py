@@ -121,20 +121,20 @@ PROGRESS = 0.98
 @njit(cache=True)
 def _choose_waypoints(g: Floats, row: Floats, px: float, py: float, pz: float, radius: float) -> None:
     """Follow the leg, or fly back to it when the vehicle is off it, before it or past its end."""
-    dx, dy = row[0] - row[3], row[1] - row[4]
-    size = sqrt(dx * dx + dy * dy)
+    dx, dy, dz = row[0] - row[3], row[1] - row[4], row[2] - row[5]
+    size = sqrt(dx * dx + dy * dy + dz * dz)
     state = 0.0
-    nearx, neary = row[3], row[4]
-    if size > 1e-6:
-        dx, dy = dx / size, dy / size
-        qx, qy = px - row[3], py - row[4]
-        along = qx * dx + qy * dy
-        nearx, neary = row[3] + along * dx, row[4] + along * dy
+    nearx, neary, nearz = row[3], row[4], row[5]
+    if size > 1e-6 and row[13] != _LAND:
+        dx, dy, dz = dx / size, dy / size, dz / size
+        qx, qy, qz = px - row[3], py - row[4], pz - row[5]
+        along = qx * dx + qy * dy + qz * dz
+        nearx, neary, nearz = row[3] + along * dx, row[4] + along * dy, row[5] + along * dz
         if along > size:
             state = 1.0
-        elif along < 0.0 and qx * qx + qy * qy > radius * radius:
+        elif along < 0.0 and qx * qx + qy * qy + qz * qz > radius * radius:
             state = 2.0
-        elif (px - nearx) ** 2 + (py - neary) ** 2 > radius * radius:
+        elif (px - nearx) ** 2 + (py - neary) ** 2 + (pz - nearz) ** 2 > radius * radius:
             state = 3.0
     if g[G_FRESH] == 0.0 and state == g[G_STATE] and state != 3.0:
         return
@@ -147,7 +147,7 @@ def _choose_waypoints(g: Floats, row: Floats, px: float, py: float, pz: float, r
         for k in range(3):
             g[G_TARGET + k], g[G_AFTER + k] = row[3 + k], row[k]
     elif state == 3.0:
-        g[G_TARGET], g[G_TARGET + 1] = nearx, neary
+        g[G_TARGET], g[G_TARGET + 1], g[G_TARGET + 2] = nearx, neary, nearz
         for k in range(3):
             g[G_AFTER + k] = row[k]
 

@@ -10,15 +10,21 @@ Examples::
     python benchmarks/environment.py --sizes 30 100 1000
     python benchmarks/environment.py --sizes waterberry --reference-days 1
 
-With ``--reference-days N`` the reference works on the first N days only (of the soil: on the warm-up and one
-day) and its time is scaled to all days, as its cost a day is constant; such times are marked with "~".
+Ours runs in processes of its own, on one core and on all, before and after the reference; it also writes its
+days to disk on large farms, the reference keeps none. With ``--reference-days N`` the reference works on the
+first N days only (of the soil: on the warm-up and one day) and its time is scaled to all days, as its cost a
+day is constant; such times are marked with "~".
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import resource
 import shutil
+import statistics
+import subprocess
+import sys
 import tempfile
 import time
 from dataclasses import dataclass
@@ -120,28 +126,6 @@ def reference_soil(shape: tuple[int, int], days: int, measured_days: int) -> tup
     return seconds * all_humps / humps, float(np.abs(ours - humidity).max())
 
 
-@dataclass(frozen=True)
-class Result:
-    """One line of the table."""
-
-    size: str
-    ours_s: float
-    memory_gb: float
-    diseases_s: float
-    soil_s: float
-    soil_difference: float
-    scaled: bool
-
-    def __str__(self) -> str:
-        mark = "~" if self.scaled else " "
-        reference = self.diseases_s + self.soil_s
-        return (
-            f"{self.size:>12} {self.ours_s:9.3f} {self.memory_gb:10.2f} {mark}{reference:10.2f} "
-            f"{mark}{self.diseases_s:9.2f} {mark}{self.soil_s:9.2f} {mark}{reference / self.ours_s:9.0f} x "
-            f"{self.soil_difference:9.1e}"
-        )
-
-
 def make_grid(size: str) -> FarmGrid:
     """Give the crop map of a farm's name, or of N x N or W x H cells, half strawberries and half tomatoes."""
     if not size[0].isdigit():
@@ -153,25 +137,70 @@ def make_grid(size: str) -> FarmGrid:
     return FarmGrid(shape, FOOT_M, crop, np.ones(shape, np.bool_))
 
 
-def measure(size: str, days: int, reference_days: int, directory: Path) -> Result:
-    """Measure one size."""
+@dataclass(frozen=True)
+class Run:
+    """One generation by ours, in a process of its own."""
+
+    seconds: float
+    memory_gb: float
+
+
+def run_ours(size: str, days: int, cores: int, folder: Path) -> Run:
+    """Generate in a new process that may use some cores only."""
+    command = [sys.executable, __file__, "--ours", size, "--days", str(days), "--directory", str(folder)]
+    usable = sorted(os.sched_getaffinity(0))[:cores]
+
+    def limit() -> None:
+        os.sched_setaffinity(0, usable)
+
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(
+        command, stdout=subprocess.PIPE, check=True, text=True, env=environment, preexec_fn=limit
+    )
+    seconds, memory_gb = map(float, done.stdout.split())
+    return Run(seconds, memory_gb)
+
+
+def ours(size: str, days: int, directory: Path) -> None:
+    """Print seconds and the peak of memory in GB of one generation, all days kept."""
     grid = make_grid(size)
-    shape = grid.shape
-    start = time.perf_counter()
+    generate_environment(make_grid("10"), days=1, seed=1)  # loads what is loaded at the first use
     folder = directory / "environment" if grid.crop.size >= ON_DISK_FROM_CELLS else None
+    start = time.perf_counter()
     generate_environment(grid, days=days, seed=1, keep_days=range(1, days + 1), directory=folder)
-    ours = time.perf_counter() - start
-    # The peak of the process: right for the first size, and later an upper bound.
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    seconds = time.perf_counter() - start
+    print(seconds, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6)
     if folder is not None:
         shutil.rmtree(folder)
+
+
+def measure(size: str, days: int, reference_days: int, repeats: int, directory: Path) -> str:
+    """Measure one size, ours before and after the reference, and give a line of the table."""
+    grid = make_grid(size)
+    cores = len(os.sched_getaffinity(0))
+    runs: dict[int, list[Run]] = {1: [], cores: []}
+
+    def repeat() -> None:
+        for number, done in runs.items():
+            done += [run_ours(size, days, number, directory) for _ in range(repeats)]
+
+    repeat()
     measured = min(days, reference_days)
     diseases = sum(
         reference_disease(grid.crop == crop, parameters, days, measured)
         for crop, parameters in ((TOMATO, TYLCV), (STRAWBERRY, CCR))
     )
-    soil, difference = reference_soil(shape, days, measured)
-    return Result(size, ours, memory, diseases, soil, difference, measured < days)
+    soil, difference = reference_soil(grid.shape, days, measured)
+    repeat()
+    one, all_cores = (statistics.median(run.seconds for run in runs[number]) for number in (1, cores))
+    memory = max(run.memory_gb for done in runs.values() for run in done)
+    mark = "~" if measured < days else " "
+    reference = diseases + soil
+    return (
+        f"{size:>12} {one:9.3f} {all_cores:9.3f} {memory:8.2f} {mark}{reference:10.2f} {mark}{diseases:9.2f} "
+        f"{mark}{soil:9.2f} {mark}{reference / one:8.0f} x {mark}{reference / all_cores:8.0f} x "
+        f"{difference:9.1e}"
+    )
 
 
 def main() -> None:
@@ -185,18 +214,33 @@ def main() -> None:
         "--reference-days", type=int, default=1000, help="days that the reference really works on"
     )
     parser.add_argument(
+        "--repeats", type=int, default=2, help="runs of ours before, and as many after, the reference"
+    )
+    parser.add_argument(
         "--directory", type=Path, help="where our days are written (default: a temporary folder)"
     )
+    parser.add_argument("--ours", metavar="SIZE", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
+    if arguments.ours is not None:
+        ours(arguments.ours, arguments.days, arguments.directory)
+        return
+    cores = len(os.sched_getaffinity(0))
     place = f"in memory, from {ON_DISK_FROM_CELLS:.0e} cells on disk"
-    print(f"three fields, {arguments.days} days, all kept ({place}); seconds")
+    print(f"three fields, {arguments.days} days, all kept ({place}); seconds, medians of ours; load {load()}")
     print(
-        f"{'cells':>12} {'ours':>9} {'peak GB':>10} {'reference':>11} {'diseases':>10} {'soil':>10} "
-        f"{'ratio':>12} {'soil diff':>9}"
+        f"{'cells':>12} {'1 core':>9} {f'{cores} cores':>9} {'peak GB':>8} {'reference':>11} "
+        f"{'diseases':>10} {'soil':>10} {'1 core':>11} {f'{cores} cores':>11} {'soil diff':>9}"
     )
     with tempfile.TemporaryDirectory(dir=arguments.directory) as folder:
         for size in arguments.sizes:
-            print(measure(size, arguments.days, max(1, arguments.reference_days), Path(folder)), flush=True)
+            days = max(1, arguments.reference_days)
+            print(measure(size, arguments.days, days, max(1, arguments.repeats), Path(folder)), flush=True)
+    print(f"load at the end {load()}")
+
+
+def load() -> str:
+    """Give the load of the last minute: more than ours and the times are of a busy machine."""
+    return f"{os.getloadavg()[0]:.1f}"
 
 
 if __name__ == "__main__":

@@ -70,10 +70,11 @@ class InfectionFront:
         centres = self._pad(cells)
         self._susceptible[centres] = False
         joining = [self._front]
+        near, total = np.empty_like(centres), np.empty(centres.size, np.int64)
         for weight, step in self._steps:
             # Different centres have different neighbours at one step, so plain indexing adds them all.
-            near = centres + step
-            total = self._total.take(near)
+            np.add(centres, step, out=near)
+            self._total.take(near, out=total, mode="clip")
             joining.append(near[total == 0])
             total += weight
             self._total[near] = total
@@ -88,8 +89,12 @@ class InfectionFront:
             Cells that were given to `infect`.
         """
         centres = self._pad(cells)
+        near, total = np.empty_like(centres), np.empty(centres.size, np.int64)
         for weight, step in self._steps:
-            self._total[centres + step] -= weight
+            np.add(centres, step, out=near)
+            self._total.take(near, out=total, mode="clip")
+            total -= weight
+            self._total[near] = total
 
     def exposed(self) -> tuple[Cells, NDArray[np.int64]]:
         """Find the susceptible cells with infected neighbours.

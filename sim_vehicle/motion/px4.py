@@ -133,20 +133,22 @@ class Px4Multirotor(Multirotor):
     def fly(self, route: Route) -> None:
         """Begin a route, from where the vehicle is and as it moves now."""
         table = np.zeros((len(route.points_m), kernel.LEG))
+        # PX4 knows no curves: their chords are flown as any legs.
+        kind = np.where(route.kind == LegKind.ARC, int(LegKind.WAYPOINT), route.kind)
         table[:, 0:3] = route.points_m
         table[1:, 3:6] = route.points_m[:-1]
         stops = route.pause_s > 0.0
         stops[-1] = True
         ahead = np.vstack([route.points_m[1:], route.points_m[-1:]])
         table[:, 6:9] = np.where(
-            stops[:, np.newaxis] | (route.kind >= LegKind.CLIMB)[:, np.newaxis], route.points_m, ahead
+            stops[:, np.newaxis] | (kind >= LegKind.CLIMB)[:, np.newaxis], route.points_m, ahead
         )
         table[:, 9] = np.where(route.radius_m > 0.0, route.radius_m, self._radius_m)
         table[:, 10] = np.where(route.speed_m_s > 0.0, route.speed_m_s, self.spec.cruise_speed_m_s)
         table[:, 10] = np.minimum(table[:, 10], self._law[kernel.XY_VEL_MAX])
         table[:, 11] = route.heading_rad
         table[:, 12] = route.near_m
-        table[:, 13] = route.kind
+        table[:, 13] = kind
         table[:, 14] = route.pause_s
         table[:, 15] = route.turn_rad_s
         self._settle(table)

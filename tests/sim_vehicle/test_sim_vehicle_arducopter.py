@@ -467,3 +467,16 @@ def test_the_same_leg_goes_on_when_a_route_begins_with_it() -> None:
     assert vehicle.advance(10_000) is MotionEvent.REACHED
     vehicle.advance(1000)
     assert vehicle.position_m[1] == pytest.approx(80.0, abs=0.05)
+
+
+def test_an_orbit_is_flown_without_stops_by_either_autopilot() -> None:
+    for name in ("px4", "ardupilot"):
+        executor = MissionExecutor(replace(with_autopilot(get_vehicle("quad"), name), battery=None), FRAME)
+        executor.arm()
+        executor.takeoff(10.0)
+        executor.advance(20.0)
+        executor.orbit(0.0, 0.0, 10.0, 12.0, 4.0)
+        executor.advance(60.0)
+        for now in np.arange(60.2, 70.0, 0.2):
+            executor.advance(float(now))
+            assert math.hypot(*executor.motion.numbers()[3:5]) > 0.8

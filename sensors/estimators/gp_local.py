@@ -1,7 +1,7 @@
 """Posteriors of a Gaussian process for farms of any size.
 
 `LocalPosterior` is for kernels that are short against the farm: tiles of about eight length scales are solved
-one by one, each from the observations in it and within five lengths around it. `WholePosterior` is for
+one by one, each from the observations in it and within seven lengths around it. `WholePosterior` is for
 kernels that are long against it: the process is written in sine functions over the whole farm, and
 observations add to sums. Neither thins or averages observations; only repeated ones of a cell are taken
 together, which is exact.
@@ -20,7 +20,8 @@ from sensors.estimators.gp_lattice import NodeLattice, in_parallel, one_blas_thr
 from sensors.estimators.rbf import Cells, Floats, RbfKernel
 
 TILE_LENGTHS = 8.0
-REACH_LENGTHS = 5.0
+REACH_LENGTHS = 7.0
+TOUCH_LENGTHS = 5.0
 _LEAST_TILE_CELLS = 16
 _OUTSIDE_LENGTHS = 2.5
 _LEAST_INFORMATION = 1e-3
@@ -95,6 +96,7 @@ class LocalPosterior:
         self.lattice = NodeLattice(shape, kernel, (tile[0], tile[1]))
         x, y = self.lattice.x, self.lattice.y
         self._reach = tuple(math.ceil(REACH_LENGTHS * length) for length in lengths)
+        self._touch = tuple(math.ceil(TOUCH_LENGTHS * length) for length in lengths)
         sides = [
             float(np.diff(axis.edges).max() * axis.step + 2 * reach + 2 * length)
             for axis, reach, length in zip((x, y), self._reach, lengths, strict=True)
@@ -143,6 +145,7 @@ class LocalPosterior:
                 self._index,
                 self._sums,
                 self._reach,
+                self._touch,
                 parameters,
                 (*spectrum.roots, *spectrum.sides),
                 spectrum.terms,

@@ -266,6 +266,7 @@ def solve_tiles(
     index: NDArray[np.int32],
     sums: Floats,
     reach: Any,
+    touch: Any,
     kernel: Any,
     spectrum: Any,
     terms: Places,
@@ -284,7 +285,9 @@ def solve_tiles(
     index, sums
         The observations, see `add_to_cells`.
     reach : tuple of two ints
-        How far along each axis an observation counts, cells.
+        How far along each axis observations count for a tile, cells.
+    touch : tuple of two ints
+        How far along each axis an observation can move a node at all, cells.
     kernel : tuple of four floats
         Both length scales (cells), variance of the noise, variance of the smooth part.
     spectrum : tuple of float64[k], float64[l], float, float
@@ -312,10 +315,10 @@ def solve_tiles(
         if len(seen) == 0:
             continue
         # Nodes that no observation reaches keep the prior.
-        i0 = max(i0, -int((first_x - seen[:, 0].min() + reach[0]) // step_x))
-        j0 = max(j0, -int((first_y - seen[:, 1].min() + reach[1]) // step_y))
-        i1 = min(i1, int((seen[:, 0].max() + reach[0] - first_x) // step_x) + 1)
-        j1 = min(j1, int((seen[:, 1].max() + reach[1] - first_y) // step_y) + 1)
+        i0 = max(i0, -int((first_x - seen[:, 0].min() + touch[0]) // step_x))
+        j0 = max(j0, -int((first_y - seen[:, 1].min() + touch[1]) // step_y))
+        i1 = min(i1, int((seen[:, 0].max() + touch[0] - first_x) // step_x) + 1)
+        j1 = min(j1, int((seen[:, 1].max() + touch[1] - first_y) // step_y) + 1)
         if i0 >= i1 or j0 >= j1:
             continue
         node_x = first_x + step_x * np.arange(i0, i1).astype(np.float64)

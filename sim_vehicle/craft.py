@@ -158,7 +158,7 @@ class Craft:
 
     def _airborne(self) -> None:
         if self.landed is LandedState.ON_GROUND:
-            self.landed = LandedState.TAKEOFF
+            self.landed = LandedState.IN_AIR if self.spec.kind == "rover" else LandedState.TAKEOFF
         elif self.landed is LandedState.LANDING:
             self.landed = LandedState.IN_AIR
 

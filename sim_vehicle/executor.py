@@ -140,6 +140,9 @@ class MissionExecutor(MissionSequencer):
             When not armed, or the altitude is out of range.
         """
         self._ready("take off")
+        if self.spec.kind == "rover":
+            msg = "cannot take off: a rover stays on the ground"
+            raise VehicleError(msg)
         self._check_height(altitude_m)
         x, y, z = self.motion.position_m
         self._disarm_step = None
@@ -408,7 +411,7 @@ class MissionExecutor(MissionSequencer):
             raise VehicleError(msg)
 
     def _check_height(self, altitude_m: float) -> None:
-        if not 0.0 < altitude_m <= self.spec.max_altitude_m:
+        if self.spec.kind != "rover" and not 0.0 < altitude_m <= self.spec.max_altitude_m:
             msg = f"altitude {altitude_m:g} m is outside 0..{self.spec.max_altitude_m:g}"
             raise VehicleError(msg)
 

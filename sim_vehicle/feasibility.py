@@ -89,7 +89,7 @@ def mission_problems(
     if not items:
         return ["the mission is empty"]
     problems: list[str] = []
-    flying = not needs_takeoff
+    flying = not needs_takeoff or spec.kind == "rover"
     for seq, (item, place) in enumerate(zip(items, places, strict=True)):
         reasons = _item_problems(item, place, len(items), spec)
         if item.command == Command.NAV_TAKEOFF:
@@ -130,7 +130,8 @@ def _item_problems(
         return [f"frame {item.frame} is not supported (use 0 or 3)"]
     if has_to_be_placed:
         x, y, z = place
-        if not 0.0 < z <= spec.max_altitude_m and command != Command.NAV_LAND:
+        high = 0.0 < z <= spec.max_altitude_m or spec.kind == "rover"
+        if not high and command != Command.NAV_LAND:
             problems.append(f"altitude {z:.1f} m above home is outside 0..{spec.max_altitude_m:g}")
         if x * x + y * y > spec.max_distance_m * spec.max_distance_m:
             problems.append(

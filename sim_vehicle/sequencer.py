@@ -294,7 +294,8 @@ class MissionSequencer(Craft):
             return
         self._set_current(seq, time_s)
         command = self.items[seq].command
-        climbs = self.landed is LandedState.ON_GROUND and command != Command.NAV_TAKEOFF
+        drives = self.spec.kind == "rover"
+        climbs = self.landed is LandedState.ON_GROUND and command != Command.NAV_TAKEOFF and not drives
         if climbs and not (self.takes_off and command in PLACE_COMMANDS):
             self._on_ground(seq)
             return

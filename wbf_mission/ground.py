@@ -135,7 +135,7 @@ class GroundStation:
         self._aloft_ms = 0
         self._returns = any(item.command in _RETURNS for item in mission.items)
         self._lands = any(item.command == Command.NAV_LAND for item in mission.items)
-        self._is_wing = False
+        self._is_wing = self._is_rover = False
         self._handlers: dict[int, Callable[[Any, float], list[Any]]] = {
             m.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
             m.MAVLINK_MSG_ID_COMMAND_ACK: self._on_ack,
@@ -228,6 +228,7 @@ class GroundStation:
         if not self._is_vehicle(message):
             return []
         self._is_wing = message.type == m.MAV_TYPE_FIXED_WING
+        self._is_rover = message.type == m.MAV_TYPE_GROUND_ROVER
         self._armed = bool(message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
         self._flew |= self._armed and self.phase is Phase.FLIGHT
         if self.phase is Phase.CONTACT:
@@ -270,7 +271,8 @@ class GroundStation:
         self._silent = False
         if self.phase is Phase.FLIGHT:
             self._fixes.append((message.time_boot_ms, message.lat, message.lon, message.relative_alt))
-            if message.relative_alt > _GROUND_MM and not self._grounded:
+            off_ground = message.relative_alt > _GROUND_MM or self._is_rover
+            if off_ground and not self._grounded:
                 self._aloft_ms = message.time_boot_ms
         return []
 

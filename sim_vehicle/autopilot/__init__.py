@@ -25,9 +25,9 @@ def autopilot_of(spec: VehicleSpec) -> Autopilot:
 
         return plane_of(spec.autopilot)
     if spec.kind == "rover":
-        from sim_vehicle.autopilot.rover import ROVER
+        from sim_vehicle.autopilot.rover import rover_of
 
-        return ROVER
+        return rover_of(spec.autopilot)
     if spec.autopilot == "px4":
         from sim_vehicle.autopilot.px4 import PX4_MULTIROTOR
 

@@ -80,8 +80,8 @@ def as_flown(spec: VehicleSpec, persona: Persona) -> tuple[VehicleSpec, Persona]
     if spec.kind not in _OTHERS:
         return spec, persona
     if spec.autopilot != persona.name:
-        name = "ardupilot" if persona.name == "ardupilot" else "px4"
-        spec = with_autopilot(replace(spec, parameters=()), name)
+        own = replace(spec, parameters=())
+        spec = with_autopilot(own, "ardupilot" if persona.name == "ardupilot" else "px4")
     wing = spec.kind == "fixed-wing"
     persona = replace(persona, mav_type=_TYPES[spec.kind], takes_off=not wing)
     if persona.name != "ardupilot":

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from geo.frame import LocalFrame
-from mission.model import MissionItem
+from mission.model import Command, MissionItem
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.flight import (
     BatteryDepleted,
@@ -115,6 +115,8 @@ class Pilot(Keeper):
         keeps = self.failsafe.rules.keeps_item and airborne and 0 < self.current_seq < len(items)
         self.executor.load(items, current=self.current_seq if keeps else 0)
         self._started = self._complete = False
+        if self.spec.kind == "rover" and any(item.command == Command.NAV_TAKEOFF for item in items):
+            self.note(Severity.INFO, "Take-off items have no effect on a rover")
         if self._problems:
             self.end(Outcome.MISSION_REJECTED, self._problems[0])
             self.note(Severity.CRITICAL, f"Mission rejected: {self._problems[0]}")
@@ -195,6 +197,8 @@ class Pilot(Keeper):
 
     def takeoff(self, altitude_m: float) -> None:
         """Climb to an altitude above home; disarmed, as soon as it is armed."""
+        if self.spec.kind == "rover":
+            raise RefusedError("Takeoff refused: a rover stays on the ground", denied=True)
         if not 0.0 < altitude_m <= self.spec.max_altitude_m:
             raise RefusedError(f"Takeoff refused: altitude {altitude_m:g} m", denied=True)
         self._takeoff_altitude_m = altitude_m
@@ -216,7 +220,8 @@ class Pilot(Keeper):
             raise RefusedError(msg)
         x_m, y_m = self.frame.from_wgs84(latitude_deg, longitude_deg)
         distance_m = math.hypot(x_m, y_m)
-        if not distance_m <= self.spec.max_distance_m or not 0.0 < altitude_m <= self.spec.max_altitude_m:
+        high = 0.0 < altitude_m <= self.spec.max_altitude_m or self.spec.kind == "rover"
+        if not distance_m <= self.spec.max_distance_m or not high:
             msg = f"Reposition refused: {distance_m:.0f} m from home, {altitude_m:.0f} m high"
             raise RefusedError(msg, denied=True)
         outside = self.failsafe.outside((x_m, y_m, altitude_m))

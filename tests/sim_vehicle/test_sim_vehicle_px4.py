@@ -294,7 +294,7 @@ def test_a_return_begins_where_the_vehicle_is():
     x = executor.state().position_m[0]
     assert x > 40.0
     executor.return_home()
-    executor.advance(48.0)
+    executor.advance(44.0)
     state = executor.state()
     # PX4 climbs over the place of the order, so the vehicle comes back to it.
     assert 0.0 < state.position_m[0] - x < 7.0

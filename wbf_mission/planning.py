@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import shapely
@@ -230,11 +230,8 @@ def flown_vehicle(scenario: Scenario) -> VehicleSpec:
     VehicleError
         If the vehicle or a parameter is unknown, or a value out of range.
     """
-    vehicle = get_vehicle(scenario.vehicle)
-    autopilot = "ardupilot" if scenario.autopilot == "ardupilot" else "px4"
-    return with_autopilot(
-        vehicle, "generic" if vehicle.kind == "multirotor" else autopilot, scenario.parameters
-    )
+    autopilot: Literal["px4", "ardupilot"] = "ardupilot" if scenario.autopilot == "ardupilot" else "px4"
+    return with_autopilot(get_vehicle(scenario.vehicle), autopilot, scenario.parameters)
 
 
 def make_budget(builder: MissionBuilder) -> tuple[Budget, str]:

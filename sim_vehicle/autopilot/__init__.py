@@ -60,7 +60,8 @@ def with_autopilot(
     if name == "generic" and spec.kind != "multirotor":
         name = "px4"
     own = {"px4": spec.px4, "ardupilot": spec.ardupilot}.get(name, ())
-    merged = {**dict(own), **dict(spec.parameters), **(parameters or {})}
+    before = spec.parameters if spec.autopilot == name else ()
+    merged = {**dict(own), **dict(before), **(parameters or {})}
     flown = replace(spec, autopilot=name, parameters=tuple(merged.items()))
     autopilot = autopilot_of(flown)
     check_settings(flown, autopilot.settings)

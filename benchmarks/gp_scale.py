@@ -2,13 +2,13 @@
 
 1. On Miniberry-100, value and standard deviation against the exact posterior with the same mean, kernel and
    noise, in parts of the prior's standard deviation.
-2. Times with growing observations beside the paper's estimator (scikit-learn, fitted from scratch, zero mean).
-   Times marked "~" are its fit, and its prediction of some cells multiplied up to the whole farm.
-3. The whole Waterberry farm: one battery (25,000 observations), a day of ten flights (250,000), updates of 100,
-   the process's memory.
-4. Calibration against the true environments, in relevant cells that were not observed: coverage of the central
-   50 % and 90 % intervals, mean squared error by stated variance, negative log predictive density; and the same
-   for fields that were drawn from the process itself, where 50 %, 90 % and 1 are right.
+2. Times with growing observations beside the paper's estimator (scikit-learn, fitted from scratch, zero
+   mean). Times marked "~" are its fit, and its prediction of some cells multiplied up to the whole farm.
+3. The whole Waterberry farm: one battery (25,000 observations), a day of ten flights (250,000), updates of
+   100, the process's memory.
+4. Calibration against the true environments, in relevant cells that were not observed: coverage of the
+   central 50 % and 90 % intervals, mean squared error by stated variance, negative log predictive density;
+   and the same for fields that were drawn from the process itself, where 50 %, 90 % and 1 are right.
 
 Examples::
 

@@ -210,7 +210,8 @@ def in_parallel(work: Callable[[Sequence[Part]], None], items: Sequence[Part]) -
     """Do work on all items, in parts on all cores; it has to release the interpreter's lock."""
     cores = os.cpu_count() or 1
     if len(items) < 2 or cores == 1:
-        work(items)
+        with one_blas_thread():
+            work(items)
         return
     size = max(1, len(items) // (_PARTS_PER_CORE * cores))
     parts = [items[start : start + size] for start in range(0, len(items), size)]

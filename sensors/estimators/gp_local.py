@@ -26,6 +26,9 @@ _LEAST_TILE_CELLS = 16
 _OUTSIDE_LENGTHS = 2.5
 _LEAST_INFORMATION = 1e-3
 _BATCH = 4096
+_BATCHES = 16
+
+_Sums = NDArray[np.floating]
 
 
 class Spectrum:
@@ -208,12 +211,21 @@ class WholePosterior:
 
     def condition(self, x: Cells, y: Cells, values: Floats) -> None:
         """Take further observations."""
-        for start in range(0, len(x), _BATCH):
-            part = slice(start, start + _BATCH)
-            functions = self._functions(x[part], y[part])
-            data = np.stack([values[part], np.ones(len(functions))], axis=1)
-            self._precision += functions.T @ functions / self.kernel.noise
-            self._response += functions.T @ data / self.kernel.noise
+        for start in range(0, len(x), _BATCH * _BATCHES):
+            found: dict[int, tuple[_Sums, _Sums]] = {}
+
+            def work(begins: Sequence[int], found: dict[int, tuple[_Sums, _Sums]] = found) -> None:
+                for begin in begins:
+                    part = slice(begin, begin + _BATCH)
+                    functions = self._functions(x[part], y[part])
+                    data = np.stack([values[part], np.ones(len(functions))], axis=1)
+                    found[begin] = functions.T @ functions, functions.T @ data
+
+            in_parallel(work, range(start, min(start + _BATCH * _BATCHES, len(x)), _BATCH))
+            # In this order, whatever was ready first: the sums do not depend on the number of cores.
+            for begin in sorted(found):
+                self._precision += found[begin][0] / self.kernel.noise
+                self._response += found[begin][1] / self.kernel.noise
         self._waiting = self._waiting or len(x) > 0
 
     def solve(self) -> None:

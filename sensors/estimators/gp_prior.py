@@ -90,14 +90,10 @@ def learn_priors(
         priors = _load(path)
         if priors is None:
             crop = np.asarray(grid.crop)
-            with one_blas_thread():
-                priors = (
-                    *(
-                        disease_prior(model.epidemic(name), crop == HOSTS[name], day, seed, name)
-                        for name in DISEASES
-                    ),
-                    soil_prior(model.soil, grid.shape, day, seed),
-                )
+            diseases = (
+                disease_prior(model.epidemic(name), crop == HOSTS[name], day, seed, name) for name in DISEASES
+            )
+            priors = (*diseases, soil_prior(model.soil, grid.shape, day, seed))
             _save(priors, path)
         _in_memory[key] = priors
     return _in_memory[key]
@@ -198,14 +194,15 @@ def _nearest_kernel(
     best, least = np.empty(4), np.inf
     for start in (1.5, 6.0):
         first = np.log([start, start, 0.2, 0.8])
-        found = minimize(
-            _divergence,
-            first,
-            (dx2, dy2, moments / variance),
-            method="L-BFGS-B",
-            jac=True,
-            bounds=[length, length, part, part],
-        )
+        with one_blas_thread():
+            found = minimize(
+                _divergence,
+                first,
+                (dx2, dy2, moments / variance),
+                method="L-BFGS-B",
+                jac=True,
+                bounds=[length, length, part, part],
+            )
         if found.fun < least:
             best, least = found.x, found.fun
     length_x, length_y, noise, amplitude = np.exp(best).tolist()

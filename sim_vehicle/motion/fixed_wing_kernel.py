@@ -214,10 +214,12 @@ def _energy(
     else:
         throttle = min(max((climb + fast - least) / max(most - least, 0.1), 0.0), limits[THROTTLE_LIMIT])
     rate = least + state[THROTTLE] * (most - least)
-    climb = 0.5 * (rate + climb - fast)
-    if full:
-        # The speed is held first; what is left climbs.
-        climb = rate - fast
+    # Where it climbs out, is too slow or has no power, the speed is held first and what is left climbs.
+    least_speed = min(limits[AIRSPEED_MIN], limits[LANDING_AIRSPEED])
+    slow = min(max(10.0 * (1.0 - v / least_speed), 0.0), 1.0)
+    if full or limits[THROTTLE_LIMIT] == 0.0:
+        slow = 1.0
+    climb = (1.0 - slow) * 0.5 * (rate + climb - fast) + slow * (rate - fast)
     return throttle, min(max(climb, -limits[SINK_MAX]), limits[CLIMB_MAX]), rate
 
 

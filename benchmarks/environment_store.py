@@ -153,7 +153,9 @@ def main() -> None:
         f"a day of {shape[0]} x {shape[1]} cells; window {WINDOW} x {WINDOW}, opened anew each time; CPU time"
     )
     print(f"{'':48} {'MB':>8} {'write s':>8} {'day s':>8} {'window ms':>10}")
-    computed = [timed(lambda day=day, out=out: course.compute(day, out))[0] for day, out in zip(DAYS, days)]  # type: ignore[misc]  # noqa: B905
+    computed = []
+    for day, out in zip(DAYS, days, strict=True):
+        computed.append(timed(lambda day=day, out=out: course.compute(day, out))[0])  # type: ignore[misc]
     print(f"{'computed again':48} {0:8.1f} {0:8.3f} {np.mean(computed):8.3f} {'-':>10}")
     with tempfile.TemporaryDirectory(dir=arguments.directory) as folder:
         for store in STORES:

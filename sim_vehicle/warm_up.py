@@ -30,9 +30,13 @@ def warm_up(spec: VehicleSpec) -> None:
         return
     executor = MissionExecutor(spec, LocalFrame(0.0, 0.0), wind=Wind(1.0, gust_m_s=0.5))
     executor.arm()
-    executor.takeoff(min(2.0, spec.max_altitude_m))
+    if spec.kind == "rover":
+        executor.goto(1.0, 0.0, 0.0)
+    else:
+        executor.takeoff(min(2.0, spec.max_altitude_m))
     executor.advance(1.0)
-    executor.steer((0.5, 0.0, 0.0))
+    if spec.kind == "multirotor":
+        executor.steer((0.5, 0.0, 0.0))
     executor.advance(1.5)
     executor.hold()
     executor.advance(2.0)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sensors.errors import EstimatorError
 from sensors.estimators.base import BaseEstimator
 from sensors.estimators.gp_field import FieldProcess
+from sensors.estimators.gp_threads import one_blas_thread
 from sensors.estimators.posterior_exact import ExactPosterior
 from sensors.estimators.rbf import RbfKernel, fit_kernel
 from sensors.fields import DEFAULT_VALUES, FIELDS
@@ -111,7 +112,7 @@ class GaussianProcessEstimator(BaseEstimator):
         amplitude_bounds: tuple[float, float] = (0.01, 1.0),
         clip: bool = True,
         method: str = "auto",
-        memory_limit_mb: float = 1024.0,
+        memory_limit_mb: float = 256.0,
         learn_from: str = "auto",
         model: EnvironmentModel | None = None,
         day: int = 6,
@@ -224,15 +225,16 @@ class GaussianProcessEstimator(BaseEstimator):
     def _fit_kernel(
         self, x: NDArray[np.int32], y: NDArray[np.int32], residuals: NDArray[np.float64]
     ) -> RbfKernel:
-        return fit_kernel(
-            x,
-            y,
-            residuals,
-            starts=(self.kernel,),
-            length_bounds=self.length_bounds,
-            noise_bounds=self.noise_bounds,
-            amplitude_bounds=self.amplitude_bounds,
-        )
+        with one_blas_thread():
+            return fit_kernel(
+                x,
+                y,
+                residuals,
+                starts=(self.kernel,),
+                length_bounds=self.length_bounds,
+                noise_bounds=self.noise_bounds,
+                amplitude_bounds=self.amplitude_bounds,
+            )
 
     def _needs_local(self) -> bool:
         needed = sum(ExactPosterior.bytes_needed(len(p), self.grid_.shape) for p in self._fields) / 2**20

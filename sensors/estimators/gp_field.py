@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.estimators.gp_local import LocalPosterior, WholePosterior
 from sensors.estimators.growing import GrowingArray
 from sensors.estimators.posterior_exact import ExactPosterior
 from sensors.estimators.rbf import Cells, Floats, RbfKernel
+
+if TYPE_CHECKING:
+    from sensors.estimators.gp_local import LocalPosterior, WholePosterior
 
 MOST_FUNCTIONS = 1024
 """With more functions over the whole farm than this, the posterior is computed tile by tile."""
@@ -124,7 +127,8 @@ class FieldProcess:
             The tiles that were written to.
         """
         posterior = self._posterior
-        assert isinstance(posterior, LocalPosterior | WholePosterior)
+        assert posterior is not None
+        assert not isinstance(posterior, ExactPosterior)
         state = (posterior, self.prior_mean(len(self)))
         whole = self._written != state
         self._written = state
@@ -133,6 +137,9 @@ class FieldProcess:
     def _new_posterior(self, exact: bool) -> ExactPosterior | LocalPosterior | WholePosterior:
         if exact:
             return ExactPosterior(self._shape, self.kernel)
+        # Compiled code is loaded only if it is used.
+        from sensors.estimators.gp_local import LocalPosterior, WholePosterior
+
         spectrum = WholePosterior.spectrum_of_farm(self._shape, self.kernel, MOST_OBSERVATIONS)
         if len(spectrum.terms) <= MOST_FUNCTIONS:
             return WholePosterior(self._shape, self.kernel, spectrum)

@@ -7,26 +7,20 @@ axes.
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager
-from functools import lru_cache
-from typing import Any, TypeVar
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sensors.estimators import gp_write
+from sensors.estimators.gp_threads import in_parallel
 from sensors.estimators.rbf import RbfKernel
 from sensors.tiles import tile_shape, tiles_of_boxes
 
 NODES_PER_LENGTH = 4
 _COLUMNS_AT_ONCE = 256
-_PARTS_PER_CORE = 8
 
 Box = tuple[int, int, int, int]
-Part = TypeVar("Part")
 
 
 class LatticeAxis:
@@ -189,32 +183,3 @@ class NodeLattice:
                 y0, y1 = self.y.span(first, end - 1)
                 for start in range(x0, x1, _COLUMNS_AT_ONCE):
                     yield start, min(start + _COLUMNS_AT_ONCE, x1), y0, y1
-
-
-@lru_cache(maxsize=1)
-def _controller() -> Any:
-    # SciPy brings linear algebra of its own, which has to be there to be found.
-    import scipy.linalg  # noqa: F401
-    from threadpoolctl import ThreadpoolController
-
-    return ThreadpoolController()
-
-
-def one_blas_thread() -> AbstractContextManager[Any]:
-    """Keep linear algebra on one thread: over small matrices, threads wait for each other too long."""
-    limited: AbstractContextManager[Any] = _controller().limit(limits=1, user_api="blas")
-    return limited
-
-
-def in_parallel(work: Callable[[Sequence[Part]], None], items: Sequence[Part]) -> None:
-    """Do work on all items, in parts on all cores; it has to release the interpreter's lock."""
-    cores = os.cpu_count() or 1
-    if len(items) < 2 or cores == 1:
-        with one_blas_thread():
-            work(items)
-        return
-    size = max(1, len(items) // (_PARTS_PER_CORE * cores))
-    parts = [items[start : start + size] for start in range(0, len(items), size)]
-    with one_blas_thread(), ThreadPoolExecutor(cores) as pool:
-        for done in [pool.submit(work, part) for part in parts]:
-            done.result()

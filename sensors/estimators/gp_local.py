@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.estimators import gp_tile
-from sensors.estimators.gp_lattice import NodeLattice, in_parallel, one_blas_thread
+from sensors.estimators.gp_lattice import NodeLattice
+from sensors.estimators.gp_threads import in_parallel, one_blas_thread
 from sensors.estimators.rbf import Cells, Floats, RbfKernel
 
 TILE_LENGTHS = 8.0

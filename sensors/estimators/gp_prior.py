@@ -26,7 +26,7 @@ from sensors.environment.generate import HOSTS
 from sensors.environment.outbreak import simulate_outbreak, value_table
 from sensors.environment.soil import draw_weather, write_soil
 from sensors.errors import EstimatorError
-from sensors.estimators.gp_lattice import one_blas_thread
+from sensors.estimators.gp_threads import one_blas_thread
 from sensors.estimators.rbf import Floats, RbfKernel
 from sensors.fields import DEFAULT_VALUES, FIELDS
 

@@ -34,7 +34,7 @@ def lagrange_weights(step: int) -> Values:
 
     Examples
     --------
-    >>> lagrange_weights(2)[:, 1].round(4).tolist()
+    >>> lagrange_weights(2)[:, 1].astype(float).round(4).tolist()
     [0.0117, -0.0977, 0.5859, 0.5859, -0.0977, 0.0117]
     """
     place = np.arange(step) / step

@@ -11,8 +11,8 @@ from geo.grid import FarmGrid
 from sensors.errors import EstimatorError
 from sensors.estimators import check_estimator, make_estimator
 from sensors.estimators.gaussian_process import GaussianProcessEstimator
-from sensors.estimators.gp_lattice import in_parallel
 from sensors.estimators.gp_local import LocalPosterior, Spectrum, WholePosterior
+from sensors.estimators.gp_threads import in_parallel
 from sensors.estimators.gp_write import POINTS, lagrange_weights
 from sensors.estimators.posterior_exact import ExactPosterior
 from sensors.estimators.rbf import RbfKernel
@@ -128,7 +128,7 @@ def test_pieces_and_repeated_cells_make_no_difference(n, seed, kind):
     right, deviation = exact_posterior(kernel, shape, x, y, values)
     for posterior in (once, often):
         value, uncertainty = written(posterior, shape)
-        np.testing.assert_allclose(value, right, atol=5e-3 * np.sqrt(kernel.amplitude))
+        np.testing.assert_allclose(value, right, atol=2e-2 * np.sqrt(kernel.amplitude))
         np.testing.assert_allclose(uncertainty, deviation, atol=2e-3)
 
 

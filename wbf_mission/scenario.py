@@ -49,7 +49,7 @@ class Scenario:
     altitude_m, cruise_speed_m_s : float or None
         Height above home and flight speed; None is the vehicle's own.
     acceptance_radius_m : float or None
-        Of the planned waypoints; None: a quarter of the spacing between 0.1 m and 2 m.
+        Of the planned waypoints; None: a quarter of the shortest leg, between 0.5 m and 2 m.
     wind_speed_m_s, wind_direction_deg, wind_gust_m_s : float
         Mean wind, the direction it comes from (degrees clockwise from north), standard deviation of gusts.
     wind_height_m : float

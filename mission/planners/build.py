@@ -94,8 +94,8 @@ def build_mission(
     camera_distance_m, camera_interval_s : float, optional
         Distance or time between two pictures; at most one of them.
     acceptance_radius_m : float, optional
-        How near counts as reached. Default: a quarter of the path's spacing (without spacing: of its
-        shortest leg), at least 0.1 m and at most 2 m.
+        How near counts as reached. Default: a quarter of the path's shortest leg, at least 0.5 m and at
+        most 2 m.
     return_home : bool
         End with a return to launch.
     pattern : WingPattern, optional
@@ -115,7 +115,7 @@ def build_mission(
     _check_positive("speed", speed_m_s, "m/s")
     camera = _camera_command(camera_distance_m, camera_interval_s)
     points = drop_coincident(path.points_m)
-    radius = _default_radius(path, points) if acceptance_radius_m is None else acceptance_radius_m
+    radius = _default_radius(points) if acceptance_radius_m is None else acceptance_radius_m
     _check_positive("acceptance radius", radius, "m")
     ending = 3 if pattern is not None else 1
     count = len(points) + 2 + (2 if camera else 0) + (ending if return_home else 0)
@@ -205,12 +205,11 @@ def _camera_command(
     return None
 
 
-def _default_radius(path: PlannedPath, points: Points) -> float:
-    scale = path.spacing_m
-    if scale is None:
-        steps = np.diff(points, axis=0)
-        scale = float(np.hypot(steps[:, 0], steps[:, 1]).min(initial=8.0))
-    return min(max(scale / 4.0, 0.1), 2.0)
+def _default_radius(points: Points) -> float:
+    """Return a quarter of the shortest leg, which is the distance of rows; no vehicle holds less than 0.5 m."""
+    steps = np.diff(points, axis=0)
+    shortest = float(np.hypot(steps[:, 0], steps[:, 1]).min(initial=8.0))
+    return min(max(shortest / 4.0, 0.5), 2.0)
 
 
 def _check_positive(name: str, value: float, unit: str) -> None:

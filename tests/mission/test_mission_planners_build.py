@@ -47,11 +47,11 @@ def test_interval_no_camera_and_no_return():
     assert [item.command for item in mission.items] == [22, 178, 16, 20]
 
 
-@pytest.mark.parametrize(("spacing", "radius"), [(0.1, 0.1), (2.0, 0.5), (50.0, 2.0), (None, 0.75)])
-def test_acceptance_radius_follows_the_spacing(spacing, radius):
-    mission = build_mission(planned([(0, 0), (9, 0), (9, 3)], spacing), **ARGUMENTS)
+@pytest.mark.parametrize(("shortest", "radius"), [(0.1, 0.5), (2.0, 0.5), (3.0, 0.75), (8.5, 2.0)])
+def test_acceptance_radius_follows_the_shortest_leg(shortest, radius):
+    mission = build_mission(planned([(0, 0), (9, 0), (9, shortest)]), **ARGUMENTS)
     assert {i.param2 for i in mission.items if i.command == Command.NAV_WAYPOINT} == {radius}
-    mission = build_mission(planned([(0, 0), (9, 0)], spacing), acceptance_radius_m=1.25, **ARGUMENTS)
+    mission = build_mission(planned([(0, 0), (9, 0)]), acceptance_radius_m=1.25, **ARGUMENTS)
     assert mission.items[2].param2 == 1.25
 
 

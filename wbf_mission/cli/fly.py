@@ -15,7 +15,7 @@ EXAMPLES = """
 
 wbf-mission fly --farm miniberry-30 --planner lawnmower --estimator gp --vehicle ideal --seed 7
 
-wbf-mission fly --farm waterberry --planner spiral --wind 4,270,1 --out runs/windy
+wbf-mission fly --farm waterberry --planner spiral --vehicle mapping-quad --wind 4,270,1 --out runs/windy
 
 wbf-mission fly --farm miniberry-100 --mission spiral.plan --json
 

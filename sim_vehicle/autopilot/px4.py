@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from sim_vehicle.autopilot.model import Setting, setting
 from sim_vehicle.motion.model import LegKind
 from sim_vehicle.paths import ALONG, KEEP
+from sim_vehicle.spec import GRAVITY_M_S2
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -67,6 +68,8 @@ _TABLE = {
     "COM_SPOOLUP_TIME": Setting(1.0, 0.0, 30.0, "s", "time from arming to thrust"),
     "LNDMC_TRIG_TIME": Setting(1.0, 0.1, 10.0, "s", "time of each of the three stages of landing detection"),
 }
+# SIH_KDV over SIH_MASS of the SIH quadrotor (airframe 10040).
+SIH_DRAG_1_S = 1.0
 # For ever, as far as a flight is concerned.
 _FOREVER_S = 1e6
 _NEVER_DISARM_S = 3599.0
@@ -75,6 +78,11 @@ _NEVER_DISARM_S = 3599.0
 def value_of(spec: VehicleSpec, name: str) -> float:
     """Return the value of a parameter for a vehicle, in the parameter's own unit."""
     return setting(spec, name, PX4_MULTIROTOR.settings)
+
+
+def drag_of(spec: VehicleSpec) -> float:
+    """Return the drag over mass and airspeed (1/s): the vehicle's, or that of the reference airframe."""
+    return SIH_DRAG_1_S if spec.linear_drag_1_s is None else spec.linear_drag_1_s
 
 
 class Px4MultirotorAutopilot:
@@ -91,11 +99,14 @@ class Px4MultirotorAutopilot:
 
         fastest = max(value("MPC_XY_VEL_MAX"), 0.5)
         disarm = value("COM_DISARM_LAND")
+        lean = GRAVITY_M_S2 * math.tan(math.radians(value("MPC_TILTMAX_AIR")))
+        drag = drag_of(spec)
         return replace(
             spec,
             cruise_speed_m_s=min(value("MPC_XY_CRUISE"), fastest),
             # Missions may command 95 % of the limit.
             speed_limit_m_s=fastest / 0.95,
+            airspeed_limit_m_s=min(spec.airspeed_limit_m_s, lean / drag if drag > 0.0 else math.inf),
             climb_speed_m_s=value("MPC_Z_V_AUTO_UP"),
             descent_speed_m_s=value("MPC_Z_V_AUTO_DN"),
             landing_speed_m_s=min(value("MPC_LAND_SPEED"), value("MPC_Z_VEL_MAX_DN")),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim_vehicle.autopilot.arducopter import lookup
+from sim_vehicle.autopilot.arducopter import drag_of, lookup
 from sim_vehicle.battery import WH_J
 from sim_vehicle.motion import arducopter_kernel as kernel
 from sim_vehicle.motion import arducopter_layout as at
@@ -24,12 +24,6 @@ if TYPE_CHECKING:
     from sim_vehicle.spec import VehicleSpec
     from sim_vehicle.wind import Wind
 
-# The airframe of ArduPilot's simulator (`SIM_Frame.h`, default model): 3 kg, 0.18 m2 of discs, and as much
-# drag at 15.08 m/s as 45 degrees of tilt overcome; the momentum drag of the rotors, a part of it, is linear.
-# Its coefficient (0.2 there) is the one with which speed builds up as in recorded flights at 5 to 10 m/s.
-_MASS_KG, _DISC_M2, _MOMENTUM = 3.0, 0.18, 0.34
-_REFERENCE_M_S, _REFERENCE_RAD = 15.08, math.radians(45.0)
-_AIR_KG_M3, _REFERENCE_AIR_KG_M3 = 1.225, 1.157
 _HOVER_THROTTLE = 0.39
 # What the attitude lags behind its target: rate loops and motors.
 _ATTITUDE_S = 0.05
@@ -209,7 +203,7 @@ def _law(spec: VehicleSpec, stand_by_w: float) -> NDArray[np.float64]:
     # Gains of the throttle are per cm/s^2 and for a throttle of 1000.
     thrust_p = 0.1 * get("PSC_ACCZ_P") * hover
     law[at.DT] = dt
-    law[at.DRAG : at.DRAG_2 + 1] = _drag(spec)
+    law[at.DRAG : at.DRAG_2 + 1] = drag_of(spec)
     law[at.ERROR_FILTER] = _share(dt, get("PSC_VELXY_FLTE"))
     law[at.RATE_FILTER] = _share(dt, get("PSC_VELXY_FLTD"))
     law[at.POS_P] = get("PSC_POSXY_P")
@@ -252,15 +246,3 @@ def _law(spec: VehicleSpec, stand_by_w: float) -> NDArray[np.float64]:
 def _share(dt: float, frequency_hz: float) -> float:
     """Return what a low-pass filter takes over in a step; a frequency of 0 is no filter."""
     return 1.0 - math.exp(-2.0 * math.pi * frequency_hz * dt) if frequency_hz > 0.0 else 1.0
-
-
-def _drag(spec: VehicleSpec) -> tuple[float, float]:
-    """Return the drag over mass and airspeed: the constant part (1/s), and the one over airspeed (1/m)."""
-    if spec.linear_drag_1_s is not None:
-        return spec.linear_drag_1_s, 0.0
-    weight = _MASS_KG * at.GRAVITY
-    momentum = _MOMENTUM * math.sqrt(weight * _AIR_KG_M3 * _DISC_M2)
-    whole = weight * math.tan(_REFERENCE_RAD)
-    rest = whole - momentum * math.cos(_REFERENCE_RAD) * _REFERENCE_M_S
-    rest *= _AIR_KG_M3 / _REFERENCE_AIR_KG_M3
-    return momentum / _MASS_KG, rest / _REFERENCE_M_S**2 / _MASS_KG

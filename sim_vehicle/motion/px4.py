@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sim_vehicle.autopilot.px4 import drag_of, value_of
 from sim_vehicle.motion import px4_kernel as kernel
 from sim_vehicle.motion.kernel import WIND
 from sim_vehicle.motion.model import LegKind, MotionEvent
@@ -21,8 +22,7 @@ if TYPE_CHECKING:
     from sim_vehicle.spec import VehicleSpec
     from sim_vehicle.wind import Wind
 
-# The reference airframe, SIH quadrotor 10040: SIH_KDV and four times SIH_T_MAX over SIH_MASS; MPC_THR_MIN.
-SIH_DRAG_1_S = 1.0
+# The reference airframe, SIH quadrotor 10040: four times SIH_T_MAX over SIH_MASS; MPC_THR_MIN.
 SIH_THRUST_M_S2 = 20.0
 LOWEST_THRUST = 0.12
 # MC_ROLL_P and MC_PITCH_P are 6.5 /s.
@@ -87,8 +87,8 @@ def law_of(spec: VehicleSpec, value: Callable[[str], float]) -> NDArray[np.float
     law[kernel.LAND_ALT1] = max(law[kernel.LAND_ALT1], law[kernel.LAND_ALT2])
     # With a distance sensor each of the three stages of the land detector takes LNDMC_TRIG_TIME.
     law[kernel.LAND_TIME] *= 3.0
-    drag, response = spec.linear_drag_1_s, spec.attitude_response_s
-    law[kernel.DRAG] = SIH_DRAG_1_S if drag is None else drag
+    response = spec.attitude_response_s
+    law[kernel.DRAG] = drag_of(spec)
     law[kernel.ATTITUDE] = 1.0 / (SIH_ATTITUDE_S if response is None else response)
     law[kernel.THRUST_LOW] = LOWEST_THRUST * SIH_THRUST_M_S2
     law[kernel.THRUST_HIGH] = SIH_THRUST_M_S2
@@ -306,6 +306,4 @@ class Px4Multirotor(Multirotor):
 
 
 def _law(spec: VehicleSpec) -> NDArray[np.float64]:
-    from sim_vehicle.autopilot.px4 import value_of
-
     return law_of(spec, lambda name: value_of(spec, name))

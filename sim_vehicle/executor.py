@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from mission.model import Command
 from sim_vehicle.autopilot import autopilot_of
@@ -17,6 +18,11 @@ from sim_vehicle.motion.model import LegKind
 from sim_vehicle.paths import ALONG, KEEP, Place, Row, circle_rows
 from sim_vehicle.sequencer import MissionSequencer
 from sim_vehicle.spec import AIR_DENSITY_KG_M3, GRAVITY_M_S2, VehicleSpec
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+    from sim_vehicle.motion.model import MotionEvent
 
 __all__ = ["MissionExecutor", "check_mission"]
 
@@ -351,6 +357,15 @@ class MissionExecutor(MissionSequencer):
         one.
         """
         self._run(math.floor(limit_s / self.motion.step_s + 1e-6), stop_each=False)
+        return self._take_events()
+
+    def course_through(self, limit_s: float) -> Generator[tuple[int, bool], MotionEvent, list[FlightEvent]]:
+        """Fly as `fly_through` does, while somebody else moves the vehicle.
+
+        Yields what ``motion.advance`` is to be called with, steps and whether to stop at each leg, and is
+        sent the event that it returned. The generator's value are the events of the flight.
+        """
+        yield from self._course(math.floor(limit_s / self.motion.step_s + 1e-6), stop_each=False)
         return self._take_events()
 
     def state(self) -> VehicleState:

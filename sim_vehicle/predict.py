@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -14,18 +15,30 @@ from sim_vehicle.executor import MissionExecutor
 from sim_vehicle.feasibility import mission_problems
 from sim_vehicle.flight import BatteryDepleted, CannotFly, MissionComplete
 from sim_vehicle.itinerary import item_places
+from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.sequencer import EPOCH_UNIX_S
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from mission.model import Mission
+    from sim_vehicle.flight import FlightEvent
     from sim_vehicle.spec import VehicleSpec
     from sim_vehicle.wind import Wind
 
-_LIMIT_S = {"multirotor": 86_400.0, "ideal": 3e8}
+__all__ = ["Prediction", "expected_flights", "home_frame", "predict_flight", "predict_flights"]
+
+_LONGEST_S = 86_400.0
+# Each step of the ideal vehicle is cheap, whatever time it stands for.
+_LONGEST_IDEAL_S = 3e8
 _TRACK_POINTS = 20_000
+# The kernels of all vehicles but the ideal one write their tracks on this grid.
 _GRID_STEPS = 5
+_REHEARSAL_SEED = 0x1D8F
+REHEARSALS = 3
+"""In how many other gusts `expected_flights` tries a flight."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,65 +118,220 @@ def predict_flight(
     >>> flight.feasible, 115.0 < flight.path_length_m < 122.0
     (True, True)
     """
-    if not track_step_s > 0.0:
-        msg = f"track_step_s {track_step_s} must be positive"
-        raise VehicleError(msg)
-    if endless:
-        spec = replace(spec, battery=None)
-    home = frame if frame is not None else home_frame(mission)
-    places = item_places(mission.items, home)
-    problems = mission_problems(mission.items, places, spec)
-    if problems:
-        return Prediction(
-            0.0, 0.0, 1.0, 0.0, np.zeros((1, 3)), track_step_s, feasible=False, reason=problems[0]
-        )
-    executor = MissionExecutor(spec, home, wind=wind)
-    executor.epoch_unix_s = epoch_unix_s
-    motion = executor.motion
-    tick_s = motion.step_s if spec.is_ideal else motion.step_s * _GRID_STEPS
-    motion.track_every = max(1, round(track_step_s / tick_s))
-    motion.track = np.empty((_TRACK_POINTS, 3))
-    executor.load(mission.items, places)
-    executor.arm()
-    executor.start()
-    events = executor.fly_through(_LIMIT_S["ideal" if spec.is_ideal else "multirotor"])
-    state = executor.state()
-    end_s = next((event.time_s for event in reversed(events) if isinstance(event, MissionComplete)), None)
-    reason = ""
-    for event in events:
-        if isinstance(event, CannotFly):
-            reason = f"item {event.seq}: {event.reason}"
-        elif isinstance(event, BatteryDepleted):
-            reason = f"the battery is empty after {event.time_s:.0f} s, at item {executor.current_seq}"
-        if reason:
-            end_s = event.time_s
-            break
-    if end_s is None:
-        end_s = executor.time_s
-        reason = f"item {executor.current_seq} never ends"
-    # What the idling motors take between touch-down and disarming is no part of the mission.
-    energy_j = motion.energy_j
-    if executor.time_s > end_s and spec.power is not None and not reason:
-        idle_w = spec.power.avionics_w + spec.power.camera_w + spec.power.idle_w
-        energy_j -= idle_w * (executor.time_s - end_s)
-    fraction = 1.0
-    if spec.battery is not None:
-        fraction = min(1.0, max(0.0, 1.0 - energy_j / WH_J / spec.battery.capacity_wh))
-        if not reason and fraction < spec.battery.reserve_fraction:
-            reserve = 100.0 * spec.battery.reserve_fraction
-            left = 100.0 * fraction
-            reason = f"{left:.0f} % of the battery is left at the end, the reserve is {reserve:.0f} %"
-    track = np.vstack([motion.track[: motion.track_points], np.array([state.position_m])])
-    return Prediction(
-        duration_s=end_s,
-        energy_wh=energy_j / WH_J,
-        battery_fraction=fraction,
-        path_length_m=state.path_length_m,
-        track_m=track,
-        track_step_s=motion.track_every * tick_s,
-        feasible=not reason,
-        reason=reason,
+    flight = _Flight(
+        mission, spec, wind, frame, track_step_s=track_step_s, epoch_unix_s=epoch_unix_s, endless=endless
     )
+    return flight.prediction()
+
+
+def predict_flights(
+    missions: Sequence[Mission],
+    spec: VehicleSpec,
+    *,
+    wind: Wind | None = None,
+    frame: LocalFrame | None = None,
+    track_step_s: float = 1.0,
+    epoch_unix_s: float = EPOCH_UNIX_S,
+    endless: bool = False,
+    threads: int = 1,
+) -> list[Prediction]:
+    """Predict the flights of several missions, all of them advanced together.
+
+    Returns what `predict_flight` returns for each, to the last bit.
+
+    Parameters
+    ----------
+    missions : sequence of Mission
+    spec, wind, frame, track_step_s, epoch_unix_s, endless
+        As for `predict_flight`.
+    threads : int
+        How many share the work; the result does not depend on it.
+
+    Raises
+    ------
+    VehicleError
+        As `predict_flight`.
+    """
+    flights = [
+        _Flight(one, spec, wind, frame, track_step_s=track_step_s, epoch_unix_s=epoch_unix_s, endless=endless)
+        for one in missions
+    ]
+    return _predicted(flights, threads)
+
+
+def expected_flights(
+    missions: Sequence[Mission],
+    spec: VehicleSpec,
+    *,
+    wind: Wind | None = None,
+    frame: LocalFrame | None = None,
+    track_step_s: float = 1.0,
+    endless: bool = False,
+    threads: int = 1,
+) -> list[Prediction]:
+    """Predict flights in a wind whose gusts are known by their statistics only.
+
+    In a wind without gusts this is `predict_flights`. Otherwise each mission is flown in `REHEARSALS` winds
+    that have the same mean, shear and gust statistics, but gusts of their own (always the same ones, whatever
+    the seed of ``wind``), and the flight of median energy (or time, where there is no energy) is returned.
+    That counts what gusts cost in power as well as in time.
+
+    Parameters
+    ----------
+    missions, spec, wind, frame, track_step_s, endless, threads
+        As for `predict_flights`.
+
+    Raises
+    ------
+    VehicleError
+        As `predict_flight`.
+    """
+    winds = [wind]
+    if wind is not None and wind.is_gusty:
+        winds = [
+            replace(wind, seed=np.random.SeedSequence(_REHEARSAL_SEED, spawn_key=(k,)))
+            for k in range(REHEARSALS)
+        ]
+    flights = [
+        _Flight(one, spec, air, frame, track_step_s=track_step_s, epoch_unix_s=EPOCH_UNIX_S, endless=endless)
+        for one in missions
+        for air in winds
+    ]
+    found = _predicted(flights, threads)
+    tries = [found[k : k + len(winds)] for k in range(0, len(found), len(winds))]
+    return [sorted(some, key=_cost_order)[len(some) // 2] for some in tries]
+
+
+def _cost_order(prediction: Prediction) -> tuple[bool, float, float]:
+    return not prediction.feasible, prediction.energy_wh, prediction.duration_s
+
+
+def _predicted(flights: list[_Flight], threads: int) -> list[Prediction]:
+    """Fly together what has something to fly, and return what it took."""
+    flown = [flight for flight in flights if flight.executor is not None]
+    if len(flown) > 1 and not flown[0].spec.is_ideal:
+        if threads > 1:
+            with ThreadPoolExecutor(threads) as pool:
+                _fly_together(flown, pool)
+        else:
+            _fly_together(flown, None)
+    return [flight.prediction() for flight in flights]
+
+
+def _fly_together(flights: list[_Flight], pool: ThreadPoolExecutor | None) -> None:
+    # Imported here: the ideal vehicle needs no compiler.
+    from sim_vehicle.motion.batch import VehicleBatch
+
+    executors = [flight.executor for flight in flights if flight.executor is not None]
+    batch = VehicleBatch([executor.motion for executor in executors], pool=pool)
+    courses = [
+        executor.course_through(flight.longest_s) for flight, executor in zip(flights, executors, strict=True)
+    ]
+    steps = np.zeros(len(flights), dtype=np.int64)
+    stops = np.zeros(len(flights), dtype=np.bool_)
+    events: list[MotionEvent | None] = [None] * len(flights)
+    under_way = list(range(len(flights)))
+    while under_way:
+        for k in tuple(under_way):
+            try:
+                event = events[k]
+                steps[k], stops[k] = next(courses[k]) if event is None else courses[k].send(event)
+            except StopIteration as end:
+                flights[k].events = end.value
+                steps[k] = 0
+                under_way.remove(k)
+        found = batch.advance(steps, stop_each=stops)
+        for k in under_way:
+            events[k] = MotionEvent(int(found[k]))
+
+
+class _Flight:
+    """One flight of a mission from home that is predicted."""
+
+    def __init__(
+        self,
+        mission: Mission,
+        spec: VehicleSpec,
+        wind: Wind | None,
+        frame: LocalFrame | None,
+        *,
+        track_step_s: float,
+        epoch_unix_s: float,
+        endless: bool,
+    ) -> None:
+        if not track_step_s > 0.0:
+            msg = f"track_step_s {track_step_s} must be positive"
+            raise VehicleError(msg)
+        self.spec = spec = replace(spec, battery=None) if endless else spec
+        self.longest_s = _LONGEST_IDEAL_S if spec.is_ideal else _LONGEST_S
+        self.executor: MissionExecutor | None = None
+        self.events: list[FlightEvent] | None = None
+        self._track_step_s = track_step_s
+        home = frame if frame is not None else home_frame(mission)
+        places = item_places(mission.items, home)
+        self._problem = next(iter(mission_problems(mission.items, places, spec)), None)
+        if self._problem is not None:
+            return
+        self.executor = executor = MissionExecutor(spec, home, wind=wind)
+        executor.epoch_unix_s = epoch_unix_s
+        motion = executor.motion
+        tick_s = motion.step_s if spec.is_ideal else motion.step_s * _GRID_STEPS
+        motion.track_every = max(1, round(track_step_s / tick_s))
+        motion.track = np.empty((_TRACK_POINTS, 3))
+        self._track_step_s = motion.track_every * tick_s
+        executor.load(mission.items, places)
+        executor.arm()
+        executor.start()
+
+    def prediction(self) -> Prediction:
+        """Return what the flight took; it is flown now if it was not yet."""
+        executor, spec = self.executor, self.spec
+        if executor is None:
+            assert self._problem is not None
+            track = np.zeros((1, 3))
+            return Prediction(
+                0.0, 0.0, 1.0, 0.0, track, self._track_step_s, feasible=False, reason=self._problem
+            )
+        if self.events is None:
+            self.events = executor.fly_through(self.longest_s)
+        motion, state = executor.motion, executor.state()
+        end_s, reason = self._end(executor, self.events)
+        # What the idling motors take between touch-down and disarming is no part of the mission.
+        energy_j = motion.energy_j
+        if executor.time_s > end_s and spec.power is not None and not reason:
+            idle_w = spec.power.avionics_w + spec.power.camera_w + spec.power.idle_w
+            energy_j -= idle_w * (executor.time_s - end_s)
+        fraction = 1.0
+        if spec.battery is not None:
+            fraction = min(1.0, max(0.0, 1.0 - energy_j / WH_J / spec.battery.capacity_wh))
+            if not reason and fraction < spec.battery.reserve_fraction:
+                reserve = 100.0 * spec.battery.reserve_fraction
+                left = 100.0 * fraction
+                reason = f"{left:.0f} % of the battery is left at the end, the reserve is {reserve:.0f} %"
+        return Prediction(
+            duration_s=end_s,
+            energy_wh=energy_j / WH_J,
+            battery_fraction=fraction,
+            path_length_m=state.path_length_m,
+            track_m=np.vstack([motion.track[: motion.track_points], np.array([state.position_m])]),
+            track_step_s=self._track_step_s,
+            feasible=not reason,
+            reason=reason,
+        )
+
+    @staticmethod
+    def _end(executor: MissionExecutor, events: list[FlightEvent]) -> tuple[float, str]:
+        """Return when the flight ended, and why it did not end well."""
+        for event in events:
+            if isinstance(event, CannotFly):
+                return event.time_s, f"item {event.seq}: {event.reason}"
+            if isinstance(event, BatteryDepleted):
+                item = executor.current_seq
+                return event.time_s, f"the battery is empty after {event.time_s:.0f} s, at item {item}"
+        for event in reversed(events):
+            if isinstance(event, MissionComplete):
+                return event.time_s, ""
+        return executor.time_s, f"item {executor.current_seq} never ends"
 
 
 def home_frame(mission: Mission) -> LocalFrame:

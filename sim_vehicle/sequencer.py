@@ -37,7 +37,7 @@ from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.paths import ALONG, KEEP, Place
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Generator, Sequence
 
     from geo.frame import LocalFrame
     from mission.model import MissionItem
@@ -99,6 +99,17 @@ class MissionSequencer(Craft):
             self._tell(CurrentChanged(self.time_s if time_s is None else time_s, seq))
 
     def _run(self, target: int, *, stop_each: bool) -> None:
+        course = self._course(target, stop_each=stop_each)
+        advance = self.motion.advance
+        try:
+            steps, closely = next(course)
+            while True:
+                steps, closely = course.send(advance(steps, stop_each=closely))
+        except StopIteration:
+            return
+
+    def _course(self, target: int, *, stop_each: bool) -> Generator[tuple[int, bool], MotionEvent, None]:
+        """Fly until a step; who sends back its event moves the vehicle: up to how far, and how closely."""
         motion = self.motion
         while motion.step < target:
             limit = target
@@ -106,10 +117,9 @@ class MissionSequencer(Craft):
                 if step is not None and step < limit:
                     limit = max(step, motion.step)
             flying = self._plan is not None and self.landed is not LandedState.ON_GROUND
-            event = MotionEvent.RAN
             if flying:
                 closely = stop_each or self._plan_needs_care()
-                event = motion.advance(limit - motion.step, stop_each=closely)
+                event = yield limit - motion.step, closely
                 self._account(event)
             elif limit > motion.step:
                 motion.rest(limit - motion.step, armed=self.armed)

@@ -25,7 +25,8 @@ from sim_vehicle.virtual_link import VirtualLink
 
 __all__ = ["Impairment", "Simulation", "StopReason"]
 
-_STEPS_AT_ONE_INSTANT = 100_000
+# The longest mission, 65535 items, crosses twice in one instant: sent and read back.
+_STEPS_AT_ONE_INSTANT = 300_000
 
 
 class StopReason(Enum):

@@ -1,6 +1,6 @@
 """Planners: a farm, a start and a budget in, a path within the budget out."""
 
-from mission.planners.budget import Budget, LengthBudget, StepBudget, parse_budget
+from mission.planners.budget import BatchBudget, Budget, LengthBudget, StepBudget, parse_budget
 from mission.planners.build import WingPattern, build_mission
 from mission.planners.conformance import check_planner
 from mission.planners.path import PlannedPath, path_length
@@ -9,6 +9,7 @@ from mission.planners.request import CropArea, Planner, PlanningRequest
 from mission.planners.seen import coverage
 
 __all__ = [
+    "BatchBudget",
     "Budget",
     "CropArea",
     "LengthBudget",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -35,7 +36,8 @@ class Budget(Protocol):
 
     The cost need not be a length: a higher floor predicts seconds or watt hours with the vehicle's own
     model. A planner assumes only that denser paths cost roughly more, and checks every path that it
-    returns.
+    returns. A budget that prices several paths in less time than one after the other is also a
+    `BatchBudget`.
     """
 
     @property
@@ -52,6 +54,14 @@ class Budget(Protocol):
         The first row is the start of the flight, the others are the points of the planned path. The way
         home, if the budget has to pay for it, is the budget's own matter: it is not in the path.
         """
+
+
+@runtime_checkable
+class BatchBudget(Budget, Protocol):
+    """A budget that prices many paths at once."""
+
+    def costs(self, paths_xy_m: Sequence[NDArray[np.float64]]) -> list[float]:
+        """Return what `cost` returns for each of the paths, to the last bit."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -12,7 +13,7 @@ import shapely
 from geo.farm import Crop
 from geo.units import FOOT_M
 from mission.errors import PlanningError
-from mission.planners.budget import Budget
+from mission.planners.budget import BatchBudget, Budget
 from mission.planners.path import Area, PlannedPath, Points
 
 
@@ -86,8 +87,17 @@ class PlanningRequest:
 
     def cost(self, points_m: Points) -> float:
         """Return what the budget charges for start, points and, if it counts it, the return."""
-        flight = np.vstack((np.asarray(self.start_xy_m, dtype=np.float64), points_m))
-        return float(self.budget.cost(flight))
+        return float(self.budget.cost(self._flight(points_m)))
+
+    def costs(self, paths_m: Sequence[Points]) -> list[float]:
+        """Return what the budget charges for each of several paths: see `cost`."""
+        flights = [self._flight(points) for points in paths_m]
+        if len(flights) > 1 and isinstance(self.budget, BatchBudget):
+            return [float(cost) for cost in self.budget.costs(flights)]
+        return [float(self.budget.cost(flight)) for flight in flights]
+
+    def _flight(self, points_m: Points) -> Points:
+        return np.vstack((np.asarray(self.start_xy_m, dtype=np.float64), points_m))
 
 
 class Planner(Protocol):

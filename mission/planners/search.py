@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from mission.errors import PlanningError
+from mission.planners.budget import BatchBudget
 from mission.planners.path import Points
 from mission.planners.request import PlanningRequest
 
@@ -50,6 +51,9 @@ def densest_feasible(
     candidates beyond it, and goes on from there if one of them is feasible. Only a candidate whose own
     cost was seen to be within the limit is returned.
 
+    A budget that prices many paths at once gets them in rounds: a guess together with the next index, whose
+    price is needed anyway if the guess is the last feasible one, and all of those beyond the last one.
+
     Parameters
     ----------
     request : PlanningRequest
@@ -76,16 +80,24 @@ def densest_feasible(
     seen: dict[int, float] = {}
     best: Found | None = None
 
-    def feasible(index: int) -> bool:
-        nonlocal best
-        if index not in seen:
-            points = build(index)
-            seen[index] = request.cost(points)
-            if seen[index] <= bound and (best is None or index > best.index):
-                best = Found(index, points, seen[index])
-        return seen[index] <= bound
+    at_once = isinstance(request.budget, BatchBudget)
 
-    if not any(feasible(index) for index in range(lowest, min(lowest + 3, highest) + 1)):
+    def feasible(*indices: int) -> bool:
+        """Tell whether any is feasible; prices what is not priced yet, in one round if the budget can."""
+        nonlocal best
+        for some in [indices] if at_once else [(index,) for index in indices]:
+            new = [index for index in dict.fromkeys(some) if index not in seen]
+            paths = [build(index) for index in new]
+            for index, points, cost in zip(new, paths, request.costs(paths), strict=True):
+                seen[index] = cost
+                if cost <= bound and (best is None or index > best.index):
+                    best = Found(index, points, cost)
+            if any(seen[index] <= bound for index in some):
+                return True
+        return False
+
+    sparsest = range(lowest, min(lowest + 3, highest) + 1)
+    if not feasible(lowest) and not feasible(*sparsest):
         raise too_small(request, min(seen.values()), what)
     while best is not None and best.index < highest:
         good = best.index
@@ -94,14 +106,16 @@ def densest_feasible(
         while bad is None or bad - good > 1:
             guess = _guess(seen, bound, good, bad, highest, density, bisect=halve >= 2)
             width = (bad or highest + 1) - good
-            if feasible(guess):
-                good = guess
+            if feasible(*range(guess, min(guess + 1, highest) + 1 if at_once else guess + 1)):
+                good = max(index for index in seen if seen[index] <= bound)
+                bad = min((index for index in seen if index > good), default=None)
             else:
                 bad = guess
             if good == highest:
                 break
             halve = halve + 1 if (bad or highest + 1) - good > width / 2 else 0
-        if not any(feasible(good + ahead) for ahead in look_ahead if good + ahead <= highest):
+        ahead = [good + step for step in look_ahead if good + step <= highest]
+        if not ahead or not feasible(*ahead):
             break
     assert best is not None
     return best

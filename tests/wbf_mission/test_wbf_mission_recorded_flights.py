@@ -1,0 +1,48 @@
+"""The command line flies the recorded missions as the real autopilots did, by its own telemetry log."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pymavlink import mavutil
+
+from sim_vehicle.recordings import Flight, compare, load_recording
+from wbf_mission.cli.app import main
+
+FLIGHTS = Path(__file__).parents[1] / "data" / "flights"
+# In the recorded climbs of PX4 a jump of its estimated height stops the vehicle for five seconds
+# (docs/recorded-flights.md).
+BY_CHANCE = "px4-climbs-holds"
+
+
+def flown(path, recording):
+    log = mavutil.mavlink_connection(str(path))
+    rows, reached = [], {}
+    behind = 1 if recording.autopilot == "ardupilot" else 0
+    while (message := log.recv_match(type=["MISSION_ITEM_REACHED", "GLOBAL_POSITION_INT"])) is not None:
+        if message.get_type() == "MISSION_ITEM_REACHED":
+            reached.setdefault(message.seq - behind, message._timestamp)
+            continue
+        east, north = recording.frame.from_wgs84(message.lat / 1e7, message.lon / 1e7)
+        velocity = message.vy / 100.0, message.vx / 100.0, -message.vz / 100.0
+        rows.append((message._timestamp, east, north, message.relative_alt / 1e3, *velocity))
+    table = np.array(rows)
+    pairs = tuple((time_s, seq) for seq, time_s in reached.items())
+    return Flight(table[:, 0], table[:, 1:4], table[:, 4:7], pairs, table[-1, 0])
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in FLIGHTS.glob("*.json")))
+def test_a_recorded_mission_from_the_command_line(name, tmp_path, capsys):
+    recording = load_recording(FLIGHTS / f"{name}.json")
+    plan = FLIGHTS / f"{recording.name}.plan"
+    command = ["fly", "--mission", str(plan), "--autopilot", recording.autopilot, "--out", str(tmp_path)]
+    assert main([*command, "--quiet", "--no-plots"]) == 0
+    capsys.readouterr()
+    flight = flown(tmp_path / "flight.tlog", recording)
+    assert np.diff(flight.time_s).max() < 0.11
+    result = compare(recording, flight)
+    assert result.mean_m < 1.0
+    assert result.p95_m < 2.5
+    if name != BY_CHANCE:
+        assert abs(result.time_error) < 0.02
+        assert result.correlation > 0.8

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -33,7 +35,7 @@ from mission.planners.budget import LengthBudget
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.plane import plane_of
 from sim_vehicle.circling import circles
-from sim_vehicle.predict import Prediction, predict_flight
+from sim_vehicle.predict import Prediction, expected_flights
 from sim_vehicle.spec import VehicleSpec, get_vehicle
 from sim_vehicle.swaps import batteries_needed
 from wbf_mission.scenario import Scenario, ScenarioError
@@ -43,6 +45,7 @@ _CAMERA_STARTS = frozenset({206, 214, 2000})
 # Where an aeroplane's climb-out leads to, and the height of its final approach.
 CLIMB_OUT_M = 150.0
 APPROACH_ALTITUDE_M = 30.0
+_MOST_THREADS = 4
 PAPER_STEPS_PER_CELL = 0.4  # timesteps of a day for each of the owner's cells (Matloob et al., experiments)
 
 
@@ -154,11 +157,18 @@ class FlightBudget:
 
     def cost(self, path_xy_m: NDArray[np.float64]) -> float:
         """Return the predicted seconds or watt hours; infinite when the vehicle cannot fly the path."""
-        points = np.asarray(path_xy_m, dtype=np.float64).reshape(-1, 2)
-        mission = self.builder.mission(
-            PlannedPath(points[1:] if len(points) > 1 else points, None, "candidate")
-        )
-        prediction = self.builder.predict(mission)
+        return self.costs([path_xy_m])[0]
+
+    def costs(self, paths_xy_m: Sequence[NDArray[np.float64]]) -> list[float]:
+        """Return the `cost` of each path; they are flown together."""
+        missions = []
+        for path in paths_xy_m:
+            points = np.asarray(path, dtype=np.float64).reshape(-1, 2)
+            way = points[1:] if len(points) > 1 else points
+            missions.append(self.builder.mission(PlannedPath(way, None, "candidate")))
+        return [self._price(prediction) for prediction in self.builder.predict_all(missions)]
+
+    def _price(self, prediction: Prediction) -> float:
         if prediction.feasible:
             return prediction.duration_s if self.unit == "s" else prediction.energy_wh
         # What only exceeds the budget still has a price, to be told when nothing fits.
@@ -213,13 +223,21 @@ class MissionBuilder:
         )
 
     def predict(self, mission: Mission) -> Prediction:
-        """Predict the flight of ``mission`` in the scenario's mean wind."""
-        return predict_flight(mission, self.vehicle, wind=wind_of(self.scenario, gusts=False))
+        """Predict the flight of ``mission`` in the scenario's wind, of its gusts by the statistics only."""
+        return self.predict_all([mission])[0]
+
+    def predict_all(self, missions: Sequence[Mission]) -> list[Prediction]:
+        """Predict the flights of several missions."""
+        return expected_flights(missions, self.vehicle, wind=wind_of(self.scenario), threads=_threads())
 
     def batteries(self, mission: Mission, prediction: Prediction) -> int | None:
         """Return how many batteries ``mission`` needs (see `sim_vehicle.swaps.batteries_needed`)."""
-        wind = wind_of(self.scenario, gusts=False)
-        return batteries_needed(mission, self.vehicle, prediction, wind=wind)
+        return batteries_needed(mission, self.vehicle, prediction, wind=wind_of(self.scenario))
+
+
+def _threads() -> int:
+    """Return how many candidates are flown at the same time; the predictions do not depend on it."""
+    return min(_MOST_THREADS, os.cpu_count() or 1)
 
 
 def flown_vehicle(scenario: Scenario) -> VehicleSpec:

@@ -28,7 +28,15 @@ if TYPE_CHECKING:
     from sim_vehicle.spec import VehicleSpec
     from sim_vehicle.wind import Wind
 
-__all__ = ["Prediction", "expected_flights", "home_frame", "predict_flight", "predict_flights"]
+__all__ = [
+    "Prediction",
+    "expected_flights",
+    "home_frame",
+    "predict_flight",
+    "predict_flights",
+    "rehearsals",
+    "without_end",
+]
 
 _LONGEST_S = 86_400.0
 # Each step of the ideal vehicle is cheap, whatever time it stands for.
@@ -36,6 +44,7 @@ _LONGEST_IDEAL_S = 3e8
 _TRACK_POINTS = 20_000
 # The kernels of all vehicles but the ideal one write their tracks on this grid.
 _GRID_STEPS = 5
+_ENDLESS_WH = 1e6
 _REHEARSAL_SEED = 0x1D8F
 REHEARSALS = 3
 """In how many other gusts `expected_flights` tries a flight."""
@@ -186,12 +195,7 @@ def expected_flights(
     VehicleError
         As `predict_flight`.
     """
-    winds = [wind]
-    if wind is not None and wind.is_gusty:
-        winds = [
-            replace(wind, seed=np.random.SeedSequence(_REHEARSAL_SEED, spawn_key=(k,)))
-            for k in range(REHEARSALS)
-        ]
+    winds = rehearsals(wind)
     flights = [
         _Flight(one, spec, air, frame, track_step_s=track_step_s, epoch_unix_s=EPOCH_UNIX_S, endless=endless)
         for one in missions
@@ -200,6 +204,21 @@ def expected_flights(
     found = _predicted(flights, threads)
     tries = [found[k : k + len(winds)] for k in range(0, len(found), len(winds))]
     return [sorted(some, key=_cost_order)[len(some) // 2] for some in tries]
+
+
+def rehearsals(wind: Wind | None) -> list[Wind | None]:
+    """Return winds with the statistics of a wind but other gusts; the wind itself if it has none."""
+    if wind is None or not wind.is_gusty:
+        return [wind]
+    seeds = [np.random.SeedSequence(_REHEARSAL_SEED, spawn_key=(k,)) for k in range(REHEARSALS)]
+    return [replace(wind, seed=seed) for seed in seeds]
+
+
+def without_end(spec: VehicleSpec) -> VehicleSpec:
+    """Return a vehicle whose battery is never empty."""
+    if spec.battery is None:
+        return spec
+    return replace(spec, battery=replace(spec.battery, capacity_wh=_ENDLESS_WH))
 
 
 def _cost_order(prediction: Prediction) -> tuple[bool, float, float]:
@@ -262,7 +281,7 @@ class _Flight:
         if not track_step_s > 0.0:
             msg = f"track_step_s {track_step_s} must be positive"
             raise VehicleError(msg)
-        self.spec = spec = replace(spec, battery=None) if endless else spec
+        self.spec = spec = without_end(spec) if endless else spec
         self.longest_s = _LONGEST_IDEAL_S if spec.is_ideal else _LONGEST_S
         self.executor: MissionExecutor | None = None
         self.events: list[FlightEvent] | None = None

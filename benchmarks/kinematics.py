@@ -1,4 +1,4 @@
-"""Speed of the vehicle's motion: the kernel against the same source in plain Python, executor, prediction.
+"""Speed of the vehicles' motion: each compiled law alone, in a batch, and as the same source in plain Python.
 
 Run: ``python benchmarks/kinematics.py [--json]``
 """
@@ -6,24 +6,53 @@ Run: ``python benchmarks/kinematics.py [--json]``
 from __future__ import annotations
 
 import argparse
+import functools
+import importlib
 import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import ModuleType
+from typing import Any
 
+import numba
 import numpy as np
 
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
+from sim_vehicle.autopilot import autopilot_of, with_autopilot
 from sim_vehicle.executor import MissionExecutor
-from sim_vehicle.motion import kernel
-from sim_vehicle.motion.model import Route
-from sim_vehicle.motion.multirotor import Multirotor
-from sim_vehicle.predict import predict_flight
-from sim_vehicle.spec import get_vehicle
+from sim_vehicle.motion.batch import VehicleBatch
+from sim_vehicle.motion.model import LegKind, MotionModel, Route
+from sim_vehicle.predict import predict_flight, predict_flights
+from sim_vehicle.spec import VehicleSpec, get_vehicle
 
 HOME = LocalFrame(28.05, -82.15)
-QUAD = get_vehicle("quad")
+LAWS = {
+    "generic": ("quad", "generic"),
+    "px4": ("quad", "px4"),
+    "arducopter": ("quad", "ardupilot"),
+    "wing": ("wing", "px4"),
+    "rover": ("rover", "px4"),
+}
+# Modules with compiled functions, by what they are built on.
+COMPILED = (
+    "power_kernels",
+    "air",
+    "kernel",
+    "px4_smoothing",
+    "px4_kernel",
+    "scurve",
+    "arducopter_control",
+    "arducopter_guidance",
+    "arducopter_kernel",
+    "guidance",
+    "fixed_wing_kernel",
+    "rover_kernel",
+)
+BATCH = 100
+CHUNK = 50
 
 
 def rows(width_m: float, count: int, spacing_m: float) -> list[tuple[float, float]]:
@@ -47,27 +76,67 @@ def best_of(run: Callable[[], float], times: int) -> float:
     return min(run() for _ in range(times))
 
 
-def kernel_seconds_per_step(points: list[tuple[float, float]], *, plain: bool, max_steps: int) -> float:
-    """Return the time of one step; ``plain`` runs the same source uncompiled."""
-    vehicle = Multirotor(QUAD)
-    vehicle.fly(Route.through([(x, y, 10.0, 1.0, 5.0, math.nan, 0.0) for x, y in points]))
-    names = ("stopping_distance", "axis_acceleration", "multirotor_power", "advance")
-    compiled = {name: getattr(kernel, name) for name in names}
-    if plain:
-        for name in names:
-            setattr(kernel, name, compiled[name].py_func)
+def vehicle_of(law: str) -> VehicleSpec:
+    """Return the vehicle that is flown by a law."""
+    name, autopilot = LAWS[law]
+    return with_autopilot(get_vehicle(name), autopilot)  # type: ignore[arg-type]
+
+
+def set_out(law: str, aside_m: float = 0.0) -> MotionModel:
+    """Return a vehicle that begins a lawnmower flight."""
+    spec = vehicle_of(law)
+    motion = autopilot_of(spec).motion(spec, None, 0.0)
+    far = 6.0 if law == "wing" else 1.0
+    legs: list[tuple[float, ...]] = [(0.0, 50.0, 30.0, 0.0, 5.0, math.inf, 0.0, LegKind.TAKEOFF)]
+    legs += [
+        (far * x + aside_m, far * y, 30.0, 1.0, 5.0, math.nan, 0.0, LegKind.WAYPOINT)
+        for x, y in rows(150.0, 20, 8.0)
+    ]
+    motion.fly(Route.through(legs))
+    return motion
+
+
+def single_s_per_step(law: str, max_steps: int) -> float:
+    """Return the time of one step of one vehicle."""
+    motion = set_out(law)
+    begin = time.perf_counter()
+    motion.advance(max_steps, stop_each=False)
+    return (time.perf_counter() - begin) / motion.step
+
+
+def batch_s_per_step(law: str) -> float:
+    """Return the time of one step of one of `BATCH` vehicles, in calls of `CHUNK` steps."""
+    batch = VehicleBatch([set_out(law, 0.1 * k) for k in range(BATCH)])
+    batch.advance(CHUNK, stop_each=False)
+    before = int(batch.counters[:, 0].sum())
+    begin = time.perf_counter()
+    for _ in range(100):
+        batch.advance(CHUNK, stop_each=False)
+    return (time.perf_counter() - begin) / (int(batch.counters[:, 0].sum()) - before)
+
+
+@contextmanager
+def plain_python() -> Iterator[None]:
+    """Run the kernels' sources uncompiled."""
+    modules: list[ModuleType] = [importlib.import_module(f"sim_vehicle.motion.{name}") for name in COMPILED]
+    compiled = [
+        (module, name, value)
+        for module in modules
+        for name, value in vars(module).items()
+        if isinstance(value, numba.core.dispatcher.Dispatcher)
+    ]
     try:
-        begin = time.perf_counter()
-        vehicle.advance(max_steps, stop_each=False)
-        return (time.perf_counter() - begin) / vehicle.step
+        for module, name, value in compiled:
+            setattr(module, name, value.py_func)
+        yield
     finally:
-        for name in names:
-            setattr(kernel, name, compiled[name])
+        for module, name, value in compiled:
+            setattr(module, name, value)
 
 
-def executor_rate(plan: Mission, look_s: float) -> float:
+def executor_rate(plan: Mission, spec: VehicleSpec, look_s: float) -> float:
     """Return simulated over real seconds of a flight whose state is read every ``look_s`` seconds."""
-    vehicle = MissionExecutor(QUAD, HOME)
+    vehicle = MissionExecutor(spec, HOME)
     vehicle.load(plan.items)
     vehicle.arm()
     vehicle.start()
@@ -78,16 +147,51 @@ def executor_rate(plan: Mission, look_s: float) -> float:
     return vehicle.time_s / (time.perf_counter() - begin)
 
 
-def prediction_ms(plan: Mission) -> tuple[float, float]:
-    """Return the time of a prediction, milliseconds, and the predicted duration, seconds."""
-    flight = predict_flight(plan, QUAD)
+def timed(run: Callable[[], Any]) -> float:
+    """Return how long a call takes, seconds."""
+    begin = time.perf_counter()
+    run()
+    return time.perf_counter() - begin
 
-    def once() -> float:
-        begin = time.perf_counter()
-        predict_flight(plan, QUAD)
-        return time.perf_counter() - begin
 
-    return 1000.0 * best_of(once, 10), flight.duration_s
+def measure_law(law: str) -> dict[str, float]:
+    """Return the figures of one law."""
+    single = functools.partial(single_s_per_step, law)
+    single(100)
+    alone = best_of(lambda: single(10_000_000), 5)
+    batched = best_of(lambda: batch_s_per_step(law), 3)
+    with plain_python():
+        plain = best_of(lambda: single(4_000), 2)
+    return {
+        "single_us_per_step": 1e6 * alone,
+        "batched_us_per_step": 1e6 * batched,
+        "batched_steps_per_s": 1.0 / batched,
+        "plain_python_steps_per_s": 1.0 / plain,
+        "batched_over_plain_python": plain / batched,
+    }
+
+
+def measure_predictions(autopilot: str) -> dict[str, float]:
+    """Return the figures of executor and predictions under one autopilot."""
+    spec = with_autopilot(get_vehicle("quad"), autopilot)  # type: ignore[arg-type]
+    short = mission(rows(150.0, 20, 8.0), 5.0)
+    angle = np.linspace(3.0, 55.0, 3000)
+    dense = mission([(2.0 * a * math.cos(a), 2.0 * a * math.sin(a)) for a in angle.tolist()], 5.0)
+    several = [mission(rows(150.0, 20 - k, 8.0), 5.0) for k in range(8)]
+    flight = predict_flight(short, spec)
+    predict_flights(several, spec)
+    return {
+        "executor_10_hz_times_real_time": 1.0 / best_of(lambda: 1.0 / executor_rate(short, spec, 0.1), 3),
+        "prediction_40_waypoints_flight_s": flight.duration_s,
+        "prediction_40_waypoints_ms": 1e3 * best_of(lambda: timed(lambda: predict_flight(short, spec)), 5),
+        "prediction_3000_waypoints_ms": 1e3 * best_of(lambda: timed(lambda: predict_flight(dense, spec)), 3),
+        "eight_predictions_ms": 1e3
+        * best_of(lambda: timed(lambda: [predict_flight(one, spec) for one in several]), 3),
+        "eight_predictions_together_ms": 1e3
+        * best_of(lambda: timed(lambda: predict_flights(several, spec)), 3),
+        "eight_predictions_two_threads_ms": 1e3
+        * best_of(lambda: timed(lambda: predict_flights(several, spec, threads=2)), 3),
+    }
 
 
 def main() -> None:
@@ -95,30 +199,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", action="store_true", help="print JSON")
     arguments = parser.parse_args()
-    path = rows(150.0, 20, 8.0)
-    angle = np.linspace(3.0, 55.0, 3000)
-    dense = [(2.0 * a * math.cos(a), 2.0 * a * math.sin(a)) for a in angle.tolist()]
-    executor_rate(mission(path, 5.0), 0.1)
-    compiled = best_of(lambda: kernel_seconds_per_step(path, plain=False, max_steps=10_000_000), 5)
-    plain = best_of(lambda: kernel_seconds_per_step(path, plain=True, max_steps=20_000), 2)
-    short_ms, short_s = prediction_ms(mission(path, 5.0))
-    dense_ms, dense_s = prediction_ms(mission(dense, 5.0))
-    result = {
-        "kernel_steps_per_s": 1.0 / compiled,
-        "plain_python_steps_per_s": 1.0 / plain,
-        "kernel_over_plain_python": plain / compiled,
-        "executor_10_hz_times_real_time": 1.0
-        / best_of(lambda: 1.0 / executor_rate(mission(path, 5.0), 0.1), 3),
-        "prediction_40_waypoints_ms": short_ms,
-        "prediction_40_waypoints_flight_s": short_s,
-        "prediction_3000_waypoints_ms": dense_ms,
-        "prediction_3000_waypoints_flight_s": dense_s,
-    }
+    laws = {law: measure_law(law) for law in LAWS}
+    predictions = {name: measure_predictions(name) for name in ("generic", "px4", "ardupilot")}
     if arguments.json:
-        print(json.dumps(result, indent=2))
+        print(json.dumps({"laws": laws, "predictions": predictions}, indent=2))
         return
-    for name, value in result.items():
-        print(f"{name:36s} {value:14,.1f}")
+    for table in (laws, predictions):
+        print(f"{'':34s}" + "".join(f"{name:>13s}" for name in table))
+        for figure in next(iter(table.values())):
+            print(f"{figure:34s}" + "".join(f"{one[figure]:13,.2f}" for one in table.values()))
+        print()
 
 
 if __name__ == "__main__":

@@ -169,7 +169,7 @@ def _takeoff(vehicle: SimVehicle, order: Order) -> Answer:
     if vehicle.persona.split_mode and order.frame not in RELATIVE_FRAMES:
         altitude -= vehicle.home.altitude_m
     if not altitude > 0.0:
-        altitude = pilot.tuning.takeoff_altitude_m
+        altitude = pilot.spec.takeoff_altitude_m
     pilot.takeoff(altitude)
     return ACCEPTED
 

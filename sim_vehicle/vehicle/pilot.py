@@ -388,7 +388,7 @@ class Pilot(Keeper):
         if mode is Mode.MISSION:
             self._fly_mission()
         elif mode is Mode.TAKEOFF:
-            altitude_m = self._takeoff_altitude_m or self.tuning.takeoff_altitude_m
+            altitude_m = self._takeoff_altitude_m or self.spec.takeoff_altitude_m
             self._takeoff_altitude_m = None
             self._command(lambda: self.executor.takeoff(altitude_m))
         elif mode in (Mode.RTL, Mode.LAND):

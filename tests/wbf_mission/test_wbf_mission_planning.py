@@ -57,8 +57,8 @@ def test_energy_budgets_need_a_vehicle_that_uses_energy() -> None:
 
 
 def test_the_wind_is_part_of_the_prediction() -> None:
-    calm = plan(Scenario(farm="miniberry-100", planner="lawnmower", budget="900m"))
-    storm = plan(Scenario(farm="miniberry-100", planner="lawnmower", budget="900m", wind_speed_m_s=13.0))
+    scenario = Scenario(farm="miniberry-100", planner="lawnmower", budget="900m", vehicle="mapping-quad")
+    calm, storm = plan(scenario), plan(replace(scenario, wind_speed_m_s=12.0))
     assert storm.prediction.energy_wh != pytest.approx(calm.prediction.energy_wh, rel=0.02)
 
 

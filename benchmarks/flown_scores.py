@@ -1,9 +1,10 @@
 """What flying costs: the score of a planned path, and of the same path as vehicles fly it.
 
-    python benchmarks/flown_scores.py [--farm miniberry-100] [--seeds 5] [--out docs/flown-scores.md]
+    python benchmarks/flown_scores.py [--farm waterberry --budget 12km --seeds 1] [--out table.md]
 
-Each planner makes one path of the paper's length (0.4 steps for each of the owner's cells). The ideal robot
-follows it to the cell: that is the planned score. Then every vehicle flies it, in calm air and in wind.
+Each planner makes one path within the budget; without one it has the paper's length (0.4 steps for each of
+the owner's cells). The ideal robot follows it to the cell: that is the planned score. Then every vehicle flies
+it, in calm air and in wind.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ from wbf_mission.scenario import Scenario, scenario_with
 
 WIND = {"wind_speed_m_s": 6.0, "wind_direction_deg": 240.0, "turbulence": "moderate"}
 VEHICLES = (
-    ("quad, PX4", {"vehicle": "quad", "autopilot": "px4"}),
-    ("quad, ArduPilot", {"vehicle": "quad", "autopilot": "ardupilot"}),
+    ("quad, PX4", {"vehicle": "mapping-quad", "autopilot": "px4"}),
+    ("quad, ArduPilot", {"vehicle": "mapping-quad", "autopilot": "ardupilot"}),
     ("fixed wing, PX4", {"vehicle": "fixed-wing", "autopilot": "px4"}),
 )
 
@@ -49,9 +50,9 @@ class Row:
     cells: int
 
 
-def flights(farm: str, planner: str, seed: int, speed_m_s: float) -> list[Row]:
+def flights(farm: str, budget: str | None, planner: str, seed: int, speed_m_s: float) -> list[Row]:
     """Fly one path with all vehicles."""
-    ideal = Scenario(farm=farm, planner=planner, vehicle="ideal", seed=seed, score_points=40)
+    ideal = Scenario(farm=farm, planner=planner, vehicle="ideal", seed=seed, score_points=40, budget=budget)
     planned = plan(ideal)
     path = PlannedPath(planned.path_m, planned.spacing_m, planner)
     constant_s = planned.length_m / speed_m_s
@@ -65,7 +66,7 @@ def flights(farm: str, planner: str, seed: int, speed_m_s: float) -> list[Row]:
             file = Path(folder) / "path.plan"
             write_mission(mission, file)
             for wind in (False, True):
-                flown = replace(scenario, mission=str(file), cruise_speed_m_s=None)
+                flown = replace(scenario, mission=str(file), cruise_speed_m_s=None, budget=None)
                 weather = scenario_with(flown, WIND) if wind else flown
                 rows.append(_row(weather, planner, name, wind, constant_s))
     return rows
@@ -122,6 +123,7 @@ def main() -> None:
     """Run and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--farm", default="miniberry-100")
+    parser.add_argument("--budget", help="such as 12km")
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--speed", type=float, default=5.0, help="of the quads, m/s")
     parser.add_argument("--jobs", type=int, default=1)
@@ -129,7 +131,7 @@ def main() -> None:
     options = parser.parse_args()
     jobs = [(planner, seed) for planner in planner_names() for seed in range(options.seeds)]
     groups = Parallel(n_jobs=options.jobs)(
-        delayed(flights)(options.farm, planner, seed, options.speed) for planner, seed in jobs
+        delayed(flights)(options.farm, options.budget, planner, seed, options.speed) for planner, seed in jobs
     )
     rows = [row for group in groups for row in group]
     text = table(rows)

@@ -206,7 +206,7 @@ def _camera_command(
 
 
 def _default_radius(points: Points) -> float:
-    """Return a quarter of the shortest leg, which is the distance of rows; no vehicle holds less than 0.5 m."""
+    """Return a quarter of the shortest leg, the distance of rows; no vehicle holds less than 0.5 m."""
     steps = np.diff(points, axis=0)
     shortest = float(np.hypot(steps[:, 0], steps[:, 1]).min(initial=8.0))
     return min(max(shortest / 4.0, 0.5), 2.0)

@@ -3,8 +3,8 @@
     python benchmarks/flown_scores.py [--farm waterberry --budget 12km --seeds 1] [--out table.md]
 
 Each planner makes one path within the budget; without one it has the paper's length (0.4 steps for each of
-the owner's cells). The ideal robot follows it to the cell: that is the planned score. Then every vehicle flies
-it, in calm air and in wind.
+the owner's cells). The ideal robot follows it to the cell: that is the planned score. Then every vehicle
+flies it, in calm air and in wind.
 """
 
 from __future__ import annotations

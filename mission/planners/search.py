@@ -12,6 +12,9 @@ from mission.planners.path import Points
 from mission.planners.request import PlanningRequest
 
 LOOK_AHEAD = (1, 2, 3)
+# Of a round, the second guess halves what the first one leaves.
+_APART = 2
+_SLOPE_OVER = 0.9
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +54,8 @@ def densest_feasible(
     candidates beyond it, and goes on from there if one of them is feasible. Only a candidate whose own
     cost was seen to be within the limit is returned.
 
-    A budget that prices many paths at once gets them in rounds: a guess together with the next index, whose
-    price is needed anyway if the guess is the last feasible one, and all of those beyond the last one.
+    A budget that prices many paths at once gets them in rounds: a guess together with an index a little
+    beyond it, which bound the last feasible one if the guess is good, and all of those beyond the last one.
 
     Parameters
     ----------
@@ -106,7 +109,10 @@ def densest_feasible(
         while bad is None or bad - good > 1:
             guess = _guess(seen, bound, good, bad, highest, density, bisect=halve >= 2)
             width = (bad or highest + 1) - good
-            if feasible(*range(guess, min(guess + 1, highest) + 1 if at_once else guess + 1)):
+            beyond = guess
+            if at_once:
+                beyond += 1 if bad is None else max(1, (bad - guess) // _APART)
+            if feasible(guess, min(beyond, highest)):
                 good = max(index for index in seen if seen[index] <= bound)
                 bad = min((index for index in seen if index > good), default=None)
             else:
@@ -139,7 +145,9 @@ def _guess(
     if bad is not None:
         slope = (seen[bad] - low) / (density(bad) - low_density)
     else:
-        below = max((index for index in seen if index < good), default=None)
+        # The slope between neighbours says little.
+        apart = [index for index in seen if density(index) <= _SLOPE_OVER * low_density]
+        below = max(apart, default=None)
         rise = low - (seen[below] if below is not None else 0.0)
         run = low_density - (density(below) if below is not None else 0.0)
         slope = rise / run if run > 0 else 0.0

@@ -25,6 +25,7 @@ from mission.link.frames import Message
 from mission.link.tlog import TlogWriter
 from mission.model import Command, Frame, GeoPoint, MissionItem
 from sensors.camera import LeafCamera
+from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.camera import LeafCameraComponent
 from sim_vehicle.simulation import Simulation
 from sim_vehicle.spec import get_vehicle
@@ -117,7 +118,7 @@ def fly(rows: int, tlog: Path) -> tuple[float, float, Simulation, LeafCameraComp
     """Fly once; returns simulated and processor seconds."""
     farm = get_farm("miniberry-100")
     home, items = survey(rows, 30.0)
-    vehicle = SimVehicle(get_vehicle("quad"), home)
+    vehicle = SimVehicle(with_autopilot(get_vehicle("quad"), "px4"), home)
     camera = LeafCameraComponent(LeafCamera(Field(), (100, 100), 6), farm)
     ground = Ground(items)
     with TlogWriter(tlog) as log:

@@ -1,0 +1,161 @@
+"""What `plan` predicts against the whole simulated flight over MAVLink."""
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, Phase, assume, given, settings
+from hypothesis import strategies as st
+
+from mission.errors import PlanningError
+from mission.planners import PlanningRequest
+from mission.planners.budget import BatchBudget, LengthBudget
+from wbf_mission.flight import fly
+from wbf_mission.outcome import Outcome
+from wbf_mission.planning import FlightBudget, MissionBuilder, flown_vehicle, make_budget, plan
+from wbf_mission.scenario import Scenario
+from wbf_mission.weather import wind_of
+
+PLANNERS = ["lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint"]
+VEHICLES = [
+    ("quad", "px4"),
+    ("quad", "ardupilot"),
+    ("mapping-quad", "px4"),
+    ("mapping-quad", "ardupilot"),
+    ("mini-quad", "px4"),
+    ("mini-quad", "ardupilot"),
+    ("rover", "px4"),
+    ("rover", "ardupilot"),
+]
+# What the land detectors take.
+LANDED_S = {vehicle: 0.0 if "rover" in vehicle else 3.0 if "px4" in vehicle else 2.0 for vehicle in VEHICLES}
+
+
+def compared(scenario):
+    """Return predicted and flown time and energy."""
+    result = fly(scenario)
+    assert result.outcome is Outcome.COMPLETED
+    prediction = result.plan.prediction
+    assert prediction.feasible
+    used = (result.battery_used or 0.0) * (
+        result.plan.vehicle.battery.capacity_wh if result.battery_used else 1
+    )
+    return prediction.duration_s, result.flight_time_s, prediction.energy_wh, used
+
+
+# A flight takes too long for shrinking.
+@settings(
+    max_examples=16,
+    deadline=None,
+    phases=(Phase.explicit, Phase.reuse, Phase.generate),
+    suppress_health_check=list(HealthCheck),
+)
+@given(
+    farm=st.sampled_from(["miniberry-10", "miniberry-30", "miniberry-100"]),
+    planner=st.sampled_from(PLANNERS),
+    vehicle=st.sampled_from(VEHICLES),
+    minutes=st.sampled_from([4, 5, 6]),
+    blows=st.floats(0.0, 4.0),
+    direction=st.floats(0.0, 360.0),
+    shear=st.sampled_from([None, "log", "power"]),
+    seed=st.integers(0, 3),
+)
+def test_the_flight_takes_what_was_predicted(farm, planner, vehicle, minutes, blows, direction, shear, seed):
+    scenario = Scenario(
+        farm=farm,
+        planner=planner,
+        vehicle=vehicle[0],
+        autopilot=vehicle[1],
+        estimator="point",
+        budget=f"{minutes}min",
+        wind_speed_m_s=blows,
+        wind_direction_deg=direction,
+        wind_shear=shear,
+        seed=seed,
+    )
+    try:
+        predicted_s, flown_s, predicted_wh, flown_wh = compared(scenario)
+    except PlanningError:
+        assume(False)
+    # The ground station's clock ends with the last fix in the air, the mission when the landing is detected.
+    assert predicted_s - LANDED_S[vehicle] == pytest.approx(flown_s, rel=0.02)
+    # Counted by the ground station in whole mAh.
+    assert predicted_wh == pytest.approx(flown_wh, rel=0.03, abs=0.02)
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_the_ideal_robot_takes_as_many_steps_as_predicted(planner):
+    predicted_s, flown_s, _, _ = compared(Scenario(farm="miniberry-10", planner=planner, vehicle="ideal"))
+    assert predicted_s - 1.0 <= flown_s <= predicted_s
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+@pytest.mark.parametrize("vehicle", ["wing", "fixed-wing"])
+def test_a_wing_takes_what_was_predicted(vehicle, autopilot):
+    scenario = Scenario(
+        farm="waterberry",
+        vehicle=vehicle,
+        autopilot=autopilot,
+        planner="lawnmower",
+        estimator="point",
+        budget="12min",
+        wind_speed_m_s=3.0,
+        wind_direction_deg=200.0,
+    )
+    predicted_s, flown_s, predicted_wh, flown_wh = compared(scenario)
+    assert predicted_s == pytest.approx(flown_s, rel=0.02)
+    assert predicted_wh == pytest.approx(flown_wh, rel=0.03)
+
+
+@pytest.mark.parametrize("gusts", [{"turbulence": "light"}, {"wind_gust_m_s": 1.0}])
+def test_gusts_are_predicted_by_their_statistics_only(gusts):
+    scenario = Scenario(
+        farm="miniberry-30",
+        planner="spiral",
+        vehicle="mini-quad",
+        autopilot="ardupilot",
+        estimator="point",
+        budget="5min",
+        wind_speed_m_s=4.0,
+        wind_direction_deg=120.0,
+        **gusts,
+    )
+    flown = [compared(Scenario(**{**scenario.to_dict(), "seed": seed})) for seed in range(4)]
+    assert len({one[0] for one in flown}) == 1
+    assert len({one[3] for one in flown}) > 1
+    predicted_s, flown_s, predicted_wh, flown_wh = np.mean(flown, axis=0)
+    assert predicted_s == pytest.approx(flown_s, rel=0.02)
+    assert predicted_wh == pytest.approx(flown_wh, rel=0.03)
+
+
+def test_a_flight_budget_prices_many_paths_as_it_prices_one():
+    scenario = Scenario(
+        farm="miniberry-30", vehicle="quad", autopilot="px4", budget="3min", wind_speed_m_s=3.0
+    )
+    result = plan(scenario)
+    builder = MissionBuilder(scenario, result.farm, flown_vehicle(scenario))
+    for unit in ("s", "Wh"):
+        budget = FlightBudget(180.0 if unit == "s" else 9.0, unit, builder)
+        assert isinstance(budget, BatchBudget)
+        home = np.array([result.farm.home_m])
+        paths = [np.vstack((home, result.path_m[:n])) for n in (1, 3, 5)]
+        assert budget.costs(paths) == [budget.cost(path) for path in paths]
+        assert np.isfinite(budget.costs(paths)).all()
+    limit, _ = make_budget(builder)
+    request = PlanningRequest(result.farm.owner_area, result.farm.home_m, limit)
+    assert request.costs([result.path_m]) == [request.cost(result.path_m)]
+    plain = PlanningRequest(result.farm.owner_area, result.farm.home_m, LengthBudget(1000.0))
+    assert plain.costs([path[1:] for path in paths]) == [plain.cost(path[1:]) for path in paths]
+
+
+def test_too_much_wind_is_known_before_the_flight():
+    scenario = Scenario(
+        farm="miniberry-30",
+        vehicle="quad",
+        autopilot="px4",
+        budget="5min",
+        wind_speed_m_s=9.0,
+        turbulence="severe",
+    )
+    assert wind_of(scenario).is_gusty
+    with pytest.raises(PlanningError, match="less wind"):
+        plan(scenario)

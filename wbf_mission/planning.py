@@ -360,7 +360,7 @@ def _run_planner(planner: Planner, request: PlanningRequest, name: str) -> Plann
 
 def _check_wind(scenario: Scenario, vehicle: VehicleSpec) -> None:
     limit = vehicle.airspeed_limit_m_s
-    height_m = scenario.altitude_m or vehicle.takeoff_altitude_m
+    height_m = scenario.altitude_m or get_vehicle(scenario.vehicle).takeoff_altitude_m
     speed = math.hypot(*wind_of(scenario, gusts=False).mean_at(height_m))
     if not vehicle.is_ideal and speed >= limit:
         msg = (

@@ -4,18 +4,19 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
+from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.executor import MissionExecutor
 from sim_vehicle.flight import Disarmed, MissionComplete
-from sim_vehicle.predict import predict_flight
+from sim_vehicle.predict import REHEARSALS, expected_flights, predict_flight, predict_flights, rehearsals
 from sim_vehicle.spec import get_vehicle
 from sim_vehicle.swaps import batteries_needed
-from sim_vehicle.wind import Wind
+from sim_vehicle.wind import Turbulence, Wind, WindShear
 
 HOME = LocalFrame(28.05, -82.15)
 QUAD = get_vehicle("quad")
@@ -56,6 +57,17 @@ def flown(mission, spec, wind=None):
     return complete
 
 
+FLOWN = [
+    with_autopilot(get_vehicle(name), autopilot)
+    for name in ("quad", "mapping-quad", "mini-quad", "wing", "rover")
+    for autopilot in ("px4", "ardupilot")
+]
+AIR = [
+    Wind(),
+    Wind(3.0, -2.0),
+    Wind(2.0, 2.0, shear=WindShear("log")),
+    Wind(3.0, 0.0, seed=3, turbulence=Turbulence(4.0, 10.0, 6.0)),
+]
 FLIGHTS = [
     (plan(lawnmower(100.0, 6, 10.0)), QUAD, None),
     (plan(lawnmower(9.0, 15, 0.6), radius=0.1, speed=3.0), QUAD, None),
@@ -88,6 +100,66 @@ def test_the_prediction_is_the_flight_for_random_missions(points, speed, blow):
     duration, energy, _ = flown(mission, QUAD, wind)
     assert predicted.duration_s == duration
     assert predicted.energy_wh == pytest.approx(energy / 3600.0, abs=0.01)
+
+
+@settings(max_examples=25, deadline=None, phases=(Phase.explicit, Phase.reuse, Phase.generate))
+@given(
+    st.lists(st.tuples(st.floats(-120, 120), st.floats(-120, 120)), min_size=1, max_size=6),
+    st.sampled_from(FLOWN),
+    st.sampled_from(AIR),
+)
+def test_the_prediction_is_the_flight_of_every_vehicle(points, spec, wind):
+    mission = plan(points, speed=min(spec.cruise_speed_m_s, 8.0), end=20)
+    if spec.kind == "rover":
+        mission = replace(mission, items=mission.items[1:])
+    predicted = predict_flight(mission, spec, wind=wind)
+    if not predicted.feasible:
+        assert predicted.reason
+        return
+    duration, energy, length = flown(mission, spec, wind)
+    assert predicted.duration_s == duration
+    # The flown ones are read up to one look after the end, when a wing that does not land still flies.
+    assert predicted.energy_wh == pytest.approx(energy / 3600.0, abs=0.02)
+    assert predicted.path_length_m == pytest.approx(length, abs=0.1 * spec.top_speed_m_s)
+
+
+def test_of_gusts_the_statistics_decide():
+    spec = with_autopilot(get_vehicle("quad"), "ardupilot")
+    missions = [plan(lawnmower(100.0, n, 10.0)) for n in (3, 5)]
+    air = Wind(4.0, 1.0, seed=1, turbulence=Turbulence(7.0, 10.0, 6.0))
+    expected = expected_flights(missions, spec, wind=air)
+    again = expected_flights(missions, spec, wind=replace(air, seed=2), threads=2)
+    assert [one.energy_wh for one in expected] == [one.energy_wh for one in again]
+    flights = [[predict_flight(one, spec, wind=other) for other in rehearsals(air)] for one in missions]
+    for found, tries in zip(expected, flights, strict=True):
+        energies = sorted(one.energy_wh for one in tries)
+        assert found.energy_wh == energies[REHEARSALS // 2] and energies[0] < energies[-1]
+    assert rehearsals(air)[0] != rehearsals(air)[1]
+    # Without gusts there is nothing to rehearse.
+    calm = Wind(4.0, 1.0)
+    assert rehearsals(calm) == [calm] and rehearsals(None) == [None]
+    for one, other in zip(
+        expected_flights(missions, spec, wind=calm), predict_flights(missions, spec, wind=calm), strict=True
+    ):
+        assert (one.duration_s, one.energy_wh) == (other.duration_s, other.energy_wh)
+
+
+def test_gusts_cost_what_is_expected():
+    spec = with_autopilot(get_vehicle("mini-quad"), "ardupilot")
+    mission = plan(lawnmower(150.0, 10, 8.0))
+    air = Wind(4.0, 1.0, turbulence=Turbulence(9.0, 10.0, 6.0))
+    flights = [predict_flight(mission, spec, wind=replace(air, seed=k)) for k in range(12)]
+    energy = np.array([one.energy_wh for one in flights])
+    (expected,) = expected_flights([mission], spec, wind=air)
+    assert expected.energy_wh == pytest.approx(energy.mean(), rel=0.03)
+    assert expected.duration_s == pytest.approx(np.mean([one.duration_s for one in flights]), rel=0.02)
+
+
+def test_an_endless_battery_loses_as_much_in_itself_as_the_real_one():
+    mission = plan(lawnmower(100.0, 4, 10.0))
+    real, endless = predict_flight(mission, QUAD), predict_flight(mission, QUAD, endless=True)
+    assert endless.energy_wh == pytest.approx(real.energy_wh, rel=1e-9)
+    assert endless.battery_fraction > 0.999
 
 
 def test_the_ideal_vehicle_counts_the_steps_of_the_paper():

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.estimators.epidemic_context import probabilities_of_field
 from sensors.estimators.epidemic_decision import CLASS_VALUES, least_loss_value, standard_deviation
 from sensors.estimators.epidemic_features import (
     N_FEATURES,
@@ -152,7 +153,7 @@ class DiseaseBelief:
             self._features[rows] = part
             set_overall(self._features, overall_features(self._codes, self._host_count, self._seeds))
             x, y = self._x, self._y
-            around = self._network.probabilities(self._features)
+            around = probabilities_of_field(self._network, self._codes, x, y, self._features, self._seeds)
         else:
             if not exact:
                 # How noisy the readings are has been learned anew, which concerns all cells that were read.

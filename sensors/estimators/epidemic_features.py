@@ -8,8 +8,12 @@ follow.
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
+
+_Value = TypeVar("_Value", bound=np.generic)
 
 REACH = 8
 UNKNOWN, SEEN_SUSCEPTIBLE, SEEN_INFECTED, SEEN_REMOVED, NO_HOST_CODE = range(5)
@@ -24,18 +28,51 @@ _CLUSTER_LINK = 5
 N_FEATURES = len(_RING_ENDS) * len(_CODES) + _OVERALL
 
 
-def _rings() -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]:
+def _neighbours() -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     axis = np.arange(-REACH, REACH + 1)
     dx, dy = (grid.ravel() for grid in np.meshgrid(axis, axis, indexing="ij"))
-    squared = dx**2 + dy**2
-    near = squared > 0
-    dx, dy, squared = dx[near], dy[near], squared[near]
-    member = np.searchsorted(_RING_ENDS, squared)[:, None] == np.arange(len(_RING_ENDS))
-    # Counts are scaled by the root of the ring's size, so that features have similar variances.
-    return dx, dy, (member / np.sqrt(member.sum(axis=0))).astype(np.float32)
+    near = (dx != 0) | (dy != 0)
+    return dx[near], dy[near]
 
 
-_DX, _DY, _RING_WEIGHTS = _rings()
+_DX, _DY = _neighbours()
+
+
+def ring_weights(ends: tuple[int, ...]) -> NDArray[np.float32]:
+    """Return what sums the cells of `around_cells` over rings that end at these squared distances.
+
+    Counts are scaled by the root of the ring's size, so that features have similar variances.
+
+    Returns
+    -------
+    float32[288, rings]
+    """
+    member = np.searchsorted(ends, _DX**2 + _DY**2)[:, None] == np.arange(len(ends))
+    weights: NDArray[np.float32] = (member / np.sqrt(member.sum(axis=0))).astype(np.float32)
+    return weights
+
+
+_RING_WEIGHTS = ring_weights(_RING_ENDS)
+
+
+def around_cells(padded: NDArray[_Value], x: NDArray[np.intp], y: NDArray[np.intp]) -> NDArray[_Value]:
+    """Return the cells at most `REACH` away from some cells along each axis, these themselves left out.
+
+    Parameters
+    ----------
+    padded : [W + 2 REACH, H + 2 REACH]
+        Any map of the farm with a margin.
+    x, y : intp[n]
+        Cells of the farm.
+
+    Returns
+    -------
+    array[n, 288]
+    """
+    stride = padded.shape[1]
+    centres = (x + REACH) * stride + (y + REACH)
+    around: NDArray[_Value] = padded.reshape(-1)[centres[:, None] + (_DX * stride + _DY)]
+    return around
 
 
 def padded_codes(hosts: NDArray[np.bool_]) -> NDArray[np.uint8]:
@@ -74,14 +111,10 @@ def local_features(
     out : float32[n, N_FEATURES]
         The last columns, for `overall_features`, are left as they are.
     """
-    stride = codes.shape[1]
-    flat = codes.reshape(-1)
-    steps = _DX * stride + _DY
     width = len(_RING_ENDS)
     for start in range(0, len(x), _CHUNK_CELLS):
         part = slice(start, start + _CHUNK_CELLS)
-        centres = (x[part] + REACH) * stride + (y[part] + REACH)
-        around = flat[centres[:, None] + steps]
+        around = around_cells(codes, x[part], y[part])
         for number, code in enumerate(_CODES):
             seen = (around == code).astype(np.float32)
             out[part, number * width : (number + 1) * width] = seen @ _RING_WEIGHTS

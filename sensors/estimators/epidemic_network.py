@@ -29,6 +29,9 @@ class Network:
         One matrix a layer.
     biases : tuple of float32[m]
         One vector a layer.
+    further : tuple of Network
+        Networks that look again, with what the one before them found of the neighbours
+        (`sensors.estimators.epidemic_context`).
 
     Examples
     --------
@@ -39,6 +42,7 @@ class Network:
 
     weights: tuple[Floats32, ...]
     biases: tuple[Floats32, ...]
+    further: tuple[Network, ...] = ()
 
     @classmethod
     def draw(cls, sizes: Sequence[int], rng: Generator) -> Network:

@@ -25,8 +25,10 @@ from sensors.environment.soil import draw_weather, write_soil
 
 Floats = NDArray[np.float64]
 
-FUNCTIONS = 16
-"""Functions along each axis."""
+_FUNCTIONS = 16
+_MORE_FUNCTIONS = 24
+_SMALL_FARM_CELLS = 64 * 64
+_BATCH = 8192
 _REACH = 1.5
 _ROUGH_PART = 0.02
 _ROUGH_LENGTH = 0.35
@@ -91,8 +93,14 @@ class SoilField:
         self._shape = shape
         self._parameters = parameters
         self._seed = seed
+        # On small farms further functions do not tell more, and every update is four times as expensive.
+        small = shape[0] * shape[1] <= _SMALL_FARM_CELLS
+        self._functions_an_axis = _FUNCTIONS if small else _MORE_FUNCTIONS
         lengths = [np.sqrt(2.0) * parameters.spread * side for side in parameters.hump_sides(shape)]
-        axes = [_Axis(cells, length) for cells, length in zip(shape, lengths, strict=True)]
+        axes = [
+            _Axis(cells, length, self._functions_an_axis)
+            for cells, length in zip(shape, lengths, strict=True)
+        ]
         self._x, self._y = axes
         smooth, rough = (np.outer(axes[0].spectrum[i], axes[1].spectrum[i]).ravel() for i in range(2))
         self._spectrum = (1.0 - _ROUGH_PART) * smooth + _ROUGH_PART * rough
@@ -103,9 +111,11 @@ class SoilField:
     ) -> None:
         """Take readings (finite) of cells."""
         for day in np.unique(days).tolist():
-            now = days == day
-            sums = self._sums.setdefault(day, _Sums(1 + FUNCTIONS**2))
-            sums.add(self._functions(x[now], y[now]), values[now] - self._prior(day).mean)
+            now = np.flatnonzero(days == day)
+            sums = self._sums.setdefault(day, _Sums(1 + self._functions_an_axis**2))
+            for start in range(0, len(now), _BATCH):
+                part = now[start : start + _BATCH]
+                sums.add(self._functions(x[part], y[part]), values[part] - self._prior(day).mean)
 
     def fill(self, day: int, value: NDArray[np.float32], uncertainty: NDArray[np.float32]) -> float:
         """Write the posterior mean, within 0 .. 1, and standard deviation of a day into arrays [W, H].
@@ -117,7 +127,7 @@ class SoilField:
         """
         prior = self._prior(day)
         weights, covariance, noise = self._solve(day, prior)
-        table = (self._x.functions @ weights[1:].reshape(FUNCTIONS, FUNCTIONS)).astype(np.float32)
+        table = (self._x.functions @ weights[1:].reshape(2 * (self._functions_an_axis,))).astype(np.float32)
         np.matmul(table, self._y.functions.T.astype(np.float32), out=value)
         value += np.float32(prior.mean + weights[0])
         np.clip(value, 0.0, 1.0, out=value)
@@ -134,7 +144,7 @@ class SoilField:
         return soil_prior(self._parameters, self._shape, day, self._seed)
 
     def _functions(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> Floats:
-        """Return the constant and the functions' products at cells, float64[n, 1 + FUNCTIONS^2]."""
+        """Return the constant and the functions' products at cells, float64[n, 1 + functions^2]."""
         products = self._x.functions[x][:, :, None] * self._y.functions[y][:, None, :]
         return np.concatenate([np.ones((len(x), 1)), products.reshape(len(x), -1)], axis=1)
 
@@ -196,10 +206,10 @@ class _Sums:
 class _Axis:
     """Sine functions along one axis of the farm, their prior variances, and nodes to interpolate between."""
 
-    def __init__(self, cells: int, length: float) -> None:
+    def __init__(self, cells: int, length: float, functions: int) -> None:
         half = 0.5 * cells
         reach = max(_REACH * half, 3.2 * length)
-        order = np.arange(1, FUNCTIONS + 1)
+        order = np.arange(1, functions + 1)
         place = np.arange(cells) + 0.5 - half
         frequency = np.pi * order / (2.0 * reach)
         self.functions: Floats = np.sin(frequency * (place[:, None] + reach)) / np.sqrt(reach)

@@ -13,6 +13,7 @@ import itertools
 import json
 import os
 import zipfile
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -26,6 +27,7 @@ from sensors.environment import EpidemicParameters
 from sensors.environment.epidemic import MAX_DAYS
 from sensors.environment.outbreak import simulate_outbreak, value_table
 from sensors.errors import EstimatorError
+from sensors.estimators.epidemic_context import N_CONTEXT, context_features, probabilities_of_field
 from sensors.estimators.epidemic_features import (
     N_FEATURES,
     REACH,
@@ -40,11 +42,12 @@ from sensors.estimators.epidemic_network import Network, train
 from sensors.estimators.epidemic_paths import random_path
 from sensors.user_cache import user_cache_folder
 
-VERSION = 2
+VERSION = 3
 """Part of the names of files; it has to grow with every change of the training."""
 WHOLE_FARM_CELLS = 128 * 128
 """On farms with more cells the training sees windows; features of the whole field are not used."""
 LAYERS = (N_FEATURES, 64, 32, 3)
+FURTHER_LAYERS = (N_FEATURES + N_CONTEXT, 64, 32, 3)
 _WINDOW = 64
 _WAYS = 2
 _LOOKS = 3
@@ -54,6 +57,8 @@ _NEAR_PREFERENCE = 4.0
 _NEAR_SIZE = 9
 _WITH_SEEDS_SHARE = 0.8
 _SMALLEST_TRAINING = 10
+_FURTHER = 2
+_FURTHER_CELLS = 1_300_000
 
 _in_memory: dict[str, Network] = {}
 
@@ -122,8 +127,10 @@ def network_for(lesson: Lesson, hosts: NDArray[np.bool_], folder: str | os.PathL
 
 def save_network(network: Network, path: Path) -> None:
     """Write a network, or leave it if the folder cannot be written to."""
-    layers = {f"weight{i}": weight for i, weight in enumerate(network.weights)}
-    layers |= {f"bias{i}": bias for i, bias in enumerate(network.biases)}
+    layers: dict[str, NDArray[np.float32]] = {}
+    for number, one in enumerate((network, *network.further)):
+        layers |= {f"{_part(number)}weight{i}": weight for i, weight in enumerate(one.weights)}
+        layers |= {f"{_part(number)}bias{i}": bias for i, bias in enumerate(one.biases)}
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(path, "wb") as stream_:
@@ -134,19 +141,32 @@ def save_network(network: Network, path: Path) -> None:
 
 def load_network(path: Path) -> Network | None:
     """Read a network; None if there is none that can be used."""
-    weights, biases = [], []
     try:
         with np.load(path, allow_pickle=False) as file:
-            for i, shape in enumerate(itertools.pairwise(LAYERS)):
-                weight, bias = file[f"weight{i}"], file[f"bias{i}"]
-                good = weight.shape == shape and bias.shape == shape[1:]
-                good = good and weight.dtype == bias.dtype == np.float32
-                if not (good and np.isfinite(weight).all() and np.isfinite(bias).all()):
-                    return None
-                weights.append(weight)
-                biases.append(bias)
+            first = _read(file, 0, LAYERS)
+            stages = range(1, 1 + _FURTHER if f"{_part(1)}weight0" in file.files else 1)
+            further = [_read(file, number, FURTHER_LAYERS) for number in stages]
     except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
         return None
+    return replace(first, further=tuple(further))
+
+
+def _part(number: int) -> str:
+    return f"further{number}_" if number else ""
+
+
+def _read(file: Mapping[str, NDArray[np.float32]], number: int, layers: Sequence[int]) -> Network:
+    """Take one network from a file, or raise a ValueError or KeyError."""
+    weights, biases = [], []
+    for i, shape in enumerate(itertools.pairwise(layers)):
+        weight, bias = file[f"{_part(number)}weight{i}"], file[f"{_part(number)}bias{i}"]
+        good = weight.shape == shape and bias.shape == shape[1:]
+        good = good and weight.dtype == bias.dtype == np.float32
+        if not (good and np.isfinite(weight).all() and np.isfinite(bias).all()):
+            msg = f"layer {i} is not one of {shape}"
+            raise ValueError(msg)
+        weights.append(weight)
+        biases.append(bias)
     return Network(tuple(weights), tuple(biases))
 
 
@@ -157,8 +177,16 @@ def learn(lesson: Lesson, hosts: NDArray[np.bool_]) -> Network:
     rng = stream(lesson.seed, "epidemic-estimator", lesson.key(hosts))
     # One BLAS thread: the sums do not depend on the number of cores then.
     with threadpool_limits(1, user_api="blas"):
-        features, classes, weights = draw_samples(lesson, hosts, rng)
-        return train(Network.draw(LAYERS, rng), features, classes, weights, epochs=lesson.epochs, rng=rng)
+        samples = draw_samples(lesson, hosts, rng)
+        network = train(Network.draw(LAYERS, rng), *samples, epochs=lesson.epochs, rng=rng)
+        if hosts.size > WHOLE_FARM_CELLS:
+            return network
+        looks = _draw_looks(lesson, hosts, rng)
+        for _ in range(_FURTHER):
+            samples = _look_again(network, looks, hosts, lesson.parameters.seed_count(hosts.shape))
+            last = train(Network.draw(FURTHER_LAYERS, rng), *samples, epochs=lesson.epochs, rng=rng)
+            network = replace(network, further=(*network.further, last))
+        return network
 
 
 def classes_of(values: NDArray[np.floating]) -> NDArray[np.int8]:
@@ -191,40 +219,96 @@ def draw_samples(
     weights: list[NDArray[np.float64]] = []
     for _ in range(max(lesson.outbreaks, _SMALLEST_TRAINING)):
         land, truth, margin, weight = field.draw()
-        for _way in range(_WAYS):
-            cells = random_path(land.shape, max(1, int(_LONGEST_SHARE * land.size)), rng)
-            cells = cells[land[cells[:, 0], cells[:, 1]]]
-            for look in range(_LOOKS):
-                # The first looks are spread over the whole way, the later ones lie towards its end.
-                count = int(np.ceil(len(cells) * rng.random() ** (1.0 if look == 0 else 0.3)))
-                codes = padded_codes(land)
-                x, y = cells[:count].T
-                inner(codes)[x, y] = truth[x, y] + 1
-                chosen, counts = _choose(codes, margin, rng)
-                features.append(field.features(codes, chosen))
-                classes.append(truth[chosen[:, 0], chosen[:, 1]])
-                weights.append(weight * counts)
+        for codes in _looks(land, truth, rng):
+            chosen, counts = _choose(codes, margin, _CELLS_A_LOOK, rng)
+            features.append(field.features(codes, chosen))
+            classes.append(truth[chosen[:, 0], chosen[:, 1]])
+            weights.append(weight * counts)
+    return np.concatenate(features), np.concatenate(classes), _with_mean_one(weights)
+
+
+def _looks(land: NDArray[np.bool_], truth: NDArray[np.int8], rng: Generator) -> Iterator[NDArray[np.uint8]]:
+    """Yield what is known of a field (codes) at some times along random ways."""
+    for _way in range(_WAYS):
+        cells = random_path(land.shape, max(1, int(_LONGEST_SHARE * land.size)), rng)
+        cells = cells[land[cells[:, 0], cells[:, 1]]]
+        for look in range(_LOOKS):
+            # The first looks are spread over the whole way, the later ones lie towards its end.
+            count = int(np.ceil(len(cells) * rng.random() ** (1.0 if look == 0 else 0.3)))
+            codes = padded_codes(land)
+            x, y = cells[:count].T
+            inner(codes)[x, y] = truth[x, y] + 1
+            yield codes
+
+
+def _with_mean_one(weights: list[NDArray[np.float64]]) -> NDArray[np.float32]:
     together = np.concatenate(weights)
     mean = together.mean() if len(together) else 1.0
-    return np.concatenate(features), np.concatenate(classes), (together / mean).astype(np.float32)
+    return (together / mean).astype(np.float32)
+
+
+@dataclass(frozen=True, slots=True)
+class _Look:
+    """What is known of the farm at some time, the cells to learn from, their classes and weights."""
+
+    codes: NDArray[np.uint8]
+    chosen: NDArray[np.intp]
+    classes: NDArray[np.int8]
+    weights: NDArray[np.float64]
+
+
+def _draw_looks(lesson: Lesson, hosts: NDArray[np.bool_], rng: Generator) -> list[_Look]:
+    """Draw looks at the farm: on larger ones fewer with more cells each, as all cells have to be judged."""
+    field = _Fields(lesson, hosts, rng)
+    wanted = max(lesson.outbreaks, _SMALLEST_TRAINING)
+    most = max(_SMALLEST_TRAINING, _FURTHER_CELLS // (_WAYS * _LOOKS * max(field.hosts, 1)))
+    number = min(wanted, most)
+    cells = -(-_CELLS_A_LOOK * wanted // number)
+    found = []
+    for _ in range(number):
+        land, truth, margin, weight = field.draw()
+        for codes in _looks(land, truth, rng):
+            chosen, counts = _choose(codes, margin, cells, rng)
+            found.append(_Look(codes, chosen, truth[chosen[:, 0], chosen[:, 1]], weight * counts))
+    return found
+
+
+def _look_again(
+    network: Network, looks: list[_Look], hosts: NDArray[np.bool_], seeds: int
+) -> tuple[NDArray[np.float32], NDArray[np.int8], NDArray[np.float32]]:
+    """Return samples like `draw_samples`, with what a network believes of all cells in further columns."""
+    x, y = np.nonzero(hosts)
+    row = np.zeros(hosts.shape, np.intp)
+    row[x, y] = np.arange(len(x))
+    features = np.zeros((len(x), N_FEATURES), np.float32)
+    samples = []
+    for look in looks:
+        local_features(look.codes, x, y, features)
+        set_overall(features, overall_features(look.codes, len(x), seeds))
+        believed = probabilities_of_field(network, look.codes, x, y, features, seeds)
+        rows = row[look.chosen[:, 0], look.chosen[:, 1]]
+        context = context_features(look.codes, x, y, believed, seeds, rows)
+        samples.append(np.concatenate([features[rows], context], axis=1))
+    classes = np.concatenate([look.classes for look in looks])
+    return np.concatenate(samples), classes, _with_mean_one([look.weights for look in looks])
 
 
 def _choose(
-    codes: NDArray[np.uint8], margin: int, rng: Generator
+    codes: NDArray[np.uint8], margin: int, most: int, rng: Generator
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
     """Choose cells not observed, preferably near sick ones, and say for how many each stands."""
     from scipy import ndimage
 
     middle = inner(codes)[margin : codes.shape[0] - 2 * REACH - margin]
     unknown = np.argwhere(middle[:, margin : codes.shape[1] - 2 * REACH - margin] == UNKNOWN) + margin
-    if len(unknown) <= _CELLS_A_LOOK:
+    if len(unknown) <= most:
         return unknown, np.ones(len(unknown))
     sick = (inner(codes) == 2) | (inner(codes) == 3)
     near = ndimage.maximum_filter(sick.view(np.uint8), size=_NEAR_SIZE, mode="constant")
     preference = np.where(near[unknown[:, 0], unknown[:, 1]] > 0, _NEAR_PREFERENCE, 1.0)
     share = preference / preference.sum()
-    chosen = rng.choice(len(unknown), _CELLS_A_LOOK, p=share)
-    return unknown[chosen], 1.0 / (_CELLS_A_LOOK * share[chosen])
+    chosen = rng.choice(len(unknown), most, p=share)
+    return unknown[chosen], 1.0 / (most * share[chosen])
 
 
 class _Fields:

@@ -13,6 +13,7 @@ from sensors.estimators import check_estimator, make_estimator
 from sensors.estimators import epidemic_belief as belief_module
 from sensors.estimators import epidemic_training as training
 from sensors.estimators.epidemic import EpidemicEstimator
+from sensors.estimators.epidemic_context import N_CONTEXT, context_features, probabilities_of_field
 from sensors.estimators.epidemic_decision import CLASS_VALUES, least_loss_value, standard_deviation
 from sensors.estimators.epidemic_features import (
     N_FEATURES,
@@ -32,6 +33,7 @@ from sensors.observations import Observations
 from sensors.score import paper_loss
 
 SMALL = {"outbreaks": 60, "epochs": 2}
+FAIR = {"outbreaks": 150, "epochs": 6}
 
 
 @pytest.fixture(scope="module")
@@ -237,6 +239,64 @@ def test_a_file_that_is_no_network_is_not_used(tmp_path, spoil):
     assert load_network(tmp_path / "bad.npz") is None
 
 
+def test_further_networks_are_kept_too(tmp_path):
+    lesson = Lesson(CCR, 6, outbreaks=15, epochs=1, seed=5)
+    learned = training.learn(lesson, get_farm("miniberry-10").grid().strawberry)
+    assert len(learned.further) == 2
+    training.save_network(learned, tmp_path / "kept.npz")
+    again = load_network(tmp_path / "kept.npz")
+    assert len(again.further) == 2
+    for one, other in zip(learned.further, again.further, strict=True):
+        assert all(np.array_equal(a, b) for a, b in zip(one.weights, other.weights, strict=True))
+    with np.load(tmp_path / "kept.npz") as file:
+        arrays = dict(file)
+    del arrays["further2_bias1"]
+    np.savez(tmp_path / "part.npz", **arrays)
+    assert load_network(tmp_path / "part.npz") is None
+
+
+def test_context_sums_what_is_expected_in_each_ring():
+    hosts = np.ones((20, 20), bool)
+    codes = padded_codes(hosts)
+    inner(codes)[5, 6] = 2
+    inner(codes)[9, 9] = 3
+    inner(codes)[5, 8] = 1
+    x, y = np.nonzero(hosts)
+    believed = np.tile(np.float32([0.7, 0.2, 0.1]), (400, 1))
+    found = context_features(codes, x, y, believed, 3, np.array([5 * 20 + 7, 0]))
+    assert found.shape == (2, N_CONTEXT)
+    # Of the four neighbours one was seen infected and one healthy; the other two are expected to be.
+    assert found[0, 0] == pytest.approx((1 + 0 + 2 * 0.2) / 2)
+    assert found[0, 10] == pytest.approx(2 * 0.1 / 2)
+    assert found[1, 0] == pytest.approx(2 * 0.2 / 2)
+    assert found[:, 22] == pytest.approx((1 + 397 * 0.2) / 400)
+    assert found[:, 23] == pytest.approx((1 + 397 * 0.1) / 3)
+    assert found[:, 24] == pytest.approx(1 / 3)
+    everything = context_features(codes, x, y, believed, 3)
+    assert np.array_equal(everything[[107, 0]], found)
+
+
+def test_a_second_look_judges_better(cache):
+    """With equal training, on fields that the networks have not seen."""
+    hosts = get_farm("miniberry-10").grid().tomato
+    lesson = Lesson(TYLCV, 6, outbreaks=400, epochs=3)
+    network = network_for(lesson, hosts, cache)
+    looks = training._draw_looks(lesson, hosts, np.random.default_rng(77))
+    x, y = np.nonzero(hosts)
+    losses = np.zeros(2)
+    for look in looks:
+        features = np.zeros((len(x), N_FEATURES), np.float32)
+        local_features(look.codes, x, y, features)
+        features[:, -3:] = overall_features(look.codes, len(x), 3)
+        known = {(int(i), int(j)): row for row, (i, j) in enumerate(zip(x, y, strict=True))}
+        rows = [known[int(i), int(j)] for i, j in look.chosen]
+        first = network.probabilities(features)
+        last = probabilities_of_field(network, look.codes, x, y, features, 3)
+        for k, found in enumerate((first, last)):
+            losses[k] -= np.log(found[rows, look.classes] + 1e-6).sum()
+    assert losses[1] < losses[0]
+
+
 def test_without_a_folder_to_write_to_it_still_learns(tmp_path, monkeypatch):
     blocked = tmp_path / "file"
     blocked.write_text("in the way")
@@ -334,7 +394,7 @@ def test_what_was_read_is_known_and_what_was_not_is_doubted(cache):
 def test_a_sick_plant_makes_its_neighbours_doubtful(cache):
     grid = get_farm("miniberry-30").grid()
     x, y = np.argwhere(grid.tomato)[200]
-    estimator = EpidemicEstimator(outbreaks=300, epochs=4, cache=cache).fit(grid)
+    estimator = EpidemicEstimator(**FAIR, cache=cache).fit(grid)
     nothing, sick, well = (
         estimator.fit(grid, seen).predict().value[0, x + 1, y]
         for seen in (None, observe([x], [y], [0.5, 1, 0.5]), observe([x], [y], [1.0, 1, 0.5]))
@@ -352,9 +412,7 @@ def test_noise_on_the_readings_is_noticed(cache):
             truth = truth_of(grid, seed)
             seen = rows_over(truth)
             noisy = seen.values + noise * rng.standard_normal(seen.values.shape)
-            model = (
-                EpidemicEstimator(**SMALL, cache=cache).fit(grid, observe(seen.x, seen.y, noisy)).predict()
-            )
+            model = EpidemicEstimator(**FAIR, cache=cache).fit(grid, observe(seen.x, seen.y, noisy)).predict()
             loss += paper_loss(truth, model.value, relevance_masks(grid))
         losses.append(loss)
     assert losses[0] <= losses[1] <= losses[2] < 3 * losses[0]

@@ -14,7 +14,6 @@ from geo import Farm
 from geo.errors import WbfMissionError
 from geo.seeds import child_seed, stream
 from mission.link.tlog import TlogWriter
-from mission.model import GeoPoint
 from sensors.camera import LeafCamera, LeafCameraOptions
 from sensors.environment import Environment
 from sensors.environment.cache import EnvironmentCache
@@ -31,7 +30,7 @@ from wbf_mission.estimation import RunEstimate, require_run_memory, score_points
 from wbf_mission.flight_result import FlightResult
 from wbf_mission.ground import GroundStation
 from wbf_mission.outcome import Outcome, Phase
-from wbf_mission.planning import PlanResult, plan
+from wbf_mission.planning import PlanResult, home_of, plan
 from wbf_mission.scenario import Scenario
 from wbf_mission.weather import noise_of, wind_of
 
@@ -177,8 +176,7 @@ class _Run:
         camera = LeafCamera(environment, grid.shape, scenario.day, options, stream(scenario.seed, "camera"))
         self.assembler = ObservationAssembler(farm, day=scenario.day)
         self.ground = GroundStation(planned.mission, self.assembler, on_progress=self._on_transfer)
-        latitude, longitude = farm.frame.to_wgs84(*farm.home_m)
-        home = planned.mission.home or GeoPoint(latitude, longitude, farm.frame.altitude_m)
+        home = home_of(planned.mission, farm)
         self.vehicle = SimVehicle(
             planned.vehicle,
             home,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -17,7 +17,7 @@ from geo.errors import WbfMissionError
 from geo.seeds import child_seed
 from mission.errors import PlanningError
 from mission.files import read_mission
-from mission.model import Command, Mission
+from mission.model import Command, GeoPoint, Mission
 from mission.planners import (
     Budget,
     CropArea,
@@ -370,6 +370,12 @@ def _check_wind(scenario: Scenario, vehicle: VehicleSpec) -> None:
         raise ScenarioError(msg)
 
 
+def home_of(mission: Mission, farm: Farm) -> GeoPoint:
+    """Return where a flight of ``mission`` begins: at its own home, without one at the farm's."""
+    latitude_deg, longitude_deg = farm.frame.to_wgs84(*farm.home_m)
+    return mission.home or GeoPoint(latitude_deg, longitude_deg, farm.frame.altitude_m)
+
+
 def _read(builder: MissionBuilder, area: Any, footprint_m: float) -> PlanResult:
     """Take the mission from the scenario's file; the farm only says where its waypoints lie."""
     path = str(builder.scenario.mission)
@@ -383,7 +389,11 @@ def _read(builder: MissionBuilder, area: Any, footprint_m: float) -> PlanResult:
     )
     points = np.column_stack((x, y))
     route = PlannedPath(points, None, "file")
-    prediction = builder.predict(mission)
+    # The flight of a mission without a home begins at the farm's.
+    home = home_of(mission, builder.farm)
+    home_m = builder.farm.frame.from_wgs84(home.latitude_deg, home.longitude_deg)
+    placed = replace(mission, home=home)
+    prediction = builder.predict(placed)
     returns = any(item.command == Command.NAV_RETURN_TO_LAUNCH for item in mission.items)
     return PlanResult(
         farm=builder.farm,
@@ -392,10 +402,8 @@ def _read(builder: MissionBuilder, area: Any, footprint_m: float) -> PlanResult:
         path_m=points,
         spacing_m=None,
         budget_text="none (mission file)",
-        length_m=LengthBudget(1.0, builder.farm.home_m if returns else None).cost(
-            np.vstack((builder.farm.home_m, points)) if mission.home is None else points
-        ),
+        length_m=LengthBudget(1.0, home_m if returns else None).cost(np.vstack((home_m, points))),
         coverage=coverage(route, area, footprint_m),
         prediction=prediction,
-        batteries=builder.batteries(mission, prediction),
+        batteries=builder.batteries(placed, prediction),
     )

@@ -10,6 +10,7 @@ import shapely
 from geo import get_farm, save_farm
 from mission.errors import PlanningError
 from mission.files import write_mission
+from mission.model import GeoPoint
 from mission.planners import PlannedPath, PlanningRequest
 from wbf_mission.planning import plan
 from wbf_mission.scenario import Scenario, ScenarioError
@@ -70,6 +71,34 @@ def test_a_mission_file_is_taken_as_it_is(tmp_path: Path) -> None:
     again = plan(replace(scenario, mission=str(path)))
     assert len(again.mission.items) == len(made.mission.items)
     assert again.prediction.duration_s == pytest.approx(made.prediction.duration_s, rel=1e-3)
+
+
+def test_a_mission_file_without_a_home_begins_at_the_farms(tmp_path: Path) -> None:
+    scenario = Scenario(farm="miniberry-100", planner="spiral", budget="500m")
+    made = plan(scenario)
+    path = tmp_path / "mine.json"
+    away = tuple(replace(item, x=item.x + 0.005) if item.x else item for item in made.mission.items)
+    write_mission(replace(made.mission, items=away, home=None), path)
+    homeless = plan(replace(scenario, mission=str(path)))
+    home = homeless.farm.frame.to_wgs84(*homeless.farm.home_m)
+    write_mission(replace(made.mission, items=away, home=GeoPoint(*home)), path)
+    at_home = plan(replace(scenario, mission=str(path)))
+    assert homeless.mission.home is None
+    assert homeless.prediction.duration_s == pytest.approx(at_home.prediction.duration_s, rel=1e-3)
+    assert homeless.prediction.duration_s > made.prediction.duration_s + 100.0
+    assert homeless.length_m == pytest.approx(at_home.length_m, abs=0.1)
+    assert homeless.length_m > made.length_m + 1000.0
+
+
+def test_the_length_of_a_mission_file_counts_from_its_own_home(tmp_path: Path) -> None:
+    scenario = Scenario(farm="miniberry-100", planner="spiral", budget="500m")
+    made = plan(scenario)
+    assert made.mission.home is not None
+    path = tmp_path / "mine.plan"
+    away = tuple(replace(item, x=item.x + 0.005) if item.x else item for item in made.mission.items)
+    home = replace(made.mission.home, latitude_deg=made.mission.home.latitude_deg + 0.005)
+    write_mission(replace(made.mission, items=away, home=home), path)
+    assert plan(replace(scenario, mission=str(path))).length_m == pytest.approx(made.length_m, abs=1.0)
 
 
 def test_the_plan_depends_on_the_seed_only() -> None:

@@ -46,8 +46,8 @@ _TRACK_POINTS = 20_000
 _GRID_STEPS = 5
 _ENDLESS_WH = 1e6
 _REHEARSAL_SEED = 0x1D8F
-REHEARSALS = 3
-"""In how many other gusts `expected_flights` tries a flight."""
+REHEARSAL_PAIRS = 2
+"""In how many other gusts, and in as many that blow the other way, `expected_flights` tries a flight."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +165,8 @@ def predict_flights(
         _Flight(one, spec, wind, frame, track_step_s=track_step_s, epoch_unix_s=epoch_unix_s, endless=endless)
         for one in missions
     ]
-    return _predicted(flights, threads)
+    _fly_all(flights, threads)
+    return [flight.prediction() for flight in flights]
 
 
 def expected_flights(
@@ -180,10 +181,10 @@ def expected_flights(
 ) -> list[Prediction]:
     """Predict flights in a wind whose gusts are known by their statistics only.
 
-    In a wind without gusts this is `predict_flights`. Otherwise each mission is flown in `REHEARSALS` winds
-    that have the same mean, shear and gust statistics, but gusts of their own (always the same ones, whatever
-    the seed of ``wind``), and the flight of median energy (or time, where there is no energy) is returned.
-    That counts what gusts cost in power as well as in time.
+    In a wind without gusts this is `predict_flights`. Otherwise each mission is flown in the `rehearsals` of
+    the wind, and duration, energy and length are the means of these flights, the track that of the one whose
+    energy is nearest to the mean. That counts what gusts cost in power as well as in time. A mission that is
+    not completed in half of them is not feasible.
 
     Parameters
     ----------
@@ -201,17 +202,44 @@ def expected_flights(
         for one in missions
         for air in winds
     ]
-    found = _predicted(flights, threads)
-    tries = [found[k : k + len(winds)] for k in range(0, len(found), len(winds))]
-    return [sorted(some, key=_cost_order)[len(some) // 2] for some in tries]
+    _fly_all(flights, threads)
+    return [_mean(flights[k : k + len(winds)]) for k in range(0, len(flights), len(winds))]
+
+
+def _mean(flights: list[_Flight]) -> Prediction:
+    """Return what is to be expected of a mission that was flown in several winds."""
+    predictions = [flight.prediction() for flight in flights]
+    done = [one for one, flight in zip(predictions, flights, strict=True) if flight.completed]
+    if len(done) == 1 == len(flights):
+        return done[0]
+    if 2 * len(done) <= len(flights):
+        return next(one for one, flight in zip(predictions, flights, strict=True) if not flight.completed)
+    energy_wh = sum(one.energy_wh for one in done) / len(done)
+    battery_fraction, reason = flights[0].left(energy_wh)
+    typical = min(done, key=lambda one: abs(one.energy_wh - energy_wh))
+    return replace(
+        typical,
+        duration_s=sum(one.duration_s for one in done) / len(done),
+        energy_wh=energy_wh,
+        battery_fraction=battery_fraction,
+        path_length_m=sum(one.path_length_m for one in done) / len(done),
+        feasible=not reason,
+        reason=reason,
+    )
 
 
 def rehearsals(wind: Wind | None) -> list[Wind | None]:
-    """Return winds with the statistics of a wind but other gusts; the wind itself if it has none."""
+    """Return winds to try a flight in that is to happen in a wind of which only the statistics are known.
+
+    They have the mean, shear and gust statistics of ``wind``, but gusts of their own, always the same ones
+    whatever its seed. They come in pairs, in which the gusts of the second are those of the first the other
+    way round: what grows with the gust then cancels in the mean, and few flights suffice (antithetic
+    variates; Hammersley and Morton 1956). A wind without gusts is returned alone.
+    """
     if wind is None or not wind.is_gusty:
         return [wind]
-    seeds = [np.random.SeedSequence(_REHEARSAL_SEED, spawn_key=(k,)) for k in range(REHEARSALS)]
-    return [replace(wind, seed=seed) for seed in seeds]
+    seeds = [np.random.SeedSequence(_REHEARSAL_SEED, spawn_key=(k,)) for k in range(REHEARSAL_PAIRS)]
+    return [replace(wind, seed=seed, mirrored=mirrored) for seed in seeds for mirrored in (False, True)]
 
 
 def without_end(spec: VehicleSpec) -> VehicleSpec:
@@ -221,12 +249,8 @@ def without_end(spec: VehicleSpec) -> VehicleSpec:
     return replace(spec, battery=replace(spec.battery, capacity_wh=_ENDLESS_WH))
 
 
-def _cost_order(prediction: Prediction) -> tuple[bool, float, float]:
-    return not prediction.feasible, prediction.energy_wh, prediction.duration_s
-
-
-def _predicted(flights: list[_Flight], threads: int) -> list[Prediction]:
-    """Fly together what has something to fly, and return what it took."""
+def _fly_all(flights: list[_Flight], threads: int) -> None:
+    """Fly together what has something to fly."""
     flown = [flight for flight in flights if flight.executor is not None]
     if len(flown) > 1 and not flown[0].spec.is_ideal:
         if threads > 1:
@@ -234,7 +258,6 @@ def _predicted(flights: list[_Flight], threads: int) -> list[Prediction]:
                 _fly_together(flown, pool)
         else:
             _fly_together(flown, None)
-    return [flight.prediction() for flight in flights]
 
 
 def _fly_together(flights: list[_Flight], pool: ThreadPoolExecutor | None) -> None:
@@ -285,6 +308,7 @@ class _Flight:
         self.longest_s = _LONGEST_IDEAL_S if spec.is_ideal else _LONGEST_S
         self.executor: MissionExecutor | None = None
         self.events: list[FlightEvent] | None = None
+        self.completed = False
         self._track_step_s = track_step_s
         home = frame if frame is not None else home_frame(mission)
         places = item_places(mission.items, home)
@@ -320,13 +344,9 @@ class _Flight:
         if executor.time_s > end_s and spec.power is not None and not reason:
             idle_w = spec.power.avionics_w + spec.power.camera_w + spec.power.idle_w
             energy_j -= idle_w * (executor.time_s - end_s)
-        fraction = 1.0
-        if spec.battery is not None:
-            fraction = min(1.0, max(0.0, 1.0 - energy_j / WH_J / spec.battery.capacity_wh))
-            if not reason and fraction < spec.battery.reserve_fraction:
-                reserve = 100.0 * spec.battery.reserve_fraction
-                left = 100.0 * fraction
-                reason = f"{left:.0f} % of the battery is left at the end, the reserve is {reserve:.0f} %"
+        self.completed = not reason
+        fraction, too_little = self.left(energy_j / WH_J)
+        reason = reason or too_little
         return Prediction(
             duration_s=end_s,
             energy_wh=energy_j / WH_J,
@@ -337,6 +357,18 @@ class _Flight:
             feasible=not reason,
             reason=reason,
         )
+
+    def left(self, energy_wh: float) -> tuple[float, str]:
+        """Return the fraction of the battery that is left after so much, and why it is too little."""
+        battery = self.spec.battery
+        if battery is None:
+            return 1.0, ""
+        fraction = min(1.0, max(0.0, 1.0 - energy_wh / battery.capacity_wh))
+        if fraction >= battery.reserve_fraction:
+            return fraction, ""
+        reserve = 100.0 * battery.reserve_fraction
+        left = 100.0 * fraction
+        return fraction, f"{left:.0f} % of the battery is left at the end, the reserve is {reserve:.0f} %"
 
     @staticmethod
     def _end(executor: MissionExecutor, events: list[FlightEvent]) -> tuple[float, str]:

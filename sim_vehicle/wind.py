@@ -96,6 +96,9 @@ class Wind:
         Without it the mean wind is the same at all heights.
     turbulence : Turbulence, optional
         Dryden's gusts, instead of ``gust_m_s``.
+    mirrored : bool
+        Every gust blows the other way: as likely, and together with the first the mean of both is nearly that
+        of all (antithetic variates).
 
     Raises
     ------
@@ -117,6 +120,7 @@ class Wind:
     height_m: float = 10.0
     shear: WindShear | None = None
     turbulence: Turbulence | None = None
+    mirrored: bool = False
 
     def __post_init__(self) -> None:
         for name in ("east_m_s", "north_m_s", "gust_m_s", "correlation_s"):
@@ -184,7 +188,7 @@ class WindSeries:
     holds.
     """
 
-    __slots__ = ("_gusts", "_rows", "block", "first")
+    __slots__ = ("_gusts", "_rows", "_sign", "block", "first")
 
     def __init__(self, wind: Wind) -> None:
         seed = wind.seed
@@ -204,6 +208,7 @@ class WindSeries:
             self._rows[:, 6] = shear.roughness_m if shear.law == "log" else shear.exponent
         self._rows[:, 7] = wind.height_m
         self._rows[:, 8] = isinstance(self._gusts, _Dryden)
+        self._sign = -1.0 if wind.mirrored else 1.0
         self.first = 0
         self.block: NDArray[np.float64] = self._draw()
 
@@ -229,7 +234,7 @@ class WindSeries:
         block = self._rows.copy()
         if self._gusts is not None:
             gust = self._gusts.draw()
-            block[:, : gust.shape[1]] += gust
+            block[:, : gust.shape[1]] += self._sign * gust
         return block
 
 

@@ -33,7 +33,7 @@ from sensors.observations import Observations
 from sensors.score import paper_loss
 
 SMALL = {"outbreaks": 60, "epochs": 2}
-FAIR = {"outbreaks": 150, "epochs": 6}
+FAIR = {"outbreaks": 100, "epochs": 6}
 
 
 @pytest.fixture(scope="module")
@@ -279,7 +279,7 @@ def test_context_sums_what_is_expected_in_each_ring():
 def test_a_second_look_judges_better(cache):
     """With equal training, on fields that the networks have not seen."""
     hosts = get_farm("miniberry-10").grid().tomato
-    lesson = Lesson(TYLCV, 6, outbreaks=400, epochs=3)
+    lesson = Lesson(TYLCV, 6, outbreaks=250, epochs=4)
     network = network_for(lesson, hosts, cache)
     looks = training._draw_looks(lesson, hosts, np.random.default_rng(77))
     x, y = np.nonzero(hosts)

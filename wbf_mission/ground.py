@@ -160,7 +160,7 @@ class GroundStation:
 
     @property
     def flight_time_s(self) -> float:
-        """From the start of the mission to the last fix in the air."""
+        """From the start of the mission until the vehicle tells that it has landed."""
         if self.started_s is None:
             return 0.0
         return max(0.0, self._aloft_ms / 1e3 - self.started_s)
@@ -272,7 +272,8 @@ class GroundStation:
         if self.phase is Phase.FLIGHT:
             self._fixes.append((message.time_boot_ms, message.lat, message.lon, message.relative_alt))
             off_ground = message.relative_alt > _GROUND_MM or self._is_rover
-            if off_ground and not self._grounded:
+            # From the first fix in the air until the vehicle tells that it has landed, which takes it a while.
+            if (off_ground or self._aloft_ms > 0) and not self._grounded:
                 self._aloft_ms = message.time_boot_ms
         return []
 

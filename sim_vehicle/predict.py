@@ -312,11 +312,15 @@ class _Flight:
         self._track_step_s = track_step_s
         home = frame if frame is not None else home_frame(mission)
         places = item_places(mission.items, home)
-        self._problem = next(iter(mission_problems(mission.items, places, spec)), None)
+        # PX4 climbs first when a mission begins on the ground without a take-off item.
+        takes_off = spec.kind == "multirotor" and spec.autopilot == "px4"
+        problems = mission_problems(mission.items, places, spec, needs_takeoff=not takes_off)
+        self._problem = next(iter(problems), None)
         if self._problem is not None:
             return
         self.executor = executor = MissionExecutor(spec, home, wind=wind)
         executor.epoch_unix_s = epoch_unix_s
+        executor.takes_off = takes_off
         motion = executor.motion
         tick_s = motion.step_s if spec.is_ideal else motion.step_s * _GRID_STEPS
         motion.track_every = max(1, round(track_step_s / tick_s))

@@ -252,3 +252,12 @@ def test_no_number_of_batteries_is_enough():
     assert batteries_needed(mission, QUAD, predict_flight(mission, QUAD, wind=gale), wind=gale) is None
     steps = plan(lawnmower(9.0, 3, 0.9))
     assert batteries_needed(steps, IDEAL, predict_flight(steps, IDEAL)) == 0
+
+
+def test_px4_climbs_by_itself_where_a_take_off_is_missing():
+    mission = plan(lawnmower(100.0, 2, 10.0))
+    mission = replace(mission, items=mission.items[1:])
+    predicted = predict_flight(mission, with_autopilot(QUAD, "px4"))
+    assert predicted.feasible and predicted.duration_s > 60.0
+    assert predicted.track_m[:, 2].max() > 9.0
+    assert "no take-off" in predict_flight(mission, with_autopilot(QUAD, "ardupilot")).reason

@@ -91,8 +91,8 @@ def load_vehicle(path: Path) -> VehicleSpec:
         raise VehicleError(msg)
     base = replace(_packaged(name), published=None, description="")
     if kind is not None and kind != base.kind:
-        # Nothing of a battery or a power model of another kind can be meant.
-        base = replace(VehicleSpec(base.name), kind=kind)
+        msg = f"{where}: kind {kind} does not fit base {name}, which is a {base.kind}: leave one of them out"
+        raise VehicleError(msg)
     return _build(where, path.stem, data, base)
 
 

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Prediction",
+    "climbs_by_itself",
     "expected_flights",
     "home_frame",
     "predict_flight",
@@ -242,6 +243,11 @@ def rehearsals(wind: Wind | None) -> list[Wind | None]:
     return [replace(wind, seed=seed, mirrored=mirrored) for seed in seeds for mirrored in (False, True)]
 
 
+def climbs_by_itself(spec: VehicleSpec) -> bool:
+    """Whether a vehicle climbs first when its mission begins on the ground without a take-off: PX4 does."""
+    return spec.kind == "multirotor" and spec.autopilot == "px4"
+
+
 def without_end(spec: VehicleSpec) -> VehicleSpec:
     """Return a vehicle whose battery is never empty."""
     if spec.battery is None:
@@ -312,8 +318,7 @@ class _Flight:
         self._track_step_s = track_step_s
         home = frame if frame is not None else home_frame(mission)
         places = item_places(mission.items, home)
-        # PX4 climbs first when a mission begins on the ground without a take-off item.
-        takes_off = spec.kind == "multirotor" and spec.autopilot == "px4"
+        takes_off = climbs_by_itself(spec)
         problems = mission_problems(mission.items, places, spec, needs_takeoff=not takes_off)
         self._problem = next(iter(problems), None)
         if self._problem is not None:

@@ -11,8 +11,10 @@ import numpy as np
 from mission.model import Command, MissionItem
 from sim_vehicle.battery import WH_J
 from sim_vehicle.executor import MissionExecutor
+from sim_vehicle.feasibility import mission_problems
 from sim_vehicle.flight import CannotFly, Disarmed, ItemReached, MissionComplete
-from sim_vehicle.predict import home_frame, rehearsals, without_end
+from sim_vehicle.itinerary import item_places
+from sim_vehicle.predict import climbs_by_itself, home_frame, rehearsals, without_end
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -118,17 +120,22 @@ def battery_changes(
     if battery is None:
         return ()
     home = frame if frame is not None else home_frame(mission)
+    needs_takeoff = not climbs_by_itself(spec)
+    if any(
+        mission_problems(mission.items, item_places(mission.items, home), spec, needs_takeoff=needs_takeoff)
+    ):
+        return None
     ground = _Ground(mission, without_end(spec), home, rehearsals(wind)[0])
     whole = ground.fly(mission.items)
     if whole is None:
         return None
     usable = battery.capacity_wh * (1.0 - battery.reserve_fraction)
-    used, places = whole.energy_wh, whole.place_m
+    used, track = whole.energy_wh, whole.place_m
     # The way home is about so much; how much more it is, is seen by flying it.
     mean_w = used[-1] / max(whole.time_s[-1], 1.0)
-    way_s = np.hypot(places[:, 0], places[:, 1]) / spec.cruise_speed_m_s
+    way_s = np.hypot(track[:, 0], track[:, 1]) / spec.cruise_speed_m_s
     if spec.kind != "rover":
-        way_s += places[:, 2] / spec.descent_speed_m_s
+        way_s += track[:, 2] / spec.descent_speed_m_s
     rough = mean_w * way_s
     changes: list[BatteryChange] = []
     begin, out, more = 0, 0.0, 0.0
@@ -141,7 +148,7 @@ def battery_changes(
             if at in (begin, last):
                 break
             last = at
-            ways = ground.there_and_back(places[at], int(whole.seq[at]))
+            ways = ground.there_and_back(track[at], int(whole.seq[at]))
             if ways is None:
                 return None
             next_out, back = ways
@@ -151,13 +158,13 @@ def battery_changes(
         while last > begin and spent[last] + back > usable:
             # A way home that grew in between: a little earlier, by what it is too much.
             last -= max(1, math.ceil((spent[last] + back - usable) * 3600.0 / mean_w / _LOOK_S))
-            ways = ground.there_and_back(places[max(last, begin)], int(whole.seq[max(last, begin)]))
+            ways = ground.there_and_back(track[max(last, begin)], int(whole.seq[max(last, begin)]))
             if ways is None:
                 return None
             next_out, back = ways
         if last <= begin:
             return None
-        x, y, z = places[last].tolist()
+        x, y, z = track[last].tolist()
         energy = float(spent[last]) + back
         changes.append(BatteryChange(float(whole.time_s[last]), (x, y, z), int(whole.seq[last]), energy))
         begin, out = last, next_out
@@ -205,6 +212,7 @@ class _Ground:
         """Fly items to their end and return what happened; None if it never ends or cannot be flown."""
         executor = self._new()
         motion = executor.motion
+        executor.takes_off = climbs_by_itself(executor.spec)
         executor.load(items)
         executor.arm()
         executor.start()

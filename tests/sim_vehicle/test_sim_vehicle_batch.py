@@ -173,8 +173,8 @@ def test_predictions_together_are_the_predictions_one_by_one(missions, autopilot
         items = [MissionItem(22, 3, 0, 0, 0, None, 28.05, -82.15, 12.0), MissionItem(178, 2, 1, 5.0, -1)]
         items += [MissionItem.waypoint(*HOME.to_wgs84(x, y), 12.0, hold_s=1.0 * (x > 0)) for x, y in points]
         plans.append(Mission((*items, MissionItem(20, 2)), GeoPoint(28.05, -82.15)))
-    # One that cannot be flown at all.
-    plans.append(Mission((MissionItem(16, 3, x=28.05, y=-82.15, z=5.0),), GeoPoint(28.05, -82.15)))
+    # One that cannot be flown at all: too high.
+    plans.append(Mission((MissionItem(22, 3, x=28.05, y=-82.15, z=5000.0),), GeoPoint(28.05, -82.15)))
     together = predict_flights(plans, spec, wind=WINDS[wind], threads=threads)
     for plan, found in zip(plans, together, strict=True):
         single = predict_flight(plan, spec, wind=WINDS[wind])

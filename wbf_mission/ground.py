@@ -272,7 +272,7 @@ class GroundStation:
         if self.phase is Phase.FLIGHT:
             self._fixes.append((message.time_boot_ms, message.lat, message.lon, message.relative_alt))
             off_ground = message.relative_alt > _GROUND_MM or self._is_rover
-            # From the first fix in the air until the vehicle tells that it has landed, which takes it a while.
+            # From the first fix in the air until the vehicle tells that it has landed: it takes it a while.
             if (off_ground or self._aloft_ms > 0) and not self._grounded:
                 self._aloft_ms = message.time_boot_ms
         return []

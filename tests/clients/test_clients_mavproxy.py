@@ -112,9 +112,9 @@ def test_plans_parameters_and_a_flight(autopilot, session, tools, tmp_path):
     rally = write_waypoints(tmp_path / "rally.txt", tools.rally_about(flying.home))
     count = len(flying.mission)
 
-    name, value = ("WPNAV_SPEED", 600.0) if ardupilot else ("MPC_XY_CRUISE", 6.0)
+    name, default, value = ("WPNAV_SPEED", 1000, 600.0) if ardupilot else ("MPC_XY_CRUISE", 5, 6.0)
     proxy.type("param fetch", r"Received \d+ parameters")
-    proxy.type(f"param show {name}", rf"{name}\s+8")
+    proxy.type(f"param show {name}", rf"{name}\s+{default}\b")
     proxy.type(f"param set {name} {value:g}")
     tools.wait_until(lambda: flying.vehicle.pilot.spec.cruise_speed_m_s == 6.0, what="the new speed")
 

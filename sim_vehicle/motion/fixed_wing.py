@@ -11,9 +11,8 @@ import numpy as np
 from sim_vehicle.battery import WH_J
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion import fixed_wing_kernel as wing
-from sim_vehicle.motion.kernel import COUNTERS, GRID
-from sim_vehicle.motion.kernel import WIND as WIND_USED
-from sim_vehicle.motion.model import LegKind, MotionEvent
+from sim_vehicle.motion.kernel import COUNTERS
+from sim_vehicle.motion.model import LegKind
 from sim_vehicle.motion.multirotor import Multirotor
 from sim_vehicle.power import power_coefficients
 from sim_vehicle.power_spec import FixedWingPowerSpec
@@ -131,6 +130,8 @@ class FixedWing(Multirotor):
     yaw_rad : float
         Heading at the start.
     """
+
+    _kernel = staticmethod(wing.advance)
 
     def __init__(
         self,
@@ -278,39 +279,6 @@ class FixedWing(Multirotor):
                 x, y, z = row[:3].tolist()
                 return x, y, z
         return self.position_m
-
-    def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
-        """Fly up to ``max_steps`` steps, less when something happens (see `MotionEvent`)."""
-        end = int(self.counters[0]) + max_steps
-        route = self._route
-        if route is None:
-            return MotionEvent.RAN
-        while True:
-            event = wing.advance(
-                self.state,
-                self.counters,
-                route,
-                self._limits,
-                self._power,
-                self._wind.block,
-                self._wind.first,
-                end - int(self.counters[0]),
-                stop_each,
-                self.arrivals,
-                self.track,
-                self.track_every,
-            )
-            if event != WIND_USED:
-                return MotionEvent(event)
-            self._wind.forward()
-
-    def rest(self, steps: int, *, armed: bool) -> None:
-        """Stand on the ground for a number of steps: no motion, only the idle power."""
-        power = float(self._power[6]) + (self._idle_w if armed else 0.0)
-        self.state[13] = power
-        self.state[11] += power * steps * self.step_s
-        self.counters[0] += steps
-        self.state[15:17] = self._wind.at(self.step // GRID, 0.0)[:2]
 
     def ignore_energy(self) -> None:
         """Tell no more that the battery is empty."""

@@ -10,9 +10,8 @@ import numpy as np
 
 from sim_vehicle.battery import WH_J
 from sim_vehicle.motion import rover_kernel as wheels
-from sim_vehicle.motion.kernel import COUNTERS, GRID
-from sim_vehicle.motion.kernel import WIND as WIND_USED
-from sim_vehicle.motion.model import LegKind, MotionEvent
+from sim_vehicle.motion.kernel import COUNTERS
+from sim_vehicle.motion.model import LegKind
 from sim_vehicle.motion.multirotor import Multirotor
 
 if TYPE_CHECKING:
@@ -83,6 +82,8 @@ class Rover(Multirotor):
     yaw_rad : float
         Heading at the start.
     """
+
+    _kernel = staticmethod(wheels.advance)
 
     def __init__(
         self,
@@ -191,39 +192,6 @@ class Rover(Multirotor):
         speed, yaw = float(self.state[wheels.SPEED]), float(self.state[9])
         way = 0.5 * speed * speed / self.law.deceleration
         return x + way * math.sin(yaw), y + way * math.cos(yaw), 0.0
-
-    def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
-        """Drive up to ``max_steps`` steps, less when something happens (see `MotionEvent`)."""
-        end = int(self.counters[0]) + max_steps
-        route = self._route
-        if route is None:
-            return MotionEvent.RAN
-        while True:
-            event = wheels.advance(
-                self.state,
-                self.counters,
-                route,
-                self._limits,
-                self._power,
-                self._wind.block,
-                self._wind.first,
-                end - int(self.counters[0]),
-                stop_each,
-                self.arrivals,
-                self.track,
-                self.track_every,
-            )
-            if event != WIND_USED:
-                return MotionEvent(event)
-            self._wind.forward()
-
-    def rest(self, steps: int, *, armed: bool) -> None:
-        """Stand for a number of steps: no motion, only the idle power."""
-        power = float(self._power[6]) + (self._idle_w if armed else 0.0)
-        self.state[13] = power
-        self.state[11] += power * steps * self.step_s
-        self.counters[0] += steps
-        self.state[15:17] = self._wind.at(self.step // GRID, 0.0)[:2]
 
     def ignore_energy(self) -> None:
         """Tell no more that the battery is empty."""

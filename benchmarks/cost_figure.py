@@ -40,10 +40,10 @@ from geo.atomic import atomic_write
 from geo.farms import get_farm
 from geo.grid import FarmGrid
 from sensors.estimators import make_estimator
-from sensors.estimators.disks import adaptive_radius
+from sensors.estimators.disk.disks import adaptive_radius
 from sensors.fields import DEFAULT_VALUES, FIELDS
-from sensors.information import InformationModel
 from sensors.observations import Observations
+from sensors.scoring.information import InformationModel
 
 FARMS = ("miniberry-10", "miniberry-30", "miniberry-100", "waterberry")
 ESTIMATORS = {"AD": "adaptive-disk", "GP": "gp"}

@@ -31,7 +31,7 @@ from sensors.environment import generate_environment
 from sensors.estimators import Estimator, make_estimator
 from sensors.fields import FIELDS, relevance_masks
 from sensors.observations import Observations
-from sensors.score import PAPER_WEIGHTS, RunningScore, Score
+from sensors.scoring.score import PAPER_WEIGHTS, RunningScore, Score
 from sim_vehicle.motion.ideal import ideal_positions
 from wbf_mission.planning import PAPER_STEPS_PER_CELL, plan
 from wbf_mission.scenario import Scenario

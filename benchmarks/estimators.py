@@ -30,11 +30,11 @@ from geo.farms import get_farm
 from geo.grid import FarmGrid
 from sensors.environment import generate_environment
 from sensors.estimators import make_estimator
-from sensors.estimators.disks import adaptive_radius
+from sensors.estimators.disk.disks import adaptive_radius
 from sensors.fields import DEFAULT_VALUES, FIELDS, relevance_masks
-from sensors.information import InformationModel
 from sensors.observations import Observations
-from sensors.score import RunningScore
+from sensors.scoring.information import InformationModel
+from sensors.scoring.score import RunningScore
 
 STEPS = 500
 BARS_S = {"adaptive-disk": 2.0, "gp": 10.0}

@@ -15,13 +15,13 @@ import threading
 import time
 
 from mission.link import MavlinkEndpoint, open_link
-from mission.link.dialect import mavlink as m
+from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, GeoPoint, MissionItem
-from sim_vehicle.fleet import Fleet
-from sim_vehicle.server import Server, ServerUrl
-from sim_vehicle.simulation import Simulation
-from sim_vehicle.spec import get_vehicle
-from sim_vehicle.wind import Wind
+from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.host.server import Server, ServerUrl
+from sim_vehicle.host.simulation import Simulation
+from sim_vehicle.mavlink.fleet import Fleet
+from sim_vehicle.weather.wind import Wind
 
 HOME = GeoPoint(28.05, -82.15, 20.0)
 

@@ -37,12 +37,12 @@ from geo.farms import get_farm
 from geo.grid import FarmGrid
 from geo.seeds import child_seed
 from sensors.environment import Environment, generate_environment
-from sensors.estimators.gaussian_process import GaussianProcessEstimator
-from sensors.estimators.rbf import RbfKernel
-from sensors.estimators.sklearn_gp import SklearnGaussianProcessEstimator
+from sensors.estimators.gp.estimator import GaussianProcessEstimator
+from sensors.estimators.gp.rbf import RbfKernel
+from sensors.estimators.gp.sklearn_gp import SklearnGaussianProcessEstimator
 from sensors.fields import FIELDS, relevance_masks
-from sensors.information import InformationModel
 from sensors.observations import Observations
+from sensors.scoring.information import InformationModel
 
 DAY = 6
 PLANNERS = ("lawnmower", "spiral", "random-waypoint")

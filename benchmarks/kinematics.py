@@ -21,12 +21,12 @@ import numpy as np
 
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
+from sim_vehicle.airframe.spec import VehicleSpec, get_vehicle
 from sim_vehicle.autopilot import autopilot_of, with_autopilot
-from sim_vehicle.executor import MissionExecutor
+from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.motion.batch import VehicleBatch
 from sim_vehicle.motion.model import LegKind, MotionModel, Route
-from sim_vehicle.predict import predict_flight, predict_flights
-from sim_vehicle.spec import VehicleSpec, get_vehicle
+from sim_vehicle.prediction.predict import predict_flight, predict_flights
 
 HOME = LocalFrame(28.05, -82.15)
 LAWS = {

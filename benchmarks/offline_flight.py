@@ -20,16 +20,16 @@ from pathlib import Path
 import numpy as np
 
 from geo.farms import get_farm
-from mission.link.dialect import mavlink as m
-from mission.link.frames import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.frames import Message
 from mission.link.tlog import TlogWriter
 from mission.model import Command, Frame, GeoPoint, MissionItem
-from sensors.camera import LeafCamera
+from sensors.camera.leaf_camera import LeafCamera
+from sim_vehicle.airframe.spec import get_vehicle
 from sim_vehicle.autopilot import with_autopilot
-from sim_vehicle.camera import LeafCameraComponent
-from sim_vehicle.simulation import Simulation
-from sim_vehicle.spec import get_vehicle
-from sim_vehicle.vehicle import Outcome, SimVehicle
+from sim_vehicle.camera.component import LeafCameraComponent
+from sim_vehicle.host.simulation import Simulation
+from sim_vehicle.mavlink import Outcome, SimVehicle
 
 BAR = 500.0
 PICTURES_M = 0.3048

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sim_vehicle.endurance import endurance_s
-from sim_vehicle.power import flight_power_w
-from sim_vehicle.spec import BatterySpec, PowerSpec, VehicleSpec, get_vehicle
+from sim_vehicle.airframe.spec import BatterySpec, PowerSpec, VehicleSpec, get_vehicle
+from sim_vehicle.energy.endurance import endurance_s
+from sim_vehicle.energy.power import flight_power_w
 
 # What DJI publishes of one aircraft at several speeds; docs/energy.md has the sources. Mass (kg), propeller
 # (inch), battery (Wh), nominal voltage of a cell, cells, and flights: speed (m/s), minutes until empty.

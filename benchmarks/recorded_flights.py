@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
+from sim_vehicle.airframe.spec import get_vehicle
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.recordings import Flight, Recording, compare, fly_recording, load_recording
-from sim_vehicle.spec import get_vehicle
 
 FOLDER = Path(__file__).parents[1] / "tests" / "data" / "flights"
 

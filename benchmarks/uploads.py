@@ -22,9 +22,9 @@ from mission.link import MavlinkEndpoint, open_link
 from mission.model import GeoPoint, MissionItem, MissionType
 from mission.transfer import MissionDownload, MissionUpload, compare_plans
 from mission.transfer.driver import TransferDriver
-from sim_vehicle.simulation import Simulation
-from sim_vehicle.spec import get_vehicle
-from sim_vehicle.vehicle import SimVehicle, get_persona
+from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.host.simulation import Simulation
+from sim_vehicle.mavlink import SimVehicle, get_persona
 
 BAR_S = 0.5
 HOME = GeoPoint(28.05, -82.15, 20.0)

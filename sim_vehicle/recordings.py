@@ -16,13 +16,13 @@ import numpy as np
 from geo.frame import LocalFrame
 from mission.model import MissionItem
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.executor import MissionExecutor
-from sim_vehicle.flight import CannotFly, Disarmed, FlightEvent, ItemReached
+from sim_vehicle.execution.executor import MissionExecutor
+from sim_vehicle.execution.state import CannotFly, Disarmed, FlightEvent, ItemReached
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from sim_vehicle.spec import VehicleSpec
+    from sim_vehicle.airframe.spec import VehicleSpec
 
 __all__ = ["Comparison", "Flight", "Recording", "compare", "fly_recording", "load_recording"]
 

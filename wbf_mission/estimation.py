@@ -16,9 +16,9 @@ from geo.memory import require_memory
 from sensors.errors import EstimatorError
 from sensors.estimators import Estimator
 from sensors.estimators.base import estimator_memory
-from sensors.information import InformationModel
 from sensors.observations import Observations
-from sensors.score import RunningScore, Score
+from sensors.scoring.information import InformationModel
+from sensors.scoring.score import RunningScore, Score
 
 DEFAULT_SCORE_POINTS = 25
 LARGE_FARM_CELLS = 3_000_000

@@ -14,21 +14,21 @@ from geo import Farm
 from geo.errors import WbfMissionError
 from geo.seeds import child_seed, stream
 from mission.link.tlog import TlogWriter
-from sensors.camera import LeafCamera, LeafCameraOptions
+from sensors.camera.leaf_camera import LeafCamera, LeafCameraOptions
+from sensors.camera.wire import ObservationAssembler
 from sensors.environment import Environment
 from sensors.environment.cache import EnvironmentCache
 from sensors.estimators import Estimator, make_estimator
 from sensors.fields import relevance_masks
-from sensors.messages import ObservationAssembler
 from sensors.observations import Observations
-from sensors.score import RunningScore
-from sim_vehicle.camera import LeafCameraComponent
-from sim_vehicle.simulation import Impairment, Simulation, StopReason
-from sim_vehicle.vehicle import Outcome as VehicleOutcome
-from sim_vehicle.vehicle import SimVehicle, get_persona
+from sensors.scoring.score import RunningScore
+from sim_vehicle.camera.component import LeafCameraComponent
+from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
+from sim_vehicle.mavlink import Outcome as VehicleOutcome
+from sim_vehicle.mavlink import SimVehicle, get_persona
 from wbf_mission.estimation import RunEstimate, require_run_memory, score_points
 from wbf_mission.flight_result import FlightResult
-from wbf_mission.ground import GroundStation
+from wbf_mission.ground.station import GroundStation
 from wbf_mission.outcome import Outcome, Phase
 from wbf_mission.planning import PlanResult, home_of, plan
 from wbf_mission.scenario import Scenario

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo import Farm
+from sensors.camera.wire import AssemblerStatistics
 from sensors.fields import FIELDS
-from sensors.information import InformationModel
-from sensors.messages import AssemblerStatistics
 from sensors.observations import Observations
+from sensors.scoring.information import InformationModel
 from wbf_mission.estimation import ScoreHistory
 from wbf_mission.outcome import Outcome, Track
 from wbf_mission.planning import PlanResult

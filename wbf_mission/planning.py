@@ -32,12 +32,12 @@ from mission.planners import (
     parse_budget,
 )
 from mission.planners.budget import LengthBudget
+from sim_vehicle.airframe.spec import VehicleSpec, get_vehicle
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.plane import plane_of
-from sim_vehicle.circling import circles
-from sim_vehicle.predict import Prediction, expected_flights
-from sim_vehicle.spec import VehicleSpec, get_vehicle
-from sim_vehicle.swaps import batteries_needed
+from sim_vehicle.execution.fixed_wing_items import circles
+from sim_vehicle.prediction.battery_swaps import batteries_needed
+from sim_vehicle.prediction.predict import Prediction, expected_flights
 from wbf_mission.scenario import Scenario, ScenarioError
 from wbf_mission.weather import wind_of
 
@@ -231,7 +231,7 @@ class MissionBuilder:
         return expected_flights(missions, self.vehicle, wind=wind_of(self.scenario), threads=_threads())
 
     def batteries(self, mission: Mission, prediction: Prediction) -> int | None:
-        """Return how many batteries ``mission`` needs (see `sim_vehicle.swaps.batteries_needed`)."""
+        """How many batteries ``mission`` needs (`sim_vehicle.prediction.battery_swaps.batteries_needed`)."""
         return batteries_needed(mission, self.vehicle, prediction, wind=wind_of(self.scenario))
 
 

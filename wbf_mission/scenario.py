@@ -69,7 +69,7 @@ class Scenario:
     camera_footprint : int
         Cells on a side of the camera's square footprint.
     camera_noise, false_positive_rate, false_negative_rate : float
-        Sensor errors, see :class:`sensors.camera.LeafCamera`.
+        Sensor errors, see :class:`sensors.camera.leaf_camera.LeafCamera`.
     camera_fields : tuple of str
         The fields that the sensor suite measures.
     score_points : int or None

@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 
-from sim_vehicle.faults import Fault, faults_of
+from sim_vehicle.faults.fault import Fault, faults_of
 from wbf_mission.scenario import Scenario, ScenarioError, read_table, scenario_from_table
 
 __all__ = ["SimOptions", "load_sim", "parse_speed"]

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from geo import get_farm
 from geo.seeds import stream
 from mission.model import GeoPoint
-from sensors.camera import LeafCamera
-from sim_vehicle.camera import LeafCameraComponent
-from sim_vehicle.component import Component
-from sim_vehicle.fleet import SPACING_M, Fleet
-from sim_vehicle.vehicle import SimVehicle, get_persona
-from sim_vehicle.warm_up import warm_up
+from sensors.camera.leaf_camera import LeafCamera
+from sim_vehicle.camera.component import LeafCameraComponent
+from sim_vehicle.host.component import Component
+from sim_vehicle.mavlink import SimVehicle, get_persona
+from sim_vehicle.mavlink.fleet import SPACING_M, Fleet
+from sim_vehicle.prediction.compile_ahead import warm_up
 from wbf_mission.flight import EPOCH_UNIX_S, camera_options, make_environment
 from wbf_mission.planning import flown_vehicle
 from wbf_mission.scenario import Scenario, ScenarioError

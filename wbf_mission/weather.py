@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from geo.seeds import child_seed
-from sim_vehicle.navigation import SensorNoise
-from sim_vehicle.spec import get_vehicle
-from sim_vehicle.turbulence import LEVELS_W20_M_S, REFERENCE_M
-from sim_vehicle.wind import Turbulence, Wind, WindShear
+from sim_vehicle.airframe.sensor_errors import SensorNoise
+from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.weather.dryden import LEVELS_W20_M_S, REFERENCE_M
+from sim_vehicle.weather.wind import Turbulence, Wind, WindShear
 from wbf_mission.scenario import Scenario
 
 __all__ = ["noise_of", "wind_of"]

@@ -1,10 +1,10 @@
 """Links that carry MAVLink bytes: in memory, UDP, TCP."""
 
+from mission.link.codec.frames import FrameReader, FrameWriter, SourceStatistics
+from mission.link.codec.signing import Signing, key_from_text
 from mission.link.endpoint import LinkStatistics, MavlinkEndpoint
-from mission.link.frames import FrameReader, FrameWriter, SourceStatistics
 from mission.link.link import Link, LinkAddress, open_link, parse_link_url
 from mission.link.memory import MemoryLink, memory_pair
-from mission.link.signing import Signing, key_from_text
 from mission.link.tlog import TlogWriter, read_tlog
 
 __all__ = [

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from mission.link.dialect import mavlink
-from mission.link.frames import FrameReader, FrameWriter, Message, SourceStatistics
+from mission.link.codec.dialect import mavlink
+from mission.link.codec.frames import FrameReader, FrameWriter, Message, SourceStatistics
+from mission.link.codec.signing import Signing
 from mission.link.link import Link
-from mission.link.signing import Signing
 
 Tap = Callable[[bytes, bool], None]
 
@@ -26,7 +26,7 @@ class LinkStatistics:
     lost : int
         Frames of all senders missing by their sequence numbers.
     bad_frames, bad_bytes, unknown : int
-        See `mission.link.frames.FrameReader`.
+        See `mission.link.codec.frames.FrameReader`.
     """
 
     sent: int

@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Self
 
 from mission.errors import LinkError
-from mission.link.frames import FrameReader, Message, starts_with_frame
+from mission.link.codec.frames import FrameReader, Message, starts_with_frame
 
 _TIME = struct.Struct(">Q")
 _LATEST_US = 4_102_444_800_000_000  # the year 2100: later than that is not a time stamp

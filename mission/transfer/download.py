@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import Any
 
 from mission.errors import MissionError
-from mission.link.dialect import mavlink
+from mission.link.codec.dialect import mavlink
 from mission.model import MissionItem, MissionType
 from mission.transfer import wire
 from mission.transfer.client import ClientTransfer

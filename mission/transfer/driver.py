@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Protocol, Self
 
-from mission.link.dialect import mavlink
+from mission.link.codec.dialect import mavlink
 from mission.link.endpoint import MavlinkEndpoint
 from mission.link.link import Link
 from mission.model import GeoPoint, Mission, MissionType

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from mission.link.dialect import mavlink
+from mission.link.codec.dialect import mavlink
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
 

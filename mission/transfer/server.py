@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mission.link.dialect import mavlink
+from mission.link.codec.dialect import mavlink
 from mission.model import MissionItem, MissionType
 from mission.transfer import wire
 from mission.transfer.events import (

@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Iterable
 from typing import Any
 
-from mission.link.dialect import mavlink
+from mission.link.codec.dialect import mavlink
 from mission.model import DEGREES_E7, FLOAT32_MAX, GLOBAL_FRAMES, MissionItem, MissionType, has_position
 
 Message = Any

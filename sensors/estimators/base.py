@@ -19,8 +19,8 @@ import numpy as np
 
 from sensors.errors import EstimatorError
 from sensors.fields import FIELDS
-from sensors.information import InformationModel
 from sensors.observations import Observations
+from sensors.scoring.information import InformationModel
 
 if TYPE_CHECKING:
     from geo.grid import FarmGrid

@@ -20,9 +20,9 @@ from geo.grid import FarmGrid
 from sensors.errors import EstimatorError, ObservationError
 from sensors.estimators.base import Estimator
 from sensors.fields import FIELDS
-from sensors.information import InformationModel
 from sensors.observations import Observations
-from sensors.tiles import TILE_CELLS
+from sensors.scoring.information import InformationModel
+from sensors.scoring.tiles import TILE_CELLS
 
 SHAPE = (12, 9)
 WIDE_SHAPE = (150, 70)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sensors.estimators.base import BaseEstimator, check_default_values
 from sensors.fields import DEFAULT_VALUES, FIELDS
-from sensors.information import InformationModel
+from sensors.scoring.information import InformationModel
 
 if TYPE_CHECKING:
     from geo.grid import FarmGrid

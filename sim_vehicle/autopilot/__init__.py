@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.autopilot.model import Autopilot
-    from sim_vehicle.spec import VehicleSpec
 
 __all__ = ["autopilot_of", "with_autopilot"]
 
@@ -29,10 +29,10 @@ def autopilot_of(spec: VehicleSpec) -> Autopilot:
 
         return rover_of(spec.autopilot)
     if spec.autopilot == "px4":
-        from sim_vehicle.autopilot.px4 import PX4_MULTIROTOR
+        from sim_vehicle.autopilot.px4.copter import PX4_MULTIROTOR
 
         return PX4_MULTIROTOR
-    from sim_vehicle.autopilot.arducopter import ARDUCOPTER
+    from sim_vehicle.autopilot.ardupilot.copter import ARDUCOPTER
 
     return ARDUCOPTER
 

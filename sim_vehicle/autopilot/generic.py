@@ -6,17 +6,17 @@ import math
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
+from sim_vehicle.execution.legs import ALONG, KEEP
 from sim_vehicle.motion.model import LegKind
-from sim_vehicle.paths import ALONG, KEEP
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.autopilot.model import Setting
+    from sim_vehicle.execution.legs import Place, Row
     from sim_vehicle.motion.model import MotionModel
-    from sim_vehicle.paths import Place, Row
-    from sim_vehicle.spec import VehicleSpec
-    from sim_vehicle.wind import Wind
+    from sim_vehicle.weather.wind import Wind
 
 SLOW_LANDING_M = 5.0
 
@@ -37,7 +37,7 @@ class GenericAutopilot:
             from sim_vehicle.motion.ideal import IdealRobot
 
             return IdealRobot(spec, yaw_rad)
-        from sim_vehicle.motion.multirotor import Multirotor
+        from sim_vehicle.motion.multirotor.model import Multirotor
 
         return Multirotor(spec, wind, yaw_rad)
 

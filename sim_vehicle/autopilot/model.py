@@ -11,10 +11,10 @@ from sim_vehicle.errors import VehicleError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.execution.legs import Place, Row
     from sim_vehicle.motion.model import MotionModel
-    from sim_vehicle.paths import Place, Row
-    from sim_vehicle.spec import VehicleSpec
-    from sim_vehicle.wind import Wind
+    from sim_vehicle.weather.wind import Wind
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,7 @@ def setting(spec: VehicleSpec, name: str, table: Mapping[str, Setting]) -> float
     Examples
     --------
     >>> from dataclasses import replace
-    >>> from sim_vehicle.spec import get_vehicle
+    >>> from sim_vehicle.airframe.spec import get_vehicle
     >>> table = {"MPC_ACC_HOR": Setting(3.0, 2.0, 15.0, "m/s^2", "acceleration")}
     >>> setting(get_vehicle("quad"), "MPC_ACC_HOR", table)
     3.0

@@ -13,17 +13,17 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot.model import Setting, setting
+from sim_vehicle.execution.legs import ALONG, KEEP
 from sim_vehicle.motion.model import LegKind
-from sim_vehicle.paths import ALONG, KEEP
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from sim_vehicle.motion.fixed_wing import WingLimits
+    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.execution.legs import Place, Row
+    from sim_vehicle.motion.fixed_wing.model import WingLimits
     from sim_vehicle.motion.model import MotionModel
-    from sim_vehicle.paths import Place, Row
-    from sim_vehicle.spec import VehicleSpec
-    from sim_vehicle.wind import Wind
+    from sim_vehicle.weather.wind import Wind
 
 # A thrown or catapulted aeroplane, and one that rolls; braking on grass.
 _THROW_M_S2 = 20.0
@@ -155,8 +155,8 @@ class Plane:
         return self._ardupilot_limits(spec) if self.ardupilot else self._px4_limits(spec)
 
     def _px4_limits(self, spec: VehicleSpec) -> WingLimits:
-        from sim_vehicle.motion.fixed_wing import WingLimits
-        from sim_vehicle.motion.guidance import NPFG
+        from sim_vehicle.motion.fixed_wing.guidance import NPFG
+        from sim_vehicle.motion.fixed_wing.model import WingLimits
 
         value = {name: self._of(spec, name) for name in self.settings}
         least, trim, most = _ordered(value["FW_AIRSPD_MIN"], value["FW_AIRSPD_TRIM"], value["FW_AIRSPD_MAX"])
@@ -203,8 +203,8 @@ class Plane:
         )
 
     def _ardupilot_limits(self, spec: VehicleSpec) -> WingLimits:
-        from sim_vehicle.motion.fixed_wing import WingLimits
-        from sim_vehicle.motion.guidance import L1
+        from sim_vehicle.motion.fixed_wing.guidance import L1
+        from sim_vehicle.motion.fixed_wing.model import WingLimits
 
         value = {name: self._of(spec, name) for name in self.settings}
         least, trim, most = _ordered(value["AIRSPEED_MIN"], value["AIRSPEED_CRUISE"], value["AIRSPEED_MAX"])
@@ -251,7 +251,7 @@ class Plane:
 
     def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
         """Return the motion of a vehicle that stands at home."""
-        from sim_vehicle.motion.fixed_wing import FixedWing
+        from sim_vehicle.motion.fixed_wing.model import FixedWing
 
         return FixedWing(spec, self.limits, wind, yaw_rad)
 

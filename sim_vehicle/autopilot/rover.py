@@ -13,17 +13,17 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot.model import Setting, setting
+from sim_vehicle.execution.legs import ALONG
 from sim_vehicle.motion.model import LegKind
-from sim_vehicle.paths import ALONG
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.execution.legs import Place, Row
     from sim_vehicle.motion.model import MotionModel
-    from sim_vehicle.motion.rover import RoverLimits
-    from sim_vehicle.paths import Place, Row
-    from sim_vehicle.spec import VehicleSpec
-    from sim_vehicle.wind import Wind
+    from sim_vehicle.motion.rover.model import RoverLimits
+    from sim_vehicle.weather.wind import Wind
 
 _DIFFERENTIAL = 6.0
 _SKID = 73.0
@@ -104,7 +104,7 @@ class GroundRover:
 
     def limits(self, spec: VehicleSpec) -> RoverLimits:
         """Return the limits of a vehicle's driving."""
-        from sim_vehicle.motion.rover import RoverLimits
+        from sim_vehicle.motion.rover.model import RoverLimits
 
         value = {name: self._of(spec, name) for name in self.settings}
         if self.ardupilot:
@@ -155,7 +155,7 @@ class GroundRover:
 
     def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
         """Return the motion of a vehicle that stands at home."""
-        from sim_vehicle.motion.rover import Rover
+        from sim_vehicle.motion.rover.model import Rover
 
         return Rover(spec, self.limits, wind, yaw_rad)
 

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.motion.arducopter import ArduCopter
+from sim_vehicle.motion.arducopter.model import ArduCopter
 from sim_vehicle.motion.batch_loops import CALL, EVENT, EVERY, FIRST, STEPS, STOPS, WIND_ROWS, loops
-from sim_vehicle.motion.fixed_wing import FixedWing
-from sim_vehicle.motion.kernel import WIND
-from sim_vehicle.motion.multirotor import Multirotor
-from sim_vehicle.motion.px4 import Px4Multirotor
-from sim_vehicle.motion.rover import Rover
+from sim_vehicle.motion.fixed_wing.model import FixedWing
+from sim_vehicle.motion.multirotor.kernel import WIND
+from sim_vehicle.motion.multirotor.model import Multirotor
+from sim_vehicle.motion.px4.model import Px4Multirotor
+from sim_vehicle.motion.rover.model import Rover
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -82,7 +82,7 @@ class VehicleBatch:
     Examples
     --------
     >>> from sim_vehicle.motion.model import Route
-    >>> from sim_vehicle.spec import get_vehicle
+    >>> from sim_vehicle.airframe.spec import get_vehicle
     >>> quads = [Multirotor(get_vehicle("quad")) for _ in range(3)]
     >>> for k, quad in enumerate(quads):
     ...     quad.fly(Route.to(10.0 * k, 0.0, 10.0, speed_m_s=5.0))

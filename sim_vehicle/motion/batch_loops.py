@@ -11,7 +11,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from sim_vehicle.motion import arducopter_kernel, fixed_wing_kernel, kernel, px4_kernel, rover_kernel
+from sim_vehicle.motion.arducopter import kernel as arducopter_kernel
+from sim_vehicle.motion.fixed_wing import kernel as fixed_wing_kernel
+from sim_vehicle.motion.multirotor import kernel
+from sim_vehicle.motion.px4 import kernel as px4_kernel
+from sim_vehicle.motion.rover import kernel as rover_kernel
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,9 +45,11 @@ def loops() -> dict[str, Callable[..., object]]:
     the files of the functions that it calls. So the loops hold a number that stands for the sources of all of
     them.
     """
-    here = Path(__file__).parent
+    rooms = Path(__file__).parents[1]
     number = 0
-    for source in (*sorted(here.glob("*.py")), here.parent / "power.py"):
+    for source in sorted(
+        path for room in ("energy", "motion", "weather") for path in (rooms / room).rglob("*.py")
+    ):
         number = zlib.crc32(source.read_bytes(), number)
     return _loops(number)
 

@@ -18,8 +18,8 @@ from sim_vehicle.motion.model import MotionEvent
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+    from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.model import Route
-    from sim_vehicle.spec import VehicleSpec
 
 # A waypoint that crossed the link is rounded to 1e-7 degree, 1.1 cm: that must not cost a time step.
 _SLACK = 0.04

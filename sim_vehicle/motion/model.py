@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sim_vehicle.spec import VehicleSpec
+    from sim_vehicle.airframe.spec import VehicleSpec
 
 
 class MotionEvent(IntEnum):

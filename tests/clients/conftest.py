@@ -18,7 +18,7 @@ import pytest
 
 from geo.frame import LocalFrame
 from mission.model import Command, Frame, MissionItem
-from sim_vehicle.server import Server
+from sim_vehicle.host.server import Server
 
 os.environ["MAVLINK20"] = "1"
 SPEED = 20.0
@@ -87,7 +87,7 @@ def with_home(items, home):
 
 def request_streams(flying):
     """Ask an ArduPilot for its telemetry, as a MAVProxy would that runs beside a client."""
-    from mission.link.dialect import mavlink
+    from mission.link.codec.dialect import mavlink
 
     codec = mavlink.MAVLink(None, 254, 230)
     with socket.create_connection(("127.0.0.1", port_of(flying.urls[0]))) as connection:

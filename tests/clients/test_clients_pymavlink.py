@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from mission.link.dialect import mavlink
+from mission.link.codec.dialect import mavlink
 
 os.environ["MAVLINK20"] = "1"
 

@@ -10,7 +10,7 @@ import pytest
 
 from mission.files import read_mission, write_mission
 from mission.link import MavlinkEndpoint, open_link
-from mission.link.dialect import mavlink
+from mission.link.codec.dialect import mavlink
 from mission.model import GeoPoint, Mission, MissionItem, MissionType
 from mission.transfer.driver import TransferDriver, wait_readable
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mission.errors import MissionError
-from mission.link.dialect import mavlink
+from mission.link.codec.dialect import mavlink
 from mission.model import (
     GLOBAL_FRAMES,
     Command,

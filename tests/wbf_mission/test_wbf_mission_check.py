@@ -8,14 +8,14 @@ import pytest
 
 from mission.errors import LinkError
 from mission.link import MavlinkEndpoint
-from mission.link.dialect import mavlink as m
+from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, Mission, MissionItem
 from mission.transfer import RemoteTransferError, compare_plans
 from mission.transfer.driver import TransferDriver
-from sim_vehicle.server import Server
-from sim_vehicle.simulation import Simulation
-from sim_vehicle.spec import get_vehicle
-from sim_vehicle.vehicle import SimVehicle, get_persona
+from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.host.server import Server
+from sim_vehicle.host.simulation import Simulation
+from sim_vehicle.mavlink import SimVehicle, get_persona
 from wbf_mission.check import Verdict, all_checks, check_vehicle
 from wbf_mission.check.registry import CheckError
 from wbf_mission.check.runner import check_link

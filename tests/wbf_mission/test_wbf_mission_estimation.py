@@ -9,7 +9,7 @@ from geo.memory import AvailableMemory, NotEnoughMemoryError
 from sensors.estimators import make_estimator
 from sensors.fields import relevance_masks
 from sensors.observations import Observations
-from sensors.score import RunningScore
+from sensors.scoring.score import RunningScore
 from wbf_mission.cli.app import main
 from wbf_mission.estimation import RunEstimate, require_run_memory, score_points
 

@@ -12,7 +12,7 @@ from mission.link.tlog import read_tlog
 from mission.model import Command, Mission, MissionItem
 from sensors.errors import EstimatorError
 from sensors.observations import Observations
-from sim_vehicle.simulation import Impairment
+from sim_vehicle.host.simulation import Impairment
 from wbf_mission import flight as flight_module
 from wbf_mission.estimation import RunEstimate
 from wbf_mission.flight import fly, make_environment

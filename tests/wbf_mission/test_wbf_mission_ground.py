@@ -4,10 +4,10 @@ from typing import Any
 
 import pytest
 
-from mission.link.dialect import mavlink as m
+from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, GeoPoint, Mission, MissionItem
 from mission.transfer import MissionServer
-from wbf_mission.ground import GroundStation
+from wbf_mission.ground.station import GroundStation
 from wbf_mission.outcome import Outcome, Phase
 
 MISSION = Mission(

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim_vehicle.turbulence import LEVELS_W20_M_S
+from sim_vehicle.weather.dryden import LEVELS_W20_M_S
 from wbf_mission.cli.options import shear_values, turbulence_value
 from wbf_mission.flight import fly
 from wbf_mission.flight_result import FlightResult

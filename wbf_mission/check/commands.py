@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mission.link.dialect import mavlink as m
+from mission.link.codec.dialect import mavlink as m
 from wbf_mission.check.peer import Peer, result_name
 from wbf_mission.check.registry import FailedError, check
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from mission.link.dialect import mavlink as m
-from mission.link.frames import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.frames import Message
 from mission.model import Command, MissionItem
 from wbf_mission.check.peer import Peer
 from wbf_mission.check.registry import FailedError, check

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from mission.link.dialect import mavlink as m
+from mission.link.codec.dialect import mavlink as m
 from wbf_mission.check.peer import Peer
 from wbf_mission.check.registry import FailedError, SkippedError, check
 

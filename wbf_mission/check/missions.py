@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mission.link.dialect import mavlink as m
-from mission.link.frames import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.frames import Message
 from mission.model import MissionItem, MissionType
 from mission.transfer import result_text, wire
 from wbf_mission.check.peer import Peer

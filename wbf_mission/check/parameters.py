@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import struct
 
-from mission.link.dialect import mavlink as m
-from mission.link.frames import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.frames import Message
 from wbf_mission.check.peer import Peer
 from wbf_mission.check.registry import FailedError, SkippedError, check
 

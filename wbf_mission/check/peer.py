@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from mission.link.dialect import mavlink as m
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.frames import Message
 from mission.link.endpoint import MavlinkEndpoint
-from mission.link.frames import Message
 from mission.link.link import Link
 from mission.model import Command, GeoPoint, Mission, MissionItem, MissionType
 from mission.transfer import Profile
@@ -36,7 +36,7 @@ class Peer:
         Where the vehicle is.
     clock, wait : callable
         Monotonic seconds; ``wait(link, seconds)`` until something may have arrived. Those of a
-        `sim_vehicle.virtual_link.VirtualLink` check a simulation on its own clock.
+        `sim_vehicle.host.virtual_link.VirtualLink` check a simulation on its own clock.
 
     Attributes
     ----------

@@ -11,7 +11,7 @@ from typing import Any
 from geo.errors import WbfMissionError
 from mission.errors import LinkError
 from mission.link import open_link
-from mission.link.dialect import mavlink as m
+from mission.link.codec.dialect import mavlink as m
 from mission.link.link import Link
 from mission.model import GeoPoint
 from mission.transfer import RemoteTransferError
@@ -144,9 +144,9 @@ def check_link(
     On the virtual clock of a simulation:
 
     >>> from mission.model import GeoPoint
-    >>> from sim_vehicle.simulation import Simulation
-    >>> from sim_vehicle.spec import get_vehicle
-    >>> from sim_vehicle.vehicle import SimVehicle
+    >>> from sim_vehicle.host.simulation import Simulation
+    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.mavlink import SimVehicle
     >>> simulation = Simulation([SimVehicle(get_vehicle("quad"), GeoPoint(28.05, -82.15))])
     >>> link = simulation.open_link()
     >>> check_link(link, only=["identity.heartbeat"], clock=link.clock, wait=link.wait).passed

@@ -13,7 +13,7 @@ from wbf_mission.cli import options
 from wbf_mission.cli.output import Output
 
 if TYPE_CHECKING:
-    from mission.link.signing import Signing
+    from mission.link.codec.signing import Signing
     from mission.link.tlog import TlogWriter
     from wbf_mission.simulator import Simulated
 
@@ -132,8 +132,8 @@ def sim_command(
 
     It binds to loopback unless a link says otherwise. End it with Ctrl-C.
     """
-    from sim_vehicle.faults import parse_fault
-    from sim_vehicle.server import Server
+    from sim_vehicle.faults.fault import parse_fault
+    from sim_vehicle.host.server import Server
     from wbf_mission.scenario import Scenario, scenario_with
     from wbf_mission.sim_options import SimOptions, load_sim, parse_speed, sim_with
     from wbf_mission.simulator import make_components, parse_home
@@ -236,7 +236,7 @@ def _signing(key: str | None) -> Signing | None:
     import time
 
     from mission.errors import LinkError
-    from mission.link.signing import Signing, key_from_text
+    from mission.link.codec.signing import Signing, key_from_text
 
     if key.startswith("@"):
         try:
@@ -278,7 +278,7 @@ def _greeting(simulated: Simulated, vehicle: str, urls: tuple[str, ...]) -> str:
 
 
 def _list_faults(output: Output) -> None:
-    from sim_vehicle.faults import KINDS, TRIGGERS
+    from sim_vehicle.faults.fault import KINDS, TRIGGERS
 
     rows = [
         [name, kind.group, "" if kind.value == "none" else kind.value, kind.text]

@@ -39,7 +39,7 @@ def upload_command(
 ) -> None:
     """Upload a mission file (mission, fence, rally points), download it again and compare."""
     from mission.files import read_mission
-    from wbf_mission.ground_link import upload_mission
+    from wbf_mission.ground.link import upload_mission
 
     output = Output(as_json=json, quiet=quiet)
     mission = read_mission(file)
@@ -64,7 +64,7 @@ def download_command(
 ) -> None:
     """Download the mission, the fence and the rally points of a vehicle into a file."""
     from mission.files import Firmware, write_mission, writer_for
-    from wbf_mission.ground_link import download_mission
+    from wbf_mission.ground.link import download_mission
 
     output = Output(as_json=json, quiet=quiet)
     writer_for(out)

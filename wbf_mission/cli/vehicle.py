@@ -10,7 +10,7 @@ from wbf_mission.cli import options
 from wbf_mission.cli.output import Output
 
 if TYPE_CHECKING:
-    from sim_vehicle.spec import VehicleSpec
+    from sim_vehicle.airframe.spec import VehicleSpec
 
 app = typer.Typer(no_args_is_help=True, help="Look at vehicles: list them, show one with its endurance.")
 
@@ -23,7 +23,7 @@ VehicleArgument = Annotated[
 @app.command("list")
 def list_command(json: options.Json = False, quiet: options.Quiet = False) -> None:
     """List the vehicles that are known by name, with the endurance of their cruise flight."""
-    from sim_vehicle.spec import get_vehicle, vehicle_names
+    from sim_vehicle.airframe.spec import get_vehicle, vehicle_names
 
     vehicles = [get_vehicle(name) for name in vehicle_names()]
     values = [_summary(vehicle) for vehicle in vehicles]
@@ -46,7 +46,7 @@ def list_command(json: options.Json = False, quiet: options.Quiet = False) -> No
 @app.command("show", epilog="[bold]Example[/bold]\n\nwbf-mission vehicle show quad")
 def show_command(vehicle: VehicleArgument, json: options.Json = False, quiet: options.Quiet = False) -> None:
     """Show a vehicle's limits, battery, power and endurance."""
-    from sim_vehicle.spec import get_vehicle
+    from sim_vehicle.airframe.spec import get_vehicle
 
     spec = get_vehicle(vehicle)
     values = _summary(spec)
@@ -68,8 +68,8 @@ def show_command(vehicle: VehicleArgument, json: options.Json = False, quiet: op
 
 def _add_endurance(spec: VehicleSpec, values: dict[str, Any], rows: dict[str, str]) -> None:
     """Add what the model tells about time and way on one battery, and what the maker tells."""
-    from sim_vehicle.endurance import best_speeds, endurance_s
-    from sim_vehicle.power import flight_power_w
+    from sim_vehicle.energy.endurance import best_speeds, endurance_s
+    from sim_vehicle.energy.power import flight_power_w
 
     battery, power = spec.battery, spec.power
     assert battery is not None
@@ -103,7 +103,7 @@ def _add_endurance(spec: VehicleSpec, values: dict[str, Any], rows: dict[str, st
 
 
 def _summary(spec: VehicleSpec) -> dict[str, Any]:
-    from sim_vehicle.endurance import endurance_s
+    from sim_vehicle.energy.endurance import endurance_s
 
     endless = spec.battery is None or spec.power is None
     return {

@@ -1,0 +1,1 @@
+"""MAVLink bytes: frames, signing, dialect."""

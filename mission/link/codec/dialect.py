@@ -1,0 +1,17 @@
+"""The one place that chooses the MAVLink dialect; everything else imports ``mavlink`` from here.
+
+``all`` of pymavlink holds the common, standard, development and ArduPilot messages;
+`mission.link.codec.additions` adds what it lacks (opaque plan ids, PROTOCOL_VERSION, COMPONENT_METADATA,
+events).
+"""
+
+from typing import Any
+
+from pymavlink.dialects.v20 import all as generated
+
+from mission.link.codec.additions import extend
+
+extend(generated)
+mavlink: Any = generated
+
+__all__ = ["mavlink"]

@@ -1,0 +1,1 @@
+"""The leaf camera and the wire form of what it saw."""

@@ -1,0 +1,144 @@
+"""The adaptive disk estimator: every observation stands for a disk around it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.errors import EstimatorError
+from sensors.estimators.append_buffer import GrowingArray
+from sensors.estimators.base import BaseEstimator, check_default_values
+from sensors.estimators.disk.disks import Disk, DiskMap, centred_disk
+from sensors.estimators.disk.painting import paint
+from sensors.fields import DEFAULT_VALUES, FIELDS
+from sensors.scoring.information import InformationModel
+from sensors.scoring.tiles import tile_shape
+
+if TYPE_CHECKING:
+    from geo.grid import FarmGrid
+    from sensors.observations import Observations
+
+
+class AdaptiveDiskEstimator(BaseEstimator):
+    """The paper's adaptive disk: the value of the latest observation whose disk covers the cell.
+
+    The radius shrinks as observations come in, so that all disks together always have about twice the farm's
+    area (`sensors.estimators.disk.disks.adaptive_radius`); a field's disks are those of the observations that
+    sensed it. The uncertainty is 0 in a disk and 1 elsewhere.
+
+    The model is kept and changed in place: further observations write only the cells of their own disks while
+    the radius stays, and those that disks cover or covered when it shrinks.
+
+    Parameters
+    ----------
+    default_values : tuple of three floats
+        The value of each field where no disk reaches; healthy, healthy and dry.
+    radius : int, optional
+        A fixed radius in cells in place of the adaptive one.
+
+    Attributes
+    ----------
+    maps_ : list of DiskMap
+        One per field; fields that were always sensed together share one.
+    values_ : list of GrowingArray
+        The sensed values of each field in order.
+    revision_ : int
+        Of the last model, -1 before the first.
+
+    Examples
+    --------
+    >>> from geo.farms import get_farm
+    >>> from sensors.observations import Observations
+    >>> seen = Observations([5], [5], [0.0], [6], [[0.5, 1.0, 0.25]])
+    >>> model = AdaptiveDiskEstimator(radius=1).fit(get_farm("miniberry-10").grid(), seen).predict()
+    >>> model.of("tylcv")[4:7, 4:7].tolist()
+    [[1.0, 0.5, 1.0], [0.5, 0.5, 0.5], [1.0, 0.5, 1.0]]
+    """
+
+    incremental = True
+
+    maps_: list[DiskMap]
+    values_: list[GrowingArray]
+    revision_: int
+
+    def __init__(
+        self, default_values: tuple[float, float, float] = DEFAULT_VALUES, radius: int | None = None
+    ) -> None:
+        self.default_values = default_values
+        self.radius = radius
+
+    @staticmethod
+    def _stamp(radius: int) -> Disk:
+        return centred_disk(radius)
+
+    def _start(self, grid: FarmGrid) -> None:
+        check_default_values(self.default_values)
+        if self.radius is not None and not (
+            isinstance(self.radius, int) and 1 <= self.radius <= max(grid.shape)
+        ):
+            msg = f"radius {self.radius!r}: give a whole number of cells from 1 to {max(grid.shape)}, or None"
+            raise EstimatorError(msg)
+        self.maps_ = [DiskMap(grid.shape, self._stamp, self.radius)] * len(FIELDS)
+        self.values_ = [GrowingArray((), np.float32) for _ in FIELDS]
+        self.revision_ = -1
+
+    def _learn(self, observations: Observations) -> None:
+        sensed = observations.sensed
+        for disks in list(dict.fromkeys(self.maps_)):
+            sharing = [k for k in range(len(FIELDS)) if self.maps_[k] is disks]
+            # Fields whose sensed sets part ways here need a map of their own from now on.
+            groups: dict[bytes, list[int]] = {}
+            for k in sharing:
+                groups.setdefault(sensed[:, k].tobytes(), []).append(k)
+            owners = [disks, *(disks.copy() for _ in range(len(groups) - 1))]
+            for own, members in zip(owners, groups.values(), strict=True):
+                mask = sensed[:, members[0]]
+                own.append(observations.x[mask], observations.y[mask])
+                for k in members:
+                    self.maps_[k] = own
+        for k in range(len(FIELDS)):
+            self.values_[k].append(observations.values[sensed[:, k], k])
+
+    def _estimate(self) -> InformationModel:
+        everything = self.revision_ < 0
+        if everything:
+            self._value = np.empty((len(FIELDS), *self.grid_.shape), np.float32)
+            self._uncertainty = np.empty((1, *self.grid_.shape), np.float32)
+            self._published = self._value, self._uncertainty
+        changed = np.zeros(tile_shape(self.grid_.shape), np.bool_)
+        maps = list(dict.fromkeys(self.maps_))
+        if len(maps) > 1 and len(self._uncertainty) == 1:
+            self._uncertainty = np.repeat(self._uncertainty, len(FIELDS), axis=0)
+        for disks in maps:
+            painting = disks.outstanding()
+            fields = [k for k in range(len(FIELDS)) if self.maps_[k] is disks]
+            paint(
+                np.ones_like(painting.tiles) if everything else painting.tiles,
+                painting.reset or everything,
+                np.ascontiguousarray(painting.x),
+                np.ascontiguousarray(painting.y),
+                painting.disk.first,
+                painting.disk.low,
+                painting.disk.high,
+                np.stack([self.values_[k].array[painting.start :] for k in fields]),
+                np.array([self.default_values[k] for k in fields], np.float32),
+                np.array(fields),
+                self._value,
+                np.array(fields if len(self._uncertainty) > 1 else [0]),
+                self._uncertainty,
+                changed,
+            )
+        self.revision_ += 1
+        return InformationModel(*self._views(), None if everything else changed, self.revision_)
+
+    def _views(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return the caller's read-only views of value and uncertainty, the same ones every time."""
+        # They are others after a new fit, when fields have parted, and in a copy of the estimator.
+        own = (self._value, self._uncertainty)
+        if any(view.base is not array for view, array in zip(self._published, own, strict=True)):
+            # Fields that share one map share one plane of uncertainty.
+            shape = self._value.shape
+            self._published = np.broadcast_to(self._value, shape), np.broadcast_to(self._uncertainty, shape)
+        return self._published

@@ -1,0 +1,47 @@
+"""The adaptive disk as the authors' code draws it, for comparison with their published data."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sensors.estimators.disk.adaptive_disk import AdaptiveDiskEstimator
+from sensors.estimators.disk.disks import Disk, half_widths
+
+
+def misplaced_disk(radius: int) -> Disk:
+    """Return the authors' disk: last row and column are missing, the mask's *corner* is at the observation.
+
+    The disk is therefore centred at (x + radius, y + radius) and does not cover the observed cell.
+
+    Examples
+    --------
+    >>> disk = misplaced_disk(2)
+    >>> disk.first, disk.low.tolist(), disk.high.tolist()
+    (0, [2, 1, 0, 1], [3, 4, 4, 4])
+    """
+    half = half_widths(radius, np.arange(-radius, radius))
+    return Disk(0, radius - half, np.minimum(radius + half + 1, 2 * radius))
+
+
+class AuthorsAdaptiveDiskEstimator(AdaptiveDiskEstimator):
+    """The adaptive disk with the authors' misplaced stamp and their default of 0 ("destroyed") everywhere.
+
+    Only for comparison with what the authors published; use ``adaptive-disk`` for anything else.
+
+    Parameters
+    ----------
+    default_values : tuple of three floats
+        The value of each field where no disk reaches: 0, 0, 0 in the authors' first code, 1, 1, 0 in its
+        successor.
+    radius : int, optional
+        A fixed radius in cells in place of the adaptive one.
+    """
+
+    def __init__(
+        self, default_values: tuple[float, float, float] = (0.0, 0.0, 0.0), radius: int | None = None
+    ) -> None:
+        super().__init__(default_values, radius)
+
+    @staticmethod
+    def _stamp(radius: int) -> Disk:
+        return misplaced_disk(radius)

@@ -1,0 +1,153 @@
+"""Disks that observations stand for: their size, their form, and which ones still have to be painted.
+
+The disks' total area is about twice the farm's whatever their number.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.estimators.append_buffer import GrowingArray
+from sensors.scoring.tiles import tile_shape, tiles_of_boxes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Disk:
+    """The cells that one observation stands for, relative to the observed cell.
+
+    Row i holds the cells ``x + first + i`` by ``[y + low[i], y + high[i])``.
+
+    Parameters
+    ----------
+    first : int
+    low, high : int32[rows]
+    """
+
+    first: int
+    low: NDArray[np.int32]
+    high: NDArray[np.int32]
+
+
+Stamp = Callable[[int], Disk]
+"""Radius in, disk out."""
+
+
+def adaptive_radius(n_observations: int, shape: tuple[int, int]) -> int:
+    """Return the radius, in cells, at which all disks together have about twice the farm's area.
+
+    The paper's rule, ``int(1 + sqrt(2 W H / (pi n)))``.
+
+    Examples
+    --------
+    >>> [adaptive_radius(n, (31, 31)) for n in (1, 10, 100, 500, 1000)]
+    [25, 8, 3, 2, 1]
+    """
+    width, height = shape
+    return int(1 + math.sqrt(2 * width * height / (math.pi * n_observations)))
+
+
+def half_widths(radius: int, steps: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Return the largest whole j with ``i^2 + j^2 <= radius^2`` for each step i."""
+    # The square root of a square below 2^53 is exact.
+    return np.floor(np.sqrt(radius**2 - steps**2)).astype(np.int32)
+
+
+def centred_disk(radius: int) -> Disk:
+    """Return the cells at most `radius` from the observed one.
+
+    Examples
+    --------
+    >>> disk = centred_disk(1)
+    >>> disk.first, disk.low.tolist(), disk.high.tolist()
+    (-1, [0, -1, 0], [1, 2, 1])
+    """
+    half = half_widths(radius, np.arange(-radius, radius + 1))
+    return Disk(-radius, -half, half + 1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Painting:
+    """What has to be painted so that a map is up to date.
+
+    Parameters
+    ----------
+    tiles : bool[tiles along x, tiles along y]
+        Where.
+    reset : bool
+        Whether the older disks are gone, so that what no disk of these reaches has nothing.
+    start : int
+        The first observation to paint; the ones before are there already.
+    x, y : int32[n]
+        The observed cells from `start` on.
+    disk : Disk
+    """
+
+    tiles: NDArray[np.bool_]
+    reset: bool
+    start: int
+    x: NDArray[np.int32]
+    y: NDArray[np.int32]
+    disk: Disk
+
+
+class DiskMap:
+    """The disks of a growing number of observations, and which of them are not on the map yet.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Width and height of the farm in cells.
+    stamp : callable
+        Radius in, `Disk` out.
+    radius : int or None
+        A fixed radius in cells, or None for `adaptive_radius`.
+    """
+
+    def __init__(self, shape: tuple[int, int], stamp: Stamp, radius: int | None) -> None:
+        self.shape = shape
+        self._cells = GrowingArray((2,), np.int32)
+        self._stamp = stamp
+        self._fixed_radius = radius
+        self._radius = 0
+        self._painted = 0
+        self._covered = np.zeros(tile_shape(shape), np.bool_)
+
+    def append(self, x: NDArray[np.int32], y: NDArray[np.int32]) -> None:
+        """Take further observations; they are painted when the map is next asked for."""
+        self._cells.append(np.stack([x, y], axis=1))
+
+    def copy(self) -> DiskMap:
+        """Return a map of the same observations, painted as far as this one, that grows on its own."""
+        other = DiskMap(self.shape, self._stamp, self._fixed_radius)
+        other._cells.append(self._cells.array)
+        other._radius, other._painted = self._radius, self._painted
+        other._covered = self._covered.copy()
+        return other
+
+    def outstanding(self) -> Painting:
+        """Return what is to be painted since the last call, and take it as done.
+
+        When the radius has become another, these are all disks, otherwise only the further ones; in both
+        cases only in the tiles that disks reach, or reached before.
+        """
+        n = len(self._cells)
+        radius = 0 if n == 0 else self._fixed_radius or adaptive_radius(n, self.shape)
+        reset = radius != self._radius
+        start = 0 if reset else self._painted
+        x, y = self._cells.array[start:].T
+        disk = self._stamp(max(radius, 1))
+        left = x + disk.first
+        tiles = tiles_of_boxes(
+            self.shape, left, left + len(disk.low), y + disk.low.min(), y + disk.high.max()
+        )
+        if reset:
+            tiles, self._covered = tiles | self._covered, tiles
+        else:
+            self._covered |= tiles
+        self._radius, self._painted = radius, n
+        return Painting(tiles, reset, start, x, y, disk)

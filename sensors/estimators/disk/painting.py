@@ -1,0 +1,144 @@
+"""The compiled painting of disks: tile by tile, newest disk first, every cell written once.
+
+In a tile of 64 x 64 cells one row is one 64-bit word, a bit for each cell that a newer disk has taken
+already. A disk takes what is left of its rows and is done with a row in a few operations, and a tile that is
+full needs no older disks: the work grows with the number of observations plus that of cells, not with their
+product.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from sensors.scoring.tiles import TILE_CELLS
+
+_ALL = np.uint64(0xFFFFFFFFFFFFFFFF)
+_ONE = np.uint64(1)
+_ZERO = np.uint64(0)
+
+
+@njit(cache=True, nogil=True)
+def paint(
+    tiles: NDArray[np.bool_],
+    reset: bool,
+    x: NDArray[np.int32],
+    y: NDArray[np.int32],
+    first: int,
+    low: NDArray[np.int32],
+    high: NDArray[np.int32],
+    table: NDArray[np.float32],
+    defaults: NDArray[np.float32],
+    fields: NDArray[np.int64],
+    value: NDArray[np.float32],
+    planes: NDArray[np.int64],
+    uncertainty: NDArray[np.float32],
+    changed: NDArray[np.bool_],
+) -> None:
+    """Paint the disks of observations into some tiles, later observations over earlier ones.
+
+    Parameters
+    ----------
+    tiles : bool[tiles along x, tiles along y]
+        Where to paint.
+    reset : bool
+        Whether cells that no disk reaches get the default and uncertainty 1; they stay as they are if not.
+    x, y : int32[n]
+        The observed cells in order of time.
+    first, low, high : int, int32[rows], int32[rows]
+        The disk: row i has the cells ``x + first + i`` by ``[y + low[i], y + high[i])``.
+    table : float32[fields, n]
+        The sensed values of the fields that these disks stand for.
+    defaults : float32[fields]
+    fields : int64[fields]
+        Where each of these fields is in `value`.
+    value : float32[3, W, H]
+        Written.
+    planes : int64[planes]
+        Where the uncertainty of these fields is in `uncertainty`.
+    uncertainty : float32[1 or 3, W, H]
+        Written.
+    changed : bool[tiles along x, tiles along y]
+        Set where anything became another.
+    """
+    width, height = value.shape[1], value.shape[2]
+    rows = len(low)
+    lowest, highest = 0, 0
+    for i in range(rows):
+        lowest, highest = min(lowest, low[i]), max(highest, high[i])
+    taken = np.empty(TILE_CELLS, np.uint64)
+    owner = np.empty((TILE_CELLS, TILE_CELLS), np.int32)
+    near = np.empty(len(x), np.int32)
+    for column in range(tiles.shape[0]):
+        if not tiles[column].any():
+            continue
+        x0 = column * TILE_CELLS
+        x1 = min(x0 + TILE_CELLS, width)
+        # The disks that reach these columns of cells, newest first.
+        count = 0
+        for index in range(len(x) - 1, -1, -1):
+            if x[index] + first < x1 and x[index] + first + rows > x0:
+                near[count] = index
+                count += 1
+        for row in range(tiles.shape[1]):
+            if not tiles[column, row]:
+                continue
+            y0 = row * TILE_CELLS
+            size = min(TILE_CELLS, height - y0)
+            full = _ALL >> np.uint64(TILE_CELLS - size)
+            open_rows = x1 - x0
+            taken[:open_rows] = _ZERO
+            for position in range(count):
+                index = near[position]
+                centre = y[index] - y0
+                if centre + lowest >= size or centre + highest <= 0:
+                    continue
+                left = x[index] + first
+                for cell in range(max(left, x0), min(left + rows, x1)):
+                    before = taken[cell - x0]
+                    start = max(centre + low[cell - left], 0)
+                    stop = min(centre + high[cell - left], size)
+                    if before == full or start >= stop:
+                        continue
+                    span = (_ALL >> np.uint64(TILE_CELLS - (stop - start))) << np.uint64(start)
+                    free = span & ~before
+                    if free == _ZERO:
+                        continue
+                    taken[cell - x0] = before | span
+                    if before | span == full:
+                        open_rows -= 1
+                    for j in range(start, stop):
+                        if (free >> np.uint64(j)) & _ONE:
+                            owner[cell - x0, j] = index
+                if open_rows == 0:
+                    break
+            differs = False
+            for cell in range(x0, x1):
+                word = taken[cell - x0]
+                if word == _ZERO and not reset:
+                    continue
+                for k in range(len(fields)):
+                    target = value[fields[k], cell]
+                    for j in range(size):
+                        if (word >> np.uint64(j)) & _ONE:
+                            new = table[k, owner[cell - x0, j]]
+                        elif reset:
+                            new = defaults[k]
+                        else:
+                            continue
+                        differs |= target[y0 + j] != new
+                        target[y0 + j] = new
+                for plane in planes:
+                    doubt = uncertainty[plane, cell]
+                    for j in range(size):
+                        if (word >> np.uint64(j)) & _ONE:
+                            unsure = np.float32(0.0)
+                        elif reset:
+                            unsure = np.float32(1.0)
+                        else:
+                            continue
+                        differs |= doubt[y0 + j] != unsure
+                        doubt[y0 + j] = unsure
+            if differs:
+                changed[column, row] = True

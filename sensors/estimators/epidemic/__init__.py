@@ -1,0 +1,1 @@
+"""The estimator that knows how the diseases spread."""

@@ -1,0 +1,242 @@
+"""What is believed of one disease: class probabilities of every cell, kept up to date as readings come in."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.estimators.epidemic.context import probabilities_of_field
+from sensors.estimators.epidemic.decision import CLASS_VALUES, least_loss_value, standard_deviation
+from sensors.estimators.epidemic.features import (
+    N_FEATURES,
+    REACH,
+    cells_in_reach,
+    inner,
+    local_features,
+    overall_features,
+    padded_codes,
+    set_overall,
+)
+from sensors.estimators.epidemic.network import Network
+from sensors.estimators.epidemic.training import WHOLE_FARM_CELLS, Lesson, classes_of, network_for
+
+_EXACT = 1e-3
+_SOFT = 1e-3
+_TINY = 1e-12
+_CHUNK_CELLS = 1 << 16
+
+Floats = NDArray[np.float64]
+
+
+class DiseaseBelief:
+    """Class probabilities of all cells on one day.
+
+    Parameters
+    ----------
+    hosts : bool[W, H]
+        Cells with the disease's crop.
+    lesson : Lesson
+        The disease and the training; its day is replaced by the day of the estimate.
+    asymmetry : float
+        How much worse an estimate that is too healthy is.
+    misreading_rate : float
+        Probability that a reading shows another class than the plant's.
+    cache : path-like or None
+        Folder of the trained networks.
+
+    Attributes
+    ----------
+    value, uncertainty : float32[W, H]
+        The estimate of least loss, and the standard deviation of the truth.
+    """
+
+    def __init__(
+        self,
+        hosts: NDArray[np.bool_],
+        lesson: Lesson,
+        *,
+        asymmetry: float,
+        misreading_rate: float,
+        cache: str | os.PathLike[str] | None,
+    ) -> None:
+        self._hosts = hosts
+        self._lesson = lesson
+        self._asymmetry = asymmetry
+        self._misreading_rate = misreading_rate
+        self._cache = cache
+        self._host_count = int(np.count_nonzero(hosts))
+        self._seeds = lesson.parameters.seed_count(hosts.shape)
+        self._whole = hosts.size <= WHOLE_FARM_CELLS
+        self._day: int | None = None
+        self._seen = 0
+        self.value = np.ones(hosts.shape, np.float32)
+        self.uncertainty = np.zeros(hosts.shape, np.float32)
+
+    def update(self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats) -> None:
+        """Bring value and uncertainty up to date.
+
+        Parameters
+        ----------
+        day : int
+            The day of the estimate, on or after all others.
+        cells : int32[n, 2]
+            All observed cells so far.
+        days : int32[n]
+            When.
+        values : float64[n]
+            The readings; NaN where the disease was not sensed.
+        """
+        if not self._host_count or (day == self._day and len(values) == self._seen):
+            return
+        x, y, probabilities = self._changed(day, cells, days, values)
+        self.value[x, y] = least_loss_value(probabilities, self._asymmetry)
+        self.uncertainty[x, y] = standard_deviation(probabilities)
+        self._seen = len(values)
+
+    def probabilities(
+        self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats
+    ) -> NDArray[np.float32]:
+        """Return the class probabilities of all cells, float32[3, W, H]; land without the crop is healthy."""
+        out = np.zeros((len(CLASS_VALUES), *self._hosts.shape), np.float32)
+        out[0] = 1.0
+        if self._host_count:
+            fresh = DiseaseBelief(
+                self._hosts,
+                self._lesson,
+                asymmetry=self._asymmetry,
+                misreading_rate=self._misreading_rate,
+                cache=self._cache,
+            )
+            fresh._begin(day)
+            out[:, self._hosts] = fresh._prior[:, None]
+            x, y, probabilities = fresh._changed(day, cells, days, values)
+            out[:, x, y] = probabilities.T
+        return out
+
+    def _begin(self, day: int) -> None:
+        """Forget everything for a new day."""
+        self._network: Network = network_for(replace(self._lesson, day=day), self._hosts, self._cache)
+        self._codes = padded_codes(self._hosts)
+        self._day = day
+        nothing = np.zeros((1, N_FEATURES), np.float32)
+        self._prior = self._network.probabilities(nothing)[0]
+        if self._whole:
+            x, y = np.nonzero(self._hosts)
+            self._x, self._y = x, y
+            self._row = np.full(self._hosts.shape, -1, np.intp)
+            self._row[x, y] = np.arange(len(x))
+            self._features = np.zeros((len(x), N_FEATURES), np.float32)
+            local_features(self._codes, x, y, self._features)
+            return
+        self.value[self._hosts] = least_loss_value(self._prior, self._asymmetry)
+        self.uncertainty[self._hosts] = standard_deviation(self._prior)
+
+    def _changed(
+        self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
+        """Return the cells whose probabilities may have changed, and these, float64[n, 3]."""
+        if day != self._day:
+            self._begin(day)
+        flat, likelihood, exact = self._evidence(day, cells, days, values)
+        new_x, new_y = self._mark(flat, likelihood)
+        shape = self._hosts.shape
+        x, y = cells_in_reach(new_x, new_y, shape)
+        kept = self._hosts[x, y]
+        x, y = x[kept], y[kept]
+        if self._whole:
+            rows = self._row[x, y]
+            part = self._features[rows]
+            local_features(self._codes, x, y, part)
+            self._features[rows] = part
+            set_overall(self._features, overall_features(self._codes, self._host_count, self._seeds))
+            x, y = self._x, self._y
+            around = probabilities_of_field(self._network, self._codes, x, y, self._features, self._seeds)
+        else:
+            if not exact:
+                # How noisy the readings are has been learned anew, which concerns all cells that were read.
+                both = np.union1d(x * shape[1] + y, flat)
+                x, y = (part.astype(np.intp) for part in np.divmod(both, shape[1]))
+            around = self._far_field(x, y)
+        probabilities = around.astype(np.float64)
+        at = x * shape[1] + y
+        if len(flat) and len(at):
+            place = np.minimum(np.searchsorted(flat, at), len(flat) - 1)
+            read = flat[place] == at
+            product = (probabilities[read] + _TINY) * likelihood[place[read]]
+            probabilities[read] = product / product.sum(axis=1, keepdims=True)
+        return x, y, probabilities
+
+    def _far_field(self, x: NDArray[np.intp], y: NDArray[np.intp]) -> NDArray[np.float32]:
+        """Return the network's answer for cells of a large farm, part by part."""
+        out = np.empty((len(x), len(CLASS_VALUES)), np.float32)
+        for start in range(0, len(x), _CHUNK_CELLS):
+            part = slice(start, start + _CHUNK_CELLS)
+            features = np.zeros((len(x[part]), N_FEATURES), np.float32)
+            local_features(self._codes, x[part], y[part], features)
+            out[part] = self._network.probabilities(features)
+        return out
+
+    def _mark(self, flat: NDArray[np.int64], likelihood: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Enter the likeliest class of observed cells into the codes; return the cells that changed."""
+        codes = (np.argmax(likelihood * self._prior, axis=1) + 1).astype(np.uint8)
+        x, y = (part.astype(np.intp) for part in np.divmod(flat, self._hosts.shape[1]))
+        changed = inner(self._codes)[x, y] != codes
+        x, y = x[changed], y[changed]
+        self._codes[x + REACH, y + REACH] = codes[changed]
+        return x, y
+
+    def _evidence(
+        self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats
+    ) -> tuple[NDArray[np.int64], Floats, bool]:
+        """Gather what the readings of a cell itself say of its class today.
+
+        Returns
+        -------
+        flat : int64[m]
+            The observed cells, ascending.
+        likelihood : float64[m, 3]
+            Of each class, the largest is 1.
+        exact : bool
+            Whether readings are taken as the truth.
+        """
+        classes = classes_of(values)
+        sensed = (classes >= 0) & self._hosts[cells[:, 0], cells[:, 1]]
+        # A plant that was healthy on another day may be anything today.
+        sensed &= (days == day) | (classes > 0)
+        cells, days, values, classes = cells[sensed], days[sensed], values[sensed], classes[sensed]
+        flat = cells[:, 0].astype(np.int64) * self._hosts.shape[1] + cells[:, 1]
+        off = np.abs(values - CLASS_VALUES[classes])
+        exact = self._misreading_rate == 0.0 and not (off > _EXACT).any()
+        noise = 0.0 if exact or not len(off) else float(np.sqrt(np.mean(off**2)))
+        single = self._single(day, days, values, classes, noise)
+        if exact:
+            # The last reading counts, should there be several that contradict each other.
+            distinct, last = np.unique(flat[::-1], return_index=True)
+            return distinct, single[::-1][last], True
+        distinct, inverse = np.unique(flat, return_inverse=True)
+        logs = np.log(single + _TINY)
+        total = np.stack([np.bincount(inverse, log, len(distinct)) for log in logs.T], axis=1)
+        return distinct, np.exp(total - total.max(axis=1, keepdims=True)), False
+
+    def _single(
+        self, day: int, days: NDArray[np.int32], values: Floats, classes: NDArray[np.int8], noise: float
+    ) -> Floats:
+        """Return the likelihood of each class today from every reading on its own, float64[n, 3]."""
+        if noise > _EXACT:
+            shown = np.exp(-0.5 * ((values[:, None] - CLASS_VALUES) / noise) ** 2)
+        else:
+            shown = np.eye(len(CLASS_VALUES))[classes]
+        rate = self._misreading_rate
+        likelihood: Floats = shown * (1.0 - 1.5 * rate) + 0.5 * rate * shown.sum(axis=1, keepdims=True)
+        old = days != day
+        if old.any():
+            parameters = self._lesson.parameters
+            ill = np.clip(1.0 - (day - days[old]) / parameters.duration_days, 0.0, 1.0)
+            ill = np.where(classes[old] == 1, ill, 0.0)
+            likelihood[old] = np.stack([np.zeros(len(ill)), ill, 1.0 - ill], axis=1)
+            if noise > _EXACT or rate:
+                likelihood[old] += _SOFT
+        return likelihood

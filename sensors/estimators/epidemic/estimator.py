@@ -1,0 +1,190 @@
+"""An estimator that knows the score and the diseases, learned from simulated outbreaks."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.environment import DISEASES, EnvironmentModel
+from sensors.environment.generate import HOSTS
+from sensors.errors import EstimatorError
+from sensors.estimators.append_buffer import GrowingArray
+from sensors.estimators.base import BaseEstimator
+from sensors.estimators.epidemic.belief import DiseaseBelief
+from sensors.estimators.epidemic.soil import SoilField
+from sensors.estimators.epidemic.training import Lesson
+from sensors.fields import FIELDS
+from sensors.scoring.information import InformationModel
+from sensors.scoring.score import PAPER_WEIGHTS, ScoreWeights
+
+if TYPE_CHECKING:
+    from geo.grid import FarmGrid
+    from sensors.observations import Observations
+
+_SOIL = FIELDS.index("soil")
+# The prior's own roughness is of this size; readings that differ less from a smooth field are not noisy.
+_EXACT_SOIL = 0.015
+
+
+class EpidemicEstimator(BaseEstimator):
+    """The probabilities of healthy, infected and lost plants, and the estimate that costs least under them.
+
+    For each disease, a small network gives the probabilities of a cell's three classes from what was observed
+    within eight cells of it, where its crop ends, and how much of the field was seen. It was trained on
+    outbreaks that the epidemic's model made with other seeds (`sensors.estimators.epidemic.training`). The
+    value is the one with the least expected loss of the score, which punishes a missed disease: an expectile,
+    not the mean. The uncertainty is the standard deviation of the cell's true value. Land without the
+    disease's crop cannot carry it: 1, without doubt. The soil is a smooth random field with the model's
+    lengths (`sensors.estimators.epidemic.soil`).
+
+    What is estimated is the latest day that was observed. Of the days before, only infected and lost plants
+    are still used: they cannot be healthy again.
+
+    Training takes some seconds for each disease, crop map and day; the result is kept in a folder and used
+    again.
+
+    Parameters
+    ----------
+    model : EnvironmentModel, optional
+        What is assumed about diseases and weather; the benchmark's by default.
+    day : int
+        The day that is estimated before there is any observation.
+    misreading_rate : float
+        Probability that a reading shows another class than the plant's. Noise on the readings is noticed
+        without it.
+    weights : ScoreWeights
+        What errors cost.
+    outbreaks, epochs : int
+        Size of the training: simulated fields, and passes over what was drawn from them.
+    training_seed : int
+        Of the training; equal seeds give equal networks.
+    cache : path-like, optional
+        Folder of the trained networks; by default ``wbf-mission/epidemic`` in XDG_CACHE_HOME or ~/.cache.
+
+    Attributes
+    ----------
+    day_ : int
+        The day that is estimated.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from geo.farms import get_farm
+    >>> from sensors.observations import Observations
+    >>> seen = Observations([5], [7], [0.0], [6], [[0.5, 1.0, 0.25]])
+    >>> estimator = EpidemicEstimator(outbreaks=50, epochs=2, cache=tempfile.mkdtemp())
+    >>> model = estimator.fit(get_farm("miniberry-10").grid(), seen).predict()
+    >>> float(model.value[0, 5, 7]), float(model.uncertainty[0, 5, 7]), bool(model.value[0, 5, 8] < 0.9)
+    (0.5, 0.0, True)
+    """
+
+    def __init__(
+        self,
+        model: EnvironmentModel | None = None,
+        day: int = 6,
+        misreading_rate: float = 0.0,
+        weights: ScoreWeights = PAPER_WEIGHTS,
+        outbreaks: int = 1000,
+        epochs: int = 6,
+        training_seed: int = 0,
+        cache: str | os.PathLike[str] | None = None,
+    ) -> None:
+        self.model = model
+        self.day = day
+        self.misreading_rate = misreading_rate
+        self.weights = weights
+        self.outbreaks = outbreaks
+        self.epochs = epochs
+        self.training_seed = training_seed
+        self.cache = cache
+
+    @property
+    def day_(self) -> int:
+        """The day that is estimated: the latest observed one."""
+        self._check_fitted("day_")
+        return int(self._days.array.max()) if len(self._days) else self.day
+
+    def _start(self, grid: FarmGrid) -> None:
+        self._check_parameters()
+        model = self.model or EnvironmentModel()
+        self._cells = GrowingArray((2,), np.int32)
+        self._days = GrowingArray((), np.int32)
+        self._values = GrowingArray((len(FIELDS),), np.float64)
+        self._soil = SoilField(grid.shape, model.soil, self.training_seed)
+        self._beliefs = [
+            DiseaseBelief(
+                np.asarray(grid.crop) == HOSTS[disease],
+                Lesson(model.epidemic(disease), self.day, self.outbreaks, self.epochs, self.training_seed),
+                asymmetry=self.weights.too_healthy[k] / self.weights.too_sick[k],
+                misreading_rate=self.misreading_rate,
+                cache=self.cache,
+            )
+            for k, disease in enumerate(DISEASES)
+        ]
+
+    def _learn(self, observations: Observations) -> None:
+        self._cells.append(np.stack([observations.x, observations.y], axis=1))
+        self._days.append(observations.day)
+        self._values.append(observations.values)
+        sensed = observations[observations.sensed[:, _SOIL]]
+        if len(sensed):
+            self._soil.learn(sensed.x, sensed.y, sensed.day, sensed.values[:, _SOIL].astype(np.float64))
+
+    def _estimate(self) -> InformationModel:
+        value = np.empty((len(FIELDS), *self.grid_.shape), np.float32)
+        uncertainty = np.empty_like(value)
+        day = self.day_
+        for k, belief in enumerate(self._beliefs):
+            belief.update(day, self._cells.array, self._days.array, self._values.array[:, k])
+            value[k], uncertainty[k] = belief.value, belief.uncertainty
+        noise = self._soil.fill(day, value[_SOIL], uncertainty[_SOIL])
+        if noise < _EXACT_SOIL:
+            self._take_soil_readings(day, value[_SOIL])
+        return InformationModel(value, uncertainty)
+
+    def _take_soil_readings(self, day: int, value: NDArray[np.float32]) -> None:
+        """Believe the readings of the soil themselves, of which the last of a cell counts."""
+        readings = self._values.array[:, _SOIL]
+        taken = (self._days.array == day) & np.isfinite(readings)
+        x, y = self._cells.array[taken].T
+        value[x, y] = np.clip(readings[taken], 0.0, 1.0)
+
+    def class_probabilities(self, disease: str) -> NDArray[np.float32]:
+        """Return the probabilities that the plants are healthy, infected and lost, float32[3, W, H].
+
+        Parameters
+        ----------
+        disease : {"tylcv", "ccr"}
+
+        Raises
+        ------
+        EstimatorError
+            If the disease is unknown, or there is no farm yet.
+        """
+        self._check_fitted("class_probabilities")
+        if disease not in DISEASES:
+            msg = f"epidemic: unknown disease {disease!r}, expected one of {', '.join(DISEASES)}"
+            raise EstimatorError(msg)
+        k = DISEASES.index(disease)
+        return self._beliefs[k].probabilities(
+            self.day_, self._cells.array, self._days.array, self._values.array[:, k]
+        )
+
+    def _check_parameters(self) -> None:
+        problems = {
+            "day": isinstance(self.day, int | np.integer) and self.day >= 0,
+            "misreading_rate": 0.0 <= self.misreading_rate < 0.5,
+            "weights": all(
+                cost > 0 for cost in (*self.weights.too_healthy[:_SOIL], *self.weights.too_sick[:_SOIL])
+            ),
+            "outbreaks": self.outbreaks >= 1,
+            "epochs": self.epochs >= 1,
+            "training_seed": isinstance(self.training_seed, int) and self.training_seed >= 0,
+        }
+        for name, good in problems.items():
+            if not good:
+                msg = f"epidemic: {name} cannot be {getattr(self, name)!r}"
+                raise EstimatorError(msg)

@@ -1,0 +1,148 @@
+"""A small neural network for class probabilities: trained and evaluated in numpy, kept as plain arrays."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+Floats32 = NDArray[np.float32]
+
+_BATCH = 512
+_CHUNK_ROWS = 8192
+_WARM_UP_STEPS = 200
+_MOMENTS = (0.9, 0.99)
+_DECAY = 1e-5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Network:
+    """Layers of rectified linear units, and class probabilities by softmax at the end.
+
+    Parameters
+    ----------
+    weights : tuple of float32[n, m]
+        One matrix a layer.
+    biases : tuple of float32[m]
+        One vector a layer.
+    further : tuple of Network
+        Networks that look again, with what the one before them found of the neighbours
+        (`sensors.estimators.epidemic.context`).
+
+    Examples
+    --------
+    >>> network = Network((np.zeros((2, 3), np.float32),), (np.zeros(3, np.float32),))
+    >>> network.probabilities(np.ones((1, 2), np.float32)).round(3).tolist()
+    [[0.3330000042915344, 0.3330000042915344, 0.3330000042915344]]
+    """
+
+    weights: tuple[Floats32, ...]
+    biases: tuple[Floats32, ...]
+    further: tuple[Network, ...] = ()
+
+    @classmethod
+    def draw(cls, sizes: Sequence[int], rng: Generator) -> Network:
+        """Draw the start of a training for layers of these sizes, the inputs first."""
+        shapes = list(itertools.pairwise(sizes))
+        weights = [
+            (rng.standard_normal(shape) * np.sqrt(2.0 / shape[0])).astype(np.float32) for shape in shapes
+        ]
+        weights[-1] *= np.float32(0.1)
+        return cls(tuple(weights), tuple(np.zeros(shape[1], np.float32) for shape in shapes))
+
+    def probabilities(self, inputs: Floats32) -> Floats32:
+        """Return the probability of each class for rows of inputs, float32[rows, classes]."""
+        out = np.empty((len(inputs), len(self.biases[-1])), np.float32)
+        for start in range(0, len(inputs), _CHUNK_ROWS):
+            part = slice(start, start + _CHUNK_ROWS)
+            out[part] = self._forward(inputs[part])[-1]
+        return out
+
+    def _forward(self, inputs: Floats32) -> list[Floats32]:
+        """Return what goes into each layer, and the probabilities last."""
+        layers = [inputs]
+        for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True), start=1):
+            values = layers[-1] @ weight
+            values += bias
+            if number < len(self.weights):
+                np.maximum(values, 0.0, out=values)
+            layers.append(values)
+        scores = layers[-1]
+        scores -= scores.max(axis=1, keepdims=True)
+        np.exp(scores, out=scores)
+        scores /= scores.sum(axis=1, keepdims=True)
+        return layers
+
+    def _gradients(
+        self, inputs: Floats32, classes: NDArray[np.integer], sample_weights: Floats32
+    ) -> list[Floats32]:
+        layers = self._forward(inputs)
+        slope = layers[-1]
+        slope[np.arange(len(inputs)), classes] -= 1.0
+        slope *= (sample_weights / np.float32(len(inputs)))[:, None]
+        of_weights: list[Floats32] = []
+        of_biases: list[Floats32] = []
+        for number in range(len(self.weights) - 1, -1, -1):
+            of_weights.append(layers[number].T @ slope)
+            of_biases.append(slope.sum(axis=0))
+            if number:
+                slope = (slope @ self.weights[number].T) * (layers[number] > 0.0)
+        return of_weights[::-1] + of_biases[::-1]
+
+
+def train(
+    network: Network,
+    inputs: Floats32,
+    classes: NDArray[np.integer],
+    sample_weights: Floats32,
+    *,
+    epochs: int,
+    learning_rate: float = 2e-3,
+    rng: Generator,
+) -> Network:
+    """Train by cross entropy with Adam (Kingma & Ba 2015) and a cosine schedule; changes `network` in place.
+
+    Parameters
+    ----------
+    network : Network
+        Where to start.
+    inputs : float32[n, features]
+        One row a sample.
+    classes : int[n]
+        The true class of each row.
+    sample_weights : float32[n]
+        How much each row counts.
+    epochs : int
+        Passes over the rows.
+    learning_rate : float
+        Largest step of a parameter.
+    rng : numpy.random.Generator
+        Gives the order of the rows.
+    """
+    parameters = [*network.weights, *network.biases]
+    means = [np.zeros_like(parameter) for parameter in parameters]
+    squares = [np.zeros_like(parameter) for parameter in parameters]
+    size = min(_BATCH, max(len(inputs), 1))
+    batches = len(inputs) // size
+    fade_mean, fade_square = (np.float32(1.0 - moment) for moment in _MOMENTS)
+    step = 0
+    for _ in range(epochs):
+        order = rng.permutation(len(inputs))
+        for start in range(0, batches * size, size):
+            rows = order[start : start + size]
+            gradients = network._gradients(inputs[rows], classes[rows], sample_weights[rows])
+            step += 1
+            cosine = 0.5 + 0.5 * np.cos(np.pi * step / (epochs * batches))
+            rate = learning_rate * min(1.0, step / _WARM_UP_STEPS) * cosine
+            corrected = rate / (1.0 - _MOMENTS[0] ** step)
+            root = 1.0 / np.sqrt(1.0 - _MOMENTS[1] ** step)
+            for parameter, gradient, mean, square in zip(parameters, gradients, means, squares, strict=True):
+                mean += fade_mean * (gradient - mean)
+                square += fade_square * (gradient * gradient - square)
+                parameter -= np.float32(corrected) * mean / (np.float32(root) * np.sqrt(square) + 1e-8)
+                parameter -= np.float32(rate * _DECAY) * parameter
+    return network

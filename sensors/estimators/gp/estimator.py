@@ -1,0 +1,272 @@
+"""The Gaussian process: exact and incremental where it fits into memory, at scale where it does not."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.errors import EstimatorError
+from sensors.estimators.base import BaseEstimator
+from sensors.estimators.gp.field import FieldProcess
+from sensors.estimators.gp.posterior_exact import ExactPosterior
+from sensors.estimators.gp.rbf import RbfKernel, fit_kernel
+from sensors.estimators.gp.threads import one_blas_thread
+from sensors.fields import DEFAULT_VALUES, FIELDS
+from sensors.scoring.information import InformationModel
+from sensors.scoring.tiles import tile_shape
+
+if TYPE_CHECKING:
+    from geo.grid import FarmGrid
+    from sensors.environment import EnvironmentModel
+    from sensors.observations import Observations
+
+HEALTHY_MEAN = (1.0, 1.0, None)
+ZERO_MEAN = (0.0, 0.0, 0.0)
+METHODS = ("auto", "exact", "local")
+TEACHERS = ("auto", "observations", "model")
+SMALL_FARM_CELLS = 128 * 128
+"""On larger farms the prior is learned from the model of the environment unless something else is wanted."""
+
+_LOCAL_BYTES_A_CELL = 72
+
+
+class GaussianProcessEstimator(BaseEstimator):
+    """A Gaussian process per field with the paper's kernel: squared exponential plus white noise.
+
+    *Mean and kernel.* Learned from the observations, the kernel is fitted rarely, by marginal likelihood,
+    when a field has 16, 32, 64, ..., 512, 2048, 8192, ... observations, and from those only; beyond 512, from
+    eight runs of 64 consecutive ones, evenly spread. While they are all equal (nothing but healthy plants so
+    far) there is nothing to fit, and the kernel stays what it was given as. (The paper fixes the amplitude to
+    1: ``amplitude_bounds=(1, 1)``.) Learned from the model, mean and kernel are those of simulated
+    environments of the latest observed day on this farm (`sensors.estimators.gp.prior`); that takes one or
+    two seconds, once, and is kept in a folder.
+
+    *Posterior.* Exact, an observation costs O(observations x cells) (`ExactPosterior`). When that would need
+    more memory than allowed, it is computed tile by tile from the observations around, or, for kernels that
+    are long against the farm, in sine functions (`sensors.estimators.gp.local`); an update then touches only
+    what further observations reach, and the arrays that `predict` returns are the same ones at each call.
+    Repeated observations of a cell are independent looks.
+
+    The uncertainty is the standard deviation of an observation, noise included, as in the paper: the noise is
+    what a cell differs from its smooth neighbourhood by.
+
+    Parameters
+    ----------
+    prior_mean : tuple of three (float or None), optional
+        The value of each field far from all observations; None in it is the mean of its observations so far.
+        By default what was learned from the model, or else healthy, healthy, and the running mean for soil;
+        ``(0, 0, 0)`` is the paper's.
+    kernel : RbfKernel
+        The kernel until the first fit.
+    optimise : bool
+        Whether anything is learned; otherwise `prior_mean` and `kernel` are taken as they are.
+    length_bounds, noise_bounds, amplitude_bounds : tuple of two floats
+        Limits of the fit to observations: length scales in cells, variances of the noise and of the smooth
+        part.
+    clip : bool
+        Whether values are limited to 0 .. 1, outside of which no field lies.
+    method : {"auto", "exact", "local"}
+        See above.
+    memory_limit_mb : float
+        What the exact posterior may take, in MiB.
+    learn_from : {"auto", "observations", "model"}
+        What mean and kernel are learned from. "auto" is observations on farms of up to 128 x 128 cells, and
+        the model on larger ones, where few observations show a sick plant.
+    model : EnvironmentModel, optional
+        What is assumed about diseases and weather; the benchmark's by default.
+    day : int
+        The day that is assumed before there is any observation.
+    training_seed : int
+        Of the simulated environments; equal seeds give equal priors.
+    cache : path-like, optional
+        Folder of learned priors; by default ``wbf-mission/gp`` in XDG_CACHE_HOME or ~/.cache.
+
+    Attributes
+    ----------
+    kernels_ : list of RbfKernel
+        The kernel of each field.
+
+    Examples
+    --------
+    >>> from geo.farms import get_farm
+    >>> from sensors.observations import Observations
+    >>> seen = Observations([5], [5], [0.0], [6], [[0.5, 1.0, 0.25]])
+    >>> model = GaussianProcessEstimator().fit(get_farm("miniberry-10").grid(), seen).predict()
+    >>> [round(float(value), 3) for value in model.of("tylcv")[[5, 7, 9], 5]]
+    [0.667, 0.798, 0.955]
+    """
+
+    kernels_: list[RbfKernel]
+
+    def __init__(
+        self,
+        prior_mean: Sequence[float | None] | None = None,
+        kernel: RbfKernel = RbfKernel(),  # noqa: B008 (immutable)
+        optimise: bool = True,
+        length_bounds: tuple[float, float] = (1.0, 10.0),
+        noise_bounds: tuple[float, float] = (1e-5, 1e5),
+        amplitude_bounds: tuple[float, float] = (0.01, 1.0),
+        clip: bool = True,
+        method: str = "auto",
+        memory_limit_mb: float = 256.0,
+        learn_from: str = "auto",
+        model: EnvironmentModel | None = None,
+        day: int = 6,
+        training_seed: int = 0,
+        cache: str | os.PathLike[str] | None = None,
+    ) -> None:
+        self.prior_mean = prior_mean
+        self.kernel = kernel
+        self.optimise = optimise
+        self.length_bounds = length_bounds
+        self.noise_bounds = noise_bounds
+        self.amplitude_bounds = amplitude_bounds
+        self.clip = clip
+        self.method = method
+        self.memory_limit_mb = memory_limit_mb
+        self.learn_from = learn_from
+        self.model = model
+        self.day = day
+        self.training_seed = training_seed
+        self.cache = cache
+
+    def memory_bytes(self, shape: tuple[int, int], n_observations: int) -> int:
+        """Return the memory that the estimator takes on a farm with so many observations, in bytes."""
+        cells = shape[0] * shape[1]
+        models = 2 * len(FIELDS) * 4 * cells
+        exact = len(FIELDS) * ExactPosterior.bytes_needed(n_observations, shape)
+        local = self.method == "local" or (self.method == "auto" and exact > self.memory_limit_mb * 2**20)
+        return _LOCAL_BYTES_A_CELL * cells if local else models + exact
+
+    def _start(self, grid: FarmGrid) -> None:
+        self._check_parameters()
+        means = HEALTHY_MEAN if self.prior_mean is None else tuple(self.prior_mean)
+        self._fields = [
+            FieldProcess(grid.shape, mean, before, self.kernel)
+            for mean, before in zip(means, DEFAULT_VALUES, strict=True)
+        ]
+        self.kernels_ = [self.kernel] * len(FIELDS)
+        large = grid.shape[0] * grid.shape[1] > SMALL_FARM_CELLS
+        auto = "model" if large else "observations"
+        self._teacher = auto if self.learn_from == "auto" else self.learn_from
+        self._latest_day: int | None = None
+        self._learned_day: int | None = None
+        self._own: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
+        self._revision = -1
+
+    def _learn(self, observations: Observations) -> None:
+        for k, (process, sensed) in enumerate(zip(self._fields, observations.sensed.T, strict=True)):
+            process.append(observations.x[sensed], observations.y[sensed], observations.values[sensed, k])
+        self._latest_day = max(int(observations.day.max()), self._latest_day or 0)
+
+    def _estimate(self) -> InformationModel:
+        if self.optimise:
+            if self._teacher == "model":
+                self._take_priors(self.day if self._latest_day is None else self._latest_day)
+            else:
+                for process in self._fields:
+                    process.fit(self._fit_kernel)
+        exact = not self._needs_local()
+        for name, process in zip(FIELDS, self._fields, strict=True):
+            try:
+                process.update(exact=exact)
+            except np.linalg.LinAlgError:
+                msg = (
+                    f"gp: the covariance of {name} is singular; use a kernel or noise_bounds with more noise"
+                )
+                raise EstimatorError(msg) from None
+        self.kernels_ = [process.kernel for process in self._fields]
+        self._revision += 1
+        return self._exact_model() if exact else self._local_model()
+
+    def _exact_model(self) -> InformationModel:
+        value = np.empty((len(FIELDS), *self.grid_.shape), np.float32)
+        uncertainty = np.empty_like(value)
+        for k, process in enumerate(self._fields):
+            process.write_all(value[k], uncertainty[k], clip=self.clip)
+        return InformationModel(value, uncertainty, revision=self._revision)
+
+    def _local_model(self) -> InformationModel:
+        shape = self.grid_.shape
+        first = self._own is None
+        if self._own is None:
+            self._own = (
+                np.empty((len(FIELDS), *shape), np.float32),
+                np.empty((len(FIELDS), *shape), np.float32),
+            )
+        changed = np.zeros(tile_shape(shape), np.bool_)
+        for process, value, uncertainty in zip(self._fields, *self._own, strict=True):
+            changed |= process.write_changes(value, uncertainty, clip=self.clip)
+        views = tuple(array.view() for array in self._own)
+        for view in views:
+            view.flags.writeable = False
+        return InformationModel(views[0], views[1], None if first else changed, self._revision)
+
+    def _take_priors(self, day: int) -> None:
+        if day == self._learned_day:
+            return
+        from sensors.environment import EnvironmentModel
+        from sensors.estimators.epidemic.training import cache_folder
+        from sensors.estimators.gp.prior import learn_priors
+
+        folder = cache_folder(self.cache) if self.cache else cache_folder(None).with_name("gp")
+        model = self.model or EnvironmentModel()
+        priors = learn_priors(self.grid_, model, day, self.training_seed, folder)
+        for process, prior in zip(self._fields, priors, strict=True):
+            process.kernel = prior.kernel
+            if self.prior_mean is None:
+                process.mean = prior.mean
+        self._learned_day = day
+
+    def _fit_kernel(
+        self, x: NDArray[np.int32], y: NDArray[np.int32], residuals: NDArray[np.float64]
+    ) -> RbfKernel:
+        with one_blas_thread():
+            return fit_kernel(
+                x,
+                y,
+                residuals,
+                starts=(self.kernel,),
+                length_bounds=self.length_bounds,
+                noise_bounds=self.noise_bounds,
+                amplitude_bounds=self.amplitude_bounds,
+            )
+
+    def _needs_local(self) -> bool:
+        needed = sum(ExactPosterior.bytes_needed(len(p), self.grid_.shape) for p in self._fields) / 2**20
+        if self.method == "exact" and needed > self.memory_limit_mb:
+            msg = (
+                f"gp: the exact method needs {needed:.0f} MiB for {self.n_observations_} observations on"
+                f" {self.grid_.shape[0]} x {self.grid_.shape[1]} cells, memory_limit_mb is"
+                f" {self.memory_limit_mb:g}; use method 'local' or 'auto', or the estimator 'adaptive-disk'"
+            )
+            raise EstimatorError(msg)
+        return self.method == "local" or (self.method == "auto" and needed > self.memory_limit_mb)
+
+    def _check_parameters(self) -> None:
+        means = self.prior_mean
+        problems = {
+            "prior_mean": means is None
+            or (len(means) == len(FIELDS) and all(mean is None or np.isfinite(mean) for mean in means)),
+            "kernel": isinstance(self.kernel, RbfKernel),
+            "length_bounds": _is_interval(self.length_bounds),
+            "noise_bounds": _is_interval(self.noise_bounds),
+            "amplitude_bounds": _is_interval(self.amplitude_bounds),
+            "method": self.method in METHODS,
+            "memory_limit_mb": self.memory_limit_mb > 0,
+            "learn_from": self.learn_from in TEACHERS,
+            "day": isinstance(self.day, int | np.integer) and self.day >= 0,
+            "training_seed": isinstance(self.training_seed, int) and self.training_seed >= 0,
+        }
+        for name, good in problems.items():
+            if not good:
+                msg = f"gp: {name} cannot be {getattr(self, name)!r}"
+                raise EstimatorError(msg)
+
+
+def _is_interval(bounds: tuple[float, float]) -> bool:
+    return len(bounds) == 2 and 0 < bounds[0] <= bounds[1] < float("inf")

@@ -1,0 +1,185 @@
+"""Nodes over a farm, at which the posterior of a Gaussian process is known, and the cells written from them.
+
+Nodes are a quarter of a length scale apart, or on every cell where that is less than two cells along both
+axes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.estimators.gp import write as gp_write
+from sensors.estimators.gp.rbf import RbfKernel
+from sensors.estimators.gp.threads import in_parallel
+from sensors.scoring.tiles import tile_shape, tiles_of_boxes
+
+NODES_PER_LENGTH = 4
+_COLUMNS_AT_ONCE = 256
+
+Box = tuple[int, int, int, int]
+
+
+class LatticeAxis:
+    """The nodes along one axis, in groups, the tiles.
+
+    Parameters
+    ----------
+    cells : int
+        Length of the farm.
+    step : int
+        Distance of the nodes, cells.
+    single : bool
+        Whether each node is a cell; otherwise there are margins to interpolate in.
+    tile_cells : float
+        Wanted length of a tile, cells.
+
+    Attributes
+    ----------
+    nodes, tiles : int
+        Their numbers.
+    edges : int64[tiles + 1]
+        First node of each tile, and the end of the last one.
+    first : int
+        Place of the first node, cells.
+    """
+
+    def __init__(self, cells: int, step: int, *, single: bool, tile_cells: float) -> None:
+        self.cells = cells
+        self.step = step
+        self.single = single
+        self.nodes = cells if single else -(-cells // step) + gp_write.POINTS - 1
+        self.first = 0 if single else -(gp_write.MARGIN - 1) * step
+        self.tiles = max(1, round(cells / tile_cells))
+        self.edges = np.linspace(0, self.nodes, self.tiles + 1).round().astype(np.int64)
+        self.weights = gp_write.lagrange_weights(step)
+
+    @property
+    def places(self) -> NDArray[np.float64]:
+        """The nodes, cells."""
+        return self.first + self.step * np.arange(self.nodes, dtype=np.float64)
+
+    def reached(self, cells: NDArray[np.integer], reach: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the first and last tile with a node within reach of each cell."""
+        places = cells.astype(np.int64)
+        low = -((self.first - places + reach) // self.step)
+        high = (places + reach - self.first) // self.step
+        a, b = (
+            np.clip(np.searchsorted(self.edges, node, side="right") - 1, 0, self.tiles - 1)
+            for node in (low, high)
+        )
+        return a, b
+
+    def span(self, first: int, last: int) -> tuple[int, int]:
+        """Return the cells that depend on the nodes of some tiles, the last not included."""
+        low, high = int(self.edges[first]), int(self.edges[last + 1])
+        if self.single:
+            return low, high
+        # A cell depends on the nodes from two before to three after its own.
+        return max(0, (low - gp_write.POINTS + 1) * self.step), min(self.cells, high * self.step)
+
+
+class NodeLattice:
+    """The posterior at nodes, in tiles of them, and what of it the cells do not show yet.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Width and height of the farm in cells.
+    kernel : RbfKernel
+        The covariance.
+    tile_cells : tuple of two floats
+        Wanted sides of a tile.
+
+    Attributes
+    ----------
+    x, y : LatticeAxis
+        The nodes.
+    posterior : float32[3, nodes along x, nodes along y]
+        The posterior mean under a zero prior mean, the same for observations that are all one, and how much
+        the variance of the smooth part is less than the prior's. Whoever changes it calls `changed`.
+    """
+
+    def __init__(self, shape: tuple[int, int], kernel: RbfKernel, tile_cells: tuple[float, float]) -> None:
+        self.shape = shape
+        self.kernel = kernel
+        steps = [max(1, int(length / NODES_PER_LENGTH)) for length in (kernel.length_x, kernel.length_y)]
+        self._single = max(steps) == 1
+        self.x, self.y = (
+            LatticeAxis(cells, step, single=self._single, tile_cells=tile)
+            for cells, step, tile in zip(shape, steps, tile_cells, strict=True)
+        )
+        # Zeros: memory that nothing was written to is not taken.
+        self.posterior = np.zeros((3, self.x.nodes, self.y.nodes), np.float32)
+        self._touched = np.zeros((self.x.tiles, self.y.tiles), np.bool_)
+        self._unwritten = self._touched.copy()
+
+    def changed(self, tiles: NDArray[np.bool_]) -> None:
+        """Note that the posterior changed in these tiles of nodes."""
+        self._touched |= tiles
+        self._unwritten |= tiles
+
+    def write(
+        self,
+        mean: float,
+        *,
+        clip: bool,
+        whole: bool,
+        value: NDArray[np.float32],
+        uncertainty: NDArray[np.float32],
+    ) -> NDArray[np.bool_]:
+        """Write value and standard deviation (noise included) of the cells.
+
+        Parameters
+        ----------
+        mean : float
+            The prior mean.
+        clip : bool
+            Whether the value is limited to 0 .. 1.
+        whole : bool
+            Whether to write everything, not only what changed since the last time.
+        value, uncertainty : float32[W, H]
+            Changed.
+
+        Returns
+        -------
+        bool[tiles along x, tiles along y]
+            Which tiles of the farm (`sensors.scoring.tiles`) were written to.
+        """
+        kernel = self.kernel
+        limits = (0.0, 1.0) if clip else (-math.inf, math.inf)
+        prior = mean, kernel.amplitude, kernel.noise
+        if whole:
+            value[:] = min(max(mean, limits[0]), limits[1])
+            uncertainty[:] = math.sqrt(kernel.amplitude + kernel.noise)
+        boxes = list(self._boxes(self._touched if whole else self._unwritten))
+        self._unwritten[:] = False
+
+        def work(part: Sequence[Box]) -> None:
+            for box in part:
+                if self._single:
+                    gp_write.write_cells(self.posterior, box, prior, limits, value, uncertainty)
+                else:
+                    weights = self.x.weights, self.y.weights
+                    gp_write.write_from_nodes(
+                        self.posterior, *weights, box, prior, limits, value, uncertainty
+                    )
+
+        in_parallel(work, boxes)
+        if whole:
+            return np.ones(tile_shape(self.shape), np.bool_)
+        return tiles_of_boxes(self.shape, *np.array(boxes, np.int64).reshape(-1, 4).T)
+
+    def _boxes(self, tiles: NDArray[np.bool_]) -> Iterator[Box]:
+        """Return the cells that depend on the nodes of some tiles, in boxes."""
+        for i in np.flatnonzero(tiles.any(axis=1)).tolist():
+            x0, x1 = self.x.span(i, i)
+            # Where runs of neighbouring tiles begin and end.
+            ends = np.flatnonzero(np.diff(tiles[i].astype(np.int8), prepend=0, append=0))
+            for first, end in ends.reshape(-1, 2).tolist():
+                y0, y1 = self.y.span(first, end - 1)
+                for start in range(x0, x1, _COLUMNS_AT_ONCE):
+                    yield start, min(start + _COLUMNS_AT_ONCE, x1), y0, y1

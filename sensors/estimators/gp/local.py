@@ -1,0 +1,272 @@
+"""Posteriors of a Gaussian process for farms of any size.
+
+`LocalPosterior` is for kernels that are short against the farm: tiles of about eight length scales are solved
+one by one, each from the observations in it and within seven lengths around it. `WholePosterior` is for
+kernels that are long against it: the process is written in sine functions over the whole farm, and
+observations add to sums. Neither thins or averages observations; only repeated ones of a cell are taken
+together, which is exact.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.estimators.gp import tile as gp_tile
+from sensors.estimators.gp.lattice import NodeLattice
+from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel
+from sensors.estimators.gp.threads import in_parallel, one_blas_thread
+
+TILE_LENGTHS = 8.0
+REACH_LENGTHS = 7.0
+TOUCH_LENGTHS = 5.0
+_LEAST_TILE_CELLS = 16
+_OUTSIDE_LENGTHS = 2.5
+_LEAST_INFORMATION = 1e-3
+_BATCH = 4096
+_BATCHES = 16
+
+_Sums = NDArray[np.floating]
+
+
+class Spectrum:
+    """Sine functions on a box, and their prior variances (Solin & Särkkä 2020, eq. 21 and 56).
+
+    Those functions are left out whose variance is too small for observations of the given density to matter:
+    so small that all of them together know it to less than a thousandth.
+
+    Parameters
+    ----------
+    kernel : RbfKernel
+        The covariance.
+    sides : tuple of two floats
+        Of the box, cells.
+    density : float
+        The largest number of observations a cell.
+
+    Attributes
+    ----------
+    roots : tuple of two float64[k], float64[l]
+        Roots of the variances of the functions along each axis.
+    terms : int64[m, 2]
+        Which products of them are used.
+    """
+
+    def __init__(self, kernel: RbfKernel, sides: tuple[float, float], density: float = 1.0) -> None:
+        self.sides = sides
+        lengths = kernel.length_x, kernel.length_y
+        scale = 2.0 * math.pi * lengths[0] * lengths[1] * kernel.amplitude
+        least = min(0.1, _LEAST_INFORMATION * kernel.noise / (scale * density))
+        highest = math.sqrt(-2.0 * math.log(least))
+        angles = []
+        for length, side in zip(lengths, sides, strict=True):
+            frequency = math.pi / side * length
+            angles.append(frequency * np.arange(1, max(1, int(highest / frequency)) + 1))
+        squares = angles[0][:, None] ** 2 + angles[1][None, :] ** 2
+        self.terms = np.ascontiguousarray(np.argwhere(squares <= highest**2), np.int64)
+        if not len(self.terms):
+            self.terms = np.zeros((1, 2), np.int64)
+        root = (2.0 * math.pi) ** 0.25
+        x, y = (
+            root * math.sqrt(length) * np.exp(-0.25 * angle**2)
+            for length, angle in zip(lengths, angles, strict=True)
+        )
+        self.roots: tuple[Floats, Floats] = (x * math.sqrt(kernel.amplitude), y)
+
+
+class LocalPosterior:
+    """Mean and variance of the cells that observations reach.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Width and height of the farm in cells.
+    kernel : RbfKernel
+        The covariance.
+
+    Attributes
+    ----------
+    lattice : NodeLattice
+        The posterior.
+    """
+
+    def __init__(self, shape: tuple[int, int], kernel: RbfKernel) -> None:
+        self.kernel = kernel
+        lengths = kernel.length_x, kernel.length_y
+        tile = [max(TILE_LENGTHS * length, float(_LEAST_TILE_CELLS)) for length in lengths]
+        self.lattice = NodeLattice(shape, kernel, (tile[0], tile[1]))
+        x, y = self.lattice.x, self.lattice.y
+        self._reach = tuple(math.ceil(REACH_LENGTHS * length) for length in lengths)
+        self._touch = tuple(math.ceil(TOUCH_LENGTHS * length) for length in lengths)
+        sides = [
+            float(np.diff(axis.edges).max() * axis.step + 2 * reach + 2 * length)
+            for axis, reach, length in zip((x, y), self._reach, lengths, strict=True)
+        ]
+        self._spectrum = Spectrum(kernel, (sides[0], sides[1]))
+        # Zeros: memory that nothing was written to is not taken.
+        self._index = np.zeros(shape, np.int32)
+        self._cells = np.empty((0, 2), np.int32)
+        self._sums = np.empty((0, 2))
+        self._used = 0
+        self._waiting = np.zeros((x.tiles, y.tiles), np.bool_)
+
+    def condition(self, x: Cells, y: Cells, values: Floats) -> None:
+        """Take further observations."""
+        self._make_room(len(x))
+        values = np.ascontiguousarray(values, np.float64)
+        x, y = np.ascontiguousarray(x, np.int32), np.ascontiguousarray(y, np.int32)
+        self._used = gp_tile.add_to_cells(self._index, self._cells, self._sums, self._used, x, y, values)
+        spans = [
+            part
+            for axis, cells, reach in zip((self.lattice.x, self.lattice.y), (x, y), self._reach, strict=True)
+            for part in axis.reached(cells, reach)
+        ]
+        for i0, i1, j0, j1 in np.unique(np.stack(spans, axis=1), axis=0).tolist():
+            self._waiting[i0 : i1 + 1, j0 : j1 + 1] = True
+
+    def solve(self) -> None:
+        """Bring the tiles up to date that observations reach since the last time.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            If the covariance of a tile's observations is singular.
+        """
+        x, y = self.lattice.x, self.lattice.y
+        kernel = self.kernel
+        parameters = kernel.length_x, kernel.length_y, kernel.noise, kernel.amplitude
+        spectrum = self._spectrum
+
+        def work(tiles: Sequence[NDArray[np.int64]]) -> None:
+            gp_tile.solve_tiles(
+                np.asarray(tiles),
+                x.edges,
+                y.edges,
+                (x.first, y.first, x.step, y.step),
+                self._index,
+                self._sums,
+                self._reach,
+                self._touch,
+                parameters,
+                (*spectrum.roots, *spectrum.sides),
+                spectrum.terms,
+                self.lattice.posterior,
+            )
+
+        if self._waiting.any():
+            in_parallel(work, list(np.argwhere(self._waiting)))
+        self.lattice.changed(self._waiting)
+        self._waiting[:] = False
+
+    def _make_room(self, more: int) -> None:
+        needed = min(self._used + more, self._index.size)
+        if needed > len(self._sums):
+            rows = max(needed, len(self._sums) * 3 // 2)
+            for name in ("_cells", "_sums"):
+                old = getattr(self, name)
+                new = np.empty((rows, 2), old.dtype)
+                new[: self._used] = old[: self._used]
+                setattr(self, name, new)
+
+
+class WholePosterior:
+    """Mean and variance over the whole farm, in sine functions whose weights have known sums.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Width and height of the farm in cells.
+    kernel : RbfKernel
+        The covariance.
+    spectrum : Spectrum
+        What `spectrum_of_farm` gives.
+
+    Attributes
+    ----------
+    lattice : NodeLattice
+        The posterior.
+    """
+
+    def __init__(self, shape: tuple[int, int], kernel: RbfKernel, spectrum: Spectrum) -> None:
+        self.kernel = kernel
+        self.lattice = NodeLattice(shape, kernel, (float(shape[0]), float(shape[1])))
+        self._spectrum = spectrum
+        self._middle = tuple(0.5 * (side - 1) for side in shape)
+        functions = len(spectrum.terms)
+        self._precision = np.eye(functions)
+        self._response = np.zeros((functions, 2))
+        self._waiting = False
+
+    @staticmethod
+    def spectrum_of_farm(shape: tuple[int, int], kernel: RbfKernel, observations: int) -> Spectrum:
+        """Return the functions for a farm with so many observations at most."""
+        sides = [
+            side + 2.0 * _OUTSIDE_LENGTHS * length
+            for side, length in zip(shape, (kernel.length_x, kernel.length_y), strict=True)
+        ]
+        density = min(1.0, observations / (shape[0] * shape[1]))
+        return Spectrum(kernel, (sides[0], sides[1]), density)
+
+    def condition(self, x: Cells, y: Cells, values: Floats) -> None:
+        """Take further observations."""
+        for start in range(0, len(x), _BATCH * _BATCHES):
+            found: dict[int, tuple[_Sums, _Sums]] = {}
+
+            def work(begins: Sequence[int], found: dict[int, tuple[_Sums, _Sums]] = found) -> None:
+                for begin in begins:
+                    part = slice(begin, begin + _BATCH)
+                    functions = self._functions(x[part], y[part])
+                    data = np.stack([values[part], np.ones(len(functions))], axis=1)
+                    found[begin] = functions.T @ functions, functions.T @ data
+
+            in_parallel(work, range(start, min(start + _BATCH * _BATCHES, len(x)), _BATCH))
+            # In this order, whatever was ready first: the sums do not depend on the number of cores.
+            for begin in sorted(found):
+                self._precision += found[begin][0] / self.kernel.noise
+                self._response += found[begin][1] / self.kernel.noise
+        self._waiting = self._waiting or len(x) > 0
+
+    def solve(self) -> None:
+        """Bring the nodes up to date.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            If the precision is singular to the working accuracy.
+        """
+        if not self._waiting:
+            return
+        self._waiting = False
+        with one_blas_thread():
+            factor = np.linalg.cholesky(self._precision)
+        weights = self._response.copy()
+        gp_tile.solve_lower(factor, weights, 2)
+        along_x, along_y = (
+            self._sines(axis.places, k) for k, axis in enumerate((self.lattice.x, self.lattice.y))
+        )
+        posterior = self.lattice.posterior
+
+        def work(columns: Sequence[int]) -> None:
+            part = slice(columns[0], columns[-1] + 1)
+            terms = self._spectrum.terms
+            gp_tile.fill_nodes(factor, weights, along_x[:, part], along_y, terms, posterior[:, part])
+
+        in_parallel(work, range(len(along_x[0])))
+        posterior[2] = self.kernel.amplitude - posterior[2]
+        self.lattice.changed(np.ones((1, 1), np.bool_))
+
+    def _sines(self, places: Floats, k: int) -> NDArray[np.floating]:
+        half = 0.5 * self._spectrum.sides[k]
+        middle = self._middle[k]
+        box = middle - half, middle + half
+        functions: NDArray[np.floating] = gp_tile.sines(places, *box, self._spectrum.roots[k])
+        return functions
+
+    def _functions(self, x: Cells, y: Cells) -> NDArray[np.floating]:
+        """Return the functions at cells, float64[n, m]."""
+        a, b = self._sines(x.astype(np.float64), 0), self._sines(y.astype(np.float64), 1)
+        terms = self._spectrum.terms
+        return np.ascontiguousarray((a[terms[:, 0]] * b[terms[:, 1]]).T)

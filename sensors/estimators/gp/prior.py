@@ -1,0 +1,257 @@
+"""What a Gaussian process may know before the flight: means and kernels, from simulated environments.
+
+Environments are drawn with seeds of their own, and their first two moments taken: the mean, and the
+covariance of cells at each distance. The kernel is the one whose process is nearest to these moments: with
+the covariance S of some cells and the kernel's K, it has the least ``log det K + trace(K^-1 S)``, which is
+the expected log likelihood of an environment, and the Kullback-Leibler divergence but for a constant.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geo.atomic import atomic_write
+from geo.grid import FarmGrid
+from geo.seeds import stream
+from sensors.environment import DISEASES, EnvironmentModel, EpidemicParameters, SoilParameters
+from sensors.environment.epidemic import MAX_DAYS
+from sensors.environment.generate import HOSTS
+from sensors.environment.outbreak import simulate_outbreak, value_table
+from sensors.environment.soil import draw_weather, write_soil
+from sensors.errors import EstimatorError
+from sensors.estimators.gp.rbf import Floats, RbfKernel
+from sensors.estimators.gp.threads import one_blas_thread
+from sensors.fields import DEFAULT_VALUES, FIELDS
+
+VERSION = 1
+"""Part of the names of files; it has to grow with every change of what is learned."""
+_WINDOW = 1000
+_SIMULATED_CELLS = 8_000_000
+_MOST_SIMULATIONS = 400
+_FEWEST_SIMULATIONS = 8
+_LAGS = 14
+_SOIL_SIMULATIONS = 128
+_SOIL_CELLS = 48
+_SOIL_LATTICE = 14
+_LEAST_VARIANCE = 1e-7
+_LENGTH_BOUNDS = (0.5, 64.0)
+
+_in_memory: dict[str, tuple[FieldPrior, ...]] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class FieldPrior:
+    """What is believed of one field before anything is seen: its mean and its kernel."""
+
+    mean: float
+    kernel: RbfKernel
+
+
+def learn_priors(
+    grid: FarmGrid, model: EnvironmentModel, day: int, seed: int, folder: Path
+) -> tuple[FieldPrior, ...]:
+    """Return the priors of the three fields on a day: from memory, from a file in the folder, or learned now.
+
+    Parameters
+    ----------
+    grid : FarmGrid
+        The farm.
+    model : EnvironmentModel
+        What environments are drawn from.
+    day : int
+        The day.
+    seed : int
+        Of the simulations; equal seeds give equal priors.
+    folder : Path
+        Where what was learned is kept. A file that cannot be used is replaced; a folder that cannot be
+        written to costs the simulations of one or two seconds in every process.
+
+    Raises
+    ------
+    EstimatorError
+        If the day is beyond what the model of the environment allows.
+    """
+    if not 0 <= day <= MAX_DAYS:
+        msg = f"gp: day {day} is not in 0..{MAX_DAYS}, the days of an environment"
+        raise EstimatorError(msg)
+    told = {"version": VERSION, "model": asdict(model), "shape": grid.shape, "day": day, "seed": seed}
+    digest = hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode())
+    digest.update(np.ascontiguousarray(grid.crop).data)
+    key = digest.hexdigest()[:32]
+    if key not in _in_memory:
+        path = folder / f"{key}.json"
+        priors = _load(path)
+        if priors is None:
+            crop = np.asarray(grid.crop)
+            diseases = (
+                disease_prior(model.epidemic(name), crop == HOSTS[name], day, seed, name) for name in DISEASES
+            )
+            priors = (*diseases, soil_prior(model.soil, grid.shape, day, seed))
+            _save(priors, path)
+        _in_memory[key] = priors
+    return _in_memory[key]
+
+
+def disease_prior(
+    parameters: EpidemicParameters, hosts: NDArray[np.bool_], day: int, seed: int, name: str
+) -> FieldPrior:
+    """Return the prior of a disease on its hosts.
+
+    Farms of more than a million cells are simulated in windows full of hosts, with as many seeds a host as
+    the farm has.
+    """
+    count = int(np.count_nonzero(hosts))
+    if not count:
+        return FieldPrior(DEFAULT_VALUES[0], RbfKernel(2.0, 2.0, _LEAST_VARIANCE, _LEAST_VARIANCE))
+    size, seeds = parameters.kernel_size, parameters.seed_count(hosts.shape)
+    if size is None:
+        size = parameters.infection_rule(hosts.shape).kernel.size
+    land = hosts
+    if hosts.size > _WINDOW**2:
+        land = np.ones((_WINDOW, _WINDOW), np.bool_)
+        seeds = max(1, round(seeds * land.size / count))
+    # Seeds and kernel follow from the farm's width, which a window does not have.
+    parameters = replace(parameters, seeds=seeds, kernel_size=size)
+    values = np.asarray(value_table(parameters, day), np.float64)
+    number = min(_MOST_SIMULATIONS, max(_FEWEST_SIMULATIONS, _SIMULATED_CELLS // land.size))
+    total, products = 0.0, np.zeros((_LAGS, _LAGS))
+    inside = land.astype(np.float64)
+    for i in range(number):
+        onset = simulate_outbreak(land, parameters, day, stream(seed, "gp", name, str(i)))
+        # Illness, one less the value: it is 0 nearly everywhere, which keeps the products exact.
+        illness = np.where(land, 1.0 - values[onset.view(np.uint8)], 0.0)
+        total += float(illness.sum())
+        products += _lagged_products(illness, _LAGS)
+    pairs = _lagged_products(inside, _LAGS) * number
+    mean = total / (number * inside.sum())
+    # A field may be smaller than the window; products by Fourier transforms are whole numbers but for
+    # rounding.
+    width, height = (int(np.count_nonzero(along > 0.5)) for along in (pairs[:, 0], pairs[0]))
+    covariance = products[:width, :height] / np.maximum(pairs[:width, :height], 1.0) - mean**2
+    kernel = _nearest_kernel(*_window_moments(covariance), _LENGTH_BOUNDS)
+    return FieldPrior(1.0 - mean, kernel)
+
+
+def soil_prior(parameters: SoilParameters, shape: tuple[int, int], day: int, seed: int) -> FieldPrior:
+    """Return the prior of the humidity; it is simulated on few cells, as its humps grow with the farm."""
+    scale = _SOIL_CELLS / max(shape)
+    coarse = (max(8, round(shape[0] * scale)), max(8, round(shape[1] * scale)))
+    fields = np.empty((_SOIL_SIMULATIONS, *coarse))
+    for number, field in enumerate(fields):
+        weather = draw_weather(coarse, day, parameters, stream(seed, "gp", "soil", str(number)))
+
+        def keep(_day: int, first: int, block: NDArray[np.float32], into: Floats = field) -> None:
+            into[first : first + len(block)] = block
+
+        write_soil(coarse, weather, parameters, (day,), keep)
+    places = [np.unique(np.linspace(0, side - 1, _SOIL_LATTICE).round().astype(int)) for side in coarse]
+    x, y = (part.ravel() for part in np.meshgrid(*places, indexing="ij"))
+    mean = float(fields.mean())
+    seen = fields[:, x, y] - mean
+    kernel = _nearest_kernel(x, y, seen.T @ seen / len(seen), _LENGTH_BOUNDS)
+    length_x, length_y = (
+        length * side / cells
+        for length, side, cells in zip((kernel.length_x, kernel.length_y), shape, coarse, strict=True)
+    )
+    return FieldPrior(mean, RbfKernel(length_x, length_y, kernel.noise, kernel.amplitude))
+
+
+def _lagged_products(field: Floats, lags: int) -> Floats:
+    """Return the sums of products of cells (x, y) and (x + i, y + j), float64[lags, lags]."""
+    from scipy import fft
+
+    shape = [fft.next_fast_len(side + lags, real=True) for side in field.shape]
+    spectrum = fft.rfft2(field, shape)
+    products: Floats = fft.irfft2(np.abs(spectrum) ** 2, shape)[:lags, :lags]
+    return products
+
+
+def _window_moments(covariance: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
+    """Return the cells of a window, and their covariance matrix from that at each distance."""
+    x, y = (part.ravel() for part in np.indices(covariance.shape))
+    return x, y, covariance[np.abs(x[:, None] - x), np.abs(y[:, None] - y)]
+
+
+def _nearest_kernel(
+    x: NDArray[np.integer], y: NDArray[np.integer], moments: Floats, length_bounds: tuple[float, float]
+) -> RbfKernel:
+    """Return the kernel whose process at some places is nearest to one with given moments."""
+    from scipy.optimize import minimize
+
+    variance = float(np.trace(moments)) / len(moments)
+    if variance < 2 * _LEAST_VARIANCE:
+        return RbfKernel(2.0, 2.0, _LEAST_VARIANCE, _LEAST_VARIANCE)
+    dx2, dy2 = (np.subtract.outer(a, a).astype(np.float64) ** 2 for a in (x, y))
+    part = (math.log(1e-4), math.log(2.0))
+    length = (math.log(length_bounds[0]), math.log(length_bounds[1]))
+    best, least = np.empty(4), np.inf
+    for start in (1.5, 6.0):
+        first = np.log([start, start, 0.2, 0.8])
+        with one_blas_thread():
+            found = minimize(
+                _divergence,
+                first,
+                (dx2, dy2, moments / variance),
+                method="L-BFGS-B",
+                jac=True,
+                bounds=[length, length, part, part],
+            )
+        if found.fun < least:
+            best, least = found.x, found.fun
+    length_x, length_y, noise, amplitude = np.exp(best).tolist()
+    return RbfKernel(length_x, length_y, noise * variance, amplitude * variance)
+
+
+def _divergence(theta: Floats, dx2: Floats, dy2: Floats, moments: Floats) -> tuple[float, Floats]:
+    """Half of ``log det K + trace(K^-1 S)``, and its gradient ``trace((K^-1 - K^-1 S K^-1) dK) / 2``."""
+    from scipy.linalg import lapack
+
+    length_x, length_y, noise, amplitude = np.exp(theta)
+    smooth = amplitude * np.exp(-0.5 * (dx2 / length_x**2 + dy2 / length_y**2))
+    covariance = smooth + noise * np.eye(len(moments))
+    factor, failed = lapack.dpotrf(covariance, lower=1)
+    if failed:
+        return 1e25, np.zeros(len(theta))
+    lower, _ = lapack.dpotri(factor, lower=1)
+    lower = np.tril(lower)
+    inverse = lower + np.tril(lower, -1).T
+    explained = inverse @ moments
+    cost = float(np.log(factor.diagonal()).sum() + 0.5 * np.trace(explained))
+    inner = inverse - explained @ inverse
+    by_smooth = inner * smooth
+    gradient = (
+        np.vdot(by_smooth, dx2) / length_x**2,
+        np.vdot(by_smooth, dy2) / length_y**2,
+        noise * np.trace(inner),
+        by_smooth.sum(),
+    )
+    return cost, 0.5 * np.array(gradient)
+
+
+def _save(priors: tuple[FieldPrior, ...], path: Path) -> None:
+    told = {name: asdict(prior) for name, prior in zip(FIELDS, priors, strict=True)}
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(path) as file:
+            json.dump(told, file, indent=1)
+    except OSError:
+        return
+
+
+def _load(path: Path) -> tuple[FieldPrior, ...] | None:
+    """Read priors; None if there is no file that can be used."""
+    try:
+        told = json.loads(path.read_text(encoding="utf-8"))
+        priors = tuple(
+            FieldPrior(float(told[name]["mean"]), RbfKernel(**told[name]["kernel"])) for name in FIELDS
+        )
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+    return priors if all(math.isfinite(prior.mean) for prior in priors) else None

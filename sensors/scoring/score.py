@@ -1,0 +1,289 @@
+"""What the errors of an estimate cost the farmer: the Waterberry Farms paper's score, and plainer metrics.
+
+The paper's loss, with estimate I, truth E and relevance mask M of each field i, over c scored times::
+
+    L = sum_i w_i sum_xy M_i sum_t AE_i / (c * sum_i w_i sum_xy M_i)
+    AE = 10 (I - E)^2   where the estimate is too healthy (I > E: a missed disease), else (I - E)^2
+
+Soil humidity has no worse side. The score is -L: 0 is perfect, lower is worse.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.errors import EstimatorError
+from sensors.fields import FIELDS
+from sensors.scoring.information import InformationModel
+from sensors.scoring.score_sums import SUMS, count_cells, find_extremes, sum_errors
+from sensors.scoring.tiles import tile_shape
+
+_Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class ScoreWeights:
+    """What errors cost, per field.
+
+    Parameters
+    ----------
+    field : tuple of three floats
+        Weight of each field.
+    too_healthy : tuple of three floats
+        Cost of a squared error where the estimate is above the truth.
+    too_sick : tuple of three floats
+        Cost of a squared error where the estimate is below the truth.
+    """
+
+    field: _Triple = (1.0, 0.2, 0.1)
+    too_healthy: _Triple = (10.0, 10.0, 1.0)
+    too_sick: _Triple = (1.0, 1.0, 1.0)
+
+
+PAPER_WEIGHTS = ScoreWeights()
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """The score of one estimate, and what it is made of; tuples are in the order of `sensors.fields.FIELDS`.
+
+    Parameters
+    ----------
+    loss : float
+        The paper's loss L of this estimate, 0 is perfect.
+    field_loss : tuple of three floats
+        Mean asymmetric squared error over each field's mask; L is their mean weighted by field and cells.
+    field_mse, field_mae : tuple of three floats
+        Mean squared and mean absolute error over each field's mask.
+    field_weighted_mae : tuple of three floats
+        Mean asymmetric absolute error over each field's mask.
+    authors_axis_max : float
+        What the authors' code computes in place of the paper's formula (a maximum along x, taken for a clip
+        at zero): it saturates, it can be positive for an estimate that is wrong everywhere, and it is here
+        only to place the paper's published figures. Never rank by it.
+    """
+
+    loss: float
+    field_loss: _Triple
+    field_mse: _Triple
+    field_mae: _Triple
+    field_weighted_mae: _Triple
+    authors_axis_max: float
+
+    @property
+    def score(self) -> float:
+        """The paper's score, -L."""
+        return -self.loss
+
+    @property
+    def field_rmse(self) -> _Triple:
+        """Root mean squared error over each field's mask."""
+        a, b, c = np.sqrt(self.field_mse).tolist()
+        return a, b, c
+
+
+def paper_loss(
+    truth: NDArray[np.floating],
+    estimate: NDArray[np.floating],
+    masks: NDArray[np.bool_],
+    weights: ScoreWeights = PAPER_WEIGHTS,
+) -> float:
+    """Return the paper's loss L of one estimate (see the module's formula with c = 1).
+
+    Parameters
+    ----------
+    truth, estimate : float[3, W, H]
+        E and I.
+    masks : bool[3, W, H]
+        The relevant cells of each field, see `sensors.fields.relevance_masks`.
+    weights : ScoreWeights, optional
+        The costs; the paper's by default.
+
+    Raises
+    ------
+    EstimatorError
+        If shapes differ, no cell is relevant, or the estimate is not finite in a relevant cell.
+
+    Examples
+    --------
+    >>> truth = np.full((3, 2, 2), 0.5)
+    >>> masks = np.ones((3, 2, 2), bool)
+    >>> round(paper_loss(truth, truth + 0.1, masks), 6), round(paper_loss(truth, truth - 0.1, masks), 6)
+    (0.093077, 0.01)
+    """
+    return RunningScore(truth, masks, weights).evaluate(estimate).loss
+
+
+class RunningScore:
+    """Scores the estimates of one run against the same truth; masks and counts are prepared once.
+
+    The sums over the cells are kept for each tile of the farm (`sensors.scoring.tiles`). An estimator's
+    model that says what changed since the one before is summed again only there, with the very result that
+    summing everything has: no error accumulates, because tiles are summed anew and added up, nothing is
+    subtracted.
+
+    Parameters
+    ----------
+    truth : float[3, W, H]
+        E; not copied.
+    masks : bool[3, W, H]
+        The relevant cells of each field.
+    weights : ScoreWeights, optional
+        The costs; the paper's by default.
+
+    Attributes
+    ----------
+    losses : list of float
+        The loss of each estimate that was added.
+
+    Examples
+    --------
+    >>> truth = np.ones((3, 2, 2))
+    >>> running = RunningScore(truth, np.ones((3, 2, 2), bool))
+    >>> running.add(truth).loss, running.add(truth - 1).loss, running.score
+    (0.0, 1.0, -0.5)
+    """
+
+    def __init__(
+        self, truth: NDArray[np.floating], masks: NDArray[np.bool_], weights: ScoreWeights = PAPER_WEIGHTS
+    ) -> None:
+        if masks.ndim != 3 or masks.shape[0] != len(FIELDS) or masks.dtype != np.bool_:
+            msg = f"score: masks are {masks.dtype}{list(masks.shape)}, expected bool[{len(FIELDS)}, W, H]"
+            raise EstimatorError(msg)
+        self._fields = [_ScoredField(k, masks[k], weights) for k in range(len(FIELDS))]
+        self._weight = np.array(weights.field) * [part.cells for part in self._fields]
+        if not self._weight.sum() > 0:
+            msg = "score: no cell of the farm is relevant, its owner grows neither tomatoes nor strawberries"
+            raise EstimatorError(msg)
+        self._shape = masks.shape
+        self._tiles = tile_shape((masks.shape[1], masks.shape[2]))
+        self._summed: tuple[NDArray[np.floating], int] | None = None
+        self.weights = weights
+        self.losses: list[float] = []
+        self.advance(truth)
+
+    def advance(self, truth: NDArray[np.floating]) -> None:
+        """Score the following estimates against another truth (the next day)."""
+        self._check_shape(truth, "truth")
+        self._truth = truth
+        self._summed = None
+
+    def add(self, estimate: NDArray[np.floating] | InformationModel) -> Score:
+        """Evaluate an estimate (as `evaluate`) and count it as one of the scored times."""
+        result = self.evaluate(estimate)
+        self.losses.append(result.loss)
+        return result
+
+    def evaluate(self, estimate: NDArray[np.floating] | InformationModel) -> Score:
+        """Return the score of one estimate.
+
+        Parameters
+        ----------
+        estimate : float[3, W, H] or InformationModel
+            A model is summed only in the tiles that it reports as changed, if it is the successor of the
+            model that was evaluated last.
+
+        Raises
+        ------
+        EstimatorError
+            If its shape is not the truth's, or it is not finite in a relevant cell.
+        """
+        value = estimate.value if isinstance(estimate, InformationModel) else estimate
+        self._check_shape(value, "estimate")
+        tiles = self._stale_tiles(estimate)
+        self._summed = None
+        sums = [part.errors(tiles, self._truth[k], value[k]) for k, part in enumerate(self._fields)]
+        loss = float(np.dot(self._weight, [s.loss for s in sums]) / self._weight.sum())
+        if not np.isfinite(loss):
+            bad = ", ".join(FIELDS[k] for k, s in enumerate(sums) if not np.isfinite(s.loss))
+            msg = f"score: the estimate (or the truth) of {bad} is not finite in every relevant cell"
+            raise EstimatorError(msg)
+        if isinstance(estimate, InformationModel):
+            self._summed = value, estimate.revision
+        return Score(
+            loss=loss,
+            field_loss=_triple([s.loss for s in sums]),
+            field_mse=_triple([s.mse for s in sums]),
+            field_mae=_triple([s.mae for s in sums]),
+            field_weighted_mae=_triple([s.weighted_mae for s in sums]),
+            authors_axis_max=float(np.dot(self.weights.field, [s.axis_max for s in sums])),
+        )
+
+    @property
+    def loss(self) -> float:
+        """The mean loss over the scored times, NaN before the first."""
+        return float(np.mean(self.losses)) if self.losses else float("nan")
+
+    @property
+    def score(self) -> float:
+        """The paper's score of the run so far, -L."""
+        return -self.loss
+
+    def _stale_tiles(self, estimate: NDArray[np.floating] | InformationModel) -> NDArray[np.bool_]:
+        if self._summed is not None and isinstance(estimate, InformationModel):
+            value, revision = self._summed
+            if estimate.changed is not None and estimate.value is value and estimate.revision == revision + 1:
+                return estimate.changed
+        return np.ones(self._tiles, np.bool_)
+
+    def _check_shape(self, array: NDArray[np.floating], name: str) -> None:
+        if array.shape != self._shape:
+            msg = f"score: {name} has shape {array.shape}, the masks have {self._shape}"
+            raise EstimatorError(msg)
+
+
+@dataclass(slots=True)
+class _Errors:
+    loss: float = 0.0
+    mse: float = 0.0
+    mae: float = 0.0
+    weighted_mae: float = 0.0
+    axis_max: float = 0.0
+
+
+class _ScoredField:
+    """One field's relevant cells, and the sums over them of the estimate that was scored last."""
+
+    def __init__(self, k: int, mask: NDArray[np.bool_], weights: ScoreWeights) -> None:
+        width, height = mask.shape
+        columns, rows = tile_shape((width, height))
+        self._mask = mask
+        self._low, self._high = weights.too_sick[k], weights.too_healthy[k]
+        self._tile_cells = np.zeros((columns, rows), np.int64)
+        count_cells(mask, self._tile_cells)
+        self.cells = int(self._tile_cells.sum())
+        self._sums = np.zeros((columns, rows, SUMS))
+        self._line_cells = np.count_nonzero(mask, axis=0)
+        # The authors score soil, where no side is worse, by its plain mean absolute error.
+        lines = height if self.cells and self._low != self._high else 0
+        self._above, self._below = np.zeros((columns, lines)), np.zeros((columns, lines))
+
+    def errors(
+        self, tiles: NDArray[np.bool_], truth: NDArray[np.floating], estimate: NDArray[np.floating]
+    ) -> _Errors:
+        """Sum the errors in these tiles anew, and add up all."""
+        out = _Errors()
+        if not self.cells:
+            return out
+        sum_errors(tiles, self._tile_cells, self._mask, truth, estimate, self._sums)
+        squares, worse_squares, absolute, worse_absolute = (
+            self._sums.reshape(-1, SUMS).sum(axis=0) / self.cells
+        ).tolist()
+        low, high = self._low, self._high
+        out.mse, out.mae = squares, absolute
+        out.loss = low * (squares - worse_squares) + high * worse_squares
+        out.weighted_mae = low * (absolute - worse_absolute) + high * worse_absolute
+        out.axis_max = -out.mae
+        if low != high:
+            find_extremes(tiles, self._line_cells, truth, estimate, self._above, self._below)
+            worst = low * self._below.max(axis=0) + high * self._above.max(axis=0)
+            out.axis_max = -float(self._line_cells @ worst) / self.cells
+        return out
+
+
+def _triple(values: list[float]) -> _Triple:
+    a, b, c = values
+    return a, b, c

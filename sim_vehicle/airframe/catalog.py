@@ -1,0 +1,163 @@
+"""Vehicle files: TOML with the fields of `VehicleSpec`, and tables for its parts.
+
+The vehicles of the package are such files, too (``sim_vehicle/airframe/vehicles``).
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import fields, replace
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any, get_args
+
+from sim_vehicle.airframe.power_spec import AnyPowerSpec, BatterySpec
+from sim_vehicle.airframe.spec import KINDS, POWER_OF_KIND, PublishedEndurance, VehicleSpec
+from sim_vehicle.errors import VehicleError
+
+__all__ = ["find_vehicle", "load_vehicle", "packaged_names"]
+
+_DEFAULT = "quad"
+_BASE_OF_KIND = {"multirotor": "quad", "fixed-wing": "wing", "rover": "rover", "ideal": "ideal"}
+# A vehicle cannot have these from a file: its name is the file's, the others are set by who flies it.
+_NOT_IN_FILES = ("name", "autopilot", "parameters")
+_PARAMETER = re.compile(r"[A-Z][A-Z0-9_]{0,15}")
+_PARTS = (BatterySpec, PublishedEndurance, *get_args(AnyPowerSpec))
+
+
+@cache
+def packaged_names() -> tuple[str, ...]:
+    """Return the names of the vehicles that come with the package, the default one first."""
+    folder = resources.files("sim_vehicle.airframe") / "vehicles"
+    names = (entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    return tuple(sorted(names, key=lambda name: (name != _DEFAULT, name == "ideal", name)))
+
+
+def find_vehicle(name: str) -> VehicleSpec:
+    """Return a vehicle by its name or from a file that ends in ``.toml``.
+
+    Raises
+    ------
+    VehicleError
+        If there is no such vehicle, or the file is not one.
+
+    Examples
+    --------
+    >>> find_vehicle("Quad").cruise_speed_m_s
+    8.0
+    """
+    if name.lower().endswith(".toml"):
+        return load_vehicle(Path(name))
+    if name.lower() not in packaged_names():
+        msg = f"unknown vehicle {name!r}: choose {', '.join(packaged_names())} or a .toml file"
+        raise VehicleError(msg)
+    return _packaged(name.lower())
+
+
+@cache
+def _packaged(name: str) -> VehicleSpec:
+    text = (resources.files("sim_vehicle.airframe") / "vehicles" / f"{name}.toml").read_text(encoding="utf-8")
+    data = tomllib.loads(text)
+    return _build(f"vehicle {name}", name, data, VehicleSpec(name, kind=data.get("kind", "multirotor")))
+
+
+def load_vehicle(path: Path) -> VehicleSpec:
+    """Read a vehicle file: keys of `VehicleSpec`, tables for its parts.
+
+    The tables are ``[battery]``, ``[power]``, ``[published]``, and ``[px4]`` and ``[ardupilot]`` with
+    parameters of the autopilots. A key ``base`` names the vehicle whose values hold where the file has none;
+    by default it is the package's vehicle of the file's kind.
+
+    Raises
+    ------
+    VehicleError
+        If the file cannot be read, is not TOML, has unknown keys or impossible values.
+    """
+    where = f"vehicle file {path}"
+    try:
+        data: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        msg = f"{where}: {error}"
+        raise VehicleError(msg) from None
+    kind = data.get("kind", "multirotor" if "base" not in data else None)
+    if kind is not None and kind not in KINDS:
+        msg = f"{where}: kind {kind!r} is not one of {', '.join(KINDS)}"
+        raise VehicleError(msg)
+    name = str(data.pop("base", _BASE_OF_KIND.get(str(kind)))).lower()
+    if name not in packaged_names():
+        msg = f"{where}: base must be one of {', '.join(packaged_names())}"
+        raise VehicleError(msg)
+    base = replace(_packaged(name), published=None, description="")
+    if kind is not None and kind != base.kind:
+        msg = f"{where}: kind {kind} does not fit base {name}, which is a {base.kind}: leave one of them out"
+        raise VehicleError(msg)
+    return _build(where, path.stem, data, base)
+
+
+def _build(where: str, name: str, data: dict[str, Any], base: VehicleSpec) -> VehicleSpec:
+    changes: dict[str, Any] = {"name": name}
+    known = {f.name for f in fields(VehicleSpec) if f.name not in _NOT_IN_FILES}
+    for key, value in data.items():
+        if key not in known:
+            msg = f"{where}: unknown key {key!r}"
+            raise VehicleError(msg)
+        if key in ("battery", "power", "published"):
+            changes[key] = _part(where, key, value, base)
+        elif key in ("px4", "ardupilot"):
+            changes[key] = _parameters(where, key, value, getattr(base, key))
+        elif isinstance(getattr(base, key), str) != isinstance(value, str):
+            msg = f"{where}: {key} {value!r} has the wrong type"
+            raise VehicleError(msg)
+        else:
+            changes[key] = value
+    try:
+        return replace(base, **changes)
+    except VehicleError as error:
+        msg = f"{where}: {error}"
+        raise VehicleError(msg) from None
+
+
+def _part(where: str, key: str, value: object, base: VehicleSpec) -> object:
+    types = {"battery": BatterySpec, "published": PublishedEndurance, "power": POWER_OF_KIND.get(base.kind)}
+    kind = types[key]
+    if kind is None:
+        msg = f"{where}: a vehicle of kind {base.kind} has no [{key}]"
+        raise VehicleError(msg)
+    if not isinstance(value, dict):
+        msg = f"{where}: {key} must be a table"
+        raise VehicleError(msg)
+    known = {f.name: f.type for f in fields(kind)}
+    for name, entry in value.items():
+        if name not in known:
+            msg = f"{where}: unknown key {name!r} in [{key}]"
+            raise VehicleError(msg)
+        if isinstance(entry, bool) or isinstance(entry, str) != (known[name] == "str"):
+            msg = f"{where}: [{key}] {name} {entry!r} has the wrong type"
+            raise VehicleError(msg)
+    before = getattr(base, key)
+    try:
+        return replace(before, **value) if isinstance(before, _PARTS) else kind(**value)
+    except TypeError as error:
+        msg = f"{where}: [{key}]: {error}"
+        raise VehicleError(msg) from None
+    except VehicleError as error:
+        msg = f"{where}: {error}"
+        raise VehicleError(msg) from None
+
+
+def _parameters(
+    where: str, key: str, value: object, base: tuple[tuple[str, float], ...]
+) -> tuple[tuple[str, float], ...]:
+    if not isinstance(value, dict):
+        msg = f"{where}: {key} must be a table of parameters"
+        raise VehicleError(msg)
+    for name, number in value.items():
+        if not _PARAMETER.fullmatch(name):
+            msg = f"{where}: [{key}] {name!r} is no parameter's name: capitals, digits and _, at most 16"
+            raise VehicleError(msg)
+        if isinstance(number, bool) or not isinstance(number, int | float) or not abs(number) < 1e9:
+            msg = f"{where}: [{key}] {name} {number!r} is not a number"
+            raise VehicleError(msg)
+    return tuple({**dict(base), **{name: float(number) for name, number in value.items()}}.items())

@@ -1,0 +1,248 @@
+"""What a vehicle's power model and battery are made of (see docs/energy.md)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+from sim_vehicle.errors import VehicleError
+
+__all__ = [
+    "AIR_DENSITY_KG_M3",
+    "GRAVITY_M_S2",
+    "AnyPowerSpec",
+    "BatterySpec",
+    "FixedWingPowerSpec",
+    "PowerSpec",
+    "RoverPowerSpec",
+    "positive",
+]
+
+AIR_DENSITY_KG_M3 = 1.225
+GRAVITY_M_S2 = 9.80665
+
+
+@dataclass(frozen=True, slots=True)
+class BatterySpec:
+    """A battery pack of lithium-polymer cells: an equivalent circuit of one time constant.
+
+    Parameters
+    ----------
+    capacity_wh : float
+        Energy of the full pack, watt hours.
+    cells : int
+        Cells in series.
+    cell_voltage_v : float
+        Nominal voltage of a cell.
+    full_cell_v, empty_cell_v : float
+        Open-circuit voltage of a full and of an empty cell.
+    resistance_ohm : float
+        Internal resistance of the whole pack that acts at once.
+    polarization_ohm : float
+        Further resistance of the whole pack, whose voltage builds up and recovers slowly.
+    relaxation_s : float
+        Time constant of that.
+    reserve_fraction : float
+        Below this fraction the battery is low; a plan should land before it.
+    critical_fraction : float
+        Below this fraction the vehicle must land where it is.
+    """
+
+    capacity_wh: float
+    cells: int
+    cell_voltage_v: float = 3.8
+    full_cell_v: float = 4.2
+    empty_cell_v: float = 3.0
+    resistance_ohm: float = 0.02
+    polarization_ohm: float = 0.008
+    relaxation_s: float = 30.0
+    reserve_fraction: float = 0.2
+    critical_fraction: float = 0.1
+
+    def __post_init__(self) -> None:
+        positive(
+            "battery", self, "capacity_wh", "cell_voltage_v", "full_cell_v", "empty_cell_v", "relaxation_s"
+        )
+        if isinstance(self.cells, bool) or not isinstance(self.cells, int) or not 1 <= self.cells <= 100:
+            msg = f"battery: cells {self.cells!r} must be a whole number, 1 to 100"
+            raise VehicleError(msg)
+        for name in ("resistance_ohm", "polarization_ohm"):
+            value = getattr(self, name)
+            if not _is_number(value) or not 0.0 <= value < 10.0:
+                msg = f"battery: {name} {value!r} is negative or no resistance of a battery: give 0 to 10"
+                raise VehicleError(msg)
+        if not self.empty_cell_v < self.cell_voltage_v < self.full_cell_v <= 5.0:
+            msg = (
+                f"battery: empty_cell_v {self.empty_cell_v}, cell_voltage_v {self.cell_voltage_v} and "
+                f"full_cell_v {self.full_cell_v} must be ordered and at most 5"
+            )
+            raise VehicleError(msg)
+        levels = (self.critical_fraction, self.reserve_fraction)
+        if not all(_is_number(level) for level in levels) or not 0.0 <= levels[0] <= levels[1] < 1.0:
+            msg = (
+                f"battery: critical_fraction {self.critical_fraction} and reserve_fraction "
+                f"{self.reserve_fraction} must be ordered within 0..1"
+            )
+            raise VehicleError(msg)
+
+    @property
+    def nominal_voltage_v(self) -> float:
+        """Nominal voltage of the pack."""
+        return self.cells * self.cell_voltage_v
+
+    @property
+    def capacity_mah(self) -> float:
+        """Charge of the full pack, from its energy and its nominal voltage."""
+        return 1000.0 * self.capacity_wh / self.nominal_voltage_v
+
+
+@dataclass(frozen=True, slots=True)
+class PowerSpec:
+    """Parameters of the rotorcraft power model (see `sim_vehicle.energy.power.multirotor_power`).
+
+    Parameters
+    ----------
+    mass_kg : float
+        Take-off mass.
+    disc_area_m2 : float
+        Disc area of all rotors together.
+    tip_speed_m_s : float
+        Blade tip speed in hover.
+    solidity : float
+        Blade area over disc area.
+    blade_drag : float
+        Profile drag coefficient of the blades.
+    induced_factor : float
+        Ratio of the real to the ideal induced power.
+    drag_area_m2 : float
+        Equivalent flat plate area of the fuselage.
+    efficiency : float
+        Shaft power over electric power (motors, speed controllers, wiring).
+    avionics_w, camera_w : float
+        Constant power of autopilot and radio, and of the camera.
+    idle_w : float
+        Additional power while armed on the ground.
+    """
+
+    mass_kg: float
+    disc_area_m2: float
+    tip_speed_m_s: float
+    solidity: float = 0.1
+    blade_drag: float = 0.05
+    induced_factor: float = 1.15
+    drag_area_m2: float = 0.03
+    efficiency: float = 0.7
+    avionics_w: float = 8.0
+    camera_w: float = 4.0
+    idle_w: float = 25.0
+
+    def __post_init__(self) -> None:
+        _check_power(self)
+
+
+@dataclass(frozen=True, slots=True)
+class FixedWingPowerSpec:
+    """Parameters of the power model of an aeroplane (see `sim_vehicle.energy.power.wing_power`).
+
+    Parameters
+    ----------
+    mass_kg : float
+        Take-off mass.
+    wing_area_m2, wing_span_m : float
+        Of the wing; they give its aspect ratio.
+    parasitic_drag : float
+        Drag coefficient without lift, on the wing area.
+    oswald : float
+        Span efficiency of the induced drag.
+    efficiency : float
+        Propulsive over electric power: propeller, motor, speed controller, wiring.
+    avionics_w, camera_w : float
+        Constant power of autopilot, servos and radio, and of the camera.
+    idle_w : float
+        Additional power while armed on the ground.
+    """
+
+    mass_kg: float
+    wing_area_m2: float
+    wing_span_m: float
+    parasitic_drag: float = 0.025
+    oswald: float = 0.8
+    efficiency: float = 0.55
+    avionics_w: float = 8.0
+    camera_w: float = 4.0
+    idle_w: float = 2.0
+
+    def __post_init__(self) -> None:
+        _check_power(self)
+
+    @property
+    def drag_area_m2(self) -> float:
+        """Equivalent flat plate area of the drag without lift."""
+        return self.parasitic_drag * self.wing_area_m2
+
+
+@dataclass(frozen=True, slots=True)
+class RoverPowerSpec:
+    """Parameters of the power model of a ground vehicle (see `sim_vehicle.energy.power.rover_power`).
+
+    Parameters
+    ----------
+    mass_kg : float
+        Mass as driven.
+    rolling_resistance : float
+        Rolling drag over weight.
+    drag_area_m2 : float
+        Drag coefficient times frontal area.
+    efficiency : float
+        Power at the wheels over electric power.
+    avionics_w, camera_w : float
+        Constant power of computer and radio, and of the camera.
+    idle_w : float
+        Additional power while armed and standing.
+    """
+
+    mass_kg: float
+    rolling_resistance: float = 0.08
+    drag_area_m2: float = 0.2
+    efficiency: float = 0.6
+    avionics_w: float = 15.0
+    camera_w: float = 4.0
+    idle_w: float = 2.0
+
+    def __post_init__(self) -> None:
+        _check_power(self)
+
+
+AnyPowerSpec = PowerSpec | FixedWingPowerSpec | RoverPowerSpec
+
+
+def _check_power(spec: AnyPowerSpec) -> None:
+    free = ("camera_w", "idle_w")
+    positive("power", spec, *(f.name for f in fields(spec) if f.name not in free))
+    for name in free:
+        value = getattr(spec, name)
+        if not _is_number(value) or not 0.0 <= value < 1e6:
+            msg = f"power: {name} {value!r} is negative or not a number"
+            raise VehicleError(msg)
+    if spec.efficiency > 1.0:
+        msg = f"power: efficiency {spec.efficiency} is above 1"
+        raise VehicleError(msg)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def positive(what: str, spec: object, *names: str) -> None:
+    """Check that attributes are positive numbers.
+
+    Raises
+    ------
+    VehicleError
+        Naming the first that is not.
+    """
+    for name in names:
+        value = getattr(spec, name)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < 1e9:
+            msg = f"{what}: {name} {value!r} is not a positive number"
+            raise VehicleError(msg)

@@ -1,0 +1,246 @@
+"""What a vehicle can do: kinematic limits, battery, power model; and how to get one by its name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from types import MappingProxyType
+from typing import Literal
+
+from geo.units import FOOT_M
+from sim_vehicle.airframe.power_spec import (
+    AIR_DENSITY_KG_M3,
+    GRAVITY_M_S2,
+    AnyPowerSpec,
+    BatterySpec,
+    FixedWingPowerSpec,
+    PowerSpec,
+    RoverPowerSpec,
+    positive,
+)
+from sim_vehicle.errors import VehicleError
+
+__all__ = [
+    "AIR_DENSITY_KG_M3",
+    "AUTOPILOTS",
+    "GRAVITY_M_S2",
+    "KINDS",
+    "POWER_OF_KIND",
+    "AnyPowerSpec",
+    "BatterySpec",
+    "FixedWingPowerSpec",
+    "PowerSpec",
+    "PublishedEndurance",
+    "RoverPowerSpec",
+    "VehicleSpec",
+    "get_vehicle",
+    "vehicle_names",
+]
+
+KINDS = ("multirotor", "fixed-wing", "rover", "ideal")
+AUTOPILOTS = ("px4", "ardupilot", "generic")
+POWER_OF_KIND: Mapping[str, type[AnyPowerSpec]] = MappingProxyType(
+    {"multirotor": PowerSpec, "fixed-wing": FixedWingPowerSpec, "rover": RoverPowerSpec}
+)
+_NO_LIMITS = (
+    "name",
+    "kind",
+    "autopilot",
+    "parameters",
+    "battery",
+    "power",
+    "px4",
+    "ardupilot",
+    "published",
+    "description",
+    "disarm_delay_s",
+    "linear_drag_1_s",
+    "attitude_response_s",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class PublishedEndurance:
+    """How long a vehicle flies as its maker tells it.
+
+    Parameters
+    ----------
+    endurance_min : float
+        Minutes.
+    airspeed_m_s : float
+        0 for hovering.
+    used_fraction : float
+        Share of the battery that the flight takes.
+    condition, source : str
+        As published, and where.
+    """
+
+    endurance_min: float
+    airspeed_m_s: float = 0.0
+    used_fraction: float = 1.0
+    condition: str = ""
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        positive("published", self, "endurance_min", "used_fraction")
+        if not 0.0 <= self.airspeed_m_s < 200.0 or self.used_fraction > 1.0:
+            msg = (
+                f"published: airspeed_m_s {self.airspeed_m_s} must be 0 to 200, "
+                f"used_fraction {self.used_fraction} at most 1"
+            )
+            raise VehicleError(msg)
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleSpec:
+    """A vehicle: limits that its motion never exceeds, defaults, battery and power model.
+
+    Parameters
+    ----------
+    name : str
+        Name for reports.
+    kind : {"multirotor", "fixed-wing", "rover", "ideal"}
+        The motion model.
+    autopilot : {"px4", "ardupilot", "generic"}
+        Whose law of motion it follows; "generic" is that of none in particular.
+    parameters : tuple of (str, float)
+        Parameters of the autopilot that are not at their defaults, under their real names.
+    cruise_speed_m_s : float
+        Ground speed on a mission that does not set one.
+    speed_limit_m_s : float
+        Horizontal ground speed that is never exceeded; a mission may command up to 95 % of it.
+    airspeed_limit_m_s : float
+        Horizontal airspeed that the vehicle can hold; bounds the ground speed in a wind.
+    climb_speed_m_s, descent_speed_m_s, landing_speed_m_s : float
+        Vertical speeds: never exceeded; the last one near the ground while landing.
+    acceleration_m_s2, jerk_m_s3 : float
+        Bounds on the horizontal acceleration and jerk vectors; 80 % of each is used along the path, the
+        rest is kept for corners (see docs/vehicle-model.md).
+    vertical_acceleration_m_s2, vertical_jerk_m_s3 : float
+        Bounds on the vertical acceleration and jerk.
+    yaw_rate_rad_s, yaw_acceleration_rad_s2 : float
+        Bounds on the turning of the heading.
+    acceptance_radius_m : float
+        Distance at which a waypoint that sets none is passed.
+    takeoff_altitude_m, return_altitude_m, max_altitude_m : float
+        Default take-off height, least height of the way home, and ceiling, all above home.
+    max_distance_m : float
+        Farthest allowed place from home.
+    step_s : float
+        Time step of the motion model.
+    disarm_delay_s : float
+        Time from touch-down to disarming.
+    cell_m : float
+        Length of one step of the ideal vehicle.
+    linear_drag_1_s : float or None
+        Drag of a multirotor per mass and airspeed; None is that of the autopilot's reference airframe.
+    attitude_response_s : float or None
+        Time in which its tilt follows what the autopilot wants; None is that of the reference airframe.
+    battery : BatterySpec or None
+        None is an endless battery.
+    power : PowerSpec, FixedWingPowerSpec, RoverPowerSpec or None
+        The one of its kind; None uses no energy.
+    px4, ardupilot : tuple of (str, float)
+        Parameters for when that autopilot flies it, under their real names.
+    published : PublishedEndurance or None
+        What the maker of such a vehicle tells, to compare the model with.
+    description : str
+        In a few words, for lists.
+
+    Examples
+    --------
+    >>> get_vehicle("quad").cruise_speed_m_s
+    8.0
+    """
+
+    name: str
+    kind: Literal["multirotor", "fixed-wing", "rover", "ideal"] = "multirotor"
+    autopilot: Literal["px4", "ardupilot", "generic"] = "generic"
+    parameters: tuple[tuple[str, float], ...] = ()
+    cruise_speed_m_s: float = 8.0
+    speed_limit_m_s: float = 14.0
+    airspeed_limit_m_s: float = 16.0
+    climb_speed_m_s: float = 4.0
+    descent_speed_m_s: float = 3.0
+    landing_speed_m_s: float = 0.7
+    acceleration_m_s2: float = 3.75
+    jerk_m_s3: float = 5.0
+    vertical_acceleration_m_s2: float = 2.5
+    vertical_jerk_m_s3: float = 5.0
+    yaw_rate_rad_s: float = math.radians(60.0)
+    yaw_acceleration_rad_s2: float = math.radians(120.0)
+    acceptance_radius_m: float = 1.0
+    takeoff_altitude_m: float = 10.0
+    return_altitude_m: float = 15.0
+    max_altitude_m: float = 500.0
+    max_distance_m: float = 20_000.0
+    step_s: float = 0.02
+    disarm_delay_s: float = 2.0
+    cell_m: float = FOOT_M
+    linear_drag_1_s: float | None = None
+    attitude_response_s: float | None = None
+    battery: BatterySpec | None = None
+    power: AnyPowerSpec | None = None
+    px4: tuple[tuple[str, float], ...] = ()
+    ardupilot: tuple[tuple[str, float], ...] = ()
+    published: PublishedEndurance | None = None
+    description: str = ""
+
+    def __post_init__(self) -> None:
+        for name, known in (("kind", KINDS), ("autopilot", AUTOPILOTS)):
+            value = getattr(self, name)
+            if value not in known:
+                msg = f"vehicle {self.name}: {name} {value!r} is not one of {', '.join(known)}"
+                raise VehicleError(msg)
+        positive(f"vehicle {self.name}", self, *(f.name for f in fields(self) if f.name not in _NO_LIMITS))
+        for name, least in (("linear_drag_1_s", 0.0), ("attitude_response_s", 0.02)):
+            value = getattr(self, name)
+            if value is not None and not least <= value <= 10.0:
+                msg = f"vehicle {self.name}: {name} {value!r} is outside {least:g}..10"
+                raise VehicleError(msg)
+        if not 0.0 <= self.disarm_delay_s < 3600.0:
+            msg = f"vehicle {self.name}: disarm_delay_s {self.disarm_delay_s} is outside 0..3600"
+            raise VehicleError(msg)
+        if self.battery is not None and self.power is None:
+            msg = f"vehicle {self.name}: a battery needs a power model ([power])"
+            raise VehicleError(msg)
+        wanted = POWER_OF_KIND.get(self.kind)
+        if self.power is not None and (wanted is None or not isinstance(self.power, wanted)):
+            msg = f"vehicle {self.name}: {type(self.power).__name__} is no power model of kind {self.kind}"
+            raise VehicleError(msg)
+
+    @property
+    def is_ideal(self) -> bool:
+        """Whether it is the paper's robot, without dynamics."""
+        return self.kind == "ideal"
+
+    @property
+    def top_speed_m_s(self) -> float:
+        """The highest ground speed that a mission can command."""
+        return self.cell_m / self.step_s if self.is_ideal else 0.95 * self.speed_limit_m_s
+
+
+def vehicle_names() -> tuple[str, ...]:
+    """Return the names of the vehicles that come with the package, the default one first."""
+    from sim_vehicle.airframe.catalog import packaged_names
+
+    return packaged_names()
+
+
+def get_vehicle(name: str) -> VehicleSpec:
+    """Return a vehicle by its name, or read it from a TOML file.
+
+    Parameters
+    ----------
+    name : str
+        One of `vehicle_names`, or a path that ends in ``.toml``.
+
+    Raises
+    ------
+    VehicleError
+        If there is no such vehicle, or the file is not one.
+    """
+    from sim_vehicle.airframe.catalog import find_vehicle
+
+    return find_vehicle(name)

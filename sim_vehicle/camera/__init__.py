@@ -1,0 +1,1 @@
+"""The MAVLink camera component that carries the leaf camera."""

@@ -1,0 +1,456 @@
+"""The leaf camera as a MAVLink camera component that rides beside an autopilot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from mission.link.codec.dialect import mavlink
+from sensors.camera.wire import LEAF_NAME, pack_values
+from sim_vehicle.camera.trigger import CameraTrigger, Fix, Shot
+
+if TYPE_CHECKING:
+    from geo.farm import Farm
+    from sensors.camera.leaf_camera import LeafCamera
+
+CAMERA_COMPONENT_ID = 100
+RING_PICTURES = 4096
+MIN_DISTANCE_M = 0.01
+MIN_INTERVAL_S = 0.01
+MAX_INTERVAL_S = 86_400.0
+_HEARTBEAT_S = 1.0
+_PATIENCE_S = 2.5
+_POSITION_US, _TIME_US = 100_000.0, 1_000_000.0
+_STORAGE_MIB = 1024.0
+_MIB_PER_PICTURE = 1e-4
+_LEAF = LEAF_NAME.encode()
+_UNIX_US = 10**15
+_E7 = 1e7
+_PADDING = [0.0] * 58
+
+_ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
+_DENIED = mavlink.MAV_RESULT_DENIED
+_UNSUPPORTED = mavlink.MAV_RESULT_UNSUPPORTED
+_NOT_NOW = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+
+Message = Any
+Parameters = tuple[float, float, float, float]
+
+
+class _Picture(NamedTuple):
+    number: int
+    shot: Shot
+    values: list[list[float]]
+
+
+class LeafCameraComponent:
+    """A MAVLink camera that fires as the mission commands and sends what it reads.
+
+    It knows where the vehicle is from telemetry only: GLOBAL_POSITION_INT of its own system's autopilot
+    (10 Hz is best, 1 Hz is enough); when none comes (an ArduPilot sends what was asked for) it asks for
+    it. It fires by DO_SET_CAM_TRIGG_DIST, DO_SET_CAM_TRIGG_INTERVAL, IMAGE_START_CAPTURE and an
+    autopilot's CAMERA_TRIGGER, stops when the vehicle disarms or its autopilot restarts, and reports each
+    picture by CAMERA_IMAGE_CAPTURED and DEBUG_FLOAT_ARRAY (see `sensors.camera.wire`). The cell that it
+    reads is the one under the vehicle: where the vehicle errs about its place, not under the position that
+    it reports.
+
+    Parameters
+    ----------
+    camera : LeafCamera
+        Optics and the world in front of them.
+    farm : Farm
+        Turns positions into cells.
+    system_id, component_id : int
+        Address; the system is that of the vehicle.
+    autopilot_component_id : int
+        Whose telemetry to follow.
+    position_error : callable, optional
+        ``position_error(time_us)``, how far east and north (m) of the truth the vehicle believed to be, at a
+        time since its boot; exact without.
+    """
+
+    wanted: frozenset[int] | None = frozenset(
+        {
+            mavlink.MAVLINK_MSG_ID_HEARTBEAT,
+            mavlink.MAVLINK_MSG_ID_SYSTEM_TIME,
+            mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
+            mavlink.MAVLINK_MSG_ID_COMMAND_INT,
+            mavlink.MAVLINK_MSG_ID_COMMAND_LONG,
+            mavlink.MAVLINK_MSG_ID_CAMERA_TRIGGER,
+        }
+    )
+
+    def __init__(
+        self,
+        camera: LeafCamera,
+        farm: Farm,
+        *,
+        system_id: int = 1,
+        component_id: int = CAMERA_COMPONENT_ID,
+        autopilot_component_id: int = mavlink.MAV_COMP_ID_AUTOPILOT1,
+        position_error: Callable[[float], tuple[float, float]] | None = None,
+    ) -> None:
+        self._position_error = position_error
+        self.system_id = system_id
+        self.component_id = component_id
+        self.trigger = CameraTrigger()
+        self.image_count = 0
+        self._camera = camera
+        self._farm = farm
+        self._autopilot = (system_id, autopilot_component_id)
+        self._ring: list[_Picture | None] = [None] * RING_PICTURES
+        self._heartbeat_s: float | None = None
+        self._position_s: float | None = None
+        self._mode = mavlink.CAMERA_MODE_IMAGE_SURVEY
+        self._armed = False
+        self._utc_offset_us: int | None = None
+        self._external = False
+        self._last_trigger_sequence = -1
+        self._sequences: dict[tuple[int, int], int] = {}
+        self._heading = (-1, (1.0, 0.0, 0.0, 0.0))
+
+    @property
+    def capturing(self) -> bool:
+        """Whether a distance or interval trigger runs."""
+        return self.trigger.active
+
+    def next_deadline(self) -> float:
+        """Return when the next heartbeat is due."""
+        return -math.inf if self._heartbeat_s is None else self._heartbeat_s
+
+    def poll(self, now_s: float) -> list[Message]:
+        """Send the heartbeat when it is due; pictures are taken when telemetry arrives."""
+        due_s = self._heartbeat_s
+        if due_s is not None and now_s < due_s:
+            return []
+        late = due_s is None or now_s - due_s > _HEARTBEAT_S
+        self._heartbeat_s = (now_s if late or due_s is None else due_s) + _HEARTBEAT_S
+        heartbeat = mavlink.MAVLink_heartbeat_message(
+            mavlink.MAV_TYPE_CAMERA,
+            mavlink.MAV_AUTOPILOT_INVALID,
+            0,
+            0,
+            mavlink.MAV_STATE_ACTIVE if self.trigger.active else mavlink.MAV_STATE_STANDBY,
+            3,
+        )
+        return [heartbeat, *self._ask(now_s)]
+
+    def _ask(self, now_s: float) -> list[Message]:
+        """Ask an autopilot that is there for the telemetry that does not come."""
+        if self._position_s is None or now_s < self._position_s + _PATIENCE_S:
+            return []
+        self._position_s = now_s
+        wanted = (
+            (mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, _POSITION_US),
+            (mavlink.MAVLINK_MSG_ID_SYSTEM_TIME, _TIME_US),
+        )
+        command = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
+        return [
+            mavlink.MAVLink_command_long_message(*self._autopilot, command, 0, kind, period_us, 0, 0, 0, 0, 0)
+            for kind, period_us in wanted
+        ]
+
+    def receive(self, message: Message, now_s: float) -> list[Message]:
+        """Follow the telemetry, obey commands; return pictures and answers."""
+        kind = type(message).id
+        if kind == mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
+            if not self._from_autopilot(message):
+                return []
+            self._position_s = now_s
+            return self._position(message)
+        if kind in (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT):
+            return self._command(message)
+        if not self._from_autopilot(message):
+            return []
+        if kind == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+            if self._position_s is None:
+                self._position_s = now_s
+            armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+            if self._armed and not armed:
+                self.trigger.stop()
+            self._armed = armed
+        elif kind == mavlink.MAVLINK_MSG_ID_SYSTEM_TIME:
+            known = _UNIX_US < message.time_unix_usec < 2**62
+            self._utc_offset_us = message.time_unix_usec - message.time_boot_ms * 1000 if known else None
+        elif kind == mavlink.MAVLINK_MSG_ID_CAMERA_TRIGGER:
+            self._external_trigger(message)
+        return []
+
+    def _from_autopilot(self, message: Message) -> bool:
+        return (message.get_srcSystem(), message.get_srcComponent()) == self._autopilot
+
+    def _position(self, message: Message) -> list[Message]:
+        latitude_e7, longitude_e7 = message.lat, message.lon
+        if (
+            (latitude_e7 == 0 and longitude_e7 == 0)
+            or abs(latitude_e7) > 900_000_000
+            or abs(longitude_e7) > 1_800_000_000
+        ):
+            self.trigger.lost()
+            return []
+        shots = self.trigger.add(
+            Fix(
+                message.time_boot_ms,
+                latitude_e7,
+                longitude_e7,
+                message.alt,
+                message.relative_alt,
+                message.vx / 100.0,
+                message.vy / 100.0,
+                message.hdg,
+            )
+        )
+        return self._take(shots) if shots else []
+
+    def _external_trigger(self, message: Message) -> None:
+        self._external = True
+        if message.seq == self._last_trigger_sequence:
+            return
+        self._last_trigger_sequence = message.seq
+        time_us = message.time_usec
+        if time_us > _UNIX_US:
+            if self._utc_offset_us is None:
+                fix = self.trigger.position
+                time_us = fix.time_ms * 1000 if fix is not None else 0
+            else:
+                time_us -= self._utc_offset_us
+        self.trigger.at(time_us)
+
+    def _take(self, shots: Sequence[Shot]) -> list[Message]:
+        """Read the cells under the shots and return the messages."""
+        cells = [self._cell_under(shot) for shot in shots]
+        values = self._camera.capture([x for x, _ in cells], [y for _, y in cells]).tolist()
+        messages: list[Message] = []
+        for number, (shot, seen) in enumerate(zip(shots, values, strict=True), self.image_count):
+            picture = self._ring[number % RING_PICTURES] = _Picture(number, shot, seen)
+            messages += self._report(picture)
+        self.image_count += len(shots)
+        return messages
+
+    def _cell_under(self, shot: Shot) -> tuple[int, int]:
+        """Return the cell that the camera looks at."""
+        farm = self._farm
+        x_m, y_m = farm.frame.from_wgs84(shot.latitude_e7 / _E7, shot.longitude_e7 / _E7)
+        if self._position_error is not None:
+            east_m, north_m = self._position_error(shot.time_us)
+            turn = math.radians(farm.frame.rotation_deg)
+            x_m -= east_m * math.cos(turn) + north_m * math.sin(turn)
+            y_m -= north_m * math.cos(turn) - east_m * math.sin(turn)
+        return farm.cell_of(x_m, y_m)
+
+    def _report(self, picture: _Picture) -> list[Message]:
+        index, shot, values = picture
+        time_ms = shot.time_us // 1000
+        offset = self._utc_offset_us
+        report = [
+            mavlink.MAVLink_camera_image_captured_message(
+                time_ms & 0xFFFFFFFF,
+                0 if offset is None else shot.time_us + offset,
+                0,
+                shot.latitude_e7,
+                shot.longitude_e7,
+                shot.altitude_mm,
+                shot.relative_altitude_mm,
+                self._attitude(shot.heading_cdeg),
+                index,
+                1,
+                b"",
+            )
+        ]
+        for data in pack_values(index, self._camera.options.footprint_cells, values):
+            data += _PADDING[len(data) :]
+            report.append(
+                mavlink.MAVLink_debug_float_array_message(shot.time_us, _LEAF, index & 0xFFFF, data)
+            )
+        return report
+
+    def _attitude(self, heading_cdeg: int) -> tuple[float, float, float, float]:
+        """Return the camera's attitude, looking straight down: yaw, then pitch -90 degrees."""
+        if heading_cdeg != self._heading[0]:
+            half = math.radians(heading_cdeg / 200.0) if heading_cdeg != 65535 else 0.0
+            c, s = math.cos(half) * math.sqrt(0.5), math.sin(half) * math.sqrt(0.5)
+            self._heading = (heading_cdeg, (c, s, -c, s))
+        return self._heading[1]
+
+    # Commands
+
+    def _command(self, message: Message) -> list[Message]:
+        if message.target_system not in (0, self.system_id):
+            return []
+        if message.target_component not in (0, self.component_id):
+            return []
+        command: int = message.command
+        result, extra = self._obey(message, command)
+        if message.target_component == 0 and result == _UNSUPPORTED:
+            return []  # meant for another component of the system
+        answer = mavlink.MAVLink_command_ack_message(
+            command,
+            result,
+            target_system=message.get_srcSystem(),
+            target_component=message.get_srcComponent(),
+        )
+        return [answer, *extra]
+
+    def _obey(self, message: Message, command: int) -> tuple[int, list[Message]]:
+        given = (message.param1, message.param2, message.param3, message.param4)
+        if command in _TRIGGERS and math.isnan(given[0]):
+            return _DENIED, []
+        p: Parameters = tuple(0.0 if math.isnan(value) else value for value in given)  # type: ignore[assignment]
+        if command == mavlink.MAV_CMD_REQUEST_MESSAGE:
+            return self._request(p[0], p[1])
+        old = _OLD_REQUESTS.get(command)
+        if old is not None:
+            if command == mavlink.MAV_CMD_REQUEST_CAMERA_IMAGE_CAPTURE:
+                return self._request(old, p[0])
+            return self._request(old, 0.0) if 1.0 in p[:2] else (_ACCEPTED, [])
+        if command == mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST:
+            return self._by_distance(p)
+        if command == mavlink.MAV_CMD_DO_SET_CAM_TRIGG_INTERVAL:
+            return self._by_interval(p[0] / 1000.0, 0)
+        if command == mavlink.MAV_CMD_IMAGE_START_CAPTURE:
+            return self._start_capture(message, p)
+        if command == mavlink.MAV_CMD_IMAGE_STOP_CAPTURE:
+            if not self._mine(p[0]):
+                return _DENIED, []
+            self.trigger.stop()
+            return _ACCEPTED, []
+        if command == mavlink.MAV_CMD_SET_CAMERA_MODE:
+            if p[1] not in (mavlink.CAMERA_MODE_IMAGE, mavlink.CAMERA_MODE_IMAGE_SURVEY):
+                return _DENIED, []
+            self._mode = int(p[1])
+            return _ACCEPTED, []
+        if command == mavlink.MAV_CMD_STORAGE_FORMAT:
+            self._ring = [None] * RING_PICTURES
+            if p[2] == 1.0:
+                self.image_count = 0
+            return _ACCEPTED, []
+        if command == mavlink.MAV_CMD_RESET_CAMERA_SETTINGS:
+            self._mode = mavlink.CAMERA_MODE_IMAGE_SURVEY
+            return _ACCEPTED, []
+        return _UNSUPPORTED, []
+
+    def _mine(self, camera_id: float) -> bool:
+        """Tell whether a command's camera id means this camera (1 to 6 are an autopilot's own cameras)."""
+        return camera_id < 7.0 or camera_id == self.component_id
+
+    def _by_distance(self, p: Parameters) -> tuple[int, list[Message]]:
+        distance_m, now = p[0], p[2]
+        if not self._mine(p[3]) or not math.isfinite(distance_m) or distance_m < 0.0:
+            return _DENIED, []
+        if distance_m == 0.0:
+            self.trigger.stop()
+            return _ACCEPTED, []
+        if distance_m < MIN_DISTANCE_M:
+            return _DENIED, []
+        self.trigger.every_distance(distance_m)
+        here = self.trigger.here() if now == 1.0 else None
+        return _ACCEPTED, self._take([here]) if here is not None else []
+
+    def _by_interval(self, interval_s: float, count: int) -> tuple[int, list[Message]]:
+        """Start interval shots; 0 stops them, -1 asks for the default of one second."""
+        if interval_s == 0.0:
+            self.trigger.stop()
+            return _ACCEPTED, []
+        interval_s = 1.0 if interval_s == -0.001 else interval_s
+        if not MIN_INTERVAL_S <= interval_s <= MAX_INTERVAL_S:
+            return _DENIED, []
+        fix = self.trigger.position
+        start_us = fix.time_ms * 1000 if fix is not None else 0
+        self.trigger.every_interval(round(interval_s * 1e6), count, start_us=start_us)
+        return _ACCEPTED, []
+
+    def _start_capture(self, message: Message, p: Parameters) -> tuple[int, list[Message]]:
+        camera_id, interval_s, count, sequence = p
+        if not self._mine(camera_id) or not (0.0 <= count < 2**24 and count % 1.0 == 0.0):
+            return _DENIED, []
+        if count != 1.0:
+            # A repeated request must not start the series again.
+            running = round(interval_s * 1e6) if math.isfinite(interval_s) else -1
+            if getattr(message, "confirmation", 0) and self.trigger.interval_us == running:
+                return _ACCEPTED, []
+            return self._by_interval(interval_s, int(count)) if interval_s > 0.0 else (_DENIED, [])
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        if self._external and source == self._autopilot:
+            return _ACCEPTED, []  # PX4 announces each shot by CAMERA_TRIGGER as well
+        here = self.trigger.here()
+        if here is None:
+            return _NOT_NOW, []
+        if sequence > 0.0 and math.isfinite(sequence):
+            before = self._sequences.get(source, 0)
+            again = sequence == before or (sequence < before and getattr(message, "confirmation", 0) > 0)
+            if again:
+                return _ACCEPTED, []
+            self._sequences[source] = int(sequence)
+        return _ACCEPTED, self._take([here])
+
+    def _request(self, message_id: float, index: float) -> tuple[int, list[Message]]:
+        fix = self.trigger.position
+        time_ms = fix.time_ms if fix is not None else 0
+        if message_id == mavlink.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED:
+            picture = self._remembered(index)
+            return (_ACCEPTED, self._report(picture)) if picture is not None else (_DENIED, [])
+        if message_id == mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION:
+            return _ACCEPTED, [self._information(time_ms)]
+        if message_id == mavlink.MAVLINK_MSG_ID_CAMERA_SETTINGS:
+            return _ACCEPTED, [mavlink.MAVLink_camera_settings_message(time_ms, self._mode)]
+        if message_id == mavlink.MAVLINK_MSG_ID_STORAGE_INFORMATION:
+            return _ACCEPTED, [self._storage(time_ms)]
+        if message_id == mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS:
+            return _ACCEPTED, [self._status(time_ms)]
+        return _UNSUPPORTED, []
+
+    def _remembered(self, index: float) -> _Picture | None:
+        if not (0.0 <= index < 2**31 and index % 1.0 == 0.0):
+            return None
+        picture = self._ring[int(index) % RING_PICTURES]
+        return picture if picture is not None and picture.number == int(index) else None
+
+    def _information(self, time_ms: int) -> Message:
+        side = self._camera.options.footprint_cells
+        return mavlink.MAVLink_camera_information_message(
+            time_ms,
+            list(b"wbf-mission".ljust(32, b"\0")),
+            list(b"leaf camera".ljust(32, b"\0")),
+            1,
+            math.nan,
+            math.nan,
+            math.nan,
+            side,
+            side,
+            0,
+            mavlink.CAMERA_CAP_FLAGS_CAPTURE_IMAGE
+            | mavlink.CAMERA_CAP_FLAGS_HAS_MODES
+            | mavlink.CAMERA_CAP_FLAGS_HAS_IMAGE_SURVEY_MODE,
+            0,
+            b"",
+        )
+
+    def _used_mib(self) -> float:
+        return min(self.image_count * _MIB_PER_PICTURE, _STORAGE_MIB)
+
+    def _storage(self, time_ms: int) -> Message:
+        used = self._used_mib()
+        ready = mavlink.STORAGE_STATUS_READY
+        return mavlink.MAVLink_storage_information_message(
+            time_ms, 1, 1, ready, _STORAGE_MIB, used, _STORAGE_MIB - used, math.nan, math.nan
+        )
+
+    def _status(self, time_ms: int) -> Message:
+        trigger = self.trigger
+        image_status = (2 if trigger.interval_us else 0) + (1 if trigger.active else 0)
+        free = _STORAGE_MIB - self._used_mib()
+        return mavlink.MAVLink_camera_capture_status_message(
+            time_ms, image_status, 0, trigger.interval_us / 1e6, 0, free, self.image_count
+        )
+
+
+_TRIGGERS = (mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST, mavlink.MAV_CMD_DO_SET_CAM_TRIGG_INTERVAL)
+_OLD_REQUESTS = {
+    mavlink.MAV_CMD_REQUEST_CAMERA_INFORMATION: mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION,
+    mavlink.MAV_CMD_REQUEST_CAMERA_SETTINGS: mavlink.MAVLINK_MSG_ID_CAMERA_SETTINGS,
+    mavlink.MAV_CMD_REQUEST_STORAGE_INFORMATION: mavlink.MAVLINK_MSG_ID_STORAGE_INFORMATION,
+    mavlink.MAV_CMD_REQUEST_CAMERA_CAPTURE_STATUS: mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS,
+    mavlink.MAV_CMD_REQUEST_CAMERA_IMAGE_CAPTURE: mavlink.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED,
+}
+"""The commands of before REQUEST_MESSAGE, which MAVSDK and QGroundControl still try."""

@@ -1,0 +1,1 @@
+"""What flying costs: power, battery, endurance."""

@@ -1,0 +1,226 @@
+"""Electric power by flight state, of rotorcraft, aeroplanes and ground vehicles.
+
+**Rotorcraft** (`multirotor_power`). Momentum and blade-element theory as in Leishman, *Principles of
+Helicopter Aerodynamics* (2nd ed., 2006, ch. 2 and 5), for a disc that is tilted so that its thrust T carries
+the weight, overcomes the drag and gives the acceleration::
+
+    P = (T (k v + Vn) + P0 (T/W)^1.5 (1 + 3 Vt^2 / Utip^2)) / efficiency + avionics
+    P0 = delta/8 rho s A Utip^3          v: T = 2 rho A v sqrt(Vt^2 + (Vn + v)^2)
+
+with the airspeed normal to and within the disc, Vn and Vt. T Vn is the power of drag, climb and acceleration.
+For level flight with T = W this is the closed form of Zeng, Xu and Zhang, "Energy minimization for wireless
+communication with rotary-wing UAV", IEEE Trans. Wireless Commun. 18(4), 2019, eq. (12). Rotors of fixed pitch
+give more thrust by turning faster, hence the power 1.5 of the profile power. Momentum theory does not hold
+for a disc that sinks into its own wake; of the power that sinking and braking give back (Vn < 0), `REGAINED`
+is counted, which is what Leishman's measured curve for the vortex ring state (eq. 2.96) gives near hover.
+
+**Aeroplanes** (`wing_power`). Drag from the parabolic polar, with n the load factor of a turn (Anderson,
+*Aircraft Performance and Design*, 1999, ch. 5)::
+
+    D = q S (CD0 + CL^2 / (pi e AR))     CL = n W / (q S)     q = rho V^2 / 2
+    P = (D V + W climb) / efficiency + avionics
+
+with the climb of the energy height, which counts a gain of speed as well as one of height. A glide takes no
+less than the avionics: a windmilling propeller gives nothing back.
+
+**Ground vehicles** (`rover_power`). Rolling resistance, drag and acceleration; braking gives nothing back.
+
+The battery loses ``I^2 R`` in its own resistance, so the power that leaves its cells is ``P (1 + R P / U^2)``
+with the nominal voltage U. These functions return that, and energies are sums of it.
+
+They are plain Python; `sim_vehicle.energy.power_kernels` has them compiled.
+"""
+
+from __future__ import annotations
+
+import math
+from math import sqrt
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sim_vehicle.airframe.power_spec import (
+    AIR_DENSITY_KG_M3,
+    GRAVITY_M_S2,
+    FixedWingPowerSpec,
+    PowerSpec,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from sim_vehicle.airframe.power_spec import AnyPowerSpec, BatterySpec
+
+COEFFICIENTS = 9
+REGAINED = 0.2
+_GRAVITY = GRAVITY_M_S2
+
+
+def power_coefficients(power: AnyPowerSpec | None, battery: BatterySpec | None = None) -> NDArray[np.float64]:
+    """Return the constants of a power model, float64[COEFFICIENTS].
+
+    Of all: mass 0 (kg), constant power 6 (W), 1 / efficiency 7, loss in the battery 8 (1/W). Of a rotorcraft:
+    rho f / 2 1, 1 / (2 rho A) 2, k 3, P0 / W^1.5 4, 3 / Utip^2 5. Of an aeroplane: drag over V^2 1, induced
+    drag times V^2 2. Of a ground vehicle: drag over V^2 1, rolling drag 2. Zeros without a power model.
+    """
+    numbers = np.zeros(COEFFICIENTS)
+    if power is None:
+        return numbers
+    weight = power.mass_kg * GRAVITY_M_S2
+    numbers[0] = power.mass_kg
+    numbers[1] = 0.5 * AIR_DENSITY_KG_M3 * power.drag_area_m2
+    numbers[6] = power.avionics_w + power.camera_w
+    numbers[7] = 1.0 / power.efficiency
+    if battery is not None:
+        resistance = battery.resistance_ohm + battery.polarization_ohm
+        numbers[8] = resistance / battery.nominal_voltage_v**2
+    if isinstance(power, PowerSpec):
+        numbers[2] = 0.5 / (AIR_DENSITY_KG_M3 * power.disc_area_m2)
+        numbers[3] = power.induced_factor
+        numbers[4] = profile_power_w(power) / weight**1.5
+        numbers[5] = 3.0 / power.tip_speed_m_s**2
+    elif isinstance(power, FixedWingPowerSpec):
+        numbers[2] = weight**2 / (0.5 * AIR_DENSITY_KG_M3 * math.pi * power.oswald * power.wing_span_m**2)
+    else:
+        numbers[2] = power.rolling_resistance * weight
+    return numbers
+
+
+def profile_power_w(power: PowerSpec) -> float:
+    """Return the shaft power that turns the blades in hover, without what makes lift."""
+    blades = power.blade_drag / 8.0 * power.solidity * power.disc_area_m2
+    return AIR_DENSITY_KG_M3 * blades * power.tip_speed_m_s**3
+
+
+def multirotor_power(
+    power: NDArray[np.float64],
+    air_x: float,
+    air_y: float,
+    climb: float,
+    acc_x: float,
+    acc_y: float,
+    acc_z: float,
+) -> float:
+    """Return the power of a rotorcraft, watts from the cells of its battery.
+
+    Parameters
+    ----------
+    power : float64[COEFFICIENTS]
+    air_x, air_y : float
+        Horizontal airspeed.
+    climb : float
+        Vertical speed, upward.
+    acc_x, acc_y, acc_z : float
+        Acceleration.
+    """
+    mass = power[0]
+    if mass == 0.0:
+        return 0.0
+    air2 = air_x * air_x + air_y * air_y
+    air = sqrt(air2)
+    force_x = power[1] * air * air_x + mass * acc_x
+    force_y = power[1] * air * air_y + mass * acc_y
+    lift = max(mass * (_GRAVITY + acc_z), 0.0)
+    thrust2 = force_x * force_x + force_y * force_y + lift * lift
+    if thrust2 < 1e-9:
+        return float(power[6])
+    thrust = sqrt(thrust2)
+    normal = (force_x * air_x + force_y * air_y + lift * climb) / thrust
+    within2 = max(air2 + climb * climb - normal * normal, 0.0)
+    hover2 = thrust * power[2]
+    into = max(normal, 0.0)
+    # From above, Newton's steps approach the root without passing it.
+    induced = sqrt(hover2)
+    for _ in range(8):
+        through = into + induced
+        speed = sqrt(within2 + through * through)
+        step = (induced * speed - hover2) / (speed + induced * through / speed)
+        induced -= step
+        if step < 1e-6 * induced:
+            break
+    shaft = thrust * (power[3] * induced + (normal if normal > 0.0 else REGAINED * normal))
+    shaft += power[4] * thrust * sqrt(thrust) * (1.0 + power[5] * within2)
+    total = power[6] + power[7] * max(shaft, 0.0)
+    return float(total * (1.0 + power[8] * total))
+
+
+def wing_power(power: NDArray[np.float64], airspeed: float, climb: float, load: float) -> float:
+    """Return the power of an aeroplane, watts from the cells of its battery.
+
+    Parameters
+    ----------
+    power : float64[COEFFICIENTS]
+    airspeed : float
+        True airspeed; standing on the ground there is no drag.
+    climb : float
+        Gain of energy over the weight: the climb rate in a steady flight, and V a / g more when it speeds up.
+    load : float
+        Lift over weight, 1 / cos(bank) in a level turn.
+    """
+    speed2 = airspeed * airspeed
+    if speed2 < 1.0:
+        return float(power[6])
+    drag = power[1] * speed2 + power[2] * load * load / speed2
+    needed = drag * airspeed + power[0] * _GRAVITY * climb
+    total = power[6] + power[7] * max(needed, 0.0)
+    return float(total * (1.0 + power[8] * total))
+
+
+def rover_power(power: NDArray[np.float64], speed: float, airspeed: float, acceleration: float) -> float:
+    """Return the power of a ground vehicle, watts from the cells of its battery.
+
+    Parameters
+    ----------
+    power : float64[COEFFICIENTS]
+    speed : float
+        Over ground, at least 0.
+    airspeed : float
+        Against the direction of travel: more than the speed in a head wind, negative in a strong tail wind.
+    acceleration : float
+        Along the direction of travel.
+    """
+    pull = power[2] + power[1] * airspeed * abs(airspeed) + power[0] * acceleration
+    total = power[6] + power[7] * max(pull * speed, 0.0)
+    return float(total * (1.0 + power[8] * total))
+
+
+def flight_power_w(
+    power: AnyPowerSpec,
+    airspeed_m_s: float = 0.0,
+    climb_m_s: float = 0.0,
+    *,
+    load_factor: float = 1.0,
+    acceleration_m_s2: float = 0.0,
+    battery: BatterySpec | None = None,
+) -> float:
+    """Return the electric power of steady motion at an airspeed and a climb rate, watts.
+
+    Parameters
+    ----------
+    power : PowerSpec, FixedWingPowerSpec or RoverPowerSpec
+    airspeed_m_s : float
+        Horizontal (rotorcraft), along the path (aeroplane) or over ground without wind.
+    climb_m_s : float
+        Upward; a ground vehicle does not climb.
+    load_factor : float
+        Lift over weight: of an aeroplane in a turn, of a rotorcraft in a vertical acceleration.
+    acceleration_m_s2 : float
+        Along the direction of motion.
+    battery : BatterySpec, optional
+        Counts what its resistance takes.
+
+    Examples
+    --------
+    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> quad = get_vehicle("quad")
+    >>> 170.0 < flight_power_w(quad.power) < 180.0
+    True
+    """
+    numbers = power_coefficients(power, battery)
+    if isinstance(power, PowerSpec):
+        up = GRAVITY_M_S2 * (load_factor - 1.0)
+        return multirotor_power(numbers, airspeed_m_s, 0.0, climb_m_s, acceleration_m_s2, 0.0, up)
+    if isinstance(power, FixedWingPowerSpec):
+        energy_climb = climb_m_s + airspeed_m_s * acceleration_m_s2 / GRAVITY_M_S2
+        return wing_power(numbers, airspeed_m_s, energy_climb, load_factor)
+    return rover_power(numbers, airspeed_m_s, airspeed_m_s, acceleration_m_s2)

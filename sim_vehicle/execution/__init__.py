@@ -1,0 +1,1 @@
+"""Mission items into flight: legs, sequence, execution, feasibility."""

@@ -1,0 +1,162 @@
+"""What a vehicle could not fly in a mission, found before it arms."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from mission.model import Command, Frame
+from sim_vehicle.execution.fixed_wing_items import MAX_RADIUS_M, circles, landing_problems
+from sim_vehicle.execution.items import (
+    DO_COMMANDS,
+    MAX_TURNS,
+    NAV_COMMANDS,
+    PLACE_COMMANDS,
+    Settings,
+    do_items,
+    item_places,
+    number,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from geo.frame import LocalFrame
+    from mission.model import MissionItem
+    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.execution.legs import Place
+
+# Plain numbers: the checks run over thousands of items in every prediction.
+_WAYPOINT = int(Command.NAV_WAYPOINT)
+_PLACED = PLACE_COMMANDS | {int(Command.NAV_TAKEOFF), int(Command.NAV_LAND)}
+_FRAMES = frozenset({int(Frame.GLOBAL), int(Frame.GLOBAL_RELATIVE_ALT)})
+_TIMED = frozenset({16, 19, 82, 93, 112})
+
+
+def check_mission(
+    items: Sequence[MissionItem],
+    frame: LocalFrame,
+    spec: VehicleSpec,
+    *,
+    needs_takeoff: bool = True,
+    outside: Callable[[Place], str | None] | None = None,
+) -> list[str]:
+    """List what the vehicle could not fly, each with its item; empty when all is well.
+
+    Checked are commands, frames, parameters, altitudes, distances from home, jumps and the take-off; not the
+    energy (see `sim_vehicle.prediction.predict`).
+
+    Parameters
+    ----------
+    items : sequence of MissionItem
+        Without a home item.
+    frame : LocalFrame
+        About home.
+    spec : VehicleSpec
+    needs_takeoff : bool
+        Whether the vehicle does not take off by itself on the way to the first place.
+    outside : callable, optional
+        Tells why a fence does not allow a place (east, north, up), None when it does. Only the places are
+        looked at, not the ways between them, as autopilots do.
+
+    Examples
+    --------
+    >>> from geo.frame import LocalFrame
+    >>> from mission.model import MissionItem
+    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> items = [MissionItem.waypoint(28.05, -82.15, 10.0)]
+    >>> check_mission(items, LocalFrame(28.05, -82.15), get_vehicle("quad"))
+    ['item 0 (NAV_WAYPOINT): no take-off before it']
+    """
+    places = item_places(items, frame)
+    problems = mission_problems(items, places, spec, needs_takeoff=needs_takeoff)
+    if outside is not None and not problems:
+        for seq, (item, place) in enumerate(zip(items, places, strict=True)):
+            reason = outside(place) if item.command in _PLACED and not math.isnan(place[0]) else None
+            if reason is not None:
+                problems.append(f"item {seq} ({_name(item.command)}): outside the fence, {reason}")
+    return problems
+
+
+def mission_problems(
+    items: Sequence[MissionItem],
+    places: Sequence[tuple[float, float, float]],
+    spec: VehicleSpec,
+    *,
+    needs_takeoff: bool = True,
+) -> list[str]:
+    """As `check_mission`, with the places of the items known."""
+    if not items:
+        return ["the mission is empty"]
+    problems: list[str] = []
+    flying = not needs_takeoff or spec.kind == "rover"
+    for seq, (item, place) in enumerate(zip(items, places, strict=True)):
+        reasons = _item_problems(item, place, len(items), spec)
+        if item.command == Command.NAV_TAKEOFF:
+            flying = True
+        elif not flying and item.command in PLACE_COMMANDS:
+            reasons.append("no take-off before it")
+            flying = True
+        problems += [f"item {seq} ({_name(item.command)}): {reason}" for reason in reasons]
+    if circles(spec):
+        problems += landing_problems(items, places, spec)
+    if not any(item.command in NAV_COMMANDS for item in items):
+        problems.append("the mission has no place to fly to")
+    if not problems:
+        settings = Settings(spec.cruise_speed_m_s)
+        for seq in range(len(items)):
+            if items[seq].command == Command.DO_JUMP and do_items(items, seq, settings.copy(), 1.0)[1] < 0:
+                problems.append(f"item {seq} (DO_JUMP): jumps never lead to a place")
+                break
+    return problems
+
+
+def _name(command: int) -> str:
+    try:
+        return Command(command).name
+    except ValueError:
+        return f"command {command}"
+
+
+def _item_problems(
+    item: MissionItem, place: tuple[float, float, float], count: int, spec: VehicleSpec
+) -> list[str]:
+    command = item.command
+    if command not in NAV_COMMANDS and command not in DO_COMMANDS:
+        return ["the vehicle does not know this command"]
+    problems: list[str] = []
+    has_to_be_placed = command in _PLACED
+    if has_to_be_placed and item.frame not in _FRAMES:
+        return [f"frame {item.frame} is not supported (use 0 or 3)"]
+    if has_to_be_placed:
+        x, y, z = place
+        high = 0.0 < z <= spec.max_altitude_m or spec.kind == "rover"
+        if not high and command != Command.NAV_LAND:
+            problems.append(f"altitude {z:.1f} m above home is outside 0..{spec.max_altitude_m:g}")
+        if x * x + y * y > spec.max_distance_m * spec.max_distance_m:
+            problems.append(
+                f"{math.hypot(x, y):.0f} m from home, the vehicle may go {spec.max_distance_m:.0f} m"
+            )
+    first, second = number(item.param1), number(item.param2)
+    if command == Command.NAV_DELAY and first < 0.0:
+        day = (second, number(item.param3), number(item.param4))
+        if any(not -1.0 <= value < limit for value, limit in zip(day, (24.0, 60.0, 60.0), strict=True)):
+            problems.append("time of day {:g}:{:g}:{:g} is none".format(*day))
+    elif not 0.0 <= first <= 86_400.0 and command in _TIMED:
+        problems.append(f"time {first:g} s is outside 0..86400")
+    if command == _WAYPOINT:
+        if not 0.0 <= second <= 10_000.0:
+            problems.append(f"acceptance radius {second:g} m is outside 0..10000")
+        return problems
+    if command == Command.NAV_LOITER_TURNS:
+        if not 0.0 < first <= MAX_TURNS:
+            problems.append(f"{first:g} turns are outside 0..{MAX_TURNS:g}")
+        radius = number(item.param3)
+        most = MAX_RADIUS_M if circles(spec) else 1000.0
+        if radius != 0.0 and not 0.5 <= abs(radius) <= most:
+            problems.append(f"radius {radius:g} m is outside 0.5..{most:g}")
+    if command == Command.DO_JUMP and not (0.0 <= first < count and first == int(first)):
+        problems.append(f"jumps to item {first:g} of {count}")
+    if command == Command.CONDITION_DISTANCE and first < 0.0:
+        problems.append(f"distance {first:g} m is negative")
+    return problems

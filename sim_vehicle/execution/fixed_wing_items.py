@@ -1,0 +1,136 @@
+"""Mission items of vehicles that stay by circling: fixed wings."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from mission.model import Command
+from sim_vehicle.autopilot.plane import plane_of
+from sim_vehicle.execution.legs import ALONG, KEEP
+from sim_vehicle.motion.model import LegKind
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from mission.model import MissionItem
+    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.execution.legs import Place, Row
+
+_WAYPOINT = int(Command.NAV_WAYPOINT)
+_SPLINE = int(Command.NAV_SPLINE_WAYPOINT)
+_PLACED = frozenset({16, 17, 18, 19, 21, 31, 82})
+_LOOK_AHEAD = 20
+MAX_RADIUS_M = 5000.0
+
+
+@dataclass(frozen=True, slots=True)
+class Circling:
+    """One item as a wing flies it.
+
+    Parameters
+    ----------
+    row : Row
+        The leg.
+    wait_s : float or None
+        How long it circles once it is there; None goes on.
+    forever : bool
+        Whether it stays.
+    """
+
+    row: Row
+    wait_s: float | None = None
+    forever: bool = False
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether the next item follows without a pause."""
+        return self.wait_s is None and not self.forever
+
+
+def circles(spec: VehicleSpec) -> bool:
+    """Whether a vehicle can only stay by circling."""
+    return spec.kind == "fixed-wing"
+
+
+def lands(rows: Sequence[Row]) -> bool:
+    """Whether legs end on the ground."""
+    return len(rows[-1]) > 7 and rows[-1][7] == LegKind.LAND
+
+
+def circle_row(centre: Place, radius_m: float, speed: float, turns: float = 0.0) -> Row:
+    """Return the leg of a circle; a radius of 0 or NaN is the autopilot's own, positive is clockwise."""
+    return (*centre, 0.0, speed, ALONG, 0.0, LegKind.LOITER, 0.0, radius_m or math.nan, turns)
+
+
+def circling(
+    item: MissionItem, place: Place, speed: float, spec: VehicleSpec, ahead: Place | None
+) -> Circling | None:
+    """Return how a wing flies an item, None for one that is flown as by any other vehicle.
+
+    Parameters
+    ----------
+    item : MissionItem
+    place : tuple of 3 floats
+        Of the item: east, north, up about home.
+    speed : float
+        Airspeed.
+    spec : VehicleSpec
+    ahead : tuple of 3 floats, optional
+        The place after it, towards which a circle is left.
+    """
+    command = item.command
+    first, second, third = (value or 0.0 for value in (item.param1, item.param2, item.param3))
+    if command == _SPLINE or (command == _WAYPOINT and first > 0.0):
+        if command == _SPLINE or not plane_of(spec.autopilot).holds_at_waypoints():
+            radius = second if command == _WAYPOINT and second > 0.0 else spec.acceptance_radius_m
+            return Circling((*place, radius, speed, KEEP, 0.0))
+        return Circling(circle_row(place, math.nan, speed), wait_s=first)
+    leave = (math.nan, math.nan) if ahead is None else ahead[:2]
+    if command == Command.NAV_LOITER_UNLIM:
+        return Circling(circle_row(place, third, speed), forever=True)
+    if command == Command.NAV_LOITER_TIME:
+        return Circling(circle_row(place, third, speed), wait_s=first)
+    if command == Command.NAV_LOITER_TURNS:
+        return Circling((*circle_row(place, third, speed, first), *leave))
+    if command == Command.NAV_LOITER_TO_ALT:
+        return Circling((*circle_row(place, second, speed), *leave))
+    return None
+
+
+def next_place(items: Sequence[MissionItem], places: Sequence[Place], seq: int) -> Place | None:
+    """Return the place of the item after ``seq`` that is flown to, None if that is not sure or far on."""
+    for following in range(seq + 1, min(seq + 1 + _LOOK_AHEAD, len(items))):
+        command = items[following].command
+        if command in _PLACED:
+            return None if math.isnan(places[following][0]) else places[following]
+        if command in (Command.DO_JUMP, Command.NAV_RETURN_TO_LAUNCH, Command.NAV_TAKEOFF):
+            return None
+    return None
+
+
+def landing_problems(items: Sequence[MissionItem], places: Sequence[Place], spec: VehicleSpec) -> list[str]:
+    """List what is wrong with the landings of a wing; PX4 refuses an approach that is too steep.
+
+    Only an approach from a waypoint is judged: a circle is left where it points to the landing.
+    """
+    plane = plane_of(spec.autopilot)
+    problems = []
+    before: tuple[int, Place] | None = None
+    for seq, (item, place) in enumerate(zip(items, places, strict=True)):
+        if item.command == Command.NAV_LAND and not plane.ardupilot:
+            if before is None:
+                problems.append(f"item {seq} (NAV_LAND): no place before it to approach it from")
+            elif before[0] == _WAYPOINT and not math.isnan(place[0] + before[1][0]):
+                way = math.hypot(place[0] - before[1][0], place[1] - before[1][1])
+                slope = math.degrees(math.atan2(before[1][2], max(way, 1e-3)))
+                steepest = plane.landing_angle_deg(spec)
+                if slope > steepest + 0.05:
+                    problems.append(
+                        f"item {seq} (NAV_LAND): the approach of {slope:.1f} degrees is steeper than "
+                        f"FW_LND_ANG {steepest:g}: begin it farther away or lower"
+                    )
+        if item.command in _PLACED or item.command == Command.NAV_TAKEOFF:
+            before = (item.command, place)
+    return problems

@@ -1,0 +1,414 @@
+"""From mission items to legs: what the vehicle flies without asking again, and what follows."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mission.model import Command, Frame, MissionItem
+from sim_vehicle.autopilot import autopilot_of
+from sim_vehicle.execution.fixed_wing_items import circles, circling, lands, next_place
+from sim_vehicle.execution.legs import ALONG, KEEP, Row, circle_rows, spline_rows
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from geo.frame import LocalFrame
+    from sim_vehicle.airframe.spec import VehicleSpec
+
+# Items that are executed between two places.
+DO_COMMANDS = frozenset(
+    {112, 114, 115, 177, 178, 179, 189, 195, 197, 201, 203, 205, 206, 214, 530}
+    | {1000, 1001, 2000, 2001, 2003, 2500, 2501}
+)
+CAMERA_COMMANDS = frozenset({203, 206, 214, 530, 2000, 2001, 2003})
+CONDITIONS = frozenset({int(Command.CONDITION_DELAY), int(Command.CONDITION_DISTANCE)})
+PLACE_COMMANDS = frozenset({16, 17, 18, 19, 31, 82})
+# Flown through to the next place without a pause.
+PASSED_COMMANDS = frozenset({16, 82})
+# What the vehicle does with them is known only when they are executed.
+SURPRISING_COMMANDS = frozenset({115, 179, 195, 197, 201})
+NAV_COMMANDS = PLACE_COMMANDS | {20, 21, 22, 93}
+HERE_COMMANDS = frozenset({17, 18, 19, 21, 22, 31})
+MAX_TURNS = 100.0
+MAX_LEGS = 4096
+# Plain numbers: an enumeration's member costs too much where a plan is made over thousands of items.
+_WAYPOINT = int(Command.NAV_WAYPOINT)
+_SPLINE = int(Command.NAV_SPLINE_WAYPOINT)
+
+Place = tuple[float, float, float]
+
+
+class Ending(Enum):
+    """What follows the last leg."""
+
+    NEXT = "the next item"
+    WAIT = "a pause"
+    FOREVER = "nothing, it stays"
+    TOUCHDOWN = "the ground"
+
+
+@dataclass(slots=True)
+class Settings:
+    """What items change for the items after them.
+
+    Parameters
+    ----------
+    speed_m_s : float
+        Ground speed.
+    heading_rad : float
+        Heading on the way to the next place if that sets none; NaN looks along the path.
+    climb_m_s, descent_m_s : float or None
+        Vertical speeds, None for the vehicle's own.
+    jumps : dict
+        How often each jump was taken, by its item.
+    default_m_s : float
+        Ground speed to come back to.
+    yaw_rad : float
+        Heading now, from which a relative one counts.
+    """
+
+    speed_m_s: float
+    heading_rad: float = ALONG
+    climb_m_s: float | None = None
+    descent_m_s: float | None = None
+    jumps: dict[int, int] = field(default_factory=dict)
+    default_m_s: float = 0.0
+    yaw_rad: float = field(default=0.0, compare=False)
+
+    def copy(self) -> Settings:
+        """Return an independent copy."""
+        return replace(self, jumps=dict(self.jumps))
+
+
+@dataclass(slots=True)
+class Itinerary:
+    """Legs and what they complete.
+
+    Parameters
+    ----------
+    rows : list of (x, y, z, radius, speed, heading, near)
+        Rows of `sim_vehicle.motion.model.Route`.
+    seqs : list of int
+        The item that each leg belongs to, -1 outside a mission.
+    done : list of bool
+        Whether the leg completes its item.
+    speeds : list of float
+        The ground speed that was set for the leg; a curve may be flown more slowly.
+    ending : Ending
+    wait_s : float
+        Of a WAIT; NaN until the time of day that the item names.
+    open : bool
+        Whether it was cut short, so it has to be planned again before its end.
+    unsure : bool
+        Whether something between its items waits for a condition, which may change it.
+    """
+
+    rows: list[Row] = field(default_factory=list)
+    seqs: list[int] = field(default_factory=list)
+    done: list[bool] = field(default_factory=list)
+    speeds: list[float] = field(default_factory=list)
+    ending: Ending = Ending.NEXT
+    wait_s: float = 0.0
+    open: bool = False
+    unsure: bool = False
+
+    def add(self, row: Row, seq: int = -1, *, done: bool = False, speed: float | None = None) -> None:
+        """Append a leg."""
+        self.speeds.append(row[4] if speed is None else speed)
+        self.rows.append(row)
+        self.seqs.append(seq)
+        self.done.append(done)
+
+    def prepend(self, row: Row, seq: int) -> None:
+        """Put a leg before all others; it completes nothing."""
+        self.rows.insert(0, row)
+        self.speeds.insert(0, row[4])
+        self.seqs.insert(0, seq)
+        self.done.insert(0, False)
+
+
+def number(value: float | None, default: float = 0.0) -> float:
+    """Return a parameter, or the default when it is not set."""
+    return default if value is None else value
+
+
+def item_places(items: Sequence[MissionItem], frame: LocalFrame) -> list[Place]:
+    """Return east, north, up about home of each item; NaN where it has no place of its own."""
+    places = np.full((len(items), 3), np.nan)
+    index = [i for i, item in enumerate(items) if item.has_place]
+    if index:
+        latitude = np.array([items[i].x for i in index])
+        longitude = np.array([items[i].y for i in index])
+        x, y = frame.from_wgs84(latitude, longitude)
+        ground = np.array([frame.altitude_m if items[i].frame == Frame.GLOBAL else 0.0 for i in index])
+        height = np.array([items[i].z for i in index]) - ground
+        here = (latitude == 0.0) & (longitude == 0.0)
+        if here.any():
+            here &= np.array([items[i].command in HERE_COMMANDS for i in index])
+        places[index] = np.column_stack([np.where(here, np.nan, x), np.where(here, np.nan, y), height])
+    return [(x, y, z) for x, y, z in places.tolist()]
+
+
+def do_items(
+    items: Sequence[MissionItem], start: int, settings: Settings, top_speed_m_s: float
+) -> tuple[list[int], int]:
+    """Execute the items before the next place on the settings.
+
+    Returns
+    -------
+    done : list of int
+        The items that were executed, in order.
+    next : int
+        The next place item or condition; ``len(items)`` at the end, -1 if jumps never lead to a place.
+    """
+    done: list[int] = []
+    seq = start
+    while seq < len(items):
+        item = items[seq]
+        command = item.command
+        if command not in DO_COMMANDS or command in CONDITIONS:
+            return done, seq
+        if len(done) > 2 * len(items) + 100:
+            return done, -1
+        done.append(seq)
+        if command == Command.DO_JUMP:
+            taken = settings.jumps.get(seq, 0)
+            repeat = number(item.param2)
+            if repeat < 0.0 or taken < repeat:
+                settings.jumps[seq] = taken + 1
+                seq = int(number(item.param1))
+                continue
+        elif command == Command.DO_CHANGE_SPEED:
+            _change_speed(item, settings, top_speed_m_s)
+        elif command == Command.CONDITION_YAW:
+            settings.heading_rad = _yaw(item, settings.yaw_rad)
+        seq += 1
+    return done, seq
+
+
+def _change_speed(item: MissionItem, settings: Settings, top_speed_m_s: float) -> None:
+    """Ground and air speed are one (0, 1); climb and descent (2, 3); -2 is the vehicle's own speed again."""
+    kind, speed = number(item.param1), number(item.param2, -1.0)
+    wanted = speed if speed > 0.0 else None
+    if wanted is None and speed != -2.0:
+        return
+    if kind in (0.0, 1.0):
+        settings.speed_m_s = min(wanted or settings.default_m_s or settings.speed_m_s, top_speed_m_s)
+    elif kind == 2.0:
+        settings.climb_m_s = wanted
+    elif kind == 3.0:
+        settings.descent_m_s = wanted
+
+
+def _yaw(item: MissionItem, yaw_rad: float) -> float:
+    """Return the heading that CONDITION_YAW asks for; the short way round, whatever its direction says."""
+    angle = math.radians(number(item.param1))
+    if number(item.param4) == 0.0:
+        return angle
+    return yaw_rad + (-angle if number(item.param3) < 0.0 else angle)
+
+
+def time_of_day_wait_s(item: MissionItem, unix_s: float) -> float:
+    """Return how long NAV_DELAY waits for its time of day (UTC): hour, minute, second, -1 is any.
+
+    Examples
+    --------
+    >>> noon = 1_780_315_200.0
+    >>> time_of_day_wait_s(MissionItem(93, 2, -1.0, 12.0, 30.0, 0.0), noon)
+    1800.0
+    >>> time_of_day_wait_s(MissionItem(93, 2, -1.0, -1.0, -1.0, 15.0), noon + 20.0)
+    55.0
+    """
+    fields = [number(value, -1.0) for value in (item.param2, item.param3, item.param4)]
+    period_s, wanted_s = 60.0, max(fields[2], 0.0)
+    if fields[0] >= 0.0:
+        period_s, wanted_s = 86_400.0, wanted_s + 3600.0 * fields[0] + 60.0 * max(fields[1], 0.0)
+    elif fields[1] >= 0.0:
+        period_s, wanted_s = 3600.0, wanted_s + 60.0 * fields[1]
+    elif fields[2] < 0.0:
+        return 0.0
+    return (wanted_s - unix_s) % period_s
+
+
+def condition_items(items: Sequence[MissionItem], start: int) -> list[int]:
+    """Return the condition at ``start`` and the items that wait for it, up to the next place or jump."""
+    group = []
+    for seq in range(start, len(items)):
+        command = items[seq].command
+        if command not in DO_COMMANDS or command == Command.DO_JUMP:
+            break
+        group.append(seq)
+    return group
+
+
+def plan_item_legs(
+    items: Sequence[MissionItem],
+    places: Sequence[Place],
+    seq: int,
+    settings: Settings,
+    spec: VehicleSpec,
+    here: Place,
+    haven: Place = (0.0, 0.0, 0.0),
+) -> Itinerary:
+    """Return the legs from the place item ``seq`` on, as far as they are flown without a pause.
+
+    ``settings`` is a copy to look ahead with; ``here`` is where the vehicle is, ``haven`` where it returns to
+    and the least height of the way there.
+    """
+    plan = Itinerary()
+    last = here
+    tangent = (0.0, 0.0, 0.0)
+    on_circles = circles(spec)
+    while True:
+        item = items[seq]
+        circle = None
+        if on_circles:
+            place = _placed(places[seq], last)
+            circle = circling(item, place, settings.speed_m_s, spec, next_place(items, places, seq))
+        if circle is not None:
+            last = place
+            plan.add(circle.row, seq, done=circle.goes_on)
+            if circle.forever:
+                plan.ending = Ending.FOREVER
+            elif circle.wait_s is not None:
+                plan.ending, plan.wait_s = Ending.WAIT, circle.wait_s
+        elif item.command == _SPLINE:
+            end = _placed(places[seq], last)
+            ahead = _place_ahead(items, places, seq)
+            tangent = _spline_legs(plan, item, seq, settings, spec, (last, end, ahead), tangent)
+            last = end
+        else:
+            before = last
+            last = _item_legs(plan, item, places[seq], seq, settings, spec, last, haven)
+            tangent = (0.0, 0.0, 0.0)
+            if item.command == _WAYPOINT:
+                tangent = (last[0] - before[0], last[1] - before[1], last[2] - before[2])
+        settings.heading_rad = ALONG
+        if plan.ending is not Ending.NEXT:
+            return plan
+        if len(plan.rows) >= MAX_LEGS:
+            plan.open = True
+            return plan
+        following = seq + 1
+        while following < len(items) and items[following].command not in PASSED_COMMANDS:
+            done, following = do_items(items, following, settings, spec.top_speed_m_s)
+            plan.unsure |= any(_surprises(items[index]) for index in done)
+            if not 0 <= following < len(items) or items[following].command not in CONDITIONS:
+                break
+            plan.unsure = True
+            # What waits for a condition is not known now: the legs are planned again when it has changed
+            # something.
+            following = condition_items(items, following)[-1] + 1
+        if not 0 <= following < len(items) or items[following].command not in PASSED_COMMANDS:
+            return plan
+        seq = following
+
+
+def _surprises(item: MissionItem) -> bool:
+    vertical = item.command == Command.DO_CHANGE_SPEED and number(item.param1) > 1.0
+    return vertical or item.command in SURPRISING_COMMANDS
+
+
+def _placed(place: Place, last: Place) -> Place:
+    return (last[0], last[1], place[2]) if math.isnan(place[0]) else place
+
+
+def _place_ahead(items: Sequence[MissionItem], places: Sequence[Place], seq: int) -> Place | None:
+    """Return the place after a spline waypoint that is flown through to, None when it stops there."""
+    if number(items[seq].param1) > 0.0:
+        return None
+    following = seq + 1
+    while following < len(items) and items[following].command in DO_COMMANDS:
+        if items[following].command == Command.DO_JUMP:
+            return None
+        following += 1
+    if following >= len(items) or items[following].command not in PASSED_COMMANDS:
+        return None
+    return None if math.isnan(places[following][0]) else places[following]
+
+
+def _spline_legs(
+    plan: Itinerary,
+    item: MissionItem,
+    seq: int,
+    settings: Settings,
+    spec: VehicleSpec,
+    way: tuple[Place, Place, Place | None],
+    tangent: Place,
+) -> Place:
+    """Append the legs of a spline waypoint and return the direction of its end."""
+    hold = number(item.param1)
+    rows, after = spline_rows(way, tangent, settings.speed_m_s, settings.heading_rad, spec)
+    if hold > 0.0:
+        rows[-1] = (*rows[-1][:3], 0.0, *rows[-1][4:])
+    for row in rows:
+        plan.add(row, seq, done=row is rows[-1] and hold <= 0.0, speed=settings.speed_m_s)
+    if hold > 0.0:
+        plan.ending, plan.wait_s = Ending.WAIT, hold
+    return after
+
+
+def _item_legs(
+    plan: Itinerary,
+    item: MissionItem,
+    place: Place,
+    seq: int,
+    settings: Settings,
+    spec: VehicleSpec,
+    last: Place,
+    haven: Place,
+) -> Place:
+    """Append the legs of one item and return where they end."""
+    command = item.command
+    x, y, z = _placed(place, last)
+    speed = settings.speed_m_s
+    radius = spec.acceptance_radius_m
+    heading = settings.heading_rad
+    if command == _WAYPOINT:
+        if item.param4 is not None:
+            heading = math.radians(item.param4)
+        hold = item.param1 or 0.0
+        if hold > 0.0:
+            plan.add((x, y, z, item.param2 or 0.0, speed, heading, 0.0), seq)
+            plan.ending, plan.wait_s = Ending.WAIT, hold
+        else:
+            plan.add((x, y, z, item.param2 or radius, speed, heading, 0.0), seq, done=True)
+        return x, y, z
+    if item.param4 is not None and command in (17, 19, 22, 31):
+        heading = math.radians(item.param4)
+    if command == Command.NAV_TAKEOFF:
+        rows = autopilot_of(spec).takeoff_rows(spec, last, (x, y, z), speed, heading)
+        for row in rows:
+            plan.add(row, seq, done=row is rows[-1])
+        return rows[-1][0], rows[-1][1], rows[-1][2]
+    if command == Command.NAV_RETURN_TO_LAUNCH:
+        rows = autopilot_of(spec).return_rows(spec, last, speed, haven)
+        for row in rows:
+            plan.add(row, seq)
+        # A wing may only circle over home.
+        plan.ending = Ending.NEXT if circles(spec) and not lands(rows) else Ending.TOUCHDOWN
+        return haven[0], haven[1], 0.0
+    if command == Command.NAV_LAND:
+        for row in autopilot_of(spec).landing_rows(spec, (x, y, last[2]), last, speed):
+            plan.add(row, seq)
+        plan.ending = Ending.TOUCHDOWN
+        return x, y, 0.0
+    if command == Command.NAV_DELAY:
+        plan.add((*last, 0.0, speed, KEEP, 0.0), seq)
+        delay = number(item.param1)
+        plan.ending, plan.wait_s = Ending.WAIT, delay if delay >= 0.0 else math.nan
+        return last
+    if command == Command.NAV_LOITER_TURNS:
+        rows = circle_rows((x, y, z), last, number(item.param1), number(item.param3), speed, spec)
+        for row in rows:
+            plan.add(row, seq, done=row is rows[-1])
+        return rows[-1][0], rows[-1][1], rows[-1][2]
+    plan.add((x, y, z, 0.0, speed, heading, 0.0), seq)
+    plan.ending = Ending.FOREVER if command == Command.NAV_LOITER_UNLIM else Ending.WAIT
+    plan.wait_s = number(item.param1) if command == Command.NAV_LOITER_TIME else 0.0
+    return x, y, z

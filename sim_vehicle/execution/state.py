@@ -1,0 +1,189 @@
+"""What a flight shows from outside: the vehicle's state, its phases, and the events of a mission."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from mission.model import MissionItem
+    from sim_vehicle.energy.battery import BatteryState
+
+
+class LandedState(IntEnum):
+    """As MAV_LANDED_STATE numbers them."""
+
+    ON_GROUND = 1
+    IN_AIR = 2
+    TAKEOFF = 3
+    LANDING = 4
+
+
+class Phase(Enum):
+    """What the vehicle is doing."""
+
+    GROUND = "on the ground"
+    TAKEOFF = "taking off"
+    MISSION = "flying the mission"
+    HOLD = "holding"
+    GOTO = "flying to a place"
+    RETURN = "returning home"
+    LAND = "landing"
+    STEERED = "flying as it is told"
+    DEPLETED = "coming down without power"
+    FALLING = "falling"
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether it can obey no more."""
+        return self is Phase.DEPLETED or self is Phase.FALLING
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleState:
+    """The state of the vehicle at one time.
+
+    Parameters
+    ----------
+    time_s : float
+        Since the start of the simulation.
+    position_m, velocity_m_s, acceleration_m_s2 : tuple of 3 floats
+        East, north, up about home (the ground at home is 0).
+    roll_rad, pitch_rad : float
+        Attitude that gives the acceleration and holds against the drag of the air; roll right and pitch up
+        positive.
+    yaw_rad, yaw_rate_rad_s : float
+        Compass heading (clockwise from north, 0 to 2 pi) and its rate.
+    airspeed_m_s : float
+        Horizontal speed through the air.
+    wind_m_s : tuple of 2 floats
+        Wind now, east and north, the direction that it moves to.
+    power_w : float
+        Electric power now.
+    battery : BatteryState or None
+        None for an endless battery.
+    path_length_m : float
+        Flown so far.
+    armed : bool
+        Whether the motors run.
+    landed : LandedState
+        Ground contact.
+    phase : Phase
+        What the vehicle is doing.
+    current_seq : int
+        The mission item that is being flown, -1 without a mission.
+    throttle : float
+        0 to 1; a half where the motion has none.
+    """
+
+    time_s: float
+    position_m: tuple[float, float, float]
+    velocity_m_s: tuple[float, float, float]
+    acceleration_m_s2: tuple[float, float, float]
+    roll_rad: float
+    pitch_rad: float
+    yaw_rad: float
+    yaw_rate_rad_s: float
+    airspeed_m_s: float
+    wind_m_s: tuple[float, float]
+    power_w: float
+    battery: BatteryState | None
+    path_length_m: float
+    armed: bool
+    landed: LandedState
+    phase: Phase
+    current_seq: int
+    throttle: float = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class ItemReached:
+    """A mission item was completed or, for a waypoint, reached."""
+
+    time_s: float
+    seq: int
+
+
+@dataclass(frozen=True, slots=True)
+class CurrentChanged:
+    """Another mission item is the current one."""
+
+    time_s: float
+    seq: int
+
+
+@dataclass(frozen=True, slots=True)
+class CameraCommand:
+    """The mission commands the camera (206, 214, 203, 530, 2000, 2001, 2003)."""
+
+    time_s: float
+    seq: int
+    item: MissionItem
+
+
+@dataclass(frozen=True, slots=True)
+class HomeMoved:
+    """The mission moved home: east and north of where the vehicle started."""
+
+    time_s: float
+    x_m: float
+    y_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class MissionComplete:
+    """The last mission item was completed."""
+
+    time_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class CannotFly:
+    """The vehicle gave up; it holds. ``seq`` is -1 outside a mission."""
+
+    time_s: float
+    seq: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class TargetReached:
+    """A direct target (take-off, go to, return height) was reached."""
+
+    time_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class BatteryDepleted:
+    """The battery is empty: the vehicle comes down where it is."""
+
+    time_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Landed:
+    """The vehicle touched the ground."""
+
+    time_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Disarmed:
+    """The motors stopped by themselves after landing."""
+
+    time_s: float
+
+
+FlightEvent = (
+    ItemReached
+    | CurrentChanged
+    | CameraCommand
+    | HomeMoved
+    | MissionComplete
+    | CannotFly
+    | TargetReached
+    | BatteryDepleted
+    | Landed
+    | Disarmed
+)

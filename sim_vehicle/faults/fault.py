@@ -1,0 +1,347 @@
+"""Faults on demand: what goes wrong, when, where; as values and as text.
+
+A fault is written ``KIND[=VALUE][,OPTION=VALUE...]``, for example ``loss=0.2,from=10,for=60`` or
+``no-final-ack,times=1`` or ``gps-loss,at=airborne,from=5,for=20``. The kinds are in `KINDS`; the mission
+protocol's are the failure modes that ground stations are usually tested against. What they do is in
+`sim_vehicle.faults.session`.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from mission.link.codec.dialect import mavlink
+from sim_vehicle.errors import VehicleError
+
+__all__ = ["KINDS", "TRIGGERS", "Direction", "Fault", "FaultError", "Kind", "load_faults", "parse_fault"]
+
+Direction = Literal["up", "down", "both"]
+Group = Literal["link", "message", "vehicle"]
+ValueKind = Literal["chance", "seconds", "baud", "item", "message", "result", "component", "none"]
+
+
+class FaultError(VehicleError, ValueError):
+    """A fault that cannot be."""
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """One kind of fault.
+
+    Parameters
+    ----------
+    group : {"link", "message", "vehicle"}
+        What it spoils.
+    value : str
+        What its value is.
+    text : str
+        What it does.
+    default : float or None
+        The value when none is given; None: one must be given, unless ``value`` is "none".
+    """
+
+    group: Group
+    value: ValueKind
+    text: str
+    default: float | None = None
+
+
+KINDS: dict[str, Kind] = {
+    "link-loss": Kind("link", "none", "nothing crosses the link"),
+    "loss": Kind("link", "chance", "each frame is lost with this chance"),
+    "duplicate": Kind("link", "chance", "each frame comes twice with this chance"),
+    "corrupt": Kind("link", "chance", "one byte of each frame is changed with this chance"),
+    "delay": Kind("link", "seconds", "every frame comes so late"),
+    "jitter": Kind(
+        "link", "seconds", "every frame comes up to so much later, and frames overtake each other"
+    ),
+    "bandwidth": Kind("link", "baud", "a line of so many bits per second, with a buffer of 16 KiB", 57600.0),
+    "drop": Kind("message", "message", "messages of this name (or id) do not arrive"),
+    "silence": Kind("message", "component", "the component (1: autopilot) neither hears nor speaks", 1.0),
+    "no-list": Kind("message", "none", "no answer to MISSION_REQUEST_LIST"),
+    "no-count": Kind("message", "none", "no answer to MISSION_COUNT"),
+    "no-request": Kind("message", "item", "this item is neither asked for nor answered", 0.0),
+    "wrong-sequence": Kind("message", "item", "instead of this item, the next one is asked for or sent", 0.0),
+    "error-ack": Kind(
+        "message", "item", "a MISSION_ACK with an error instead of this item or its request", 0.0
+    ),
+    "early-final-ack": Kind(
+        "message", "item", "a MISSION_ACK that accepts instead of asking for this item", 1.0
+    ),
+    "no-final-ack": Kind("message", "none", "the MISSION_ACK that accepts is not sent"),
+    "final-ack-error": Kind("message", "result", "the last MISSION_ACK has this result instead", 1.0),
+    "gps-loss": Kind("vehicle", "none", "the vehicle has no position"),
+    "motor-failure": Kind("vehicle", "none", "a motor stops"),
+    "dead-battery": Kind("vehicle", "none", "the battery is empty at once"),
+    "stuck-camera": Kind("vehicle", "none", "the shutter does not open: pictures fail"),
+}
+"""Every kind of fault by name."""
+
+TRIGGERS = ("start", "armed", "airborne", "landed", "upload", "download", "item:N")
+"""What ``at`` can be; a trigger counts when it happens for the first time."""
+
+_ITEM = re.compile(r"item:[0-9]{1,5}")
+_DIRECTIONS = ("up", "down", "both")
+_RANGES: dict[ValueKind, tuple[float, float, str]] = {
+    "chance": (0.0, 1.0, "a chance from 0 to 1"),
+    "seconds": (0.0, 3600.0, "seconds from 0 to 3600"),
+    "baud": (1.0, 1e9, "bits per second, such as 57600"),
+    "item": (0.0, 65535.0, "the number of an item, from 0"),
+    "message": (0.0, 16777215.0, "the name of a message, such as COMMAND_ACK"),
+    "result": (1.0, 15.0, "a MAV_MISSION_RESULT from 1 to 15"),
+    "component": (1.0, 255.0, "a component from 1 to 255"),
+}
+_KEYS = {
+    "from": "start_s",
+    "for": "duration_s",
+    "at": "trigger",
+    "vehicle": "vehicle",
+    "direction": "direction",
+    "link": "link",
+    "times": "times",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One thing that goes wrong, and when.
+
+    Parameters
+    ----------
+    kind : str
+        A name of `KINDS`.
+    value : float, str or None
+        See there; None is the kind's default. Of ``drop``, the name or id of the message.
+    start_s, duration_s : float
+        When it begins, in seconds after the trigger, and for how long.
+    trigger : str
+        One of `TRIGGERS`; ``start`` is the start of the simulation.
+    vehicle : int or None
+        System id of the only vehicle that it concerns.
+    direction : {"up", "down", "both"}
+        To the vehicle, from the vehicle, or both; of links and of ``drop``.
+    link : str or None
+        Only links with this in their name (such as ``14550``), or below 1000 the link with this number,
+        counted from 1.
+    times : int or None
+        It happens so many times only; of message faults.
+
+    Raises
+    ------
+    FaultError
+        If there is no such kind, or a value is out of range.
+
+    Examples
+    --------
+    >>> Fault("loss", 0.2, start_s=10.0).value
+    0.2
+    >>> Fault("loss", 2.0)
+    Traceback (most recent call last):
+    ...
+    sim_vehicle.faults.fault.FaultError: fault loss: 2 is not a chance from 0 to 1
+    """
+
+    kind: str
+    value: float | str | None = None
+    start_s: float = 0.0
+    duration_s: float = math.inf
+    trigger: str = "start"
+    vehicle: int | None = None
+    direction: Direction = "both"
+    link: str | None = None
+    times: int | None = None
+
+    def __post_init__(self) -> None:
+        kind = KINDS.get(self.kind)
+        if kind is None:
+            msg = f"unknown fault {self.kind!r}: choose {', '.join(KINDS)}"
+            raise FaultError(msg)
+        object.__setattr__(self, "value", self._checked_value(kind))
+        self._require(0.0 <= self.start_s < math.inf, f"from {self.start_s} is not seconds from 0")
+        self._require(self.duration_s > 0.0, f"for {self.duration_s} is not a positive number of seconds")
+        self._require(
+            self.trigger in TRIGGERS[:-1] or _ITEM.fullmatch(self.trigger) is not None,
+            f"at {self.trigger!r} is not one of {', '.join(TRIGGERS)}",
+        )
+        self._require(
+            self.vehicle is None or 1 <= self.vehicle <= 255, f"vehicle {self.vehicle} is not 1 to 255"
+        )
+        self._require(self.direction in _DIRECTIONS, f"direction {self.direction!r} is not up, down or both")
+        self._require(self.times is None or self.times >= 1, f"times {self.times} is not a number from 1")
+        self._require(kind.group == "message" or self.times is None, "times is only for faults of messages")
+        self._require(kind.group == "link" or self.link is None, "link is only for faults of links")
+        self._require(
+            kind.group == "link" or self.kind == "drop" or self.direction == "both",
+            "direction is only for faults of links and for drop",
+        )
+
+    def _require(self, condition: bool, text: str) -> None:
+        if not condition:
+            msg = f"fault {self.kind}: {text}"
+            raise FaultError(msg)
+
+    def _checked_value(self, kind: Kind) -> float | None:
+        value = self.value
+        if kind.value == "none":
+            self._require(value is None, f"it takes no value, not {value!r}")
+            return None
+        if value is None:
+            value = kind.default
+        low, high, text = _RANGES[kind.value]
+        self._require(value is not None, f"it needs a value: {text}")
+        number = _message_id(value) if kind.value == "message" else _number(value)
+        whole = kind.value in ("item", "message", "result", "component")
+        good = low <= number <= high and (not whole or number == int(number))
+        self._require(
+            good, f"{value:g} is not {text}" if isinstance(value, float) else f"{value} is not {text}"
+        )
+        return number
+
+    @property
+    def group(self) -> Group:
+        """What it spoils."""
+        return KINDS[self.kind].group
+
+    @property
+    def number(self) -> float:
+        """The value, 0 if the kind has none."""
+        return self.value if isinstance(self.value, float) else 0.0
+
+    def __str__(self) -> str:
+        value = self.value
+        if self.kind == "drop":
+            value = mavlink.mavlink_map[int(self.number)].msgname
+        parts = [self.kind if value is None else f"{self.kind}={_shortest(value)}"]
+        plain = {"from": 0.0, "for": math.inf, "at": "start", "direction": "both"}
+        for key, name in _KEYS.items():
+            given = getattr(self, name)
+            if given != plain.get(key):
+                parts.append(f"{key}={_shortest(given)}")
+        return ",".join(parts)
+
+
+def _shortest(value: object) -> str:
+    return str(int(value)) if isinstance(value, float) and value == int(value) else str(value)
+
+
+def _number(value: float | str | None) -> float:
+    try:
+        return float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return math.nan
+
+
+def _message_id(value: float | str | None) -> float:
+    """Return the id of a message that the dialect has, NaN if it has none such."""
+    number = _number(value)
+    if number in mavlink.mavlink_map:
+        return number
+    wanted = str(value).upper()
+    found = [key for key, kind in mavlink.mavlink_map.items() if kind.msgname == wanted]
+    return float(found[0]) if found else math.nan
+
+
+def parse_fault(text: str) -> Fault:
+    """Read a fault from its text.
+
+    Parameters
+    ----------
+    text : str
+        ``KIND[=VALUE][,OPTION=VALUE...]`` with the options from, for (seconds), at (trigger), vehicle,
+        direction, link and times of `Fault`.
+
+    Raises
+    ------
+    FaultError
+        If it cannot be read.
+
+    Examples
+    --------
+    >>> parse_fault("loss=0.2,from=10,for=60,direction=down")
+    Fault(kind='loss', value=0.2, start_s=10.0, duration_s=60.0, trigger='start', vehicle=None, \
+direction='down', link=None, times=None)
+    >>> str(parse_fault("no-request=0,times=1"))
+    'no-request=0,times=1'
+    """
+    first, *rest = [part.strip() for part in text.split(",")]
+    kind, equals, value = first.partition("=")
+    table: dict[str, Any] = {"kind": kind.strip()}
+    if equals:
+        table["value"] = value.strip()
+    for part in rest:
+        key, equals, value = part.partition("=")
+        if not equals or key.strip() in ("kind", "value") or key.strip() in table:
+            msg = f"fault {text!r}: {part!r} is not OPTION=VALUE; options are {', '.join(_KEYS)}"
+            raise FaultError(msg)
+        table[key.strip()] = value.strip()
+    return fault_from(table)
+
+
+def fault_from(table: Mapping[str, Any]) -> Fault:
+    """Make a fault from a table with the keys kind, value and those of `parse_fault`; FaultError if wrong."""
+    kind = str(table.get("kind", ""))
+    values: dict[str, Any] = {}
+    for key, value in table.items():
+        if key in ("kind", "value"):
+            continue
+        name = _KEYS.get(key)
+        if name is None:
+            msg = f"fault {kind}: unknown option {key!r}; options are {', '.join(_KEYS)}"
+            raise FaultError(msg)
+        try:
+            if name in ("start_s", "duration_s"):
+                values[name] = float(value)
+            elif name in ("vehicle", "times"):
+                values[name] = int(value)
+            else:
+                values[name] = str(value)
+        except (TypeError, ValueError):
+            msg = f"fault {kind}: {key} {value!r} is not a number"
+            raise FaultError(msg) from None
+    value = table.get("value")
+    if value is not None and (isinstance(value, bool) or not isinstance(value, str | int | float)):
+        msg = f"fault {kind}: value {value!r} is neither a number nor text"
+        raise FaultError(msg)
+    return Fault(kind, float(value) if isinstance(value, int) else value, **values)
+
+
+def load_faults(path: Path | str) -> tuple[Fault, ...]:
+    """Read the ``[[fault]]`` tables of a TOML file.
+
+    Raises
+    ------
+    FaultError
+        If the file cannot be read, is not TOML, or a fault in it is wrong; names the file and the fault.
+    """
+    try:
+        table = msgspec.toml.decode(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        msg = f"{path}: cannot be read ({(error.strerror or str(error)).lower()}); give a TOML file"
+        raise FaultError(msg) from error
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        msg = f"{path}: not TOML ({' '.join(str(error).split())})"
+        raise FaultError(msg) from error
+    return faults_of(table, str(path))
+
+
+def faults_of(table: Mapping[str, Any], where: str) -> tuple[Fault, ...]:
+    """Return the faults of a decoded TOML file; ``where`` is its name for messages."""
+    entries = table.get("fault", [])
+    if not isinstance(entries, list) or not all(isinstance(entry, Mapping) for entry in entries):
+        msg = f"{where}: faults are written as [[fault]] tables"
+        raise FaultError(msg)
+    faults: list[Fault] = []
+    for number, entry in enumerate(entries, 1):
+        try:
+            faults.append(fault_from(entry))
+        except FaultError as error:
+            msg = f"{where}: fault {number}: {error}"
+            raise FaultError(msg) from error
+    return tuple(faults)

@@ -1,0 +1,389 @@
+"""Faults in action: links that spoil frames, components that misbehave, vehicles that break.
+
+The hosts make one `FaultSession` for a run. All that is random comes from its seed by name: the same faults,
+seed and inputs give the same bytes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from copy import copy
+
+from numpy.random import SeedSequence
+
+from geo.seeds import stream
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.frames import Message
+from mission.link.faults import Faults, FaultyChannel
+from sim_vehicle.faults.fault import Direction, Fault, parse_fault
+from sim_vehicle.faults.vehicle import break_vehicle
+from sim_vehicle.host.component import NEVER, Component
+
+__all__ = ["FaultSession", "FaultyComponent", "FaultyLink"]
+
+_AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
+_REQUESTS = frozenset({m.MAVLINK_MSG_ID_MISSION_REQUEST, m.MAVLINK_MSG_ID_MISSION_REQUEST_INT})
+_ITEMS = frozenset({m.MAVLINK_MSG_ID_MISSION_ITEM, m.MAVLINK_MSG_ID_MISSION_ITEM_INT})
+_UNHEARD = {"no-list": m.MAVLINK_MSG_ID_MISSION_REQUEST_LIST, "no-count": m.MAVLINK_MSG_ID_MISSION_COUNT}
+_REQUESTED = {
+    m.MAVLINK_MSG_ID_MISSION_COUNT: "upload",
+    m.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: "download",
+}
+_MOST_FAILED_PICTURES = 100_000
+_FEWEST_PORT = 1000
+
+
+class FaultSession:
+    """The faults of one run and what has triggered them.
+
+    Parameters
+    ----------
+    faults : iterable of Fault or str
+        Text as `sim_vehicle.faults.fault.parse_fault` reads it.
+    seed : int or numpy.random.SeedSequence
+        Of everything random.
+
+    Examples
+    --------
+    >>> session = FaultSession(["loss=0.5,at=armed,for=10"])
+    >>> session.is_active(session.faults[0], 1, 5.0)
+    False
+    >>> session.fire(1, "armed", 20.0)
+    >>> session.is_active(session.faults[0], 1, 25.0), session.is_active(session.faults[0], 1, 30.0)
+    (True, False)
+    """
+
+    def __init__(self, faults: Iterable[Fault | str] = (), seed: int | SeedSequence = 0) -> None:
+        self.faults = tuple(parse_fault(fault) if isinstance(fault, str) else fault for fault in faults)
+        self._seed = seed
+        self._fired: dict[tuple[int | None, str], float] = {}
+
+    def fire(self, system: int, trigger: str, now_s: float) -> None:
+        """Note that something happened to a vehicle; only the first time counts."""
+        self._fired.setdefault((system, trigger), now_s)
+        self._fired.setdefault((None, trigger), now_s)
+
+    def window(self, fault: Fault, system: int | None) -> tuple[float, float]:
+        """When a fault begins and ends for a vehicle, or (None) for whichever was first; NEVER: not yet."""
+        origin_s = 0.0
+        if fault.trigger != "start":
+            who = system if fault.vehicle is None else fault.vehicle
+            origin_s = self._fired.get((who, fault.trigger), NEVER)
+        begin_s = origin_s + fault.start_s
+        return begin_s, begin_s + fault.duration_s
+
+    def is_active(self, fault: Fault, system: int | None, now_s: float) -> bool:
+        """Whether a fault holds now."""
+        begin_s, end_s = self.window(fault, system)
+        return begin_s <= now_s < end_s
+
+    def wrap(self, components: Sequence[Component]) -> list[Component]:
+        """Return the components, those of vehicles that a fault concerns as `FaultyComponent`."""
+        systems = {c.system_id for c in components if c.component_id == _AUTOPILOT}
+        wrapped: list[Component] = []
+        triggered = any(fault.trigger != "start" for fault in self.faults)
+        for component in components:
+            faults = [fault for fault in self.faults if _concerns(fault, component, systems)]
+            watched = triggered and component.component_id == _AUTOPILOT
+            wrapped.append(FaultyComponent(component, faults, self) if faults or watched else component)
+        return wrapped
+
+    def link(self, name: str, number: int, client: int = 0) -> FaultyLink | None:
+        """Return what spoils a link, None if nothing does.
+
+        ``number`` counts the host's links from 1, ``client`` those who share one; each has its own luck.
+        """
+        faults = [f for f in self.faults if f.group == "link" and _names(f.link, name, number)]
+        return FaultyLink(faults, self, self._seed, f"{number}.{client}") if faults else None
+
+
+def _names(wanted: str | None, name: str, number: int) -> bool:
+    """Whether a fault's ``link`` means this one: below 1000 its number, else a part of its name."""
+    if wanted is None:
+        return True
+    if wanted.isascii() and wanted.isdigit() and int(wanted) < _FEWEST_PORT:
+        return int(wanted) == number
+    return wanted in name
+
+
+def _concerns(fault: Fault, component: Component, systems: set[int]) -> bool:
+    if component.system_id not in systems or fault.vehicle not in (None, component.system_id):
+        return False
+    if fault.kind == "silence":
+        return component.component_id == fault.number
+    if fault.kind == "stuck-camera":
+        return component.component_id != _AUTOPILOT
+    if fault.kind == "drop":
+        return True
+    return fault.group != "link" and component.component_id == _AUTOPILOT
+
+
+class FaultyLink:
+    """Both directions of one link; up is to the vehicle.
+
+    Parameters
+    ----------
+    faults : sequence of Fault
+        Of the group link.
+    session : FaultSession
+        Tells which hold.
+    seed : int or SeedSequence
+    name : str
+        Names the random streams of the link.
+    """
+
+    def __init__(
+        self, faults: Sequence[Fault], session: FaultSession, seed: int | SeedSequence, name: str
+    ) -> None:
+        self._session = session
+        self._faults = {
+            way: [fault for fault in faults if fault.direction in (way, "both")] for way in ("up", "down")
+        }
+        self._combined: dict[tuple[Fault, ...], Faults] = {}
+        self._channels = {
+            way: FaultyChannel(Faults(), stream(seed, "link", name, way)) for way in ("up", "down")
+        }
+
+    def send(self, way: Direction, frame: bytes, system: int, now_s: float) -> None:
+        """Put a frame to or from this vehicle (0: all) on the air."""
+        channel = self._channels[way]
+        channel.faults = self._now(way, system, now_s)
+        channel.send(frame, now_s)
+
+    def receive(self, way: Direction, now_s: float) -> list[bytes]:
+        """Return the frames that have arrived."""
+        return self._channels[way].receive(now_s)
+
+    def next_arrival(self) -> float:
+        """When the next frame arrives, `NEVER` if none is on the air."""
+        up_s, down_s = (self._channels[way].next_arrival() for way in ("up", "down"))
+        return min(NEVER if up_s is None else up_s, NEVER if down_s is None else down_s)
+
+    def _now(self, way: Direction, system: int, now_s: float) -> Faults:
+        key = tuple(
+            fault
+            for fault in self._faults[way]
+            if fault.vehicle in (None, system) and self._session.is_active(fault, None, now_s)
+        )
+        found = self._combined.get(key)
+        if found is None:
+            found = self._combined[key] = _combine(key)
+        return found
+
+
+def _combine(faults: Sequence[Fault]) -> Faults:
+    """Return several faults of a link as one."""
+
+    def of(kind: str) -> list[float]:
+        return [fault.number for fault in faults if fault.kind == kind]
+
+    def chance(kind: str) -> float:
+        return 1.0 - math.prod(1.0 - value for value in of(kind))
+
+    cut = any(fault.kind == "link-loss" for fault in faults)
+    return Faults(
+        loss=1.0 if cut else chance("loss"),
+        duplicate=chance("duplicate"),
+        corrupt=chance("corrupt"),
+        delay_s=sum(of("delay")),
+        jitter_s=sum(of("jitter")),
+        baud=min(of("bandwidth"), default=math.inf),
+    )
+
+
+class FaultyComponent:
+    """A vehicle's component that misbehaves; a Component itself.
+
+    Parameters
+    ----------
+    component : Component
+        What is wrapped.
+    faults : sequence of Fault
+        Of the groups message and vehicle, for this component.
+    session : FaultSession
+        Tells which hold, and is told what triggers them.
+    """
+
+    def __init__(self, component: Component, faults: Sequence[Fault], session: FaultSession) -> None:
+        self.inner = component
+        self.system_id = component.system_id
+        self.component_id = component.component_id
+        self.wanted = component.wanted
+        self._session = session
+        self._broken: dict[Fault, bool] = {f: False for f in faults if f.group == "vehicle"}
+        self._silences = [fault for fault in faults if fault.kind == "silence"]
+        self._messages = [f for f in faults if f.group == "message" and f.kind != "silence"]
+        self._left: dict[Fault, float] = {f: math.inf if f.times is None else f.times for f in self._messages}
+        self._stuck = [fault for fault in self._broken if fault.kind == "stuck-camera"]
+        self._failed: set[int] = set()
+        self._next_picture = 0
+        self._last_failed = False
+        self._armed = self._flew = False
+        self._now_s = -math.inf
+
+    def receive(self, message: Message, now_s: float) -> list[Message]:
+        """Hand the message on unless a fault swallows it."""
+        self._turn(now_s)
+        trigger = _REQUESTED.get(type(message).id)
+        if trigger is not None:
+            self._session.fire(self.system_id, trigger, now_s)
+        if self._silent(now_s) or self._swallows(message, now_s):
+            return []
+        return self._spoil(self.inner.receive(message, now_s), now_s)
+
+    def poll(self, now_s: float) -> list[Message]:
+        """Poll the component unless it is silent."""
+        self._turn(now_s)
+        if self._silent(now_s) or self.inner.next_deadline() > now_s:
+            return []
+        return self._spoil(self.inner.poll(now_s), now_s)
+
+    def next_deadline(self) -> float:
+        """The component's deadline or the next time that a fault begins or ends."""
+        edges = [
+            edge
+            for fault in (*self._broken, *self._silences)
+            for edge in self._session.window(fault, self.system_id)
+            if edge > self._now_s
+        ]
+        edge_s = min(edges, default=NEVER)
+        return edge_s if self._silent(self._now_s) else min(edge_s, self.inner.next_deadline())
+
+    def _silent(self, now_s: float) -> bool:
+        return any(self._session.is_active(fault, self.system_id, now_s) for fault in self._silences)
+
+    def _turn(self, now_s: float) -> None:
+        """Break and mend what is due."""
+        self._now_s = now_s
+        for fault, broken in self._broken.items():
+            active = self._session.is_active(fault, self.system_id, now_s)
+            if active != broken:
+                self._broken[fault] = active
+                still = any(on for other, on in self._broken.items() if other.kind == fault.kind)
+                break_vehicle(self.inner, fault.kind, still)
+
+    def _take(self, fault: Fault, now_s: float) -> bool:
+        """Whether a fault happens to a message that it fits; counts it."""
+        if self._left[fault] <= 0 or not self._session.is_active(fault, self.system_id, now_s):
+            return False
+        self._left[fault] -= 1
+        return True
+
+    def _swallows(self, message: Message, now_s: float) -> bool:
+        """Whether a message to the component is not heard."""
+        number = type(message).id
+        for fault in self._messages:
+            if fault.kind == "drop":
+                fits = number == fault.number and fault.direction in ("up", "both")
+            elif fault.kind == "no-request":
+                fits = number in _REQUESTS and message.seq == fault.number
+            else:
+                fits = _UNHEARD.get(fault.kind) == number
+            if fits and self._take(fault, now_s):
+                return True
+        return False
+
+    def _spoil(self, messages: list[Message], now_s: float) -> list[Message]:
+        """Return what is sent in place of the component's messages."""
+        if not messages:
+            return messages
+        sent: list[Message] = []
+        for message in messages:
+            self._watch(message, now_s)
+            spoiled: Message | None = message
+            for fault in self._messages:
+                change = _CHANGES.get(fault.kind)
+                if change is None or not _fits(fault, message) or not self._take(fault, now_s):
+                    continue
+                spoiled = change(message, fault)
+                break
+            if spoiled is not None and self._stuck:
+                spoiled = self._picture(spoiled)
+            if spoiled is not None:
+                sent.append(spoiled)
+        return sent
+
+    def _picture(self, message: Message) -> Message | None:
+        """Make a picture fail that is taken with a stuck shutter, also when it is asked for later."""
+        number = type(message).id
+        if number == m.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY:
+            return None if self._last_failed else message
+        if number != m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED:
+            return message
+        index = message.image_index
+        if index >= self._next_picture:
+            self._next_picture = index + 1
+            if any(self._broken.values()) and len(self._failed) < _MOST_FAILED_PICTURES:
+                self._failed.add(index)
+        self._last_failed = index in self._failed
+        if self._last_failed:
+            message = copy(message)
+            message.capture_result = 0
+        return message
+
+    def _watch(self, message: Message, now_s: float) -> None:
+        """Look for what triggers faults."""
+        number = type(message).id
+        fire, system = self._session.fire, self.system_id
+        if number == m.MAVLINK_MSG_ID_HEARTBEAT and self.component_id == _AUTOPILOT:
+            armed = bool(message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
+            if armed and not self._armed:
+                fire(system, "armed", now_s)
+            self._armed = armed
+        elif number == m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
+            if message.landed_state == m.MAV_LANDED_STATE_IN_AIR:
+                self._flew = True
+                fire(system, "airborne", now_s)
+            elif message.landed_state == m.MAV_LANDED_STATE_ON_GROUND and self._flew:
+                fire(system, "landed", now_s)
+        elif number == m.MAVLINK_MSG_ID_MISSION_CURRENT and self._armed:
+            fire(system, f"item:{message.seq}", now_s)
+
+
+def _fits(fault: Fault, message: Message) -> bool:
+    """Whether a message of the component is one that the fault concerns."""
+    number, kind = type(message).id, fault.kind
+    if kind == "drop":
+        return bool(number == fault.number and fault.direction in ("down", "both"))
+    if kind in ("no-final-ack", "final-ack-error"):
+        return bool(number == m.MAVLINK_MSG_ID_MISSION_ACK and message.type == m.MAV_MISSION_ACCEPTED)
+    if number in _REQUESTS:
+        return bool(message.seq == fault.number)
+    return bool(number in _ITEMS and kind != "early-final-ack" and message.seq == fault.number)
+
+
+def _gone(_message: Message, _fault: Fault) -> None:
+    return None
+
+
+def _acknowledge(result: int) -> Callable[[Message, Fault], Message]:
+    def change(message: Message, _fault: Fault) -> Message:
+        return m.MAVLink_mission_ack_message(
+            message.target_system, message.target_component, result, message.mission_type
+        )
+
+    return change
+
+
+def _next_item(message: Message, _fault: Fault) -> Message:
+    spoiled = copy(message)
+    spoiled.seq += 1
+    return spoiled
+
+
+def _other_result(message: Message, fault: Fault) -> Message:
+    spoiled = copy(message)
+    spoiled.type = int(fault.number)
+    return spoiled
+
+
+_CHANGES: dict[str, Callable[[Message, Fault], Message | None]] = {
+    "drop": _gone,
+    "no-request": _gone,
+    "no-final-ack": _gone,
+    "wrong-sequence": _next_item,
+    "error-ack": _acknowledge(int(m.MAV_MISSION_ERROR)),
+    "early-final-ack": _acknowledge(int(m.MAV_MISSION_ACCEPTED)),
+    "final-ack-error": _other_result,
+}

@@ -1,0 +1,56 @@
+"""What every MAVLink component is: a state machine without sockets and without a clock.
+
+The vehicle, its camera and the ground station have this one shape, so the same object runs on the virtual
+clock (`sim_vehicle.host.simulation`) and over sockets (`sim_vehicle.host.server`).
+"""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+from mission.link.codec.dialect import mavlink
+
+__all__ = ["NEVER", "Component"]
+
+NEVER = float("inf")
+"""What ``next_deadline`` returns when nothing is to be done until a message arrives."""
+
+
+@runtime_checkable
+class Component(Protocol):
+    """One MAVLink component. Times are monotone seconds of the host's clock.
+
+    Attributes
+    ----------
+    system_id, component_id : int
+        The address, also the source of everything that the component sends.
+    wanted : frozenset of int or None
+        Message ids that `receive` cares for; None is all. The host does not parse the others. Read once.
+    """
+
+    @property
+    def system_id(self) -> int:
+        """The MAVLink system, 1 to 255."""
+        ...
+
+    @property
+    def component_id(self) -> int:
+        """The MAVLink component, 1 to 255."""
+        ...
+
+    @property
+    def wanted(self) -> frozenset[int] | None:
+        """Message ids that `receive` cares for."""
+        ...
+
+    def receive(self, message: mavlink.MAVLink_message, now_s: float) -> list[mavlink.MAVLink_message]:
+        """Take one message and return the messages to send. A bad message is ignored, never raised."""
+        ...
+
+    def poll(self, now_s: float) -> list[mavlink.MAVLink_message]:
+        """Do what is due up to `now_s` (timers, physics, telemetry) and return the messages to send."""
+        ...
+
+    def next_deadline(self) -> float:
+        """When `poll` should be called next: monotone seconds, `NEVER` for only after a message."""
+        ...

@@ -1,0 +1,312 @@
+"""The sockets of the server: each URL is a door, behind which any number of clients may stand."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+from mission.errors import LinkError
+from mission.link.codec.frames import FrameReader
+from mission.link.link import LOOPBACK, SERIAL, Link, LinkAddress, open_link, parse_link_url
+from mission.link.sockets import TcpLink, TcpListener, UdpSocket
+from sim_vehicle.errors import VehicleError
+from sim_vehicle.faults.session import FaultyLink
+
+__all__ = ["Client", "Door", "Handle", "ServerUrl", "open_door"]
+
+_DATAGRAM_BYTES = 1200
+_SILENCE_S = 60.0
+_MOST_PEERS = 64
+
+
+@dataclass(frozen=True, slots=True)
+class ServerUrl:
+    """An address of the server.
+
+    Parameters
+    ----------
+    url : str
+        See `open_door`.
+    system : int or None
+        Only this vehicle is found there, as at one port of one autopilot; None: all, as behind a router.
+    """
+
+    url: str
+    system: int | None = None
+
+
+class Client:
+    """One peer: a stream of bytes each way.
+
+    Frames to send are collected and go out together with `flush`, as autopilots do: fewer, larger datagrams.
+
+    Parameters
+    ----------
+    name : str
+        For messages.
+    write : callable
+        Sends bytes; LinkError when the peer has gone.
+
+    Attributes
+    ----------
+    system : int or None
+        The only vehicle that it meets, see `ServerUrl`.
+    radio : FaultyLink or None
+        What spoils its frames.
+    """
+
+    def __init__(self, name: str, write: Callable[[bytes], None]) -> None:
+        self.name = name
+        self.system: int | None = None
+        self.radio: FaultyLink | None = None
+        self.alive = True
+        self.heard_s = time.monotonic()
+        self._write = write
+        self._outgoing = bytearray()
+        self._frames: list[bytes] = []
+        self._reader = FrameReader(wanted=(), tap=self._frames.append)
+
+    def take(self, data: bytes) -> list[bytes]:
+        """Take bytes that came from the peer and return the sound frames among them."""
+        self._reader.feed(data)
+        frames = self._frames[:]
+        self._frames.clear()
+        if frames:
+            self.heard_s = time.monotonic()
+        return frames
+
+    def send(self, frame: bytes) -> None:
+        """Put a frame on the way."""
+        if len(self._outgoing) + len(frame) > _DATAGRAM_BYTES:
+            self.flush()
+        self._outgoing += frame
+
+    def flush(self) -> None:
+        """Send what was collected; a peer that has gone is marked so."""
+        if not self._outgoing:
+            return
+        data = bytes(self._outgoing)
+        self._outgoing.clear()
+        try:
+            self._write(data)
+        except LinkError:
+            self.alive = False
+
+
+class Handle(NamedTuple):
+    """What to do when a descriptor is ready."""
+
+    owner: object
+    """Whose descriptor it is; numbers are used again."""
+    receive: Callable[[], list[tuple[Client, bytes]]]
+    """Returns frames and who sent them."""
+
+
+class Door(Protocol):
+    """A socket with its clients.
+
+    Attributes
+    ----------
+    name : str
+        The address, with the port that was really taken.
+    """
+
+    name: str
+
+    def handles(self) -> dict[int, Handle]:
+        """Descriptors to wait for, each with what to do then."""
+
+    def clients(self) -> list[Client]:
+        """Return the clients that are there now."""
+
+    def close(self) -> None:
+        """Close all sockets of this door."""
+
+
+class _UdpDoor:
+    def __init__(self, bind: LinkAddress, peer: LinkAddress | None = None) -> None:
+        self._socket = UdpSocket(bind)
+        self.name = str(peer) if peer else self._socket.name
+        self._peers: dict[Any, Client] = {}
+        self._fixed: Any = None
+        if peer is not None:
+            self._fixed = (peer.host, peer.port)
+            self._admit(self._fixed)
+
+    def handles(self) -> dict[int, Handle]:
+        number = self._socket.fileno()
+        return {} if number is None else {number: Handle(self._socket, self._receive)}
+
+    def clients(self) -> list[Client]:
+        if len(self._peers) > (self._fixed is not None):
+            oldest_s = time.monotonic() - _SILENCE_S
+            for peer, client in list(self._peers.items()):
+                if client.heard_s < oldest_s and peer != self._fixed:
+                    client.alive = False
+                    del self._peers[peer]
+        return list(self._peers.values())
+
+    def close(self) -> None:
+        self._socket.close()
+
+    def _admit(self, peer: Any) -> Client:
+        client = Client(f"{self.name} {peer[0]}:{peer[1]}", lambda data: self._socket.send_to(data, peer))
+        self._peers[peer] = client
+        return client
+
+    def _receive(self) -> list[tuple[Client, bytes]]:
+        found: list[tuple[Client, bytes]] = []
+        try:
+            arrived = self._socket.receive_from()
+        except LinkError:
+            return found
+        for data, peer in arrived:
+            client = self._peers.get(peer)
+            if client is None:
+                # Only who speaks MAVLink becomes a client.
+                if len(self._peers) >= _MOST_PEERS or not _speaks_mavlink(data):
+                    continue
+                client = self._admit(peer)
+            found += [(client, frame) for frame in client.take(data)]
+        return found
+
+
+class _TcpDoor:
+    def __init__(self, listener: TcpListener) -> None:
+        self.name = listener.name
+        self._listener = listener
+        self._links: dict[TcpLink, Client] = {}
+
+    def handles(self) -> dict[int, Handle]:
+        found: dict[int, Handle] = {}
+        if (number := self._listener.fileno()) is not None:
+            found[number] = Handle(self._listener, self._accept)
+        for link in self._links:
+            if (number := link.fileno()) is not None:
+                found[number] = Handle(link, lambda link=link: self._receive(link))  # type: ignore[misc]
+        return found
+
+    def clients(self) -> list[Client]:
+        for link, client in list(self._links.items()):
+            if not client.alive:
+                link.close()
+                del self._links[link]
+        return list(self._links.values())
+
+    def close(self) -> None:
+        self._listener.close()
+        for link in self._links:
+            link.close()
+
+    def _accept(self) -> list[tuple[Client, bytes]]:
+        for link in self._listener.accept():
+            if len(self._links) < _MOST_PEERS:
+                self._links[link] = Client(link.name, link.send)
+            else:
+                link.close()
+        return []
+
+    def _receive(self, link: TcpLink) -> list[tuple[Client, bytes]]:
+        client = self._links.get(link)
+        if client is None:
+            return []
+        try:
+            pieces = link.receive()
+        except LinkError:
+            client.alive = False
+            return []
+        return [(client, frame) for piece in pieces for frame in client.take(piece)]
+
+
+class _LinkDoor:
+    """One peer behind a link: a serial line, or a TCP connection that we make (again, when it was lost)."""
+
+    def __init__(self, link: Link) -> None:
+        self.name = link.name
+        self._link = link
+        self._client = Client(link.name, link.send)
+        self._socket: tuple[int, object] = (-1, None)
+
+    def _owner(self) -> object:
+        """Return a token that is another one after each reconnection."""
+        made = getattr(self._link, "connections", 1)
+        if self._socket[0] != made:
+            self._socket = (made, object())
+        return self._socket[1]
+
+    def handles(self) -> dict[int, Handle]:
+        number = self._link.fileno() if self._client.alive else None
+        return {} if number is None else {number: Handle(self._owner(), self._receive)}
+
+    def clients(self) -> list[Client]:
+        if self._client.alive and self._link.fileno() is None:
+            self._receive()
+        return [self._client] if self._client.alive else []
+
+    def close(self) -> None:
+        self._link.close()
+
+    def _receive(self) -> list[tuple[Client, bytes]]:
+        try:
+            pieces = self._link.receive()
+        except LinkError:
+            self._client.alive = False
+            return []
+        return [(self._client, frame) for piece in pieces for frame in self._client.take(piece)]
+
+
+def _speaks_mavlink(data: bytes) -> bool:
+    reader = FrameReader(wanted=())
+    reader.feed(data)
+    return reader.frames > 0
+
+
+def open_door(url: str) -> Door:
+    """Open a socket for clients.
+
+    Parameters
+    ----------
+    url : str
+        ``udpin:HOST:PORT`` waits for clients, ``udpout:HOST:PORT`` sends to one (and serves whoever answers),
+        ``tcpin:HOST:PORT`` waits for connections, ``tcp:HOST:PORT`` makes one and makes it again when it was
+        lost, ``serial:DEVICE:BAUD`` is a serial line. After ``udpout`` the local port may follow:
+        ``udpout:127.0.0.1:14550,18570``.
+
+    Raises
+    ------
+    LinkError
+        If the address is wrong, in use or not reachable.
+    VehicleError
+        If the local port is no port.
+    """
+    text, comma, local = url.partition(",")
+    if text.strip().lower().startswith(SERIAL):
+        return _LinkDoor(open_link(url))
+    address = parse_link_url(text)
+    port = 0
+    if comma:
+        if address.scheme != "udpout" or not local.strip().isdigit() or int(local) > 65535:
+            msg = f"{url!r}: a local port (0 to 65535) may follow udpout only"
+            raise VehicleError(msg)
+        port = int(local)
+    if address.scheme == "udpin":
+        return _UdpDoor(address)
+    if address.scheme == "udpout":
+        host = _address_of(address)
+        near = LOOPBACK if host.startswith("127.") else "0.0.0.0"  # noqa: S104
+        return _UdpDoor(LinkAddress("udpout", near, port), LinkAddress("udpout", host, address.port))
+    if address.scheme == "tcpin":
+        return _TcpDoor(TcpListener(address))
+    return _LinkDoor(open_link(text, reconnect=True))
+
+
+def _address_of(address: LinkAddress) -> str:
+    """Return the IPv4 address of a host, so that its answers are known for its own."""
+    try:
+        return str(socket.getaddrinfo(address.host, address.port, socket.AF_INET, socket.SOCK_DGRAM)[0][4][0])
+    except (OSError, UnicodeError) as error:
+        msg = f"{address}: the host {address.host!r} has no IPv4 address; check its name"
+        raise LinkError(msg) from error

@@ -1,0 +1,130 @@
+"""Where frames go: what the virtual-clock host and the server share.
+
+The rules are those of mavlink-router: a frame for everybody goes to everybody but its sender; a frame for one
+address goes where that address was heard (or to the system's autopilot, which knows what to refuse), and
+nowhere when its system was never heard.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Hashable, Iterable
+from typing import Generic, TypeVar
+
+from mission.link.codec.dialect import mavlink
+
+__all__ = ["Address", "RoutingTable", "frame_id", "frame_source", "frame_target"]
+
+Port = TypeVar("Port", bound=Hashable)
+Address = tuple[int, int]
+"""System and component."""
+
+AUTOPILOT = 1
+MAGIC_2 = 0xFD
+_target_offsets: dict[int, tuple[int, int]] = {}
+
+
+def frame_id(frame: bytes) -> int:
+    """Message id of a whole frame."""
+    if frame[0] == MAGIC_2:
+        return frame[7] | frame[8] << 8 | frame[9] << 16
+    return frame[5]
+
+
+def frame_source(frame: bytes) -> Address:
+    """Who sent a whole frame."""
+    return (frame[5], frame[6]) if frame[0] == MAGIC_2 else (frame[3], frame[4])
+
+
+def frame_target(frame: bytes) -> Address:
+    """Whom a whole frame is for; 0 is everybody.
+
+    MAVLink 2 cuts trailing zeros off the payload, so a field beyond its end is 0.
+    """
+    system_at, component_at = target_offsets(frame_id(frame))
+    if system_at < 0:
+        return (0, 0)
+    header = 10 if frame[0] == MAGIC_2 else 6
+    length = frame[1]
+    system = frame[header + system_at] if system_at < length else 0
+    component = frame[header + component_at] if 0 <= component_at < length else 0
+    return (system, component)
+
+
+def target_offsets(message_id: int) -> tuple[int, int]:
+    """Where target_system and target_component stand in the payload; -1 where the message has none."""
+    found = _target_offsets.get(message_id)
+    if found is None:
+        found = _target_offsets[message_id] = _find_target_offsets(message_id)
+    return found
+
+
+def _find_target_offsets(message_id: int) -> tuple[int, int]:
+    kind = mavlink.mavlink_map.get(message_id)
+    if kind is None:
+        return (-1, -1)
+    at, position = {"target_system": -1, "target_component": -1}, 0
+    code = kind.unpacker.format.lstrip("<")
+    for name, piece in zip(kind.ordered_fieldnames, _format_pieces(code), strict=True):
+        if name in at:
+            at[name] = position
+        position += struct.calcsize("<" + piece)
+    return (at["target_system"], at["target_component"])
+
+
+def _format_pieces(code: str) -> Iterable[str]:
+    """Split a struct format into its fields: "I3fB" gives "I", "3f", "B"."""
+    count = ""
+    for letter in code:
+        if letter.isdigit():
+            count += letter
+        else:
+            yield count + letter
+            count = ""
+
+
+class RoutingTable(Generic[Port]):
+    """Which addresses were heard at which port.
+
+    Examples
+    --------
+    >>> table = RoutingTable()
+    >>> table.heard("radio", (255, 190)), table.heard("bus", (1, 100)), table.heard("bus", (1, 100))
+    (True, True, False)
+    >>> table.destinations((1, 0), "radio", ["radio", "bus"])
+    ['bus']
+    >>> table.destinations((7, 0), "radio", ["radio", "bus"])
+    []
+    """
+
+    _LIMIT = 256
+
+    def __init__(self) -> None:
+        self._known: dict[Port, set[Address]] = {}
+
+    def heard(self, port: Port, address: Address) -> bool:
+        """Remember that this address lives behind this port (at most 256 for one port); True if it is new."""
+        known = self._known.setdefault(port, set())
+        if address in known or len(known) >= self._LIMIT:
+            return False
+        known.add(address)
+        return True
+
+    def forget(self, port: Port) -> None:
+        """Drop a port that is gone."""
+        self._known.pop(port, None)
+
+    def destinations(self, target: Address, source: Port, ports: Iterable[Port]) -> list[Port]:
+        """Return the ports that get a frame for `target` that came in at `source`."""
+        system, component = target
+        others = [port for port in ports if port != source]
+        if system == 0:
+            return others
+        exact = [port for port in others if self._hosts(port, system, component)]
+        return exact or [port for port in others if (system, AUTOPILOT) in self._known.get(port, ())]
+
+    def _hosts(self, port: Port, system: int, component: int) -> bool:
+        known = self._known.get(port, ())
+        if component == 0:
+            return any(address[0] == system for address in known)
+        return (system, component) in known

@@ -1,0 +1,118 @@
+"""The server's doors and who stands behind them, and the waiting for any of them."""
+
+from __future__ import annotations
+
+import contextlib
+import selectors
+import socket
+import time
+from collections.abc import Sequence
+
+from sim_vehicle.faults.session import FaultSession
+from sim_vehicle.host.ports import Client, Door, Handle, ServerUrl, open_door
+
+__all__ = ["Gate"]
+
+_LOOK_S = 0.5
+
+
+class Gate:
+    """All sockets of a server.
+
+    Parameters
+    ----------
+    urls : sequence of ServerUrl
+        Each becomes a door.
+    session : FaultSession
+        Spoils the links that it names.
+
+    Attributes
+    ----------
+    clients : list of Client
+        Who is there; a new list whenever somebody comes or goes.
+    urls : tuple of str
+        The addresses with the ports that were really taken.
+
+    Raises
+    ------
+    LinkError
+        If an address is wrong or in use; nothing stays open then.
+    """
+
+    def __init__(self, urls: Sequence[ServerUrl], session: FaultSession) -> None:
+        self.clients: list[Client] = []
+        self._session = session
+        self._doors: list[tuple[Door, ServerUrl]] = []
+        self._seen: dict[int, int] = {}
+        self._selector = selectors.DefaultSelector()
+        self._watched: dict[int, Handle] = {}
+        self._looked_s = 0.0
+        self._wake, self._woken = socket.socketpair()
+        self._woken.setblocking(False)
+        self._selector.register(self._woken, selectors.EVENT_READ)
+        try:
+            for url in urls:
+                self._doors.append((open_door(url.url), url))
+        except BaseException:
+            self.close()
+            raise
+        self.urls = tuple(door.name for door, _ in self._doors)
+        self.look()
+
+    def wake(self) -> None:
+        """End a `wait`; may be called from another thread."""
+        with contextlib.suppress(OSError):
+            self._wake.send(b"\0")
+
+    def wait(self, seconds: float) -> list[tuple[Client, bytes]]:
+        """Wait until something comes, at most so long; returns frames and who sent them."""
+        ready = self._selector.select(max(0.0, seconds))
+        found: list[tuple[Client, bytes]] = []
+        for key, _ in ready:
+            handle = self._watched.get(key.fd)
+            if handle is not None:
+                found += handle.receive()
+            else:
+                with contextlib.suppress(OSError):
+                    self._woken.recv(4096)
+        if ready or time.monotonic() - self._looked_s > _LOOK_S:
+            self.look()
+        return found
+
+    def flush(self) -> None:
+        """Send what was collected for the clients."""
+        for client in self.clients:
+            client.flush()
+        if not all(client.alive for client in self.clients):
+            self.look()
+
+    def look(self) -> None:
+        """Take up new clients and sockets, and forget those that are gone."""
+        self._looked_s = time.monotonic()
+        found: list[Client] = []
+        for number, (door, url) in enumerate(self._doors, 1):
+            for client in door.clients():
+                found.append(client)
+                if client not in self.clients:
+                    count = self._seen[number] = self._seen.get(number, -1) + 1
+                    client.system = url.system
+                    client.radio = self._session.link(door.name, number, count)
+        if found != self.clients:
+            self.clients = found
+        handles = {fd: handle for door, _ in self._doors for fd, handle in door.handles().items()}
+        for fd, old in self._watched.items():
+            if fd not in handles or handles[fd].owner is not old.owner:
+                with contextlib.suppress(KeyError, ValueError, OSError):
+                    self._selector.unregister(fd)
+        for fd, new in handles.items():
+            if fd not in self._watched or self._watched[fd].owner is not new.owner:
+                self._selector.register(fd, selectors.EVENT_READ)
+        self._watched = handles
+
+    def close(self) -> None:
+        """Close all sockets."""
+        for door, _ in self._doors:
+            door.close()
+        self._selector.close()
+        self._wake.close()
+        self._woken.close()

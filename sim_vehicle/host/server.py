@@ -1,0 +1,349 @@
+"""The host on the wall clock: the same components over UDP, TCP and serial lines, for many clients."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from types import TracebackType
+from typing import Self
+
+from numpy.random import SeedSequence
+
+from mission.link.codec.frames import FrameReader, FrameWriter, Message, starts_with_frame
+from mission.link.codec.signing import SETUP_SIGNING, Signing
+from sim_vehicle.errors import VehicleError
+from sim_vehicle.faults.fault import Fault
+from sim_vehicle.faults.session import FaultSession
+from sim_vehicle.host.component import NEVER, Component
+from sim_vehicle.host.ports import Client, ServerUrl
+from sim_vehicle.host.router import RoutingTable, frame_id, frame_source, frame_target
+from sim_vehicle.host.selector import Gate
+from sim_vehicle.host.simulation import StopReason
+
+__all__ = ["Server", "ServerUrl", "default_urls"]
+
+_LONGEST_WAIT_S = 0.5
+_BURST_S = 0.02
+_LARGEST_LAG_S = 0.5
+_MOST_ROUTES = 20_000
+_MOST_ANSWERS = 100_000
+
+
+def default_urls(autopilot: str, index: int = 0) -> tuple[str, ...]:
+    """Return where the autopilot's own simulator would be found.
+
+    PX4 sends to a ground station (UDP 14550, from 18570 + i) and an API (UDP 14540 + i, from 14580 + i);
+    ArduPilot listens on TCP 5760 + 10 i.
+
+    Examples
+    --------
+    >>> default_urls("px4")
+    ('udpout:127.0.0.1:14550,18570', 'udpout:127.0.0.1:14540,14580')
+    >>> default_urls("ardupilot", 1)
+    ('tcpin:127.0.0.1:5770',)
+    """
+    if autopilot == "ardupilot":
+        return (f"tcpin:127.0.0.1:{5760 + 10 * index}",)
+    return (
+        f"udpout:127.0.0.1:14550,{18570 + index}",
+        f"udpout:127.0.0.1:{14540 + index},{14580 + index}",
+    )
+
+
+class _Local:
+    """A component of ours as a port of the router."""
+
+    __slots__ = ("component", "system", "wanted", "writer")
+
+    def __init__(self, component: Component, signing: Signing | None) -> None:
+        self.component = component
+        self.system = component.system_id
+        self.wanted = component.wanted
+        self.writer = FrameWriter(component.system_id, component.component_id, signing=signing)
+
+
+_Port = _Local | Client
+_Route = tuple[tuple[_Local, ...], tuple[Client, ...]]
+
+
+class Server:
+    """Runs components over real sockets, at a speed.
+
+    Clients hear each other as behind mavlink-router. A client that sends garbage, stops reading or vanishes
+    does the others no harm.
+
+    Parameters
+    ----------
+    components : sequence of Component
+        Their addresses must differ.
+    urls : sequence of str or ServerUrl
+        See `sim_vehicle.host.ports.open_door`; a `ServerUrl` can belong to one vehicle of several.
+    speed : float
+        Seconds of the components' time in a second of the wall clock; infinity is as fast as it goes.
+        When the machine cannot keep up, time is stretched, never skipped.
+    tap : callable, optional
+        ``tap(frame, now_s)`` sees every frame, sent and received.
+    faults : sequence of Fault or str
+        What goes wrong, see `sim_vehicle.faults.fault`; links are numbered as in ``urls``, from 1.
+    seed : int or numpy.random.SeedSequence
+        Of the faults.
+    signing : Signing, optional
+        Signs what the components send; of clients only what it accepts is heard and passed on.
+
+    Attributes
+    ----------
+    now_s : float
+        The components' time.
+    urls : tuple of str
+        The addresses with the ports that were really taken.
+
+    Raises
+    ------
+    VehicleError
+        If two components have one address, the speed is not positive, or a fault is wrong.
+    LinkError
+        If an address is wrong or in use.
+
+    Examples
+    --------
+    >>> with Server([], ["tcpin:127.0.0.1:0"]) as server:
+    ...     server.run(limit_s=0.01)
+    <StopReason.TIME_LIMIT: 'time limit'>
+    """
+
+    def __init__(
+        self,
+        components: Sequence[Component],
+        urls: Sequence[str | ServerUrl],
+        *,
+        speed: float = 1.0,
+        tap: Callable[[bytes, float], None] | None = None,
+        faults: Sequence[Fault | str] = (),
+        seed: int | SeedSequence = 0,
+        signing: Signing | None = None,
+    ) -> None:
+        if not speed > 0.0:
+            msg = f"server: speed {speed} is not positive; 1 is real time"
+            raise VehicleError(msg)
+        addresses = [(c.system_id, c.component_id) for c in components]
+        if len(set(addresses)) < len(addresses):
+            msg = f"server: two components have the same address in {addresses}; give each its own"
+            raise VehicleError(msg)
+        self.now_s = 0.0
+        self.speed = speed
+        self._tap = tap
+        self._signing = signing
+        session = FaultSession(faults, seed)
+        self._locals = [_Local(component, signing) for component in session.wrap(components)]
+        self._table: RoutingTable[_Port] = RoutingTable()
+        for local, address in zip(self._locals, addresses, strict=True):
+            self._table.heard(local, address)
+        self._reader = FrameReader()
+        self._inbox: deque[tuple[bytes, _Port]] = deque()
+        self._routes: dict[tuple[_Port, int, tuple[int, int]], _Route] = {}
+        self._clients: list[Client] = []
+        self._radios: list[Client] = []
+        self._stopping = False
+        self._origin_s = 0.0
+        doors = [url if isinstance(url, ServerUrl) else ServerUrl(url) for url in urls]
+        self._gate = Gate(doors, session)
+        self.urls = self._gate.urls
+        self._meet_clients()
+
+    @property
+    def clients(self) -> tuple[str, ...]:
+        """Names of the clients that are there now."""
+        return tuple(client.name for client in self._clients)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
+        """Serve until a condition holds, `limit_s` more seconds (of the components) passed, `stop` or Ctrl-C.
+
+        Returns
+        -------
+        StopReason
+        """
+        end_s = self.now_s + limit_s
+        self._origin_s = self.now_s - self._wall_s()
+        try:
+            while True:
+                self._run_due(end_s)
+                if self._stopping:
+                    return StopReason.STOPPED
+                if until is not None and until(self.now_s):
+                    return StopReason.FINISHED
+                if self.now_s >= end_s:
+                    return StopReason.TIME_LIMIT
+                self._wait(end_s)
+        except KeyboardInterrupt:
+            return StopReason.STOPPED
+        finally:
+            self._stopping = False
+
+    def stop(self) -> None:
+        """End `run`; may be called from another thread."""
+        self._stopping = True
+        self._gate.wake()
+
+    def close(self) -> None:
+        """Close all sockets."""
+        self._gate.close()
+
+    def _wall_s(self) -> float:
+        return 0.0 if self.speed == NEVER else time.monotonic() * self.speed
+
+    def _deadline(self) -> float:
+        deadline_s = min((local.component.next_deadline() for local in self._locals), default=NEVER)
+        for client in self._radios:
+            assert client.radio is not None
+            deadline_s = min(deadline_s, client.radio.next_arrival())
+        return deadline_s
+
+    def _run_due(self, end_s: float) -> None:
+        """Poll the components at each of their deadlines that has come, in order."""
+        began_s = time.monotonic()
+        while True:
+            deadline_s = self._deadline()
+            if deadline_s == end_s == NEVER:
+                return
+            clock_s = deadline_s if self.speed == NEVER else self._origin_s + self._wall_s()
+            if min(deadline_s, end_s) > clock_s:
+                self.now_s = max(self.now_s, clock_s)
+                return
+            if deadline_s > end_s:
+                self.now_s = end_s
+                return
+            self.now_s = max(self.now_s, deadline_s)
+            for local in self._locals:
+                if local.component.next_deadline() <= self.now_s:
+                    self._send(local, local.component.poll(self.now_s))
+            self._take_from_radios()
+            self._route_all()
+            self._flush()
+            if self.speed == NEVER:
+                return
+            if time.monotonic() - began_s > _BURST_S:
+                # Behind the wall clock: look at the sockets, and let time stretch rather than pile up.
+                lag_s = clock_s - self.now_s - _LARGEST_LAG_S * self.speed
+                self._origin_s -= max(0.0, lag_s)
+                return
+
+    def _wait(self, end_s: float) -> None:
+        """Sleep until the next deadline or until bytes come, and handle those."""
+        wait_s = 0.0
+        if self.speed != NEVER:
+            target_s = min(self._deadline(), end_s)
+            wait_s = (target_s - self._origin_s - self._wall_s()) / self.speed
+        elif self._deadline() == NEVER:
+            wait_s = _LONGEST_WAIT_S
+        arrived = self._gate.wait(min(wait_s, _LONGEST_WAIT_S))
+        self._meet_clients()
+        if not arrived:
+            return
+        if self.speed != NEVER:
+            clock_s = self._origin_s + self._wall_s()
+            self.now_s = max(self.now_s, min(clock_s, self._deadline(), end_s))
+        for client, frame in arrived:
+            if self._tap is not None and frame_id(frame) != SETUP_SIGNING:  # a key is never logged
+                self._tap(frame, self.now_s)
+            if client.radio is not None:
+                client.radio.send("up", frame, frame_target(frame)[0], self.now_s)
+            else:
+                self._take(client, frame)
+                self._route_all()
+        self._take_from_radios()
+        self._route_all()
+        self._flush()
+
+    def _take(self, client: Client, frame: bytes) -> None:
+        if self._signing is not None and not self._signing.accepts(frame, frame_id(frame)):
+            return
+        if self._table.heard(client, frame_source(frame)):
+            self._routes.clear()
+        self._inbox.append((frame, client))
+
+    def _take_from_radios(self) -> None:
+        """Take what comes out of the radios now; damaged frames of clients end here."""
+        for client in self._radios:
+            assert client.radio is not None
+            for frame in client.radio.receive("up", self.now_s):
+                if starts_with_frame(frame) == len(frame):
+                    self._take(client, frame)
+            for frame in client.radio.receive("down", self.now_s):
+                client.send(frame)
+
+    def _meet_clients(self) -> None:
+        """Take note of who came and who went."""
+        clients = self._gate.clients
+        if clients is self._clients:
+            return
+        for client in self._clients:
+            if client not in clients:
+                self._table.forget(client)
+        self._clients = clients
+        self._radios = [client for client in clients if client.radio is not None]
+        self._routes.clear()
+
+    def _send(self, local: _Local, messages: Iterable[Message]) -> None:
+        for message in messages:
+            frame = local.writer.encode(message)
+            if self._tap is not None:
+                self._tap(frame, self.now_s)
+            self._inbox.append((frame, local))
+
+    def _route_all(self) -> None:
+        inbox, routes = self._inbox, self._routes
+        for _ in range(_MOST_ANSWERS):
+            if not inbox:
+                return
+            frame, source = inbox.popleft()
+            key = (source, frame_id(frame), frame_target(frame))
+            route = routes.get(key)
+            if route is None:
+                route = self._route(*key)
+                if len(routes) >= _MOST_ROUTES:
+                    routes.clear()
+                routes[key] = route
+            locals_, clients = route
+            for client in clients:
+                if client.radio is not None:
+                    client.radio.send("down", frame, frame_source(frame)[0], self.now_s)
+                else:
+                    client.send(frame)
+            if locals_:
+                for message in self._reader.feed(frame):
+                    for local in locals_:
+                        self._send(local, local.component.receive(message, self.now_s))
+        inbox.clear()
+
+    def _route(self, source: _Port, message_id: int, target: tuple[int, int]) -> _Route:
+        """Who gets such a message: ours that care for it, and clients."""
+        ports: list[_Port] = [*self._locals, *self._clients]
+        found = [port for port in self._table.destinations(target, source, ports) if _meet(source, port)]
+        return (
+            tuple(
+                port
+                for port in found
+                if isinstance(port, _Local) and (port.wanted is None or message_id in port.wanted)
+            ),
+            tuple(port for port in found if isinstance(port, Client) and message_id != SETUP_SIGNING),
+        )
+
+    def _flush(self) -> None:
+        self._gate.flush()
+        self._meet_clients()
+
+
+def _meet(one: _Port, other: _Port) -> bool:
+    """Whether two ports share a wire: a client at a vehicle's own door meets that vehicle only."""
+    if isinstance(one, _Local) and isinstance(other, _Local):
+        return True
+    return one.system is None or other.system is None or one.system == other.system

@@ -1,0 +1,342 @@
+"""The host on a virtual clock: components that talk in bytes, as fast as the machine can.
+
+Every message is packed once, by its sender, and its bytes go where mavlink-router would send them. The clock
+jumps to the next deadline, so the same components and seeds give the same bytes at the same times.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from mission.link.codec.dialect import mavlink
+from mission.link.codec.frames import FrameReader, FrameWriter, starts_with_frame
+from mission.link.codec.signing import SETUP_SIGNING, Signing
+from sim_vehicle.errors import VehicleError
+from sim_vehicle.faults.fault import Fault
+from sim_vehicle.faults.session import FaultSession, FaultyLink
+from sim_vehicle.host.component import NEVER, Component
+from sim_vehicle.host.router import RoutingTable, frame_id, frame_source, frame_target
+from sim_vehicle.host.virtual_link import VirtualLink
+
+__all__ = ["Impairment", "Simulation", "StopReason"]
+
+# The longest mission, 65535 items, crosses twice in one instant: sent and read back.
+_STEPS_AT_ONE_INSTANT = 300_000
+
+
+class StopReason(Enum):
+    """Why `Simulation.run` returned."""
+
+    FINISHED = "finished"
+    """The condition of the caller holds."""
+    TIME_LIMIT = "time limit"
+    """The time limit passed first."""
+    IDLE = "idle"
+    """Nothing can happen any more: no message is under way and no component has a deadline."""
+    STALLED = "stalled"
+    """The components keep each other busy and time does not go on."""
+    STOPPED = "stopped"
+    """Somebody stopped it (`Server` only)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Impairment:
+    """A bad radio between the `remote` components and all others; each frame has its own luck.
+
+    Parameters
+    ----------
+    loss, duplication : float
+        Probabilities for one frame on one way, 0 to 1.
+    delay_s, jitter_s : float
+        Each frame is late by `delay_s` plus a uniform part of `jitter_s` (which reorders frames).
+    seed : int or numpy.random.SeedSequence
+        For the two directions.
+    """
+
+    loss: float = 0.0
+    duplication: float = 0.0
+    delay_s: float = 0.0
+    jitter_s: float = 0.0
+    seed: int | np.random.SeedSequence = 0
+
+    def __post_init__(self) -> None:
+        for name in ("loss", "duplication"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                msg = f"link impairment: {name} {getattr(self, name)} is no probability; give 0 to 1"
+                raise VehicleError(msg)
+        for name in ("delay_s", "jitter_s"):
+            if not 0.0 <= getattr(self, name) < NEVER:
+                msg = f"link impairment: {name} {getattr(self, name)} is no delay; give seconds from 0"
+                raise VehicleError(msg)
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """The same as faults of a link."""
+        values = {
+            "loss": self.loss,
+            "duplicate": self.duplication,
+            "delay": self.delay_s,
+            "jitter": self.jitter_s,
+        }
+        return tuple(Fault(kind, value) for kind, value in values.items() if value)
+
+
+class Simulation:
+    """Runs components on one virtual clock.
+
+    Parameters
+    ----------
+    components : sequence of Component
+        Their addresses must differ.
+    tap : callable, optional
+        ``tap(frame, now_s)`` sees the bytes of every message once, as it is sent (for a tlog).
+    impairment : Impairment, optional
+        The radio between `remote` and the others; without it every frame arrives at once.
+    remote : sequence of Component
+        The components on the far side of a radio, each with its own; so is every `open_link`.
+    faults : sequence of Fault or str
+        What goes wrong, see `sim_vehicle.faults.fault`; the links are numbered as `remote` lists them, then
+        as they are opened.
+    seed : int or numpy.random.SeedSequence
+        Of the faults (the impairment has its own).
+    signing : Signing, optional
+        Signs what the components send; of `open_link` only what it accepts is heard and passed on.
+
+    Attributes
+    ----------
+    now_s : float
+        Virtual seconds since the start.
+    frames, bytes_sent : int
+        What was sent so far.
+
+    Raises
+    ------
+    VehicleError
+        If two components have the same address.
+
+    Examples
+    --------
+    >>> Simulation([]).run(limit_s=10.0)
+    <StopReason.IDLE: 'idle'>
+    """
+
+    def __init__(
+        self,
+        components: Sequence[Component],
+        *,
+        tap: Callable[[bytes, float], None] | None = None,
+        impairment: Impairment | None = None,
+        remote: Sequence[Component] = (),
+        faults: Sequence[Fault | str] = (),
+        seed: int | np.random.SeedSequence = 0,
+        signing: Signing | None = None,
+    ) -> None:
+        self._signing = signing
+        self.now_s = 0.0
+        self.frames = 0
+        self.bytes_sent = 0
+        if impairment is not None:
+            faults, seed = (*faults, *impairment.faults), impairment.seed
+        self._session = FaultSession(faults, seed)
+        far = [any(c is r for r in remote) for c in components]
+        near = iter(self._session.wrap([c for c, is_far in zip(components, far, strict=True) if not is_far]))
+        self._components = tuple(
+            c if is_far else next(near) for c, is_far in zip(components, far, strict=True)
+        )
+        self._tap = tap
+        self._writers = [FrameWriter(c.system_id, c.component_id, signing=signing) for c in components]
+        self._reader = FrameReader()
+        self._wanted = [c.wanted for c in components]
+        self._table: RoutingTable[int] = RoutingTable()
+        for port, component in enumerate(components):
+            address = (component.system_id, component.component_id)
+            if any((c.system_id, c.component_id) == address for c in components[:port]):
+                msg = f"simulation: two components have the address {address}; give each its own"
+                raise VehicleError(msg)
+            self._table.heard(port, address)
+        self._routes: dict[tuple[int, int, int], tuple[int, ...]] = {}
+        self._inbox: deque[tuple[tuple[int, ...], bytes]] = deque()
+        self._links: list[VirtualLink] = []
+        self._radios: dict[int, FaultyLink] = {}
+        self._radio_count = 0
+        for port, component in enumerate(components):
+            if far[port]:
+                self._add_radio(port, f"{component.system_id}.{component.component_id}")
+
+    def open_link(self, name: str = "virtual") -> VirtualLink:
+        """Open a link for ground software that lives on the virtual clock.
+
+        Parameters
+        ----------
+        name : str
+            For messages, and for faults that name a link.
+
+        Returns
+        -------
+        VirtualLink
+            A `mission.link.Link` whose ``wait`` lets virtual time pass.
+        """
+        link = VirtualLink(name, self, len(self._components) + len(self._links))
+        self._links.append(link)
+        self._routes.clear()
+        self._add_radio(link.port, name)
+        return link
+
+    def _add_radio(self, port: int, name: str) -> None:
+        self._radio_count += 1
+        radio = self._session.link(name, self._radio_count)
+        if radio is not None:
+            self._radios[port] = radio
+
+    def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
+        """Let time pass until a condition holds or `limit_s` more seconds went by.
+
+        Parameters
+        ----------
+        until : callable, optional
+            ``until(now_s)``, asked after each step.
+        limit_s : float
+            Virtual seconds from now.
+
+        Returns
+        -------
+        StopReason
+            `run` may be called again after any of them.
+        """
+        end_s = self.now_s + limit_s
+        steps = 0
+        while True:
+            if not self._deliver():
+                return StopReason.STALLED
+            if until is not None and until(self.now_s):
+                return StopReason.FINISHED
+            deadlines = [component.next_deadline() for component in self._components]
+            next_s = min(deadlines, default=NEVER)
+            for radio in self._radios.values():
+                next_s = min(next_s, radio.next_arrival())
+            if next_s == NEVER:
+                return StopReason.IDLE
+            if next_s > end_s:
+                self.now_s = end_s
+                return StopReason.TIME_LIMIT
+            if next_s > self.now_s:
+                self.now_s = next_s
+                steps = 0
+            steps += 1
+            if steps > _STEPS_AT_ONE_INSTANT:
+                return StopReason.STALLED
+            self._step(deadlines)
+
+    def _step(self, deadlines: Iterable[float]) -> None:
+        now_s = self.now_s
+        for port, radio in self._radios.items():
+            self._arrive(port, radio)
+        for port, deadline_s in enumerate(deadlines):
+            if deadline_s <= now_s:
+                messages = self._components[port].poll(now_s)
+                if messages:
+                    self._send(port, messages)
+
+    def _arrive(self, port: int, radio: FaultyLink) -> None:
+        """Take what comes out of a radio now; damaged frames end here, but links see them."""
+        for frame in radio.receive("up", self.now_s):
+            if starts_with_frame(frame) == len(frame):
+                self._forward(frame, self._ports(port, frame_id(frame), frame_target(frame)))
+        for frame in radio.receive("down", self.now_s):
+            if port >= len(self._components):
+                self._links[port - len(self._components)].deliver(frame)
+            elif starts_with_frame(frame) == len(frame):
+                self._inbox.append(((port,), frame))
+
+    def _send(self, source: int, messages: Iterable[mavlink.MAVLink_message]) -> None:
+        """Pack each message once and put its bytes on the way."""
+        encode, tap, inbox, routes = self._writers[source].encode, self._tap, self._inbox, self._routes
+        plain = not self._links and not self._radios
+        for message in messages:
+            frame = encode(message)
+            self.frames += 1
+            self.bytes_sent += len(frame)
+            if tap is not None:
+                tap(frame, self.now_s)
+            message_id = type(message).id
+            target = getattr(message, "target_system", 0)
+            key = (source, message_id, target << 8 | getattr(message, "target_component", 0))
+            ports = routes.get(key)
+            if ports is None:
+                ports = routes[key] = self._route(*key)
+            if plain:
+                if ports:
+                    inbox.append((ports, frame))
+            elif source in self._radios:
+                self._radios[source].send("up", frame, target, self.now_s)
+            else:
+                self._forward(frame, ports)
+
+    def send_frame(self, source: int, frame: bytes) -> None:
+        """Put a whole frame of a virtual link on the way."""
+        self.frames += 1
+        self.bytes_sent += len(frame)
+        message_id = frame_id(frame)
+        if self._signing is not None and not self._signing.accepts(frame, message_id):
+            return
+        if self._tap is not None and message_id != SETUP_SIGNING:  # a key is never logged
+            self._tap(frame, self.now_s)
+        if self._table.heard(source, frame_source(frame)):
+            self._routes.clear()
+        target = frame_target(frame)
+        if source in self._radios:
+            self._radios[source].send("up", frame, target[0], self.now_s)
+        else:
+            self._forward(frame, self._ports(source, message_id, target))
+
+    def _ports(self, source: int, message_id: int, target: tuple[int, int]) -> tuple[int, ...]:
+        key = (source, message_id, target[0] << 8 | target[1])
+        ports = self._routes.get(key)
+        if ports is None:
+            ports = self._routes[key] = self._route(*key)
+        return ports
+
+    def _route(self, source: int, message_id: int, target: int) -> tuple[int, ...]:
+        """Ports that get such a message and care for it."""
+        everyone = range(len(self._components) + len(self._links))
+        found = self._table.destinations((target >> 8, target & 255), source, everyone)
+        return tuple(p for p in found if self._cares(p, message_id))
+
+    def _cares(self, port: int, message_id: int) -> bool:
+        if port >= len(self._components):
+            return message_id != SETUP_SIGNING
+        wanted = self._wanted[port]
+        return wanted is None or message_id in wanted
+
+    def _forward(self, frame: bytes, ports: tuple[int, ...]) -> None:
+        """Put a frame on the way to ports of which some are links or behind radios."""
+        near: list[int] = []
+        system = frame_source(frame)[0]
+        for port in ports:
+            if port in self._radios:
+                self._radios[port].send("down", frame, system, self.now_s)
+            elif port >= len(self._components):
+                self._links[port - len(self._components)].deliver(frame)
+            else:
+                near.append(port)
+        if near:
+            self._inbox.append((tuple(near), frame))
+
+    def _deliver(self) -> bool:
+        """Hand over what has arrived, and the answers to it; False when the answers never end."""
+        inbox, components, feed, now_s = self._inbox, self._components, self._reader.feed, self.now_s
+        for _ in range(_STEPS_AT_ONE_INSTANT):
+            if not inbox:
+                return True
+            ports, frame = inbox.popleft()
+            for message in feed(frame):
+                for port in ports:
+                    replies = components[port].receive(message, now_s)
+                    if replies:
+                        self._send(port, replies)
+        return False

@@ -1,0 +1,16 @@
+"""The simulated vehicle: an autopilot that speaks MAVLink, on the mission executor."""
+
+from sim_vehicle.mavlink.persona import ARDUPILOT, PX4, Persona, get_persona, persona_names
+from sim_vehicle.mavlink.vehicle import SimVehicle
+from sim_vehicle.pilot.modes import Mode, Outcome
+
+__all__ = [
+    "ARDUPILOT",
+    "PX4",
+    "Mode",
+    "Outcome",
+    "Persona",
+    "SimVehicle",
+    "get_persona",
+    "persona_names",
+]

@@ -1,0 +1,105 @@
+"""What the vehicle tells its camera: mission items and commands, repeated until they are acknowledged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.frames import Message
+from mission.model import Command
+from sim_vehicle.host.component import NEVER
+
+__all__ = ["CAMERA", "CAMERA_COMMANDS", "CameraOrders"]
+
+CAMERA = int(m.MAV_COMP_ID_CAMERA)
+CAMERA_COMMANDS = frozenset(
+    {
+        m.MAV_CMD_DO_DIGICAM_CONTROL,
+        Command.DO_SET_CAM_TRIGG_DIST,
+        Command.DO_SET_CAM_TRIGG_INTERVAL,
+        m.MAV_CMD_SET_CAMERA_MODE,
+        Command.IMAGE_START_CAPTURE,
+        Command.IMAGE_STOP_CAPTURE,
+        m.MAV_CMD_DO_TRIGGER_CONTROL,
+    }
+)
+TRIES = 3
+RETRY_S = 0.5
+_STOPPED_BY = {
+    Command.DO_SET_CAM_TRIGG_DIST: Command.DO_SET_CAM_TRIGG_DIST,
+    Command.DO_SET_CAM_TRIGG_INTERVAL: Command.DO_SET_CAM_TRIGG_INTERVAL,
+    Command.IMAGE_START_CAPTURE: Command.IMAGE_STOP_CAPTURE,
+}
+
+
+@dataclass(slots=True)
+class _Pending:
+    message: Message
+    tries: int
+    due_s: float
+
+
+class CameraOrders:
+    """Commands to the camera of the vehicle's own system.
+
+    Parameters
+    ----------
+    system_id : int
+    warn : callable
+        Told why a command had no effect.
+    """
+
+    def __init__(self, system_id: int, warn: Callable[[str], None]) -> None:
+        self._system_id = system_id
+        self._warn = warn
+        self._pending: list[_Pending] = []
+        self._stop: int | None = None
+
+    @property
+    def shooting(self) -> bool:
+        """Whether the camera was last told to shoot on and on."""
+        return self._stop is not None
+
+    def command(self, command: int, params: tuple[float, ...], now_s: float) -> Message:
+        """Return the message that carries a command with its 7 parameters; it is watched from now on."""
+        if command == Command.IMAGE_STOP_CAPTURE:
+            self._stop = None
+        elif command in _STOPPED_BY:
+            starts = command == Command.IMAGE_START_CAPTURE or params[0] > 0.0
+            self._stop = _STOPPED_BY[Command(command)] if starts else None
+        message = m.MAVLink_command_long_message(self._system_id, CAMERA, command, 0, *params)
+        self._pending = [p for p in self._pending if p.message.command != command]
+        self._pending.append(_Pending(message, 1, now_s + RETRY_S))
+        return message
+
+    def stop(self, now_s: float) -> list[Message]:
+        """End what `shooting` tells, so that the camera does not go on on the way home."""
+        command = self._stop
+        return [] if command is None else [self.command(command, (0.0,) * 7, now_s)]
+
+    def acknowledged(self, command: int, result: int) -> None:
+        """Take a COMMAND_ACK of the camera."""
+        if result == m.MAV_RESULT_IN_PROGRESS or all(p.message.command != command for p in self._pending):
+            return
+        self._pending = [p for p in self._pending if p.message.command != command]
+        if result != m.MAV_RESULT_ACCEPTED:
+            self._warn(f"Camera refused command {command} (result {result})")
+
+    def retry(self, now_s: float) -> list[Message]:
+        """Return what has to be sent again; after three times the operator is told."""
+        again: list[Message] = []
+        for pending in [p for p in self._pending if p.due_s <= now_s]:
+            if pending.tries == TRIES:
+                self._pending.remove(pending)
+                self._warn(f"Camera does not answer command {pending.message.command}")
+                continue
+            pending.message.confirmation = pending.tries
+            pending.tries += 1
+            pending.due_s = now_s + RETRY_S
+            again.append(pending.message)
+        return again
+
+    def next_deadline(self) -> float:
+        """When `retry` has something to do."""
+        return min((p.due_s for p in self._pending), default=NEVER)

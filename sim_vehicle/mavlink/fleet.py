@@ -1,0 +1,163 @@
+"""Several vehicles in one process: where they start, what they are called, where they are found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from geo.frame import LocalFrame
+from geo.seeds import child_seed
+from mission.model import GeoPoint
+from sim_vehicle.airframe.sensor_errors import SensorNoise
+from sim_vehicle.airframe.spec import VehicleSpec
+from sim_vehicle.errors import VehicleError
+from sim_vehicle.host.ports import ServerUrl
+from sim_vehicle.host.server import default_urls
+from sim_vehicle.mavlink import PX4, Persona, SimVehicle
+from sim_vehicle.weather.wind import Wind
+
+__all__ = ["MOST_VEHICLES", "SPACING_M", "Fleet", "fleet_urls", "start_places"]
+
+MOST_VEHICLES = 250
+"""System ids go to 255, and ground stations need some."""
+SPACING_M = 4.0
+_DEFAULT_EPOCH_S = 1_780_315_200.0
+
+
+def start_places(home: GeoPoint, count: int, spacing_m: float = SPACING_M) -> list[GeoPoint]:
+    """Return start places around home: the first at home, the others on a square spiral about it.
+
+    Parameters
+    ----------
+    home : GeoPoint
+    count : int
+    spacing_m : float
+        Between neighbours.
+
+    Raises
+    ------
+    VehicleError
+        If the spacing is not from 0.1 m to 1 km.
+
+    Examples
+    --------
+    >>> places = start_places(GeoPoint(28.05, -82.15, 10.0), 3)
+    >>> places[0], len({(p.latitude_deg, p.longitude_deg) for p in places})
+    (GeoPoint(latitude_deg=28.05, longitude_deg=-82.15, altitude_m=10.0), 3)
+    """
+    if not 0.1 <= spacing_m <= 1000.0:
+        msg = f"fleet: a spacing of {spacing_m} m is out of range; give 0.1 to 1000 m"
+        raise VehicleError(msg)
+    frame = LocalFrame(home.latitude_deg, home.longitude_deg, home.altitude_m)
+    places = [home]
+    column, row, dx, dy = 0, 0, 1, 0
+    while len(places) < count:
+        column, row = column + dx, row + dy
+        latitude, longitude = frame.to_wgs84(spacing_m * column, spacing_m * row)
+        places.append(GeoPoint(latitude, longitude, home.altitude_m))
+        # The corners of a square spiral that turns left.
+        if column == row or (column < 0 and column == -row) or (column > 0 and column == 1 - row):
+            dx, dy = -dy, dx
+    return places[:count]
+
+
+def fleet_urls(autopilot: str, count: int) -> tuple[ServerUrl, ...]:
+    """Return where each vehicle's own simulator would be found; only that vehicle is there.
+
+    Examples
+    --------
+    >>> [(url.url, url.system) for url in fleet_urls("ardupilot", 2)]
+    [('tcpin:127.0.0.1:5760', 1), ('tcpin:127.0.0.1:5770', 2)]
+    """
+    return tuple(
+        ServerUrl(url, index + 1) for index in range(count) for url in default_urls(autopilot, index)
+    )
+
+
+class Fleet:
+    """Vehicles with the system ids 1 to N.
+
+    Parameters
+    ----------
+    spec : VehicleSpec
+    home : GeoPoint or sequence of (GeoPoint, heading in degrees)
+        One place for all (they stand `spacing_m` apart around it), or one for each.
+    count : int or None
+        How many; not needed with several places.
+    persona : Persona
+    wind : Wind, optional
+        The steady wind is the same for all; each has its own gusts.
+    noise : SensorNoise, optional
+        Each vehicle has its own errors of this size.
+    spacing_m : float
+    epoch_unix_s : float
+        See `SimVehicle`.
+
+    Attributes
+    ----------
+    vehicles : tuple of SimVehicle
+
+    Raises
+    ------
+    VehicleError
+        If the number is not 1 to 250 or does not fit the places.
+
+    Examples
+    --------
+    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> fleet = Fleet(get_vehicle("quad"), GeoPoint(28.05, -82.15, 10.0), 3)
+    >>> [vehicle.system_id for vehicle in fleet.vehicles], fleet.urls[-1]
+    ([1, 2, 3], ServerUrl(url='udpout:127.0.0.1:14542,14582', system=3))
+    """
+
+    def __init__(
+        self,
+        spec: VehicleSpec,
+        home: GeoPoint | Sequence[tuple[GeoPoint, float]],
+        count: int | None = None,
+        *,
+        persona: Persona = PX4,
+        wind: Wind | None = None,
+        noise: SensorNoise | None = None,
+        spacing_m: float = SPACING_M,
+        epoch_unix_s: float = _DEFAULT_EPOCH_S,
+    ) -> None:
+        given = 1 if isinstance(home, GeoPoint) else len(home)
+        number = given if count is None else count
+        if not 1 <= number <= MOST_VEHICLES:
+            msg = f"fleet: {number} vehicles are out of range; give 1 to {MOST_VEHICLES}"
+            raise VehicleError(msg)
+        if isinstance(home, GeoPoint) or given == 1:
+            first, heading = (home, 0.0) if isinstance(home, GeoPoint) else home[0]
+            places = [(place, heading) for place in start_places(first, number, spacing_m)]
+        else:
+            places = list(home)
+        if len(places) != number:
+            msg = f"fleet: {len(places)} homes for {number} vehicles; give one home, or one for each"
+            raise VehicleError(msg)
+        self.persona = persona
+        self.vehicles = tuple(
+            SimVehicle(
+                spec,
+                place,
+                wind=_wind_of(wind, system),
+                noise=None if noise is None else noise.of_vehicle(system),
+                persona=persona,
+                system_id=system,
+                yaw_deg=heading,
+                epoch_unix_s=epoch_unix_s,
+            )
+            for system, (place, heading) in enumerate(places, 1)
+        )
+
+    @property
+    def urls(self) -> tuple[ServerUrl, ...]:
+        """The ports of the autopilot's own simulators."""
+        return fleet_urls(self.persona.name, len(self.vehicles))
+
+
+def _wind_of(wind: Wind | None, system: int) -> Wind | None:
+    """Return a vehicle's wind: the first one's gusts are those of the wind as it is given."""
+    if wind is None or system == 1 or not wind.is_gusty:
+        return wind
+    return replace(wind, seed=child_seed(wind.seed, f"vehicle-{system}"))

@@ -1,0 +1,137 @@
+"""Commands that change a flight as it is: fence, termination, heading, region of interest, orbit, home."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from mission.link.codec.dialect import mavlink as m
+from mission.model import RELATIVE_FRAMES, Command
+from sim_vehicle.pilot.modes import Mode
+from sim_vehicle.pilot.notices import RefusedError
+
+if TYPE_CHECKING:
+    from sim_vehicle.mavlink.commands import Order
+    from sim_vehicle.mavlink.vehicle import SimVehicle
+
+__all__ = ["FLIGHT_ORDERS"]
+
+_TERMINATE = 0.5
+
+
+def _single(vehicle: SimVehicle) -> Mode:
+    return Mode.HOLD if vehicle.persona.split_mode else Mode.GUIDED
+
+
+def _altitude(vehicle: SimVehicle, order: Order, altitude_m: float) -> float:
+    if not math.isfinite(altitude_m):
+        return vehicle.pilot.state.position_m[2]
+    return altitude_m - (0.0 if order.frame in RELATIVE_FRAMES else vehicle.home.altitude_m)
+
+
+def fence_enable(vehicle: SimVehicle, order: Order) -> None:
+    """DO_FENCE_ENABLE (ArduPilot): 0 off, 1 on, 2 all but the floor."""
+    kind = order.number(1, -1)
+    if kind not in (0, 1, 2):
+        raise RefusedError(f"Fence refused: parameter 1 is {order.params[0]:g}", denied=True)
+    vehicle.pilot.tuning.fence_enable = int(kind > 0)
+    vehicle.pilot.retune()
+
+
+def terminate(vehicle: SimVehicle, order: Order) -> None:
+    """DO_FLIGHTTERMINATION: the motors stop."""
+    if order.params[0] > _TERMINATE:
+        vehicle.pilot.terminate("by command")
+
+
+def yaw(vehicle: SimVehicle, order: Order) -> None:
+    """CONDITION_YAW outside of a mission: turn on the place."""
+    angle = math.radians(order.params[0])
+    if not math.isfinite(angle):
+        msg = "Yaw refused: no angle"
+        raise RefusedError(msg, denied=True)
+    if order.number(4):
+        angle = vehicle.pilot.state.yaw_rad + (-angle if order.params[2] < 0.0 else angle)
+    vehicle.pilot.turn(angle)
+
+
+def region(vehicle: SimVehicle, order: Order) -> None:
+    """DO_SET_ROI_LOCATION and DO_SET_ROI: point the nose at a place; without one, no more."""
+    place = order.place if order.frame in (0, *RELATIVE_FRAMES) else None
+    if place is None:
+        vehicle.pilot.look_at(None)
+    else:
+        vehicle.pilot.look_at(*place)
+
+
+def no_region(vehicle: SimVehicle, _order: Order) -> None:
+    """DO_SET_ROI_NONE."""
+    vehicle.pilot.look_at(None)
+
+
+def orbit(vehicle: SimVehicle, order: Order) -> None:
+    """DO_ORBIT (PX4): radius, speed, -, -, place; what is not given is 10 m, the cruise speed, here."""
+    pilot = vehicle.pilot
+    radius, speed = order.params[:2]
+    place = order.place or pilot.frame.to_wgs84(*pilot.state.position_m[:2])
+    pilot.orbit(
+        *place,
+        _altitude(vehicle, order, order.params[6]),
+        radius_m=radius if math.isfinite(radius) and radius else 10.0,
+        speed_m_s=speed if math.isfinite(speed) and speed > 0.0 else pilot.spec.cruise_speed_m_s,
+        mode=_single(vehicle),
+    )
+
+
+def change_altitude(vehicle: SimVehicle, order: Order) -> None:
+    """DO_CHANGE_ALTITUDE: altitude and its frame; where it is."""
+    pilot = vehicle.pilot
+    altitude, frame = order.params[0], order.number(2)
+    if not math.isfinite(altitude) or frame not in (0, 3, 5, 6):
+        msg = "Altitude refused: no altitude or frame"
+        raise RefusedError(msg, denied=True)
+    if frame not in RELATIVE_FRAMES:
+        altitude -= vehicle.home.altitude_m
+    x, y, _ = pilot.executor.motion.stopping_point()
+    pilot.goto(*pilot.frame.to_wgs84(x, y), altitude, mode=_single(vehicle), yaw_rad=math.inf)
+
+
+def land_start(vehicle: SimVehicle, _order: Order) -> None:
+    """DO_LAND_START: go on with the mission where its landing begins."""
+    seq = next(
+        (i for i, item in enumerate(vehicle.pilot.items) if item.command == Command.DO_LAND_START), None
+    )
+    if seq is None:
+        msg = "Land start refused: the mission has none"
+        raise RefusedError(msg)
+    vehicle.pilot.set_current(seq)
+    vehicle.pilot.set_mode(Mode.MISSION)
+
+
+def set_home(vehicle: SimVehicle, order: Order) -> None:
+    """DO_SET_HOME: here (1) or at a place; the altitude stays that of the ground."""
+    pilot = vehicle.pilot
+    if order.params[0] == 1.0:
+        place: tuple[float, float] | None = pilot.frame.to_wgs84(*pilot.state.position_m[:2])
+    else:
+        place = order.place
+    if place is None:
+        msg = "Home refused: no place"
+        raise RefusedError(msg, denied=True)
+    pilot.set_home(*place)
+    vehicle.moved_home()
+
+
+FLIGHT_ORDERS = {
+    int(m.MAV_CMD_DO_FENCE_ENABLE): fence_enable,
+    int(m.MAV_CMD_DO_FLIGHTTERMINATION): terminate,
+    int(Command.CONDITION_YAW): yaw,
+    int(Command.DO_SET_ROI_LOCATION): region,
+    int(Command.DO_SET_ROI): region,
+    int(Command.DO_SET_ROI_NONE): no_region,
+    int(m.MAV_CMD_DO_ORBIT): orbit,
+    int(m.MAV_CMD_DO_CHANGE_ALTITUDE): change_altitude,
+    int(Command.DO_LAND_START): land_start,
+    int(Command.DO_SET_HOME): set_home,
+}
+"""MAV_CMD to what is done; what it refuses is a RefusedError."""

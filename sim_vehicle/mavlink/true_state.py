@@ -1,0 +1,104 @@
+"""The true state of the vehicle, as the autopilots' simulators tell it beside what they believe."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.frames import Message
+from sim_vehicle.airframe.sensor_errors import SensorNoise
+from sim_vehicle.execution.state import VehicleState
+
+if TYPE_CHECKING:
+    from sim_vehicle.mavlink.vehicle import SimVehicle
+
+__all__ = ["hil_state_quaternion", "int16", "quaternion", "sim_state", "to_body"]
+
+
+def quaternion(state: VehicleState) -> tuple[float, float, float, float]:
+    """Return the attitude as a quaternion (w, x, y, z)."""
+    cr, sr = math.cos(0.5 * state.roll_rad), math.sin(0.5 * state.roll_rad)
+    cp, sp = math.cos(0.5 * state.pitch_rad), math.sin(0.5 * state.pitch_rad)
+    cy, sy = math.cos(0.5 * state.yaw_rad), math.sin(0.5 * state.yaw_rad)
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
+def to_body(state: VehicleState, north: float, east: float, down: float) -> tuple[float, float, float]:
+    """Turn a vector from north, east, down to forward, right, down by yaw, pitch and roll in this order."""
+    cy, sy = math.cos(state.yaw_rad), math.sin(state.yaw_rad)
+    cp, sp = math.cos(state.pitch_rad), math.sin(state.pitch_rad)
+    cr, sr = math.cos(state.roll_rad), math.sin(state.roll_rad)
+    x, y = cy * north + sy * east, cy * east - sy * north
+    x, z = cp * x - sp * down, sp * x + cp * down
+    return x, cr * y + sr * z, cr * z - sr * y
+
+
+def int16(value: float) -> int:
+    """Return a number as a 16-bit integer, within what one holds."""
+    return max(-32767, min(32767, round(value)))
+
+
+def _truth(vehicle: SimVehicle) -> tuple[tuple[int, int], float, tuple[float, float, float]]:
+    """Return the true place (1e-7 degree), its height above the sea, and the velocity (north, east, down)."""
+    east_m, north_m, up_m = vehicle.sensed.true_m
+    latitude, longitude = vehicle.pilot.frame.to_wgs84(east_m, north_m)
+    east, north, up = (
+        believed + drift
+        for believed, drift in zip(vehicle.pilot.state.velocity_m_s, vehicle.sensed.drift_m_s, strict=True)
+    )
+    place = (round(latitude * 1e7), round(longitude * 1e7))
+    return place, up_m + vehicle.home.altitude_m, (north, east, -up)
+
+
+def hil_state_quaternion(vehicle: SimVehicle) -> Message:
+    """Return what PX4's simulators tell."""
+    state = vehicle.pilot.state
+    place, height_m, velocity = _truth(vehicle)
+    airspeed = min(65535, round(100.0 * state.airspeed_m_s))
+    east, north, up = state.acceleration_m_s2
+    force = to_body(state, north, east, -(up + 9.80665))
+    return m.MAVLink_hil_state_quaternion_message(
+        vehicle.unix_us,
+        list(quaternion(state)),
+        0.0,
+        0.0,
+        state.yaw_rate_rad_s,
+        *place,
+        round(1000.0 * height_m),
+        *(int16(100.0 * part) for part in velocity),
+        airspeed,
+        airspeed,
+        *(int16(1000.0 * part / 9.80665) for part in force),
+    )
+
+
+def sim_state(vehicle: SimVehicle) -> Message:
+    """Return what ArduPilot's simulator tells, with the size of the errors of the believed place."""
+    state = vehicle.pilot.state
+    (latitude, longitude), height_m, velocity = _truth(vehicle)
+    east, north, up = state.acceleration_m_s2
+    noise = vehicle.errors.noise if vehicle.errors is not None else SensorNoise()
+    spread = (noise.horizontal_accuracy_m, noise.barometer_m)
+    return m.MAVLink_sim_state_message(
+        *quaternion(state),
+        state.roll_rad,
+        state.pitch_rad,
+        math.remainder(state.yaw_rad, 2.0 * math.pi),
+        *to_body(state, north, east, -(up + 9.80665)),
+        0.0,
+        0.0,
+        state.yaw_rate_rad_s,
+        latitude / 1e7,
+        longitude / 1e7,
+        height_m,
+        *spread,
+        *velocity,
+        latitude,
+        longitude,
+    )

@@ -1,0 +1,1 @@
+"""A multirotor's motion as ArduCopter controls it."""

@@ -1,0 +1,445 @@
+"""ArduCopter's guidance: where the target of the position control is, leg by leg.
+
+Formulas after ArduPilot 4.7: `AC_WPNav.cpp`, `AP_Math/control.cpp`, ArduCopter's `mode.cpp`, `mode_auto.cpp`,
+`mode_rtl.cpp` and `takeoff.cpp`. How it works is told in docs/vehicle-model.md, section ArduCopter.
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from sim_vehicle.motion.arducopter.control import rooted, stand, stopping_way
+from sim_vehicle.motion.arducopter.layout import (
+    ACCEL,
+    ACCEL_Z,
+    ALONG,
+    ANEW,
+    ARC,
+    ASKED,
+    AX,
+    BEGIN,
+    BEGINS,
+    CHORDS,
+    CLIMBING,
+    CORNER,
+    DETECT_STEPS,
+    DONE,
+    DOWN,
+    DT,
+    END,
+    FAST,
+    HOLDING,
+    HOME,
+    INTEGRAL,
+    JERK,
+    KIND,
+    LAG,
+    LAND,
+    LAND_FAST,
+    LAND_LOW,
+    LAND_SLOW,
+    LANDED,
+    LANDING,
+    LEAST_SPEED,
+    LEAST_WAY,
+    LEGS,
+    LEVEL,
+    MODE,
+    NO_MODE,
+    NOTHING,
+    PACE,
+    PACE_ARC,
+    PACE_FILTER,
+    PAUSE,
+    POS_P,
+    POS_Z_P,
+    PX,
+    RADIUS,
+    RESET,
+    RX,
+    RY,
+    RZ,
+    SAME,
+    SHAKE,
+    SHAPE_JERK,
+    SHAPE_JERK_Z,
+    SNAP,
+    SPEED,
+    SPEED_DOWN,
+    SPEED_UP,
+    SPOOL_STEPS,
+    STAY,
+    TAKEOFF,
+    THRUST,
+    THRUST_I,
+    UNTIL,
+    UP,
+    VX,
+    WP_RADIUS,
+)
+from sim_vehicle.motion.arducopter.scurve import (
+    MADE,
+    TIME,
+    UX,
+    change_speed,
+    clear_leg,
+    end_time,
+    make_leg,
+    may_turn,
+    state_at,
+)
+
+Floats = NDArray[np.float64]
+
+
+@njit(cache=True)
+def _shape(change: float, acceleration: float, limit: float, jerk: float, dt: float) -> float:
+    """Return the next acceleration on the way to a change of speed, within limits of it and of its jerk."""
+    wanted = rooted(change, jerk / limit, jerk)
+    most = abs(change) / dt
+    wanted = min(max(wanted, -most, -limit), most, limit)
+    return acceleration + min(max(wanted - acceleration, -jerk * dt), jerk * dt)
+
+
+@njit(cache=True)
+def _stop_here(state: Floats, guide: Floats, law: Floats) -> None:
+    """Begin anew from the place where the vehicle comes to rest."""
+    vx, vy, vz = state[3], state[4], state[5]
+    speed = sqrt(vx * vx + vy * vy)
+    guide[PX], guide[PX + 1] = state[0], state[1]
+    if speed > 0.0:
+        way = stopping_way(min(speed, guide[LEVEL]), law[POS_P], law[ACCEL]) / speed
+        guide[PX] += vx * way
+        guide[PX + 1] += vy * way
+    way = stopping_way(
+        min(abs(vz), law[SPEED_UP] if vz > 0.0 else law[SPEED_DOWN]), law[POS_Z_P], law[ACCEL_Z]
+    )
+    guide[PX + 2] = max(state[2] + (way if vz > 0.0 else -way), 0.0)
+    guide[VX : AX + 3] = 0.0
+    guide[BEGIN : BEGIN + 3] = guide[PX : PX + 3]
+    guide[END : END + 3] = guide[PX : PX + 3]
+    guide[INTEGRAL], guide[INTEGRAL + 1] = guide[ASKED], guide[ASKED + 1]
+    guide[THRUST_I] = guide[THRUST]
+    guide[RESET] = 1.0
+    guide[PACE] = 1.0
+
+
+@njit(cache=True)
+def _take_velocity(state: Floats, guide: Floats) -> None:
+    """Begin anew from the present place and velocity."""
+    guide[PX : PX + 6] = state[0:6]
+    guide[AX : AX + 3] = 0.0
+    guide[INTEGRAL], guide[INTEGRAL + 1] = guide[ASKED], guide[ASKED + 1]
+    guide[THRUST_I] = guide[THRUST]
+    guide[RESET] = 1.0
+    guide[PACE] = 1.0
+
+
+@njit(cache=True)
+def _make(i: int, a: Floats, b: Floats, guide: Floats, law: Floats, heads: Floats, curves: Floats) -> None:
+    make_leg(
+        heads[i],
+        curves[i],
+        (b[0] - a[0], b[1] - a[1], b[2] - a[2]),
+        (guide[LEVEL], guide[UP], guide[DOWN]),
+        (law[ACCEL], law[ACCEL_Z]),
+        law[SNAP],
+        law[JERK],
+    )
+
+
+@njit(cache=True)
+def _apart(guide: Floats) -> None:
+    """Keep the begin of a leg from its end: an estimated position is never exactly the wanted one."""
+    gap = 0.0
+    for k in range(3):
+        gap += (guide[END + k] - guide[BEGIN + k]) ** 2
+    if gap < LEAST_WAY * LEAST_WAY:
+        guide[BEGIN] = guide[END] - LEAST_WAY
+
+
+@njit(cache=True)
+def begin(
+    state: Floats,
+    guide: Floats,
+    law: Floats,
+    heads: Floats,
+    curves: Floats,
+    route: Floats,
+    leg: int,
+    step: int,
+) -> None:
+    """Begin a leg; guide[BEGINS] tells how it follows from what was before."""
+    how = guide[BEGINS]
+    guide[BEGINS] = NOTHING
+    guide[UNTIL], guide[DONE] = inf, 0.0
+    row = route[leg]
+    kind = int(row[KIND])
+    before = guide[MODE]
+    speed = row[SPEED]
+    if kind == ARC:
+        # The bends of a curve may be slower than what the mission set.
+        speed = max(speed, guide[LEVEL])
+    elif speed < LEAST_SPEED:
+        speed = guide[LEVEL]
+    faster = law[SPEED_UP] != guide[UP] or law[SPEED_DOWN] != guide[DOWN] or speed != guide[LEVEL]
+    guide[LEVEL] = speed
+    guide[UP], guide[DOWN] = law[SPEED_UP], law[SPEED_DOWN]
+    if kind in (TAKEOFF, LAND):
+        if how == ANEW or before == CHORDS:
+            _take_velocity(state, guide)
+        if kind == TAKEOFF:
+            guide[MODE] = CLIMBING
+            guide[END], guide[END + 1], guide[END + 2] = row[RX], row[RY], row[RZ]
+            if state[2] <= 0.0:
+                guide[UNTIL] = step + law[SPOOL_STEPS]
+        else:
+            guide[MODE] = LANDING
+        return
+    if kind == STAY:
+        _stop_here(state, guide, law)
+        guide[MODE] = HOLDING
+        return
+    if how == ANEW or before not in (LEGS, CLIMBING, CHORDS):
+        _stop_here(state, guide, law)
+        before = NO_MODE
+    if kind == ARC:
+        guide[MODE] = CHORDS
+        if before != CHORDS:
+            guide[PACE_ARC] = 0.0
+        guide[BEGIN : BEGIN + 3] = guide[END : END + 3]
+        guide[END : END + 3] = row[RX : RZ + 1]
+        return
+    guide[MODE] = LEGS
+    if before == LEGS and faster:
+        for i in range(1, 3):
+            change_speed(heads[i], curves[i], guide[LEVEL], guide[UP], guide[DOWN])
+    if how != SAME:
+        if before == LEGS:
+            heads[0], curves[0] = heads[1], curves[1]
+        else:
+            clear_leg(heads[0])
+            guide[FAST] = 0.0
+        guide[BEGIN : BEGIN + 3] = guide[END : END + 3]
+        guide[END : END + 3] = row[RX : RZ + 1]
+        if before != LEGS:
+            _apart(guide)
+        if guide[FAST] != 0.0 and heads[2, TIME] < end_time(heads[2], curves[2]):
+            heads[1], curves[1] = heads[2], curves[2]
+        else:
+            _make(1, guide[BEGIN : BEGIN + 3], guide[END : END + 3], guide, law, heads, curves)
+        clear_leg(heads[2])
+    elif guide[FAST] != 0.0 and heads[2, TIME] > 0.0:
+        # The corner is being flown already.
+        return
+    guide[FAST] = 0.0
+    if leg + 1 < len(route) and row[RADIUS] > 0.0 and row[PAUSE] <= 0.0:
+        after = route[leg + 1]
+        if after[KIND] <= HOME and after[KIND] != TAKEOFF:
+            guide[FAST] = 1.0
+            _make(2, guide[END : END + 3], after[RX : RZ + 1], guide, law, heads, curves)
+
+
+@njit(cache=True, inline="always")
+def _blurred_share(share: float, blur: float) -> float:
+    """Return the mean of a number within 0 to 1 when it shakes by ``blur`` to both sides."""
+    high, low = share + blur, share - blur
+    if low >= 1.0 or high <= 0.0 or (low >= 0.0 and high <= 1.0):
+        return min(max(share, 0.0), 1.0)
+    high = high - 0.5 if high > 1.0 else 0.5 * high * high
+    low = 0.5 * low * low if low > 0.0 else 0.0
+    return (high - low) / (2.0 * blur)
+
+
+@njit(cache=True)
+def _lead_legs(guide: Floats, law: Floats, heads: Floats, curves: Floats) -> bool:
+    """Move the target along this leg, the end of the one before and the begin of the next; tell its end.
+
+    The target slows down as far as the vehicle falls behind it, with the time constant of the acceleration.
+    """
+    wanted = sqrt(guide[VX] ** 2 + guide[VX + 1] ** 2 + guide[VX + 2] ** 2)
+    pace = 1.0
+    if wanted > 1e-6:
+        pace = _blurred_share(0.05 + (guide[ALONG] - law[POS_P] * guide[LAG]) / wanted, SHAKE / wanted)
+    guide[PACE] += law[PACE_FILTER] * (pace - guide[PACE])
+    dt = law[DT] * guide[PACE]
+    ends = end_time(heads[1], curves[1])
+    now = min(heads[1, TIME] + dt, ends)
+    heads[1, TIME] = now
+    done = bool(now >= ends)
+    follows = heads[2, TIME] > 0.0
+    if guide[FAST] != 0.0 and not follows:
+        follows = may_turn(heads, curves, law[WP_RADIUS], law[CORNER])
+    if follows:
+        heads[2, TIME] = min(heads[2, TIME] + dt, end_time(heads[2], curves[2]))
+        done = bool(done or heads[2, TIME] >= ends - now)
+    last = end_time(heads[0], curves[0])
+    if heads[0, TIME] < last:
+        heads[0, TIME] = min(heads[0, TIME] + dt, last)
+        if heads[0, TIME] >= last:
+            heads[0, MADE] = 0.0
+    for k in range(3):
+        guide[PX + k] = guide[BEGIN + k]
+    guide[VX : AX + 3] = 0.0
+    for i in range(3):
+        if heads[i, MADE] == 0.0 or (i == 2 and not follows):
+            continue
+        p, v, a = state_at(heads[i], curves[i], heads[i, TIME])
+        if i == 0:
+            p -= heads[0, 2]
+        for k in range(3):
+            u = heads[i, UX + k]
+            guide[PX + k] += u * p
+            guide[VX + k] += u * v
+            guide[AX + k] += u * a
+    return done
+
+
+@njit(cache=True)
+def _lead_chord(guide: Floats, law: Floats, route: Floats, leg: int) -> bool:
+    """Move the target along a curve of chords with half of the acceleration; tell the end of this one."""
+    dt = law[DT]
+    left, way = 0.0, 0.0
+    for k in range(3):
+        left += (guide[END + k] - guide[PX + k]) ** 2
+    left = sqrt(left)
+    # What lies ahead within the way that braking takes.
+    accel = 0.5 * law[ACCEL]
+    speed = guide[PACE_ARC]
+    top = route[leg, SPEED]
+    way, i = left, leg
+    need = 0.5 * speed * speed / accel + 2.0 * dt * speed
+    while way <= need:
+        if i + 1 >= len(route) or route[i + 1, KIND] != ARC or route[i, PAUSE] > 0.0:
+            top = min(top, sqrt(2.0 * accel * way))
+            break
+        slow = route[i + 1, SPEED]
+        top = min(top, sqrt(slow * slow + 2.0 * accel * way))
+        step = 0.0
+        for k in range(3):
+            step += (route[i + 1, k] - route[i, k]) ** 2
+        way += sqrt(step)
+        i += 1
+    speed = min(max(top, speed - accel * dt), speed + accel * dt)
+    guide[PACE_ARC] = speed
+    move = max(speed, 0.05) * dt
+    done = bool(move >= left)
+    share = 1.0 if done else move / left
+    for k in range(3):
+        gap = guide[END + k] - guide[PX + k]
+        guide[VX + k] = gap * speed / left if left > 0.0 else 0.0
+        guide[PX + k] += gap * share
+        guide[AX + k] = 0.0
+    return done
+
+
+@njit(cache=True)
+def _lead_up(guide: Floats, law: Floats) -> bool:
+    """Climb to the height of the take-off; tell when that is reached and the climb slow."""
+    dt, limit, jerk = law[DT], law[ACCEL_Z], law[SHAPE_JERK_Z]
+    guide[PX + 2] += dt * (guide[VX + 2] + 0.5 * dt * guide[AX + 2])
+    guide[VX + 2] += dt * guide[AX + 2]
+    gain = jerk / limit
+    error = guide[END + 2] - guide[PX + 2]
+    rate = rooted(error, gain, limit)
+    if rate * guide[VX + 2] > 0.0:
+        slope = gain if abs(error) <= limit / (gain * gain) else limit / abs(rate)
+        rate -= slope * guide[VX + 2] / gain
+    rate = min(max(rate, -guide[DOWN]), guide[UP])
+    wanted = min(max((rate - guide[VX + 2]) * gain, -limit), limit)
+    guide[AX + 2] += min(max(wanted - guide[AX + 2], -jerk * dt), jerk * dt)
+    stops = 0.5 * (0.1 * guide[UP]) ** 2 / limit
+    return bool(guide[PX + 2] >= guide[END + 2] - stops and guide[VX + 2] < 0.1 * guide[UP])
+
+
+@njit(cache=True)
+def _lead_down(guide: Floats, law: Floats, height: float) -> None:
+    """Sink, slowly near the ground."""
+    dt = law[DT]
+    guide[PX + 2] += dt * (guide[VX + 2] + 0.5 * dt * guide[AX + 2])
+    guide[VX + 2] += dt * guide[AX + 2]
+    rate = rooted(law[LAND_LOW] - height, law[POS_Z_P], law[ACCEL_Z])
+    fast = law[LAND_FAST] if law[LAND_FAST] > 0.0 else guide[DOWN]
+    rate = min(max(rate, -max(fast, law[LAND_SLOW])), -law[LAND_SLOW])
+    guide[AX + 2] = _shape(rate - guide[VX + 2], guide[AX + 2], law[ACCEL_Z], law[SHAPE_JERK_Z], dt)
+
+
+@njit(cache=True)
+def _lead_level(guide: Floats, law: Floats) -> None:
+    """Bring the horizontal velocity to rest while the vehicle climbs or sinks."""
+    if guide[VX] == 0.0 and guide[VX + 1] == 0.0 and guide[AX] == 0.0 and guide[AX + 1] == 0.0:
+        return
+    dt, limit, jerk = law[DT], law[ACCEL], law[SHAPE_JERK]
+    for k in range(2):
+        guide[PX + k] += dt * (guide[VX + k] + 0.5 * dt * guide[AX + k])
+        guide[VX + k] += dt * guide[AX + k]
+    speed = sqrt(guide[VX] ** 2 + guide[VX + 1] ** 2)
+    if speed < 1e-3:
+        guide[VX] = guide[VX + 1] = guide[AX] = guide[AX + 1] = 0.0
+        return
+    size = min(rooted(speed, jerk / limit, jerk), speed / dt, limit) / speed
+    cx, cy = -guide[VX] * size - guide[AX], -guide[VX + 1] * size - guide[AX + 1]
+    change = sqrt(cx * cx + cy * cy)
+    share = min(1.0, jerk * dt / change) if change > 0.0 else 0.0
+    guide[AX] += cx * share
+    guide[AX + 1] += cy * share
+
+
+@njit(cache=True)
+def lead(
+    state: Floats,
+    guide: Floats,
+    law: Floats,
+    heads: Floats,
+    curves: Floats,
+    route: Floats,
+    leg: int,
+    step: int,
+) -> bool:
+    """Move the target for the next step; tell whether the leg is done."""
+    mode = guide[MODE]
+    if mode == LEGS:
+        done = _lead_legs(guide, law, heads, curves)
+        if done and guide[FAST] == 0.0:
+            gap = 0.0
+            for k in range(3):
+                gap += (guide[END + k] - state[k]) ** 2
+            done = gap <= law[WP_RADIUS] ** 2
+    elif mode == CHORDS:
+        done = guide[DONE] != 0.0 or _lead_chord(guide, law, route, leg)
+        if done:
+            guide[DONE] = 1.0
+            if leg + 1 >= len(route) or route[leg + 1, KIND] != ARC:
+                guide[VX : AX + 3] = 0.0
+                guide[PACE_ARC] = 0.0
+                gap = 0.0
+                for k in range(3):
+                    gap += (guide[END + k] - state[k]) ** 2
+                done = gap <= law[WP_RADIUS] ** 2
+    elif mode == CLIMBING:
+        _lead_level(guide, law)
+        done = _lead_up(guide, law)
+        if done:
+            guide[PX + 2] = guide[END + 2]
+            guide[VX : AX + 3] = 0.0
+            guide[END], guide[END + 1] = guide[PX], guide[PX + 1]
+    elif mode == LANDING:
+        _lead_level(guide, law)
+        _lead_down(guide, law, state[2])
+        done = False
+        if state[2] <= 0.0:
+            guide[MODE] = LANDED
+            guide[UNTIL] = step + law[DETECT_STEPS]
+            stand(state, guide)
+    elif mode == HOLDING:
+        if leg + 1 < len(route):
+            return True
+        gap = (guide[PX] - state[0]) ** 2 + (guide[PX + 1] - state[1]) ** 2 + (guide[PX + 2] - state[2]) ** 2
+        done = gap < 0.04 and state[3] ** 2 + state[4] ** 2 + state[5] ** 2 < 0.01
+    else:
+        done = mode == LANDED and step >= guide[UNTIL]
+    return done

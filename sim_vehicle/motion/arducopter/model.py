@@ -1,0 +1,247 @@
+"""A multirotor as ArduCopter flies it: the compiled flight with its state and the law of its parameters."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sim_vehicle.autopilot.ardupilot.copter import drag_of, lookup
+from sim_vehicle.energy.battery import WH_J
+from sim_vehicle.motion.arducopter import kernel, scurve
+from sim_vehicle.motion.arducopter import layout as at
+from sim_vehicle.motion.arducopter.control import stopping_way
+from sim_vehicle.motion.model import LegKind, MotionEvent
+from sim_vehicle.motion.multirotor.kernel import WIND
+from sim_vehicle.motion.multirotor.model import Multirotor
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.motion.model import Route
+    from sim_vehicle.weather.wind import Wind
+
+_HOVER_THROTTLE = 0.39
+# What the attitude lags behind its target: rate loops and motors.
+_ATTITUDE_S = 0.05
+# On the ground the throttle runs down for a second before the land detector begins its own.
+_LAND_DETECTOR_S = 2.0
+
+
+class ArduCopter(Multirotor):
+    """A multirotor under ArduCopter; velocity set-points are flown as any `Multirotor` flies them.
+
+    Examples
+    --------
+    >>> from sim_vehicle.autopilot import with_autopilot
+    >>> from sim_vehicle.motion.model import Route
+    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> vehicle = ArduCopter(with_autopilot(get_vehicle("quad"), "ardupilot"))
+    >>> vehicle.fly(Route.through([(0.0, 0.0, 10.0, 0.0, 5.0, math.inf, 0.0, LegKind.TAKEOFF)]))
+    >>> vehicle.advance(10_000)
+    <MotionEvent.REACHED: 1>
+    >>> round(vehicle.position_m[2]), 6.0 < vehicle.time_s < 12.0
+    (10, True)
+    """
+
+    def __init__(self, spec: VehicleSpec, wind: Wind | None = None, yaw_rad: float = 0.0) -> None:
+        super().__init__(spec, wind, yaw_rad)
+        self.guide: NDArray[np.float64] = np.zeros(at.GUIDE)
+        self.heads: NDArray[np.float64] = np.zeros((3, scurve.HEAD))
+        self.curves: NDArray[np.float64] = np.zeros((3, scurve.SEGMENTS, scurve.COLUMNS))
+        self.law = _law(spec, self._idle_w + float(self._power[6]))
+        self.guide[at.LEVEL] = spec.cruise_speed_m_s
+        self._rows: NDArray[np.float64] | None = None
+        self._turning = math.nan
+
+    def fly(self, route: Route) -> None:
+        """Begin a route, from where the vehicle is and as it moves now."""
+        rows = np.column_stack(
+            (
+                route.points_m,
+                route.radius_m,
+                np.minimum(route.speed_m_s, self.spec.top_speed_m_s),
+                route.heading_rad,
+                route.near_m,
+                route.kind,
+                route.pause_s,
+            )
+        )
+        self.guide[at.BEGINS] = self._follows(rows[0])
+        self._rows, self._route = np.ascontiguousarray(rows), rows
+        self._turning = route.turn_rad_s
+        self._begin()
+
+    def _follows(self, row: NDArray[np.float64]) -> int:
+        """Return how a leg follows from what is flown now."""
+        guide = self.guide
+        if self._rows is None or row[at.KIND] == LegKind.CLIMB:
+            return at.ANEW
+        target = row[:3]
+        arrived = guide[at.BEGINS] == at.CHAINED
+        end = guide[at.END : at.END + 3]
+        if arrived and guide[at.FAST] != 0.0:
+            head = self.heads[2]
+            ahead = end + head[scurve.LENGTH] * head[scurve.UX : scurve.UZ + 1]
+            return at.CHAINED if np.allclose(ahead, target, rtol=0.0, atol=1e-3) else at.ANEW
+        if arrived or self.counters[3]:
+            return at.CHAINED
+        if guide[at.MODE] == at.LEGS and np.allclose(end, target, rtol=0.0, atol=1e-3):
+            return at.SAME
+        return at.ANEW
+
+    def steer(
+        self,
+        velocity_m_s: tuple[float, float, float],
+        *,
+        height_m: float = math.nan,
+        heading_rad: float = math.inf,
+        turn_rad_s: float = math.nan,
+    ) -> None:
+        """Keep a velocity, or its horizontal part at a height; downward it goes on to the ground."""
+        self._rows = None
+        super().steer(velocity_m_s, height_m=height_m, heading_rad=heading_rad, turn_rad_s=turn_rad_s)
+
+    def stopping_point(self) -> tuple[float, float, float]:
+        """Return where the vehicle comes to rest if it brakes now."""
+        x, y, z, vx, vy, vz = self.state[0:6].tolist()
+        law, guide = self.law, self.guide
+        speed = math.hypot(vx, vy)
+        if speed > 0.0:
+            most = min(speed, float(guide[at.LEVEL]))
+            way = stopping_way(most, law[at.POS_P], law[at.ACCEL]) / speed
+            x, y = x + vx * way, y + vy * way
+        most = float(law[at.SPEED_UP if vz > 0.0 else at.SPEED_DOWN])
+        way = stopping_way(min(abs(vz), most), law[at.POS_Z_P], law[at.ACCEL_Z])
+        return x, y, max(z + math.copysign(way, vz), 0.0)
+
+    def attitude(self) -> tuple[float, float, float, float] | None:
+        """Return roll, pitch, airspeed and throttle; None where they follow from the acceleration."""
+        if self._rows is None or self.state[2] <= 0.0:
+            return None
+        state, (east, north) = self.state, self.guide[at.LEAN : at.LEAN + 2].tolist()
+        sine, cosine = math.sin(state[9]), math.cos(state[9])
+        pitch = -math.atan2(east * sine + north * cosine, at.GRAVITY)
+        roll = math.atan2((east * cosine - north * sine) * math.cos(pitch), at.GRAVITY)
+        airspeed = math.hypot(state[3] - state[15], state[4] - state[16])
+        stretch = math.sqrt(1.0 + (east * east + north * north) / at.GRAVITY**2)
+        thrust = (1.0 + float(self.guide[at.THRUST]) / at.GRAVITY) * stretch
+        return roll, pitch, airspeed, min(max(_HOVER_THROTTLE * thrust, 0.0), 1.0)
+
+    def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
+        """Fly up to ``max_steps`` steps, less when something happens (see `MotionEvent`)."""
+        rows = self._rows
+        if rows is None:
+            return super().advance(max_steps, stop_each=stop_each)
+        end = int(self.counters[0]) + max_steps
+        while True:
+            event = kernel.advance(
+                self.state,
+                self.counters,
+                self.guide,
+                self.law,
+                self.heads,
+                self.curves,
+                rows,
+                self._turning,
+                self._power,
+                self._wind.block,
+                self._wind.first,
+                end - int(self.counters[0]),
+                stop_each,
+                self.arrivals,
+                self.track,
+                self.track_every,
+            )
+            if event != WIND:
+                return MotionEvent(event)
+            self._wind.forward()
+
+    def ignore_energy(self) -> None:
+        """Tell no more that the battery is empty."""
+        super().ignore_energy()
+        self.law[at.CAPACITY] = math.inf
+
+    def respec(self, spec: VehicleSpec) -> None:
+        """Take other defaults, limits and parameters; they hold from the next leg on."""
+        super().respec(spec)
+        capacity = self._limits[11]
+        self.law = _law(spec, float(self.law[at.STAND_BY]))
+        self.law[at.CAPACITY] = capacity
+
+    def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
+        """Climb and sink at this speed, from the next route on; None is the vehicle's own."""
+        super().set_climb(climb_m_s, descent_m_s)
+        self.law[at.SPEED_UP] = climb_m_s or self.spec.climb_speed_m_s
+        self.law[at.SPEED_DOWN] = descent_m_s or self.spec.descent_speed_m_s
+
+    def touch_down(self) -> None:
+        """Stand still on the ground."""
+        super().touch_down()
+        self._rows = None
+        self.guide[:] = 0.0
+        self.guide[at.LEVEL] = self.spec.cruise_speed_m_s
+
+
+def _law(spec: VehicleSpec, stand_by_w: float) -> NDArray[np.float64]:
+    """Return the law of motion in the order of the kernel."""
+    get = lookup(spec)
+    dt = spec.step_s
+    law = np.zeros(at.LAW)
+    gravity = at.GRAVITY
+    turn_rate = math.radians(get("ATC_RATE_R_MAX")), math.radians(get("ATC_RATE_P_MAX"))
+    turn_accel = math.radians(0.01 * min(get("ATC_ACCEL_R_MAX"), get("ATC_ACCEL_P_MAX")))
+    accel = 0.01 * get("WPNAV_ACCEL")
+    limit = min((rate for rate in turn_rate if rate > 0.0), default=math.inf) * gravity
+    snap = turn_accel * gravity if turn_accel > 0.0 else math.inf
+    jerk = min(get("WPNAV_JERK"), limit)
+    accel_z = 0.01 * get("WPNAV_ACCEL_Z")
+    hover = gravity / _HOVER_THROTTLE
+    # Gains of the throttle are per cm/s^2 and for a throttle of 1000.
+    thrust_p = 0.1 * get("PSC_ACCZ_P") * hover
+    law[at.DT] = dt
+    law[at.DRAG : at.DRAG_2 + 1] = drag_of(spec)
+    law[at.ERROR_FILTER] = _share(dt, get("PSC_VELXY_FLTE"))
+    law[at.RATE_FILTER] = _share(dt, get("PSC_VELXY_FLTD"))
+    law[at.POS_P] = get("PSC_POSXY_P")
+    law[at.VEL_P : at.VEL_D + 1] = get("PSC_VELXY_P"), get("PSC_VELXY_I"), get("PSC_VELXY_D")
+    law[at.VEL_IMAX] = 0.01 * get("PSC_VELXY_IMAX")
+    law[at.POS_Z_P], law[at.VEL_Z_P] = get("PSC_POSZ_P"), get("PSC_VELZ_P")
+    law[at.ERROR_Z_FILTER] = _share(dt, get("PSC_VELZ_FLTE"))
+    law[at.ACC_Z_P], law[at.ACC_Z_I] = thrust_p, 0.1 * get("PSC_ACCZ_I") * hover
+    law[at.ACC_Z_IMAX] = max(0.001 * get("PSC_ACCZ_IMAX"), _HOVER_THROTTLE) * hover
+    law[at.ACCEL], law[at.ACCEL_Z] = accel, accel_z
+    law[at.CORNER] = 0.01 * get("WPNAV_ACCEL_C") or 2.0 * accel
+    law[at.WP_RADIUS] = 0.01 * get("WPNAV_RADIUS")
+    law[at.PACE_FILTER] = min(1.0, dt * get("WPNAV_JERK") / accel)
+    law[at.JERK] = jerk
+    law[at.SNAP] = 0.5 * min(snap, jerk * math.pi / (2.0 * max(get("ATC_INPUT_TC"), 0.1)))
+    law[at.SHAPE_JERK] = min(get("PSC_JERK_XY"), limit, 0.5 * math.sqrt(accel * snap))
+    law[at.SHAPE_JERK_Z] = get("PSC_JERK_Z")
+    for name in ("PSC_ACCZ_FLTT", "PSC_ACCZ_FLTE"):
+        if get(name) > 0.0:
+            most = min(gravity, accel_z) * 2.0 * math.pi * get(name) / 5.0
+            law[at.SHAPE_JERK_Z] = min(law[at.SHAPE_JERK_Z], most)
+    law[at.MOST_LEAN] = gravity * math.tan(math.radians(get("PSC_ANGLE_MAX") or 0.01 * get("ANGLE_MAX")))
+    law[at.TARGET_FILTER] = 1.0 - math.exp(-dt / max(get("ATC_INPUT_TC"), 1e-3))
+    lag = spec.attitude_response_s
+    law[at.LEAN_FILTER] = 1.0 - math.exp(-dt / (_ATTITUDE_S if lag is None else lag))
+    law[at.SPEED_UP], law[at.SPEED_DOWN] = spec.climb_speed_m_s, spec.descent_speed_m_s
+    law[at.LAND_FAST] = 0.01 * get("LAND_SPEED_HIGH")
+    law[at.LAND_SLOW] = spec.landing_speed_m_s
+    law[at.LAND_LOW] = max(0.01 * get("LAND_ALT_LOW"), 1.0)
+    law[at.SPOOL_STEPS] = round((get("MOT_SPOOL_TIME") + _HOVER_THROTTLE * get("TKOFF_SLEW_TIME")) / dt)
+    law[at.DETECT_STEPS] = round(_LAND_DETECTOR_S / dt)
+    law[at.YAW_RATE] = spec.yaw_rate_rad_s
+    law[at.YAW_ACCEL] = spec.yaw_acceleration_rad_s2
+    law[at.LOOKS_AHEAD] = get("WP_YAW_BEHAVIOR") > 0.0
+    law[at.CAPACITY] = spec.battery.capacity_wh * WH_J if spec.battery is not None else math.inf
+    law[at.STAND_BY] = stand_by_w
+    return law
+
+
+def _share(dt: float, frequency_hz: float) -> float:
+    """Return what a low-pass filter takes over in a step; a frequency of 0 is no filter."""
+    return 1.0 - math.exp(-2.0 * math.pi * frequency_hz * dt) if frequency_hz > 0.0 else 1.0

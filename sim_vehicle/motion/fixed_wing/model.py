@@ -1,0 +1,365 @@
+"""A fixed wing as a motion model: the compiled kernel with its state, route, wind and energy."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sim_vehicle.airframe.power_spec import FixedWingPowerSpec
+from sim_vehicle.energy.battery import WH_J
+from sim_vehicle.energy.power import power_coefficients
+from sim_vehicle.errors import VehicleError
+from sim_vehicle.motion.fixed_wing import kernel as wing
+from sim_vehicle.motion.model import LegKind
+from sim_vehicle.motion.multirotor.kernel import COUNTERS
+from sim_vehicle.motion.multirotor.model import Multirotor
+from sim_vehicle.weather.wind import Wind
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.motion.model import Route
+
+# Whose drag is flown when nothing is known of the power: a foam mapper of 1.8 m span.
+TYPICAL = FixedWingPowerSpec(mass_kg=1.9, wing_area_m2=0.42, wing_span_m=1.8, parasitic_drag=0.035)
+
+
+@dataclass(frozen=True, slots=True)
+class WingLimits:
+    """What an autopilot's parameters decide about the flight of a wing; SI units, radians.
+
+    Parameters
+    ----------
+    law : {0.0, 1.0}
+        Guidance: `sim_vehicle.motion.fixed_wing.guidance.NPFG` or `L1`.
+    airspeed_min, airspeed_trim, airspeed_max : float
+    bank_limit, roll_s, roll_rate, roll_slew : float
+        Greatest bank, time constant and greatest rate of the roll, greatest rate of its set-point.
+    climb_max, climb_rate : float
+        Climb at full throttle and trim airspeed, and the rate at which heights are changed.
+    sink_min, sink_rate, sink_max : float
+        Sink rate without throttle, rate at which heights are changed, and greatest.
+    height_s, speed_s : float
+        Time constants of height and airspeed.
+    vertical_acceleration : float
+    period, damping, integral : float
+        Of the guidance.
+    switch_share : float
+        NPFG turns to the next leg at this share of its track error bound.
+    acceptance, height_acceptance : float
+        Of waypoints; an infinite tolerance of the height is none.
+    along_leg : bool
+        Heights change evenly over a leg; otherwise at once when climbing.
+    ground_min : float
+        The airspeed is raised to make this ground speed.
+    takeoff_airspeed, rotation_airspeed, launch_acceleration : float
+        Airspeed of the climb-out, airspeed at which the ground is left, and acceleration up to there.
+    level_height, level_bank : float
+        Below this height the bank is limited to so much.
+    landing_airspeed, flare_height, flare_s, flare_sink, braking : float
+        Approach speed; the flare begins at a height or a time above the ground; sink rate in it; deceleration
+        on the ground.
+    landing_slope : float
+        Sink over way on a circle down to the ground.
+    loiter_radius : float
+        Of circles without a radius; positive is clockwise.
+    """
+
+    law: float
+    airspeed_min: float
+    airspeed_trim: float
+    airspeed_max: float
+    bank_limit: float
+    roll_s: float
+    roll_rate: float
+    roll_slew: float
+    climb_max: float
+    climb_rate: float
+    sink_min: float
+    sink_rate: float
+    sink_max: float
+    height_s: float
+    speed_s: float
+    vertical_acceleration: float
+    period: float
+    damping: float
+    integral: float
+    switch_share: float
+    acceptance: float
+    height_acceptance: float
+    along_leg: bool
+    ground_min: float
+    takeoff_airspeed: float
+    rotation_airspeed: float
+    launch_acceleration: float
+    level_height: float
+    level_bank: float
+    landing_airspeed: float
+    flare_height: float
+    flare_s: float
+    flare_sink: float
+    braking: float
+    landing_slope: float
+    loiter_radius: float
+
+    def tightest_m(self, airspeed_m_s: float) -> float:
+        """Return the radius of a level turn at the bank limit.
+
+        Parameters
+        ----------
+        airspeed_m_s : float
+        """
+        return airspeed_m_s * airspeed_m_s / (wing.GRAVITY * math.tan(self.bank_limit))
+
+
+class FixedWing(Multirotor):
+    """An aeroplane that flies routes; it stays by circling.
+
+    Parameters
+    ----------
+    spec : VehicleSpec
+    limits_of : callable
+        What the autopilot makes of a vehicle's parameters.
+    wind : Wind, optional
+    yaw_rad : float
+        Heading at the start.
+    """
+
+    _kernel = staticmethod(wing.advance)
+
+    def __init__(
+        self,
+        spec: VehicleSpec,
+        limits_of: Callable[[VehicleSpec], WingLimits],
+        wind: Wind | None = None,
+        yaw_rad: float = 0.0,
+    ) -> None:
+        super().__init__(spec, wind, yaw_rad)
+        self._limits_of = limits_of
+        self.law = limits_of(spec)
+        self._limits = self._numbers(spec)
+        air = self.state[15:17].copy()
+        self.state = np.zeros(wing.STATE)
+        self.state[9] = yaw_rad % (2.0 * math.pi)
+        self.state[13] = self._power[6]
+        self.state[14] = math.inf
+        self.state[15:17] = air
+        self.state[wing.BEARING] = math.nan
+        self.counters = np.zeros(COUNTERS, dtype=np.int64)
+
+    def attitude(self) -> tuple[float, float, float, float]:
+        """Return roll (right), pitch (up), true airspeed and throttle."""
+        state = self.state
+        return (
+            float(state[wing.BANK]),
+            float(state[wing.PITCH]),
+            float(state[wing.AIRSPEED]),
+            float(state[wing.THROTTLE]),
+        )
+
+    def fly(self, route: Route) -> None:
+        """Begin a route, from where the vehicle is and as it moves now."""
+        before = self._route
+        target = None if before is None else before[self.leg, :2].copy()
+        rows = self._rows(route)
+        follows = (
+            target is not None
+            and rows[0, 3] == wing.LINE
+            and math.hypot(rows[0, 0] - target[0], rows[0, 1] - target[1]) < 1.0
+            and self.counters[3] == 0
+        )
+        # A leg that is only planned again keeps its line.
+        if not follows:
+            self._begin_at(before)
+        self._route = rows
+        self._begin()
+
+    def _begin_at(self, before: NDArray[np.float64] | None) -> None:
+        """The first leg begins at the waypoint that was reached last, otherwise here."""
+        self.state[wing.BEGIN] = math.nan
+        if before is not None and self.counters[3] and before[-1, 3] == wing.LINE:
+            self.state[wing.BEGIN : wing.BEGIN + 3] = before[-1, :3]
+
+    def _rows(self, route: Route) -> NDArray[np.float64]:
+        law = self.law
+        n = len(route.points_m)
+        rows = np.zeros((n, wing.LEG))
+        rows[:, :3] = route.points_m
+        # What is the vehicle's default is left to the law; ArduPlane keeps radii in one byte.
+        radius = np.where(route.radius_m == self.spec.acceptance_radius_m, 0.0, route.radius_m)
+        rows[:, 4] = np.floor(np.minimum(radius, 255.0))
+        rows[:, 5] = np.clip(np.abs(route.speed_m_s), law.airspeed_min, law.airspeed_max)
+        rows[:, 6] = route.near_m
+        circle = route.circle if route.circle is not None else np.full((n, 4), np.nan)
+        rows[:, 8] = np.nan_to_num(circle[:, 1])
+        rows[:, 9:11] = circle[:, 2:]
+        rows[:, 11] = route.pause_s
+        rows[:, 13] = law.height_acceptance
+        rows[:, 14] = 0.5 * math.pi
+        for i in range(n):
+            stops = not route.radius_m[i] > 0.0
+            rows[i, 3] = kind = self._kind(int(route.kind[i]), stops, float(circle[i, 0]))
+            wanted = float(circle[i, 0])
+            if not abs(wanted) > 0.0:
+                wanted = law.loiter_radius
+            least = 1.05 * law.tightest_m(float(rows[i, 5]))
+            rows[i, 7] = math.copysign(max(abs(wanted), least), wanted)
+            if kind == wing.CIRCLE:
+                rows[i, 13] = min(law.height_acceptance, 10.0)
+            elif kind == wing.CIRCULAR_LANDING:
+                rows[i, 15] = law.landing_slope
+            elif kind == wing.LINE:
+                climbs = i > 0 and rows[i, 2] > rows[i - 1, 2]
+                rows[i, 12] = law.along_leg or not climbs
+        self._corners(rows)
+        return rows
+
+    def _kind(self, kind: int, stops: bool, radius: float) -> float:
+        if kind == LegKind.TAKEOFF:
+            return wing.TAKEOFF
+        if kind == LegKind.LAND:
+            return wing.LANDING if math.isnan(radius) else wing.CIRCULAR_LANDING
+        if kind in (LegKind.LOITER, LegKind.STAY) or stops:
+            return wing.CIRCLE
+        return wing.LINE
+
+    def _corners(self, rows: NDArray[np.float64]) -> None:
+        """Note the angle between each leg and the next one."""
+        ends = np.vstack([self.state[None, 0:2], rows[:, :2]])
+        ways = np.diff(ends, axis=0)
+        for i in range(len(rows) - 1):
+            (ax, ay), (bx, by) = ways[i].tolist(), ways[i + 1].tolist()
+            if math.hypot(ax, ay) > 0.1 and math.hypot(bx, by) > 0.1:
+                rows[i, 14] = abs(math.atan2(ax * by - ay * bx, ax * bx + ay * by))
+
+    def steer(
+        self,
+        velocity_m_s: tuple[float, float, float],
+        *,
+        height_m: float = math.nan,
+        heading_rad: float = math.inf,  # noqa: ARG002
+        turn_rad_s: float = math.nan,  # noqa: ARG002
+    ) -> None:
+        """Fall, when it is told to go straight down; it keeps no other velocities.
+
+        Raises
+        ------
+        VehicleError
+            For a velocity to keep.
+        """
+        east, north, up = velocity_m_s
+        if east != 0.0 or north != 0.0 or not up < 0.0 or not math.isnan(height_m):
+            msg = f"vehicle {self.spec.name}: a fixed wing keeps no velocity over ground, give it places"
+            raise VehicleError(msg)
+        row = np.zeros((1, wing.LEG))
+        row[0, :3] = self.state[0:3]
+        row[0, 3] = wing.FALL
+        row[0, 7] = self.law.loiter_radius
+        self._route = row
+        self._begin()
+
+    def look_at(self, place_m: tuple[float, float] | None) -> None:
+        """Nothing: the nose is where it flies to."""
+
+    def stopping_point(self) -> tuple[float, float, float]:
+        """Return what it circles when it is told to stay: the circle that it flies, otherwise here."""
+        route = self._route
+        if route is not None and self.state[wing.DOING] == wing.FLYING:
+            if self.counters[3] and route[-1, 3] in (wing.CIRCLE, wing.LINE, wing.TAKEOFF):
+                x, y, z = self.state[wing.CENTRE : wing.CENTRE + 3].tolist()
+                return x, y, z
+            row = route[self.leg]
+            if row[3] == wing.CIRCLE and not math.isnan(self.state[wing.BEARING]):
+                x, y, z = row[:3].tolist()
+                return x, y, z
+        return self.position_m
+
+    def ignore_energy(self) -> None:
+        """Tell no more that the battery is empty."""
+        self._limits[wing.ENERGY_LIMIT] = math.inf
+
+    def lose_power(self) -> None:
+        """Glide from now on: the motor stops."""
+        self._limits[wing.THROTTLE_LIMIT] = 0.0
+
+    def respec(self, spec: VehicleSpec) -> None:
+        """Take other defaults and limits; they hold at once, those of legs from the next route on."""
+        energy, throttle = self._limits[wing.ENERGY_LIMIT], self._limits[wing.THROTTLE_LIMIT]
+        self.spec = spec
+        self.law = self._limits_of(spec)
+        self._limits = self._numbers(spec)
+        self._limits[wing.THROTTLE_LIMIT] = throttle
+        if energy == math.inf:
+            self._limits[wing.ENERGY_LIMIT] = energy
+
+    def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
+        """Change heights no faster than this, from now on; None is the autopilot's own rate."""
+        law = self.law
+        self._limits[wing.CLIMB_RATE] = min(climb_m_s or law.climb_rate, law.climb_max)
+        self._limits[wing.SINK_RATE] = min(descent_m_s or law.sink_rate, law.sink_max)
+
+    def touch_down(self) -> None:
+        """Stand still on the ground."""
+        self.state[2:9] = 0.0
+        self.state[10] = 0.0
+        self.state[wing.BANK : wing.COMMAND + 1] = 0.0
+        self.state[wing.DOING] = wing.ON_GROUND
+        self.state[wing.BEGIN] = math.nan
+        self._route = None
+
+    def _numbers(self, spec: VehicleSpec) -> NDArray[np.float64]:
+        """Return the limits in the order of the kernel."""
+        law = self.law
+        power = spec.power if isinstance(spec.power, FixedWingPowerSpec) else TYPICAL
+        drag = power_coefficients(power)
+        numbers = np.zeros(wing.LIMITS)
+        by_name = {
+            wing.STEP_S: spec.step_s,
+            wing.LAW: law.law,
+            wing.AIRSPEED_MIN: law.airspeed_min,
+            wing.AIRSPEED_TRIM: law.airspeed_trim,
+            wing.AIRSPEED_MAX: law.airspeed_max,
+            wing.BANK_LIMIT: law.bank_limit,
+            wing.ROLL_S: law.roll_s,
+            wing.ROLL_RATE: law.roll_rate,
+            wing.ROLL_SLEW: law.roll_slew,
+            wing.CLIMB_MAX: law.climb_max,
+            wing.CLIMB_RATE: law.climb_rate,
+            wing.SINK_MIN: law.sink_min,
+            wing.SINK_RATE: law.sink_rate,
+            wing.SINK_MAX: law.sink_max,
+            wing.HEIGHT_S: law.height_s,
+            wing.SPEED_S: law.speed_s,
+            wing.VERTICAL_ACCELERATION: law.vertical_acceleration,
+            wing.PERIOD: law.period,
+            wing.DAMPING: law.damping,
+            wing.INTEGRAL: law.integral,
+            wing.SWITCH_SHARE: law.switch_share,
+            wing.ACCEPTANCE: law.acceptance,
+            wing.GROUND_MIN: law.ground_min,
+            wing.TAKEOFF_AIRSPEED: law.takeoff_airspeed,
+            wing.ROTATION: law.rotation_airspeed,
+            wing.LAUNCH: law.launch_acceleration,
+            wing.LEVEL_HEIGHT: law.level_height,
+            wing.LEVEL_BANK: law.level_bank,
+            wing.WING_SPAN: power.wing_span_m,
+            wing.LANDING_AIRSPEED: law.landing_airspeed,
+            wing.FLARE_HEIGHT: law.flare_height,
+            wing.FLARE_S: law.flare_s,
+            wing.FLARE_SINK: law.flare_sink,
+            wing.BRAKING: law.braking,
+            wing.LOITER_RADIUS: law.loiter_radius,
+            wing.ENERGY_LIMIT: math.inf if spec.battery is None else spec.battery.capacity_wh * WH_J,
+            wing.THROTTLE_LIMIT: 1.0,
+            wing.PARASITIC: drag[1] / drag[0],
+            wing.INDUCED: drag[2] / drag[0],
+        }
+        for index, value in by_name.items():
+            numbers[index] = value
+        return numbers

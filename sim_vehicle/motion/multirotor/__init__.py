@@ -1,0 +1,1 @@
+"""Jerk-limited motion of a multirotor of no autopilot in particular."""

@@ -1,0 +1,453 @@
+"""The compiled motion of one multirotor: jerk-limited flight along the legs of a route.
+
+The model and its control law are described in docs/vehicle-model.md. All arrays are float64 unless said
+otherwise; lengths in metres, angles in radians, east-north-up about home, headings clockwise from north.
+
+One vehicle is a row of `STATE` numbers and a row of `COUNTERS` integers, so a batch of vehicles is two
+arrays and a loop over `advance`.
+"""
+
+from __future__ import annotations
+
+from math import atan2, inf, isnan, pi, sqrt
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from sim_vehicle.energy.power_kernels import multirotor_power
+from sim_vehicle.weather.gust_kernel import wind_at
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+# state: position 0-2, velocity 3-5, acceleration 6-8, heading 9, its rate 10, energy used (J) 11, path
+# length 12, power (W) 13, step at which the leg is given up 14 (infinity: a new leg), wind 15-16, place that
+# the nose points at 17-18 (NaN: none)
+STATE = 19
+# counters: step 0, leg 1, step of the last motion 2, arrived at the end 3, notified of nearness 4,
+# points 5
+COUNTERS = 6
+# leg: target 0-2, along 3-5, across 6-8, aslant 9-11, cruise speed 12, speed to brake to 13, acceptance
+# radius 14 (0: stop; VELOCITY, AT_HEIGHT), heading 15 (NaN: keep), acceleration and jerk of the three axes
+# 16-21, speeds of the last two 22-23, braking distance 24, distance to notify at 25, horizontal part of the
+# leg 26, way beyond this leg to brake in 27, rate of turning 28 (NaN: by the heading), vertical speed 29
+LEG = 30
+# Radii of legs that have no end: a velocity is kept, or a horizontal velocity at the height of the target.
+VELOCITY, AT_HEIGHT = -1.0, -2.0
+# limits: step 0, speed 1, airspeed 2, climb 3, descent 4, acceleration 5, jerk 6, vertical acceleration 7,
+# vertical jerk 8, yaw rate 9, yaw acceleration 10, energy that ends the flight (J) 11, speed of touching down
+# 12
+LIMITS = 13
+
+RAN, REACHED, WIND, STALLED, ENERGY, NEAR = range(6)
+GRID = 5
+STOP_RADIUS = 0.05
+STOP_SPEED = 0.1
+# A leg is given up when the vehicle stands still for so long, or when it takes longer than at the slowest
+# speed.
+STALL_S = 30.0
+SLOWEST = 0.3
+# Nearer than this to the place that it points at, the nose keeps its direction.
+ROI_NEAR = 0.5
+CREEP = 3.0
+
+
+@njit(cache=True, inline="always")
+def stopping_distance(v: float, a: float, v_end: float, limit: float, jerk: float) -> float:
+    """Return the least distance in which speed ``v``, acceleration ``a`` become a steady ``v_end``."""
+    distance = 0.0
+    if a > 0.0:
+        t = a / jerk
+        distance = t * (v + a * t / 3.0)
+        v += 0.5 * a * t
+        a = 0.0
+    lost = v - v_end
+    if lost <= 1e-6:
+        return 0.0
+    brake = -a
+    peak = sqrt(jerk * lost + 0.5 * brake * brake)
+    if peak <= brake:
+        # Letting go of the brake loses too much already: the distance to where ``v_end`` is passed.
+        t = (brake - sqrt(brake * brake - 2.0 * jerk * lost)) / jerk
+        return distance + t * (v - t * (0.5 * brake - jerk * t / 6.0))
+    if peak > limit:
+        peak = limit if limit > brake else brake
+    t = (peak - brake) / jerk
+    distance += t * (v - t * (0.5 * brake + jerk * t / 6.0))
+    v -= t * (brake + 0.5 * jerk * t)
+    v_last = v_end + 0.5 * peak * peak / jerk
+    if v > v_last:
+        distance += 0.5 * (v + v_last) * (v - v_last) / peak
+        v = v_last
+    t = peak / jerk
+    return distance + t * (v - peak * t / 3.0)
+
+
+@njit(cache=True, inline="always")
+def _gentle_acceleration(room: float, jerk: float, dt: float) -> float:
+    """Return the acceleration from which a speed that is ``room`` below its limit just reaches it.
+
+    Letting go of an acceleration in whole steps changes the speed by up to ``jerk dt^2 / 8`` more than in the
+    continuous law; the last bit takes two steps, which leaves no remainder to oscillate about.
+    """
+    change = jerk * dt
+    last = change * dt
+    if abs(room) <= last:
+        return room / dt
+    if room > 0.0:
+        return sqrt(0.25 * change * change + 2.0 * jerk * (room - 0.125 * last)) - 0.5 * change
+    return 0.5 * change - sqrt(0.25 * change * change - 2.0 * jerk * room)
+
+
+@njit(cache=True)
+def axis_acceleration(
+    d: float, v: float, a: float, v_end: float, speed: float, limit: float, jerk: float, dt: float
+) -> float:
+    """Return the acceleration at the end of the step that brings one axis to its target.
+
+    The largest one, within the jerk and acceleration limits, after which the speed limit can still be kept
+    and the axis can still come to ``v_end`` within the remaining distance ``d``. A state from which that is
+    possible is never left, so the target is not overshot.
+    """
+    sign = 1.0
+    if d < 0.0:
+        sign, d, v, a, v_end = -1.0, -d, -v, -a, 0.0
+    change = jerk * dt
+    if v_end == 0.0 and d < 0.01 and abs(v) < 0.02 and abs(a) < 0.1:
+        rate = 64.0 * d - 48.0 * v - 12.0 * a
+        step = min(max(rate * dt, -change), change)
+        return sign * min(max(a + step, -limit), limit) if d + abs(v) + abs(a) > 1e-9 else sign * a
+    low = max(a - change, min(-limit, a + change))
+    room = speed - v - 0.5 * a * dt
+    high = _gentle_acceleration(room, jerk, dt)
+    if abs(high) < 1e-12:
+        high = 0.0
+    high = min(high, a + change, limit)
+    if high <= low:
+        return sign * low
+    third = dt * dt / 6.0
+    ahead = d - v * dt - third * 2.0 * a
+    v_half = v + 0.5 * a * dt
+    spare_high = ahead - third * high - stopping_distance(v_half + 0.5 * dt * high, high, v_end, limit, jerk)
+    if spare_high >= 0.0:
+        return sign * high
+    spare_low = ahead - third * low - stopping_distance(v_half + 0.5 * dt * low, low, v_end, limit, jerk)
+    if spare_low <= 0.0:
+        return sign * low
+    for _ in range(6):
+        middle = low + (high - low) * spare_low / (spare_low - spare_high)
+        spare = (
+            ahead - third * middle - stopping_distance(v_half + 0.5 * dt * middle, middle, v_end, limit, jerk)
+        )
+        if spare >= 0.0:
+            low, spare_low = middle, spare
+            if spare < 1e-9:
+                break
+            spare_high *= 0.5
+        else:
+            high, spare_high = middle, spare
+            spare_low *= 0.5
+    return float(sign * low)
+
+
+@njit(cache=True)
+def velocity_acceleration(v: float, a: float, wanted: float, limit: float, jerk: float, dt: float) -> float:
+    """Return the acceleration at the end of the step that brings one axis to a speed, without overshoot."""
+    change = jerk * dt
+    low = max(a - change, min(-limit, a + change))
+    high = min(a + change, max(limit, a - change))
+    gentle = _gentle_acceleration(wanted - v - 0.5 * a * dt, jerk, dt)
+    return float(min(max(gentle, low), high))
+
+
+@njit(cache=True)
+def _climb_acceleration(row: Floats, height: float, v: float, a: float, limits: Floats) -> float:
+    """Return the vertical acceleration of a leg that keeps a velocity, slow enough to touch down."""
+    dt, limit, jerk = limits[0], row[20], row[21]
+    if row[14] == AT_HEIGHT:
+        d = row[2] - height
+        if abs(d) + abs(v) + abs(a) <= 1e-9:
+            return 0.0
+        speed = 0.999 * (limits[3] if d > 0.0 else limits[4])
+        return float(axis_acceleration(d, v, a, 0.0, speed, limit, jerk, dt))
+    wanted = row[29]
+    if wanted >= 0.0:
+        return float(velocity_acceleration(v, a, wanted, limit, jerk, dt))
+    end = min(-wanted, limits[12])
+    return -float(axis_acceleration(max(height, 0.0), -v, -a, end, -wanted, limit, jerk, dt))
+
+
+@njit(cache=True)
+def _below_top_speed(
+    vx: float, vy: float, ax: float, ay: float, bx: float, by: float, limits: Floats
+) -> tuple[float, float]:
+    """Return the horizontal acceleration without what would lead beyond the speed limit.
+
+    The axes of a leg that only keeps a velocity turn with every order, so that the sum of what each allows
+    can be too much. A quarter of the jerk is left for the turning of the velocity itself.
+    """
+    speed2 = vx * vx + vy * vy
+    if speed2 < 0.25 * limits[1] * limits[1]:
+        return bx, by
+    dt, speed = limits[0], sqrt(speed2)
+    ux, uy = vx / speed, vy / speed
+    now = ax * ux + ay * uy
+    outward = bx * ux + by * uy
+    most = _gentle_acceleration(0.999 * limits[1] - speed - 0.5 * now * dt, 0.75 * limits[6], dt)
+    if outward <= most:
+        return bx, by
+    change = limits[6] * dt
+    radial = max(most, now - change, -limits[5]) - now
+    tangential = (by - ay) * ux - (bx - ax) * uy
+    room = change * change - radial * radial
+    free = sqrt(room) if room > 0.0 else 0.0
+    tangential = min(max(tangential, -free), free)
+    return ax + radial * ux - tangential * uy, ay + radial * uy + tangential * ux
+
+
+@njit(cache=True)
+def gauss_markov(noise: Floats, decay: float, last: Floats) -> Floats:
+    """Return the first-order recursion ``g[i] = decay g[i-1] + noise[i]``, float64[n, 2]."""
+    series = np.empty_like(noise)
+    for k in range(2):
+        value = last[k]
+        for i in range(noise.shape[0]):
+            value = decay * value + noise[i, k]
+            series[i, k] = value
+    return series
+
+
+@njit(cache=True)
+def advance(
+    state: Floats,
+    counters: Integers,
+    route: Floats,
+    limits: Floats,
+    power: Floats,
+    wind: Floats,
+    first_wind: int,
+    max_steps: int,
+    stop_each: bool,
+    arrivals: Integers,
+    track: Floats,
+    track_every: int,
+) -> int:
+    """Fly up to ``max_steps`` steps along the route; return early, with the event, when something happens.
+
+    An empty battery hides that a leg was completed in the same step: ``arrivals`` tells that in any case.
+
+    Parameters
+    ----------
+    state, counters : float64[STATE], int64[COUNTERS]
+        Changed in place.
+    route : float64[n, LEG]
+        Of `prepare_route`; after the last leg the vehicle stays at its end.
+    limits, power : float64[LIMITS], float64[7]
+    wind : float64[m, ROW]
+        On the grid of `GRID` steps from grid index ``first_wind``, see `wind_at`; one row is a steady wind.
+    stop_each : bool
+        Return at every waypoint, not only at the last.
+    arrivals : int64[n]
+        Receives the step at which each leg was completed.
+    track : float64[k, 3]
+        Receives the position every ``track_every`` grid points (0: never) until it is full.
+
+    Returns
+    -------
+    int
+        RAN, REACHED, WIND (the wind block is used up), STALLED (no progress), ENERGY or NEAR.
+    """
+    dt = limits[0]
+    last = route.shape[0] - 1
+    windy = wind.shape[0] > 1 or wind[0, 0] != 0.0 or wind[0, 1] != 0.0
+    px, py, pz = state[0], state[1], state[2]
+    vx, vy, vz = state[3], state[4], state[5]
+    ax, ay, az = state[6], state[7], state[8]
+    yaw, yaw_rate, energy, length = state[9], state[10], state[11], state[12]
+    step, leg = counters[0], counters[1]
+    event = RAN
+    fresh = True
+    accel2 = limits[5] * limits[5]
+    top2 = limits[1] * limits[1]
+    tx = ty = tz = ux = uy = uz = nx = ny = wx = wy = wz = 0.0
+    cruise = leave = radius = heading = horizontal = 0.0
+    for _ in range(max_steps):
+        if fresh:
+            row = route[leg]
+            tx, ty, tz = row[0], row[1], row[2]
+            ux, uy, uz = row[3], row[4], row[5]
+            nx, ny = row[6], row[7]
+            wx, wy, wz = row[9], row[10], row[11]
+            cruise, leave, radius, heading, horizontal = row[12], row[13], row[14], row[15], row[26]
+            fresh = False
+        rx, ry, rz = tx - px, ty - py, tz - pz
+        if step % GRID == 0:
+            index = 0
+            if wind.shape[0] > 1:
+                index = step // GRID - first_wind
+                if index >= wind.shape[0]:
+                    event = WIND
+                    break
+            state[15], state[16], rising = wind_at(wind[index], pz)
+            airx, airy = vx - state[15], vy - state[16]
+            state[13] = multirotor_power(power, airx, airy, vz - rising, ax, ay, az)
+            if track_every > 0 and (step // GRID) % track_every == 0 and counters[5] < track.shape[0]:
+                point = counters[5]
+                track[point, 0], track[point, 1], track[point, 2] = px, py, pz
+                counters[5] = point + 1
+            if counters[3] == 0 and radius >= 0.0:
+                if state[14] == inf:
+                    left = sqrt(rx * rx + ry * ry + rz * rz)
+                    state[14] = step + (STALL_S + 1.5 * left / min(cruise, SLOWEST)) / dt
+                    counters[2] = step
+                if vx * vx + vy * vy + vz * vz > 0.0025 * min(cruise * cruise, 1.0):
+                    counters[2] = step
+                if (step - counters[2]) * dt > STALL_S or step > state[14]:
+                    event = STALLED
+                    break
+        # Along the leg, across it, and aslant: the state in the frame of the leg.
+        ds = rx * ux + ry * uy + rz * uz
+        vs = vx * ux + vy * uy + vz * uz
+        accs = ax * ux + ay * uy + az * uz
+        dn = rx * nx + ry * ny
+        vn = vx * nx + vy * ny
+        accn = ax * nx + ay * ny
+        dw = rx * wx + ry * wy + rz * wz
+        vw = vx * wx + vy * wy + vz * wz
+        accw = ax * wx + ay * wy + az * wz
+        speed = cruise
+        if horizontal > 0.0:
+            free = top2 - vn * vn
+            most = (sqrt(free) if free > 0.0 else 0.0) / horizontal
+            if most < speed:
+                speed = most
+            if windy and horizontal > 0.05:
+                ex, ey = ux / horizontal, uy / horizontal
+                tail = state[15] * ex + state[16] * ey
+                side = state[15] * ey - state[16] * ex
+                free = limits[2] * limits[2] - side * side
+                most = (tail + sqrt(free)) / horizontal if free > 0.0 else 0.0
+                # Without this a vehicle that brakes against a storm could never finish to stop.
+                if most < speed and (most > SLOWEST or ds > CREEP):
+                    speed = most if most > SLOWEST else 0.0
+        row = route[leg]
+        if abs(vw) > row[23] and uz != 0.0:
+            most = 0.999 * (limits[3] if uz > 0.0 else limits[4]) - horizontal * abs(vw)
+            most = most / abs(uz) if most > 0.0 else 0.0
+            if most < speed:
+                speed = most
+        if radius < 0.0:
+            s1 = velocity_acceleration(vs, accs, speed, row[16], row[17], dt)
+        elif radius > 0.0 and ds >= 0.0:
+            ahead = row[27] + (ds - radius if ds > radius else 0.0)
+            if ahead == 0.0 and vs <= leave and leave < speed:
+                speed = leave
+            if ahead > row[24] and vs <= speed:
+                ahead = 1e9
+            s1 = axis_acceleration(ahead, vs, accs, leave, speed, row[16], row[17], dt)
+        else:
+            s1 = axis_acceleration(ds, vs, accs, 0.0, speed, row[16], row[17], dt)
+        n1 = accn
+        if radius < 0.0:
+            n1 = velocity_acceleration(vn, accn, 0.0, row[18], row[19], dt)
+        elif abs(dn) + abs(vn) + abs(accn) > 1e-9:
+            n1 = axis_acceleration(dn, vn, accn, 0.0, row[22], row[18], row[19], dt)
+        w1 = accw
+        if radius < 0.0:
+            w1 = _climb_acceleration(row, pz, vz, az, limits)
+        elif abs(dw) + abs(vw) + abs(accw) > 1e-9:
+            w1 = axis_acceleration(dw, vw, accw, 0.0, row[23], row[20], row[21], dt)
+        bx = s1 * ux + n1 * nx + w1 * wx
+        by = s1 * uy + n1 * ny + w1 * wy
+        bz = s1 * uz + w1 * wz
+        if radius < 0.0:
+            bx, by = _below_top_speed(vx, vy, ax, ay, bx, by, limits)
+        norm2 = bx * bx + by * by
+        if norm2 > accel2:
+            scale = sqrt(accel2 / norm2)
+            bx *= scale
+            by *= scale
+        bz = min(max(bz, -limits[7]), limits[7])
+        # A new leg may give the vertical axis less jerk than it needs to end what the leg before had begun.
+        if vz > 0.5 * limits[3]:
+            most = _gentle_acceleration(limits[3] - vz - 0.5 * az * dt, limits[8], dt)
+            bz = max(min(bz, most), az - limits[8] * dt, -limits[7])
+        elif vz < -0.5 * limits[4]:
+            most = _gentle_acceleration(limits[4] + vz + 0.5 * az * dt, limits[8], dt)
+            bz = min(max(bz, -most), az + limits[8] * dt, limits[7])
+        third = dt * dt / 6.0
+        mx = vx * dt + third * (2.0 * ax + bx)
+        my = vy * dt + third * (2.0 * ay + by)
+        mz = vz * dt + third * (2.0 * az + bz)
+        px += mx
+        py += my
+        pz += mz
+        length += sqrt(mx * mx + my * my + mz * mz)
+        vx += 0.5 * dt * (ax + bx)
+        vy += 0.5 * dt * (ay + by)
+        vz += 0.5 * dt * (az + bz)
+        ax, ay, az = bx, by, bz
+        energy += state[13] * dt
+        step += 1
+        if not isnan(state[17]):
+            east, north = state[17] - px, state[18] - py
+            if east * east + north * north > ROI_NEAR * ROI_NEAR:
+                heading = atan2(east, north) % (2.0 * pi)
+        if not isnan(row[28]):
+            change = limits[10] * dt
+            rate = min(max(row[28], -limits[9]), limits[9])
+            yaw_rate += min(max(rate - yaw_rate, -change), change)
+            yaw = (yaw + yaw_rate * dt) % (2.0 * pi)
+        elif not isnan(heading) and (heading != yaw or yaw_rate != 0.0):
+            error = (heading - yaw + pi) % (2.0 * pi) - pi
+            size = abs(error)
+            if size < 1e-6 and abs(yaw_rate) < 1e-4:
+                yaw, yaw_rate = heading, 0.0
+            else:
+                rate = min(limits[9], 2.0 * size, 0.8 * sqrt(2.0 * limits[10] * size))
+                rate = rate if error > 0.0 else -rate
+                change = limits[10] * dt
+                yaw_rate += min(max(rate - yaw_rate, -change), change)
+                yaw = (yaw + yaw_rate * dt) % (2.0 * pi)
+        elif yaw_rate != 0.0:
+            change = limits[10] * dt
+            yaw_rate -= min(max(yaw_rate, -change), change)
+            yaw = (yaw + yaw_rate * dt) % (2.0 * pi)
+        if counters[3] == 0:
+            rx, ry, rz = tx - px, ty - py, tz - pz
+            left2 = rx * rx + ry * ry + rz * rz
+            if radius < 0.0:
+                reached = radius == VELOCITY and row[29] < 0.0 and pz <= 0.0
+            elif radius > 0.0:
+                reached = left2 <= radius * radius
+            else:
+                reached = (
+                    left2 <= STOP_RADIUS * STOP_RADIUS
+                    and vx * vx + vy * vy + vz * vz <= STOP_SPEED * STOP_SPEED
+                )
+            if reached:
+                arrivals[leg] = step
+                state[14] = inf
+                counters[4] = 0
+                if leg == last:
+                    counters[3] = 1
+                    event = REACHED
+                else:
+                    leg += 1
+                    fresh = True
+                    if stop_each:
+                        event = REACHED
+            elif counters[4] == 0 and left2 < row[25] * row[25]:
+                counters[4] = 1
+                event = NEAR
+        if energy >= limits[11]:
+            event = ENERGY
+        if event != RAN:
+            break
+    state[0], state[1], state[2] = px, py, pz
+    state[3], state[4], state[5] = vx, vy, vz
+    state[6], state[7], state[8] = ax, ay, az
+    state[9], state[10], state[11], state[12] = yaw, yaw_rate, energy, length
+    counters[0], counters[1] = step, leg
+    return event

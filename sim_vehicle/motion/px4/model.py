@@ -1,0 +1,309 @@
+"""A multirotor that flies as PX4 flies it: the compiled autopilot with its parameters and memory."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sim_vehicle.autopilot.px4.copter import drag_of, value_of
+from sim_vehicle.motion.model import LegKind, MotionEvent
+from sim_vehicle.motion.multirotor.kernel import WIND
+from sim_vehicle.motion.multirotor.model import Multirotor
+from sim_vehicle.motion.px4 import kernel
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.motion.model import Route
+    from sim_vehicle.weather.wind import Wind
+
+# The reference airframe, SIH quadrotor 10040: four times SIH_T_MAX over SIH_MASS; MPC_THR_MIN.
+SIH_THRUST_M_S2 = 20.0
+LOWEST_THRUST = 0.12
+# MC_ROLL_P and MC_PITCH_P are 6.5 /s.
+SIH_ATTITUDE_S = 1.0 / 6.5
+# From the navigator's order to return to the mode that carries it out.
+MODE_SWITCH_S = 0.2
+# The share of the jerk-limited build-up of braking that PX4 counts on when it is told to hold.
+BRAKE_DELAY_S = 0.6
+_SAME_M = 1e-3
+
+
+def law_of(spec: VehicleSpec, value: Callable[[str], float]) -> NDArray[np.float64]:
+    """Return the numbers of the kernel for a vehicle.
+
+    Parameters
+    ----------
+    spec : VehicleSpec
+    value : callable
+        The value of a parameter by its name, in its own unit.
+    """
+    names = {
+        kernel.XY_VEL_MAX: "MPC_XY_VEL_MAX",
+        kernel.ACC_HOR: "MPC_ACC_HOR",
+        kernel.JERK: "MPC_JERK_AUTO",
+        kernel.TRAJ_P: "MPC_XY_TRAJ_P",
+        kernel.ERR_MAX: "MPC_XY_ERR_MAX",
+        kernel.XY_P: "MPC_XY_P",
+        kernel.Z_P: "MPC_Z_P",
+        kernel.XY_VEL_P: "MPC_XY_VEL_P_ACC",
+        kernel.XY_VEL_I: "MPC_XY_VEL_I_ACC",
+        kernel.XY_VEL_D: "MPC_XY_VEL_D_ACC",
+        kernel.Z_VEL_P: "MPC_Z_VEL_P_ACC",
+        kernel.Z_VEL_I: "MPC_Z_VEL_I_ACC",
+        kernel.Z_VEL_D: "MPC_Z_VEL_D_ACC",
+        kernel.AUTO_UP: "MPC_Z_V_AUTO_UP",
+        kernel.AUTO_DOWN: "MPC_Z_V_AUTO_DN",
+        kernel.MAX_UP: "MPC_Z_VEL_MAX_UP",
+        kernel.MAX_DOWN: "MPC_Z_VEL_MAX_DN",
+        kernel.ACC_UP: "MPC_ACC_UP_MAX",
+        kernel.ACC_DOWN: "MPC_ACC_DOWN_MAX",
+        kernel.TAKEOFF_SPEED: "MPC_TKO_SPEED",
+        kernel.TAKEOFF_RAMP: "MPC_TKO_RAMP_T",
+        kernel.LAND_SPEED: "MPC_LAND_SPEED",
+        kernel.LAND_ALT1: "MPC_LAND_ALT1",
+        kernel.LAND_ALT2: "MPC_LAND_ALT2",
+        kernel.LAND_ALT3: "MPC_LAND_ALT3",
+        kernel.LAND_CRAWL: "MPC_LAND_CRWL",
+        kernel.ALT_RAD: "NAV_MC_ALT_RAD",
+        kernel.SPOOLUP: "COM_SPOOLUP_TIME",
+        kernel.LAND_TIME: "LNDMC_TRIG_TIME",
+    }
+    law = np.zeros(kernel.LAW)
+    for index, name in names.items():
+        law[index] = value(name)
+    law[kernel.DT] = spec.step_s
+    law[kernel.TILT] = math.radians(value("MPC_TILTMAX_AIR"))
+    law[kernel.YAW_RATE] = math.radians(value("MPC_YAWRAUTO_MAX"))
+    law[kernel.YAW_ACC] = math.radians(value("MPC_YAWRAUTO_ACC"))
+    law[kernel.YAW_ERROR] = math.radians(value("MIS_YAW_ERR"))
+    law[kernel.TAKEOFF_SPEED] = min(law[kernel.TAKEOFF_SPEED], law[kernel.MAX_UP])
+    law[kernel.LAND_SPEED] = min(law[kernel.LAND_SPEED], law[kernel.MAX_DOWN])
+    law[kernel.LAND_ALT1] = max(law[kernel.LAND_ALT1], law[kernel.LAND_ALT2])
+    # With a distance sensor each of the three stages of the land detector takes LNDMC_TRIG_TIME.
+    law[kernel.LAND_TIME] *= 3.0
+    response = spec.attitude_response_s
+    law[kernel.DRAG] = drag_of(spec)
+    law[kernel.ATTITUDE] = 1.0 / (SIH_ATTITUDE_S if response is None else response)
+    law[kernel.THRUST_LOW] = LOWEST_THRUST * SIH_THRUST_M_S2
+    law[kernel.THRUST_HIGH] = SIH_THRUST_M_S2
+    return law
+
+
+class Px4Multirotor(Multirotor):
+    """A multirotor under PX4 that flies routes.
+
+    Velocities (`steer`) and falling follow the law of no autopilot in particular.
+
+    Parameters
+    ----------
+    spec : VehicleSpec
+    wind : Wind, optional
+    yaw_rad : float
+        Heading at the start, and after a return.
+
+    Examples
+    --------
+    >>> from sim_vehicle.autopilot import with_autopilot
+    >>> from sim_vehicle.motion.model import Route
+    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> vehicle = Px4Multirotor(with_autopilot(get_vehicle("quad"), "px4"))
+    >>> vehicle.fly(Route.through([(0.0, 0.0, 10.0, 0.0, 5.0, math.inf, 0.0, LegKind.TAKEOFF)]))
+    >>> vehicle.advance(10_000)
+    <MotionEvent.REACHED: 1>
+    >>> 9.2 < vehicle.position_m[2] < 9.3, 10.0 < vehicle.time_s < 13.0
+    (True, True)
+    """
+
+    def __init__(self, spec: VehicleSpec, wind: Wind | None = None, yaw_rad: float = 0.0) -> None:
+        super().__init__(spec, wind, yaw_rad)
+        self._law = _law(spec)
+        self._radius_m = spec.acceptance_radius_m
+        self._home_yaw_rad = yaw_rad
+        self._guided = False
+        self.guide: NDArray[np.float64] = np.zeros(kernel.GUIDE)
+        self.guide[kernel.G_HEADING] = self.state[9]
+        self.guide[kernel.G_CLOCK] = -1.0
+
+    def fly(self, route: Route) -> None:
+        """Begin a route, from where the vehicle is and as it moves now."""
+        table = np.zeros((len(route.points_m), kernel.LEG))
+        # PX4 knows no curves: their chords are flown as any legs.
+        kind = np.where(route.kind == LegKind.ARC, int(LegKind.WAYPOINT), route.kind)
+        table[:, 0:3] = route.points_m
+        table[1:, 3:6] = route.points_m[:-1]
+        stops = route.pause_s > 0.0
+        stops[-1] = True
+        ahead = np.vstack([route.points_m[1:], route.points_m[-1:]])
+        table[:, 6:9] = np.where(
+            stops[:, np.newaxis] | (kind >= LegKind.CLIMB)[:, np.newaxis], route.points_m, ahead
+        )
+        table[:, 9] = np.where(route.radius_m > 0.0, route.radius_m, self._radius_m)
+        table[:, 10] = np.where(route.speed_m_s > 0.0, route.speed_m_s, self.spec.cruise_speed_m_s)
+        table[:, 10] = np.minimum(table[:, 10], self._law[kernel.XY_VEL_MAX])
+        table[:, 11] = route.heading_rad
+        table[:, 12] = route.near_m
+        table[:, 13] = kind
+        table[:, 14] = route.pause_s
+        table[:, 15] = route.turn_rad_s
+        self._settle(table)
+        before = self._place_before(table[0, 0:3])
+        self._route = table
+        self._begin()
+        kernel.begin_leg(self.guide, table, 0, self.state)
+        if table[0, 13] < LegKind.CLIMB:
+            table[0, 3:6] = before
+        self._guided = True
+
+    def _settle(self, table: NDArray[np.float64]) -> None:
+        """Let the autopilot take over from the ground or another law, and a return begin here and now."""
+        g, state = self.guide, self.state
+        kinds = table[:, 13]
+        if g[kernel.G_CLOCK] < 0.0 and state[2] <= 0.0:
+            if kinds[0] != LegKind.LAND:
+                g[kernel.G_CLOCK] = 0.0
+            g[kernel.G_LAUNCH] = 1.0
+            if kinds[0] == LegKind.WAYPOINT and math.dist(table[0, :2], state[:2]) < self._radius_m:
+                kinds[0] = LegKind.TAKEOFF
+        elif not self._guided:
+            self._adopt()
+        first = 0
+        if len(table) > 1 and kinds[0] == LegKind.STAY:
+            # PX4 does not brake before it turns home.
+            table[0, 0:3] = state[0:3]
+            table[0, 9] = math.inf
+            first = 1
+        if kinds[first] == LegKind.CLIMB:
+            table[first, :2] = state[:2] + MODE_SWITCH_S * state[3:5]
+        if (kinds == LegKind.HOME).any() and kinds[-1] == LegKind.LAND:
+            table[-1, 11] = self._home_yaw_rad % (2.0 * math.pi)
+
+    def _adopt(self) -> None:
+        """Take over a vehicle in flight: trajectory and controllers begin as it moves."""
+        g, state = self.guide, self.state
+        g[0:9] = state[0:9]
+        thrust = state[6:9] + self._law[kernel.DRAG] * (state[3:6] - (state[15], state[16], 0.0))
+        g[9:11] = thrust[:2] - state[6:8]
+        g[11] = 0.0
+        thrust[2] += kernel.GRAVITY
+        g[16] = max(float(np.linalg.norm(thrust)), 1e-3)
+        g[12:14] = thrust[:2] / g[16]
+        g[14:16] = 0.0
+        g[17:20] = state[6:9]
+        g[kernel.G_TURN] = g[kernel.G_CLIMB] = 0.0
+        g[kernel.G_CLOCK] = math.inf
+        g[kernel.G_HEADING] = state[9]
+
+    def _place_before(self, target: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return where the first leg of a new route begins: at the waypoint before, or here."""
+        old, leg = self._route, int(self.counters[1])
+        if old is not None and self._guided and old.shape[1] == kernel.LEG:
+            if np.abs(old[leg, 0:3] - target).max() < _SAME_M and self.arrivals[leg] < 0:
+                return old[leg, 3:6].copy()
+            if self.arrivals[leg] >= 0:
+                return old[leg, 0:3].copy()
+            if leg > 0 and self.arrivals[leg - 1] == self.counters[0]:
+                return old[leg - 1, 0:3].copy()
+        return self.state[0:3].copy()
+
+    def steer(
+        self,
+        velocity_m_s: tuple[float, float, float],
+        *,
+        height_m: float = math.nan,
+        heading_rad: float = math.inf,
+        turn_rad_s: float = math.nan,
+    ) -> None:
+        """Keep a velocity, or its horizontal part at a height; downward it goes on to the ground."""
+        self._leave()
+        super().steer(velocity_m_s, height_m=height_m, heading_rad=heading_rad, turn_rad_s=turn_rad_s)
+
+    def _leave(self) -> None:
+        """Hand the vehicle over to the law of no autopilot, which begins within its own limits."""
+        if self._guided:
+            size = math.hypot(self.state[6], self.state[7])
+            if size > self.spec.acceleration_m_s2:
+                self.state[6:8] *= self.spec.acceleration_m_s2 / size
+            most = self.spec.vertical_acceleration_m_s2
+            self.state[8] = min(max(self.state[8], -most), most)
+        self._guided = False
+
+    def stopping_point(self) -> tuple[float, float, float]:
+        """Return where PX4 would hold if it were told to now."""
+        x, y, z, vx, vy = self.state[0:5].tolist()
+        speed = math.hypot(vx, vy)
+        if speed < 1e-3:
+            return x, y, max(z, 0.0)
+        time_s = 0.5 * speed / self._law[kernel.ACC_HOR] + BRAKE_DELAY_S
+        return x + vx * time_s, y + vy * time_s, max(z, 0.0)
+
+    def attitude(self) -> tuple[float, float, float, float] | None:
+        """Return roll, pitch, airspeed and throttle; None where they follow from the acceleration."""
+        if not self._guided or self.state[2] <= 0.0:
+            return None
+        state, (east, north) = self.state, self.guide[12:14].tolist()
+        sine, cosine = math.sin(state[9]), math.cos(state[9])
+        up = math.sqrt(1.0 - east * east - north * north)
+        pitch = -math.atan2(east * sine + north * cosine, up)
+        roll = math.atan2((east * cosine - north * sine) * math.cos(pitch), up)
+        airspeed = math.hypot(state[3] - state[15], state[4] - state[16])
+        return roll, pitch, airspeed, min(self.guide[16] / SIH_THRUST_M_S2, 1.0)
+
+    def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
+        """Fly up to ``max_steps`` steps, less when something happens (see `MotionEvent`)."""
+        if not self._guided:
+            return super().advance(max_steps, stop_each=stop_each)
+        end = int(self.counters[0]) + max_steps
+        route = self._route
+        if route is None:
+            return MotionEvent.RAN
+        while True:
+            event = kernel.advance(
+                self.state,
+                self.counters,
+                self.guide,
+                route,
+                self._law,
+                self._limits[11],
+                self._power,
+                self._wind.block,
+                self._wind.first,
+                end - int(self.counters[0]),
+                stop_each,
+                self.arrivals,
+                self.track,
+                self.track_every,
+            )
+            if event != WIND:
+                return MotionEvent(event)
+            self._wind.forward()
+
+    def respec(self, spec: VehicleSpec) -> None:
+        """Take other defaults and limits."""
+        super().respec(spec)
+        self._law = _law(spec)
+        self._radius_m = spec.acceptance_radius_m
+
+    def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
+        """Climb and sink no faster than this; None is the vehicle's own limit."""
+        super().set_climb(climb_m_s, descent_m_s)
+        law = _law(self.spec)
+        for index, speed in ((kernel.AUTO_UP, climb_m_s), (kernel.AUTO_DOWN, descent_m_s)):
+            self._law[index] = min(speed or math.inf, law[index])
+
+    def touch_down(self) -> None:
+        """Stand still on the ground."""
+        super().touch_down()
+        self.guide[:] = 0.0
+        self.guide[kernel.G_HEADING] = self.state[9]
+        self.guide[kernel.G_CLOCK] = -1.0
+        self._guided = False
+
+
+def _law(spec: VehicleSpec) -> NDArray[np.float64]:
+    return law_of(spec, lambda name: value_of(spec, name))

@@ -1,0 +1,247 @@
+"""A ground vehicle as a motion model: the compiled kernel with its state, route and energy."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sim_vehicle.energy.battery import WH_J
+from sim_vehicle.motion.model import LegKind
+from sim_vehicle.motion.multirotor.kernel import COUNTERS
+from sim_vehicle.motion.multirotor.model import Multirotor
+from sim_vehicle.motion.rover import kernel as wheels
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.motion.model import Route
+    from sim_vehicle.weather.wind import Wind
+
+_NOT_DRIVEN = frozenset({int(LegKind.TAKEOFF), int(LegKind.CLIMB), int(LegKind.DESCEND)})
+
+
+@dataclass(frozen=True, slots=True)
+class RoverLimits:
+    """What an autopilot's parameters decide about driving; SI units, radians.
+
+    Parameters
+    ----------
+    speed_max, acceleration, deceleration : float
+    turn_radius, turn_rate, lateral : float
+        Tightest turn, greatest rate of turning and lateral acceleration.
+    steering_s : float
+        Time constant of the steering.
+    ahead_gain, ahead_min, ahead_max : float
+        Look-ahead of the pure pursuit: seconds, and metres.
+    pivot_begin, pivot_end, pivot_rate : float
+        Heading errors at which turning on the spot begins and ends, and its rate; a beginning of 0 is never.
+    acceptance : float
+        Radius of waypoints.
+    corner_gain, corner_max : float
+        The acceptance radius of a corner is this much of what the tightest turn needs, at most so much; 0 is
+        none.
+    passes : bool
+        Whether a waypoint that was driven past counts.
+    """
+
+    speed_max: float
+    acceleration: float
+    deceleration: float
+    turn_radius: float
+    turn_rate: float
+    lateral: float
+    steering_s: float
+    ahead_gain: float
+    ahead_min: float
+    ahead_max: float
+    pivot_begin: float
+    pivot_end: float
+    pivot_rate: float
+    acceptance: float
+    corner_gain: float
+    corner_max: float
+    passes: bool
+
+
+class Rover(Multirotor):
+    """A vehicle on wheels that drives routes; heights mean nothing to it.
+
+    Parameters
+    ----------
+    spec : VehicleSpec
+    limits_of : callable
+        What the autopilot makes of a vehicle's parameters.
+    wind : Wind, optional
+        Counts only in the power.
+    yaw_rad : float
+        Heading at the start.
+    """
+
+    _kernel = staticmethod(wheels.advance)
+
+    def __init__(
+        self,
+        spec: VehicleSpec,
+        limits_of: Callable[[VehicleSpec], RoverLimits],
+        wind: Wind | None = None,
+        yaw_rad: float = 0.0,
+    ) -> None:
+        super().__init__(spec, wind, yaw_rad)
+        self._limits_of = limits_of
+        self.law = limits_of(spec)
+        self._limits = self._numbers(spec)
+        air = self.state[15:17].copy()
+        self.state = np.zeros(wheels.STATE)
+        self.state[9] = yaw_rad % (2.0 * math.pi)
+        self.state[13] = self._power[6]
+        self.state[14] = math.inf
+        self.state[15:17] = air
+        self.state[wheels.PAUSE_END] = math.inf
+        self.counters = np.zeros(COUNTERS, dtype=np.int64)
+
+    def attitude(self) -> tuple[float, float, float, float]:
+        """Return roll and pitch, which are none, speed in place of an airspeed, and throttle."""
+        return 0.0, 0.0, float(self.state[wheels.SPEED]), float(self.state[wheels.THROTTLE])
+
+    def fly(self, route: Route) -> None:
+        """Begin a route, from where the vehicle is and as it moves now."""
+        law = self.law
+        n = len(route.points_m)
+        rows = np.zeros((n, wheels.LEG))
+        rows[:, :2] = route.points_m[:, :2]
+        rows[:, 4] = np.clip(np.abs(route.speed_m_s), 0.1, law.speed_max)
+        rows[:, 5] = route.near_m
+        rows[:, 7] = route.pause_s
+        x, y = self.state[0:2].tolist()
+        for i in range(n):
+            radius = float(route.radius_m[i])
+            stops = i == n - 1 or radius <= 0.0 or route.pause_s[i] > 0.0
+            rows[i, 2] = wheels.STOP if stops else wheels.THROUGH
+            # Neither autopilot takes the radius of an item on wheels.
+            rows[i, 3] = law.acceptance
+            if int(route.kind[i]) in _NOT_DRIVEN:
+                rows[i, 2] = wheels.AT_ONCE
+                rows[i, :2] = x, y
+            x, y = rows[i, :2].tolist()
+        self._corners(rows)
+        self._route = rows
+        self._begin()
+
+    def _corners(self, rows: NDArray[np.float64]) -> None:
+        """Find the radius and the speed of each corner, and of those before it that have to brake for it."""
+        law = self.law
+        ends = np.vstack([self.state[None, 0:2], rows[:, :2]])
+        ways = np.diff(ends, axis=0)
+        lengths = np.hypot(ways[:, 0], ways[:, 1])
+        leave = 0.0
+        for i in range(len(rows) - 1, -1, -1):
+            row = rows[i]
+            if row[2] != wheels.THROUGH:
+                leave = float(row[4]) if row[2] == wheels.AT_ONCE else 0.0
+                row[6] = leave
+                continue
+            turn = 0.0
+            if lengths[i] > 1e-3 and lengths[i + 1] > 1e-3:
+                (ax, ay), (bx, by) = ways[i].tolist(), ways[i + 1].tolist()
+                turn = abs(math.atan2(ax * by - ay * bx, ax * bx + ay * by))
+            tangent = math.tan(0.5 * min(turn, 0.9 * math.pi))
+            if law.corner_gain > 0.0 and law.turn_radius > 0.0:
+                needed = law.corner_gain * law.turn_radius * tangent
+                row[3] = max(row[3], min(needed, law.corner_max))
+            speed = float(rows[i + 1, 4])
+            if turn > 1e-3:
+                bend = max(float(row[3]) / max(tangent, 1e-6), law.turn_radius, 0.1)
+                speed = min(speed, math.sqrt(law.lateral * bend), law.turn_rate * bend)
+            if 0.0 < law.pivot_begin < turn:
+                speed = 0.0
+            reach = math.sqrt(leave * leave + 2.0 * law.deceleration * float(lengths[i + 1]))
+            leave = min(speed, reach, float(row[4]))
+            row[6] = leave
+
+    def steer(
+        self,
+        velocity_m_s: tuple[float, float, float],
+        *,
+        height_m: float = math.nan,  # noqa: ARG002
+        heading_rad: float = math.inf,  # noqa: ARG002
+        turn_rad_s: float = math.nan,  # noqa: ARG002
+    ) -> None:
+        """Drive at a velocity, or stop; told to go down it stops for good."""
+        east, north, up = velocity_m_s
+        speed = math.hypot(east, north)
+        row = np.zeros((1, wheels.LEG))
+        row[0, :2] = self.state[0:2]
+        row[0, 2] = wheels.BRAKE if up < 0.0 and speed == 0.0 else wheels.VELOCITY
+        row[0, 4] = min(speed, self.law.speed_max)
+        row[0, 8] = math.atan2(east, north) if speed > 0.0 else self.state[9]
+        self._route = row
+        self._begin()
+
+    def look_at(self, place_m: tuple[float, float] | None) -> None:
+        """Nothing: the nose is where it drives to."""
+
+    def stopping_point(self) -> tuple[float, float, float]:
+        """Return where the vehicle comes to rest if it brakes now."""
+        x, y = self.state[0:2].tolist()
+        speed, yaw = float(self.state[wheels.SPEED]), float(self.state[9])
+        way = 0.5 * speed * speed / self.law.deceleration
+        return x + way * math.sin(yaw), y + way * math.cos(yaw), 0.0
+
+    def ignore_energy(self) -> None:
+        """Tell no more that the battery is empty."""
+        self._limits[wheels.ENERGY_LIMIT] = math.inf
+
+    def lose_power(self) -> None:
+        """Stop: without power it cannot go anywhere."""
+        self._limits[wheels.SPEED_MAX] = 1e-3
+
+    def respec(self, spec: VehicleSpec) -> None:
+        """Take other defaults and limits; they hold from the next route on."""
+        energy = self._limits[wheels.ENERGY_LIMIT]
+        self.spec = spec
+        self.law = self._limits_of(spec)
+        self._limits = self._numbers(spec)
+        if energy == math.inf:
+            self._limits[wheels.ENERGY_LIMIT] = energy
+
+    def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
+        """Nothing: it does not climb."""
+
+    def touch_down(self) -> None:
+        """Stand still."""
+        self.state[2:9] = 0.0
+        self.state[10] = 0.0
+        self.state[wheels.SPEED : wheels.PIVOTING + 1] = 0.0
+        self._route = None
+
+    def _numbers(self, spec: VehicleSpec) -> NDArray[np.float64]:
+        """Return the limits in the order of the kernel."""
+        law = self.law
+        numbers = np.zeros(wheels.LIMITS)
+        by_name = {
+            wheels.STEP_S: spec.step_s,
+            wheels.SPEED_MAX: law.speed_max,
+            wheels.ACCELERATION: law.acceleration,
+            wheels.DECELERATION: law.deceleration,
+            wheels.TURN_RADIUS: law.turn_radius,
+            wheels.TURN_RATE: law.turn_rate,
+            wheels.LATERAL: law.lateral,
+            wheels.STEERING_S: law.steering_s,
+            wheels.AHEAD_GAIN: law.ahead_gain,
+            wheels.AHEAD_MIN: law.ahead_min,
+            wheels.AHEAD_MAX: law.ahead_max,
+            wheels.PIVOT_BEGIN: law.pivot_begin,
+            wheels.PIVOT_END: law.pivot_end,
+            wheels.PIVOT_RATE: law.pivot_rate,
+            wheels.PASSES: float(law.passes),
+            wheels.ENERGY_LIMIT: math.inf if spec.battery is None else spec.battery.capacity_wh * WH_J,
+        }
+        for index, value in by_name.items():
+            numbers[index] = value
+        return numbers

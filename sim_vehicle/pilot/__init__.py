@@ -1,0 +1,1 @@
+"""Modes, arming, failsafes, fence, setpoints: the autopilot without MAVLink."""

@@ -1,0 +1,1 @@
+"""What a mission will take, without telemetry."""

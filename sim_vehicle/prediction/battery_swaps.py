@@ -1,0 +1,242 @@
+"""How many batteries a mission needs when the vehicle comes home to change them, and where it breaks off."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mission.model import Command, MissionItem
+from sim_vehicle.energy.battery import WH_J
+from sim_vehicle.execution.executor import MissionExecutor
+from sim_vehicle.execution.feasibility import mission_problems
+from sim_vehicle.execution.items import item_places
+from sim_vehicle.execution.state import CannotFly, Disarmed, ItemReached, MissionComplete
+from sim_vehicle.prediction.predict import climbs_by_itself, home_frame, rehearsals, without_end
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from geo.frame import LocalFrame
+    from mission.model import Mission
+    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.execution.state import FlightEvent
+    from sim_vehicle.prediction.predict import Prediction
+    from sim_vehicle.weather.wind import Wind
+
+__all__ = ["BatteryChange", "batteries_needed", "battery_changes"]
+
+_LOOK_S = 1.0
+_LONGEST_S = 86_400.0
+_TRIES = 6
+# Of the battery: so much of it may be left unused.
+_CLOSE = 0.003
+_GROUND_M = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class BatteryChange:
+    """Where a mission is broken off to change the battery.
+
+    Parameters
+    ----------
+    time_s : float
+        Into the mission as it would be flown without a break.
+    place_m : tuple of 3 floats
+        East, north, up about home; the next battery begins here.
+    seq : int
+        The item that is being flown.
+    energy_wh : float
+        What the old battery has given when the vehicle is home.
+    """
+
+    time_s: float
+    place_m: tuple[float, float, float]
+    seq: int
+    energy_wh: float
+
+
+def batteries_needed(
+    mission: Mission,
+    spec: VehicleSpec,
+    prediction: Prediction,
+    *,
+    wind: Wind | None = None,
+    frame: LocalFrame | None = None,
+) -> int | None:
+    """Return how many full batteries, each used down to its reserve, fly a mission to its end.
+
+    With more than one, the vehicle breaks off where what is left just takes it home, and comes back to that
+    place with the next one (see `battery_changes`).
+
+    Parameters
+    ----------
+    mission, spec, wind, frame
+        As for `sim_vehicle.prediction.predict.expected_flights`.
+    prediction : Prediction
+        What was predicted for them.
+
+    Returns
+    -------
+    int or None
+        0 for a vehicle without a battery; None when no number is enough: the mission cannot be flown, or one
+        of its places is too far for a battery.
+
+    Examples
+    --------
+    >>> from mission.model import GeoPoint, Mission, MissionItem
+    >>> from sim_vehicle.prediction.predict import predict_flight
+    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> takeoff = MissionItem(22, 3, 0, 0, 0, None, 28.05, -82.15, 10.0)
+    >>> rows = [MissionItem.waypoint(28.05 + 0.008 * (k % 2), -82.15, 10.0) for k in range(1, 21)]
+    >>> long = Mission((takeoff, *rows, MissionItem(20, 2)), GeoPoint(28.05, -82.15))
+    >>> quad = get_vehicle("quad")
+    >>> batteries_needed(long, quad, predict_flight(long, quad))
+    2
+    """
+    if spec.battery is None:
+        return 0 if prediction.feasible else None
+    if prediction.feasible:
+        return 1
+    changes = battery_changes(mission, spec, wind=wind, frame=frame)
+    return None if changes is None else len(changes) + 1
+
+
+def battery_changes(
+    mission: Mission, spec: VehicleSpec, *, wind: Wind | None = None, frame: LocalFrame | None = None
+) -> tuple[BatteryChange, ...] | None:
+    """Return where a mission is broken off to change batteries, or None if that does not help.
+
+    The mission is flown once without an end of the battery. Where it is broken off is found by flying there
+    and home again, with the mission's own take-off, return and wind: what the battery gave since it was
+    changed, on the way out, over its part of the mission and on the way home, is what it has less its
+    reserve. Of gusts one sample is flown.
+    """
+    battery = spec.battery
+    if battery is None:
+        return ()
+    home = frame if frame is not None else home_frame(mission)
+    needs_takeoff = not climbs_by_itself(spec)
+    if any(
+        mission_problems(mission.items, item_places(mission.items, home), spec, needs_takeoff=needs_takeoff)
+    ):
+        return None
+    ground = _Ground(mission, without_end(spec), home, rehearsals(wind)[0])
+    whole = ground.fly(mission.items)
+    if whole is None:
+        return None
+    usable = battery.capacity_wh * (1.0 - battery.reserve_fraction)
+    used, track = whole.energy_wh, whole.place_m
+    # The way home is about so much; how much more it is, is seen by flying it.
+    mean_w = used[-1] / max(whole.time_s[-1], 1.0)
+    way_s = np.hypot(track[:, 0], track[:, 1]) / spec.cruise_speed_m_s
+    if spec.kind != "rover":
+        way_s += track[:, 2] / spec.descent_speed_m_s
+    rough = mean_w * way_s
+    changes: list[BatteryChange] = []
+    begin, out, more = 0, 0.0, 0.0
+    while out + used[-1] - used[begin] > usable:
+        spent = out + used - used[begin]
+        last, back = begin, math.inf
+        for _ in range(_TRIES):
+            over = np.flatnonzero(spent[begin + 1 :] + rough[begin + 1 :] + more > usable)
+            at = begin + (int(over[0]) if len(over) else len(spent) - 2 - begin)
+            if at in (begin, last):
+                break
+            last = at
+            ways = ground.there_and_back(track[at], int(whole.seq[at]))
+            if ways is None:
+                return None
+            next_out, back = ways
+            more = back - float(rough[at])
+            if usable - _CLOSE * battery.capacity_wh <= spent[at] + back <= usable:
+                break
+        while last > begin and spent[last] + back > usable:
+            # A way home that grew in between: a little earlier, by what it is too much.
+            last -= max(1, math.ceil((spent[last] + back - usable) * 3600.0 / mean_w / _LOOK_S))
+            ways = ground.there_and_back(track[max(last, begin)], int(whole.seq[max(last, begin)]))
+            if ways is None:
+                return None
+            next_out, back = ways
+        if last <= begin:
+            return None
+        x, y, z = track[last].tolist()
+        energy = float(spent[last]) + back
+        changes.append(BatteryChange(float(whole.time_s[last]), (x, y, z), int(whole.seq[last]), energy))
+        begin, out = last, next_out
+    return tuple(changes)
+
+
+@dataclass(frozen=True, slots=True)
+class _Record:
+    """A flight, looked at again and again; ``reached`` are times at which items were complete."""
+
+    time_s: NDArray[np.float64]
+    place_m: NDArray[np.float64]
+    energy_wh: NDArray[np.float64]
+    seq: NDArray[np.int64]
+    reached_s: dict[int, float]
+
+
+class _Ground:
+    """Who flies the mission and the ways to and from a place of it."""
+
+    def __init__(self, mission: Mission, spec: VehicleSpec, home: LocalFrame, wind: Wind | None) -> None:
+        self._items = mission.items
+        self._new: Callable[[], MissionExecutor] = lambda: MissionExecutor(spec, home, wind=wind)
+        self._home = home
+        takeoff = [k for k, item in enumerate(mission.items) if item.command == Command.NAV_TAKEOFF]
+        self._begin = mission.items[: takeoff[0] + 1] if takeoff else ()
+        landing = [k for k, item in enumerate(mission.items) if item.command == Command.DO_LAND_START]
+        self._end = mission.items[landing[0] :] if landing else (MissionItem(20, 2),)
+
+    def there_and_back(self, place_m: NDArray[np.float64], seq: int) -> tuple[float, float] | None:
+        """Return the energy of the ways to a place and home from there; None if it cannot be flown."""
+        x, y, z = place_m.tolist()
+        speeds = [item for item in self._items[:seq] if item.command == Command.DO_CHANGE_SPEED][-1:]
+        latitude, longitude = self._home.to_wgs84(x, y)
+        there = MissionItem.waypoint(latitude, longitude, max(z, _GROUND_M))
+        items = (*self._begin, *speeds, there, *self._end)
+        record = self.fly(items)
+        if record is None:
+            return None
+        arrived_s = record.reached_s[len(self._begin) + len(speeds)]
+        out = float(np.interp(arrived_s, record.time_s, record.energy_wh))
+        return out, float(record.energy_wh[-1]) - out
+
+    def fly(self, items: tuple[MissionItem, ...]) -> _Record | None:
+        """Fly items to their end and return what happened; None if it never ends or cannot be flown."""
+        executor = self._new()
+        motion = executor.motion
+        executor.takes_off = climbs_by_itself(executor.spec)
+        executor.load(items)
+        executor.arm()
+        executor.start()
+        looks: list[tuple[float, float, float, float, float, float]] = []
+        reached: dict[int, float] = {}
+        end_s = math.inf
+
+        def look() -> None:
+            looks.append((motion.time_s, *motion.position_m, motion.energy_j / WH_J, executor.current_seq))
+
+        look()
+        while executor.armed and end_s == math.inf:
+            events: list[FlightEvent] = executor.advance(executor.time_s + _LOOK_S)
+            look()
+            for event in events:
+                if isinstance(event, ItemReached):
+                    reached.setdefault(event.seq, event.time_s)
+                elif isinstance(event, MissionComplete):
+                    end_s = event.time_s
+                elif isinstance(event, CannotFly | Disarmed) and end_s == math.inf:
+                    return None
+            if executor.time_s > _LONGEST_S:
+                return None
+        if end_s == math.inf:
+            return None
+        table = np.array(looks)
+        return _Record(table[:, 0], table[:, 1:4], table[:, 4], table[:, 5].astype(np.int64), reached)

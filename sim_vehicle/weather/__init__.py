@@ -1,0 +1,1 @@
+"""The air: mean wind, shear, gusts."""

@@ -1,0 +1,175 @@
+"""Dryden's turbulence near the ground: the low-altitude disturbance model of MIL-F-8785C (3.7.3).
+
+MIL-HDBK-1797 has the same spectra, written with other length scales. Below 1000 ft the intensities and the
+length scales follow from the height h (ft) and from the wind at 20 ft, W20::
+
+    sigma_w = 0.1 W20       sigma_u = sigma_v = sigma_w / (0.177 + 0.000823 h)^0.4
+    L_w = h                 L_u = L_v = h / (0.177 + 0.000823 h)^1.2
+
+u blows along the mean wind, v across it, w up. The spectra over the wave number W (rad/m), one-sided, are ::
+
+    Phi_u = sigma^2 2L/pi 1 / (1 + (LW)^2)      Phi_v, Phi_w = sigma^2 L/pi (1 + 3(LW)^2) / (1 + (LW)^2)^2
+
+A vehicle that flies through a frozen field at the airspeed V meets the wave number W at the frequency
+W V / 2 pi. With T = L/V the forming filters are sqrt(2T) / (1 + Ts) for u and
+sqrt(T) (1 + sqrt(3) Ts) / (1 + Ts)^2 for v and w. They are discretised exactly: the second one is a
+Gauss-Markov process x1 and its first-order lag x2, put together as
+``(sqrt(3) x1 + (1 - sqrt(3)) x2) / sqrt(2)``, and both are stepped with their transition matrix and the
+Cholesky factor of the covariance of what the noise adds in a step, from a stationary beginning.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sim_vehicle.errors import VehicleError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["LEVELS_W20_M_S", "Turbulence", "intensities_m_s", "length_scales_m", "spectrum"]
+
+_FOOT_M = 0.3048
+_KNOT_M_S = 1852.0 / 3600.0
+_LOWEST_FT, _HIGHEST_FT = 10.0, 1000.0
+REFERENCE_M = 20.0 * _FOOT_M
+"""Height of the wind W20."""
+LEVELS_W20_M_S = {"light": 15.0 * _KNOT_M_S, "moderate": 30.0 * _KNOT_M_S, "severe": 45.0 * _KNOT_M_S}
+"""W20 of the three levels of MIL-F-8785C: 15, 30 and 45 knots."""
+
+
+def _term(height_m: float) -> tuple[float, float]:
+    feet = min(max(height_m / _FOOT_M, _LOWEST_FT), _HIGHEST_FT)
+    return feet, 0.177 + 0.000823 * feet
+
+
+def length_scales_m(height_m: float) -> tuple[float, float, float]:
+    """Return the length scales along, across and up; heights are taken between 10 and 1000 ft.
+
+    Examples
+    --------
+    >>> [round(scale, 1) for scale in length_scales_m(304.8)]
+    [304.8, 304.8, 304.8]
+    >>> [round(scale, 1) for scale in length_scales_m(10.0)]
+    [67.4, 67.4, 10.0]
+    """
+    feet, term = _term(height_m)
+    side = feet / term**1.2 * _FOOT_M
+    return side, side, feet * _FOOT_M
+
+
+def intensities_m_s(height_m: float, w20_m_s: float) -> tuple[float, float, float]:
+    """Return the standard deviations of the gusts along, across and up.
+
+    Examples
+    --------
+    >>> [round(sigma, 3) for sigma in intensities_m_s(10.0, 7.7)]
+    [1.454, 1.454, 0.77]
+    """
+    vertical = 0.1 * w20_m_s
+    side = vertical / _term(height_m)[1] ** 0.4
+    return side, side, vertical
+
+
+def spectrum(
+    component: str,
+    frequency_hz: NDArray[np.float64],
+    intensity_m_s: float,
+    length_m: float,
+    airspeed_m_s: float,
+) -> NDArray[np.float64]:
+    """Return the one-sided spectral density of a gust over the frequency, (m/s)^2/Hz.
+
+    Parameters
+    ----------
+    component : {"u", "v", "w"}
+    frequency_hz : float64[n]
+        That the vehicle meets.
+    intensity_m_s, length_m, airspeed_m_s : float
+
+    Returns
+    -------
+    float64[n]
+        Its integral is the square of the intensity.
+    """
+    time_s = length_m / airspeed_m_s
+    x2 = (2.0 * np.pi * np.asarray(frequency_hz, dtype=np.float64) * time_s) ** 2
+    if component == "u":
+        return np.asarray(4.0 * intensity_m_s**2 * time_s / (1.0 + x2))
+    return np.asarray(2.0 * intensity_m_s**2 * time_s * (1.0 + 3.0 * x2) / (1.0 + x2) ** 2)
+
+
+@dataclass(frozen=True, slots=True)
+class Turbulence:
+    """Dryden's turbulence for a flight.
+
+    Parameters
+    ----------
+    w20_m_s : float
+        Wind at 6.1 m (20 ft) that the intensities follow from.
+    height_m : float
+        Height of the flight, for the length scales; the intensities are those of the height where the
+        vehicle is.
+    airspeed_m_s : float
+        With which the flight meets the field.
+
+    Raises
+    ------
+    VehicleError
+        If a number is out of range.
+
+    Examples
+    --------
+    >>> Turbulence.of_level("light", height_m=20.0, airspeed_m_s=8.0).w20_m_s
+    7.716666666666667
+    """
+
+    w20_m_s: float
+    height_m: float = 10.0
+    airspeed_m_s: float = 8.0
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("w20_m_s", 0.0, 60.0),
+            ("height_m", 0.0, 10_000.0),
+            ("airspeed_m_s", 0.1, 200.0),
+        ):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and low <= value <= high):
+                msg = f"turbulence: {name} {value} is outside {low:g}..{high:g}"
+                raise VehicleError(msg)
+
+    @classmethod
+    def of_level(cls, level: str, *, height_m: float, airspeed_m_s: float) -> Turbulence:
+        """Return light, moderate or severe turbulence; VehicleError for another level."""
+        if level not in LEVELS_W20_M_S:
+            msg = f"turbulence {level!r} is no level: give {', '.join(LEVELS_W20_M_S)}"
+            raise VehicleError(msg)
+        return cls(LEVELS_W20_M_S[level], height_m, airspeed_m_s)
+
+    def filters(self, step_s: float) -> NDArray[np.float64]:
+        """Return the forming filters for a step (`sim_vehicle.weather.gust_kernel.forming_filters`)."""
+        table = np.zeros((3, 5))
+        for row, length_m in zip(table, length_scales_m(self.height_m), strict=True):
+            part = step_s * self.airspeed_m_s / length_m
+            decay = math.exp(-part)
+            row[0], row[1] = decay, decay * part
+            first = -math.expm1(-2.0 * part)
+            mixed = 0.5 - decay * decay * (part + 0.5)
+            second = 0.5 - decay * decay * (part * part + part + 0.5)
+            row[2] = math.sqrt(first)
+            row[3] = mixed / row[2]
+            row[4] = math.sqrt(max(0.0, second - row[3] * row[3]))
+        return table
+
+    @staticmethod
+    def beginning(noise: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return a stationary state of the filters from float64[5] of standard normal numbers."""
+        state = noise.copy()
+        for at in (1, 3):
+            state[at + 1] = 0.5 * (noise[at] + noise[at + 1])
+        return state

@@ -1,0 +1,106 @@
+"""The compiled part of the wind: gusts from noise, and the wind that blows at a height.
+
+One row of a wind block tells everything about the air at one instant, so that a kernel needs nothing else:
+see `ROW`.
+"""
+
+from __future__ import annotations
+
+from math import log, sqrt
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+# row: east 0, north 1 and up 2 of the whole wind at the reference height, mean wind there (east 3, north 4),
+# law of the mean wind over height 5, its parameter 6 (roughness length, exponent), reference height 7,
+# whether the gust is Dryden's 8
+ROW = 9
+CONSTANT, LOGARITHMIC, POWER = 0.0, 1.0, 2.0
+
+FOOT_M = 0.3048
+LOWEST_M, HIGHEST_M = 3.0 * FOOT_M, 1000.0 * FOOT_M
+"""Between these heights MIL-F-8785C has its mean wind profile; beyond, the wind is that of the end."""
+LOWEST_GUST_M = 10.0 * FOOT_M
+"""Below this height MIL-F-8785C has no turbulence; the vertical gust dies away towards the ground."""
+
+
+@njit(cache=True)
+def wind_at(row: Floats, height_m: float) -> tuple[float, float, float]:
+    """Return the wind (east, north, up; m/s) at a height above the ground.
+
+    Parameters
+    ----------
+    row : float64[ROW]
+        Of a wind block.
+    height_m : float
+
+    Notes
+    -----
+    The mean wind follows its law, between 3 and 1000 ft. Of Dryden's gusts the horizontal ones have the
+    intensity of MIL-F-8785C at the height, the vertical one does not depend on it above 10 ft.
+    """
+    law = row[5]
+    if law == CONSTANT and row[8] == 0.0:
+        return row[0], row[1], row[2]
+    mean = 1.0
+    height = min(max(height_m, LOWEST_M), HIGHEST_M)
+    if law == LOGARITHMIC:
+        mean = log(height / row[6]) / log(row[7] / row[6])
+    elif law == POWER:
+        mean = (height / row[7]) ** row[6]
+    side, rise = 1.0, 1.0
+    if row[8] != 0.0:
+        height = min(max(height_m, LOWEST_GUST_M), HIGHEST_M)
+        reference = min(max(row[7], LOWEST_GUST_M), HIGHEST_M)
+        side = (reference_term(reference) / reference_term(height)) ** 0.4
+        if height_m < LOWEST_GUST_M:
+            rise = max(height_m, 0.0) / LOWEST_GUST_M
+    return row[3] * mean + (row[0] - row[3]) * side, row[4] * mean + (row[1] - row[4]) * side, row[2] * rise
+
+
+@njit(cache=True, inline="always")
+def reference_term(height_m: float) -> float:
+    """Return the term of MIL-F-8785C from which scales and intensities near the ground are made."""
+    return 0.177 + 0.000823 * height_m / FOOT_M
+
+
+@njit(cache=True)
+def forming_filters(noise: Floats, filters: Floats, state: Floats) -> Floats:
+    """Return gusts of unit intensity (along, across, up) from white noise.
+
+    Parameters
+    ----------
+    noise : float64[n, 5]
+        Independent standard normal numbers.
+    filters : float64[3, 5]
+        For each component the decay of one step, what of the first state goes into the second, and the
+        lower triangle of the square root of the noise's covariance (see `sim_vehicle.weather.dryden`).
+    state : float64[5]
+        Changed in place: one number along, two each across and up.
+
+    Returns
+    -------
+    float64[n, 3]
+    """
+    gust = np.empty((noise.shape[0], 3))
+    direct = sqrt(1.5)
+    delayed = (1.0 - sqrt(3.0)) / sqrt(2.0)
+    for i in range(noise.shape[0]):
+        state[0] = filters[0, 0] * state[0] + filters[0, 2] * noise[i, 0]
+        gust[i, 0] = state[0]
+        for k in range(1, 3):
+            at = 2 * k - 1
+            decay, leak = filters[k, 0], filters[k, 1]
+            first, second = state[at], state[at + 1]
+            state[at] = decay * first + filters[k, 2] * noise[i, at]
+            state[at + 1] = (
+                decay * second
+                + leak * first
+                + filters[k, 3] * noise[i, at]
+                + filters[k, 4] * noise[i, at + 1]
+            )
+            gust[i, k] = direct * state[at] + delayed * state[at + 1]
+    return gust

@@ -1,0 +1,287 @@
+"""Wind over the farm: steady or sheared, with gusts of a Gauss-Markov process or of Dryden's spectra.
+
+Gusts are drawn on a fixed grid of `GRID_S` in blocks, so the wind at a time and height depends on the seed
+only, not on how the flight was stepped. See docs/wind-and-noise.md.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sim_vehicle.errors import VehicleError
+from sim_vehicle.weather.dryden import Turbulence, intensities_m_s
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["BLOCK", "GRID_S", "Turbulence", "Wind", "WindSeries", "WindShear"]
+
+GRID_S = 0.1
+BLOCK = 1024
+# As in sim_vehicle.weather.gust_kernel, which needs the compiler.
+_ROW = 9
+_LAWS = {"log": 1.0, "power": 2.0}
+_LOWEST_M, _HIGHEST_M = 3.0 * 0.3048, 1000.0 * 0.3048
+
+
+@dataclass(frozen=True, slots=True)
+class WindShear:
+    """How the mean wind grows with the height above the ground.
+
+    Parameters
+    ----------
+    law : {"log", "power"}
+        ``ln(h / roughness)``, or ``h ** exponent``, each over its value at the height of the given wind.
+    roughness_m : float
+        Roughness length of the ground: 0.03 m for grass, 0.1 m for low crops, 0.25 m for high ones
+        (Wieringa 1992); MIL-F-8785C takes 0.15 ft near airfields and 2 ft elsewhere.
+    exponent : float
+        A seventh over open land.
+
+    Raises
+    ------
+    VehicleError
+        If the law is unknown or a number out of range.
+
+    Examples
+    --------
+    >>> round(WindShear("log", roughness_m=0.1).factor(2.0, 10.0), 4)
+    0.6505
+    """
+
+    law: str = "log"
+    roughness_m: float = 0.1
+    exponent: float = 1.0 / 7.0
+
+    def __post_init__(self) -> None:
+        if self.law not in _LAWS:
+            msg = f"wind shear {self.law!r} is no law: give {' or '.join(_LAWS)}"
+            raise VehicleError(msg)
+        if not 1e-5 <= self.roughness_m <= 0.7:
+            msg = f"wind shear: roughness length {self.roughness_m} m is outside 0.00001..0.7"
+            raise VehicleError(msg)
+        if not 0.0 <= self.exponent <= 1.0:
+            msg = f"wind shear: exponent {self.exponent} is outside 0..1"
+            raise VehicleError(msg)
+
+    def factor(self, height_m: float, reference_m: float) -> float:
+        """Return the mean wind at a height over that at the reference; it ends at 3 and 1000 ft."""
+        height = min(max(height_m, _LOWEST_M), _HIGHEST_M)
+        if self.law == "power":
+            return float((height / reference_m) ** self.exponent)
+        return math.log(height / self.roughness_m) / math.log(reference_m / self.roughness_m)
+
+
+@dataclass(frozen=True, slots=True)
+class Wind:
+    """Wind for a flight.
+
+    Parameters
+    ----------
+    east_m_s, north_m_s : float
+        Mean wind at the reference height, the direction that the air moves to.
+    gust_m_s : float
+        Standard deviation of each horizontal component of a gust that is a Gauss-Markov process.
+    correlation_s : float
+        Time constant of that gust.
+    seed : numpy.random.SeedSequence or int
+        Seed of the gusts.
+    height_m : float
+        The reference height: weather reports tell the wind at 10 m.
+    shear : WindShear, optional
+        Without it the mean wind is the same at all heights.
+    turbulence : Turbulence, optional
+        Dryden's gusts, instead of ``gust_m_s``.
+    mirrored : bool
+        Every gust blows the other way: as likely, and together with the first the mean of both is nearly that
+        of all (antithetic variates).
+
+    Raises
+    ------
+    VehicleError
+        If a number is not finite or out of range, or both kinds of gusts are given.
+
+    Examples
+    --------
+    >>> wind = Wind.from_direction(5.0, 270.0)      # a west wind blows to the east
+    >>> round(wind.east_m_s, 6), round(abs(wind.north_m_s), 6)
+    (5.0, 0.0)
+    """
+
+    east_m_s: float = 0.0
+    north_m_s: float = 0.0
+    gust_m_s: float = 0.0
+    correlation_s: float = 5.0
+    seed: np.random.SeedSequence | int = 0
+    height_m: float = 10.0
+    shear: WindShear | None = None
+    turbulence: Turbulence | None = None
+    mirrored: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("east_m_s", "north_m_s", "gust_m_s", "correlation_s"):
+            value = getattr(self, name)
+            if not math.isfinite(value) or abs(value) > 200.0:
+                msg = f"wind: {name} {value} is outside -200..200"
+                raise VehicleError(msg)
+        if self.gust_m_s < 0.0 or self.correlation_s <= 0.0:
+            msg = (
+                f"wind: gust_m_s {self.gust_m_s} and correlation_s {self.correlation_s} must not be negative"
+            )
+            raise VehicleError(msg)
+        if not 1.0 <= self.height_m <= _HIGHEST_M:
+            msg = f"wind: the height {self.height_m} m of the mean wind is outside 1..304"
+            raise VehicleError(msg)
+        if self.gust_m_s > 0.0 and self.turbulence is not None:
+            msg = f"wind: a gust of {self.gust_m_s:g} m/s and turbulence: give one of them"
+            raise VehicleError(msg)
+
+    @classmethod
+    def from_direction(
+        cls,
+        speed_m_s: float,
+        from_deg: float,
+        *,
+        gust_m_s: float = 0.0,
+        correlation_s: float = 5.0,
+        seed: np.random.SeedSequence | int = 0,
+        height_m: float = 10.0,
+        shear: WindShear | None = None,
+        turbulence: Turbulence | None = None,
+    ) -> Wind:
+        """Return the wind of a weather report: speed, and the compass direction that it comes from."""
+        angle = math.radians(from_deg)
+        east, north = -speed_m_s * math.sin(angle), -speed_m_s * math.cos(angle)
+        return cls(east, north, gust_m_s, correlation_s, seed, height_m, shear, turbulence)
+
+    @property
+    def is_gusty(self) -> bool:
+        """Whether it changes with time."""
+        return self.gust_m_s > 0.0 or (self.turbulence is not None and self.turbulence.w20_m_s > 0.0)
+
+    def mean_at(self, height_m: float) -> tuple[float, float]:
+        """Return the mean wind (east, north) at a height.
+
+        Examples
+        --------
+        >>> Wind(5.0, shear=WindShear("power", exponent=0.0)).mean_at(50.0)
+        (5.0, 0.0)
+        """
+        factor = 1.0 if self.shear is None else self.shear.factor(height_m, self.height_m)
+        return self.east_m_s * factor, self.north_m_s * factor
+
+    def series(self) -> WindSeries:
+        """Return the wind over time, from its beginning."""
+        return WindSeries(self)
+
+
+class WindSeries:
+    """The wind on its time grid, block after block.
+
+    ``block``, float64[BLOCK, 9], begins at grid index ``first``: in the first columns the wind at the
+    reference height (east, north, up; m/s), in the others how it depends on the height, for
+    `sim_vehicle.weather.gust_kernel.wind_at`. A wind that does not change with time has a single row that
+    always holds.
+    """
+
+    __slots__ = ("_gusts", "_rows", "_sign", "block", "first")
+
+    def __init__(self, wind: Wind) -> None:
+        seed = wind.seed
+        if isinstance(seed, np.random.SeedSequence):
+            # A SeedSequence counts its children: a copy makes every series of one wind the same.
+            seed = np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key, pool_size=seed.pool_size)
+        self._gusts: _GaussMarkov | _Dryden | None = None
+        if wind.is_gusty:
+            random = np.random.Generator(np.random.PCG64(seed))
+            self._gusts = _GaussMarkov(wind, random) if wind.gust_m_s > 0.0 else _Dryden(wind, random)
+        self._rows = np.zeros((BLOCK if wind.is_gusty else 1, _ROW))
+        self._rows[:, 0] = self._rows[:, 3] = wind.east_m_s
+        self._rows[:, 1] = self._rows[:, 4] = wind.north_m_s
+        if wind.shear is not None:
+            shear = wind.shear
+            self._rows[:, 5] = _LAWS[shear.law]
+            self._rows[:, 6] = shear.roughness_m if shear.law == "log" else shear.exponent
+        self._rows[:, 7] = wind.height_m
+        self._rows[:, 8] = isinstance(self._gusts, _Dryden)
+        self._sign = -1.0 if wind.mirrored else 1.0
+        self.first = 0
+        self.block: NDArray[np.float64] = self._draw()
+
+    def forward(self) -> None:
+        """Go on to the next block."""
+        if self._gusts is not None:
+            self.first += BLOCK
+            self.block = self._draw()
+
+    def at(self, index: int, height_m: float) -> tuple[float, float, float]:
+        """Return the wind (east, north, up) at a grid index, not before ``first``, and a height."""
+        # Imported here: who only asks for blocks of a steady wind needs no compiler.
+        from sim_vehicle.weather.gust_kernel import wind_at
+
+        if self._gusts is None:
+            index = self.first
+        while index - self.first >= BLOCK:
+            self.forward()
+        east, north, up = wind_at(self.block[index - self.first], height_m)
+        return east, north, up
+
+    def _draw(self) -> NDArray[np.float64]:
+        block = self._rows.copy()
+        if self._gusts is not None:
+            gust = self._gusts.draw()
+            block[:, : gust.shape[1]] += self._sign * gust
+        return block
+
+
+class _GaussMarkov:
+    """Gusts east and north, each a first-order Gauss-Markov process."""
+
+    def __init__(self, wind: Wind, random: np.random.Generator) -> None:
+        self._random = random
+        self._decay = math.exp(-GRID_S / wind.correlation_s)
+        self._noise = wind.gust_m_s * math.sqrt(1.0 - self._decay**2)
+        self._last = wind.gust_m_s * random.standard_normal(2)
+
+    def draw(self) -> NDArray[np.float64]:
+        """Return the next block."""
+        # Imported here: a still or steady wind needs no compiler.
+        from sim_vehicle.motion.multirotor.kernel import gauss_markov
+
+        noise = self._noise * self._random.standard_normal((BLOCK, 2))
+        gust: NDArray[np.float64] = gauss_markov(noise, self._decay, self._last)
+        self._last = gust[-1].copy()
+        return gust
+
+
+class _Dryden:
+    """Dryden's gusts east, north and up, with the intensities of the reference height."""
+
+    def __init__(self, wind: Wind, random: np.random.Generator) -> None:
+        turbulence = wind.turbulence
+        assert turbulence is not None
+        self._random = random
+        self._filters = turbulence.filters(GRID_S)
+        self._state = turbulence.beginning(random.standard_normal(5))
+        along, across, up = intensities_m_s(wind.height_m, turbulence.w20_m_s)
+        speed = math.hypot(wind.east_m_s, wind.north_m_s)
+        east, north = (wind.east_m_s / speed, wind.north_m_s / speed) if speed > 0.0 else (1.0, 0.0)
+        self._axes = np.array(
+            [[along * east, along * north, 0.0], [-across * north, across * east, 0.0], [0, 0, up]]
+        )
+
+    def draw(self) -> NDArray[np.float64]:
+        """Return the next block."""
+        from sim_vehicle.weather.gust_kernel import forming_filters
+
+        noise = self._random.standard_normal((BLOCK, 5))
+        along, across, up = forming_filters(noise, self._filters, self._state).T
+        # Not a matrix product: its sums may depend on the machine's BLAS.
+        gust = np.empty((BLOCK, 3))
+        for k in range(3):
+            gust[:, k] = along * self._axes[0, k] + across * self._axes[1, k] + up * self._axes[2, k]
+        return gust

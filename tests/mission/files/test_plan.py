@@ -1,0 +1,326 @@
+"""QGroundControl plans: what our files hold, what we read of others, and what is refused."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from mission.errors import MissionFileError
+from mission.files import Firmware, plan, read_mission
+from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
+
+PLANS = Path(__file__).parents[2] / "data" / "plans"
+HOME = GeoPoint(28.05, -82.15, 30.0)
+MISSION = Mission(
+    (
+        MissionItem(Command.NAV_TAKEOFF, 3, param4=None, x=28.05, y=-82.15, z=10.0),
+        MissionItem(Command.DO_CHANGE_SPEED, 3, 1.0, 5.0, -1.0),
+        MissionItem.waypoint(28.051, -82.151, 10.0, acceptance_radius_m=1.0),
+        MissionItem(Command.DO_JUMP, Frame.MISSION, 2.0, 3.0),
+        MissionItem(Command.NAV_RETURN_TO_LAUNCH, Frame.MISSION),
+    ),
+    home=HOME,
+)
+
+
+def document(mission=MISSION, firmware=Firmware.PX4):
+    return json.loads(plan.dumps(mission, firmware))
+
+
+def read(document):
+    return plan.loads(json.dumps(document).encode())
+
+
+def simple(command=16, frame=3, params=(0, 0, 0, None, 28.0, -82.0, 10.0), **more):
+    return {
+        "type": "SimpleItem",
+        "command": command,
+        "frame": frame,
+        "params": list(params),
+        "autoContinue": True,
+    } | more
+
+
+def with_items(*items):
+    made = document()
+    made["mission"]["items"] = list(items)
+    return made
+
+
+@pytest.mark.parametrize(("name", "count"), [("climbs-holds", 8), ("spiral-8", 23)])
+def test_recorded_plans_are_read_and_written_back(name, count):
+    path = PLANS / f"{name}.plan"
+    mission = read_mission(path)
+    assert len(mission.items) == count
+    assert mission.items[0].command == Command.NAV_TAKEOFF
+    assert mission.items[0].param4 is None
+    assert mission.items[-1].command == Command.NAV_RETURN_TO_LAUNCH
+    assert mission.home is not None
+    assert mission.home.altitude_m == 30.0
+    assert json.loads(plan.dumps(mission)) == json.loads(path.read_text())
+
+
+def test_keys_that_the_loaders_ask_for():
+    made = document()
+    assert set(made) == {"fileType", "geoFence", "groundStation", "mission", "rallyPoints", "version"}
+    assert (made["fileType"], made["version"], made["groundStation"]) == ("Plan", 1, "QGroundControl")
+    assert made["geoFence"] == {"circles": [], "polygons": [], "version": 2}
+    assert made["rallyPoints"] == {"points": [], "version": 2}
+    mission = made["mission"]
+    assert mission["version"] == 2
+    assert mission["vehicleType"] == 2
+    assert mission["plannedHomePosition"] == [28.05, -82.15, 30.0]
+    assert mission["globalPlanAltitudeMode"] == 1
+    for number, item in enumerate(mission["items"], start=1):
+        assert item["type"] == "SimpleItem"
+        assert item["doJumpId"] == number
+        assert len(item["params"]) == 7
+        assert isinstance(item["autoContinue"], bool)
+        altitude_keys = {"Altitude", "AltitudeMode", "AMSLAltAboveTerrain"} & set(item)
+        assert len(altitude_keys) == (3 if item["frame"] == 3 else 0)
+    assert [item["frame"] for item in mission["items"]] == [3, 2, 3, 2, 2]
+    assert mission["items"][0]["params"][3] is None
+    assert mission["items"][3]["params"][0] == 3
+
+
+@pytest.mark.parametrize(("firmware", "number", "yaw"), [(12, 12, None), (3, 3, 0.0), (0, 0, None)])
+def test_firmware(firmware, number, yaw):
+    mission = document(firmware=Firmware(firmware))["mission"]
+    assert mission["firmwareType"] == number
+    assert mission["items"][0]["params"][3] == yaw
+
+
+@pytest.mark.parametrize(("frames", "mode"), [((3,), 1), ((0,), 2), ((10,), 4), ((0, 3), 0), ((), 1)])
+def test_altitude_modes(frames, mode):
+    items = tuple(MissionItem(16, frame, x=1.0, y=2.0, z=3.0) for frame in frames)
+    mission = document(Mission(items))["mission"]
+    assert mission["globalPlanAltitudeMode"] == mode
+    assert [i["AltitudeMode"] for i in mission["items"]] == [{3: 1, 0: 2, 10: 4}[frame] for frame in frames]
+
+
+def test_unknown_home_is_the_first_place():
+    mission = Mission(MISSION.items[1:])
+    assert read(document(mission)).home == GeoPoint(28.051, -82.151, 0.0)
+    assert read(document(Mission(()))).home is None
+
+
+def test_jump_is_mapped_through_the_ids():
+    made = with_items(
+        simple(doJumpId=10), simple(178, 2, (1, 5, -1, 0, 0, 0, 0), doJumpId=20), simple(doJumpId=30),
+        simple(177, 2, (30, 2, 0, 0, 0, 0, 0), doJumpId=40),
+    )  # fmt: skip
+    assert read(made).items[3].param1 == 2.0
+    assert document(read(made))["mission"]["items"][3]["params"][0] == 3
+
+
+def test_jump_without_ids_counts_from_one():
+    assert read(with_items(simple(), simple(177, 2, (1, 2, 0, 0, 0, 0, 0)))).items[1].param1 == 0.0
+
+
+@pytest.mark.parametrize(
+    ("target", "part"), [(9, "does not exist"), (1, "more than once"), (1.5, "1.5"), (None, "None")]
+)
+def test_bad_jump(target, part):
+    made = with_items(
+        simple(doJumpId=1), simple(doJumpId=1), simple(177, 2, (target, 2, 0, 0, 0, 0, 0), doJumpId=3)
+    )
+    with pytest.raises(MissionFileError, match="DO_JUMP") as caught:
+        read(made)
+    assert part in str(caught.value)
+    assert "mission.items[2]" in str(caught.value)
+
+
+@pytest.mark.parametrize("target", [-1.0, 2.0, 0.5, None])
+def test_jump_to_nowhere_is_not_written(target):
+    with pytest.raises(MissionFileError, match="item 1: DO_JUMP"):
+        plan.dumps(Mission((MISSION.items[0], MissionItem(177, 2, target))))
+
+
+def survey_document():
+    return json.loads((PLANS / "survey.plan").read_text())
+
+
+SURVEY = survey_document()["mission"]["items"][1]
+
+
+def test_survey_is_flattened():
+    mission = read(survey_document())
+    assert [item.command for item in mission.items] == [22, 16, 206, 16, 206, 177]
+    assert mission.items[5].param1 == 3.0
+
+
+def test_corridor_and_unknown_complex_items_with_commands_are_flattened():
+    corridor = SURVEY | {"complexItemType": "CorridorScan"}
+    assert len(read(with_items(corridor)).items) == 4
+    assert len(read(with_items({"type": "ComplexItem", "Items": [simple()]})).items) == 1
+
+
+@pytest.mark.parametrize("kind", ["StructureScan", "fwLandingPattern", "vtolLandingPattern"])
+def test_complex_items_without_commands_are_refused_by_name(kind):
+    with pytest.raises(MissionFileError, match=rf"mission\.items\[1\].*'{kind}'.*simple items"):
+        read(with_items(simple(), {"type": "ComplexItem", "complexItemType": kind, "version": 2}))
+
+
+def test_fence_and_rally():
+    made = document()
+    made["geoFence"] = {
+        "version": 2,
+        "polygons": [{"polygon": [[1, 2], [1, 3], [2, 3]], "inclusion": False, "version": 1}],
+        "circles": [{"circle": {"center": [1, 2], "radius": 50.5}, "inclusion": True, "version": 1}],
+        "breachReturn": [1, 2, 30],
+    }
+    made["rallyPoints"]["points"] = [[1, 2, 5.5]]
+    mission = read(made)
+    assert [item.command for item in mission.fence] == [5002, 5002, 5002, 5003, 5000]
+    assert [item.param1 for item in mission.fence] == [3, 3, 3, 50.5, 0]
+    assert [item.frame for item in mission.fence] == [0, 0, 0, 0, 3]
+    assert (mission.fence[1].x, mission.fence[1].y) == (1.0, 3.0)
+    assert mission.fence[4].z == 30.0
+    assert (mission.rally[0].command, mission.rally[0].frame, mission.rally[0].z) == (5100, 3, 5.5)
+    again = document(mission)
+    assert again["geoFence"] == made["geoFence"]
+    assert again["rallyPoints"] == made["rallyPoints"]
+
+
+def test_rally_altitude_above_sea_level_needs_home():
+    rally = (MissionItem(5100, 0, x=1.0, y=2.0, z=50.0),)
+    assert document(Mission((), home=HOME, rally=rally))["rallyPoints"]["points"] == [[1.0, 2.0, 20.0]]
+    with pytest.raises(MissionFileError, match="rally point 0"):
+        plan.dumps(Mission((), rally=rally))
+
+
+def vertex(command=5001, count=3.0):
+    return MissionItem(command, 0, count, x=1.0, y=2.0)
+
+
+@pytest.mark.parametrize(
+    ("fence", "part"),
+    [
+        ([vertex()] * 2, "fence item 0: a polygon of 3 vertices, but 2"),
+        ([vertex(), vertex(), vertex(5002)], "but 2 of them"),
+        ([vertex(count=2.0)] * 2, "param1 is 2.0"),
+        ([vertex(count=None)] * 3, "param1 is None"),
+        ([vertex(count=1e30)] * 3, "but 3 of them"),
+        ([vertex(5003, 0.0)], "radius 0.0"),
+        ([vertex(5003, None)], "radius None"),
+        ([vertex(16)], "command 16 is no fence command"),
+    ],
+)
+def test_bad_fence_is_not_written(fence, part):
+    with pytest.raises(MissionFileError, match="fence item") as caught:
+        plan.dumps(Mission((), fence=fence))
+    assert part in str(caught.value)
+
+
+def changed(path, value):
+    made = survey_document()
+    made["geoFence"]["polygons"] = [{"polygon": [[1, 2], [1, 3], [2, 3]], "inclusion": True, "version": 1}]
+    made["geoFence"]["circles"] = [
+        {"circle": {"center": [1, 2], "radius": 5}, "inclusion": True, "version": 1}
+    ]
+    made["rallyPoints"]["points"] = [[1, 2, 3]]
+    place = made
+    *parents, last = path
+    for key in parents:
+        place = place[key]
+    if value is KeyError:
+        del place[last]
+    else:
+        place[last] = value
+    return made
+
+
+ITEM = ("mission", "items", 0)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "part"),
+    [
+        (("fileType",), "Parameters", 'fileType "Parameters", not a QGroundControl plan'),
+        (("fileType",), KeyError, "not a QGroundControl plan"),
+        (("version",), 2, "version is 2, only 1"),
+        (("mission",), KeyError, "mission"),
+        (("mission",), [], "mission: Expected `object`, got `array`"),
+        (("mission", "version"), 1, "mission.version is 1, only 2"),
+        (("mission", "items"), KeyError, "items"),
+        (("mission", "items"), {}, "mission.items: Expected `array`"),
+        (("mission", "plannedHomePosition"), [91, 0, 0], "plannedHomePosition: home point: latitude 91"),
+        (("mission", "hoverSpeed"), -1, "hover_speed_m_s is -1"),
+        (("mission", "hoverSpeed"), "fast", "mission.hoverSpeed: Expected `float"),
+        ((*ITEM, "type"), "Sample", "'Sample'"),
+        ((*ITEM, "type"), KeyError, "`type`"),
+        ((*ITEM, "command"), "16", "mission.items[0].command: Expected `int`, got `str`"),
+        ((*ITEM, "command"), 65536, "mission.items[0].command"),
+        ((*ITEM, "frame"), -1, "mission.items[0].frame"),
+        ((*ITEM, "params"), [0] * 6, "mission.items[0].params"),
+        ((*ITEM, "params", 4), 95.0, "mission.items[0]: mission item (command 22): latitude 95"),
+        ((*ITEM, "params", 5), -190.0, "longitude -190"),
+        ((*ITEM, "params", 5), None, "mission.items[0]: longitude of command 22 is missing"),
+        ((*ITEM, "params", 0), "a", "mission.items[0].params[0]"),
+        ((*ITEM, "params", 0), 1e39, "param1 1e+39"),
+        (("geoFence", "polygons", 0, "polygon"), [[1, 2]], "geoFence.polygons[0]: 1 vertices"),
+        (("geoFence", "polygons", 0, "polygon", 1), [1, 200], "geoFence.polygons[0].polygon[1]"),
+        (("geoFence", "circles", 0, "circle", "radius"), 0, "geoFence.circles[0]: radius"),
+        (("geoFence", "polygon"), [[1, 2]], "draw it again"),
+        (("rallyPoints", "points", 0), [1, 2], "rallyPoints.points[0]"),
+        (
+            ("rallyPoints", "points", 0, 0),
+            100,
+            "rallyPoints.points[0]: mission item (command 5100): latitude 100",
+        ),
+        (
+            ("mission", "items", 1, "TransectStyleComplexItem", "Items", 2, "params", 4),
+            99,
+            "mission.items[1].TransectStyleComplexItem.Items[2]",
+        ),
+    ],
+)
+def test_bad_values_are_named(path, value, part):
+    with pytest.raises(MissionFileError) as caught:
+        read(changed(path, value))
+    assert part in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_null_altitude_is_taken_from_the_altitude_key():
+    assert read(with_items(simple(params=(0, 0, 0, None, 1, 2, None), Altitude=12.5))).items[0].z == 12.5
+
+
+def test_null_of_a_command_without_a_place_is_nothing():
+    item = read(with_items(simple(2000, 2, (0, 2, 0, None, None, None, None)))).items[0]
+    assert (item.param4, item.x, item.y, item.z) == (None, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("content", "part"),
+    [
+        (b'{"fileType": "Plan",\n "version": NaN}', "line 2"),
+        (b'{"fileType": "Plan",\n\n "version": 1', "line 3"),
+        (b'{"fileType": "Plan", "x": ' + b"[" * 100_000, "nested too deeply"),
+        (b'{"fileType": "Plan", "version": "\xff"}', "version"),
+        (b"[]", "not a QGroundControl plan"),
+    ],
+)
+def test_broken_json(content, part):
+    with pytest.raises(MissionFileError) as caught:
+        plan.loads(content)
+    assert part in str(caught.value)
+
+
+def test_byte_order_mark_and_unknown_keys_are_fine():
+    made = document() | {"custom": {"anything": [1, {"deep": None}]}}
+    made["mission"]["items"][0]["groupTag"] = 5
+    assert plan.loads(b"\xef\xbb\xbf" + json.dumps(made).encode()).home == HOME
+
+
+def test_too_many_items():
+    items = ",".join([json.dumps(simple(20, 2, (0,) * 7))] * 65_536)
+    text = plan.dumps(Mission(())).replace('"items": []', f'"items": [{items}]')
+    with pytest.raises(MissionFileError, match=r"mission\.items\[65535\]: more than 65535"):
+        plan.loads(text.encode())
+
+
+def test_too_large_a_fence():
+    text = json.dumps(document() | {"geoFence": {"polygons": [{"polygon": ["VERTICES"]}]}})
+    with pytest.raises(MissionFileError, match="geoFence: 9 MiB, at most 8"):
+        plan.loads(text.replace('"VERTICES"', ",".join(["[1,2]"] * 1_572_864)).encode())

@@ -1,0 +1,146 @@
+"""Serial lines over a pseudo terminal, and TCP connections that come back."""
+
+import builtins
+import os
+import pty
+import socket
+import time
+import tty
+
+import pytest
+
+from mission.errors import LinkError
+from mission.link import MavlinkEndpoint, open_link, parse_link_url
+from mission.link.codec.dialect import mavlink
+
+
+def wait_for(condition, seconds=5.0):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        found = condition()
+        if found:
+            return found
+        time.sleep(0.01)
+    raise AssertionError("nothing came")
+
+
+@pytest.fixture
+def line():
+    """A pseudo terminal: our side's descriptor, the other side's device."""
+    near, far = pty.openpty()
+    tty.setraw(near), tty.setraw(far)
+    yield near, os.ttyname(far)
+    os.close(near), os.close(far)
+
+
+def test_messages_cross_a_serial_line_both_ways(line):
+    near, device = line
+    endpoint = MavlinkEndpoint(open_link(f"serial:{device}:115200"), 255, 190)
+    other = mavlink.MAVLink(None, 1, 1)
+    endpoint.send(mavlink.MAVLink_mission_request_list_message(1, 1))
+    data = wait_for(lambda: os.read(near, 4096))
+    assert other.parse_buffer(data)[0].get_type() == "MISSION_REQUEST_LIST"
+    frame = mavlink.MAVLink_mission_count_message(255, 190, 7).pack(other)
+    os.write(near, b"noise" + frame[:5])
+    os.write(near, frame[5:])
+    assert wait_for(endpoint.receive)[0].count == 7
+    assert endpoint.link.fileno() is not None
+    endpoint.close()
+    assert endpoint.link.fileno() is None
+
+
+def test_a_device_that_goes_away_is_told(line):
+    _, device = line
+    link = open_link(f"serial:{device}")
+    link.close()
+    with pytest.raises(LinkError, match="has gone"):
+        link.receive()
+    with pytest.raises(LinkError, match="has gone"):
+        link.send(b"x")
+
+
+def test_a_line_that_takes_nothing_drops_frames_and_does_not_block(line):
+    _, device = line
+    link = open_link(f"serial:{device}:57600")
+    for _ in range(3000):
+        link.send(bytes(100))
+    assert link.dropped > 0
+    link.close()
+
+
+@pytest.mark.parametrize("url", ["serial:", "serial::57600", "serial:/dev/ttyS0:fast", "serial:/dev/x:5"])
+def test_bad_serial_addresses_are_refused(url):
+    with pytest.raises(LinkError, match=r"serial:/dev/ttyUSB0:57600"):
+        parse_link_url(url)
+
+
+def test_serial_addresses_are_read():
+    assert str(parse_link_url("serial:///dev/ttyUSB0:9600")) == "serial:/dev/ttyUSB0:9600"
+    by_id = "/dev/serial/by-path/pci-0000:00:14.0-usb-0:1:1.0"
+    assert parse_link_url(f"serial:{by_id}:115200").host == by_id
+
+
+def test_an_absent_device_is_one_line():
+    with pytest.raises(LinkError, match="cannot be opened") as error:
+        open_link("serial:/dev/does-not-exist:57600")
+    assert "\n" not in str(error.value)
+
+
+def test_without_pyserial_the_error_says_what_to_install(monkeypatch, line):
+    real = builtins.__import__
+
+    def no_serial(name, *rest):
+        if name == "serial":
+            raise ImportError(name)
+        return real(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", no_serial)
+    with pytest.raises(LinkError, match=r"pip install 'wbf-mission\[serial\]'"):
+        open_link(f"serial:{line[1]}:57600")
+
+
+def test_a_lost_tcp_connection_is_made_again():
+    listener = socket.create_server(("127.0.0.1", 0))
+    port = listener.getsockname()[1]
+    now = [0.0]
+    from mission.link.reconnect import TcpClientLink
+
+    link = TcpClientLink(parse_link_url(f"tcp:127.0.0.1:{port}"), clock=lambda: now[0])
+    first, _ = listener.accept()
+    first.close()
+    listener.close()
+    wait_for(lambda: (link.receive(), not link.connected)[1])
+    link.send(b"lost")
+    assert link.fileno() is None
+    for _ in range(5):  # nobody listens: tried each second, never raised
+        now[0] += 1.1
+        assert link.receive() == []
+        time.sleep(0.01)
+    listener = socket.create_server(("127.0.0.1", port))
+    now[0] += 10.0
+
+    def back():
+        now[0] += 0.6
+        link.receive()
+        return link.connected
+
+    wait_for(back)
+    second, _ = listener.accept()
+    link.send(b"again")
+    second.settimeout(3.0)
+    assert second.recv(100) == b"again"
+    second.send(b"hello")
+    assert wait_for(link.receive) == [b"hello"]
+    assert link.connections == 2
+    link.close()
+    assert link.receive() == []
+    second.close(), listener.close()
+
+
+def test_reconnect_is_an_option_of_open_link():
+    listener = socket.create_server(("127.0.0.1", 0))
+    link = open_link(f"tcp:127.0.0.1:{listener.getsockname()[1]}", reconnect=True)
+    assert link.connected
+    link.close(), listener.close()
+    with pytest.raises(LinkError, match="refused"):
+        open_link("tcp:127.0.0.1:1", reconnect=True)

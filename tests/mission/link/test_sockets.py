@@ -1,0 +1,225 @@
+"""Links over real loopback sockets, their addresses, their errors."""
+
+from __future__ import annotations
+
+import socket
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mission.errors import LinkError
+from mission.link import LinkAddress, MavlinkEndpoint, memory_pair, open_link, parse_link_url
+from mission.link.codec.dialect import mavlink
+from mission.link.sockets import TcpListener, UdpSocket
+
+
+def until(condition, limit_s=2.0):
+    end_s = time.monotonic() + limit_s
+    while time.monotonic() < end_s:
+        value = condition()
+        if value:
+            return value
+        time.sleep(0.002)
+    pytest.fail("nothing came in time")
+
+
+@pytest.mark.parametrize(
+    ("url", "address"),
+    [
+        ("udp:127.0.0.1:14550", ("udpin", "127.0.0.1", 14550)),
+        ("udpin://0.0.0.0:14540", ("udpin", "0.0.0.0", 14540)),
+        ("udpin://:14540", ("udpin", "127.0.0.1", 14540)),
+        ("UDPOUT:host.example:1/", ("udpout", "host.example", 1)),
+        ("tcp://localhost:5760", ("tcp", "localhost", 5760)),
+        ("tcpout:localhost:5760", ("tcp", "localhost", 5760)),
+        ("tcpin:[::1]:0", ("tcpin", "::1", 0)),
+    ],
+)
+def test_addresses(url, address):
+    assert parse_link_url(url) == LinkAddress(*address)
+    assert parse_link_url(str(parse_link_url(url))) == parse_link_url(url)
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "",
+        "udp",
+        "udpin:",
+        "udpin:14550",
+        "udpin:host",
+        "udpin:host:port",
+        "ftp:host:1",
+        "tcp:host:0",
+        "udpout::0",
+        "udpin:host:65536",
+        "udpin:h:1:2",
+        "udpin:::1:5",
+        "udpin:a b:5",
+        "udpin:h:" + "9" * 5000,
+        "serial:/dev/ttyUSB0:slow",
+    ],
+)
+def test_bad_addresses_are_one_clear_line(url):
+    with pytest.raises(LinkError) as caught:
+        parse_link_url(url)
+    assert "\n" not in str(caught.value)
+
+
+@given(st.text(max_size=40))
+def test_any_text_parses_or_is_a_link_error(url):
+    try:
+        address = parse_link_url(url)
+    except LinkError:
+        return
+    assert 0 <= address.port <= 65535
+
+
+def test_errors_say_what_to_do():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(LinkError, match=r"in use.*another port"):
+            open_link(f"tcpin:127.0.0.1:{port}")
+    with pytest.raises(LinkError, match="refused; start the vehicle"):
+        open_link(f"tcp:127.0.0.1:{port}")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        with pytest.raises(LinkError, match="in use"):
+            open_link(f"udpin:127.0.0.1:{taken.getsockname()[1]}")
+    with pytest.raises(LinkError, match="cannot be resolved"):
+        open_link("udpout:no-such-host.invalid:14550")
+    with pytest.raises(LinkError, match="no address of this machine"):
+        open_link("udpin:203.0.113.7:14550")
+
+
+def exchange(server, client):
+    ground, vehicle = MavlinkEndpoint(client, 255, 190), MavlinkEndpoint(server, 1, 1)
+    vehicle.send(mavlink.MAVLink_mission_current_message(0))  # nobody has called yet: dropped, no error
+    for number in range(1, 301):
+        ground.send(mavlink.MAVLink_mission_current_message(number))
+    got = []
+    until(lambda: got.extend(vehicle.receive()) or len(got) >= 300)
+    assert [message.seq for message in got] == list(range(1, 301))
+    vehicle.send(mavlink.MAVLink_mission_current_message(7))
+    assert until(ground.receive)[-1].seq == 7
+    assert vehicle.statistics.lost == 0
+    for end in (ground, vehicle, ground):
+        end.close()
+    assert server.fileno() is None
+    assert client.fileno() is None
+
+
+def test_udp_both_ways():
+    server = open_link("udpin:127.0.0.1:0")
+    exchange(server, open_link(server.name.replace("udpin", "udpout")))
+
+
+def test_tcp_both_ways():
+    server = open_link("tcpin:127.0.0.1:0")
+    exchange(server, open_link(server.name.replace("tcpin", "tcp")))
+
+
+def test_udp_server_answers_the_last_caller():
+    server = open_link("udpin:127.0.0.1:0")
+    url = server.name.replace("udpin", "udpout")
+    first, second = open_link(url), open_link(url)
+    first.send(b"one")
+    assert until(server.receive) == [b"one"]
+    second.send(b"two")
+    assert until(server.receive) == [b"two"]
+    server.send(b"answer")
+    assert until(second.receive) == [b"answer"]
+    assert first.receive() == []
+    for link in (first, second, server):
+        link.close()
+
+
+def test_udp_to_nobody_is_no_error():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    link = open_link(f"udpout:127.0.0.1:{port}")
+    for _ in range(5):
+        link.send(b"hello")
+        time.sleep(0.002)
+        assert link.receive() == []
+    link.close()
+
+
+def test_tcp_end_of_connection():
+    server = open_link("tcpin:127.0.0.1:0")
+    url = server.name.replace("tcpin", "tcp")
+    client = open_link(url)
+    client.send(b"last words")
+    assert until(server.receive) == [b"last words"]
+    server.close()
+    with pytest.raises(LinkError, match="closed the connection"):
+        until(lambda: client.receive() and False)
+    client.close()
+
+
+def test_tcp_server_takes_the_next_client():
+    server = open_link("tcpin:127.0.0.1:0")
+    url = server.name.replace("tcpin", "tcp")
+    for word in (b"first", b"second"):
+        client = open_link(url)
+        client.send(word)
+        assert until(server.receive) == [word]
+        client.close()
+        time.sleep(0.01)
+        server.send(b"into the void")
+        server.receive()
+    server.close()
+
+
+def test_tcp_keeps_what_the_network_does_not_take():
+    listener = TcpListener(LinkAddress("tcpin", "127.0.0.1", 0))
+    client = open_link(listener.name.replace("tcpin", "tcp"))
+    (peer,) = until(listener.accept)
+    block = bytes(range(256)) * 16
+    for _ in range(3000):
+        client.send(block)
+    assert client.dropped > 0
+    sent = 3000 - client.dropped
+    got = bytearray()
+
+    def drain():
+        client.receive()
+        for piece in peer.receive():
+            got.extend(piece)
+        return len(got) >= sent * len(block)
+
+    until(drain, 5.0)
+    assert bytes(got) == block * sent
+    for link in (client, peer, listener):
+        link.close()
+
+
+def test_udp_socket_knows_its_callers():
+    host = UdpSocket(LinkAddress("udpin", "127.0.0.1", 0))
+    callers = [open_link(host.name.replace("udpin", "udpout")) for _ in range(3)]
+    for number, caller in enumerate(callers):
+        caller.send(bytes([number]))
+    got = []
+    until(lambda: got.extend(host.receive_from()) or len(got) == 3)
+    for data, peer in got:
+        host.send_to(data * 2, peer)
+    for number, caller in enumerate(callers):
+        assert until(caller.receive) == [bytes([number, number])]
+        caller.close()
+    host.close()
+    assert host.fileno() is None
+
+
+def test_a_closed_memory_link_refuses_to_send():
+    one, other = memory_pair()
+    one.send(b"x")
+    one.close()
+    with pytest.raises(LinkError, match="closed"):
+        one.send(b"y")
+    assert other.receive() == [b"x"]
+    assert one.fileno() is None

@@ -1,0 +1,194 @@
+"""The blocking driver: over memory with a clock that jumps, and over real sockets."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+from mission.errors import LinkError, TransferError
+from mission.link import MavlinkEndpoint, memory_pair, open_link
+from mission.link.codec.dialect import mavlink
+from mission.model import Mission, MissionItem, MissionType
+from mission.transfer import (
+    ARDUPILOT,
+    PX4,
+    LocalTransferError,
+    MissionServer,
+    Progress,
+    RemoteTransferError,
+)
+from mission.transfer.driver import TransferDriver, Vehicle, wait_readable
+from mission.transfer.storage import as_stored
+
+MISSION, FENCE, RALLY = MissionType
+PLAN = Mission(
+    tuple(MissionItem.waypoint(28 + k / 1e5, -82.0, 5.0) for k in range(12)),
+    fence=(MissionItem(5003, 3, 50.0, x=28.0, y=-82.0),),
+    rally=(MissionItem(5100, 3, x=28.0, y=-82.0, z=9.0),),
+)
+
+
+class Bench:
+    """A vehicle in memory that acts whenever the driver waits; the clock moves only then."""
+
+    def __init__(self, profile=PX4, *, beats=True, **options):
+        ours, theirs = memory_pair()
+        self.now_s = 0.0
+        self.server = MissionServer(1, profile=profile, **options)
+        self.vehicle = MavlinkEndpoint(theirs, 1, 1)
+        self.autopilot = profile.autopilot
+        self.beats = beats
+        self.deaf = False
+        self.heard = []
+        self.events = []
+        self.interrupt_at = None
+        self.driver = TransferDriver(
+            MavlinkEndpoint(ours, 255, 190),
+            clock=lambda: self.now_s,
+            wait=self.wait,
+            on_event=self.events.append,
+        )
+
+    def wait(self, link, seconds):
+        assert seconds >= 0.0
+        self.now_s += min(seconds, 0.01)
+        if self.beats:
+            self.vehicle.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+            self.vehicle.send(mavlink.MAVLink_heartbeat_message(2, self.autopilot, 1, 0, 3, 3))
+        for message in self.vehicle.receive():
+            self.heard.append(message)
+            if self.interrupt_at == message.get_type():
+                raise KeyboardInterrupt
+            if not self.deaf:
+                self.answer(self.server.receive(message, self.now_s))
+        self.answer(self.server.poll(self.now_s))
+
+    def answer(self, output):
+        for message in output.messages:
+            self.vehicle.send(message)
+
+
+def test_upload_and_download():
+    bench = Bench()
+    found = bench.driver.wait_for_vehicle()
+    assert found == Vehicle(1, 1, mavlink.MAV_AUTOPILOT_PX4, 2)
+    costs = bench.driver.upload(PLAN)
+    assert [cost.mission_type for cost in costs] == [FENCE, RALLY, MISSION]
+    assert all(cost.verified for cost in costs)
+    assert bench.server.plan(MISSION).items == PLAN.items
+    came, costs = bench.driver.download()
+    assert (came.items, came.fence, came.rally) == (PLAN.items, PLAN.fence, PLAN.rally)
+    assert [cost.items for cost in costs] == [12, 1, 1]
+    assert sum(isinstance(event, Progress) for event in bench.events) >= 28
+    beats = [m for m in bench.heard if m.get_type() == "HEARTBEAT"]
+    assert beats
+    assert {m.type for m in beats} == {mavlink.MAV_TYPE_GCS}
+    bench.driver.clear()
+    assert bench.driver.download()[0].items == ()
+
+
+def test_ardupilot_is_known_by_its_heartbeat():
+    bench = Bench(ARDUPILOT)
+    bench.driver.upload(PLAN, types=[MISSION])
+    assert bench.server.plan(MISSION).items == tuple(as_stored(item, ARDUPILOT) for item in PLAN.items)
+    assert bench.server.plan(RALLY).items == ()
+    came, _ = bench.driver.download(types=[MISSION])
+    assert came.items == bench.server.plan(MISSION).items
+    assert came.home is not None
+
+
+def test_no_vehicle():
+    bench = Bench(beats=False)
+    with pytest.raises(RemoteTransferError, match=r"no vehicle was heard in 3 s; start the vehicle"):
+        bench.driver.wait_for_vehicle(3.0)
+    assert 3.0 <= bench.now_s < 3.1
+    bench.beats = True
+    with pytest.raises(RemoteTransferError, match="system id 7"):
+        bench.driver.wait_for_vehicle(1.0, system_id=7)
+
+
+def test_failures_are_one_line():
+    bench = Bench(capacity={MISSION: 5})
+    with pytest.raises(TransferError, match="no space") as caught:
+        bench.driver.upload(PLAN)
+    assert "\n" not in str(caught.value)
+    assert caught.value.failure.result == 4
+    with pytest.raises(LocalTransferError, match="does not belong"):
+        bench.driver.upload(Mission(PLAN.fence))
+    bench.deaf = True
+    with pytest.raises(RemoteTransferError, match="did not answer"):
+        bench.driver.download()
+
+
+def test_a_vehicle_without_a_fence_has_an_empty_one():
+    bench = Bench()
+    bench.server.set_plan(MISSION, PLAN.items)
+    receive = bench.server.receive
+
+    def without_fence(message, now_s):
+        if message.get_type() == "MISSION_REQUEST_LIST" and message.mission_type == FENCE:
+            bench.vehicle.send(mavlink.MAVLink_mission_ack_message(255, 190, 3, FENCE))
+            return type(receive(message, now_s))()
+        return receive(message, now_s)
+
+    bench.server.receive = without_fence
+    came, costs = bench.driver.download(types=[FENCE, MISSION])
+    assert (came.items, came.fence, len(costs)) == (PLAN.items, (), 1)
+
+
+def test_interrupt_tells_the_vehicle():
+    bench = Bench()
+    bench.driver.wait_for_vehicle()
+    bench.interrupt_at = "MISSION_ITEM_INT"
+    with pytest.raises(KeyboardInterrupt):
+        bench.driver.upload(PLAN)
+    bench.interrupt_at = None
+    bench.wait(None, 0.0)
+    assert bench.heard[-1].get_type() == "MISSION_ACK"
+    assert bench.heard[-1].type == 15
+    assert bench.server.plan(MISSION).items == ()
+
+
+@pytest.mark.parametrize("kind", ["udp", "tcp"])
+def test_over_sockets(kind):
+    theirs = open_link(f"{kind}in:127.0.0.1:0")
+    server, vehicle = MissionServer(1), MavlinkEndpoint(theirs, 1, 1)
+    stop = threading.Event()
+
+    def fly():
+        beat_s = 0.0
+        while not stop.is_set():
+            now_s = time.monotonic()
+            if now_s > beat_s + 0.1:
+                beat_s = now_s
+                vehicle.send(mavlink.MAVLink_heartbeat_message(2, 12, 1, 0, 3, 3))
+            outputs = [server.receive(message, now_s) for message in vehicle.receive()]
+            for output in (*outputs, server.poll(now_s)):
+                for message in output.messages:
+                    vehicle.send(message)
+            wait_readable(theirs, 0.02)
+
+    thread = threading.Thread(target=fly, daemon=True)
+    thread.start()
+    name = theirs.name.replace("udpin", "udpout").replace("tcpin", "tcp")
+    try:
+        with TransferDriver(MavlinkEndpoint(open_link(name), 255, 190)) as driver:
+            driver.wait_for_vehicle(5.0)
+            (*_, cost) = driver.upload(PLAN)
+            assert cost.verified
+            assert driver.download()[0].items == PLAN.items
+    finally:
+        stop.set()
+        thread.join(2.0)
+        vehicle.close()
+
+
+def test_a_broken_link_is_a_link_error():
+    theirs = open_link("tcpin:127.0.0.1:0")
+    driver = TransferDriver(MavlinkEndpoint(open_link(theirs.name.replace("tcpin", "tcp")), 255, 190))
+    theirs.receive()
+    theirs.close()
+    with driver, pytest.raises(LinkError, match="closed the connection"):
+        driver.wait_for_vehicle(5.0)

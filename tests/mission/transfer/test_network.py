@@ -1,0 +1,271 @@
+"""Client and server over a bad link in virtual time: the promise of the transfer, as a property."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mission.link.codec.frames import FrameReader, FrameWriter
+from mission.link.faults import Faults, FaultyChannel
+from mission.model import MissionItem, MissionType
+from mission.transfer import (
+    ARDUPILOT,
+    GENERIC,
+    PX4,
+    DownloadComplete,
+    FailureReason,
+    MissionDownload,
+    MissionServer,
+    MissionUpload,
+    PlanReplaced,
+    PlanState,
+    TransferFailed,
+    UploadComplete,
+    UploadVerified,
+    VerifiedUpload,
+)
+from mission.transfer.storage import as_stored
+
+LIMIT_S = 3600.0
+GROUND = (255, 190)
+
+
+def make_items(
+    number: int, seed: int, mission_type: MissionType = MissionType.MISSION
+) -> tuple[MissionItem, ...]:
+    rng = np.random.default_rng(seed)
+    items = []
+    for _ in range(number):
+        place = {
+            "x": float(rng.uniform(-80, 80)),
+            "y": float(rng.uniform(-170, 170)),
+            "z": float(np.float32(rng.uniform(0, 50))),
+        }
+        if mission_type == MissionType.MISSION:
+            items.append(MissionItem.waypoint(place["x"], place["y"], place["z"]))
+        elif mission_type == MissionType.RALLY:
+            items.append(MissionItem(5100, 3, **place))
+        else:
+            items.append(MissionItem(5003, 3, param1=float(np.float32(rng.uniform(1, 9))), **place))
+    return tuple(items)
+
+
+class Network:
+    """A client and a server, bytes between them, and a clock that jumps."""
+
+    def __init__(self, server, up: Faults, down: Faults, seed: int = 0) -> None:
+        first, second = np.random.default_rng(seed).spawn(2)
+        self.server = server
+        self.up, self.down = FaultyChannel(up, first), FaultyChannel(down, second)
+        self.ground_out, self.ground_in = FrameWriter(*GROUND), FrameReader()
+        self.vehicle_out, self.vehicle_in = FrameWriter(1, 1), FrameReader()
+        self.now_s = 100.0
+        self.client_events: list = []
+        self.server_events: list = []
+        self.steps = 0
+
+    def ground(self, output) -> None:
+        self.client_events += output.events
+        for message in output.messages:
+            self.up.send(self.ground_out.encode(message), self.now_s)
+
+    def vehicle(self, output) -> None:
+        self.server_events += output.events
+        for message in output.messages:
+            self.down.send(self.vehicle_out.encode(message), self.now_s)
+
+    def deliver(self, client) -> None:
+        for data in self.up.receive(self.now_s):
+            for message in self.vehicle_in.feed(data):
+                self.vehicle(self.server.receive(message, self.now_s))
+        for data in self.down.receive(self.now_s):
+            for message in self.ground_in.feed(data):
+                self.ground(client.receive(message, self.now_s))
+
+    def run(self, client):
+        """Run until the client is done and the air is empty; return the client's last event."""
+        self.ground(client.start(self.now_s))
+        begun_s = self.now_s
+        while True:
+            self.steps += 1
+            times = [
+                time
+                for time in (
+                    self.up.next_arrival(),
+                    self.down.next_arrival(),
+                    client.next_deadline(),
+                    self.server.next_deadline(),
+                )
+                if time is not None
+            ]
+            if not times:
+                break
+            self.now_s = max(self.now_s, min(times))
+            assert self.now_s - begun_s < LIMIT_S, "the transfer hangs"
+            assert self.steps < 200_000, "the transfer spins"
+            self.deliver(client)
+            self.ground(client.poll(self.now_s))
+            self.vehicle(self.server.poll(self.now_s))
+        assert client.done
+        assert not self.server.busy
+        return self.client_events[-1]
+
+
+def check_promise(server, old, new, end, mission_type) -> str:
+    """New plan and success, or failure and the old plan; when unconfirmed, one of the two, whole."""
+    held = server.plan(mission_type).items
+    assert held in (old, new), "half a plan"
+    if isinstance(end, UploadVerified | UploadComplete):
+        assert held == new
+        return "new"
+    assert isinstance(end, TransferFailed)
+    if end.vehicle_plan is PlanState.OLD:
+        assert held == old
+        return "old"
+    return "unknown"
+
+
+faults = st.builds(
+    Faults,
+    loss=st.floats(0, 0.3),
+    duplicate=st.floats(0, 0.3),
+    corrupt=st.floats(0, 0.05),
+    delay_s=st.floats(0, 0.3),
+    jitter_s=st.floats(0, 0.3),
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    number=st.integers(0, 25),
+    kind=st.sampled_from(list(MissionType)),
+    up=faults,
+    down=faults,
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_what_arrives_is_what_was_sent(number, kind, up, down, seed):
+    server = MissionServer(1, profile=GENERIC)
+    old, new = make_items(7, 1, kind), make_items(number, 2, kind)
+    server.set_plan(kind, old)
+    network = Network(server, up, down, seed)
+    client = VerifiedUpload(new, kind, source=GROUND)
+    end = network.run(client)
+    outcome = check_promise(server, old, new, end, kind)
+    if outcome == "old":
+        assert not any(isinstance(event, PlanReplaced) for event in network.server_events)
+    others = [other for other in MissionType if other != kind]
+    assert all(server.plan(other).items == () for other in others)
+
+
+@pytest.mark.parametrize("profile", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
+def test_seeded_runs_at_thirty_percent_loss_each_way(profile):
+    outcomes = {"new": 0, "old": 0, "unknown": 0}
+    for seed in range(150):
+        server = MissionServer(1, profile=profile)
+        old, new = make_items(5, 1), make_items(20, seed + 2)
+        server.set_plan(MissionType.MISSION, old)
+        bad = Faults(loss=0.3, duplicate=0.1, delay_s=0.02, jitter_s=0.05)
+        network = Network(server, bad, bad, seed)
+        client = VerifiedUpload(new, source=GROUND, profile=profile)
+        end = network.run(client)
+        if profile.atomic:
+            outcomes[check_promise(server, old, new, end, MissionType.MISSION)] += 1
+        else:
+            held = server.plan(MissionType.MISSION).items
+            done = isinstance(end, UploadVerified)
+            assert not done or held == tuple(as_stored(item, profile) for item in new)
+            assert done or end.vehicle_plan is PlanState.UNKNOWN or held == old
+            outcomes["new" if done else "unknown"] += 1
+    assert outcomes["new"] >= 135
+
+
+def test_plain_upload_names_the_unconfirmed_case():
+    """The last ACK never comes: the client says it does not know, and the vehicle has the whole plan."""
+    server = MissionServer(1)
+    new = make_items(3, 2)
+    client = MissionUpload(new, source=GROUND)
+    network = Network(server, Faults(), Faults(), 0)
+    deliver = server.receive
+
+    def without_ack(message, now_s):
+        output = deliver(message, now_s)
+        return type(output)(tuple(m for m in output.messages if m.get_type() != "MISSION_ACK"), output.events)
+
+    server.receive = without_ack
+    end = network.run(client)
+    assert isinstance(end, TransferFailed)
+    assert end.reason is FailureReason.TIMEOUT
+    assert end.vehicle_plan is PlanState.UNKNOWN
+    assert "after the last item" in end.text
+    assert server.plan(MissionType.MISSION).items == new
+    server.receive = without_ack
+    network = Network(server, Faults(), Faults(), 0)
+    assert isinstance(network.run(VerifiedUpload(new, source=GROUND)), UploadVerified)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    number=st.integers(0, 25),
+    up=faults,
+    down=faults,
+    seed=st.integers(0, 2**32 - 1),
+    window=st.integers(1, 12),
+)
+def test_a_download_is_the_vehicles_plan_or_fails(number, up, down, seed, window):
+    profile = ARDUPILOT if window > 1 else GENERIC
+    server = MissionServer(1, profile=profile)
+    plan = make_items(number, 5)
+    server.set_plan(MissionType.MISSION, plan)
+    network = Network(server, up, down, seed)
+    end = network.run(MissionDownload(source=GROUND, profile=profile, window=window))
+    if isinstance(end, DownloadComplete):
+        assert end.items == plan
+    else:
+        assert isinstance(end, TransferFailed)
+    assert server.plan(MissionType.MISSION).items == plan
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.2])
+def test_a_thousand_items(loss):
+    server = MissionServer(1, profile=PX4)
+    new = make_items(1000, 3)
+    bad = Faults(loss=loss, delay_s=0.01)
+    network = Network(server, bad, bad, 11)
+    client = VerifiedUpload(new, source=GROUND, profile=PX4)
+    assert isinstance(network.run(client), UploadVerified)
+    statistics = client.statistics()
+    assert statistics.verified
+    assert statistics.items == 1000
+    assert (statistics.retries == 0) == (loss == 0.0)
+
+
+def test_a_silent_vehicle_ends_in_failure():
+    class Deaf:
+        busy = False
+
+        def receive(self, message, now_s):
+            from mission.transfer.events import NOTHING
+
+            return NOTHING
+
+        def poll(self, now_s):
+            from mission.transfer.events import NOTHING
+
+            return NOTHING
+
+        def next_deadline(self):
+            return None
+
+    for client in (
+        MissionUpload(make_items(3, 1)),
+        MissionUpload(()),
+        MissionDownload(),
+        VerifiedUpload(make_items(2, 1)),
+    ):
+        network = Network(Deaf(), Faults(), Faults())
+        end = network.run(client)
+        assert isinstance(end, TransferFailed)
+        assert end.reason is FailureReason.TIMEOUT
+        assert network.now_s - 100.0 <= 20.0

@@ -1,0 +1,225 @@
+"""The registry, the parameters and the conformance kit."""
+
+from importlib.metadata import EntryPoint, EntryPoints
+
+import numpy as np
+import pytest
+
+from geo.grid import FarmGrid
+from sensors.errors import EstimatorError, ObservationError
+from sensors.estimators import Estimator, check_estimator, estimator_names, make_estimator
+from sensors.estimators import base as registry
+from sensors.estimators.append_buffer import GrowingArray
+from sensors.estimators.point import PointEstimator
+from sensors.observations import Observations
+from sensors.scoring.information import InformationModel
+from sensors.scoring.tiles import tile_shape
+
+OURS = ("adaptive-disk", "authors-ad", "gp", "gp-sklearn", "point")
+GRID = FarmGrid((6, 5), 0.3048, np.ones((6, 5), np.int8), np.ones((6, 5), bool))
+
+
+def test_our_estimators_are_registered():
+    assert set(OURS) <= set(estimator_names())
+    assert list(estimator_names()) == sorted(estimator_names())
+
+
+@pytest.mark.parametrize("name", [name for name in OURS if name != "gp-sklearn"])
+def test_our_estimators_conform(name):
+    check_estimator(make_estimator(name, random_state=np.random.SeedSequence(1)))
+
+
+@pytest.mark.parametrize("params", [{"method": "local"}, {"prior_mean": (0, 0, 0), "clip": False}])
+def test_the_variants_of_gp_conform(params):
+    check_estimator(make_estimator("gp", **params), n_observations=40)
+
+
+def test_scikit_learn_variant_conforms():
+    check_estimator(make_estimator("gp-sklearn", random_state=1, n_restarts=0), n_observations=4)
+
+
+@pytest.mark.slow
+def test_scikit_learn_variant_conforms_with_restarts():
+    check_estimator(make_estimator("gp-sklearn", random_state=np.random.SeedSequence(1), n_restarts=1))
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_init_only_stores_parameters(name):
+    estimator = make_estimator(name, random_state=3)
+    params = estimator.get_params()
+    assert vars(estimator) == params
+    assert type(estimator)(**params).get_params() == params
+    assert repr(estimator).startswith(type(estimator).__name__ + "(")
+    assert isinstance(estimator, Estimator)
+
+
+def test_unknown_name_lists_the_known_ones():
+    with pytest.raises(
+        EstimatorError, match=r"no estimator 'kriging', expected one of adaptive-disk, .*point"
+    ):
+        make_estimator("kriging")
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_unknown_parameters_are_named(name):
+    with pytest.raises(EstimatorError, match=rf"'{name}' has no parameter speed, expected "):
+        make_estimator(name, speed=3)
+
+
+def register(monkeypatch, *points):
+    points = [EntryPoint(name, value, registry.ENTRY_POINT_GROUP) for name, value in points]
+    monkeypatch.setattr(registry, "entry_points", lambda group: EntryPoints(points).select(group=group))
+
+
+def test_a_broken_plugin_is_named(monkeypatch):
+    register(monkeypatch, ("theirs", "no_such_module:Estimator"), ("gone", "sensors.estimators.point:Gone"))
+    assert estimator_names() == ("gone", "theirs")
+    with pytest.raises(EstimatorError, match=r"'theirs' \(no_such_module:Estimator\) cannot be loaded"):
+        make_estimator("theirs")
+    with pytest.raises(EstimatorError, match=r"'gone' .* cannot be loaded"):
+        make_estimator("gone")
+
+
+def test_one_name_twice_is_refused_unless_it_is_the_same(monkeypatch):
+    same = ("point", "sensors.estimators.point:PointEstimator")
+    register(monkeypatch, same, same)
+    assert isinstance(make_estimator("point"), PointEstimator)
+    register(monkeypatch, same, ("point", "theirs:Point"))
+    with pytest.raises(EstimatorError, match="'point' is registered twice"):
+        make_estimator("point")
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_observations_outside_the_farm_teach_nothing(name):
+    estimator = make_estimator(name, random_state=1).fit(GRID)
+    before = estimator.predict()
+    mixed = Observations([1, 6], [1, 1], [0, 1], [6, 6], [[0.5, 0.5, 0.5]] * 2)
+    with pytest.raises(ObservationError, match="observation 1"):
+        estimator.partial_fit(mixed)
+    assert np.array_equal(estimator.predict().value, before.value)
+    with pytest.raises(ObservationError):
+        estimator.fit(GRID, mixed)
+
+
+@pytest.mark.parametrize("values", [(1, 1), (1, 1, np.nan), (1, 1, 1, 1)])
+@pytest.mark.parametrize("name", ["adaptive-disk", "authors-ad", "point"])
+def test_default_values_are_checked(name, values):
+    with pytest.raises(EstimatorError, match="give one finite number for each of tylcv, ccr, soil"):
+        make_estimator(name, default_values=values).fit(GRID)
+
+
+class Broken(PointEstimator):
+    """Breaks one promise of the protocol, named by `promise`."""
+
+    def __init__(self, promise="none"):
+        super().__init__()
+        self.promise = promise
+
+    def fit(self, grid, observations=None):
+        kept = getattr(self, "cells_", None), getattr(self, "values_", None)
+        super().fit(grid, observations)
+        if self.promise == "fit must forget" and kept[0] is not None:
+            for k in range(3):
+                self.cells_[k] = np.append(self.cells_[k], np.setdiff1d(kept[0][k], self.cells_[k]))
+                self.values_[k] = np.append(
+                    self.values_[k], np.zeros(len(self.cells_[k]) - len(self.values_[k]))
+                )
+        return None if self.promise == "fit must return" else self
+
+    def partial_fit(self, observations):
+        if self.promise == "outside the farm" and hasattr(self, "grid_"):
+            inside = (observations.x >= 0) & (observations.y >= 0)
+            inside &= (observations.x < self.grid_.shape[0]) & (observations.y < self.grid_.shape[1])
+            observations = observations[inside]
+        if self.promise == "NaN":
+            filled = np.nan_to_num(observations.values, nan=0.3)
+            observations = Observations(
+                observations.x, observations.y, observations.time_s, observations.day, filled
+            )
+        if self.promise == "piece by piece" and len(observations) == 1:
+            return self
+        if self.promise == "piece by piece":
+            observations = observations[1:]
+        return super().partial_fit(observations)
+
+    def predict(self):
+        if self.promise == "before fit" and not hasattr(self, "grid_"):
+            return None
+        model = super().predict()
+        if self.promise == "is negative":
+            model.uncertainty[0, 0, 0] = -1
+        if self.promise == "finite":
+            model.value[0, 0, 0] = np.nan
+        if self.promise == "has shape":
+            return InformationModel(model.value[:, :-1], model.uncertainty[:, :-1])
+        if self.promise == "not reported as changed":
+            return InformationModel(model.value, model.uncertainty, np.zeros(tile_shape(model.shape), bool))
+        if self.promise == "can be written to":
+            self.kept = getattr(self, "kept", model.value)
+            if self.kept.shape == model.value.shape:
+                self.kept[:] = model.value
+                return InformationModel(self.kept, model.uncertainty)
+        if self.promise == "same random_state":
+            model.uncertainty[:] += np.float32(np.random.default_rng().random())
+        if self.promise == "must change the value":
+            model.value[:] = 1
+        if self.promise == "changing a returned model":
+            self.model = getattr(self, "model", model)
+            return self.model
+        return model
+
+
+@pytest.mark.parametrize(
+    "promise",
+    [
+        "fit must return",
+        "fit must forget",
+        "outside the farm",
+        "NaN",
+        "piece by piece",
+        "before fit",
+        "is negative",
+        "finite",
+        "has shape",
+        "not reported as changed",
+        "can be written to",
+        "same random_state",
+        "must change the value",
+    ],
+)
+def test_the_kit_finds_what_is_broken(promise):
+    check_estimator(Broken())
+    with pytest.raises(AssertionError, match=f"Broken: .*{promise}"):
+        check_estimator(Broken(promise))
+
+
+def test_the_kit_finds_shared_arrays():
+    with pytest.raises(AssertionError, match="Broken: "):
+        check_estimator(Broken("changing a returned model"))
+
+
+def test_the_kit_leaves_the_estimator_alone():
+    estimator = PointEstimator()
+    check_estimator(estimator)
+    assert not hasattr(estimator, "grid_")
+
+
+def test_point_estimator_keeps_the_last_value_of_a_cell():
+    seen = Observations(
+        [1, 1, 2], [1, 1, 3], [0, 1, 2], [6] * 3, [[0, 1, 0.5], [0.5, np.nan, 0.25], [1, 0, 0.75]]
+    )
+    model = PointEstimator().fit(GRID, seen).predict()
+    assert model.value[:, 1, 1].tolist() == [0.5, 1.0, 0.25]
+    assert model.value[:, 2, 3].tolist() == [1.0, 0.0, 0.75]
+    assert model.value[:, 0, 0].tolist() == [1.0, 1.0, 0.0]
+    assert model.uncertainty.sum() == 3 * (30 - 2)
+
+
+def test_growing_array_keeps_every_row():
+    rows = GrowingArray((2,), np.int32)
+    early = rows.array
+    for i in range(100):
+        rows.append([[i, i], [i, -i]])
+    assert len(rows) == 200
+    assert rows.array[:, 0].tolist() == [i for i in range(100) for _ in range(2)]
+    assert len(early) == 0

@@ -1,0 +1,571 @@
+"""The estimator that knows the score and the diseases, and its parts."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from geo.farms import get_farm
+from geo.grid import FarmGrid
+from sensors.environment import CCR, TYLCV, EnvironmentModel, SoilParameters, generate_environment
+from sensors.errors import EstimatorError
+from sensors.estimators import check_estimator, make_estimator
+from sensors.estimators.epidemic import belief as belief_module
+from sensors.estimators.epidemic import training
+from sensors.estimators.epidemic.context import N_CONTEXT, context_features, probabilities_of_field
+from sensors.estimators.epidemic.decision import CLASS_VALUES, least_loss_value, standard_deviation
+from sensors.estimators.epidemic.estimator import EpidemicEstimator
+from sensors.estimators.epidemic.features import (
+    N_FEATURES,
+    REACH,
+    cells_in_reach,
+    inner,
+    local_features,
+    overall_features,
+    padded_codes,
+)
+from sensors.estimators.epidemic.network import Network, train
+from sensors.estimators.epidemic.paths import random_path
+from sensors.estimators.epidemic.soil import SoilField
+from sensors.estimators.epidemic.training import Lesson, classes_of, load_network, network_for
+from sensors.fields import relevance_masks
+from sensors.observations import Observations
+from sensors.scoring.score import paper_loss
+
+SMALL = {"outbreaks": 60, "epochs": 2}
+FAIR = {"outbreaks": 100, "epochs": 6}
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("networks")
+
+
+def observe(x, y, values, day=6):
+    n = len(x)
+    return Observations(
+        np.asarray(x), np.asarray(y), np.arange(n, dtype=float), np.full(n, day), np.reshape(values, (n, 3))
+    )
+
+
+def rows_over(truth, gap=3, day=6):
+    x, y = (
+        part.ravel() for part in np.meshgrid(np.arange(truth.shape[1]), np.arange(0, truth.shape[2], gap))
+    )
+    return observe(x, y, truth[:, x, y].T, day)
+
+
+def truth_of(grid, seed, day=6):
+    return generate_environment(grid, days=day, seed=seed, keep_days=[day]).values(day)
+
+
+probabilities = (
+    st.tuples(*[st.floats(0.0, 1.0)] * 3).filter(lambda p: sum(p) > 1e-3).map(lambda p: np.array(p) / sum(p))
+)
+
+
+@given(probabilities, st.floats(0.1, 20.0))
+@settings(deadline=None)
+def test_no_value_has_a_smaller_expected_loss(p, asymmetry):
+    def expected(value):
+        error = value - CLASS_VALUES
+        return float(p @ (np.where(error > 0, asymmetry, 1.0) * error**2))
+
+    best = float(least_loss_value(p, asymmetry))
+    assert 0.0 <= best <= 1.0
+    assert expected(best) <= min(expected(value) for value in np.linspace(0, 1, 201)) + 1e-9
+
+
+@given(probabilities)
+@settings(deadline=None)
+def test_the_standard_deviation_is_that_of_the_three_values(p):
+    drawn = np.sqrt(p @ (CLASS_VALUES - p @ CLASS_VALUES) ** 2)
+    assert float(standard_deviation(p)) == pytest.approx(drawn, abs=1e-7)
+
+
+def some_codes(shape=(14, 20), seed=0):
+    rng = np.random.default_rng(seed)
+    hosts = rng.random(shape) < 0.9
+    codes = padded_codes(hosts)
+    inner(codes)[...] = np.where(hosts, rng.choice(4, shape, p=[0.5, 0.3, 0.15, 0.05]), 4)
+    return hosts, codes
+
+
+def test_features_count_codes_by_distance_and_leave_out_the_cell_itself():
+    _, codes = some_codes()
+    out = np.zeros((1, N_FEATURES), np.float32)
+    local_features(codes, np.array([5]), np.array([7]), out)
+    centre = codes[5 : 5 + 2 * REACH + 1, 7 : 7 + 2 * REACH + 1]
+    # The four nearest cells are the first ring, and infected is the second code.
+    nearest = [centre[REACH + i, REACH + j] for i, j in ((0, 1), (1, 0), (0, -1), (-1, 0))]
+    rings = (N_FEATURES - 3) // 4
+    assert out[0, rings] == pytest.approx(sum(code == 2 for code in nearest) / 2)
+    before = out.copy()
+    codes[5 + REACH, 7 + REACH] = 3
+    local_features(codes, np.array([5]), np.array([7]), out)
+    assert np.array_equal(before, out)
+
+
+def test_features_do_not_change_when_the_field_is_turned_or_mirrored():
+    _, codes = some_codes()
+    width = codes.shape[0] - 2 * REACH
+    height = codes.shape[1] - 2 * REACH
+    seen = np.zeros((3, N_FEATURES), np.float32)
+    x, y = 4, 11
+    places = (
+        (codes, x, y),
+        (np.ascontiguousarray(codes.T), y, x),
+        (np.ascontiguousarray(codes[::-1, ::-1]), width - 1 - x, height - 1 - y),
+    )
+    for row, (turned, i, j) in enumerate(places):
+        local_features(turned, np.array([i]), np.array([j]), seen[row : row + 1])
+    assert np.allclose(seen, seen[0], atol=1e-6)
+
+
+def test_only_cells_in_reach_change_their_features():
+    hosts, codes = some_codes((30, 26))
+    x, y = (part.ravel() for part in np.indices(hosts.shape))
+    before, after = np.zeros((2, hosts.size, N_FEATURES), np.float32)
+    local_features(codes, x, y, before)
+    inner(codes)[9, 20] = (inner(codes)[9, 20] + 1) % 4
+    local_features(codes, x, y, after)
+    changed = np.flatnonzero((before != after).any(axis=1))
+    touched = np.ravel_multi_index(cells_in_reach(np.array([9]), np.array([20]), hosts.shape), hosts.shape)
+    assert len(changed) > 0
+    assert set(changed) <= set(touched.tolist())
+
+
+def test_outbreaks_far_apart_are_counted_one_by_one():
+    codes = padded_codes(np.ones((40, 40), bool))
+    assert overall_features(codes, 1600, 3) == (0.0, 0.0, 0.0)
+    inner(codes)[[3, 5, 30], [3, 5, 30]] = 2
+    inner(codes)[0, 20] = 1
+    observed, outbreaks, sick = overall_features(codes, 1600, 4)
+    assert (observed, outbreaks, sick) == (4 / 1600, 2 / 4, 3 / 1600)
+
+
+@given(st.integers(1, 25), st.integers(1, 25), st.integers(0, 2**32), st.integers(1, 300))
+@settings(deadline=None, max_examples=60)
+def test_ways_of_the_training_stay_on_the_field(width, height, seed, longest):
+    cells = random_path((width, height), longest, np.random.default_rng(seed))
+    assert 1 <= len(cells) <= longest
+    assert (cells >= 0).all()
+    assert (cells < [width, height]).all()
+
+
+def test_a_network_learns_what_can_be_learned():
+    rng = np.random.default_rng(1)
+    inputs = rng.standard_normal((6000, 3)).astype(np.float32)
+    classes = np.where(inputs[:, 0] * inputs[:, 1] > 0, 0, np.where(inputs[:, 2] > 0, 1, 2))
+    network = Network.draw((3, 32, 16, 3), rng)
+    train(network, inputs, classes, np.ones(6000, np.float32), epochs=60, rng=rng)
+    found = network.probabilities(inputs)
+    assert np.allclose(found.sum(axis=1), 1.0, atol=1e-5)
+    assert (found.argmax(axis=1) == classes).mean() > 0.9
+
+
+def test_the_gradient_is_that_of_the_cross_entropy():
+    rng = np.random.default_rng(2)
+    network = Network(
+        tuple(rng.standard_normal(shape) for shape in ((4, 5), (5, 3))),
+        (rng.standard_normal(5), rng.standard_normal(3)),
+    )
+    inputs, classes, weights = rng.standard_normal((7, 4)), rng.integers(0, 3, 7), rng.random(7)
+
+    def loss():
+        p = network._forward(inputs)[-1]
+        return -float(weights @ np.log(p[np.arange(7), classes])) / 7
+
+    found = network._gradients(inputs, classes, weights)
+    for parameter, gradient in zip([*network.weights, *network.biases], found, strict=True):
+        for place in list(np.ndindex(parameter.shape))[:6]:
+            parameter[place] += 1e-6
+            above = loss()
+            parameter[place] -= 2e-6
+            below = loss()
+            parameter[place] += 1e-6
+            assert gradient[place] == pytest.approx((above - below) / 2e-6, abs=1e-5)
+
+
+def test_equal_lessons_give_equal_networks_to_the_bit():
+    hosts = get_farm("miniberry-10").grid().tomato
+    lesson = Lesson(TYLCV, 6, outbreaks=30, epochs=1)
+    first, second = training.learn(lesson, hosts), training.learn(lesson, hosts)
+    other = training.learn(Lesson(TYLCV, 6, outbreaks=30, epochs=1, seed=1), hosts)
+    pairs = list(zip(first.weights, second.weights, strict=True))
+    assert all(np.array_equal(a, b) for a, b in pairs)
+    assert not np.array_equal(first.weights[0], other.weights[0])
+
+
+def test_what_was_learned_is_kept_and_damage_is_repaired(tmp_path, monkeypatch):
+    hosts = get_farm("miniberry-10").grid().strawberry
+    lesson = Lesson(CCR, 6, outbreaks=15, epochs=1, seed=5)
+    monkeypatch.setattr(training, "_in_memory", {})
+    learned = network_for(lesson, hosts, tmp_path)
+    (path,) = tmp_path.iterdir()
+    kept = path.read_bytes()
+    trained = []
+    real = training.learn
+    monkeypatch.setattr(training, "learn", lambda *given: trained.append(1) or real(*given))
+    monkeypatch.setattr(training, "_in_memory", {})
+    again = network_for(lesson, hosts, tmp_path)
+    assert trained == []
+    assert np.array_equal(learned.weights[1], again.weights[1])
+    for damaged in (b"", kept[: len(kept) // 2], b"not a network"):
+        path.write_bytes(damaged)
+        monkeypatch.setattr(training, "_in_memory", {})
+        repaired = network_for(lesson, hosts, tmp_path)
+        assert np.array_equal(learned.weights[1], repaired.weights[1])
+        assert load_network(path) is not None
+    assert len(trained) == 3
+
+
+@pytest.mark.parametrize("spoil", ["missing", "shape", "nan", "pickle"])
+def test_a_file_that_is_no_network_is_not_used(tmp_path, spoil):
+    sizes = list(zip(training.LAYERS[:-1], training.LAYERS[1:], strict=True))
+    arrays = {f"weight{i}": np.zeros(size, np.float32) for i, size in enumerate(sizes)}
+    arrays |= {f"bias{i}": np.zeros(size[1], np.float32) for i, size in enumerate(sizes)}
+    np.savez(tmp_path / "good.npz", **arrays)
+    assert load_network(tmp_path / "good.npz") is not None
+    if spoil == "missing":
+        del arrays["bias1"]
+    elif spoil == "shape":
+        arrays["weight0"] = np.zeros((2, 2), np.float32)
+    elif spoil == "nan":
+        arrays["bias0"][3] = np.nan
+    else:
+        arrays["bias0"] = np.array([{"a": 1}], dtype=object)
+    np.savez(tmp_path / "bad.npz", **arrays)
+    assert load_network(tmp_path / "bad.npz") is None
+
+
+def test_further_networks_are_kept_too(tmp_path):
+    lesson = Lesson(CCR, 6, outbreaks=15, epochs=1, seed=5)
+    learned = training.learn(lesson, get_farm("miniberry-10").grid().strawberry)
+    assert len(learned.further) == 2
+    training.save_network(learned, tmp_path / "kept.npz")
+    again = load_network(tmp_path / "kept.npz")
+    assert len(again.further) == 2
+    for one, other in zip(learned.further, again.further, strict=True):
+        assert all(np.array_equal(a, b) for a, b in zip(one.weights, other.weights, strict=True))
+    with np.load(tmp_path / "kept.npz") as file:
+        arrays = dict(file)
+    del arrays["further2_bias1"]
+    np.savez(tmp_path / "part.npz", **arrays)
+    assert load_network(tmp_path / "part.npz") is None
+
+
+def test_context_sums_what_is_expected_in_each_ring():
+    hosts = np.ones((20, 20), bool)
+    codes = padded_codes(hosts)
+    inner(codes)[5, 6] = 2
+    inner(codes)[9, 9] = 3
+    inner(codes)[5, 8] = 1
+    x, y = np.nonzero(hosts)
+    believed = np.tile(np.float32([0.7, 0.2, 0.1]), (400, 1))
+    found = context_features(codes, x, y, believed, 3, np.array([5 * 20 + 7, 0]))
+    assert found.shape == (2, N_CONTEXT)
+    # Of the four neighbours one was seen infected and one healthy; the other two are expected to be.
+    assert found[0, 0] == pytest.approx((1 + 0 + 2 * 0.2) / 2)
+    assert found[0, 10] == pytest.approx(2 * 0.1 / 2)
+    assert found[1, 0] == pytest.approx(2 * 0.2 / 2)
+    assert found[:, 22] == pytest.approx((1 + 397 * 0.2) / 400)
+    assert found[:, 23] == pytest.approx((1 + 397 * 0.1) / 3)
+    assert found[:, 24] == pytest.approx(1 / 3)
+    everything = context_features(codes, x, y, believed, 3)
+    assert np.array_equal(everything[[107, 0]], found)
+
+
+def test_a_second_look_judges_better(cache):
+    """With equal training, on fields that the networks have not seen."""
+    hosts = get_farm("miniberry-10").grid().tomato
+    lesson = Lesson(TYLCV, 6, outbreaks=250, epochs=4)
+    network = network_for(lesson, hosts, cache)
+    looks = training._draw_looks(lesson, hosts, np.random.default_rng(77))
+    x, y = np.nonzero(hosts)
+    losses = np.zeros(2)
+    for look in looks:
+        features = np.zeros((len(x), N_FEATURES), np.float32)
+        local_features(look.codes, x, y, features)
+        features[:, -3:] = overall_features(look.codes, len(x), 3)
+        known = {(int(i), int(j)): row for row, (i, j) in enumerate(zip(x, y, strict=True))}
+        rows = [known[int(i), int(j)] for i, j in look.chosen]
+        first = network.probabilities(features)
+        last = probabilities_of_field(network, look.codes, x, y, features, 3)
+        for k, found in enumerate((first, last)):
+            losses[k] -= np.log(found[rows, look.classes] + 1e-6).sum()
+    assert losses[1] < losses[0]
+
+
+def test_without_a_folder_to_write_to_it_still_learns(tmp_path, monkeypatch):
+    blocked = tmp_path / "file"
+    blocked.write_text("in the way")
+    monkeypatch.setattr(training, "_in_memory", {})
+    hosts = get_farm("miniberry-10").grid().tomato
+    assert network_for(Lesson(TYLCV, 6, outbreaks=15, epochs=1, seed=6), hosts, blocked / "deeper")
+
+
+def test_the_folder_follows_the_standard(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert training.cache_folder(None) == tmp_path / "wbf-mission" / "epidemic"
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    assert training.cache_folder(None) == tmp_path / "home" / ".cache" / "wbf-mission" / "epidemic"
+    assert training.cache_folder("given").name == "given"
+
+
+def test_lessons_differ_in_their_names():
+    hosts = np.ones((12, 12), bool)
+    fewer = hosts.copy()
+    fewer[0, 0] = False
+    names = {
+        Lesson(TYLCV, 6).key(hosts),
+        Lesson(TYLCV, 6).key(fewer),
+        Lesson(TYLCV, 7).key(hosts),
+        Lesson(CCR, 6).key(hosts),
+        Lesson(TYLCV, 6, seed=1).key(hosts),
+        Lesson(TYLCV, 6, epochs=1).key(hosts),
+    }
+    assert len(names) == 6
+
+
+def test_it_keeps_the_promises_of_an_estimator(cache):
+    check_estimator(EpidemicEstimator(**SMALL, cache=cache))
+    check_estimator(EpidemicEstimator(**SMALL, cache=cache, misreading_rate=0.05))
+
+
+def test_on_farms_too_large_for_the_whole_it_keeps_them_too(cache, monkeypatch):
+    monkeypatch.setattr(belief_module, "WHOLE_FARM_CELLS", 50)
+    monkeypatch.setattr(training, "WHOLE_FARM_CELLS", 50)
+    monkeypatch.setattr(training, "_in_memory", {})
+    check_estimator(EpidemicEstimator(**SMALL, cache=cache / "large"))
+    check_estimator(EpidemicEstimator(**SMALL, cache=cache / "large", misreading_rate=0.05))
+
+
+def test_it_is_registered():
+    assert isinstance(make_estimator("epidemic", random_state=3), EpidemicEstimator)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("day", -1),
+        ("day", 2.5),
+        ("misreading_rate", 0.7),
+        ("outbreaks", 0),
+        ("epochs", 0),
+        ("training_seed", -3),
+    ],
+)
+def test_it_names_a_parameter_that_cannot_be(name, value):
+    with pytest.raises(EstimatorError, match=name):
+        EpidemicEstimator(**{name: value}).fit(get_farm("miniberry-10").grid())
+
+
+def test_a_day_beyond_the_model_is_named(cache):
+    estimator = EpidemicEstimator(**SMALL, cache=cache, day=200).fit(get_farm("miniberry-10").grid())
+    with pytest.raises(EstimatorError, match="day 200"):
+        estimator.predict()
+
+
+def test_what_was_read_is_known_and_what_was_not_is_doubted(cache):
+    grid = get_farm("miniberry-10").grid()
+    truth = truth_of(grid, 3)
+    seen = rows_over(truth)
+    estimator = EpidemicEstimator(**SMALL, cache=cache).fit(grid, seen)
+    model = estimator.predict()
+    for k, crop in enumerate((grid.tomato, grid.strawberry)):
+        read = np.zeros(grid.shape, bool)
+        read[seen.x, seen.y] = True
+        assert np.allclose(model.value[k][read & crop], truth[k][read & crop], atol=1e-6)
+        assert (model.uncertainty[k][read & crop] < 1e-5).all()
+        assert (model.uncertainty[k][~read & crop] > 0).all()
+        assert (model.value[k][~crop] == 1).all()
+        assert (model.uncertainty[k][~crop] == 0).all()
+    found = estimator.class_probabilities("tylcv")
+    assert np.allclose(found.sum(axis=0), 1.0, atol=1e-5)
+    tomato = grid.tomato
+    best = least_loss_value(np.moveaxis(found, 0, -1))[tomato]
+    assert np.allclose(best, model.value[0][tomato], atol=1e-5)
+    with pytest.raises(EstimatorError, match="unknown disease 'soil'"):
+        estimator.class_probabilities("soil")
+
+
+def test_a_sick_plant_makes_its_neighbours_doubtful(cache):
+    grid = get_farm("miniberry-30").grid()
+    x, y = np.argwhere(grid.tomato)[200]
+    estimator = EpidemicEstimator(**FAIR, cache=cache).fit(grid)
+    nothing, sick, well = (
+        estimator.fit(grid, seen).predict().value[0, x + 1, y]
+        for seen in (None, observe([x], [y], [0.5, 1, 0.5]), observe([x], [y], [1.0, 1, 0.5]))
+    )
+    assert sick < nothing < well
+
+
+def test_noise_on_the_readings_is_noticed(cache):
+    grid = get_farm("miniberry-30").grid()
+    rng = np.random.default_rng(4)
+    losses = []
+    for noise in (0.0, 0.1, 0.2):
+        loss = 0.0
+        for seed in range(3):
+            truth = truth_of(grid, seed)
+            seen = rows_over(truth)
+            noisy = seen.values + noise * rng.standard_normal(seen.values.shape)
+            model = EpidemicEstimator(**FAIR, cache=cache).fit(grid, observe(seen.x, seen.y, noisy)).predict()
+            loss += paper_loss(truth, model.value, relevance_masks(grid))
+        losses.append(loss)
+    assert losses[0] <= losses[1] <= losses[2] < 3 * losses[0]
+
+
+def test_many_looks_outvote_a_misreading(cache):
+    grid = get_farm("miniberry-10").grid()
+    x, y = np.argwhere(grid.tomato)[20]
+    seen = observe([x] * 5, [y] * 5, [[1, 1, 0.5]] * 2 + [[0.5, 1, 0.5]] + [[1, 1, 0.5]] * 2)
+    trusting = EpidemicEstimator(**SMALL, cache=cache).fit(grid, seen).predict()
+    careful = EpidemicEstimator(**SMALL, cache=cache, misreading_rate=0.1).fit(grid, seen).predict()
+    assert trusting.value[0, x, y] == 1.0
+    assert 0.9 < careful.value[0, x, y] < 1.0
+    alone = observe([x], [y], [0.5, 1, 0.5])
+    careful = EpidemicEstimator(**SMALL, cache=cache, misreading_rate=0.1).fit(grid, alone).predict()
+    assert careful.uncertainty[0, x, y] > 0.01
+
+
+def test_lost_plants_stay_lost_and_healthy_ones_are_looked_at_again(cache):
+    grid = get_farm("miniberry-10").grid()
+    (lost, ill, well) = np.argwhere(grid.tomato)[[3, 22, 45]]
+    x, y = np.stack([lost, ill, well]).T
+    first = observe(x, y, [[0, 1, 0.5], [0.5, 1, 0.5], [1, 1, 0.5]], day=6)
+    estimator = EpidemicEstimator(**SMALL, cache=cache).fit(grid, first)
+    assert estimator.day_ == 6
+    estimator.predict()
+    strawberry = np.argwhere(grid.strawberry)[:1].T
+    later = observe(*strawberry, [1, 1, 0.5], day=8)
+    model = estimator.partial_fit(later).predict()
+    assert estimator.day_ == 8
+    assert model.value[0, x[0], y[0]] == pytest.approx(0.0, abs=1e-6)
+    assert 0.0 < model.value[0, x[1], y[1]] <= 0.5
+    assert model.value[0, x[2], y[2]] < 1.0
+    assert model.uncertainty[0, x[2], y[2]] > 0.0
+    at_once = EpidemicEstimator(**SMALL, cache=cache).fit(grid, Observations.concatenate([first, later]))
+    assert np.array_equal(model.value, at_once.predict().value)
+
+
+def test_a_farm_without_the_crops_needs_no_training(tmp_path):
+    shape = (9, 7)
+    grid = FarmGrid(shape, 0.3048, np.zeros(shape, np.int8), np.ones(shape, bool))
+    model = EpidemicEstimator(cache=tmp_path).fit(grid, observe([1], [2], [0.5, 0.5, 0.25])).predict()
+    assert (model.value[:2] == 1).all()
+    assert (model.uncertainty[:2] == 0).all()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_whole_and_large_farms_agree_away_from_what_only_small_ones_use(cache, monkeypatch):
+    grid = get_farm("miniberry-30").grid()
+    truth = truth_of(grid, 8)
+    seen = rows_over(truth)
+    reference = EpidemicEstimator(**SMALL, cache=cache).fit(grid, seen)
+    monkeypatch.setattr(belief_module, "WHOLE_FARM_CELLS", 50)
+    monkeypatch.setattr(belief_module, "set_overall", lambda features, overall: None)
+    monkeypatch.setattr(belief_module, "network_for", lambda lesson, hosts, folder: network)
+    network = Network.draw(training.LAYERS, np.random.default_rng(0))
+    large = EpidemicEstimator().fit(grid)
+    for start in range(0, len(seen), 40):
+        large.partial_fit(seen[start : start + 40]).predict()
+    monkeypatch.setattr(belief_module, "WHOLE_FARM_CELLS", 10_000)
+    whole = reference.fit(grid, seen)
+    assert np.allclose(large.predict().value, whole.predict().value, atol=1e-5)
+
+
+def test_windows_of_a_large_farm_stand_for_it(monkeypatch):
+    monkeypatch.setattr(training, "WHOLE_FARM_CELLS", 1000)
+    monkeypatch.setattr(training, "_WINDOW", 48)
+    hosts = np.ones((240, 200), bool)
+    hosts[:, 150:] = False
+    lesson = Lesson(TYLCV, 6, outbreaks=400)
+    _, classes, weights = training.draw_samples(lesson, hosts, np.random.default_rng(3))
+    sick = [
+        (truth_of(FarmGrid((240, 200), 0.3, np.where(hosts, 2, 0).astype(np.int8), hosts), s)[0] < 1)
+        for s in range(12)
+    ]
+    expected = float(np.mean([field[hosts].mean() for field in sick]))
+    assert float(weights @ (classes > 0) / weights.sum()) == pytest.approx(expected, rel=0.5)
+    assert weights.mean() == pytest.approx(1.0, rel=1e-4)
+
+
+def test_classes_are_the_nearest_values():
+    assert classes_of(np.array([0.76, 0.74, 0.26, 0.24])).tolist() == [0, 1, 1, 2]
+
+
+def soil_of(seed, shape=(30, 30), day=6):
+    crop = np.zeros(shape, np.int8)
+    return generate_environment(
+        FarmGrid(shape, 0.3048, crop, np.ones(shape, bool)), days=day, seed=seed, keep_days=[day]
+    ).soil(day)
+
+
+def test_the_soil_is_a_smooth_field_with_true_deviations():
+    rng = np.random.default_rng(1)
+    scaled, errors = [], []
+    for seed in range(12):
+        truth = soil_of(seed)
+        x, y = rng.integers(0, 30, (2, 80))
+        field = SoilField((30, 30), SoilParameters(), 0)
+        field.learn(x, y, np.full(80, 6), truth[x, y].astype(float))
+        value, deviation = np.empty((2, 30, 30), np.float32)
+        field.fill(6, value, deviation)
+        assert (deviation > 0).all()
+        errors.append(np.mean((value - truth) ** 2))
+        scaled.append(np.mean(((value - truth) / deviation) ** 2))
+    assert np.sqrt(np.mean(errors)) < 0.05
+    assert 0.3 < np.mean(scaled) < 3.0
+
+
+def test_yesterdays_soil_counts_less_than_todays():
+    field = SoilField((30, 30), SoilParameters(), 0)
+    x, y = np.array([15, 15]), np.array([15, 15])
+    field.learn(x[:1], y[:1], np.array([5]), np.array([0.1]))
+    value, deviation = np.empty((2, 30, 30), np.float32)
+    field.fill(6, value, deviation)
+    doubtful = deviation[15, 15]
+    field.learn(x[1:], y[1:], np.array([6]), np.array([0.9]))
+    field.fill(6, value, deviation)
+    assert abs(value[15, 15] - 0.9) < 0.1
+    assert deviation[15, 15] < doubtful
+
+
+def test_noisy_soil_is_smoothed():
+    truth = soil_of(2)
+    rng = np.random.default_rng(0)
+    x, y = (part.ravel() for part in np.indices((30, 30)))
+    noisy = truth[x, y] + 0.1 * rng.standard_normal(900)
+    field = SoilField((30, 30), SoilParameters(), 0)
+    field.learn(x, y, np.full(900, 6), noisy.astype(float))
+    value, deviation = np.empty((2, 30, 30), np.float32)
+    assert field.fill(6, value, deviation) == pytest.approx(0.1, rel=0.15)
+    assert np.sqrt(np.mean((value - truth) ** 2)) < 0.06
+
+
+def test_other_models_are_learned_too(cache):
+    model = EnvironmentModel(tylcv=CCR, ccr=TYLCV)
+    grid = get_farm("miniberry-10").grid()
+    usual = EpidemicEstimator(**SMALL, cache=cache).fit(grid).predict()
+    other = EpidemicEstimator(model, **SMALL, cache=cache).fit(grid).predict()
+    assert not np.allclose(usual.value[0], other.value[0])
+
+
+@pytest.mark.slow
+def test_it_beats_disks_and_the_gaussian_process(cache):
+    grid = get_farm("miniberry-30").grid()
+    masks = relevance_masks(grid)
+    totals = dict.fromkeys(("epidemic", "adaptive-disk", "gp"), 0.0)
+    for seed in range(12):
+        truth = truth_of(grid, 700 + seed)
+        seen = rows_over(truth)
+        for name in totals:
+            given = {"cache": cache} if name == "epidemic" else {}
+            totals[name] += paper_loss(
+                truth, make_estimator(name, **given).fit(grid, seen).predict().value, masks
+            )
+    assert totals["epidemic"] < 0.25 * totals["adaptive-disk"]
+    assert totals["epidemic"] < 0.5 * totals["gp"]

@@ -1,0 +1,282 @@
+"""The Gaussian processes: against scikit-learn and against each other."""
+
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import approx_fprime
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+
+from geo.grid import FarmGrid
+from sensors.errors import EstimatorError
+from sensors.estimators.gp.estimator import ZERO_MEAN, GaussianProcessEstimator
+from sensors.estimators.gp.posterior_exact import ExactPosterior, merge_repeated
+from sensors.estimators.gp.rbf import RbfKernel, _cost, fit_kernel
+from sensors.estimators.gp.sklearn_gp import SklearnGaussianProcessEstimator
+from sensors.observations import Observations
+
+KERNEL = RbfKernel(length_x=3.0, length_y=5.0, noise=0.05, amplitude=1.3)
+
+
+def grid_of(width, height):
+    return FarmGrid(
+        (width, height), 0.3048, np.ones((width, height), np.int8), np.ones((width, height), bool)
+    )
+
+
+def observe(x, y, values):
+    n = len(x)
+    return Observations(np.asarray(x), np.asarray(y), np.arange(n), np.full(n, 6), np.reshape(values, (n, 3)))
+
+
+def random_observations(n, shape, seed=0):
+    rng = np.random.default_rng(seed)
+    x, y = rng.integers(0, shape[0], n), rng.integers(0, shape[1], n)
+    smooth = 0.5 + 0.4 * np.sin(x / 4) * np.cos(y / 6)
+    return observe(x, y, np.stack([smooth, rng.choice([0, 0.5, 1], n), rng.random(n)], axis=1))
+
+
+def reference(kernel, x, y, values, shape):
+    """Mean and standard deviation of scikit-learn's regressor with this kernel, repeated cells and all."""
+    sk = ConstantKernel(kernel.amplitude) * RBF([kernel.length_x, kernel.length_y]) + WhiteKernel(
+        kernel.noise
+    )
+    regressor = GaussianProcessRegressor(sk, alpha=1e-12, optimizer=None).fit(
+        np.stack([x, y], axis=1), values
+    )
+    mean, std = regressor.predict(np.argwhere(np.ones(shape)), return_std=True)
+    return mean.reshape(shape), std.reshape(shape), regressor
+
+
+@pytest.mark.parametrize("prior_mean", [ZERO_MEAN, (1.0, 0.5, 0.25)])
+@pytest.mark.parametrize("step", [1, 7, 200])
+def test_it_is_scikit_learns_posterior(prior_mean, step):
+    shape = (20, 15)
+    seen = random_observations(200, shape)
+    estimator = GaussianProcessEstimator(prior_mean, KERNEL, optimise=False, clip=False).fit(grid_of(*shape))
+    for start in range(0, len(seen), step):
+        estimator.partial_fit(seen[start : start + step])
+        if start < 60:
+            estimator.predict()
+    model = estimator.predict()
+    for k, mean in enumerate(prior_mean):
+        value, std, _ = reference(KERNEL, seen.x, seen.y, seen.values[:, k].astype(float) - mean, shape)
+        np.testing.assert_allclose(model.value[k], value + mean, atol=1e-6)
+        np.testing.assert_allclose(model.uncertainty[k], std, atol=1e-6)
+
+
+def test_the_running_mean_is_the_mean_so_far():
+    shape = (12, 12)
+    seen = random_observations(40, shape)
+    estimator = GaussianProcessEstimator((None, None, None), KERNEL, optimise=False, clip=False)
+    for n in (5, 40):
+        model = estimator.fit(grid_of(*shape), seen[:n]).predict()
+        for k in range(3):
+            values = seen.values[:n, k].astype(float)
+            value, _, _ = reference(KERNEL, seen.x[:n], seen.y[:n], values - values.mean(), shape)
+            np.testing.assert_allclose(model.value[k], value + values.mean(), atol=1e-6)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(1, 40), st.integers(0, 2**32 - 1))
+def test_merging_repeated_cells_is_exact(n, seed):
+    rng = np.random.default_rng(seed)
+    x, y, values = (
+        rng.integers(0, 3, n).astype(np.int32),
+        rng.integers(0, 2, n).astype(np.int32),
+        rng.random(n),
+    )
+    mx, my, mean, noise = merge_repeated(x, y, values, KERNEL.noise)
+    assert len(set(zip(mx.tolist(), my.tolist(), strict=True))) == len(mx) <= 6
+    np.testing.assert_allclose((mean / noise).sum(), values.sum() / KERNEL.noise)
+    together, one_by_one = ExactPosterior((3, 2), KERNEL), ExactPosterior((3, 2), KERNEL)
+    together.condition(x, y, values)
+    for i in range(n):
+        one_by_one.condition(x[i : i + 1], y[i : i + 1], values[i : i + 1])
+    np.testing.assert_allclose(together.response, one_by_one.response, atol=1e-9)
+    np.testing.assert_allclose(together.variance, one_by_one.variance, atol=1e-9)
+
+
+def test_the_fits_gradient_and_likelihood():
+    seen = random_observations(50, (20, 15), seed=2)
+    x, y, values = seen.x, seen.y, seen.values[:, 0].astype(float)
+    dx2, dy2 = (np.subtract.outer(a, a).astype(float) ** 2 for a in (x, y))
+    theta = np.log([3.0, 5.0, 0.05, 1.3])
+    cost, gradient = _cost(theta, dx2, dy2, values)
+    numeric = approx_fprime(theta, lambda t: _cost(t, dx2, dy2, values)[0], 1e-7)
+    np.testing.assert_allclose(gradient, numeric, rtol=1e-4, atol=1e-4)
+    _, _, regressor = reference(KERNEL, x, y, values, (20, 15))
+    assert -cost - len(x) / 2 * np.log(2 * np.pi) == pytest.approx(
+        regressor.log_marginal_likelihood_value_, abs=1e-6
+    )
+
+
+def test_the_fit_finds_the_kernel_of_the_data():
+    true = RbfKernel(3.0, 6.0, 0.01, 0.5)
+    rng = np.random.default_rng(7)
+    x, y = rng.integers(0, 40, 400).astype(np.int32), rng.integers(0, 40, 400).astype(np.int32)
+    drawn = rng.multivariate_normal(
+        np.zeros(400), true.between(x, y) + true.noise * np.eye(400), method="cholesky"
+    )
+    bounds = {"length_bounds": (1, 10), "noise_bounds": (1e-5, 1e5), "amplitude_bounds": (0.01, 1.0)}
+    found = fit_kernel(x, y, drawn, starts=(RbfKernel(),), **bounds)
+    assert found.length_x == pytest.approx(3.0, rel=0.3)
+    assert found.length_y == pytest.approx(6.0, rel=0.3)
+    assert found.noise == pytest.approx(0.01, rel=0.3)
+    squares = [np.subtract.outer(a, a).astype(float) ** 2 for a in (x, y)]
+    costs = [
+        _cost(np.log([k.length_x, k.length_y, k.noise, k.amplitude]), *squares, drawn)[0]
+        for k in (found, true)
+    ]
+    assert costs[0] <= costs[1]
+    fixed = fit_kernel(x, y, drawn, starts=(RbfKernel(),), **{**bounds, "amplitude_bounds": (1.0, 1.0)})
+    assert fixed.amplitude == pytest.approx(1.0)
+
+
+def test_the_kernel_is_fitted_rarely_and_from_the_past_only():
+    shape = (20, 15)
+    seen = random_observations(80, shape)
+    estimator = GaussianProcessEstimator().fit(grid_of(*shape))
+    kernels = []
+    for i in range(len(seen)):
+        estimator.partial_fit(seen[i : i + 1]).predict()
+        kernels.append(tuple(estimator.kernels_))
+    changes = [i + 1 for i in range(1, len(seen)) if kernels[i] != kernels[i - 1]]
+    assert changes == [16, 32, 64]
+    assert kernels[0] == (RbfKernel(),) * 3
+    again = GaussianProcessEstimator().fit(grid_of(*shape), seen[:64])
+    again.predict()
+    assert tuple(again.kernels_) == kernels[-1]
+
+
+def test_nothing_is_fitted_to_a_field_that_never_varied():
+    shape = (20, 15)
+    seen = random_observations(40, shape)
+    values = np.concatenate([np.ones((40, 1)), seen.values[:, 1:]], axis=1)
+    estimator = GaussianProcessEstimator().fit(grid_of(*shape), observe(seen.x, seen.y, values))
+    model = estimator.predict()
+    assert estimator.kernels_[0] == RbfKernel()
+    assert (model.of("tylcv") == 1.0).all()
+
+
+def test_without_observations_the_prior_is_the_answer():
+    model = GaussianProcessEstimator().fit(grid_of(8, 6)).predict()
+    assert model.value[:, 0, 0].tolist() == [1.0, 1.0, 0.0]
+    np.testing.assert_allclose(model.uncertainty, np.sqrt(1.5), rtol=1e-6)
+
+
+def test_values_stay_between_0_and_1_when_clipped():
+    seen = random_observations(60, (20, 15))
+    free = GaussianProcessEstimator(clip=False).fit(grid_of(20, 15), seen).predict().value
+    clipped = GaussianProcessEstimator().fit(grid_of(20, 15), seen).predict().value
+    np.testing.assert_array_equal(clipped, np.clip(free, 0, 1))
+
+
+def path_observations(shape, n):
+    """Rows of a lawnmower, every third one."""
+    cells = [(x if y % 2 else shape[0] - 1 - x, y) for y in range(0, shape[1], 3) for x in range(shape[0])][
+        :n
+    ]
+    x, y = np.array(cells).T
+    rng = np.random.default_rng(8)
+    humidity = 0.5 + 0.3 * np.sin(x / 30) + 0.02 * rng.standard_normal(len(x))
+    return observe(
+        x, y, np.stack([rng.choice([0.5, 1], len(x)), np.sin(x / 4) * np.cos(y / 5) > 0, humidity], axis=1)
+    )
+
+
+@pytest.mark.parametrize("pieces", [1, 3])
+def test_the_local_posterior_is_close_to_the_exact_one(pieces):
+    shape = (110, 50)
+    seen = path_observations(shape, 600)
+    models = {}
+    for method in ("exact", "local"):
+        estimator = GaussianProcessEstimator(method=method, clip=False).fit(grid_of(*shape))
+        for part in np.array_split(np.arange(len(seen)), pieces):
+            estimator.partial_fit(seen[part]).predict()
+        models[method] = estimator.predict()
+    np.testing.assert_allclose(models["local"].value, models["exact"].value, atol=1e-2)
+    np.testing.assert_allclose(models["local"].uncertainty, models["exact"].uncertainty, atol=2e-3)
+
+
+def test_a_large_farm_is_no_reason_to_give_up():
+    shape = (3000, 2500)
+    seen = random_observations(300, (200, 200))
+    model = GaussianProcessEstimator(optimise=False).fit(grid_of(*shape), seen).predict()
+    assert model.value[:2, 1000:, :].min() == 1.0
+    assert (model.value[0, :200, :200] < 0.9).any()
+    np.testing.assert_allclose(model.uncertainty[0, -1, -1], np.sqrt(1.5), rtol=1e-6)
+
+
+def test_the_exact_method_says_what_it_would_need():
+    estimator = GaussianProcessEstimator(method="exact").fit(
+        grid_of(3000, 2500), random_observations(300, (200, 200))
+    )
+    with pytest.raises(
+        EstimatorError, match=r"needs \d+ MiB for 300 observations on 3000 x 2500 cells.*'local'"
+    ):
+        estimator.predict()
+
+
+@pytest.mark.parametrize(
+    ("params", "name"),
+    [
+        ({"method": "quick"}, "method"),
+        ({"prior_mean": (1, 1)}, "prior_mean"),
+        ({"prior_mean": (1, np.nan, 1)}, "prior_mean"),
+        ({"length_bounds": (10, 1)}, "length_bounds"),
+        ({"noise_bounds": (0, 1)}, "noise_bounds"),
+        ({"kernel": "rbf"}, "kernel"),
+        ({"memory_limit_mb": 0}, "memory_limit_mb"),
+        ({"learn_from": "books"}, "learn_from"),
+        ({"day": -1}, "day"),
+        ({"training_seed": -1}, "training_seed"),
+    ],
+)
+def test_impossible_parameters_are_named(params, name):
+    with pytest.raises(EstimatorError, match=f"gp: {name} cannot be"):
+        GaussianProcessEstimator(**params).fit(grid_of(4, 4))
+
+
+@pytest.mark.parametrize("value", [0, -1, float("nan"), float("inf")])
+def test_impossible_kernels_are_named(value):
+    with pytest.raises(EstimatorError, match="noise is"):
+        RbfKernel(noise=value)
+
+
+def test_scikit_learn_variant_is_the_papers_regressor():
+    shape = (9, 8)
+    seen = random_observations(12, shape, seed=3)
+    model = SklearnGaussianProcessEstimator(n_restarts=2, random_state=4).fit(grid_of(*shape), seen).predict()
+    seed = int(np.random.default_rng(4).integers(2**31))
+    kernel = RBF([2, 2], (1, 10)) + WhiteKernel(0.5, (1e-5, 1e5))
+    regressor = GaussianProcessRegressor(kernel, alpha=1e-10, n_restarts_optimizer=2, random_state=seed)
+    with warnings.catch_warnings(action="ignore", category=ConvergenceWarning):
+        regressor.fit(np.stack([seen.x, seen.y], axis=1), seen.values[:, 0].astype(float))
+    mean, std = regressor.predict(np.argwhere(np.ones(shape)), return_std=True)
+    np.testing.assert_allclose(model.value[0], mean.reshape(shape), atol=1e-6)
+    np.testing.assert_allclose(model.uncertainty[0], std.reshape(shape), atol=1e-6)
+
+
+def test_both_processes_agree_when_they_have_the_same_kernel():
+    shape = (14, 12)
+    seen = random_observations(16, shape, seed=5)
+    slow = SklearnGaussianProcessEstimator(n_restarts=3, random_state=1).fit(grid_of(*shape), seen).predict()
+    paper = GaussianProcessEstimator(ZERO_MEAN, clip=False, amplitude_bounds=(1.0, 1.0))
+    fast = paper.fit(grid_of(*shape), seen).predict()
+    np.testing.assert_allclose(fast.value[0], slow.value[0], atol=2e-3)
+    np.testing.assert_allclose(fast.uncertainty[0], slow.uncertainty[0], atol=2e-3)
+
+
+def test_scikit_learn_variant_refuses_what_it_cannot_finish():
+    many = random_observations(60, (20, 20))
+    with pytest.raises(EstimatorError, match="use the estimator 'gp' or 'adaptive-disk'"):
+        SklearnGaussianProcessEstimator(max_points=50).fit(grid_of(20, 20), many).predict()
+    with pytest.raises(EstimatorError, match="60 observations on 20 x 20 cells"):
+        SklearnGaussianProcessEstimator(max_entries=1000).fit(grid_of(20, 20), many).predict()
+    with pytest.raises(EstimatorError, match="n_restarts cannot be -1"):
+        SklearnGaussianProcessEstimator(n_restarts=-1).fit(grid_of(20, 20))

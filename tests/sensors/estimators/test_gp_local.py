@@ -1,0 +1,253 @@
+"""The Gaussian process at scale: against the exact one, and what an update touches."""
+
+import copy
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from geo.grid import FarmGrid
+from sensors.errors import EstimatorError
+from sensors.estimators import check_estimator, make_estimator
+from sensors.estimators.gp.estimator import GaussianProcessEstimator
+from sensors.estimators.gp.local import LocalPosterior, Spectrum, WholePosterior
+from sensors.estimators.gp.posterior_exact import ExactPosterior
+from sensors.estimators.gp.rbf import RbfKernel
+from sensors.estimators.gp.threads import in_parallel
+from sensors.estimators.gp.write import POINTS, lagrange_weights
+from sensors.observations import Observations
+from sensors.scoring.tiles import TILE_CELLS
+
+SICK = RbfKernel(2.3, 3.1, 0.003, 0.009)
+SMOOTH = RbfKernel(17.0, 13.0, 2e-4, 0.05)
+
+
+def grid_of(width, height):
+    return FarmGrid(
+        (width, height), 0.3048, np.ones((width, height), np.int8), np.ones((width, height), bool)
+    )
+
+
+def observe(x, y, values):
+    n = len(x)
+    return Observations(x, y, np.arange(n), np.full(n, 6), np.repeat(np.asarray(values)[:, None], 3, axis=1))
+
+
+def way(shape, n, gap=3):
+    """Return the cells of a lawnmower, int32[n] along each axis."""
+    y = np.repeat(np.arange(0, shape[1], gap), shape[0])
+    x = np.concatenate([np.arange(shape[0])[:: 1 if i % 2 == 0 else -1] for i in range(len(y) // shape[0])])
+    return x[:n].astype(np.int32), y[:n].astype(np.int32)
+
+
+def drawn(kernel, shape, seed=0):
+    """Draw a field with noise from the process."""
+    rng = np.random.default_rng(seed)
+    roots = []
+    for along, cells in zip((kernel.along_x, kernel.along_y), shape, strict=True):
+        values, vectors = np.linalg.eigh(along(np.arange(cells), np.arange(cells)))
+        roots.append(vectors * np.sqrt(np.maximum(values, 0)))
+    smooth = np.sqrt(kernel.amplitude) * roots[0] @ rng.standard_normal(shape) @ roots[1].T
+    return smooth + np.sqrt(kernel.noise) * rng.standard_normal(shape)
+
+
+def exact_posterior(kernel, shape, x, y, values):
+    posterior = ExactPosterior(shape, kernel)
+    posterior.condition(x, y, values)
+    return (
+        posterior.response[0].reshape(shape),
+        np.sqrt(np.maximum(posterior.variance, 0) + kernel.noise).reshape(shape),
+    )
+
+
+def written(posterior, shape, mean=0.0):
+    value, uncertainty = np.empty(shape, np.float32), np.empty(shape, np.float32)
+    posterior.lattice.write(mean, clip=False, whole=True, value=value, uncertainty=uncertainty)
+    return value, uncertainty
+
+
+def whole(shape, kernel):
+    return WholePosterior(shape, kernel, WholePosterior.spectrum_of_farm(shape, kernel, 1000))
+
+
+@pytest.mark.parametrize(
+    ("make", "kernel"),
+    [
+        (LocalPosterior, SICK),
+        (LocalPosterior, SMOOTH),
+        (LocalPosterior, RbfKernel(2.0, 10.0, 0.003, 0.009)),
+        (whole, SMOOTH),
+    ],
+)
+@pytest.mark.parametrize("gap", [3, 20])
+def test_it_agrees_with_the_exact_posterior(make, kernel, gap):
+    shape = (70, 60)
+    x, y = way(shape, 1000, gap)
+    values = drawn(kernel, shape)[x, y]
+    if kernel is not SMOOTH:
+        # Fields of diseases are no draws from their process: some values are many deviations off.
+        values = values - 10 * np.sqrt(kernel.amplitude) * (np.sin(x / 4) * np.cos(y / 3) > 0.8)
+    right, deviation = exact_posterior(kernel, shape, x, y, values)
+    posterior = make(shape, kernel)
+    posterior.condition(x, y, values)
+    posterior.solve()
+    value, uncertainty = written(posterior, shape)
+    assert np.abs(value - right).max() < 5e-3 * np.sqrt(kernel.amplitude)
+    assert np.abs(uncertainty - deviation).max() < 1e-2 * np.sqrt(kernel.amplitude + kernel.noise)
+
+
+def test_many_observations_of_a_tile_are_solved_by_functions_and_agree():
+    shape, kernel = (40, 40), RbfKernel(4.0, 4.0, 0.01, 0.02)
+    x, y = (part.ravel().astype(np.int32) for part in np.indices(shape))
+    values = drawn(kernel, shape).ravel()
+    posterior = LocalPosterior(shape, kernel)
+    assert len(posterior._spectrum.terms) < len(x)
+    posterior.condition(x, y, values)
+    posterior.solve()
+    right, deviation = exact_posterior(kernel, shape, x, y, values)
+    value, uncertainty = written(posterior, shape)
+    assert np.abs(value - right).max() < 2e-3 * np.sqrt(kernel.amplitude)
+    assert np.abs(uncertainty - deviation).max() < 1e-3 * np.sqrt(kernel.amplitude)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(1, 60), st.integers(0, 2**32 - 1), st.sampled_from(["local", "whole"]))
+def test_pieces_and_repeated_cells_make_no_difference(n, seed, kind):
+    rng = np.random.default_rng(seed)
+    shape, kernel = ((50, 40), SICK) if kind == "local" else ((50, 40), SMOOTH)
+    x, y = rng.integers(20, 28, n).astype(np.int32), rng.integers(20, 26, n).astype(np.int32)
+    values = rng.standard_normal(n)
+    make = LocalPosterior if kind == "local" else whole
+    once, often = make(shape, kernel), make(shape, kernel)
+    once.condition(x, y, values)
+    once.solve()
+    for part in np.array_split(np.arange(n), 4):
+        often.condition(x[part], y[part], values[part])
+        often.solve()
+    right, deviation = exact_posterior(kernel, shape, x, y, values)
+    for posterior in (once, often):
+        value, uncertainty = written(posterior, shape)
+        np.testing.assert_allclose(value, right, atol=2e-2 * np.sqrt(kernel.amplitude))
+        np.testing.assert_allclose(uncertainty, deviation, atol=2e-3)
+
+
+def test_an_update_touches_only_what_it_reaches():
+    shape = (900, 700)
+    posterior = LocalPosterior(shape, SICK)
+    value, uncertainty = written(posterior, shape, 0.5)
+    posterior.condition(np.array([100], np.int32), np.array([100], np.int32), np.array([0.3]))
+    posterior.solve()
+    before = posterior.lattice.posterior.copy()
+    posterior.condition(np.array([600], np.int32), np.array([400], np.int32), np.array([0.3]))
+    posterior.solve()
+    moved = np.argwhere((posterior.lattice.posterior != before).any(axis=0))
+    assert (np.abs(moved - [600, 400]) <= 5 * 3.1 + 1).all()
+    was = value.copy()
+    changed = posterior.lattice.write(0.5, clip=True, whole=False, value=value, uncertainty=uncertainty)
+    assert 0 < changed.sum() <= 12
+    outside = ~np.kron(changed, np.ones((TILE_CELLS, TILE_CELLS), bool))[: shape[0], : shape[1]]
+    np.testing.assert_array_equal(value[outside], was[outside])
+    full = written(posterior, shape, 0.5)
+    np.testing.assert_array_equal(value, full[0])
+    np.testing.assert_array_equal(uncertainty, full[1])
+    nothing = posterior.lattice.write(0.5, clip=True, whole=False, value=value, uncertainty=uncertainty)
+    assert not nothing.any()
+
+
+def test_an_update_between_nodes_writes_all_cells_that_depend_on_them():
+    kernel, shape = RbfKernel(9.0, 14.0, 1e-3, 0.01), (800, 600)
+    posterior = LocalPosterior(shape, kernel)
+    value, uncertainty = written(posterior, shape)
+    rng = np.random.default_rng(3)
+    for _ in range(6):
+        x, y = rng.integers(0, 800, 5).astype(np.int32), rng.integers(0, 600, 5).astype(np.int32)
+        posterior.condition(x, y, rng.standard_normal(5))
+        posterior.solve()
+        posterior.lattice.write(0.0, clip=False, whole=False, value=value, uncertainty=uncertainty)
+    full = written(posterior, shape)
+    np.testing.assert_allclose(value, full[0], atol=1e-7)
+    np.testing.assert_allclose(uncertainty, full[1], atol=1e-7)
+
+
+def test_interpolation_is_exact_for_polynomials_of_degree_five():
+    rng = np.random.default_rng(1)
+    for step in (1, 2, 7):
+        weights = lagrange_weights(step).astype(float)
+        polynomial = np.polynomial.Polynomial(rng.standard_normal(6))
+        nodes = polynomial(np.arange(-2, POINTS - 2))
+        np.testing.assert_allclose(nodes @ weights, polynomial(np.arange(step) / step), rtol=1e-4, atol=1e-4)
+
+
+def test_functions_that_no_observation_can_move_are_left_out():
+    few, many = (Spectrum(SMOOTH, (150.0, 150.0), density) for density in (1e-4, 1.0))
+    assert len(few.terms) < len(many.terms)
+    assert len(Spectrum(RbfKernel(500.0, 500.0, 1.0, 1e-9), (10.0, 10.0)).terms) == 1
+    covariance = 0.0
+    for i, j in many.terms:
+        covariance += (many.roots[0][i] * many.roots[1][j]) ** 2 / 150**2
+    assert covariance == pytest.approx(SMOOTH.amplitude, rel=0.3)
+
+
+def test_errors_in_parallel_parts_come_out():
+    def work(part):
+        if 7 in part:
+            raise np.linalg.LinAlgError
+
+    with pytest.raises(np.linalg.LinAlgError):
+        in_parallel(work, list(range(50)))
+
+
+@pytest.mark.parametrize("learn_from", ["model", "observations"])
+def test_the_kit_accepts_it(learn_from, tmp_path):
+    check_estimator(
+        make_estimator("gp", method="local", learn_from=learn_from, cache=tmp_path), n_observations=40
+    )
+
+
+def test_the_same_arrays_follow_a_flight_read_only():
+    shape = (400, 300)
+    grid = grid_of(*shape)
+    estimator = GaussianProcessEstimator((1, 1, 1), SICK, optimise=False, method="local").fit(grid)
+    x, y = way(shape, 900, 40)
+    seen = observe(x, y, np.where(x % 7 == 0, 0.5, 1.0))
+    first = estimator.partial_fit(seen[:500]).predict()
+    assert first.changed is None
+    assert not first.value.flags.writeable
+    assert not first.uncertainty.flags.writeable
+    later = estimator.partial_fit(seen[500:]).predict()
+    assert np.shares_memory(first.value, later.value)
+    assert later.revision == first.revision + 1
+    assert 0 < later.changed.sum() < later.changed.size
+    again = estimator.predict()
+    assert not again.changed.any()
+    fresh = (
+        GaussianProcessEstimator((1, 1, 1), SICK, optimise=False, method="local").fit(grid, seen).predict()
+    )
+    np.testing.assert_array_equal(later.value, fresh.value)
+    other = copy.deepcopy(estimator).partial_fit(seen[:5]).predict()
+    assert not np.shares_memory(other.value, later.value)
+
+
+def test_a_running_mean_moves_the_whole_farm():
+    shape = (200, 160)
+    means = (None, None, None)
+    estimator = GaussianProcessEstimator(means, SICK, optimise=False, method="local", clip=False)
+    estimator.fit(grid_of(*shape))
+    x, y = way(shape, 60)
+    values = np.linspace(0, 1, 60)
+    for part in (slice(0, 20), slice(20, 60)):
+        model = estimator.partial_fit(observe(x[part], y[part], values[part])).predict()
+    assert model.changed.all()
+    assert model.value[0, -1, -1] == pytest.approx(values.mean(), abs=1e-6)
+    right = GaussianProcessEstimator(means, SICK, optimise=False, method="exact", clip=False)
+    exact = right.fit(grid_of(*shape), observe(x, y, values)).predict()
+    np.testing.assert_allclose(model.value, exact.value, atol=1e-3)
+
+
+def test_a_singular_covariance_is_named():
+    kernel = RbfKernel(3.0, 3.0, 1e-300, 1.0)
+    estimator = GaussianProcessEstimator((0, 0, 0), kernel, optimise=False, method="local")
+    x, y = way((60, 60), 400, 1)
+    with pytest.raises(EstimatorError, match="the covariance of tylcv is singular"):
+        estimator.fit(grid_of(60, 60), observe(x, y, np.ones(400))).predict()

@@ -1,0 +1,59 @@
+"""The information model's form."""
+
+import numpy as np
+import pytest
+
+from sensors.errors import EstimatorError
+from sensors.scoring.information import InformationModel
+
+
+def test_uniform_model():
+    model = InformationModel.uniform((2, 3), value=(1.0, 0.5, 0.0), uncertainty=0.25)
+    assert model.shape == (2, 3)
+    assert model.of("ccr").tolist() == [[0.5] * 3] * 2
+    assert model.value.dtype == model.uncertainty.dtype == np.float32
+    assert (model.uncertainty == 0.25).all()
+
+
+def test_of_is_a_view_of_the_field():
+    model = InformationModel.uniform((2, 3), value=(1.0, 1.0, 0.0), uncertainty=1.0)
+    model.of("soil")[0, 0] = 0.75
+    assert model.value[2, 0, 0] == 0.75
+
+
+@pytest.mark.parametrize(
+    ("value", "uncertainty", "message"),
+    [
+        (np.zeros((2, 4, 4), np.float32), np.zeros((3, 4, 4), np.float32), r"value is float32\[2, 4, 4\]"),
+        (np.zeros((3, 4, 4)), np.zeros((3, 4, 4), np.float32), "value is float64"),
+        (np.zeros((3, 4, 4), np.float32), np.zeros((3, 16), np.float32), "uncertainty is"),
+        (np.zeros((3, 4, 4), np.float32), np.zeros((3, 4, 5), np.float32), "differ in shape"),
+    ],
+)
+def test_wrong_arrays_are_refused(value, uncertainty, message):
+    with pytest.raises(EstimatorError, match=message):
+        InformationModel(value, uncertainty)
+
+
+def test_unknown_field_is_named():
+    model = InformationModel.uniform((2, 3), value=(1.0, 1.0, 0.0), uncertainty=1.0)
+    with pytest.raises(EstimatorError, match=r"no field 'rain', expected one of tylcv, ccr, soil"):
+        model.of("rain")
+
+
+def test_changed_tiles_have_the_farms_tiles():
+    model = InformationModel.uniform((130, 64), value=(1, 1, 0), uncertainty=1)
+    InformationModel(model.value, model.uncertainty, np.zeros((3, 1), bool), 4)
+    for changed in (np.zeros((2, 1), bool), np.zeros((3, 1), int)):
+        with pytest.raises(EstimatorError, match=r"changed is .*expected bool\[3, 1\]"):
+            InformationModel(model.value, model.uncertainty, changed)
+
+
+def test_a_copy_stays_as_it_is():
+    model = InformationModel.uniform((5, 4), value=(1, 1, 0), uncertainty=1)
+    view = model.value.view()
+    view.flags.writeable = False
+    copy = InformationModel(view, model.uncertainty).copy()
+    model.value[:] = 0.25
+    assert copy.value[0, 0, 0] == 1
+    assert copy.value.flags.writeable

@@ -1,0 +1,191 @@
+import math
+import subprocess
+import sys
+
+import pytest
+
+from sim_vehicle.airframe.spec import (
+    BatterySpec,
+    FixedWingPowerSpec,
+    PowerSpec,
+    RoverPowerSpec,
+    VehicleSpec,
+    get_vehicle,
+    vehicle_names,
+)
+from sim_vehicle.errors import VehicleError
+
+
+def test_the_names_and_the_vehicles():
+    names = vehicle_names()
+    assert (names[0], names[-1]) == ("quad", "ideal")
+    assert {"mini-quad", "rover", "wing"} < set(names)
+    assert get_vehicle("QUAD").name == "quad"
+    ideal = get_vehicle("ideal")
+    assert ideal.is_ideal
+    assert ideal.battery is None
+    assert ideal.cell_m == pytest.approx(0.3048)
+    assert ideal.step_s == 1.0
+    assert ideal.top_speed_m_s == pytest.approx(0.3048)
+
+
+@pytest.mark.parametrize("name", ["", "helicopter", "quad ", "../quad"])
+def test_an_unknown_vehicle_names_the_known_ones(name):
+    with pytest.raises(VehicleError, match=r"choose quad, .*mini-quad, .*ideal or a"):
+        get_vehicle(name)
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf, "fast", True])
+def test_limits_must_be_positive_numbers(value):
+    with pytest.raises(VehicleError, match=r"acceleration_m_s2|jerk"):
+        VehicleSpec("x", acceleration_m_s2=value, jerk_m_s3=value)
+
+
+def test_impossible_batteries_are_refused():
+    with pytest.raises(VehicleError, match="capacity_wh"):
+        BatterySpec(capacity_wh=0.0, cells=4)
+    with pytest.raises(VehicleError, match="ordered"):
+        BatterySpec(capacity_wh=10.0, cells=4, reserve_fraction=0.1, critical_fraction=0.2)
+    with pytest.raises(VehicleError, match="resistance"):
+        BatterySpec(capacity_wh=10.0, cells=4, resistance_ohm=-1.0)
+    with pytest.raises(VehicleError, match="efficiency"):
+        PowerSpec(1.0, 0.1, 70.0, efficiency=1.2)
+    with pytest.raises(VehicleError, match="power"):
+        VehicleSpec("x", battery=BatterySpec(10.0, 4))
+    with pytest.raises(VehicleError, match="no power model of kind fixed-wing"):
+        VehicleSpec("x", kind="fixed-wing", power=PowerSpec(1.0, 0.1, 70.0))
+    with pytest.raises(VehicleError, match="no power model of kind ideal"):
+        VehicleSpec("x", kind="ideal", power=PowerSpec(1.0, 0.1, 70.0))
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"cells": 0},
+        {"cells": 3.5},
+        {"cells": True},
+        {"relaxation_s": 0.0},
+        {"polarization_ohm": -0.1},
+        {"polarization_ohm": math.nan},
+        {"full_cell_v": 3.7},
+        {"empty_cell_v": 3.9},
+        {"full_cell_v": 9.0},
+        {"capacity_wh": math.inf},
+        {"reserve_fraction": 1.0},
+        {"reserve_fraction": math.nan},
+    ],
+)
+def test_impossible_values_of_a_battery(values):
+    with pytest.raises(VehicleError, match=r"battery: "):
+        BatterySpec(**{"capacity_wh": 10.0, "cells": 4, **values})
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"camera_w": -1.0},
+        {"idle_w": math.nan},
+        {"oswald": 0.0},
+        {"efficiency": 1.01},
+        {"wing_area_m2": "1"},
+    ],
+)
+def test_impossible_values_of_a_wing(values):
+    with pytest.raises(VehicleError, match=r"power: "):
+        FixedWingPowerSpec(**{"mass_kg": 2.0, "wing_area_m2": 0.4, "wing_span_m": 1.8, **values})
+
+
+def test_a_vehicle_file(tmp_path):
+    path = tmp_path / "small.toml"
+    path.write_text("cruise_speed_m_s = 5.0\n[battery]\ncapacity_wh = 40\n[power]\nmass_kg = 0.9\n")
+    small = get_vehicle(str(path))
+    assert (small.name, small.cruise_speed_m_s) == ("small", 5.0)
+    assert small.battery is not None and small.battery.capacity_wh == 40
+    assert small.power is not None and small.power.mass_kg == 0.9
+    assert small.climb_speed_m_s == get_vehicle("quad").climb_speed_m_s
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("cruise = 5.0", "unknown key 'cruise'"),
+        ("cruise_speed_m_s = -5.0", "not a positive number"),
+        ("cruise_speed_m_s = '5'", "wrong type"),
+        ("kind = 'boat'", "kind"),
+        ("base = 'boat'", "base must be one of"),
+        ("battery = 5", "must be a table"),
+        ("[battery]\nvolts = 5", "unknown key 'volts'"),
+        ("base = 'ideal'\n[battery]\ncells = 5", "capacity_wh"),
+        ("[battery]\ncells = 'four'", "cells"),
+        ("not toml", "vehicle file"),
+        ("autopilot = 'px4'", "unknown key 'autopilot'"),
+        ("name = 'x'", "unknown key 'name'"),
+        ("kind = 3", "kind 3"),
+        ("base = 3", "base must be one of"),
+        ("[battery]\ncells = 4.5", "cells"),
+        ("[battery]\ncapacity_wh = true", "wrong type"),
+        ("[battery]\ncapacity_wh = [1]", "capacity_wh"),
+        ("[power]\nwing_area_m2 = 1.0", "unknown key 'wing_area_m2'"),
+        ("kind = 'fixed-wing'\n[power]\ndisc_area_m2 = 1.0", "unknown key 'disc_area_m2'"),
+        ("base = 'quad'\nkind = 'rover'", "kind rover does not fit base quad, which is a multirotor"),
+        ("base = 'ideal'\n[battery]\ncells = 4\ncapacity_wh = 5", "a battery needs a power model"),
+        ("base = 'ideal'\n[power]\nmass_kg = 1.0", r"kind ideal has no \[power\]"),
+        ("[published]\nendurance_min = 0", "endurance_min"),
+        ("[published]\nused_fraction = 2\nendurance_min = 9", "used_fraction"),
+        ("[published]\nendurance_min = 9\nsource = 5", "wrong type"),
+        ("px4 = 5", "px4 must be a table"),
+        ("[px4]\nmpc_acc = 1", "no parameter's name"),
+        ("[px4]\nMPC_ACC_HOR = '3'", "not a number"),
+        ("[ardupilot]\nWPNAV_SPEED = nan", "not a number"),
+        ("[ardupilot]\nA_VERY_LONG_PARAMETER = 1", "no parameter's name"),
+    ],
+)
+def test_bad_vehicle_files_say_what_is_wrong(tmp_path, text, reason):
+    path = tmp_path / "bad.toml"
+    path.write_text(text)
+    with pytest.raises(VehicleError, match=reason) as error:
+        get_vehicle(str(path))
+    assert "\n" not in str(error.value)
+
+
+def test_a_vehicle_file_has_parameters_of_both_autopilots(tmp_path):
+    path = tmp_path / "tuned.toml"
+    path.write_text("[px4]\nMPC_ACC_HOR = 4\nNAV_ACC_RAD = 2.5\n[ardupilot]\nWPNAV_SPEED = 750\n")
+    tuned = get_vehicle(str(path))
+    assert tuned.px4 == (("MPC_ACC_HOR", 4.0), ("NAV_ACC_RAD", 2.5))
+    assert tuned.ardupilot == (("WPNAV_SPEED", 750.0),)
+    assert tuned.parameters == ()
+
+
+def test_a_file_is_based_on_the_vehicle_of_its_kind(tmp_path):
+    path = tmp_path / "own.toml"
+    path.write_text("kind = 'fixed-wing'\n[power]\nmass_kg = 2.0\n")
+    wing = get_vehicle(str(path))
+    assert isinstance(wing.power, FixedWingPowerSpec)
+    assert (wing.power.mass_kg, wing.power.wing_span_m) == (2.0, 2.35)
+    assert wing.battery == get_vehicle("wing").battery
+    # What the maker of the other vehicle tells is not told of this one.
+    assert wing.published is None and wing.description == ""
+    path.write_text("kind = 'rover'\n[power]\nrolling_resistance = 0.2\n")
+    assert isinstance(get_vehicle(str(path)).power, RoverPowerSpec)
+
+
+def test_a_missing_or_binary_vehicle_file(tmp_path):
+    with pytest.raises(VehicleError, match=r"none\.toml"):
+        get_vehicle(str(tmp_path / "none.toml"))
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(VehicleError, match=r"binary\.toml"):
+        get_vehicle(str(tmp_path / "binary.toml"))
+
+
+def test_an_ideal_flight_does_not_import_numba():
+    code = (
+        "import sys; from geo.frame import LocalFrame; from mission.model import MissionItem, Mission;"
+        "from sim_vehicle.prediction.predict import predict_flight;"
+        "from sim_vehicle.airframe.spec import get_vehicle;"
+        "up = MissionItem(22, 3, 0, 0, 0, None, 28.0, -82.0, 2.0);"
+        "m = Mission((up, MissionItem.waypoint(28.0001, -82.0, 2.0)));"
+        "p = predict_flight(m, get_vehicle('ideal'), frame=LocalFrame(28.0, -82.0));"
+        "assert p.feasible, p; assert 'numba' not in sys.modules; assert 'scipy' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)

@@ -1,0 +1,116 @@
+import math
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sim_vehicle.airframe.spec import BatterySpec, get_vehicle, vehicle_names
+from sim_vehicle.energy.battery import WH_J, BatteryMeter, remaining_fraction
+
+BATTERY = get_vehicle("quad").battery
+CAPACITY_J = BATTERY.capacity_wh * WH_J
+PACKS = [get_vehicle(name).battery for name in vehicle_names() if get_vehicle(name).battery is not None]
+
+
+def _resting(fraction, power=0.0):
+    return BatteryMeter(BATTERY).read(0.0, (1.0 - fraction) * CAPACITY_J, power)
+
+
+@given(st.lists(st.floats(0.0, 1.2 * CAPACITY_J), min_size=2, max_size=20), st.floats(0.0, 400.0))
+def test_voltage_and_fraction_fall_with_use(used, power):
+    states = [BatteryMeter(BATTERY).read(0.0, joules, power) for joules in sorted(used)]
+    for earlier, later in pairwise(states):
+        assert later.fraction <= earlier.fraction
+        assert later.voltage_v <= earlier.voltage_v + 1e-12
+        assert later.used_mah >= earlier.used_mah - 1e-9
+    assert all(math.isfinite(s.voltage_v) and 10.0 < s.voltage_v <= 17.4 for s in states)
+
+
+@given(st.floats(0.0, 1.0), st.floats(0.0, 300.0), st.floats(0.0, 300.0))
+def test_more_power_is_less_voltage_and_more_current(fraction, power, more):
+    low, high = _resting(fraction, power), _resting(fraction, power + more)
+    assert high.voltage_v <= low.voltage_v
+    assert high.current_a >= low.current_a
+    assert high.rest_voltage_v == low.rest_voltage_v
+
+
+def test_a_full_and_an_empty_pack():
+    assert _resting(1.0).voltage_v == pytest.approx(4 * 4.35)
+    assert _resting(0.0).voltage_v == pytest.approx(4 * 3.0)
+    assert _resting(0.0).depleted and not _resting(0.01).depleted
+    assert _resting(-0.5).fraction == 0.0
+    assert _resting(0.5).remaining_s == math.inf
+
+
+@pytest.mark.parametrize("pack", PACKS, ids=lambda pack: f"{pack.capacity_wh} Wh")
+def test_the_charge_of_the_discharge_curve_is_that_of_the_data_sheet(pack):
+    empty = BatteryMeter(pack).read(0.0, pack.capacity_wh * WH_J, 0.0)
+    assert empty.used_mah == pytest.approx(pack.capacity_mah, rel=0.015)
+
+
+def test_the_current_is_the_rate_of_the_charge():
+    meter = BatteryMeter(BATTERY)
+    power, step = 178.0, 1.0
+    charge = 0.0
+    last = meter.read(0.0, 0.0, power)
+    for second in range(1, 1700):
+        state = meter.read(second * step, second * power, power)
+        charge += 0.5 * (last.current_a + state.current_a) * step / 3.6
+        last = state
+    assert charge == pytest.approx(last.used_mah, rel=1e-4)
+
+
+def test_the_sag_of_a_load_builds_up_and_recovers():
+    meter = BatteryMeter(BATTERY)
+    resting = meter.read(0.0, 0.0, 0.0).voltage_v
+    at_once = meter.read(0.001, 0.0, 300.0).voltage_v
+    current = 300.0 / 17.4
+    assert resting - at_once == pytest.approx(BATTERY.resistance_ohm * current, rel=1e-3)
+    held = [meter.read(0.001 + 10.0 * k, 0.0, 300.0).voltage_v for k in range(1, 30)]
+    assert all(later < earlier + 1e-12 for earlier, later in pairwise(held))
+    assert at_once - held[-1] == pytest.approx(BATTERY.polarization_ohm * current, rel=1e-3)
+    released = meter.read(290.002, 0.0, 0.0).voltage_v
+    assert released == pytest.approx(resting - BATTERY.polarization_ohm * current, abs=1e-3)
+    later = meter.read(290.002 + BATTERY.relaxation_s, 0.0, 0.0).voltage_v
+    assert resting - later == pytest.approx((resting - released) * math.exp(-1.0), rel=0.01)
+    assert meter.read(2000.0, 0.0, 0.0).voltage_v == pytest.approx(resting, abs=1e-6)
+
+
+def test_reading_twice_changes_nothing():
+    meter = BatteryMeter(BATTERY)
+    meter.read(0.0, 0.0, 0.0)
+    assert meter.read(5.0, 500.0, 150.0) == meter.read(5.0, 500.0, 150.0)
+
+
+@given(st.integers(1, 50))
+def test_how_often_one_looks_hardly_matters(looks):
+    often, seldom = BatteryMeter(BATTERY), BatteryMeter(BATTERY)
+    for meter in (often, seldom):
+        meter.read(0.0, 0.0, 170.0)
+    for k in range(1, looks):
+        often.read(60.0 * k / looks, 170.0 * 60.0 * k / looks, 170.0)
+    assert often.read(60.0, 10200.0, 170.0).voltage_v == pytest.approx(
+        seldom.read(60.0, 10200.0, 170.0).voltage_v, abs=0.02
+    )
+
+
+def test_the_remaining_time_follows_the_load():
+    meter = BatteryMeter(BATTERY)
+    meter.read(0.0, 0.0, 178.4)
+    steady = meter.read(100.0, 0.0, 178.4)
+    assert steady.remaining_s == pytest.approx(1800.0, rel=1e-3)
+    more = meter.read(101.0, 0.0, 356.8)
+    assert 1700.0 < more.remaining_s < 1800.0
+    assert meter.read(400.0, 0.0, 356.8).remaining_s == pytest.approx(900.0, rel=1e-2)
+
+
+@given(st.floats(0.0, 2.0 * CAPACITY_J))
+def test_the_fraction_without_a_meter_is_the_same(used):
+    assert remaining_fraction(BATTERY, used) == BatteryMeter(BATTERY).read(0.0, used, 100.0).fraction
+
+
+def test_a_pack_without_resistance_does_not_sag():
+    meter = BatteryMeter(BatterySpec(50.0, 4, resistance_ohm=0.0, polarization_ohm=0.0))
+    meter.read(0.0, 0.0, 0.0)
+    assert meter.read(10.0, 0.0, 500.0).voltage_v == pytest.approx(16.8)

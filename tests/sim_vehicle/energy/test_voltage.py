@@ -1,0 +1,159 @@
+"""The battery in telemetry, and the failsafes of a voltage that is too low."""
+
+from dataclasses import replace
+
+import pytest
+
+from mission.link.codec.dialect import mavlink as m
+from mission.model import GeoPoint
+from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.execution.state import Phase
+from sim_vehicle.mavlink import ARDUPILOT, PX4, Mode, SimVehicle
+from sim_vehicle.pilot.notices import RefusedError
+
+HOME = GeoPoint(28.05, -82.15, 20.0)
+QUAD = get_vehicle("quad")
+# Cells of which each hangs low under the load of a flight.
+SOFT = replace(QUAD, battery=replace(QUAD.battery, resistance_ohm=0.15))
+
+
+class Rig:
+    def __init__(self, persona, spec=QUAD, **tuning):
+        self.vehicle = SimVehicle(spec, HOME, persona=persona)
+        self.pilot = self.vehicle.pilot
+        self.now_s, self.texts = 0.0, []
+        for name, value in tuning.items():
+            assert hasattr(self.pilot.tuning, name)
+            setattr(self.pilot.tuning, name, value)
+        self.pilot.retune()
+        self.run(0.1)
+
+    def run(self, seconds, until=None):
+        end_s = self.now_s + seconds
+        while self.now_s < end_s - 1e-9 and not (until and until()):
+            self.now_s = round(self.now_s + 0.1, 6)
+            messages = self.vehicle.poll(self.now_s)
+            self.texts += [s.text for s in messages if s.get_type() == "STATUSTEXT"]
+
+    def aloft(self):
+        self.pilot.arm()
+        self.pilot.takeoff(20.0)
+        self.run(30.0, until=lambda: self.pilot.state.phase is Phase.HOLD)
+        assert self.pilot.state.phase is Phase.HOLD
+
+    def status(self):
+        return self.vehicle.built(m.MAVLINK_MSG_ID_BATTERY_STATUS)[0]
+
+    @property
+    def voltage_v(self):
+        return self.pilot.state.battery.voltage_v
+
+
+@pytest.mark.parametrize("persona", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
+def test_what_the_messages_tell(persona):
+    rig = Rig(persona)
+    resting = rig.status()
+    assert resting.voltages[:4] == pytest.approx([4350] * 4, abs=4)
+    assert resting.voltages[4:] == [65535] * 6
+    assert resting.time_remaining == 0
+    rig.aloft()
+    rig.run(150.0)
+    flying, battery = rig.status(), rig.pilot.state.battery
+    system = rig.vehicle.built(m.MAVLINK_MSG_ID_SYS_STATUS)[0]
+    assert sum(flying.voltages[:4]) == pytest.approx(system.voltage_battery, abs=4)
+    assert flying.voltages[0] < 4300
+    assert flying.current_battery == system.current_battery == pytest.approx(1040, abs=40)
+    # 1 hJ is 100 J; the charge and the energy go with the mean voltage.
+    assert flying.energy_consumed == pytest.approx(battery.used_wh * 36.0, abs=1)
+    assert flying.current_consumed / 1000.0 * 17.2 == pytest.approx(battery.used_wh, rel=0.03)
+    assert flying.battery_remaining == system.battery_remaining == pytest.approx(91, abs=2)
+    left_s = battery.fraction * QUAD.battery.capacity_wh * 3600.0 / 178.4
+    assert flying.time_remaining == (pytest.approx(left_s, rel=0.03) if persona is PX4 else 0)
+    assert flying.charge_state == m.MAV_BATTERY_CHARGE_STATE_OK
+
+
+@pytest.mark.parametrize("persona", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
+def test_the_charge_state_follows_the_parameters(persona):
+    rig = Rig(persona, low_fraction=0.5, critical_fraction=0.3, emergency_fraction=0.1)
+    states = {0.51: "OK", 0.49: "LOW", 0.29: "CRITICAL", 0.09: "EMERGENCY"}
+    for fraction, name in states.items():
+        rig.pilot.drain_battery(fraction)
+        rig.run(0.2)
+        assert rig.status().charge_state == getattr(m, f"MAV_BATTERY_CHARGE_STATE_{name}")
+
+
+def test_an_endless_battery_is_unknown():
+    rig = Rig(PX4, replace(QUAD, battery=None))
+    status = rig.status()
+    assert status.voltages == [65535] * 10 and status.battery_remaining == -1
+    assert rig.vehicle.built(m.MAVLINK_MSG_ID_SYS_STATUS)[0].battery_remaining == -1
+
+
+def test_a_voltage_that_sags_for_too_long_is_a_low_battery():
+    rig = Rig(ARDUPILOT, SOFT, low_voltage_v=16.2, low_voltage_timer_s=10.0)
+    assert rig.voltage_v > 16.2
+    rig.aloft()
+    begun = rig.now_s
+    assert rig.voltage_v < 16.2 and not any("Battery" in text for text in rig.texts)
+    rig.run(15.0, until=lambda: rig.pilot.mode is Mode.RTL)
+    assert rig.pilot.mode is Mode.RTL and rig.now_s - begun < 10.5
+    assert any(text.startswith("Battery low (") and " V)" in text for text in rig.texts)
+    assert rig.status().charge_state == m.MAV_BATTERY_CHARGE_STATE_LOW
+    assert rig.pilot.state.battery.fraction > 0.9
+
+
+def test_a_critical_voltage_lands():
+    rig = Rig(ARDUPILOT, SOFT, low_voltage_v=0.0, critical_voltage_v=16.2)
+    rig.aloft()
+    rig.run(11.0)
+    assert rig.pilot.mode is Mode.LAND
+    assert rig.status().charge_state == m.MAV_BATTERY_CHARGE_STATE_CRITICAL
+
+
+@pytest.mark.parametrize(
+    "tuning",
+    [
+        {"low_voltage_v": 16.2, "low_voltage_timer_s": 0.0},
+        {"low_voltage_v": 16.2, "low_voltage_source": 1},
+        {"low_voltage_v": 0.0},
+    ],
+    ids=["timer 0", "without the sag", "no voltage"],
+)
+def test_what_switches_the_failsafe_of_the_voltage_off(tuning):
+    rig = Rig(ARDUPILOT, SOFT, **tuning)
+    rig.aloft()
+    rig.run(20.0)
+    assert rig.pilot.mode is not Mode.RTL and not any("Battery" in text for text in rig.texts)
+
+
+def test_px4_does_not_watch_the_voltage():
+    rig = Rig(PX4, SOFT, low_voltage_v=16.2)
+    rig.aloft()
+    rig.run(20.0)
+    assert not any("Battery" in text for text in rig.texts)
+
+
+def test_a_short_sag_is_forgiven():
+    rig = Rig(ARDUPILOT, SOFT, low_voltage_v=16.2, low_voltage_timer_s=60.0)
+    rig.aloft()
+    rig.run(5.0)
+    rig.pilot.tuning.low_voltage_v = 12.0
+    rig.run(1.0)
+    rig.pilot.tuning.low_voltage_v = 16.2
+    rig.run(50.0)
+    assert not any("Battery" in text for text in rig.texts)
+    rig.run(15.0)
+    assert any("Battery low" in text for text in rig.texts)
+
+
+def test_a_pack_below_the_voltage_does_not_arm():
+    rig = Rig(ARDUPILOT, low_voltage_v=17.5)
+    with pytest.raises(RefusedError, match=r"battery voltage low \(17\.\d\d V, least 17\.50 V\)"):
+        rig.pilot.arm()
+
+
+def test_the_default_of_three_cells_does_not_ground_a_pack_of_two():
+    rig = Rig(ARDUPILOT, get_vehicle("mini-quad"))
+    assert rig.pilot.tuning.low_voltage_v == 0.0
+    rig.aloft()
+    assert Rig(ARDUPILOT).pilot.tuning.low_voltage_v == 10.5

@@ -1,0 +1,383 @@
+"""Mission items flown: times of day, speeds up and down, regions of interest, yaw, splines, home, pauses."""
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from geo.frame import LocalFrame
+from mission.model import Mission, MissionItem
+from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.errors import VehicleError
+from sim_vehicle.execution.executor import MissionExecutor, check_mission
+from sim_vehicle.execution.state import (
+    BatteryDepleted,
+    CameraCommand,
+    Disarmed,
+    HomeMoved,
+    ItemReached,
+    Landed,
+    LandedState,
+    MissionComplete,
+    Phase,
+    TargetReached,
+)
+from sim_vehicle.prediction.predict import predict_flight
+
+HOME = LocalFrame(28.05, -82.15, 30.0)
+QUAD = get_vehicle("quad")
+
+
+def wp(x, y, z=10.0, **options):
+    return MissionItem.waypoint(*HOME.to_wgs84(float(x), float(y)), z, **options)
+
+
+def at(command, x, y, z=10.0, *params):
+    params = (*params, *(None,) * (4 - len(params)))
+    return MissionItem(command, 3, *params, *HOME.to_wgs84(float(x), float(y)), z)
+
+
+def do(command, *params):
+    return MissionItem(command, 2, *params)
+
+
+def takeoff(z=10.0):
+    return MissionItem(22, 3, 0, 0, 0, None, 0.0, 0.0, z)
+
+
+RTL = do(20)
+
+
+def flown(items, spec=QUAD, step_s=0.1, limit_s=1500.0, prepare=None):
+    """Fly a mission; return events and the states on the way."""
+    vehicle = MissionExecutor(spec, HOME)
+    vehicle.load(items)
+    if prepare:
+        prepare(vehicle)
+    vehicle.arm()
+    vehicle.start()
+    events, states = [], []
+    while vehicle.armed and vehicle.time_s < limit_s:
+        events += vehicle.advance(vehicle.time_s + step_s)
+        states.append(vehicle.state())
+    through = MissionExecutor(spec, HOME)
+    through.load(items)
+    if prepare:
+        prepare(through)
+    through.arm()
+    through.start()
+    if not vehicle.armed:
+        assert through.fly_through(limit_s) == events
+    return events, states
+
+
+def times(events):
+    return {event.seq: event.time_s for event in events if isinstance(event, ItemReached)}
+
+
+def on_item(states, seq):
+    return [s for s in states if s.current_seq == seq and s.landed is LandedState.IN_AIR]
+
+
+def test_a_delay_ends_at_its_time_of_day():
+    items = [takeoff(), wp(20, 0), do(93, -1, 12, 1, 30), wp(40, 0), RTL]
+    events, _ = flown(items)
+    assert times(events)[2] == pytest.approx(90.0, abs=0.05)
+    events, _ = flown(items, prepare=lambda v: setattr(v, "epoch_unix_s", v.epoch_unix_s - 60.0))
+    assert times(events)[2] == pytest.approx(150.0, abs=0.05)
+    early = predict_flight(Mission(tuple(items)), QUAD, frame=HOME, epoch_unix_s=1_780_315_140.0)
+    assert early.duration_s == pytest.approx(150.0 + 28.0, abs=8.0)
+    events, _ = flown([takeoff(), do(93, -1, -1, -1, 45), RTL])
+    assert times(events)[1] == pytest.approx(45.0, abs=0.05)
+    events, _ = flown([do(93, -1, -1, 1, -1), takeoff(), RTL])
+    assert times(events)[0] == pytest.approx(60.0, abs=0.05)
+    events, _ = flown([takeoff(), do(93, -1, -1, -1, -1), RTL])
+    assert times(events)[1] < times(events)[0] + 5.0
+
+
+def test_vertical_speeds_of_items():
+    items = [
+        takeoff(),
+        do(178, 2, 1.0),
+        wp(0, 5, 30),
+        do(178, 3, 0.5),
+        wp(0, 0, 20),
+        do(178, 2, -2),
+        wp(0, 5, 40),
+        RTL,
+    ]
+    events, states = flown(items)
+    climbing = [s.velocity_m_s[2] for s in on_item(states, 2)]
+    assert max(climbing[-30:]) <= 1.0 + 1e-6
+    assert sorted(climbing)[len(climbing) // 2] > 0.7
+    assert min(s.velocity_m_s[2] for s in on_item(states, 4)) >= -0.5 - 1e-6
+    assert max(s.velocity_m_s[2] for s in on_item(states, 6)) > 2.5
+    assert isinstance(events[-1], Disarmed)
+
+
+def test_the_speed_goes_back_to_the_vehicles_own():
+    items = [
+        takeoff(),
+        do(178, 0, 3.0),
+        wp(80, 0),
+        do(178, 1, -2),
+        wp(200, 0),
+        do(178, 1, -1),
+        wp(300, 0),
+        RTL,
+    ]
+    _, states = flown(items)
+    fastest = {seq: max(s.velocity_m_s[0] for s in on_item(states, seq)) for seq in (2, 4, 6)}
+    assert fastest[2] == pytest.approx(3.0, abs=0.01)
+    assert (fastest[4], fastest[6]) == pytest.approx((QUAD.cruise_speed_m_s,) * 2, abs=0.01)
+
+
+def test_the_nose_follows_the_region_of_interest():
+    items = [takeoff(), wp(0, 20), at(195, 50, 60, 0), wp(100, 20), do(197), wp(100, 90), RTL]
+    _, states = flown(items)
+    for state in on_item(states, 3)[40:-5]:
+        x, y, _ = state.position_m
+        error = math.remainder(state.yaw_rad - math.atan2(50 - x, 60 - y), 2 * math.pi)
+        assert abs(error) < 0.3
+    assert math.remainder(on_item(states, 5)[-1].yaw_rad, 2 * math.pi) == pytest.approx(0.0, abs=0.05)
+
+
+@pytest.mark.parametrize("stop", [do(201), MissionItem(195, 3, x=0.0, y=0.0, z=0.0)])
+def test_a_region_of_interest_ends_with_the_way_home(stop):
+    assert check_mission([takeoff(), stop, wp(0, 20), RTL], HOME, QUAD) == []
+    _, states = flown([takeoff(), at(201, 0, 200, 0, 3), wp(60, 20), RTL])
+    homing = [s for s in on_item(states, 3) if math.hypot(*s.velocity_m_s[:2]) > 4.0]
+    for state in homing[20:]:
+        assert math.remainder(state.yaw_rad - math.atan2(-60, -20), 2 * math.pi) == pytest.approx(
+            0.0, abs=0.1
+        )
+
+
+def test_yaw_holds_to_the_next_place():
+    items = [takeoff(), do(115, 90, 0, 1, 0), wp(0, 60), wp(0, 120), do(115, 45, 0, -1, 1), wp(0, 200), RTL]
+    _, states = flown(items)
+    assert on_item(states, 2)[-1].yaw_rad == pytest.approx(math.pi / 2, abs=1e-3)
+    assert math.remainder(on_item(states, 3)[-1].yaw_rad, 2 * math.pi) == pytest.approx(0.0, abs=1e-3)
+    assert math.remainder(on_item(states, 5)[-1].yaw_rad, 2 * math.pi) == pytest.approx(
+        -math.pi / 4, abs=0.02
+    )
+
+
+def test_a_spline_is_smooth_and_passes_its_places():
+    items = [takeoff(), wp(40, 0), at(82, 80, 30), at(82, 120, -30), wp(160, 0), RTL]
+    events, states = flown(items, step_s=0.02)
+    assert {0, 1, 2, 3, 4, 5} <= set(times(events))
+    for seq, (x, y) in ((2, (80, 30)), (3, (120, -30))):
+        near = min(math.hypot(s.position_m[0] - x, s.position_m[1] - y) for s in states)
+        assert near < QUAD.acceptance_radius_m
+        speed = min(math.hypot(*s.velocity_m_s[:2]) for s in on_item(states, seq)[50:])
+        assert speed > 1.2, "it does not stop on the way"
+    tracks = [math.atan2(*s.velocity_m_s[:2]) for s in on_item(states, 2) + on_item(states, 3)]
+    turns = [abs(math.remainder(b - a, 2 * math.pi)) for a, b in pairwise(tracks)]
+    assert max(turns) < math.radians(4.0)
+    held, _ = flown([takeoff(), wp(40, 0), at(82, 80, 30, 10, 5.0), wp(120, 0), RTL])
+    assert times(held)[2] > times(events)[2] + 2.0
+
+
+def test_home_moves_and_is_returned_to():
+    items = [takeoff(), wp(60, 0), at(179, 90, 20, 0), wp(60, 60), RTL]
+    events, states = flown(items)
+    (moved,) = (event for event in events if isinstance(event, HomeMoved))
+    assert (moved.x_m, moved.y_m) == pytest.approx((90, 20), abs=0.02)
+    assert states[-1].position_m[:2] == pytest.approx((90, 20), abs=0.1)
+    events, states = flown([takeoff(), wp(60, 0, hold_s=1), do(179, 1), wp(0, 60), RTL])
+    assert states[-1].position_m[:2] == pytest.approx((60, 0), abs=0.5)
+
+
+def test_the_nearest_of_home_and_rally_points_is_returned_to():
+    def with_rally(vehicle):
+        vehicle.rally_m = ((100.0, 0.0, 40.0), (-300.0, 0.0, 10.0))
+
+    _, states = flown([takeoff(), wp(90, 30), RTL], prepare=with_rally)
+    assert states[-1].position_m[:2] == pytest.approx((100, 0), abs=0.1)
+    assert max(s.position_m[2] for s in states) == pytest.approx(40.0, abs=0.5)
+    _, states = flown([takeoff(), wp(20, 30), RTL], prepare=with_rally)
+    assert states[-1].position_m[:2] == pytest.approx((0, 0), abs=0.1)
+
+
+def test_a_prediction_is_the_flight_with_all_of_it():
+    items = [
+        takeoff(),
+        do(178, 2, 1.5),
+        wp(20, 0, 25),
+        at(195, 60, 60, 0),
+        at(82, 60, 10),
+        at(82, 90, -10),
+        do(115, 30, 0, 1, 1),
+        do(197),
+        wp(120, 0),
+        do(93, -1, 12, 3, 0),
+        at(18, 100, 40, 10, 1.0, 0.0, -8.0),
+        do(177, 10, 1),
+        RTL,
+    ]
+    events, states = flown(items)
+    forecast = predict_flight(Mission(tuple(items)), QUAD, frame=HOME)
+    (complete,) = (event for event in events if isinstance(event, MissionComplete))
+    assert forecast.feasible
+    assert forecast.duration_s == pytest.approx(complete.time_s, abs=1e-6)
+    assert forecast.path_length_m == pytest.approx(states[-1].path_length_m, rel=1e-9)
+
+
+SQUARE = [
+    takeoff(),
+    wp(40, 0, hold_s=3.0),
+    do(93, 4.0, -1, -1, -1),
+    at(19, 40, 40, 12, 5.0),
+    at(18, 0, 40, 10, 1.0, 0.0, 8.0),
+    RTL,
+]
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(0.1, 110.0), st.sampled_from(["resume", "jump", "start"]), st.integers(0, 5))
+def test_a_pause_at_any_moment_loses_nothing(when_s, how, seq):
+    vehicle = MissionExecutor(QUAD, HOME)
+    vehicle.load(SQUARE)
+    vehicle.arm()
+    vehicle.start()
+    events = vehicle.advance(when_s)
+    if not vehicle.armed or vehicle.landed is LandedState.ON_GROUND:
+        return
+    if how != "jump":
+        vehicle.hold()
+        assert vehicle.phase is Phase.HOLD
+        events += vehicle.advance(when_s + 12.0)
+        assert math.hypot(*vehicle.state().velocity_m_s) < 0.1
+        assert vehicle.landed in (LandedState.IN_AIR, LandedState.TAKEOFF)
+    if how != "resume":
+        vehicle.set_current(seq)
+    current = vehicle.current_seq
+    if how != "jump":
+        vehicle.start()
+    if vehicle.phase is Phase.MISSION:
+        events = vehicle.advance(2000.0)
+        assert [e.seq for e in events if isinstance(e, ItemReached)] == list(range(current, 6))
+        assert isinstance(events[-1], Disarmed)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(1.0, 60.0), st.integers(0, 3))
+def test_a_mission_changed_in_flight_goes_on(when_s, current):
+    vehicle = MissionExecutor(QUAD, HOME)
+    vehicle.load(SQUARE)
+    vehicle.arm()
+    vehicle.start()
+    vehicle.advance(when_s)
+    vehicle.load([takeoff(), wp(10, 0), wp(10, 10), RTL], current=current)
+    assert vehicle.current_seq == current
+    vehicle.start()
+    events = vehicle.advance(1000.0)
+    assert [e.seq for e in events if isinstance(e, ItemReached)] == list(range(current, 4))
+
+
+def aloft(height_m=30.0, spec=QUAD):
+    vehicle = MissionExecutor(spec, HOME)
+    vehicle.arm()
+    vehicle.takeoff(height_m)
+    vehicle.advance(40.0)
+    return vehicle
+
+
+def test_velocities_and_places_by_turns():
+    vehicle = aloft()
+    vehicle.steer((3.0, 4.0, 0.0), yaw_rad=math.nan)
+    assert vehicle.phase is Phase.STEERED
+    assert vehicle.advance(60.0) == []
+    state = vehicle.state()
+    assert state.velocity_m_s == pytest.approx((3.0, 4.0, 0.0), abs=1e-4)
+    assert state.yaw_rad == pytest.approx(math.atan2(3, 4), abs=1e-4)
+    vehicle.goto(0.0, 0.0, 20.0, turn_rad_s=0.3)
+    assert vehicle.advance(61.0) == []
+    assert vehicle.state().yaw_rate_rad_s == pytest.approx(0.3)
+    assert isinstance(vehicle.advance(120.0)[0], TargetReached)
+    vehicle.steer((0.0, 0.0, -2.0))
+    events = vehicle.advance(180.0)
+    assert [type(event) for event in events] == [Landed, Disarmed]
+    with pytest.raises(VehicleError, match="not armed"):
+        vehicle.steer((1.0, 0.0, 0.0))
+    vehicle.arm()
+    with pytest.raises(VehicleError, match="on the ground"):
+        vehicle.steer((1.0, 0.0, 0.0))
+    vehicle.steer((0.0, 0.0, 1.0))
+    vehicle.advance(190.0)
+    assert vehicle.state().position_m[2] > 5.0
+
+
+def test_an_orbit():
+    vehicle = aloft()
+    vehicle.orbit(20.0, 0.0, 25.0, -10.0, 3.0)
+    vehicle.advance(80.0)
+    for _ in range(50):
+        vehicle.advance(vehicle.time_s + 0.5)
+        x, y, z = vehicle.state().position_m
+        assert math.hypot(x - 20.0, y) == pytest.approx(10.0, abs=0.6)
+        assert z == pytest.approx(25.0, abs=0.1)
+    for bad in ((0.0, 0.0, 25.0, 0.1, 3.0), (1e6, 0.0, 25.0, 9.0, 3.0), (0.0, 0.0, -1.0, 9.0, 3.0)):
+        with pytest.raises(VehicleError):
+            vehicle.orbit(*bad)
+
+
+def test_falling():
+    vehicle = aloft(60.0)
+    vehicle.goto(100.0, 0.0, 60.0)
+    vehicle.advance(45.0)
+    vehicle.fall()
+    assert vehicle.phase is Phase.FALLING
+    for order in (vehicle.hold, vehicle.land, vehicle.return_home, lambda: vehicle.steer((0.0, 0.0, 1.0))):
+        with pytest.raises(VehicleError, match="falling"):
+            order()
+    events = vehicle.advance(60.0)
+    assert [type(event) for event in events] == [Landed, Disarmed]
+    assert 2.0 < events[0].time_s - 45.0 < 7.0
+    assert vehicle.state().position_m[2] == 0.0
+    vehicle.arm()
+    vehicle.takeoff(5.0)
+    vehicle.advance(90.0)
+    assert vehicle.state().position_m[2] == pytest.approx(5.0, abs=0.05)
+
+
+def test_a_drained_battery():
+    vehicle = aloft(30.0)
+    vehicle.drain_battery(0.15)
+    assert vehicle.state().battery.fraction == pytest.approx(0.15, abs=0.01)
+    vehicle.drain_battery(0.5)
+    assert vehicle.state().battery.fraction < 0.16, "nothing comes back"
+    vehicle.drain_battery(0.0)
+    events = vehicle.advance(100.0)
+    assert isinstance(events[0], BatteryDepleted)
+    assert isinstance(events[-1], Disarmed)
+    ideal = MissionExecutor(get_vehicle("ideal"), HOME)
+    ideal.drain_battery(0.0)
+    assert ideal.state().battery is None
+
+
+def test_a_camera_item_after_a_jump_comes_each_time():
+    items = [takeoff(), wp(10, 0), do(2000, 0, 0, 1), wp(20, 0), do(177, 1, 2), RTL]
+    events, _ = flown(items)
+    assert [type(e) for e in events].count(CameraCommand) == 3
+
+
+def test_an_aborted_landing_is_in_the_air_again():
+    vehicle = aloft(12.0)
+    vehicle.land()
+    vehicle.advance(vehicle.time_s + 6.0)
+    assert vehicle.landed is LandedState.LANDING
+    vehicle.hold()
+    assert vehicle.landed is LandedState.IN_AIR
+    assert np.isfinite(vehicle.state().position_m).all()
+
+
+def test_a_slow_vehicle_flies_all_items_too():
+    slow = replace(QUAD, cruise_speed_m_s=2.0, climb_speed_m_s=1.0, descent_speed_m_s=1.0)
+    events, _ = flown(SQUARE, spec=slow)
+    assert sorted(times(events)) == [0, 1, 2, 3, 4, 5]

@@ -1,0 +1,133 @@
+"""The server's doors: a TCP host that goes and comes back, a serial line, faults at real sockets."""
+
+import os
+import pty
+import socket
+import threading
+import time
+import tty
+
+import pytest
+
+from mission.errors import LinkError
+from mission.link.codec.dialect import mavlink
+from mission.model import GeoPoint
+from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.faults.fault import FaultError
+from sim_vehicle.host.ports import open_door
+from sim_vehicle.host.server import Server
+from sim_vehicle.mavlink import SimVehicle
+
+HOME = GeoPoint(28.05, -82.15, 20.0)
+
+
+class Serving:
+    """A vehicle served in its own thread."""
+
+    def __init__(self, url, **options):
+        self.server = Server([SimVehicle(get_vehicle("quad"), HOME)], [url], **options)
+        self.thread = threading.Thread(target=self.server.run, daemon=True)
+
+    def __enter__(self):
+        self.thread.start()
+        return self.server
+
+    def __exit__(self, *_):
+        self.server.stop()
+        self.thread.join(5.0)
+        assert not self.thread.is_alive()
+        self.server.close()
+
+
+def heard(connection, seconds=1.5, most=30):
+    """The message names that come out of a socket."""
+    codec, names, end = mavlink.MAVLink(None), [], time.monotonic() + seconds
+    codec.robust_parsing = True
+    connection.settimeout(0.1)
+    while time.monotonic() < end and len(names) < most:
+        try:
+            data = connection.recv(65536)
+        except TimeoutError:
+            continue
+        names += [message.get_type() for message in codec.parse_buffer(data) or []]
+    return names
+
+
+def test_a_tcp_host_that_goes_away_is_called_again():
+    listener = socket.create_server(("127.0.0.1", 0))
+    port = listener.getsockname()[1]
+    with Serving(f"tcp:127.0.0.1:{port}") as server:
+        first, _ = listener.accept()
+        assert "ATTITUDE" in heard(first)
+        listener.close(), first.close()
+        time.sleep(0.3)
+        assert len(server.clients) == 1
+        again = socket.create_server(("127.0.0.1", port))
+        again.settimeout(6.0)
+        second, _ = again.accept()
+        assert "ATTITUDE" in heard(second)
+        codec = mavlink.MAVLink(None, 255, 190)
+        second.send(mavlink.MAVLink_ping_message(1, 9, 0, 0).pack(codec))
+        names, end = [], time.monotonic() + 3.0
+        while "PING" not in names and time.monotonic() < end:
+            names += heard(second, 0.3)
+        assert "PING" in names
+        second.close(), again.close()
+
+
+def test_a_serial_line_has_a_vehicle_at_its_end():
+    near, far = pty.openpty()
+    tty.setraw(near), tty.setraw(far)
+    codec = mavlink.MAVLink(None, 255, 190)
+    codec.robust_parsing = True
+    with Serving(f"serial:{os.ttyname(far)}:115200"):
+        os.write(near, mavlink.MAVLink_ping_message(1, 9, 0, 0).pack(codec))
+        names, end = [], time.monotonic() + 3.0
+        while "PING" not in names and time.monotonic() < end:
+            names += [message.get_type() for message in codec.parse_buffer(os.read(near, 4096)) or []]
+    os.close(near), os.close(far)
+    assert {"HEARTBEAT", "PING"} <= set(names)
+
+
+def test_faults_at_a_socket():
+    faults = ["link-loss,direction=down,from=30", "delay=0.5", "corrupt=0.2", "drop=ATTITUDE"]
+    with Serving("tcpin:127.0.0.1:0", faults=faults, speed=20.0) as server:
+        connection = socket.create_connection(("127.0.0.1", int(server.urls[0].rsplit(":", 1)[1])))
+        names = heard(connection, 0.8)
+        assert "GLOBAL_POSITION_INT" in names and "BAD_DATA" in names
+        assert "ATTITUDE" not in names
+        heard(connection, 1.6, most=100_000)
+        assert heard(connection, 0.3) == []
+        connection.close()
+
+
+def test_commands_cross_a_bad_socket_late():
+    with Serving("tcpin:127.0.0.1:0", faults=["delay=2,direction=up"], speed=10.0) as server:
+        connection = socket.create_connection(("127.0.0.1", int(server.urls[0].rsplit(":", 1)[1])))
+        began = time.monotonic()
+        connection.send(mavlink.MAVLink_ping_message(1, 9, 0, 0).pack(mavlink.MAVLink(None, 255, 190)))
+        names = []
+        while "PING" not in names and time.monotonic() < began + 3.0:
+            names += heard(connection, 0.05)
+        assert "PING" in names
+        assert time.monotonic() - began > 0.15
+        connection.close()
+
+
+@pytest.mark.parametrize("url", ["udpout:no.such.host.invalid:14550", "serial:/dev/none", "tcp:127.0.0.1:1"])
+def test_doors_that_do_not_open_say_why(url):
+    with pytest.raises(LinkError) as caught:
+        open_door(url)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_host_name_is_one_client_and_not_two():
+    door = open_door("udpout:localhost:14999")
+    assert len(door.clients()) == 1
+    assert "127.0.0.1" in door.name
+    door.close()
+
+
+def test_bad_faults_are_refused_before_a_port_is_taken():
+    with pytest.raises(FaultError):
+        Server([], ["tcpin:127.0.0.1:0"], faults=["nonsense"])

@@ -1,0 +1,278 @@
+"""The wall-clock host: real sockets, several clients, bad clients."""
+
+import os
+import socket
+import threading
+import time
+
+import pytest
+
+from mission.errors import LinkError
+from mission.link.codec.dialect import mavlink
+from sim_vehicle.errors import VehicleError
+from sim_vehicle.host.component import NEVER
+from sim_vehicle.host.server import Server, default_urls
+from sim_vehicle.host.simulation import StopReason
+
+os.environ["MAVLINK20"] = "1"
+
+
+class Echo:
+    """Sends a heartbeat each period, answers PING."""
+
+    def __init__(self, system=1, component=1, period_s=0.1):
+        self.system_id, self.component_id, self.wanted = system, component, frozenset({4, 0})
+        self.period_s, self.due_s = period_s, 0.0 if period_s else NEVER
+        self.polls, self.heard = [], []
+
+    def receive(self, message, now_s):
+        self.heard.append((message.get_type(), message.get_srcSystem()))
+        if message.get_type() != "PING":
+            return []
+        return [
+            mavlink.MAVLink_ping_message(
+                message.time_usec, message.seq, message.get_srcSystem(), message.get_srcComponent()
+            )
+        ]
+
+    def poll(self, now_s):
+        self.polls.append(now_s)
+        self.due_s += self.period_s
+        return [mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3)]
+
+    def next_deadline(self):
+        return self.due_s
+
+
+class Running:
+    """A server in its own thread."""
+
+    def __init__(self, components, urls, **options):
+        self.server = Server(components, urls, **options)
+        self.thread = threading.Thread(target=self.run, daemon=True)
+        self.reason = None
+
+    def run(self):
+        self.reason = self.server.run()
+
+    def __enter__(self):
+        self.thread.start()
+        return self.server
+
+    def __exit__(self, *_):
+        self.server.stop()
+        self.thread.join(5.0)
+        assert not self.thread.is_alive()
+        assert self.reason is StopReason.STOPPED
+        self.server.close()
+
+
+def port_of(url):
+    return int(url.rsplit(":", 1)[1])
+
+
+def client(url, system=255, kind=socket.SOCK_STREAM):
+    """A socket to the server and the codec of its owner."""
+    connection = socket.socket(socket.AF_INET, kind)
+    connection.settimeout(3.0)
+    connection.connect(("127.0.0.1", port_of(url)))
+    return connection, mavlink.MAVLink(None, system, 190)
+
+
+def ping(codec, seq=7):
+    frame = mavlink.MAVLink_ping_message(123, seq, 0, 0).pack(codec)
+    codec.seq = (codec.seq + 1) % 256
+    return frame
+
+
+def wait_for(connection, codec, kind, condition=lambda message: True, limit_s=3.0):
+    end_s = time.monotonic() + limit_s
+    while time.monotonic() < end_s:
+        for message in codec.parse_buffer(connection.recv(4096)) or []:
+            if message.get_type() == kind and condition(message):
+                return message
+    pytest.fail(f"no {kind} came")
+
+
+def test_tcp_and_udp_clients_are_served_at_once():
+    with Running([Echo()], ["tcpin:127.0.0.1:0", "udpin:127.0.0.1:0"]) as server:
+        sockets = [client(server.urls[0], 255), client(server.urls[0], 254)]
+        sockets += [
+            client(server.urls[1], 253, socket.SOCK_DGRAM),
+            client(server.urls[1], 252, socket.SOCK_DGRAM),
+        ]
+        for connection, codec in sockets:
+            connection.send(ping(codec))
+        for connection, codec in sockets:
+            answer = wait_for(connection, codec, "PING", lambda p: p.target_system)
+            assert (answer.target_system, answer.seq) == (codec.srcSystem, 7)
+            wait_for(connection, codec, "HEARTBEAT", lambda h: h.get_srcSystem() == 1)
+        assert len(server.clients) == 4
+        for connection, _ in sockets:
+            connection.close()
+
+
+def test_udp_out_sends_first_and_hears_the_answer():
+    ear = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    ear.bind(("127.0.0.1", 0))
+    ear.settimeout(3.0)
+    with Running([Echo()], [f"udpout:127.0.0.1:{ear.getsockname()[1]}"]) as server:
+        codec = mavlink.MAVLink(None, 255, 190)
+        data, peer = ear.recvfrom(2048)
+        assert codec.parse_buffer(data)[0].get_type() == "HEARTBEAT"
+        ear.sendto(ping(codec), peer)
+        wait_for(ear, codec, "PING")
+        assert len(server.clients) == 1
+    ear.close()
+
+
+def test_clients_hear_each_other_and_addressed_frames_find_their_way():
+    with Running([Echo()], ["tcpin:127.0.0.1:0"]) as server:
+        (one, one_codec), (two, two_codec) = client(server.urls[0], 11), client(server.urls[0], 12)
+        two.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(two_codec))
+        wait_for(one, one_codec, "HEARTBEAT", lambda h: h.get_srcSystem() == 12)
+        one.send(mavlink.MAVLink_command_ack_message(400, 0, 0, 0, 12, 190).pack(one_codec))
+        assert wait_for(two, two_codec, "COMMAND_ACK").get_srcSystem() == 11
+        one.close(), two.close()
+
+
+def test_components_hear_each_other():
+    vehicle, camera = Echo(), Echo(1, 100)
+    Server([vehicle, camera], [], speed=NEVER).run(limit_s=1.05)
+    assert vehicle.heard == [("HEARTBEAT", 1)] * 11
+    assert camera.heard == [("HEARTBEAT", 1)] * 11
+
+
+def test_garbage_and_vanishing_clients_do_no_harm():
+    with Running([Echo()], ["tcpin:127.0.0.1:0", "udpin:127.0.0.1:0"]) as server:
+        noise = bytes(range(256)) * 40
+        good, codec = client(server.urls[0])
+        for _ in range(5):
+            bad, _ = client(server.urls[0])
+            bad.send(noise)
+            bad.close()
+            loud, _ = client(server.urls[1], kind=socket.SOCK_DGRAM)
+            loud.send(noise[:1000])
+            loud.close()
+        good.send(noise + ping(codec)[:5])
+        good.send(b"\xfd" * 50)
+        for seq in range(40):
+            good.send(ping(codec, seq))
+        wait_for(good, codec, "PING", lambda p: p.seq > 30)
+        assert all("from" in name for name in server.clients), "noise alone makes no UDP client"
+        good.close()
+        wait_until(lambda: not server.clients)
+
+
+def wait_until(condition, limit_s=3.0):
+    end_s = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
+
+
+def test_a_client_that_does_not_read_does_not_stop_the_others():
+    with Running([Echo(period_s=0.001)], ["tcpin:127.0.0.1:0"], speed=5.0) as server:
+        lazy, _ = client(server.urls[0])
+        keen, codec = client(server.urls[0])
+        keen.send(ping(codec))
+        wait_for(keen, codec, "PING")
+        time.sleep(0.3)
+        keen.send(ping(codec, 9))
+        wait_for(keen, codec, "PING", lambda p: p.seq == 9)
+        lazy.close(), keen.close()
+
+
+@pytest.mark.parametrize("speed", [1.0, 20.0])
+def test_time_runs_at_the_given_speed_without_gaps(speed):
+    echo = Echo()
+    started = time.monotonic()
+    with Server([echo], [], speed=speed) as server:
+        assert server.run(limit_s=0.3 * speed) is StopReason.TIME_LIMIT
+        assert server.now_s == pytest.approx(0.3 * speed)
+    assert time.monotonic() - started > 0.25, "never ahead of the wall clock"
+    steps = [b - a for a, b in zip(echo.polls, echo.polls[1:], strict=False)]
+    assert all(step == pytest.approx(0.1) for step in steps)
+
+
+def test_time_is_stretched_when_the_machine_is_too_slow():
+    class Slow(Echo):
+        def poll(self, now_s):
+            time.sleep(0.01)
+            return super().poll(now_s)
+
+    slow = Slow()
+    with Server([slow], [], speed=1000.0) as server:
+        assert server.run(lambda now_s: len(slow.polls) >= 30, limit_s=100.0) is StopReason.FINISHED
+    assert slow.polls == pytest.approx([0.1 * i for i in range(len(slow.polls))])
+
+
+def test_as_fast_as_it_goes():
+    echo = Echo()
+    with Server([echo], ["tcpin:127.0.0.1:0"], speed=NEVER) as server:
+        assert server.run(limit_s=500.0) is StopReason.TIME_LIMIT
+    assert len(echo.polls) == pytest.approx(5000, abs=1)
+
+
+def test_run_can_go_on_after_a_pause():
+    echo = Echo()
+    with Server([echo], [], speed=10.0) as server:
+        server.run(limit_s=1.0)
+        time.sleep(0.2)
+        started = time.monotonic()
+        server.run(limit_s=1.0)
+        assert time.monotonic() - started > 0.05
+        assert server.now_s == pytest.approx(2.0)
+
+
+def test_stop_before_run_ends_it_at_once():
+    with Server([Echo()], []) as server:
+        server.stop()
+        assert server.run() is StopReason.STOPPED
+
+
+def test_tap_sees_both_directions():
+    seen = []
+    with Running([Echo()], ["tcpin:127.0.0.1:0"], tap=lambda frame, now_s: seen.append(frame)) as server:
+        connection, codec = client(server.urls[0])
+        connection.send(ping(codec))
+        wait_for(connection, codec, "PING")
+        connection.close()
+    kinds = {(frame[5], frame[7]) for frame in seen}
+    assert {(255, 4), (1, 4), (1, 0)} <= kinds
+
+
+@pytest.mark.parametrize("url", ["nonsense", "udpin:127.0.0.1:99999", "tcp:127.0.0.1:1"])
+def test_bad_addresses_are_refused_in_one_line(url):
+    with pytest.raises(LinkError) as error:
+        Server([Echo()], ["udpin:127.0.0.1:0", url])
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "url", ["udpin:127.0.0.1:0,5", "udpout:127.0.0.1:14550,x", "udpout:127.0.0.1:14550,70000"]
+)
+def test_bad_local_ports_are_refused(url):
+    with pytest.raises(VehicleError, match="local port"):
+        Server([], [url])
+
+
+def test_a_port_in_use_is_refused_and_everything_closed():
+    with Server([], ["tcpin:127.0.0.1:0"]) as server, pytest.raises(LinkError, match="in use"):
+        Server([], ["udpin:127.0.0.1:0", server.urls[0]])
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0, float("nan")])
+def test_impossible_speeds_are_refused(speed):
+    with pytest.raises(VehicleError, match="speed"):
+        Server([], [], speed=speed)
+
+
+def test_two_components_with_one_address_are_refused():
+    with pytest.raises(VehicleError, match="same address"):
+        Server([Echo(), Echo()], [])
+
+
+def test_default_addresses_are_those_of_the_simulators():
+    assert default_urls("px4", 2)[1] == "udpout:127.0.0.1:14542,14582"
+    assert default_urls("ardupilot") == ("tcpin:127.0.0.1:5760",)

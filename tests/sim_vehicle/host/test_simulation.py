@@ -1,0 +1,130 @@
+"""The virtual-clock host."""
+
+import pytest
+
+from mission.link.codec.dialect import mavlink
+from sim_vehicle.errors import VehicleError
+from sim_vehicle.host.component import NEVER
+from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
+
+
+class Beacon:
+    """Sends a heartbeat each period and notes what it hears."""
+
+    def __init__(self, system, component, period_s=1.0, wanted=None, answer=None):
+        self.system_id, self.component_id, self.wanted = system, component, wanted
+        self.period_s, self.due_s, self.answer = period_s, 0.0 if period_s else NEVER, answer
+        self.heard = []
+
+    def receive(self, message, now_s):
+        self.heard.append((now_s, message.get_type(), message.get_srcSystem(), message.get_srcComponent()))
+        return [] if self.answer is None else self.answer(message, now_s)
+
+    def poll(self, now_s):
+        self.due_s += self.period_s
+        return [mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3)]
+
+    def next_deadline(self):
+        return self.due_s
+
+
+def test_time_jumps_and_broadcasts_reach_all_others():
+    a, b, c = Beacon(1, 1), Beacon(1, 100, 0), Beacon(255, 190, 0)
+    assert Simulation([a, b, c]).run(limit_s=1000.5) is StopReason.TIME_LIMIT
+    assert len(b.heard) == len(c.heard) == 1001
+    assert b.heard[500] == (500.0, "HEARTBEAT", 1, 1)
+    assert a.heard == []
+
+
+def test_run_can_be_continued_and_stops_on_the_condition():
+    simulation = Simulation([Beacon(1, 1)])
+    assert simulation.run(lambda now_s: now_s >= 3.0, limit_s=10.0) is StopReason.FINISHED
+    assert simulation.now_s == 3.0
+    assert simulation.run(limit_s=0.5) is StopReason.TIME_LIMIT
+    assert simulation.now_s == 3.5
+
+
+def test_addressed_messages_go_to_the_address_only():
+    def ask(message, now_s):
+        return [mavlink.MAVLink_command_long_message(1, 100, 512, 0, 0, 0, 0, 0, 0, 0, 0)]
+
+    vehicle, camera, ground = Beacon(1, 1), Beacon(1, 100, 0), Beacon(255, 190, 0, answer=ask)
+    Simulation([vehicle, camera, ground]).run(limit_s=0.5)
+    assert [h[1] for h in camera.heard] == ["HEARTBEAT", "COMMAND_LONG"]
+    assert vehicle.heard == []
+
+
+def test_unwanted_messages_are_not_handed_over():
+    ground = Beacon(255, 190, 0, wanted=frozenset({76}))
+    Simulation([Beacon(1, 1), ground]).run(limit_s=5.0)
+    assert ground.heard == []
+
+
+def test_nothing_to_do_is_idle_at_once():
+    assert Simulation([Beacon(1, 1, 0)]).run() is StopReason.IDLE
+
+
+def test_endless_answers_are_stopped():
+    def again(message, now_s):
+        return [mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3)]
+
+    a, b = Beacon(1, 1, answer=again), Beacon(2, 1, 0, answer=again)
+    assert Simulation([a, b]).run(limit_s=5.0) is StopReason.STALLED
+
+
+def test_a_deadline_that_never_moves_is_stopped():
+    class Stuck(Beacon):
+        def poll(self, now_s):
+            return []
+
+    assert Simulation([Stuck(1, 1)]).run(limit_s=5.0) is StopReason.STALLED
+
+
+def test_the_tap_sees_each_frame_once_and_frames_parse():
+    seen = []
+    simulation = Simulation([Beacon(1, 1), Beacon(255, 190, 0.5)], tap=lambda f, t: seen.append((t, f)))
+    simulation.run(limit_s=2.25)
+    assert [t for t, _ in seen] == [0.0, 0.0, 0.5, 1.0, 1.0, 1.5, 2.0, 2.0]
+    assert simulation.frames == 8
+    assert simulation.bytes_sent == sum(len(f) for _, f in seen)
+    messages = mavlink.MAVLink(None).parse_buffer(b"".join(f for _, f in seen))
+    assert [m.get_seq() for m in messages if m.get_srcSystem() == 255] == [0, 1, 2, 3, 4]
+
+
+def test_two_components_with_one_address_are_refused():
+    with pytest.raises(VehicleError, match="two components"):
+        Simulation([Beacon(1, 1), Beacon(1, 1)])
+
+
+def run_impaired(**impairment):
+    vehicle, camera, ground = Beacon(1, 1, 0.1), Beacon(1, 100, 0), Beacon(255, 190, 0)
+    seen = []
+    simulation = Simulation(
+        [vehicle, camera, ground],
+        impairment=Impairment(**impairment),
+        remote=[ground],
+        tap=lambda f, t: seen.append((t, f)),
+    )
+    simulation.run(limit_s=100.0)
+    return camera.heard, ground.heard, seen
+
+
+def test_impairment_hits_the_radio_only_and_repeats_with_its_seed():
+    camera, ground, _ = run_impaired(loss=0.3, duplication=0.1, delay_s=0.05, jitter_s=0.3, seed=7)
+    assert len(camera) == 1001
+    assert 700 < len(ground) < 850
+    assert min(t for t, *_ in ground) > 0.05
+    assert run_impaired(loss=0.3, duplication=0.1, delay_s=0.05, jitter_s=0.3, seed=7)[1] == ground
+    assert run_impaired(loss=0.3, duplication=0.1, delay_s=0.05, jitter_s=0.3, seed=8)[1] != ground
+
+
+def test_full_loss_lets_nothing_through():
+    assert run_impaired(loss=1.0)[1] == []
+
+
+@pytest.mark.parametrize(
+    "bad", [{"loss": 1.5}, {"duplication": -0.1}, {"delay_s": -1.0}, {"jitter_s": NEVER}]
+)
+def test_impairments_that_make_no_sense_are_refused(bad):
+    with pytest.raises(VehicleError, match=next(iter(bad))):
+        Impairment(**bad)

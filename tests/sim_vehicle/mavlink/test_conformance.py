@@ -1,0 +1,27 @@
+"""The conformance table and the tests that it names."""
+
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parents[3]
+
+
+def test_the_conformance_table_names_tests_that_exist():
+    page = (ROOT / "docs" / "conformance.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`(test_\w+)`", page))
+    assert len(named) > 50
+    defined = {
+        name
+        for path in (ROOT / "tests").rglob("test_*.py")
+        for name in re.findall(
+            r"^ *(?:async )?def (test_\w+)", path.read_text(encoding="utf-8"), re.MULTILINE
+        )
+    }
+    assert named <= defined, sorted(named - defined)
+
+
+def test_every_row_names_a_test():
+    page = (ROOT / "docs" / "conformance.md").read_text(encoding="utf-8")
+    rows = [line for line in page.splitlines() if re.match(r"\| \d", line)]
+    assert len(rows) > 50
+    assert [row for row in rows if "`test_" not in row] == []

@@ -1,0 +1,242 @@
+"""Several vehicles in one process, several ground stations, the same bytes again."""
+
+import itertools
+import socket
+import threading
+import time
+
+import pytest
+
+from geo.frame import LocalFrame
+from mission.link import MavlinkEndpoint, TlogWriter, open_link
+from mission.link.codec.dialect import mavlink as m
+from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
+from mission.transfer.driver import TransferDriver
+from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.errors import VehicleError
+from sim_vehicle.host.server import Server, ServerUrl
+from sim_vehicle.host.simulation import Simulation
+from sim_vehicle.mavlink import ARDUPILOT
+from sim_vehicle.mavlink.fleet import Fleet, fleet_urls, start_places
+from sim_vehicle.weather.wind import Wind
+
+HOME = GeoPoint(28.05, -82.15, 20.0)
+
+
+def quads(count, **options):
+    return Fleet(get_vehicle("quad"), HOME, count, **options)
+
+
+def free_ports(number):
+    """Ports that nobody uses now."""
+    sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(number)]
+    for one in sockets:
+        one.bind(("127.0.0.1", 0))
+    ports = [one.getsockname()[1] for one in sockets]
+    for one in sockets:
+        one.close()
+    return ports
+
+
+class Serving:
+    """A server in its own thread."""
+
+    def __init__(self, *args, **options):
+        self.server = Server(*args, **options)
+        self.thread = threading.Thread(target=self.server.run, daemon=True)
+
+    def __enter__(self):
+        self.thread.start()
+        return self.server
+
+    def __exit__(self, *_):
+        self.server.stop()
+        self.thread.join(5.0)
+        self.server.close()
+
+
+def hear(endpoint, seconds=1.6):
+    """What an endpoint hears, saying hello now and then."""
+    heard, end = [], time.monotonic() + seconds
+    while time.monotonic() < end:
+        endpoint.send(m.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+        heard += endpoint.receive()
+        time.sleep(0.02)
+    return heard
+
+
+@pytest.mark.parametrize("count", [1, 2, 9, 26, 250])
+def test_places_are_apart_and_near(count):
+    places = start_places(HOME, count, 4.0)
+    frame = LocalFrame(HOME.latitude_deg, HOME.longitude_deg)
+    xy = [frame.from_wgs84(place.latitude_deg, place.longitude_deg) for place in places]
+    assert len(places) == count
+    assert places[0] == HOME
+    assert all(abs(x) < 36.0 and abs(y) < 36.0 for x, y in xy)
+    if count <= 26:
+        assert all((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 > 15.9 for a, b in itertools.combinations(xy, 2))
+
+
+def test_ports_are_those_of_the_simulators():
+    assert [url.url for url in fleet_urls("px4", 2)] == [
+        "udpout:127.0.0.1:14550,18570",
+        "udpout:127.0.0.1:14540,14580",
+        "udpout:127.0.0.1:14550,18571",
+        "udpout:127.0.0.1:14541,14581",
+    ]
+    assert fleet_urls("ardupilot", 3)[2] == ServerUrl("tcpin:127.0.0.1:5780", 3)
+
+
+@pytest.mark.parametrize(
+    ("home", "count", "text"),
+    [
+        (HOME, 0, "1 to 250"),
+        (HOME, 251, "1 to 250"),
+        ([(HOME, 0.0), (HOME, 0.0)], 3, "one for each"),
+        ([], None, "1 to 250"),
+    ],
+)
+def test_impossible_fleets(home, count, text):
+    with pytest.raises(VehicleError, match=text):
+        Fleet(get_vehicle("quad"), home, count)
+
+
+def test_impossible_spacing():
+    with pytest.raises(VehicleError, match="spacing"):
+        quads(2, spacing_m=0.0)
+
+
+def test_a_home_for_each():
+    other = GeoPoint(28.06, -82.16, 5.0)
+    fleet = Fleet(get_vehicle("quad"), [(HOME, 0.0), (other, 90.0)])
+    assert [vehicle.home for vehicle in fleet.vehicles] == [HOME, other]
+
+
+def test_each_vehicle_at_its_own_door_and_all_at_the_router():
+    fleet = quads(3, persona=ARDUPILOT)
+    doors = [ServerUrl("tcpin:127.0.0.1:0", system) for system in (1, 2, 3)]
+    with Serving(fleet.vehicles, [*doors, "tcpin:127.0.0.1:0"]) as server:
+        found = []
+        for url in server.urls:
+            endpoint = MavlinkEndpoint(open_link(url.replace("tcpin", "tcp")), 255, 190)
+            systems = {x.get_srcSystem() for x in hear(endpoint, 1.3)}
+            found.append(systems - {255})
+            endpoint.close()
+        assert found == [{1}, {2}, {3}, {1, 2, 3}]
+
+
+def test_commands_reach_the_vehicle_that_is_meant_and_two_grounds_hear_each_other():
+    fleet = quads(3)
+    with Serving(fleet.vehicles, ["tcpin:127.0.0.1:0"]) as server:
+        url = server.urls[0].replace("tcpin", "tcp")
+        one = MavlinkEndpoint(open_link(url), 255, 190)
+        two = MavlinkEndpoint(open_link(url), 254, 190)
+        one.send(m.MAVLink_command_long_message(2, 1, 400, 0, 1.0, *[0.0] * 6))
+        heard = hear(one, 0.5)
+        others = hear(two, 1.2)
+        hear(one, 0.2)
+        acks = [x.get_srcSystem() for x in heard if x.get_type() == "COMMAND_ACK"]
+        assert acks == [2]
+        assert [vehicle.pilot.armed for vehicle in fleet.vehicles] == [False, True, False]
+        assert any(x.get_srcSystem() == 255 for x in others + two.receive())
+        assert not any(x.get_type() == "COMMAND_ACK" for x in others)
+        one.close(), two.close()
+
+
+def test_a_command_at_another_vehicles_door_does_not_cross():
+    fleet = quads(2)
+    with Serving(fleet.vehicles, [ServerUrl("tcpin:127.0.0.1:0", 1)]) as server:
+        endpoint = MavlinkEndpoint(open_link(server.urls[0].replace("tcpin", "tcp")), 255, 190)
+        endpoint.send(m.MAVLink_command_long_message(2, 1, 31999, 0, *[0.0] * 7))
+        assert not any(x.get_type() == "COMMAND_ACK" for x in hear(endpoint, 0.6))
+        endpoint.close()
+
+
+def test_udp_ports_of_px4_with_a_common_ground_station():
+    ground, api_1, api_2, from_1, from_2 = free_ports(5)
+    fleet = quads(2)
+    urls = [
+        ServerUrl(f"udpout:127.0.0.1:{ground},{from_1}", 1),
+        ServerUrl(f"udpout:127.0.0.1:{api_1}", 1),
+        ServerUrl(f"udpout:127.0.0.1:{ground},{from_2}", 2),
+        ServerUrl(f"udpout:127.0.0.1:{api_2}", 2),
+    ]
+    common = MavlinkEndpoint(open_link(f"udpin:127.0.0.1:{ground}"), 255, 190)
+    own = MavlinkEndpoint(open_link(f"udpin:127.0.0.1:{api_2}"), 245, 190)
+    with Serving(fleet.vehicles, urls):
+        heard = hear(common)
+        assert {x.get_srcSystem() for x in heard} >= {1, 2}
+        assert {x.get_srcSystem() for x in hear(own)} - {255} == {2}
+    common.close(), own.close()
+
+
+def test_transfers_with_two_vehicles_by_system_id():
+    fleet = quads(2)
+    with Serving(fleet.vehicles, ["tcpin:127.0.0.1:0"]) as server:
+        for system in (1, 2):
+            link = open_link(server.urls[0].replace("tcpin", "tcp"))
+            with TransferDriver(MavlinkEndpoint(link, 255, 190)) as driver:
+                driver.wait_for_vehicle(5.0, system_id=system)
+                driver.upload(Mission(flight(HOME, system), home=HOME))
+    assert [vehicle.pilot.mission_size for vehicle in fleet.vehicles] == [4, 5]
+
+
+def flight(home, legs):
+    takeoff = MissionItem(
+        Command.NAV_TAKEOFF, Frame.GLOBAL_RELATIVE_ALT, x=home.latitude_deg, y=home.longitude_deg, z=8.0
+    )
+    places = [
+        MissionItem.waypoint(home.latitude_deg + 1e-4 * (k + 1), home.longitude_deg, 8.0)
+        for k in range(legs + 1)
+    ]
+    return (takeoff, *places, MissionItem(Command.NAV_RETURN_TO_LAUNCH))
+
+
+def fly_all(path, seed, faults):
+    """Three vehicles fly in gusts behind a bad radio; everything goes into a log."""
+    wind = Wind.from_direction(4.0, 250.0, gust_m_s=1.5, seed=seed)
+    fleet = quads(3, wind=wind)
+    with TlogWriter(path) as log:
+        simulation = Simulation(fleet.vehicles, tap=log.write, faults=faults, seed=seed)
+        link = simulation.open_link()
+        driver = TransferDriver(MavlinkEndpoint(link, 255, 190), clock=link.clock, wait=link.wait)
+        for vehicle in fleet.vehicles:
+            driver.vehicle = None
+            driver.wait_for_vehicle(system_id=vehicle.system_id)
+            driver.upload(Mission(flight(vehicle.home, vehicle.system_id), home=vehicle.home))
+            for command, first in ((m.MAV_CMD_COMPONENT_ARM_DISARM, 1.0), (m.MAV_CMD_MISSION_START, 0.0)):
+                for _ in range(6):
+                    driver.endpoint.send(
+                        m.MAVLink_command_long_message(vehicle.system_id, 1, command, 0, first, *[0.0] * 6)
+                    )
+                    link.sleep(0.5)
+        for _ in range(60):
+            link.sleep(2.0)
+            link.receive()
+    return [vehicle.outcome.value for vehicle in fleet.vehicles], path.read_bytes()
+
+
+def test_the_same_seed_and_inputs_give_the_same_bytes(tmp_path):
+    faults = [
+        "loss=0.1",
+        "jitter=0.05",
+        "corrupt=0.02",
+        "duplicate=0.02",
+        "no-request=1,times=1",
+        "dead-battery,vehicle=2,at=item:2",
+        "gps-loss,vehicle=3,at=airborne,from=4,for=3",
+    ]
+    first = fly_all(tmp_path / "a.tlog", 7, faults)
+    again = fly_all(tmp_path / "b.tlog", 7, faults)
+    assert len(first[1]) > 100_000
+    assert first == again
+    assert first[0][:2] == ["completed", "battery_depleted"]
+    assert fly_all(tmp_path / "c.tlog", 8, faults)[1] != first[1]
+
+
+def test_each_vehicle_has_its_own_gusts():
+    fleet = quads(3, wind=Wind(3.0, 0.0, 1.5, seed=3))
+    simulation = Simulation(fleet.vehicles)
+    simulation.run(limit_s=5.0)
+    states = [vehicle.pilot.executor.motion._wind.block[0].tolist() for vehicle in fleet.vehicles]
+    assert len({tuple(state) for state in states}) == 3

@@ -1,0 +1,172 @@
+"""Aeroplanes and rovers over MAVLink: type, modes, telemetry, parameters, refusals."""
+
+import math
+
+import pytest
+
+from geo.frame import LocalFrame
+from mission.link.codec.dialect import mavlink as m
+from mission.model import GeoPoint, Mission, MissionItem
+from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.host.simulation import Simulation
+from sim_vehicle.mavlink import ARDUPILOT, PX4, Mode, Outcome, SimVehicle
+from wbf_mission.ground.station import GroundStation
+from wbf_mission.outcome import Outcome as GroundOutcome
+
+POINT = GeoPoint(28.05, -82.15, 12.0)
+HOME = LocalFrame(28.05, -82.15)
+BOTH = pytest.mark.parametrize("persona", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
+
+
+def item(command, x, y, z=0.0, *params):
+    latitude, longitude = HOME.to_wgs84(x, y)
+    return MissionItem(command, 3, *params, *[0.0] * (4 - len(params)), latitude, longitude, z)
+
+
+def land_start(persona):
+    return MissionItem(189, 2) if persona is PX4 else item(189, 0.0, -350.0, 30.0)
+
+
+def flight(name, items, persona, limit_s=3000.0):
+    """Fly a mission as a ground station does it; return vehicle, ground station and all messages."""
+    vehicle = SimVehicle(get_vehicle(name), POINT, persona=persona)
+    ground = GroundStation(Mission(items, POINT))
+    heard = []
+    codec = m.MAVLink(None)
+
+    def tap(frame, now_s):
+        message = codec.parse_char(frame)
+        if message is not None and message.get_srcSystem() == 1:
+            heard.append((now_s, message))
+
+    simulation = Simulation([vehicle, ground], tap=tap)
+    simulation.run(lambda _now: ground.done, limit_s=limit_s)
+    return vehicle, ground, heard
+
+
+def of(heard, kind):
+    return [message for _, message in heard if message.get_type() == kind]
+
+
+@BOTH
+def test_an_aeroplane_flies_a_mission_and_tells_what_it_does(persona):
+    items = (
+        item(22, 0.0, 150.0, 40.0, 10.0),
+        item(16, 0.0, 600.0, 50.0),
+        # PX4 takes no circles by number.
+        item(19, 400.0, 600.0, 50.0, 60.0, 0.0, 80.0)
+        if persona is PX4
+        else item(18, 400.0, 600.0, 50.0, 2.0, 0.0, 80.0),
+        land_start(persona),
+        item(31, 80.0, -380.0, 30.0, 1.0, 80.0),
+        item(21, 0.0, 0.0),
+    )
+    vehicle, ground, heard = flight("fixed-wing", items, persona)
+    assert ground.outcome is GroundOutcome.COMPLETED, ground.reason
+    assert vehicle.outcome in (Outcome.COMPLETED, Outcome.RUNNING)
+    beats = of(heard, "HEARTBEAT")
+    assert {beat.type for beat in beats} == {m.MAV_TYPE_FIXED_WING}
+    mission_mode = 4 << 24 | 4 << 16 if persona is PX4 else 10
+    assert any(beat.custom_mode == mission_mode for beat in beats)
+    huds = of(heard, "VFR_HUD")
+    cruise = vehicle.pilot.spec.cruise_speed_m_s
+    flying = [hud for hud in huds if hud.alt > 45.0]
+    assert sum(hud.airspeed for hud in flying) / len(flying) == pytest.approx(cruise, rel=0.1)
+    assert max(hud.throttle for hud in huds) >= 90
+    assert max(hud.climb for hud in huds) > 3.0
+    rolls = [math.degrees(message.roll) for message in of(heard, "ATTITUDE")]
+    banked = math.degrees(math.atan(cruise**2 / (80.0 * 9.80665)))
+    assert sum(abs(roll - banked) < 2.0 for roll in rolls) > 20
+    assert max(math.degrees(message.pitch) for message in of(heard, "ATTITUDE")) > 8.0
+    states = {message.landed_state for message in of(heard, "EXTENDED_SYS_STATE")}
+    assert {1, 2, 3, 4} <= states
+
+
+@BOTH
+def test_a_mission_that_only_returns_ends_over_home_or_on_the_ground(persona):
+    items = (item(22, 0.0, 150.0, 40.0, 10.0), item(16, 0.0, 600.0, 50.0), MissionItem(20, 2))
+    vehicle, ground, _ = flight("fixed-wing", items, persona)
+    assert ground.outcome is GroundOutcome.COMPLETED, ground.reason
+    # The file of the vehicle makes PX4 land; ArduPlane circles.
+    assert (vehicle.pilot.state.position_m[2] == 0.0) is (persona is PX4)
+
+
+@BOTH
+def test_an_aeroplane_without_a_take_off_does_not_arm(persona):
+    _, ground, _ = flight("fixed-wing", (item(16, 0.0, 600.0, 50.0), MissionItem(20, 2)), persona)
+    assert ground.outcome in (GroundOutcome.MISSION_REJECTED, GroundOutcome.ARMING_REFUSED)
+    assert "no take-off before it" in ground.reason
+
+
+@BOTH
+def test_a_rover_drives_a_mission(persona):
+    items = (item(22, 0.0, 0.0, 10.0), item(16, 0.0, 30.0), item(16, 30.0, 30.0, 50.0), MissionItem(20, 2))
+    vehicle, ground, heard = flight("rover", items, persona)
+    assert ground.outcome is GroundOutcome.COMPLETED, ground.reason
+    assert {beat.type for beat in of(heard, "HEARTBEAT")} == {m.MAV_TYPE_GROUND_ROVER}
+    assert any("Take-off items have no effect" in text for _, _, text in ground.texts)
+    assert {message.relative_alt for message in of(heard, "GLOBAL_POSITION_INT")} == {0}
+    assert max(hud.groundspeed for hud in of(heard, "VFR_HUD")) == pytest.approx(1.5, abs=0.1)
+    assert ground.flight_time_s > 60.0
+    assert vehicle.pilot.state.position_m[2] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "table", "banner"),
+    [
+        ("fixed-wing", "apm", "ArduPlane V4.7.0"),
+        ("rover", "rover", "ArduRover V4.6.0"),
+    ],
+)
+def test_modes_and_parameters_are_those_of_the_autopilot(name, table, banner):
+    from pymavlink import mavutil
+
+    numbers = {text: number for number, text in getattr(mavutil, f"mode_mapping_{table}").items()}
+    vehicle = SimVehicle(get_vehicle(name), POINT, persona=ARDUPILOT)
+    modes = vehicle.persona.modes
+    hold = "LOITER" if name == "fixed-wing" else "HOLD"
+    for mode, text in ((Mode.MISSION, "AUTO"), (Mode.RTL, "RTL"), (Mode.GUIDED, "GUIDED"), (Mode.HOLD, hold)):
+        assert modes[mode] == numbers[text]
+        assert vehicle.persona.mode_of(numbers[text]) is mode
+    ask = m.MAVLink_param_request_list_message(1, 1)
+    ask._header.srcSystem = 255
+    answers = vehicle.receive(ask, 0.0)
+    texts = [message.text for message in answers if message.get_type() == "STATUSTEXT"]
+    assert banner.encode() in [bytes(text) if isinstance(text, bytes) else text.encode() for text in texts]
+    names = {
+        message.param_id if isinstance(message.param_id, str) else message.param_id.decode()
+        for message in answers
+        if message.get_type() == "PARAM_VALUE"
+    }
+    names = {text.rstrip("\0") for text in names}
+    wanted = {
+        "fixed-wing": {"AIRSPEED_CRUISE", "NAVL1_PERIOD", "RTL_ALTITUDE"},
+        "rover": {"WP_SPEED", "TURN_RADIUS"},
+    }
+    assert wanted[name] <= names
+    assert not any(text.startswith(("WPNAV_", "MPC_")) or text == "RTL_ALT" for text in names)
+
+
+def test_px4_tells_its_kind_by_a_parameter_and_has_its_own_modes():
+    vehicle = SimVehicle(get_vehicle("fixed-wing"), POINT, persona=PX4)
+    assert vehicle.persona.modes == PX4.modes
+    answers = vehicle.receive(m.MAVLink_param_request_read_message(1, 1, b"MAV_TYPE", -1), 0.0)
+    assert answers[0].get_type() == "PARAM_VALUE"
+    answers = vehicle.receive(m.MAVLink_param_request_read_message(1, 1, b"MPC_XY_CRUISE", -1), 0.0)
+    assert not [message for message in answers if message.get_type() == "PARAM_VALUE"]
+
+
+def test_a_parameter_set_in_flight_changes_the_circle():
+    vehicle = SimVehicle(get_vehicle("fixed-wing"), POINT, persona=PX4)
+    pilot = vehicle.pilot
+    pilot.takeoff(50.0)
+    pilot.arm()
+    vehicle.poll(60.0)
+    pilot.set_mode(Mode.HOLD)
+    message = m.MAVLink_param_set_message(1, 1, b"NAV_LOITER_RAD", 120.0, m.MAV_PARAM_TYPE_REAL32)
+    vehicle.receive(message, 60.0)
+    x, y, _ = pilot.executor.motion.stopping_point()
+    pilot.set_mode(Mode.HOLD)
+    vehicle.poll(160.0)
+    east, north, _ = pilot.state.position_m
+    assert math.hypot(east - x, north - y) == pytest.approx(120.0, rel=0.05)

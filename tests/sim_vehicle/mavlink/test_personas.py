@@ -1,0 +1,415 @@
+"""What tells a PX4 from an ArduPilot, as peers see it: transfers, acknowledgements, streams, signing."""
+
+import math
+import struct
+import threading
+import time
+
+import pytest
+
+from mission.link import FrameReader, FrameWriter
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.signing import Signing
+from mission.link.endpoint import MavlinkEndpoint
+from mission.link.link import open_link
+from mission.model import Command, Frame, GeoPoint, Mission, MissionItem, MissionType
+from mission.transfer import wire
+from mission.transfer.driver import TransferDriver
+from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.host.server import Server
+from sim_vehicle.host.simulation import Simulation, StopReason
+from sim_vehicle.mavlink import ARDUPILOT, PX4, Mode, SimVehicle
+from wbf_mission.ground.station import GroundStation
+from wbf_mission.outcome import Outcome
+
+HOME = GeoPoint(28.05, -82.15, 20.0)
+BOTH = pytest.mark.parametrize("persona", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
+TAKEOFF = MissionItem(Command.NAV_TAKEOFF, Frame.GLOBAL_RELATIVE_ALT, x=28.05, y=-82.15, z=5.0)
+THERE = MissionItem.waypoint(28.0502, -82.15, 5.0)
+BACK = MissionItem(Command.NAV_RETURN_TO_LAUNCH)
+SURVEY = (TAKEOFF, THERE, BACK)
+KEY = b"k" * 32
+
+
+class Peer:
+    """A ground station that talks to a vehicle at a time."""
+
+    def __init__(self, persona, **options):
+        self.vehicle = SimVehicle(get_vehicle("quad"), HOME, persona=persona, **options)
+        self.persona = persona
+        self.now_s = 0.0
+        self.told = []
+        self.times = []
+        self.wait(0.0)
+
+    def _note(self, messages):
+        crossed = [FrameReader().feed(FrameWriter(1, 1).encode(message))[0] for message in messages]
+        self.told += crossed
+        self.times += [self.now_s] * len(crossed)
+        return crossed
+
+    def tell(self, message):
+        (arrived,) = FrameReader().feed(FrameWriter(255, 190).encode(message))
+        return self._note(self.vehicle.receive(arrived, self.now_s))
+
+    def wait(self, seconds):
+        end_s = self.now_s + seconds
+        while True:
+            self.now_s = min(end_s, max(self.now_s, self.vehicle.next_deadline()))
+            self._note(self.vehicle.poll(self.now_s))
+            if self.now_s >= end_s:
+                return
+
+    def order(self, number, *params):
+        return self.tell(m.MAVLink_command_long_message(1, 1, number, 0, *params, *[0.0] * (7 - len(params))))
+
+    def result(self, number, *params):
+        (ack,) = (a for a in self.order(number, *params) if a.get_type() == "COMMAND_ACK")
+        return ack.result
+
+    def asked(self, message_id, *params):
+        """The answer to REQUEST_MESSAGE."""
+        return self.order(512, message_id, *params)[1]
+
+    def of(self, kind):
+        return [message for message in self.told if message.get_type() == kind]
+
+    def texts(self):
+        return [text.text for text in self.of("STATUSTEXT")]
+
+    def upload(self, items, kind=0):
+        """Send a plan; home goes in front where the autopilot has it there."""
+        if self.persona is ARDUPILOT and kind == 0:
+            items = (MissionItem.waypoint(1, 2, 3), *items)
+        self.tell(m.MAVLink_mission_count_message(1, 1, len(items), kind))
+        for seq, item in enumerate(items):
+            answers = self.tell(wire.item_to_message(item, seq, MissionType(kind), (1, 1)))
+        return next(answer for answer in answers if answer.get_type() == "MISSION_ACK")
+
+    def start(self):
+        self.upload(tuple(_plain(item) for item in SURVEY))
+        assert self.result(400, 1.0) == 0
+        assert self.result(300) == 0
+
+
+def _plain(item):
+    """NaN as ArduPilot wants it."""
+    return MissionItem(item.command, item.frame, 0.0, 0.0, 0.0, 0.0, item.x, item.y, item.z)
+
+
+def test_plans_have_ids_on_px4():
+    peer = Peer(PX4)
+    assert peer.asked(42).mission_id == 0
+    ack = peer.upload(SURVEY)
+    rally = peer.upload((MissionItem(Command.NAV_RALLY_POINT, 3, x=28.05, y=-82.15, z=9.0),), kind=2)
+    current = peer.asked(42)
+    assert ack.opaque_id == current.mission_id != 0
+    assert rally.opaque_id == current.rally_points_id != ack.opaque_id
+    assert current.fence_id == 0
+    changed = peer.upload((TAKEOFF, BACK))
+    assert peer.asked(42).mission_id == changed.opaque_id != ack.opaque_id
+    peer.tell(m.MAVLink_mission_clear_all_message(1, 1, 255))
+    current = peer.asked(42)
+    assert (current.mission_id, current.rally_points_id, current.total) == (0, 0, 65535)
+
+
+def test_plans_have_no_ids_on_ardupilot():
+    peer = Peer(ARDUPILOT)
+    assert peer.upload(tuple(map(_plain, SURVEY))).opaque_id == 0
+    current = peer.asked(42)
+    assert (current.mission_id, current.total) == (0, 3)
+    assert "Flight plan received" in peer.texts()
+    peer.tell(m.MAVLink_mission_clear_all_message(1, 1, 0))
+    assert peer.asked(42).total == 0
+
+
+def test_mavsdk_notices_a_new_plan():
+    from mavsdk import ComponentType, Configuration, Mavsdk
+    from mavsdk.plugins.mission_raw import MissionRaw
+
+    vehicle = SimVehicle(get_vehicle("quad"), HOME)
+    server = Server([vehicle], ["tcpin:127.0.0.1:0"])
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    port = server.urls[0].rsplit(":", 1)[1]
+    sdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
+    try:
+        assert sdk.add_any_connection(f"tcpout://127.0.0.1:{port}") == 0
+        changes = []
+        mission = MissionRaw(sdk.first_autopilot(5.0))
+        mission.subscribe_mission_changed(lambda *_: changes.append(1))
+        time.sleep(1.2)  # let it see the id of the plan before
+        with TransferDriver(MavlinkEndpoint(open_link(f"tcp:127.0.0.1:{port}"), 245, 190)) as driver:
+            driver.wait_for_vehicle(5.0)
+            driver.upload(Mission(SURVEY), types=[MissionType.MISSION])
+        end_s = time.monotonic() + 5.0
+        while not changes:
+            assert time.monotonic() < end_s, "MAVSDK did not notice"
+            time.sleep(0.01)
+    finally:
+        sdk.destroy()
+        server.stop()
+        thread.join(5.0)
+        server.close()
+
+
+def test_ardupilot_tells_its_items_one_by_one():
+    peer = Peer(ARDUPILOT)
+    peer.start()
+    peer.wait(90.0)
+    assert not peer.vehicle.pilot.armed
+    assert [message.seq for message in peer.of("MISSION_ITEM_REACHED")] == [1, 2, 3]
+    last = peer.of("MISSION_CURRENT")[-1]
+    assert (last.seq, last.mission_state) == (0, 5)
+
+
+def test_px4_repeats_what_was_reached_and_reports_the_return_instead_of_the_last_place():
+    peer = Peer(PX4)
+    peer.start()
+    peer.wait(120.0)
+    seqs = [message.seq for message in peer.of("MISSION_ITEM_REACHED")]
+    assert sorted(set(seqs)) == [0, 2]
+    assert seqs.count(2) == 11
+    last = peer.of("MISSION_CURRENT")[-1]
+    assert (last.seq, last.mission_state) == (0, 5)
+
+
+@BOTH
+def test_the_next_item_is_told_a_moment_after_the_last_was_reached(persona):
+    peer = Peer(persona)
+    peer.start()
+    peer.wait(12.0)
+    shown = list(zip(peer.times, peer.told, strict=True))
+    first = persona is ARDUPILOT
+    reached_s = next(t for t, message in shown if message.get_type() == "MISSION_ITEM_REACHED")
+    next_s = next(t for t, message in shown if message.get_type() == "MISSION_CURRENT" and
+                  message.seq == 1 + first and t >= reached_s)  # fmt: skip
+    assert 0.0 < next_s - reached_s <= 0.2
+
+
+def test_ardupilot_streams_nothing_unasked():
+    peer = Peer(ARDUPILOT)
+    peer.wait(5.0)
+    assert {message.get_type() for message in peer.told} <= {"HEARTBEAT", "STATUSTEXT"}
+    peer.tell(m.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
+    before = len(peer.told)
+    peer.wait(1.0)
+    kinds = [message.get_type() for message in peer.told[before:]]
+    for kind in (
+        "GLOBAL_POSITION_INT",
+        "ATTITUDE",
+        "SYS_STATUS",
+        "MISSION_CURRENT",
+        "RC_CHANNELS",
+        "VIBRATION",
+    ):
+        assert kinds.count(kind) in (4, 5), kind
+    peer.tell(m.MAVLink_request_data_stream_message(1, 1, 0, 4, 0))
+    before = len(peer.told)
+    peer.wait(2.0)
+    assert {message.get_type() for message in peer.told[before:]} == {"HEARTBEAT"}
+
+
+def test_ardupilot_guards_the_mission_that_it_flies():
+    peer = Peer(ARDUPILOT)
+    peer.start()
+    peer.wait(2.0)
+    (ack,) = (
+        a for a in peer.tell(m.MAVLink_mission_clear_all_message(1, 1, 0)) if a.get_type() == "MISSION_ACK"
+    )
+    assert ack.type == wire.ERROR
+    assert peer.upload(tuple(map(_plain, (TAKEOFF, THERE, THERE, BACK)))).type == 0
+    assert "Auto mission changed, restarted command" in peer.texts()
+
+
+def test_px4_stores_what_makes_no_sense_and_does_not_fly_it():
+    peer = Peer(PX4)
+    peer.tell(m.MAVLink_mission_count_message(1, 1, 2, 0))
+    peer.tell(wire.item_to_message(TAKEOFF, 0, MissionType.MISSION, (1, 1)))
+    message = wire.item_to_message(THERE, 1, MissionType.MISSION, (1, 1))
+    message.x = 950_000_000
+    assert [a.type for a in peer.tell(message) if a.get_type() == "MISSION_ACK"] == [0]
+    assert "Mission rejected: item 1 makes no sense" in peer.texts()
+    assert peer.asked(42).mission_state == m.MISSION_STATE_NO_MISSION
+    assert peer.result(300) == 1
+    peer.tell(m.MAVLink_mission_request_list_message(1, 1, 0))
+    peer.tell(m.MAVLink_mission_request_int_message(1, 1, 0, 0))
+    assert peer.tell(m.MAVLink_mission_request_int_message(1, 1, 1, 0))[0].x == 950_000_000
+
+
+@BOTH
+def test_orders_to_a_vehicle_that_is_not_armed(persona):
+    peer = Peer(persona)
+    missing = peer.result(300)
+    assert missing == (1 if persona is PX4 else 4)
+    assert any("no mission" in text for text in peer.texts())
+    peer.upload(tuple(map(_plain, SURVEY)))
+    assert peer.result(300) == 0
+    assert peer.vehicle.pilot.mode is Mode.MISSION
+    peer.wait(5.0)
+    assert peer.vehicle.pilot.state.position_m[2] == 0.0
+    peer = Peer(persona)
+    if persona is ARDUPILOT:
+        peer.result(176, 1.0, 4.0)
+    assert peer.result(22, 0, 0, 0, 0, 0, 0, 30.0) == (0 if persona is PX4 else 4)
+    peer.wait(5.0)
+    assert peer.vehicle.pilot.state.position_m[2] == 0.0
+
+
+@BOTH
+def test_refusals_have_the_autopilots_result_and_a_reason(persona):
+    peer = Peer(persona)
+    peer.vehicle.pilot.arming_block = "test"
+    assert peer.result(400, 1.0) == (1 if persona is PX4 else 4)
+    assert any("test" in text for text in peer.texts())
+    assert peer.result(224, 9.0) == (3 if persona is PX4 else 2)
+    assert peer.result(31010) == 3
+    assert "Command 31010 refused: not supported" in peer.texts()
+    assert peer.result(521) == 3
+    assert not any("521" in text for text in peer.texts())
+
+
+def test_ardupilot_takes_places_as_integers_only():
+    peer = Peer(ARDUPILOT)
+    assert peer.result(192, -1.0, 1.0, 0.0, 0.0, 28.05, -82.15, 10.0) == m.MAV_RESULT_COMMAND_INT_ONLY
+    assert "Command 192 refused: send COMMAND_INT" in peer.texts()
+
+
+@BOTH
+def test_the_protocol_version(persona):
+    peer = Peer(persona)
+    for answers in (peer.order(512, 300), peer.order(519, 1)):
+        assert [a.get_type() for a in answers] == ["COMMAND_ACK", "PROTOCOL_VERSION"]
+        assert (answers[1].version, answers[1].min_version, answers[1].max_version) == (200, 100, 200)
+    assert peer.result(512, 397) == 3
+
+
+@BOTH
+def test_modes_and_their_monitor(persona):
+    peer = Peer(persona)
+    assert peer.asked(436).custom_mode == persona.modes[persona.boot_mode]
+    assert peer.asked(437).get_type() == "AVAILABLE_MODES_MONITOR"
+    assert peer.result(512, 435, 99) == 2
+    assert peer.asked(244, 0).interval_us == 1_000_000
+
+
+def test_sensors_at_rest_tell_what_they_would_at_rest():
+    peer = Peer(PX4, yaw_deg=90.0)
+    imu = peer.asked(105)
+    assert (imu.xacc, imu.yacc, imu.zacc) == pytest.approx((0.0, 0.0, -9.80665), abs=1e-3)
+    assert (imu.xmag, imu.ymag, imu.zmag) == pytest.approx((0.0, -0.25, 0.41), abs=1e-6)
+    pressure = peer.asked(29).press_abs
+    assert pressure == pytest.approx(1013.25 - 20.0 / 8.33, abs=0.2)
+    assert imu.abs_pressure == pytest.approx(pressure)
+    assert peer.asked(230).flags & 16
+    assert peer.asked(193).flags == peer.asked(230).flags
+    assert peer.asked(241).clipping_0 == 0
+    assert peer.asked(65).chancount == 0
+    assert peer.asked(49).latitude == 280500000
+    peer.vehicle.pilot.position_ok = False
+    assert not peer.asked(230).flags & 16
+
+
+def test_px4_has_a_checksum_of_its_parameters():
+    peer = Peer(PX4)
+
+    def checksum():
+        (value,) = peer.tell(m.MAVLink_param_request_read_message(1, 1, b"_HASH_CHECK", -1))
+        assert (value.param_id, value.param_type, value.param_index) == ("_HASH_CHECK", 5, 65535)
+        return struct.pack("<f", value.param_value)
+
+    before = checksum()
+    assert checksum() == before
+    peer.tell(m.MAVLink_param_set_message(1, 1, b"MPC_XY_CRUISE", 4.0, 9))
+    assert checksum() != before
+    assert Peer(ARDUPILOT).tell(m.MAVLink_param_request_read_message(1, 1, b"_HASH_CHECK", -1)) == []
+
+
+def test_ardupilot_counts_its_plans_in_parameters():
+    peer = Peer(ARDUPILOT)
+
+    def total(name):
+        return peer.tell(m.MAVLink_param_request_read_message(1, 1, name, -1))[0].param_value
+
+    assert (total(b"MIS_TOTAL"), total(b"RALLY_TOTAL")) == (1, 0)
+    peer.upload(tuple(map(_plain, SURVEY)))
+    peer.upload((MissionItem(Command.NAV_RALLY_POINT, 3, x=28.05, y=-82.15, z=9.0),), kind=2)
+    assert (total(b"MIS_TOTAL"), total(b"RALLY_TOTAL"), total(b"FENCE_TOTAL")) == (4, 1, 0)
+    peer.tell(m.MAVLink_param_set_message(1, 1, b"MIS_TOTAL", 0.0, 6))
+    assert total(b"MIS_TOTAL") == 4
+
+
+@BOTH
+def test_our_ground_station_flies_either(persona):
+    vehicle = SimVehicle(get_vehicle("quad"), HOME, persona=persona)
+    ground = GroundStation(Mission(SURVEY, HOME))
+    reason = Simulation([vehicle, ground]).run(lambda _now_s: ground.done, limit_s=300.0)
+    assert reason is StopReason.FINISHED
+    assert ground.outcome is Outcome.COMPLETED, ground.reason
+    fixes = len(ground.track(vehicle.pilot.frame).time_s)
+    assert fixes == pytest.approx(10.0 * ground.flight_time_s, rel=0.1)
+
+
+def signed_hosts(signing):
+    vehicle = SimVehicle(get_vehicle("quad"), HOME, signing=signing)
+    taps = []
+    simulation = Simulation([vehicle], signing=signing, tap=lambda frame, _: taps.append(frame))
+    link = simulation.open_link()
+    return vehicle, simulation, link, taps
+
+
+ARM = m.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
+
+
+def test_a_host_with_a_key_hears_only_who_has_it():
+    vehicle, simulation, link, _ = signed_hosts(Signing(KEY))
+    simulation.run(limit_s=1.0)
+    assert all(frame[2] == 1 for frame in link.receive())
+    for signing, armed in ((None, False), (Signing(b"o" * 32), False), (Signing(KEY), True)):
+        link.send(FrameWriter(255, 190, signing=signing).encode(ARM))
+        simulation.run(limit_s=0.1)
+        assert vehicle.pilot.armed is armed
+
+
+def test_a_key_is_set_where_it_may_and_never_logged():
+    setup = FrameWriter(255, 190).encode(m.MAVLink_setup_signing_message(1, 1, list(KEY), 0))
+    for signing, taken in ((Signing(may_setup=True), True), (Signing(), False), (None, False)):
+        vehicle, simulation, link, taps = signed_hosts(signing)
+        other = simulation.open_link("other")
+        simulation.run(limit_s=0.5)
+        other.receive()
+        link.send(setup)
+        simulation.run(limit_s=0.5)
+        assert (signing is not None and signing.active) is taken
+        frames = [*taps, *other.receive()]
+        assert frames
+        assert not any(KEY in frame for frame in frames)
+        texts = [t.text for f in frames for t in FrameReader(wanted=[253]).feed(f)]
+        assert ("Signing setup refused: not over this link" in texts) is not taken
+        assert not vehicle.pilot.armed
+
+
+def test_a_key_is_not_changed_in_flight_nor_for_everybody():
+    signing = Signing(may_setup=True)
+    peer = Peer(PX4, signing=signing)
+    peer.result(400, 1.0)
+    peer.tell(m.MAVLink_setup_signing_message(1, 1, list(KEY), 0))
+    assert not signing.active
+    assert "Signing setup refused: armed" in peer.texts()
+    peer.result(400, 0.0)
+    peer.tell(m.MAVLink_setup_signing_message(0, 0, list(KEY), 0))
+    assert not signing.active
+    peer.tell(m.MAVLink_setup_signing_message(1, 1, list(KEY), 0))
+    assert signing.active
+
+
+def test_the_nan_of_a_yaw_is_kept_by_px4_only():
+    for persona, kept in ((PX4, True), (ARDUPILOT, False)):
+        peer = Peer(persona)
+        peer.upload((TAKEOFF, THERE, BACK))
+        peer.tell(m.MAVLink_mission_request_list_message(1, 1, 0))
+        place = 1 + (persona is ARDUPILOT)
+        for seq in range(place + 1):
+            item = peer.tell(m.MAVLink_mission_request_int_message(1, 1, seq, 0))[0]
+        assert math.isnan(item.param4) is kept
+        assert item.frame == (6 if persona is PX4 else 3)

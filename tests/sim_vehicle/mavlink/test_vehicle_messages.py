@@ -1,0 +1,528 @@
+"""The vehicle message by message: commands, parameters, rates, and whatever else may come."""
+
+import math
+import struct
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.frames import FrameReader, FrameWriter
+from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
+from mission.transfer import wire
+from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.errors import VehicleError
+from sim_vehicle.host.component import Component
+from sim_vehicle.mavlink import ARDUPILOT, PX4, Mode, Outcome, SimVehicle, get_persona, persona_names
+from sim_vehicle.mavlink.commands import HANDLERS
+from sim_vehicle.mavlink.parameters import parameter_table
+from sim_vehicle.mavlink.schedule import LONGEST_US, SHORTEST_US, Schedule
+from sim_vehicle.mavlink.telemetry import BUILDERS
+
+HOME = GeoPoint(28.05, -82.15, 20.0)
+NAN = math.nan
+GROUND = FrameWriter(255, 190)
+
+
+def crossed(message, writer=GROUND):
+    """The message as its receiver decodes it."""
+    return FrameReader().feed(writer.encode(message))[0]
+
+
+class Peer:
+    """A vehicle and a ground station that talks to it at a time."""
+
+    def __init__(self, persona=PX4, spec="quad", **options):
+        self.vehicle = SimVehicle(get_vehicle(spec), HOME, persona=persona, **options)
+        self.now_s = 0.0
+        self.told = []
+        self.wait(0.0)
+
+    def tell(self, message, writer=GROUND):
+        answers = self.vehicle.receive(crossed(message, writer), self.now_s)
+        self.told += answers
+        return [crossed(answer, FrameWriter(1, 1)) for answer in answers]
+
+    def wait(self, seconds):
+        end_s = self.now_s + seconds
+        while True:
+            self.now_s = min(end_s, max(self.now_s, self.vehicle.next_deadline()))
+            self.told += self.vehicle.poll(self.now_s)
+            if self.now_s >= end_s:
+                return
+
+    def order(self, number, *params, confirmation=0, target=(1, 1)):
+        filled = [*params, *[0.0] * (7 - len(params))]
+        return self.tell(m.MAVLink_command_long_message(*target, number, confirmation, *filled))
+
+    def result(self, number, *params, **options):
+        answers = self.order(number, *params, **options)
+        acks = [a for a in answers if a.get_type() == "COMMAND_ACK"]
+        assert len(acks) == 1
+        assert (acks[0].command, acks[0].target_system, acks[0].target_component) == (number, 255, 190)
+        return acks[0].result
+
+    def texts(self):
+        return [t.text for t in self.told if t.get_type() == "STATUSTEXT"]
+
+    def upload(self, items):
+        self.tell(m.MAVLink_mission_count_message(1, 1, len(items), 0))
+        for seq, item in enumerate(items):
+            answers = self.tell(wire.item_to_message(item, seq, MissionType.MISSION, (1, 1)))
+        return next(a for a in answers if a.get_type() == "MISSION_ACK").type
+
+
+def survey(home_item=False):
+    items = [
+        MissionItem(Command.NAV_TAKEOFF, Frame.GLOBAL_RELATIVE_ALT, x=28.05, y=-82.15, z=5.0),
+        MissionItem.waypoint(28.0502, -82.15, 5.0),
+        MissionItem(Command.NAV_RETURN_TO_LAUNCH),
+    ]
+    return [MissionItem.waypoint(28.05, -82.15, 0.0), *items] if home_item else items
+
+
+def test_the_vehicle_is_a_component():
+    assert isinstance(SimVehicle(get_vehicle("quad"), HOME), Component)
+
+
+@pytest.mark.parametrize("message_id", sorted(BUILDERS))
+def test_every_message_can_be_requested_and_survives_the_wire(message_id):
+    peer = Peer()
+    answers = peer.order(m.MAV_CMD_REQUEST_MESSAGE, message_id)
+    assert answers[0].get_type() == "COMMAND_ACK" and answers[0].result == 0
+    assert answers[1].get_msgId() == message_id
+
+
+def test_messages_that_do_not_exist_are_unsupported():
+    peer = Peer()
+    assert peer.result(m.MAV_CMD_REQUEST_MESSAGE, 397) == 3
+    assert peer.result(m.MAV_CMD_REQUEST_MESSAGE, NAN) == 3
+    assert peer.result(31010) == 3
+
+
+def test_all_modes_are_listed():
+    peer = Peer()
+    modes = [a for a in peer.order(512, 435, 0) if a.get_type() == "AVAILABLE_MODES"]
+    assert [a.mode_index for a in modes] == list(range(1, modes[0].number_modes + 1))
+    assert {a.custom_mode for a in modes} == set(PX4.modes.values())
+    assert len(peer.order(512, 435, 2)) == 2
+    assert peer.order(512, 435, 99)[0].result == 2
+
+
+def test_capabilities_and_home_by_the_old_commands():
+    peer = Peer()
+    assert [a.get_type() for a in peer.order(520, 1)] == ["COMMAND_ACK", "AUTOPILOT_VERSION"]
+    home = peer.order(410)[1]
+    assert (home.latitude, home.longitude, home.altitude) == (280500000, -821500000, 20000)
+
+
+@pytest.mark.parametrize("persona", [PX4, ARDUPILOT])
+@pytest.mark.parametrize("mode", [Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION, Mode.HOLD, Mode.RTL, Mode.LAND])
+def test_modes_by_command_and_by_message(persona, mode):
+    number = persona.modes[mode]
+    peer = Peer(persona)
+    if persona is PX4:
+        assert peer.result(176, 1.0, number >> 16 & 255, number >> 24) == 0
+    else:
+        assert peer.result(176, 1.0, number) == 0
+    assert peer.vehicle.pilot.mode is mode
+    peer = Peer(persona)
+    peer.tell(m.MAVLink_set_mode_message(1, 1, number))
+    assert peer.vehicle.pilot.mode is mode
+    assert persona.mode_of(number) is mode
+    beats = [t for t in peer.told if t.get_type() == "HEARTBEAT"]
+    assert beats[-1].custom_mode == number
+
+
+def test_modes_that_do_not_exist_or_are_not_possible():
+    peer = Peer()
+    assert peer.result(176, 1.0, 99.0) == 2
+    assert peer.result(176, 0.0, 4.0, 3.0) == 2
+    assert peer.result(176, 1.0, 4.0, 4.0) == 1
+    assert peer.result(176, NAN, NAN, NAN) == 2
+    peer.tell(m.MAVLink_set_mode_message(1, 1, 12345))
+    assert peer.texts() == [
+        "Mode refused: unknown number 6488064",
+        "Mode refused: only custom modes are known",
+        "Mission mode refused: no mission",
+        "Mode refused: only custom modes are known",
+        "Mode refused: unknown number 12345",
+    ]
+    assert peer.vehicle.pilot.mode is Mode.HOLD
+
+
+def test_standard_modes():
+    peer = Peer()
+    assert peer.result(262, 5) == 0 and peer.vehicle.pilot.mode is Mode.RTL
+    assert peer.result(262, 1) == 0 and peer.vehicle.pilot.mode is Mode.HOLD
+    assert peer.result(262, 77) == 3
+
+
+def test_arming_again_is_fine_and_disarming_in_the_air_is_not():
+    peer = Peer()
+    assert peer.result(400, 1.0) == peer.result(400, 1.0) == 0
+    assert peer.result(400, 0.5) == 2
+    assert peer.result(22, 0, 0, 0, 0, 0, 0, NAN) == 0
+    peer.wait(5.0)
+    assert peer.result(400, 0.0) == 1
+    assert "Disarming denied: not landed" in peer.texts()
+    assert peer.result(400, 0.0, 21196.0) == 0
+    assert not peer.vehicle.pilot.armed
+    assert peer.vehicle.pilot.state.position_m[2] == 0.0
+
+
+def test_force_arming_skips_the_checks():
+    peer = Peer()
+    peer.vehicle.pilot.arming_block = "test"
+    assert peer.result(400, 1.0) == 1
+    assert peer.vehicle.outcome is Outcome.ARMING_REFUSED
+    assert peer.result(400, 1.0, 21196.0) == 0
+    assert peer.vehicle.outcome is Outcome.RUNNING
+
+
+def test_a_repeated_command_is_done_once():
+    peer = Peer()
+    assert peer.result(400, 1.0) == 0
+    assert peer.result(400, 0.0) == 0
+    assert peer.result(400, 1.0) == 0
+    assert peer.result(400, 0.0) == 0
+    peer.vehicle.pilot.arm()
+    assert peer.result(400, 0.0, confirmation=1) == 0
+    assert peer.vehicle.pilot.armed, "the retransmission got its answer, and nothing was done again"
+    assert peer.result(178, NAN, NAN, confirmation=3) == 2
+
+
+def test_takeoff_heights_of_the_two_autopilots():
+    for persona, parameter, expected in ((PX4, 26.0, 6.0), (PX4, 0.0, 10.0), (ARDUPILOT, 6.0, 6.0)):
+        peer = Peer(persona)
+        assert peer.result(400, 1.0) == 0
+        assert peer.result(22, 0, 0, 0, 0, 0, 0, parameter) == 0
+        peer.wait(20.0)
+        assert peer.vehicle.pilot.state.position_m[2] == pytest.approx(expected, abs=0.1)
+        assert peer.vehicle.pilot.mode is persona.after_takeoff
+    peer = Peer(ARDUPILOT)
+    assert peer.result(22, 0, 0, 0, 0, 0, 0, 6.0) == 4
+    peer = Peer(PX4)
+    assert peer.result(22, 0, 0, 0, 0, 0, 0, 27.0) == 0
+    assert not peer.vehicle.pilot.armed
+    peer.result(400, 1.0)
+    peer.wait(20.0)
+    assert peer.vehicle.pilot.state.position_m[2] == pytest.approx(7.0, abs=0.1)
+    assert peer.result(22, 0, 0, 0, 0, 0, 0, 1e6) == 2
+
+
+def test_reposition_by_int_in_both_frames_and_its_refusals():
+    peer = Peer()
+
+    def goto(x, y, z, frame):
+        message = m.MAVLink_command_int_message(1, 1, frame, 192, 0, 0, -1.0, 1.0, 0.0, NAN, x, y, z)
+        return next(a for a in peer.tell(message) if a.get_type() == "COMMAND_ACK").result
+
+    assert goto(280501000, -821500000, 10.0, 6) == 1
+    peer.result(400, 1.0)
+    peer.result(22, 0, 0, 0, 0, 0, 0, NAN)
+    peer.wait(10.0)
+    assert goto(280501000, -821500000, 8.0, 6) == 0
+    peer.wait(15.0)
+    assert peer.vehicle.place == pytest.approx((280501000, -821500000, 28_000), abs=20)
+    assert goto(280500000, -821500000, 35.0, 5) == 0
+    peer.wait(15.0)
+    assert peer.vehicle.place == pytest.approx((280500000, -821500000, 35_000), abs=20)
+    assert goto(380500000, -821500000, 10.0, 6) == 2
+    assert goto(280501000, -821500000, -10.0, 6) == 2
+    assert goto(280501000, -821500000, 10.0, 2) == 2
+    assert goto(0, 0, 10.0, 6) == 2
+    assert goto(2**31 - 1, -(2**31), 10.0, 6) == 2
+
+
+def test_mission_start_pause_and_current_item():
+    peer = Peer()
+    assert peer.result(300) == 1
+    assert peer.upload(survey()) == 0
+    assert peer.result(300, 1.0) == 0
+    assert peer.vehicle.pilot.current_seq == 1
+    answers = peer.tell(m.MAVLink_mission_set_current_message(1, 1, 0))
+    assert [(a.get_type(), a.seq) for a in answers] == [("MISSION_CURRENT", 0)]
+    assert peer.result(224, 1.0) == 3, "PX4 takes the message only"
+    assert "Command 224 refused: not supported" in peer.texts()
+    peer.tell(m.MAVLink_mission_set_current_message(1, 1, 2))
+    assert peer.vehicle.pilot.current_seq == 2
+    peer.tell(m.MAVLink_mission_set_current_message(1, 1, 77))
+    assert "Mission item 77 refused: there are 3" in peer.texts()
+    assert peer.result(193, 0.0) == 0 and peer.vehicle.pilot.mode is Mode.HOLD
+    assert peer.result(193, 1.0) == 0 and peer.vehicle.pilot.mode is Mode.MISSION
+    assert peer.result(193, 0.5) == 2
+
+
+def test_ardupilot_counts_home_as_item_zero():
+    peer = Peer(ARDUPILOT)
+    peer.tell(m.MAVLink_mission_count_message(1, 1, 4, 0))
+    assert peer.upload(survey(home_item=True)) == 0
+    assert peer.vehicle.pilot.mission_size == 3
+    assert peer.order(224, 2.0)[-1].seq == 2
+    assert peer.vehicle.pilot.current_seq == 1
+    assert peer.result(224, -1.0, 1.0) == 0
+    assert peer.vehicle.pilot.current_seq == 0
+    assert peer.result(224, 4.0) == 2
+
+
+def test_clearing_the_mission():
+    peer = Peer()
+    peer.upload(survey())
+    assert peer.vehicle.pilot.mission_size == 3
+    answers = peer.tell(m.MAVLink_mission_clear_all_message(1, 1, 0))
+    assert [a.type for a in answers if a.get_type() == "MISSION_ACK"] == [0]
+    assert peer.vehicle.pilot.mission_size == 0
+    current = peer.order(512, 42)[-1]
+    assert (current.seq, current.total, current.mission_state) == (0, 65535, 1)
+
+
+def test_fence_and_rally_do_not_touch_the_mission():
+    peer = Peer()
+    peer.upload(survey())
+    peer.tell(m.MAVLink_mission_count_message(1, 1, 1, 2))
+    rally = MissionItem(Command.NAV_RALLY_POINT, Frame.GLOBAL_RELATIVE_ALT, x=28.05, y=-82.15, z=10.0)
+    answers = peer.tell(wire.item_to_message(rally, 0, MissionType.RALLY, (1, 1)))
+    assert answers[0].type == 0
+    assert peer.vehicle.pilot.mission_size == 3
+
+
+def test_speed_home_reboot_and_calibration():
+    peer = Peer()
+    assert peer.result(178, 1.0, 5.0, -1.0) == 0
+    assert peer.result(178, 1.0, -1.0) == 0
+    assert peer.result(178, 1.0, 500.0) == 2
+    assert peer.result(178, 3.0, 5.0) == 3
+    assert peer.result(179, 1.0) == 0
+    assert peer.result(179, 0, 0, 0, 0, 29.06, -82.15, 10.0) == 2
+    assert peer.result(179, 0, 0, 0, 0, 28.06, -82.15, 10.0) == 0
+    assert peer.vehicle.home_e7[0] == pytest.approx(280_600_000, abs=20), "a float32 came"
+    assert peer.result(241) == 0
+    peer.wait(5.0)
+    assert peer.result(246, 1.0) == 0
+    peer.wait(1.0)
+    assert peer.vehicle.boot_ms == 1000
+    peer.result(400, 1.0)
+    assert peer.result(246, 1.0) == peer.result(241) == 1
+
+
+def test_camera_commands_are_passed_on_when_there_is_a_camera():
+    peer = Peer()
+    assert peer.result(2000, 0, 1.0, 3) == 3
+    camera = FrameWriter(1, 100)
+    peer.tell(m.MAVLink_heartbeat_message(30, 8, 0, 0, 3, 3), camera)
+    answers = peer.order(2000, 0, 1.0, 3)
+    passed = next(a for a in answers if a.get_type() == "COMMAND_LONG")
+    assert (passed.target_system, passed.target_component, passed.command, passed.param2) == (
+        1,
+        100,
+        2000,
+        1.0,
+    )
+    peer.tell(m.MAVLink_command_ack_message(2000, 2, 0, 0, 1, 1), camera)
+    peer.wait(3.0)
+    assert "Camera refused command 2000 (result 2)" in peer.texts()
+
+
+def test_commands_for_others_are_ignored():
+    peer = Peer()
+    assert peer.order(400, 1.0, target=(2, 1)) == []
+    assert peer.order(400, 1.0, target=(1, 100)) == []
+    assert peer.order(400, 1.0, target=(0, 0))[0].result == 0
+
+
+def test_ping_and_timesync():
+    peer = Peer(epoch_unix_s=1000.0)
+    peer.wait(2.0)
+    answer = peer.tell(m.MAVLink_ping_message(77, 5, 0, 0))[0]
+    assert (answer.time_usec, answer.seq, answer.target_system, answer.target_component) == (77, 5, 255, 190)
+    assert peer.tell(m.MAVLink_ping_message(77, 5, 1, 1)) == []
+    answer = peer.tell(m.MAVLink_timesync_message(0, 123))[0]
+    assert (answer.tc1, answer.ts1) == (1_002_000_000_000, 123)
+    assert peer.tell(m.MAVLink_timesync_message(5, 123)) == []
+
+
+def test_long_texts_are_cut_into_chunks():
+    peer = Peer()
+    text = "x" * 50 + "y" * 50
+    peer.vehicle.say_warning(text)
+    peer.wait(0.1)
+    pieces = [t for t in peer.told if t.get_type() == "STATUSTEXT"]
+    assert [p.chunk_seq for p in pieces] == [0, 1, 2]
+    assert len({p.id for p in pieces}) == 1 and pieces[0].id > 0
+    assert "".join(p.text for p in pieces) == text
+
+
+def read_parameter(message, persona):
+    if persona is PX4 and message.param_type == 6:
+        return struct.unpack("<i", struct.pack("<f", message.param_value))[0]
+    return message.param_value
+
+
+@pytest.mark.parametrize("persona", [PX4, ARDUPILOT])
+def test_parameters_list_read_and_set(persona):
+    peer = Peer(persona)
+    table = parameter_table(persona.name, peer.vehicle.pilot.spec, 1)
+    everything = peer.tell(m.MAVLink_param_request_list_message(1, 1))
+    assert [p.param_index for p in everything] == list(range(len(table)))
+    assert {p.param_count for p in everything} == {len(table)}
+    assert all(len(p.param_id) <= 16 for p in everything)
+    by_name = {p.param_id: p for p in everything}
+    name, value, scale = ("MPC_XY_CRUISE", 6.0, 1.0) if persona is PX4 else ("WPNAV_SPEED", 600.0, 100.0)
+    answer = peer.tell(m.MAVLink_param_set_message(1, 1, name.encode(), value, 9))[0]
+    assert (answer.param_id, answer.param_value) == (name, value)
+    assert peer.vehicle.pilot.spec.cruise_speed_m_s == pytest.approx(value / scale)
+    assert peer.tell(m.MAVLink_param_request_read_message(1, 1, name.encode(), -1))[0].param_value == value
+    assert peer.tell(m.MAVLink_param_request_read_message(1, 1, b"", answer.param_index))[0].param_id == name
+    system = by_name["MAV_SYS_ID" if persona is PX4 else "SYSID_THISMAV"]
+    assert read_parameter(system, persona) == 1
+    for refused in (1e6, -1.0, NAN, math.inf):
+        answer = peer.tell(m.MAVLink_param_set_message(1, 1, name.encode(), refused, 9))
+        assert [a.param_value for a in answer if a.get_type() == "PARAM_VALUE"] == [value]
+    assert sum(f"{name} must be" in text for text in peer.texts()) == 4
+    peer.tell(m.MAVLink_param_set_message(1, 1, system.param_id.encode(), 5.0, 9))
+    assert f"{system.param_id} cannot be changed" in peer.texts()
+    assert peer.tell(m.MAVLink_param_request_read_message(1, 1, b"NO_SUCH", -1)) == []
+    assert peer.tell(m.MAVLink_param_request_read_message(1, 1, b"", 999)) == []
+    assert peer.tell(m.MAVLink_param_set_message(1, 1, b"NO_SUCH", 1.0, 9)) == []
+
+
+def test_the_return_altitude_parameter_acts():
+    peer = Peer()
+    peer.tell(m.MAVLink_param_set_message(1, 1, b"RTL_RETURN_ALT", 25.0, 9))
+    peer.result(400, 1.0)
+    peer.result(22, 0, 0, 0, 0, 0, 0, NAN)
+    peer.wait(10.0)
+    peer.result(192, 5.0, 1.0, 0.0, NAN, 28.0505, -82.15, NAN)
+    peer.wait(20.0)
+    peer.result(20)
+    peer.wait(90.0)
+    heights = [t.relative_alt for t in peer.told if t.get_type() == "GLOBAL_POSITION_INT"]
+    assert max(heights) == pytest.approx(25_000, abs=100)
+    assert not peer.vehicle.pilot.armed
+
+
+def test_data_streams_move_ardupilot_only():
+    attitude = m.MAVLINK_MSG_ID_ATTITUDE
+    for persona, expected in ((PX4, 100_000), (ARDUPILOT, 250_000)):
+        peer = Peer(persona)
+        peer.tell(m.MAVLink_request_data_stream_message(1, 1, 10, 4, 1))
+        assert peer.vehicle.schedule.interval_us(attitude) == expected
+    peer.tell(m.MAVLink_request_data_stream_message(1, 1, 0, 4, 0))
+    assert peer.vehicle.schedule.interval_us(attitude) == -1
+
+
+def test_intervals_by_command():
+    peer = Peer()
+    assert peer.result(511, 31, 20_000) == 0
+    assert peer.order(510, 31)[1].interval_us == 20_000
+    before = len(peer.told)
+    peer.wait(1.0)
+    assert sum(t.get_type() == "ATTITUDE_QUATERNION" for t in peer.told[before:]) in (50, 51)
+    assert peer.result(511, 31, -1) == 0
+    assert peer.order(510, 31)[1].interval_us == -1
+    assert peer.order(510, 397)[1].interval_us == 0
+    assert peer.result(511, 397, 1000) == 2
+    assert peer.result(511, 31, NAN) == 2
+    assert peer.result(511, 30, 1) == 0
+    assert peer.order(510, 30)[1].interval_us == SHORTEST_US
+    assert peer.result(511, 30, 9e9) == 0
+    assert peer.order(510, 30)[1].interval_us == LONGEST_US
+    assert peer.result(511, 30, 0) == 0
+    assert peer.order(510, 30)[1].interval_us == 100_000
+
+
+@given(
+    st.dictionaries(
+        st.integers(0, 20), st.sampled_from([0.1, 0.5, 1.0, 2.0, 4.0, 5.0, 10.0, 50.0]), min_size=1
+    ),
+    st.lists(st.integers(1, 300_000), min_size=1, max_size=60),
+)
+def test_schedule_sends_each_message_at_its_rate(rates, steps):
+    schedule = Schedule(rates)
+    counts = dict.fromkeys(rates, 0)
+    now_us = 0
+    for step in [0, *steps]:
+        target = now_us + step
+        while schedule.next_us <= target:
+            now_us = schedule.next_us
+            for message_id in schedule.due(now_us):
+                counts[message_id] += 1
+        now_us = target
+    for message_id, rate in rates.items():
+        assert counts[message_id] == now_us // round(1e6 / rate) + 1
+
+
+def test_personas_by_name():
+    assert [get_persona(name).name for name in persona_names()] == list(persona_names())
+    assert get_persona("PX4") is PX4
+    with pytest.raises(VehicleError, match="choose px4, ardupilot"):
+        get_persona("betaflight")
+
+
+@pytest.mark.parametrize("persona", [PX4, ARDUPILOT])
+def test_persona_modes_are_those_of_pymavlink(persona):
+    from pymavlink import mavutil
+
+    names = {Mode.HOLD: "LOITER", Mode.MISSION: "MISSION", Mode.RTL: "RTL", Mode.LAND: "LAND"}
+    if persona is ARDUPILOT:
+        acm = mavutil.mode_mapping_byname(m.MAV_TYPE_QUADROTOR)
+        expected = {mode: acm["AUTO" if name == "MISSION" else name] for mode, name in names.items()}
+    else:
+        expected = {mode: (sub << 24 | main << 16) for mode, (_, main, sub) in
+                    ((mode, mavutil.px4_map[name]) for mode, name in names.items())}  # fmt: skip
+    assert {mode: persona.modes[mode] for mode in expected} == expected
+
+
+WANTED = sorted(SimVehicle(get_vehicle("quad"), HOME).wanted)
+
+
+def frame_of(message_id, payload, system, component):
+    """A frame with any payload under a right checksum."""
+    kind = m.mavlink_map[message_id]
+    payload = (payload * (kind.unpacker.size // max(1, len(payload)) + 1))[: kind.unpacker.size]
+    codec = m.MAVLink(None, system, component)
+    message = m.MAVLink_message(message_id, kind.msgname)
+    return message._pack(codec, kind.crc_extra, payload)
+
+
+ANY_FRAMES = st.lists(
+    st.tuples(st.sampled_from(WANTED), st.binary(min_size=1, max_size=60), st.sampled_from([0, 1, 255]),
+              st.sampled_from([1, 100, 190])),
+    max_size=30,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("persona", [PX4, ARDUPILOT])
+@pytest.mark.parametrize("flying", [False, True])
+@given(ANY_FRAMES)
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+def test_nothing_that_comes_makes_it_raise(persona, flying, frames):
+    peer = Peer(persona)
+    if flying:
+        peer.upload(survey(home_item=persona is ARDUPILOT))
+        peer.result(400, 1.0)
+        peer.result(300)
+        peer.wait(3.0)
+    reader, writer = FrameReader(), FrameWriter(1, 1)
+    for message_id, payload, system, component in frames:
+        for message in reader.feed(frame_of(message_id, payload, system, component)):
+            for field in ("target_system", "target_component"):
+                if hasattr(message, field):
+                    setattr(message, field, 1)
+            for answer in peer.vehicle.receive(message, peer.now_s):
+                writer.encode(answer)
+        peer.now_s += 0.05
+        for message in peer.vehicle.poll(peer.now_s):
+            writer.encode(message)
+        assert peer.vehicle.next_deadline() > peer.now_s
+
+
+@pytest.mark.parametrize("persona", [PX4, ARDUPILOT])
+@given(st.sampled_from(sorted(HANDLERS)), st.lists(st.floats(width=32), min_size=7, max_size=7))
+@settings(max_examples=200, deadline=None)
+def test_any_parameters_of_any_command_are_answered(persona, number, params):
+    peer = Peer(persona)
+    answers = peer.order(number, *params)
+    assert sum(a.get_type() == "COMMAND_ACK" for a in answers) == 1

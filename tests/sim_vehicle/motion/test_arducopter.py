@@ -1,0 +1,482 @@
+"""ArduCopter: recorded flights, S-curves, parameters, and that whatever is ordered comes to an end."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from geo.frame import LocalFrame
+from mission.model import Command, MissionItem
+from sim_vehicle.airframe.spec import VehicleSpec, get_vehicle
+from sim_vehicle.autopilot import autopilot_of, with_autopilot
+from sim_vehicle.autopilot.ardupilot.copter import ARDUCOPTER, SETTINGS
+from sim_vehicle.errors import VehicleError
+from sim_vehicle.execution.executor import MissionExecutor
+from sim_vehicle.execution.state import CannotFly, FlightEvent, ItemReached
+from sim_vehicle.motion.arducopter import layout as at
+from sim_vehicle.motion.arducopter import scurve
+from sim_vehicle.motion.arducopter.model import ArduCopter
+from sim_vehicle.motion.model import LegKind, MotionEvent, Route
+from sim_vehicle.recordings import compare, fly_recording, load_recording
+from sim_vehicle.weather.wind import Wind
+
+FLIGHTS = Path(__file__).parents[2] / "data" / "flights"
+FRAME = LocalFrame(28.05, -82.15)
+QUAD = replace(with_autopilot(get_vehicle("quad"), "ardupilot"), battery=None)
+SPEEDS, ACCELS = (5.0, 2.5, 1.5), (2.5, 1.0)
+SNAP, JERK = 5.236, 1.0
+
+
+def quad(**parameters: float) -> VehicleSpec:
+    return replace(with_autopilot(get_vehicle("quad"), "ardupilot", parameters), battery=None)
+
+
+def place(command: int, x: float, y: float, z: float, hold: float = 0.0, p3: float = 0.0) -> MissionItem:
+    latitude, longitude = FRAME.to_wgs84(x, y)
+    return MissionItem(command, 3, hold, 0.0, p3, None, latitude, longitude, z)
+
+
+def takeoff(z: float = 10.0) -> MissionItem:
+    return place(Command.NAV_TAKEOFF, 0.0, 0.0, z)
+
+
+def way(x: float, y: float, z: float = 10.0, hold: float = 0.0) -> MissionItem:
+    return place(Command.NAV_WAYPOINT, x, y, z, hold)
+
+
+def speed(m_s: float, kind: float = 1.0) -> MissionItem:
+    return MissionItem(Command.DO_CHANGE_SPEED, 2, kind, m_s, -1.0, 0.0)
+
+
+HOME = MissionItem(Command.NAV_RETURN_TO_LAUNCH, 2, 0.0, 0.0, 0.0, 0.0)
+
+
+def fly(
+    items: list[MissionItem],
+    spec: VehicleSpec = QUAD,
+    *,
+    wind: Wind | None = None,
+    cuts: list[float] | None = None,
+    limit_s: float = 4000.0,
+) -> tuple[MissionExecutor, list[FlightEvent]]:
+    executor = MissionExecutor(spec, FRAME, wind=wind)
+    executor.load(items)
+    executor.arm()
+    executor.start()
+    if cuts is None:
+        return executor, executor.fly_through(limit_s)
+    events: list[FlightEvent] = []
+    now, turn = 0.0, 0
+    while executor.armed and now < limit_s:
+        now += cuts[turn % len(cuts)]
+        turn += 1
+        events += executor.advance(now)
+    return executor, events
+
+
+def reached(events: list[FlightEvent]) -> dict[int, float]:
+    times: dict[int, float] = {}
+    for event in events:
+        if isinstance(event, ItemReached):
+            times.setdefault(event.seq, event.time_s)
+    return times
+
+
+def speeds(items: list[MissionItem], spec: VehicleSpec = QUAD, step_s: float = 0.1) -> np.ndarray:
+    executor = MissionExecutor(spec, FRAME)
+    executor.load(items)
+    executor.arm()
+    executor.start()
+    rows = []
+    while executor.armed and executor.time_s < 2000.0:
+        executor.advance(executor.time_s + step_s)
+        rows.append((executor.time_s, *executor.motion.numbers()[:6]))
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("name", ["climbs-holds", "lawnmower-5", "random-10", "spiral-8"])
+def test_flies_as_it_was_recorded(name: str) -> None:
+    recording = load_recording(FLIGHTS / f"ardupilot-{name}.json")
+    flight = fly_recording(recording, with_autopilot(get_vehicle("quad"), "ardupilot"))
+    result = compare(recording, flight)
+    assert abs(result.time_error) < 0.01
+    assert result.mean_m < 0.1
+    assert result.p95_m < 0.2
+    assert result.correlation > 0.98
+    was, now = recording.flight, flight
+    home = (was.end_s - was.window(recording.items)[1], now.end_s - now.window(recording.items)[1])
+    assert home[1] == pytest.approx(home[0], rel=0.025)
+
+
+@pytest.mark.parametrize("name", ["lawnmower-5", "random-10"])
+def test_corners_are_as_fast_as_recorded(name: str) -> None:
+    recording = load_recording(FLIGHTS / f"ardupilot-{name}.json")
+    flight = fly_recording(recording, with_autopilot(get_vehicle("quad"), "ardupilot"))
+    slowest = []
+    for one in (recording.flight, flight):
+        first, last = one.window(recording.items)
+        size = np.hypot(one.velocity_m_s[:, 0], one.velocity_m_s[:, 1])
+        times = [t for t, seq in one.reached if first < t < last and recording.items[seq].command == 16]
+        slowest.append([size[np.abs(one.time_s - t) < 2.0].min() for t in times[:-1]])
+    count = min(map(len, slowest))
+    assert count >= 8
+    assert np.allclose(slowest[0][:count], slowest[1][:count], atol=0.25)
+
+
+@given(
+    length=st.floats(0.002, 2000.0),
+    top=st.floats(0.2, 20.0),
+    accel=st.floats(0.5, 5.0),
+    jerk=st.floats(1.0, 20.0),
+    lag=st.floats(0.1, 1.0),
+    changes=st.lists(st.tuples(st.floats(0.0, 1.0), st.floats(0.2, 20.0)), max_size=4),
+)
+@settings(deadline=None, max_examples=150)
+def test_a_profile_ends_at_the_end_whatever_its_speed_becomes(
+    length: float, top: float, accel: float, jerk: float, lag: float, changes: list[tuple[float, float]]
+) -> None:
+    head, curve = np.zeros(scurve.HEAD), np.zeros((scurve.SEGMENTS, scurve.COLUMNS))
+    snap = 0.25 * math.pi * jerk / lag
+    scurve.make_leg(head, curve, (length, 0.0, 0.0), (top, 1.0, 1.0), (accel, 1.0), snap, jerk)
+    fastest = top
+    for share, then in [*changes, (1.0, top)]:
+        whole = scurve.end_time(head, curve)
+        assert np.all(np.diff(curve[:, 0]) >= -1e-9)
+        assert np.all(np.diff(curve[:, 5]) >= -1e-6 * length)
+        assert curve[-1, 5] == pytest.approx(length, rel=1e-6)
+        assert curve[-1, 4] < 1e-4
+        times = np.linspace(head[scurve.TIME], whole, 50)
+        rows = np.array([scurve.state_at(head, curve, t) for t in times])
+        assert rows[:, 1].max() <= fastest * (1.0 + 1e-6)
+        assert np.abs(rows[:, 2]).max() <= accel * (1.0 + 1e-6)
+        head[scurve.TIME] += share * (whole - head[scurve.TIME])
+        before = scurve.state_at(head, curve, head[scurve.TIME])
+        scurve.change_speed(head, curve, then, 1.0, 1.0)
+        assert np.allclose(before, scurve.state_at(head, curve, head[scurve.TIME]), atol=1e-6)
+        fastest = max(fastest, then)
+
+
+def test_the_profile_of_a_leg() -> None:
+    head, curve = np.zeros(scurve.HEAD), np.zeros((scurve.SEGMENTS, scurve.COLUMNS))
+    scurve.make_leg(head, curve, (0.0, 100.0, 0.0), SPEEDS, ACCELS, SNAP, JERK)
+    place_m, v, a = zip(*(scurve.state_at(head, curve, t) for t in np.arange(0.0, 26.0, 0.01)), strict=True)
+    assert np.allclose(np.gradient(place_m, 0.01)[1:-1], v[1:-1], atol=1e-4)
+    assert np.allclose(np.gradient(v, 0.01)[1:-1], a[1:-1], atol=2e-3)
+    assert np.abs(np.gradient(a, 0.01)).max() <= JERK + 1e-3
+    assert max(v) == pytest.approx(5.0)
+    # Slanted: the vertical speeds and accelerations limit the whole.
+    scurve.make_leg(head, curve, (40.0, 0.0, 20.0), (6.0, 2.5, 1.5), ACCELS, SNAP, JERK)
+    assert head[scurve.SPEED] == pytest.approx(2.5 * math.sqrt(5.0))
+    assert head[scurve.ACCEL] == pytest.approx(math.sqrt(5.0))
+    scurve.make_leg(head, curve, (0.0, 0.0, 0.0), SPEEDS, ACCELS, SNAP, JERK)
+    assert scurve.end_time(head, curve) == 0.0
+
+
+def test_dense_waypoints_are_slow() -> None:
+    dense = [takeoff(), speed(8.0), *(way(0.0, 1.5 * k) for k in range(1, 41))]
+    sparse = [takeoff(), speed(8.0), way(0.0, 1.5), way(0.0, 60.0)]
+    times = [reached(fly(items)[1]) for items in (dense, sparse)]
+    # A leg and the next overlap for half of their times: 1.5 m each 2.04 s.
+    assert times[0][41] - times[0][2] == pytest.approx(39 * 2.04, rel=0.02)
+    assert times[1][3] - times[1][2] < 20.0
+
+
+def test_speed_changes_on_the_way() -> None:
+    items = [takeoff(), speed(4.0), way(0.0, 100.0), speed(8.0), way(0.0, 250.0), speed(2.0), way(0.0, 350.0)]
+    rows = speeds([*items, HOME])
+    north = rows[:, 2]
+    size = np.hypot(rows[:, 4], rows[:, 5])
+    out = rows[:, 0] < rows[np.argmax(north > 349.0), 0]
+    assert np.interp(80.0, north[out], size[out]) == pytest.approx(4.0, abs=0.1)
+    assert np.interp(180.0, north[out], size[out]) == pytest.approx(8.0, abs=0.15)
+    assert np.interp(330.0, north[out], size[out]) < 5.0
+
+
+def test_an_order_changes_the_speed_without_a_stop() -> None:
+    executor = MissionExecutor(QUAD, FRAME)
+    executor.load([takeoff(), speed(5.0), way(0.0, 400.0), HOME])
+    executor.arm()
+    executor.start()
+    executor.advance(25.0)
+    executor.set_speed(9.0)
+    slowest = 9.0
+    for now in np.arange(25.1, 40.0, 0.1):
+        executor.advance(float(now))
+        slowest = min(slowest, executor.motion.numbers()[4])
+    assert slowest > 4.9
+    assert executor.motion.numbers()[4] == pytest.approx(9.0, abs=0.1)
+
+
+def test_takeoff_is_straight_up_wherever_its_place_is() -> None:
+    executor, _ = fly([place(Command.NAV_TAKEOFF, 30.0, 0.0, 12.0), way(0.0, 20.0, 12.0)])
+    up = fly([place(Command.NAV_TAKEOFF, 30.0, 0.0, 12.0), way(0.0, 20.0, 12.0)])[1]
+    assert 7.0 < reached(up)[0] < 10.0
+    assert executor.motion.position_m[0] == pytest.approx(0.0, abs=0.1)
+    assert executor.motion.position_m[2] == pytest.approx(12.0, abs=0.1)
+
+
+def test_return_follows_its_parameters() -> None:
+    def rows(spec: VehicleSpec, z: float = 10.0, x: float = 100.0) -> list[tuple[float, ...]]:
+        return autopilot_of(spec).return_rows(spec, (x, 0.0, z), 5.0, (0.0, 0.0, 0.0))
+
+    assert [row[7] for row in rows(QUAD)] == [LegKind.CLIMB, LegKind.HOME, LegKind.LAND]
+    assert rows(QUAD)[0][2] == 15.0
+    assert rows(QUAD)[1][4] == 10.0
+    assert rows(QUAD)[1][8] == 5.0
+    assert rows(QUAD, x=2.0, z=4.0)[0][2] == 6.0
+    assert rows(QUAD, z=25.0)[0][2] == 25.0
+    other = quad(RTL_ALT=3000, RTL_SPEED=400, RTL_LOIT_TIME=0, RTL_CLIMB_MIN=500, RTL_CONE_SLOPE=0)
+    assert rows(other, x=2.0, z=4.0)[0][2] == 30.0
+    assert rows(other, z=28.0)[0][2] == 33.0
+    assert rows(other)[1][4] == 4.0
+    assert rows(other)[1][8] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("WPNAV_ACCEL", 120.0),
+        ("WPNAV_JERK", 4.0),
+        ("WPNAV_RADIUS", 40.0),
+        ("WPNAV_ACCEL_C", 120.0),
+        ("WPNAV_SPEED_UP", 100.0),
+        ("WPNAV_SPEED_DN", 60.0),
+        ("WPNAV_ACCEL_Z", 60.0),
+        ("LAND_SPEED", 100.0),
+        ("LAND_SPEED_HIGH", 300.0),
+        ("LAND_ALT_LOW", 300.0),
+        ("RTL_ALT", 3000.0),
+        ("RTL_LOIT_TIME", 0.0),
+        ("RTL_SPEED", 300.0),
+        ("PSC_POSXY_P", 2.0),
+        ("PSC_VELXY_P", 4.0),
+        ("PSC_VELXY_I", 0.2),
+        ("PSC_VELXY_D", 1.0),
+        ("PSC_POSZ_P", 2.0),
+        ("PSC_VELZ_P", 2.0),
+        ("PSC_ACCZ_P", 1.0),
+        ("PSC_ACCZ_I", 0.2),
+        ("PSC_JERK_Z", 20.0),
+        ("ATC_INPUT_TC", 0.4),
+        ("ATC_ACCEL_R_MAX", 3000.0),
+        ("ATC_RATE_P_MAX", 1.0),
+        ("ANGLE_MAX", 1000.0),
+        ("ATC_SLEW_YAW", 1000.0),
+        ("WP_YAW_BEHAVIOR", 0.0),
+        ("TKOFF_SLEW_TIME", 5.0),
+        ("MOT_SPOOL_TIME", 2.0),
+    ],
+)
+def test_parameters_act(name: str, value: float) -> None:
+    items = [takeoff(), speed(7.0), way(0.0, 50.0), way(35.0, 40.0, 16.0), way(35.0, 0.0, 10.0), HOME]
+    spec = quad(WPNAV_JERK=3.0, **{name: value} if name != "WPNAV_JERK" else {})
+    plain, other = fly(items, quad(WPNAV_JERK=3.0)), fly(items, spec if name != "WPNAV_JERK" else QUAD)
+    for executor, events in (plain, other):
+        assert not executor.armed
+        assert set(reached(events)) == set(range(len(items)))
+    same = np.array_equal(plain[0].motion.state[:13], other[0].motion.state[:13])
+    assert not same or plain[0].time_s != other[0].time_s
+
+
+def test_settings_and_their_checks() -> None:
+    assert all(row.low <= row.default <= row.high for row in SETTINGS.values())
+    assert ARDUCOPTER.settings is SETTINGS
+    spec = with_autopilot(get_vehicle("quad"), "ardupilot", {"WPNAV_SPEED": 600.0, "LAND_SPEED": 70.0})
+    own = (spec.cruise_speed_m_s, spec.landing_speed_m_s, spec.acceptance_radius_m)
+    assert own == pytest.approx((6.0, 0.7, 2.0))
+    for name, value in (("WPNAV_SPEED", 5.0), ("MPC_XY_CRUISE", 5.0), ("WPNAV_RADIUS", math.nan)):
+        with pytest.raises(VehicleError, match=name):
+            with_autopilot(get_vehicle("quad"), "ardupilot", {name: value})
+
+
+def test_drag_and_response_of_the_airframe() -> None:
+    items = [takeoff(), speed(9.0), way(0.0, 150.0), way(100.0, 150.0), HOME]
+    times = []
+    for drag, response in ((None, None), (0.0, None), (0.5, None), (None, 0.4)):
+        spec = replace(QUAD, linear_drag_1_s=drag, attitude_response_s=response)
+        times.append(reached(fly(items, spec)[1])[3])
+    assert len(set(times)) == 4
+    assert times[1] < times[0]
+
+
+def test_a_curve_is_flown_at_one_speed() -> None:
+    rows = speeds([takeoff(), speed(4.0), place(18, 0.0, 40.0, 10.0, 2.0, 15.0), HOME])
+    circling = rows[(rows[:, 0] > 25.0) & (rows[:, 0] < 45.0)]
+    radius = np.hypot(circling[:, 1], circling[:, 2] - 40.0)
+    size = np.hypot(circling[:, 4], circling[:, 5])
+    assert 14.0 < radius.min() <= radius.max() < 17.0
+    assert 3.5 < size.min() <= size.max() < 5.0
+
+
+def test_the_nose_leads_unless_it_is_kept() -> None:
+    items = [takeoff(), way(40.0, 0.0), way(40.0, -40.0), HOME]
+    for behaviour, wanted in ((2.0, math.pi), (0.0, 0.0)):
+        executor = MissionExecutor(quad(WP_YAW_BEHAVIOR=behaviour), FRAME)
+        executor.load(items)
+        executor.arm()
+        executor.start()
+        while executor.current_seq < 3:
+            executor.advance(executor.time_s + 1.0)
+        assert math.remainder(executor.motion.numbers()[9] - wanted, 2.0 * math.pi) == pytest.approx(
+            0.0, abs=0.1
+        )
+
+
+def test_attitude_and_throttle() -> None:
+    vehicle = ArduCopter(QUAD)
+    assert vehicle.attitude() is None
+    vehicle.state[2] = 10.0
+    vehicle.fly(Route.through([(0.0, 300.0, 10.0, 0.0, 9.0, math.inf, 0.0)]))
+    vehicle.advance(900)
+    attitude = vehicle.attitude()
+    assert attitude is not None
+    roll, pitch, airspeed, throttle = attitude
+    # The nose points north and lies low against the drag; lift of the tilted airframe spares thrust.
+    assert roll == pytest.approx(0.0, abs=0.01)
+    assert -0.5 < pitch < -0.3
+    assert airspeed == pytest.approx(9.0, abs=0.2)
+    assert 0.25 < throttle < 0.45
+
+
+def test_too_much_wind_is_told() -> None:
+    items = [takeoff(), way(0.0, 60.0), HOME]
+    for speed_m_s in (3.0, 8.0, 14.0):
+        _, events = fly(items, wind=Wind.from_direction(speed_m_s, 0.0))
+        failed = [event for event in events if isinstance(event, CannotFly)]
+        assert bool(failed) == (speed_m_s > 10.0)
+        if not failed:
+            assert set(reached(events)) == {0, 1, 2}
+
+
+def test_wind_costs_time_but_not_the_place() -> None:
+    items = [takeoff(), speed(5.0), way(0.0, 60.0), way(60.0, 60.0), way(60.0, 0.0), HOME]
+    calm, windy = fly(items)[1], fly(items, wind=Wind(4.0, -3.0, gust_m_s=0.8, seed=4))
+    assert reached(windy[1])[5] > reached(calm)[5]
+    assert math.hypot(*windy[0].motion.position_m[:2]) < 0.7
+
+
+ITEMS = st.one_of(
+    st.builds(speed, st.floats(0.5, 12.0), st.sampled_from([1.0, 2.0, 3.0])),
+    st.builds(
+        place,
+        st.sampled_from([16, 16, 16, 16, 82, 18, 19]),
+        st.floats(-60.0, 60.0),
+        st.floats(-60.0, 60.0),
+        st.sampled_from([10.0, 10.0, 4.0, 22.0]),
+        st.sampled_from([0.0, 0.0, 1.0]),
+        st.floats(-15.0, 15.0),
+    ),
+)
+
+
+@given(
+    items=st.lists(ITEMS, max_size=12),
+    scale=st.sampled_from([0.02, 0.2, 1.0]),
+    gust=st.sampled_from([None, 0.0, 1.0]),
+    cuts=st.lists(st.floats(0.02, 40.0), min_size=1, max_size=5),
+)
+@settings(deadline=None, max_examples=40)
+def test_every_mission_ends_and_does_not_depend_on_the_cuts(
+    items: list[MissionItem], scale: float, gust: float | None, cuts: list[float]
+) -> None:
+    whole = [takeoff()]
+    for item in items:
+        if item.command == Command.DO_CHANGE_SPEED:
+            whole.append(item)
+            continue
+        x, y = FRAME.from_wgs84(item.x, item.y)
+        latitude, longitude = FRAME.to_wgs84(scale * x, scale * y)
+        whole.append(replace(item, x=latitude, y=longitude))
+    whole.append(HOME)
+    wind = None if gust is None else Wind(2.0, -3.0, gust_m_s=gust, seed=3)
+    straight, told = fly(whole, wind=wind)
+    assert not straight.armed
+    assert set(reached(told)) == set(range(len(whole)))
+    assert np.isfinite(straight.motion.state[:14]).all()
+    assert math.hypot(*straight.motion.position_m[:2]) < 1.0
+    cut, events = fly(whole, wind=wind, cuts=cuts)
+    assert events == told
+    assert np.array_equal(cut.motion.state[:11], straight.motion.state[:11])
+
+
+ORDERS = st.tuples(
+    st.sampled_from(["hold", "goto", "speed", "start", "home", "land", "jump", "steer", "respec", "orbit"]),
+    st.floats(0.5, 20.0),
+    st.floats(-1.0, 1.0),
+    st.floats(-1.0, 1.0),
+)
+
+
+@given(orders=st.lists(ORDERS, min_size=1, max_size=8), windy=st.booleans())
+@settings(deadline=None, max_examples=40)
+def test_whatever_is_ordered_it_comes_home(
+    orders: list[tuple[str, float, float, float]], windy: bool
+) -> None:
+    items = [takeoff(), way(0.0, 40.0), way(40.0, 40.0, 15.0), way(40.0, 0.0, 10.0, 2.0), HOME]
+    executor = MissionExecutor(QUAD, FRAME, wind=Wind(3.0, 1.0, gust_m_s=0.7, seed=1) if windy else None)
+    executor.load(items)
+    executor.arm()
+    executor.start()
+    for order, wait_s, a, b in orders:
+        executor.advance(executor.time_s + wait_s)
+        calls = {
+            "hold": executor.hold,
+            "goto": lambda a=a, b=b: executor.goto(40.0 * a, 40.0 * b, 11.0 + 9.0 * a),
+            "speed": lambda a=a: executor.set_speed(6.5 + 6.0 * a),
+            "start": executor.start,
+            "home": executor.return_home,
+            "land": executor.land,
+            "jump": lambda a=a: executor.set_current(round(2.0 + 1.9 * a)),
+            "steer": lambda a=a, b=b: executor.steer((5.0 * a, 5.0 * b, 2.0 * a)),
+            "respec": lambda a=a: executor.respec(
+                quad(WPNAV_SPEED=800.0 + 700.0 * a, WPNAV_ACCEL=275.0 + 200.0 * a)
+            ),
+            "orbit": lambda b=b: executor.orbit(0.0, 0.0, 10.0, 11.0 + 9.0 * b, 3.0),
+        }
+        try:
+            calls[order]()
+        except VehicleError:
+            assert not executor.armed or executor.landed.name == "ON_GROUND"
+            executor.arm()
+            executor.start()
+    executor.advance(executor.time_s + 1.0)
+    if executor.landed.name == "ON_GROUND":
+        return
+    executor.return_home()
+    executor.advance(executor.time_s + 600.0)
+    assert not executor.armed
+    assert math.hypot(*executor.motion.position_m[:2]) < 1.0
+
+
+def test_the_same_leg_goes_on_when_a_route_begins_with_it() -> None:
+    vehicle = ArduCopter(QUAD)
+    vehicle.state[2] = 10.0
+    row = (0.0, 80.0, 10.0, 0.0, 5.0, math.nan, 0.0)
+    vehicle.fly(Route.through([row]))
+    vehicle.advance(500)
+    before = vehicle.guide[at.PX : at.PX + 6].copy()
+    vehicle.fly(Route.through([row]))
+    vehicle.advance(1)
+    assert np.allclose(vehicle.guide[at.PX : at.PX + 3], before[:3] + 0.02 * before[3:], atol=0.01)
+    assert vehicle.advance(10_000) is MotionEvent.REACHED
+    vehicle.advance(1000)
+    assert vehicle.position_m[1] == pytest.approx(80.0, abs=0.05)
+
+
+def test_an_orbit_is_flown_without_stops_by_either_autopilot() -> None:
+    for name in ("px4", "ardupilot"):
+        executor = MissionExecutor(replace(with_autopilot(get_vehicle("quad"), name), battery=None), FRAME)
+        executor.arm()
+        executor.takeoff(10.0)
+        executor.advance(20.0)
+        executor.orbit(0.0, 0.0, 10.0, 12.0, 4.0)
+        executor.advance(60.0)
+        for now in np.arange(60.2, 70.0, 0.2):
+            executor.advance(float(now))
+            assert math.hypot(*executor.motion.numbers()[3:5]) > 0.8

@@ -1,0 +1,259 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.motion.model import MotionEvent, Route
+from sim_vehicle.motion.multirotor.kernel import stopping_distance
+from sim_vehicle.motion.multirotor.model import Multirotor
+from sim_vehicle.weather.wind import Wind
+
+REAL = get_vehicle("quad")
+# Some legs here are longer than a battery.
+QUAD = replace(REAL, battery=None)
+STEP = QUAD.step_s
+AHEAD = math.nan
+
+
+def fly(legs, *, wind=None, spec=QUAD, chunk=1, vehicle=None, limit=400_000):
+    """Fly the legs; return the vehicle and its states float64[n, STATE] after each call."""
+    vehicle = vehicle or Multirotor(spec, wind)
+    vehicle.fly(Route.through(legs))
+    states = [vehicle.state.copy()]
+    while vehicle.step < limit:
+        event = vehicle.advance(chunk)
+        states.append(vehicle.state.copy())
+        if event is MotionEvent.STALLED or (event is MotionEvent.REACHED and vehicle.arrivals[-1] >= 0):
+            return vehicle, np.array(states), event
+    pytest.fail("the legs were never flown")
+
+
+def check_limits(states, spec=QUAD):
+    velocity, acceleration = states[:, 3:6], states[:, 6:9]
+    jerk = np.diff(acceleration, axis=0) / spec.step_s
+    slack = 1.0 + 1e-9
+    assert np.hypot(*velocity[:, :2].T).max() <= spec.speed_limit_m_s * slack
+    assert velocity[:, 2].max() <= spec.climb_speed_m_s * slack
+    assert velocity[:, 2].min() >= -spec.descent_speed_m_s * slack
+    assert np.hypot(*acceleration[:, :2].T).max() <= spec.acceleration_m_s2 * slack
+    assert np.abs(acceleration[:, 2]).max() <= spec.vertical_acceleration_m_s2 * slack
+    assert np.hypot(*jerk[:, :2].T).max() <= spec.jerk_m_s3 * (1.0 + 1e-6)
+    assert np.abs(jerk[:, 2]).max() <= spec.vertical_jerk_m_s3 * (1.0 + 1e-6)
+    assert np.abs(states[:, 10]).max() <= spec.yaw_rate_rad_s * slack
+    assert np.abs(np.diff(states[:, 10])).max() <= spec.yaw_acceleration_rad_s2 * spec.step_s * (1.0 + 1e-6)
+
+
+def leg(size, low, high):
+    coordinate = st.floats(-size, size)
+    radius = st.sampled_from([0.0, 0.1, 0.5, 1.0, 3.0])
+    heading = st.sampled_from([math.nan, math.inf, 0.0, 2.0, -7.0])
+    return st.tuples(
+        coordinate, coordinate, st.floats(low, high), radius, st.floats(0.5, 20.0), heading, st.just(0.0)
+    )
+
+
+FARMS = st.one_of(
+    st.lists(leg(5.0, 2.0, 3.0), min_size=1, max_size=8),
+    st.lists(leg(60.0, 2.0, 40.0), min_size=1, max_size=6),
+    st.lists(leg(400.0, 10.0, 11.0), min_size=1, max_size=3),
+)
+
+
+@settings(max_examples=100, deadline=None)
+@given(FARMS)
+def test_limits_hold_and_every_leg_is_flown(legs):
+    vehicle, states, event = fly(legs)
+    assert event is MotionEvent.REACHED
+    check_limits(states)
+    for (x, y, z, radius, *_), when in zip(legs[:-1], vehicle.arrivals, strict=False):
+        assert np.linalg.norm(states[when, :3] - (x, y, z)) <= max(radius, 0.05) + 1e-9
+    assert np.linalg.norm(states[-1, :3] - legs[-1][:3]) <= 0.05
+    assert np.all(np.diff(states[:, 11]) > 0.0)
+
+
+@settings(max_examples=60, deadline=None)
+@given(FARMS, FARMS, st.integers(1, 600))
+def test_limits_hold_when_the_target_changes_on_the_way(first, second, steps):
+    vehicle = Multirotor(QUAD)
+    vehicle.fly(Route.through(first))
+    for _ in range(steps):
+        vehicle.advance(1)
+    _, states, event = fly(second, vehicle=vehicle)
+    assert event is MotionEvent.REACHED
+    check_limits(states)
+
+
+@settings(max_examples=20, deadline=None)
+@given(FARMS, st.booleans(), st.integers(2, 400))
+def test_the_flight_does_not_depend_on_how_it_is_stepped(legs, gusts, chunk):
+    wind = Wind(2.0, -1.0, gust_m_s=1.0 if gusts else 0.0, seed=7)
+
+    def end(steps, stop_each):
+        vehicle = Multirotor(QUAD, wind)
+        vehicle.fly(Route.through(legs))
+        while vehicle.step < 3000:
+            vehicle.advance(min(steps, 3000 - vehicle.step), stop_each=stop_each)
+        return vehicle.state.tobytes(), vehicle.counters.tobytes(), vehicle.arrivals.tobytes()
+
+    one = end(1, True)
+    assert end(chunk, True) == one
+    assert end(3000, False) == one
+
+
+@pytest.mark.parametrize("distance", [0.02, 0.3, 1.0, 9.0, 60.0, 1500.0])
+@pytest.mark.parametrize("speed", [0.5, 5.0, 10.0, 13.3])
+def test_a_stop_is_not_overshot(distance, speed):
+    vehicle, states, _ = fly([(distance, 0.0, 0.0, 0.0, speed, AHEAD, 0.0)])
+    for _ in range(200):
+        vehicle.advance(1)
+        states = np.vstack([states, vehicle.state])
+    assert states[:, 0].max() <= distance + 0.002
+    assert vehicle.position_m[0] == pytest.approx(distance, abs=1e-3)
+    assert states[:, 3].min() > -0.02
+    assert np.abs(states[:, 1]).max() == 0.0
+
+
+def test_a_long_leg_takes_the_time_of_its_profile():
+    vehicle, states, _ = fly([(1500.0, 0.0, 0.0, 0.0, 10.0, AHEAD, 0.0)])
+    tangential, jerk = 0.8 * QUAD.acceleration_m_s2, 0.8 * QUAD.jerk_m_s3
+    expected = 1500.0 / 10.0 + 10.0 / tangential + tangential / jerk
+    assert vehicle.time_s == pytest.approx(expected, abs=0.5)
+    assert states[:, 3].max() == pytest.approx(10.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("turn_deg", [5, 20, 45, 90, 120, 150, 180])
+@pytest.mark.parametrize("radius", [0.1, 0.5, 2.0])
+@pytest.mark.parametrize("speed", [3.0, 12.0])
+def test_corners_are_flown_near_the_acceptance_radius(turn_deg, radius, speed):
+    turn = math.radians(turn_deg)
+    corner = np.array([80.0, 0.0])
+    out = np.array([math.cos(turn), math.sin(turn)])
+    end = corner + 80.0 * out
+    legs = [(*corner, 0.0, radius, speed, AHEAD, 0.0), (*end, 0.0, 0.0, speed, AHEAD, 0.0)]
+    vehicle, states, _ = fly(legs)
+    when = int(vehicle.arrivals[0])
+    after = states[when:, :2] - corner
+    aside = out[0] * after[:, 1] - out[1] * after[:, 0]
+    # The vehicle leaves the first leg on the inner side of the corner and never swings out of the radius.
+    assert np.abs(aside).max() <= radius * 1.05
+    along = np.einsum("ij,j->i", after, out)
+    assert along.min() >= -radius * 1.6
+    assert np.hypot(states[when, 3], states[when, 4]) > 0.0
+    check_limits(states)
+
+
+def test_a_slight_bend_is_hardly_slowed_for():
+    bend = [(100.0, 0.0, 0.0, 1.0, 8.0, AHEAD, 0.0), (200.0, 5.0, 0.0, 0.0, 8.0, AHEAD, 0.0)]
+    vehicle, states, _ = fly(bend)
+    assert np.hypot(*states[int(vehicle.arrivals[0]), 3:5]) > 7.5
+
+
+def test_dense_waypoints_are_flown_as_fast_as_one_leg():
+    dense = [(0.3 * k, 0.0, 0.0, 0.1, 5.0, AHEAD, 0.0) for k in range(1, 301)]
+    one, *_ = fly([(90.0, 0.0, 0.0, 0.0, 5.0, AHEAD, 0.0)])
+    many, states, _ = fly(dense)
+    assert many.time_s == pytest.approx(one.time_s, rel=0.01)
+    assert states[:, 0].max() <= 90.002
+
+
+def test_a_slow_leg_is_entered_slowly():
+    legs = [(100.0, 0.0, 0.0, 1.0, 10.0, AHEAD, 0.0), (200.0, 0.0, 0.0, 0.0, 2.0, AHEAD, 0.0)]
+    vehicle, states, _ = fly(legs)
+    assert states[int(vehicle.arrivals[0]), 3] == pytest.approx(2.0, abs=0.05)
+
+
+def test_a_climb_is_spread_over_its_leg():
+    _, states, _ = fly([(100.0, 0.0, 30.0, 0.0, 8.0, AHEAD, 0.0)])
+    assert np.abs(states[:, 2] - 0.3 * states[:, 0]).max() < 1e-6
+    _, steep, _ = fly([(1.0, 0.0, 30.0, 0.0, 8.0, AHEAD, 0.0)])
+    assert steep[:, 5].max() == pytest.approx(QUAD.climb_speed_m_s, rel=0.15)
+
+
+def test_the_vehicle_looks_along_the_path():
+    _, states, _ = fly([(0.0, 50.0, 0.0, 1.0, 5.0, AHEAD, 0.0), (50.0, 50.0, 0.0, 0.0, 5.0, AHEAD, 0.0)])
+    assert states[-1, 9] == pytest.approx(math.pi / 2.0, abs=1e-3)
+    _, west, _ = fly([(-50.0, 0.0, 0.0, 0.0, 5.0, AHEAD, 0.0)])
+    assert west[-1, 9] == pytest.approx(1.5 * math.pi, abs=1e-3)
+    # The short way round: over north, not over south.
+    assert not np.any((west[:, 9] > 0.1) & (west[:, 9] < 1.5 * math.pi - 0.1))
+    _, fixed, _ = fly([(-50.0, 0.0, 0.0, 0.0, 5.0, 1.0, 0.0)])
+    assert fixed[-1, 9] == pytest.approx(1.0, abs=1e-3)
+    _, kept, _ = fly([(-50.0, 0.0, 0.0, 0.0, 5.0, math.inf, 0.0)])
+    assert np.all(kept[:, 9] == 0.0)
+
+
+@settings(deadline=None)
+@given(st.floats(0.0, 15.0), st.floats(-3.0, 3.0), st.floats(0.5, 4.0), st.floats(0.5, 10.0))
+def test_the_stopping_distance_is_that_of_the_braking_manoeuvre(v, a, limit, jerk):
+    a = max(-limit, min(limit, a))
+    if v < 0.1 or (a < 0.0 and v < 0.5 * a * a / jerk):
+        return
+    expected = stopping_distance(v, a, 0.0, limit, jerk)
+    # The same by brute force: brake as hard as still allows to end without acceleration.
+    x, dt = 0.0, 1e-3
+    while v > 1e-4:
+        braking = v + a * dt > 0.5 * a * a / jerk if a < 0.0 else True
+        change = -jerk * dt if braking else jerk * dt
+        a_next = max(-limit, min(a + change, limit))
+        x += v * dt
+        v += 0.5 * (a + a_next) * dt
+        a = a_next
+        if a >= 0.0 and v < 1e-2:
+            break
+    assert x == pytest.approx(expected, rel=0.03, abs=0.05)
+
+
+def test_a_strong_wind_slows_the_way_against_it():
+    there = [(-200.0, 0.0, 0.0, 0.0, 12.0, AHEAD, 0.0)]
+    calm, *_ = fly(there)
+    against, states, event = fly(there, wind=Wind(10.0, 0.0))
+    assert event is MotionEvent.REACHED
+    assert against.time_s > 1.5 * calm.time_s
+    air = np.hypot(states[5:, 3] - 10.0, states[5:, 4])
+    assert air.max() <= QUAD.airspeed_limit_m_s + 1e-6
+    across, *_ = fly(there, wind=Wind(0.0, 10.0))
+    assert calm.time_s <= across.time_s < against.time_s
+    assert calm.energy_j < against.energy_j
+
+
+@pytest.mark.parametrize("wind", [Wind(17.0, 0.0), Wind(40.0, 0.0), Wind(0.0, 20.0), Wind(15.9, 3.0)])
+def test_a_wind_that_is_too_strong_ends_in_a_stall_not_in_a_hang(wind):
+    vehicle, _, event = fly([(-200.0, 0.0, 0.0, 0.0, 12.0, AHEAD, 0.0)], wind=wind)
+    assert event is MotionEvent.STALLED
+    assert vehicle.time_s < 200.0
+
+
+def test_nearness_is_told_once():
+    vehicle = Multirotor(QUAD)
+    vehicle.fly(Route.through([(100.0, 0.0, 0.0, 0.0, 8.0, AHEAD, 30.0)]))
+    assert vehicle.advance(100_000) is MotionEvent.NEAR
+    assert vehicle.position_m[0] == pytest.approx(70.0, abs=0.2)
+    assert vehicle.advance(100_000) is MotionEvent.REACHED
+
+
+def test_an_empty_battery_is_told_until_it_is_ignored():
+    small = replace(REAL, battery=replace(REAL.battery, capacity_wh=0.5))
+    vehicle = Multirotor(small)
+    vehicle.fly(Route.to(1000.0, 0.0, 0.0, speed_m_s=8.0))
+    assert vehicle.advance(100_000) is MotionEvent.ENERGY
+    assert vehicle.energy_j == pytest.approx(1800.0, abs=5.0)
+    assert vehicle.advance(5) is MotionEvent.ENERGY
+    vehicle.ignore_energy()
+    assert vehicle.advance(5) is MotionEvent.RAN
+
+
+def test_the_stopping_point_is_where_it_stops():
+    vehicle = Multirotor(QUAD)
+    vehicle.fly(Route.to(300.0, 100.0, 20.0, speed_m_s=10.0))
+    vehicle.advance(400)
+    point = vehicle.stopping_point()
+    _, states, _ = fly([(*point, 0.0, 13.0, math.inf, 0.0)], vehicle=vehicle)
+    assert np.linalg.norm(states[-1, :3] - point) < 0.05
+    check_limits(states)
+    assert (
+        np.linalg.norm(states[:, :3] - states[0, :3], axis=1).max() <= math.dist(point, states[0, :3]) + 0.01
+    )

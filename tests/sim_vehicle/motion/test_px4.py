@@ -1,0 +1,437 @@
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from geo.frame import LocalFrame
+from mission.model import GeoPoint, Mission, MissionItem
+from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.autopilot import autopilot_of, with_autopilot
+from sim_vehicle.autopilot.px4.copter import return_height_m
+from sim_vehicle.errors import VehicleError
+from sim_vehicle.execution.executor import MissionExecutor
+from sim_vehicle.execution.state import CannotFly, Landed, LandedState, MissionComplete, Phase, TargetReached
+from sim_vehicle.motion.model import LegKind, MotionEvent, Route
+from sim_vehicle.motion.px4.model import Px4Multirotor
+from sim_vehicle.motion.px4.smoothing import brakeable_speed, follow, profile, stretched, turn_speed
+from sim_vehicle.prediction.predict import predict_flight
+from sim_vehicle.recordings import compare, fly_recording, load_recording
+from sim_vehicle.weather.wind import Wind
+
+FLIGHTS = Path(__file__).parents[2] / "data" / "flights"
+FRAME = LocalFrame(28.05, -82.15)
+HOME = GeoPoint(28.05, -82.15)
+
+
+def quad(**parameters):
+    return replace(with_autopilot(get_vehicle("quad"), "px4", parameters), battery=None)
+
+
+QUAD = quad()
+TAKEOFF = MissionItem(22, 3, 0, 0, 0, None, 28.05, -82.15, 10.0)
+RETURN = MissionItem(20, 2, 0, 0, 0, 0, 0, 0, 0)
+
+
+def waypoint(x, y, z=10.0, hold=0.0, radius=0.0, yaw=None, command=16):
+    latitude, longitude = FRAME.to_wgs84(x, y)
+    return MissionItem(command, 3, hold, radius, 0, yaw, float(latitude), float(longitude), z)
+
+
+def speed(value):
+    return MissionItem(178, 2, 1, value, -1, 0, 0, 0, 0)
+
+
+def predict(*items, spec=QUAD, wind=None):
+    return predict_flight(Mission(tuple(items), HOME), spec, wind=wind, frame=FRAME)
+
+
+def start(*items, spec=QUAD, wind=None):
+    executor = MissionExecutor(spec, FRAME, wind=wind)
+    executor.load(items)
+    executor.arm()
+    executor.start()
+    return executor
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    flights = {}
+    for name in ("lawnmower-5", "spiral-8", "random-10", "climbs-holds"):
+        recording = load_recording(FLIGHTS / f"px4-{name}.json")
+        flights[name] = recording, fly_recording(recording, with_autopilot(get_vehicle("quad"), "px4"))
+    return flights
+
+
+@pytest.mark.parametrize(
+    ("name", "time_error", "correlation"),
+    [("lawnmower-5", 0.007, 0.93), ("spiral-8", 0.012, 0.8), ("random-10", 0.012, 0.93)],
+)
+def test_it_flies_as_the_recorded_px4(recorded, name, time_error, correlation):
+    result = compare(*recorded[name])
+    assert abs(result.time_error) < time_error
+    assert result.mean_m < 0.5
+    assert result.p95_m < 1.2
+    assert result.correlation > correlation
+
+
+def test_climbs_and_holds_as_the_recorded_px4_but_for_its_stop(recorded):
+    """The recorded vehicle braked to a standstill in mid-leg, 5 s, which nothing in the mission calls for."""
+    recording, flight = recorded["climbs-holds"]
+    result = compare(recording, flight)
+    assert result.mean_m < 0.7
+    assert result.p95_m < 2.5
+    legs = []
+    for reached in (recording.flight.reached, flight.reached):
+        times = {}
+        for time_s, seq in reached:
+            times.setdefault(seq, time_s)
+        legs.append([times[4] - times[3], times[5] - times[4]])
+    assert legs[1] == pytest.approx(legs[0], rel=0.06)
+
+
+def test_take_off_and_return_last_as_long_as_recorded(recorded):
+    ratios = []
+    for recording, flight in recorded.values():
+        before = recording.flight.window(recording.items)
+        after = flight.window(recording.items)
+        # The recorded vehicle armed at 2.1 s: from then on its estimate moves.
+        assert after[0] == pytest.approx(before[0] - 2.1, rel=0.06)
+        ratios.append((flight.end_s - after[1]) / (recording.flight.end_s - before[1]))
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.05)
+
+
+def test_the_speed_of_a_long_leg_comes_up_slowly():
+    executor = start(TAKEOFF, speed(8.0), waypoint(400, 0), waypoint(410, 0))
+    speeds = {}
+    while executor.current_seq < 3:
+        executor.advance(executor.time_s + 0.1)
+        state = executor.state()
+        speeds[round(state.position_m[0] / 20.0)] = state.velocity_m_s[0]
+    assert 5.8 < speeds[1] < 6.7
+    assert 7.2 < speeds[4] < 7.65
+    assert 7.5 < speeds[17] < 8.0
+
+
+def test_dense_waypoints_are_crept_along():
+    """Waypoints nearer than the acceptance radius are each approached as if to stop."""
+    near = predict(TAKEOFF, *(waypoint(1.0 * k, 0) for k in range(100)))
+    assert near.feasible
+    assert 70.0 < near.duration_s < 110.0
+
+
+def test_the_overshoot_of_a_corner_is_there():
+    executor = start(TAKEOFF, speed(8.0), waypoint(90, 0), waypoint(90, 90), waypoint(0, 90))
+    xs = []
+    while executor.current_seq < 4:
+        executor.advance(executor.time_s + 0.1)
+        xs.append(executor.state().position_m[0])
+    assert 90.8 < max(xs) < 91.8
+
+
+coordinate = st.floats(-60.0, 60.0)
+place = st.tuples(
+    coordinate,
+    coordinate,
+    st.floats(1.0, 40.0),
+    st.sampled_from([0.0, 0.0, 0.0, 2.0]),
+    st.sampled_from([0.0, 0.0, 0.3, 1.0, 5.0, 30.0]),
+    st.sampled_from([None, None, 0.0, 200.0]),
+)
+near = st.tuples(
+    st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.just(8.0), st.just(0.0), st.just(0.0), st.none()
+)
+missions = st.one_of(st.lists(place, min_size=1, max_size=8), st.lists(near, min_size=2, max_size=25))
+winds = st.one_of(st.none(), st.builds(Wind, st.floats(-5.0, 5.0), st.floats(-5.0, 5.0)))
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(missions, st.floats(1.0, 12.0), winds)
+def test_every_mission_ends_at_home(places, cruise, wind):
+    flight = predict(TAKEOFF, speed(cruise), *(waypoint(*p) for p in places), RETURN, wind=wind)
+    assert flight.feasible, flight.reason
+    assert np.isfinite(flight.track_m).all()
+    assert np.hypot(*flight.track_m[-1, :2]) < 3.0
+    assert flight.track_m[-1, 2] == 0.0
+    assert flight.track_m[:, 2].max() < 45.0
+    assert np.abs(flight.track_m[:, :2]).max() < 90.0
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    st.lists(place, min_size=1, max_size=4),
+    st.lists(st.integers(1, 900), min_size=1, max_size=40),
+    st.sampled_from([None, Wind(3.0, -1.0, gust_m_s=1.5, seed=3)]),
+)
+def test_cutting_the_flight_changes_nothing(places, cuts, wind):
+    rows = [(0.0, 0.0, 8.0, 0.0, 5.0, math.inf, 0.0, LegKind.TAKEOFF)]
+    rows += [(x, y, z, 0.0, 7.0, math.nan, 0.0) for x, y, z, *_ in places]
+    rows += [(0.0, 0.0, 0.0, 0.0, 5.0, math.inf, 0.0, LegKind.LAND)]
+    whole, cut = (Px4Multirotor(QUAD, wind) for _ in range(2))
+    for vehicle in (whole, cut):
+        vehicle.fly(Route.through(rows))
+    whole.advance(9000, stop_each=False)
+    steps = 0
+    for size in cuts * 9000:
+        if cut.step >= whole.step or steps > 9000:
+            break
+        before = cut.step
+        cut.advance(min(size, whole.step - cut.step), stop_each=size % 2 == 0)
+        steps += cut.step - before
+    assert np.array_equal(whole.state, cut.state, equal_nan=True)
+    assert np.array_equal(whole.guide, cut.guide, equal_nan=True)
+    assert np.array_equal(whole.arrivals, cut.arrivals)
+
+
+def test_prediction_and_flight_are_one():
+    items = (TAKEOFF, speed(7.0), waypoint(40, 10, 14.0), waypoint(-10, 30, 9.0, 2.0), waypoint(5, 5), RETURN)
+    flight = predict(*items)
+    executor = start(*items)
+    end_s = None
+    while executor.armed:
+        for event in executor.advance(executor.time_s + 0.37):
+            if isinstance(event, MissionComplete):
+                end_s = event.time_s
+    assert end_s == pytest.approx(flight.duration_s, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "longer"),
+    [
+        ("MPC_XY_CRUISE", 9.0, False),
+        ("MPC_XY_VEL_MAX", 3.0, True),
+        # More acceleration with the same jerk has PX4 brake earlier.
+        ("MPC_ACC_HOR", 15.0, True),
+        ("MPC_JERK_AUTO", 12.0, False),
+        ("MPC_XY_TRAJ_P", 0.1, True),
+        ("MPC_XY_ERR_MAX", 0.3, True),
+        ("MPC_XY_VEL_I_ACC", 0.05, True),
+        ("MPC_TILTMAX_AIR", 20.0, True),
+        ("MPC_Z_V_AUTO_UP", 0.7, True),
+        ("MPC_Z_V_AUTO_DN", 0.5, True),
+        ("MPC_TKO_SPEED", 3.0, False),
+        ("MPC_TKO_RAMP_T", 0.5, False),
+        ("MPC_LAND_SPEED", 1.2, False),
+        ("MPC_LAND_ALT1", 6.0, False),
+        ("MPC_LAND_ALT2", 9.0, True),
+        ("MPC_LAND_ALT3", 4.0, True),
+        ("MPC_LAND_CRWL", 0.15, True),
+        ("NAV_ACC_RAD", 8.0, False),
+        ("NAV_MC_ALT_RAD", 0.1, True),
+        ("RTL_RETURN_ALT", 60.0, True),
+        ("RTL_LAND_DELAY", 20.0, True),
+        ("COM_SPOOLUP_TIME", 6.0, True),
+        ("LNDMC_TRIG_TIME", 3.0, True),
+    ],
+)
+def test_a_parameter_changes_the_flight(name, value, longer):
+    items = (TAKEOFF, waypoint(80, 0, 22.0), waypoint(80, 40, 10.0), waypoint(20, 40), RETURN)
+    before = predict(*items).duration_s
+    after = predict(*items, spec=quad(**{name: value})).duration_s
+    assert after > before + 0.3 if longer else after < before - 0.3
+
+
+def test_a_heading_is_waited_for():
+    plain = predict(TAKEOFF, waypoint(6, 0), waypoint(60, 0), RETURN)
+    turning = (TAKEOFF, waypoint(6, 0, yaw=180.0), waypoint(60, 0), RETURN)
+    turned = predict(*turning)
+    assert turned.duration_s > plain.duration_s + 1.0
+    quick = predict(*turning, spec=quad(MPC_YAWRAUTO_ACC=300.0))
+    assert quick.duration_s < turned.duration_s - 1.0
+
+
+def test_the_airframe_changes_the_flight():
+    items = (TAKEOFF, speed(8.0), waypoint(120, 0), waypoint(120, 60), RETURN)
+    sleek = predict(*items, spec=replace(QUAD, linear_drag_1_s=0.2))
+    lazy = predict(*items, spec=replace(QUAD, attitude_response_s=0.4))
+    plain = predict(*items)
+    assert sleek.duration_s < plain.duration_s - 1.0
+    assert abs(lazy.duration_s - plain.duration_s) > 0.02
+
+
+def test_parameters_are_checked():
+    with pytest.raises(VehicleError, match="out of range"):
+        quad(MPC_ACC_HOR=99.0)
+    with pytest.raises(VehicleError, match="no parameter WPNAV_SPEED"):
+        quad(WPNAV_SPEED=500.0)
+    assert QUAD.acceptance_radius_m == 2.0
+    assert QUAD.cruise_speed_m_s == 5.0
+    assert QUAD.top_speed_m_s == pytest.approx(12.0)
+    assert quad(COM_DISARM_LAND=0.0).disarm_delay_s > 3000.0
+
+
+def test_a_headwind_slows_and_a_storm_stops():
+    items = (TAKEOFF, speed(8.0), waypoint(150, 0), RETURN)
+    calm, head = predict(*items), predict(*items, wind=Wind(-4.0, 0.0))
+    assert head.feasible
+    assert head.duration_s > calm.duration_s + 2.0
+    storm = predict(*items, wind=Wind(-14.0, 0.0))
+    assert not storm.feasible
+    assert "wind" in storm.reason
+
+
+def test_return_heights():
+    assert return_height_m(QUAD, 50.0, 10.0) == 30.0
+    assert return_height_m(QUAD, 50.0, 42.0) == 42.0
+    assert return_height_m(QUAD, 6.0, 2.0) == pytest.approx(6.0)
+    assert return_height_m(QUAD, 1.5, 2.0) == 3.0
+    assert return_height_m(quad(RTL_CONE_ANG=0.0), 1.5, 2.0) == 30.0
+    rows = autopilot_of(QUAD).return_rows(QUAD, (50.0, 0.0, 10.0), 9.0, (0.0, 0.0, 0.0))
+    assert [row[7] for row in rows] == [LegKind.CLIMB, LegKind.HOME, LegKind.LAND]
+    delayed = quad(RTL_LAND_DELAY=7.0)
+    rows = autopilot_of(delayed).return_rows(delayed, (50.0, 0.0, 40.0), 9.0, (0.0, 0.0, 0.0))
+    assert [row[7] for row in rows] == [LegKind.HOME, LegKind.DESCEND, LegKind.LAND]
+    assert rows[1][2] == 10.0
+    assert rows[1][8] == 7.0
+
+
+def test_a_return_begins_where_the_vehicle_is():
+    executor = start(TAKEOFF, speed(8.0), waypoint(150, 0), waypoint(150, 50))
+    executor.advance(25.0)
+    x = executor.state().position_m[0]
+    assert x > 40.0
+    executor.return_home()
+    executor.advance(44.0)
+    state = executor.state()
+    # PX4 climbs over the place of the order, so the vehicle comes back to it.
+    assert 0.0 < state.position_m[0] - x < 7.0
+    assert state.position_m[2] > 20.0
+    events = executor.advance(200.0)
+    assert any(isinstance(event, Landed) for event in events)
+    assert math.hypot(*executor.state().position_m[:2]) < 1.0
+    assert not executor.armed
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(0.5, 60.0), st.sampled_from(["hold", "goto", "speed", "land", "return", "steer", "restart"]))
+def test_orders_on_the_way(when_s, order):
+    executor = start(TAKEOFF, speed(8.0), waypoint(100, 0), waypoint(100, 60, 20.0), waypoint(0, 60), RETURN)
+    executor.advance(when_s)
+    if executor.landed is LandedState.ON_GROUND:
+        return
+    if order == "hold":
+        executor.hold()
+        executor.advance(when_s + 30.0)
+        state = executor.state()
+        assert math.hypot(*state.velocity_m_s) < 0.2
+        assert executor.phase is Phase.HOLD
+        executor.start()
+    elif order == "goto":
+        executor.goto(-20.0, 5.0, 15.0)
+        events = executor.advance(when_s + 150.0)
+        assert any(isinstance(event, TargetReached) for event in events)
+        assert math.dist(executor.state().position_m, (-20.0, 5.0, 15.0)) < 0.3
+        executor.start()
+    elif order == "speed":
+        executor.set_speed(4.0)
+    elif order == "land":
+        executor.land()
+    elif order == "return":
+        executor.return_home()
+    elif order == "steer":
+        executor.steer((3.0, -2.0, 0.5))
+        executor.advance(when_s + 8.0)
+        executor.start()
+    else:
+        executor.hold()
+        executor.advance(when_s + 0.3)
+        executor.start()
+    events = executor.advance(when_s + 500.0)
+    assert not any(isinstance(event, CannotFly) for event in events)
+    assert any(isinstance(event, Landed) for event in events)
+    assert not executor.armed
+    if order != "land":
+        assert math.hypot(*executor.state().position_m[:2]) < 1.0
+
+
+def test_a_second_flight_is_like_the_first():
+    executor = MissionExecutor(QUAD, FRAME)
+    ends = []
+    for _ in range(2):
+        executor.load((TAKEOFF, waypoint(20, 0), RETURN))
+        executor.arm()
+        begin_s = executor.time_s
+        executor.start()
+        while executor.armed:
+            executor.advance(executor.time_s + 1.0)
+        ends.append(executor.time_s - begin_s)
+        executor.advance(executor.time_s + 5.0)
+    assert ends[0] == pytest.approx(ends[1], abs=1.1)
+
+
+def test_a_fall_and_an_empty_battery_come_down():
+    executor = start(TAKEOFF, waypoint(60, 0), RETURN)
+    executor.advance(16.0)
+    executor.fall()
+    executor.advance(40.0)
+    assert executor.landed is LandedState.ON_GROUND
+    executor = start(TAKEOFF, waypoint(600, 0), RETURN, spec=with_autopilot(get_vehicle("quad"), "px4"))
+    executor.advance(30.0)
+    executor.drain_battery(0.0)
+    executor.advance(90.0)
+    assert executor.phase is Phase.DEPLETED or executor.landed is LandedState.ON_GROUND
+
+
+@pytest.mark.parametrize("radius", [3.0, 10.0, -30.0])
+def test_circles_and_curves_are_flown(radius):
+    latitude, longitude = FRAME.to_wgs84(30.0, 10.0)
+    circle = MissionItem(18, 3, 1.0, 0.0, radius, None, float(latitude), float(longitude), 12.0)
+    assert predict(TAKEOFF, circle, RETURN).feasible
+    curves = (waypoint(30, 0, command=82), waypoint(40, 30, command=82), waypoint(radius, 40, command=82))
+    assert predict(TAKEOFF, *curves, waypoint(0, 5), RETURN).feasible
+
+
+def test_attitude_leans_into_the_drag():
+    executor = start(TAKEOFF, speed(6.0), waypoint(200, 0), RETURN)
+    executor.advance(35.0)
+    roll, pitch, airspeed, throttle = executor.motion.attitude()
+    assert pitch == pytest.approx(-math.atan2(airspeed, 9.80665), abs=0.03)
+    assert abs(roll) < 0.03
+    assert 5.0 < airspeed < 6.1
+    assert 0.5 < throttle < 0.65
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.floats(-6.0, 6.0),
+    st.floats(-3.0, 3.0),
+    st.floats(-6.0, 6.0),
+    st.floats(1.0, 5.0),
+    st.floats(1.0, 20.0),
+)
+def test_a_profile_ends_at_the_speed_wanted(v, a, wanted, limit, jerk):
+    limit = max(limit, abs(a))
+    plan = profile(v, a, wanted, limit, jerk)
+    total = sum(plan[1:])
+    _, speed_there, acceleration = follow(plan, 0.0, v, a, jerk, total + 1e-9)
+    assert speed_there == pytest.approx(wanted, abs=1e-6)
+    assert acceleration == pytest.approx(0.0, abs=1e-6)
+    slow = stretched(plan, v, a, wanted, limit, jerk, total + 1.0)
+    assert min(slow[1:]) >= 0.0
+    if plan[0] != 0.0:
+        assert sum(slow[1:]) == pytest.approx(total + 1.0, abs=1e-6) or sum(slow[1:]) > total
+
+
+def test_speeds_that_leave_room():
+    assert brakeable_speed(4.0, 3.0, 0.0, 0.0) == 0.0
+    assert brakeable_speed(4.0, 3.0, 1e-6, 2.0) == 2.0
+    assert turn_speed(0.0, 1.5, 2.0) == pytest.approx(math.sqrt(3.0))
+    assert turn_speed(1.0, 1.5, 2.0) == 0.0
+    assert turn_speed(-1.0, 1.5, 2.0) > 100.0
+
+
+def test_standing_still_it_reports_the_first_leg():
+    vehicle = Px4Multirotor(QUAD, yaw_rad=1.0)
+    assert vehicle.advance(100) is MotionEvent.RAN
+    vehicle.fly(Route.through([(0.0, 0.0, 5.0, 0.0, 5.0, math.inf, 4.0, LegKind.TAKEOFF)]))
+    events = []
+    while not events or events[-1] is not MotionEvent.REACHED:
+        events.append(vehicle.advance(10_000))
+    assert events == [MotionEvent.NEAR, MotionEvent.REACHED]
+    assert vehicle.numbers()[9] == pytest.approx(1.0)
+    x, y, z = vehicle.stopping_point()
+    assert (x, y) == pytest.approx((0.0, 0.0), abs=0.01)
+    assert z == vehicle.position_m[2]

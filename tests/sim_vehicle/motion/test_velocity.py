@@ -1,0 +1,213 @@
+"""Velocity control: within every limit, as told, and the same however it is stepped."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.errors import VehicleError
+from sim_vehicle.motion.ideal import IdealRobot
+from sim_vehicle.motion.model import MotionEvent, Route
+from sim_vehicle.motion.multirotor.model import Multirotor
+from sim_vehicle.weather.wind import Wind
+
+QUAD = replace(get_vehicle("quad"), battery=None)
+FALSE_CALM = Wind(3.0, -2.0, gust_m_s=1.0, seed=3)
+
+
+def check_limits(states, spec=QUAD):
+    velocity, acceleration = states[:, 3:6], states[:, 6:9]
+    jerk = np.diff(acceleration, axis=0) / spec.step_s
+    slack = 1.0 + 1e-9
+    assert np.hypot(*velocity[:, :2].T).max() <= spec.speed_limit_m_s * slack
+    assert velocity[:, 2].max() <= spec.climb_speed_m_s * slack
+    assert velocity[:, 2].min() >= -spec.descent_speed_m_s * slack
+    assert np.hypot(*acceleration[:, :2].T).max() <= spec.acceleration_m_s2 * slack
+    assert np.abs(acceleration[:, 2]).max() <= spec.vertical_acceleration_m_s2 * slack
+    assert np.hypot(*jerk[:, :2].T).max() <= spec.jerk_m_s3 * (1.0 + 1e-6)
+    assert np.abs(jerk[:, 2]).max() <= spec.vertical_jerk_m_s3 * (1.0 + 1e-6)
+    assert np.abs(states[:, 10]).max() <= spec.yaw_rate_rad_s * slack
+    assert np.abs(np.diff(states[:, 10])).max() <= spec.yaw_acceleration_rad_s2 * spec.step_s * (1.0 + 1e-6)
+
+
+def aloft(height_m=50.0, wind=None, spec=QUAD):
+    vehicle = Multirotor(spec, wind)
+    vehicle.fly(Route.to(0.0, 0.0, height_m, speed_m_s=5.0))
+    assert vehicle.advance(100_000) is MotionEvent.REACHED
+    return vehicle
+
+
+def run(vehicle, steps):
+    states = [vehicle.state.copy()]
+    for _ in range(steps):
+        if vehicle.advance(1) is MotionEvent.REACHED:
+            states.append(vehicle.state.copy())
+            break
+        states.append(vehicle.state.copy())
+    return np.array(states)
+
+
+SPEED = st.floats(-20.0, 20.0)
+ORDER = st.tuples(
+    SPEED,
+    SPEED,
+    st.floats(-6.0, 6.0),
+    st.sampled_from([math.nan, 20.0, 55.0]),
+    st.sampled_from([math.nan, math.inf, 1.0]),
+    st.sampled_from([math.nan, 0.0, 0.7, -5.0]),
+    st.integers(5, 250),
+)
+
+
+def obey(vehicle, order):
+    *velocity, height, heading, turn, _ = order
+    vehicle.steer(tuple(velocity), height_m=height, heading_rad=heading, turn_rad_s=turn)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(ORDER, min_size=1, max_size=6), st.booleans())
+def test_limits_hold_whatever_velocities_are_told(orders, windy):
+    vehicle = aloft(wind=FALSE_CALM if windy else None)
+    states = [vehicle.state.copy()[np.newaxis]]
+    for order in orders:
+        obey(vehicle, order)
+        states.append(run(vehicle, order[-1])[1:])
+    check_limits(np.vstack(states))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(ORDER, min_size=1, max_size=3), st.floats(-60, 60), st.floats(-60, 60))
+def test_limits_hold_between_velocities_and_places(orders, x, y):
+    vehicle = aloft()
+    states = [vehicle.state.copy()[np.newaxis]]
+    for order in orders:
+        obey(vehicle, order)
+        states.append(run(vehicle, order[-1])[1:])
+        vehicle.fly(Route.to(x, y, 30.0, speed_m_s=12.0))
+        states.append(run(vehicle, 60)[1:])
+    states.append(run(vehicle, 6000)[1:])
+    states = np.vstack(states)
+    check_limits(states)
+    assert np.linalg.norm(states[-1, :3] - (x, y, 30.0)) < 0.06
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.lists(ORDER, min_size=2, max_size=4), st.integers(2, 90))
+def test_the_flight_does_not_depend_on_how_it_is_stepped(orders, chunk):
+    def end(size):
+        vehicle = aloft(wind=FALSE_CALM)
+        for order in orders:
+            obey(vehicle, order)
+            left = order[-1]
+            while left > 0:
+                before = vehicle.step
+                event = vehicle.advance(min(size, left))
+                left -= vehicle.step - before
+                if event is MotionEvent.REACHED:
+                    break
+        return vehicle.state.tobytes()
+
+    assert end(chunk) == end(1)
+
+
+@pytest.mark.parametrize("wanted", [(5.0, 0.0, 0.0), (0.0, -3.0, 1.0), (-4.0, 4.0, -2.0), (0.0, 0.0, 2.0)])
+def test_a_velocity_comes_about_and_stays(wanted):
+    vehicle = aloft()
+    vehicle.steer(wanted)
+    states = run(vehicle, 500)
+    assert states[-1, 3:6] == pytest.approx(wanted, abs=1e-6)
+    speed = np.linalg.norm(states[:, 3:6], axis=1)
+    assert speed.max() <= np.linalg.norm(wanted) + 1e-3
+    assert states[-1, 9] == pytest.approx(0.0, abs=1e-6), "the heading was to be kept"
+
+
+def test_a_stop_leaves_it_where_it_came_to_rest():
+    vehicle = aloft()
+    vehicle.steer((8.0, 0.0, 0.0))
+    run(vehicle, 300)
+    expected = vehicle.stopping_point()
+    vehicle.steer((0.0, 0.0, 0.0))
+    states = run(vehicle, 1000)
+    assert states[-1, 3:6] == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
+    assert states[-1, :3] == pytest.approx(states[-200, :3], abs=1e-3)
+    # Any direction is braked at least as well as across a leg.
+    assert states[-1, 0] <= 2.0 * expected[0] + 5.0
+
+
+def test_headings_and_turning():
+    vehicle = aloft()
+    vehicle.steer((0.0, -3.0, 0.0), heading_rad=math.nan)
+    run(vehicle, 500)
+    assert vehicle.numbers()[9] == pytest.approx(math.pi, abs=1e-5)
+    vehicle.steer((0.0, -3.0, 0.0), turn_rad_s=0.5)
+    run(vehicle, 500)
+    assert vehicle.numbers()[10] == pytest.approx(0.5)
+    vehicle.steer((0.0, -3.0, 0.0), heading_rad=1.0)
+    run(vehicle, 500)
+    assert vehicle.numbers()[9] == pytest.approx(1.0, abs=1e-5)
+
+
+def test_the_height_is_kept_while_it_flies_sideways():
+    vehicle = aloft()
+    vehicle.steer((4.0, 3.0, 99.0), height_m=60.0)
+    run(vehicle, 1000)
+    numbers = vehicle.numbers()
+    assert numbers[2] == pytest.approx(60.0, abs=1e-3)
+    assert numbers[3:6] == pytest.approx((4.0, 3.0, 0.0), abs=1e-4)
+
+
+@pytest.mark.parametrize("sink", [0.3, 1.0, 3.0])
+def test_going_down_ends_softly_on_the_ground(sink):
+    vehicle = aloft(20.0)
+    vehicle.steer((0.0, 0.0, -sink))
+    states = run(vehicle, 10_000)
+    assert vehicle.arrivals[0] == vehicle.step
+    assert -0.1 < states[-1, 2] <= 0.0
+    assert -states[-1, 5] <= min(sink, QUAD.landing_speed_m_s) + 0.02
+    check_limits(states)
+
+
+def test_a_storm_bounds_the_ground_speed():
+    vehicle = aloft(wind=Wind(-14.0, 0.0))
+    vehicle.steer((10.0, 0.0, 0.0))
+    run(vehicle, 3000)
+    assert vehicle.numbers()[3] == pytest.approx(QUAD.airspeed_limit_m_s - 14.0, abs=0.1)
+
+
+def test_the_nose_points_at_a_place_on_the_way():
+    vehicle = aloft()
+    vehicle.look_at((0.0, 40.0))
+    vehicle.fly(Route.to(80.0, 0.0, 50.0, speed_m_s=4.0))
+    for _ in range(8):
+        vehicle.advance(100)
+        x, y, *_ = vehicle.numbers()
+        error = math.remainder(vehicle.numbers()[9] - math.atan2(-x, 40.0 - y), 2.0 * math.pi)
+        assert abs(error) < 0.15
+    vehicle.look_at(None)
+    vehicle.advance(10_000)
+    vehicle.fly(Route.to(80.0, 50.0, 50.0, speed_m_s=4.0))
+    vehicle.advance(10_000)
+    assert math.remainder(vehicle.numbers()[9], 2.0 * math.pi) == pytest.approx(0.0, abs=1e-2)
+
+
+def test_slower_climbs():
+    vehicle = aloft()
+    vehicle.set_climb(1.0, 0.5)
+    vehicle.fly(Route.to(0.0, 0.0, 60.0, speed_m_s=5.0))
+    states = run(vehicle, 600)
+    assert 0.9 < states[:, 5].max() <= 1.0
+    vehicle.fly(Route.to(0.0, 0.0, 50.0, speed_m_s=5.0))
+    assert -0.5 <= run(vehicle, 600)[:, 5].min() < -0.45
+    vehicle.set_climb(None, None)
+    vehicle.fly(Route.to(0.0, 0.0, 90.0, speed_m_s=5.0))
+    assert run(vehicle, 600)[:, 5].max() > 3.9
+
+
+def test_the_ideal_robot_refuses():
+    robot = IdealRobot(get_vehicle("ideal"))
+    with pytest.raises(VehicleError, match="no velocity control"):
+        robot.steer((1.0, 0.0, 0.0))

@@ -1,0 +1,284 @@
+"""Setpoints: GUIDED as ArduPilot, OFFBOARD as PX4."""
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from geo.frame import LocalFrame
+from mission.link.codec.dialect import mavlink as m
+from mission.model import GeoPoint
+from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.execution.state import LandedState, Phase
+from sim_vehicle.mavlink import ARDUPILOT, PX4, Mode, SimVehicle
+from sim_vehicle.pilot.notices import RefusedError
+
+HOME = GeoPoint(28.05, -82.15, 20.0)
+FRAME = LocalFrame(HOME.latitude_deg, HOME.longitude_deg, HOME.altitude_m)
+POSITION, VELOCITY = 0b110111111000, 0b110111000111
+YAW = 0b100111111111
+BOTH = pytest.mark.parametrize("persona", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
+
+
+class Rig:
+    def __init__(self, persona):
+        self.vehicle = SimVehicle(get_vehicle("quad"), HOME, persona=persona)
+        self.pilot = self.vehicle.pilot
+        self.now_s, self.texts = 0.0, []
+        self.run(0.1)
+
+    def take(self, messages):
+        self.texts += [message.text for message in messages if message.get_type() == "STATUSTEXT"]
+
+    def run(self, seconds, stream=None, until=None):
+        end_s = self.now_s + seconds
+        while self.now_s < end_s - 1e-9 and not (until and until()):
+            self.now_s = round(self.now_s + 0.1, 6)
+            if stream is not None:
+                self.tell(stream)
+            self.take(self.vehicle.poll(self.now_s))
+
+    def tell(self, message):
+        message._header.srcSystem, message._header.srcComponent = 255, 190
+        self.take(self.vehicle.receive(message, self.now_s))
+
+    def guided(self, first):
+        """Be in the air in the mode for setpoints."""
+        self.pilot.arm()
+        self.pilot.takeoff(20.0)
+        self.run(40.0, until=lambda: self.pilot.state.phase is Phase.HOLD)
+        self.run(0.3, stream=first)
+        self.pilot.set_mode(Mode.GUIDED)
+        return self
+
+    @property
+    def place(self):
+        return self.pilot.state.position_m
+
+    @property
+    def velocity(self):
+        return self.pilot.state.velocity_m_s
+
+
+def local(mask, x=0.0, y=0.0, z=0.0, vx=0.0, vy=0.0, vz=0.0, yaw=0.0, rate=0.0, frame=1, target=(1, 1)):
+    return m.MAVLink_set_position_target_local_ned_message(
+        0, *target, frame, mask, x, y, z, vx, vy, vz, 0.0, 0.0, 0.0, yaw, rate
+    )
+
+
+def world(mask, x, y, altitude, frame=6, **extra):
+    latitude, longitude = FRAME.to_wgs84(float(x), float(y))
+    values = {name: extra.get(name, 0.0) for name in ("vx", "vy", "vz")}
+    return m.MAVLink_set_position_target_global_int_message(
+        0,
+        1,
+        1,
+        frame,
+        mask,
+        round(latitude * 1e7),
+        round(longitude * 1e7),
+        altitude,
+        *values.values(),
+        0,
+        0,
+        0,
+        0,
+        0,
+    )
+
+
+HERE = local(POSITION, 0.0, 0.0, -20.0)
+
+
+@BOTH
+def test_places_in_the_local_and_the_global_frame(persona):
+    rig = Rig(persona).guided(HERE)
+    rig.run(20.0, stream=local(POSITION, 30.0, -10.0, -25.0))
+    assert rig.place == pytest.approx((-10.0, 30.0, 25.0), abs=0.06)
+    rig.run(20.0, stream=world(POSITION, 15.0, 5.0, 18.0))
+    assert rig.place == pytest.approx((15.0, 5.0, 18.0), abs=0.1)
+    rig.run(20.0, stream=world(POSITION, 0.0, 0.0, 50.0, frame=5))
+    assert rig.place == pytest.approx((0.0, 0.0, 30.0), abs=0.1)
+    assert rig.pilot.mode is Mode.GUIDED
+    rig.run(12.0, stream=local(0b110111111011, z=-12.0))
+    assert rig.place == pytest.approx((0.0, 0.0, 12.0), abs=0.2)
+
+
+@BOTH
+def test_velocities(persona):
+    rig = Rig(persona).guided(HERE)
+    rig.run(8.0, stream=local(VELOCITY, vx=3.0, vy=-2.0, vz=-1.0))
+    assert rig.velocity == pytest.approx((-2.0, 3.0, 1.0), abs=1e-3)
+    rig.run(8.0, stream=world(VELOCITY, 0, 0, 0, vx=0.0, vy=4.0, vz=0.0))
+    assert rig.velocity == pytest.approx((4.0, 0.0, 0.0), abs=1e-3)
+    # A velocity across at a height.
+    rig.run(15.0, stream=local(0b110111100011, z=-40.0, vx=2.0))
+    assert rig.velocity == pytest.approx((0.0, 2.0, 0.0), abs=1e-2)
+    assert rig.place[2] == pytest.approx(40.0, abs=0.1)
+
+
+@BOTH
+def test_headings_and_rates(persona):
+    rig = Rig(persona).guided(HERE)
+    rig.run(8.0, stream=local(0b100111000111, vx=1.0, yaw=1.2))
+    assert rig.pilot.state.yaw_rad == pytest.approx(1.2, abs=1e-3)
+    rig.run(8.0, stream=local(0b010111000111, vx=1.0, rate=0.4))
+    assert rig.pilot.state.yaw_rate_rad_s == pytest.approx(0.4)
+    rig.run(8.0, stream=local(0b100111111000, 50.0, 0.0, -20.0, yaw=-1.0))
+    assert math.remainder(rig.pilot.state.yaw_rad + 1.0, 2 * math.pi) == pytest.approx(0.0, abs=1e-3)
+    rig.run(8.0, stream=local(YAW, yaw=2.0))
+    assert rig.pilot.state.yaw_rad == pytest.approx(2.0, abs=1e-3)
+
+
+@BOTH
+def test_velocities_of_the_body(persona):
+    rig = Rig(persona).guided(HERE)
+    rig.run(5.0, stream=local(YAW, yaw=math.pi / 2))
+    rig.run(8.0, stream=local(VELOCITY, vx=2.0, vy=1.0, frame=8))
+    # Forward is east now, right is south.
+    assert rig.velocity[:2] == pytest.approx((2.0, -1.0), abs=0.02)
+
+
+def test_offsets_are_flown_by_ardupilot_and_refused_by_px4():
+    rig = Rig(ARDUPILOT).guided(HERE)
+    rig.run(15.0, stream=local(POSITION, 10.0, 0.0, -20.0))
+    rig.tell(local(POSITION, 5.0, 0.0, -2.0, frame=7))
+    rig.run(10.0)
+    assert rig.place == pytest.approx((0.0, 15.0, 22.0), abs=0.1)
+    rig = Rig(PX4).guided(HERE)
+    rig.run(1.0, stream=local(POSITION, 5.0, 0.0, -2.0, frame=9))
+    assert rig.texts.count("Setpoint refused: no places in frame 9") == 1
+
+
+def test_px4_wants_a_stream_before_and_during_offboard():
+    rig = Rig(PX4)
+    rig.pilot.arm()
+    rig.pilot.takeoff(20.0)
+    rig.run(15.0)
+    with pytest.raises(RefusedError, match="no setpoints"):
+        rig.pilot.set_mode(Mode.GUIDED)
+    rig.tell(HERE)
+    rig.run(1.5)
+    with pytest.raises(RefusedError, match="no setpoints"):
+        rig.pilot.set_mode(Mode.GUIDED)
+    rig.run(0.5, stream=local(VELOCITY, vx=3.0))
+    rig.pilot.set_mode(Mode.GUIDED)
+    rig.run(6.0, stream=local(VELOCITY, vx=3.0))
+    assert rig.velocity[1] == pytest.approx(3.0, abs=1e-3)
+    rig.run(0.9)
+    assert rig.pilot.mode is Mode.GUIDED
+    rig.run(0.4)
+    assert rig.pilot.mode is Mode.HOLD
+    assert "Offboard control lost: holding" in rig.texts
+    rig.run(6.0)
+    assert math.hypot(*rig.velocity) < 0.01
+
+
+def test_px4_takes_off_by_setpoints():
+    rig = Rig(PX4)
+    up = local(POSITION, 0.0, 0.0, -8.0)
+    rig.run(0.5, stream=up)
+    rig.pilot.set_mode(Mode.GUIDED)
+    rig.pilot.arm()
+    rig.run(12.0, stream=up)
+    assert rig.place == pytest.approx((0.0, 0.0, 8.0), abs=0.1)
+    assert rig.pilot.landed is LandedState.IN_AIR
+    rig.run(30.0, stream=local(VELOCITY, vz=1.5))
+    assert rig.pilot.landed is LandedState.ON_GROUND
+    assert not rig.pilot.armed
+
+
+def test_ardupilot_flies_velocities_for_three_seconds_and_places_for_ever():
+    rig = Rig(ARDUPILOT).guided(HERE)
+    rig.tell(local(VELOCITY, vx=4.0))
+    rig.run(2.9)
+    assert rig.velocity[1] == pytest.approx(4.0, abs=0.1)
+    rig.run(6.0)
+    assert math.hypot(*rig.velocity) < 0.01
+    assert rig.pilot.mode is Mode.GUIDED
+    assert rig.texts.count("Guided timeout: stopping") == 1
+    rig.tell(local(POSITION, 60.0, 0.0, -20.0))
+    rig.run(20.0)
+    assert rig.place == pytest.approx((0.0, 60.0, 20.0), abs=0.1)
+
+
+def test_ardupilot_listens_in_guided_only():
+    rig = Rig(ARDUPILOT)
+    rig.pilot.set_mode(Mode.GUIDED)
+    rig.pilot.arm()
+    rig.pilot.takeoff(10.0)
+    rig.run(15.0)
+    assert rig.pilot.mode is Mode.GUIDED
+    rig.pilot.set_mode(Mode.HOLD)
+    rig.run(5.0, stream=local(VELOCITY, vx=4.0))
+    assert math.hypot(*rig.velocity) < 0.01
+    assert rig.texts.count("Guided timeout: stopping") == 0
+
+
+REFUSED = [
+    (local(POSITION, 1.0, 1.0, -5.0, frame=20), "frame 20"),
+    (world(POSITION, 1, 1, 5.0, frame=11), "frame 11"),
+    (local(0b110111111111), "neither place nor velocity"),
+    (local(POSITION | 512, 1.0, 1.0, -5.0), "forces"),
+    (local(POSITION, 1e7, 1.0, -5.0), "from home"),
+    (local(POSITION, 1.0, 1.0, 5.0), "altitude"),
+    (local(VELOCITY, vx=math.inf), "no number"),
+    (m.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0.5), "attitudes"),
+]
+
+
+@BOTH
+@pytest.mark.parametrize(("message", "reason"), REFUSED)
+def test_what_is_not_flown_is_refused_with_a_reason_once(persona, message, reason):
+    rig = Rig(persona).guided(HERE)
+    before = rig.place
+    for _ in range(5):
+        rig.tell(message)
+        rig.run(0.1)
+    assert sum(reason in text for text in rig.texts) == 1
+    assert rig.place == pytest.approx(before, abs=0.05)
+
+
+def test_setpoints_for_others_and_a_disarmed_vehicle():
+    rig = Rig(ARDUPILOT).guided(HERE)
+    rig.run(5.0, stream=local(VELOCITY, vx=4.0, target=(2, 1)))
+    assert math.hypot(*rig.velocity) < 0.01
+    ground = Rig(ARDUPILOT)
+    ground.pilot.set_mode(Mode.GUIDED)
+    ground.run(2.0, stream=local(POSITION, 5.0, 5.0, -5.0))
+    assert ground.place == (0.0, 0.0, 0.0)
+
+
+def test_ardupilot_keeps_guided_places_within_the_fence():
+    rig = Rig(ARDUPILOT)
+    rig.pilot.tuning.fence_enable = 1
+    rig.pilot.tuning.fence_radius_m = 50.0
+    rig.pilot.retune()
+    rig.guided(HERE)
+    rig.tell(local(POSITION, 80.0, 0.0, -20.0))
+    rig.run(3.0)
+    assert any("outside the fence" in text for text in rig.texts)
+    assert math.hypot(*rig.place[:2]) < 0.5
+
+
+FLOATS = st.floats(allow_nan=True, allow_infinity=True, width=32)
+
+
+@settings(max_examples=120, deadline=None)
+@given(
+    st.sampled_from([PX4, ARDUPILOT]),
+    st.lists(
+        st.tuples(st.integers(0, 65535), st.sampled_from([1, 7, 8, 9, 12, 3, 255]), st.tuples(*[FLOATS] * 8)),
+        min_size=1,
+        max_size=5,
+    ),
+)
+def test_hostile_setpoints_do_no_harm(persona, orders):
+    rig = Rig(persona).guided(HERE)
+    for mask, frame, values in orders:
+        rig.tell(local(mask, *values, frame=frame))
+        rig.run(1.0)
+    numbers = [*rig.place, *rig.velocity, rig.pilot.state.yaw_rad, rig.pilot.state.yaw_rate_rad_s]
+    assert all(map(math.isfinite, numbers))
+    assert rig.place[2] >= -0.1

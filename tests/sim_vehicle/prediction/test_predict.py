@@ -1,0 +1,263 @@
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+
+from geo.frame import LocalFrame
+from mission.model import GeoPoint, Mission, MissionItem
+from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.autopilot import with_autopilot
+from sim_vehicle.errors import VehicleError
+from sim_vehicle.execution.executor import MissionExecutor
+from sim_vehicle.execution.state import Disarmed, MissionComplete
+from sim_vehicle.prediction.battery_swaps import batteries_needed
+from sim_vehicle.prediction.predict import expected_flights, predict_flight, predict_flights, rehearsals
+from sim_vehicle.weather.wind import Turbulence, Wind, WindShear
+
+HOME = LocalFrame(28.05, -82.15)
+QUAD = get_vehicle("quad")
+IDEAL = get_vehicle("ideal")
+
+
+def plan(points, speed=5.0, radius=0.0, z=10.0, end=20):
+    items = [MissionItem(22, 3, 0, 0, 0, None, 28.05, -82.15, z), MissionItem(178, 2, 1, speed, -1)]
+    for k, (x, y) in enumerate(points):
+        items.append(MissionItem.waypoint(*HOME.to_wgs84(float(x), float(y)), z, acceptance_radius_m=radius))
+        if k == 0:
+            items.append(MissionItem(206, 2, 1.0, 0, 1))
+    items += [MissionItem(206, 2, 0.0), MissionItem(end, 2)]
+    return Mission(tuple(items), GeoPoint(28.05, -82.15))
+
+
+def lawnmower(width, rows, spacing):
+    points = []
+    for k in range(rows):
+        ends = [(0.0, k * spacing), (width, k * spacing)]
+        points += ends if k % 2 == 0 else ends[::-1]
+    return points
+
+
+def flown(mission, spec, wind=None):
+    vehicle = MissionExecutor(spec, HOME, wind=wind)
+    vehicle.load(mission.items)
+    vehicle.arm()
+    vehicle.start()
+    complete = None
+    step = 1.0 if spec.is_ideal else 0.1
+    while vehicle.armed:
+        for event in vehicle.advance(vehicle.time_s + step):
+            if isinstance(event, MissionComplete):
+                complete = event.time_s, vehicle.motion.energy_j, vehicle.state().path_length_m
+            if isinstance(event, Disarmed):
+                return complete
+    return complete
+
+
+FLOWN = [
+    with_autopilot(get_vehicle(name), autopilot)
+    for name in ("quad", "mapping-quad", "mini-quad", "wing", "rover")
+    for autopilot in ("px4", "ardupilot")
+]
+AIR = [
+    Wind(),
+    Wind(3.0, -2.0),
+    Wind(2.0, 2.0, shear=WindShear("log")),
+    Wind(3.0, 0.0, seed=3, turbulence=Turbulence(4.0, 10.0, 6.0)),
+]
+FLIGHTS = [
+    (plan(lawnmower(100.0, 6, 10.0)), QUAD, None),
+    (plan(lawnmower(9.0, 15, 0.6), radius=0.1, speed=3.0), QUAD, None),
+    (plan(lawnmower(300.0, 4, 20.0), speed=12.0), QUAD, Wind(6.0, -3.0)),
+    (plan(lawnmower(100.0, 3, 10.0)), QUAD, Wind(4.0, 4.0, gust_m_s=2.0, seed=11)),
+    (plan(lawnmower(9.144, 11, 0.9144)), IDEAL, None),
+]
+
+
+@pytest.mark.parametrize(("mission", "spec", "wind"), FLIGHTS)
+def test_the_prediction_is_the_flight(mission, spec, wind):
+    predicted = predict_flight(mission, spec, wind=wind)
+    duration, energy, length = flown(mission, spec, wind)
+    assert predicted.feasible and predicted.reason == ""
+    assert predicted.duration_s == duration
+    # The flown energy is read up to one look after the end.
+    assert predicted.energy_wh == pytest.approx(energy / 3600.0, abs=0.01)
+    assert predicted.path_length_m == pytest.approx(length, abs=1e-9)
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    st.lists(st.tuples(st.floats(-80, 80), st.floats(-80, 80)), min_size=1, max_size=8),
+    st.floats(1.0, 14.0),
+    st.floats(0.0, 9.0),
+)
+def test_the_prediction_is_the_flight_for_random_missions(points, speed, blow):
+    mission, wind = plan(points, speed), Wind(blow, 0.0, gust_m_s=0.5)
+    predicted = predict_flight(mission, QUAD, wind=wind)
+    duration, energy, _ = flown(mission, QUAD, wind)
+    assert predicted.duration_s == duration
+    assert predicted.energy_wh == pytest.approx(energy / 3600.0, abs=0.01)
+
+
+@settings(max_examples=25, deadline=None, phases=(Phase.explicit, Phase.reuse, Phase.generate))
+@given(
+    st.lists(st.tuples(st.floats(-120, 120), st.floats(-120, 120)), min_size=1, max_size=6),
+    st.sampled_from(FLOWN),
+    st.sampled_from(AIR),
+)
+def test_the_prediction_is_the_flight_of_every_vehicle(points, spec, wind):
+    mission = plan(points, speed=min(spec.cruise_speed_m_s, 8.0), end=20)
+    if spec.kind == "rover":
+        mission = replace(mission, items=mission.items[1:])
+    predicted = predict_flight(mission, spec, wind=wind)
+    if not predicted.feasible:
+        assert predicted.reason
+        return
+    duration, energy, length = flown(mission, spec, wind)
+    assert predicted.duration_s == duration
+    # The flown ones are read up to one look after the end, when a wing that does not land still flies.
+    assert predicted.energy_wh == pytest.approx(energy / 3600.0, abs=0.02)
+    assert predicted.path_length_m == pytest.approx(length, abs=0.1 * spec.top_speed_m_s)
+
+
+def test_of_gusts_the_statistics_decide():
+    spec = with_autopilot(get_vehicle("quad"), "ardupilot")
+    missions = [plan(lawnmower(100.0, n, 10.0)) for n in (3, 5)]
+    air = Wind(4.0, 1.0, seed=1, turbulence=Turbulence(7.0, 10.0, 6.0))
+    expected = expected_flights(missions, spec, wind=air)
+    again = expected_flights(missions, spec, wind=replace(air, seed=2), threads=2)
+    assert [one.energy_wh for one in expected] == [one.energy_wh for one in again]
+    flights = [[predict_flight(one, spec, wind=other) for other in rehearsals(air)] for one in missions]
+    for found, tries in zip(expected, flights, strict=True):
+        for name in ("energy_wh", "duration_s", "path_length_m"):
+            values = [getattr(one, name) for one in tries]
+            assert getattr(found, name) == pytest.approx(np.mean(values)) and min(values) < max(values)
+        assert any(np.array_equal(found.track_m, one.track_m) for one in tries)
+    first, second = rehearsals(air)[:2]
+    assert second == replace(first, mirrored=True)
+    gusts = [wind.series().block[:, :3] - (4.0, 1.0, 0.0) for wind in (first, second)]
+    np.testing.assert_allclose(gusts[0], -gusts[1], atol=1e-12)
+    # Without gusts there is nothing to rehearse.
+    calm = Wind(4.0, 1.0)
+    assert rehearsals(calm) == [calm] and rehearsals(None) == [None]
+    for one, other in zip(
+        expected_flights(missions, spec, wind=calm), predict_flights(missions, spec, wind=calm), strict=True
+    ):
+        assert (one.duration_s, one.energy_wh) == (other.duration_s, other.energy_wh)
+
+
+def test_gusts_cost_what_is_expected():
+    spec = with_autopilot(get_vehicle("mini-quad"), "ardupilot")
+    mission = plan(lawnmower(150.0, 10, 8.0))
+    air = Wind(4.0, 1.0, turbulence=Turbulence(9.0, 10.0, 6.0))
+    flights = [predict_flight(mission, spec, wind=replace(air, seed=k)) for k in range(12)]
+    energy = np.array([one.energy_wh for one in flights])
+    (expected,) = expected_flights([mission], spec, wind=air)
+    assert expected.energy_wh == pytest.approx(energy.mean(), rel=0.03)
+    assert expected.duration_s == pytest.approx(np.mean([one.duration_s for one in flights]), rel=0.02)
+
+
+def test_a_wind_that_is_too_gusty_is_not_feasible():
+    spec = with_autopilot(get_vehicle("quad"), "px4")
+    mission = plan(lawnmower(100.0, 6, 10.0), speed=8.0)
+    (found,) = expected_flights([mission], spec, wind=Wind(7.0, turbulence=Turbulence(25.0, 10.0, 8.0)))
+    assert not found.feasible and "wind" in found.reason
+
+
+def test_an_endless_battery_loses_as_much_in_itself_as_the_real_one():
+    mission = plan(lawnmower(100.0, 4, 10.0))
+    real, endless = predict_flight(mission, QUAD), predict_flight(mission, QUAD, endless=True)
+    assert endless.energy_wh == pytest.approx(real.energy_wh, rel=1e-9)
+    assert endless.battery_fraction > 0.999
+
+
+def test_the_ideal_vehicle_counts_the_steps_of_the_paper():
+    # 11 rows of 30 cells, 3 cells apart: 360 steps, and one for the first waypoint, where it already is.
+    cells = lawnmower(30.0, 11, 3.0)
+    mission = plan([(x * 0.3048, y * 0.3048) for x, y in cells], end=21)
+    mission = replace(mission, items=mission.items[:-1])
+    assert predict_flight(mission, IDEAL).duration_s == 361.0
+
+
+def test_the_track_is_the_path():
+    predicted = predict_flight(plan(lawnmower(100.0, 3, 10.0)), QUAD, track_step_s=0.5)
+    assert predicted.track_m[0].tolist() == [0.0, 0.0, 0.0]
+    assert predicted.track_m[-1] == pytest.approx([0.0, 0.0, 0.0], abs=0.01)
+    assert len(predicted.track_m) == pytest.approx(predicted.duration_s / 0.5, abs=8)
+    steps = np.linalg.norm(np.diff(predicted.track_m, axis=0), axis=1)
+    assert steps.max() <= 5.0 * 0.5 + 0.05
+    assert steps.sum() == pytest.approx(predicted.path_length_m, rel=0.01)
+    ideal = predict_flight(plan(lawnmower(9.0, 3, 0.9)), IDEAL)
+    assert len(ideal.track_m) == pytest.approx(ideal.duration_s, abs=3)
+    assert np.linalg.norm(np.diff(ideal.track_m[1:, :2], axis=0), axis=1).max() <= 0.3048 * 1.05
+
+
+def test_more_energy_than_the_reserve_leaves_is_not_feasible():
+    rows = [predict_flight(plan(lawnmower(400.0, n, 10.0), speed=8.0), QUAD) for n in (2, 12, 22, 40)]
+    assert [p.feasible for p in rows] == [True, True, True, False]
+    assert all(a.battery_fraction > b.battery_fraction for a, b in pairwise(rows))
+    assert "reserve" in rows[-1].reason or "empty" in rows[-1].reason
+    never = predict_flight(plan(lawnmower(1500.0, 40, 10.0), speed=8.0), QUAD)
+    assert not never.feasible
+    assert "battery is empty" in never.reason
+    assert never.battery_fraction == 0.0
+    assert 1400.0 < never.duration_s < 2600.0
+
+
+def test_what_cannot_be_flown_has_a_reason():
+    mission = plan([(10.0, 0.0)])
+    assert "wind" in predict_flight(mission, QUAD, wind=Wind(30.0, 0.0)).reason
+    waypoint_first = replace(mission, items=mission.items[2:])
+    assert "no take-off" in predict_flight(waypoint_first, QUAD).reason
+    forever = MissionItem(17, 3, 0, 0, 0, None, 28.05, -82.15, 10.0)
+    endless = replace(mission, items=(*mission.items[:-1], forever))
+    assert "never ends" in predict_flight(endless, QUAD).reason
+    looping = replace(mission, items=(*mission.items[:-1], MissionItem(177, 2, 2, -1)))
+    assert "battery is empty" in predict_flight(looping, QUAD).reason
+
+
+def test_home():
+    mission = replace(plan([(10.0, 0.0)]), home=None)
+    assert predict_flight(mission, QUAD).feasible
+    with pytest.raises(VehicleError, match="no home"):
+        predict_flight(Mission((MissionItem(20, 2),)), QUAD)
+    for bad in (0.0, -1.0, math.nan):
+        with pytest.raises(VehicleError, match="track_step_s"):
+            predict_flight(mission, QUAD, track_step_s=bad)
+
+
+def test_batteries_are_counted_with_their_ways_home_and_back():
+    short, far = plan(lawnmower(400.0, 4, 10.0), speed=8.0), plan(lawnmower(400.0, 100, 4.0), speed=8.0)
+    one, more = predict_flight(short, QUAD), predict_flight(far, QUAD)
+    assert batteries_needed(short, QUAD, one) == 1
+    whole = predict_flight(far, QUAD, endless=True)
+    assert whole.feasible and not more.feasible
+    usable = QUAD.battery.capacity_wh * 0.8
+    least = math.ceil(whole.energy_wh / usable)
+    assert least >= 2
+    assert batteries_needed(far, QUAD, more) in (least, least + 1)
+    # Far from home, more of each battery goes into the ways.
+    away = plan([(x + 3000.0, y) for x, y in lawnmower(400.0, 100, 4.0)], speed=8.0)
+    assert batteries_needed(away, QUAD, predict_flight(away, QUAD)) > least + 1
+
+
+def test_no_number_of_batteries_is_enough():
+    beyond = plan([(12_000.0, 0.0)], speed=8.0)
+    assert batteries_needed(beyond, QUAD, predict_flight(beyond, QUAD)) is None
+    gale = Wind(30.0, 0.0)
+    mission = plan([(10.0, 0.0)])
+    assert batteries_needed(mission, QUAD, predict_flight(mission, QUAD, wind=gale), wind=gale) is None
+    steps = plan(lawnmower(9.0, 3, 0.9))
+    assert batteries_needed(steps, IDEAL, predict_flight(steps, IDEAL)) == 0
+
+
+def test_px4_climbs_by_itself_where_a_take_off_is_missing():
+    mission = plan(lawnmower(100.0, 2, 10.0))
+    mission = replace(mission, items=mission.items[1:])
+    predicted = predict_flight(mission, with_autopilot(QUAD, "px4"))
+    assert predicted.feasible and predicted.duration_s > 60.0
+    assert predicted.track_m[:, 2].max() > 9.0
+    assert "no take-off" in predict_flight(mission, with_autopilot(QUAD, "ardupilot")).reason

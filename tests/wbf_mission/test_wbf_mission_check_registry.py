@@ -37,7 +37,7 @@ def test_choosing_by_id_and_by_group():
     assert {check.group for check in chosen_checks(("param", "identity"), fly=False)} == {"param", "identity"}
     assert not any(check.flies for check in chosen_checks((), fly=False))
     assert chosen_checks((), fly=True) == all_checks()
-    with pytest.raises(CheckError, match="unknown check 'comand'.*identity, command"):
+    with pytest.raises(CheckError, match=r"unknown check 'comand'.*identity, command"):
         chosen_checks(("comand",), fly=False)
 
 

@@ -17,6 +17,6 @@ def names_of(kind: str) -> tuple[str, ...]:
         from sensors.estimators import estimator_names
 
         return tuple(estimator_names())
-    from sim_vehicle.airframe.spec import vehicle_names
+    from sim_vehicle.airframe.catalog import vehicle_names
 
     return tuple(vehicle_names())

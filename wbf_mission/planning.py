@@ -32,7 +32,8 @@ from mission.planners import (
     parse_budget,
 )
 from mission.planners.budget import LengthBudget
-from sim_vehicle.airframe.spec import VehicleSpec, get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.plane import plane_of
 from sim_vehicle.execution.fixed_wing_items import circles

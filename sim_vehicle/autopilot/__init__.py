@@ -55,7 +55,7 @@ def with_autopilot(
     """
     if spec.is_ideal:
         return spec
-    from sim_vehicle.autopilot.model import check_settings
+    from sim_vehicle.airframe.parameters import check_parameters
 
     if name == "generic" and spec.kind != "multirotor":
         name = "px4"
@@ -64,5 +64,5 @@ def with_autopilot(
     merged = {**dict(own), **dict(before), **(parameters or {})}
     flown = replace(spec, autopilot=name, parameters=tuple(merged.items()))
     autopilot = autopilot_of(flown)
-    check_settings(flown, autopilot.settings)
+    check_parameters(flown, autopilot.parameters)
     return autopilot.fit(flown)

@@ -151,7 +151,7 @@ def parameter_table(autopilot: str, spec: VehicleSpec, system_id: int) -> tuple[
     table = {p.name: p for p in make(spec, system_id) + safety_parameters(autopilot, spec)}
     table = {name: p for name, p in table.items() if not foreign_parameter(spec, name)}
     if spec.autopilot == autopilot:
-        for name, known in autopilot_of(spec).settings.items():
+        for name, known in autopilot_of(spec).parameters.items():
             table[name] = Parameter(
                 name,
                 integer=known.integer,

@@ -17,7 +17,7 @@ def safety_parameters(autopilot: str, spec: VehicleSpec) -> list[Parameter]:
 
     Examples
     --------
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> [p.name for p in safety_parameters("px4", get_vehicle("quad"))][:3]
     ['BAT_EMERGEN_THR', 'COM_DL_LOSS_T', 'COM_OF_LOSS_T']
     """

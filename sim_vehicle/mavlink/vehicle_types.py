@@ -71,7 +71,7 @@ def as_flown(spec: VehicleSpec, persona: Persona) -> tuple[VehicleSpec, Persona]
 
     Examples
     --------
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> from sim_vehicle.mavlink.persona import ARDUPILOT
     >>> spec, persona = as_flown(get_vehicle("fixed-wing"), ARDUPILOT)
     >>> spec.autopilot, persona.mav_type, persona.modes[Mode.MISSION], persona.banner
@@ -116,7 +116,7 @@ def foreign_parameter(spec: VehicleSpec, name: str) -> bool:
 
     Examples
     --------
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> foreign_parameter(get_vehicle("rover"), "MPC_XY_CRUISE")
     True
     """

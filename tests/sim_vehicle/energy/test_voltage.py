@@ -6,7 +6,7 @@ import pytest
 
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.execution.state import Phase
 from sim_vehicle.mavlink import ARDUPILOT, PX4, Mode, SimVehicle
 from sim_vehicle.pilot.notices import RefusedError

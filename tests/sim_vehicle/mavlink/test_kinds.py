@@ -7,7 +7,7 @@ import pytest
 from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, Mission, MissionItem
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import ARDUPILOT, PX4, Mode, Outcome, SimVehicle
 from wbf_mission.ground.station import GroundStation

@@ -15,7 +15,7 @@ from mission.link.link import open_link
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem, MissionType
 from mission.transfer import wire
 from mission.transfer.driver import TransferDriver
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import Simulation, StopReason
 from sim_vehicle.mavlink import ARDUPILOT, PX4, Mode, SimVehicle

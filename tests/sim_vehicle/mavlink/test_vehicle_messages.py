@@ -11,7 +11,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.component import Component
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.mavlink import ARDUPILOT, PX4, Mode, Outcome, SimVehicle, get_persona, persona_names

@@ -12,7 +12,7 @@ from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.execution.state import LandedState, Phase
 from sim_vehicle.mavlink import ARDUPILOT, PX4, Mode, Outcome, SimVehicle
 from sim_vehicle.pilot.fence import Breach

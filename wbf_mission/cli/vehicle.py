@@ -13,9 +13,7 @@ from wbf_mission.cli.output import Output
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
 
-app = typer.Typer(
-    cls=HelpGroup, help="Look at vehicles: list them, show one with its endurance."
-)
+app = typer.Typer(cls=HelpGroup, help="Look at vehicles: list them, show one with its endurance.")
 
 VehicleArgument = Annotated[
     str,

@@ -117,7 +117,7 @@ def test_an_obstacle_in_the_way_is_told(tmp_path: Path) -> None:
     assert not plan(Scenario(farm="miniberry-100", planner="lawnmower", budget="600m")).warnings
 
 
-def test_a_planner_is_held_to_its_budget(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_planner_is_held_to_its_budget() -> None:
     def generous(request: PlanningRequest) -> PlannedPath:
         return PlannedPath(np.array([[0.0, 0.0], [1e4, 0.0]]), None, "generous")
 
@@ -125,9 +125,7 @@ def test_a_planner_is_held_to_its_budget(monkeypatch: pytest.MonkeyPatch) -> Non
         msg = "left"
         raise KeyError(msg)
 
-    monkeypatch.setattr("wbf_mission.planning.get_planner", lambda _: generous)
     with pytest.raises(PlanningError, match="over the budget of 200 m"):
-        plan(Scenario(budget="200m"))
-    monkeypatch.setattr("wbf_mission.planning.get_planner", lambda _: broken)
-    with pytest.raises(PlanningError, match="planner spiral failed: KeyError"):
-        plan(Scenario(budget="200m"))
+        plan(Scenario(budget="200m", planner=generous))
+    with pytest.raises(PlanningError, match="planner broken failed: KeyError"):
+        plan(Scenario(budget="200m", planner=broken))

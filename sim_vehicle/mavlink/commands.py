@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import Message
 from mission.model import RELATIVE_FRAMES, Command
+from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.mavlink.camera_commands import CAMERA_COMMANDS
 from sim_vehicle.mavlink.flight_commands import FLIGHT_ORDERS
 from sim_vehicle.pilot.arming import FORCE
-from sim_vehicle.pilot.modes import Mode
 from sim_vehicle.pilot.pilot import RefusedError
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import mavlink as m
 from mission.model import RELATIVE_FRAMES, Command
-from sim_vehicle.pilot.modes import Mode
+from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.pilot.notices import RefusedError
 
 if TYPE_CHECKING:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from geo.frame import LocalFrame
 from mission.model import Command, MissionItem
 from sim_vehicle.airframe.spec import VehicleSpec
+from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.state import (
     BatteryDepleted,
@@ -23,7 +24,7 @@ from sim_vehicle.pilot.arming import why_not_arm
 from sim_vehicle.pilot.failsafe import Failsafe
 from sim_vehicle.pilot.failsafe_rules import PX4_RULES, Rules
 from sim_vehicle.pilot.keeper import Keeper
-from sim_vehicle.pilot.modes import Mode, Outcome
+from sim_vehicle.pilot.modes import Outcome
 from sim_vehicle.pilot.notices import MissionState, Notice, RefusedError, Severity
 from sim_vehicle.pilot.setpoints import Steering
 from sim_vehicle.weather.wind import Wind

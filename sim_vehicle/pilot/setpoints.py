@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import Message
+from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.pilot.modes import Mode
 from sim_vehicle.pilot.notices import RefusedError, Severity
 
 if TYPE_CHECKING:

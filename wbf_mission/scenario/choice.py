@@ -71,12 +71,12 @@ def choose(value: Any, what: str) -> Choice:
             raise ScenarioError(msg) from None
         return Choice(name, params)
     if isinstance(value, Mapping):
-        params = {str(key): one for key, one in value.items()}
-        name = params.pop("name", None)
-        if not isinstance(name, str) or not name.strip():
+        given = {str(key): one for key, one in value.items()}
+        named = given.pop("name", None)
+        if not isinstance(named, str) or not named.strip():
             msg = f'{what}: the table has no name; give one such as name = "{_EXAMPLE[what]}"'
             raise ScenarioError(msg)
-        return Choice(name.strip(), params)
+        return Choice(named.strip(), given)
     if value is None or isinstance(value, (int, float, bytes, list, tuple, set, type)):
         msg = f"{what} {value!r} is neither a name, a table nor {_OBJECT[what]}"
         raise ScenarioError(msg)
@@ -89,17 +89,13 @@ def _written(value: Any) -> str:
         return "[" + ",".join(_written(one) for one in value) + "]"
     if value is None or isinstance(value, bool):
         return str(value).lower()
-    text = str(value)
-    if isinstance(value, str) and parse_named(f"x:y={_quoted(text)}")[1]["y"] == value:
-        return _quoted(text)
-    return text
+    if not isinstance(value, str):
+        return str(value)
+    plain = value.replace("_", "").replace("-", "").isalpha() and value.lower() not in _CONSTANTS
+    return value if plain else f'"{value}"'
 
 
-def _quoted(text: str) -> str:
-    plain = text.replace("_", "").replace("-", "").replace(".", "").isalpha()
-    return text if plain and text.lower() not in ("true", "false", "none") else f'"{text}"'
-
-
+_CONSTANTS = ("true", "false", "none")
 _EXAMPLE = {"planner": "lawnmower", "estimator": "gp"}
 _OBJECT = {"planner": "a function that plans", "estimator": "an estimator (an object, not its class)"}
 

@@ -66,13 +66,17 @@ class Scenario:
     def __init__(self, /, **options: Any) -> None:
         whole = {key: one for key, one in options.items() if isinstance(one, Part)}
         flat = {key: one for key, one in options.items() if key not in whole}
+        mixed = sorted(set(flat) & set(PARTS)) if whole else []
+        if mixed:
+            msg = f"{mixed[0]} is given as a value beside whole parts: use scenario_with to change it"
+            raise ScenarioError(msg)
         seed, by_part = flat.pop("seed", 0), _by_part(flat)
         for name, kind in PARTS.items():
             given = whole.pop(name, None)
             if given is None:
                 made = kind(**by_part[name])
-            elif name in flat or not isinstance(given, kind):
-                msg = f"{name} is given as a part and as a value: give one, or use scenario_with"
+            elif not isinstance(given, kind):
+                msg = f"{name} is a {type(given).__name__}: give a {kind.__name__} or its options"
                 raise ScenarioError(msg)
             else:
                 made = dataclasses.replace(given, **by_part[name])

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from recordings import compare, fly_recording, load_recording
 
 from geo.frame import LocalFrame
 from mission.model import Command, MissionItem
@@ -23,7 +24,6 @@ from sim_vehicle.motion.arducopter import layout as at
 from sim_vehicle.motion.arducopter import scurve
 from sim_vehicle.motion.arducopter.model import ArduCopter
 from sim_vehicle.motion.model import LegKind, MotionEvent, Route
-from sim_vehicle.recordings import compare, fly_recording, load_recording
 from sim_vehicle.weather.wind import Wind
 
 FLIGHTS = Path(__file__).parents[2] / "data" / "flights"

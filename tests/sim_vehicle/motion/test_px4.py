@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from recordings import compare, fly_recording, load_recording
 
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
@@ -19,7 +20,6 @@ from sim_vehicle.motion.model import LegKind, MotionEvent, Route
 from sim_vehicle.motion.px4.model import Px4Multirotor
 from sim_vehicle.motion.px4.smoothing import brakeable_speed, follow, profile, stretched, turn_speed
 from sim_vehicle.prediction.predict import predict_flight
-from sim_vehicle.recordings import compare, fly_recording, load_recording
 from sim_vehicle.weather.wind import Wind
 
 FLIGHTS = Path(__file__).parents[2] / "data" / "flights"

@@ -37,10 +37,10 @@ from scipy.signal import convolve2d
 from geo.farms import get_farm
 from geo.grid import STRAWBERRY, TOMATO, FarmGrid
 from geo.units import FOOT_M
+from sensors.dynamics.epidemic import InfectionRule, step
+from sensors.dynamics.outbreak import draw_seeds
+from sensors.dynamics.soil import Shower, draw_weather, write_soil
 from sensors.environment import CCR, TYLCV, EpidemicParameters, SoilParameters, generate_environment
-from sensors.environment.epidemic import InfectionRule, step
-from sensors.environment.outbreak import draw_seeds
-from sensors.environment.soil import Shower, draw_weather, write_soil
 
 ON_DISK_FROM_CELLS = 10_000_000
 

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from zarr.codecs import BloscCodec, Crc32cCodec, ZstdCodec
 
 from geo.farms import get_farm
-from sensors.environment.soil import SoilCourse, SoilParameters, draw_weather
+from sensors.dynamics.soil import SoilCourse, SoilParameters, draw_weather
 
 DAYS = (1, 6, 15)
 WINDOW = 100

@@ -11,6 +11,9 @@ How a name becomes a stream: the first eight bytes of the SHA-256 of the name in
 little-endian 32-bit words, are appended to the spawn key of the seed. Each name adds exactly two words, so
 paths of names cannot be mistaken for each other, and the words do not collide with the small counters of
 ``SeedSequence.spawn``. Nothing here depends on the machine, on ``PYTHONHASHSEED`` or on the order of calls.
+
+A child seed carries the run's seed (``entropy``): whoever has it can open every other stream of the run. Code
+that must not know the truth, a planner or an estimator, gets a `sealed_seed`.
 """
 
 from __future__ import annotations
@@ -18,10 +21,12 @@ from __future__ import annotations
 import hashlib
 import operator
 
+import numpy as np
 from numpy.random import PCG64, Generator, SeedSequence
 
 from geo.errors import WbfMissionError
 
+_SEALED_WORDS = 8
 _HINT = "give a non-negative integer or a numpy.random.SeedSequence"
 
 
@@ -116,3 +121,33 @@ def stream(seed: SeedSequence | int, *names: str) -> Generator:
     False
     """
     return Generator(PCG64(child_seed(seed, *names)))
+
+
+def sealed_seed(seed: SeedSequence | int, *names: str) -> SeedSequence:
+    """Derive a seed for code that must not learn the run's seed.
+
+    Its entropy is the SHA-256 of the child seed's state, read as a little-endian integer, and its spawn key
+    is empty, so neither the run's seed nor another stream can be computed from it. A run's seed that is
+    easily guessed (0, 1, 2, ...) can still be found by trying: take 128 random bits where that matters.
+
+    Parameters
+    ----------
+    seed
+        The run's seed, or the seed of an enclosing part.
+    *names
+        The path to the part, as for `child_seed`.
+
+    Raises
+    ------
+    SeedError
+        If the seed is not usable.
+
+    Examples
+    --------
+    >>> sealed = sealed_seed(7, "planner")
+    >>> sealed.entropy == sealed_seed(7, "planner").entropy, sealed.entropy == 7
+    (True, False)
+    """
+    state = child_seed(seed, *names).generate_state(_SEALED_WORDS, np.uint64)
+    digest = hashlib.sha256(state.astype("<u8").tobytes()).digest()
+    return SeedSequence(int.from_bytes(digest, "little"))

@@ -1,6 +1,10 @@
-"""Errors of environments, observations and estimators."""
+"""Errors of fields, environments, observations and estimators."""
 
 from geo.errors import WbfMissionError
+
+
+class FieldError(WbfMissionError, ValueError):
+    """A field, a set of fields or a field file that cannot be used."""
 
 
 class EnvironmentDataError(WbfMissionError, ValueError):

@@ -1,37 +1,313 @@
-"""The three fields that are sensed, and the cells where each of them counts."""
+"""Fields as values: what is sensed on a farm, how it develops, and what errors about it cost.
+
+Everything that has one array, column or reading per field takes a `FieldSet` and its order: the environment,
+the camera, observations, their form on the wire and in files, estimators, the score and the pictures. The
+benchmark's three fields are `PAPER_FIELDS`; `sensors.field_files` reads further ones from a file.
+
+All values lie in 0..1. A disease is 1 where plants are healthy, 0.5 where they are infected and 0 where they
+are lost; a continuous field is 0 where there is nothing of it and 1 where there is as much as can be.
+
+>>> PAPER_FIELDS.names, PAPER_FIELDS["ccr"].kind, PAPER_FIELDS["soil"].kind
+(('tylcv', 'ccr', 'soil'), 'disease', 'continuous')
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+
+from geo.farm import Crop
+from sensors.dynamics.epidemic import CCR, TYLCV, EpidemicParameters
+from sensors.dynamics.soil import SoilParameters
+from sensors.errors import FieldError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from geo.grid import FarmGrid
 
-FIELDS = ("tylcv", "ccr", "soil")
-"""Tomato yellow leaf curl virus, charcoal rot of strawberries, soil humidity: the order of all arrays."""
+Kind = Literal["disease", "continuous"]
+Dynamics = EpidemicParameters | SoilParameters
 
-DEFAULT_VALUES = (1.0, 1.0, 0.0)
-"""The value assumed where nothing is known: healthy, healthy, dry."""
+MAX_FIELDS = 16
+"""So many readings of a cell fit into one MAVLink message with room to spare."""
+CROPS = {crop.name.lower(): int(crop) for crop in Crop}
+"""Names of crops, and their numbers in crop maps."""
+HEALTH_COLOURS = ("#5a0f14", "#f08a24", "#4f9d5d")
+"""Lost, infected, healthy."""
+WATER_COLOURS = (
+    *("#ffffd9", "#edf8b1", "#c7e9b4", "#7fcdbb", "#41b6c4"),
+    *("#1d91c0", "#225ea8", "#253494", "#081d58"),
+)
+"""Dry to wet: ColorBrewer's YlGnBu."""
+
+_NAME = re.compile(r"[a-z][a-z0-9_]{0,23}")
+_RESERVED = ("x", "y", "day", "time_s")
+_COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
+_MAX_TEXT = 60
 
 
-def relevance_masks(grid: FarmGrid) -> NDArray[np.bool_]:
-    """Mark the cells whose error costs the farm's owner something.
-
-    TYLCV counts on the owner's tomatoes, CCR on the owner's strawberries, soil humidity on the owner's
-    planted land; the neighbours' land spreads disease but is never scored.
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One thing that is sensed.
 
     Parameters
     ----------
-    grid : FarmGrid
-        The rasterised farm.
+    name : str
+        Lower-case letters, digits and underscores, at most 24; the name of columns, arrays and streams of
+        random numbers.
+    dynamics : EpidemicParameters or SoilParameters
+        How it develops; that also says which kind of field it is.
+    crops : tuple of str
+        The crops that it concerns (`CROPS`). A disease infects them on everybody's land; errors are counted
+        on the owner's cells with these crops.
+    default : float
+        Value assumed where nothing is known, 0..1.
+    weight : float
+        Weight of its errors in the score, >= 0.
+    cost_above, cost_below : float
+        Cost of a squared error where the estimate is above and below the truth, >= 0.
+    title : str
+        What it is called in pictures and tables; its name if empty.
+    unit : str
+        What its values are measured in, for pictures.
+    colours : tuple of str
+        Two or more colours ``#rrggbb`` from 0 to 1; colours of its kind if empty.
 
-    Returns
-    -------
-    bool[3, W, H]
-        One mask per field, in the order of `FIELDS`.
+    Raises
+    ------
+    FieldError
+        If a value cannot be used.
     """
-    return np.stack([grid.tomato, grid.strawberry, grid.planted])
+
+    name: str
+    dynamics: Dynamics
+    crops: tuple[str, ...]
+    default: float
+    weight: float = 1.0
+    cost_above: float = 1.0
+    cost_below: float = 1.0
+    title: str = ""
+    unit: str = ""
+    colours: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not _NAME.fullmatch(self.name) or self.name in _RESERVED:
+            msg = (
+                f"field {self.name!r:.60}: a name is up to 24 lower-case letters, digits and underscores,"
+                f" begins with a letter and is none of {', '.join(_RESERVED)}"
+            )
+            raise FieldError(msg)
+        if not isinstance(self.dynamics, EpidemicParameters | SoilParameters):
+            found = type(self.dynamics).__name__
+            raise self._error(f"dynamics is {found}, expected EpidemicParameters or SoilParameters")
+        unknown = [crop for crop in self.crops if crop not in CROPS]
+        if unknown or not self.crops or len(set(self.crops)) < len(self.crops):
+            found = f"unknown crop {unknown[0]!r}" if unknown else f"crops {', '.join(self.crops) or 'empty'}"
+            raise self._error(f"{found}; give each once, from {', '.join(CROPS)}")
+        if not 0.0 <= self.default <= 1.0:
+            raise self._error(f"default {self.default} is not in 0..1")
+        for name in ("weight", "cost_above", "cost_below"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise self._error(f"{name} {getattr(self, name)} is negative or not finite")
+        for name in ("title", "unit"):
+            text = getattr(self, name)
+            if len(text) > _MAX_TEXT or not text.isprintable():
+                raise self._error(f"{name} {text!r:.70} is not one line of up to {_MAX_TEXT} characters")
+        if len(self.colours) == 1 or not all(_COLOUR.fullmatch(colour) for colour in self.colours):
+            raise self._error(f"colours {self.colours!r:.70} are not two or more of the form #rrggbb")
+        if not self.title:
+            object.__setattr__(self, "title", self.name)
+        if not self.colours:
+            disease = self.kind == "disease"
+            object.__setattr__(self, "colours", HEALTH_COLOURS if disease else WATER_COLOURS)
+
+    def _error(self, text: str) -> FieldError:
+        return FieldError(f"field {self.name}: {text}")
+
+    @property
+    def kind(self) -> Kind:
+        """Whether it is a disease, with three values, or a continuous field."""
+        return "disease" if isinstance(self.dynamics, EpidemicParameters) else "continuous"
+
+    @property
+    def epidemic(self) -> EpidemicParameters:
+        """The parameters of a disease; FieldError if it is none."""
+        if not isinstance(self.dynamics, EpidemicParameters):
+            raise self._error("is no disease")
+        return self.dynamics
+
+    @property
+    def humidity(self) -> SoilParameters:
+        """The parameters of a continuous field; FieldError if it is a disease."""
+        if not isinstance(self.dynamics, SoilParameters):
+            raise self._error("is a disease, not a continuous field")
+        return self.dynamics
+
+    def hosts(self, grid: FarmGrid) -> NDArray[np.bool_]:
+        """Mark the cells with its crops, whoever owns them: bool[W, H], a new array."""
+        crop = np.asarray(grid.crop)
+        cells: NDArray[np.bool_] = crop == CROPS[self.crops[0]]
+        for name in self.crops[1:]:
+            cells |= crop == CROPS[name]
+        return cells
+
+    def mask(self, grid: FarmGrid) -> NDArray[np.bool_]:
+        """Mark the owner's cells with its crops, those whose error costs something: bool[W, H]."""
+        cells = self.hosts(grid)
+        cells &= grid.owned
+        return cells
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class FieldSet:
+    """Fields in the order of all arrays.
+
+    Parameters
+    ----------
+    fields : tuple of Field
+        From one to `MAX_FIELDS`, each with a name of its own.
+
+    Raises
+    ------
+    FieldError
+        If there is none, there are too many, or two have one name.
+
+    Examples
+    --------
+    >>> two = FieldSet((PAPER_FIELDS["soil"], PAPER_FIELDS["tylcv"]))
+    >>> two, two.index("tylcv"), two.defaults, [field.name for field in two.diseases]
+    (FieldSet(soil, tylcv), 1, (0.0, 1.0), ['tylcv'])
+    """
+
+    fields: tuple[Field, ...]
+
+    def __post_init__(self) -> None:
+        if not 1 <= len(self.fields) <= MAX_FIELDS:
+            msg = f"fields: {len(self.fields)} fields, expected 1 to {MAX_FIELDS}"
+            raise FieldError(msg)
+        twice = [name for name in self.names if self.names.count(name) > 1]
+        if twice:
+            msg = f"fields: {twice[0]!r} is given twice; every field needs a name of its own"
+            raise FieldError(msg)
+
+    def __repr__(self) -> str:
+        return f"FieldSet({', '.join(self.names)})"
+
+    def __len__(self) -> int:
+        return len(self.fields)
+
+    def __iter__(self) -> Iterator[Field]:
+        return iter(self.fields)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    def __getitem__(self, key: str | int) -> Field:
+        """Give a field by its name or number."""
+        return self.fields[self.index(key) if isinstance(key, str) else key]
+
+    def index(self, name: str) -> int:
+        """Give the number of a field by its name; FieldError if it is not there."""
+        if name not in self.names:
+            msg = f"no field {name!r}, expected one of {', '.join(self.names)}"
+            raise FieldError(msg)
+        return self.names.index(name)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names, in order."""
+        return tuple(field.name for field in self.fields)
+
+    @property
+    def defaults(self) -> tuple[float, ...]:
+        """The value of each field where nothing is known."""
+        return tuple(field.default for field in self.fields)
+
+    @property
+    def diseases(self) -> tuple[Field, ...]:
+        """The fields that are diseases."""
+        return tuple(field for field in self.fields if field.kind == "disease")
+
+    @property
+    def continuous(self) -> tuple[Field, ...]:
+        """The fields that are none."""
+        return tuple(field for field in self.fields if field.kind == "continuous")
+
+    def masks(self, grid: FarmGrid) -> NDArray[np.bool_]:
+        """Mark the cells whose error costs the farm's owner something, field by field.
+
+        The neighbours' land spreads disease but is never scored.
+
+        Returns
+        -------
+        bool[n, W, H]
+        """
+        masks = np.empty((len(self.fields), *grid.shape), np.bool_)
+        for field, mask in zip(self.fields, masks, strict=True):
+            mask[...] = field.mask(grid)
+        return masks
+
+    def with_dynamics(self, **dynamics: Dynamics) -> FieldSet:
+        """Give the same fields, of which some develop otherwise.
+
+        Examples
+        --------
+        >>> fields = PAPER_FIELDS.with_dynamics(ccr=EpidemicParameters(likelihood=0.3, duration_days=10))
+        >>> fields["ccr"].epidemic.likelihood, fields["tylcv"] == PAPER_FIELDS["tylcv"]
+        (0.3, True)
+        """
+        for name in dynamics:
+            self.index(name)
+        return FieldSet(
+            tuple(replace(field, dynamics=dynamics.get(field.name, field.dynamics)) for field in self.fields)
+        )
+
+
+PAPER_FIELDS = FieldSet(
+    (
+        Field(
+            name="tylcv",
+            dynamics=TYLCV,
+            crops=("tomato",),
+            default=1.0,
+            weight=1.0,
+            cost_above=10.0,
+            title="TYLCV (tomato)",
+            unit="health",
+        ),
+        Field(
+            name="ccr",
+            dynamics=CCR,
+            crops=("strawberry",),
+            default=1.0,
+            weight=0.2,
+            cost_above=10.0,
+            title="charcoal rot (strawberry)",
+            unit="health",
+        ),
+        Field(
+            name="soil",
+            dynamics=SoilParameters(),
+            crops=("strawberry", "tomato"),
+            default=0.0,
+            weight=0.1,
+            title="soil humidity",
+            unit="part of saturation",
+        ),
+    )
+)
+"""Tomato yellow leaf curl virus, charcoal rot of strawberries and soil humidity: those of the benchmark."""
+
+FIELDS = PAPER_FIELDS.names
+DEFAULT_VALUES = (1.0, 1.0, 0.0)
+
+
+def relevance_masks(grid: FarmGrid) -> NDArray[np.bool_]:
+    """Mark the cells whose error costs the farm's owner something: bool[3, W, H]."""
+    return PAPER_FIELDS.masks(grid)

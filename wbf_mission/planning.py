@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from geo import Crop, Farm, get_farm
 from geo.errors import WbfMissionError
-from geo.seeds import child_seed
+from geo.seeds import sealed_seed
 from mission.errors import PlanningError
 from mission.files import read_mission
 from mission.model import Command, GeoPoint, Mission
@@ -317,7 +317,7 @@ def plan(scenario: Scenario) -> PlanResult:
             for crop in (Crop.TOMATO, Crop.STRAWBERRY)
             if not (land := farm.crop_area(crop)).is_empty
         ),
-        seed=child_seed(scenario.seed, "planner"),
+        seed=sealed_seed(scenario.seed, "planner"),
     )
     path = _run_planner(planner, request, scenario.planner)
     mission = builder.mission(path)

@@ -1,10 +1,10 @@
 """The hidden state of the farm: epidemics and soil humidity over days."""
 
+from sensors.dynamics.epidemic import CCR, TYLCV, EpidemicParameters
+from sensors.dynamics.soil import SoilParameters
 from sensors.environment.environment import Environment, Provenance
-from sensors.environment.epidemic import CCR, TYLCV, EpidemicParameters
 from sensors.environment.generate import generate_environment
 from sensors.environment.model import DISEASES, EnvironmentModel
-from sensors.environment.soil import SoilParameters
 
 __all__ = [
     "CCR",

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sensors.environment.epidemic import IMMUNE, SUSCEPTIBLE
+from sensors.dynamics.epidemic import IMMUNE, SUSCEPTIBLE
+from sensors.dynamics.outbreak import NO_HOST, status_table, value_table
 from sensors.environment.layers import ArrayLayer, Layer, T
 from sensors.environment.model import DISEASES, Disease, EnvironmentModel
-from sensors.environment.outbreak import NO_HOST, status_table, value_table
 from sensors.errors import EnvironmentDataError
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ class Environment:
         What it was made with.
     onset : mapping of str to int8[W, H]
         Day of infection of each cell for "tylcv" and "ccr"; -1 never, -2 no host
-        (`sensors.environment.outbreak`).
+        (`sensors.dynamics.outbreak`).
     soil : mapping of int to float32[W, H]
         Soil humidity of each kept day.
     provenance : Provenance

@@ -18,12 +18,12 @@ from threadpoolctl import threadpool_limits
 from geo.grid import STRAWBERRY, TOMATO
 from geo.memory import NotEnoughMemoryError, require_memory
 from geo.seeds import root_seed, stream
+from sensors.dynamics.epidemic import MAX_DAYS
+from sensors.dynamics.front import FRONT_BYTES_A_CELL
+from sensors.dynamics.outbreak import simulate_outbreak
+from sensors.dynamics.soil import SoilCourse, draw_weather
 from sensors.environment.environment import Environment, Provenance, grid_digest
-from sensors.environment.epidemic import MAX_DAYS
-from sensors.environment.front import FRONT_BYTES_A_CELL
 from sensors.environment.model import DISEASES, Disease, EnvironmentModel
-from sensors.environment.outbreak import simulate_outbreak
-from sensors.environment.soil import SoilCourse, draw_weather
 from sensors.errors import EnvironmentDataError
 
 if TYPE_CHECKING:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from sensors.environment.epidemic import CCR, TYLCV, EpidemicParameters
-from sensors.environment.soil import SoilParameters
+from sensors.dynamics.epidemic import CCR, TYLCV, EpidemicParameters
+from sensors.dynamics.soil import SoilParameters
 
 Disease = Literal["tylcv", "ccr"]
 DISEASES: tuple[Disease, ...] = ("tylcv", "ccr")

@@ -19,10 +19,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.dynamics.outbreak import NO_HOST
 from sensors.environment.environment import Environment, Provenance
 from sensors.environment.layers import ArrayLayer, ChunkCache, ChunkedLayer
 from sensors.environment.model import DISEASES, Disease, EnvironmentModel
-from sensors.environment.outbreak import NO_HOST
 from sensors.errors import EnvironmentDataError
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from sim_vehicle.pilot.modes import Mode
+from sim_vehicle.autopilot.modes import Mode
 
 if TYPE_CHECKING:
     from sim_vehicle.pilot.pilot import Pilot

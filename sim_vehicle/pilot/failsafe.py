@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.state import LandedState, Phase
 from sim_vehicle.pilot.failsafe_rules import Action, Rules
 from sim_vehicle.pilot.fence import Bounds, Breach, Fence, FenceWatch
-from sim_vehicle.pilot.modes import Mode, Outcome
+from sim_vehicle.pilot.modes import Outcome
 from sim_vehicle.pilot.notices import Severity
 
 if TYPE_CHECKING:

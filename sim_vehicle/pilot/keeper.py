@@ -11,6 +11,7 @@ from geo.frame import LocalFrame
 from mission.model import Command, MissionItem
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import with_autopilot
+from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor, check_mission
 from sim_vehicle.execution.items import item_places
@@ -18,7 +19,7 @@ from sim_vehicle.execution.state import LandedState, Phase, VehicleState
 from sim_vehicle.mavlink.parameters import Tuning
 from sim_vehicle.pilot.failsafe_rules import PX4_RULES, Rules
 from sim_vehicle.pilot.fence import Fence
-from sim_vehicle.pilot.modes import Mode, Outcome
+from sim_vehicle.pilot.modes import Outcome
 from sim_vehicle.pilot.notices import MissionState, Notice, RefusedError, Severity
 from sim_vehicle.weather.wind import Wind
 
@@ -205,7 +206,7 @@ class Keeper:
             disarm_delay_s=tuning.disarm_delay_s,
         )
         self.spec = with_autopilot(self.spec, self.spec.autopilot, tuning.settings)
-        self.executor.respec(self.spec)
+        self.executor.update_spec(self.spec)
         self.failsafe.retune()
         self._judge_again()
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from geo.errors import WbfMissionError
-from geo.seeds import SeedError, child_seed, root_seed, stream
+from geo.seeds import SeedError, child_seed, root_seed, sealed_seed, stream
 
 NAMES = st.lists(st.text(max_size=8), min_size=1, max_size=4)
 
@@ -65,3 +65,24 @@ def test_bad_seeds_are_refused_in_one_line(bad: object) -> None:
 def test_numpy_integers_are_seeds() -> None:
     number: Any = np.int64(7)
     assert stream(number, "a").random() == stream(7, "a").random()
+
+
+@given(st.integers(0, 2**128), st.lists(st.text(max_size=5), max_size=3))
+def test_a_sealed_seed_tells_nothing_of_the_seed_it_comes_from(seed: int, names: list[str]) -> None:
+    sealed = sealed_seed(seed, *names)
+    child = child_seed(seed, *names)
+    assert sealed.spawn_key == ()
+    assert sealed.entropy != seed
+    assert 0 <= sealed.entropy < 2**256
+    assert sealed.entropy == sealed_seed(child).entropy
+    assert sealed.entropy != sealed_seed(seed, *names, "x").entropy
+    assert (sealed.generate_state(4) != child.generate_state(4)).any()
+
+
+def test_a_sealed_seed_stays_the_same() -> None:
+    assert stream(sealed_seed(7, "planner")).integers(10**6) == 78187
+
+
+def test_a_sealed_seed_refuses_what_is_no_seed() -> None:
+    with pytest.raises(SeedError, match="negative"):
+        sealed_seed(-1, "planner")

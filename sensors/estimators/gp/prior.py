@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from geo.atomic import atomic_write
 from geo.grid import FarmGrid
 from geo.seeds import stream
+from sensors.dynamics.epidemic import MAX_DAYS
+from sensors.dynamics.outbreak import simulate_outbreak, value_table
+from sensors.dynamics.soil import draw_weather, write_soil
 from sensors.environment import DISEASES, EnvironmentModel, EpidemicParameters, SoilParameters
-from sensors.environment.epidemic import MAX_DAYS
 from sensors.environment.generate import HOSTS
-from sensors.environment.outbreak import simulate_outbreak, value_table
-from sensors.environment.soil import draw_weather, write_soil
 from sensors.errors import EstimatorError
 from sensors.estimators.gp.rbf import Floats, RbfKernel
 from sensors.estimators.gp.threads import one_blas_thread

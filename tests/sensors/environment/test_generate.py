@@ -15,6 +15,14 @@ from geo.farms import get_farm
 from geo.grid import FarmGrid
 from geo.memory import AvailableMemory, NotEnoughMemoryError
 from geo.seeds import child_seed
+from sensors.dynamics.soil import (
+    SoilCourse,
+    draw_weather,
+    hump_factors,
+    rain_factors,
+    soil_step,
+    write_soil,
+)
 from sensors.environment import (
     CCR,
     DISEASES,
@@ -26,14 +34,6 @@ from sensors.environment import (
     generate_environment,
 )
 from sensors.environment.generate import memory_needed
-from sensors.environment.soil import (
-    SoilCourse,
-    draw_weather,
-    hump_factors,
-    rain_factors,
-    soil_step,
-    write_soil,
-)
 from sensors.errors import EnvironmentDataError
 
 

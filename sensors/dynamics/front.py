@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.environment.kernel import DistanceKernel
+from sensors.dynamics.kernel import DistanceKernel
 
 Cells = NDArray[np.intp]
 

@@ -22,8 +22,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.environment.front import InfectionFront
-from sensors.environment.kernel import DistanceKernel, make_kernel
+from sensors.dynamics.front import InfectionFront
+from sensors.dynamics.kernel import DistanceKernel, make_kernel
 from sensors.errors import EnvironmentDataError
 
 SUSCEPTIBLE = 0
@@ -98,7 +98,7 @@ class EpidemicParameters:
     kernel_size : int, optional
         Side of the square of neighbours, odd, cells. None: ``2 * int(sqrt(width) / 6) + 3``, at most 11.
     kernel_shape : {"inverse-square", "exponential", "gaussian"}
-        See `sensors.environment.kernel.make_kernel`.
+        See `sensors.dynamics.kernel.make_kernel`.
     kernel_length_cells : float
         Length of the exponential and Gaussian shapes, cells.
     rule : {"count", "kernel"}

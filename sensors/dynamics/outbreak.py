@@ -12,8 +12,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from sensors.environment.epidemic import IMMUNE, REMOVED, SUSCEPTIBLE, EpidemicParameters
-from sensors.environment.front import InfectionFront
+from sensors.dynamics.epidemic import IMMUNE, REMOVED, SUSCEPTIBLE, EpidemicParameters
+from sensors.dynamics.front import InfectionFront
 
 NEVER = -1
 """Onset of a cell that was not infected."""
@@ -66,7 +66,7 @@ def simulate_outbreak(
 ) -> NDArray[np.int8]:
     """Let a disease run for some days.
 
-    The result is that of `sensors.environment.epidemic.step` repeated day by day, at a cost proportional to
+    The result is that of `sensors.dynamics.epidemic.step` repeated day by day, at a cost proportional to
     the number of infected cells.
 
     Parameters
@@ -76,7 +76,7 @@ def simulate_outbreak(
     parameters : EpidemicParameters
         The disease.
     days : int
-        Number of steps, at most `sensors.environment.epidemic.MAX_DAYS`.
+        Number of steps, at most `sensors.dynamics.epidemic.MAX_DAYS`.
     rng : numpy.random.Generator
         Gives the seeds, then on each day one uniform number for each cell that may be infected, in C order.
     on_day : callable
@@ -128,7 +128,7 @@ def status_table(parameters: EpidemicParameters, day: int) -> NDArray[np.int8]:
 
     Examples
     --------
-    >>> from sensors.environment.epidemic import TYLCV
+    >>> from sensors.dynamics.epidemic import TYLCV
     >>> table = status_table(TYLCV, 6)
     >>> [int(table[onset]) for onset in (0, 1, 2, 6, 7, NEVER, NO_HOST)]
     [-1, -1, 1, 5, 0, 0, -2]

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sensors.environment.epidemic import CCR, IMMUNE, TYLCV, EpidemicParameters, step
-from sensors.environment.outbreak import NEVER, NO_HOST, status_table, value_table
-from sensors.environment.soil import SoilParameters, draw_weather, hump_factors, soil_step, write_soil
+from sensors.dynamics.epidemic import CCR, IMMUNE, TYLCV, EpidemicParameters, step
+from sensors.dynamics.outbreak import NEVER, NO_HOST, status_table, value_table
+from sensors.dynamics.soil import SoilParameters, draw_weather, hump_factors, soil_step, write_soil
 
 GOLDEN = Path(__file__).parents[2] / "data" / "golden"
 DAYS = range(1, 16)

@@ -1,0 +1,145 @@
+"""A name with parameters in one text, such as ``lawnmower:direction=0.3``.
+
+After the name and a colon come ``key=value`` pairs with commas between them. A value is
+
+- a number: ``3``, ``0.3``, ``-1e-3``;
+- ``true``, ``false`` or ``none``;
+- a list of values in brackets, ``[1, 10]``, which becomes a tuple;
+- any other text, in double quotes if it holds a comma or bracket or would be read as one of the above.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+from typing import TypeAlias
+
+from geo.errors import WbfMissionError
+
+Scalar: TypeAlias = bool | int | float | str | None
+Parameter: TypeAlias = Scalar | tuple[Scalar, ...]
+
+_CONSTANTS: dict[str, Scalar] = {"true": True, "false": False, "none": None}
+_INTEGER = re.compile(r"[+-]?[0-9]{1,18}", re.ASCII)
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", re.ASCII)
+_TOKEN = re.compile(r'"[^"]*"|[\[\],]|[^\[\],"]+')
+_HINT = "write NAME or NAME:key=value,key=value"
+
+
+class ParameterError(WbfMissionError, ValueError):
+    """Parameters that cannot be read, or that what they are given to does not have."""
+
+
+def parse_named(text: str) -> tuple[str, dict[str, Parameter]]:
+    """Read a name and its parameters.
+
+    Parameters
+    ----------
+    text : str
+        ``NAME`` or ``NAME:key=value,...``; blanks around names, keys and values do not count.
+
+    Returns
+    -------
+    name : str
+    parameters : dict
+        Values by key, in the order of the text.
+
+    Raises
+    ------
+    ParameterError
+        If the name is missing, a pair is no ``key=value``, a key comes twice, or a value is not finite.
+
+    Examples
+    --------
+    >>> parse_named("spiral")
+    ('spiral', {})
+    >>> parse_named("gp:learn_from=model,length_bounds=[1,10]")
+    ('gp', {'learn_from': 'model', 'length_bounds': (1, 10)})
+    """
+    name, colon, rest = text.partition(":")
+    name = name.strip()
+    if not name or "=" in name:
+        raise ParameterError(f"{text!r} begins without a name: {_HINT}")
+    parameters: dict[str, Parameter] = {}
+    for pair in _split(rest, text) if colon else ():
+        key, equals, value = pair.partition("=")
+        key = key.strip()
+        if not (equals and key.isidentifier()):
+            raise ParameterError(f"{text!r}: {pair.strip()!r} is no key=value; {_HINT}")
+        if key in parameters:
+            raise ParameterError(f"{text!r}: {key} is given twice; give it once")
+        parameters[key] = _value(value.strip(), key, text)
+    return name, parameters
+
+
+def check_parameters(owner: str, given: Iterable[str], known: Iterable[str]) -> None:
+    """Refuse parameters that their owner does not have.
+
+    Parameters
+    ----------
+    owner : str
+        What the parameters are for, as the message names it: ``planner spiral``.
+    given, known : iterable of str
+        The names in question, and those that there are.
+
+    Raises
+    ------
+    ParameterError
+        If a given name is unknown; the text lists the known ones.
+    """
+    there = sorted(known)
+    unknown = sorted(set(given).difference(there))
+    if unknown:
+        which = f"parameter {unknown[0]!r}" if len(unknown) == 1 else f"parameters {', '.join(unknown)}"
+        raise ParameterError(f"{owner} has no {which}; it has {', '.join(there) or 'no parameters'}")
+
+
+def _split(text: str, whole: str) -> list[str]:
+    """Cut at the commas that stand outside of brackets and quotes."""
+    parts, inside = [""], False
+    position = 0
+    while position < len(text):
+        token = _TOKEN.match(text, position)
+        if token is None:
+            raise ParameterError(f"{whole!r}: a quotation mark is not closed")
+        position = token.end()
+        if token[0] in ("[", "]"):
+            if inside is (token[0] == "["):
+                raise ParameterError(f"{whole!r}: brackets do not pair; a list is written [1, 10]")
+            inside = not inside
+        if token[0] == "," and not inside:
+            parts.append("")
+        else:
+            parts[-1] += token[0]
+    if inside:
+        raise ParameterError(f"{whole!r}: brackets do not pair; a list is written [1, 10]")
+    return parts
+
+
+def _value(text: str, key: str, whole: str) -> Parameter:
+    if not text.startswith("["):
+        return _scalar(text, key, whole)
+    if not text.endswith("]"):
+        raise ParameterError(f"{whole!r}: {key}={text} goes on after its list")
+    inner = text[1:-1]
+    return tuple(_scalar(item.strip(), key, whole) for item in _split(inner, whole)) if inner.strip() else ()
+
+
+def _scalar(text: str, key: str, whole: str) -> Scalar:
+    if len(text) >= 2 and text[0] == text[-1] == '"':
+        return text[1:-1]
+    if not text:
+        raise ParameterError(f'{whole!r}: {key} has no value; an empty text is written ""')
+    if '"' in text or "]" in text or "[" in text:
+        raise ParameterError(f"{whole!r}: {key} has more than one value: {text}")
+    if text.lower() in _CONSTANTS:
+        return _CONSTANTS[text.lower()]
+    if _INTEGER.fullmatch(text):
+        return int(text)
+    if _NUMBER.fullmatch(text):
+        number = float(text)
+        if not math.isfinite(number):
+            raise ParameterError(f"{whole!r}: {key}={text} is too large for a number")
+        return number
+    return text

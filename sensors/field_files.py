@@ -1,0 +1,208 @@
+"""Field sets by name and from files.
+
+A field file is TOML with one or more tables ``[[field]]``; `field_from_table` says what is in one. Names are
+those of the benchmark's fields and of fields that packages register under the entry point group
+``wbf_mission.fields`` (each entry a `sensors.fields.Field`).
+
+>>> load_field_set(["soil", "tylcv"])
+FieldSet(soil, tylcv)
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, fields
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from geo.errors import WbfMissionError
+from sensors.dynamics.epidemic import EpidemicParameters
+from sensors.dynamics.soil import SoilParameters
+from sensors.errors import FieldError
+from sensors.fields import PAPER_FIELDS, Dynamics, Field, FieldSet, Kind
+
+ENTRY_POINT_GROUP = "wbf_mission.fields"
+MAX_FILE_BYTES = 2**20
+
+_DYNAMICS: dict[Kind, type[Dynamics]] = {"disease": EpidemicParameters, "continuous": SoilParameters}
+_REQUIRED = ("name", "kind", "crops", "default")
+
+
+class _Table(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+    """A field in plain values."""
+
+    name: str
+    kind: Kind
+    crops: tuple[str, ...]
+    default: float
+    weight: float = 1.0
+    cost_above: float = 1.0
+    cost_below: float = 1.0
+    title: str = ""
+    unit: str = ""
+    colours: tuple[str, ...] = ()
+    dynamics: dict[str, Any] = {}
+
+
+def load_field_set(names_or_paths: Iterable[str], folder: str | Path = ".") -> FieldSet:
+    """Give a field set by names and files.
+
+    Parameters
+    ----------
+    names_or_paths : iterable of str
+        Names of fields (`field_names`), and field files, which end in ``.toml``.
+    folder : path-like
+        Where relative paths begin.
+
+    Raises
+    ------
+    FieldError
+        If a name is unknown, a file cannot be used, or a field is there twice.
+    """
+    found: list[Field] = []
+    for item in names_or_paths:
+        if item.lower().endswith(".toml"):
+            found += read_fields(Path(folder) / item)
+        else:
+            found.append(_registered(item))
+    return FieldSet(tuple(found))
+
+
+def field_names() -> tuple[str, ...]:
+    """Give the names of all registered fields: the benchmark's first, then those of packages, sorted."""
+    others = {point.name for point in entry_points(group=ENTRY_POINT_GROUP)} - set(PAPER_FIELDS.names)
+    return (*PAPER_FIELDS.names, *sorted(others))
+
+
+def read_fields(path: str | Path) -> tuple[Field, ...]:
+    """Read the fields of a field file.
+
+    Raises
+    ------
+    FieldError
+        If it cannot be read, is no field file, or a field cannot be used; the text names file and field.
+    """
+    path = Path(path)
+    table = _read_toml(path)
+    unknown = [key for key in table if key != "field"]
+    tables = table.get("field")
+    if unknown or not isinstance(tables, list) or not tables:
+        found = f"unknown key {unknown[0]!r}" if unknown else "no table [[field]]"
+        raise FieldError(f"{path}: {found}; a field file has one [[field]] for each field")
+    return tuple(field_from_table(one, f"{path}: field {number}") for number, one in enumerate(tables, 1))
+
+
+def field_from_table(table: Mapping[str, Any], where: str) -> Field:
+    """Make a field from plain values, such as a table of a TOML file.
+
+    Parameters
+    ----------
+    table : mapping
+        ``name``, ``kind`` ("disease" or "continuous"), ``crops`` and ``default``; if wanted ``weight``,
+        ``cost_above``, ``cost_below``, ``title``, ``unit`` and ``colours`` as of `sensors.fields.Field`;
+        and a table ``dynamics`` with the parameters of `sensors.dynamics.epidemic.EpidemicParameters` (of
+        which a disease needs ``likelihood`` and ``duration_days``) or
+        `sensors.dynamics.soil.SoilParameters`.
+    where : str
+        File and place, which begin the text of an error.
+
+    Raises
+    ------
+    FieldError
+        If a key is unknown or missing, or a value cannot be used.
+
+    Examples
+    --------
+    >>> rust = {"name": "rust", "kind": "disease", "crops": ["tomato"], "default": 1.0}
+    >>> field_from_table({**rust, "dynamics": {"likelihood": 0.2, "duration_days": 8}}, "here").kind
+    'disease'
+    """
+    if not isinstance(table, Mapping):
+        raise FieldError(f"{where}: is no table; a field is a table [[field]]")
+    missing = [key for key in _REQUIRED if key not in table]
+    if missing:
+        raise FieldError(f"{where}: {missing[0]} is missing; a field needs {', '.join(_REQUIRED)}")
+    try:
+        plain = msgspec.convert(table, _Table)
+        dynamics = _convert_dynamics(plain.kind, plain.dynamics)
+        return Field(
+            plain.name,
+            dynamics,
+            *(plain.crops, plain.default, plain.weight, plain.cost_above, plain.cost_below),
+            *(plain.title, plain.unit, plain.colours),
+        )
+    except msgspec.ValidationError as error:
+        raise FieldError(f"{where}: {error}") from None
+    except WbfMissionError as error:
+        raise FieldError(f"{where}: {error}") from None
+
+
+def field_to_table(field: Field) -> dict[str, Any]:
+    """Give a field as plain values, from which `field_from_table` makes an equal one.
+
+    Parameters of its dynamics that have no value are left out, as TOML has none for them.
+    """
+    table = {one.name: getattr(field, one.name) for one in fields(field)}
+    table["kind"] = field.kind
+    table["crops"], table["colours"] = list(field.crops), list(field.colours)
+    table["dynamics"] = {key: value for key, value in asdict(field.dynamics).items() if value is not None}
+    return table
+
+
+def _convert_dynamics(kind: Kind, given: dict[str, Any]) -> Dynamics:
+    known = [one.name for one in fields(_DYNAMICS[kind])]
+    unknown = [name for name in given if name not in known]
+    if unknown:
+        msg = f"dynamics: unknown parameter {unknown[0]!r} of a {kind} field; known: {', '.join(known)}"
+        raise FieldError(msg)
+    try:
+        return msgspec.convert(given, _DYNAMICS[kind])
+    except msgspec.ValidationError as error:
+        msg = f"dynamics: {error}"
+        raise FieldError(msg) from None
+
+
+def _registered(name: str) -> Field:
+    if name in PAPER_FIELDS:
+        return PAPER_FIELDS[name]
+    points = [point for point in entry_points(group=ENTRY_POINT_GROUP) if point.name == name]
+    if not points:
+        msg = f"no field {name!r:.60}, expected one of {', '.join(field_names())}, or a field file (.toml)"
+        raise FieldError(msg)
+    if len({point.value for point in points}) > 1:
+        msg = f"field {name!r} is registered twice: {points[0].value} and {points[1].value}"
+        raise FieldError(msg)
+    try:
+        found = points[0].load()
+    except (ImportError, AttributeError) as error:
+        raise FieldError(f"field {name!r} ({points[0].value}) cannot be loaded: {error}") from error
+    if not isinstance(found, Field) or found.name != name:
+        raise FieldError(f"field {name!r} ({points[0].value}) is not a sensors.fields.Field of this name")
+    return found
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        if not path.is_file():
+            raise FieldError(f"{path}: there is no such field file")
+        with path.open("rb") as file:
+            data = file.read(MAX_FILE_BYTES + 1)
+    except (OSError, ValueError) as error:
+        if isinstance(error, FieldError):
+            raise
+        reason = getattr(error, "strerror", None) or error
+        raise FieldError(f"{path}: cannot be read as a field file ({reason})") from None
+    if len(data) > MAX_FILE_BYTES:
+        raise FieldError(f"{path}: larger than {MAX_FILE_BYTES // 2**20} MiB; no field file is so large")
+    try:
+        return tomllib.loads(data.decode("utf-8"))
+    except UnicodeDecodeError as error:
+        raise FieldError(f"{path}: not UTF-8 text (byte {error.start})") from None
+    except RecursionError:
+        raise FieldError(f"{path}: nested too deeply") from None
+    except tomllib.TOMLDecodeError as error:
+        raise FieldError(f"{path}: not TOML ({error})") from None

@@ -1,0 +1,104 @@
+from __future__ import annotations
+
+import string
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from geo.errors import WbfMissionError
+from geo.named import Parameter, ParameterError, check_parameters, parse_named
+
+SCALARS = st.one_of(
+    st.booleans(),
+    st.none(),
+    st.integers(-(10**17), 10**17),
+    st.floats(allow_nan=False, allow_infinity=False),
+    st.text(string.printable.replace('"', ""), max_size=12),
+)
+PARAMETERS = st.dictionaries(
+    st.from_regex(r"[a-z_][a-z0-9_]{0,9}", fullmatch=True), st.one_of(SCALARS, st.lists(SCALARS).map(tuple))
+)
+
+
+def written(value: Parameter) -> str:
+    if isinstance(value, tuple):
+        return "[" + ", ".join(written(item) for item in value) + "]"
+    if value is None or isinstance(value, bool):
+        return str(value).lower()
+    return f'"{value}"' if isinstance(value, str) else repr(value)
+
+
+@given(PARAMETERS)
+def test_every_value_comes_back(parameters: dict[str, Parameter]) -> None:
+    text = "gp" + ":" * bool(parameters) + ",".join(f" {k} = {written(v)}" for k, v in parameters.items())
+    name, read = parse_named(text)
+    assert name == "gp"
+    assert list(read) == list(parameters)
+    for key, value in parameters.items():
+        assert read[key] == value
+        assert type(read[key]) is type(value)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("lawnmower:direction=0.3,x=1", ("lawnmower", {"direction": 0.3, "x": 1})),
+        ("  Spiral ", ("Spiral", {})),
+        ("a:direction=longest side", ("a", {"direction": "longest side"})),
+        ("a:file=C:/data=1.bin", ("a", {"file": "C:/data=1.bin"})),
+        ("a:b=None,c=TRUE,d=.5,e=-1E3", ("a", {"b": None, "c": True, "d": 0.5, "e": -1000.0})),
+        ("a:b=[],c=[none,1]", ("a", {"b": (), "c": (None, 1)})),
+        ("a:b=1.2.3,c=12ab,d=nan,e=inf", ("a", {"b": "1.2.3", "c": "12ab", "d": "nan", "e": "inf"})),
+    ],
+)
+def test_what_is_read(text: str, expected: tuple[str, dict[str, Parameter]]) -> None:
+    assert parse_named(text) == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "without a name"),
+        (":a=1", "without a name"),
+        ("a=1", "without a name"),
+        ("spiral:", "no key=value"),
+        ("spiral:a", "no key=value"),
+        ("spiral:a=1,", "no key=value"),
+        ("spiral:1a=1", "no key=value"),
+        ("spiral:=1", "no key=value"),
+        ("spiral:a=", "a has no value"),
+        ("spiral:a=[1,,2]", "a has no value"),
+        ("spiral:a=1,a=2", "a is given twice"),
+        ("spiral:a=[1,2", "brackets"),
+        ("spiral:a=1]", "brackets"),
+        ("spiral:a=[[1]]", "brackets"),
+        ("spiral:a=[1]2", "goes on after"),
+        ("spiral:a=1[2]", "more than one value"),
+        ('spiral:a="b', "not closed"),
+        ('spiral:a="b"c', "more than one value"),
+        ("spiral:a=1e999", "too large"),
+    ],
+)
+def test_what_is_refused(text: str, says: str) -> None:
+    with pytest.raises(ParameterError, match=says) as caught:
+        parse_named(text)
+    assert "\n" not in str(caught.value)
+    assert isinstance(caught.value, WbfMissionError)
+
+
+@given(st.text(max_size=30))
+def test_any_text_is_read_or_refused_in_one_line(text: str) -> None:
+    try:
+        parse_named(text)
+    except ParameterError as error:
+        assert len(str(error).splitlines()) == 1
+
+
+def test_unknown_parameters_are_refused_with_the_known_ones() -> None:
+    check_parameters("planner spiral", ["inset"], ["inset", "turns"])
+    with pytest.raises(ParameterError) as caught:
+        check_parameters("planner spiral", ["insets"], ["turns", "inset"])
+    assert str(caught.value) == "planner spiral has no parameter 'insets'; it has inset, turns"
+    with pytest.raises(ParameterError, match="no parameters b, c; it has no parameters"):
+        check_parameters("planner x", ["c", "b"], [])

@@ -5,7 +5,6 @@ Plain text on purpose: drawing boxes around it would take longer than everything
 
 from __future__ import annotations
 
-import re
 import sys
 from typing import Any
 
@@ -16,7 +15,6 @@ from wbf_mission.exit_codes import ExitCode
 
 __all__ = ["HelpCommand", "HelpGroup"]
 
-_MARKUP = re.compile(r"\[/?bold\]")
 _OPTIONS = "Options"
 
 
@@ -39,7 +37,7 @@ def _write_options(command: Any, context: Any, formatter: Any) -> None:
 def _write_epilog(command: Any, formatter: Any) -> None:
     """Write the first line as a heading and the others as they are, so that they can be copied."""
     if command.epilog:
-        title, *lines = (line for line in _MARKUP.sub("", command.epilog).splitlines() if line.strip())
+        title, *lines = (line for line in command.epilog.splitlines() if line.strip())
         with formatter.section(title):
             for line in lines:
                 formatter.write(f"  {line}\n")

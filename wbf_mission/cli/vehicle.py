@@ -17,7 +17,7 @@ app = typer.Typer(cls=HelpGroup, help="Look at vehicles: list them, show one wit
 
 VehicleArgument = Annotated[
     str,
-    typer.Argument(help="Name of a vehicle or a TOML file.", autocompletion=options._complete("vehicle")),
+    typer.Argument(help="Name of a vehicle or a TOML file.", autocompletion=options.complete("vehicle")),
 ]
 
 

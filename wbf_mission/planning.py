@@ -28,7 +28,7 @@ from mission.planners import (
     WingPattern,
     build_mission,
     coverage,
-    get_planner,
+    make_planner,
     parse_budget,
 )
 from mission.planners.budget import LengthBudget
@@ -305,7 +305,7 @@ def plan(scenario: Scenario) -> PlanResult:
     footprint_m = scenario.camera_footprint * farm.cell_size_m
     if scenario.mission is not None:
         return _read(builder, area, footprint_m)
-    planner = get_planner(scenario.planner)
+    planner = make_planner(scenario.planner)
     budget, text = make_budget(builder)
     request = PlanningRequest(
         area=area,

@@ -125,9 +125,9 @@ def test_a_planner_is_held_to_its_budget(monkeypatch: pytest.MonkeyPatch) -> Non
         msg = "left"
         raise KeyError(msg)
 
-    monkeypatch.setattr("wbf_mission.planning.get_planner", lambda _: generous)
+    monkeypatch.setattr("wbf_mission.planning.make_planner", lambda _: generous)
     with pytest.raises(PlanningError, match="over the budget of 200 m"):
         plan(Scenario(budget="200m"))
-    monkeypatch.setattr("wbf_mission.planning.get_planner", lambda _: broken)
+    monkeypatch.setattr("wbf_mission.planning.make_planner", lambda _: broken)
     with pytest.raises(PlanningError, match="planner spiral failed: KeyError"):
         plan(Scenario(budget="200m"))

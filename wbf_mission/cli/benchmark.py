@@ -45,7 +45,7 @@ def benchmark_command(
 
     The environment of a seed is the same for every row, so the rows can be compared.
     """
-    from mission.planners import get_planner
+    from mission.planners import make_planner
     from sensors.estimators import make_estimator
     from wbf_mission.benchmark import run_benchmark
     from wbf_mission.scenario import Scenario, ScenarioError, load_scenario, scenario_with
@@ -60,7 +60,7 @@ def benchmark_command(
         raise ScenarioError(msg)
     names = {"planner": _names(planners), "estimator": _names(estimators)}
     for planner in names["planner"]:
-        get_planner(planner)
+        make_planner(planner)
     for estimator in names["estimator"]:
         make_estimator(estimator)
     with output.progress() as progress:

@@ -206,7 +206,7 @@ class Keeper:
             disarm_delay_s=parameters.disarm_delay_s,
         )
         self.spec = with_autopilot(self.spec, self.spec.autopilot, parameters.settings)
-        self.executor.respec(self.spec)
+        self.executor.update_spec(self.spec)
         self.failsafe.apply_parameters()
         self._judge_again()
 

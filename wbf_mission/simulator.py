@@ -10,7 +10,7 @@ from geo.seeds import stream
 from mission.model import GeoPoint
 from sensors.camera.leaf_camera import LeafCamera
 from sim_vehicle.camera.component import LeafCameraComponent
-from sim_vehicle.host.component import Component
+from sim_vehicle.component import Component
 from sim_vehicle.mavlink import SimVehicle, get_persona
 from sim_vehicle.mavlink.fleet import SPACING_M, Fleet
 from sim_vehicle.prediction.compile_ahead import warm_up

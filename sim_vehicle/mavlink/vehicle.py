@@ -29,9 +29,9 @@ from mission.transfer.storage import UncheckedItem
 from sim_vehicle.airframe.sensor_errors import NavigationErrors, Sensed, SensorNoise
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.component import NEVER
 from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS
 from sim_vehicle.execution.state import CameraCommand, FlightEvent, HomeMoved, ItemReached
-from sim_vehicle.host.component import NEVER
 from sim_vehicle.mavlink import commands
 from sim_vehicle.mavlink.camera_commands import CAMERA, CameraOrders
 from sim_vehicle.mavlink.parameters import ParameterSet, parameter_table

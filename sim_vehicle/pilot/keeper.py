@@ -206,7 +206,7 @@ class Keeper:
             disarm_delay_s=tuning.disarm_delay_s,
         )
         self.spec = with_autopilot(self.spec, self.spec.autopilot, tuning.settings)
-        self.executor.respec(self.spec)
+        self.executor.update_spec(self.spec)
         self.failsafe.retune()
         self._judge_again()
 

@@ -9,8 +9,8 @@ from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
 from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.component import NEVER
 from sim_vehicle.energy.battery import WH_J
-from sim_vehicle.host.component import NEVER
 from sim_vehicle.host.simulation import Simulation, StopReason
 from sim_vehicle.mavlink import ARDUPILOT, PX4, Mode, Outcome, SimVehicle
 

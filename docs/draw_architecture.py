@@ -59,7 +59,9 @@ def rooms_of(graph: grimp.ImportGraph) -> dict[str, Room]:
     for module in graph.modules:
         path = ROOT / (module.replace(".", "/") + ".py")
         path = path if path.exists() else ROOT / module.replace(".", "/") / "__init__.py"
-        sizes.setdefault(room_of(module, graph), []).append(len(path.read_text(encoding="utf-8").splitlines()))
+        sizes.setdefault(room_of(module, graph), []).append(
+            len(path.read_text(encoding="utf-8").splitlines())
+        )
     return {name: Room(name, name.split(".")[0], sum(lines), len(lines)) for name, lines in sizes.items()}
 
 

@@ -14,9 +14,8 @@ Floats = NDArray[np.float64]
 
 SICK_BELOW = 0.75
 """A value below this is nearer to infected or lost than to healthy."""
-CELL_BY_CELL = 200
-"""Farms of no more cells a side are shown cell by cell."""
-_PIXELS = 120
+CELL_BY_CELL = 240
+"""Farms of no more cells a side are shown cell by cell, larger ones in at most so many pixels a side."""
 _BLOCKS = 24
 _LEAST_BLOCK_CELLS = 5
 
@@ -43,7 +42,7 @@ class MapGrid:
     >>> from geo.farms import get_farm
     >>> grid = MapGrid.of(get_farm("waterberry"))
     >>> grid.pixel, grid.block, grid.blocks, grid.name(1, 0), grid.name(27, 4)
-    (50, 250, (24, 20), 'B1', 'AB5')
+    (25, 250, (24, 20), 'B1', 'AB5')
     """
 
     shape: tuple[int, int]
@@ -55,7 +54,7 @@ class MapGrid:
     def of(cls, farm: Farm) -> MapGrid:
         """Give the blocks of a farm: at most 24 along its longer side."""
         longest = max(farm.width_cells, farm.height_cells)
-        pixel = 1 if longest <= CELL_BY_CELL else -(-longest // _PIXELS)
+        pixel = -(-longest // CELL_BY_CELL)
         side = max(-(-longest // (_BLOCKS * pixel)), -(-_LEAST_BLOCK_CELLS // pixel))
         return cls((farm.width_cells, farm.height_cells), farm.cell_size_m, pixel, side)
 

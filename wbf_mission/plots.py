@@ -33,11 +33,13 @@ CROP_COLOURS = {
     Crop.WETLAND: "#9ccfb8",
 }
 LAND = "#e9e6df"
-FINDS = "#00a5e0"
+FINDS = "#0072b2"
 PATH = "#3b3b3b"
 WORST_COLOURS = ("#3d0a3a", "#f29e38", "#dfeaf2")  # lost, infected, healthy: dark, middle, light
 MAX_PIXELS = 600  # a crop map shows no more cells a side than this
-_LEAST_SHARE = 1e-3
+_LARGEST_SHARE = 0.02  # at least so much is shown of a large farm's scale of sick plants
+_SHARE_RANGE = 50.0
+_MARGIN = 0.04
 _TITLES = {
     "disease": ("plants expected sick", "worst plant expected", "how sure: deviation of the share", "truth"),
     "continuous": ("expected mean", "lowest value expected", "how sure: standard deviation", "truth"),
@@ -174,19 +176,20 @@ def plot_field(
         First line of the sheet.
     """
     kind, grid = estimate.field.kind, estimate.grid
-    width, height = (side * grid.cell_size_m for side in grid.shape)
-    panel_height = min(max(4.9 * height / width, 3.2), 6.5)
+    left, right, low, high = _part_shown(farm)
+    panel_height = min(max(4.9 * (high - low) / (right - left), 3.2), 6.5)
     figure = _figure(12.0, 2.0 * panel_height + 1.3)
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
     figure.subplots_adjust(
-        left=0.06, right=0.97, bottom=0.55 / figure.get_figheight(), top=1.0 - 0.95 / figure.get_figheight()
+        left=0.06, right=0.95, bottom=0.55 / figure.get_figheight(), top=1.0 - 0.95 / figure.get_figheight()
     )
-    figure.subplots_adjust(wspace=0.08, hspace=0.14)
+    figure.subplots_adjust(wspace=0.12, hspace=0.14)
+    share_style = _share_style(estimate)
     shown: tuple[tuple[NDArray[np.float64] | None, dict[str, Any], str, str], ...] = (
-        (estimate.share, *_share_style(estimate)),
+        (estimate.share, *share_style),
         (np.where(np.isfinite(estimate.least), estimate.least, np.nan), *_least_style(estimate)),
         (estimate.deviation, *_deviation_style(estimate)),
-        (None if truth is None else truth.share, *_share_style(estimate)),
+        (None if truth is None else truth.share, *share_style),
     )
     for number, (axes, name, (pixels, style, scale, unit)) in enumerate(
         zip(panels.flat, _TITLES[kind], shown, strict=True)
@@ -195,17 +198,19 @@ def plot_field(
         _outline(axes, farm)
         axes.set_title(name, fontsize=9, pad=12)
         axes.set_aspect("equal")
-        axes.set_xlim(0.0, width)
-        axes.set_ylim(0.0, height)
+        axes.set_xlim(left, right)
+        axes.set_ylim(low, high)
         if pixels is None:
             text = "not known" if number == 3 else "this estimator does not tell how sure it is"
             axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", fontsize=9)
         else:
             _show(figure, axes, pixels, grid, style, scale, unit)
-        _name_blocks(axes, grid)
+        _name_blocks(axes, grid, (left, right, low, high))
         if number < 2 and flown_m is not None and len(flown_m):
             label = "path flown"
-            axes.plot(flown_m[:, 0], flown_m[:, 1], color=PATH, linewidth=0.6, alpha=0.7, label=label, zorder=3)
+            axes.plot(
+                flown_m[:, 0], flown_m[:, 1], color=PATH, linewidth=0.6, alpha=0.7, label=label, zorder=3
+            )
     _mark_finds(panels[0, 0], estimate)
     if panels[0, 0].get_legend_handles_labels()[0]:
         panels[0, 0].legend(loc="upper left", fontsize=7, framealpha=0.85)
@@ -263,7 +268,8 @@ def _share_style(of: FieldMap) -> tuple[dict[str, Any], str, str]:
     if of.grid.pixel == 1:
         return {"cmap": "YlOrBr", "vmin": 0.0, "vmax": 1.0}, "percent", "probability of being sick"
     # Few plants in a thousand are sick on a large farm, and nearly all of them in an outbreak.
-    norm = LogNorm(_LEAST_SHARE, 1.0, clip=True)
+    top = max(_LARGEST_SHARE, float(np.nanmax(of.share, initial=0.0)))
+    norm = LogNorm(top / _SHARE_RANGE, top, clip=True)
     return {"cmap": "YlOrBr", "norm": norm}, "percent", "part of the plants that is sick"
 
 
@@ -279,27 +285,43 @@ def _least_style(of: FieldMap) -> tuple[dict[str, Any], str, str]:
 
 def _deviation_style(of: FieldMap) -> tuple[dict[str, Any], str, str]:
     deviation = of.deviation
-    finite = np.array([1.0]) if deviation is None else deviation[np.isfinite(deviation)]
-    # Not the largest: one odd square would make all others look alike.
-    top = float(np.quantile(finite, 0.99)) if len(finite) else 1.0
+    # Squares of few plants at the borders would make all others look alike.
+    whole = of.cells >= 0.9 * of.cells.max()
+    top = 1.0 if deviation is None else float(np.max(deviation[whole], initial=0.0))
     style = {"cmap": "viridis", "vmin": 0.0, "vmax": max(top, 1e-6)}
     if of.field.kind == "disease":
         return style, "percent", "standard deviation, percentage points"
     return style, "plain", f"standard deviation, {of.field.unit}"
 
 
-def _name_blocks(axes: Axes, grid: MapGrid) -> None:
+def _name_blocks(axes: Axes, grid: MapGrid, shown: tuple[float, float, float, float]) -> None:
     """Write letters along the upper and numbers along the right edge."""
     block = grid.block * grid.cell_size_m
-    width, height = (side * grid.cell_size_m for side in grid.shape)
+    left, right, low, high = shown
     columns, rows = grid.blocks
-    small = {"fontsize": 5.5, "color": "#666666", "clip_on": False}
+    small: dict[str, Any] = {"fontsize": 6, "color": "#555555"}
     for i in range(columns):
-        middle = 0.5 * (i * block + min((i + 1) * block, width))
-        axes.text(middle, height * 1.005, grid.name(i, 0)[:-1], ha="center", va="bottom", **small)
+        middle = (i + 0.5) * block
+        if left <= middle <= right:
+            above = high + 0.006 * (high - low)
+            axes.text(middle, above, grid.name(i, 0)[:-1], ha="center", va="bottom", **small)
     for j in range(rows):
-        middle = 0.5 * (j * block + min((j + 1) * block, height))
-        axes.text(width * 1.005, middle, str(j + 1), ha="left", va="center", **small)
+        middle = (j + 0.5) * block
+        if low <= middle <= high:
+            axes.text(right + 0.006 * (right - left), middle, str(j + 1), ha="left", va="center", **small)
+
+
+def _part_shown(farm: Farm) -> tuple[float, float, float, float]:
+    """Return the part of the farm with the owner's land, metres: x from and to, y from and to."""
+    left, low, right, high = farm.owner_area.bounds
+    width, height = farm.width_cells * farm.cell_size_m, farm.height_cells * farm.cell_size_m
+    margin = _MARGIN * max(right - left, high - low)
+    return (
+        max(0.0, left - margin),
+        min(width, right + margin),
+        max(0.0, low - margin),
+        min(height, high + margin),
+    )
 
 
 def _mark_finds(axes: Axes, of: FieldMap) -> None:
@@ -308,15 +330,15 @@ def _mark_finds(axes: Axes, of: FieldMap) -> None:
     if of.field.kind != "disease" or not len(finds):
         return
     places = (finds + 0.5) * of.grid.cell_size_m
-    size = float(np.clip(2500.0 / len(finds), 4.0, 28.0))
+    size = float(np.clip(6000.0 / len(finds), 6.0, 60.0))
     plants = "plant" if len(finds) == 1 else "plants"
     axes.scatter(
         places[:, 0],
         places[:, 1],
         s=size,
-        facecolors=FINDS,
-        edgecolors="black",
-        linewidths=0.5,
+        facecolors="none",
+        edgecolors=FINDS,
+        linewidths=1.2,
         label=f"{len(finds)} sick {plants} seen",
         zorder=4,
     )

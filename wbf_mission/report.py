@@ -3,12 +3,13 @@
 A cell stands for a plant. Everything is told for the owner's cells of the field's crops, for the whole farm
 and by blocks (`wbf_mission.blocks.MapGrid`).
 
-*How much is sick.* The observed sick plants are counted. Of the others the expected number is taken: the sum of
-their probabilities, if the estimator has them; else the sum of what its values lie below 1, divided by how far a
-sick plant lies below it on average.
+*How much is sick.* The observed sick plants are counted. Of the others the expected number is taken: the sum
+of their probabilities, if the estimator has them; else the sum of what its values lie below 1, divided by how
+far a sick plant lies below it on average.
 
 *How sure.* Plants of an outbreak are sick together, so the variance of a sum of plants is larger than the sum
-of their variances, by about the number of plants in an outbreak. The 90 % intervals are those of a gamma
+of their variances, by about the number of plants in an outbreak, or in the part of it that no look tells of:
+where every tenth plant is looked at, ten. The 90 % intervals are those of a gamma
 distribution with the mean and variance of the plants that were not observed.
 """
 
@@ -31,12 +32,13 @@ from wbf_mission.blocks import COUNT, ILLNESS, SICK, SICK_BELOW, SPREAD, MapGrid
 Floats = NDArray[np.float64]
 Probabilities = Callable[[str], NDArray[np.float32]]
 
-PLANTS_OF_AN_OUTBREAK = 30.0
-"""By how much the variance of a number of sick plants exceeds that of independent ones."""
+PLANTS_OF_AN_OUTBREAK = 60.0
+"""Sum of squares by sum of the sick plants of outbreaks; TYLCV on Waterberry has 65 on day 6."""
 SHARE_OF_A_HUMP = 0.05
 """Part of the farm over which the errors of a continuous field are one."""
 _INTERVAL = (0.05, 0.95)
 _NORMAL_90 = 1.6449
+_LEAST_SHAPE = 1e-6
 _TOLD_BLOCKS = 3
 _LEAST_PART_OF_A_BLOCK = 0.1
 _PRIOR_SICK = 10.0
@@ -86,7 +88,7 @@ class FieldMap:
         """The standard deviation of `share`; None if nothing tells it, NaN where there is no cell."""
         if self.variance is None:
             return None
-        together = together_cells(self.field, float(self.cells.sum()))
+        together = together_cells(self.field, float(self.cells.sum()), float(self.seen.sum()))
         cells = np.maximum(self.cells, 1.0)
         # A pixel smaller than an outbreak is sick or healthy as a whole.
         deviation = np.sqrt(self.variance * np.minimum(together, cells)) / cells
@@ -163,9 +165,11 @@ class FarmReport:
         }
 
 
-def together_cells(field: Field, cells: float) -> float:
-    """Return how many cells err as one."""
-    return PLANTS_OF_AN_OUTBREAK if field.kind == "disease" else max(1.0, SHARE_OF_A_HUMP * cells)
+def together_cells(field: Field, cells: float, seen: float) -> float:
+    """Return how many cells err as one, where so many of a field's cells were observed."""
+    if field.kind != "disease":
+        return max(1.0, SHARE_OF_A_HUMP * cells)
+    return max(1.0, min(PLANTS_OF_AN_OUTBREAK, cells / max(seen, 1.0)))
 
 
 def field_maps(
@@ -202,7 +206,7 @@ def field_maps(
         known = np.isfinite(readings[:, k]) & mask[x, y]
         seen_x, seen_y, seen = x[known], y[known], readings[known, k]
         if field.kind == "disease" and probabilities is not None:
-            made = _from_probabilities(grid, mask, probabilities(field.name)[0])
+            made = _from_probabilities(grid, mask, probabilities(field.name)[0], model.value[k])
         else:
             deviation = model.uncertainty[k] if states_deviation else None
             made = _from_values(field, grid, mask, model.value[k], deviation, seen_x, seen_y, seen)
@@ -275,14 +279,14 @@ def _report(farm: Farm, of: FieldMap) -> FieldReport:
         numbers = _interval(
             of, float(by_cells[i, j]), float(by_total[i, j]), one_variance, float(by_sick[i, j])
         )
-        middle = [
+        x_m, y_m = (
             0.5 * (n * grid.block + min((n + 1) * grid.block, side)) * farm.cell_size_m
             for n, side in zip((int(i), int(j)), grid.shape, strict=True)
-        ]
-        latitude, longitude = farm.frame.to_wgs84(middle[0], middle[1])
+        )
+        latitude, longitude = farm.frame.to_wgs84(x_m, y_m)
         blocks.append(
             BlockReport(
-                grid.name(int(i), int(j)), latitude, longitude, *middle, int(by_cells[i, j]), *numbers
+                grid.name(int(i), int(j)), latitude, longitude, x_m, y_m, int(by_cells[i, j]), *numbers
             )
         )
     return FieldReport(
@@ -305,7 +309,7 @@ def _interval(
     """Return the expected share or mean value, and its 90 % interval."""
     if variance is None:
         return total / cells, None, None
-    together = together_cells(of.field, float(of.cells.sum()))
+    together = together_cells(of.field, float(of.cells.sum()), float(of.seen.sum()))
     spread = variance * min(together, cells)
     if of.field.kind == "disease":
         low, high = gamma_interval(max(total - sick, 0.0), spread)
@@ -316,7 +320,7 @@ def _interval(
 
 
 def gamma_interval(mean: float, variance: float) -> tuple[float, float]:
-    """Return the central 90 % of a gamma distribution.
+    """Return the central 90 % of a gamma distribution, which may be widened to hold the mean.
 
     Examples
     --------
@@ -327,8 +331,9 @@ def gamma_interval(mean: float, variance: float) -> tuple[float, float]:
         return max(mean, 0.0), max(mean, 0.0)
     from scipy.special import gammaincinv
 
-    low, high = gammaincinv(mean**2 / variance, _INTERVAL) * (variance / mean)
-    return float(low), float(high)
+    shape = min(max(mean / variance * mean, _LEAST_SHAPE), 1.0 / _LEAST_SHAPE)
+    low, high = gammaincinv(shape, _INTERVAL) * (mean / shape)
+    return min(float(low), mean), max(float(high), mean)
 
 
 def _sums(grid: MapGrid, mask: NDArray[np.bool_], value: NDArray[np.float32]) -> tuple[Floats, Floats]:
@@ -338,10 +343,11 @@ def _sums(grid: MapGrid, mask: NDArray[np.bool_], value: NDArray[np.float32]) ->
 
 
 def _from_probabilities(
-    grid: MapGrid, mask: NDArray[np.bool_], healthy: NDArray[np.float32]
+    grid: MapGrid, mask: NDArray[np.bool_], healthy: NDArray[np.float32], value: NDArray[np.float32]
 ) -> tuple[Floats, Floats | None, Floats, Floats]:
-    """Return sick plants, their variance, the cells and the least probability of being healthy."""
-    sums, least = _sums(grid, mask, healthy)
+    """Return sick plants, their variance, the cells and the least value."""
+    sums, _ = _sums(grid, mask, healthy)
+    _, least = _sums(grid, mask, value)
     return sums[..., ILLNESS], sums[..., SPREAD], sums[..., COUNT], least
 
 
@@ -369,7 +375,7 @@ def _from_values(
     np.subtract.at(illness, at, 1.0 - value[x, y].astype(np.float64))
     sick = seen < SICK_BELOW
     a_plant = (_PRIOR_SICK * _PRIOR_ILLNESS + float((1.0 - seen[sick]).sum())) / (_PRIOR_SICK + sick.sum())
-    total = np.maximum(illness, 0.0) / a_plant
+    total = np.clip(illness / a_plant, 0.0, sums[..., COUNT])
     np.add.at(total, at, sick.astype(np.float64))
     if squares is not None and deviation is not None:
         np.subtract.at(squares, at, deviation[x, y].astype(np.float64) ** 2)

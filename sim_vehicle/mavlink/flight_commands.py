@@ -35,8 +35,8 @@ def fence_enable(vehicle: SimVehicle, order: Order) -> None:
     kind = order.number(1, -1)
     if kind not in (0, 1, 2):
         raise RefusedError(f"Fence refused: parameter 1 is {order.params[0]:g}", denied=True)
-    vehicle.pilot.tuning.fence_enable = int(kind > 0)
-    vehicle.pilot.retune()
+    vehicle.pilot.parameters.fence_enable = int(kind > 0)
+    vehicle.pilot.apply_parameters()
 
 
 def terminate(vehicle: SimVehicle, order: Order) -> None:

@@ -171,9 +171,9 @@ class SimVehicle:
         self._shown: tuple[object, ...] = ()
         self._parameters = ParameterSet(
             parameter_table(persona.name, spec, system_id),
-            self.pilot.tuning,
+            self.pilot.parameters,
             persona.parameter_encoding,
-            self.pilot.retune,
+            self.pilot.apply_parameters,
             self.say_warning,
             {} if persona.split_mode else self._totals(),
         )
@@ -226,7 +226,7 @@ class SimVehicle:
             self._show_changes()
             return self._sent()
         if message.type == m.MAV_TYPE_GCS:
-            self.pilot.heard_ground(now_s)
+            self.pilot.on_gcs_heartbeat(now_s)
         handler(message)
         return []
 

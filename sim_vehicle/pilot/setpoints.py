@@ -154,7 +154,7 @@ class Steering:
     @property
     def is_fresh(self) -> bool:
         """Whether setpoints flow."""
-        return self._pilot.now_s - self._heard_s <= self._pilot.tuning.setpoint_timeout_s
+        return self._pilot.now_s - self._heard_s <= self._pilot.parameters.setpoint_timeout_s
 
     def take(self, message: Message) -> None:
         """Take a setpoint message; it is flown in the mode for it, and in no other."""

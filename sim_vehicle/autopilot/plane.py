@@ -114,7 +114,7 @@ ARDUPILOT_SETTINGS: Mapping[str, Setting] = MappingProxyType(
 
 
 class Plane:
-    """See `sim_vehicle.autopilot.model.Autopilot`.
+    """See `sim_vehicle.autopilot.model.FlightProcedures`.
 
     Parameters
     ----------

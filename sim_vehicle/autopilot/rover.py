@@ -70,7 +70,7 @@ ARDUPILOT_SETTINGS: Mapping[str, Setting] = MappingProxyType(
 
 
 class GroundRover:
-    """See `sim_vehicle.autopilot.model.Autopilot`.
+    """See `sim_vehicle.autopilot.model.FlightProcedures`.
 
     Parameters
     ----------

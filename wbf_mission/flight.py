@@ -24,7 +24,6 @@ from sensors.observations import Observations
 from sensors.scoring.score import RunningScore
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
-from sim_vehicle.mavlink import Outcome as VehicleOutcome
 from sim_vehicle.mavlink import SimVehicle, get_persona
 from wbf_mission.estimation import RunEstimate, require_run_memory, score_points
 from wbf_mission.flight_result import FlightResult
@@ -272,7 +271,6 @@ class _Run:
         now_s = simulation.now_s if simulation is not None else 0.0
         self.estimate.finish(now_s)
         self.watch.lap("estimate and score")
-        outcome, reason = self._outcome()
         battery = self.planned.vehicle.battery
         used = None
         if battery is not None and ground.battery.consumed_wh is not None:
@@ -280,8 +278,8 @@ class _Run:
         return FlightResult(
             scenario=self.scenario,
             plan=self.planned,
-            outcome=outcome,
-            reason=reason,
+            outcome=ground.outcome,
+            reason=ground.reason,
             track=ground.track(self.planned.farm.frame),
             true_track=ground.true_track(self.planned.farm.frame),
             observations=Observations.concatenate(self.parts),
@@ -297,23 +295,6 @@ class _Run:
             timings_s=self.watch.seconds,
             texts=ground.texts,
         )
-
-    def _outcome(self) -> tuple[Outcome, str]:
-        """Return the ground's outcome, in the vehicle's more precise terms where it has any."""
-        ground, vehicle = self.ground, self.vehicle
-        if ground.outcome is Outcome.FLIGHT_ABORTED and vehicle.outcome is not VehicleOutcome.RUNNING:
-            precise = {
-                VehicleOutcome.CANNOT_FLY_ITEM: Outcome.CANNOT_FLY_ITEM,
-                VehicleOutcome.BATTERY_LOW: Outcome.BATTERY_LOW,
-                VehicleOutcome.BATTERY_DEPLETED: Outcome.BATTERY_DEPLETED,
-                VehicleOutcome.MISSION_REJECTED: Outcome.MISSION_REJECTED,
-                VehicleOutcome.FENCE_BREACHED: Outcome.FENCE_BREACHED,
-                VehicleOutcome.LINK_LOST: Outcome.LINK_LOST,
-                VehicleOutcome.POSITION_LOST: Outcome.POSITION_LOST,
-                VehicleOutcome.CRASHED: Outcome.CRASHED,
-            }.get(vehicle.outcome, Outcome.FLIGHT_ABORTED)
-            return precise, vehicle.outcome_text or ground.reason
-        return ground.outcome, ground.reason
 
 
 def _expected_observations(scenario: Scenario, planned: PlanResult) -> float:

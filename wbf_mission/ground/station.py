@@ -23,6 +23,7 @@ from mission.transfer import (
     profile_for,
 )
 from sensors.camera.wire import ObservationAssembler
+from wbf_mission.ground.failures import FailureWatch
 from wbf_mission.outcome import Outcome, Phase, Track
 
 GROUND_SYSTEM_ID = 255
@@ -115,6 +116,9 @@ class GroundStation:
         self._armed = False
         self._flew = False
         self._mission_state = 0
+        self._progress = ""
+        self._failures = FailureWatch()
+        self._texts_before = 0
         self._first_s: float | None = None
         self._disarmed_s: float | None = None
         self._chunk = (0, -1)
@@ -142,6 +146,7 @@ class GroundStation:
             m.MAVLINK_MSG_ID_STATUSTEXT: self._on_text,
             m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._on_position,
             m.MAVLINK_MSG_ID_BATTERY_STATUS: self._on_battery,
+            m.MAVLINK_MSG_ID_SYS_STATUS: self._on_sys_status,
             m.MAVLINK_MSG_ID_MISSION_CURRENT: self._on_mission_current,
             m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._on_landed,
             m.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: self._on_truth,
@@ -193,7 +198,7 @@ class GroundStation:
             and self._disarmed_s is not None
             and now_s >= self._disarmed_s + _STATE_S
         ):
-            self._land(Outcome.FLIGHT_ABORTED, self._last_warning("disarmed before the mission's end"), now_s)
+            self._land(*self._why_aborted(), now_s)
         if self.phase is Phase.FETCH and now_s >= self._fetch_s:
             out += self._fetch(now_s)
         return out
@@ -231,6 +236,8 @@ class GroundStation:
         self._is_rover = message.type == m.MAV_TYPE_GROUND_ROVER
         self._armed = bool(message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
         self._flew |= self._armed and self.phase is Phase.FLIGHT
+        if self.phase is Phase.FLIGHT:
+            self._failures.on_heartbeat(message, len(self.texts) - self._texts_before)
         if self.phase is Phase.CONTACT:
             self._autopilot = message.autopilot
             return self._ask_for_streams() + self._next_upload(now_s)
@@ -258,6 +265,7 @@ class GroundStation:
     def _on_mission_current(self, message: Any, now_s: float) -> list[Any]:
         if self._is_vehicle(message):
             self._mission_state = message.mission_state
+            self._progress = f" at item {message.seq} of {message.total}"
             # A wing whose mission ends with a return may circle over home for ever.
             circles = self._is_wing and not self._lands
             over = self._disarmed_s is not None or not self._returns or circles
@@ -298,8 +306,14 @@ class GroundStation:
             self._true_fixes.append((1000.0 * now_s, latitude_e7, longitude_e7, height_mm))
         return []
 
+    def _on_sys_status(self, message: Any, now_s: float) -> list[Any]:  # noqa: ARG002
+        if self._is_vehicle(message) and self.phase is Phase.FLIGHT:
+            self._failures.on_sys_status(message)
+        return []
+
     def _on_battery(self, message: Any, now_s: float) -> list[Any]:  # noqa: ARG002
         if self._is_vehicle(message):
+            self._failures.on_battery_status(message)
             if message.battery_remaining >= 0:
                 self.battery.remaining = message.battery_remaining / 100.0
             if message.energy_consumed >= 0:
@@ -346,6 +360,7 @@ class GroundStation:
         if self.phase is Phase.START:
             self.phase = Phase.FLIGHT
             self.started_s = now_s
+            self._texts_before = len(self.texts)
         return []
 
     # What follows.
@@ -404,6 +419,11 @@ class GroundStation:
         outcome = Outcome.ARMING_REFUSED if self.phase is Phase.ARM else Outcome.MISSION_REJECTED
         self._order = None
         self._end(outcome, self._last_warning(why), now_s)
+
+    def _why_aborted(self) -> tuple[Outcome, str]:
+        """Outcome and reason of a flight that ended before its mission was complete."""
+        cause = self._failures.cause(self.texts[self._texts_before :])
+        return cause or (Outcome.FLIGHT_ABORTED, self._last_warning(f"disarmed{self._progress}"))
 
     def _land(self, outcome: Outcome, reason: str, now_s: float) -> None:
         """The flight is over: ask for pictures that were lost on the way, if any."""

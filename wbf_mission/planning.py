@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import shapely
@@ -33,8 +33,7 @@ from mission.planners import (
 )
 from mission.planners.budget import LengthBudget
 from sim_vehicle.airframe.spec import VehicleSpec, get_vehicle
-from sim_vehicle.autopilot import with_autopilot
-from sim_vehicle.autopilot.plane import plane_of
+from sim_vehicle.autopilot import fixed_wing_procedures, with_autopilot
 from sim_vehicle.execution.fixed_wing_items import circles
 from sim_vehicle.prediction.battery_swaps import batteries_needed
 from sim_vehicle.prediction.predict import Prediction, expected_flights
@@ -210,7 +209,8 @@ class MissionBuilder:
         vehicle, scenario = self.vehicle, self.scenario
         if not circles(vehicle):
             return None
-        law = plane_of(vehicle.autopilot).limits(vehicle)
+        procedures = fixed_wing_procedures(vehicle)
+        law = procedures.limits(vehicle)
         down_m = min(altitude_m, APPROACH_ALTITUDE_M)
         return WingPattern(
             heading_rad=math.radians(scenario.wind_direction_deg) if scenario.wind_speed_m_s > 0.0 else 0.0,
@@ -219,7 +219,7 @@ class MissionBuilder:
             approach_m=1.1 * down_m / law.landing_slope,
             approach_altitude_m=down_m,
             radius_m=max(abs(law.loiter_radius), 1.2 * law.tightest_m(law.airspeed_trim)),
-            placed_start=vehicle.autopilot == "ardupilot",
+            placed_start=procedures.placed_land_start,
         )
 
     def predict(self, mission: Mission) -> Prediction:
@@ -248,8 +248,7 @@ def flown_vehicle(scenario: Scenario) -> VehicleSpec:
     VehicleError
         If the vehicle or a parameter is unknown, or a value out of range.
     """
-    autopilot: Literal["px4", "ardupilot"] = "ardupilot" if scenario.autopilot == "ardupilot" else "px4"
-    return with_autopilot(get_vehicle(scenario.vehicle), autopilot, scenario.parameters)
+    return with_autopilot(get_vehicle(scenario.vehicle), scenario.autopilot, scenario.parameters)
 
 
 def make_budget(builder: MissionBuilder) -> tuple[Budget, str]:

@@ -11,9 +11,7 @@ from typing import Any
 import msgspec
 
 from geo.errors import WbfMissionError
-
-FLYING = ("px4", "ardupilot")
-
+from sim_vehicle.airframe.autopilot_names import DEFAULT_AUTOPILOT, autopilot_names
 
 _SHEARS = ("log", "power")
 _TURBULENCES = ("light", "moderate", "severe", "wind")
@@ -33,7 +31,7 @@ class Scenario:
         Name of a farm, or path of a farm file.
     planner, estimator, vehicle : str
         Registered names.
-    autopilot : {"px4", "ardupilot"}
+    autopilot : str
         Who flies the vehicle: its law of motion, its modes and its habits. The ideal vehicle has none.
     parameters : dict of str to float
         Parameters of the autopilot that are not at their defaults, such as MPC_ACC_HOR or WPNAV_RADIUS.
@@ -81,7 +79,7 @@ class Scenario:
     planner: str = "spiral"
     estimator: str = "adaptive-disk"
     vehicle: str = "quad"
-    autopilot: str = "px4"
+    autopilot: str = DEFAULT_AUTOPILOT
     parameters: dict[str, float] = field(default_factory=dict)
     mission: str | None = None
     budget: str | None = None
@@ -111,7 +109,12 @@ class Scenario:
     def __post_init__(self) -> None:
         _require(0 <= self.day <= 365, "day", self.day, "0 to 365")
         _require(0 <= self.seed < 2**64, "seed", self.seed, "0 to 2^64 - 1")
-        _require(self.autopilot in FLYING, "autopilot", repr(self.autopilot), " or ".join(FLYING))
+        _require(
+            self.autopilot in autopilot_names(),
+            "autopilot",
+            repr(self.autopilot),
+            " or ".join(autopilot_names()),
+        )
         _in_range("altitude", self.altitude_m, 0.5, 120.0, "m")
         _in_range("cruise speed", self.cruise_speed_m_s, 0.1, 30.0, "m/s")
         _in_range("acceptance radius", self.acceptance_radius_m, 0.05, 50.0, "m")

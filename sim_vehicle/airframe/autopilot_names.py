@@ -1,7 +1,7 @@
 """Names of the installed autopilots, without importing any of them.
 
-A vehicle file has a table for each autopilot's parameters, and a vehicle says whose law of motion it follows: both
-need the names, and only the names.
+A vehicle file has a table for each autopilot's parameters, and a vehicle names the autopilot that moves it:
+both need the names only.
 """
 
 from __future__ import annotations

@@ -68,8 +68,8 @@ def load_vehicle(path: Path) -> VehicleSpec:
     """Read a vehicle file: keys of `VehicleSpec`, tables for its parts.
 
     The tables are ``[battery]``, ``[power]``, ``[published]``, and one named as an installed autopilot
-    (``[px4]``, ``[ardupilot]``) with parameters of that autopilot. A key ``base`` names the vehicle whose values hold where the file has none;
-    by default it is the package's vehicle of the file's kind.
+    (``[px4]``, ``[ardupilot]``) with parameters of that autopilot. A key ``base`` names the vehicle whose
+    values hold where the file has none; by default it is the package's vehicle of the file's kind.
 
     Raises
     ------
@@ -83,7 +83,8 @@ def load_vehicle(path: Path) -> VehicleSpec:
         msg = f"{where}: {error}"
         raise VehicleError(msg) from None
     if not data:
-        msg = f"{where} is empty: give at least kind ({', '.join(KINDS)}) or base ({', '.join(packaged_names())})"
+        bases = ", ".join(packaged_names())
+        msg = f"{where} is empty: give at least kind ({', '.join(KINDS)}) or base ({bases})"
         raise VehicleError(msg)
     kind = data.get("kind", "multirotor" if "base" not in data else None)
     if kind is not None and kind not in KINDS:

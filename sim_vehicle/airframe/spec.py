@@ -101,8 +101,8 @@ class VehicleSpec:
     kind : {"multirotor", "fixed-wing", "rover", "ideal"}
         The motion model.
     autopilot : str
-        Whose law of motion it follows, one of `sim_vehicle.airframe.autopilot_names.autopilot_names`; "generic"
-        is that of none in particular.
+        The autopilot that moves it, one of `sim_vehicle.airframe.autopilot_names.autopilot_names`; "generic"
+        is none in particular.
     parameters : tuple of (str, float)
         Parameters of the autopilot that are not at their defaults, under their real names.
     cruise_speed_m_s : float

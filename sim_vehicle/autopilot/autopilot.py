@@ -1,4 +1,4 @@
-"""An autopilot as one value: all that makes PX4 differ from ArduPilot, for each kind of vehicle that it flies."""
+"""An autopilot as one value: all that makes PX4 differ from ArduPilot, per kind of vehicle."""
 
 from __future__ import annotations
 
@@ -100,6 +100,8 @@ class Autopilot:
         """
         firmware = self.firmwares.get("multirotor" if kind == "ideal" else kind)
         if firmware is None:
-            msg = f"autopilot {self.name} flies no {kind}: choose a vehicle of kind {', '.join(self.firmwares)}"
+            msg = (
+                f"autopilot {self.name} flies no {kind}: choose a vehicle of kind {', '.join(self.firmwares)}"
+            )
             raise VehicleError(msg)
         return firmware

@@ -74,8 +74,8 @@ class FlightProcedures(Protocol):
 class FixedWingProcedures(FlightProcedures, Protocol):
     """What a firmware decides about fixed wings besides."""
 
-    takes_off_to_a_place: bool
-    """Whether a take-off item without a place is refused."""
+    placed_land_start: bool
+    """Whether DO_LAND_START has to have a place."""
 
     def limits(self, spec: VehicleSpec) -> WingLimits:
         """Limits of a vehicle's flight."""

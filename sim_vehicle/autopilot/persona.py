@@ -140,8 +140,8 @@ class Persona:
     takeoff_needs_arming : bool
         NAV_TAKEOFF is refused while the vehicle is disarmed (ArduPilot).
     takeoff_above_sea : bool
-        The altitude of NAV_TAKEOFF counts from mean sea level unless its frame says otherwise (PX4); otherwise
-        always from home.
+        The altitude of NAV_TAKEOFF counts from mean sea level unless its frame says otherwise (PX4), not from
+        home.
     reposition_turns : bool
         DO_REPOSITION's yaw is followed (PX4).
     tells_remaining_time : bool

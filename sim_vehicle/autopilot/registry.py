@@ -122,8 +122,8 @@ def with_autopilot(
     Raises
     ------
     VehicleError
-        An unknown autopilot, one that does not fly such a vehicle, a parameter that it has not, a value outside
-        its range, or any parameter for the ideal vehicle.
+        An unknown autopilot, one that does not fly such a vehicle, a parameter that it has not, a value
+        outside its range, or any parameter for the ideal vehicle.
     """
     if spec.is_ideal:
         if parameters:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mission.model import Command, Frame, MissionItem
-from sim_vehicle.autopilot import autopilot_of
+from sim_vehicle.autopilot import flight_procedures
 from sim_vehicle.execution.fixed_wing_items import circles, circling, lands, next_place
 from sim_vehicle.execution.legs import ALONG, KEEP, Row, circle_rows, spline_rows
 
@@ -382,19 +382,19 @@ def _item_legs(
     if item.param4 is not None and command in (17, 19, 22, 31):
         heading = math.radians(item.param4)
     if command == Command.NAV_TAKEOFF:
-        rows = autopilot_of(spec).takeoff_rows(spec, last, (x, y, z), speed, heading)
+        rows = flight_procedures(spec).takeoff_rows(spec, last, (x, y, z), speed, heading)
         for row in rows:
             plan.add(row, seq, done=row is rows[-1])
         return rows[-1][0], rows[-1][1], rows[-1][2]
     if command == Command.NAV_RETURN_TO_LAUNCH:
-        rows = autopilot_of(spec).return_rows(spec, last, speed, haven)
+        rows = flight_procedures(spec).return_rows(spec, last, speed, haven)
         for row in rows:
             plan.add(row, seq)
         # A wing may only circle over home.
         plan.ending = Ending.NEXT if circles(spec) and not lands(rows) else Ending.TOUCHDOWN
         return haven[0], haven[1], 0.0
     if command == Command.NAV_LAND:
-        for row in autopilot_of(spec).landing_rows(spec, (x, y, last[2]), last, speed):
+        for row in flight_procedures(spec).landing_rows(spec, (x, y, last[2]), last, speed):
             plan.add(row, seq)
         plan.ending = Ending.TOUCHDOWN
         return x, y, 0.0

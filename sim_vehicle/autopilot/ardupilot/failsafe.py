@@ -1,6 +1,7 @@
 """ArduPilot's failsafes: ArduCopter, ArduPlane, Rover.
 
-Source: ArduPilot parameter references (FENCE_ACTION, FS_GCS_ENABLE, BATT_FS_LOW_ACT, BATT_LOW_VOLT, GUID_TIMEOUT).
+Source: ArduPilot parameter references (FENCE_ACTION, FS_GCS_ENABLE, BATT_FS_LOW_ACT, BATT_LOW_VOLT,
+GUID_TIMEOUT).
 """
 
 from __future__ import annotations

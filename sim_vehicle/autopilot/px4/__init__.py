@@ -19,7 +19,7 @@ __all__ = ["PX4"]
 
 
 def _simulator_urls(index: int) -> tuple[str, ...]:
-    """Ports of SITL: to a ground station (UDP 14550, from 18570 + i) and an API (14540 + i, from 14580 + i)."""
+    """Ports of SITL: for a ground station (14550, from 18570 + i), for an API (14540 + i, from 14580 + i)."""
     return (
         f"udpout:127.0.0.1:14550,{18570 + index}",
         f"udpout:127.0.0.1:{14540 + index},{14580 + index}",

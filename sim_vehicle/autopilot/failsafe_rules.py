@@ -72,7 +72,7 @@ class FailsafeRules:
     fence_text, fence_clear, link_lost, link_regained, stream_lost : str
         Texts for the operator; ``fence_text`` and ``stream_lost`` have a place for what follows.
     defaults : mapping of str to float
-        Runtime parameters (`sim_vehicle.mavlink.parameters.Tuning`) that differ from their defaults.
+        Values of `RuntimeParameters` that are not those of its own defaults.
     """
 
     fence_actions: Mapping[int, Action]

@@ -19,8 +19,8 @@ class MavParameter:
     name : str
         At most 16 characters.
     field : str or None
-        The runtime parameter of the vehicle that it is (a field of `sim_vehicle.mavlink.parameters.Tuning`);
-        None for a constant.
+        The runtime parameter of the vehicle that it is (a field of `RuntimeParameters`); None for a
+        constant.
     integer : bool
         INT32 rather than REAL32.
     scale : float

@@ -1,7 +1,7 @@
 """The parameters of the vehicle: what peers may read and change, and what that does.
 
 The few names that ground software reads or sets are here, in each autopilot's own spelling and unit; each
-acts on the vehicle through `Tuning`.
+acts on the vehicle through `RuntimeParameters`.
 """
 
 from __future__ import annotations
@@ -9,97 +9,18 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from typing import Literal
 
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import Message
-from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot.mav_parameter import MavParameter
+from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
 
 HASH = "_HASH_CHECK"
 """What a peer asks a PX4 for to learn whether it knows all parameters already."""
 _NO_INDEX = 65535
 
-__all__ = ["ParameterSet", "Tuning"]
-
-
-@dataclass(slots=True)
-class Tuning:
-    """What can be changed on a vehicle after it was built; SI units.
-
-    Parameters
-    ----------
-    cruise_speed_m_s, acceptance_radius_m, takeoff_altitude_m, return_altitude_m, landing_speed_m_s : float
-        As in `sim_vehicle.airframe.spec.VehicleSpec`.
-    disarm_delay_s : float
-        Time from touch-down to disarming.
-    low_fraction, critical_fraction : float
-        Battery levels of the two failsafes.
-    low_battery_action, critical_battery_action : int
-        The autopilot's own values (`sim_vehicle.autopilot.failsafe_rules`); ArduPilot alone has the second.
-    emergency_fraction : float
-        Level of the last battery failsafe.
-    low_voltage_v, critical_voltage_v, low_voltage_timer_s : float
-        Voltages of the whole pack that are low and critical after that time; 0 is none. Of ArduPilot only.
-    low_voltage_source : int
-        0 for the voltage as it is, 1 for it without the sag of the load.
-    fence_enable, fence_action, fence_type : int
-        The autopilot's own values; ``fence_type`` as FENCE_TYPE: 1 ceiling, 2 radius, 4 areas.
-    fence_ceiling_m, fence_radius_m : float
-        Height above and distance from home; 0 is no limit.
-    link_action : int
-        The autopilot's own value; 0 is none.
-    link_timeout_s : float
-        Silence of the ground station after which it is lost.
-    setpoint_timeout_s : float
-        Age at which setpoints hold no more.
-    settings : dict of str to float
-        The autopilot's parameters that move the vehicle and are not at their defaults, in their own units.
-    """
-
-    cruise_speed_m_s: float
-    acceptance_radius_m: float
-    takeoff_altitude_m: float
-    return_altitude_m: float
-    landing_speed_m_s: float
-    disarm_delay_s: float
-    low_fraction: float
-    critical_fraction: float
-    low_battery_action: int = 1
-    critical_battery_action: int = 1
-    emergency_fraction: float = 0.05
-    low_voltage_v: float = 0.0
-    critical_voltage_v: float = 0.0
-    low_voltage_timer_s: float = 10.0
-    low_voltage_source: int = 0
-    fence_enable: int = 1
-    fence_action: int = 2
-    fence_type: int = 7
-    fence_ceiling_m: float = 0.0
-    fence_radius_m: float = 0.0
-    link_action: int = 0
-    link_timeout_s: float = 10.0
-    setpoint_timeout_s: float = 1.0
-    settings: dict[str, float] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, spec: VehicleSpec) -> Tuning:
-        """Return the values of a vehicle as built."""
-        battery = spec.battery
-        return cls(
-            spec.cruise_speed_m_s,
-            spec.acceptance_radius_m,
-            spec.takeoff_altitude_m,
-            spec.return_altitude_m,
-            spec.landing_speed_m_s,
-            spec.disarm_delay_s,
-            battery.reserve_fraction if battery else 0.0,
-            battery.critical_fraction if battery else 0.0,
-            # ArduCopter's default, which is meant for three cells and refuses to arm with fewer.
-            low_voltage_v=10.5 if spec.kind == "multirotor" and battery and battery.cells > 2 else 0.0,
-            settings=dict(spec.parameters),
-        )
+__all__ = ["ParameterSet"]
 
 
 class ParameterSet:
@@ -108,7 +29,7 @@ class ParameterSet:
     Parameters
     ----------
     table : tuple of MavParameter
-    tuning : Tuning
+    values : RuntimeParameters
         What the parameters act on.
     encoding : {"bytewise", "cast"}
         How integers travel in the float field.
@@ -123,7 +44,7 @@ class ParameterSet:
     def __init__(
         self,
         table: tuple[MavParameter, ...],
-        tuning: Tuning,
+        values: RuntimeParameters,
         encoding: Literal["bytewise", "cast"],
         changed: Callable[[], None],
         refused: Callable[[str], None],
@@ -132,7 +53,7 @@ class ParameterSet:
         self._live = dict(live or {})
         self._table = table
         self._index = {parameter.name: i for i, parameter in enumerate(table)}
-        self._tuning = tuning
+        self._values = values
         self._bytewise = encoding == "bytewise"
         self._changed = changed
         self._refused = refused
@@ -143,10 +64,10 @@ class ParameterSet:
         if name in self._live:
             return float(self._live[name]())
         if parameter.motion:
-            return self._tuning.settings.get(name, parameter.value)
+            return self._values.settings.get(name, parameter.value)
         if parameter.field is None:
             return parameter.value
-        value = float(getattr(self._tuning, parameter.field)) * parameter.scale
+        value = float(getattr(self._values, parameter.field)) * parameter.scale
         return float(round(value)) if parameter.integer else value
 
     def handle(self, message: Message) -> list[Message]:
@@ -184,13 +105,13 @@ class ParameterSet:
         elif not parameter.low <= value <= parameter.high:
             self._refused(f"{parameter.name} must be {parameter.low:g} to {parameter.high:g}")
         elif parameter.field is None:
-            self._tuning.settings[parameter.name] = value
+            self._values.settings[parameter.name] = value
             self._changed()
         else:
             stored = value / parameter.scale
-            if isinstance(getattr(self._tuning, parameter.field), int):
+            if isinstance(getattr(self._values, parameter.field), int):
                 stored = round(stored)
-            setattr(self._tuning, parameter.field, stored)
+            setattr(self._values, parameter.field, stored)
             self._changed()
 
     def _decode(self, value: float, kind: int) -> float:

@@ -31,9 +31,9 @@ from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import adapt_vehicle, get_autopilot
 from sim_vehicle.autopilot.autopilot import Autopilot
 from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.component import NEVER
 from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS
 from sim_vehicle.execution.state import CameraCommand, FlightEvent, HomeMoved, ItemReached
-from sim_vehicle.host.component import NEVER
 from sim_vehicle.mavlink import commands
 from sim_vehicle.mavlink.camera_commands import CAMERA, CameraOrders
 from sim_vehicle.mavlink.parameters import ParameterSet
@@ -172,9 +172,9 @@ class SimVehicle:
         self._shown: tuple[object, ...] = ()
         self._parameters = ParameterSet(
             firmware.parameters(spec, system_id),
-            self.pilot.tuning,
+            self.pilot.parameters,
             persona.parameter_encoding,
-            self.pilot.retune,
+            self.pilot.apply_parameters,
             self.say_warning,
             self._totals(),
         )
@@ -227,7 +227,7 @@ class SimVehicle:
             self._show_changes()
             return self._sent()
         if message.type == m.MAV_TYPE_GCS:
-            self.pilot.heard_ground(now_s)
+            self.pilot.on_gcs_heartbeat(now_s)
         handler(message)
         return []
 

@@ -35,9 +35,9 @@ def fly(autopilot, faults=(), *, wind=None, charge=1.0, fence=(), **parameters):
     quad = get_vehicle("quad")
     vehicle = SimVehicle(quad, HOME, autopilot=autopilot, wind=wind)
     for name, value in parameters.items():
-        assert hasattr(vehicle.pilot.tuning, name)
-        setattr(vehicle.pilot.tuning, name, value)
-    vehicle.pilot.retune()
+        assert hasattr(vehicle.pilot.parameters, name)
+        setattr(vehicle.pilot.parameters, name, value)
+    vehicle.pilot.apply_parameters()
     assert quad.battery is not None
     vehicle.pilot.executor.motion.use_energy((1.0 - charge) * quad.battery.capacity_wh * WH_J)
     ground = GroundStation(Mission(ITEMS, HOME, fence=fence))

@@ -9,6 +9,7 @@ import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output, distance, duration
+from wbf_mission.scenario import FarmOptions
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -16,7 +17,7 @@ app = typer.Typer(
 )
 
 FarmArgument = Annotated[
-    str, typer.Argument(help="Name of a farm or a GeoJSON file.", autocompletion=options._complete("farm"))
+    str, typer.Argument(help="Name of a farm or a GeoJSON file.", autocompletion=options.complete("farm"))
 ]
 
 
@@ -114,7 +115,7 @@ def show_command(farm: FarmArgument, json: options.Json = False, quiet: options.
 def draw_command(
     farm: FarmArgument,
     out: Annotated[
-        Path | None, typer.Option(help="PNG file.  [default: FARM.png]", show_default=False)
+        Path | None, typer.Option(help="PNG file.  \\[default: FARM.png]", show_default=False)
     ] = None,
     json: options.Json = False,
     quiet: options.Quiet = False,
@@ -154,19 +155,19 @@ wbf-mission farm generate --farm waterberry --keep 6 --count 8 --jobs 2 --out en
 
 
 @app.command("generate", epilog=GENERATE_EXAMPLES)
+@options.scenario_options(FarmOptions, without=("day",))
 def generate_command(
-    farm: options.Farm = None,
+    given: options.Given,
     count: Annotated[int, typer.Option(help="How many environments.", min=1, max=100_000)] = 1,
     days: Annotated[int, typer.Option(help="Days after the first one.", min=0, max=126)] = 15,
     keep: Annotated[
         str | None,
-        typer.Option(help="Days to keep, such as 6 or 1-15 or 0,6,15.  [default: all]", show_default=False),
+        typer.Option(help="Days to keep, such as 6 or 1-15 or 0,6,15.  \\[default: all]", show_default=False),
     ] = None,
-    seed: options.Seed = None,
     jobs: Annotated[int, typer.Option(help="Processes at once; -1: one per core.", min=-1, max=1024)] = 1,
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder.  [default: environments/ and the farm's name]", show_default=False),
+        typer.Option(help="Folder.  \\[default: environments/ and the farm's name]", show_default=False),
     ] = None,
     json: options.Json = False,
     quiet: options.Quiet = False,
@@ -180,13 +181,14 @@ def generate_command(
 
     from geo import get_farm
     from sensors.environment.ensemble import generate_ensemble
-    from wbf_mission.scenario import Scenario, ScenarioError
+    from wbf_mission.scenario import ScenarioError
 
     output = Output(as_json=json, quiet=quiet)
     if jobs == 0:
         msg = "--jobs 0 runs nothing: give a number of processes, or -1 for one per core"
         raise ScenarioError(msg)
-    place = get_farm(farm or Scenario().farm)
+    scenario = given.scenario()
+    place = get_farm(scenario.farm.name)
     kept = None if keep is None else _days(keep)
     folder = out or Path("environments") / place.name.lower()
     begin = time.perf_counter()
@@ -196,7 +198,7 @@ def generate_command(
                 place.grid(),
                 folder,
                 members=count,
-                seed=Scenario().seed if seed is None else seed,
+                seed=scenario.seed,
                 days=days if kept is None else max(kept),
                 keep_days=kept,
                 farm_name=place.name,

@@ -16,7 +16,7 @@ app = typer.Typer(no_args_is_help=True, help="Look at vehicles: list them, show 
 
 VehicleArgument = Annotated[
     str,
-    typer.Argument(help="Name of a vehicle or a TOML file.", autocompletion=options._complete("vehicle")),
+    typer.Argument(help="Name of a vehicle or a TOML file.", autocompletion=options.complete("vehicle")),
 ]
 
 

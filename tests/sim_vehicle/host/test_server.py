@@ -11,8 +11,8 @@ from mission.errors import LinkError
 from mission.link.codec.dialect import mavlink
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.px4 import PX4
+from sim_vehicle.component import NEVER
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.host.component import NEVER
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import StopReason
 

@@ -14,6 +14,7 @@ from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
 from mission.transfer.driver import TransferDriver
 from sim_vehicle.airframe.spec import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
+from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.host.server import Server, ServerUrl
 from sim_vehicle.host.simulation import Simulation

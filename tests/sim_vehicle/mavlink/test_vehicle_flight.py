@@ -12,8 +12,8 @@ from sim_vehicle.airframe.spec import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.px4 import PX4
+from sim_vehicle.component import NEVER
 from sim_vehicle.energy.battery import WH_J
-from sim_vehicle.host.component import NEVER
 from sim_vehicle.host.simulation import Simulation, StopReason
 from sim_vehicle.mavlink import Outcome, SimVehicle
 
@@ -333,7 +333,7 @@ def test_low_battery_returns_and_lands():
 def test_a_dead_battery_ends_the_flight_where_it_is():
     def prepare(vehicle):
         drain(0.03)(vehicle)
-        vehicle.pilot.tuning.low_battery_action = 0
+        vehicle.pilot.parameters.low_battery_action = 0
 
     force = command(m.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, 21196.0)
     vehicle, ground, reason, _ = fly(LONG, [(2.0, force), (2.2, START)], prepare=prepare)

@@ -16,8 +16,8 @@ from sim_vehicle.autopilot import autopilot_names, get_autopilot
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.px4 import PX4
+from sim_vehicle.component import Component
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.host.component import Component
 from sim_vehicle.mavlink import Outcome, SimVehicle
 from sim_vehicle.mavlink.commands import HANDLERS
 from sim_vehicle.mavlink.schedule import LONGEST_US, SHORTEST_US, Schedule

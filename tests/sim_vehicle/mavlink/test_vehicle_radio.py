@@ -12,7 +12,7 @@ from mission.transfer.events import DownloadComplete, UploadComplete
 from sim_vehicle.airframe.spec import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.px4 import PX4
-from sim_vehicle.host.component import NEVER
+from sim_vehicle.component import NEVER
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
 from sim_vehicle.mavlink import SimVehicle
 

@@ -26,7 +26,7 @@ _SPOOL_DOWN_S = 0.35
 
 
 class ArduCopterAutopilot:
-    """See `sim_vehicle.autopilot.model.Autopilot`."""
+    """See `sim_vehicle.autopilot.model.FlightProcedures`."""
 
     name = "ardupilot"
     parameters: Mapping[str, ParameterSpec] = PARAMETERS

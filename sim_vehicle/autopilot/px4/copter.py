@@ -26,7 +26,7 @@ _NEVER_DISARM_S = 3599.0
 
 
 class Px4MultirotorAutopilot:
-    """See `sim_vehicle.autopilot.model.Autopilot`."""
+    """See `sim_vehicle.autopilot.model.FlightProcedures`."""
 
     name = "px4"
     parameters: Mapping[str, ParameterSpec] = PARAMETERS

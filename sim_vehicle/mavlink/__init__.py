@@ -3,7 +3,7 @@
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.mavlink.persona import ARDUPILOT, PX4, Persona, get_persona, persona_names
 from sim_vehicle.mavlink.vehicle import SimVehicle
-from sim_vehicle.pilot.modes import Outcome
+from sim_vehicle.pilot.outcome import Outcome
 
 __all__ = [
     "ARDUPILOT",

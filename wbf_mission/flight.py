@@ -23,9 +23,10 @@ from sensors.estimators import Estimator, make_estimator
 from sensors.fields import relevance_masks
 from sensors.observations import Observations
 from sensors.scoring.score import RunningScore
+from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
-from sim_vehicle.mavlink import SimVehicle, get_persona
+from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.estimation import RunEstimate, require_run_memory, score_points
 from wbf_mission.flight_result import FlightResult
 from wbf_mission.ground.station import GroundStation
@@ -199,7 +200,7 @@ class _Run:
             planned.vehicle,
             home,
             wind=wind_of_run(scenario),
-            persona=get_persona(scenario.vehicle.autopilot),
+            autopilot=get_autopilot(scenario.vehicle.autopilot),
             epoch_unix_s=EPOCH_UNIX_S,
             noise=noise_of(scenario.vehicle, scenario.seed),
         )

@@ -15,8 +15,10 @@ if TYPE_CHECKING:
     from mission.planners.conformance import check_planner as check_planner
     from mission.planners.path import PlannedPath as PlannedPath
     from mission.planners.path import path_length as path_length
-    from mission.planners.registry import get_planner as get_planner
+    from mission.planners.registry import ConfiguredPlanner as ConfiguredPlanner
+    from mission.planners.registry import make_planner as make_planner
     from mission.planners.registry import planner_names as planner_names
+    from mission.planners.registry import planner_parameters as planner_parameters
     from mission.planners.request import CropArea as CropArea
     from mission.planners.request import Planner as Planner
     from mission.planners.request import PlanningRequest as PlanningRequest
@@ -35,7 +37,12 @@ else:
             "mission.planners.build": ("WingPattern", "build_mission"),
             "mission.planners.conformance": ("check_planner",),
             "mission.planners.path": ("PlannedPath", "path_length"),
-            "mission.planners.registry": ("get_planner", "planner_names"),
+            "mission.planners.registry": (
+                "ConfiguredPlanner",
+                "make_planner",
+                "planner_names",
+                "planner_parameters",
+            ),
             "mission.planners.request": ("CropArea", "Planner", "PlanningRequest"),
             "mission.planners.seen": ("coverage",),
         },

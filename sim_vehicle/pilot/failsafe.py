@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules
 from sim_vehicle.execution.state import LandedState, Phase
 from sim_vehicle.pilot.battery_watch import BatteryWatch
-from sim_vehicle.pilot.failsafe_rules import Action, Rules
 from sim_vehicle.pilot.fence import Bounds, Breach, Fence, FenceWatch
 from sim_vehicle.pilot.notices import NoticeLog, Severity
 from sim_vehicle.pilot.outcome import Outcome
@@ -56,7 +56,7 @@ class Failsafe:
         The vehicle that is watched.
     parameters : RuntimeParameters
         Levels, limits and chosen actions.
-    rules : Rules
+    rules : FailsafeRules
         What the autopilot does.
     notices : NoticeLog
         Where the operator is told.
@@ -72,7 +72,7 @@ class Failsafe:
     """
 
     def __init__(
-        self, controls: Controls, parameters: RuntimeParameters, rules: Rules, notices: NoticeLog
+        self, controls: Controls, parameters: RuntimeParameters, rules: FailsafeRules, notices: NoticeLog
     ) -> None:
         self.rules = rules
         self.battery = BatteryWatch(controls, parameters, by_voltage=rules.watches_voltage)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from mission.model import Command, MissionItem
 from sim_vehicle.autopilot import with_autopilot
+from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
 from sim_vehicle.errors import VehicleError
@@ -29,7 +30,6 @@ from sim_vehicle.motion.legs import ALONG, Heading
 from sim_vehicle.pilot.arming import ArmingChecks
 from sim_vehicle.pilot.controls import Controls
 from sim_vehicle.pilot.failsafe import Failsafe, Reaction
-from sim_vehicle.pilot.failsafe_rules import PX4_RULES, Action, Rules
 from sim_vehicle.pilot.fence import Fence
 from sim_vehicle.pilot.mission_status import MissionStatus
 from sim_vehicle.pilot.mode_control import ModeControl
@@ -64,7 +64,7 @@ class Pilot:
         Whether a mission needs no take-off item.
     after_takeoff : Mode
         The mode that follows an ordered take-off.
-    rules : Rules
+    rules : FailsafeRules
         What the autopilot does when something goes wrong.
     epoch_unix_s : float, optional
         Time of day at time 0.
@@ -96,7 +96,7 @@ class Pilot:
         mode: Mode = Mode.HOLD,
         takes_off: bool = False,
         after_takeoff: Mode = Mode.HOLD,
-        rules: Rules = PX4_RULES,
+        rules: FailsafeRules,
         epoch_unix_s: float | None = None,
     ) -> None:
         self.frame = frame

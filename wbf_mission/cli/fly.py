@@ -21,7 +21,7 @@ from wbf_mission.scenario import (
 )
 
 EXAMPLES = """
-[bold]Examples[/bold]
+Examples
 
 wbf-mission fly --farm miniberry-30 --planner lawnmower --estimator gp --vehicle ideal --seed 7
 
@@ -41,14 +41,14 @@ def fly_command(
     speed: Annotated[
         float | None,
         typer.Option(
-            help="Pace: simulated seconds per second of wall time.  \\[default: as fast as possible]",
+            help="Pace: simulated seconds per second of wall time.  [default: as fast as possible]",
             rich_help_panel="What to run",
         ),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Folder for the results.  \\[default: runs/ and a name from the scenario]",
+            help="Folder for the results.  [default: runs/ and a name from the scenario]",
             rich_help_panel="Output",
         ),
     ] = None,

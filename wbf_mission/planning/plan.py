@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import shapely
@@ -16,7 +15,7 @@ from geo.seeds import sealed_seed
 from mission.errors import PlanningError
 from mission.files import read_mission
 from mission.model import Command, GeoPoint, Mission
-from mission.planners import CropArea, PlannedPath, Planner, PlanningRequest, coverage, get_planner
+from mission.planners import CropArea, PlannedPath, Planner, PlanningRequest, coverage, make_planner
 from mission.planners.budget import LengthBudget
 from wbf_mission.planning.budget import make_budget
 from wbf_mission.planning.builder import MissionBuilder
@@ -83,15 +82,11 @@ def planner_of(choice: Choice) -> Planner:
     Raises
     ------
     PlanningError
-        If the name or a parameter is unknown.
+        If there is no such planner, or the object is none.
+    ParameterError
+        If it does not have one of the parameters.
     """
-    if choice.made is None:
-        found = get_planner(choice.name)
-        return cast("Planner", functools.partial(found, **choice.params)) if choice.params else found
-    if not callable(choice.made):
-        msg = f"planner {choice.name} cannot be called; give a function of a PlanningRequest"
-        raise PlanningError(msg)
-    return cast("Planner", choice.made)
+    return make_planner(choice.name if choice.made is None else choice.made, **choice.params)
 
 
 def _run_planner(planner: Planner, request: PlanningRequest, name: str) -> PlannedPath:

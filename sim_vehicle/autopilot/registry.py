@@ -35,6 +35,8 @@ __all__ = [
     "with_autopilot",
 ]
 
+_NOT_INSTALLED = f"no package gives any in the entry points {AUTOPILOT_GROUP}: install wbf-mission again"
+
 
 def get_autopilot(name: str = DEFAULT_AUTOPILOT) -> Autopilot:
     """Autopilot of that name; case does not matter.
@@ -56,7 +58,8 @@ def get_autopilot(name: str = DEFAULT_AUTOPILOT) -> Autopilot:
 def _load(name: str) -> Autopilot:
     entry = next((e for e in entry_points(group=AUTOPILOT_GROUP) if e.name.lower() == name), None)
     if entry is None:
-        msg = f"unknown autopilot {name!r}: choose {', '.join(autopilot_names())}"
+        known = ", ".join(autopilot_names())
+        msg = f"unknown autopilot {name!r}: " + (f"choose {known}" if known else _NOT_INSTALLED)
         raise VehicleError(msg)
     try:
         autopilot = entry.load()

@@ -119,7 +119,7 @@ def test_disarmed_without_a_reason_tells_how_far_it_came():
     ground = GroundStation(Mission(ITEMS, HOME))
     simulation = Simulation([vehicle, ground])
     simulation.run(until=lambda now_s: now_s > 40.0)
-    seq = vehicle.pilot.current_seq
+    seq = vehicle.pilot.mission.current_seq
     vehicle.pilot.disarm(force=True)
     simulation.run(until=lambda _now_s: ground.done, limit_s=60.0)
     assert ground.outcome is Outcome.FLIGHT_ABORTED

@@ -179,7 +179,7 @@ def test_transfers_with_two_vehicles_by_system_id():
             with TransferDriver(MavlinkEndpoint(link, 255, 190)) as driver:
                 driver.wait_for_vehicle(5.0, system_id=system)
                 driver.upload(Mission(flight(HOME, system), home=HOME))
-    assert [vehicle.pilot.mission_size for vehicle in fleet.vehicles] == [4, 5]
+    assert [vehicle.pilot.mission.size for vehicle in fleet.vehicles] == [4, 5]
 
 
 def flight(home, legs):

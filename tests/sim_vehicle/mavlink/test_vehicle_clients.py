@@ -154,7 +154,7 @@ def test_mavsdk_hears_why_arming_is_refused(sdk):
     from mavsdk.plugins.telemetry import Telemetry
 
     with Flying("udpin:127.0.0.1:0", speed=5.0) as flying:
-        flying.vehicle.pilot.arming_block = "compass not calibrated"
+        flying.vehicle.pilot.arming.block = "compass not calibrated"
         system = connect(sdk, flying)
         telemetry = Telemetry(system)
         texts = []

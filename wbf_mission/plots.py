@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from geo import Crop, Farm, FarmGrid
 from geo.atomic import atomic_write
-from sensors.fields import FIELDS, relevance_masks
+from sensors.fields import PAPER_FIELDS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -155,7 +155,7 @@ def plot_field(
     """
     grid = farm.grid()
     stride = _stride(grid)
-    mask = _shrink(relevance_masks(grid)[FIELDS.index(field)], stride, np.any)
+    mask = _shrink(PAPER_FIELDS[field].mask(grid), stride, np.any)
     figure = _figure(12, 3.5)
     panels = figure.subplots(1, 3, sharex=True, sharey=True)
     shade = np.where(mask, np.nan, 1.0)
@@ -195,7 +195,7 @@ def plot_score(
     upper.plot(times_s, scores, color="#1f4e79", drawstyle="steps-post")
     upper.set_ylabel("score (0 is perfect)")
     upper.set_title(title)
-    for column, field in enumerate(FIELDS):
+    for column, field in enumerate(PAPER_FIELDS.names):
         lower.plot(times_s, losses[:, column], label=FIELD_TITLES[field], drawstyle="steps-post")
     lower.set_ylabel("mean loss a cell")
     lower.set_xlabel("time since the start (s)")

@@ -33,7 +33,8 @@ from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import PAPER_WEIGHTS, RunningScore, Score
 from sim_vehicle.motion.ideal import ideal_positions
-from wbf_mission.planning import PAPER_STEPS_PER_CELL, plan
+from wbf_mission.planning import plan
+from wbf_mission.planning.budget import PAPER_STEPS_PER_CELL
 from wbf_mission.scenario import Scenario
 
 PLANNERS = ("lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint")

@@ -23,7 +23,7 @@ from geo.atomic import atomic_write
 from mission.files import write_mission
 from mission.planners import PlannedPath, planner_names
 from wbf_mission.flight import fly
-from wbf_mission.planning import MissionBuilder, flown_vehicle, plan
+from wbf_mission.planning import MissionBuilder, plan
 from wbf_mission.scenario import Scenario, scenario_with
 
 WIND = {"wind_speed_m_s": 6.0, "wind_direction_deg": 240.0, "turbulence": "moderate"}
@@ -62,11 +62,12 @@ def flights(farm: str, budget: str | None, planner: str, seed: int, speed_m_s: f
             scenario = scenario_with(replace(ideal, cruise_speed_m_s=speed_m_s), chosen)
             if chosen["vehicle"] == "fixed-wing":
                 scenario = replace(scenario, cruise_speed_m_s=None)
-            mission = MissionBuilder(scenario, get_farm(farm), flown_vehicle(scenario)).mission(path)
+            mission = MissionBuilder.of(scenario, get_farm(farm)).mission(path)
             file = Path(folder) / "path.plan"
             write_mission(mission, file)
             for wind in (False, True):
-                flown = replace(scenario, mission=str(file), cruise_speed_m_s=None, budget=None)
+                flown = replace(scenario, cruise_speed_m_s=None, budget=None)
+                flown = scenario_with(flown, {"mission": str(file)})
                 weather = scenario_with(flown, WIND) if wind else flown
                 rows.append(_row(weather, planner, name, wind, constant_s))
     return rows

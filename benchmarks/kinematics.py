@@ -25,7 +25,8 @@ from sim_vehicle.airframe.spec import VehicleSpec, get_vehicle
 from sim_vehicle.autopilot import autopilot_of, with_autopilot
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.motion.batch import VehicleBatch
-from sim_vehicle.motion.model import LegKind, MotionModel, Route
+from sim_vehicle.motion.legs import KEEP, Leg, LegKind, Route
+from sim_vehicle.motion.model import MotionModel
 from sim_vehicle.prediction.predict import predict_flight, predict_flights
 
 HOME = LocalFrame(28.05, -82.15)
@@ -87,9 +88,9 @@ def set_out(law: str, aside_m: float = 0.0) -> MotionModel:
     spec = vehicle_of(law)
     motion = autopilot_of(spec).motion(spec, None, 0.0)
     far = 6.0 if law == "wing" else 1.0
-    legs: list[tuple[float, ...]] = [(0.0, 50.0, 30.0, 0.0, 5.0, math.inf, 0.0, LegKind.TAKEOFF)]
+    legs = [Leg((0.0, 50.0, 30.0), 5.0, heading=KEEP, kind=LegKind.TAKEOFF)]
     legs += [
-        (far * x + aside_m, far * y, 30.0, 1.0, 5.0, math.nan, 0.0, LegKind.WAYPOINT)
+        Leg((far * x + aside_m, far * y, 30.0), 5.0, radius_m=1.0, kind=LegKind.WAYPOINT)
         for x, y in rows(150.0, 20, 8.0)
     ]
     motion.fly(Route.through(legs))

@@ -77,10 +77,10 @@ def compare(scenario: Scenario, wind: str, seeds: int) -> Comparison | None:
     (predicted_s, flown_s), time_spread = np.mean(times, axis=0), float(np.std(times, axis=0)[1])
     (predicted_wh, flown_wh), energy_spread = np.mean(energies, axis=0), float(np.std(energies, axis=0)[1])
     return Comparison(
-        scenario.vehicle,
-        scenario.autopilot,
-        scenario.farm,
-        scenario.planner,
+        scenario.vehicle.name,
+        scenario.vehicle.autopilot,
+        scenario.farm.name,
+        scenario.mission.planner.name,
         wind,
         seeds if gusty else 1,
         completed,

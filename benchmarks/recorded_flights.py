@@ -2,7 +2,7 @@
 
     python benchmarks/recorded_flights.py [FOLDER] [--only px4] [--plot docs/images/recorded-flights.png]
 
-The folder holds ``<autopilot>-<mission>.json`` and ``.csv.gz`` files (see `sim_vehicle.recordings`).
+The folder holds ``<autopilot>-<mission>.json`` and ``.csv.gz`` files (see `benchmarks/recordings.py`).
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ import time
 from pathlib import Path
 
 import numpy as np
+from recordings import Flight, Recording, compare, fly_recording, load_recording
 
 from sim_vehicle.airframe.spec import get_vehicle
 from sim_vehicle.autopilot import with_autopilot
-from sim_vehicle.recordings import Flight, Recording, compare, fly_recording, load_recording
 
 FOLDER = Path(__file__).parents[1] / "tests" / "data" / "flights"
 

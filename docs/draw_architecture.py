@@ -59,7 +59,9 @@ def rooms_of(graph: grimp.ImportGraph) -> dict[str, Room]:
     for module in graph.modules:
         path = ROOT / (module.replace(".", "/") + ".py")
         path = path if path.exists() else ROOT / module.replace(".", "/") / "__init__.py"
-        sizes.setdefault(room_of(module, graph), []).append(len(path.read_text(encoding="utf-8").splitlines()))
+        sizes.setdefault(room_of(module, graph), []).append(
+            len(path.read_text(encoding="utf-8").splitlines())
+        )
     return {name: Room(name, name.split(".")[0], sum(lines), len(lines)) for name, lines in sizes.items()}
 
 
@@ -119,10 +121,15 @@ def place(
         rows = max(height.values()) + 1
         for level in range(rows):
             row = sorted(name for name, at in height.items() if at == level)
+            # Single rooms stand in turn to the left and right, so that no arrow runs through them.
+            shift = (-1.6, 1.6)[level % 2] if len(row) % 2 else 0.0
             for column, name in enumerate(row):
-                centres[name] = ((column + 1) * 10.0 / (len(row) + 1), bottom + 0.55 + level)
-        bands[floor] = (bottom, bottom + rows + 0.1)
-        bottom += rows + 0.35
+                centres[name] = (
+                    5.0 + shift + (column - (len(row) - 1) / 2) * 2.4,
+                    bottom + 0.5 + 0.85 * level,
+                )
+        bands[floor] = (bottom, bottom + 0.85 * rows + 0.15)
+        bottom += 0.85 * rows + 0.4
     return centres, bands
 
 
@@ -142,10 +149,12 @@ def draw(out: Path) -> None:
         axes.text(-1.7, (low + high) / 2 + 0.12, floor, weight="bold", size=11, va="center")
         axes.text(-1.7, (low + high) / 2 - 0.16, "\n".join(_wrapped(ANSWERS[floor], 22)), size=7.5, va="top")
     for (above, below), count in sorted(arrows.items()):
+        if rooms[above].floor != rooms[below].floor:
+            continue
         (x0, y0), (x1, y1) = centres[above], centres[below]
         axes.annotate("", (x1, y1 + 0.24), (x0, y0 - 0.24), zorder=1,
-                      arrowprops={"arrowstyle": "-|>", "color": GREY, "lw": 0.3 + 0.12 * min(count, 12),
-                                  "alpha": 0.35, "shrinkA": 0, "shrinkB": 0})  # fmt: skip
+                      arrowprops={"arrowstyle": "-|>", "color": GREY, "lw": 0.5 + 0.12 * min(count, 12),
+                                  "alpha": 0.5, "shrinkA": 0, "shrinkB": 0})  # fmt: skip
     for name, (x, y) in centres.items():
         room = rooms[name]
         axes.add_patch(FancyBboxPatch((x - 0.58, y - 0.22), 1.16, 0.44, boxstyle="round,pad=0,rounding_size=0.06",

@@ -1,24 +1,33 @@
 """Where things are: units, the local frame, farms, their cells and farm files."""
 
-from geo.errors import FarmError, WbfMissionError
-from geo.farm import Crop, Farm, Patch
-from geo.farms import farm_names, get_farm
-from geo.frame import LocalFrame
-from geo.geojson import load_farm, save_farm
-from geo.grid import FarmGrid
-from geo.units import FOOT_M
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "FOOT_M",
-    "Crop",
-    "Farm",
-    "FarmError",
-    "FarmGrid",
-    "LocalFrame",
-    "Patch",
-    "WbfMissionError",
-    "farm_names",
-    "get_farm",
-    "load_farm",
-    "save_farm",
-]
+from geo.lazy import attach
+
+if TYPE_CHECKING:
+    from geo.built_in import farm_names as farm_names
+    from geo.errors import FarmError as FarmError
+    from geo.errors import WbfMissionError as WbfMissionError
+    from geo.farm import Crop as Crop
+    from geo.farm import Farm as Farm
+    from geo.farm import Patch as Patch
+    from geo.farms import get_farm as get_farm
+    from geo.frame import LocalFrame as LocalFrame
+    from geo.geojson import load_farm as load_farm
+    from geo.geojson import save_farm as save_farm
+    from geo.grid import FarmGrid as FarmGrid
+    from geo.units import FOOT_M as FOOT_M
+else:
+    __getattr__, __dir__, __all__ = attach(
+        __name__,
+        {
+            "geo.built_in": ("farm_names",),
+            "geo.errors": ("FarmError", "WbfMissionError"),
+            "geo.farm": ("Crop", "Farm", "Patch"),
+            "geo.farms": ("get_farm",),
+            "geo.frame": ("LocalFrame",),
+            "geo.geojson": ("load_farm", "save_farm"),
+            "geo.grid": ("FarmGrid",),
+            "geo.units": ("FOOT_M",),
+        },
+    )

@@ -21,3 +21,11 @@ class TransferError(WbfMissionError, RuntimeError):
 
 class LinkError(WbfMissionError, OSError):
     """A link that cannot be opened or that broke."""
+
+
+class NoPeerError(LinkError):
+    """Nobody answers at the other end of a link."""
+
+
+class LinkLostError(LinkError):
+    """A link that was open and broke."""

@@ -1,17 +1,41 @@
 """``python -m wbf_mission`` and the ``wbf-mission`` script."""
 
+import io
+import os
 import sys
 
 
 def main() -> None:
     """Run the command line and end the process with its exit code."""
+    _open_closed_streams()
+    for stream in (sys.stdout, sys.stderr):  # names may hold what the terminal's encoding does not
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    from wbf_mission.cli import signals
+
+    signals.install()
     try:
         from wbf_mission.cli.app import main as run
 
         code = run()
     except KeyboardInterrupt:
-        code = 130
+        code = signals.exit_code(130)
     sys.exit(code)
+
+
+def _open_closed_streams() -> None:
+    """Give descriptors 0, 1 and 2 to nobody where the caller closed them.
+
+    The next file that is opened would get such a number, and what is meant for the terminal would go into it.
+    """
+    streams = ("stdin", "stdout", "stderr")
+    missing = [number for number, name in enumerate(streams) if getattr(sys, name) is None]
+    for number in missing:
+        nowhere = os.open(os.devnull, os.O_RDWR)
+        if nowhere != number:
+            os.dup2(nowhere, number)
+            os.close(nowhere)
+        setattr(sys, streams[number], open(number, "w" if number else "r", encoding="utf-8"))  # noqa: SIM115, PTH123
 
 
 if __name__ == "__main__":

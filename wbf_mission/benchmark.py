@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from wbf_mission.scenario import Scenario
+from wbf_mission.scenario import Choice, Scenario, scenario_with
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +58,8 @@ class BenchmarkRow:
 
 def run_benchmark(
     base: Scenario,
-    planners: Sequence[str],
-    estimators: Sequence[str],
+    planners: Sequence[str | Choice],
+    estimators: Sequence[str | Choice],
     seeds: Sequence[int],
     *,
     jobs: int = 1,
@@ -85,7 +85,7 @@ def run_benchmark(
 
     pairs = list(itertools.product(planners, estimators))
     scenarios = [
-        replace(base, planner=planner, estimator=estimator, seed=seed)
+        scenario_with(base, {"planner": planner, "estimator": estimator, "seed": seed})
         for planner, estimator in pairs
         for seed in seeds
     ]
@@ -99,8 +99,8 @@ def run_benchmark(
         part = runs[number * len(seeds) : (number + 1) * len(seeds)]
         rows.append(
             BenchmarkRow(
-                planner=planner,
-                estimator=estimator,
+                planner=str(planner),
+                estimator=str(estimator),
                 score=tuple(run["score"] for run in part),
                 final_score=tuple(run["final_score"] for run in part),
                 losses=tuple(run["losses"] for run in part),
@@ -116,8 +116,9 @@ def _run(scenario: Scenario) -> dict[str, Any]:
 
     result = fly(scenario)
     if not result.outcome.is_good:
+        planner, estimator = scenario.mission.planner, scenario.estimate.estimator
         msg = (
-            f"{scenario.planner} with {scenario.estimator}, seed {scenario.seed}: "
+            f"{planner} with {estimator}, seed {scenario.seed}: "
             f"the flight ended as {result.outcome.value} ({result.reason}); fly it alone to see why"
         )
         raise FlightError(msg)

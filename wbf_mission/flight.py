@@ -18,21 +18,21 @@ from sensors.camera.leaf_camera import LeafCamera, LeafCameraOptions
 from sensors.camera.wire import ObservationAssembler
 from sensors.environment import Environment
 from sensors.environment.cache import EnvironmentCache
+from sensors.errors import EstimatorError
 from sensors.estimators import Estimator, make_estimator
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import RunningScore
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
-from sim_vehicle.mavlink import Outcome as VehicleOutcome
 from sim_vehicle.mavlink import SimVehicle, get_persona
 from wbf_mission.estimation import RunEstimate, require_run_memory, score_points
 from wbf_mission.flight_result import FlightResult
 from wbf_mission.ground.station import GroundStation
 from wbf_mission.outcome import Outcome, Phase
 from wbf_mission.planning import PlanResult, home_of, plan
-from wbf_mission.scenario import Scenario
-from wbf_mission.weather import noise_of, wind_of
+from wbf_mission.scenario import CameraOptions, Choice, Scenario
+from wbf_mission.weather import noise_of, wind_of_run
 
 Progress = Callable[[str, float, float], None]
 
@@ -80,19 +80,35 @@ def _find_environment(
 
     cache = EnvironmentCache.of_user() if use_cache else EnvironmentCache.off()
     return cache.environment(
-        farm.grid(), day=scenario.day, seed=child_seed(scenario.seed, "environment"), progress=tell
+        farm.grid(), day=scenario.farm.day, seed=child_seed(scenario.seed, "environment"), progress=tell
     )
 
 
-def camera_options(scenario: Scenario) -> LeafCameraOptions:
-    """Return the camera of a scenario."""
+def camera_options(camera: CameraOptions) -> LeafCameraOptions:
+    """Return the leaf camera's own options."""
     return LeafCameraOptions(
-        footprint_cells=scenario.camera_footprint,
-        noise_std=scenario.camera_noise,
-        false_positive_rate=scenario.false_positive_rate,
-        false_negative_rate=scenario.false_negative_rate,
-        sensed=scenario.camera_fields,
+        footprint_cells=camera.footprint,
+        noise_std=camera.noise,
+        false_positive_rate=camera.false_positive_rate,
+        false_negative_rate=camera.false_negative_rate,
+        sensed=camera.fields,
     )
+
+
+def estimator_of(choice: Choice, seed: int) -> Estimator:
+    """Return the estimator of a choice, with its parameters.
+
+    Raises
+    ------
+    EstimatorError
+        If the name or a parameter is unknown.
+    """
+    if choice.made is None:
+        return make_estimator(choice.name, random_state=child_seed(seed, "estimator"), **choice.params)
+    if not isinstance(choice.made, Estimator):
+        msg = f"estimator {choice.name} has no fit, partial_fit and predict; see docs/estimators.md"
+        raise EstimatorError(msg)
+    return choice.made
 
 
 def fly(
@@ -133,16 +149,16 @@ def fly(
     """
     tell = progress or _silent
     watch = _Stopwatch()
-    options = camera_options(scenario)
-    estimator = make_estimator(scenario.estimator, random_state=child_seed(scenario.seed, "estimator"))
+    options = camera_options(scenario.camera)
+    estimator = estimator_of(scenario.estimate.estimator, scenario.seed)
     tell("planning", 0, 1)
     planned = plan(scenario)
     tell("planning", 1, 1)
     watch.lap("plan")
     farm = planned.farm
-    require_run_memory(farm, estimator, round(_expected_observations(scenario, planned)))
+    require_run_memory(farm, estimator, round(_expected_observations(scenario.camera, planned)))
     environment, cached = _find_environment(scenario, farm, progress, use_cache=use_cache)
-    truth = environment.values(scenario.day)
+    truth = environment.values(scenario.farm.day)
     watch.lap("environment")
     # One BLAS thread: sums do not depend on the number of cores then, and small matrices are faster.
     with threadpool_limits(1, user_api="blas"):
@@ -173,17 +189,19 @@ class _Run:
         farm = planned.farm
         grid = farm.grid()
         self.scenario, self.planned, self.truth, self.tell, self.watch = scenario, planned, truth, tell, watch
-        camera = LeafCamera(environment, grid.shape, scenario.day, options, stream(scenario.seed, "camera"))
-        self.assembler = ObservationAssembler(farm, day=scenario.day)
+        camera = LeafCamera(
+            environment, grid.shape, scenario.farm.day, options, stream(scenario.seed, "camera")
+        )
+        self.assembler = ObservationAssembler(farm, day=scenario.farm.day)
         self.ground = GroundStation(planned.mission, self.assembler, on_progress=self._on_transfer)
         home = home_of(planned.mission, farm)
         self.vehicle = SimVehicle(
             planned.vehicle,
             home,
-            wind=wind_of(scenario),
-            persona=get_persona(scenario.autopilot),
+            wind=wind_of_run(scenario),
+            persona=get_persona(scenario.vehicle.autopilot),
             epoch_unix_s=EPOCH_UNIX_S,
-            noise=noise_of(scenario),
+            noise=noise_of(scenario.vehicle, scenario.seed),
         )
         self.camera = LeafCameraComponent(
             camera, farm, position_error=self.vehicle.position_error if self.vehicle.errors else None
@@ -199,12 +217,12 @@ class _Run:
     def _score_every(self) -> int:
         """Return after how many observations the estimate is scored."""
         planned = self.planned
-        points = self.scenario.score_points
+        points = self.scenario.score.points
         if points is None:
             if planned.vehicle.is_ideal and planned.farm.owner_cells <= SMALL_FARM_CELLS:
                 return 1
             points = score_points(planned.farm, self.estimator)
-        return max(1, round(_expected_observations(self.scenario, planned) / points))
+        return max(1, round(_expected_observations(self.scenario.camera, planned) / points))
 
     def fly(self, pace: float | None, tlog: Path | None, impairment: Impairment | None) -> None:
         """Fly from the first heartbeat to the last, estimating on the way."""
@@ -272,7 +290,6 @@ class _Run:
         now_s = simulation.now_s if simulation is not None else 0.0
         self.estimate.finish(now_s)
         self.watch.lap("estimate and score")
-        outcome, reason = self._outcome()
         battery = self.planned.vehicle.battery
         used = None
         if battery is not None and ground.battery.consumed_wh is not None:
@@ -280,8 +297,8 @@ class _Run:
         return FlightResult(
             scenario=self.scenario,
             plan=self.planned,
-            outcome=outcome,
-            reason=reason,
+            outcome=ground.outcome,
+            reason=ground.reason,
             track=ground.track(self.planned.farm.frame),
             true_track=ground.true_track(self.planned.farm.frame),
             observations=Observations.concatenate(self.parts),
@@ -298,31 +315,14 @@ class _Run:
             texts=ground.texts,
         )
 
-    def _outcome(self) -> tuple[Outcome, str]:
-        """Return the ground's outcome, in the vehicle's more precise terms where it has any."""
-        ground, vehicle = self.ground, self.vehicle
-        if ground.outcome is Outcome.FLIGHT_ABORTED and vehicle.outcome is not VehicleOutcome.RUNNING:
-            precise = {
-                VehicleOutcome.CANNOT_FLY_ITEM: Outcome.CANNOT_FLY_ITEM,
-                VehicleOutcome.BATTERY_LOW: Outcome.BATTERY_LOW,
-                VehicleOutcome.BATTERY_DEPLETED: Outcome.BATTERY_DEPLETED,
-                VehicleOutcome.MISSION_REJECTED: Outcome.MISSION_REJECTED,
-                VehicleOutcome.FENCE_BREACHED: Outcome.FENCE_BREACHED,
-                VehicleOutcome.LINK_LOST: Outcome.LINK_LOST,
-                VehicleOutcome.POSITION_LOST: Outcome.POSITION_LOST,
-                VehicleOutcome.CRASHED: Outcome.CRASHED,
-            }.get(vehicle.outcome, Outcome.FLIGHT_ABORTED)
-            return precise, vehicle.outcome_text or ground.reason
-        return ground.outcome, ground.reason
 
-
-def _expected_observations(scenario: Scenario, planned: PlanResult) -> float:
+def _expected_observations(camera: CameraOptions, planned: PlanResult) -> float:
     if planned.vehicle.is_ideal:
         pictures = planned.prediction.duration_s / planned.vehicle.step_s
     else:
-        spacing_m = scenario.camera_spacing_m or planned.farm.cell_size_m * scenario.camera_footprint
+        spacing_m = camera.spacing_m or planned.farm.cell_size_m * camera.footprint
         pictures = planned.prediction.path_length_m / spacing_m
-    return pictures * scenario.camera_footprint**2
+    return pictures * camera.footprint**2
 
 
 def _silent(_what: str, _done: float, _total: float) -> None:

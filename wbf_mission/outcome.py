@@ -8,6 +8,8 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from wbf_mission.exit_codes import ExitCode
+
 
 class Phase(Enum):
     """What the ground station is at."""
@@ -49,7 +51,14 @@ class Outcome(Enum):
     @property
     def exit_code(self) -> int:
         """Exit code of a command whose run ended so."""
-        return {Outcome.COMPLETED: 0, Outcome.INTERRUPTED: 130}.get(self, 1)
+        return {
+            Outcome.COMPLETED: ExitCode.GOOD,
+            Outcome.INTERRUPTED: ExitCode.INTERRUPTED,
+            Outcome.NO_CONTACT: ExitCode.NO_VEHICLE,
+            Outcome.UPLOAD_FAILED: ExitCode.REFUSED,
+            Outcome.ARMING_REFUSED: ExitCode.REFUSED,
+            Outcome.MISSION_REJECTED: ExitCode.REFUSED,
+        }.get(self, ExitCode.NOT_GOOD)
 
 
 @dataclass(frozen=True, slots=True)

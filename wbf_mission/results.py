@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -60,12 +61,7 @@ class RunFolder:
             If the folder cannot be made.
         """
         if path is None:
-            what = Path(scenario.mission).stem if scenario.mission else scenario.planner
-            farm, vehicle = Path(scenario.farm).stem, Path(scenario.vehicle).stem
-            path = (
-                Path("runs")
-                / f"{farm}_{what}_{scenario.estimator}_{vehicle}_seed{scenario.seed}{_rest(scenario)}"
-            )
+            path = Path("runs") / run_name(scenario)
         try:
             path.mkdir(parents=True, exist_ok=True)
             for name in _FILES:
@@ -113,14 +109,29 @@ class RunFolder:
         return written
 
 
-def _rest(scenario: Scenario) -> str:
-    """Return a digest of what the name of the folder does not tell, empty if all of it is the default."""
-    told = {"farm", "planner", "estimator", "vehicle", "seed", "mission"}
-    default = Scenario().to_dict()
-    rest = {k: v for k, v in scenario.to_dict().items() if k not in told and v != default[k]}
+def run_name(scenario: Scenario) -> str:
+    """Return a name for a run: farm, planner or mission, estimator, vehicle, seed, and a digest of the rest.
+
+    The digest covers whatever is not the default and not told by the name, such as the folders of files and
+    the parameters of a planner; so runs that differ have names that differ.
+    """
+    mission, default = scenario.mission, Scenario().to_dict()
+    planner = mission.planner.name if mission.file is None else Path(mission.file).stem
+    told = {
+        "farm": Path(scenario.farm.name).stem,
+        "planner": planner,
+        "estimator": scenario.estimate.estimator.name,
+        "vehicle": Path(scenario.vehicle.name).stem,
+        "seed": scenario.seed,
+    }
+    rest = {
+        key: value for key, value in scenario.to_dict().items() if value not in (told.get(key), default[key])
+    }
+    words = "_".join(re.sub(r"[^\w.-]", "-", str(told[key])) for key in list(told)[:-1])
+    name = f"{words}_seed{scenario.seed}"
     if not rest:
-        return ""
-    return "_" + hashlib.sha256(msgspec.json.encode(sorted(rest.items()))).hexdigest()[:6]
+        return name
+    return f"{name}_{hashlib.sha256(msgspec.json.encode(sorted(rest.items()))).hexdigest()[:6]}"
 
 
 def _write_array(path: Path, array: Any) -> None:
@@ -165,9 +176,10 @@ def _plot_jobs(result: FlightResult) -> list[tuple[str, Any]]:
     from wbf_mission import plots
 
     scenario, farm = result.scenario, result.farm
-    how = scenario.planner if scenario.mission is None else Path(scenario.mission).name
-    title = f"{farm.name}: {how}, {scenario.vehicle}"
-    about = f"{farm.name}, day {scenario.day}, {scenario.estimator}"
+    mission, estimator = scenario.mission, scenario.estimate.estimator
+    how = str(mission.planner) if mission.file is None else Path(mission.file).name
+    title = f"{farm.name}: {how}, {result.plan.vehicle.name}"
+    about = f"{farm.name}, day {scenario.farm.day}, {estimator}"
     track = np.column_stack((result.track.x_m, result.track.y_m))
     jobs: list[tuple[str, Any]] = [
         ("path.png", lambda path: plots.plot_paths(farm, result.plan.path_m, track, path, title))
@@ -192,7 +204,7 @@ def _plot_jobs(result: FlightResult) -> list[tuple[str, Any]]:
                         history.scores,
                         history.field_losses,
                         path,
-                        f"{title}, {scenario.estimator}",
+                        f"{title}, {estimator}",
                     ),
                 )
             )

@@ -3,52 +3,73 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
-import msgspec
-
-from sim_vehicle.faults.fault import Fault, faults_of
 from wbf_mission.scenario import Scenario, ScenarioError, read_table, scenario_from_table
+from wbf_mission.scenario.option import Part, option, options_of
+from wbf_mission.scenario.parts import CAMERA, VEHICLE
+from wbf_mission.scenario.scenario import unknown_key
+
+if TYPE_CHECKING:
+    from sim_vehicle.faults.fault import Fault
 
 __all__ = ["SimOptions", "load_sim", "parse_speed"]
 
+LINKS = "Links and time"
 _SLOWEST, _FASTEST = 0.01, 10_000.0
 
 
 @dataclass(frozen=True, slots=True)
-class SimOptions:
-    """The simulator besides its scenario; the keys of the table ``[sim]`` of a file.
+class SimOptions(Part):
+    """The simulator besides its scenario; the keys of the table ``[sim]`` of a file."""
 
-    Parameters
-    ----------
-    count : int or None
-        How many vehicles; None: as many as there are homes.
-    home : tuple of str
-        Start places, ``LAT,LON[,ALT[,HEADING]]``.
-    spacing_m : float
-        Between vehicles that share a home.
-    listen, connect : tuple of str
-        Links; none: the autopilot's own simulator's ports.
-    speed : float or str
-        Simulated seconds per second, or "max".
-    duration_s : float or None
-        When to stop, in simulated seconds.
-    camera : bool
-        Whether the vehicles carry leaf cameras.
-    """
+    count: int | None = option(
+        None,
+        "How many vehicles, systems 1 to N, each at its own ports",
+        VEHICLE,
+        low=1,
+        high=250,
+        default="one for each home",
+    )
+    home: tuple[str, ...] = option(
+        (),
+        "Start at LAT,LON[,ALT[,HEADING]]: degrees, metres above sea level, degrees; once for all or once for"
+        " each vehicle",
+        VEHICLE,
+        default="the farm's home",
+        metavar="LAT,LON",
+    )
+    spacing_m: float = option(4.0, "Between vehicles that share a home", VEHICLE, low=0.0, high=1000.0)
+    listen: tuple[str, ...] = option(
+        (),
+        "Link for ground stations, with all vehicles behind it; may be repeated: udpin:, udpout: or"
+        " tcpin:HOST:PORT, serial:DEVICE:BAUD",
+        LINKS,
+        default="the autopilot's own simulator ports",
+        metavar="URL",
+    )
+    connect: tuple[str, ...] = option(
+        (),
+        "Link that we open: udpout:HOST:PORT or tcp:HOST:PORT; may be repeated",
+        LINKS,
+        default="none",
+        metavar="URL",
+    )
+    speed: float | str = option(
+        1.0, "Simulated seconds per second of wall time, or max", LINKS, metavar="FACTOR"
+    )
+    duration_s: float | None = option(
+        None,
+        "Simulated time after which it stops",
+        LINKS,
+        default="until Ctrl-C",
+    )
+    camera: bool = option(True, "Carry the leaf camera", CAMERA)
 
-    count: int | None = None
-    home: tuple[str, ...] = ()
-    spacing_m: float = 4.0
-    listen: tuple[str, ...] = ()
-    connect: tuple[str, ...] = ()
-    speed: float | str = 1.0
-    duration_s: float | None = None
-    camera: bool = True
-
-    def __post_init__(self) -> None:
+    def check(self) -> None:
+        """Refuse speeds and durations that cannot be."""
         parse_speed(self.speed)
         if self.duration_s is not None and not 0.0 < self.duration_s < 1e9:
             msg = f"duration {self.duration_s} is out of range: give a positive number of simulated seconds"
@@ -90,29 +111,23 @@ def load_sim(path: str | Path) -> tuple[Scenario, SimOptions, tuple[Fault, ...]]
     FaultError
         If a fault is wrong.
     """
+    from sim_vehicle.faults.fault import faults_of
+
     path = Path(path)
     table = read_table(path)
     faults = faults_of(table, str(path))
     table.pop("fault", None)
     given = table.pop("sim", {})
     scenario = scenario_from_table(table, path)
-    known = [field.name for field in fields(SimOptions)]
     if not isinstance(given, dict):
         msg = f"{path}: sim is written as a table [sim]"
         raise ScenarioError(msg)
-    unknown = sorted(set(given) - set(known))
-    if unknown:
-        msg = f"{path}: unknown key {unknown[0]!r} in [sim]; known keys are {', '.join(known)}"
-        raise ScenarioError(msg)
+    known = list(options_of(SimOptions))
+    unknown = [key for key in given if key not in known]
     try:
-        return scenario, msgspec.convert(given, SimOptions), faults
-    except (msgspec.ValidationError, ScenarioError) as error:
+        if unknown:
+            raise ScenarioError(unknown_key(unknown[0], known) + " in [sim]")
+        return scenario, SimOptions(**given), faults
+    except ScenarioError as error:
         msg = f"{path}: {error}"
         raise ScenarioError(msg) from error
-
-
-def sim_with(base: SimOptions, changes: dict[str, Any]) -> SimOptions:
-    """Return ``base`` with those of ``changes`` that are given (neither None nor empty)."""
-    return replace(
-        base, **{key: value for key, value in changes.items() if value is not None and value != ()}
-    )

@@ -10,14 +10,14 @@ from geo.seeds import stream
 from mission.model import GeoPoint
 from sensors.camera.leaf_camera import LeafCamera
 from sim_vehicle.camera.component import LeafCameraComponent
-from sim_vehicle.host.component import Component
+from sim_vehicle.component import Component
 from sim_vehicle.mavlink import SimVehicle, get_persona
 from sim_vehicle.mavlink.fleet import SPACING_M, Fleet
 from sim_vehicle.prediction.compile_ahead import warm_up
 from wbf_mission.flight import EPOCH_UNIX_S, camera_options, make_environment
 from wbf_mission.planning import flown_vehicle
 from wbf_mission.scenario import Scenario, ScenarioError
-from wbf_mission.weather import noise_of, wind_of
+from wbf_mission.weather import noise_of, wind_of_run
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,9 +120,9 @@ def make_components(
     WbfMissionError
         If a name is unknown or an option out of range.
     """
-    farm = get_farm(scenario.farm)
-    spec = flown_vehicle(scenario)
-    persona = get_persona(scenario.autopilot)
+    farm = get_farm(scenario.farm.name)
+    spec = flown_vehicle(scenario.vehicle)
+    persona = get_persona(scenario.vehicle.autopilot)
     if not homes:
         latitude, longitude = farm.frame.to_wgs84(*farm.home_m)
         homes = [(GeoPoint(latitude, longitude, farm.frame.altitude_m), 0.0)]
@@ -131,8 +131,8 @@ def make_components(
         homes,
         count,
         persona=persona,
-        wind=wind_of(scenario),
-        noise=noise_of(scenario),
+        wind=wind_of_run(scenario),
+        noise=noise_of(scenario.vehicle, scenario.seed),
         spacing_m=spacing_m,
         epoch_unix_s=EPOCH_UNIX_S,
     )
@@ -147,8 +147,8 @@ def make_components(
             optics = LeafCamera(
                 environment,
                 farm.grid().shape,
-                scenario.day,
-                camera_options(scenario),
+                scenario.farm.day,
+                camera_options(scenario.camera),
                 stream(scenario.seed, *names),
             )
             position_error = vehicle.position_error if vehicle.errors is not None else None

@@ -1,54 +1,99 @@
-"""The air of a scenario, and how wrong its vehicles are about their place."""
+"""The air of a run at the height of its flight, and how wrong its vehicles are about their position."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+
+from numpy.random import SeedSequence
 
 from geo.seeds import child_seed
 from sim_vehicle.airframe.sensor_errors import SensorNoise
 from sim_vehicle.airframe.spec import get_vehicle
 from sim_vehicle.weather.dryden import LEVELS_W20_M_S, REFERENCE_M
 from sim_vehicle.weather.wind import Turbulence, Wind, WindShear
-from wbf_mission.scenario import Scenario
+from wbf_mission.scenario import MissionOptions, Scenario, VehicleOptions, WeatherOptions
 
-__all__ = ["noise_of", "wind_of"]
+__all__ = ["FlightLevel", "flight_level", "noise_of", "wind_of", "wind_of_run"]
 
 _SLOWEST_M_S = 1.0
 
 
-def wind_of(scenario: Scenario, *, gusts: bool = True) -> Wind:
-    """Return the scenario's wind; without gusts for predictions, which must not know the run's weather.
+@dataclass(frozen=True, slots=True)
+class FlightLevel:
+    """How high and how fast a planned flight is.
+
+    Parameters
+    ----------
+    altitude_m : float
+        Above home.
+    speed_m_s : float
+        Over ground in calm air.
+    """
+
+    altitude_m: float
+    speed_m_s: float
+
+
+def flight_level(mission: MissionOptions, vehicle: VehicleOptions) -> FlightLevel:
+    """Return the height and speed of a mission's flight: as asked for, else what the vehicle is built for.
 
     Raises
     ------
     VehicleError
         If the vehicle is unknown.
+    """
+    built = get_vehicle(vehicle.name)
+    return FlightLevel(
+        mission.altitude_m or built.takeoff_altitude_m, mission.cruise_speed_m_s or built.cruise_speed_m_s
+    )
+
+
+def wind_of_run(scenario: Scenario) -> Wind:
+    """Return the wind that a run's vehicles meet, gusts included."""
+    return wind_of(
+        scenario.weather, flight_level(scenario.mission, scenario.vehicle), child_seed(scenario.seed, "wind")
+    )
+
+
+def wind_of(
+    weather: WeatherOptions, level: FlightLevel, seed: SeedSequence | int = 0, *, gusts: bool = True
+) -> Wind:
+    """Return the wind of a weather.
+
+    Parameters
+    ----------
+    weather : WeatherOptions
+    level : FlightLevel
+        Where and how fast is flown: Dryden's turbulence depends on it.
+    seed : SeedSequence or int
+        Of the gusts. Predictions must not know the run's, and leave it out.
+    gusts : bool
+        Without them the mean wind alone.
 
     Examples
     --------
-    >>> wind = wind_of(Scenario(wind_speed_m_s=5.0, wind_shear="log", turbulence="wind"))
-    >>> round(wind.turbulence.w20_m_s, 3), wind_of(Scenario(turbulence=6.0), gusts=False).turbulence
+    >>> weather = WeatherOptions(wind_speed_m_s=5.0, wind_shear="log", turbulence="wind")
+    >>> wind = wind_of(weather, FlightLevel(10.0, 5.0))
+    >>> round(wind.turbulence.w20_m_s, 3), wind_of(weather, FlightLevel(10.0, 5.0), gusts=False).turbulence
     (4.463, None)
     """
     shear = None
-    if scenario.wind_shear is not None:
-        shear = WindShear(scenario.wind_shear, scenario.wind_roughness_m, scenario.wind_exponent)
+    if weather.wind_shear is not None:
+        shear = WindShear(weather.wind_shear, weather.wind_roughness_m, weather.wind_exponent)
     mean = Wind.from_direction(
-        scenario.wind_speed_m_s,
-        scenario.wind_direction_deg,
-        gust_m_s=scenario.wind_gust_m_s if gusts else 0.0,
-        seed=child_seed(scenario.seed, "wind"),
-        height_m=scenario.wind_height_m,
+        weather.wind_speed_m_s,
+        weather.wind_direction_deg,
+        gust_m_s=weather.wind_gust_m_s if gusts else 0.0,
+        seed=seed,
+        height_m=weather.wind_height_m,
         shear=shear,
     )
-    if not gusts or scenario.turbulence is None:
+    if not gusts or weather.turbulence is None:
         return mean
-    vehicle = get_vehicle(scenario.vehicle)
-    height_m = scenario.altitude_m or vehicle.takeoff_altitude_m
-    cruise_m_s = scenario.cruise_speed_m_s or vehicle.cruise_speed_m_s
     # With and against the wind the vehicle flies at this airspeed on average (root of the mean square).
-    airspeed_m_s = max(_SLOWEST_M_S, math.hypot(cruise_m_s, *mean.mean_at(height_m)))
-    turbulence = Turbulence(_w20_m_s(scenario.turbulence, mean), height_m, airspeed_m_s)
+    airspeed_m_s = max(_SLOWEST_M_S, math.hypot(level.speed_m_s, *mean.mean_at(level.altitude_m)))
+    turbulence = Turbulence(_w20_m_s(weather.turbulence, mean), level.altitude_m, airspeed_m_s)
     return Wind(
         mean.east_m_s,
         mean.north_m_s,
@@ -66,6 +111,6 @@ def _w20_m_s(given: str | float, mean: Wind) -> float:
     return LEVELS_W20_M_S[given] if isinstance(given, str) else given
 
 
-def noise_of(scenario: Scenario) -> SensorNoise:
-    """Return how wrong the scenario's vehicles are about their place."""
-    return SensorNoise(scenario.gps_noise_m, scenario.baro_noise_m, child_seed(scenario.seed, "navigation"))
+def noise_of(vehicle: VehicleOptions, seed: SeedSequence | int) -> SensorNoise:
+    """Return how wrong a run's vehicles are about their position."""
+    return SensorNoise(vehicle.gps_noise_m, vehicle.baro_noise_m, child_seed(seed, "navigation"))

@@ -3,24 +3,32 @@
 `read_mission` and `write_mission` choose the format by the suffix of the file's name.
 """
 
-from mission.files.common import Firmware
-from mission.files.formats import (
-    MissionFormat,
-    mission_formats,
-    read_mission,
-    reader_for,
-    register_format,
-    write_mission,
-    writer_for,
-)
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "Firmware",
-    "MissionFormat",
-    "mission_formats",
-    "read_mission",
-    "reader_for",
-    "register_format",
-    "write_mission",
-    "writer_for",
-]
+from geo.lazy import attach
+
+if TYPE_CHECKING:
+    from mission.files.common import Firmware as Firmware
+    from mission.files.formats import MissionFormat as MissionFormat
+    from mission.files.formats import mission_formats as mission_formats
+    from mission.files.formats import read_mission as read_mission
+    from mission.files.formats import reader_for as reader_for
+    from mission.files.formats import register_format as register_format
+    from mission.files.formats import write_mission as write_mission
+    from mission.files.formats import writer_for as writer_for
+else:
+    __getattr__, __dir__, __all__ = attach(
+        __name__,
+        {
+            "mission.files.common": ("Firmware",),
+            "mission.files.formats": (
+                "MissionFormat",
+                "mission_formats",
+                "read_mission",
+                "reader_for",
+                "register_format",
+                "write_mission",
+                "writer_for",
+            ),
+        },
+    )

@@ -1,26 +1,34 @@
 """Links that carry MAVLink bytes: in memory, UDP, TCP."""
 
-from mission.link.codec.frames import FrameReader, FrameWriter, SourceStatistics
-from mission.link.codec.signing import Signing, key_from_text
-from mission.link.endpoint import LinkStatistics, MavlinkEndpoint
-from mission.link.link import Link, LinkAddress, open_link, parse_link_url
-from mission.link.memory import MemoryLink, memory_pair
-from mission.link.tlog import TlogWriter, read_tlog
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "FrameReader",
-    "FrameWriter",
-    "Link",
-    "LinkAddress",
-    "LinkStatistics",
-    "MavlinkEndpoint",
-    "MemoryLink",
-    "Signing",
-    "SourceStatistics",
-    "TlogWriter",
-    "key_from_text",
-    "memory_pair",
-    "open_link",
-    "parse_link_url",
-    "read_tlog",
-]
+from geo.lazy import attach
+
+if TYPE_CHECKING:
+    from mission.link.codec.frames import FrameReader as FrameReader
+    from mission.link.codec.frames import FrameWriter as FrameWriter
+    from mission.link.codec.frames import SourceStatistics as SourceStatistics
+    from mission.link.codec.signing import Signing as Signing
+    from mission.link.codec.signing import key_from_text as key_from_text
+    from mission.link.endpoint import LinkStatistics as LinkStatistics
+    from mission.link.endpoint import MavlinkEndpoint as MavlinkEndpoint
+    from mission.link.link import Link as Link
+    from mission.link.link import LinkAddress as LinkAddress
+    from mission.link.link import open_link as open_link
+    from mission.link.link import parse_link_url as parse_link_url
+    from mission.link.memory import MemoryLink as MemoryLink
+    from mission.link.memory import memory_pair as memory_pair
+    from mission.link.tlog import TlogWriter as TlogWriter
+    from mission.link.tlog import read_tlog as read_tlog
+else:
+    __getattr__, __dir__, __all__ = attach(
+        __name__,
+        {
+            "mission.link.codec.frames": ("FrameReader", "FrameWriter", "SourceStatistics"),
+            "mission.link.codec.signing": ("Signing", "key_from_text"),
+            "mission.link.endpoint": ("LinkStatistics", "MavlinkEndpoint"),
+            "mission.link.link": ("Link", "LinkAddress", "open_link", "parse_link_url"),
+            "mission.link.memory": ("MemoryLink", "memory_pair"),
+            "mission.link.tlog": ("TlogWriter", "read_tlog"),
+        },
+    )

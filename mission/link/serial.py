@@ -6,7 +6,7 @@ import contextlib
 import os
 from typing import Any
 
-from mission.errors import LinkError
+from mission.errors import LinkError, LinkLostError
 from mission.link.link import LinkAddress
 
 _BACKLOG_BYTES = 1 << 16
@@ -70,8 +70,8 @@ class SerialLink:
             raise self._gone() from error
         del self._backlog[:written]
 
-    def _gone(self) -> LinkError:
-        return LinkError(f"{self.name}: the device has gone; plug it in and start again")
+    def _gone(self) -> LinkLostError:
+        return LinkLostError(f"{self.name}: the device has gone; plug it in and start again")
 
     def receive(self) -> list[bytes]:
         """Return what has arrived; LinkError once the device has gone."""

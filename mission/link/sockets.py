@@ -8,7 +8,7 @@ import os
 import socket
 from typing import Any
 
-from mission.errors import LinkError
+from mission.errors import LinkError, LinkLostError, NoPeerError
 from mission.link.link import LinkAddress
 
 _DATAGRAM_BYTES = 65536
@@ -31,8 +31,10 @@ def _why(address: LinkAddress, error: OSError) -> LinkError:
         text = f"{where}: not permitted; choose a port above 1023 and an address that is not a broadcast"
     elif isinstance(error, ConnectionRefusedError):
         text = f"{where}: connection refused; start the vehicle there first, or check the address"
+        return NoPeerError(text)
     elif isinstance(error, TimeoutError):
         text = f"{where}: no answer to the connection request; check the address and the network"
+        return NoPeerError(text)
     else:
         text = f"{where}: {(os.strerror(error.errno) if error.errno else str(error)).lower()}"
     return LinkError(text)
@@ -248,8 +250,8 @@ class TcpLink:
     def _flush(self) -> None:
         del self._backlog[: self._write(self._backlog)]
 
-    def _gone(self) -> LinkError:
-        return LinkError(f"{self.name}: the other side closed the connection; connect again")
+    def _gone(self) -> LinkLostError:
+        return LinkLostError(f"{self.name}: the other side closed the connection; connect again")
 
     def receive(self) -> list[bytes]:
         """Return the pieces that have arrived; LinkError once the peer has gone and everything was read."""

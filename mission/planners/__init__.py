@@ -1,28 +1,49 @@
 """Planners: a farm, a start and a budget in, a path within the budget out."""
 
-from mission.planners.budget import BatchBudget, Budget, LengthBudget, StepBudget, parse_budget
-from mission.planners.build import WingPattern, build_mission
-from mission.planners.conformance import check_planner
-from mission.planners.path import PlannedPath, path_length
-from mission.planners.registry import get_planner, planner_names
-from mission.planners.request import CropArea, Planner, PlanningRequest
-from mission.planners.seen import coverage
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "BatchBudget",
-    "Budget",
-    "CropArea",
-    "LengthBudget",
-    "PlannedPath",
-    "Planner",
-    "PlanningRequest",
-    "StepBudget",
-    "WingPattern",
-    "build_mission",
-    "check_planner",
-    "coverage",
-    "get_planner",
-    "parse_budget",
-    "path_length",
-    "planner_names",
-]
+from geo.lazy import attach
+
+if TYPE_CHECKING:
+    from mission.planners.budget import BatchBudget as BatchBudget
+    from mission.planners.budget import Budget as Budget
+    from mission.planners.budget import LengthBudget as LengthBudget
+    from mission.planners.budget import StepBudget as StepBudget
+    from mission.planners.budget import parse_budget as parse_budget
+    from mission.planners.build import WingPattern as WingPattern
+    from mission.planners.build import build_mission as build_mission
+    from mission.planners.conformance import check_planner as check_planner
+    from mission.planners.path import PlannedPath as PlannedPath
+    from mission.planners.path import path_length as path_length
+    from mission.planners.registry import ConfiguredPlanner as ConfiguredPlanner
+    from mission.planners.registry import make_planner as make_planner
+    from mission.planners.registry import planner_names as planner_names
+    from mission.planners.registry import planner_parameters as planner_parameters
+    from mission.planners.request import CropArea as CropArea
+    from mission.planners.request import Planner as Planner
+    from mission.planners.request import PlanningRequest as PlanningRequest
+    from mission.planners.seen import coverage as coverage
+else:
+    __getattr__, __dir__, __all__ = attach(
+        __name__,
+        {
+            "mission.planners.budget": (
+                "BatchBudget",
+                "Budget",
+                "LengthBudget",
+                "StepBudget",
+                "parse_budget",
+            ),
+            "mission.planners.build": ("WingPattern", "build_mission"),
+            "mission.planners.conformance": ("check_planner",),
+            "mission.planners.path": ("PlannedPath", "path_length"),
+            "mission.planners.registry": (
+                "ConfiguredPlanner",
+                "make_planner",
+                "planner_names",
+                "planner_parameters",
+            ),
+            "mission.planners.request": ("CropArea", "Planner", "PlanningRequest"),
+            "mission.planners.seen": ("coverage",),
+        },
+    )

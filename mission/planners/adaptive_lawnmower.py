@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import shapely
@@ -13,6 +12,7 @@ from mission.planners.connect import Terrain, inset
 from mission.planners.path import Area, PlannedPath, Points, drop_coincident
 from mission.planners.request import PlanningRequest
 from mission.planners.search import Found, densest_feasible
+from mission.planners.spacing import is_number, spacing_limits
 from mission.planners.sweep import Sweep, sweep_angle
 
 TOMATO_SHARE = 2 / 3
@@ -21,7 +21,12 @@ NAME = "adaptive-lawnmower"
 
 
 def adaptive_lawnmower(
-    request: PlanningRequest, /, *, tomato_share: float = TOMATO_SHARE, direction: str | float | None = None
+    request: PlanningRequest,
+    /,
+    *,
+    tomato_share: float = TOMATO_SHARE,
+    direction: str | float | None = None,
+    min_spacing_m: float | None = None,
 ) -> PlannedPath:
     """Plan rows over the tomatoes with two thirds of the budget, then over the strawberries with the rest.
 
@@ -42,6 +47,8 @@ def adaptive_lawnmower(
         Share of the budget for the tomatoes, approach included, between 0 and 1.
     direction : str or float, optional
         Direction of the rows, see `mission.planners.sweep.sweep_angle`.
+    min_spacing_m : float, optional
+        Rows are at least so far apart. Default: a footprint.
 
     Returns
     -------
@@ -53,18 +60,19 @@ def adaptive_lawnmower(
     PlanningError
         If the budget does not suffice for one row over each crop; the text says what would.
     """
-    if not (math.isfinite(tomato_share) and 0 < tomato_share < 1):
-        msg = f"{NAME}: the share of the tomatoes must be between 0 and 1, not {tomato_share}"
+    if not (is_number(tomato_share) and 0 < tomato_share < 1):
+        msg = f"{NAME}: tomato_share must be between 0 and 1, not {tomato_share!r}"
         raise PlanningError(msg)
+    least, _ = spacing_limits(NAME, request.footprint_m, min_spacing_m, None)
     lands = [land for crop in (Crop.TOMATO, Crop.STRAWBERRY) if (land := _land(request, crop)) is not None]
     plan = _Plan(
         request,
         Terrain(request.area, request.footprint_m),
-        [_sweep(land, request.footprint_m, direction) for land in lands or [request.area]],
+        [_sweep(land, request.footprint_m, least, direction) for land in lands or [request.area]],
     )
     if len(plan.sweeps) == 1:
-        least, most = LEAST_ROWS, plan.sweeps[0].most_rows
-        found = densest_feasible(request, lambda rows: plan.path(rows), least, most, what=plan.what)
+        most = plan.sweeps[0].most_rows
+        found = densest_feasible(request, lambda rows: plan.path(rows), LEAST_ROWS, most, what=plan.what)
         return plan.result(found, found.index)
     return _both(plan, tomato_share)
 
@@ -142,6 +150,6 @@ def _land(request: PlanningRequest, crop: Crop) -> Area | None:
     return parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts)
 
 
-def _sweep(land: Area, footprint_m: float, direction: str | float | None) -> Sweep:
+def _sweep(land: Area, footprint_m: float, spacing_m: float, direction: str | float | None) -> Sweep:
     flyable = inset(land, footprint_m / 2)
-    return Sweep(flyable, footprint_m, sweep_angle(flyable, direction))
+    return Sweep(flyable, spacing_m, sweep_angle(flyable, direction))

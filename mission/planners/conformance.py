@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import shapely
@@ -13,6 +15,7 @@ from geo.farm import Crop
 from mission.errors import PlanningError
 from mission.planners.budget import Budget, LengthBudget, StepBudget
 from mission.planners.path import Area, PlannedPath
+from mission.planners.registry import make_planner, planner_parameters
 from mission.planners.request import CropArea, Planner, PlanningRequest
 
 _INSIDE_M = 1e-6
@@ -32,32 +35,41 @@ class _TurnBudget:
         return float(legs.sum() / 5.0 + 1.5 * len(legs))
 
 
-def check_planner(planner: Planner) -> None:
+def check_planner(planner: str | Planner, **parameters: Any) -> None:
     """Check that a planner keeps the rules of the house.
 
     Over convex, concave, pierced and disconnected areas, budgets of several units, and starts inside and
     outside: the result is a `PlannedPath` whose cost is within the budget; it lies in the area, except for
     transits between parts that do not hang together; the same request gives the same path; numpy's global
     generator and the request are left alone; a budget that is too small gives a path within it or a
-    `PlanningError` of one line.
+    `PlanningError` of one line. Its parameters are keyword-only arguments, each with a name and a default.
 
     Parameters
     ----------
-    planner : callable
-        From `PlanningRequest` to `PlannedPath`.
+    planner : str or Planner
+        A name or a planner, as for `mission.planners.registry.make_planner`.
+    **parameters
+        With which it is checked.
 
     Raises
     ------
     AssertionError
         If a rule is broken; the text says which, and for what problem.
+    PlanningError, ParameterError
+        If it is no planner, or it does not have one of the parameters.
 
     Examples
     --------
-    >>> from mission.planners.registry import get_planner
-    >>> check_planner(get_planner("random-waypoint"))
+    >>> check_planner("random-waypoint", waypoints=20)
     """
+    chosen = make_planner(planner, **parameters)
+    for name, argument in inspect.signature(chosen.planner).parameters.items():
+        catches_all = argument.kind in (argument.VAR_KEYWORD, argument.VAR_POSITIONAL)
+        _require(not catches_all, f"parameter {name}", "it takes any name, so a wrong one goes unnoticed")
+    for name, default in planner_parameters(chosen).items():
+        _require(default is not inspect.Parameter.empty, f"parameter {name}", "it has no default")
     for what, request in conformance_requests():
-        _check_one(planner, what, request)
+        _check_one(chosen, what, request)
 
 
 def conformance_requests() -> Iterator[tuple[str, PlanningRequest]]:

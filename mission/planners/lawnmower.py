@@ -6,10 +6,18 @@ from mission.planners.connect import Terrain
 from mission.planners.path import PlannedPath, Points, drop_coincident
 from mission.planners.request import PlanningRequest
 from mission.planners.search import densest_feasible
+from mission.planners.spacing import spacing_limits
 from mission.planners.sweep import Sweep, sweep_angle
 
 
-def lawnmower(request: PlanningRequest, /, *, direction: str | float | None = None) -> PlannedPath:
+def lawnmower(
+    request: PlanningRequest,
+    /,
+    *,
+    direction: str | float | None = None,
+    min_spacing_m: float | None = None,
+    max_spacing_m: float | None = None,
+) -> PlannedPath:
     """Plan equidistant rows from border to border, flown to and fro, as many as the budget allows.
 
     Any number of rows from two upwards is possible (the paper's implementation knows only odd ones), until
@@ -23,6 +31,8 @@ def lawnmower(request: PlanningRequest, /, *, direction: str | float | None = No
     direction : str or float, optional
         Direction of the rows, see `mission.planners.sweep.sweep_angle`; by default along x over a
         rectangle along the axes, as in the paper, otherwise the direction with the fewest turns.
+    min_spacing_m, max_spacing_m : float, optional
+        Rows are at least and at most so far apart. Default: at least a footprint.
 
     Returns
     -------
@@ -32,7 +42,8 @@ def lawnmower(request: PlanningRequest, /, *, direction: str | float | None = No
     Raises
     ------
     PlanningError
-        If the budget does not suffice for two rows; the text says what would.
+        If the budget does not suffice for two rows, or for rows as near as asked for; the text says what
+        would. If a parameter is out of its range.
 
     Examples
     --------
@@ -44,7 +55,8 @@ def lawnmower(request: PlanningRequest, /, *, direction: str | float | None = No
     (3.0, 360.0)
     """
     terrain = Terrain(request.area, request.footprint_m)
-    sweep = Sweep(terrain.flyable, request.footprint_m, sweep_angle(terrain.flyable, direction))
+    least, most = spacing_limits("lawnmower", request.footprint_m, min_spacing_m, max_spacing_m)
+    sweep = Sweep(terrain.flyable, least, sweep_angle(terrain.flyable, direction), max_spacing_m=most)
 
     def build(rows: int) -> Points:
         path = terrain.join(sweep.pieces(rows, request.start_xy_m), request.start_xy_m)

@@ -21,7 +21,7 @@ _UNUSED = 1e-6
 _ATTEMPTS = 1000
 
 
-def random_waypoint(request: PlanningRequest, /) -> PlannedPath:
+def random_waypoint(request: PlanningRequest, /, *, waypoints: int | None = None) -> PlannedPath:
     """Plan straight legs between uniformly distributed random places of the area.
 
     Where the straight leg would leave the area, the leg is the shortest way inside. The last leg is cut so
@@ -33,6 +33,8 @@ def random_waypoint(request: PlanningRequest, /) -> PlannedPath:
     ----------
     request : PlanningRequest
         The problem; `seed` decides the places.
+    waypoints : int, optional
+        How many places are drawn at most. Default: as many as the budget allows.
 
     Returns
     -------
@@ -42,7 +44,8 @@ def random_waypoint(request: PlanningRequest, /) -> PlannedPath:
     Raises
     ------
     PlanningError
-        If the budget does not suffice to reach the area (and return); the text says what would.
+        If the budget does not suffice to reach the area (and return); the text says what would. If the
+        number of places is out of its range.
 
     Examples
     --------
@@ -51,12 +54,18 @@ def random_waypoint(request: PlanningRequest, /) -> PlannedPath:
     >>> 359.9 < path.length_m <= 360.0
     True
     """
+    most = MAX_WAYPOINTS if waypoints is None else waypoints
+    if not isinstance(most, int) or isinstance(most, bool) or not 1 <= most <= MAX_WAYPOINTS:
+        msg = (
+            f"random-waypoint: waypoints must be a whole number from 1 to {MAX_WAYPOINTS}, not {waypoints!r}"
+        )
+        raise PlanningError(msg)
     walk = _Walk(request)
     budget = request.budget
-    count = _FIRST_BLOCK
-    while (cost := request.cost(walk.path(count))) <= budget.limit and count < MAX_WAYPOINTS:
+    count = min(_FIRST_BLOCK, most)
+    while (cost := request.cost(walk.path(count))) <= budget.limit and count < most:
         wanted = count * budget.limit / cost if cost > 0 else math.inf
-        count = math.ceil(min(MAX_WAYPOINTS, max(1.1 * wanted + 1, count + 1), 16 * count))
+        count = math.ceil(min(most, max(1.1 * wanted + 1, count + 1), 16 * count))
     found = densest_feasible(
         request, walk.path, 0, count, what="random-waypoint, to reach the area,", density=walk.length
     )

@@ -1,14 +1,45 @@
-"""Planners by name, found through the entry point group ``wbf_mission.planners``."""
+"""Planners with their parameters, by name or as objects.
+
+Names are found through the entry point group ``wbf_mission.planners``; an entry is a planner.
+"""
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from importlib.metadata import entry_points
-from typing import cast
+from typing import Any, cast
 
+from geo.named import ParameterError, check_parameters, parse_named
 from mission.errors import PlanningError
-from mission.planners.request import Planner
+from mission.planners.path import PlannedPath
+from mission.planners.request import Planner, PlanningRequest
 
 ENTRY_POINT_GROUP = "wbf_mission.planners"
+
+
+@dataclass(frozen=True, slots=True)
+class ConfiguredPlanner:
+    """A planner with its name and parameters; it is called with a request alone.
+
+    Parameters
+    ----------
+    name : str
+        What messages and results call it.
+    planner : callable
+        What plans: from a request and the parameters.
+    parameters : dict
+        Given to the planner by name; those that are not here have their defaults.
+    """
+
+    name: str
+    planner: Callable[..., PlannedPath]
+    parameters: dict[str, Any]
+
+    def __call__(self, request: PlanningRequest, /) -> PlannedPath:
+        """Plan, or raise PlanningError."""
+        return self.planner(request, **self.parameters)
 
 
 def planner_names() -> tuple[str, ...]:
@@ -22,30 +53,82 @@ def planner_names() -> tuple[str, ...]:
     return tuple(sorted({entry.name for entry in entry_points(group=ENTRY_POINT_GROUP)}))
 
 
-def get_planner(name: str) -> Planner:
-    """Return the planner of that name; case does not matter.
+def make_planner(planner: str | Planner, /, **parameters: Any) -> ConfiguredPlanner:
+    """Make a planner ready to be called with a request.
+
+    Parameters
+    ----------
+    planner : str or Planner
+        A name, in which case does not matter, with parameters if wanted: ``lawnmower:direction=0.3`` (see
+        `geo.named.parse_named`). Or a planner of your own.
+    **parameters
+        Further parameters, see `planner_parameters`; over those that a `ConfiguredPlanner` has already.
 
     Raises
     ------
     PlanningError
-        If there is no planner of that name, or its package cannot be imported.
+        If there is no planner of that name, its package cannot be imported, or it is no planner.
+    ParameterError
+        If the text cannot be read, or a parameter is unknown or given twice.
 
     Examples
     --------
-    >>> get_planner("spiral").__name__
-    'spiral'
+    >>> chosen = make_planner("Lawnmower:direction=0.3")
+    >>> chosen.name, chosen.parameters
+    ('lawnmower', {'direction': 0.3})
     """
+    given: Mapping[str, Any] = {}
+    found: Callable[..., PlannedPath]
+    if isinstance(planner, str):
+        name, given = parse_named(planner)
+        name, found = _find(name)
+        twice = sorted(given.keys() & parameters.keys())
+        if twice:
+            raise ParameterError(f"planner {name}: {twice[0]} is given twice; give it once")
+    elif isinstance(planner, ConfiguredPlanner):
+        name, given, found = planner.name, planner.parameters, planner.planner
+    else:
+        name = str(getattr(planner, "__name__", type(planner).__name__))
+        found = _checked(planner, f"planner {name}")
+    check_parameters(f"planner {name}", parameters.keys() | given.keys(), planner_parameters(found))
+    return ConfiguredPlanner(name, found, {**given, **parameters})
+
+
+def planner_parameters(planner: Callable[..., PlannedPath]) -> dict[str, Any]:
+    """Return the parameters of a planner, its keyword-only arguments, with their defaults.
+
+    Examples
+    --------
+    >>> from mission.planners.random_waypoint import random_waypoint
+    >>> planner_parameters(random_waypoint)
+    {'waypoints': None}
+    """
+    if isinstance(planner, ConfiguredPlanner):
+        return {**planner_parameters(planner.planner), **planner.parameters}
+    return {
+        name: argument.default
+        for name, argument in inspect.signature(planner).parameters.items()
+        if argument.kind is argument.KEYWORD_ONLY
+    }
+
+
+def _find(name: str) -> tuple[str, Callable[..., PlannedPath]]:
     for entry in entry_points(group=ENTRY_POINT_GROUP):
-        if entry.name.lower() != name.strip().lower():
+        if entry.name.lower() != name.lower():
             continue
         try:
             planner = entry.load()
         except (ImportError, AttributeError) as error:
             msg = f"planner {entry.name} ({entry.value}) cannot be loaded: {error}"
             raise PlanningError(msg) from error
-        if not callable(planner):
-            msg = f"planner {entry.name} ({entry.value}) is no callable"
-            raise PlanningError(msg)
-        return cast("Planner", planner)
+        return entry.name, _checked(planner, f"planner {entry.name} ({entry.value})")
     msg = f"no planner is named {name!r}; there are {', '.join(planner_names())}"
     raise PlanningError(msg)
+
+
+def _checked(planner: Any, what: str) -> Callable[..., PlannedPath]:
+    if not callable(planner) or inspect.isclass(planner):
+        fault = "is a class; give an object of it" if inspect.isclass(planner) else "is no callable"
+        msg = f"{what} {fault}: a planner is called with a PlanningRequest and returns a PlannedPath"
+        raise PlanningError(msg)
+    return cast("Callable[..., PlannedPath]", planner)

@@ -14,6 +14,7 @@ from mission.planners.connect import Terrain, is_rectangle, parts_of
 from mission.planners.path import Area, PlannedPath, Points, drop_coincident
 from mission.planners.request import PlanningRequest
 from mission.planners.search import densest_feasible
+from mission.planners.spacing import spacing_limits
 
 SPACING_RATIO = 1e-3
 """Neighbouring spacings of the search differ by this fraction: the result is the densest to within 0.1 %."""
@@ -22,7 +23,13 @@ _SMALLEST = 1e-4
 _LEAST_AREA_M2 = 1e-9
 
 
-def spiral(request: PlanningRequest, /) -> PlannedPath:
+def spiral(
+    request: PlanningRequest,
+    /,
+    *,
+    min_spacing_m: float | None = None,
+    max_spacing_m: float | None = None,
+) -> PlannedPath:
     """Plan a spiral from the border inwards, with the smallest spacing that the budget allows.
 
     Over a rectangle along the axes it is the paper's: corner by corner anticlockwise, the bound that was
@@ -37,6 +44,8 @@ def spiral(request: PlanningRequest, /) -> PlannedPath:
     ----------
     request : PlanningRequest
         The problem.
+    min_spacing_m, max_spacing_m : float, optional
+        Rings are at least and at most so far apart. Default: at least a footprint.
 
     Returns
     -------
@@ -46,7 +55,8 @@ def spiral(request: PlanningRequest, /) -> PlannedPath:
     Raises
     ------
     PlanningError
-        If the budget does not suffice for the outer ring; the text says what would.
+        If the budget does not suffice for the outer ring, or for rings as near as asked for; the text says
+        what would. If a parameter is out of its range.
 
     Examples
     --------
@@ -58,8 +68,11 @@ def spiral(request: PlanningRequest, /) -> PlannedPath:
     """
     terrain = Terrain(request.area, request.footprint_m)
     widest = max(_half_width(part) for part in parts_of(terrain.flyable))
-    tightest = min(max(request.footprint_m, widest * _SMALLEST), widest)
-    highest = math.ceil(math.log(widest / tightest) / -math.log1p(-SPACING_RATIO) - 1e-9)
+    least, most = spacing_limits("spiral", request.footprint_m, min_spacing_m, max_spacing_m)
+    tightest = min(max(least, widest * _SMALLEST), widest)
+    highest = _steps(widest / tightest)
+
+    lowest = 0 if most >= widest else min(_steps(widest / most), highest)
 
     def spacing(index: int) -> float:
         return max(widest * (1.0 - SPACING_RATIO) ** index, tightest)
@@ -71,13 +84,18 @@ def spiral(request: PlanningRequest, /) -> PlannedPath:
     found = densest_feasible(
         request,
         build,
-        0,
+        lowest,
         highest,
-        what="spiral with one ring",
+        what=f"spiral with rings {spacing(lowest):.3g} m apart" if lowest else "spiral with one ring",
         density=lambda index: 1.0 / spacing(index),
         look_ahead=(1, 3, 10, 30),
     )
     return PlannedPath(found.points_m, spacing(found.index), "spiral")
+
+
+def _steps(ratio: float) -> int:
+    """Return how many steps of the search make a spacing smaller by a factor."""
+    return math.ceil(math.log(ratio) / -math.log1p(-SPACING_RATIO) - 1e-9)
 
 
 def _half_width(part: Polygon) -> float:

@@ -13,6 +13,7 @@ from shapely.geometry import Polygon
 from mission.errors import PlanningError
 from mission.planners.connect import is_rectangle, parts_of
 from mission.planners.path import Area, Points
+from mission.planners.spacing import is_number
 
 _EDGE_M = 1e-7
 _MERGE_M = 1e-9
@@ -23,30 +24,51 @@ class Sweep:
     """Parallel rows over an area, for any number of rows.
 
     Every part of the area has rows from border to border, so that a part is never missed; all parts have
-    about the same spacing, and none has rows closer than the footprint.
+    about the same spacing, and none has rows closer than the least spacing.
 
     Parameters
     ----------
     area : shapely Polygon or MultiPolygon
         What the rows lie in, metres (already inset).
-    footprint_m : float
+    min_spacing_m : float
         Least distance between two rows; 0 for none.
     angle_rad : float
         Direction of the rows, anticlockwise from the x axis.
+    max_spacing_m : float
+        Greatest distance between two rows of the highest part of the area; infinite for none.
+
+    Raises
+    ------
+    PlanningError
+        If no number of rows lies between the two spacings.
     """
 
-    def __init__(self, area: Area, footprint_m: float, angle_rad: float = 0.0) -> None:
-        self._footprint_m = footprint_m
+    def __init__(
+        self,
+        area: Area,
+        min_spacing_m: float,
+        angle_rad: float = 0.0,
+        *,
+        max_spacing_m: float = math.inf,
+    ) -> None:
+        self._min_spacing_m = min_spacing_m
         self._turn = _rotation(angle_rad)
         self._parts = [_Part(part, self._turn) for part in parts_of(area)]
         self._height_m = max(part.height_m for part in self._parts)
         self.most_rows = self._most_rows(self._height_m)
-        self.least_rows = min(2, self.most_rows)
+        needed = math.ceil(self._height_m / max_spacing_m - 1e-9) + 1
+        self.least_rows = max(min(2, self.most_rows), needed if self._height_m > max_spacing_m else 1)
+        if self.least_rows > self.most_rows:
+            msg = (
+                f"rows at most {max_spacing_m:g} m and at least {min_spacing_m:g} m apart do not fit into "
+                f"the {self._height_m:g} m of the area across the rows; widen the limits"
+            )
+            raise PlanningError(msg)
 
     def _most_rows(self, height_m: float) -> int:
-        if self._footprint_m <= 0:
+        if self._min_spacing_m <= 0:
             return _MAX_ROWS
-        return min(_MAX_ROWS, math.floor(height_m / self._footprint_m + 1e-9) + 1)
+        return min(_MAX_ROWS, math.floor(height_m / self._min_spacing_m + 1e-9) + 1)
 
     def spacing_m(self, rows: int) -> float:
         """Return the distance between neighbouring rows; with a single row, the height of the area."""
@@ -216,17 +238,6 @@ def boustrophedon(ends: NDArray[np.float64], *, from_last: bool = False, from_ri
     return rows.reshape(-1, 2)
 
 
-def lawnmower_rows(area: Area, rows: int, start_m: ArrayLike = (0.0, 0.0)) -> Points:
-    """Return rows along x over a rectangle along the axes, as the paper's lawnmower flies them.
-
-    Examples
-    --------
-    >>> lawnmower_rows(shapely.box(0, 0, 30, 30), 3).tolist()
-    [[0.0, 0.0], [30.0, 0.0], [30.0, 15.0], [0.0, 15.0], [0.0, 30.0], [30.0, 30.0]]
-    """
-    return np.vstack(Sweep(area, 0.0).pieces(rows, start_m))
-
-
 def sweep_angle(area: Area, direction: str | float | None = None) -> float:
     """Return the direction of the rows.
 
@@ -255,9 +266,9 @@ def sweep_angle(area: Area, direction: str | float | None = None) -> float:
         direction = "x" if is_rectangle(area) else "fewest-turns"
     if direction == "x":
         return 0.0
-    if isinstance(direction, int | float) and math.isfinite(direction):
+    if not isinstance(direction, str) and is_number(direction):
         return float(direction)
-    if direction not in {"longest-side", "fewest-turns"}:
+    if direction not in ("longest-side", "fewest-turns"):
         msg = f"sweep direction {direction!r} is not x, longest-side, fewest-turns or an angle in radians"
         raise PlanningError(msg)
     if direction == "longest-side":

@@ -1,82 +1,97 @@
 """The MAVLink mission protocol as sans-IO state machines, both roles."""
 
-from mission.transfer.clear import MissionClear
-from mission.transfer.client import ClientTimers, ClientTransfer, RoundTrip
-from mission.transfer.compare import Difference, compare_plans
-from mission.transfer.download import MissionDownload
-from mission.transfer.errors import LocalTransferError, RemoteTransferError
-from mission.transfer.events import (
-    ClearComplete,
-    DownloadComplete,
-    Event,
-    FailureReason,
-    Output,
-    PlanCleared,
-    PlanReplaced,
-    PlanSent,
-    PlanState,
-    Progress,
-    StatusText,
-    TransferFailed,
-    TransferStarted,
-    TransferStatistics,
-    UploadComplete,
-    UploadVerified,
-)
-from mission.transfer.profile import ARDUPILOT, GENERIC, PX4, Profile, count_warning, profile_for
-from mission.transfer.server import MissionServer, StoredPlan
-from mission.transfer.upload import MissionUpload, check_plan
-from mission.transfer.verified import VerifiedUpload
-from mission.transfer.wire import (
-    CLIENT_MESSAGES,
-    SERVER_MESSAGES,
-    item_from_message,
-    item_to_message,
-    plan_checksum,
-    result_text,
-)
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "ARDUPILOT",
-    "CLIENT_MESSAGES",
-    "GENERIC",
-    "PX4",
-    "SERVER_MESSAGES",
-    "ClearComplete",
-    "ClientTimers",
-    "ClientTransfer",
-    "Difference",
-    "DownloadComplete",
-    "Event",
-    "FailureReason",
-    "LocalTransferError",
-    "MissionClear",
-    "MissionDownload",
-    "MissionServer",
-    "MissionUpload",
-    "Output",
-    "PlanCleared",
-    "PlanReplaced",
-    "PlanSent",
-    "PlanState",
-    "Profile",
-    "Progress",
-    "RemoteTransferError",
-    "RoundTrip",
-    "StatusText",
-    "StoredPlan",
-    "TransferFailed",
-    "TransferStarted",
-    "TransferStatistics",
-    "UploadComplete",
-    "UploadVerified",
-    "VerifiedUpload",
-    "check_plan",
-    "compare_plans",
-    "count_warning",
-    "item_from_message",
-    "item_to_message",
-    "plan_checksum",
-    "profile_for",
-    "result_text",
-]
+from geo.lazy import attach
+
+if TYPE_CHECKING:
+    from mission.transfer.clear import MissionClear as MissionClear
+    from mission.transfer.client import ClientTimers as ClientTimers
+    from mission.transfer.client import ClientTransfer as ClientTransfer
+    from mission.transfer.client import RoundTrip as RoundTrip
+    from mission.transfer.compare import Difference as Difference
+    from mission.transfer.compare import compare_plans as compare_plans
+    from mission.transfer.download import MissionDownload as MissionDownload
+    from mission.transfer.errors import LocalTransferError as LocalTransferError
+    from mission.transfer.errors import RemoteTransferError as RemoteTransferError
+    from mission.transfer.events import ClearComplete as ClearComplete
+    from mission.transfer.events import DownloadComplete as DownloadComplete
+    from mission.transfer.events import Event as Event
+    from mission.transfer.events import FailureReason as FailureReason
+    from mission.transfer.events import Output as Output
+    from mission.transfer.events import PlanCleared as PlanCleared
+    from mission.transfer.events import PlanReplaced as PlanReplaced
+    from mission.transfer.events import PlanSent as PlanSent
+    from mission.transfer.events import PlanState as PlanState
+    from mission.transfer.events import Progress as Progress
+    from mission.transfer.events import StatusText as StatusText
+    from mission.transfer.events import TransferFailed as TransferFailed
+    from mission.transfer.events import TransferStarted as TransferStarted
+    from mission.transfer.events import TransferStatistics as TransferStatistics
+    from mission.transfer.events import UploadComplete as UploadComplete
+    from mission.transfer.events import UploadVerified as UploadVerified
+    from mission.transfer.profile import ARDUPILOT as ARDUPILOT
+    from mission.transfer.profile import GENERIC as GENERIC
+    from mission.transfer.profile import PX4 as PX4
+    from mission.transfer.profile import Profile as Profile
+    from mission.transfer.profile import count_warning as count_warning
+    from mission.transfer.profile import profile_for as profile_for
+    from mission.transfer.server import MissionServer as MissionServer
+    from mission.transfer.server import StoredPlan as StoredPlan
+    from mission.transfer.upload import MissionUpload as MissionUpload
+    from mission.transfer.upload import check_plan as check_plan
+    from mission.transfer.verified import VerifiedUpload as VerifiedUpload
+    from mission.transfer.wire import CLIENT_MESSAGES as CLIENT_MESSAGES
+    from mission.transfer.wire import SERVER_MESSAGES as SERVER_MESSAGES
+    from mission.transfer.wire import item_from_message as item_from_message
+    from mission.transfer.wire import item_to_message as item_to_message
+    from mission.transfer.wire import plan_checksum as plan_checksum
+    from mission.transfer.wire import result_text as result_text
+else:
+    __getattr__, __dir__, __all__ = attach(
+        __name__,
+        {
+            "mission.transfer.clear": ("MissionClear",),
+            "mission.transfer.client": ("ClientTimers", "ClientTransfer", "RoundTrip"),
+            "mission.transfer.compare": ("Difference", "compare_plans"),
+            "mission.transfer.download": ("MissionDownload",),
+            "mission.transfer.errors": ("LocalTransferError", "RemoteTransferError"),
+            "mission.transfer.events": (
+                "ClearComplete",
+                "DownloadComplete",
+                "Event",
+                "FailureReason",
+                "Output",
+                "PlanCleared",
+                "PlanReplaced",
+                "PlanSent",
+                "PlanState",
+                "Progress",
+                "StatusText",
+                "TransferFailed",
+                "TransferStarted",
+                "TransferStatistics",
+                "UploadComplete",
+                "UploadVerified",
+            ),
+            "mission.transfer.profile": (
+                "ARDUPILOT",
+                "GENERIC",
+                "PX4",
+                "Profile",
+                "count_warning",
+                "profile_for",
+            ),
+            "mission.transfer.server": ("MissionServer", "StoredPlan"),
+            "mission.transfer.upload": ("MissionUpload", "check_plan"),
+            "mission.transfer.verified": ("VerifiedUpload",),
+            "mission.transfer.wire": (
+                "CLIENT_MESSAGES",
+                "SERVER_MESSAGES",
+                "item_from_message",
+                "item_to_message",
+                "plan_checksum",
+                "result_text",
+            ),
+        },
+    )

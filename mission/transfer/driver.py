@@ -17,7 +17,7 @@ from mission.transfer import wire
 from mission.transfer.clear import MissionClear
 from mission.transfer.client import ClientTimers, RoundTrip
 from mission.transfer.download import MissionDownload
-from mission.transfer.errors import RemoteTransferError
+from mission.transfer.errors import NoVehicleError, RemoteTransferError
 from mission.transfer.events import (
     DownloadComplete,
     Event,
@@ -157,7 +157,7 @@ class TransferDriver:
 
         Raises
         ------
-        RemoteTransferError
+        NoVehicleError
             If none is heard.
         LinkError
             If the link breaks.
@@ -176,7 +176,7 @@ class TransferDriver:
                     f"{self.endpoint.link.name}: {who} was heard in {timeout_s:g} s; "
                     "start the vehicle, or check the address"
                 )
-                raise RemoteTransferError(msg)
+                raise NoVehicleError(msg)
             self._beat(now_s)
             self._wait(self.endpoint.link, min(end_s - now_s, _LONGEST_WAIT_S))
 

@@ -5,6 +5,7 @@
     TransferError
     +-- LocalTransferError     this side was used wrongly; a mistake of the caller
     +-- RemoteTransferError    the other side refused, misbehaved or fell silent
+        +-- NoVehicleError     no vehicle was heard at all
 """
 
 from __future__ import annotations
@@ -33,4 +34,8 @@ class RemoteTransferError(TransferError):
         self.failure = failure
 
 
-__all__ = ["LocalTransferError", "RemoteTransferError", "TransferError"]
+class NoVehicleError(RemoteTransferError):
+    """No heartbeat of a vehicle was heard."""
+
+
+__all__ = ["LocalTransferError", "NoVehicleError", "RemoteTransferError", "TransferError"]

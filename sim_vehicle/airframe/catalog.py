@@ -13,6 +13,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, get_args
 
+from geo.reading import UnreadableError, read_toml
 from sim_vehicle.airframe.power_spec import AnyPowerSpec, BatterySpec
 from sim_vehicle.airframe.spec import KINDS, POWER_OF_KIND, PublishedEndurance, VehicleSpec
 from sim_vehicle.errors import VehicleError
@@ -77,8 +78,8 @@ def load_vehicle(path: Path) -> VehicleSpec:
     """
     where = f"vehicle file {path}"
     try:
-        data: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        data = read_toml(path)
+    except UnreadableError as error:
         msg = f"{where}: {error}"
         raise VehicleError(msg) from None
     kind = data.get("kind", "multirotor" if "base" not in data else None)

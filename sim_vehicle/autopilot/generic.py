@@ -6,15 +6,15 @@ import math
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from sim_vehicle.execution.legs import ALONG, KEEP
-from sim_vehicle.motion.model import LegKind
+from sim_vehicle.autopilot.model import vertical_landing
+from sim_vehicle.motion.legs import ALONG, KEEP, Leg, LegKind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.autopilot.model import Setting
-    from sim_vehicle.execution.legs import Place, Row
+    from sim_vehicle.motion.legs import Heading, Position
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.weather.wind import Wind
 
@@ -41,42 +41,44 @@ class GenericAutopilot:
 
         return Multirotor(spec, wind, yaw_rad)
 
-    def takeoff_rows(
-        self, spec: VehicleSpec, here: Place, target: Place, speed: float, heading: float
-    ) -> list[Row]:
+    def takeoff_legs(
+        self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
+    ) -> list[Leg]:
         """Return the legs of a take-off: straight up, then to its place if that is aside."""
         x, y, z = target
         radius = spec.acceptance_radius_m
-        keep = KEEP if math.isnan(heading) else heading
+        keep = KEEP if heading == ALONG else heading
         height = max(z, here[2])
-        rows: list[Row] = [(here[0], here[1], height, radius, speed, keep, 0.0, LegKind.TAKEOFF)]
+        legs = [Leg((here[0], here[1], height), speed, radius, keep, LegKind.TAKEOFF)]
         if math.hypot(x - here[0], y - here[1]) > radius:
-            rows.append((x, y, z, radius, speed, heading, 0.0))
-        return rows
+            legs.append(Leg((x, y, z), speed, radius, heading))
+        return legs
 
-    def landing_rows(self, spec: VehicleSpec, above: Place, last: Place, speed: float) -> list[Row]:
+    def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
         """Return the legs to a place and down to the ground there, the last 5 m slowly."""
         x, y, z = above
-        rows: list[Row] = []
+        legs: list[Leg] = []
         if math.hypot(x - last[0], y - last[1]) > 0.05:
-            rows.append((x, y, z, 0.0, speed, ALONG, 0.0, LegKind.HOME))
+            legs.append(Leg((x, y, z), speed, kind=LegKind.HOME))
         if z > SLOW_LANDING_M:
-            rows.append((x, y, SLOW_LANDING_M, 0.3, -spec.descent_speed_m_s, KEEP, 0.0, LegKind.DESCEND))
-        rows.append((x, y, 0.0, 0.0, -spec.landing_speed_m_s, KEEP, 0.0, LegKind.LAND))
-        return rows
+            low = (x, y, SLOW_LANDING_M)
+            down = spec.descent_speed_m_s
+            legs.append(Leg(low, None, 0.3, KEEP, LegKind.DESCEND, vertical_speed_m_s=down))
+        legs.append(vertical_landing(spec, x, y))
+        return legs
 
-    def return_rows(self, spec: VehicleSpec, last: Place, speed: float, haven: Place) -> list[Row]:
+    def return_legs(self, spec: VehicleSpec, last: Position, speed: float, haven: Position) -> list[Leg]:
         """Return the legs home: up to the return altitude unless home is right below, over home, and down."""
         x, y, z = last
         home_x, home_y, least = haven
         if math.hypot(x - home_x, y - home_y) <= spec.acceptance_radius_m:
-            return self.landing_rows(spec, (home_x, home_y, z), last, speed)
-        rows: list[Row] = []
+            return self.landing_legs(spec, (home_x, home_y, z), last, speed)
+        legs: list[Leg] = []
         least = max(least, spec.return_altitude_m)
         if z < least:
             z = least
-            rows.append((x, y, z, spec.acceptance_radius_m, speed, KEEP, 0.0, LegKind.CLIMB))
-        return rows + self.landing_rows(spec, (home_x, home_y, z), (x, y, z), speed)
+            legs.append(Leg((x, y, z), speed, spec.acceptance_radius_m, KEEP, LegKind.CLIMB))
+        return legs + self.landing_legs(spec, (home_x, home_y, z), (x, y, z), speed)
 
 
 GENERIC = GenericAutopilot()

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from sim_vehicle.errors import VehicleError
+from sim_vehicle.motion.legs import KEEP, Leg, LegKind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.execution.legs import Place, Row
+    from sim_vehicle.motion.legs import Heading, Position
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.weather.wind import Wind
 
@@ -53,20 +54,26 @@ class Autopilot(Protocol):
     def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
         """Return the motion of a vehicle that stands at home."""
 
-    def takeoff_rows(
-        self, spec: VehicleSpec, here: Place, target: Place, speed: float, heading: float
-    ) -> list[Row]:
-        """Return the legs from the ground to the end of a take-off item; ``heading`` as in `Route`."""
+    def takeoff_legs(
+        self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
+    ) -> list[Leg]:
+        """Return the legs from the ground to the end of a take-off item."""
 
-    def landing_rows(self, spec: VehicleSpec, above: Place, last: Place, speed: float) -> list[Row]:
+    def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
         """Return the legs from ``last`` to the height ``above[2]`` over a place and down to the ground."""
 
-    def return_rows(self, spec: VehicleSpec, last: Place, speed: float, haven: Place) -> list[Row]:
+    def return_legs(self, spec: VehicleSpec, last: Position, speed: float, haven: Position) -> list[Leg]:
         """Return the legs home and down.
 
         ``haven`` is home or another place to return to, and the least height of the way there if that is more
         than the return altitude.
         """
+
+
+def vertical_landing(spec: VehicleSpec, x_m: float, y_m: float) -> Leg:
+    """Return the last leg of a landing: straight down to the ground at a place (east, north)."""
+    down = spec.landing_speed_m_s
+    return Leg((x_m, y_m, 0.0), None, heading=KEEP, kind=LegKind.LAND, vertical_speed_m_s=down)
 
 
 def setting(spec: VehicleSpec, name: str, table: Mapping[str, Setting]) -> float:

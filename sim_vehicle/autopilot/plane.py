@@ -13,15 +13,14 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot.model import Setting, setting
-from sim_vehicle.execution.legs import ALONG, KEEP
-from sim_vehicle.motion.model import LegKind
+from sim_vehicle.motion.legs import KEEP, Circle, Leg, LegKind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.execution.legs import Place, Row
     from sim_vehicle.motion.fixed_wing.model import WingLimits
+    from sim_vehicle.motion.legs import Heading, Position
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.weather.wind import Wind
 
@@ -267,61 +266,62 @@ class Plane:
         """Whether the hold time of a waypoint counts; ArduPlane does not store it."""
         return not self.ardupilot
 
-    def takeoff_rows(
+    def takeoff_legs(
         self,
         spec: VehicleSpec,  # noqa: ARG002
-        here: Place,
-        target: Place,
+        here: Position,
+        target: Position,
         speed: float,
-        heading: float,  # noqa: ARG002
-    ) -> list[Row]:
+        heading: Heading,  # noqa: ARG002
+    ) -> list[Leg]:
         """Return the climb-out: to the place (PX4), or straight ahead (ArduPlane), up to the height."""
         x, y = here[:2] if self.ardupilot else target[:2]
-        return [(x, y, max(target[2], 0.5), 0.0, speed, KEEP, 0.0, LegKind.TAKEOFF)]
+        return [Leg((x, y, max(target[2], 0.5)), speed, heading=KEEP, kind=LegKind.TAKEOFF)]
 
-    def landing_rows(
+    def landing_legs(
         self,
         spec: VehicleSpec,
-        above: Place,
-        last: Place,
+        above: Position,
+        last: Position,
         speed: float,  # noqa: ARG002
-    ) -> list[Row]:
+    ) -> list[Leg]:
         """Return the straight approach from the place before; without one, a circle down to the ground."""
         x, y, z = above
-        landing = -self.limits(spec).landing_airspeed
+        landing = self.limits(spec).landing_airspeed
         if math.hypot(x - last[0], y - last[1]) >= _APPROACH_M:
-            return [(x, y, 0.0, 0.0, landing, ALONG, 0.0, LegKind.LAND)]
+            return [Leg((x, y, 0.0), landing, kind=LegKind.LAND)]
         return [
-            (x, y, z, 0.0, spec.cruise_speed_m_s, KEEP, 0.0, LegKind.LOITER),
-            (x, y, 0.0, 0.0, landing, KEEP, 0.0, LegKind.LAND, 0.0, 0.0),
+            Leg((x, y, z), spec.cruise_speed_m_s, heading=KEEP, kind=LegKind.LOITER, circle=Circle()),
+            Leg((x, y, 0.0), landing, heading=KEEP, kind=LegKind.LAND, circle=Circle()),
         ]
 
-    def return_rows(self, spec: VehicleSpec, last: Place, speed: float, haven: Place) -> list[Row]:
+    def return_legs(self, spec: VehicleSpec, last: Position, speed: float, haven: Position) -> list[Leg]:
         """Return the way home and the circle over it; PX4 lands there when RTL_LAND_DELAY says so."""
         x, y, z = last
         home_x, home_y, least = haven
         if self.ardupilot:
             height = self._of(spec, "RTL_ALTITUDE")
             height = max(least, height if height > 0.0 else z, 5.0)
-            radius = self._of(spec, "RTL_RADIUS") or math.nan
-            return [(home_x, home_y, height, 0.0, speed, ALONG, 0.0, LegKind.HOME, 0.0, radius)]
-        rows: list[Row] = []
+            circle = Circle(self._of(spec, "RTL_RADIUS") or None)
+            return [Leg((home_x, home_y, height), speed, kind=LegKind.HOME, circle=circle)]
+        legs: list[Leg] = []
         least = max(least, self._of(spec, "RTL_RETURN_ALT"), 5.0)
-        radius = math.copysign(self._of(spec, "RTL_LOITER_RAD"), self._of(spec, "NAV_LOITER_RAD"))
+        circle = Circle(math.copysign(self._of(spec, "RTL_LOITER_RAD"), self._of(spec, "NAV_LOITER_RAD")))
         if z < least - 1.0:
             z = least
-            rows.append((x, y, z, 0.0, speed, KEEP, 0.0, LegKind.CLIMB))
-        rows.append((home_x, home_y, z, 0.0, speed, ALONG, 0.0, LegKind.HOME, 0.0, radius))
+            legs.append(Leg((x, y, z), speed, heading=KEEP, kind=LegKind.CLIMB))
+        legs.append(Leg((home_x, home_y, z), speed, kind=LegKind.HOME, circle=circle))
         descend = max(self._of(spec, "RTL_DESCEND_ALT"), 5.0)
         delay = self._of(spec, "RTL_LAND_DELAY")
         low = min(z, descend)
         if low < z or delay > 0.0:
+            over = (home_x, home_y, low)
             pause = max(delay, 0.0)
-            rows.append((home_x, home_y, low, 0.0, speed, KEEP, 0.0, LegKind.DESCEND, pause, radius))
+            legs.append(Leg(over, speed, 0.0, KEEP, LegKind.DESCEND, pause_s=pause, circle=circle))
         if delay >= 0.0:
-            landing = -self.limits(spec).landing_airspeed
-            rows.append((home_x, home_y, 0.0, 0.0, landing, KEEP, 0.0, LegKind.LAND, 0.0, radius))
-        return rows
+            landing = self.limits(spec).landing_airspeed
+            legs.append(Leg((home_x, home_y, 0.0), landing, 0.0, KEEP, LegKind.LAND, circle=circle))
+        return legs
 
 
 def _ordered(least: float, trim: float, most: float) -> tuple[float, float, float]:

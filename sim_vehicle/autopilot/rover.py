@@ -13,14 +13,13 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot.model import Setting, setting
-from sim_vehicle.execution.legs import ALONG
-from sim_vehicle.motion.model import LegKind
+from sim_vehicle.motion.legs import Leg, LegKind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.execution.legs import Place, Row
+    from sim_vehicle.motion.legs import Heading, Position
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.motion.rover.model import RoverLimits
     from sim_vehicle.weather.wind import Wind
@@ -159,36 +158,36 @@ class GroundRover:
 
         return Rover(spec, self.limits, wind, yaw_rad)
 
-    def takeoff_rows(
+    def takeoff_legs(
         self,
         spec: VehicleSpec,  # noqa: ARG002
-        here: Place,
-        target: Place,  # noqa: ARG002
+        here: Position,
+        target: Position,  # noqa: ARG002
         speed: float,
-        heading: float,  # noqa: ARG002
-    ) -> list[Row]:
+        heading: Heading,  # noqa: ARG002
+    ) -> list[Leg]:
         """Return a leg that is done at once: there is nothing to take off."""
-        return [(here[0], here[1], 0.0, 0.0, speed, ALONG, 0.0, LegKind.TAKEOFF)]
+        return [Leg((here[0], here[1], 0.0), speed, kind=LegKind.TAKEOFF)]
 
-    def landing_rows(
+    def landing_legs(
         self,
         spec: VehicleSpec,  # noqa: ARG002
-        above: Place,
-        last: Place,  # noqa: ARG002
+        above: Position,
+        last: Position,  # noqa: ARG002
         speed: float,
-    ) -> list[Row]:
+    ) -> list[Leg]:
         """Return the way to the place, where it stops."""
-        return [(above[0], above[1], 0.0, 0.0, speed, ALONG, 0.0, LegKind.HOME)]
+        return [Leg((above[0], above[1], 0.0), speed, kind=LegKind.HOME)]
 
-    def return_rows(
+    def return_legs(
         self,
         spec: VehicleSpec,  # noqa: ARG002
-        last: Place,  # noqa: ARG002
+        last: Position,  # noqa: ARG002
         speed: float,
-        haven: Place,
-    ) -> list[Row]:
+        haven: Position,
+    ) -> list[Leg]:
         """Return the way home, where it stops."""
-        return [(haven[0], haven[1], 0.0, 0.0, speed, ALONG, 0.0, LegKind.HOME)]
+        return [Leg((haven[0], haven[1], 0.0), speed, kind=LegKind.HOME)]
 
 
 def _own(value: float, otherwise: float) -> float:

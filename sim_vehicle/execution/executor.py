@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from mission.model import Command
@@ -12,16 +13,17 @@ from sim_vehicle.autopilot.plane import plane_of
 from sim_vehicle.energy.battery import remaining_fraction
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.feasibility import check_mission
-from sim_vehicle.execution.fixed_wing_items import circle_row, circles, lands
+from sim_vehicle.execution.fixed_wing_items import circle_leg, circles, lands
 from sim_vehicle.execution.items import MAX_TURNS, Ending, do_items, plan_item_legs
-from sim_vehicle.execution.legs import ALONG, KEEP, Place, Row, circle_rows
+from sim_vehicle.execution.legs import circle_legs
 from sim_vehicle.execution.sequencer import MissionSequencer
 from sim_vehicle.execution.state import FlightEvent, LandedState, Phase, VehicleState
-from sim_vehicle.motion.model import LegKind
+from sim_vehicle.motion.legs import ALONG, KEEP, Leg, LegKind
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
+    from sim_vehicle.motion.legs import Heading, Position
     from sim_vehicle.motion.model import MotionEvent
 
 __all__ = ["MissionExecutor", "check_mission"]
@@ -62,7 +64,7 @@ class MissionExecutor(MissionSequencer):
         its place or the take-off altitude if that is higher (as PX4 does).
     """
 
-    def respec(self, spec: VehicleSpec) -> None:
+    def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults and limits; they hold from the next leg or order on."""
         if spec.kind != self.spec.kind or spec.step_s != self.spec.step_s:
             msg = f"vehicle {spec.name}: another kind or time step cannot be taken in flight"
@@ -70,7 +72,7 @@ class MissionExecutor(MissionSequencer):
         if self._settings.speed_m_s == self.spec.cruise_speed_m_s:
             self._settings.speed_m_s = spec.cruise_speed_m_s
         self.spec = spec
-        self.motion.respec(spec)
+        self.motion.update_spec(spec)
 
     def arm(self) -> None:
         """Start the motors.
@@ -153,8 +155,8 @@ class MissionExecutor(MissionSequencer):
         x, y, z = self.motion.position_m
         self._disarm_step = None
         self._settings.speed_m_s = self.spec.cruise_speed_m_s
-        up = (x, y, max(altitude_m, z), 0.0, self._settings.speed_m_s, KEEP, 0.0, LegKind.TAKEOFF)
-        self._fly([up], Phase.TAKEOFF)
+        top = (x, y, max(altitude_m, z))
+        self._fly([Leg(top, self._settings.speed_m_s, heading=KEEP, kind=LegKind.TAKEOFF)], Phase.TAKEOFF)
 
     def goto(
         self,
@@ -162,13 +164,10 @@ class MissionExecutor(MissionSequencer):
         y_m: float,
         altitude_m: float,
         *,
-        yaw_rad: float | None = None,
+        heading: Heading = ALONG,
         speed_m_s: float | None = None,
-        turn_rad_s: float = math.nan,
     ) -> None:
-        """Fly to a place about home and hold there; TargetReached tells when.
-
-        ``yaw_rad`` None looks along the way, infinity keeps the heading.
+        """Fly to a position about home and hold there; TargetReached tells when.
 
         Raises
         ------
@@ -182,18 +181,15 @@ class MissionExecutor(MissionSequencer):
             raise VehicleError(msg)
         if speed_m_s is not None:
             self._settings.speed_m_s = self._checked_speed(speed_m_s)
-        heading = ALONG if yaw_rad is None else yaw_rad
-        row = (x_m, y_m, altitude_m, 0.0, self._settings.speed_m_s, heading, 0.0)
         self._disarm_step = None
-        self._fly([row], Phase.GOTO, turn_rad_s=turn_rad_s)
+        self._fly([Leg((x_m, y_m, altitude_m), self._settings.speed_m_s, heading=heading)], Phase.GOTO)
 
     def steer(
         self,
-        velocity_m_s: Place,
+        velocity_m_s: Position,
         *,
         height_m: float = math.nan,
-        yaw_rad: float = KEEP,
-        turn_rad_s: float = math.nan,
+        heading: Heading = KEEP,
     ) -> None:
         """Keep a velocity (east, north, up) until another order; sinking ends with touch-down.
 
@@ -203,8 +199,7 @@ class MissionExecutor(MissionSequencer):
             More than the vehicle flies is reduced.
         height_m : float
             Height to keep instead of the vertical speed, NaN for none.
-        yaw_rad, turn_rad_s : float
-            Heading (infinity keeps it, NaN looks ahead) and rate of turning (NaN for none).
+        heading : Heading
 
         Raises
         ------
@@ -220,7 +215,7 @@ class MissionExecutor(MissionSequencer):
             raise VehicleError(msg)
         self._disarm_step = None
         self.motion.set_climb(None, None)
-        self._keep_velocity(velocity_m_s, height_m=height_m, heading_rad=yaw_rad, turn_rad_s=turn_rad_s)
+        self._keep_velocity(velocity_m_s, height_m=height_m, heading=heading)
         self.phase = Phase.STEERED
         self._timer = self._waiting_step = None
         self._waiting = []
@@ -241,15 +236,15 @@ class MissionExecutor(MissionSequencer):
         speed = self._checked_speed(speed_m_s)
         here = self.motion.position_m
         if circles(self.spec):
-            rows = [circle_row((x_m, y_m, altitude_m), radius_m, speed, MAX_TURNS)]
+            legs = [circle_leg((x_m, y_m, altitude_m), speed, radius_m, MAX_TURNS)]
         else:
-            rows = circle_rows((x_m, y_m, altitude_m), here, MAX_TURNS, radius_m, speed, self.spec)
-        self._fly(rows, Phase.GOTO)
+            legs = circle_legs((x_m, y_m, altitude_m), here, MAX_TURNS, radius_m, speed, self.spec)
+        self._fly(legs, Phase.GOTO)
 
-    def return_home(self, place_m: Place | None = None) -> None:
+    def return_home(self, position_m: Position | None = None) -> None:
         """Climb to the return altitude, fly home or to the nearest rally point, land.
 
-        A place (east, north, least height) is returned to instead and not landed at; the vehicle brakes
+        A position (east, north, least height) is returned to instead and not landed at; the vehicle brakes
         before it turns to it.
 
         Raises
@@ -261,39 +256,39 @@ class MissionExecutor(MissionSequencer):
         self.look_at(None)
         speed = max(self._settings.speed_m_s, self.spec.cruise_speed_m_s)
         if circles(self.spec):
-            self._return_circling(place_m, speed)
+            self._return_circling(position_m, speed)
             return
         x, y, z = self.motion.stopping_point()
-        rows: list[Row] = []
+        legs: list[Leg] = []
         if math.hypot(x - self.motion.position_m[0], y - self.motion.position_m[1]) > 0.2:
-            rows.append((x, y, z, 0.0, self.spec.top_speed_m_s, KEEP, 0.0, LegKind.STAY))
-        if place_m is None:
-            home = autopilot_of(self.spec).return_rows(self.spec, (x, y, z), speed, self.haven())
-            self._fly(rows + home, Phase.RETURN, Ending.TOUCHDOWN)
+            legs.append(Leg((x, y, z), self.spec.top_speed_m_s, heading=KEEP, kind=LegKind.STAY))
+        if position_m is None:
+            home = autopilot_of(self.spec).return_legs(self.spec, (x, y, z), speed, self.haven())
+            self._fly(legs + home, Phase.RETURN, Ending.TOUCHDOWN)
             return
-        height = max(place_m[2], self.spec.return_altitude_m, z)
-        rows.append((x, y, height, self.spec.acceptance_radius_m, speed, KEEP, 0.0, LegKind.CLIMB))
-        rows.append((place_m[0], place_m[1], height, 0.0, speed, ALONG, 0.0))
-        self._fly(rows, Phase.GOTO)
+        height = max(position_m[2], self.spec.return_altitude_m, z)
+        legs.append(Leg((x, y, height), speed, self.spec.acceptance_radius_m, KEEP, LegKind.CLIMB))
+        legs.append(Leg((position_m[0], position_m[1], height), speed))
+        self._fly(legs, Phase.GOTO)
 
-    def _return_circling(self, place_m: Place | None, speed: float) -> None:
-        """Return as a wing does: to a circle over the place or home, or to the landing of the mission."""
+    def _return_circling(self, position_m: Position | None, speed: float) -> None:
+        """Return as a fixed wing does: to a circle there or over home, or to the landing of the mission."""
         here = self.motion.position_m
-        if place_m is not None:
-            height = max(place_m[2], self.spec.return_altitude_m, here[2])
-            self._fly([circle_row((place_m[0], place_m[1], height), math.nan, speed)], Phase.GOTO)
+        if position_m is not None:
+            height = max(position_m[2], self.spec.return_altitude_m, here[2])
+            self._fly([circle_leg((position_m[0], position_m[1], height), speed)], Phase.GOTO)
             return
-        rows = self._mission_landing(here)
-        if not rows:
-            rows = autopilot_of(self.spec).return_rows(self.spec, here, speed, self.haven())
-        self._fly(rows, Phase.RETURN, Ending.TOUCHDOWN if lands(rows) else Ending.NEXT)
+        legs = self._mission_landing(here)
+        if not legs:
+            legs = autopilot_of(self.spec).return_legs(self.spec, here, speed, self.haven())
+        self._fly(legs, Phase.RETURN, Ending.TOUCHDOWN if lands(legs) else Ending.NEXT)
 
-    def _mission_landing(self, here: Place) -> list[Row]:
+    def _mission_landing(self, here: Position) -> list[Leg]:
         """Return the legs of the mission's landing, where it has one and a return is to use it."""
         starts = [seq for seq, item in enumerate(self.items) if item.command == Command.DO_LAND_START]
         if not starts or not plane_of(self.spec.autopilot).lands_as_mission(self.spec):
             return []
-        rows: list[Row] = []
+        legs: list[Leg] = []
         seq = starts[0]
         settings = self._settings.copy()
         while True:
@@ -301,10 +296,10 @@ class MissionExecutor(MissionSequencer):
             if not 0 <= seq < len(self.items) or self.items[seq].command not in _LANDING_COMMANDS:
                 return []
             plan = plan_item_legs(self.items, self._places, seq, settings, self.spec, here, self.haven())
-            rows += plan.rows
-            here = (rows[-1][0], rows[-1][1], rows[-1][2])
+            legs += plan.legs
+            here = legs[-1].end_m
             if plan.ending is Ending.TOUCHDOWN:
-                return rows
+                return legs
             seq = plan.seqs[-1] + 1
 
     def land(self) -> None:
@@ -319,10 +314,10 @@ class MissionExecutor(MissionSequencer):
         self.look_at(None)
         x, y, _ = self.motion.stopping_point()
         here = self.motion.position_m
-        rows = autopilot_of(self.spec).landing_rows(
+        legs = autopilot_of(self.spec).landing_legs(
             self.spec, (x, y, here[2]), here, self._settings.speed_m_s
         )
-        self._fly(rows, Phase.LAND, Ending.TOUCHDOWN)
+        self._fly(legs, Phase.LAND, Ending.TOUCHDOWN)
 
     def set_speed(self, speed_m_s: float) -> None:
         """Set the ground speed until the mission sets another.
@@ -341,8 +336,10 @@ class MissionExecutor(MissionSequencer):
         if self.phase is Phase.MISSION:
             self._fly_from(self.current_seq, self.time_s)
         elif self.phase in (Phase.GOTO, Phase.RETURN):
-            rows = [(*r[:4], speed_m_s if r[4] > 0.0 else r[4], *r[5:]) for r in plan.rows[self._flown :]]
-            self._fly(rows, self.phase, plan.ending)
+            legs = [
+                leg if leg.descends else replace(leg, speed_m_s=speed_m_s) for leg in plan.legs[self._flown :]
+            ]
+            self._fly(legs, self.phase, plan.ending)
 
     def advance(self, until_s: float) -> list[FlightEvent]:
         """Fly until a time and return what happened, in order, each event with its own time."""
@@ -370,18 +367,18 @@ class MissionExecutor(MissionSequencer):
 
     def state(self) -> VehicleState:
         """Return the state now."""
-        x, y, z, vx, vy, vz, ax, ay, az, yaw, yaw_rate, energy, length, power, _, wx, wy = (
-            self.motion.numbers()
-        )
-        spec = self.spec
-        air_x, air_y = vx - wx, vy - wy
+        now, spec = self.motion.snapshot(), self.spec
+        vx, vy, _ = now.velocity_m_s
+        wind_x, wind_y = now.wind_m_s
+        air_x, air_y = vx - wind_x, vy - wind_y
         airspeed = math.sqrt(air_x * air_x + air_y * air_y)
         roll = pitch = 0.0
         if self.landed is not LandedState.ON_GROUND and not spec.is_ideal:
             drag = 0.0
             if spec.power is not None:
                 drag = 0.5 * AIR_DENSITY_KG_M3 * spec.power.drag_area_m2 * airspeed / spec.power.mass_kg
-            sin, cos = math.sin(yaw), math.cos(yaw)
+            ax, ay, az = now.acceleration_m_s2
+            sin, cos = math.sin(now.heading_rad), math.cos(now.heading_rad)
             east, north = ax + drag * air_x, ay + drag * air_y
             lift = GRAVITY_M_S2 + az
             pitch = -math.atan2(east * sin + north * cos, lift)
@@ -391,21 +388,21 @@ class MissionExecutor(MissionSequencer):
         if attitude is not None:
             roll, pitch, airspeed, throttle = attitude
         meter = self._meter
-        battery = meter.read(self.motion.time_s, energy, power) if meter is not None else None
+        battery = meter.read(self.motion.time_s, now.energy_j, now.power_w) if meter is not None else None
         return VehicleState(
             time_s=self.motion.time_s,
-            position_m=(x, y, z),
-            velocity_m_s=(vx, vy, vz),
-            acceleration_m_s2=(ax, ay, az),
+            position_m=now.position_m,
+            velocity_m_s=now.velocity_m_s,
+            acceleration_m_s2=now.acceleration_m_s2,
             roll_rad=roll,
             pitch_rad=pitch,
-            yaw_rad=yaw,
-            yaw_rate_rad_s=yaw_rate,
+            yaw_rad=now.heading_rad,
+            yaw_rate_rad_s=now.yaw_rate_rad_s,
             airspeed_m_s=airspeed,
-            wind_m_s=(wx, wy),
-            power_w=power,
+            wind_m_s=now.wind_m_s,
+            power_w=now.power_w,
             battery=battery,
-            path_length_m=length,
+            path_length_m=now.path_length_m,
             armed=self.armed,
             landed=self.landed,
             phase=self.phase,

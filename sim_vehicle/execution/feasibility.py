@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from geo.frame import LocalFrame
     from mission.model import MissionItem
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.execution.legs import Place
+    from sim_vehicle.motion.legs import Position
 
 # Plain numbers: the checks run over thousands of items in every prediction.
 _WAYPOINT = int(Command.NAV_WAYPOINT)
@@ -39,7 +39,7 @@ def check_mission(
     spec: VehicleSpec,
     *,
     needs_takeoff: bool = True,
-    outside: Callable[[Place], str | None] | None = None,
+    outside: Callable[[Position], str | None] | None = None,
 ) -> list[str]:
     """List what the vehicle could not fly, each with its item; empty when all is well.
 

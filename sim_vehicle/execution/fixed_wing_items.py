@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING
 
 from mission.model import Command
 from sim_vehicle.autopilot.plane import plane_of
-from sim_vehicle.execution.legs import ALONG, KEEP
-from sim_vehicle.motion.model import LegKind
+from sim_vehicle.motion.legs import KEEP, Circle, Leg, LegKind
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from mission.model import MissionItem
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.execution.legs import Place, Row
+    from sim_vehicle.motion.legs import Position
 
 _WAYPOINT = int(Command.NAV_WAYPOINT)
 _SPLINE = int(Command.NAV_SPLINE_WAYPOINT)
@@ -27,19 +26,18 @@ MAX_RADIUS_M = 5000.0
 
 @dataclass(frozen=True, slots=True)
 class Circling:
-    """One item as a wing flies it.
+    """One item as a fixed wing flies it.
 
     Parameters
     ----------
-    row : Row
-        The leg.
+    leg : Leg
     wait_s : float or None
         How long it circles once it is there; None goes on.
     forever : bool
         Whether it stays.
     """
 
-    row: Row
+    leg: Leg
     wait_s: float | None = None
     forever: bool = False
 
@@ -54,20 +52,26 @@ def circles(spec: VehicleSpec) -> bool:
     return spec.kind == "fixed-wing"
 
 
-def lands(rows: Sequence[Row]) -> bool:
+def lands(legs: Sequence[Leg]) -> bool:
     """Whether legs end on the ground."""
-    return len(rows[-1]) > 7 and rows[-1][7] == LegKind.LAND
+    return legs[-1].kind is LegKind.LAND
 
 
-def circle_row(centre: Place, radius_m: float, speed: float, turns: float = 0.0) -> Row:
-    """Return the leg of a circle; a radius of 0 or NaN is the autopilot's own, positive is clockwise."""
-    return (*centre, 0.0, speed, ALONG, 0.0, LegKind.LOITER, 0.0, radius_m or math.nan, turns)
+def circle_leg(
+    centre: Position,
+    speed: float,
+    radius_m: float = 0.0,
+    turns: float = 0.0,
+    leave_to_m: tuple[float, float] | None = None,
+) -> Leg:
+    """Return the leg of a circle; a radius of 0 is the autopilot's own, positive is clockwise."""
+    return Leg(centre, speed, kind=LegKind.LOITER, circle=Circle(radius_m or None, turns, leave_to_m))
 
 
 def circling(
-    item: MissionItem, place: Place, speed: float, spec: VehicleSpec, ahead: Place | None
+    item: MissionItem, place: Position, speed: float, spec: VehicleSpec, ahead: Position | None
 ) -> Circling | None:
-    """Return how a wing flies an item, None for one that is flown as by any other vehicle.
+    """Return how a fixed wing flies an item, None for one that is flown as by any other vehicle.
 
     Parameters
     ----------
@@ -85,21 +89,21 @@ def circling(
     if command == _SPLINE or (command == _WAYPOINT and first > 0.0):
         if command == _SPLINE or not plane_of(spec.autopilot).holds_at_waypoints():
             radius = second if command == _WAYPOINT and second > 0.0 else spec.acceptance_radius_m
-            return Circling((*place, radius, speed, KEEP, 0.0))
-        return Circling(circle_row(place, math.nan, speed), wait_s=first)
-    leave = (math.nan, math.nan) if ahead is None else ahead[:2]
+            return Circling(Leg(place, speed, radius, KEEP))
+        return Circling(circle_leg(place, speed), wait_s=first)
+    leave = None if ahead is None else ahead[:2]
     if command == Command.NAV_LOITER_UNLIM:
-        return Circling(circle_row(place, third, speed), forever=True)
+        return Circling(circle_leg(place, speed, third), forever=True)
     if command == Command.NAV_LOITER_TIME:
-        return Circling(circle_row(place, third, speed), wait_s=first)
+        return Circling(circle_leg(place, speed, third), wait_s=first)
     if command == Command.NAV_LOITER_TURNS:
-        return Circling((*circle_row(place, third, speed, first), *leave))
+        return Circling(circle_leg(place, speed, third, first, leave))
     if command == Command.NAV_LOITER_TO_ALT:
-        return Circling((*circle_row(place, second, speed), *leave))
+        return Circling(circle_leg(place, speed, second, leave_to_m=leave))
     return None
 
 
-def next_place(items: Sequence[MissionItem], places: Sequence[Place], seq: int) -> Place | None:
+def next_place(items: Sequence[MissionItem], places: Sequence[Position], seq: int) -> Position | None:
     """Return the place of the item after ``seq`` that is flown to, None if that is not sure or far on."""
     for following in range(seq + 1, min(seq + 1 + _LOOK_AHEAD, len(items))):
         command = items[following].command
@@ -110,14 +114,16 @@ def next_place(items: Sequence[MissionItem], places: Sequence[Place], seq: int) 
     return None
 
 
-def landing_problems(items: Sequence[MissionItem], places: Sequence[Place], spec: VehicleSpec) -> list[str]:
-    """List what is wrong with the landings of a wing; PX4 refuses an approach that is too steep.
+def landing_problems(
+    items: Sequence[MissionItem], places: Sequence[Position], spec: VehicleSpec
+) -> list[str]:
+    """List what is wrong with the landings of a fixed wing; PX4 refuses an approach that is too steep.
 
     Only an approach from a waypoint is judged: a circle is left where it points to the landing.
     """
     plane = plane_of(spec.autopilot)
     problems = []
-    before: tuple[int, Place] | None = None
+    before: tuple[int, Position] | None = None
     for seq, (item, place) in enumerate(zip(items, places, strict=True)):
         if item.command == Command.NAV_LAND and not plane.ardupilot:
             if before is None:

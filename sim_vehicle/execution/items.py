@@ -12,13 +12,15 @@ import numpy as np
 from mission.model import Command, Frame, MissionItem
 from sim_vehicle.autopilot import autopilot_of
 from sim_vehicle.execution.fixed_wing_items import circles, circling, lands, next_place
-from sim_vehicle.execution.legs import ALONG, KEEP, Row, circle_rows, spline_rows
+from sim_vehicle.execution.legs import circle_legs, spline_legs
+from sim_vehicle.motion.legs import ALONG, KEEP, Heading, Leg
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from geo.frame import LocalFrame
     from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.motion.legs import Position
 
 # Items that are executed between two places.
 DO_COMMANDS = frozenset(
@@ -40,8 +42,6 @@ MAX_LEGS = 4096
 _WAYPOINT = int(Command.NAV_WAYPOINT)
 _SPLINE = int(Command.NAV_SPLINE_WAYPOINT)
 
-Place = tuple[float, float, float]
-
 
 class Ending(Enum):
     """What follows the last leg."""
@@ -60,8 +60,8 @@ class Settings:
     ----------
     speed_m_s : float
         Ground speed.
-    heading_rad : float
-        Heading on the way to the next place if that sets none; NaN looks along the path.
+    heading : Heading
+        On the way to the next place if that sets none.
     climb_m_s, descent_m_s : float or None
         Vertical speeds, None for the vehicle's own.
     jumps : dict
@@ -73,7 +73,7 @@ class Settings:
     """
 
     speed_m_s: float
-    heading_rad: float = ALONG
+    heading: Heading = ALONG
     climb_m_s: float | None = None
     descent_m_s: float | None = None
     jumps: dict[int, int] = field(default_factory=dict)
@@ -91,13 +91,12 @@ class Itinerary:
 
     Parameters
     ----------
-    rows : list of (x, y, z, radius, speed, heading, near)
-        Rows of `sim_vehicle.motion.model.Route`.
+    legs : list of Leg
     seqs : list of int
         The item that each leg belongs to, -1 outside a mission.
     done : list of bool
         Whether the leg completes its item.
-    speeds : list of float
+    speeds : list of float or None
         The ground speed that was set for the leg; a curve may be flown more slowly.
     ending : Ending
     wait_s : float
@@ -108,26 +107,26 @@ class Itinerary:
         Whether something between its items waits for a condition, which may change it.
     """
 
-    rows: list[Row] = field(default_factory=list)
+    legs: list[Leg] = field(default_factory=list)
     seqs: list[int] = field(default_factory=list)
     done: list[bool] = field(default_factory=list)
-    speeds: list[float] = field(default_factory=list)
+    speeds: list[float | None] = field(default_factory=list)
     ending: Ending = Ending.NEXT
     wait_s: float = 0.0
     open: bool = False
     unsure: bool = False
 
-    def add(self, row: Row, seq: int = -1, *, done: bool = False, speed: float | None = None) -> None:
+    def add(self, leg: Leg, seq: int = -1, *, done: bool = False, speed: float | None = None) -> None:
         """Append a leg."""
-        self.speeds.append(row[4] if speed is None else speed)
-        self.rows.append(row)
+        self.speeds.append(leg.speed_m_s if speed is None else speed)
+        self.legs.append(leg)
         self.seqs.append(seq)
         self.done.append(done)
 
-    def prepend(self, row: Row, seq: int) -> None:
+    def prepend(self, leg: Leg, seq: int) -> None:
         """Put a leg before all others; it completes nothing."""
-        self.rows.insert(0, row)
-        self.speeds.insert(0, row[4])
+        self.legs.insert(0, leg)
+        self.speeds.insert(0, leg.speed_m_s)
         self.seqs.insert(0, seq)
         self.done.insert(0, False)
 
@@ -137,7 +136,7 @@ def number(value: float | None, default: float = 0.0) -> float:
     return default if value is None else value
 
 
-def item_places(items: Sequence[MissionItem], frame: LocalFrame) -> list[Place]:
+def item_places(items: Sequence[MissionItem], frame: LocalFrame) -> list[Position]:
     """Return east, north, up about home of each item; NaN where it has no place of its own."""
     places = np.full((len(items), 3), np.nan)
     index = [i for i, item in enumerate(items) if item.has_place]
@@ -186,7 +185,7 @@ def do_items(
         elif command == Command.DO_CHANGE_SPEED:
             _change_speed(item, settings, top_speed_m_s)
         elif command == Command.CONDITION_YAW:
-            settings.heading_rad = _yaw(item, settings.yaw_rad)
+            settings.heading = Heading.fixed(_yaw(item, settings.yaw_rad))
         seq += 1
     return done, seq
 
@@ -248,12 +247,12 @@ def condition_items(items: Sequence[MissionItem], start: int) -> list[int]:
 
 def plan_item_legs(
     items: Sequence[MissionItem],
-    places: Sequence[Place],
+    places: Sequence[Position],
     seq: int,
     settings: Settings,
     spec: VehicleSpec,
-    here: Place,
-    haven: Place = (0.0, 0.0, 0.0),
+    here: Position,
+    haven: Position = (0.0, 0.0, 0.0),
 ) -> Itinerary:
     """Return the legs from the place item ``seq`` on, as far as they are flown without a pause.
 
@@ -272,7 +271,7 @@ def plan_item_legs(
             circle = circling(item, place, settings.speed_m_s, spec, next_place(items, places, seq))
         if circle is not None:
             last = place
-            plan.add(circle.row, seq, done=circle.goes_on)
+            plan.add(circle.leg, seq, done=circle.goes_on)
             if circle.forever:
                 plan.ending = Ending.FOREVER
             elif circle.wait_s is not None:
@@ -288,10 +287,10 @@ def plan_item_legs(
             tangent = (0.0, 0.0, 0.0)
             if item.command == _WAYPOINT:
                 tangent = (last[0] - before[0], last[1] - before[1], last[2] - before[2])
-        settings.heading_rad = ALONG
+        settings.heading = ALONG
         if plan.ending is not Ending.NEXT:
             return plan
-        if len(plan.rows) >= MAX_LEGS:
+        if len(plan.legs) >= MAX_LEGS:
             plan.open = True
             return plan
         following = seq + 1
@@ -314,11 +313,11 @@ def _surprises(item: MissionItem) -> bool:
     return vertical or item.command in SURPRISING_COMMANDS
 
 
-def _placed(place: Place, last: Place) -> Place:
+def _placed(place: Position, last: Position) -> Position:
     return (last[0], last[1], place[2]) if math.isnan(place[0]) else place
 
 
-def _place_ahead(items: Sequence[MissionItem], places: Sequence[Place], seq: int) -> Place | None:
+def _place_ahead(items: Sequence[MissionItem], places: Sequence[Position], seq: int) -> Position | None:
     """Return the place after a spline waypoint that is flown through to, None when it stops there."""
     if number(items[seq].param1) > 0.0:
         return None
@@ -338,16 +337,16 @@ def _spline_legs(
     seq: int,
     settings: Settings,
     spec: VehicleSpec,
-    way: tuple[Place, Place, Place | None],
-    tangent: Place,
-) -> Place:
+    path: tuple[Position, Position, Position | None],
+    tangent: Position,
+) -> Position:
     """Append the legs of a spline waypoint and return the direction of its end."""
     hold = number(item.param1)
-    rows, after = spline_rows(way, tangent, settings.speed_m_s, settings.heading_rad, spec)
+    legs, after = spline_legs(path, tangent, settings.speed_m_s, settings.heading, spec)
     if hold > 0.0:
-        rows[-1] = (*rows[-1][:3], 0.0, *rows[-1][4:])
-    for row in rows:
-        plan.add(row, seq, done=row is rows[-1] and hold <= 0.0, speed=settings.speed_m_s)
+        legs[-1] = replace(legs[-1], radius_m=0.0)
+    for leg in legs:
+        plan.add(leg, seq, done=leg is legs[-1] and hold <= 0.0, speed=settings.speed_m_s)
     if hold > 0.0:
         plan.ending, plan.wait_s = Ending.WAIT, hold
     return after
@@ -356,59 +355,59 @@ def _spline_legs(
 def _item_legs(
     plan: Itinerary,
     item: MissionItem,
-    place: Place,
+    place: Position,
     seq: int,
     settings: Settings,
     spec: VehicleSpec,
-    last: Place,
-    haven: Place,
-) -> Place:
+    last: Position,
+    haven: Position,
+) -> Position:
     """Append the legs of one item and return where they end."""
     command = item.command
     x, y, z = _placed(place, last)
     speed = settings.speed_m_s
     radius = spec.acceptance_radius_m
-    heading = settings.heading_rad
+    heading = settings.heading
     if command == _WAYPOINT:
         if item.param4 is not None:
-            heading = math.radians(item.param4)
+            heading = Heading.fixed(math.radians(item.param4))
         hold = item.param1 or 0.0
         if hold > 0.0:
-            plan.add((x, y, z, item.param2 or 0.0, speed, heading, 0.0), seq)
+            plan.add(Leg((x, y, z), speed, item.param2 or 0.0, heading), seq)
             plan.ending, plan.wait_s = Ending.WAIT, hold
         else:
-            plan.add((x, y, z, item.param2 or radius, speed, heading, 0.0), seq, done=True)
+            plan.add(Leg((x, y, z), speed, item.param2 or radius, heading), seq, done=True)
         return x, y, z
     if item.param4 is not None and command in (17, 19, 22, 31):
-        heading = math.radians(item.param4)
+        heading = Heading.fixed(math.radians(item.param4))
     if command == Command.NAV_TAKEOFF:
-        rows = autopilot_of(spec).takeoff_rows(spec, last, (x, y, z), speed, heading)
-        for row in rows:
-            plan.add(row, seq, done=row is rows[-1])
-        return rows[-1][0], rows[-1][1], rows[-1][2]
+        legs = autopilot_of(spec).takeoff_legs(spec, last, (x, y, z), speed, heading)
+        for leg in legs:
+            plan.add(leg, seq, done=leg is legs[-1])
+        return legs[-1].end_m
     if command == Command.NAV_RETURN_TO_LAUNCH:
-        rows = autopilot_of(spec).return_rows(spec, last, speed, haven)
-        for row in rows:
-            plan.add(row, seq)
-        # A wing may only circle over home.
-        plan.ending = Ending.NEXT if circles(spec) and not lands(rows) else Ending.TOUCHDOWN
+        legs = autopilot_of(spec).return_legs(spec, last, speed, haven)
+        for leg in legs:
+            plan.add(leg, seq)
+        # A fixed wing may only circle over home.
+        plan.ending = Ending.NEXT if circles(spec) and not lands(legs) else Ending.TOUCHDOWN
         return haven[0], haven[1], 0.0
     if command == Command.NAV_LAND:
-        for row in autopilot_of(spec).landing_rows(spec, (x, y, last[2]), last, speed):
-            plan.add(row, seq)
+        for leg in autopilot_of(spec).landing_legs(spec, (x, y, last[2]), last, speed):
+            plan.add(leg, seq)
         plan.ending = Ending.TOUCHDOWN
         return x, y, 0.0
     if command == Command.NAV_DELAY:
-        plan.add((*last, 0.0, speed, KEEP, 0.0), seq)
+        plan.add(Leg(last, speed, heading=KEEP), seq)
         delay = number(item.param1)
         plan.ending, plan.wait_s = Ending.WAIT, delay if delay >= 0.0 else math.nan
         return last
     if command == Command.NAV_LOITER_TURNS:
-        rows = circle_rows((x, y, z), last, number(item.param1), number(item.param3), speed, spec)
-        for row in rows:
-            plan.add(row, seq, done=row is rows[-1])
-        return rows[-1][0], rows[-1][1], rows[-1][2]
-    plan.add((x, y, z, 0.0, speed, heading, 0.0), seq)
+        legs = circle_legs((x, y, z), last, number(item.param1), number(item.param3), speed, spec)
+        for leg in legs:
+            plan.add(leg, seq, done=leg is legs[-1])
+        return legs[-1].end_m
+    plan.add(Leg((x, y, z), speed, heading=heading), seq)
     plan.ending = Ending.FOREVER if command == Command.NAV_LOITER_UNLIM else Ending.WAIT
     plan.wait_s = number(item.param1) if command == Command.NAV_LOITER_TIME else 0.0
     return x, y, z

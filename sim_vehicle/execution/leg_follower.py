@@ -10,13 +10,15 @@ from sim_vehicle.autopilot import autopilot_of
 from sim_vehicle.energy.battery import WH_J, BatteryMeter, remaining_fraction
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.items import Ending, Itinerary
-from sim_vehicle.execution.legs import KEEP, Place, Row
 from sim_vehicle.execution.state import BatteryDepleted, Disarmed, FlightEvent, Landed, LandedState, Phase
-from sim_vehicle.motion.model import LegKind, Route
+from sim_vehicle.motion.legs import KEEP, Circle, Heading, Leg, LegKind, Route
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from geo.frame import LocalFrame
     from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.motion.legs import Position
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.weather.wind import Wind
 
@@ -38,7 +40,7 @@ class Craft:
         self.phase = Phase.GROUND
         self.landed = LandedState.ON_GROUND
         self.home_m = (0.0, 0.0)
-        self.rally_m: tuple[Place, ...] = ()
+        self.rally_m: tuple[Position, ...] = ()
         self.motion: MotionModel = autopilot_of(spec).motion(spec, wind, yaw_rad)
         self._meter = BatteryMeter(spec.battery) if spec.battery is not None else None
         self._plan: Itinerary | None = None
@@ -61,11 +63,11 @@ class Craft:
         x, y, z = self.motion.stopping_point()
         circles = self.spec.kind == "fixed-wing"
         speed = self.spec.cruise_speed_m_s if circles else self.spec.top_speed_m_s
-        self._fly([(x, y, z, 0.0, speed, KEEP, 0.0, LegKind.STAY)], Phase.HOLD)
+        self._fly([Leg((x, y, z), speed, heading=KEEP, kind=LegKind.STAY)], Phase.HOLD)
 
-    def look_at(self, place_m: tuple[float, float] | None) -> None:
-        """Point the nose at a place (east, north) whatever is flown, None for no more."""
-        self.motion.look_at(place_m)
+    def look_at(self, position_m: tuple[float, float] | None) -> None:
+        """Point the nose at a position (east, north) whatever is flown, None for no more."""
+        self.motion.look_at(position_m)
 
     def fall(self) -> None:
         """Lose the thrust: the vehicle comes down at once and can do nothing more."""
@@ -79,10 +81,10 @@ class Craft:
         self.look_at(None)
         if self.spec.is_ideal:
             x, y, _ = self.motion.position_m
-            down = (x, y, 0.0, 0.0, self.spec.cruise_speed_m_s, KEEP, 0.0, LegKind.LAND)
+            down = Leg((x, y, 0.0), self.spec.cruise_speed_m_s, heading=KEEP, kind=LegKind.LAND)
             self._fly([down], Phase.FALLING, Ending.TOUCHDOWN)
             return
-        self.motion.respec(
+        self.motion.update_spec(
             replace(
                 self.spec,
                 descent_speed_m_s=_FALL_M_S,
@@ -91,7 +93,7 @@ class Craft:
                 vertical_jerk_m_s3=_FALL_M_S3,
             )
         )
-        self._keep_velocity((0.0, 0.0, -_FALL_M_S), turn_rad_s=self.spec.yaw_rate_rad_s)
+        self._keep_velocity((0.0, 0.0, -_FALL_M_S), heading=Heading.turning(self.spec.yaw_rate_rad_s))
         self.landed = LandedState.LANDING
 
     def drain_battery(self, fraction: float) -> None:
@@ -101,7 +103,7 @@ class Craft:
             used = (1.0 - min(max(fraction, 0.0), 1.0)) * battery.capacity_wh * WH_J
             self.motion.use_energy(max(0.0, used - self.motion.energy_j))
 
-    def haven(self) -> Place:
+    def haven(self) -> Position:
         """Return where it returns to, home or the nearest rally point, and the least height of the way."""
         x, y, _ = self.motion.position_m
         places = ((*self.home_m, 0.0), *self.rally_m)
@@ -114,31 +116,28 @@ class Craft:
 
     def _fly(
         self,
-        rows: list[Row],
+        legs: Sequence[Leg],
         phase: Phase,
         ending: Ending = Ending.NEXT,
-        *,
-        turn_rad_s: float = math.nan,
     ) -> None:
         plan = Itinerary(ending=ending)
-        for row in rows:
-            plan.add(row)
+        for leg in legs:
+            plan.add(leg)
         self._drop_plan(phase)
         self.motion.set_climb(None, None)
-        self._begin(plan, turn_rad_s)
+        self._begin(plan)
 
     def _keep_velocity(
         self,
-        velocity_m_s: Place,
+        velocity_m_s: Position,
         *,
         height_m: float = math.nan,
-        heading_rad: float = KEEP,
-        turn_rad_s: float = math.nan,
+        heading: Heading = KEEP,
     ) -> None:
         """Keep a velocity; the plan has one leg, which ends on the ground if anywhere."""
-        self.motion.steer(velocity_m_s, height_m=height_m, heading_rad=heading_rad, turn_rad_s=turn_rad_s)
+        self.motion.steer(velocity_m_s, height_m=height_m, heading=heading)
         self._plan = Itinerary(ending=Ending.TOUCHDOWN)
-        self._plan.add((0.0, 0.0, 0.0, 0.0, 0.0, heading_rad, 0.0))
+        self._plan.add(Leg(self.motion.position_m, 0.0, heading=heading))
         self._flown = 0
         self._airborne()
 
@@ -147,13 +146,13 @@ class Craft:
         self._timer = None
         self.phase = phase
 
-    def _begin(self, plan: Itinerary, turn_rad_s: float = math.nan) -> None:
+    def _begin(self, plan: Itinerary) -> None:
         self._plan = plan
         self._flown = 0
         self._timer = None
-        self.motion.fly(Route.through(plan.rows, turn_rad_s))
+        self.motion.fly(Route.through(plan.legs))
         self._airborne()
-        if plan.ending is Ending.TOUCHDOWN and plan.rows[0][4] < 0.0:
+        if plan.ending is Ending.TOUCHDOWN and plan.legs[0].descends:
             self._descend()
 
     def _airborne(self) -> None:
@@ -179,7 +178,7 @@ class Craft:
 
     def _ground(self) -> None:
         if self.phase is Phase.FALLING:
-            self.motion.respec(self.spec)
+            self.motion.update_spec(self.spec)
         self.motion.touch_down()
         self.landed = LandedState.ON_GROUND
         self._plan = None
@@ -202,8 +201,7 @@ class Craft:
         if self.phase is Phase.FALLING:
             return
         x, y, _ = self.motion.stopping_point()
-        # A wing comes down on a circle.
-        down = (x, y, 0.0, 0.0, self.spec.cruise_speed_m_s, KEEP, 0.0, LegKind.LAND, 0.0, 0.0)
-        rows: list[Row] = [down]
-        self._fly(rows, Phase.DEPLETED, Ending.TOUCHDOWN)
+        # A fixed wing comes down on a circle.
+        down = Leg((x, y, 0.0), self.spec.cruise_speed_m_s, heading=KEEP, kind=LegKind.LAND, circle=Circle())
+        self._fly([down], Phase.DEPLETED, Ending.TOUCHDOWN)
         self.landed = LandedState.LANDING

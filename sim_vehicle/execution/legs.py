@@ -1,30 +1,24 @@
-"""Shapes of flight as rows of legs: circle, spline."""
+"""Shapes of flight as legs: circle, spline."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING
 
-from sim_vehicle.motion.model import LegKind
+from sim_vehicle.motion.legs import Leg, LegKind
 
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.motion.legs import Heading, Position
 
 LOITER_RADIUS_M = 10.0
-# Headings of a leg: keep the one that is, look along the leg.
-KEEP = math.inf
-ALONG = math.nan
 _CHORD_M = 2.0
 _MAX_CHORDS = 64
 
-# East, north, up, radius, speed, heading, near, and where they matter kind and pause: see `Route.through`.
-Row = tuple[float, ...]
-Place = tuple[float, float, float]
 
-
-def circle_rows(
-    centre: Place, last: Place, turns: float, radius: float, speed: float, spec: VehicleSpec
-) -> list[Row]:
+def circle_legs(
+    centre: Position, last: Position, turns: float, radius: float, speed: float, spec: VehicleSpec
+) -> list[Leg]:
     """Return chords of 10 degrees for a circle that begins at its point nearest to the vehicle.
 
     A positive radius is flown clockwise, a negative one the other way, 0 is 10 m.
@@ -39,47 +33,44 @@ def circle_rows(
     slow = min(speed, math.sqrt(0.5 * spec.acceleration_m_s2 * radius))
     accept = min(spec.acceptance_radius_m, 0.3 * radius * abs(step))
     return [
-        (
-            x + radius * math.cos(begin + k * step),
-            y + radius * math.sin(begin + k * step),
-            z,
-            accept,
+        Leg(
+            (x + radius * math.cos(begin + k * step), y + radius * math.sin(begin + k * step), z),
             speed if k == 0 else slow,
-            ALONG,
-            0.0,
-            LegKind.ARC if k > 0 else LegKind.WAYPOINT,
+            accept,
+            kind=LegKind.ARC if k > 0 else LegKind.WAYPOINT,
         )
         for k in range(chords + 1)
     ]
 
 
-def spline_rows(
-    way: tuple[Place, Place, Place | None],
-    tangent: Place,
+def spline_legs(
+    path: tuple[Position, Position, Position | None],
+    tangent: Position,
     speed: float,
-    heading: float,
+    heading: Heading,
     spec: VehicleSpec,
-) -> tuple[list[Row], Place]:
-    """Return chords of a cubic Hermite spline to a place, and the direction in which it arrives.
+) -> tuple[list[Leg], Position]:
+    """Return chords of a cubic Hermite spline to a position, and the direction in which it arrives.
 
     As ArduCopter's spline waypoints, it leaves in the direction of arrival and passes its end in the
-    direction from the place before to the place after. The length of both tangents is that of the straight
-    way, which keeps the curve free of loops.
+    direction from the position before to the position after. The length of both tangents is that of the
+    straight path, which keeps the curve free of loops.
 
     Parameters
     ----------
-    way : tuple of 3 places
-        Where it begins, where it ends, and the place after; without one it arrives along the straight way.
+    path : tuple of 3 positions
+        Where it begins, where it ends, and the position after; without one it arrives on the straight line.
     tangent : tuple of 3 floats
-        Direction at the beginning; zero is the straight way.
-    speed, heading : float
-        Of the rows.
+        Direction at the beginning; zero is the straight line.
+    speed : float
+    heading : Heading
+        Of the legs.
     """
-    begin, end, ahead = way
+    begin, end, ahead = path
     straight = (end[0] - begin[0], end[1] - begin[1], end[2] - begin[2])
     length = math.hypot(*straight)
     if length < 0.1:
-        return [(*end, spec.acceptance_radius_m, speed, heading, 0.0)], tangent
+        return [Leg(end, speed, spec.acceptance_radius_m, heading)], tangent
     leave = _scaled(tangent, length) or straight
     arrive = straight
     if ahead is not None:
@@ -94,16 +85,16 @@ def spline_rows(
         x, y, z = (a * begin[i] + b * leave[i] + c * end[i] + d * arrive[i] for i in range(3))
         points.append((x, y, z))
     limits = [_curve_speed(points[k : k + 3], spec) for k in range(chords - 1)]
-    rows: list[Row] = []
+    legs: list[Leg] = []
     for k in range(1, chords + 1):
         slow = min(speed, *limits[max(0, k - 3) : k + 2])
         accept = min(spec.acceptance_radius_m, 0.45 * math.dist(points[k - 1], points[k]))
-        rows.append((*points[k], accept, slow, heading, 0.0, LegKind.ARC))
-    return rows, arrive
+        legs.append(Leg(points[k], slow, accept, heading, LegKind.ARC))
+    return legs, arrive
 
 
-def _curve_speed(points: list[Place], spec: VehicleSpec) -> float:
-    """Return the speed for a curve through three places: half of the acceleration, as on circles."""
+def _curve_speed(points: list[Position], spec: VehicleSpec) -> float:
+    """Return the speed for a curve through three positions: half of the acceleration, as on circles."""
     (ax, ay, _), (bx, by, _), (cx, cy, _) = points
     before, after = math.hypot(bx - ax, by - ay), math.hypot(cx - bx, cy - by)
     turn = math.remainder(math.atan2(cy - by, cx - bx) - math.atan2(by - ay, bx - ax), 2.0 * math.pi)
@@ -111,7 +102,7 @@ def _curve_speed(points: list[Place], spec: VehicleSpec) -> float:
     return max(0.5, math.sqrt(0.5 * spec.acceleration_m_s2 * radius))
 
 
-def _scaled(direction: Place, length: float) -> Place | None:
+def _scaled(direction: Position, length: float) -> Position | None:
     size = math.hypot(*direction)
     if size < 1e-6:
         return None

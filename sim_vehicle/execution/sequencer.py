@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from mission.model import Command
@@ -21,7 +22,6 @@ from sim_vehicle.execution.items import (
     time_of_day_wait_s,
 )
 from sim_vehicle.execution.leg_follower import Craft
-from sim_vehicle.execution.legs import ALONG, KEEP, Place
 from sim_vehicle.execution.state import (
     CameraCommand,
     CannotFly,
@@ -34,6 +34,7 @@ from sim_vehicle.execution.state import (
     Phase,
     TargetReached,
 )
+from sim_vehicle.motion.legs import ALONG, KEEP, Leg
 from sim_vehicle.motion.model import MotionEvent
 
 if TYPE_CHECKING:
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from geo.frame import LocalFrame
     from mission.model import MissionItem
     from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.motion.legs import Position
     from sim_vehicle.weather.wind import Wind
 
 _REPLAN_BEFORE = 64
@@ -63,13 +65,15 @@ class MissionSequencer(Craft):
         self.current_seq = -1
         self.takes_off = False
         self.epoch_unix_s = EPOCH_UNIX_S
-        self._places: list[Place] = []
+        self._places: list[Position] = []
         self._settings = Settings(spec.cruise_speed_m_s, default_m_s=spec.cruise_speed_m_s)
         self._waiting: list[int] = []
         self._waiting_step: int | None = None
         self._replan = False
 
-    def load(self, items: Sequence[MissionItem], places: list[Place] | None = None, current: int = 0) -> None:
+    def load(
+        self, items: Sequence[MissionItem], places: list[Position] | None = None, current: int = 0
+    ) -> None:
         """Replace the mission, to begin at an item; a vehicle that is flying one holds.
 
         ``places`` are those of `sim_vehicle.execution.items.item_places`, when they are known already.
@@ -87,11 +91,11 @@ class MissionSequencer(Craft):
         self._waiting = []
         self._waiting_step = None
 
-    def _begin(self, plan: Itinerary, turn_rad_s: float = math.nan) -> None:
+    def _begin(self, plan: Itinerary) -> None:
         if self._waits(Command.CONDITION_DISTANCE):
             near = max(number(self.items[self._waiting[0]].param1), 1e-3)
-            plan.rows[0] = (*plan.rows[0][:6], near, *plan.rows[0][7:])
-        super()._begin(plan, turn_rad_s)
+            plan.legs[0] = replace(plan.legs[0], near_m=near)
+        super()._begin(plan)
 
     def _set_current(self, seq: int, time_s: float | None = None) -> None:
         if seq != self.current_seq:
@@ -147,7 +151,7 @@ class MissionSequencer(Craft):
     def _stuck(self) -> bool:
         """Whether the mission stays where it is for ever."""
         plan = self._plan
-        return plan is not None and plan.ending is Ending.FOREVER and self._flown == len(plan.rows)
+        return plan is not None and plan.ending is Ending.FOREVER and self._flown == len(plan.legs)
 
     def _plan_needs_care(self) -> bool:
         """Whether legs have to be looked at one by one even in a prediction."""
@@ -177,12 +181,12 @@ class MissionSequencer(Craft):
             self._leg_done(plan, leg, int(motion.arrivals[leg]) * motion.step_s)
 
     def _leg_done(self, plan: Itinerary, leg: int, time_s: float) -> None:
-        final = leg == len(plan.rows) - 1
+        final = leg == len(plan.legs) - 1
         seq = plan.seqs[leg]
         if self.landed is LandedState.TAKEOFF:
             self.landed = LandedState.IN_AIR
         if not final:
-            if plan.ending is Ending.TOUCHDOWN and plan.rows[leg + 1][4] < 0.0:
+            if plan.ending is Ending.TOUCHDOWN and plan.legs[leg + 1].descends:
                 self._descend()
             if plan.done[leg]:
                 self._next_leg(plan, leg, time_s)
@@ -205,7 +209,7 @@ class MissionSequencer(Craft):
         """Go on to the next item of the plan, unless what lies between changes the plan."""
         self._tell(ItemReached(time_s, plan.seqs[leg]))
         following = self._between(plan.seqs[leg] + 1, time_s)
-        nearly_out = plan.open and leg >= len(plan.rows) - _REPLAN_BEFORE
+        nearly_out = plan.open and leg >= len(plan.legs) - _REPLAN_BEFORE
         same = following == plan.seqs[leg + 1] and plan.speeds[leg + 1] == self._settings.speed_m_s
         if same and not nearly_out and not self._waiting and not self._replan:
             self._set_current(following, time_s)
@@ -224,7 +228,7 @@ class MissionSequencer(Craft):
 
     def _between(self, seq: int, time_s: float) -> int:
         """Execute the items from ``seq`` to the next place and return it; `_GAVE_UP` when there is none."""
-        self._settings.heading_rad = ALONG
+        self._settings.heading = ALONG
         if self._waiting:
             for waiting in self._waiting:
                 self._execute(waiting, time_s)
@@ -232,7 +236,7 @@ class MissionSequencer(Craft):
             self._waiting_step = None
         if seq < len(self.items) and self.items[seq].command == _WAYPOINT:
             return seq
-        self._settings.yaw_rad = self.motion.numbers()[9]
+        self._settings.yaw_rad = self.motion.snapshot().heading_rad
         while True:
             done, following = do_items(self.items, seq, self._settings, self.spec.top_speed_m_s)
             for index in done:
@@ -272,7 +276,7 @@ class MissionSequencer(Craft):
     def _execute(self, seq: int, time_s: float) -> None:
         """Execute one item that waited for a condition."""
         if self.items[seq].command not in CONDITIONS:
-            self._settings.yaw_rad = self.motion.numbers()[9]
+            self._settings.yaw_rad = self.motion.snapshot().heading_rad
             do_items(self.items[: seq + 1], seq, self._settings, self.spec.top_speed_m_s)
         self._announce(seq, time_s)
 
@@ -328,7 +332,7 @@ class MissionSequencer(Craft):
             self.items, self._places, seq, self._settings.copy(), self.spec, here, self.haven()
         )
         if climbs:
-            plan.prepend((*here, self.spec.acceptance_radius_m, self._settings.speed_m_s, KEEP, 0.0), seq)
+            plan.prepend(Leg(here, self._settings.speed_m_s, self.spec.acceptance_radius_m, KEEP), seq)
         self._begin(plan)
 
     def _on_ground(self, seq: int) -> None:

@@ -16,9 +16,9 @@ from geo.seeds import stream
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import Message
 from mission.link.faults import Faults, FaultyChannel
-from sim_vehicle.faults.fault import Direction, Fault, parse_fault
+from sim_vehicle.component import NEVER, Component
+from sim_vehicle.faults.fault import Direction, Fault, FaultError, parse_fault
 from sim_vehicle.faults.vehicle import break_vehicle
-from sim_vehicle.host.component import NEVER, Component
 
 __all__ = ["FaultSession", "FaultyComponent", "FaultyLink"]
 
@@ -79,8 +79,19 @@ class FaultSession:
         return begin_s <= now_s < end_s
 
     def wrap(self, components: Sequence[Component]) -> list[Component]:
-        """Return the components, those of vehicles that a fault concerns as `FaultyComponent`."""
+        """Replace the components of vehicles that a fault concerns by a `FaultyComponent` each.
+
+        Raises
+        ------
+        FaultError
+            If a fault names a vehicle that is not among them.
+        """
         systems = {c.system_id for c in components if c.component_id == _AUTOPILOT}
+        for fault in self.faults:
+            if fault.vehicle is not None and fault.vehicle not in systems:
+                there = ", ".join(map(str, sorted(systems))) or "none"
+                msg = f"fault {fault}: there is no vehicle {fault.vehicle}; the systems are {there}"
+                raise FaultError(msg)
         wrapped: list[Component] = []
         triggered = any(fault.trigger != "start" for fault in self.faults)
         for component in components:
@@ -90,7 +101,7 @@ class FaultSession:
         return wrapped
 
     def link(self, name: str, number: int, client: int = 0) -> FaultyLink | None:
-        """Return what spoils a link, None if nothing does.
+        """Make the faulty radio of a link; None if no fault concerns it.
 
         ``number`` counts the host's links from 1, ``client`` those who share one; each has its own luck.
         """

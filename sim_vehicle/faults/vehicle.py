@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from sim_vehicle.host.component import Component
+from sim_vehicle.component import Component
 
 __all__ = ["break_vehicle"]
 

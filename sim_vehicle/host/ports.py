@@ -1,4 +1,4 @@
-"""The sockets of the server: each URL is a door, behind which any number of clients may stand."""
+"""The server's ports: one for each URL, with any number of clients behind it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mission.link.sockets import TcpLink, TcpListener, UdpSocket
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.faults.session import FaultyLink
 
-__all__ = ["Client", "Door", "Handle", "ServerUrl", "open_door"]
+__all__ = ["Client", "ReadyCallback", "ServerPort", "ServerUrl", "open_port"]
 
 _DATAGRAM_BYTES = 1200
 _SILENCE_S = 60.0
@@ -29,7 +29,7 @@ class ServerUrl:
     Parameters
     ----------
     url : str
-        See `open_door`.
+        See `open_port`.
     system : int or None
         Only this vehicle is found there, as at one port of one autopilot; None: all, as behind a router.
     """
@@ -96,7 +96,7 @@ class Client:
             self.alive = False
 
 
-class Handle(NamedTuple):
+class ReadyCallback(NamedTuple):
     """What to do when a descriptor is ready."""
 
     owner: object
@@ -105,7 +105,7 @@ class Handle(NamedTuple):
     """Returns frames and who sent them."""
 
 
-class Door(Protocol):
+class ServerPort(Protocol):
     """A socket with its clients.
 
     Attributes
@@ -116,17 +116,17 @@ class Door(Protocol):
 
     name: str
 
-    def handles(self) -> dict[int, Handle]:
+    def ready_callbacks(self) -> dict[int, ReadyCallback]:
         """Descriptors to wait for, each with what to do then."""
 
     def clients(self) -> list[Client]:
         """Return the clients that are there now."""
 
     def close(self) -> None:
-        """Close all sockets of this door."""
+        """Close all sockets of this port."""
 
 
-class _UdpDoor:
+class _UdpPort:
     def __init__(self, bind: LinkAddress, peer: LinkAddress | None = None) -> None:
         self._socket = UdpSocket(bind)
         self.name = str(peer) if peer else self._socket.name
@@ -136,9 +136,9 @@ class _UdpDoor:
             self._fixed = (peer.host, peer.port)
             self._admit(self._fixed)
 
-    def handles(self) -> dict[int, Handle]:
+    def ready_callbacks(self) -> dict[int, ReadyCallback]:
         number = self._socket.fileno()
-        return {} if number is None else {number: Handle(self._socket, self._receive)}
+        return {} if number is None else {number: ReadyCallback(self._socket, self._receive)}
 
     def clients(self) -> list[Client]:
         if len(self._peers) > (self._fixed is not None):
@@ -174,19 +174,19 @@ class _UdpDoor:
         return found
 
 
-class _TcpDoor:
+class _TcpPort:
     def __init__(self, listener: TcpListener) -> None:
         self.name = listener.name
         self._listener = listener
         self._links: dict[TcpLink, Client] = {}
 
-    def handles(self) -> dict[int, Handle]:
-        found: dict[int, Handle] = {}
+    def ready_callbacks(self) -> dict[int, ReadyCallback]:
+        found: dict[int, ReadyCallback] = {}
         if (number := self._listener.fileno()) is not None:
-            found[number] = Handle(self._listener, self._accept)
+            found[number] = ReadyCallback(self._listener, self._accept)
         for link in self._links:
             if (number := link.fileno()) is not None:
-                found[number] = Handle(link, lambda link=link: self._receive(link))  # type: ignore[misc]
+                found[number] = ReadyCallback(link, lambda link=link: self._receive(link))  # type: ignore[misc]
         return found
 
     def clients(self) -> list[Client]:
@@ -221,7 +221,7 @@ class _TcpDoor:
         return [(client, frame) for piece in pieces for frame in client.take(piece)]
 
 
-class _LinkDoor:
+class _LinkPort:
     """One peer behind a link: a serial line, or a TCP connection that we make (again, when it was lost)."""
 
     def __init__(self, link: Link) -> None:
@@ -237,9 +237,9 @@ class _LinkDoor:
             self._socket = (made, object())
         return self._socket[1]
 
-    def handles(self) -> dict[int, Handle]:
+    def ready_callbacks(self) -> dict[int, ReadyCallback]:
         number = self._link.fileno() if self._client.alive else None
-        return {} if number is None else {number: Handle(self._owner(), self._receive)}
+        return {} if number is None else {number: ReadyCallback(self._owner(), self._receive)}
 
     def clients(self) -> list[Client]:
         if self._client.alive and self._link.fileno() is None:
@@ -264,7 +264,7 @@ def _speaks_mavlink(data: bytes) -> bool:
     return reader.frames > 0
 
 
-def open_door(url: str) -> Door:
+def open_port(url: str) -> ServerPort:
     """Open a socket for clients.
 
     Parameters
@@ -284,7 +284,7 @@ def open_door(url: str) -> Door:
     """
     text, comma, local = url.partition(",")
     if text.strip().lower().startswith(SERIAL):
-        return _LinkDoor(open_link(url))
+        return _LinkPort(open_link(url))
     address = parse_link_url(text)
     port = 0
     if comma:
@@ -293,14 +293,14 @@ def open_door(url: str) -> Door:
             raise VehicleError(msg)
         port = int(local)
     if address.scheme == "udpin":
-        return _UdpDoor(address)
+        return _UdpPort(address)
     if address.scheme == "udpout":
         host = _address_of(address)
         near = LOOPBACK if host.startswith("127.") else "0.0.0.0"  # noqa: S104
-        return _UdpDoor(LinkAddress("udpout", near, port), LinkAddress("udpout", host, address.port))
+        return _UdpPort(LinkAddress("udpout", near, port), LinkAddress("udpout", host, address.port))
     if address.scheme == "tcpin":
-        return _TcpDoor(TcpListener(address))
-    return _LinkDoor(open_link(text, reconnect=True))
+        return _TcpPort(TcpListener(address))
+    return _LinkPort(open_link(text, reconnect=True))
 
 
 def _address_of(address: LinkAddress) -> str:

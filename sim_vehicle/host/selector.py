@@ -1,4 +1,4 @@
-"""The server's doors and who stands behind them, and the waiting for any of them."""
+"""Waits for all ports of the server and their clients at once."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ import time
 from collections.abc import Sequence
 
 from sim_vehicle.faults.session import FaultSession
-from sim_vehicle.host.ports import Client, Door, Handle, ServerUrl, open_door
+from sim_vehicle.host.ports import Client, ReadyCallback, ServerPort, ServerUrl, open_port
 
-__all__ = ["Gate"]
+__all__ = ["PortSelector"]
 
-_LOOK_S = 0.5
+_REFRESH_S = 0.5
 
 
-class Gate:
-    """All sockets of a server.
+class PortSelector:
+    """All ports of a server and the clients behind them.
 
     Parameters
     ----------
     urls : sequence of ServerUrl
-        Each becomes a door.
+        Each becomes a port.
     session : FaultSession
         Spoils the links that it names.
 
@@ -42,22 +42,22 @@ class Gate:
     def __init__(self, urls: Sequence[ServerUrl], session: FaultSession) -> None:
         self.clients: list[Client] = []
         self._session = session
-        self._doors: list[tuple[Door, ServerUrl]] = []
+        self._ports: list[tuple[ServerPort, ServerUrl]] = []
         self._seen: dict[int, int] = {}
         self._selector = selectors.DefaultSelector()
-        self._watched: dict[int, Handle] = {}
-        self._looked_s = 0.0
+        self._watched: dict[int, ReadyCallback] = {}
+        self._refreshed_s = 0.0
         self._wake, self._woken = socket.socketpair()
         self._woken.setblocking(False)
         self._selector.register(self._woken, selectors.EVENT_READ)
         try:
             for url in urls:
-                self._doors.append((open_door(url.url), url))
+                self._ports.append((open_port(url.url), url))
         except BaseException:
             self.close()
             raise
-        self.urls = tuple(door.name for door, _ in self._doors)
-        self.look()
+        self.urls = tuple(port.name for port, _ in self._ports)
+        self.refresh()
 
     def wake(self) -> None:
         """End a `wait`; may be called from another thread."""
@@ -75,8 +75,8 @@ class Gate:
             else:
                 with contextlib.suppress(OSError):
                     self._woken.recv(4096)
-        if ready or time.monotonic() - self._looked_s > _LOOK_S:
-            self.look()
+        if ready or time.monotonic() - self._refreshed_s > _REFRESH_S:
+            self.refresh()
         return found
 
     def flush(self) -> None:
@@ -84,22 +84,22 @@ class Gate:
         for client in self.clients:
             client.flush()
         if not all(client.alive for client in self.clients):
-            self.look()
+            self.refresh()
 
-    def look(self) -> None:
-        """Take up new clients and sockets, and forget those that are gone."""
-        self._looked_s = time.monotonic()
+    def refresh(self) -> None:
+        """Register new clients and sockets, and forget those that are gone."""
+        self._refreshed_s = time.monotonic()
         found: list[Client] = []
-        for number, (door, url) in enumerate(self._doors, 1):
-            for client in door.clients():
+        for number, (port, url) in enumerate(self._ports, 1):
+            for client in port.clients():
                 found.append(client)
                 if client not in self.clients:
                     count = self._seen[number] = self._seen.get(number, -1) + 1
                     client.system = url.system
-                    client.radio = self._session.link(door.name, number, count)
+                    client.radio = self._session.link(port.name, number, count)
         if found != self.clients:
             self.clients = found
-        handles = {fd: handle for door, _ in self._doors for fd, handle in door.handles().items()}
+        handles = {fd: handle for port, _ in self._ports for fd, handle in port.ready_callbacks().items()}
         for fd, old in self._watched.items():
             if fd not in handles or handles[fd].owner is not old.owner:
                 with contextlib.suppress(KeyError, ValueError, OSError):
@@ -111,8 +111,8 @@ class Gate:
 
     def close(self) -> None:
         """Close all sockets."""
-        for door, _ in self._doors:
-            door.close()
+        for port, _ in self._ports:
+            port.close()
         self._selector.close()
         self._wake.close()
         self._woken.close()

@@ -12,13 +12,13 @@ from numpy.random import SeedSequence
 
 from mission.link.codec.frames import FrameReader, FrameWriter, Message, starts_with_frame
 from mission.link.codec.signing import SETUP_SIGNING, Signing
+from sim_vehicle.component import NEVER, Component
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.faults.fault import Fault
 from sim_vehicle.faults.session import FaultSession
-from sim_vehicle.host.component import NEVER, Component
 from sim_vehicle.host.ports import Client, ServerUrl
 from sim_vehicle.host.router import RoutingTable, frame_id, frame_source, frame_target
-from sim_vehicle.host.selector import Gate
+from sim_vehicle.host.selector import PortSelector
 from sim_vehicle.host.simulation import StopReason
 
 __all__ = ["Server", "ServerUrl", "default_urls"]
@@ -78,7 +78,7 @@ class Server:
     components : sequence of Component
         Their addresses must differ.
     urls : sequence of str or ServerUrl
-        See `sim_vehicle.host.ports.open_door`; a `ServerUrl` can belong to one vehicle of several.
+        See `sim_vehicle.host.ports.open_port`; a `ServerUrl` can belong to one vehicle of several.
     speed : float
         Seconds of the components' time in a second of the wall clock; infinity is as fast as it goes.
         When the machine cannot keep up, time is stretched, never skipped.
@@ -146,9 +146,9 @@ class Server:
         self._radios: list[Client] = []
         self._stopping = False
         self._origin_s = 0.0
-        doors = [url if isinstance(url, ServerUrl) else ServerUrl(url) for url in urls]
-        self._gate = Gate(doors, session)
-        self.urls = self._gate.urls
+        ports = [url if isinstance(url, ServerUrl) else ServerUrl(url) for url in urls]
+        self._selector = PortSelector(ports, session)
+        self.urls = self._selector.urls
         self._meet_clients()
 
     @property
@@ -191,11 +191,11 @@ class Server:
     def stop(self) -> None:
         """End `run`; may be called from another thread."""
         self._stopping = True
-        self._gate.wake()
+        self._selector.wake()
 
     def close(self) -> None:
         """Close all sockets."""
-        self._gate.close()
+        self._selector.close()
 
     def _wall_s(self) -> float:
         return 0.0 if self.speed == NEVER else time.monotonic() * self.speed
@@ -244,7 +244,7 @@ class Server:
             wait_s = (target_s - self._origin_s - self._wall_s()) / self.speed
         elif self._deadline() == NEVER:
             wait_s = _LONGEST_WAIT_S
-        arrived = self._gate.wait(min(wait_s, _LONGEST_WAIT_S))
+        arrived = self._selector.wait(min(wait_s, _LONGEST_WAIT_S))
         self._meet_clients()
         if not arrived:
             return
@@ -282,7 +282,7 @@ class Server:
 
     def _meet_clients(self) -> None:
         """Take note of who came and who went."""
-        clients = self._gate.clients
+        clients = self._selector.clients
         if clients is self._clients:
             return
         for client in self._clients:
@@ -338,12 +338,12 @@ class Server:
         )
 
     def _flush(self) -> None:
-        self._gate.flush()
+        self._selector.flush()
         self._meet_clients()
 
 
 def _meet(one: _Port, other: _Port) -> bool:
-    """Whether two ports share a wire: a client at a vehicle's own door meets that vehicle only."""
+    """Whether two ports share a wire: a client at a vehicle's own port meets that vehicle only."""
     if isinstance(one, _Local) and isinstance(other, _Local):
         return True
     return one.system is None or other.system is None or one.system == other.system

@@ -16,10 +16,10 @@ import numpy as np
 from mission.link.codec.dialect import mavlink
 from mission.link.codec.frames import FrameReader, FrameWriter, starts_with_frame
 from mission.link.codec.signing import SETUP_SIGNING, Signing
+from sim_vehicle.component import NEVER, Component
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.faults.fault import Fault
 from sim_vehicle.faults.session import FaultSession, FaultyLink
-from sim_vehicle.host.component import NEVER, Component
 from sim_vehicle.host.router import RoutingTable, frame_id, frame_source, frame_target
 from sim_vehicle.host.virtual_link import VirtualLink
 
@@ -181,11 +181,25 @@ class Simulation:
         VirtualLink
             A `mission.link.Link` whose ``wait`` lets virtual time pass.
         """
-        link = VirtualLink(name, self, len(self._components) + len(self._links))
+        port = len(self._components) + len(self._links)
+        link = VirtualLink(
+            name, lambda: self.now_s, lambda frame: self._send_frame(port, frame), self._pass_time
+        )
         self._links.append(link)
         self._routes.clear()
-        self._add_radio(link.port, name)
+        self._add_radio(port, name)
         return link
+
+    def _pass_time(self, seconds: float, until: Callable[[], bool] | None) -> None:
+        """Run for so long, or until a condition holds; time goes on also when nothing happens any more."""
+        end_s = self.now_s + seconds
+
+        def is_over(_now_s: float = 0.0) -> bool:
+            return until is not None and until()
+
+        self.run(is_over, limit_s=seconds)
+        if end_s < NEVER and not is_over():
+            self.now_s = max(self.now_s, end_s)
 
     def _add_radio(self, port: int, name: str) -> None:
         self._radio_count += 1
@@ -277,7 +291,7 @@ class Simulation:
             else:
                 self._forward(frame, ports)
 
-    def send_frame(self, source: int, frame: bytes) -> None:
+    def _send_frame(self, source: int, frame: bytes) -> None:
         """Put a whole frame of a virtual link on the way."""
         self.frames += 1
         self.bytes_sent += len(frame)

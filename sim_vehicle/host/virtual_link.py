@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from mission.errors import LinkError
@@ -9,27 +10,26 @@ from mission.link.codec.frames import FrameReader
 
 if TYPE_CHECKING:
     from mission.link.link import Link
-    from sim_vehicle.host.simulation import Simulation
 
 __all__ = ["VirtualLink"]
 
-_NEVER = float("inf")
-
 
 class VirtualLink:
-    """A `mission.link.Link` into a `Simulation`; made by `Simulation.open_link`.
+    """A `mission.link.Link` on a clock of its own; made by `Simulation.open_link`.
 
     Whoever takes a clock and a way to wait (as `mission.transfer.driver.TransferDriver` does) runs on the
-    virtual clock with it: waiting lets the simulation go on until something arrives or the time is up.
+    virtual clock with it: waiting lets the clock go on until something arrives or the time is up.
 
     Parameters
     ----------
     name : str
         For messages.
-    simulation : Simulation
-        Where it leads.
-    port : int
-        Its number there.
+    clock : callable
+        Gives the virtual time in seconds.
+    send_frame : callable
+        Takes each whole frame that is sent.
+    pass_time : callable
+        ``pass_time(seconds, until)`` lets so much time pass, or less where ``until()`` holds earlier.
 
     Examples
     --------
@@ -44,18 +44,21 @@ class VirtualLink:
     (3600.0, True)
     """
 
-    def __init__(self, name: str, simulation: Simulation, port: int) -> None:
+    def __init__(
+        self,
+        name: str,
+        clock: Callable[[], float],
+        send_frame: Callable[[bytes], None],
+        pass_time: Callable[[float, Callable[[], bool] | None], None],
+    ) -> None:
         self.name = name
-        self.port = port
-        self._simulation = simulation
+        self.clock = clock
+        self._send_frame = send_frame
+        self._pass_time = pass_time
         self._arrived: list[bytes] = []
         self._frames: list[bytes] = []
         self._reader = FrameReader(wanted=(), tap=self._frames.append)
         self._open = True
-
-    def clock(self) -> float:
-        """Virtual seconds since the start."""
-        return self._simulation.now_s
 
     def send(self, data: bytes) -> None:
         """Send bytes; frames are routed as they become whole, whatever is none is dropped."""
@@ -66,7 +69,7 @@ class VirtualLink:
         frames = self._frames[:]
         self._frames.clear()
         for frame in frames:
-            self._simulation.send_frame(self.port, frame)
+            self._send_frame(frame)
 
     def receive(self) -> list[bytes]:
         """Return what has arrived; no time passes."""
@@ -75,26 +78,18 @@ class VirtualLink:
         return arrived
 
     def deliver(self, frame: bytes) -> None:
-        """Take a frame; for the simulation."""
+        """Take a frame that arrives; for the host."""
         if self._open:
             self._arrived.append(frame)
 
     def wait(self, link: Link, seconds: float) -> None:  # noqa: ARG002
         """Let time pass until something has arrived, at most so long; as ``TransferDriver`` calls it."""
-        self._pass(seconds, until_arrival=True)
+        if not self._arrived:
+            self._pass_time(max(0.0, seconds), lambda: bool(self._arrived))
 
     def sleep(self, seconds: float) -> None:
         """Let so much time pass."""
-        self._pass(seconds, until_arrival=False)
-
-    def _pass(self, seconds: float, *, until_arrival: bool) -> None:
-        if until_arrival and self._arrived:
-            return
-        simulation = self._simulation
-        end_s = simulation.now_s + max(0.0, seconds)
-        simulation.run((lambda _: bool(self._arrived)) if until_arrival else None, limit_s=max(0.0, seconds))
-        if end_s < _NEVER and not (until_arrival and self._arrived):
-            simulation.now_s = max(simulation.now_s, end_s)
+        self._pass_time(max(0.0, seconds), None)
 
     def close(self) -> None:
         """Hear and send nothing more."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import Message
 from mission.model import Command
-from sim_vehicle.host.component import NEVER
+from sim_vehicle.component import NEVER
 
 __all__ = ["CAMERA", "CAMERA_COMMANDS", "CameraOrders"]
 

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import Message
 from mission.model import RELATIVE_FRAMES, Command
+from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.mavlink.camera_commands import CAMERA_COMMANDS
 from sim_vehicle.mavlink.flight_commands import FLIGHT_ORDERS
+from sim_vehicle.motion.legs import ALONG, Heading
 from sim_vehicle.pilot.arming import FORCE
-from sim_vehicle.pilot.modes import Mode
 from sim_vehicle.pilot.pilot import RefusedError
 
 if TYPE_CHECKING:
@@ -194,11 +195,12 @@ def _reposition(vehicle: SimVehicle, order: Order) -> Answer:
         altitude = pilot.state.position_m[2]
     # The heading is in radians here, other than in mission items.
     speed, yaw_rad = order.params[0], order.params[3]
+    looks = math.isfinite(yaw_rad) and vehicle.persona.split_mode
     pilot.goto(
         *place,
         altitude,
         mode=Mode.HOLD if vehicle.persona.split_mode else Mode.GUIDED,
-        yaw_rad=yaw_rad if math.isfinite(yaw_rad) and vehicle.persona.split_mode else None,
+        heading=Heading.fixed(yaw_rad) if looks else ALONG,
         speed_m_s=speed if speed > 0.0 and math.isfinite(speed) else None,
     )
     return ACCEPTED

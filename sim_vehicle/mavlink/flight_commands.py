@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import mavlink as m
 from mission.model import RELATIVE_FRAMES, Command
-from sim_vehicle.pilot.modes import Mode
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.motion.legs import KEEP
 from sim_vehicle.pilot.notices import RefusedError
 
 if TYPE_CHECKING:
@@ -34,8 +35,8 @@ def fence_enable(vehicle: SimVehicle, order: Order) -> None:
     kind = order.number(1, -1)
     if kind not in (0, 1, 2):
         raise RefusedError(f"Fence refused: parameter 1 is {order.params[0]:g}", denied=True)
-    vehicle.pilot.tuning.fence_enable = int(kind > 0)
-    vehicle.pilot.retune()
+    vehicle.pilot.parameters.fence_enable = int(kind > 0)
+    vehicle.pilot.apply_parameters()
 
 
 def terminate(vehicle: SimVehicle, order: Order) -> None:
@@ -93,7 +94,7 @@ def change_altitude(vehicle: SimVehicle, order: Order) -> None:
     if frame not in RELATIVE_FRAMES:
         altitude -= vehicle.home.altitude_m
     x, y, _ = pilot.executor.motion.stopping_point()
-    pilot.goto(*pilot.frame.to_wgs84(x, y), altitude, mode=_single(vehicle), yaw_rad=math.inf)
+    pilot.goto(*pilot.frame.to_wgs84(x, y), altitude, mode=_single(vehicle), heading=KEEP)
 
 
 def land_start(vehicle: SimVehicle, _order: Order) -> None:

@@ -1,7 +1,7 @@
 """The parameters of the vehicle: what peers may read and change, and what that does.
 
 The few names that ground software reads or sets are here, in each autopilot's own spelling and unit; each
-acts on the vehicle through `Tuning`.
+acts on the vehicle through `RuntimeParameters`.
 """
 
 from __future__ import annotations
@@ -10,102 +10,25 @@ import math
 import struct
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import Message
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import autopilot_of
+from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
 
 HASH = "_HASH_CHECK"
 """What a peer asks a PX4 for to learn whether it knows all parameters already."""
 _NO_INDEX = 65535
 _MAV_TYPES = {"fixed-wing": m.MAV_TYPE_FIXED_WING, "rover": m.MAV_TYPE_GROUND_ROVER}
 
-__all__ = ["Parameter", "ParameterSet", "Tuning", "parameter_table"]
-
-
-@dataclass(slots=True)
-class Tuning:
-    """What can be changed on a vehicle after it was built; SI units.
-
-    Parameters
-    ----------
-    cruise_speed_m_s, acceptance_radius_m, takeoff_altitude_m, return_altitude_m, landing_speed_m_s : float
-        As in `sim_vehicle.airframe.spec.VehicleSpec`.
-    disarm_delay_s : float
-        Time from touch-down to disarming.
-    low_fraction, critical_fraction : float
-        Battery levels of the two failsafes.
-    low_battery_action, critical_battery_action : int
-        The autopilot's own values (`sim_vehicle.pilot.failsafe_rules`); the second is used by ArduPilot only.
-    emergency_fraction : float
-        Level of the last battery failsafe.
-    low_voltage_v, critical_voltage_v, low_voltage_timer_s : float
-        Voltages of the whole pack that are low and critical after that time; 0 is none. Of ArduPilot only.
-    low_voltage_source : int
-        0 for the voltage as it is, 1 for it without the sag of the load.
-    fence_enable, fence_action, fence_type : int
-        The autopilot's own values; ``fence_type`` as FENCE_TYPE: 1 ceiling, 2 radius, 4 areas.
-    fence_ceiling_m, fence_radius_m : float
-        Height above and distance from home; 0 is no limit.
-    link_action : int
-        The autopilot's own value; 0 is none.
-    link_timeout_s : float
-        Silence of the ground station after which it is lost.
-    setpoint_timeout_s : float
-        Age at which setpoints hold no more.
-    settings : dict of str to float
-        The autopilot's parameters that move the vehicle and are not at their defaults, in their own units.
-    """
-
-    cruise_speed_m_s: float
-    acceptance_radius_m: float
-    takeoff_altitude_m: float
-    return_altitude_m: float
-    landing_speed_m_s: float
-    disarm_delay_s: float
-    low_fraction: float
-    critical_fraction: float
-    low_battery_action: int = 1
-    critical_battery_action: int = 1
-    emergency_fraction: float = 0.05
-    low_voltage_v: float = 0.0
-    critical_voltage_v: float = 0.0
-    low_voltage_timer_s: float = 10.0
-    low_voltage_source: int = 0
-    fence_enable: int = 1
-    fence_action: int = 2
-    fence_type: int = 7
-    fence_ceiling_m: float = 0.0
-    fence_radius_m: float = 0.0
-    link_action: int = 0
-    link_timeout_s: float = 10.0
-    setpoint_timeout_s: float = 1.0
-    settings: dict[str, float] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, spec: VehicleSpec) -> Tuning:
-        """Return the values of a vehicle as built."""
-        battery = spec.battery
-        return cls(
-            spec.cruise_speed_m_s,
-            spec.acceptance_radius_m,
-            spec.takeoff_altitude_m,
-            spec.return_altitude_m,
-            spec.landing_speed_m_s,
-            spec.disarm_delay_s,
-            battery.reserve_fraction if battery else 0.0,
-            battery.critical_fraction if battery else 0.0,
-            # ArduCopter's default, which is meant for three cells and refuses to arm with fewer.
-            low_voltage_v=10.5 if spec.kind == "multirotor" and battery and battery.cells > 2 else 0.0,
-            settings=dict(spec.parameters),
-        )
+__all__ = ["MavParameter", "ParameterSet", "parameter_table"]
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class MavParameter:
     """One parameter.
 
     Parameters
@@ -113,7 +36,7 @@ class Parameter:
     name : str
         At most 16 characters.
     field : str or None
-        The field of `Tuning` that it is; None for a constant.
+        The field of `RuntimeParameters` that it is; None for a constant.
     integer : bool
         INT32 rather than REAL32.
     scale : float
@@ -123,7 +46,7 @@ class Parameter:
     value : float
         Of a constant; the default of a setting.
     setting : bool
-        Whether it is one of `Tuning.settings`.
+        Whether it is one of `RuntimeParameters.settings`.
     """
 
     name: str
@@ -141,7 +64,7 @@ class Parameter:
         return int(m.MAV_PARAM_TYPE_INT32 if self.integer else m.MAV_PARAM_TYPE_REAL32)
 
 
-def parameter_table(autopilot: str, spec: VehicleSpec, system_id: int) -> tuple[Parameter, ...]:
+def parameter_table(autopilot: str, spec: VehicleSpec, system_id: int) -> tuple[MavParameter, ...]:
     """Return the parameters of a vehicle as one autopilot names them, sorted by name."""
     make = {"px4": _px4_table, "ardupilot": _ardupilot_table}[autopilot]
     # Imported here: the tables of the safety functions are made of these parameters.
@@ -152,7 +75,7 @@ def parameter_table(autopilot: str, spec: VehicleSpec, system_id: int) -> tuple[
     table = {name: p for name, p in table.items() if not foreign_parameter(spec, name)}
     if spec.autopilot == autopilot:
         for name, known in autopilot_of(spec).settings.items():
-            table[name] = Parameter(
+            table[name] = MavParameter(
                 name,
                 integer=known.integer,
                 low=known.low,
@@ -163,52 +86,52 @@ def parameter_table(autopilot: str, spec: VehicleSpec, system_id: int) -> tuple[
     return tuple(table[name] for name in sorted(table))
 
 
-def _px4_table(spec: VehicleSpec, system_id: int) -> list[Parameter]:
+def _px4_table(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
     return [
-        Parameter("BAT1_N_CELLS", integer=True, value=spec.battery.cells if spec.battery else 0),
-        Parameter("BAT_CRIT_THR", "critical_fraction", low=0.0, high=0.5),
-        Parameter("BAT_LOW_THR", "low_fraction", low=0.0, high=0.9),
-        Parameter("COM_DISARM_LAND", "disarm_delay_s", low=0.0, high=600.0),
-        Parameter("COM_LOW_BAT_ACT", "low_battery_action", integer=True, low=0, high=3),
-        Parameter("CAL_ACC0_ID", integer=True, value=1310988),
-        Parameter("CAL_GYRO0_ID", integer=True, value=1310988),
-        Parameter("CAL_MAG0_ID", integer=True, value=197388),
-        Parameter("COM_RC_IN_MODE", integer=True, value=1),
-        Parameter("MAV_COMP_ID", integer=True, value=1),
-        Parameter("MAV_SYS_ID", integer=True, value=system_id),
-        Parameter("MAV_TYPE", integer=True, value=_MAV_TYPES.get(spec.kind, m.MAV_TYPE_QUADROTOR)),
-        Parameter("MIS_TAKEOFF_ALT", "takeoff_altitude_m", low=0.5, high=spec.max_altitude_m),
-        Parameter("MPC_ACC_HOR", value=spec.acceleration_m_s2),
-        Parameter("MPC_JERK_AUTO", value=spec.jerk_m_s3),
-        Parameter("MPC_LAND_SPEED", "landing_speed_m_s", low=0.1, high=spec.descent_speed_m_s),
-        Parameter("MPC_XY_CRUISE", "cruise_speed_m_s", low=0.1, high=spec.top_speed_m_s),
-        Parameter("MPC_XY_VEL_MAX", value=spec.speed_limit_m_s),
-        Parameter("MPC_Z_VEL_MAX_DN", value=spec.descent_speed_m_s),
-        Parameter("MPC_Z_VEL_MAX_UP", value=spec.climb_speed_m_s),
-        Parameter("NAV_ACC_RAD", "acceptance_radius_m", low=0.05, high=200.0),
-        Parameter("RTL_RETURN_ALT", "return_altitude_m", low=0.5, high=spec.max_altitude_m),
-        Parameter("SYS_AUTOSTART", integer=True, value=4001),
+        MavParameter("BAT1_N_CELLS", integer=True, value=spec.battery.cells if spec.battery else 0),
+        MavParameter("BAT_CRIT_THR", "critical_fraction", low=0.0, high=0.5),
+        MavParameter("BAT_LOW_THR", "low_fraction", low=0.0, high=0.9),
+        MavParameter("COM_DISARM_LAND", "disarm_delay_s", low=0.0, high=600.0),
+        MavParameter("COM_LOW_BAT_ACT", "low_battery_action", integer=True, low=0, high=3),
+        MavParameter("CAL_ACC0_ID", integer=True, value=1310988),
+        MavParameter("CAL_GYRO0_ID", integer=True, value=1310988),
+        MavParameter("CAL_MAG0_ID", integer=True, value=197388),
+        MavParameter("COM_RC_IN_MODE", integer=True, value=1),
+        MavParameter("MAV_COMP_ID", integer=True, value=1),
+        MavParameter("MAV_SYS_ID", integer=True, value=system_id),
+        MavParameter("MAV_TYPE", integer=True, value=_MAV_TYPES.get(spec.kind, m.MAV_TYPE_QUADROTOR)),
+        MavParameter("MIS_TAKEOFF_ALT", "takeoff_altitude_m", low=0.5, high=spec.max_altitude_m),
+        MavParameter("MPC_ACC_HOR", value=spec.acceleration_m_s2),
+        MavParameter("MPC_JERK_AUTO", value=spec.jerk_m_s3),
+        MavParameter("MPC_LAND_SPEED", "landing_speed_m_s", low=0.1, high=spec.descent_speed_m_s),
+        MavParameter("MPC_XY_CRUISE", "cruise_speed_m_s", low=0.1, high=spec.top_speed_m_s),
+        MavParameter("MPC_XY_VEL_MAX", value=spec.speed_limit_m_s),
+        MavParameter("MPC_Z_VEL_MAX_DN", value=spec.descent_speed_m_s),
+        MavParameter("MPC_Z_VEL_MAX_UP", value=spec.climb_speed_m_s),
+        MavParameter("NAV_ACC_RAD", "acceptance_radius_m", low=0.05, high=200.0),
+        MavParameter("RTL_RETURN_ALT", "return_altitude_m", low=0.5, high=spec.max_altitude_m),
+        MavParameter("SYS_AUTOSTART", integer=True, value=4001),
     ]
 
 
-def _ardupilot_table(spec: VehicleSpec, system_id: int) -> list[Parameter]:
+def _ardupilot_table(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
     ceiling_cm = 100.0 * spec.max_altitude_m
     return [
-        Parameter("DISARM_DELAY", "disarm_delay_s", integer=True, low=0, high=127),
-        Parameter("FENCE_TOTAL", integer=True),
-        Parameter("FRAME_CLASS", integer=True, value=1),
-        Parameter("FRAME_TYPE", integer=True, value=1),
-        Parameter("LAND_SPEED", "landing_speed_m_s", True, 100.0, 10, 100.0 * spec.descent_speed_m_s),
-        Parameter("MIS_TOTAL", integer=True),
-        Parameter("PILOT_TKOFF_ALT", "takeoff_altitude_m", False, 100.0, 50.0, ceiling_cm),
-        Parameter("RALLY_TOTAL", integer=True),
-        Parameter("RTL_ALT", "return_altitude_m", True, 100.0, 50, ceiling_cm),
-        Parameter("SYSID_THISMAV", integer=True, value=system_id),
-        Parameter("WPNAV_ACCEL", value=100.0 * spec.acceleration_m_s2),
-        Parameter("WPNAV_RADIUS", "acceptance_radius_m", False, 100.0, 5.0, 20_000.0),
-        Parameter("WPNAV_SPEED", "cruise_speed_m_s", False, 100.0, 10.0, 100.0 * spec.top_speed_m_s),
-        Parameter("WPNAV_SPEED_DN", value=100.0 * spec.descent_speed_m_s),
-        Parameter("WPNAV_SPEED_UP", value=100.0 * spec.climb_speed_m_s),
+        MavParameter("DISARM_DELAY", "disarm_delay_s", integer=True, low=0, high=127),
+        MavParameter("FENCE_TOTAL", integer=True),
+        MavParameter("FRAME_CLASS", integer=True, value=1),
+        MavParameter("FRAME_TYPE", integer=True, value=1),
+        MavParameter("LAND_SPEED", "landing_speed_m_s", True, 100.0, 10, 100.0 * spec.descent_speed_m_s),
+        MavParameter("MIS_TOTAL", integer=True),
+        MavParameter("PILOT_TKOFF_ALT", "takeoff_altitude_m", False, 100.0, 50.0, ceiling_cm),
+        MavParameter("RALLY_TOTAL", integer=True),
+        MavParameter("RTL_ALT", "return_altitude_m", True, 100.0, 50, ceiling_cm),
+        MavParameter("SYSID_THISMAV", integer=True, value=system_id),
+        MavParameter("WPNAV_ACCEL", value=100.0 * spec.acceleration_m_s2),
+        MavParameter("WPNAV_RADIUS", "acceptance_radius_m", False, 100.0, 5.0, 20_000.0),
+        MavParameter("WPNAV_SPEED", "cruise_speed_m_s", False, 100.0, 10.0, 100.0 * spec.top_speed_m_s),
+        MavParameter("WPNAV_SPEED_DN", value=100.0 * spec.descent_speed_m_s),
+        MavParameter("WPNAV_SPEED_UP", value=100.0 * spec.climb_speed_m_s),
     ]
 
 
@@ -217,8 +140,8 @@ class ParameterSet:
 
     Parameters
     ----------
-    table : tuple of Parameter
-    tuning : Tuning
+    table : tuple of MavParameter
+    values : RuntimeParameters
         What the parameters act on.
     encoding : {"bytewise", "cast"}
         How integers travel in the float field.
@@ -232,8 +155,8 @@ class ParameterSet:
 
     def __init__(
         self,
-        table: tuple[Parameter, ...],
-        tuning: Tuning,
+        table: tuple[MavParameter, ...],
+        values: RuntimeParameters,
         encoding: Literal["bytewise", "cast"],
         changed: Callable[[], None],
         refused: Callable[[str], None],
@@ -242,7 +165,7 @@ class ParameterSet:
         self._live = dict(live or {})
         self._table = table
         self._index = {parameter.name: i for i, parameter in enumerate(table)}
-        self._tuning = tuning
+        self._values = values
         self._bytewise = encoding == "bytewise"
         self._changed = changed
         self._refused = refused
@@ -253,10 +176,10 @@ class ParameterSet:
         if name in self._live:
             return float(self._live[name]())
         if parameter.setting:
-            return self._tuning.settings.get(name, parameter.value)
+            return self._values.settings.get(name, parameter.value)
         if parameter.field is None:
             return parameter.value
-        value = float(getattr(self._tuning, parameter.field)) * parameter.scale
+        value = float(getattr(self._values, parameter.field)) * parameter.scale
         return float(round(value)) if parameter.integer else value
 
     def handle(self, message: Message) -> list[Message]:
@@ -287,20 +210,20 @@ class ParameterSet:
             HASH.encode(), value, int(m.MAV_PARAM_TYPE_UINT32), len(self._table), _NO_INDEX
         )
 
-    def _set(self, parameter: Parameter, message: Message) -> None:
+    def _set(self, parameter: MavParameter, message: Message) -> None:
         value = self._decode(message.param_value, message.param_type)
         if parameter.field is None and not parameter.setting:
             self._refused(f"{parameter.name} cannot be changed")
         elif not parameter.low <= value <= parameter.high:
             self._refused(f"{parameter.name} must be {parameter.low:g} to {parameter.high:g}")
         elif parameter.field is None:
-            self._tuning.settings[parameter.name] = value
+            self._values.settings[parameter.name] = value
             self._changed()
         else:
             stored = value / parameter.scale
-            if isinstance(getattr(self._tuning, parameter.field), int):
+            if isinstance(getattr(self._values, parameter.field), int):
                 stored = round(stored)
-            setattr(self._tuning, parameter.field, stored)
+            setattr(self._values, parameter.field, stored)
             self._changed()
 
     def _decode(self, value: float, kind: int) -> float:

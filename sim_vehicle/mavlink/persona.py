@@ -12,8 +12,8 @@ from typing import Literal
 
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer import profile as transfer_profile
+from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.pilot.modes import Mode
 
 __all__ = ["ARDUPILOT", "PX4", "Persona", "get_persona", "persona_names"]
 

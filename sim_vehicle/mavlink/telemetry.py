@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import Message
 from sim_vehicle.airframe.sensor_errors import HDOP, VDOP
+from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.state import LandedState, Phase
 from sim_vehicle.mavlink.true_state import hil_state_quaternion, int16, quaternion, sim_state, to_body
 from sim_vehicle.pilot.arming import health_problem
 from sim_vehicle.pilot.fence import Breach
-from sim_vehicle.pilot.modes import Mode
 
 if TYPE_CHECKING:
     from sim_vehicle.mavlink.vehicle import SimVehicle

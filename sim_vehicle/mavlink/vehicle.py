@@ -28,9 +28,10 @@ from mission.transfer.server import MissionServer
 from mission.transfer.storage import UncheckedItem
 from sim_vehicle.airframe.sensor_errors import NavigationErrors, Sensed, SensorNoise
 from sim_vehicle.airframe.spec import VehicleSpec
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.component import NEVER
 from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS
 from sim_vehicle.execution.state import CameraCommand, FlightEvent, HomeMoved, ItemReached
-from sim_vehicle.host.component import NEVER
 from sim_vehicle.mavlink import commands
 from sim_vehicle.mavlink.camera_commands import CAMERA, CameraOrders
 from sim_vehicle.mavlink.parameters import ParameterSet, parameter_table
@@ -40,7 +41,7 @@ from sim_vehicle.mavlink.telemetry import BUILDERS, STREAMS
 from sim_vehicle.mavlink.vehicle_types import as_flown
 from sim_vehicle.pilot import setpoints
 from sim_vehicle.pilot.failsafe_rules import rules_for
-from sim_vehicle.pilot.modes import Mode, Outcome
+from sim_vehicle.pilot.modes import Outcome
 from sim_vehicle.pilot.pilot import Pilot, RefusedError, Severity
 from sim_vehicle.weather.wind import Wind
 
@@ -170,9 +171,9 @@ class SimVehicle:
         self._shown: tuple[object, ...] = ()
         self._parameters = ParameterSet(
             parameter_table(persona.name, spec, system_id),
-            self.pilot.tuning,
+            self.pilot.parameters,
             persona.parameter_encoding,
-            self.pilot.retune,
+            self.pilot.apply_parameters,
             self.say_warning,
             {} if persona.split_mode else self._totals(),
         )
@@ -225,7 +226,7 @@ class SimVehicle:
             self._show_changes()
             return self._sent()
         if message.type == m.MAV_TYPE_GCS:
-            self.pilot.heard_ground(now_s)
+            self.pilot.on_gcs_heartbeat(now_s)
         handler(message)
         return []
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command
 from sim_vehicle.autopilot import with_autopilot
-from sim_vehicle.pilot.modes import Mode
+from sim_vehicle.autopilot.modes import Mode
 
 if TYPE_CHECKING:
     from mission.transfer.profile import Profile

@@ -81,11 +81,11 @@ class VehicleBatch:
 
     Examples
     --------
-    >>> from sim_vehicle.motion.model import Route
+    >>> from sim_vehicle.motion.legs import Leg, Route
     >>> from sim_vehicle.airframe.spec import get_vehicle
     >>> quads = [Multirotor(get_vehicle("quad")) for _ in range(3)]
     >>> for k, quad in enumerate(quads):
-    ...     quad.fly(Route.to(10.0 * k, 0.0, 10.0, speed_m_s=5.0))
+    ...     quad.fly(Route.through([Leg((10.0 * k, 0.0, 10.0), 5.0)]))
     >>> batch = VehicleBatch(quads)
     >>> batch.advance(10_000).tolist()
     [1, 1, 1]
@@ -104,7 +104,6 @@ class VehicleBatch:
         self._views: dict[str, list[Any]] = {}
         count = len(self.vehicles)
         self._calls = np.zeros((count, CALL), dtype=np.int64)
-        self._turning = np.full(count, np.nan)
         self._blocks: list[Any] = [None] * count
         self._wind: NDArray[np.float64] = np.zeros((count, 1, 1))
         self._routes: NDArray[np.float64] = np.zeros((0, 0))
@@ -181,8 +180,6 @@ class VehicleBatch:
         assert self._law is not None
         loop = loops()[self._law.loop]
         rows = [self._tables[name] for name in self._law.rows]
-        if self._law.loop == "arducopter":
-            rows.append(self._turning)
         rest = (self._calls, self._offsets, self._routes, self._arrivals, self._wind, *rows)
         if self._pool is None or len(members) == 1:
             loop(members, *rest)
@@ -218,8 +215,6 @@ class VehicleBatch:
                 self._take_wind(k, series)
             renewed |= getattr(vehicle, self._law.route) is not self._route_views[k]
             renewed |= vehicle.arrivals is not self._arrival_views[k]
-            if self._law.loop == "arducopter":
-                self._turning[k] = vehicle._turning
         if renewed:
             self._take_routes()
 

@@ -146,7 +146,6 @@ def _loops(sources: int) -> dict[str, Callable[..., object]]:
         law: Floats,
         heads: Floats,
         curves: Floats,
-        turning: Floats,
     ) -> int:
         for k in members:
             begin, end = offsets[k], offsets[k + 1]
@@ -158,7 +157,6 @@ def _loops(sources: int) -> dict[str, Callable[..., object]]:
                 heads[k],
                 curves[k],
                 routes[begin:end],
-                turning[k],
                 power[k],
                 wind[k, : call[k, WIND_ROWS]],
                 call[k, FIRST],

@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.motion.model import MotionEvent
+from sim_vehicle.motion.legs import KEEP
+from sim_vehicle.motion.model import MotionEvent, MotionState
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.model import Route
+    from sim_vehicle.motion.legs import Heading, Position, Route
 
 # A waypoint that crossed the link is rounded to 1e-7 degree, 1.1 cm: that must not cost a time step.
 _SLACK = 0.04
@@ -115,15 +116,23 @@ class IdealRobot:
         return self.step * self.step_s
 
     @property
-    def position_m(self) -> tuple[float, float, float]:
+    def position_m(self) -> Position:
         """East, north, up about home."""
         return self._place
 
-    def numbers(self) -> list[float]:
-        """Return the state in the order of `MotionModel.numbers`."""
-        vx, vy = self._velocity
-        still = [0.0] * 4
-        return [*self._place, vx, vy, *still, self._yaw, 0.0, 0.0, self._length, 0.0, 0.0, 0.0, 0.0]
+    def snapshot(self) -> MotionState:
+        """Return how the vehicle moves now."""
+        return MotionState(
+            position_m=self._place,
+            velocity_m_s=(*self._velocity, 0.0),
+            acceleration_m_s2=(0.0, 0.0, 0.0),
+            heading_rad=self._yaw,
+            yaw_rate_rad_s=0.0,
+            energy_j=0.0,
+            path_length_m=self._length,
+            power_w=0.0,
+            wind_m_s=(0.0, 0.0),
+        )
 
     def attitude(self) -> tuple[float, float, float, float] | None:
         """None: it has none."""
@@ -151,17 +160,16 @@ class IdealRobot:
         velocity_m_s: tuple[float, float, float],  # noqa: ARG002
         *,
         height_m: float = math.nan,  # noqa: ARG002
-        heading_rad: float = math.inf,  # noqa: ARG002
-        turn_rad_s: float = math.nan,  # noqa: ARG002
+        heading: Heading = KEEP,  # noqa: ARG002
     ) -> None:
         """Refuse: it only knows places."""
         msg = f"vehicle {self.spec.name}: the ideal robot has no velocity control, give it places"
         raise VehicleError(msg)
 
-    def look_at(self, place_m: tuple[float, float] | None) -> None:
+    def look_at(self, position_m: tuple[float, float] | None) -> None:
         """Nothing: it looks along its way."""
 
-    def stopping_point(self) -> tuple[float, float, float]:
+    def stopping_point(self) -> Position:
         """Return the place: it stops at once."""
         return self._place
 
@@ -229,7 +237,7 @@ class IdealRobot:
         self._velocity = (0.0, 0.0)
         self.step += steps
 
-    def respec(self, spec: VehicleSpec) -> None:
+    def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults."""
         self.spec = spec
 

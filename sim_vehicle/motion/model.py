@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING, Protocol
 
-import numpy as np
+from sim_vehicle.motion.legs import KEEP
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
+    import numpy as np
     from numpy.typing import NDArray
 
     from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.motion.legs import Heading, Position, Route
 
 
 class MotionEvent(IntEnum):
@@ -27,82 +27,35 @@ class MotionEvent(IntEnum):
     NEAR = 5
 
 
-class LegKind(IntEnum):
-    """What a leg is flown for; an autopilot has its own law for some."""
-
-    WAYPOINT = 0
-    TAKEOFF = 1
-    CLIMB = 2
-    HOME = 3
-    DESCEND = 4
-    LAND = 5
-    STAY = 6
-    LOITER = 7
-    ARC = 8
-
-
 @dataclass(frozen=True, slots=True)
-class Route:
-    """Legs that are flown without a pause between them, unless a leg ends with a stop.
+class MotionState:
+    """How a vehicle moves at one time.
 
     Parameters
     ----------
-    points_m : float64[n, 3]
-        Ends of the legs: east, north, up about home.
-    radius_m : float64[n]
-        Acceptance radius; 0 is a stop. The last point is always a stop.
-    speed_m_s : float64[n]
-        Horizontal ground speed; less its sign, a negative one is the speed of a vertical leg.
-    heading_rad : float64[n]
-        Compass heading on the leg; NaN looks along the leg, infinity keeps the heading.
-    near_m : float64[n]
-        Distance to the end at which NEAR is told, 0 for never.
-    kind : int64[n]
-        `LegKind` of each leg.
-    pause_s : float64[n]
-        Time to stay at the end of the leg, which is a stop then.
-    turn_rad_s : float
-        Rate of turning instead of the headings; NaN for none.
-    circle : float64[n, 4] or None
-        For vehicles that stay by circling: radius (clockwise when positive, NaN is the autopilot's own),
-        turns, and the place (east, north) towards which the circle is left, NaN for anywhere.
+    position_m, velocity_m_s, acceleration_m_s2 : tuple of 3 floats
+        East, north, up about home.
+    heading_rad, yaw_rate_rad_s : float
+        Compass heading, and its rate (clockwise).
+    energy_j : float
+        Used since the start.
+    path_length_m : float
+        Flown since the start.
+    power_w : float
+        Electric power now.
+    wind_m_s : tuple of 2 floats
+        East, north: where the air moves to.
     """
 
-    points_m: NDArray[np.float64]
-    radius_m: NDArray[np.float64]
-    speed_m_s: NDArray[np.float64]
-    heading_rad: NDArray[np.float64]
-    near_m: NDArray[np.float64]
-    kind: NDArray[np.int64]
-    pause_s: NDArray[np.float64]
-    turn_rad_s: float = math.nan
-    circle: NDArray[np.float64] | None = None
-
-    @classmethod
-    def to(
-        cls,
-        x_m: float,
-        y_m: float,
-        z_m: float,
-        *,
-        speed_m_s: float,
-        heading_rad: float = math.nan,
-        turn_rad_s: float = math.nan,
-    ) -> Route:
-        """Return a route of one leg, with a stop at its end."""
-        return cls.through([(x_m, y_m, z_m, 0.0, speed_m_s, heading_rad, 0.0)], turn_rad_s)
-
-    @classmethod
-    def through(cls, legs: Sequence[tuple[float, ...]], turn_rad_s: float = math.nan) -> Route:
-        """Return a route of (x, y, z, radius, speed, heading, near[, kind[, pause[, circle...]]]) rows."""
-        table = np.zeros((len(legs), 13))
-        table[:, 9:] = math.nan
-        for row, leg in zip(table, legs, strict=True):
-            row[: len(leg)] = leg
-        radius, speed, heading, near, kind, pause = (np.ascontiguousarray(row) for row in table.T[3:9])
-        points = np.ascontiguousarray(table[:, :3])
-        circle = np.ascontiguousarray(table[:, 9:])
-        return cls(points, radius, speed, heading, near, kind.astype(np.int64), pause, turn_rad_s, circle)
+    position_m: Position
+    velocity_m_s: tuple[float, float, float]
+    acceleration_m_s2: tuple[float, float, float]
+    heading_rad: float
+    yaw_rate_rad_s: float
+    energy_j: float
+    path_length_m: float
+    power_w: float
+    wind_m_s: tuple[float, float]
 
 
 class MotionModel(Protocol):
@@ -131,15 +84,15 @@ class MotionModel(Protocol):
         """Index of the leg that is being flown."""
 
     @property
-    def position_m(self) -> tuple[float, float, float]:
+    def position_m(self) -> Position:
         """East, north, up about home."""
 
     @property
     def energy_j(self) -> float:
         """Energy used since the start."""
 
-    def numbers(self) -> list[float]:
-        """Return position, velocity, acceleration, heading, its rate, energy, path, power, -, wind."""
+    def snapshot(self) -> MotionState:
+        """Return how the vehicle moves now."""
 
     def attitude(self) -> tuple[float, float, float, float] | None:
         """Return roll, pitch, airspeed and throttle; None where they follow from the acceleration."""
@@ -152,13 +105,12 @@ class MotionModel(Protocol):
         velocity_m_s: tuple[float, float, float],
         *,
         height_m: float = math.nan,
-        heading_rad: float = math.inf,
-        turn_rad_s: float = math.nan,
+        heading: Heading = KEEP,
     ) -> None:
         """Keep a velocity (east, north, up), or its horizontal part at a height.
 
         Sinking, it goes on to the ground and slows down to the landing speed there; REACHED tells the touch.
-        A heading of NaN is that of the flight, infinity keeps it.
+        A heading along the leg is that of the flight.
 
         Raises
         ------
@@ -166,10 +118,10 @@ class MotionModel(Protocol):
             When the vehicle has no velocity control.
         """
 
-    def look_at(self, place_m: tuple[float, float] | None) -> None:
-        """Point the nose at a place (east, north) whatever is flown, None for no more."""
+    def look_at(self, position_m: tuple[float, float] | None) -> None:
+        """Point the nose at a position (east, north) whatever is flown, None for no more."""
 
-    def stopping_point(self) -> tuple[float, float, float]:
+    def stopping_point(self) -> Position:
         """Return where the vehicle comes to rest if it brakes now."""
 
     def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
@@ -178,7 +130,7 @@ class MotionModel(Protocol):
     def rest(self, steps: int, *, armed: bool) -> None:
         """Stand on the ground for a number of steps."""
 
-    def respec(self, spec: VehicleSpec) -> None:
+    def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults and limits."""
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:

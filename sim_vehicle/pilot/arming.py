@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from sim_vehicle.pilot.modes import Mode
+from sim_vehicle.autopilot.modes import Mode
 
 if TYPE_CHECKING:
     from sim_vehicle.pilot.pilot import Pilot
@@ -36,10 +36,10 @@ def _battery(pilot: Pilot) -> str | None:
     battery = pilot.state.battery
     if battery is None:
         return None
-    if battery.fraction < max(pilot.tuning.low_fraction, 1e-9):
+    if battery.fraction < max(pilot.parameters.low_fraction, 1e-9):
         return f"battery low ({100.0 * battery.fraction:.0f} %)"
     if pilot.failsafe.rules.watches_voltage:
-        least = max(pilot.tuning.low_voltage_v, pilot.tuning.critical_voltage_v)
+        least = max(pilot.parameters.low_voltage_v, pilot.parameters.critical_voltage_v)
         if battery.voltage_v < least:
             return f"battery voltage low ({battery.voltage_v:.2f} V, least {least:.2f} V)"
     return None

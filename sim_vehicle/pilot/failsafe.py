@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.state import LandedState, Phase
 from sim_vehicle.pilot.failsafe_rules import Action, Rules
 from sim_vehicle.pilot.fence import Bounds, Breach, Fence, FenceWatch
-from sim_vehicle.pilot.modes import Mode, Outcome
+from sim_vehicle.pilot.modes import Outcome
 from sim_vehicle.pilot.notices import Severity
 
 if TYPE_CHECKING:
@@ -52,22 +53,25 @@ class Failsafe:
         self._sagging_since_s = [math.inf, math.inf]
         self._position_lost = False
         self._heard_s = -math.inf
-        self.retune()
+        self.apply_parameters()
 
     @property
     def fence_enabled(self) -> bool:
         """Whether the fence is watched at all."""
         pilot = self._pilot
-        return bool(pilot.tuning.fence_enable) and self.rules.fence_action(pilot.tuning) is not Action.NONE
+        return (
+            bool(pilot.parameters.fence_enable)
+            and self.rules.fence_action(pilot.parameters) is not Action.NONE
+        )
 
-    def retune(self) -> None:
+    def apply_parameters(self) -> None:
         """Take the parameters of the fence."""
-        tuning = self._pilot.tuning
-        kinds = tuning.fence_type
+        parameters = self._pilot.parameters
+        kinds = parameters.fence_type
         self.fence.change(
             bounds=Bounds(
-                (tuning.fence_ceiling_m or math.inf) if kinds & _CEILING else math.inf,
-                (tuning.fence_radius_m or math.inf) if kinds & _RADIUS else math.inf,
+                (parameters.fence_ceiling_m or math.inf) if kinds & _CEILING else math.inf,
+                (parameters.fence_radius_m or math.inf) if kinds & _RADIUS else math.inf,
                 bool(kinds & _AREAS),
             )
         )
@@ -76,7 +80,7 @@ class Failsafe:
         """Take another fence plan; it holds at once."""
         self.fence.change(fence)
 
-    def heard(self, now_s: float) -> None:
+    def on_gcs_heartbeat(self, now_s: float) -> None:
         """Note a heartbeat of a ground station."""
         self._heard_s = now_s
         if self.link_lost:
@@ -107,8 +111,8 @@ class Failsafe:
         reason = self.outside(pilot.state.position_m)
         if reason is not None:
             return f"fence: {reason}"
-        needs_link = self.rules.link_action(pilot.tuning) is not Action.NONE
-        if needs_link and self._silence_s() > pilot.tuning.link_timeout_s:
+        needs_link = self.rules.link_action(pilot.parameters) is not Action.NONE
+        if needs_link and self._silence_s() > pilot.parameters.link_timeout_s:
             return "no connection to the ground control station"
         return None
 
@@ -120,9 +124,13 @@ class Failsafe:
         self._check_battery()
         if pilot.position_ok is self._position_lost:
             self._check_position()
-        if self._silence_s() > pilot.tuning.link_timeout_s and not self.link_lost and self._heard_s >= 0.0:
+        if (
+            self._silence_s() > pilot.parameters.link_timeout_s
+            and not self.link_lost
+            and self._heard_s >= 0.0
+        ):
             self._lose_link()
-        if pilot.tuning.fence_enable:
+        if pilot.parameters.fence_enable:
             self._check_fence()
 
     def _silence_s(self) -> float:
@@ -130,21 +138,21 @@ class Failsafe:
 
     def battery_level(self) -> int:
         """Return how the battery is: 0 fine, 1 low, 2 critical, 3 almost empty."""
-        battery, tuning = self._pilot.state.battery, self._pilot.tuning
+        battery, parameters = self._pilot.state.battery, self._pilot.parameters
         if battery is None:
             return 0
-        if battery.fraction < tuning.critical_fraction:
-            almost = battery.fraction < min(tuning.emergency_fraction, tuning.critical_fraction)
+        if battery.fraction < parameters.critical_fraction:
+            almost = battery.fraction < min(parameters.emergency_fraction, parameters.critical_fraction)
             level = 3 if almost or battery.depleted else 2
         else:
-            level = int(battery.fraction < tuning.low_fraction)
+            level = int(battery.fraction < parameters.low_fraction)
         # An ArduPilot does not take back what it said when the voltage recovers.
         said = self._battery_level if self.rules.watches_voltage else 0
         return max(level, self._voltage_level(), said)
 
     def _voltage_level(self) -> int:
         """Return what a voltage means that was too low for the time of the parameter, 0 to 2."""
-        now_s, patience_s = self._pilot.now_s, self._pilot.tuning.low_voltage_timer_s
+        now_s, patience_s = self._pilot.now_s, self._pilot.parameters.low_voltage_timer_s
         if patience_s <= 0.0:
             return 0
         low, critical = (now_s - since_s > patience_s for since_s in self._sagging_since_s)
@@ -152,15 +160,15 @@ class Failsafe:
 
     def _check_voltage(self, battery: BatteryState) -> None:
         """Note since when the voltage is too low, as it is under load or without the sag."""
-        tuning, now_s = self._pilot.tuning, self._pilot.now_s
-        voltage = battery.rest_voltage_v if tuning.low_voltage_source == 1 else battery.voltage_v
-        for i, limit in enumerate((tuning.low_voltage_v, tuning.critical_voltage_v)):
+        parameters, now_s = self._pilot.parameters, self._pilot.now_s
+        voltage = battery.rest_voltage_v if parameters.low_voltage_source == 1 else battery.voltage_v
+        for i, limit in enumerate((parameters.low_voltage_v, parameters.critical_voltage_v)):
             since_s = self._sagging_since_s[i]
             self._sagging_since_s[i] = min(since_s, now_s) if voltage < limit else math.inf
 
     def _check_battery(self) -> None:
         pilot = self._pilot
-        battery, tuning = pilot.state.battery, pilot.tuning
+        battery, parameters = pilot.state.battery, pilot.parameters
         if battery is None:
             return
         if self.rules.watches_voltage:
@@ -169,10 +177,12 @@ class Failsafe:
         if level <= self._battery_level:
             return
         self._battery_level = level
-        action = self.rules.battery_action(level, tuning)
+        action = self.rules.battery_action(level, parameters)
         homing = pilot.state.phase in (Phase.RETURN, Phase.LAND)
         acts = action not in (Action.NONE, Action.WARN) and not (homing and action is Action.RETURN)
-        by_charge = battery.fraction < (tuning.low_fraction if level == 1 else tuning.critical_fraction)
+        by_charge = battery.fraction < (
+            parameters.low_fraction if level == 1 else parameters.critical_fraction
+        )
         amount = f"{100.0 * battery.fraction:.0f} %" if by_charge else f"{battery.voltage_v:.2f} V"
         text = f"{_LEVELS[level]} ({amount})"
         severity = Severity.CRITICAL if level > 1 else Severity.WARNING
@@ -193,7 +203,7 @@ class Failsafe:
     def _lose_link(self) -> None:
         pilot = self._pilot
         self.link_lost = True
-        action = self.rules.link_action(pilot.tuning)
+        action = self.rules.link_action(pilot.parameters)
         acts = action is not Action.NONE and pilot.landed is not LandedState.ON_GROUND
         pilot.note(Severity.WARNING, self.rules.link_lost + (f": {action.value}" if acts else ""))
         self._act(action, Outcome.LINK_LOST, "ground station lost")
@@ -205,7 +215,7 @@ class Failsafe:
         before, state = watch.breach, pilot.state
         fresh = watch.check(state.position_m, state.path_length_m, pilot.home_m, pilot.now_s)
         if fresh:
-            action = self.rules.fence_action(pilot.tuning)
+            action = self.rules.fence_action(pilot.parameters)
             if action is Action.NONE:
                 return
             pilot.note(Severity.WARNING, self.rules.fence_text.format(watch.reason))

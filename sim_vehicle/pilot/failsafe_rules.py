@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from sim_vehicle.mavlink.parameters import Tuning
+    from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
 
 __all__ = ["ARDUPILOT_RULES", "PX4_RULES", "Action", "Rules", "rules_for"]
 
@@ -59,7 +59,7 @@ class Rules:
     fence_text, fence_clear, link_lost, link_regained, stream_lost : str
         Texts for the operator; ``fence_text`` and ``stream_lost`` have a place for what follows.
     defaults : mapping of str to float
-        Values of `Tuning` that are not those of its own defaults.
+        Values of `RuntimeParameters` that are not those of its own defaults.
     """
 
     fence_actions: Mapping[int, Action]
@@ -81,18 +81,18 @@ class Rules:
     stream_lost: str
     defaults: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
-    def fence_action(self, tuning: Tuning) -> Action:
-        """Return what follows a breach."""
-        return self.fence_actions.get(tuning.fence_action, Action.WARN)
+    def fence_action(self, parameters: RuntimeParameters) -> Action:
+        """The action that follows a breach."""
+        return self.fence_actions.get(parameters.fence_action, Action.WARN)
 
-    def link_action(self, tuning: Tuning) -> Action:
-        """Return what follows the loss of the ground station."""
-        return self.link_actions.get(tuning.link_action, Action.NONE)
+    def link_action(self, parameters: RuntimeParameters) -> Action:
+        """The action that follows the loss of the ground station."""
+        return self.link_actions.get(parameters.link_action, Action.NONE)
 
-    def battery_action(self, level: int, tuning: Tuning) -> Action:
-        """Return what follows a low (1), critical (2) or almost empty (3) battery."""
+    def battery_action(self, level: int, parameters: RuntimeParameters) -> Action:
+        """The action that follows a low (1), critical (2) or almost empty (3) battery."""
         apart = self.critical_apart and level > 1
-        value = tuning.critical_battery_action if apart else tuning.low_battery_action
+        value = parameters.critical_battery_action if apart else parameters.low_battery_action
         return self.battery_actions[level - 1].get(value, Action.WARN)
 
 

@@ -11,14 +11,15 @@ from geo.frame import LocalFrame
 from mission.model import Command, MissionItem
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import with_autopilot
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor, check_mission
 from sim_vehicle.execution.items import item_places
 from sim_vehicle.execution.state import LandedState, Phase, VehicleState
-from sim_vehicle.mavlink.parameters import Tuning
 from sim_vehicle.pilot.failsafe_rules import PX4_RULES, Rules
 from sim_vehicle.pilot.fence import Fence
-from sim_vehicle.pilot.modes import Mode, Outcome
+from sim_vehicle.pilot.modes import Outcome
 from sim_vehicle.pilot.notices import MissionState, Notice, RefusedError, Severity
 from sim_vehicle.weather.wind import Wind
 
@@ -47,9 +48,9 @@ class Keeper:
     ) -> None:
         self.spec = spec
         self.frame = frame
-        self.tuning = Tuning.of(spec)
+        self.parameters = RuntimeParameters.of(spec)
         for name, value in rules.defaults.items():
-            setattr(self.tuning, name, value)
+            setattr(self.parameters, name, value)
         self.mode = mode
         self.outcome = Outcome.RUNNING
         self.outcome_text = ""
@@ -147,7 +148,7 @@ class Keeper:
             msg = f"Home refused: more than {self.spec.max_distance_m:.0f} m from the start"
             raise RefusedError(msg, denied=True)
         self.executor.home_m = (x_m, y_m)
-        self.failsafe.retune()
+        self.failsafe.apply_parameters()
 
     def _judge(self, items: Sequence[MissionItem]) -> None:
         """Find what in a mission cannot be flown."""
@@ -188,25 +189,25 @@ class Keeper:
         self.executor.drain_battery(fraction)
         self.state = self.executor.state()
 
-    def heard_ground(self, now_s: float) -> None:
+    def on_gcs_heartbeat(self, now_s: float) -> None:
         """Note a heartbeat of a ground station, of which the link-loss failsafe counts the silence."""
-        self.failsafe.heard(now_s)
+        self.failsafe.on_gcs_heartbeat(now_s)
 
-    def retune(self) -> None:
-        """Take the values of `tuning`."""
-        tuning = self.tuning
+    def apply_parameters(self) -> None:
+        """Take the values of `parameters`."""
+        parameters = self.parameters
         self.spec = replace(
             self.spec,
-            cruise_speed_m_s=tuning.cruise_speed_m_s,
-            acceptance_radius_m=tuning.acceptance_radius_m,
-            takeoff_altitude_m=tuning.takeoff_altitude_m,
-            return_altitude_m=tuning.return_altitude_m,
-            landing_speed_m_s=tuning.landing_speed_m_s,
-            disarm_delay_s=tuning.disarm_delay_s,
+            cruise_speed_m_s=parameters.cruise_speed_m_s,
+            acceptance_radius_m=parameters.acceptance_radius_m,
+            takeoff_altitude_m=parameters.takeoff_altitude_m,
+            return_altitude_m=parameters.return_altitude_m,
+            landing_speed_m_s=parameters.landing_speed_m_s,
+            disarm_delay_s=parameters.disarm_delay_s,
         )
-        self.spec = with_autopilot(self.spec, self.spec.autopilot, tuning.settings)
-        self.executor.respec(self.spec)
-        self.failsafe.retune()
+        self.spec = with_autopilot(self.spec, self.spec.autopilot, parameters.settings)
+        self.executor.update_spec(self.spec)
+        self.failsafe.apply_parameters()
         self._judge_again()
 
     def _command(self, order: Callable[[], None]) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from geo.frame import LocalFrame
 from mission.model import Command, MissionItem
 from sim_vehicle.airframe.spec import VehicleSpec
+from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.state import (
     BatteryDepleted,
@@ -19,11 +20,12 @@ from sim_vehicle.execution.state import (
     Phase,
     TargetReached,
 )
+from sim_vehicle.motion.legs import ALONG, Heading
 from sim_vehicle.pilot.arming import why_not_arm
 from sim_vehicle.pilot.failsafe import Failsafe
 from sim_vehicle.pilot.failsafe_rules import PX4_RULES, Rules
 from sim_vehicle.pilot.keeper import Keeper
-from sim_vehicle.pilot.modes import Mode, Outcome
+from sim_vehicle.pilot.modes import Outcome
 from sim_vehicle.pilot.notices import MissionState, Notice, RefusedError, Severity
 from sim_vehicle.pilot.setpoints import Steering
 from sim_vehicle.weather.wind import Wind
@@ -211,7 +213,7 @@ class Pilot(Keeper):
         altitude_m: float,
         *,
         mode: Mode,
-        yaw_rad: float | None = None,
+        heading: Heading = ALONG,
         speed_m_s: float | None = None,
     ) -> None:
         """Fly to a place at an altitude above home and stay there."""
@@ -228,7 +230,7 @@ class Pilot(Keeper):
         if outside is not None:
             raise RefusedError(f"Reposition refused by the fence: {outside}", denied=True)
         self._take_over(mode)
-        self._command(lambda: self.executor.goto(x_m, y_m, altitude_m, yaw_rad=yaw_rad, speed_m_s=speed_m_s))
+        self._command(lambda: self.executor.goto(x_m, y_m, altitude_m, heading=heading, speed_m_s=speed_m_s))
 
     def orbit(
         self,
@@ -251,7 +253,7 @@ class Pilot(Keeper):
             msg = "Yaw refused: the vehicle is not holding"
             raise RefusedError(msg)
         x_m, y_m, z_m = self.executor.motion.stopping_point()
-        self._command(lambda: self.executor.goto(x_m, y_m, z_m, yaw_rad=yaw_rad))
+        self._command(lambda: self.executor.goto(x_m, y_m, z_m, heading=Heading.fixed(yaw_rad)))
 
     def _take_over(self, mode: Mode) -> None:
         """Hold, in the mode that a single order is flown in."""

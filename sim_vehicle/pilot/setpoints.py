@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import Message
+from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.pilot.modes import Mode
+from sim_vehicle.motion.legs import ALONG, KEEP, Heading
 from sim_vehicle.pilot.notices import RefusedError, Severity
 
 if TYPE_CHECKING:
@@ -52,6 +53,13 @@ class Setpoint:
     velocity_m_s: tuple[float, float, float]
     yaw_rad: float = math.nan
     turn_rad_s: float = math.nan
+
+    @property
+    def heading(self) -> Heading | None:
+        """What is asked of the heading, None for nothing; a rate of turning comes first."""
+        if not math.isnan(self.turn_rad_s):
+            return Heading.turning(self.turn_rad_s)
+        return None if math.isnan(self.yaw_rad) else Heading.fixed(self.yaw_rad)
 
     @property
     def is_velocity(self) -> bool:
@@ -146,7 +154,7 @@ class Steering:
     @property
     def is_fresh(self) -> bool:
         """Whether setpoints flow."""
-        return self._pilot.now_s - self._heard_s <= self._pilot.tuning.setpoint_timeout_s
+        return self._pilot.now_s - self._heard_s <= self._pilot.parameters.setpoint_timeout_s
 
     def take(self, message: Message) -> None:
         """Take a setpoint message; it is flown in the mode for it, and in no other."""
@@ -206,17 +214,16 @@ class Steering:
     def _fly(self, setpoint: Setpoint, pilot: Pilot) -> None:
         executor = pilot.executor
         (x, y, z), (vx, vy, vz) = setpoint.position_m, setpoint.velocity_m_s
-        yaw, turn = setpoint.yaw_rad, setpoint.turn_rad_s
+        heading = setpoint.heading
         executor.look_at(None)
         if math.isnan(x) and not (math.isnan(vx) and math.isnan(vz)):
             across = (0.0, 0.0) if math.isnan(vx) else (vx, vy)
             up = 0.0 if math.isnan(vz) else vz
-            heading = math.inf if math.isnan(yaw) else yaw
-            executor.steer((*across, up), height_m=z, yaw_rad=heading, turn_rad_s=turn)
+            executor.steer((*across, up), height_m=z, heading=heading or KEEP)
             return
         here = executor.motion.stopping_point()
-        ahead = self._rules.looks_ahead and not math.isnan(x) and math.isnan(turn)
-        heading = yaw if not math.isnan(yaw) else math.nan if ahead else math.inf
+        if heading is None:
+            heading = ALONG if self._rules.looks_ahead and not math.isnan(x) else KEEP
         target = (here[0], here[1]) if math.isnan(x) else (x, y)
         height = here[2] if math.isnan(z) else z
         if self._rules.looks_ahead and (reason := pilot.failsafe.outside((*target, height))) is not None:
@@ -225,9 +232,8 @@ class Steering:
         executor.goto(
             *target,
             height,
-            yaw_rad=None if math.isnan(heading) else heading,
+            heading=heading,
             speed_m_s=min(speed, pilot.spec.top_speed_m_s) if speed > _SLOWEST_M_S else None,
-            turn_rad_s=turn,
         )
 
     def _complain(self, text: str) -> None:

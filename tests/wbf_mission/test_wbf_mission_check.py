@@ -17,7 +17,7 @@ from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle, get_persona
 from wbf_mission.check import Verdict, all_checks, check_vehicle
-from wbf_mission.check.registry import CheckError
+from wbf_mission.check.errors import CheckError
 from wbf_mission.check.runner import check_link
 from wbf_mission.cli.app import main
 

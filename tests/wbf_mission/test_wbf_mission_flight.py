@@ -19,7 +19,7 @@ from wbf_mission.flight import fly, make_environment
 from wbf_mission.outcome import Outcome
 from wbf_mission.planning import plan
 from wbf_mission.results import RunFolder
-from wbf_mission.scenario import Scenario
+from wbf_mission.scenario import Scenario, scenario_with
 
 IDEAL = Scenario(farm="miniberry-10", planner="lawnmower", vehicle="ideal", seed=3)
 QUAD = Scenario(farm="miniberry-30", planner="spiral", vehicle="quad", budget="150m", seed=3)
@@ -130,16 +130,16 @@ def test_an_item_that_cannot_be_flown_is_an_outcome(tmp_path: Path) -> None:
     )
     path = tmp_path / "spline.plan"
     write_mission(broken, path)
-    result = fly(replace(QUAD, mission=str(path)))
+    result = fly(scenario_with(QUAD, {"mission": str(path)}))
     assert result.outcome in (Outcome.UPLOAD_FAILED, Outcome.MISSION_REJECTED)
     assert result.reason
 
 
 def test_a_battery_that_does_not_last_is_an_outcome(tmp_path: Path) -> None:
-    long = plan(replace(QUAD, farm="waterberry", budget="30km"))
+    long = plan(scenario_with(QUAD, {"farm": "waterberry", "budget": "30km"}))
     path = tmp_path / "long.plan"
     write_mission(long.mission, path)
-    result = fly(replace(QUAD, farm="waterberry", mission=str(path), score_points=1))
+    result = fly(scenario_with(QUAD, {"farm": "waterberry", "mission": str(path), "score_points": 1}))
     assert result.outcome in (Outcome.BATTERY_LOW, Outcome.BATTERY_DEPLETED), result.reason
     assert result.battery_used is not None
     assert result.battery_used > 0.75
@@ -180,14 +180,14 @@ def test_a_wide_footprint_sees_more_cells() -> None:
 def test_the_environment_is_the_seeds_alone() -> None:
     farm = plan(IDEAL).farm
     first = make_environment(IDEAL, farm).values(6)
-    again = make_environment(replace(IDEAL, planner="spiral", vehicle="quad"), farm).values(6)
+    again = make_environment(scenario_with(IDEAL, {"planner": "spiral", "vehicle": "quad"}), farm).values(6)
     assert np.array_equal(first, again)
 
 
 def test_the_ideal_robot_flies_a_mission_that_comes_home(tmp_path: Path) -> None:
     path = tmp_path / "rows.plan"
     write_mission(plan(QUAD).mission, path)
-    result = fly(replace(IDEAL, farm="miniberry-30", mission=str(path)))
+    result = fly(scenario_with(IDEAL, {"farm": "miniberry-30", "mission": str(path)}))
     assert result.outcome is Outcome.COMPLETED, result.reason
 
 

@@ -13,7 +13,7 @@ from mission.files import write_mission
 from mission.model import GeoPoint
 from mission.planners import PlannedPath, PlanningRequest
 from wbf_mission.planning import plan
-from wbf_mission.scenario import Scenario, ScenarioError
+from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
 
 
 @pytest.mark.parametrize("planner", ["lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint"])
@@ -68,7 +68,7 @@ def test_a_mission_file_is_taken_as_it_is(tmp_path: Path) -> None:
     made = plan(scenario)
     path = tmp_path / "mine.plan"
     write_mission(made.mission, path)
-    again = plan(replace(scenario, mission=str(path)))
+    again = plan(scenario_with(scenario, {"mission": str(path)}))
     assert len(again.mission.items) == len(made.mission.items)
     assert again.prediction.duration_s == pytest.approx(made.prediction.duration_s, rel=1e-3)
 
@@ -79,10 +79,10 @@ def test_a_mission_file_without_a_home_begins_at_the_farms(tmp_path: Path) -> No
     path = tmp_path / "mine.json"
     away = tuple(replace(item, x=item.x + 0.005) if item.x else item for item in made.mission.items)
     write_mission(replace(made.mission, items=away, home=None), path)
-    homeless = plan(replace(scenario, mission=str(path)))
+    homeless = plan(scenario_with(scenario, {"mission": str(path)}))
     home = homeless.farm.frame.to_wgs84(*homeless.farm.home_m)
     write_mission(replace(made.mission, items=away, home=GeoPoint(*home)), path)
-    at_home = plan(replace(scenario, mission=str(path)))
+    at_home = plan(scenario_with(scenario, {"mission": str(path)}))
     assert homeless.mission.home is None
     assert homeless.prediction.duration_s == pytest.approx(at_home.prediction.duration_s, rel=1e-3)
     assert homeless.prediction.duration_s > made.prediction.duration_s + 100.0
@@ -98,7 +98,9 @@ def test_the_length_of_a_mission_file_counts_from_its_own_home(tmp_path: Path) -
     away = tuple(replace(item, x=item.x + 0.005) if item.x else item for item in made.mission.items)
     home = replace(made.mission.home, latitude_deg=made.mission.home.latitude_deg + 0.005)
     write_mission(replace(made.mission, items=away, home=home), path)
-    assert plan(replace(scenario, mission=str(path))).length_m == pytest.approx(made.length_m, abs=1.0)
+    assert plan(scenario_with(scenario, {"mission": str(path)})).length_m == pytest.approx(
+        made.length_m, abs=1.0
+    )
 
 
 def test_the_plan_depends_on_the_seed_only() -> None:
@@ -117,7 +119,7 @@ def test_an_obstacle_in_the_way_is_told(tmp_path: Path) -> None:
     assert not plan(Scenario(farm="miniberry-100", planner="lawnmower", budget="600m")).warnings
 
 
-def test_a_planner_is_held_to_its_budget(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_planner_is_held_to_its_budget() -> None:
     def generous(request: PlanningRequest) -> PlannedPath:
         return PlannedPath(np.array([[0.0, 0.0], [1e4, 0.0]]), None, "generous")
 
@@ -125,9 +127,7 @@ def test_a_planner_is_held_to_its_budget(monkeypatch: pytest.MonkeyPatch) -> Non
         msg = "left"
         raise KeyError(msg)
 
-    monkeypatch.setattr("wbf_mission.planning.get_planner", lambda _: generous)
     with pytest.raises(PlanningError, match="over the budget of 200 m"):
-        plan(Scenario(budget="200m"))
-    monkeypatch.setattr("wbf_mission.planning.get_planner", lambda _: broken)
-    with pytest.raises(PlanningError, match="planner spiral failed: KeyError"):
-        plan(Scenario(budget="200m"))
+        plan(Scenario(budget="200m", planner=generous))
+    with pytest.raises(PlanningError, match="planner broken failed: KeyError"):
+        plan(Scenario(budget="200m", planner=broken))

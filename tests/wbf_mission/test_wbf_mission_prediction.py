@@ -10,9 +10,10 @@ from mission.planners import PlanningRequest
 from mission.planners.budget import BatchBudget, LengthBudget
 from wbf_mission.flight import fly
 from wbf_mission.outcome import Outcome
-from wbf_mission.planning import FlightBudget, MissionBuilder, flown_vehicle, make_budget, plan
+from wbf_mission.planning import MissionBuilder, plan
+from wbf_mission.planning.budget import flight_budget, make_budget
 from wbf_mission.scenario import Scenario
-from wbf_mission.weather import wind_of
+from wbf_mission.weather import wind_of_run
 
 PLANNERS = ["lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint"]
 VEHICLES = [
@@ -129,15 +130,15 @@ def test_a_flight_budget_prices_many_paths_as_it_prices_one():
         farm="miniberry-30", vehicle="quad", autopilot="px4", budget="3min", wind_speed_m_s=3.0
     )
     result = plan(scenario)
-    builder = MissionBuilder(scenario, result.farm, flown_vehicle(scenario))
+    builder = MissionBuilder.of(scenario, result.farm)
     for unit in ("s", "Wh"):
-        budget = FlightBudget(180.0 if unit == "s" else 9.0, unit, builder)
+        budget = flight_budget(180.0 if unit == "s" else 9.0, unit, builder)
         assert isinstance(budget, BatchBudget)
         home = np.array([result.farm.home_m])
         paths = [np.vstack((home, result.path_m[:n])) for n in (1, 3, 5)]
         assert budget.costs(paths) == [budget.cost(path) for path in paths]
         assert np.isfinite(budget.costs(paths)).all()
-    limit, _ = make_budget(builder)
+    limit, _ = make_budget(scenario.mission.budget, builder)
     request = PlanningRequest(result.farm.owner_area, result.farm.home_m, limit)
     assert request.costs([result.path_m]) == [request.cost(result.path_m)]
     plain = PlanningRequest(result.farm.owner_area, result.farm.home_m, LengthBudget(1000.0))
@@ -153,6 +154,6 @@ def test_too_much_wind_is_known_before_the_flight():
         wind_speed_m_s=9.0,
         turbulence="severe",
     )
-    assert wind_of(scenario).is_gusty
+    assert wind_of_run(scenario).is_gusty
     with pytest.raises(PlanningError, match="less wind"):
         plan(scenario)

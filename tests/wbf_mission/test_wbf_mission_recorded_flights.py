@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pymavlink import mavutil
+from recordings import Flight, compare, load_recording
 
-from sim_vehicle.recordings import Flight, compare, load_recording
 from wbf_mission.cli.app import main
 
 FLIGHTS = Path(__file__).parents[1] / "data" / "flights"

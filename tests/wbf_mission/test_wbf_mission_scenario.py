@@ -34,7 +34,7 @@ def test_out_of_range_values_are_named(field: str, value: float) -> None:
 def test_changes_leave_out_what_was_not_given() -> None:
     base = Scenario(planner="lawnmower", seed=3)
     changed = scenario_with(base, {"planner": None, "seed": 0})
-    assert changed.planner == "lawnmower"
+    assert changed.mission.planner.name == "lawnmower"
     assert changed.seed == 0
 
 
@@ -46,7 +46,7 @@ def test_the_ready_scenarios_load(path: Path) -> None:
 def test_a_farm_beside_the_scenario_is_found(tmp_path: Path) -> None:
     (tmp_path / "mine.geojson").write_text("{}")
     (tmp_path / "run.toml").write_text('farm = "mine.geojson"\nbudget = "10min"\n')
-    assert load_scenario(tmp_path / "run.toml").farm == str(tmp_path / "mine.geojson")
+    assert load_scenario(tmp_path / "run.toml").farm.name == str(tmp_path / "mine.geojson")
 
 
 @pytest.mark.parametrize(

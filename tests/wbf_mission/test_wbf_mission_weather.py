@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from sim_vehicle.weather.dryden import LEVELS_W20_M_S
-from wbf_mission.cli.options import shear_values, turbulence_value
 from wbf_mission.flight import fly
 from wbf_mission.flight_result import FlightResult
 from wbf_mission.planning import plan
 from wbf_mission.results import RunFolder
 from wbf_mission.scenario import Scenario, ScenarioError, load_scenario
+from wbf_mission.scenario.texts import shear_values, turbulence_value
 from wbf_mission.simulator import make_components
-from wbf_mission.weather import noise_of, wind_of
+from wbf_mission.weather import flight_level, noise_of, wind_of, wind_of_run
 
 WINDY = Scenario(
     farm="miniberry-10",
@@ -50,22 +50,21 @@ def test_weather_that_makes_no_sense_is_refused(changes: dict[str, object], mess
 
 
 def test_the_wind_of_a_scenario() -> None:
-    wind = wind_of(WINDY)
+    wind = wind_of_run(WINDY)
     assert wind.turbulence is not None
     w20 = 5.0 * math.log(6.096 / 0.1) / math.log(10.0 / 0.1)
     assert wind.turbulence.w20_m_s == pytest.approx(w20)
     assert math.hypot(*wind.mean_at(10.0)) == pytest.approx(5.0)
-    level = wind_of(replace(WINDY, turbulence="severe", altitude_m=25.0, cruise_speed_m_s=3.0)).turbulence
+    level = wind_of_run(replace(WINDY, turbulence="severe", altitude_m=25.0, cruise_speed_m_s=3.0)).turbulence
     assert level is not None
     assert (level.w20_m_s, level.height_m) == (LEVELS_W20_M_S["severe"], 25.0)
     assert level.airspeed_m_s == pytest.approx(math.hypot(3.0, *wind.mean_at(25.0)))
-    told = wind_of(WINDY, gusts=False)
+    told = wind_of(WINDY.weather, flight_level(WINDY.mission, WINDY.vehicle), gusts=False)
     assert told.turbulence is None and told.mean_at(30.0) == wind.mean_at(30.0)
-    assert noise_of(WINDY).is_off
+    assert noise_of(WINDY.vehicle, 5).is_off
 
 
 def test_options() -> None:
-    assert shear_values(None) == {}
     assert shear_values("log, 0.03, 2") == {
         "wind_shear": "log",
         "wind_roughness_m": 0.03,
@@ -81,9 +80,13 @@ def test_a_scenario_file_tells_the_weather(tmp_path: Path) -> None:
     path = tmp_path / "windy.toml"
     path.write_text('wind_speed_m_s = 4\nwind_shear = "power"\nturbulence = 6.5\ngps_noise_m = 1.0\n')
     scenario = load_scenario(path)
-    assert (scenario.wind_shear, scenario.turbulence, scenario.gps_noise_m) == ("power", 6.5, 1.0)
+    assert (scenario.weather.wind_shear, scenario.weather.turbulence, scenario.vehicle.gps_noise_m) == (
+        "power",
+        6.5,
+        1.0,
+    )
     path.write_text('turbulence = "light"\n')
-    assert load_scenario(path).turbulence == "light"
+    assert load_scenario(path).weather.turbulence == "light"
 
 
 def test_a_wind_too_strong_at_the_height_of_the_flight_is_refused() -> None:

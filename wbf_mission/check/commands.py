@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from mission.link.codec.dialect import mavlink as m
+from wbf_mission.check.errors import FailedError
 from wbf_mission.check.peer import Peer, result_name
-from wbf_mission.check.registry import FailedError, check
+from wbf_mission.check.registry import Checks
+
+check = Checks()
 
 _UNKNOWN = 31999  # no MAV_CMD has this number
 _REFUSED = frozenset({m.MAV_RESULT_UNSUPPORTED, m.MAV_RESULT_DENIED, m.MAV_RESULT_FAILED})

@@ -8,8 +8,11 @@ from collections.abc import Callable
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import Message
 from mission.model import Command, MissionItem
+from wbf_mission.check.errors import FailedError
 from wbf_mission.check.peer import Peer
-from wbf_mission.check.registry import FailedError, check
+from wbf_mission.check.registry import Checks
+
+check = Checks()
 
 _READY_S = 90.0
 _FLIGHT_S = 240.0

@@ -5,8 +5,11 @@ from __future__ import annotations
 from itertools import pairwise
 
 from mission.link.codec.dialect import mavlink as m
+from wbf_mission.check.errors import FailedError, SkippedError
 from wbf_mission.check.peer import Peer
-from wbf_mission.check.registry import FailedError, SkippedError, check
+from wbf_mission.check.registry import Checks
+
+check = Checks()
 
 _WATCH_S = 4.2
 _GROUND_TYPES = frozenset({m.MAV_TYPE_GCS, m.MAV_TYPE_CAMERA, m.MAV_TYPE_GIMBAL, m.MAV_TYPE_ADSB})

@@ -8,8 +8,11 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import Message
 from mission.model import MissionItem, MissionType
 from mission.transfer import result_text, wire
+from wbf_mission.check.errors import FailedError
 from wbf_mission.check.peer import Peer
-from wbf_mission.check.registry import FailedError, check
+from wbf_mission.check.registry import Checks
+
+check = Checks()
 
 _REQUESTS = frozenset({wire.REQUEST, wire.REQUEST_INT})
 _ANSWERS = _REQUESTS | {wire.ACK}

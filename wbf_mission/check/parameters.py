@@ -6,8 +6,11 @@ import struct
 
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import Message
+from wbf_mission.check.errors import FailedError, SkippedError
 from wbf_mission.check.peer import Peer
-from wbf_mission.check.registry import FailedError, SkippedError, check
+from wbf_mission.check.registry import Checks
+
+check = Checks()
 
 _VALUE = m.MAVLINK_MSG_ID_PARAM_VALUE
 _NOBODYS = "NO_SUCH_THING_X"

@@ -16,7 +16,7 @@ from mission.link.link import Link
 from mission.model import Command, GeoPoint, Mission, MissionItem, MissionType
 from mission.transfer import Profile
 from mission.transfer.driver import TransferDriver, Vehicle, wait_readable
-from wbf_mission.check.registry import FailedError
+from wbf_mission.check.errors import FailedError
 
 __all__ = ["GROUND", "Peer"]
 

@@ -1,30 +1,17 @@
-"""The checks by name: each is a small function with an id and one line that says what must hold."""
+"""What a check is, and how the functions of a module become checks."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from geo.errors import WbfMissionError
+from wbf_mission.check.peer import Peer
 
-if TYPE_CHECKING:
-    from wbf_mission.check.peer import Peer
+__all__ = ["Check", "CheckResult", "Checks", "Verdict"]
 
-Function = Callable[["Peer"], str | None]
-
-
-class CheckError(WbfMissionError, ValueError):
-    """A check that does not exist."""
-
-
-class FailedError(WbfMissionError):
-    """What a check raises when its point does not hold; the text says what was seen."""
-
-
-class SkippedError(WbfMissionError):
-    """What a check raises when its point cannot be tried on this vehicle; the text says why."""
+Function = Callable[[Peer], str | None]
 
 
 class Verdict(Enum):
@@ -101,50 +88,32 @@ class CheckResult:
         }
 
 
-_CHECKS: dict[str, Check] = {}
-
-
-def check(
-    name: str, text: str, *, required: bool = True, flies: bool = False
-) -> Callable[[Function], Function]:
-    """Register a check; the order of registration is the order of running."""
-
-    def add(function: Function) -> Function:
-        _CHECKS[name] = Check(name, text, required, flies, function)
-        return function
-
-    return add
-
-
-def all_checks() -> tuple[Check, ...]:
-    """Return every check in its order.
+class Checks:
+    """The checks of one module, in the order in which they are written.
 
     Examples
     --------
-    >>> all_checks()[0].id
-    'identity.heartbeat'
+    >>> checks = Checks()
+    >>> @checks("identity.nothing", "it is there")
+    ... def nothing(peer):
+    ...     return None
+    >>> [(one.id, one.required) for one in checks]
+    [('identity.nothing', True)]
     """
-    from wbf_mission.check import commands, flight, identity, missions, parameters, transfers  # noqa: F401
 
-    order = ("identity", "command", "telemetry", "param", "mission", "transfer", "fly")
-    return tuple(sorted(_CHECKS.values(), key=lambda one: order.index(one.group)))
+    def __init__(self) -> None:
+        self._checks: list[Check] = []
 
+    def __call__(
+        self, name: str, text: str, *, required: bool = True, flies: bool = False
+    ) -> Callable[[Function], Function]:
+        """Make the decorated function a check; the parameters are those of `Check`."""
 
-def chosen_checks(only: tuple[str, ...], *, fly: bool) -> tuple[Check, ...]:
-    """Return the checks whose id or group is among ``only`` (empty: all).
+        def add(function: Function) -> Function:
+            self._checks.append(Check(name, text, required, flies, function))
+            return function
 
-    Raises
-    ------
-    CheckError
-        If one of ``only`` is neither an id nor a group.
-    """
-    checks = all_checks()
-    known = {check.id for check in checks} | {check.group for check in checks}
-    for name in only:
-        if name not in known:
-            groups = ", ".join(dict.fromkeys(check.group for check in checks))
-            msg = f"unknown check {name!r}: give an id of 'wbf-mission check --list' or a group ({groups})"
-            raise CheckError(msg)
-    return tuple(
-        one for one in checks if (fly or not one.flies) and (not only or one.id in only or one.group in only)
-    )
+        return add
+
+    def __iter__(self) -> Iterator[Check]:
+        return iter(self._checks)

@@ -16,16 +16,10 @@ from mission.link.link import Link
 from mission.model import GeoPoint
 from mission.transfer import RemoteTransferError
 from mission.transfer.driver import Vehicle, wait_readable
+from wbf_mission.check.catalog import chosen_checks
+from wbf_mission.check.errors import CheckError, FailedError, SkippedError
 from wbf_mission.check.peer import Peer
-from wbf_mission.check.registry import (
-    Check,
-    CheckError,
-    CheckResult,
-    FailedError,
-    SkippedError,
-    Verdict,
-    chosen_checks,
-)
+from wbf_mission.check.registry import Check, CheckResult, Verdict
 
 __all__ = ["CheckReport", "check_link", "check_vehicle"]
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, MissionItem, MissionType
+from wbf_mission.check.errors import FailedError, SkippedError
 from wbf_mission.check.peer import Peer
-from wbf_mission.check.registry import FailedError, SkippedError, check
+from wbf_mission.check.registry import Checks
+
+check = Checks()
 
 _FENCE_BIT = m.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
 _RALLY_BIT = m.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY

@@ -2,33 +2,44 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import sys
 from typing import Annotated
 
 import typer
 
 from geo.errors import WbfMissionError
-from wbf_mission.cli import benchmark, check, farm, fly, plan, sim, transfer, vehicle
+from wbf_mission.cli import benchmark, check, farm, fly, plan, signals, sim, transfer, vehicle
+from wbf_mission.cli.help import HelpCommand, HelpGroup
+from wbf_mission.cli.output import StdoutError, plain, to_stdout
+from wbf_mission.exit_codes import ExitCode, exit_code_of
 
-EXIT_BAD_INPUT = 2
-EXIT_INTERRUPTED = 130
+EXIT_CODES = """
+Exit codes
+  0 done                        4 the link dropped
+  1 the outcome is not good     5 the vehicle refused
+  2 bad input                 130 Ctrl-C
+  3 no vehicle was heard      143 SIGTERM
+"""
 
 app = typer.Typer(
     name="wbf-mission",
-    no_args_is_help=True,
-    rich_markup_mode="rich",
+    cls=HelpGroup,
+    rich_markup_mode=None,
+    epilog=EXIT_CODES,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
-app.command("plan", epilog=plan.EXAMPLES)(plan.plan_command)
-app.command("fly", epilog=fly.EXAMPLES)(fly.fly_command)
-app.command("sim", epilog=sim.EXAMPLES)(sim.sim_command)
-app.command("check", epilog=check.EXAMPLES)(check.check_command)
-app.command("upload", epilog=transfer.UPLOAD_EXAMPLES)(transfer.upload_command)
-app.command("download", epilog=transfer.DOWNLOAD_EXAMPLES)(transfer.download_command)
+app.command("plan", cls=HelpCommand, epilog=plan.EXAMPLES)(plan.plan_command)
+app.command("fly", cls=HelpCommand, epilog=fly.EXAMPLES)(fly.fly_command)
+app.command("sim", cls=HelpCommand, epilog=sim.EXAMPLES)(sim.sim_command)
+app.command("check", cls=HelpCommand, epilog=check.EXAMPLES)(check.check_command)
+app.command("upload", cls=HelpCommand, epilog=transfer.UPLOAD_EXAMPLES)(transfer.upload_command)
+app.command("download", cls=HelpCommand, epilog=transfer.DOWNLOAD_EXAMPLES)(transfer.download_command)
 app.add_typer(farm.app, name="farm")
 app.add_typer(vehicle.app, name="vehicle")
-app.command("benchmark", epilog=benchmark.EXAMPLES)(benchmark.benchmark_command)
+app.command("benchmark", cls=HelpCommand, epilog=benchmark.EXAMPLES)(benchmark.benchmark_command)
 
 
 def _print_version(wanted: bool) -> None:
@@ -49,39 +60,64 @@ def _root(
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line and return its exit code; errors are one line on stderr.
+    """Run the command line and return its exit code ; errors are one line on stderr.
 
-    Exit codes: 0 done, 1 the run ended badly (the result says how), 2 bad input, 130 Ctrl-C.
+    The exit codes are those of `wbf_mission.exit_codes`.
     """
     try:
+        code = _run(sys.argv[1:] if arguments is None else arguments)
+        with to_stdout():
+            pass
+    except StdoutError as error:
+        _discard_output()
+        if error.reader_gone:
+            return ExitCode.OUTPUT_CLOSED
+        return _complain(f"stdout cannot be written to: {error}", ExitCode.BAD_INPUT)
+    return signals.exit_code(code) if code == ExitCode.INTERRUPTED else code
+
+
+def _run(arguments: list[str]) -> int:
+    try:
         code = app(args=arguments, standalone_mode=False, prog_name="wbf-mission")
-        sys.stdout.flush()
     except typer.TyperException as error:
-        text = error.format_message()
-        if not text:  # a command without its subcommand: its help says what there is
-            app(args=[*(sys.argv[1:] if arguments is None else arguments), "--help"], standalone_mode=False)
-            return EXIT_BAD_INPUT
-        return _complain(f"{text} (see 'wbf-mission --help')", error.exit_code)
+        return _complain(f"{error.format_message()} (see 'wbf-mission --help')", error.exit_code)
     except WbfMissionError as error:
-        return _complain(str(error), EXIT_BAD_INPUT)
+        return _complain(str(error), exit_code_of(error))
     except (KeyboardInterrupt, typer.Abort):
-        return _complain("interrupted", EXIT_INTERRUPTED)
-    except BrokenPipeError:
-        # The reader of our output has gone; nothing is left to say, and flushing at exit must not complain.
-        sys.stdout = None
-        return EXIT_INTERRUPTED
+        code = ExitCode.INTERRUPTED
+    except StdoutError:
+        raise
+    except SystemExit as error:  # typer's way to end when nobody reads its help
+        return ExitCode.OUTPUT_CLOSED if isinstance(error.__context__, OSError) else int(error.code or 0)
     except MemoryError:
-        return _complain("out of memory: choose a smaller farm or fewer days", EXIT_BAD_INPUT)
+        return _complain("out of memory: choose a smaller farm or fewer days", ExitCode.BAD_INPUT)
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
-        return _complain(f"{where}{error.strerror or error}", EXIT_BAD_INPUT)
-    if code == EXIT_INTERRUPTED:
-        return _complain("interrupted", EXIT_INTERRUPTED)
-    return code if isinstance(code, int) else 0
+        return _complain(f"{where}{error.strerror or error}", ExitCode.BAD_INPUT)
+    except Exception as error:
+        if os.environ.get("WBF_MISSION_DEBUG"):
+            raise
+        text = (
+            f"{type(error).__name__}: {error}; this is a mistake in wbf-mission, not yours: "
+            "please report it (WBF_MISSION_DEBUG=1 shows where it happened)"
+        )
+        return _complain(text, ExitCode.PROGRAM_ERROR)
+    if code == ExitCode.INTERRUPTED:
+        return _complain("interrupted", ExitCode.INTERRUPTED)
+    return code if isinstance(code, int) else ExitCode.GOOD
 
 
 def _complain(text: str, code: int) -> int:
-    one_line = " ".join(text.split())
+    one_line = " ".join(plain(text).split())
     if one_line:
-        sys.stderr.write(f"error: {one_line}\n")
+        with contextlib.suppress(OSError):
+            sys.stderr.write(f"error: {one_line}\n")
     return code
+
+
+def _discard_output() -> None:
+    """Let what stdout still holds go nowhere: flushing it once more at the end must not complain."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(nowhere, sys.stdout.fileno())
+    os.close(nowhere)

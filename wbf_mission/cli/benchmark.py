@@ -8,9 +8,19 @@ import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output, duration
+from wbf_mission.scenario import (
+    CameraOptions,
+    FarmOptions,
+    MissionOptions,
+    ScenarioError,
+    ScoreOptions,
+    VehicleOptions,
+    WeatherOptions,
+)
+from wbf_mission.scenario.choice import choices_in
 
 EXAMPLES = """
-[bold]Examples[/bold]
+Examples
 
 wbf-mission benchmark --farm miniberry-30 --vehicle ideal --seeds 10
 
@@ -19,22 +29,32 @@ wbf-mission benchmark --planners spiral,lawnmower --estimators gp --seeds 20 --j
 _RUN = "What to run"
 
 
+@options.scenario_options(
+    FarmOptions,
+    MissionOptions,
+    ScoreOptions,
+    VehicleOptions,
+    WeatherOptions,
+    CameraOptions,
+    without=("planner", "mission", "seed"),
+    defaults={"vehicle": "ideal"},
+)
 def benchmark_command(
-    farm: options.Farm = None,
+    given: options.Given,
     planners: Annotated[
-        str, typer.Option(help="Planners, separated by commas.", rich_help_panel=_RUN)
+        str,
+        typer.Option(
+            help="Planners, separated by commas, such as lawnmower:direction=0.3,spiral.",
+            rich_help_panel=_RUN,
+        ),
     ] = "lawnmower,adaptive-lawnmower,spiral,random-waypoint",
     estimators: Annotated[
-        str, typer.Option(help="Estimators, separated by commas.", rich_help_panel=_RUN)
+        str, typer.Option(help="Estimators, in the same way.", rich_help_panel=_RUN)
     ] = "adaptive-disk,gp",
     seeds: Annotated[
         int,
         typer.Option(help="How many environments: seeds 0, 1, ...", min=1, max=100_000, rich_help_panel=_RUN),
     ] = 10,
-    budget: options.Budget = None,
-    scenario: options.ScenarioFile = None,
-    vehicle: options.Vehicle = None,
-    day: options.Day = None,
     jobs: Annotated[
         int, typer.Option(help="Processes at once; -1: one per core.", min=-1, max=1024, rich_help_panel=_RUN)
     ] = 1,
@@ -45,24 +65,14 @@ def benchmark_command(
 
     The environment of a seed is the same for every row, so the rows can be compared.
     """
-    from mission.planners import get_planner
-    from sensors.estimators import make_estimator
     from wbf_mission.benchmark import run_benchmark
-    from wbf_mission.scenario import Scenario, ScenarioError, load_scenario, scenario_with
 
     output = Output(as_json=json, quiet=quiet)
-    base = scenario_with(
-        load_scenario(scenario) if scenario else Scenario(vehicle="ideal"),
-        {"farm": farm, "budget": budget, "vehicle": vehicle, "day": day},
-    )
+    base = given.scenario()
     if jobs == 0:
         msg = "--jobs 0 runs nothing: give a number of processes, or -1 for one per core"
         raise ScenarioError(msg)
-    names = {"planner": _names(planners), "estimator": _names(estimators)}
-    for planner in names["planner"]:
-        get_planner(planner)
-    for estimator in names["estimator"]:
-        make_estimator(estimator)
+    names = {"planner": choices_in(planners, "planner"), "estimator": choices_in(estimators, "estimator")}
     with output.progress() as progress:
         rows = run_benchmark(
             base, names["planner"], names["estimator"], range(seeds), jobs=jobs, progress=progress
@@ -93,15 +103,5 @@ def benchmark_command(
         "observations",
         "wall a run",
     ]
-    title = f"{base.farm}, {base.vehicle}, day {base.day}, {seeds} environments (score: 0 is perfect)"
-    output.table([row.summary() for row in rows], header, table, title=title)
-
-
-def _names(text: str) -> list[str]:
-    from wbf_mission.scenario import ScenarioError
-
-    names = [part.strip() for part in text.split(",") if part.strip()]
-    if not names:
-        msg = f"{text!r} names nothing: give names separated by commas"
-        raise ScenarioError(msg)
-    return names
+    title = f"{base.farm.name}, {base.vehicle.name}, day {base.farm.day}, {seeds} environments"
+    output.table([row.summary() for row in rows], header, table, title=f"{title} (score: 0 is perfect)")

@@ -8,19 +8,21 @@ from typing import Annotated
 import typer
 
 from wbf_mission.cli import options
+from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.output import Output, distance, duration
+from wbf_mission.scenario import FarmOptions
 
 app = typer.Typer(
-    no_args_is_help=True,
+    cls=HelpGroup,
     help="Look at farms: list them, show one, draw one, save one as GeoJSON, generate environments of one.",
 )
 
 FarmArgument = Annotated[
-    str, typer.Argument(help="Name of a farm or a GeoJSON file.", autocompletion=options._complete("farm"))
+    str, typer.Argument(help="Name of a farm or a GeoJSON file.", autocompletion=options.complete("farm"))
 ]
 
 
-@app.command("list")
+@app.command("list", cls=HelpCommand)
 def list_command(json: options.Json = False, quiet: options.Quiet = False) -> None:
     """List the farms that are known by name."""
     from geo import farm_names, get_farm
@@ -49,7 +51,7 @@ def list_command(json: options.Json = False, quiet: options.Quiet = False) -> No
     Output(as_json=json, quiet=quiet).table(values, ["farm", "cells", "metres", "owner's cells"], rows)
 
 
-@app.command("show", epilog="[bold]Example[/bold]\n\nwbf-mission farm show waterberry")
+@app.command("show", cls=HelpCommand, epilog="Example\n\nwbf-mission farm show waterberry")
 def show_command(farm: FarmArgument, json: options.Json = False, quiet: options.Quiet = False) -> None:
     """Show a farm's size, place, patches and crops."""
     import numpy as np
@@ -110,7 +112,9 @@ def show_command(farm: FarmArgument, json: options.Json = False, quiet: options.
     Output(as_json=json, quiet=quiet).result(values, rows, title=place.name)
 
 
-@app.command("draw", epilog="[bold]Example[/bold]\n\nwbf-mission farm draw waterberry --out waterberry.png")
+@app.command(
+    "draw", cls=HelpCommand, epilog="Example\n\nwbf-mission farm draw waterberry --out waterberry.png"
+)
 def draw_command(
     farm: FarmArgument,
     out: Annotated[
@@ -129,7 +133,7 @@ def draw_command(
 
 
 @app.command(
-    "save", epilog="[bold]Example[/bold]\n\nwbf-mission farm save miniberry-30 --out my-farm.geojson"
+    "save", cls=HelpCommand, epilog="Example\n\nwbf-mission farm save miniberry-30 --out my-farm.geojson"
 )
 def save_command(
     farm: FarmArgument,
@@ -145,7 +149,7 @@ def save_command(
 
 
 GENERATE_EXAMPLES = """
-[bold]Examples[/bold]
+Examples
 
 wbf-mission farm generate --farm miniberry-30 --count 50 --jobs 2 --out environments/miniberry
 
@@ -153,16 +157,16 @@ wbf-mission farm generate --farm waterberry --keep 6 --count 8 --jobs 2 --out en
 """
 
 
-@app.command("generate", epilog=GENERATE_EXAMPLES)
+@app.command("generate", cls=HelpCommand, epilog=GENERATE_EXAMPLES)
+@options.scenario_options(FarmOptions, without=("day",))
 def generate_command(
-    farm: options.Farm = None,
+    given: options.Given,
     count: Annotated[int, typer.Option(help="How many environments.", min=1, max=100_000)] = 1,
     days: Annotated[int, typer.Option(help="Days after the first one.", min=0, max=126)] = 15,
     keep: Annotated[
         str | None,
         typer.Option(help="Days to keep, such as 6 or 1-15 or 0,6,15.  [default: all]", show_default=False),
     ] = None,
-    seed: options.Seed = None,
     jobs: Annotated[int, typer.Option(help="Processes at once; -1: one per core.", min=-1, max=1024)] = 1,
     out: Annotated[
         Path | None,
@@ -180,13 +184,14 @@ def generate_command(
 
     from geo import get_farm
     from sensors.environment.ensemble import generate_ensemble
-    from wbf_mission.scenario import Scenario, ScenarioError
+    from wbf_mission.scenario import ScenarioError
 
     output = Output(as_json=json, quiet=quiet)
     if jobs == 0:
         msg = "--jobs 0 runs nothing: give a number of processes, or -1 for one per core"
         raise ScenarioError(msg)
-    place = get_farm(farm or Scenario().farm)
+    scenario = given.scenario()
+    place = get_farm(scenario.farm.name)
     kept = None if keep is None else _days(keep)
     folder = out or Path("environments") / place.name.lower()
     begin = time.perf_counter()
@@ -196,7 +201,7 @@ def generate_command(
                 place.grid(),
                 folder,
                 members=count,
-                seed=Scenario().seed if seed is None else seed,
+                seed=scenario.seed,
                 days=days if kept is None else max(kept),
                 keep_days=kept,
                 farm_name=place.name,

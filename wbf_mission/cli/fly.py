@@ -9,9 +9,19 @@ import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output, distance, duration
+from wbf_mission.scenario import (
+    CameraOptions,
+    EstimateOptions,
+    FarmOptions,
+    MissionOptions,
+    ScenarioError,
+    ScoreOptions,
+    VehicleOptions,
+    WeatherOptions,
+)
 
 EXAMPLES = """
-[bold]Examples[/bold]
+Examples
 
 wbf-mission fly --farm miniberry-30 --planner lawnmower --estimator gp --vehicle ideal --seed 7
 
@@ -23,46 +33,11 @@ wbf-mission fly --scenario missions/noisy-camera.toml
 """
 
 
+@options.scenario_options(
+    FarmOptions, MissionOptions, EstimateOptions, ScoreOptions, VehicleOptions, WeatherOptions, CameraOptions
+)
 def fly_command(
-    farm: options.Farm = None,
-    planner: options.Planner = None,
-    estimator: options.Estimator = None,
-    budget: options.Budget = None,
-    mission: Annotated[
-        Path | None,
-        typer.Option(
-            help="Fly this mission file (.plan, .waypoints, .json) instead of planning.",
-            rich_help_panel="What to run",
-            show_default=False,
-        ),
-    ] = None,
-    scenario: options.ScenarioFile = None,
-    seed: options.Seed = None,
-    day: options.Day = None,
-    vehicle: options.Vehicle = None,
-    autopilot: options.Autopilot = None,
-    parameter: options.Parameter = None,
-    altitude: options.Altitude = None,
-    cruise_speed: options.CruiseSpeed = None,
-    acceptance_radius: options.AcceptanceRadius = None,
-    wind: options.Wind = None,
-    wind_shear: options.WindShear = None,
-    turbulence: options.Turbulence = None,
-    gps_noise: options.GpsNoise = None,
-    baro_noise: options.BaroNoise = None,
-    camera_spacing: options.CameraSpacing = None,
-    camera_footprint: options.CameraFootprint = None,
-    camera_noise: options.CameraNoise = None,
-    false_positive_rate: options.FalsePositives = None,
-    false_negative_rate: options.FalseNegatives = None,
-    camera_fields: options.CameraFields = None,
-    score_points: Annotated[
-        int | None,
-        typer.Option(
-            help="How often to score on the way.  [default: 25; Waterberry 10; ideal, small farm: always]",
-            rich_help_panel="What to run",
-        ),
-    ] = None,
+    given: options.Given,
     speed: Annotated[
         float | None,
         typer.Option(
@@ -105,56 +80,12 @@ def fly_command(
     """
     from wbf_mission.flight import fly
     from wbf_mission.results import RunFolder
-    from wbf_mission.scenario import Scenario, ScenarioError, load_scenario, scenario_with
 
     output = Output(as_json=json, quiet=quiet)
     if speed is not None and not 0.01 <= speed <= 1e6:
         msg = f"--speed {speed} is out of range: give 0.01 to 1000000 simulated seconds per second"
         raise ScenarioError(msg)
-    base = load_scenario(scenario) if scenario else Scenario()
-    chosen = scenario_with(
-        base,
-        {
-            "farm": farm,
-            "planner": planner,
-            "estimator": estimator,
-            "budget": budget,
-            "mission": None if mission is None else str(mission),
-            "seed": seed,
-            "day": day,
-            "vehicle": vehicle,
-            "autopilot": autopilot,
-            "parameters": options.parameter_values(parameter),
-            "altitude_m": altitude,
-            "cruise_speed_m_s": cruise_speed,
-            "acceptance_radius_m": acceptance_radius,
-            "camera_spacing_m": camera_spacing,
-            "camera_footprint": camera_footprint,
-            "camera_noise": camera_noise,
-            "false_positive_rate": false_positive_rate,
-            "false_negative_rate": false_negative_rate,
-            "camera_fields": options.field_names(camera_fields),
-            "score_points": score_points,
-            "turbulence": options.turbulence_value(turbulence),
-            "gps_noise_m": gps_noise,
-            "baro_noise_m": baro_noise,
-            **options.wind_values(wind),
-            **options.shear_values(wind_shear),
-        },
-    )
-    if mission is not None:
-        planned = {
-            "--planner": planner,
-            "--budget": budget,
-            "--altitude": altitude,
-            "--cruise-speed": cruise_speed,
-            "--acceptance-radius": acceptance_radius,
-            "--camera-spacing": camera_spacing,
-        }
-        for option, value in planned.items():
-            if value is not None:
-                msg = f"{option} has no effect on the mission in {mission}: leave one of the two out"
-                raise ScenarioError(msg)
+    chosen = given.scenario()
     folder = RunFolder.for_scenario(chosen, out) if files else None
     interrupted = False
     with output.progress() as progress:
@@ -199,7 +130,6 @@ def fly_command(
         "flight speed": f"{summary['realtime_factor']:.0f} x real time",
         "files": str(folder.path) if folder else "not written",
     }
-    how = chosen.planner if chosen.mission is None else "mission file"
-    title = f"{result.farm.name}: {how}, {chosen.estimator}"
-    output.result(summary, rows, title=f"{title}, {chosen.vehicle}, seed {chosen.seed}")
+    title = f"{result.farm.name}: {result.plan.planner or 'mission file'}, {chosen.estimate.estimator}"
+    output.result(summary, rows, title=f"{title}, {result.plan.vehicle.name}, seed {chosen.seed}")
     return 130 if interrupted else result.outcome.exit_code

@@ -1,19 +1,34 @@
-"""Options that several commands share, so that they read and behave the same everywhere."""
+"""The command line of a run, made from the options of its parts.
+
+`scenario_options` gives a command one option for each option of the parts that it uses; what each is called,
+means, takes and defaults to stands in the part alone (`wbf_mission.scenario.parts`). Options that are no
+part of a run (``--json``, ``--quiet``) are here.
+"""
 
 from __future__ import annotations
 
+import functools
+import inspect
+import types
+import typing
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-_RUN = "What to run"
-_VEHICLE = "Vehicle and weather"
-_CAMERA = "Leaf camera"
+from wbf_mission.scenario import Scenario, ScenarioError, load_scenario, scenario_with
+from wbf_mission.scenario.option import CompoundFlag, Option, Part, default_of, options_of
+from wbf_mission.scenario.parts import RUN
+from wbf_mission.scenario.scenario import all_options
+
 _OUTPUT = "Output"
 
 
-def _complete(kind: str) -> Any:
+def complete(kind: str) -> Callable[[str], list[str]]:
+    """Return what completes the names of a kind: farm, planner, estimator or vehicle."""
+
     def names(incomplete: str) -> list[str]:
         from wbf_mission import names as known
 
@@ -22,241 +37,213 @@ def _complete(kind: str) -> Any:
     return names
 
 
-Farm = Annotated[
-    str | None,
-    typer.Option(
-        help="Farm: a name (see 'wbf-mission farm list') or a GeoJSON file.  [default: miniberry-30]",
-        autocompletion=_complete("farm"),
-        rich_help_panel=_RUN,
-    ),
-]
-Planner = Annotated[
-    str | None,
-    typer.Option(
-        help="lawnmower, adaptive-lawnmower, spiral, random-waypoint, or one of yours.  [default: spiral]",
-        autocompletion=_complete("planner"),
-        rich_help_panel=_RUN,
-    ),
-]
-Estimator = Annotated[
-    str | None,
-    typer.Option(
-        help="adaptive-disk, gp, epidemic, gp-sklearn, point, authors-ad or yours.  [default: adaptive-disk]",
-        autocompletion=_complete("estimator"),
-        rich_help_panel=_RUN,
-    ),
-]
-Budget = Annotated[
-    str | None,
-    typer.Option(
-        help="How much may be flown: 8000m, 2.5km, 25min, 1500s, 50Wh or 360steps."
-        "  [default: the battery less its reserve; ideal: 0.4 x the owner's cells in steps]",
-        rich_help_panel=_RUN,
-    ),
-]
 ScenarioFile = Annotated[
     Path | None,
     typer.Option(
         "--scenario",
         help="A scenario file (TOML); other options change it.",
-        rich_help_panel=_RUN,
+        rich_help_panel=RUN,
         show_default=False,
-    ),
-]
-Seed = Annotated[
-    int | None, typer.Option(help="Everything random comes from it.  [default: 0]", rich_help_panel=_RUN)
-]
-Day = Annotated[
-    int | None, typer.Option(help="Day of the environment that is flown.  [default: 6]", rich_help_panel=_RUN)
-]
-Vehicle = Annotated[
-    str | None,
-    typer.Option(
-        help="One of `wbf-mission vehicle list`, such as quad or ideal (the paper's robot), or a .toml file."
-        "  [default: quad]",
-        autocompletion=_complete("vehicle"),
-        rich_help_panel=_VEHICLE,
-    ),
-]
-Autopilot = Annotated[
-    str | None,
-    typer.Option(
-        help="px4 or ardupilot: whose way of flying, modes and habits.  [default: px4]",
-        rich_help_panel=_VEHICLE,
-    ),
-]
-Parameter = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--param",
-        help="A parameter of the autopilot, NAME=VALUE, such as MPC_ACC_HOR=4; may be repeated.",
-        rich_help_panel=_VEHICLE,
-        show_default=False,
-    ),
-]
-Altitude = Annotated[
-    float | None,
-    typer.Option(help="Flight height above home, m.  [default: the vehicle's]", rich_help_panel=_VEHICLE),
-]
-CruiseSpeed = Annotated[
-    float | None, typer.Option(help="Flight speed, m/s.  [default: the vehicle's]", rich_help_panel=_VEHICLE)
-]
-AcceptanceRadius = Annotated[
-    float | None,
-    typer.Option(help="Of the planned waypoints, m.  [default: from the spacing]", rich_help_panel=_VEHICLE),
-]
-Wind = Annotated[
-    str | None,
-    typer.Option(
-        help="Wind as SPEED,FROM[,GUST]: m/s, degrees, m/s; for example 5,270,1.5.  [default: calm]",
-        rich_help_panel=_VEHICLE,
-    ),
-]
-WindShear = Annotated[
-    str | None,
-    typer.Option(
-        help="How the wind grows with the height: log[,ROUGHNESS[,HEIGHT]] or power[,EXPONENT[,HEIGHT]];"
-        " HEIGHT, m, is that of --wind.  [default: not at all; log,0.1,10; power,0.143,10]",
-        rich_help_panel=_VEHICLE,
-    ),
-]
-Turbulence = Annotated[
-    str | None,
-    typer.Option(
-        help="Dryden gusts (MIL-F-8785C): light, moderate, severe, wind (what the wind makes), or the wind at"
-        " 6 m in m/s.  [default: none]",
-        rich_help_panel=_VEHICLE,
-    ),
-]
-GpsNoise = Annotated[
-    float | None,
-    typer.Option(
-        help="Slow error of satellite positions, m, one sigma along an axis.  [default: 0]",
-        rich_help_panel=_VEHICLE,
-    ),
-]
-BaroNoise = Annotated[
-    float | None,
-    typer.Option(
-        help="Slow error of the barometer's height, m, one sigma.  [default: 0]", rich_help_panel=_VEHICLE
-    ),
-]
-CameraSpacing = Annotated[
-    float | None,
-    typer.Option(help="Distance between shots, m.  [default: one cell]", rich_help_panel=_CAMERA),
-]
-CameraFootprint = Annotated[
-    int | None, typer.Option(help="Cells on a side of the footprint.  [default: 1]", rich_help_panel=_CAMERA)
-]
-CameraNoise = Annotated[
-    float | None, typer.Option(help="Standard deviation of the noise.  [default: 0]", rich_help_panel=_CAMERA)
-]
-FalsePositives = Annotated[
-    float | None,
-    typer.Option(
-        "--false-positive-rate",
-        help="Healthy leaves seen as infected, 0 to 1.  [default: 0]",
-        rich_help_panel=_CAMERA,
-    ),
-]
-FalseNegatives = Annotated[
-    float | None,
-    typer.Option(
-        "--false-negative-rate",
-        help="Infected leaves seen as healthy, 0 to 1.  [default: 0]",
-        rich_help_panel=_CAMERA,
-    ),
-]
-CameraFields = Annotated[
-    str | None,
-    typer.Option(
-        help="Fields that are measured, such as tylcv,soil.  [default: all three]", rich_help_panel=_CAMERA
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.", rich_help_panel=_OUTPUT)]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no notes.", rich_help_panel=_OUTPUT)]
 
 
-def wind_values(text: str | None) -> dict[str, float]:
-    """Read ``SPEED,FROM[,GUST]`` into the scenario's wind fields.
+@dataclass(frozen=True, slots=True)
+class Given:
+    """What of a run was given on the command line.
 
-    >>> wind_values("5,270")
-    {'wind_speed_m_s': 5.0, 'wind_direction_deg': 270.0}
+    Parameters
+    ----------
+    file : Path or None
+        The scenario file.
+    changes : dict
+        Options of the scenario by their keys.
+    others : dict
+        Options of further parts (of the simulator) by their keys.
+    defaults : Mapping
+        What the command takes where neither file nor command line tell, if that is not the option's default.
     """
-    from wbf_mission.scenario import ScenarioError
 
-    if text is None:
-        return {}
-    try:
-        numbers = [float(part) for part in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) not in (2, 3):
-        msg = f"--wind {text!r} is not SPEED,FROM or SPEED,FROM,GUST; give numbers such as 5,270 or 5,270,1.5"
-        raise ScenarioError(msg)
-    return dict(zip(("wind_speed_m_s", "wind_direction_deg", "wind_gust_m_s"), numbers, strict=False))
+    file: Path | None
+    changes: dict[str, Any]
+    others: dict[str, Any]
+    defaults: Mapping[str, Any]
+
+    def scenario(self) -> Scenario:
+        """Return the run: the file's, without one the defaults, changed as was given.
+
+        Raises
+        ------
+        ScenarioError
+            If the file or an option is wrong, or an option was given that has no effect.
+        """
+        return self.change(load_scenario(self.file) if self.file else Scenario(**self.defaults))
+
+    def change(self, base: Scenario) -> Scenario:
+        """Return a scenario with what was given; ScenarioError if part of that is wrong or has no effect."""
+        chosen = scenario_with(base, self.changes)
+        self._check_effects(chosen.to_dict())
+        return chosen
+
+    def _check_effects(self, values: Mapping[str, Any]) -> None:
+        """Refuse what was given and has no effect, rather than fly something else than was meant."""
+        known = all_options()
+        for key in self.changes:
+            part, _, one = known[key]
+            compound = next((flag for flag in _compounds(part) if key in flag.keys), None)
+            needs, flag = (one.needs, one.flag) if compound is None else (compound.needs, compound.flag)
+            if needs and values[needs] == default_of(known[needs][0], known[needs][1]):
+                msg = f"{flag} has an effect only with {_flag_of(needs)}: give that, too"
+                raise ScenarioError(msg)
+            if one.not_with and values[one.not_with] is not None:
+                msg = (
+                    f"{flag} has no effect on the mission in {values[one.not_with]}: leave one of the two out"
+                )
+                raise ScenarioError(msg)
 
 
-def parameter_values(texts: list[str] | None) -> dict[str, float] | None:
-    """Read ``NAME=VALUE`` texts.
+def scenario_options(
+    *parts: type[Any],
+    without: tuple[str, ...] = (),
+    more: tuple[type[Part], ...] = (),
+    defaults: Mapping[str, Any] = types.MappingProxyType({}),
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Give a command the options of some parts of a run, ``--scenario`` and ``--seed``.
 
-    >>> parameter_values(["MPC_ACC_HOR=4", "NAV_ACC_RAD=1.5"])
-    {'MPC_ACC_HOR': 4.0, 'NAV_ACC_RAD': 1.5}
+    Parameters
+    ----------
+    *parts : type
+        The parts that the command uses, in the order of ``--help``.
+    without : tuple of str
+        Keys of options that have no meaning for the command.
+    more : tuple of type
+        Further parts that are no part of a `Scenario`.
+    defaults : Mapping
+        Defaults of this command that are not those of the options, by their keys.
+
+    Returns
+    -------
+    callable
+        Decorator of a function whose first parameter is called ``given`` and takes a `Given`.
     """
-    from wbf_mission.scenario import ScenarioError
+    known = [(part, flag) for part in (*parts, Scenario, *more) for flag in _flags(part, without)]
 
-    if not texts:
-        return None
-    values = {}
-    for text in texts:
-        name, _, value = text.partition("=")
-        try:
-            values[name.strip().upper()] = float(value)
-        except ValueError:
-            msg = f"--param {text!r} is not NAME=VALUE; give one such as MPC_ACC_HOR=4"
-            raise ScenarioError(msg) from None
-    return values
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        own = inspect.signature(command, eval_str=True).parameters
+        flags = {str(flag.flag) for _, flag in known}
+        made = {_parameter(flag): _annotation(part, flag, flags, defaults) for part, flag in known}
+        made["scenario"] = ScenarioFile
+        clash = set(made) & set(own)
+        if clash:
+            msg = f"{command.__name__}: options {', '.join(sorted(clash))} stand in a part and in the command"
+            raise TypeError(msg)
+
+        @functools.wraps(command)
+        def run(**values: Any) -> Any:
+            file = values.pop("scenario")
+            texts = {flag: (part, values.pop(_parameter(flag))) for part, flag in known}
+            changes: dict[str, Any] = {}
+            others: dict[str, Any] = {}
+            for flag, (part, value) in texts.items():
+                if value is not None and value != []:
+                    (others if part in more else changes).update(_values(flag, value))
+            return command(given=Given(file, changes, others, defaults), **values)
+
+        options = [
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
+            for name, annotation in made.items()
+        ]
+        rest = [
+            one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in own.values() if one.name != "given"
+        ]
+        signature = inspect.Signature([*options, *rest])
+        run.__signature__ = signature  # type: ignore[attr-defined]
+        run.__annotations__ = {one.name: one.annotation for one in signature.parameters.values()}
+        del run.__wrapped__
+        return run
+
+    return decorate
 
 
-def shear_values(text: str | None) -> dict[str, Any]:
-    """Read ``log[,ROUGHNESS[,HEIGHT]]`` or ``power[,EXPONENT[,HEIGHT]]`` into the scenario's wind fields.
+def _compounds(part: type[Any]) -> tuple[CompoundFlag, ...]:
+    return part.COMPOUND if issubclass(part, Part) else ()
 
-    >>> shear_values("power,0.2")
-    {'wind_shear': 'power', 'wind_exponent': 0.2}
-    """
-    from wbf_mission.scenario import ScenarioError
 
-    if text is None:
-        return {}
-    law, *rest = (part.strip() for part in text.split(","))
-    try:
-        numbers = [float(part) for part in rest]
-    except ValueError:
-        numbers = [0.0] * 3
-    if law not in ("log", "power") or len(numbers) > 2:
-        msg = (
-            f"--wind-shear {text!r} is not log[,ROUGHNESS[,HEIGHT]] or power[,EXPONENT[,HEIGHT]]; "
-            "give such as log,0.1,10"
+def _flags(part: type[Any], without: tuple[str, ...]) -> Iterator[Option | CompoundFlag]:
+    """Yield what of a part is on the command line."""
+    for one in options_of(part).values():
+        if one.flag is not None and one.key not in without:
+            yield one
+    yield from (flag for flag in _compounds(part) if not set(flag.keys) & set(without))
+
+
+def _flag_of(key: str) -> str:
+    part, _, one = all_options()[key]
+    compound = next((flag.flag for flag in _compounds(part) if key in flag.keys), None)
+    return str(one.flag or compound)
+
+
+def _parameter(flag: Option | CompoundFlag) -> str:
+    return str(flag.flag).removeprefix("--").replace("-", "_")
+
+
+def _values(flag: Option | CompoundFlag, value: Any) -> dict[str, Any]:
+    if isinstance(flag, CompoundFlag):
+        return flag.read(value)
+    return {flag.key: value if flag.read is None else flag.read(value)}
+
+
+def _annotation(
+    part: type[Any], flag: Option | CompoundFlag, flags: set[str], defaults: Mapping[str, Any]
+) -> Any:
+    """Return the annotation of a command's parameter; `flags` are all that the command has."""
+    if isinstance(flag, CompoundFlag):
+        made = typer.Option(
+            flag.flag,
+            help=flag.help,
+            metavar=flag.metavar,
+            rich_help_panel=flag.panel,
+            show_default=False,
         )
-        raise ScenarioError(msg)
-    names = ("wind_roughness_m" if law == "log" else "wind_exponent", "wind_height_m")
-    return {"wind_shear": law, **dict(zip(names, numbers, strict=False))}
+        return Annotated[str | None, made]
+    name = next(name for name, one in options_of(part).items() if one is flag)
+    wanted = _command_line_type(typing.get_type_hints(part)[name], flag)
+    names = [str(flag.flag)]
+    if wanted is bool:
+        names = [f"{flag.flag}/--no-{str(flag.flag).removeprefix('--')}"]
+    made = typer.Option(
+        *names,
+        help=_help(flag, defaults.get(flag.key, default_of(part, name)), flags),
+        metavar=flag.metavar,
+        rich_help_panel=flag.panel,
+        autocompletion=complete(flag.kind) if flag.kind else None,
+        show_default=False,
+    )
+    return Annotated[wanted | None, made]
 
 
-def turbulence_value(text: str | None) -> str | float | None:
-    """Read a level of turbulence, or the wind that decides it.
-
-    >>> turbulence_value("light"), turbulence_value("6.5")
-    ('light', 6.5)
-    """
-    if text is None:
-        return None
-    try:
-        return float(text)
-    except ValueError:
-        return text
+def _command_line_type(wanted: Any, one: Option) -> Any:
+    """Return as what the command line takes a type: a list where an option repeats, else a number or text."""
+    kinds = [kind for kind in typing.get_args(wanted) if kind is not type(None)]
+    if isinstance(wanted, types.UnionType):
+        wanted = kinds[0] if len(kinds) == 1 else str
+    if typing.get_origin(wanted) is dict or (typing.get_origin(wanted) is tuple and one.read is None):
+        return list[str]
+    return wanted if wanted in (int, float, bool) else str
 
 
-def field_names(text: str | None) -> tuple[str, ...] | None:
-    """Read ``tylcv,soil`` into a tuple of field names."""
-    return None if text is None else tuple(part.strip() for part in text.split(",") if part.strip())
+def _help(one: Option, default: Any, flags: set[str]) -> str:
+    """Return the help of an option: what, range or unit, on what it depends, default."""
+    scale = one.allowed if not (one.choices or one.read) else ""
+    choices = f": {one.allowed}" if one.choices else ""
+    depends = ""
+    for word, key in (("only", one.needs), ("not", one.not_with)):
+        if key and _flag_of(key) in flags:
+            depends = f" ({word} with {_flag_of(key)})"
+    told = one.default or (
+        "" if default is None else f"{default:g}" if isinstance(default, float) else default
+    )
+    range_or_unit = f", {scale}" if scale else f", {one.unit}" if one.unit else ""
+    return f"{one.help}{choices}{range_or_unit}{depends}." + (f"  [default: {told}]" if told != "" else "")

@@ -2,22 +2,39 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import msgspec
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
-from rich.table import Table
+if TYPE_CHECKING:
+    from rich.table import Table
 
 FILE_WIDTH = 140  # columns of a table that goes to a file or a pipe
 ProgressCallback = Callable[[str, float, float], None]
 
 
+class StdoutError(Exception):
+    """Results that cannot be printed.
+
+    Parameters
+    ----------
+    cause : OSError
+        What stdout says.
+    """
+
+    def __init__(self, cause: OSError) -> None:
+        super().__init__(cause.strerror or str(cause))
+        self.reader_gone = cause.errno == errno.EPIPE
+
+
 class Output:
     """Where a command's results, warnings and progress go.
+
+    Everything is printed as text: names come from files and from vehicles, so markup in them is not obeyed
+    and control characters are shown, not sent to the terminal.
 
     Parameters
     ----------
@@ -28,19 +45,24 @@ class Output:
     """
 
     def __init__(self, *, as_json: bool = False, quiet: bool = False) -> None:
+        from wbf_mission.cli.console import PlainConsole
+
         self.as_json = as_json
         self.quiet = quiet
-        self._stdout = Console(highlight=False, width=None if sys.stdout.isatty() else FILE_WIDTH)
-        self._stderr = Console(stderr=True, highlight=False, soft_wrap=True)
+        self._stderr = PlainConsole(sys.stderr, wrap=False)
 
     def note(self, text: str) -> None:
         """Say something that a script does not need."""
         if not self.quiet:
-            self._stderr.print(text, markup=False)
+            self._say(text)
 
     def warn(self, text: str) -> None:
         """Say something that went wrong but does not end the command."""
-        self._stderr.print(f"warning: {text}", markup=False, style="yellow")
+        self._say(f"warning: {text}", style="yellow")
+
+    def _say(self, text: str, style: str | None = None) -> None:
+        with contextlib.suppress(OSError):  # a note that cannot be shown does not end the command
+            self._stderr.print(plain(text), style=style)
 
     def result(
         self, values: Mapping[str, Any], rows: Mapping[str, str] | None = None, title: str = ""
@@ -49,12 +71,14 @@ class Output:
         if self.as_json:
             self.raw_json(values)
             return
-        table = Table(title=title or None, show_header=False, title_justify="left", title_style="bold")
+        from rich.table import Table
+
+        table = Table(title=plain(title) or None, show_header=False, title_justify="left", title_style="bold")
         table.add_column(style="cyan", no_wrap=True)
         table.add_column(overflow="fold")
         for name, text in (rows or {key: str(value) for key, value in values.items()}).items():
-            table.add_row(name, text)
-        self._stdout.print(table)
+            table.add_row(plain(name), plain(text))
+        _print_table(table)
 
     def table(
         self, values: Any, header: list[str], rows: list[list[str]], title: str = "", *, left: bool = False
@@ -63,16 +87,25 @@ class Output:
         if self.as_json:
             self.raw_json(values)
             return
-        table = Table(title=title or None, title_justify="left", title_style="bold")
+        from rich.table import Table
+
+        table = Table(title=plain(title) or None, title_justify="left", title_style="bold")
         for column, name in enumerate(header):
             table.add_column(name, justify="left" if left or column == 0 else "right", no_wrap=column == 0)
         for row in rows:
-            table.add_row(*row)
-        self._stdout.print(table)
+            table.add_row(*map(plain, row))
+        _print_table(table)
 
     def raw_json(self, values: Any) -> None:
         """Print ``values`` as one JSON document."""
-        sys.stdout.write(msgspec.json.format(msgspec.json.encode(values)).decode() + "\n")
+        import msgspec
+
+        try:
+            encoded = msgspec.json.encode(values)
+        except UnicodeEncodeError:  # a file name that is no UTF-8
+            encoded = msgspec.json.encode(_encodable(values))
+        with to_stdout():
+            sys.stdout.write(msgspec.json.format(encoded).decode() + "\n")
 
     @contextmanager
     def progress(self) -> Iterator[ProgressCallback]:
@@ -80,8 +113,10 @@ class Output:
         if self.quiet or not self._stderr.is_terminal:
             yield _ignore
             return
+        from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
         columns = (
-            TextColumn("{task.description:24}"),
+            TextColumn("{task.description:24}", markup=False),
             BarColumn(),
             TaskProgressColumn(),
             TimeElapsedColumn(),
@@ -91,10 +126,50 @@ class Output:
 
             def update(what: str, done: float, total: float) -> None:
                 if what not in tasks:
-                    tasks[what] = bars.add_task(what, total=max(total, 1e-9))
+                    tasks[what] = bars.add_task(plain(what), total=max(total, 1e-9))
                 bars.update(tasks[what], completed=done, total=max(total, 1e-9))
 
             yield update
+
+
+def plain(text: str) -> str:
+    r"""The text with control characters and undecodable bytes spelled out.
+
+    >>> plain("a\x1b[31mred\x07 farm")
+    'a\\x1b[31mred\\x07 farm'
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        char if char.isprintable() or char == "\n" else char.encode("unicode_escape").decode()
+        for char in text
+    )
+
+
+def _encodable(value: Any) -> Any:
+    """Plain values with every text as `plain` gives it."""
+    if isinstance(value, str):
+        return plain(value)
+    if isinstance(value, Mapping):
+        return {_encodable(key): _encodable(entry) for key, entry in value.items()}
+    return [_encodable(entry) for entry in value] if isinstance(value, list | tuple) else value
+
+
+def _print_table(table: Table) -> None:
+    from wbf_mission.cli.console import PlainConsole
+
+    with to_stdout():
+        PlainConsole(sys.stdout, width=None if sys.stdout.isatty() else FILE_WIDTH).print(table)
+
+
+@contextmanager
+def to_stdout() -> Iterator[None]:
+    """Write to stdout, and flush it; raise StdoutError if it takes no more."""
+    try:
+        yield
+        sys.stdout.flush()
+    except OSError as error:
+        raise StdoutError(error) from error
 
 
 def _ignore(_what: str, _done: float, _total: float) -> None:

@@ -9,9 +9,10 @@ import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output, distance, duration
+from wbf_mission.scenario import CameraOptions, FarmOptions, MissionOptions, VehicleOptions, WeatherOptions
 
 EXAMPLES = """
-[bold]Examples[/bold]
+Examples
 
 wbf-mission plan --farm miniberry-100 --planner spiral --budget 25min --out spiral.plan
 
@@ -21,22 +22,26 @@ wbf-mission plan --farm my-farm.geojson --planner adaptive-lawnmower --json
 """
 
 
+@options.scenario_options(
+    FarmOptions,
+    MissionOptions,
+    VehicleOptions,
+    WeatherOptions,
+    CameraOptions,
+    without=(
+        "day",
+        "mission",
+        "turbulence",
+        "gps_noise_m",
+        "baro_noise_m",
+        "camera_noise",
+        "false_positive_rate",
+        "false_negative_rate",
+        "camera_fields",
+    ),
+)
 def plan_command(
-    farm: options.Farm = None,
-    planner: options.Planner = None,
-    budget: options.Budget = None,
-    scenario: options.ScenarioFile = None,
-    seed: options.Seed = None,
-    vehicle: options.Vehicle = None,
-    autopilot: options.Autopilot = None,
-    parameter: options.Parameter = None,
-    altitude: options.Altitude = None,
-    cruise_speed: options.CruiseSpeed = None,
-    acceptance_radius: options.AcceptanceRadius = None,
-    wind: options.Wind = None,
-    wind_shear: options.WindShear = None,
-    camera_spacing: options.CameraSpacing = None,
-    camera_footprint: options.CameraFootprint = None,
+    given: options.Given,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -51,31 +56,11 @@ def plan_command(
     """Plan a mission within a budget and say what it takes: length, time, coverage, battery."""
     from mission.files import write_mission, writer_for
     from wbf_mission.planning import plan
-    from wbf_mission.scenario import Scenario, load_scenario, scenario_with
 
     output = Output(as_json=json, quiet=quiet)
     if out is not None:
         writer_for(out)
-    base = load_scenario(scenario) if scenario else Scenario()
-    chosen = scenario_with(
-        base,
-        {
-            "farm": farm,
-            "planner": planner,
-            "budget": budget,
-            "seed": seed,
-            "vehicle": vehicle,
-            "autopilot": autopilot,
-            "parameters": options.parameter_values(parameter),
-            "altitude_m": altitude,
-            "cruise_speed_m_s": cruise_speed,
-            "acceptance_radius_m": acceptance_radius,
-            "camera_spacing_m": camera_spacing,
-            "camera_footprint": camera_footprint,
-            **options.wind_values(wind),
-            **options.shear_values(wind_shear),
-        },
-    )
+    chosen = given.scenario()
     with output.progress() as progress:
         progress("planning", 0, 1)
         result = plan(chosen)
@@ -87,8 +72,8 @@ def plan_command(
     battery = "none" if result.battery_used is None else f"{result.battery_used:.1%}"
     rows = {
         "farm": result.farm.name,
-        "planner": chosen.planner,
-        "vehicle": chosen.vehicle,
+        "planner": result.planner or "none (mission file)",
+        "vehicle": result.vehicle.name,
         "budget": result.budget_text,
         "waypoints": str(len(result.path_m)),
         "row spacing": "-" if result.spacing_m is None else distance(result.spacing_m),

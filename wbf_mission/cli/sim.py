@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +12,8 @@ import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output
+from wbf_mission.scenario import CameraOptions, FarmOptions, VehicleOptions, WeatherOptions
+from wbf_mission.sim_options import LINKS, SimOptions, load_sim, parse_speed
 
 if TYPE_CHECKING:
     from mission.link.codec.signing import Signing
@@ -18,7 +21,7 @@ if TYPE_CHECKING:
     from wbf_mission.simulator import Simulated
 
 EXAMPLES = """
-[bold]Examples[/bold]
+Examples
 
 wbf-mission sim --farm waterberry
 
@@ -28,89 +31,29 @@ wbf-mission sim --listen tcpin:127.0.0.1:5760 --listen udpout:127.0.0.1:14550 --
 
 wbf-mission sim --fault loss=0.2 --fault gps-loss,at=airborne,from=20,for=10
 """
-_LINKS = "Links and time"
-_VEHICLE = "Vehicle and weather"
 
 
+@options.scenario_options(
+    FarmOptions,
+    VehicleOptions,
+    WeatherOptions,
+    CameraOptions,
+    without=("camera_spacing_m",),
+    more=(SimOptions,),
+)
 def sim_command(
-    scenario_file: options.ScenarioFile = None,
-    farm: options.Farm = None,
-    vehicle: options.Vehicle = None,
-    autopilot: options.Autopilot = None,
-    parameter: options.Parameter = None,
-    count: Annotated[
-        int | None,
-        typer.Option(
-            help="How many vehicles, systems 1 to N, each at its own ports.  [default: one for each home]",
-            rich_help_panel=_VEHICLE,
-        ),
-    ] = None,
-    listen: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Link for ground stations, with all vehicles behind it; may be repeated: udpin:, udpout: or"
-            " tcpin:HOST:PORT, serial:DEVICE:BAUD.  [default: the autopilot's own simulator ports]",
-            rich_help_panel=_LINKS,
-        ),
-    ] = None,
-    connect: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Link that we open: udpout:HOST:PORT or tcp:HOST:PORT; may be repeated.",
-            rich_help_panel=_LINKS,
-        ),
-    ] = None,
-    speed: Annotated[
-        str | None,
-        typer.Option(
-            help="Simulated seconds per second of wall time, or max.  [default: 1]", rich_help_panel=_LINKS
-        ),
-    ] = None,
+    given: options.Given,
     signing_key: Annotated[
         str | None,
         typer.Option(
             envvar="WBF_MISSION_SIGNING_KEY",
             help="Hear only who signs with this key, and sign: 64 hexadecimal digits, a phrase, or @FILE that"
             " holds one.",
-            rich_help_panel=_LINKS,
+            rich_help_panel=LINKS,
             show_default=False,
             show_envvar=True,
         ),
     ] = None,
-    duration: Annotated[
-        float | None,
-        typer.Option(
-            help="Stop after so many simulated seconds.  [default: until Ctrl-C]", rich_help_panel=_LINKS
-        ),
-    ] = None,
-    home: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Start at LAT,LON[,ALT[,HEADING]]: degrees, metres above sea level, degrees; once for all or"
-            " once for each vehicle.  [default: the farm's home]",
-            rich_help_panel=_VEHICLE,
-        ),
-    ] = None,
-    spacing: Annotated[
-        float | None,
-        typer.Option(help="Between vehicles that share a home, m.  [default: 4]", rich_help_panel=_VEHICLE),
-    ] = None,
-    wind: options.Wind = None,
-    wind_shear: options.WindShear = None,
-    turbulence: options.Turbulence = None,
-    gps_noise: options.GpsNoise = None,
-    baro_noise: options.BaroNoise = None,
-    seed: options.Seed = None,
-    day: options.Day = None,
-    camera: Annotated[
-        bool | None,
-        typer.Option("--camera/--no-camera", help="Carry the leaf camera.", rich_help_panel="Leaf camera"),
-    ] = None,
-    camera_footprint: options.CameraFootprint = None,
-    camera_noise: options.CameraNoise = None,
-    false_positive_rate: options.FalsePositives = None,
-    false_negative_rate: options.FalseNegatives = None,
-    camera_fields: options.CameraFields = None,
     fault: Annotated[
         list[str] | None,
         typer.Option(
@@ -134,52 +77,17 @@ def sim_command(
     """
     from sim_vehicle.faults.fault import parse_fault
     from sim_vehicle.host.server import Server
-    from wbf_mission.scenario import Scenario, scenario_with
-    from wbf_mission.sim_options import SimOptions, load_sim, parse_speed, sim_with
+    from wbf_mission.scenario import Scenario
     from wbf_mission.simulator import make_components, parse_home
 
     output = Output(as_json=json, quiet=quiet)
     if list_faults:
         _list_faults(output)
         return
-    base, given, planned = (
-        (Scenario(), SimOptions(), ()) if scenario_file is None else load_sim(scenario_file)
-    )
+    base, in_file, planned = (Scenario(), SimOptions(), ()) if given.file is None else load_sim(given.file)
     faults = [*planned, *(parse_fault(text) for text in fault or ())]
-    chosen = sim_with(
-        given,
-        {
-            "count": count,
-            "home": tuple(home or ()),
-            "spacing_m": spacing,
-            "listen": tuple(listen or ()),
-            "connect": tuple(connect or ()),
-            "speed": speed,
-            "duration_s": duration,
-            "camera": camera,
-        },
-    )
-    scenario = scenario_with(
-        base,
-        {
-            "farm": farm,
-            "vehicle": vehicle,
-            "autopilot": autopilot,
-            "parameters": options.parameter_values(parameter),
-            "seed": seed,
-            "day": day,
-            "camera_footprint": camera_footprint,
-            "camera_noise": camera_noise,
-            "false_positive_rate": false_positive_rate,
-            "false_negative_rate": false_negative_rate,
-            "camera_fields": options.field_names(camera_fields),
-            "turbulence": options.turbulence_value(turbulence),
-            "gps_noise_m": gps_noise,
-            "baro_noise_m": baro_noise,
-            **options.wind_values(wind),
-            **options.shear_values(wind_shear),
-        },
-    )
+    chosen = replace(in_file, **given.others)
+    scenario = given.change(base)
     homes = [parse_home(text) for text in chosen.home]
     with output.progress() as progress:
         simulated = make_components(
@@ -201,7 +109,7 @@ def sim_command(
             seed=scenario.seed,
             signing=_signing(signing_key),
         ) as server:
-            output.note(_greeting(simulated, scenario.vehicle, server.urls))
+            output.note(_greeting(simulated, scenario.vehicle.name, server.urls))
             for wrong in faults:
                 output.note(f"fault: {wrong}")
             stopped = server.run(limit_s=math.inf if chosen.duration_s is None else chosen.duration_s)
@@ -235,14 +143,15 @@ def _signing(key: str | None) -> Signing | None:
         return None
     import time
 
+    from geo.reading import UnreadableError, read_text
     from mission.errors import LinkError
     from mission.link.codec.signing import Signing, key_from_text
 
     if key.startswith("@"):
         try:
-            key = Path(key[1:]).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            msg = f"signing key: {key[1:]} cannot be read"
+            key = read_text(Path(key[1:]))
+        except UnreadableError as error:
+            msg = f"signing key: {key[1:]} cannot be read: {error}"
             raise LinkError(msg) from error
     return Signing(key_from_text(key), clock=time.time)
 

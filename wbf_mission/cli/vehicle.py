@@ -7,20 +7,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from wbf_mission.cli import options
+from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.output import Output
 
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
 
-app = typer.Typer(no_args_is_help=True, help="Look at vehicles: list them, show one with its endurance.")
+app = typer.Typer(cls=HelpGroup, help="Look at vehicles: list them, show one with its endurance.")
 
 VehicleArgument = Annotated[
     str,
-    typer.Argument(help="Name of a vehicle or a TOML file.", autocompletion=options._complete("vehicle")),
+    typer.Argument(help="Name of a vehicle or a TOML file.", autocompletion=options.complete("vehicle")),
 ]
 
 
-@app.command("list")
+@app.command("list", cls=HelpCommand)
 def list_command(json: options.Json = False, quiet: options.Quiet = False) -> None:
     """List the vehicles that are known by name, with the endurance of their cruise flight."""
     from sim_vehicle.airframe.spec import get_vehicle, vehicle_names
@@ -43,7 +44,7 @@ def list_command(json: options.Json = False, quiet: options.Quiet = False) -> No
     Output(as_json=json, quiet=quiet).table(values, columns, rows)
 
 
-@app.command("show", epilog="[bold]Example[/bold]\n\nwbf-mission vehicle show quad")
+@app.command("show", cls=HelpCommand, epilog="Example\n\nwbf-mission vehicle show quad")
 def show_command(vehicle: VehicleArgument, json: options.Json = False, quiet: options.Quiet = False) -> None:
     """Show a vehicle's limits, battery, power and endurance."""
     from sim_vehicle.airframe.spec import get_vehicle

@@ -11,15 +11,14 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from sim_vehicle.airframe.spec import GRAVITY_M_S2
-from sim_vehicle.autopilot.model import Setting
-from sim_vehicle.execution.legs import ALONG, KEEP
-from sim_vehicle.motion.model import LegKind
+from sim_vehicle.autopilot.model import Setting, vertical_landing
+from sim_vehicle.motion.legs import ALONG, KEEP, Leg, LegKind
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.execution.legs import Place, Row
+    from sim_vehicle.motion.legs import Heading, Position
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.weather.wind import Wind
 
@@ -161,34 +160,35 @@ class ArduCopterAutopilot:
 
         return ArduCopter(spec, wind, yaw_rad)
 
-    def takeoff_rows(
+    def takeoff_legs(
         self,
         spec: VehicleSpec,  # noqa: ARG002
-        here: Place,
-        target: Place,
+        here: Position,
+        target: Position,
         speed: float,
-        heading: float,
-    ) -> list[Row]:
+        heading: Heading,
+    ) -> list[Leg]:
         """Return the leg of a take-off: straight up, wherever its place is."""
-        keep = KEEP if math.isnan(heading) else heading
-        return [(here[0], here[1], max(target[2], here[2]), 0.0, speed, keep, 0.0, LegKind.TAKEOFF)]
+        keep = KEEP if heading == ALONG else heading
+        top = (here[0], here[1], max(target[2], here[2]))
+        return [Leg(top, speed, heading=keep, kind=LegKind.TAKEOFF)]
 
-    def landing_rows(self, spec: VehicleSpec, above: Place, last: Place, speed: float) -> list[Row]:
+    def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
         """Return the legs to a place and down to the ground there."""
         x, y, z = above
-        rows: list[Row] = []
+        legs: list[Leg] = []
         if math.hypot(x - last[0], y - last[1]) > 0.05:
-            rows.append((x, y, z, 0.0, speed, ALONG, 0.0, LegKind.HOME))
-        rows.append((x, y, 0.0, 0.0, -spec.landing_speed_m_s, KEEP, 0.0, LegKind.LAND))
-        return rows
+            legs.append(Leg((x, y, z), speed, kind=LegKind.HOME))
+        legs.append(vertical_landing(spec, x, y))
+        return legs
 
-    def return_rows(
+    def return_legs(
         self,
         spec: VehicleSpec,
-        last: Place,
+        last: Position,
         speed: float,  # noqa: ARG002
-        haven: Place,
-    ) -> list[Row]:
+        haven: Position,
+    ) -> list[Leg]:
         """Return the legs home: up, less near home, straight home, a wait, and down."""
         get = lookup(spec)
         x, y, z = last
@@ -202,9 +202,9 @@ class ArduCopterAutopilot:
         look = ALONG if get("WP_YAW_BEHAVIOR") in (1.0, 3.0) else KEEP
         wait = 0.001 * get("RTL_LOIT_TIME")
         return [
-            (x, y, height, spec.acceptance_radius_m, back, KEEP, 0.0, LegKind.CLIMB),
-            (home_x, home_y, height, 0.0, back, look, 0.0, LegKind.HOME, wait),
-            (home_x, home_y, 0.0, 0.0, -spec.landing_speed_m_s, KEEP, 0.0, LegKind.LAND),
+            Leg((x, y, height), back, spec.acceptance_radius_m, KEEP, LegKind.CLIMB),
+            Leg((home_x, home_y, height), back, heading=look, kind=LegKind.HOME, pause_s=wait),
+            vertical_landing(spec, home_x, home_y),
         ]
 
 

@@ -12,15 +12,14 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from sim_vehicle.airframe.spec import GRAVITY_M_S2
-from sim_vehicle.autopilot.model import Setting, setting
-from sim_vehicle.execution.legs import ALONG, KEEP
-from sim_vehicle.motion.model import LegKind
+from sim_vehicle.autopilot.model import Setting, setting, vertical_landing
+from sim_vehicle.motion.legs import KEEP, Leg, LegKind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.execution.legs import Place, Row
+    from sim_vehicle.motion.legs import Heading, Position
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.weather.wind import Wind
 
@@ -128,50 +127,51 @@ class Px4MultirotorAutopilot:
 
         return Px4Multirotor(spec, wind, yaw_rad)
 
-    def takeoff_rows(
-        self, spec: VehicleSpec, here: Place, target: Place, speed: float, heading: float
-    ) -> list[Row]:
+    def takeoff_legs(
+        self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
+    ) -> list[Leg]:
         """Return the legs of a take-off: straight up, then to its place if that is aside."""
         x, y, z = target
         radius = spec.acceptance_radius_m
         height = max(z, here[2], value_of(spec, "MIS_TAKEOFF_ALT"))
-        rows: list[Row] = [(here[0], here[1], height, radius, speed, KEEP, 0.0, LegKind.TAKEOFF)]
+        legs = [Leg((here[0], here[1], height), speed, radius, KEEP, LegKind.TAKEOFF)]
         if math.hypot(x - here[0], y - here[1]) > radius:
-            rows.append((x, y, height, radius, speed, heading, 0.0))
-        return rows
+            legs.append(Leg((x, y, height), speed, radius, heading))
+        return legs
 
-    def landing_rows(self, spec: VehicleSpec, above: Place, last: Place, speed: float) -> list[Row]:
+    def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
         """Return the legs to a place, unless it is within the acceptance radius, and down to the ground."""
         x, y, z = above
-        rows: list[Row] = []
+        legs: list[Leg] = []
         if math.hypot(x - last[0], y - last[1]) > spec.acceptance_radius_m:
-            rows.append((x, y, z, 0.0, speed, ALONG, 0.0, LegKind.HOME))
-        rows.append((x, y, 0.0, 0.0, -spec.landing_speed_m_s, KEEP, 0.0, LegKind.LAND))
-        return rows
+            legs.append(Leg((x, y, z), speed, kind=LegKind.HOME))
+        legs.append(vertical_landing(spec, x, y))
+        return legs
 
-    def return_rows(
+    def return_legs(
         self,
         spec: VehicleSpec,
-        last: Place,
+        last: Position,
         speed: float,  # noqa: ARG002
-        haven: Place,
-    ) -> list[Row]:
+        haven: Position,
+    ) -> list[Leg]:
         """Return the legs home: up, home at the cruise speed, down to wait if so told, and down."""
         x, y, z = last
         home_x, home_y, least = haven
         cruise = spec.cruise_speed_m_s
         height = return_height_m(spec, math.hypot(x - home_x, y - home_y), z, least)
-        rows: list[Row] = []
+        legs: list[Leg] = []
         if z < height:
-            rows.append((x, y, height, 0.0, cruise, KEEP, 0.0, LegKind.CLIMB))
-        rows.append((home_x, home_y, height, 0.0, cruise, ALONG, 0.0, LegKind.HOME))
+            legs.append(Leg((x, y, height), cruise, heading=KEEP, kind=LegKind.CLIMB))
+        legs.append(Leg((home_x, home_y, height), cruise, kind=LegKind.HOME))
         delay = value_of(spec, "RTL_LAND_DELAY")
         if delay != 0.0:
             wait = min(value_of(spec, "RTL_DESCEND_ALT"), height)
             pause = delay if delay > 0.0 else _FOREVER_S
-            rows.append((home_x, home_y, wait, 0.0, cruise, KEEP, 0.0, LegKind.DESCEND, pause))
-        rows.append((home_x, home_y, 0.0, 0.0, -spec.landing_speed_m_s, KEEP, 0.0, LegKind.LAND))
-        return rows
+            over = (home_x, home_y, wait)
+            legs.append(Leg(over, cruise, heading=KEEP, kind=LegKind.DESCEND, pause_s=pause))
+        legs.append(vertical_landing(spec, home_x, home_y))
+        return legs
 
 
 def return_height_m(spec: VehicleSpec, distance_m: float, height_m: float, least_m: float = 0.0) -> float:

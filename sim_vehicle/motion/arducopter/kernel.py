@@ -29,6 +29,7 @@ from sim_vehicle.motion.arducopter.layout import (
     PAUSE,
     RISING,
     STAND_BY,
+    TURNING,
     UNTIL,
     UP,
 )
@@ -58,7 +59,6 @@ def advance(
     heads: Floats,
     curves: Floats,
     route: Floats,
-    turning: float,
     power: Floats,
     wind: Floats,
     first_wind: int,
@@ -78,10 +78,9 @@ def advance(
     law : float64[LAW]
     heads, curves : float64[3, HEAD], float64[3, SEGMENTS, COLUMNS]
         The leg before, this one and the next: `sim_vehicle.motion.arducopter.scurve`.
-    route : float64[n, 9]
-        East, north, up, radius, speed, heading, near, kind and pause, as in `sim_vehicle.motion.model.Route`.
-    turning : float
-        Rate of turning instead of the headings, NaN for none.
+    route : float64[n, LEG]
+        East, north, up, radius, speed, heading, near, kind, pause and rate of turning, as in
+        `sim_vehicle.motion.legs.Route`; a speed of 0 keeps the one before.
     power, wind, first_wind, max_steps, stop_each, arrivals, track, track_every
         As in `sim_vehicle.motion.multirotor.kernel.advance`.
 
@@ -137,7 +136,7 @@ def advance(
         else:
             command(state, guide, law)
             state[12] += move(state, guide, law, rising)
-        turn(state, guide, law, row[HEADING], turning)
+        turn(state, guide, law, row[HEADING], row[TURNING])
         state[11] += state[13] * dt
         step += 1
         counters[0] = step

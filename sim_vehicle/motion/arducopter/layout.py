@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 # Columns of a route.
-RX, RY, RZ, RADIUS, SPEED, HEADING, DISTANCE, KIND, PAUSE = range(9)
-# Kinds of legs that have a law of their own (`sim_vehicle.motion.model.LegKind`).
+LEG = 10
+RX, RY, RZ, RADIUS, SPEED, HEADING, DISTANCE, KIND, PAUSE, TURNING = range(LEG)
+# Kinds of legs that have a law of their own (`sim_vehicle.motion.legs.LegKind`).
 TAKEOFF, HOME, LAND, STAY, ARC = 1, 3, 5, 6, 8
 
 # The guide: desired position 0-2, velocity 3-5 and acceleration 6-8; begin 9-11 and end 12-14 of the leg

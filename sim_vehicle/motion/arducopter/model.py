@@ -12,7 +12,8 @@ from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.motion.arducopter import kernel, scurve
 from sim_vehicle.motion.arducopter import layout as at
 from sim_vehicle.motion.arducopter.control import stopping_way
-from sim_vehicle.motion.model import LegKind, MotionEvent
+from sim_vehicle.motion.legs import KEEP, LegKind
+from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.motion.multirotor.kernel import WIND
 from sim_vehicle.motion.multirotor.model import Multirotor
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.model import Route
+    from sim_vehicle.motion.legs import Heading, Position, Route
     from sim_vehicle.weather.wind import Wind
 
 _HOVER_THROTTLE = 0.39
@@ -36,10 +37,10 @@ class ArduCopter(Multirotor):
     Examples
     --------
     >>> from sim_vehicle.autopilot import with_autopilot
-    >>> from sim_vehicle.motion.model import Route
+    >>> from sim_vehicle.motion.legs import Leg, Route
     >>> from sim_vehicle.airframe.spec import get_vehicle
     >>> vehicle = ArduCopter(with_autopilot(get_vehicle("quad"), "ardupilot"))
-    >>> vehicle.fly(Route.through([(0.0, 0.0, 10.0, 0.0, 5.0, math.inf, 0.0, LegKind.TAKEOFF)]))
+    >>> vehicle.fly(Route.through([Leg((0.0, 0.0, 10.0), 5.0, heading=KEEP, kind=LegKind.TAKEOFF)]))
     >>> vehicle.advance(10_000)
     <MotionEvent.REACHED: 1>
     >>> round(vehicle.position_m[2]), 6.0 < vehicle.time_s < 12.0
@@ -54,7 +55,6 @@ class ArduCopter(Multirotor):
         self.law = _law(spec, self._idle_w + float(self._power[6]))
         self.guide[at.LEVEL] = spec.cruise_speed_m_s
         self._rows: NDArray[np.float64] | None = None
-        self._turning = math.nan
 
     def fly(self, route: Route) -> None:
         """Begin a route, from where the vehicle is and as it moves now."""
@@ -62,16 +62,18 @@ class ArduCopter(Multirotor):
             (
                 route.points_m,
                 route.radius_m,
-                np.minimum(route.speed_m_s, self.spec.top_speed_m_s),
+                np.where(
+                    np.isnan(route.speed_m_s), 0.0, np.minimum(route.speed_m_s, self.spec.top_speed_m_s)
+                ),
                 route.heading_rad,
                 route.near_m,
                 route.kind,
                 route.pause_s,
+                route.turn_rad_s,
             )
         )
         self.guide[at.BEGINS] = self._follows(rows[0])
         self._rows, self._route = np.ascontiguousarray(rows), rows
-        self._turning = route.turn_rad_s
         self._begin()
 
     def _follows(self, row: NDArray[np.float64]) -> int:
@@ -97,14 +99,13 @@ class ArduCopter(Multirotor):
         velocity_m_s: tuple[float, float, float],
         *,
         height_m: float = math.nan,
-        heading_rad: float = math.inf,
-        turn_rad_s: float = math.nan,
+        heading: Heading = KEEP,
     ) -> None:
         """Keep a velocity, or its horizontal part at a height; downward it goes on to the ground."""
         self._rows = None
-        super().steer(velocity_m_s, height_m=height_m, heading_rad=heading_rad, turn_rad_s=turn_rad_s)
+        super().steer(velocity_m_s, height_m=height_m, heading=heading)
 
-    def stopping_point(self) -> tuple[float, float, float]:
+    def stopping_point(self) -> Position:
         """Return where the vehicle comes to rest if it brakes now."""
         x, y, z, vx, vy, vz = self.state[0:6].tolist()
         law, guide = self.law, self.guide
@@ -145,7 +146,6 @@ class ArduCopter(Multirotor):
                 self.heads,
                 self.curves,
                 rows,
-                self._turning,
                 self._power,
                 self._wind.block,
                 self._wind.first,
@@ -164,9 +164,9 @@ class ArduCopter(Multirotor):
         super().ignore_energy()
         self.law[at.CAPACITY] = math.inf
 
-    def respec(self, spec: VehicleSpec) -> None:
+    def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults, limits and parameters; they hold from the next leg on."""
-        super().respec(spec)
+        super().update_spec(spec)
         capacity = self._limits[11]
         self.law = _law(spec, float(self.law[at.STAND_BY]))
         self.law[at.CAPACITY] = capacity

@@ -13,7 +13,7 @@ from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.energy.power import power_coefficients
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion.fixed_wing import kernel as wing
-from sim_vehicle.motion.model import LegKind
+from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.motion.multirotor.kernel import COUNTERS
 from sim_vehicle.motion.multirotor.model import Multirotor
 from sim_vehicle.weather.wind import Wind
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.model import Route
+    from sim_vehicle.motion.legs import Heading, Position, Route
 
 # Whose drag is flown when nothing is known of the power: a foam mapper of 1.8 m span.
 TYPICAL = FixedWingPowerSpec(mass_kg=1.9, wing_area_m2=0.42, wing_span_m=1.8, parasitic_drag=0.035)
@@ -194,10 +194,11 @@ class FixedWing(Multirotor):
         # What is the vehicle's default is left to the law; ArduPlane keeps radii in one byte.
         radius = np.where(route.radius_m == self.spec.acceptance_radius_m, 0.0, route.radius_m)
         rows[:, 4] = np.floor(np.minimum(radius, 255.0))
-        rows[:, 5] = np.clip(np.abs(route.speed_m_s), law.airspeed_min, law.airspeed_max)
+        speed = np.where(np.isnan(route.speed_m_s), law.airspeed_trim, route.speed_m_s)
+        rows[:, 5] = np.clip(speed, law.airspeed_min, law.airspeed_max)
         rows[:, 6] = route.near_m
-        circle = route.circle if route.circle is not None else np.full((n, 4), np.nan)
-        rows[:, 8] = np.nan_to_num(circle[:, 1])
+        circle = route.circle
+        rows[:, 8] = circle[:, 1]
         rows[:, 9:11] = circle[:, 2:]
         rows[:, 11] = route.pause_s
         rows[:, 13] = law.height_acceptance
@@ -243,8 +244,7 @@ class FixedWing(Multirotor):
         velocity_m_s: tuple[float, float, float],
         *,
         height_m: float = math.nan,
-        heading_rad: float = math.inf,  # noqa: ARG002
-        turn_rad_s: float = math.nan,  # noqa: ARG002
+        heading: Heading = KEEP,  # noqa: ARG002
     ) -> None:
         """Fall, when it is told to go straight down; it keeps no other velocities.
 
@@ -264,10 +264,10 @@ class FixedWing(Multirotor):
         self._route = row
         self._begin()
 
-    def look_at(self, place_m: tuple[float, float] | None) -> None:
+    def look_at(self, position_m: tuple[float, float] | None) -> None:
         """Nothing: the nose is where it flies to."""
 
-    def stopping_point(self) -> tuple[float, float, float]:
+    def stopping_point(self) -> Position:
         """Return what it circles when it is told to stay: the circle that it flies, otherwise here."""
         route = self._route
         if route is not None and self.state[wing.DOING] == wing.FLYING:
@@ -288,7 +288,7 @@ class FixedWing(Multirotor):
         """Glide from now on: the motor stops."""
         self._limits[wing.THROTTLE_LIMIT] = 0.0
 
-    def respec(self, spec: VehicleSpec) -> None:
+    def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults and limits; they hold at once, those of legs from the next route on."""
         energy, throttle = self._limits[wing.ENERGY_LIMIT], self._limits[wing.THROTTLE_LIMIT]
         self.spec = spec

@@ -31,9 +31,10 @@ def prepare_route(
     points: Floats,
     radius: Floats,
     speed: Floats,
+    climbing: Floats,
     heading: Floats,
+    turning: Floats,
     near: Floats,
-    turn: float,
     limits: Floats,
 ) -> Floats:
     """Return the legs of a route: directions, limits in the frame of each leg, and the speeds at the corners.
@@ -46,13 +47,15 @@ def prepare_route(
     radius : float64[n]
         Acceptance radius; 0 stops there. The last point is always a stop.
     speed : float64[n]
-        Horizontal ground speed of the leg; less its sign, a negative one is the speed of a vertical leg.
+        Horizontal ground speed of the leg, NaN for the greatest.
+    climbing : float64[n]
+        Speed of a vertical leg, NaN for the greatest.
     heading : float64[n]
         Heading on the leg; NaN is the direction of the leg, infinity keeps the heading.
+    turning : float64[n]
+        Rate of turning, NaN turns to the headings.
     near : float64[n]
         Distance to the point at which to return NEAR, 0 for never.
-    turn : float
-        Rate of turning, NaN turns to the headings.
     """
     n = points.shape[0]
     route = np.zeros((n, LEG))
@@ -100,9 +103,9 @@ def prepare_route(
         row[22] = 0.3 * limits[1]
         lesser = min(limits[3], limits[4])
         row[23] = ASLANT * min(limits[1] / rise if rise > 0.0 else inf, lesser / flat if flat > 0.0 else inf)
-        wanted = speed[i] if speed[i] >= 0.0 else inf
-        if speed[i] < 0.0 and flat == 0.0:
-            up = min(up, -speed[i])
+        wanted = inf if isnan(speed[i]) else speed[i]
+        if not isnan(climbing[i]) and flat == 0.0:
+            up = min(up, climbing[i])
         row[12] = min(
             min(wanted, 0.95 * limits[1] - rise * row[23]) / flat if flat > 0.0 else inf,
             (up - flat * row[23]) / rise if rise > 0.0 else inf,
@@ -115,7 +118,7 @@ def prepare_route(
         else:
             row[15] = heading[i] % (2.0 * pi)
         row[25] = near[i]
-        row[28] = turn
+        row[28] = turning[i]
         bx, by, bz = row[0], row[1], row[2]
     # Backwards: the speed at each corner, and the next place that the vehicle has to brake for. A corner
     # that is slower than what braking for that place allows becomes such a place itself.

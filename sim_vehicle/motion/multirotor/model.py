@@ -9,7 +9,8 @@ import numpy as np
 
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.energy.power import power_coefficients
-from sim_vehicle.motion.model import MotionEvent
+from sim_vehicle.motion.legs import KEEP
+from sim_vehicle.motion.model import MotionEvent, MotionState
 from sim_vehicle.motion.multirotor import kernel
 from sim_vehicle.motion.multirotor.legs import prepare_route, prepare_velocity
 from sim_vehicle.weather.wind import Wind
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.model import Route
+    from sim_vehicle.motion.legs import Heading, Position, Route
 
 _NO_TRACK = np.empty((0, 3))
 
@@ -35,10 +36,10 @@ class Multirotor:
 
     Examples
     --------
-    >>> from sim_vehicle.motion.model import Route
+    >>> from sim_vehicle.motion.legs import Leg, Route
     >>> from sim_vehicle.airframe.spec import get_vehicle
     >>> vehicle = Multirotor(get_vehicle("quad"))
-    >>> vehicle.fly(Route.to(0.0, 0.0, 10.0, speed_m_s=5.0))
+    >>> vehicle.fly(Route.through([Leg((0.0, 0.0, 10.0), 5.0)]))
     >>> vehicle.advance(10_000)
     <MotionEvent.REACHED: 1>
     >>> round(vehicle.position_m[2], 1), vehicle.time_s < 10.0
@@ -88,7 +89,7 @@ class Multirotor:
         return int(self.counters[1])
 
     @property
-    def position_m(self) -> tuple[float, float, float]:
+    def position_m(self) -> Position:
         """East, north, up about home."""
         x, y, z = self.state[0:3].tolist()
         return x, y, z
@@ -98,10 +99,14 @@ class Multirotor:
         """Energy used since the start."""
         return float(self.state[11])
 
-    def numbers(self) -> list[float]:
-        """Return the state as plain numbers, in the order of `sim_vehicle.motion.multirotor.kernel`."""
-        numbers: list[float] = self.state[:17].tolist()
-        return numbers
+    def snapshot(self) -> MotionState:
+        """Return how the vehicle moves now."""
+        x, y, z, vx, vy, vz, ax, ay, az, heading, rate, energy, length, power, _, east, north = self.state[
+            :17
+        ].tolist()
+        return MotionState(
+            (x, y, z), (vx, vy, vz), (ax, ay, az), heading, rate, energy, length, power, (east, north)
+        )
 
     def attitude(self) -> tuple[float, float, float, float] | None:
         """None: they follow from the acceleration."""
@@ -114,9 +119,10 @@ class Multirotor:
             route.points_m,
             route.radius_m,
             route.speed_m_s,
+            route.vertical_m_s,
             route.heading_rad,
-            route.near_m,
             route.turn_rad_s,
+            route.near_m,
             self._limits,
         )
         self._begin()
@@ -126,18 +132,17 @@ class Multirotor:
         velocity_m_s: tuple[float, float, float],
         *,
         height_m: float = math.nan,
-        heading_rad: float = math.inf,
-        turn_rad_s: float = math.nan,
+        heading: Heading = KEEP,
     ) -> None:
         """Keep a velocity, or its horizontal part at a height; downward it goes on to the ground."""
         self._route = prepare_velocity(
-            self.state[0:3], velocity_m_s, height_m, heading_rad, turn_rad_s, self._limits
+            self.state[0:3], velocity_m_s, height_m, *heading.numbers, self._limits
         )
         self._begin()
 
-    def look_at(self, place_m: tuple[float, float] | None) -> None:
-        """Point the nose at a place (east, north) whatever is flown, None for no more."""
-        self.state[17:19] = math.nan if place_m is None else place_m
+    def look_at(self, position_m: tuple[float, float] | None) -> None:
+        """Point the nose at a position (east, north) whatever is flown, None for no more."""
+        self.state[17:19] = math.nan if position_m is None else position_m
 
     def _begin(self) -> None:
         assert self._route is not None
@@ -147,7 +152,7 @@ class Multirotor:
         self.counters[2] = self.counters[0]
         self.counters[3] = self.counters[4] = 0
 
-    def stopping_point(self) -> tuple[float, float, float]:
+    def stopping_point(self) -> Position:
         """Return where the vehicle comes to rest if it brakes now."""
         x, y, z, vx, vy, vz, ax, ay, az = self.state[0:9].tolist()
         speed = math.sqrt(vx * vx + vy * vy + vz * vz)
@@ -156,7 +161,7 @@ class Multirotor:
         ux, uy, uz = vx / speed, vy / speed, vz / speed
         probe = np.array([[x + ux, y + uy, z + uz]])
         one = np.ones(1)
-        row = prepare_route(self.state[0:3].copy(), probe, one, one, one, one, math.nan, self._limits)[0]
+        row = prepare_route(self.state[0:3].copy(), probe, one, one, one, one, one, one, self._limits)[0]
         along = ax * ux + ay * uy + az * uz
         distance = kernel.stopping_distance(speed, along, 0.0, row[16], row[17])
         return x + ux * distance, y + uy * distance, max(z + uz * distance, 0.0)
@@ -198,7 +203,7 @@ class Multirotor:
         """Tell no more that the battery is empty."""
         self._limits[11] = math.inf
 
-    def respec(self, spec: VehicleSpec) -> None:
+    def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults and limits; they hold from the next route on."""
         energy = self._limits[11]
         self.spec = spec

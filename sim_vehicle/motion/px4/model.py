@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sim_vehicle.autopilot.px4.copter import drag_of, value_of
-from sim_vehicle.motion.model import LegKind, MotionEvent
+from sim_vehicle.motion.legs import KEEP, LegKind
+from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.motion.multirotor.kernel import WIND
 from sim_vehicle.motion.multirotor.model import Multirotor
 from sim_vehicle.motion.px4 import kernel
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.model import Route
+    from sim_vehicle.motion.legs import Heading, Position, Route
     from sim_vehicle.weather.wind import Wind
 
 # The reference airframe, SIH quadrotor 10040: four times SIH_T_MAX over SIH_MASS; MPC_THR_MIN.
@@ -110,10 +111,10 @@ class Px4Multirotor(Multirotor):
     Examples
     --------
     >>> from sim_vehicle.autopilot import with_autopilot
-    >>> from sim_vehicle.motion.model import Route
+    >>> from sim_vehicle.motion.legs import Leg, Route
     >>> from sim_vehicle.airframe.spec import get_vehicle
     >>> vehicle = Px4Multirotor(with_autopilot(get_vehicle("quad"), "px4"))
-    >>> vehicle.fly(Route.through([(0.0, 0.0, 10.0, 0.0, 5.0, math.inf, 0.0, LegKind.TAKEOFF)]))
+    >>> vehicle.fly(Route.through([Leg((0.0, 0.0, 10.0), 5.0, heading=KEEP, kind=LegKind.TAKEOFF)]))
     >>> vehicle.advance(10_000)
     <MotionEvent.REACHED: 1>
     >>> 9.2 < vehicle.position_m[2] < 9.3, 10.0 < vehicle.time_s < 13.0
@@ -216,12 +217,11 @@ class Px4Multirotor(Multirotor):
         velocity_m_s: tuple[float, float, float],
         *,
         height_m: float = math.nan,
-        heading_rad: float = math.inf,
-        turn_rad_s: float = math.nan,
+        heading: Heading = KEEP,
     ) -> None:
         """Keep a velocity, or its horizontal part at a height; downward it goes on to the ground."""
         self._leave()
-        super().steer(velocity_m_s, height_m=height_m, heading_rad=heading_rad, turn_rad_s=turn_rad_s)
+        super().steer(velocity_m_s, height_m=height_m, heading=heading)
 
     def _leave(self) -> None:
         """Hand the vehicle over to the law of no autopilot, which begins within its own limits."""
@@ -233,7 +233,7 @@ class Px4Multirotor(Multirotor):
             self.state[8] = min(max(self.state[8], -most), most)
         self._guided = False
 
-    def stopping_point(self) -> tuple[float, float, float]:
+    def stopping_point(self) -> Position:
         """Return where PX4 would hold if it were told to now."""
         x, y, z, vx, vy = self.state[0:5].tolist()
         speed = math.hypot(vx, vy)
@@ -283,9 +283,9 @@ class Px4Multirotor(Multirotor):
                 return MotionEvent(event)
             self._wind.forward()
 
-    def respec(self, spec: VehicleSpec) -> None:
+    def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults and limits."""
-        super().respec(spec)
+        super().update_spec(spec)
         self._law = _law(spec)
         self._radius_m = spec.acceptance_radius_m
 

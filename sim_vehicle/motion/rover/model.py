@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sim_vehicle.energy.battery import WH_J
-from sim_vehicle.motion.model import LegKind
+from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.motion.multirotor.kernel import COUNTERS
 from sim_vehicle.motion.multirotor.model import Multirotor
 from sim_vehicle.motion.rover import kernel as wheels
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.model import Route
+    from sim_vehicle.motion.legs import Heading, Position, Route
     from sim_vehicle.weather.wind import Wind
 
 _NOT_DRIVEN = frozenset({int(LegKind.TAKEOFF), int(LegKind.CLIMB), int(LegKind.DESCEND)})
@@ -115,7 +115,8 @@ class Rover(Multirotor):
         n = len(route.points_m)
         rows = np.zeros((n, wheels.LEG))
         rows[:, :2] = route.points_m[:, :2]
-        rows[:, 4] = np.clip(np.abs(route.speed_m_s), 0.1, law.speed_max)
+        speed = np.where(np.isnan(route.speed_m_s), self.spec.cruise_speed_m_s, route.speed_m_s)
+        rows[:, 4] = np.clip(speed, 0.1, law.speed_max)
         rows[:, 5] = route.near_m
         rows[:, 7] = route.pause_s
         x, y = self.state[0:2].tolist()
@@ -169,8 +170,7 @@ class Rover(Multirotor):
         velocity_m_s: tuple[float, float, float],
         *,
         height_m: float = math.nan,  # noqa: ARG002
-        heading_rad: float = math.inf,  # noqa: ARG002
-        turn_rad_s: float = math.nan,  # noqa: ARG002
+        heading: Heading = KEEP,  # noqa: ARG002
     ) -> None:
         """Drive at a velocity, or stop; told to go down it stops for good."""
         east, north, up = velocity_m_s
@@ -183,10 +183,10 @@ class Rover(Multirotor):
         self._route = row
         self._begin()
 
-    def look_at(self, place_m: tuple[float, float] | None) -> None:
+    def look_at(self, position_m: tuple[float, float] | None) -> None:
         """Nothing: the nose is where it drives to."""
 
-    def stopping_point(self) -> tuple[float, float, float]:
+    def stopping_point(self) -> Position:
         """Return where the vehicle comes to rest if it brakes now."""
         x, y = self.state[0:2].tolist()
         speed, yaw = float(self.state[wheels.SPEED]), float(self.state[9])
@@ -201,7 +201,7 @@ class Rover(Multirotor):
         """Stop: without power it cannot go anywhere."""
         self._limits[wheels.SPEED_MAX] = 1e-3
 
-    def respec(self, spec: VehicleSpec) -> None:
+    def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults and limits; they hold from the next route on."""
         energy = self._limits[wheels.ENERGY_LIMIT]
         self.spec = spec

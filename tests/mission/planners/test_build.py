@@ -12,7 +12,7 @@ from mission.model import Command, Frame
 from mission.planners import LengthBudget, PlannedPath, PlanningRequest, build_mission, coverage, path_length
 from mission.planners.path import drop_coincident
 from mission.planners.seen import EXACT_LEGS
-from mission.planners.sweep import lawnmower_rows
+from mission.planners.sweep import Sweep
 
 FRAME = LocalFrame(28.05, -82.15, 30.0, rotation_deg=20.0)
 ARGUMENTS = {"frame": FRAME, "home_xy_m": (-5.0, -5.0), "altitude_m": 12.0, "speed_m_s": 6.0}
@@ -133,7 +133,10 @@ def test_coverage_in_stretches_is_that_of_the_whole():
 def test_coverage_of_long_paths_is_counted_well():
     area = shapely.Polygon([(0, 0), (300, 0), (200, 200), (0, 200)])
     rng = np.random.default_rng(2)
-    for points in (rng.uniform(0, 200, (400, 2)), lawnmower_rows(shapely.box(0, 0, 300, 200), 180)):
+    for points in (
+        rng.uniform(0, 200, (400, 2)),
+        np.vstack(Sweep(shapely.box(0, 0, 300, 200), 0.0).pieces(180, (0.0, 0.0))),
+    ):
         whole = shapely.union_all(
             shapely.buffer(shapely.linestrings(np.stack((points[:-1], points[1:]), axis=1)), 0.25)
         )

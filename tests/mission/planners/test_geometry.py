@@ -13,7 +13,7 @@ from mission.errors import PlanningError
 from mission.planners import LengthBudget, PlanningRequest, path_length
 from mission.planners.connect import Region, Terrain, inset, is_rectangle
 from mission.planners.search import densest_feasible
-from mission.planners.sweep import Sweep, lawnmower_rows, sweep_angle
+from mission.planners.sweep import Sweep, sweep_angle
 
 U = Polygon([(0, 0), (90, 0), (90, 90), (60, 90), (60, 30), (30, 30), (30, 90), (0, 90)])
 POND = Polygon([(0, 0), (60, 0), (60, 60), (0, 60)], [[(20, 20), (20, 40), (40, 40), (40, 20)]])
@@ -148,7 +148,7 @@ def test_directions():
     assert sweep_angle(tilted, 0.5) == 0.5
     assert sweep_angle(shapely.box(0, 0, 20, 100)) == 0.0
     assert sweep_angle(shapely.box(0, 0, 20, 100), "fewest-turns") == pytest.approx(math.pi / 2)
-    for nonsense in ("y", math.nan):
+    for nonsense in ("y", math.nan, True, (1.0,)):
         with pytest.raises(PlanningError, match="direction"):
             sweep_angle(tilted, nonsense)
 
@@ -156,7 +156,7 @@ def test_directions():
 def test_rows_may_start_at_any_corner():
     area = shapely.box(0, 0, 30, 30)
     for start in ((0, 0), (30, 0), (30, 30), (0, 30)):
-        assert tuple(lawnmower_rows(area, 5, start)[0]) == start
+        assert tuple(Sweep(area, 0.0).pieces(5, start)[0][0]) == start
 
 
 @given(st.lists(st.integers(0, 12), min_size=1, max_size=80), st.integers(1, 500))

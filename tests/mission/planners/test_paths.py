@@ -16,21 +16,18 @@ from mission.errors import PlanningError
 from mission.planners import (
     CropArea,
     LengthBudget,
-    PlannedPath,
     PlanningRequest,
     StepBudget,
-    check_planner,
     coverage,
-    get_planner,
+    make_planner,
     path_length,
-    planner_names,
 )
 from mission.planners.adaptive_lawnmower import adaptive_lawnmower
 from mission.planners.connect import Terrain
 from mission.planners.lawnmower import lawnmower
 from mission.planners.random_waypoint import random_waypoint
 from mission.planners.spiral import SPACING_RATIO, rectangle_spiral, ring_from, spiral, spiral_pieces
-from mission.planners.sweep import Sweep, lawnmower_rows, sweep_angle
+from mission.planners.sweep import Sweep, sweep_angle
 
 GOLDEN = Path(__file__).parents[2] / "data" / "golden"
 SQUARE = shapely.box(0, 0, 30, 30)
@@ -112,7 +109,7 @@ def line_of(path):
 def test_paths_are_within_the_budget_and_inside_the_area(name, area, start, use, back, footprint, steps):
     request = problem(area, start, use, back, footprint, steps)
     try:
-        path = get_planner(name)(request)
+        path = make_planner(name)(request)
     except PlanningError as error:
         assert "too small" in str(error)  # the budget; nothing else is wrong with the request
         assert "\n" not in str(error)
@@ -128,11 +125,11 @@ def test_paths_are_within_the_budget_and_inside_the_area(name, area, start, use,
 def test_the_least_budget_of_the_error_suffices(name, area, start, back):
     request = problem(area, start, 0.002, back, 0.05)
     try:
-        get_planner(name)(request)
+        make_planner(name)(request)
     except PlanningError as error:
         least = float(str(error).split("needs at least ")[1].split()[0])
         budget = LengthBudget(least, request.start_xy_m if back else None)
-        path = get_planner(name)(
+        path = make_planner(name)(
             PlanningRequest(
                 area, request.start_xy_m, budget, request.footprint_m, request.crop_areas, request.seed
             )
@@ -177,7 +174,6 @@ def test_no_denser_spiral_is_feasible(area, start, use, back):
 
 def test_the_lawnmower_is_the_papers():
     golden = np.load(GOLDEN / "Miniberry-30_lawnmower_AD.npz")["waypoints"]
-    assert np.array_equal(lawnmower_rows(SQUARE, 11), golden)
     path = lawnmower(PlanningRequest(SQUARE, (0, 0), LengthBudget(360.0), footprint_m=0.0))
     assert np.array_equal(path.points_m, golden)
     assert (path.spacing_m, path.length_m) == (3.0, 360.0)
@@ -195,7 +191,9 @@ def test_the_spiral_is_the_papers():
 def test_the_adaptive_lawnmower_begins_as_the_papers():
     budget = LengthBudget(360.0)
     path = adaptive_lawnmower(PlanningRequest(SQUARE, (0, 0), budget, 0.0, SQUARE_CROPS))
-    assert np.array_equal(path.points_m[:14], lawnmower_rows(shapely.box(0, 15, 30, 30), 7))
+    assert np.array_equal(
+        path.points_m[:14], np.vstack(Sweep(shapely.box(0, 15, 30, 30), 0.0).pieces(7, (0, 0)))
+    )
     assert path.points_m[14].tolist() == [30.0, 15.0]
     assert path.points_m[14:, 1].max() == 15.0
     assert budget.cost(np.vstack(((0, 0), path.points_m))) <= 360.0
@@ -224,7 +222,7 @@ def test_a_ring_is_one_turn_less_the_gap():
 @pytest.mark.parametrize("name", ["lawnmower", "spiral"])
 def test_the_densest_plan_sees_all_cells(name):
     area = shapely.box(0, 0, 30 * 0.3048, 30 * 0.3048)
-    path = get_planner(name)(PlanningRequest(area, (0, 0), LengthBudget(1e6)))
+    path = make_planner(name)(PlanningRequest(area, (0, 0), LengthBudget(1e6)))
     assert path.spacing_m == pytest.approx(0.3048)
     # The paper's spiral leaves the border out where it turned in first.
     assert coverage(path, area, 0.3048) > (0.99 if name == "lawnmower" else 0.95)
@@ -287,7 +285,9 @@ def test_random_waypoints_are_uniform_over_the_area():
 @pytest.mark.parametrize("name", NAMES)
 def test_disconnected_fields_are_all_visited(name):
     fields = MultiPolygon([shapely.box(200 * i, 0, 200 * i + 50, 60 + 10 * i) for i in range(3)])
-    path = get_planner(name)(PlanningRequest(fields, (0, 0), LengthBudget(20_000.0), footprint_m=1.0, seed=1))
+    path = make_planner(name)(
+        PlanningRequest(fields, (0, 0), LengthBudget(20_000.0), footprint_m=1.0, seed=1)
+    )
     for field in fields.geoms:
         assert coverage(path, field, 5.0) > (0.5 if name == "random-waypoint" else 0.8)
     outside = line_of(path).difference(fields.buffer(1e-6))
@@ -304,7 +304,7 @@ def test_few_costs_are_asked_for(name, limit):
         CropArea(Crop.STRAWBERRY, shapely.box(0, 0, 400, 150)),
         CropArea(Crop.TOMATO, shapely.box(0, 150, 400, 300)),
     )
-    get_planner(name)(PlanningRequest(area, (0, 0), budget, crop_areas=crops))
+    make_planner(name)(PlanningRequest(area, (0, 0), budget, crop_areas=crops))
     assert budget.calls <= 25
 
 
@@ -317,7 +317,7 @@ def test_waterberry_is_planned_in_a_second(name):
     )
     for limit in (12_000.0, 300_000.0, 4e6):
         budget = LengthBudget(limit, farm.home_m)
-        path = get_planner(name)(PlanningRequest(farm.owner_area, farm.home_m, budget, crop_areas=crops))
+        path = make_planner(name)(PlanningRequest(farm.owner_area, farm.home_m, budget, crop_areas=crops))
         assert budget.cost(np.vstack((farm.home_m, path.points_m))) <= limit
         assert farm.owner_area.buffer(1e-6).covers(line_of(path))
 
@@ -346,63 +346,6 @@ def test_hostile_areas(name):
         start = area.representative_point().coords[0]
         limit = 20 * area.length
         budget = LengthBudget(limit, start)
-        path = get_planner(name)(PlanningRequest(area, start, budget, footprint_m=1.0, seed=2))
+        path = make_planner(name)(PlanningRequest(area, start, budget, footprint_m=1.0, seed=2))
         assert budget.cost(np.vstack((start, path.points_m))) <= limit, what
         assert area.buffer(1e-6).covers(line_of(path)), what
-
-
-def test_the_registry():
-    assert set(NAMES) <= set(planner_names())
-    assert get_planner(" Spiral ") is spiral
-    with pytest.raises(PlanningError, match="lawnmower") as caught:
-        get_planner("zigzag")
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_ours_conform(name):
-    check_planner(get_planner(name))
-
-
-def over_budget(request):
-    return PlannedPath(rectangle_spiral(request.area.bounds, 0.05), 0.05, "over")
-
-
-def outside(request):
-    return PlannedPath(np.array([request.start_xy_m]), None, "outside")
-
-
-def random_state(request):
-    np.random.default_rng()
-    np.random.rand()  # noqa: NPY002
-    return lawnmower(request)
-
-
-def different_each_time(request):
-    seed = np.random.default_rng().integers(1 << 30)
-    changed = PlanningRequest(request.area, request.start_xy_m, request.budget, seed=int(seed))
-    return random_waypoint(changed)
-
-
-def not_a_path(request):
-    return lawnmower(request).points_m
-
-
-def never(request):
-    raise PlanningError("not today")
-
-
-@pytest.mark.parametrize(
-    ("planner", "text"),
-    [
-        (over_budget, "costs"),
-        (outside, "leaves"),
-        (random_state, "global generator"),
-        (different_each_time, "different"),
-        (not_a_path, "not a PlannedPath"),
-        (never, "no path"),
-    ],
-)
-def test_the_kit_finds_what_is_wrong(planner, text):
-    with pytest.raises(AssertionError, match=text):
-        check_planner(planner)

@@ -15,7 +15,7 @@ from mission.link.codec.dialect import mavlink
 from sensors.camera.leaf_camera import LeafCamera, LeafCameraOptions
 from sensors.camera.wire import ObservationAssembler
 from sim_vehicle.camera.component import LeafCameraComponent
-from sim_vehicle.host.component import Component
+from sim_vehicle.component import Component
 
 FARM = get_farm("miniberry-100")
 GROUND = (255, 190)

@@ -10,7 +10,8 @@ from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.energy.endurance import best_speeds, endurance_s
 from sim_vehicle.energy.power import flight_power_w
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.motion.model import MotionEvent, Route
+from sim_vehicle.motion.legs import Leg, Route
+from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.motion.multirotor.model import Multirotor
 from wbf_mission.cli.app import main
 
@@ -36,10 +37,10 @@ def test_a_flight_lasts_as_long_as_published(name):
     vehicle = get_vehicle(name)
     told = vehicle.published
     motion = Multirotor(vehicle)
-    motion.fly(Route.to(0.0, 0.0, 5.0, speed_m_s=vehicle.cruise_speed_m_s))
+    motion.fly(Route.through([Leg((0.0, 0.0, 5.0), vehicle.cruise_speed_m_s)]))
     assert motion.advance(10_000) is MotionEvent.REACHED
     if told.airspeed_m_s > 0.0:
-        motion.fly(Route.to(20_000.0, 0.0, 5.0, speed_m_s=told.airspeed_m_s))
+        motion.fly(Route.through([Leg((20_000.0, 0.0, 5.0), told.airspeed_m_s)]))
     assert motion.advance(400_000) is MotionEvent.ENERGY
     assert motion.time_s / 60.0 == pytest.approx(told.endurance_min, rel=0.05)
 

@@ -23,9 +23,9 @@ class Rig:
         self.pilot = self.vehicle.pilot
         self.now_s, self.texts = 0.0, []
         for name, value in tuning.items():
-            assert hasattr(self.pilot.tuning, name)
-            setattr(self.pilot.tuning, name, value)
-        self.pilot.retune()
+            assert hasattr(self.pilot.parameters, name)
+            setattr(self.pilot.parameters, name, value)
+        self.pilot.apply_parameters()
         self.run(0.1)
 
     def run(self, seconds, until=None):
@@ -137,9 +137,9 @@ def test_a_short_sag_is_forgiven():
     rig = Rig(ARDUPILOT, SOFT, low_voltage_v=16.2, low_voltage_timer_s=60.0)
     rig.aloft()
     rig.run(5.0)
-    rig.pilot.tuning.low_voltage_v = 12.0
+    rig.pilot.parameters.low_voltage_v = 12.0
     rig.run(1.0)
-    rig.pilot.tuning.low_voltage_v = 16.2
+    rig.pilot.parameters.low_voltage_v = 16.2
     rig.run(50.0)
     assert not any("Battery" in text for text in rig.texts)
     rig.run(15.0)
@@ -154,6 +154,6 @@ def test_a_pack_below_the_voltage_does_not_arm():
 
 def test_the_default_of_three_cells_does_not_ground_a_pack_of_two():
     rig = Rig(ARDUPILOT, get_vehicle("mini-quad"))
-    assert rig.pilot.tuning.low_voltage_v == 0.0
+    assert rig.pilot.parameters.low_voltage_v == 0.0
     rig.aloft()
-    assert Rig(ARDUPILOT).pilot.tuning.low_voltage_v == 10.5
+    assert Rig(ARDUPILOT).pilot.parameters.low_voltage_v == 10.5

@@ -22,6 +22,7 @@ from sim_vehicle.execution.state import (
     Phase,
     TargetReached,
 )
+from sim_vehicle.motion.legs import Heading
 from sim_vehicle.weather.wind import Wind
 
 HOME = LocalFrame(28.05, -82.15, 30.0)
@@ -320,7 +321,7 @@ def test_direct_targets():
     events = vehicle.advance(15.0)
     assert [type(event) for event in events] == [TargetReached]
     assert vehicle.phase is Phase.HOLD
-    vehicle.goto(30.0, -20.0, 20.0, yaw_rad=1.0, speed_m_s=4.0)
+    vehicle.goto(30.0, -20.0, 20.0, heading=Heading.fixed(1.0), speed_m_s=4.0)
     assert isinstance(vehicle.advance(50.0)[0], TargetReached)
     state = vehicle.state()
     assert state.position_m == pytest.approx((30.0, -20.0, 20.0), abs=0.02)
@@ -439,27 +440,27 @@ def test_changes_in_flight():
     vehicle.set_speed(2.0)
     vehicle.advance(11.0)
     assert math.hypot(*vehicle.state().velocity_m_s) == pytest.approx(2.0, abs=0.05)
-    vehicle.respec(replace(QUAD, acceptance_radius_m=0.3, return_altitude_m=30.0))
+    vehicle.update_spec(replace(QUAD, acceptance_radius_m=0.3, return_altitude_m=30.0))
     vehicle.load([takeoff(), wp(0, 5), RTL])
     assert vehicle.phase is Phase.HOLD
     assert vehicle.current_seq == 0
     vehicle.start()
     assert reached(fly(vehicle)) == [0, 1, 2]
     with pytest.raises(VehicleError, match="another kind"):
-        vehicle.respec(IDEAL)
+        vehicle.update_spec(IDEAL)
 
 
 def test_the_attitude_shows_the_acceleration():
     vehicle = executor()
     vehicle.takeoff(10.0)
     vehicle.advance(12.0)
-    vehicle.goto(0.0, 200.0, 10.0, yaw_rad=0.0)
+    vehicle.goto(0.0, 200.0, 10.0, heading=Heading.fixed(0.0))
     vehicle.advance(13.0)
     state = vehicle.state()
     assert state.acceleration_m_s2[1] > 2.0
     assert -0.4 < state.pitch_rad < -0.2
     assert abs(state.roll_rad) < 0.02
-    vehicle.goto(0.0, 200.0, 10.0, yaw_rad=-math.pi / 2)
+    vehicle.goto(0.0, 200.0, 10.0, heading=Heading.fixed(-math.pi / 2))
     vehicle.advance(20.0)
     assert state.battery.voltage_v > 15.0
     assert vehicle.state().roll_rad > 0.01

@@ -26,6 +26,7 @@ from sim_vehicle.execution.state import (
     Phase,
     TargetReached,
 )
+from sim_vehicle.motion.legs import ALONG, Heading
 from sim_vehicle.prediction.predict import predict_flight
 
 HOME = LocalFrame(28.05, -82.15, 30.0)
@@ -290,13 +291,13 @@ def aloft(height_m=30.0, spec=QUAD):
 
 def test_velocities_and_places_by_turns():
     vehicle = aloft()
-    vehicle.steer((3.0, 4.0, 0.0), yaw_rad=math.nan)
+    vehicle.steer((3.0, 4.0, 0.0), heading=ALONG)
     assert vehicle.phase is Phase.STEERED
     assert vehicle.advance(60.0) == []
     state = vehicle.state()
     assert state.velocity_m_s == pytest.approx((3.0, 4.0, 0.0), abs=1e-4)
     assert state.yaw_rad == pytest.approx(math.atan2(3, 4), abs=1e-4)
-    vehicle.goto(0.0, 0.0, 20.0, turn_rad_s=0.3)
+    vehicle.goto(0.0, 0.0, 20.0, heading=Heading.turning(0.3))
     assert vehicle.advance(61.0) == []
     assert vehicle.state().yaw_rate_rad_s == pytest.approx(0.3)
     assert isinstance(vehicle.advance(120.0)[0], TargetReached)

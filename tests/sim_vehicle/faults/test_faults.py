@@ -15,6 +15,7 @@ from mission.transfer.driver import TransferDriver
 from sim_vehicle.airframe.spec import get_vehicle
 from sim_vehicle.faults.fault import KINDS, Fault, FaultError, load_faults, parse_fault
 from sim_vehicle.faults.session import FaultSession
+from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
 
@@ -188,8 +189,9 @@ def test_one_direction_only():
 
 @pytest.mark.parametrize("link", ["radio", "1"])
 def test_links_are_named_or_numbered(link):
-    _, hit, _ = simulate(f"link-loss,link={link}")
-    other = hit._simulation.open_link("cable")
+    vehicle = SimVehicle(get_vehicle("quad"), HOME)
+    simulation = Simulation([vehicle], faults=[f"link-loss,link={link}"])
+    hit, other = simulation.open_link("radio"), simulation.open_link("cable")
     hit.sleep(3.0)
     assert hit.receive() == []
     assert other.receive()
@@ -381,3 +383,12 @@ def test_a_session_combines_what_holds_at_once():
     assert FaultSession(["loss=0.5,link=2"]).link("x", 1) is None
     assert FaultSession(["loss=0.5,link=14550"]).link("udpout:127.0.0.1:14550", 1) is not None
     assert FaultSession(["loss=0.5,link=14540"]).link("udpout:127.0.0.1:14550", 14540) is None
+
+
+@pytest.mark.parametrize("fault", ["loss=0.1,vehicle=9", "gps-loss,vehicle=2", "drop=HEARTBEAT,vehicle=3"])
+def test_a_fault_of_a_vehicle_that_is_not_there_is_refused(fault):
+    vehicle = SimVehicle(get_vehicle("quad"), HOME)
+    with pytest.raises(FaultError, match=r"no vehicle \d; the systems are 1$"):
+        Simulation([vehicle], faults=[fault])
+    with pytest.raises(FaultError, match="no vehicle"):
+        Server([vehicle], ["tcpin:127.0.0.1:0"], faults=[fault])

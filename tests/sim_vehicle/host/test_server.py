@@ -9,8 +9,8 @@ import pytest
 
 from mission.errors import LinkError
 from mission.link.codec.dialect import mavlink
+from sim_vehicle.component import NEVER
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.host.component import NEVER
 from sim_vehicle.host.server import Server, default_urls
 from sim_vehicle.host.simulation import StopReason
 

@@ -3,8 +3,8 @@
 import pytest
 
 from mission.link.codec.dialect import mavlink
+from sim_vehicle.component import NEVER
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.host.component import NEVER
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
 
 

@@ -178,7 +178,7 @@ def test_mavsdk_reads_and_sets_parameters(sdk):
         assert flying.vehicle.pilot.spec.cruise_speed_m_s == 6.5
         assert param.get_param_int("MAV_SYS_ID") == 1
         param.set_param_int("COM_LOW_BAT_ACT", 0)
-        assert flying.vehicle.pilot.tuning.low_battery_action == 0
+        assert flying.vehicle.pilot.parameters.low_battery_action == 0
         everything = param.get_all_params()
         assert "RTL_RETURN_ALT" in {p.name for p in everything.float_params}
 

@@ -9,8 +9,8 @@ from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
 from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.component import NEVER
 from sim_vehicle.energy.battery import WH_J
-from sim_vehicle.host.component import NEVER
 from sim_vehicle.host.simulation import Simulation, StopReason
 from sim_vehicle.mavlink import ARDUPILOT, PX4, Mode, Outcome, SimVehicle
 
@@ -330,7 +330,7 @@ def test_low_battery_returns_and_lands():
 def test_a_dead_battery_ends_the_flight_where_it_is():
     def prepare(vehicle):
         drain(0.03)(vehicle)
-        vehicle.pilot.tuning.low_battery_action = 0
+        vehicle.pilot.parameters.low_battery_action = 0
 
     force = command(m.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, 21196.0)
     vehicle, ground, reason, _ = fly(LONG, [(2.0, force), (2.2, START)], prepare=prepare)

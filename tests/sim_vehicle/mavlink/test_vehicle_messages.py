@@ -12,8 +12,8 @@ from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
 from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.component import Component
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.host.component import Component
 from sim_vehicle.mavlink import ARDUPILOT, PX4, Mode, Outcome, SimVehicle, get_persona, persona_names
 from sim_vehicle.mavlink.commands import HANDLERS
 from sim_vehicle.mavlink.parameters import parameter_table

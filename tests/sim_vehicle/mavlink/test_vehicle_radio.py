@@ -10,7 +10,7 @@ from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
 from mission.transfer import MissionDownload, MissionUpload
 from mission.transfer.events import DownloadComplete, UploadComplete
 from sim_vehicle.airframe.spec import get_vehicle
-from sim_vehicle.host.component import NEVER
+from sim_vehicle.component import NEVER
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
 from sim_vehicle.mavlink import ARDUPILOT, PX4, SimVehicle
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from recordings import compare, fly_recording, load_recording
 
 from geo.frame import LocalFrame
 from mission.model import Command, MissionItem
@@ -22,8 +23,8 @@ from sim_vehicle.execution.state import CannotFly, FlightEvent, ItemReached
 from sim_vehicle.motion.arducopter import layout as at
 from sim_vehicle.motion.arducopter import scurve
 from sim_vehicle.motion.arducopter.model import ArduCopter
-from sim_vehicle.motion.model import LegKind, MotionEvent, Route
-from sim_vehicle.recordings import compare, fly_recording, load_recording
+from sim_vehicle.motion.legs import KEEP, Leg, LegKind, Route
+from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.weather.wind import Wind
 
 FLIGHTS = Path(__file__).parents[2] / "data" / "flights"
@@ -96,7 +97,7 @@ def speeds(items: list[MissionItem], spec: VehicleSpec = QUAD, step_s: float = 0
     rows = []
     while executor.armed and executor.time_s < 2000.0:
         executor.advance(executor.time_s + step_s)
-        rows.append((executor.time_s, *executor.motion.numbers()[:6]))
+        rows.append((executor.time_s, *executor.motion.state[:6].tolist()))
     return np.array(rows)
 
 
@@ -208,9 +209,9 @@ def test_an_order_changes_the_speed_without_a_stop() -> None:
     slowest = 9.0
     for now in np.arange(25.1, 40.0, 0.1):
         executor.advance(float(now))
-        slowest = min(slowest, executor.motion.numbers()[4])
+        slowest = min(slowest, executor.motion.snapshot().velocity_m_s[1])
     assert slowest > 4.9
-    assert executor.motion.numbers()[4] == pytest.approx(9.0, abs=0.1)
+    assert executor.motion.snapshot().velocity_m_s[1] == pytest.approx(9.0, abs=0.1)
 
 
 def test_takeoff_is_straight_up_wherever_its_place_is() -> None:
@@ -222,20 +223,20 @@ def test_takeoff_is_straight_up_wherever_its_place_is() -> None:
 
 
 def test_return_follows_its_parameters() -> None:
-    def rows(spec: VehicleSpec, z: float = 10.0, x: float = 100.0) -> list[tuple[float, ...]]:
-        return autopilot_of(spec).return_rows(spec, (x, 0.0, z), 5.0, (0.0, 0.0, 0.0))
+    def legs(spec: VehicleSpec, z: float = 10.0, x: float = 100.0) -> list[Leg]:
+        return autopilot_of(spec).return_legs(spec, (x, 0.0, z), 5.0, (0.0, 0.0, 0.0))
 
-    assert [row[7] for row in rows(QUAD)] == [LegKind.CLIMB, LegKind.HOME, LegKind.LAND]
-    assert rows(QUAD)[0][2] == 15.0
-    assert rows(QUAD)[1][4] == 10.0
-    assert rows(QUAD)[1][8] == 5.0
-    assert rows(QUAD, x=2.0, z=4.0)[0][2] == 6.0
-    assert rows(QUAD, z=25.0)[0][2] == 25.0
+    assert [leg.kind for leg in legs(QUAD)] == [LegKind.CLIMB, LegKind.HOME, LegKind.LAND]
+    assert legs(QUAD)[0].end_m[2] == 15.0
+    assert legs(QUAD)[1].speed_m_s == 10.0
+    assert legs(QUAD)[1].pause_s == 5.0
+    assert legs(QUAD, x=2.0, z=4.0)[0].end_m[2] == 6.0
+    assert legs(QUAD, z=25.0)[0].end_m[2] == 25.0
     other = quad(RTL_ALT=3000, RTL_SPEED=400, RTL_LOIT_TIME=0, RTL_CLIMB_MIN=500, RTL_CONE_SLOPE=0)
-    assert rows(other, x=2.0, z=4.0)[0][2] == 30.0
-    assert rows(other, z=28.0)[0][2] == 33.0
-    assert rows(other)[1][4] == 4.0
-    assert rows(other)[1][8] == 0.0
+    assert legs(other, x=2.0, z=4.0)[0].end_m[2] == 30.0
+    assert legs(other, z=28.0)[0].end_m[2] == 33.0
+    assert legs(other)[1].speed_m_s == 4.0
+    assert legs(other)[1].pause_s == 0.0
 
 
 @pytest.mark.parametrize(
@@ -323,16 +324,16 @@ def test_the_nose_leads_unless_it_is_kept() -> None:
         executor.start()
         while executor.current_seq < 3:
             executor.advance(executor.time_s + 1.0)
-        assert math.remainder(executor.motion.numbers()[9] - wanted, 2.0 * math.pi) == pytest.approx(
-            0.0, abs=0.1
-        )
+        assert math.remainder(
+            executor.motion.snapshot().heading_rad - wanted, 2.0 * math.pi
+        ) == pytest.approx(0.0, abs=0.1)
 
 
 def test_attitude_and_throttle() -> None:
     vehicle = ArduCopter(QUAD)
     assert vehicle.attitude() is None
     vehicle.state[2] = 10.0
-    vehicle.fly(Route.through([(0.0, 300.0, 10.0, 0.0, 9.0, math.inf, 0.0)]))
+    vehicle.fly(Route.through([Leg((0.0, 300.0, 10.0), 9.0, heading=KEEP)]))
     vehicle.advance(900)
     attitude = vehicle.attitude()
     assert attitude is not None
@@ -406,7 +407,9 @@ def test_every_mission_ends_and_does_not_depend_on_the_cuts(
 
 
 ORDERS = st.tuples(
-    st.sampled_from(["hold", "goto", "speed", "start", "home", "land", "jump", "steer", "respec", "orbit"]),
+    st.sampled_from(
+        ["hold", "goto", "speed", "start", "home", "land", "jump", "steer", "update_spec", "orbit"]
+    ),
     st.floats(0.5, 20.0),
     st.floats(-1.0, 1.0),
     st.floats(-1.0, 1.0),
@@ -434,7 +437,7 @@ def test_whatever_is_ordered_it_comes_home(
             "land": executor.land,
             "jump": lambda a=a: executor.set_current(round(2.0 + 1.9 * a)),
             "steer": lambda a=a, b=b: executor.steer((5.0 * a, 5.0 * b, 2.0 * a)),
-            "respec": lambda a=a: executor.respec(
+            "update_spec": lambda a=a: executor.update_spec(
                 quad(WPNAV_SPEED=800.0 + 700.0 * a, WPNAV_ACCEL=275.0 + 200.0 * a)
             ),
             "orbit": lambda b=b: executor.orbit(0.0, 0.0, 10.0, 11.0 + 9.0 * b, 3.0),
@@ -457,7 +460,7 @@ def test_whatever_is_ordered_it_comes_home(
 def test_the_same_leg_goes_on_when_a_route_begins_with_it() -> None:
     vehicle = ArduCopter(QUAD)
     vehicle.state[2] = 10.0
-    row = (0.0, 80.0, 10.0, 0.0, 5.0, math.nan, 0.0)
+    row = Leg((0.0, 80.0, 10.0), 5.0)
     vehicle.fly(Route.through([row]))
     vehicle.advance(500)
     before = vehicle.guide[at.PX : at.PX + 6].copy()
@@ -479,4 +482,4 @@ def test_an_orbit_is_flown_without_stops_by_either_autopilot() -> None:
         executor.advance(60.0)
         for now in np.arange(60.2, 70.0, 0.2):
             executor.advance(float(now))
-            assert math.hypot(*executor.motion.numbers()[3:5]) > 0.8
+            assert math.hypot(*executor.motion.snapshot().velocity_m_s[:2]) > 0.8

@@ -1,4 +1,3 @@
-import math
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -12,7 +11,8 @@ from sim_vehicle.airframe.spec import get_vehicle
 from sim_vehicle.autopilot import autopilot_of, with_autopilot
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion.batch import VehicleBatch
-from sim_vehicle.motion.model import LegKind, MotionEvent, Route
+from sim_vehicle.motion.legs import KEEP, Leg, LegKind, Route
+from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.prediction.predict import predict_flight, predict_flights
 from sim_vehicle.weather.wind import Turbulence, Wind, WindShear
 
@@ -43,12 +43,21 @@ def fleet(name, autopilot, winds):
 
 def route(rng, legs, scale=60.0):
     """A random way: a take-off, corners, one of them with a pause, and a stop."""
-    rows = [(0.0, 0.0, 12.0, 0.0, 5.0, math.inf, 0.0, LegKind.TAKEOFF)]
+    rows = [Leg((0.0, 0.0, 12.0), 5.0, heading=KEEP, kind=LegKind.TAKEOFF)]
     for k in range(legs):
         x, y = rng.uniform(-scale, scale, 2).tolist()
         z = float(rng.uniform(8.0, 20.0))
         pause = 1.5 if k == 1 else 0.0
-        rows.append((x, y, z, 1.5, float(rng.uniform(2.0, 7.0)), math.nan, 4.0, LegKind.WAYPOINT, pause))
+        rows.append(
+            Leg(
+                (x, y, z),
+                float(rng.uniform(2.0, 7.0)),
+                radius_m=1.5,
+                kind=LegKind.WAYPOINT,
+                near_m=4.0,
+                pause_s=pause,
+            )
+        )
     return Route.through(rows)
 
 
@@ -59,7 +68,7 @@ def assert_same(ones, others):
             assert (a is None) == (b is None)
             if a is not None:
                 np.testing.assert_array_equal(a, b, err_msg=name)
-        assert one.numbers() == pytest.approx(other.numbers(), abs=0.0, nan_ok=True)
+        assert one.snapshot() == other.snapshot()
 
 
 @pytest.mark.parametrize(("name", "autopilot"), KINDS)
@@ -111,11 +120,11 @@ def test_orders_in_between_and_threads_change_nothing(autopilot):
             group[0].steer((1.0, 2.0, 0.0))
             group[1].look_at((5.0, 5.0))
             group[1].set_climb(1.0, 0.5)
-            group[2].respec(with_autopilot(get_vehicle("mini-quad"), autopilot))
+            group[2].update_spec(with_autopilot(get_vehicle("mini-quad"), autopilot))
             group[2].use_energy(100.0)
         both(300)
         for group in (singles, many):
-            group[0].fly(Route.to(3.0, 4.0, 10.0, speed_m_s=3.0))
+            group[0].fly(Route.through([Leg((3.0, 4.0, 10.0), 3.0)]))
             group[1].touch_down()
             group[1].rest(50, armed=True)
             group[2].ignore_energy()
@@ -127,7 +136,7 @@ def test_tracks_are_written():
     for group in (singles, many):
         for k, vehicle in enumerate(group):
             vehicle.track, vehicle.track_every = np.zeros((50, 3)), 1 + k
-            vehicle.fly(Route.to(20.0, 5.0 * k, 10.0, speed_m_s=4.0))
+            vehicle.fly(Route.through([Leg((20.0, 5.0 * k, 10.0), 4.0)]))
     VehicleBatch(many).advance(2000)
     for vehicle in singles:
         vehicle.advance(2000)
@@ -151,7 +160,7 @@ def test_a_batch_is_of_one_kind():
 def test_robots_without_a_kernel_are_moved_one_by_one():
     robots = fleet("ideal", "px4", [None] * 3)
     for k, robot in enumerate(robots):
-        robot.fly(Route.to(3.0 * k, 0.0, 1.0, speed_m_s=1.0))
+        robot.fly(Route.through([Leg((3.0 * k, 0.0, 1.0), 1.0)]))
     assert VehicleBatch(robots).advance(1000, stop_each=False).tolist() == [1, 1, 1]
     assert [robot.position_m[0] for robot in robots] == [0.0, 3.0, 6.0]
 

@@ -16,13 +16,13 @@ from sim_vehicle.execution.executor import MissionExecutor, check_mission
 from sim_vehicle.execution.state import BatteryDepleted, CannotFly, Disarmed, ItemReached, LandedState, Phase
 from sim_vehicle.motion.fixed_wing import kernel as wing
 from sim_vehicle.motion.fixed_wing.model import FixedWing
-from sim_vehicle.motion.model import LegKind, MotionEvent, Route
+from sim_vehicle.motion.legs import Circle, Leg, LegKind, Route
+from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.prediction.predict import predict_flight
 from sim_vehicle.weather.wind import Wind
 
 HOME = LocalFrame(28.05, -82.15)
 G = 9.80665
-NAN = math.nan
 LOITER = LegKind.LOITER
 
 
@@ -43,7 +43,7 @@ def airborne(spec, wind=None, height=60.0, *then):
     """Return a motion that took off, and circles or flies on."""
     motion = motion_of(spec, wind)
     speed = spec.cruise_speed_m_s
-    motion.fly(Route.through([(0.0, 0.0, height, 0.0, speed, NAN, 0.0, LegKind.TAKEOFF), *then]))
+    motion.fly(Route.through([Leg((0.0, 0.0, height), speed, kind=LegKind.TAKEOFF), *then]))
     while motion.arrivals[0] < 0:
         assert motion.advance(50_000) is MotionEvent.REACHED
     return motion
@@ -58,7 +58,7 @@ def record(motion, seconds, every=5):
 
 
 def circle(x, y, z, radius, speed, turns=0.0, pause=0.0):
-    return (x, y, z, 0.0, speed, NAN, 0.0, LOITER, pause, radius, turns)
+    return Leg((x, y, z), speed, kind=LOITER, pause_s=pause, circle=Circle(radius, turns))
 
 
 def item(command, x, y, z, *params):
@@ -123,7 +123,7 @@ def test_the_tightest_turn_is_that_of_the_bank_limit(autopilot):
 def test_the_bank_follows_with_a_lag(autopilot):
     spec = SPECS[autopilot]
     motion = airborne(spec)
-    motion.fly(Route.through([(500.0, -800.0, 60.0, 1.0, spec.cruise_speed_m_s, NAN, 0.0)]))
+    motion.fly(Route.through([Leg((500.0, -800.0, 60.0), spec.cruise_speed_m_s, radius_m=1.0)]))
     states = record(motion, 10.0, every=1)
     rates = np.abs(np.diff(states[:, wing.BANK])) / motion.step_s
     assert rates.max() <= motion.law.roll_rate + 1e-9
@@ -138,7 +138,7 @@ def test_the_bank_follows_with_a_lag(autopilot):
 def test_a_leg_is_followed_in_a_steady_wind(autopilot, wind):
     spec = SPECS[autopilot]
     speed = spec.cruise_speed_m_s
-    rows = [(0.0, 600.0, 60.0, 1.0, speed, NAN, 0.0), (4000.0, 600.0, 60.0, 1.0, speed, NAN, 0.0)]
+    rows = [Leg((0.0, 600.0, 60.0), speed, radius_m=1.0), Leg((4000.0, 600.0, 60.0), speed, radius_m=1.0)]
     motion = airborne(spec, wind, 60.0, *rows)
     while motion.leg < 2:
         assert motion.advance(100_000) is MotionEvent.REACHED
@@ -166,7 +166,7 @@ def test_a_wind_beyond_the_airspeed_is_given_up(autopilot):
 
 
 def test_least_ground_speed_of_px4_raises_the_airspeed():
-    motion = airborne(SPECS["px4"], Wind(-13.0, 0.0), 60.0, (3000.0, 300.0, 60.0, 1.0, 15.0, NAN, 0.0))
+    motion = airborne(SPECS["px4"], Wind(-13.0, 0.0), 60.0, Leg((3000.0, 300.0, 60.0), 15.0, radius_m=1.0))
     motion.advance(4000)
     states = record(motion, 20.0)
     assert states[:, wing.AIRSPEED].max() == pytest.approx(18.0, abs=0.7)
@@ -237,8 +237,8 @@ def test_a_waypoint_that_is_passed_counts(autopilot):
     motion = airborne(spec, None, 60.0)
     x, y, _ = motion.position_m
     # Far aside, and behind the vehicle at once.
-    rows = [(x, y + 400.0, 60.0, 1.0, speed, NAN, 0.0), (x + 2.0, y + 401.0, 60.0, 1.0, speed, NAN, 0.0),
-            (x + 400.0, y + 401.0, 60.0, 1.0, speed, NAN, 0.0)]  # fmt: skip
+    corners = [(x, y + 400.0), (x + 2.0, y + 401.0), (x + 400.0, y + 401.0)]
+    rows = [Leg((*corner, 60.0), speed, radius_m=1.0) for corner in corners]
     motion.fly(Route.through(rows))
     while motion.arrivals[-1] < 0:
         assert motion.advance(20_000) is MotionEvent.REACHED
@@ -253,7 +253,7 @@ def test_take_off_by_hand_and_from_a_runway(autopilot):
     runway = {"px4": {"RWTO_TKOFF": 1.0}, "ardupilot": {"TKOFF_ROTATE_SPD": 11.0}}[autopilot]
     thrown, rolled = motion_of(SPECS[autopilot]), motion_of(plane(autopilot, **runway))
     for motion in (thrown, rolled):
-        motion.fly(Route.through([(0.0, 150.0, 40.0, 0.0, 15.0, NAN, 0.0, LegKind.TAKEOFF)]))
+        motion.fly(Route.through([Leg((0.0, 150.0, 40.0), 15.0, kind=LegKind.TAKEOFF)]))
         assert motion.advance(10_000) is MotionEvent.REACHED
         assert motion.position_m[2] == pytest.approx(40.0, abs=0.2)
         assert abs(motion.position_m[0]) < 2.0
@@ -275,14 +275,14 @@ def test_a_landing_touches_down_at_its_place(autopilot, wind):
         executor.advance(executor.time_s + 0.1)
         x, y, z = executor.motion.position_m
         if z == 0.0 and before[2] > 0.0 and executor.landed is LandedState.LANDING:
-            touched = (x, y, executor.motion.numbers()[5], executor.motion.state[wing.PITCH])
+            touched = (x, y, executor.motion.snapshot().velocity_m_s[2], executor.motion.state[wing.PITCH])
         before = (x, y, z)
     assert executor.landed is LandedState.ON_GROUND
     assert touched is not None
     assert abs(touched[0]) < 6.0
     assert -30.0 < touched[1] < 60.0
     # Rolled out and at rest.
-    assert math.hypot(*executor.motion.numbers()[3:5]) == 0.0
+    assert math.hypot(*executor.motion.snapshot().velocity_m_s[:2]) == 0.0
     assert 0.0 <= before[1] - touched[1] < 60.0
 
 
@@ -452,9 +452,7 @@ def test_every_mission_ends_or_is_given_up_with_a_reason(items, wind, autopilot)
         assert prediction.track_m[:, 2].min() >= 0.0
 
 
-LEG = st.tuples(
-    *PLACE_PARTS, st.sampled_from([0.0, 1.0, 1.0, 60.0]), st.floats(8.0, 25.0), st.just(NAN), st.just(0.0)
-)
+LEG = st.builds(Leg, PLACE, st.floats(8.0, 25.0), st.sampled_from([0.0, 1.0, 1.0, 60.0]))
 
 
 @settings(max_examples=20, deadline=None)
@@ -462,8 +460,8 @@ LEG = st.tuples(
     st.lists(LEG, min_size=1, max_size=5), WINDS, st.sampled_from(["px4", "ardupilot"]), st.integers(2, 400)
 )
 def test_the_flight_does_not_depend_on_how_it_is_stepped(legs, wind, autopilot, chunk):
-    rows = [(0.0, 0.0, 30.0, 0.0, 15.0, NAN, 0.0, LegKind.TAKEOFF), *legs]
-    rows.append((0.0, 0.0, 0.0, 0.0, -10.0, NAN, 0.0, LegKind.LAND))
+    rows = [Leg((0.0, 0.0, 30.0), 15.0, kind=LegKind.TAKEOFF), *legs]
+    rows.append(Leg((0.0, 0.0, 0.0), 10.0, kind=LegKind.LAND))
 
     def end(steps, stop_each):
         motion = motion_of(SPECS[autopilot], wind)
@@ -498,7 +496,7 @@ def test_predictions_agree_with_the_flight(autopilot):
 
 def test_power_is_that_of_level_flight():
     spec = plane(endless=False)
-    motion = airborne(spec, None, 60.0, (0.0, 5000.0, 60.0, 1.0, 15.0, NAN, 0.0))
+    motion = airborne(spec, None, 60.0, Leg((0.0, 5000.0, 60.0), 15.0, radius_m=1.0))
     motion.advance(3000)
     states = record(motion, 20.0)
     # Drag of the polar at 15 m/s over the efficiency, and avionics: see the vehicle's file.

@@ -5,7 +5,8 @@ import pytest
 
 from sim_vehicle.airframe.spec import get_vehicle
 from sim_vehicle.motion.ideal import IdealRobot, ideal_positions
-from sim_vehicle.motion.model import MotionEvent, Route
+from sim_vehicle.motion.legs import Leg, Route
+from sim_vehicle.motion.model import MotionEvent
 
 GOLDEN = Path(__file__).parents[2] / "data" / "golden"
 IDEAL = get_vehicle("ideal")
@@ -27,7 +28,7 @@ def test_without_repeat_it_stays_and_without_waypoints_too():
 
 
 def route(*cells, z=0.0):
-    return Route.through([(x * CELL, y * CELL, z, 0.1, 1.0, np.nan, 0.0) for x, y in cells])
+    return Route.through([Leg((x * CELL, y * CELL, z), 1.0, radius_m=0.1) for x, y in cells])
 
 
 def test_the_motion_model_visits_the_same_cells():
@@ -59,7 +60,7 @@ def test_batches_do_not_matter():
 
 def test_heights_take_no_time_and_a_waypoint_here_takes_a_step():
     robot = IdealRobot(IDEAL)
-    robot.fly(Route.to(0.0, 0.0, 5.0, speed_m_s=1.0))
+    robot.fly(Route.through([Leg((0.0, 0.0, 5.0), 1.0)]))
     assert robot.advance(10) is MotionEvent.REACHED
     assert (robot.step, robot.position_m) == (0, (0.0, 0.0, 5.0))
     robot.fly(route((0, 0), (1, 0), z=5.0))
@@ -67,10 +68,10 @@ def test_heights_take_no_time_and_a_waypoint_here_takes_a_step():
     assert robot.step == 1
     assert robot.advance(10) is MotionEvent.REACHED
     assert robot.step == 2
-    assert robot.numbers()[3] == pytest.approx(CELL)
+    assert robot.snapshot().velocity_m_s[0] == pytest.approx(CELL)
     assert robot.advance(10) is MotionEvent.RAN
     assert robot.step == 12
-    assert robot.numbers()[3] == 0.0
+    assert robot.snapshot().velocity_m_s[0] == 0.0
 
 
 def test_the_track_has_every_step():

@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sim_vehicle.airframe.spec import get_vehicle
-from sim_vehicle.motion.model import MotionEvent, Route
+from sim_vehicle.motion.legs import ALONG, KEEP, Heading, Leg, Route
+from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.motion.multirotor.kernel import stopping_distance
 from sim_vehicle.motion.multirotor.model import Multirotor
 from sim_vehicle.weather.wind import Wind
@@ -16,7 +17,6 @@ REAL = get_vehicle("quad")
 # Some legs here are longer than a battery.
 QUAD = replace(REAL, battery=None)
 STEP = QUAD.step_s
-AHEAD = math.nan
 
 
 def fly(legs, *, wind=None, spec=QUAD, chunk=1, vehicle=None, limit=400_000):
@@ -50,10 +50,9 @@ def check_limits(states, spec=QUAD):
 def leg(size, low, high):
     coordinate = st.floats(-size, size)
     radius = st.sampled_from([0.0, 0.1, 0.5, 1.0, 3.0])
-    heading = st.sampled_from([math.nan, math.inf, 0.0, 2.0, -7.0])
-    return st.tuples(
-        coordinate, coordinate, st.floats(low, high), radius, st.floats(0.5, 20.0), heading, st.just(0.0)
-    )
+    heading = st.sampled_from([ALONG, KEEP, *map(Heading.fixed, (0.0, 2.0, -7.0))])
+    end = st.tuples(coordinate, coordinate, st.floats(low, high))
+    return st.builds(Leg, end, st.floats(0.5, 20.0), radius, heading)
 
 
 FARMS = st.one_of(
@@ -69,9 +68,9 @@ def test_limits_hold_and_every_leg_is_flown(legs):
     vehicle, states, event = fly(legs)
     assert event is MotionEvent.REACHED
     check_limits(states)
-    for (x, y, z, radius, *_), when in zip(legs[:-1], vehicle.arrivals, strict=False):
-        assert np.linalg.norm(states[when, :3] - (x, y, z)) <= max(radius, 0.05) + 1e-9
-    assert np.linalg.norm(states[-1, :3] - legs[-1][:3]) <= 0.05
+    for leg, when in zip(legs[:-1], vehicle.arrivals, strict=False):
+        assert np.linalg.norm(states[when, :3] - leg.end_m) <= max(leg.radius_m, 0.05) + 1e-9
+    assert np.linalg.norm(states[-1, :3] - legs[-1].end_m) <= 0.05
     assert np.all(np.diff(states[:, 11]) > 0.0)
 
 
@@ -107,7 +106,7 @@ def test_the_flight_does_not_depend_on_how_it_is_stepped(legs, gusts, chunk):
 @pytest.mark.parametrize("distance", [0.02, 0.3, 1.0, 9.0, 60.0, 1500.0])
 @pytest.mark.parametrize("speed", [0.5, 5.0, 10.0, 13.3])
 def test_a_stop_is_not_overshot(distance, speed):
-    vehicle, states, _ = fly([(distance, 0.0, 0.0, 0.0, speed, AHEAD, 0.0)])
+    vehicle, states, _ = fly([Leg((distance, 0.0, 0.0), speed)])
     for _ in range(200):
         vehicle.advance(1)
         states = np.vstack([states, vehicle.state])
@@ -118,7 +117,7 @@ def test_a_stop_is_not_overshot(distance, speed):
 
 
 def test_a_long_leg_takes_the_time_of_its_profile():
-    vehicle, states, _ = fly([(1500.0, 0.0, 0.0, 0.0, 10.0, AHEAD, 0.0)])
+    vehicle, states, _ = fly([Leg((1500.0, 0.0, 0.0), 10.0)])
     tangential, jerk = 0.8 * QUAD.acceleration_m_s2, 0.8 * QUAD.jerk_m_s3
     expected = 1500.0 / 10.0 + 10.0 / tangential + tangential / jerk
     assert vehicle.time_s == pytest.approx(expected, abs=0.5)
@@ -133,7 +132,7 @@ def test_corners_are_flown_near_the_acceptance_radius(turn_deg, radius, speed):
     corner = np.array([80.0, 0.0])
     out = np.array([math.cos(turn), math.sin(turn)])
     end = corner + 80.0 * out
-    legs = [(*corner, 0.0, radius, speed, AHEAD, 0.0), (*end, 0.0, 0.0, speed, AHEAD, 0.0)]
+    legs = [Leg((*corner, 0.0), speed, radius), Leg((*end, 0.0), speed)]
     vehicle, states, _ = fly(legs)
     when = int(vehicle.arrivals[0])
     after = states[when:, :2] - corner
@@ -147,42 +146,42 @@ def test_corners_are_flown_near_the_acceptance_radius(turn_deg, radius, speed):
 
 
 def test_a_slight_bend_is_hardly_slowed_for():
-    bend = [(100.0, 0.0, 0.0, 1.0, 8.0, AHEAD, 0.0), (200.0, 5.0, 0.0, 0.0, 8.0, AHEAD, 0.0)]
+    bend = [Leg((100.0, 0.0, 0.0), 8.0, radius_m=1.0), Leg((200.0, 5.0, 0.0), 8.0)]
     vehicle, states, _ = fly(bend)
     assert np.hypot(*states[int(vehicle.arrivals[0]), 3:5]) > 7.5
 
 
 def test_dense_waypoints_are_flown_as_fast_as_one_leg():
-    dense = [(0.3 * k, 0.0, 0.0, 0.1, 5.0, AHEAD, 0.0) for k in range(1, 301)]
-    one, *_ = fly([(90.0, 0.0, 0.0, 0.0, 5.0, AHEAD, 0.0)])
+    dense = [Leg((0.3 * k, 0.0, 0.0), 5.0, radius_m=0.1) for k in range(1, 301)]
+    one, *_ = fly([Leg((90.0, 0.0, 0.0), 5.0)])
     many, states, _ = fly(dense)
     assert many.time_s == pytest.approx(one.time_s, rel=0.01)
     assert states[:, 0].max() <= 90.002
 
 
 def test_a_slow_leg_is_entered_slowly():
-    legs = [(100.0, 0.0, 0.0, 1.0, 10.0, AHEAD, 0.0), (200.0, 0.0, 0.0, 0.0, 2.0, AHEAD, 0.0)]
+    legs = [Leg((100.0, 0.0, 0.0), 10.0, radius_m=1.0), Leg((200.0, 0.0, 0.0), 2.0)]
     vehicle, states, _ = fly(legs)
     assert states[int(vehicle.arrivals[0]), 3] == pytest.approx(2.0, abs=0.05)
 
 
 def test_a_climb_is_spread_over_its_leg():
-    _, states, _ = fly([(100.0, 0.0, 30.0, 0.0, 8.0, AHEAD, 0.0)])
+    _, states, _ = fly([Leg((100.0, 0.0, 30.0), 8.0)])
     assert np.abs(states[:, 2] - 0.3 * states[:, 0]).max() < 1e-6
-    _, steep, _ = fly([(1.0, 0.0, 30.0, 0.0, 8.0, AHEAD, 0.0)])
+    _, steep, _ = fly([Leg((1.0, 0.0, 30.0), 8.0)])
     assert steep[:, 5].max() == pytest.approx(QUAD.climb_speed_m_s, rel=0.15)
 
 
 def test_the_vehicle_looks_along_the_path():
-    _, states, _ = fly([(0.0, 50.0, 0.0, 1.0, 5.0, AHEAD, 0.0), (50.0, 50.0, 0.0, 0.0, 5.0, AHEAD, 0.0)])
+    _, states, _ = fly([Leg((0.0, 50.0, 0.0), 5.0, radius_m=1.0), Leg((50.0, 50.0, 0.0), 5.0)])
     assert states[-1, 9] == pytest.approx(math.pi / 2.0, abs=1e-3)
-    _, west, _ = fly([(-50.0, 0.0, 0.0, 0.0, 5.0, AHEAD, 0.0)])
+    _, west, _ = fly([Leg((-50.0, 0.0, 0.0), 5.0)])
     assert west[-1, 9] == pytest.approx(1.5 * math.pi, abs=1e-3)
     # The short way round: over north, not over south.
     assert not np.any((west[:, 9] > 0.1) & (west[:, 9] < 1.5 * math.pi - 0.1))
-    _, fixed, _ = fly([(-50.0, 0.0, 0.0, 0.0, 5.0, 1.0, 0.0)])
+    _, fixed, _ = fly([Leg((-50.0, 0.0, 0.0), 5.0, heading=Heading.fixed(1.0))])
     assert fixed[-1, 9] == pytest.approx(1.0, abs=1e-3)
-    _, kept, _ = fly([(-50.0, 0.0, 0.0, 0.0, 5.0, math.inf, 0.0)])
+    _, kept, _ = fly([Leg((-50.0, 0.0, 0.0), 5.0, heading=KEEP)])
     assert np.all(kept[:, 9] == 0.0)
 
 
@@ -208,7 +207,7 @@ def test_the_stopping_distance_is_that_of_the_braking_manoeuvre(v, a, limit, jer
 
 
 def test_a_strong_wind_slows_the_way_against_it():
-    there = [(-200.0, 0.0, 0.0, 0.0, 12.0, AHEAD, 0.0)]
+    there = [Leg((-200.0, 0.0, 0.0), 12.0)]
     calm, *_ = fly(there)
     against, states, event = fly(there, wind=Wind(10.0, 0.0))
     assert event is MotionEvent.REACHED
@@ -222,14 +221,14 @@ def test_a_strong_wind_slows_the_way_against_it():
 
 @pytest.mark.parametrize("wind", [Wind(17.0, 0.0), Wind(40.0, 0.0), Wind(0.0, 20.0), Wind(15.9, 3.0)])
 def test_a_wind_that_is_too_strong_ends_in_a_stall_not_in_a_hang(wind):
-    vehicle, _, event = fly([(-200.0, 0.0, 0.0, 0.0, 12.0, AHEAD, 0.0)], wind=wind)
+    vehicle, _, event = fly([Leg((-200.0, 0.0, 0.0), 12.0)], wind=wind)
     assert event is MotionEvent.STALLED
     assert vehicle.time_s < 200.0
 
 
 def test_nearness_is_told_once():
     vehicle = Multirotor(QUAD)
-    vehicle.fly(Route.through([(100.0, 0.0, 0.0, 0.0, 8.0, AHEAD, 30.0)]))
+    vehicle.fly(Route.through([Leg((100.0, 0.0, 0.0), 8.0, near_m=30.0)]))
     assert vehicle.advance(100_000) is MotionEvent.NEAR
     assert vehicle.position_m[0] == pytest.approx(70.0, abs=0.2)
     assert vehicle.advance(100_000) is MotionEvent.REACHED
@@ -238,7 +237,7 @@ def test_nearness_is_told_once():
 def test_an_empty_battery_is_told_until_it_is_ignored():
     small = replace(REAL, battery=replace(REAL.battery, capacity_wh=0.5))
     vehicle = Multirotor(small)
-    vehicle.fly(Route.to(1000.0, 0.0, 0.0, speed_m_s=8.0))
+    vehicle.fly(Route.through([Leg((1000.0, 0.0, 0.0), 8.0)]))
     assert vehicle.advance(100_000) is MotionEvent.ENERGY
     assert vehicle.energy_j == pytest.approx(1800.0, abs=5.0)
     assert vehicle.advance(5) is MotionEvent.ENERGY
@@ -248,10 +247,10 @@ def test_an_empty_battery_is_told_until_it_is_ignored():
 
 def test_the_stopping_point_is_where_it_stops():
     vehicle = Multirotor(QUAD)
-    vehicle.fly(Route.to(300.0, 100.0, 20.0, speed_m_s=10.0))
+    vehicle.fly(Route.through([Leg((300.0, 100.0, 20.0), 10.0)]))
     vehicle.advance(400)
     point = vehicle.stopping_point()
-    _, states, _ = fly([(*point, 0.0, 13.0, math.inf, 0.0)], vehicle=vehicle)
+    _, states, _ = fly([Leg(point, 13.0, heading=KEEP)], vehicle=vehicle)
     assert np.linalg.norm(states[-1, :3] - point) < 0.05
     check_limits(states)
     assert (

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from recordings import compare, fly_recording, load_recording
 
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
@@ -15,11 +16,11 @@ from sim_vehicle.autopilot.px4.copter import return_height_m
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import CannotFly, Landed, LandedState, MissionComplete, Phase, TargetReached
-from sim_vehicle.motion.model import LegKind, MotionEvent, Route
+from sim_vehicle.motion.legs import KEEP, Leg, LegKind, Route
+from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.motion.px4.model import Px4Multirotor
 from sim_vehicle.motion.px4.smoothing import brakeable_speed, follow, profile, stretched, turn_speed
 from sim_vehicle.prediction.predict import predict_flight
-from sim_vehicle.recordings import compare, fly_recording, load_recording
 from sim_vehicle.weather.wind import Wind
 
 FLIGHTS = Path(__file__).parents[2] / "data" / "flights"
@@ -167,9 +168,9 @@ def test_every_mission_ends_at_home(places, cruise, wind):
     st.sampled_from([None, Wind(3.0, -1.0, gust_m_s=1.5, seed=3)]),
 )
 def test_cutting_the_flight_changes_nothing(places, cuts, wind):
-    rows = [(0.0, 0.0, 8.0, 0.0, 5.0, math.inf, 0.0, LegKind.TAKEOFF)]
-    rows += [(x, y, z, 0.0, 7.0, math.nan, 0.0) for x, y, z, *_ in places]
-    rows += [(0.0, 0.0, 0.0, 0.0, 5.0, math.inf, 0.0, LegKind.LAND)]
+    rows = [Leg((0.0, 0.0, 8.0), 5.0, heading=KEEP, kind=LegKind.TAKEOFF)]
+    rows += [Leg((x, y, z), 7.0) for x, y, z, *_ in places]
+    rows += [Leg((0.0, 0.0, 0.0), 5.0, heading=KEEP, kind=LegKind.LAND)]
     whole, cut = (Px4Multirotor(QUAD, wind) for _ in range(2))
     for vehicle in (whole, cut):
         vehicle.fly(Route.through(rows))
@@ -279,13 +280,13 @@ def test_return_heights():
     assert return_height_m(QUAD, 6.0, 2.0) == pytest.approx(6.0)
     assert return_height_m(QUAD, 1.5, 2.0) == 3.0
     assert return_height_m(quad(RTL_CONE_ANG=0.0), 1.5, 2.0) == 30.0
-    rows = autopilot_of(QUAD).return_rows(QUAD, (50.0, 0.0, 10.0), 9.0, (0.0, 0.0, 0.0))
-    assert [row[7] for row in rows] == [LegKind.CLIMB, LegKind.HOME, LegKind.LAND]
+    legs = autopilot_of(QUAD).return_legs(QUAD, (50.0, 0.0, 10.0), 9.0, (0.0, 0.0, 0.0))
+    assert [leg.kind for leg in legs] == [LegKind.CLIMB, LegKind.HOME, LegKind.LAND]
     delayed = quad(RTL_LAND_DELAY=7.0)
-    rows = autopilot_of(delayed).return_rows(delayed, (50.0, 0.0, 40.0), 9.0, (0.0, 0.0, 0.0))
-    assert [row[7] for row in rows] == [LegKind.HOME, LegKind.DESCEND, LegKind.LAND]
-    assert rows[1][2] == 10.0
-    assert rows[1][8] == 7.0
+    legs = autopilot_of(delayed).return_legs(delayed, (50.0, 0.0, 40.0), 9.0, (0.0, 0.0, 0.0))
+    assert [leg.kind for leg in legs] == [LegKind.HOME, LegKind.DESCEND, LegKind.LAND]
+    assert legs[1].end_m[2] == 10.0
+    assert legs[1].pause_s == 7.0
 
 
 def test_a_return_begins_where_the_vehicle_is():
@@ -426,12 +427,12 @@ def test_speeds_that_leave_room():
 def test_standing_still_it_reports_the_first_leg():
     vehicle = Px4Multirotor(QUAD, yaw_rad=1.0)
     assert vehicle.advance(100) is MotionEvent.RAN
-    vehicle.fly(Route.through([(0.0, 0.0, 5.0, 0.0, 5.0, math.inf, 4.0, LegKind.TAKEOFF)]))
+    vehicle.fly(Route.through([Leg((0.0, 0.0, 5.0), 5.0, heading=KEEP, kind=LegKind.TAKEOFF, near_m=4.0)]))
     events = []
     while not events or events[-1] is not MotionEvent.REACHED:
         events.append(vehicle.advance(10_000))
     assert events == [MotionEvent.NEAR, MotionEvent.REACHED]
-    assert vehicle.numbers()[9] == pytest.approx(1.0)
+    assert vehicle.snapshot().heading_rad == pytest.approx(1.0)
     x, y, z = vehicle.stopping_point()
     assert (x, y) == pytest.approx((0.0, 0.0), abs=0.01)
     assert z == vehicle.position_m[2]

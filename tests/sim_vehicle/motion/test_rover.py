@@ -14,14 +14,14 @@ from sim_vehicle.autopilot.rover import rover_of
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor, check_mission
 from sim_vehicle.execution.state import BatteryDepleted, Disarmed, ItemReached, LandedState, MissionComplete
-from sim_vehicle.motion.model import MotionEvent, Route
+from sim_vehicle.motion.legs import Leg, Route
+from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.motion.rover import kernel as wheels
 from sim_vehicle.motion.rover.model import Rover
 from sim_vehicle.prediction.predict import predict_flight
 from sim_vehicle.weather.wind import Wind
 
 HOME = LocalFrame(28.05, -82.15)
-NAN = math.nan
 SKID = {"px4": {"CA_AIRFRAME": 6.0}, "ardupilot": {"SERVO1_FUNCTION": 73.0}}
 BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 
@@ -52,7 +52,7 @@ def drive(spec, rows, limit=200_000, wind=None):
 
 
 def row(x, y, speed=1.5, radius=0.5):
-    return (x, y, 0.0, radius, speed, NAN, 0.0)
+    return Leg((x, y, 0.0), speed, radius_m=radius)
 
 
 def item(command, x, y, z=0.0, *params):
@@ -185,7 +185,7 @@ def test_orders(autopilot):
     assert executor.motion.position_m == place
     executor.steer((0.0, 1.0, 0.0))
     executor.advance(50.0)
-    vx, vy = executor.motion.numbers()[3:5]
+    vx, vy = executor.motion.snapshot().velocity_m_s[:2]
     assert (vx, vy) == pytest.approx((0.0, 1.0), abs=0.02)
     executor.return_home()
     executor.advance(120.0)

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from sim_vehicle.airframe.spec import get_vehicle
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion.ideal import IdealRobot
-from sim_vehicle.motion.model import MotionEvent, Route
+from sim_vehicle.motion.legs import ALONG, KEEP, Heading, Leg, Route
+from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.motion.multirotor.model import Multirotor
 from sim_vehicle.weather.wind import Wind
 
@@ -36,7 +37,7 @@ def check_limits(states, spec=QUAD):
 
 def aloft(height_m=50.0, wind=None, spec=QUAD):
     vehicle = Multirotor(spec, wind)
-    vehicle.fly(Route.to(0.0, 0.0, height_m, speed_m_s=5.0))
+    vehicle.fly(Route.through([Leg((0.0, 0.0, height_m), 5.0)]))
     assert vehicle.advance(100_000) is MotionEvent.REACHED
     return vehicle
 
@@ -57,15 +58,14 @@ ORDER = st.tuples(
     SPEED,
     st.floats(-6.0, 6.0),
     st.sampled_from([math.nan, 20.0, 55.0]),
-    st.sampled_from([math.nan, math.inf, 1.0]),
-    st.sampled_from([math.nan, 0.0, 0.7, -5.0]),
+    st.sampled_from([ALONG, KEEP, Heading.fixed(1.0), *map(Heading.turning, (0.0, 0.7, -5.0))]),
     st.integers(5, 250),
 )
 
 
 def obey(vehicle, order):
-    *velocity, height, heading, turn, _ = order
-    vehicle.steer(tuple(velocity), height_m=height, heading_rad=heading, turn_rad_s=turn)
+    *velocity, height, heading, _ = order
+    vehicle.steer(tuple(velocity), height_m=height, heading=heading)
 
 
 @settings(max_examples=60, deadline=None)
@@ -87,7 +87,7 @@ def test_limits_hold_between_velocities_and_places(orders, x, y):
     for order in orders:
         obey(vehicle, order)
         states.append(run(vehicle, order[-1])[1:])
-        vehicle.fly(Route.to(x, y, 30.0, speed_m_s=12.0))
+        vehicle.fly(Route.through([Leg((x, y, 30.0), 12.0)]))
         states.append(run(vehicle, 60)[1:])
     states.append(run(vehicle, 6000)[1:])
     states = np.vstack(states)
@@ -140,24 +140,24 @@ def test_a_stop_leaves_it_where_it_came_to_rest():
 
 def test_headings_and_turning():
     vehicle = aloft()
-    vehicle.steer((0.0, -3.0, 0.0), heading_rad=math.nan)
+    vehicle.steer((0.0, -3.0, 0.0), heading=ALONG)
     run(vehicle, 500)
-    assert vehicle.numbers()[9] == pytest.approx(math.pi, abs=1e-5)
-    vehicle.steer((0.0, -3.0, 0.0), turn_rad_s=0.5)
+    assert vehicle.snapshot().heading_rad == pytest.approx(math.pi, abs=1e-5)
+    vehicle.steer((0.0, -3.0, 0.0), heading=Heading.turning(0.5))
     run(vehicle, 500)
-    assert vehicle.numbers()[10] == pytest.approx(0.5)
-    vehicle.steer((0.0, -3.0, 0.0), heading_rad=1.0)
+    assert vehicle.snapshot().yaw_rate_rad_s == pytest.approx(0.5)
+    vehicle.steer((0.0, -3.0, 0.0), heading=Heading.fixed(1.0))
     run(vehicle, 500)
-    assert vehicle.numbers()[9] == pytest.approx(1.0, abs=1e-5)
+    assert vehicle.snapshot().heading_rad == pytest.approx(1.0, abs=1e-5)
 
 
 def test_the_height_is_kept_while_it_flies_sideways():
     vehicle = aloft()
     vehicle.steer((4.0, 3.0, 99.0), height_m=60.0)
     run(vehicle, 1000)
-    numbers = vehicle.numbers()
-    assert numbers[2] == pytest.approx(60.0, abs=1e-3)
-    assert numbers[3:6] == pytest.approx((4.0, 3.0, 0.0), abs=1e-4)
+    now = vehicle.snapshot()
+    assert now.position_m[2] == pytest.approx(60.0, abs=1e-3)
+    assert now.velocity_m_s == pytest.approx((4.0, 3.0, 0.0), abs=1e-4)
 
 
 @pytest.mark.parametrize("sink", [0.3, 1.0, 3.0])
@@ -175,35 +175,35 @@ def test_a_storm_bounds_the_ground_speed():
     vehicle = aloft(wind=Wind(-14.0, 0.0))
     vehicle.steer((10.0, 0.0, 0.0))
     run(vehicle, 3000)
-    assert vehicle.numbers()[3] == pytest.approx(QUAD.airspeed_limit_m_s - 14.0, abs=0.1)
+    assert vehicle.snapshot().velocity_m_s[0] == pytest.approx(QUAD.airspeed_limit_m_s - 14.0, abs=0.1)
 
 
 def test_the_nose_points_at_a_place_on_the_way():
     vehicle = aloft()
     vehicle.look_at((0.0, 40.0))
-    vehicle.fly(Route.to(80.0, 0.0, 50.0, speed_m_s=4.0))
+    vehicle.fly(Route.through([Leg((80.0, 0.0, 50.0), 4.0)]))
     for _ in range(8):
         vehicle.advance(100)
-        x, y, *_ = vehicle.numbers()
-        error = math.remainder(vehicle.numbers()[9] - math.atan2(-x, 40.0 - y), 2.0 * math.pi)
+        x, y, _ = vehicle.position_m
+        error = math.remainder(vehicle.snapshot().heading_rad - math.atan2(-x, 40.0 - y), 2.0 * math.pi)
         assert abs(error) < 0.15
     vehicle.look_at(None)
     vehicle.advance(10_000)
-    vehicle.fly(Route.to(80.0, 50.0, 50.0, speed_m_s=4.0))
+    vehicle.fly(Route.through([Leg((80.0, 50.0, 50.0), 4.0)]))
     vehicle.advance(10_000)
-    assert math.remainder(vehicle.numbers()[9], 2.0 * math.pi) == pytest.approx(0.0, abs=1e-2)
+    assert math.remainder(vehicle.snapshot().heading_rad, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-2)
 
 
 def test_slower_climbs():
     vehicle = aloft()
     vehicle.set_climb(1.0, 0.5)
-    vehicle.fly(Route.to(0.0, 0.0, 60.0, speed_m_s=5.0))
+    vehicle.fly(Route.through([Leg((0.0, 0.0, 60.0), 5.0)]))
     states = run(vehicle, 600)
     assert 0.9 < states[:, 5].max() <= 1.0
-    vehicle.fly(Route.to(0.0, 0.0, 50.0, speed_m_s=5.0))
+    vehicle.fly(Route.through([Leg((0.0, 0.0, 50.0), 5.0)]))
     assert -0.5 <= run(vehicle, 600)[:, 5].min() < -0.45
     vehicle.set_climb(None, None)
-    vehicle.fly(Route.to(0.0, 0.0, 90.0, speed_m_s=5.0))
+    vehicle.fly(Route.through([Leg((0.0, 0.0, 90.0), 5.0)]))
     assert run(vehicle, 600)[:, 5].max() > 3.9
 
 

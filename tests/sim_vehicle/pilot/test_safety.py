@@ -53,9 +53,9 @@ class Rig:
 
     def tune(self, **values):
         for name, value in values.items():
-            assert hasattr(self.pilot.tuning, name)
-            setattr(self.pilot.tuning, name, value)
-        self.pilot.retune()
+            assert hasattr(self.pilot.parameters, name)
+            setattr(self.pilot.parameters, name, value)
+        self.pilot.apply_parameters()
 
     def take(self, messages):
         self.sent += messages
@@ -293,7 +293,7 @@ def test_no_arming_outside_the_fence(persona):
 )
 def test_the_loss_of_the_ground_station(persona, action, mode):
     rig = Rig(persona, link_action=action)
-    timeout = rig.pilot.tuning.link_timeout_s
+    timeout = rig.pilot.parameters.link_timeout_s
     assert timeout == (5.0 if persona is ARDUPILOT else 10.0)
     with pytest.raises(RefusedError, match="no connection to the ground control station"):
         rig.pilot.arm()
@@ -592,7 +592,7 @@ def test_the_parameters_act(persona):
             if persona is PX4:
                 sent = struct.unpack("<f", struct.pack("<i", value))[0]
         rig.tell(m.MAVLink_param_set_message(1, 1, name.encode(), sent, kind))
-        assert getattr(rig.pilot.tuning, field) == value
+        assert getattr(rig.pilot.parameters, field) == value
     away = (78.0, 0.0, 10.0) if persona is PX4 else (0.0, 0.0, 78.0)
     assert rig.pilot.failsafe.outside(away) is not None
 

@@ -252,9 +252,9 @@ def test_setpoints_for_others_and_a_disarmed_vehicle():
 
 def test_ardupilot_keeps_guided_places_within_the_fence():
     rig = Rig(ARDUPILOT)
-    rig.pilot.tuning.fence_enable = 1
-    rig.pilot.tuning.fence_radius_m = 50.0
-    rig.pilot.retune()
+    rig.pilot.parameters.fence_enable = 1
+    rig.pilot.parameters.fence_radius_m = 50.0
+    rig.pilot.apply_parameters()
     rig.guided(HERE)
     rig.tell(local(POSITION, 80.0, 0.0, -20.0))
     rig.run(3.0)

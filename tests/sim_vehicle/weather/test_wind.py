@@ -11,7 +11,8 @@ from sim_vehicle.airframe.spec import get_vehicle
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.mavlink.telemetry import STREAMS
-from sim_vehicle.motion.model import MotionEvent, Route
+from sim_vehicle.motion.legs import Leg, Route
+from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.motion.multirotor.model import Multirotor
 from sim_vehicle.weather.dryden import LEVELS_W20_M_S, Turbulence, intensities_m_s, length_scales_m, spectrum
 from sim_vehicle.weather.gust_kernel import wind_at
@@ -235,7 +236,7 @@ def flown(wind, chunk, places=((60.0, 0.0, 20.0), (60.0, 40.0, 35.0))):
     vehicle = Multirotor(QUAD, wind)
     rows = []
     for place in places:
-        vehicle.fly(Route.to(*place, speed_m_s=8.0))
+        vehicle.fly(Route.through([Leg(place, 8.0)]))
         while vehicle.advance(chunk) is not MotionEvent.REACHED:
             rows.append((vehicle.step, *vehicle.state[:17]))
     return vehicle, np.array(rows)

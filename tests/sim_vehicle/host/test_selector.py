@@ -1,4 +1,4 @@
-"""The server's doors: a TCP host that goes and comes back, a serial line, faults at real sockets."""
+"""The server's ports: a TCP host that goes and comes back, a serial line, faults at real sockets."""
 
 import os
 import pty
@@ -14,7 +14,7 @@ from mission.link.codec.dialect import mavlink
 from mission.model import GeoPoint
 from sim_vehicle.airframe.spec import get_vehicle
 from sim_vehicle.faults.fault import FaultError
-from sim_vehicle.host.ports import open_door
+from sim_vehicle.host.ports import open_port
 from sim_vehicle.host.server import Server
 from sim_vehicle.mavlink import SimVehicle
 
@@ -117,15 +117,15 @@ def test_commands_cross_a_bad_socket_late():
 @pytest.mark.parametrize("url", ["udpout:no.such.host.invalid:14550", "serial:/dev/none", "tcp:127.0.0.1:1"])
 def test_doors_that_do_not_open_say_why(url):
     with pytest.raises(LinkError) as caught:
-        open_door(url)
+        open_port(url)
     assert "\n" not in str(caught.value)
 
 
 def test_a_host_name_is_one_client_and_not_two():
-    door = open_door("udpout:localhost:14999")
-    assert len(door.clients()) == 1
-    assert "127.0.0.1" in door.name
-    door.close()
+    port = open_port("udpout:localhost:14999")
+    assert len(port.clients()) == 1
+    assert "127.0.0.1" in port.name
+    port.close()
 
 
 def test_bad_faults_are_refused_before_a_port_is_taken():

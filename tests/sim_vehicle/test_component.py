@@ -3,7 +3,7 @@
 import pytest
 
 from mission.link.codec.dialect import mavlink
-from sim_vehicle.host.component import NEVER, Component
+from sim_vehicle.component import NEVER, Component
 from sim_vehicle.host.router import (
     RoutingTable,
     frame_id,

@@ -1,0 +1,89 @@
+"""What can be changed on a vehicle after it was built, whatever an autopilot calls it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sim_vehicle.airframe.spec import VehicleSpec
+
+__all__ = ["RuntimeParameters"]
+
+
+@dataclass(slots=True)
+class RuntimeParameters:
+    """The values of one vehicle, which its parameters change while it runs; SI units.
+
+    Parameters
+    ----------
+    cruise_speed_m_s, acceptance_radius_m, takeoff_altitude_m, return_altitude_m, landing_speed_m_s : float
+        As in `sim_vehicle.airframe.spec.VehicleSpec`.
+    disarm_delay_s : float
+        Time from touch-down to disarming.
+    low_fraction, critical_fraction : float
+        Battery levels of the two failsafes.
+    low_battery_action, critical_battery_action : int
+        The autopilot's own values (see the failsafe rules); the second is used by ArduPilot only.
+    emergency_fraction : float
+        Level of the last battery failsafe.
+    low_voltage_v, critical_voltage_v, low_voltage_timer_s : float
+        Voltages of the whole pack that are low and critical after that time; 0 is none. Of ArduPilot only.
+    low_voltage_source : int
+        0 for the voltage as it is, 1 for it without the sag of the load.
+    fence_enable, fence_action, fence_type : int
+        The autopilot's own values; ``fence_type`` as FENCE_TYPE: 1 ceiling, 2 radius, 4 areas.
+    fence_ceiling_m, fence_radius_m : float
+        Height above and distance from home; 0 is no limit.
+    link_action : int
+        The autopilot's own value; 0 is none.
+    link_timeout_s : float
+        Silence of the ground station after which it is lost.
+    setpoint_timeout_s : float
+        Age at which setpoints hold no more.
+    settings : dict of str to float
+        The autopilot's parameters that move the vehicle and are not at their defaults, in their own units.
+    """
+
+    cruise_speed_m_s: float
+    acceptance_radius_m: float
+    takeoff_altitude_m: float
+    return_altitude_m: float
+    landing_speed_m_s: float
+    disarm_delay_s: float
+    low_fraction: float
+    critical_fraction: float
+    low_battery_action: int = 1
+    critical_battery_action: int = 1
+    emergency_fraction: float = 0.05
+    low_voltage_v: float = 0.0
+    critical_voltage_v: float = 0.0
+    low_voltage_timer_s: float = 10.0
+    low_voltage_source: int = 0
+    fence_enable: int = 1
+    fence_action: int = 2
+    fence_type: int = 7
+    fence_ceiling_m: float = 0.0
+    fence_radius_m: float = 0.0
+    link_action: int = 0
+    link_timeout_s: float = 10.0
+    setpoint_timeout_s: float = 1.0
+    settings: dict[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, spec: VehicleSpec) -> RuntimeParameters:
+        """Take the values of a vehicle as built."""
+        battery = spec.battery
+        return cls(
+            spec.cruise_speed_m_s,
+            spec.acceptance_radius_m,
+            spec.takeoff_altitude_m,
+            spec.return_altitude_m,
+            spec.landing_speed_m_s,
+            spec.disarm_delay_s,
+            battery.reserve_fraction if battery else 0.0,
+            battery.critical_fraction if battery else 0.0,
+            # ArduCopter's default, which is meant for three cells and refuses to arm with fewer.
+            low_voltage_v=10.5 if spec.kind == "multirotor" and battery and battery.cells > 2 else 0.0,
+            settings=dict(spec.parameters),
+        )

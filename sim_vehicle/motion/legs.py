@@ -1,0 +1,225 @@
+"""What a vehicle is to fly: legs, where its nose points on them, and routes for the compiled motion."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+Position = tuple[float, float, float]
+"""East, north, up about home, metres."""
+
+
+class LegKind(IntEnum):
+    """What a leg is flown for; an autopilot treats some kinds in its own way."""
+
+    WAYPOINT = 0
+    TAKEOFF = 1
+    CLIMB = 2
+    HOME = 3
+    DESCEND = 4
+    LAND = 5
+    STAY = 6
+    LOITER = 7
+    ARC = 8
+
+
+class HeadingMode(Enum):
+    """Where the nose points on a leg."""
+
+    KEEP = "the heading at the start of the leg"
+    ALONG = "along the leg"
+    FIXED = "a compass heading"
+    TURN = "turning at a rate"
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """Where the nose points on a leg: `KEEP`, `ALONG`, `Heading.fixed` or `Heading.turning`.
+
+    Parameters
+    ----------
+    mode : HeadingMode
+    angle_rad : float
+        Compass heading of a fixed one.
+    rate_rad_s : float
+        Rate of turning, clockwise.
+
+    Examples
+    --------
+    >>> Heading.fixed(1.5).mode
+    <HeadingMode.FIXED: 'a compass heading'>
+    """
+
+    mode: HeadingMode
+    angle_rad: float = 0.0
+    rate_rad_s: float = 0.0
+
+    @classmethod
+    def fixed(cls, angle_rad: float) -> Heading:
+        """Return a compass heading."""
+        return cls(HeadingMode.FIXED, angle_rad=angle_rad)
+
+    @classmethod
+    def turning(cls, rate_rad_s: float) -> Heading:
+        """Return a heading that changes at a rate, clockwise."""
+        return cls(HeadingMode.TURN, rate_rad_s=rate_rad_s)
+
+    @property
+    def numbers(self) -> tuple[float, float]:
+        """Compass heading (NaN along the leg, infinity the one at its start) and rate (NaN for none)."""
+        if self.mode is HeadingMode.ALONG:
+            return math.nan, math.nan
+        if self.mode is HeadingMode.KEEP:
+            return math.inf, math.nan
+        if self.mode is HeadingMode.FIXED:
+            return self.angle_rad, math.nan
+        return math.nan, self.rate_rad_s
+
+
+KEEP = Heading(HeadingMode.KEEP)
+ALONG = Heading(HeadingMode.ALONG)
+
+
+@dataclass(frozen=True, slots=True)
+class Circle:
+    """The circle of a leg, for vehicles that stay by circling.
+
+    Parameters
+    ----------
+    radius_m : float or None
+        Clockwise when positive; None is the autopilot's own.
+    turns : float
+        To fly before the leg is complete.
+    leave_to_m : tuple of 2 floats or None
+        Position (east, north) towards which the circle is left, None for anywhere.
+    """
+
+    radius_m: float | None = None
+    turns: float = 0.0
+    leave_to_m: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """One leg of a route.
+
+    Parameters
+    ----------
+    end_m : tuple of 3 floats
+        East, north, up about home.
+    speed_m_s : float or None
+        Horizontal ground speed (airspeed of a fixed wing); None leaves it to the vehicle.
+    radius_m : float
+        Acceptance radius; 0 is a stop.
+    heading : Heading
+    kind : LegKind
+    vertical_speed_m_s : float or None
+        Speed of a vertical leg, up or down; None is the vehicle's own.
+    near_m : float
+        Distance to the end at which NEAR is told, 0 for never.
+    pause_s : float
+        Time to stay at the end of the leg, which is a stop then.
+    circle : Circle or None
+        A fixed wing that lands without one approaches straight.
+    """
+
+    end_m: Position
+    speed_m_s: float | None = None
+    radius_m: float = 0.0
+    heading: Heading = ALONG
+    kind: LegKind = LegKind.WAYPOINT
+    vertical_speed_m_s: float | None = None
+    near_m: float = 0.0
+    pause_s: float = 0.0
+    circle: Circle | None = None
+
+    @property
+    def descends(self) -> bool:
+        """Whether it is part of a landing."""
+        return self.kind is LegKind.LAND or self.vertical_speed_m_s is not None
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """Legs that are flown without a pause between them, as arrays; the last leg always ends with a stop.
+
+    Parameters
+    ----------
+    points_m : float64[n, 3]
+        Ends of the legs: east, north, up about home.
+    radius_m : float64[n]
+        Acceptance radius; 0 is a stop.
+    speed_m_s : float64[n]
+        Horizontal ground speed, NaN for the vehicle's own.
+    vertical_m_s : float64[n]
+        Speed of a vertical leg, NaN for the vehicle's own.
+    heading_rad : float64[n]
+        Compass heading on the leg; NaN looks along the leg, infinity keeps the heading.
+    turn_rad_s : float64[n]
+        Rate of turning instead of the heading; NaN for none.
+    near_m : float64[n]
+        Distance to the end at which NEAR is told, 0 for never.
+    kind : int64[n]
+        `LegKind` of each leg.
+    pause_s : float64[n]
+        Time to stay at the end of the leg.
+    circle : float64[n, 4]
+        Radius (NaN: no circle, 0: the autopilot's own), turns, and where the circle is left to (east, north;
+        NaN for anywhere).
+    """
+
+    points_m: NDArray[np.float64]
+    radius_m: NDArray[np.float64]
+    speed_m_s: NDArray[np.float64]
+    vertical_m_s: NDArray[np.float64]
+    heading_rad: NDArray[np.float64]
+    turn_rad_s: NDArray[np.float64]
+    near_m: NDArray[np.float64]
+    kind: NDArray[np.int64]
+    pause_s: NDArray[np.float64]
+    circle: NDArray[np.float64]
+
+    @classmethod
+    def through(cls, legs: Sequence[Leg]) -> Route:
+        """Return the route of one or more legs.
+
+        Examples
+        --------
+        >>> Route.through([Leg((0.0, 0.0, 10.0), 5.0)]).points_m.tolist()
+        [[0.0, 0.0, 10.0]]
+        """
+        table = np.array([_numbers(leg) for leg in legs])
+        radius, speed, vertical, heading, turn, near, kind, pause = np.ascontiguousarray(table.T[3:11])
+        points, circle = np.ascontiguousarray(table[:, :3]), np.ascontiguousarray(table[:, 11:])
+        return cls(points, radius, speed, vertical, heading, turn, near, kind.astype(np.int64), pause, circle)
+
+
+_NO_CIRCLE = (math.nan, 0.0, math.nan, math.nan)
+_ANYWHERE = (math.nan, math.nan)
+
+
+def _numbers(leg: Leg) -> tuple[float, ...]:
+    """Return a leg as one row of numbers, in the order of the columns of `Route`."""
+    circle = _NO_CIRCLE
+    if leg.circle is not None:
+        circle = (leg.circle.radius_m or 0.0, leg.circle.turns, *(leg.circle.leave_to_m or _ANYWHERE))
+    return (
+        *leg.end_m,
+        leg.radius_m,
+        math.nan if leg.speed_m_s is None else leg.speed_m_s,
+        math.nan if leg.vertical_speed_m_s is None else leg.vertical_speed_m_s,
+        *leg.heading.numbers,
+        leg.near_m,
+        leg.kind,
+        leg.pause_s,
+        *circle,
+    )

@@ -1,0 +1,136 @@
+"""How a flight ended, told by telemetry alone: the ground station says what the vehicle itself knows."""
+
+import pytest
+
+from geo.frame import LocalFrame
+from mission.link.codec.dialect import mavlink as m
+from mission.model import GeoPoint, Mission, MissionItem
+from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.energy.battery import WH_J
+from sim_vehicle.host.simulation import Simulation
+from sim_vehicle.mavlink import ARDUPILOT, PX4, SimVehicle
+from sim_vehicle.weather.wind import Wind
+from wbf_mission.ground.failures import FailureWatch
+from wbf_mission.ground.station import GroundStation
+from wbf_mission.outcome import Outcome
+
+HOME = GeoPoint(28.05, -82.15, 10.0)
+FRAME = LocalFrame(HOME.latitude_deg, HOME.longitude_deg, HOME.altitude_m)
+
+
+def at(x_m: float, y_m: float) -> tuple[float, float]:
+    return FRAME.to_wgs84(x_m, y_m)
+
+
+TAKEOFF = MissionItem(22, 3, param4=None, x=HOME.latitude_deg, y=HOME.longitude_deg, z=10.0)
+PATH = tuple(MissionItem.waypoint(*at(120.0 * (k % 2), 4.0 * k), 10.0) for k in range(1, 12))
+ITEMS = (TAKEOFF, *PATH, MissionItem(20))
+# Between the waypoints: no waypoint is in it, every path crosses it.
+FENCE = (MissionItem(5004, 0, 20.0, x=at(60.0, 0.0)[0], y=at(60.0, 0.0)[1]),)
+
+
+def fly(persona, faults=(), *, wind=None, charge=1.0, fence=(), **parameters):
+    quad = get_vehicle("quad")
+    vehicle = SimVehicle(quad, HOME, persona=persona, wind=wind)
+    for name, value in parameters.items():
+        assert hasattr(vehicle.pilot.parameters, name)
+        setattr(vehicle.pilot.parameters, name, value)
+    vehicle.pilot.apply_parameters()
+    assert quad.battery is not None
+    vehicle.pilot.executor.motion.use_energy((1.0 - charge) * quad.battery.capacity_wh * WH_J)
+    ground = GroundStation(Mission(ITEMS, HOME, fence=fence))
+    simulation = Simulation([vehicle, ground], remote=[ground], faults=faults)
+    simulation.run(until=lambda _now_s: ground.done, limit_s=3000.0)
+    return vehicle, ground
+
+
+CASES = {
+    "completed": (Outcome.COMPLETED, {}),
+    "low": (Outcome.BATTERY_LOW, {"charge": 0.3, "low_fraction": 0.25}),
+    "empty": (Outcome.BATTERY_DEPLETED, {"faults": ["dead-battery,at=item:3"]}),
+    "empty after a fence": (
+        Outcome.BATTERY_DEPLETED,
+        {
+            "faults": ["dead-battery,at=airborne,from=60"],
+            "fence": FENCE,
+            "fence_enable": 1,
+            "fence_action": 4,
+        },
+    ),
+    "position": (Outcome.POSITION_LOST, {"faults": ["gps-loss,at=item:3"]}),
+    "motor": (Outcome.CRASHED, {"faults": ["motor-failure,at=item:3"]}),
+    "link": (
+        Outcome.LINK_LOST,
+        {"faults": ["link-loss,direction=up,from=40,for=30"], "link_action": 2, "link_timeout_s": 5},
+    ),
+    "link, both ways": (
+        Outcome.LINK_LOST,
+        {"faults": ["link-loss,from=40,for=30"], "link_action": 2, "link_timeout_s": 5},
+    ),
+    "wind": (Outcome.CANNOT_FLY_ITEM, {"wind": Wind(-18.0, 0.0)}),
+}
+
+
+@pytest.mark.parametrize("persona", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
+@pytest.mark.parametrize("case", CASES)
+def test_the_ground_station_knows_why_a_flight_ended(case, persona):
+    outcome, options = CASES[case]
+    if case == "empty after a fence" and persona is PX4:
+        options = {**options, "fence_action": 2}
+    vehicle, ground = fly(persona, **options)
+    assert ground.outcome is outcome, (ground.reason, ground.texts)
+    if case != "completed":
+        assert (ground.outcome.value, ground.reason) == (vehicle.outcome.value, vehicle.outcome_text)
+
+
+@pytest.mark.parametrize(("persona", "action"), [(PX4, 3), (ARDUPILOT, 1)])
+def test_a_fence_that_is_left(persona, action):
+    vehicle, ground = fly(persona, fence=FENCE, fence_enable=1, fence_action=action)
+    assert ground.outcome is Outcome.FENCE_BREACHED
+    assert ground.reason == vehicle.outcome_text
+    assert ground.reason.startswith("fence: ")
+
+
+@pytest.mark.parametrize(("persona", "action"), [(PX4, 1), (ARDUPILOT, 0)])
+def test_a_fence_that_only_warns_ends_no_flight(persona, action):
+    options = {"fence": FENCE, "fence_enable": 1, "fence_action": action}
+    vehicle, ground = fly(persona, **options)
+    assert any("outside the area" in text for _, _, text in ground.texts)
+    assert ground.outcome is Outcome.COMPLETED
+    vehicle, ground = fly(persona, faults=["motor-failure,at=airborne,from=90"], **options)
+    assert any("outside the area" in text for _, _, text in ground.texts)
+    assert (ground.outcome, ground.reason) == (Outcome.CRASHED, vehicle.outcome_text)
+
+
+@pytest.mark.parametrize("persona", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
+@pytest.mark.parametrize("case", ["low", "empty", "position"])
+def test_without_texts_state_and_health_are_left(case, persona):
+    outcome, options = CASES[case]
+    faults = [*options.get("faults", []), "drop=STATUSTEXT,direction=down"]
+    _, ground = fly(persona, **{**options, "faults": faults})
+    assert not ground.texts
+    assert ground.outcome is outcome
+
+
+def test_disarmed_without_a_reason_tells_how_far_it_came():
+    vehicle = SimVehicle(get_vehicle("quad"), HOME)
+    ground = GroundStation(Mission(ITEMS, HOME))
+    simulation = Simulation([vehicle, ground])
+    simulation.run(until=lambda now_s: now_s > 40.0)
+    seq = vehicle.pilot.current_seq
+    vehicle.pilot.disarm(force=True)
+    simulation.run(until=lambda _now_s: ground.done, limit_s=60.0)
+    assert ground.outcome is Outcome.FLIGHT_ABORTED
+    assert ground.reason == vehicle.outcome_text == f"disarmed at item {seq} of {len(ITEMS)}"
+
+
+def test_what_an_earlier_safety_function_told_is_not_taken_for_the_last():
+    watch = FailureWatch()
+    texts = [(10.0, 4, "Fence breached: 3.0 m outside the area"), (20.0, 4, "Battery low (24 %): returning")]
+    beat = m.MAVLink_heartbeat_message(2, 12, 128, 0, m.MAV_STATE_CRITICAL, 3)
+    watch.on_heartbeat(beat, 2)
+    assert watch.cause(texts) == (Outcome.BATTERY_LOW, "battery low (24 %)")
+    early = FailureWatch()
+    early.on_heartbeat(beat, 1)
+    assert early.cause(texts[:1]) == (Outcome.FENCE_BREACHED, "fence: 3.0 m outside the area")
+    assert FailureWatch().cause(texts[:1]) is None

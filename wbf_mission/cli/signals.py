@@ -1,0 +1,47 @@
+"""Ctrl-C, SIGTERM and SIGHUP: each ends a command as Ctrl-C does, with its own exit code."""
+
+from __future__ import annotations
+
+import signal
+from types import FrameType
+
+__all__ = ["exit_code", "install", "restore"]
+
+# A command in the background of a script ignores SIGINT, one under nohup SIGHUP: those stay ignored.
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_before: dict[int, object] = {}
+_received: list[int] = []
+
+
+def install() -> None:
+    """Make the signals raise KeyboardInterrupt in the main thread.
+
+    The first one lets a command close its files and tell what it has; the second ends that, too; the third
+    ends the process on the spot.
+    """
+    _received.clear()
+    for number in _SIGNALS:
+        handler = signal.getsignal(number)
+        if handler is not signal.SIG_IGN and handler is not None:
+            _before[number] = handler
+            signal.signal(number, _interrupt)
+
+
+def restore() -> None:
+    """Put back the handlers from before `install`."""
+    for number, handler in _before.items():
+        signal.signal(number, handler)  # type: ignore[arg-type]
+    _before.clear()
+
+
+def exit_code(otherwise: int) -> int:
+    """128 and the number of the first signal that came; `otherwise` when none came."""
+    return 128 + _received[0] if _received else otherwise
+
+
+def _interrupt(number: int, _frame: FrameType | None) -> None:
+    _received.append(number)
+    if len(_received) > 1:
+        for other in _before:
+            signal.signal(other, signal.SIG_DFL)
+    raise KeyboardInterrupt

@@ -1,0 +1,68 @@
+"""The exit codes of the command line.
+
+======  =====================================================================================
+0       done
+1       it was done, but the outcome is not good: the result says how
+2       bad input: one line on stderr says what is wrong; nothing was written
+3       no vehicle was heard
+4       the link dropped, or the vehicle stopped answering
+5       the vehicle refused, or held something else than what was sent
+70      a mistake in the program itself
+130     Ctrl-C
+141     the reader of our output has gone (``| head``)
+143     SIGTERM
+======  =====================================================================================
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+__all__ = ["ExitCode", "exit_code_of"]
+
+
+class ExitCode(IntEnum):
+    """What a command tells its caller; those from 128 on are 128 and the number of a signal."""
+
+    GOOD = 0
+    NOT_GOOD = 1
+    BAD_INPUT = 2
+    NO_VEHICLE = 3
+    LINK_LOST = 4
+    REFUSED = 5
+    PROGRAM_ERROR = 70
+    INTERRUPTED = 130
+    OUTPUT_CLOSED = 141
+    TERMINATED = 143
+
+
+def exit_code_of(error: Exception) -> ExitCode:
+    """The exit code for an error that ended a command.
+
+    Examples
+    --------
+    >>> from mission.errors import LinkLostError
+    >>> exit_code_of(LinkLostError("tcp:127.0.0.1:5760: the other side closed the connection"))
+    <ExitCode.LINK_LOST: 4>
+    >>> exit_code_of(ValueError("a mistake of the caller"))
+    <ExitCode.BAD_INPUT: 2>
+    """
+    from mission.errors import LinkLostError, NoPeerError, TransferError
+
+    if isinstance(error, NoPeerError):
+        return ExitCode.NO_VEHICLE
+    if isinstance(error, LinkLostError):
+        return ExitCode.LINK_LOST
+    return _of_transfer(error) if isinstance(error, TransferError) else ExitCode.BAD_INPUT
+
+
+def _of_transfer(error: Exception) -> ExitCode:
+    from mission.transfer.errors import NoVehicleError, RemoteTransferError
+    from mission.transfer.events import FailureReason
+
+    if isinstance(error, NoVehicleError):
+        return ExitCode.NO_VEHICLE
+    if not isinstance(error, RemoteTransferError):
+        return ExitCode.BAD_INPUT
+    silent = error.failure is not None and error.failure.reason is FailureReason.TIMEOUT
+    return ExitCode.LINK_LOST if silent else ExitCode.REFUSED

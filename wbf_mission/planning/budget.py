@@ -1,0 +1,115 @@
+"""A run's budget in the vehicle's own terms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.planners import Budget, PlannedPath, StepBudget, parse_budget
+from mission.planners.budget import LengthBudget
+from sim_vehicle.prediction.predict import Prediction
+from wbf_mission.planning.builder import MissionBuilder
+from wbf_mission.scenario import ScenarioError
+
+PAPER_STEPS_PER_CELL = 0.4  # timesteps of a day for each of the owner's cells (Matloob et al., experiments)
+
+Paths = Sequence[NDArray[np.float64]]
+
+
+@dataclass(frozen=True, slots=True)
+class FlightBudget:
+    """A budget in seconds or watt hours, charged by flying the paths' missions in the vehicle's own model.
+
+    Parameters
+    ----------
+    limit : float
+        The most that the whole flight may take, from take-off to touch-down.
+    unit : {"s", "Wh"}
+    price : callable
+        The predicted seconds or watt hours of each of several paths, float64[n, 2]; infinite for one that
+        the vehicle cannot fly.
+    """
+
+    limit: float
+    unit: str
+    price: Callable[[Paths], list[float]]
+
+    def cost(self, path_xy_m: NDArray[np.float64]) -> float:
+        """Return the predicted seconds or watt hours; infinite when the vehicle cannot fly the path."""
+        return self.costs([path_xy_m])[0]
+
+    def costs(self, paths_xy_m: Paths) -> list[float]:
+        """Return the `cost` of each path; they are flown together."""
+        return self.price(paths_xy_m)
+
+
+def flight_budget(limit: float, unit: str, builder: MissionBuilder) -> FlightBudget:
+    """Return a budget that is charged by predicted flights.
+
+    Parameters
+    ----------
+    limit : float
+    unit : {"s", "Wh"}
+    builder : MissionBuilder
+        Makes and predicts the mission of a path.
+    """
+
+    def price(paths_xy_m: Paths) -> list[float]:
+        missions = []
+        for path in paths_xy_m:
+            points = np.asarray(path, dtype=np.float64).reshape(-1, 2)
+            route = points[1:] if len(points) > 1 else points
+            missions.append(builder.mission(PlannedPath(route, None, "candidate")))
+        return [price_of(prediction) for prediction in builder.predict_all(missions)]
+
+    def price_of(prediction: Prediction) -> float:
+        if prediction.feasible:
+            return prediction.duration_s if unit == "s" else prediction.energy_wh
+        # What only exceeds the budget still has a price, to be told when nothing fits.
+        return prediction.energy_wh if unit == "Wh" and prediction.energy_wh > limit else math.inf
+
+    return FlightBudget(limit, unit, price)
+
+
+def make_budget(text: str | None, builder: MissionBuilder) -> tuple[Budget, str]:
+    """Return a budget and how to say it.
+
+    Parameters
+    ----------
+    text : str or None
+        As of `mission.planners.parse_budget`; None: the vehicle's battery less its reserve, for the ideal
+        vehicle 0.4 times the owner's cells in timesteps.
+    builder : MissionBuilder
+
+    Raises
+    ------
+    PlanningError
+        If the budget is not understood.
+    ScenarioError
+        If the budget's unit does not fit the vehicle.
+    """
+    farm, vehicle = builder.farm, builder.vehicle
+    home = None if vehicle.is_ideal else farm.home_m
+    if text is None:
+        if vehicle.is_ideal:
+            steps = float(round(PAPER_STEPS_PER_CELL * farm.owner_cells))
+            return StepBudget(steps, farm.cell_size_m), f"{steps:.0f} steps (0.4 x the owner's cells)"
+        if vehicle.battery is None:
+            msg = f"vehicle {vehicle.name} has no battery to budget by: give --budget, such as 8000m or 25min"
+            raise ScenarioError(msg)
+        usable = vehicle.battery.capacity_wh * (1.0 - vehicle.battery.reserve_fraction)
+        words = f"{usable:.1f} Wh (the battery less {vehicle.battery.reserve_fraction:.0%} reserve)"
+        return flight_budget(usable, "Wh", builder), words
+    value, unit = parse_budget(text)
+    if unit == "m":
+        return LengthBudget(value, home), f"{value:g} m"
+    if unit == "steps":
+        return StepBudget(value, farm.cell_size_m, home), f"{value:g} steps"
+    if unit == "Wh" and vehicle.power is None:
+        msg = f"budget {text}: vehicle {vehicle.name} uses no energy; give metres, minutes or steps"
+        raise ScenarioError(msg)
+    return flight_budget(value, unit, builder), f"{value:g} {unit}"

@@ -1,0 +1,139 @@
+"""From paths to missions of a run, and from missions to what they will take."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from geo import Farm
+from mission.model import Mission
+from mission.planners import PlannedPath, WingPattern, build_mission
+from sim_vehicle.airframe.spec import VehicleSpec, get_vehicle
+from sim_vehicle.autopilot import with_autopilot
+from sim_vehicle.autopilot.plane import plane_of
+from sim_vehicle.execution.fixed_wing_items import circles
+from sim_vehicle.prediction.battery_swaps import batteries_needed
+from sim_vehicle.prediction.predict import Prediction, expected_flights
+from wbf_mission.scenario import CameraOptions, MissionOptions, Scenario, VehicleOptions, WeatherOptions
+from wbf_mission.weather import FlightLevel, flight_level, wind_of
+
+# Where a fixed wing's climb-out leads to, and the height of its final approach.
+CLIMB_OUT_M = 150.0
+APPROACH_ALTITUDE_M = 30.0
+_MOST_THREADS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class MissionBuilder:
+    """Turns paths into missions of one run, and predicts them.
+
+    It knows the weather as a forecast does (mean wind, statistics of the gusts), not the run's seed.
+
+    Parameters
+    ----------
+    farm : Farm
+    vehicle : VehicleSpec
+        As its autopilot flies it.
+    level : FlightLevel
+    weather : WeatherOptions
+    image_spacing_m : float
+        Distance between images.
+    acceptance_radius_m : float or None
+        Of the waypoints; None: from their spacing.
+    """
+
+    farm: Farm
+    vehicle: VehicleSpec
+    level: FlightLevel
+    weather: WeatherOptions
+    image_spacing_m: float
+    acceptance_radius_m: float | None
+
+    @classmethod
+    def of(cls, scenario: Scenario, farm: Farm) -> MissionBuilder:
+        """Return the builder of a run.
+
+        Raises
+        ------
+        VehicleError
+            If the vehicle or a parameter of its autopilot is unknown, or a value out of range.
+        """
+        camera: CameraOptions = scenario.camera
+        mission: MissionOptions = scenario.mission
+        return cls(
+            farm,
+            flown_vehicle(scenario.vehicle),
+            # What the vehicle was built for, not what an autopilot does that is told nothing.
+            flight_level(mission, scenario.vehicle),
+            scenario.weather,
+            camera.spacing_m or farm.cell_size_m * camera.footprint,
+            mission.acceptance_radius_m,
+        )
+
+    def mission(self, path: PlannedPath) -> Mission:
+        """Return the mission that flies ``path``."""
+        vehicle, farm, radius = self.vehicle, self.farm, self.acceptance_radius_m
+        return build_mission(
+            path,
+            frame=farm.frame,
+            home_xy_m=farm.home_m,
+            altitude_m=self.level.altitude_m,
+            speed_m_s=min(self.level.speed_m_s, vehicle.top_speed_m_s),
+            camera_distance_m=None if vehicle.is_ideal else self.image_spacing_m,
+            camera_interval_s=vehicle.step_s if vehicle.is_ideal else None,
+            acceptance_radius_m=vehicle.acceptance_radius_m
+            if vehicle.is_ideal and radius is None
+            else radius,
+            return_home=not vehicle.is_ideal,
+            pattern=self._pattern(),
+        )
+
+    def _pattern(self) -> WingPattern | None:
+        """Return how a fixed wing takes off and lands, into the wind."""
+        vehicle, weather = self.vehicle, self.weather
+        if not circles(vehicle):
+            return None
+        law = plane_of(vehicle.autopilot).limits(vehicle)
+        down_m = min(self.level.altitude_m, APPROACH_ALTITUDE_M)
+        return WingPattern(
+            heading_rad=math.radians(weather.wind_direction_deg) if weather.wind_speed_m_s > 0.0 else 0.0,
+            climb_out_m=CLIMB_OUT_M,
+            # A little flatter than the steepest slope.
+            approach_m=1.1 * down_m / law.landing_slope,
+            approach_altitude_m=down_m,
+            radius_m=max(abs(law.loiter_radius), 1.2 * law.tightest_m(law.airspeed_trim)),
+            placed_start=vehicle.autopilot == "ardupilot",
+        )
+
+    def predict(self, mission: Mission) -> Prediction:
+        """Predict the flight of ``mission``, of the gusts by their statistics only."""
+        return self.predict_all([mission])[0]
+
+    def predict_all(self, missions: Sequence[Mission]) -> list[Prediction]:
+        """Predict the flights of several missions."""
+        wind = wind_of(self.weather, self.level)
+        return expected_flights(missions, self.vehicle, wind=wind, threads=_threads())
+
+    def batteries(self, mission: Mission, prediction: Prediction) -> int | None:
+        """How many batteries ``mission`` needs (`sim_vehicle.prediction.battery_swaps.batteries_needed`)."""
+        return batteries_needed(mission, self.vehicle, prediction, wind=wind_of(self.weather, self.level))
+
+
+def flown_vehicle(vehicle: VehicleOptions) -> VehicleSpec:
+    """Return a vehicle as its autopilot flies it.
+
+    Raises
+    ------
+    VehicleError
+        If the vehicle or a parameter is unknown, or a value out of range.
+    """
+    autopilot: Literal["px4", "ardupilot"] = "ardupilot" if vehicle.autopilot == "ardupilot" else "px4"
+    return with_autopilot(get_vehicle(vehicle.name), autopilot, vehicle.parameters)
+
+
+def _threads() -> int:
+    """Return how many candidates are flown at the same time; the predictions do not depend on it."""
+    return min(_MOST_THREADS, os.cpu_count() or 1)

@@ -1,0 +1,162 @@
+"""From a scenario to a mission: the path within the budget, and what it will take."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import shapely
+
+from geo import Crop, Farm, get_farm
+from geo.errors import WbfMissionError
+from geo.seeds import sealed_seed
+from mission.errors import PlanningError
+from mission.files import read_mission
+from mission.model import Command, GeoPoint, Mission
+from mission.planners import CropArea, PlannedPath, Planner, PlanningRequest, coverage, make_planner
+from mission.planners.budget import LengthBudget
+from wbf_mission.planning.budget import make_budget
+from wbf_mission.planning.builder import MissionBuilder
+from wbf_mission.planning.result import PlanResult
+from wbf_mission.scenario import Choice, Scenario, ScenarioError
+from wbf_mission.weather import wind_of
+
+
+def plan(scenario: Scenario) -> PlanResult:
+    """Plan a scenario, or read the mission that it names.
+
+    Raises
+    ------
+    WbfMissionError
+        If a name is unknown, a value is out of range, or no path fits the budget.
+    """
+    farm = get_farm(scenario.farm.name)
+    builder = MissionBuilder.of(scenario, farm)
+    check_wind(builder)
+    area = farm.owner_area
+    if farm.obstacles:
+        area = shapely.difference(area, shapely.union_all(list(farm.obstacles)))
+    footprint_m = scenario.camera.footprint * farm.cell_size_m
+    mission = scenario.mission
+    if mission.file is not None:
+        return _read(mission.file, scenario.seed, builder, area, footprint_m)
+    planner = planner_of(mission.planner)
+    budget, text = make_budget(mission.budget, builder)
+    request = PlanningRequest(
+        area=area,
+        start_xy_m=farm.home_m,
+        budget=budget,
+        footprint_m=footprint_m,
+        crop_areas=tuple(
+            CropArea(crop, land)
+            for crop in (Crop.TOMATO, Crop.STRAWBERRY)
+            if not (land := farm.crop_area(crop)).is_empty
+        ),
+        seed=sealed_seed(scenario.seed, "planner"),
+    )
+    path = _run_planner(planner, request, str(mission.planner))
+    planned = builder.mission(path)
+    prediction = builder.predict(planned)
+    home = None if builder.vehicle.is_ideal else farm.home_m
+    return PlanResult(
+        farm=farm,
+        vehicle=builder.vehicle,
+        planner=str(mission.planner),
+        seed=scenario.seed,
+        mission=planned,
+        path_m=path.points_m,
+        spacing_m=path.spacing_m,
+        budget_text=text,
+        length_m=LengthBudget(1.0, home).cost(np.vstack((farm.home_m, path.points_m))),
+        coverage=coverage(path, area, footprint_m),
+        prediction=prediction,
+        batteries=builder.batteries(planned, prediction),
+    )
+
+
+def planner_of(choice: Choice) -> Planner:
+    """Return the planner of a choice, with its parameters.
+
+    Raises
+    ------
+    PlanningError
+        If there is no such planner, or the object is none.
+    ParameterError
+        If it does not have one of the parameters.
+    """
+    return make_planner(choice.name if choice.made is None else choice.made, **choice.params)
+
+
+def _run_planner(planner: Planner, request: PlanningRequest, name: str) -> PlannedPath:
+    """Run a planner, whoever wrote it, and hold it to its budget."""
+    try:
+        path = planner(request)
+        cost = request.cost(path.points_m)
+    except (WbfMissionError, MemoryError):
+        raise
+    except Exception as error:
+        msg = f"planner {name} failed: {type(error).__name__}: {error}"
+        raise PlanningError(msg) from error
+    budget = request.budget
+    if not cost <= budget.limit * (1.0 + 1e-9):
+        msg = (
+            f"planner {name} returned a path that takes {cost:.6g} {budget.unit}, "
+            f"over the budget of {budget.limit:g} {budget.unit}"
+        )
+        raise PlanningError(msg)
+    return path
+
+
+def check_wind(builder: MissionBuilder) -> None:
+    """Raise ScenarioError if the mean wind at the height of the flight would blow the vehicle away."""
+    vehicle, limit = builder.vehicle, builder.vehicle.airspeed_limit_m_s
+    wind = wind_of(builder.weather, builder.level, gusts=False)
+    speed = math.hypot(*wind.mean_at(builder.level.altitude_m))
+    if not vehicle.is_ideal and speed >= limit:
+        msg = (
+            f"wind of {speed:g} m/s: vehicle {vehicle.name} flies at most {limit:g} m/s "
+            "through the air and would be blown away; wait for less wind"
+        )
+        raise ScenarioError(msg)
+
+
+def home_of(mission: Mission, farm: Farm) -> GeoPoint:
+    """Return where a flight of ``mission`` begins: at its own home, without one at the farm's."""
+    latitude_deg, longitude_deg = farm.frame.to_wgs84(*farm.home_m)
+    return mission.home or GeoPoint(latitude_deg, longitude_deg, farm.frame.altitude_m)
+
+
+def _read(path: str, seed: int, builder: MissionBuilder, area: Any, footprint_m: float) -> PlanResult:
+    """Take the mission from a file; the farm only says where its waypoints lie."""
+    mission = read_mission(path)
+    places = [item for item in mission.items if item.has_place and (item.x or item.y)]
+    if not places:
+        msg = f"{path}: no item of the mission has a place; give a mission with waypoints"
+        raise ScenarioError(msg)
+    x, y = builder.farm.frame.from_wgs84(
+        np.array([item.x for item in places]), np.array([item.y for item in places])
+    )
+    points = np.column_stack((x, y))
+    route = PlannedPath(points, None, "file")
+    # The flight of a mission without a home begins at the farm's.
+    home = home_of(mission, builder.farm)
+    home_m = builder.farm.frame.from_wgs84(home.latitude_deg, home.longitude_deg)
+    placed = replace(mission, home=home)
+    prediction = builder.predict(placed)
+    returns = any(item.command == Command.NAV_RETURN_TO_LAUNCH for item in mission.items)
+    return PlanResult(
+        farm=builder.farm,
+        vehicle=builder.vehicle,
+        planner=None,
+        seed=seed,
+        mission=mission,
+        path_m=points,
+        spacing_m=None,
+        budget_text="none (mission file)",
+        length_m=LengthBudget(1.0, home_m if returns else None).cost(np.vstack((home_m, points))),
+        coverage=coverage(route, area, footprint_m),
+        prediction=prediction,
+        batteries=builder.batteries(placed, prediction),
+    )

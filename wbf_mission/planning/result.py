@@ -1,0 +1,115 @@
+"""What a plan gave: the mission, what it will take, and what an operator should know of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from geo import Farm
+from mission.model import Mission
+from sim_vehicle.airframe.spec import VehicleSpec
+from sim_vehicle.prediction.predict import Prediction
+
+_CAMERA_STARTS = frozenset({206, 214, 2000})
+
+
+@dataclass(frozen=True, slots=True)
+class PlanResult:
+    """A mission and what it will take.
+
+    Parameters
+    ----------
+    farm : Farm
+    vehicle : VehicleSpec
+    planner : str or None
+        The planner with its parameters; None for a mission file.
+    seed : int
+        The run's.
+    mission : Mission
+    path_m : float64[n, 2]
+        The waypoints in metres of the farm frame.
+    spacing_m : float or None
+        Distance between neighbouring rows or rings; None where the planner has none.
+    budget_text : str
+        The budget in words.
+    length_m : float
+        Length over ground from home through the waypoints, and back home where the mission returns.
+    coverage : float
+        Fraction of the owner's land that the camera's footprint passes over.
+    prediction : Prediction
+        Time, energy and feasibility from the vehicle's own model.
+    batteries : int or None
+        How many the mission needs, changed at home; 0 for a vehicle without one, None if no number is enough.
+    """
+
+    farm: Farm
+    vehicle: VehicleSpec
+    planner: str | None
+    seed: int
+    mission: Mission
+    path_m: NDArray[np.float64]
+    spacing_m: float | None
+    budget_text: str
+    length_m: float
+    coverage: float
+    prediction: Prediction
+    batteries: int | None
+
+    @property
+    def crosses_obstacles(self) -> bool:
+        """Whether the way from home through the waypoints, and back, leads over an obstacle of the farm."""
+        home = np.array(self.farm.home_m)
+        way = shapely.LineString(np.vstack((home, self.path_m, home)))
+        return any(way.intersects(obstacle) for obstacle in self.farm.obstacles)
+
+    @property
+    def misses_farm(self) -> bool:
+        """Whether no waypoint lies on the farm, so that its camera sees nothing of it."""
+        width, height = self.farm.width_cells, self.farm.height_cells
+        ground = shapely.box(0.0, 0.0, width * self.farm.cell_size_m, height * self.farm.cell_size_m)
+        return not shapely.MultiPoint(self.path_m).intersects(ground)
+
+    @property
+    def warnings(self) -> list[str]:
+        """Return what an operator should know before flying, each in one line."""
+        found = []
+        if not self.prediction.feasible:
+            found.append(f"the vehicle cannot fly this mission: {self.prediction.reason}")
+        if self.crosses_obstacles:
+            found.append("the path or the way home crosses an obstacle: keep the flight height above it")
+        if not any(item.command in _CAMERA_STARTS for item in self.mission.items):
+            found.append("the mission never starts the camera: there will be no observations")
+        if self.misses_farm:
+            found.append(f"no waypoint lies on the farm {self.farm.name}: is this the right --farm?")
+        return found
+
+    @property
+    def battery_used(self) -> float | None:
+        """Fraction of the battery that the flight takes; None without a battery."""
+        return None if self.vehicle.battery is None else 1.0 - self.prediction.battery_fraction
+
+    def summary(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return {
+            "farm": self.farm.name,
+            "vehicle": self.vehicle.name,
+            "planner": self.planner,
+            "seed": self.seed,
+            "budget": self.budget_text,
+            "items": len(self.mission.items),
+            "waypoints": len(self.path_m),
+            "spacing_m": self.spacing_m,
+            "length_m": self.length_m,
+            "predicted_time_s": self.prediction.duration_s,
+            "predicted_energy_wh": self.prediction.energy_wh,
+            "battery_used": self.battery_used,
+            "batteries": self.batteries,
+            "coverage": self.coverage,
+            "feasible": self.prediction.feasible,
+            "reason": self.prediction.reason,
+            "warnings": self.warnings,
+        }

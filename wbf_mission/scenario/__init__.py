@@ -1,0 +1,32 @@
+"""Scenarios: everything that decides a run, in parts, and the files that hold them. Imports nothing heavy."""
+
+from wbf_mission.scenario.choice import Choice
+from wbf_mission.scenario.files import load_scenario, read_table, scenario_from_table
+from wbf_mission.scenario.option import ScenarioError
+from wbf_mission.scenario.parts import (
+    CameraOptions,
+    EstimateOptions,
+    FarmOptions,
+    MissionOptions,
+    ScoreOptions,
+    VehicleOptions,
+    WeatherOptions,
+)
+from wbf_mission.scenario.scenario import Scenario, scenario_with
+
+__all__ = [
+    "CameraOptions",
+    "Choice",
+    "EstimateOptions",
+    "FarmOptions",
+    "MissionOptions",
+    "Scenario",
+    "ScenarioError",
+    "ScoreOptions",
+    "VehicleOptions",
+    "WeatherOptions",
+    "load_scenario",
+    "read_table",
+    "scenario_from_table",
+    "scenario_with",
+]

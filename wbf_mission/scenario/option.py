@@ -1,0 +1,217 @@
+"""What an option of a run is: told once, beside the field that holds its value.
+
+A part of a scenario is a frozen dataclass whose fields are made by `option`. The part checks its values
+against what its fields say; files and the command line are derived from the same (`wbf_mission.cli.options`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import typing
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import msgspec
+
+from geo.errors import WbfMissionError
+
+_UNITS = {"_m_s": "m/s", "_m": "m", "_s": "s", "_deg": "degrees"}
+_METADATA = "option"
+
+
+class ScenarioError(WbfMissionError, ValueError):
+    """A scenario or scenario file with a value that cannot be used."""
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """What is known of one option.
+
+    Parameters
+    ----------
+    key : str
+        Its name as a keyword of `Scenario` and in a scenario file; unique over all parts.
+    help : str
+        What it is, without unit, range and default.
+    panel : str
+        Under which heading ``--help`` shows it.
+    low, high : float or None
+        The range of a number, both ends included.
+    choices : tuple of str
+        The words that it may be.
+    default : str
+        The default in words, where its value does not say it.
+    flag : str or None
+        Its name on the command line; None if only a `CompoundFlag` sets it.
+    metavar : str or None
+        What stands for its value in ``--help``.
+    kind : str
+        Of what it is a name, for completion: farm, planner, estimator, vehicle or empty.
+    needs : str
+        The key of the option without which it has no effect.
+    not_with : str
+        The key of the option that leaves it without effect.
+    read : callable or None
+        Reads its text of the command line; None where the command line's own types do.
+    """
+
+    key: str
+    help: str
+    panel: str
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+    default: str = ""
+    flag: str | None = None
+    metavar: str | None = None
+    kind: str = ""
+    needs: str = ""
+    not_with: str = ""
+    read: Callable[[str], Any] | None = None
+
+    @property
+    def unit(self) -> str:
+        """The unit, as the key's ending tells it."""
+        return next((unit for end, unit in _UNITS.items() if self.key.endswith(end)), "")
+
+    @property
+    def label(self) -> str:
+        """The option in words."""
+        ending = next((end for end in _UNITS if self.key.endswith(end)), "")
+        return self.key.removesuffix(ending).replace("_", " ")
+
+    @property
+    def allowed(self) -> str:
+        """What may be given, in words; empty if that is not limited."""
+        if self.choices:
+            return " or ".join(self.choices)
+        if self.low is None or self.high is None:
+            return ""
+        low, high = (f"{end:g}" if abs(end) < 1e6 else f"{end:.0f}" for end in (self.low, self.high))
+        return f"{low} to {'2^64 - 1' if self.high == 2**64 - 1 else high} {self.unit}".rstrip()
+
+    def check(self, value: Any) -> None:
+        """Raise ScenarioError if a value, of the right type, is out of range or empty."""
+        if value is None:
+            return
+        if isinstance(value, str) and not value.strip():
+            msg = f"{self.label} is empty: give {self.allowed or 'a value, or leave it out'}"
+            raise ScenarioError(msg)
+        if isinstance(value, str) and self.choices:
+            good = value in self.choices
+        elif isinstance(value, (int, float)) and self.low is not None and self.high is not None:
+            good = math.isfinite(value) and self.low <= value <= self.high
+        else:
+            return
+        if not good:
+            shown = repr(value) if isinstance(value, str) else value
+            msg = f"{self.label} {shown} is out of range: give {self.allowed}"
+            raise ScenarioError(msg)
+
+
+@dataclass(frozen=True, slots=True)
+class CompoundFlag:
+    """An option of the command line that sets several options at once, such as ``--wind 5,270``.
+
+    Parameters
+    ----------
+    flag, metavar, help, panel, needs
+        As of `Option`; `help` tells the defaults, too.
+    keys : tuple of str
+        The options that it sets.
+    read : callable
+        Text to values by key; raises ScenarioError.
+    """
+
+    flag: str
+    metavar: str
+    help: str
+    panel: str
+    keys: tuple[str, ...]
+    read: Callable[[str], dict[str, Any]]
+    needs: str = ""
+
+
+def option(default: Any, text: str, panel: str, /, **more: Any) -> Any:
+    """Return a dataclass field with what `Option` holds: help, panel, more; the flag comes from the key."""
+    metadata = {_METADATA: {"help": text, "panel": panel, **more}}
+    if isinstance(default, type):
+        return field(default_factory=default, metadata=metadata)
+    return field(default=default, metadata=metadata)
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """The base of the parts: a frozen dataclass of options that checks itself."""
+
+    COMPOUND: ClassVar[tuple[CompoundFlag, ...]] = ()
+
+    def __post_init__(self) -> None:
+        wanted = typing.get_type_hints(type(self))
+        for name, one in options_of(type(self)).items():
+            value = converted(getattr(self, name), wanted[name], one)
+            object.__setattr__(self, name, value)
+            one.check(value)
+        self.check()
+
+    def check(self) -> None:
+        """Raise ScenarioError if values do not fit each other."""
+
+    def values(self) -> dict[str, Any]:
+        """Return the options by their keys."""
+        return {one.key: getattr(self, name) for name, one in options_of(type(self)).items()}
+
+
+_OPTIONS: dict[type[Any], Mapping[str, Option]] = {}
+
+
+def options_of(part: type[Any]) -> Mapping[str, Option]:
+    """Return the options of a part by the names of its fields."""
+    if part in _OPTIONS:
+        return _OPTIONS[part]
+    found: dict[str, Option] = {}
+    for one in dataclasses.fields(part):
+        if _METADATA not in one.metadata:
+            continue
+        more = dict(one.metadata[_METADATA])
+        key = more.pop("key", one.name)
+        made = Option(key=key, **more)
+        if "flag" not in more:
+            made = dataclasses.replace(made, flag="--" + made.label.replace(" ", "-"))
+        found[one.name] = made
+    _OPTIONS[part] = found
+    return found
+
+
+def converted(value: Any, wanted: Any, one: Option) -> Any:
+    """Return a value as the option's type, or raise ScenarioError naming the option."""
+    if type(value).__module__ == "numpy" and hasattr(value, "item") and not getattr(value, "ndim", 0):
+        value = value.item()
+    if wanted is Any:
+        return value
+    try:
+        return msgspec.convert(value, wanted)
+    except msgspec.ValidationError as error:
+        msg = f"{one.key}: {error}"
+        raise ScenarioError(msg) from None
+
+
+def default_of(part: type[Any], name: str) -> Any:
+    """Return the default of a part's field."""
+    one = next(each for each in dataclasses.fields(part) if each.name == name)
+    return one.default if one.default_factory is dataclasses.MISSING else one.default_factory()
+
+
+def names_in(text: str) -> tuple[str, ...]:
+    """Read names that are separated by commas.
+
+    >>> names_in("tylcv, soil")
+    ('tylcv', 'soil')
+    """
+    return tuple(_parts(text.split(",")))
+
+
+def _parts(words: Iterable[str]) -> list[str]:
+    return [word.strip() for word in words if word.strip()]

@@ -1,0 +1,266 @@
+"""The parts of a scenario. Each holds its options, checks them, and goes only to who needs it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from wbf_mission.scenario.choice import Choice, choose
+from wbf_mission.scenario.option import CompoundFlag, Part, ScenarioError, names_in, option
+from wbf_mission.scenario.texts import parameter_values, shear_values, turbulence_value, wind_values
+
+RUN = "What to run"
+VEHICLE = "Vehicle and weather"
+CAMERA = "Leaf camera"
+_SPIRAL, _DISKS = Choice("spiral"), Choice("adaptive-disk")
+LAST_DAY = 126
+"""The last day of an environment."""
+LEVELS = ("light", "moderate", "severe", "wind")
+"""The words for turbulence; wind: as strong as the mean wind makes it."""
+
+
+@dataclass(frozen=True, slots=True)
+class FarmOptions(Part):
+    """Where, and on which day of the environment."""
+
+    name: str = option(
+        "miniberry-30",
+        "Farm: a name (see 'wbf-mission farm list') or a GeoJSON file",
+        RUN,
+        key="farm",
+        kind="farm",
+    )
+    day: int = option(6, "Day of the environment that is flown", RUN, low=0, high=LAST_DAY)
+
+
+@dataclass(frozen=True, slots=True)
+class MissionOptions(Part):
+    """What is flown: a mission file, or what a planner makes within a budget.
+
+    ``budget`` None is the vehicle's battery less its reserve; for the ideal vehicle 0.4 times the owner's
+    cells in timesteps, as in the paper. ``acceptance_radius_m`` None is a quarter of the shortest leg,
+    between 0.5 m and 2 m.
+    """
+
+    planner: Any = option(
+        _SPIRAL,
+        "Planner, NAME[:KEY=VALUE,...]: lawnmower, adaptive-lawnmower, spiral, random-waypoint, or one of"
+        " yours",
+        RUN,
+        kind="planner",
+        not_with="mission",
+        metavar="NAME",
+    )
+    budget: str | None = option(
+        None,
+        "How much may be flown: 8000m, 2.5km, 25min, 1500s, 50Wh or 360steps",
+        RUN,
+        default="the battery less its reserve; ideal: 0.4 x the owner's cells in steps",
+        not_with="mission",
+    )
+    file: str | None = option(
+        None,
+        "Fly this mission file (.plan, .waypoints, .json) instead of planning",
+        RUN,
+        key="mission",
+        metavar="FILE",
+    )
+    altitude_m: float | None = option(
+        None,
+        "Flight height above home",
+        VEHICLE,
+        low=0.5,
+        high=120.0,
+        default="the vehicle's",
+        not_with="mission",
+    )
+    cruise_speed_m_s: float | None = option(
+        None, "Flight speed", VEHICLE, low=0.1, high=30.0, default="the vehicle's", not_with="mission"
+    )
+    acceptance_radius_m: float | None = option(
+        None,
+        "Of the planned waypoints",
+        VEHICLE,
+        low=0.05,
+        high=50.0,
+        default="from the spacing",
+        not_with="mission",
+    )
+
+    def check(self) -> None:
+        """Take the planner as a `Choice`."""
+        object.__setattr__(self, "planner", choose(self.planner, "planner"))
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleOptions(Part):
+    """Who flies, and how wrong it is about its position."""
+
+    name: str = option(
+        "quad",
+        "One of 'wbf-mission vehicle list', such as quad or ideal (the paper's robot), or a .toml file",
+        VEHICLE,
+        key="vehicle",
+        kind="vehicle",
+    )
+    autopilot: str = option(
+        "px4", "Whose way of flying, modes and habits", VEHICLE, choices=("px4", "ardupilot")
+    )
+    parameters: dict[str, float] = option(
+        dict,
+        "A parameter of the autopilot, such as MPC_ACC_HOR=4; may be repeated",
+        VEHICLE,
+        flag="--param",
+        metavar="NAME=VALUE",
+        read=parameter_values,
+        default="the autopilot's own",
+    )
+    gps_noise_m: float = option(
+        0.0, "Slow error of satellite positions, one sigma along an axis", VEHICLE, low=0.0, high=20.0
+    )
+    baro_noise_m: float = option(
+        0.0, "Slow error of the barometer's height, one sigma", VEHICLE, low=0.0, high=5.0
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class WeatherOptions(Part):
+    """The air: mean wind, how it grows with the height, gusts or Dryden's turbulence."""
+
+    wind_speed_m_s: float = option(0.0, "Mean wind", VEHICLE, low=0.0, high=40.0, flag=None)
+    wind_direction_deg: float = option(
+        0.0, "From where, clockwise from north", VEHICLE, low=0.0, high=360.0, flag=None
+    )
+    wind_gust_m_s: float = option(0.0, "Standard deviation of gusts", VEHICLE, low=0.0, high=15.0, flag=None)
+    wind_height_m: float = option(
+        10.0, "Height at which the mean wind holds", VEHICLE, low=1.0, high=300.0, flag=None
+    )
+    wind_shear: str | None = option(
+        None, "How the wind grows with the height", VEHICLE, choices=("log", "power"), flag=None
+    )
+    wind_roughness_m: float = option(
+        0.1, "Roughness length of the logarithmic law", VEHICLE, low=1e-5, high=0.7, flag=None
+    )
+    wind_exponent: float = option(
+        1.0 / 7.0, "Exponent of the power law", VEHICLE, low=0.0, high=1.0, flag=None
+    )
+    turbulence: str | float | None = option(
+        None,
+        "Dryden gusts (MIL-F-8785C): light, moderate, severe, wind (what --wind makes), or the wind at 6 m"
+        " in m/s",
+        VEHICLE,
+        metavar="LEVEL",
+        default="none",
+        read=turbulence_value,
+        low=0.0,
+        high=40.0,
+    )
+
+    COMPOUND: ClassVar[tuple[CompoundFlag, ...]] = (
+        CompoundFlag(
+            "--wind",
+            "SPEED,FROM[,GUST]",
+            "Wind: m/s, degrees, m/s; for example 5,270,1.5.  [default: calm]",
+            VEHICLE,
+            ("wind_speed_m_s", "wind_direction_deg", "wind_gust_m_s"),
+            wind_values,
+        ),
+        CompoundFlag(
+            "--wind-shear",
+            "LAW[,VALUE[,HEIGHT]]",
+            "How the wind grows with the height: log[,ROUGHNESS[,HEIGHT]] or power[,EXPONENT[,HEIGHT]];"
+            " HEIGHT, m, is that of --wind (only with --wind).  [default: not at all; log,0.1,10;"
+            " power,0.143,10]",
+            VEHICLE,
+            ("wind_shear", "wind_roughness_m", "wind_exponent", "wind_height_m"),
+            shear_values,
+            needs="wind_speed_m_s",
+        ),
+    )
+
+    def check(self) -> None:
+        """Refuse unknown levels of turbulence, and two kinds of gusts at once."""
+        if isinstance(self.turbulence, str) and self.turbulence not in LEVELS:
+            allowed = ", ".join(LEVELS) + ", or the wind at 6 m in m/s"
+            msg = f"turbulence {self.turbulence!r} is out of range: give {allowed}"
+            raise ScenarioError(msg)
+        if self.turbulence is not None and self.wind_gust_m_s > 0.0:
+            gust = f"a wind gust of {self.wind_gust_m_s:g} m/s"
+            msg = f"turbulence {self.turbulence} and {gust}: give one of them"
+            raise ScenarioError(msg)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraOptions(Part):
+    """The leaf camera: where it looks, what it senses and how wrong it is."""
+
+    spacing_m: float | None = option(
+        None,
+        "Distance between images",
+        CAMERA,
+        key="camera_spacing_m",
+        low=0.05,
+        high=1000.0,
+        default="one footprint",
+        not_with="mission",
+    )
+    footprint: int = option(
+        1, "Cells on a side of the footprint", CAMERA, key="camera_footprint", low=1, high=15
+    )
+    noise: float = option(
+        0.0, "Standard deviation of the noise", CAMERA, key="camera_noise", low=0.0, high=1.0
+    )
+    false_positive_rate: float = option(
+        0.0, "Share of the healthy leaves that are seen as infected", CAMERA, low=0.0, high=1.0
+    )
+    false_negative_rate: float = option(
+        0.0, "Share of the infected leaves that are seen as healthy", CAMERA, low=0.0, high=1.0
+    )
+    fields: tuple[str, ...] = option(
+        ("tylcv", "ccr", "soil"),
+        "Fields that are measured, such as tylcv,soil",
+        CAMERA,
+        key="camera_fields",
+        metavar="NAMES",
+        default="all",
+        read=names_in,
+    )
+
+    def check(self) -> None:
+        """Refuse a camera that measures nothing."""
+        if not self.fields:
+            msg = "camera fields are empty: give at least one, such as tylcv, or leave the option out"
+            raise ScenarioError(msg)
+
+
+@dataclass(frozen=True, slots=True)
+class EstimateOptions(Part):
+    """Who makes the map from what was seen."""
+
+    estimator: Any = option(
+        _DISKS,
+        "Estimator, NAME[:KEY=VALUE,...]: adaptive-disk, gp, epidemic, gp-sklearn, point, authors-ad or one"
+        " of yours",
+        RUN,
+        kind="estimator",
+        metavar="NAME",
+    )
+
+    def check(self) -> None:
+        """Take the estimator as a `Choice`."""
+        object.__setattr__(self, "estimator", choose(self.estimator, "estimator"))
+
+
+@dataclass(frozen=True, slots=True)
+class ScoreOptions(Part):
+    """How the estimate is scored."""
+
+    points: int | None = option(
+        None,
+        "How often the estimate is scored on the way",
+        RUN,
+        key="score_points",
+        low=1,
+        high=1_000_000,
+        default="25; Waterberry 10, with the disks 100; ideal vehicle on a small farm: always",
+    )

@@ -144,7 +144,7 @@ def test_only_the_chunks_of_a_window_are_decoded(
     chunked: tuple[Environment, Environment], tmp_path: Path
 ) -> None:
     with small_chunks():
-        chunked[0].save(tmp_path / "e")
+        save_environment(chunked[0], tmp_path / "e")
         shard = tmp_path / "e" / "soil" / "c" / "6" / "0" / "0"
         content = bytearray(shard.read_bytes())
         # The index of the shard is at its end: offset and length of each of the 5 x 5 chunks, a checksum.

@@ -15,6 +15,7 @@ from sensors.scoring.information import InformationModel
 from wbf_mission.estimation import ScoreHistory
 from wbf_mission.outcome import Outcome, Track
 from wbf_mission.planning import PlanResult
+from wbf_mission.report import FarmReport, FieldMap, report_of_maps
 from wbf_mission.scenario import Scenario
 
 
@@ -54,6 +55,8 @@ class FlightResult:
         What the vehicle said (time, severity, text).
     environment_cached : bool
         Whether the environment came from the user's cache.
+    maps, true_maps : tuple of FieldMap
+        Estimate and truth in blocks of cells; empty without an estimate.
     """
 
     scenario: Scenario
@@ -75,6 +78,13 @@ class FlightResult:
     texts: list[tuple[float, int, str]] = field(default_factory=list)
     environment_cached: bool = False
     true_track: Track | None = None
+    maps: tuple[FieldMap, ...] = ()
+    true_maps: tuple[FieldMap, ...] = ()
+
+    @property
+    def report(self) -> FarmReport | None:
+        """What the estimate says of the farm, if there is one."""
+        return report_of_maps(self.farm, self.maps) if self.maps else None
 
     @property
     def farm(self) -> Farm:
@@ -87,6 +97,7 @@ class FlightResult:
         seen = self.observations
         cells = len(np.unique(seen.x.astype(np.int64) * self.farm.height_cells + seen.y)) if len(seen) else 0
         flight_s = self.timings_s.get("flight", 0.0)
+        report = self.report
         return {
             "seed": self.scenario.seed,
             "farm": self.farm.name,
@@ -104,6 +115,7 @@ class FlightResult:
             "rmse": _by_field(seen.fields, final.field_rmse if final else None),
             "mae": _by_field(seen.fields, final.field_mae if final else None),
             "authors_axis_max": final.authors_axis_max if final else None,
+            "report": report.to_dict() if report is not None else None,
             "observations": len(seen),
             "cells_observed": cells,
             "path_length_m": self.track.length_m,

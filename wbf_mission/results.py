@@ -19,6 +19,7 @@ from wbf_mission.scenario import Scenario, ScenarioError
 if TYPE_CHECKING:
     from wbf_mission.flight import Progress
     from wbf_mission.flight_result import FlightResult
+    from wbf_mission.report import FieldMap
 
 
 _FILES = (
@@ -184,16 +185,13 @@ def _plot_jobs(result: FlightResult) -> list[tuple[str, Any]]:
     jobs: list[tuple[str, Any]] = [
         ("path.png", lambda path: plots.plot_paths(farm, result.plan.path_m, track, path, title))
     ]
-    if result.model is not None and result.truth is not None:
-        model, truth = result.model, result.truth
-        for number, field in enumerate(PAPER_FIELDS.names):
+    if result.maps:
+        for estimate, truth in zip(result.maps, result.true_maps, strict=True):
 
-            def draw(path: Path, number: int = number, field: str = field) -> None:
-                plots.plot_field(
-                    farm, field, truth[number], model.value[number], model.uncertainty[number], path, about
-                )
+            def draw(path: Path, estimate: FieldMap = estimate, truth: FieldMap = truth) -> None:
+                plots.plot_field(farm, estimate, path, truth=truth, flown_m=track, about=about)
 
-            jobs.append((f"field_{field}.png", draw))
+            jobs.append((f"field_{estimate.field.name}.png", draw))
         history = result.history
         if len(history.times_s):
             jobs.append(

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from geo.reading import UnreadableError, read_toml
+from sim_vehicle.airframe.autopilot_names import autopilot_names
 from sim_vehicle.airframe.power_spec import AnyPowerSpec, BatterySpec
 from sim_vehicle.airframe.spec import KINDS, POWER_OF_KIND, PublishedEndurance, VehicleSpec
 from sim_vehicle.errors import VehicleError
@@ -23,7 +24,7 @@ __all__ = ["find_vehicle", "load_vehicle", "packaged_names"]
 _DEFAULT = "quad"
 _BASE_OF_KIND = {"multirotor": "quad", "fixed-wing": "wing", "rover": "rover", "ideal": "ideal"}
 # A vehicle cannot have these from a file: its name is the file's, the others are set by who flies it.
-_NOT_IN_FILES = ("name", "autopilot", "parameters")
+_NOT_IN_FILES = ("name", "autopilot", "parameters", "autopilot_parameters")
 _PARAMETER = re.compile(r"[A-Z][A-Z0-9_]{0,15}")
 _PARTS = (BatterySpec, PublishedEndurance, *get_args(AnyPowerSpec))
 
@@ -67,14 +68,14 @@ def _packaged(name: str) -> VehicleSpec:
 def load_vehicle(path: Path) -> VehicleSpec:
     """Read a vehicle file: keys of `VehicleSpec`, tables for its parts.
 
-    The tables are ``[battery]``, ``[power]``, ``[published]``, and ``[px4]`` and ``[ardupilot]`` with
-    parameters of the autopilots. A key ``base`` names the vehicle whose values hold where the file has none;
-    by default it is the package's vehicle of the file's kind.
+    The tables are ``[battery]``, ``[power]``, ``[published]``, and one named as an installed autopilot
+    (``[px4]``, ``[ardupilot]``) with parameters of that autopilot. A key ``base`` names the vehicle whose
+    values hold where the file has none; by default it is the package's vehicle of the file's kind.
 
     Raises
     ------
     VehicleError
-        If the file cannot be read, is not TOML, has unknown keys or impossible values.
+        If the file cannot be read, is not TOML, is empty, has unknown keys or impossible values.
     """
     where = f"vehicle file {path}"
     try:
@@ -82,6 +83,10 @@ def load_vehicle(path: Path) -> VehicleSpec:
     except UnreadableError as error:
         msg = f"{where}: {error}"
         raise VehicleError(msg) from None
+    if not data:
+        bases = ", ".join(packaged_names())
+        msg = f"{where} is empty: give at least kind ({', '.join(KINDS)}) or base ({bases})"
+        raise VehicleError(msg)
     kind = data.get("kind", "multirotor" if "base" not in data else None)
     if kind is not None and kind not in KINDS:
         msg = f"{where}: kind {kind!r} is not one of {', '.join(KINDS)}"
@@ -99,20 +104,22 @@ def load_vehicle(path: Path) -> VehicleSpec:
 
 def _build(where: str, name: str, data: dict[str, Any], base: VehicleSpec) -> VehicleSpec:
     changes: dict[str, Any] = {"name": name}
+    own = dict(base.autopilot_parameters)
     known = {f.name for f in fields(VehicleSpec) if f.name not in _NOT_IN_FILES}
     for key, value in data.items():
-        if key not in known:
+        if key in autopilot_names():
+            own[key] = _parameters(where, key, value, base.parameters_for(key))
+        elif key not in known:
             msg = f"{where}: unknown key {key!r}"
             raise VehicleError(msg)
-        if key in ("battery", "power", "published"):
+        elif key in ("battery", "power", "published"):
             changes[key] = _part(where, key, value, base)
-        elif key in ("px4", "ardupilot"):
-            changes[key] = _parameters(where, key, value, getattr(base, key))
         elif isinstance(getattr(base, key), str) != isinstance(value, str):
             msg = f"{where}: {key} {value!r} has the wrong type"
             raise VehicleError(msg)
         else:
             changes[key] = value
+    changes["autopilot_parameters"] = tuple(own.items())
     try:
         return replace(base, **changes)
     except VehicleError as error:

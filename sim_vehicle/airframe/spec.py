@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from geo.units import FOOT_M
+from sim_vehicle.airframe.autopilot_names import NO_AUTOPILOT, autopilot_names
 from sim_vehicle.airframe.power_spec import (
     AIR_DENSITY_KG_M3,
     GRAVITY_M_S2,
@@ -23,7 +24,6 @@ from sim_vehicle.errors import VehicleError
 
 __all__ = [
     "AIR_DENSITY_KG_M3",
-    "AUTOPILOTS",
     "GRAVITY_M_S2",
     "KINDS",
     "POWER_OF_KIND",
@@ -39,7 +39,6 @@ __all__ = [
 ]
 
 KINDS = ("multirotor", "fixed-wing", "rover", "ideal")
-AUTOPILOTS = ("px4", "ardupilot", "generic")
 POWER_OF_KIND: Mapping[str, type[AnyPowerSpec]] = MappingProxyType(
     {"multirotor": PowerSpec, "fixed-wing": FixedWingPowerSpec, "rover": RoverPowerSpec}
 )
@@ -50,8 +49,7 @@ _NO_LIMITS = (
     "parameters",
     "battery",
     "power",
-    "px4",
-    "ardupilot",
+    "autopilot_parameters",
     "published",
     "description",
     "disarm_delay_s",
@@ -102,8 +100,9 @@ class VehicleSpec:
         Name for reports.
     kind : {"multirotor", "fixed-wing", "rover", "ideal"}
         The motion model.
-    autopilot : {"px4", "ardupilot", "generic"}
-        Whose law of motion it follows; "generic" is that of none in particular.
+    autopilot : str
+        The autopilot that moves it, one of `sim_vehicle.airframe.autopilot_names.autopilot_names`; "generic"
+        is none in particular.
     parameters : tuple of (str, float)
         Parameters of the autopilot that are not at their defaults, under their real names.
     cruise_speed_m_s : float
@@ -141,8 +140,8 @@ class VehicleSpec:
         None is an endless battery.
     power : PowerSpec, FixedWingPowerSpec, RoverPowerSpec or None
         The one of its kind; None uses no energy.
-    px4, ardupilot : tuple of (str, float)
-        Parameters for when that autopilot flies it, under their real names.
+    autopilot_parameters : tuple of (str, tuple of (str, float))
+        Per autopilot, the parameters for when it flies this vehicle, under their real names.
     published : PublishedEndurance or None
         What the maker of such a vehicle tells, to compare the model with.
     description : str
@@ -156,7 +155,7 @@ class VehicleSpec:
 
     name: str
     kind: Literal["multirotor", "fixed-wing", "rover", "ideal"] = "multirotor"
-    autopilot: Literal["px4", "ardupilot", "generic"] = "generic"
+    autopilot: str = NO_AUTOPILOT
     parameters: tuple[tuple[str, float], ...] = ()
     cruise_speed_m_s: float = 8.0
     speed_limit_m_s: float = 14.0
@@ -182,13 +181,12 @@ class VehicleSpec:
     attitude_response_s: float | None = None
     battery: BatterySpec | None = None
     power: AnyPowerSpec | None = None
-    px4: tuple[tuple[str, float], ...] = ()
-    ardupilot: tuple[tuple[str, float], ...] = ()
+    autopilot_parameters: tuple[tuple[str, tuple[tuple[str, float], ...]], ...] = ()
     published: PublishedEndurance | None = None
     description: str = ""
 
     def __post_init__(self) -> None:
-        for name, known in (("kind", KINDS), ("autopilot", AUTOPILOTS)):
+        for name, known in (("kind", KINDS), ("autopilot", (*autopilot_names(), NO_AUTOPILOT))):
             value = getattr(self, name)
             if value not in known:
                 msg = f"vehicle {self.name}: {name} {value!r} is not one of {', '.join(known)}"
@@ -214,6 +212,10 @@ class VehicleSpec:
     def is_ideal(self) -> bool:
         """Whether it is the paper's robot, without dynamics."""
         return self.kind == "ideal"
+
+    def parameters_for(self, autopilot: str) -> tuple[tuple[str, float], ...]:
+        """Parameters of its own for when that autopilot flies it."""
+        return dict(self.autopilot_parameters).get(autopilot, ())
 
     @property
     def top_speed_m_s(self) -> float:

@@ -22,7 +22,7 @@ SLOW_LANDING_M = 5.0
 
 
 class GenericAutopilot:
-    """See `sim_vehicle.autopilot.model.Autopilot`."""
+    """See `sim_vehicle.autopilot.model.FlightProcedures`."""
 
     name = "generic"
     settings: Mapping[str, Setting] = MappingProxyType({})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion.legs import KEEP, Leg, LegKind
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.motion.fixed_wing.model import WingLimits
     from sim_vehicle.motion.legs import Heading, Position
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.weather.wind import Wind
@@ -42,8 +43,8 @@ class Setting:
     integer: bool = False
 
 
-class Autopilot(Protocol):
-    """What flies a vehicle. One object for all vehicles: all that differs is in their spec."""
+class FlightProcedures(Protocol):
+    """How a firmware moves vehicles. One object for all of them: what differs is in their spec."""
 
     name: str
     settings: Mapping[str, Setting]
@@ -68,6 +69,26 @@ class Autopilot(Protocol):
         ``haven`` is home or another place to return to, and the least height of the way there if that is more
         than the return altitude.
         """
+
+
+@runtime_checkable
+class FixedWingProcedures(FlightProcedures, Protocol):
+    """What a firmware decides about fixed wings besides."""
+
+    placed_land_start: bool
+    """Whether DO_LAND_START has to have a place."""
+
+    def limits(self, spec: VehicleSpec) -> WingLimits:
+        """Limits of a vehicle's flight."""
+
+    def lands_as_mission(self, spec: VehicleSpec) -> bool:
+        """Whether a return flies the landing of the mission, if it has one."""
+
+    def holds_at_waypoints(self) -> bool:
+        """Whether the hold time of a waypoint counts."""
+
+    def steepest_approach(self, spec: VehicleSpec) -> tuple[str, float] | None:
+        """Parameter that bounds the slope of an approach and its value in degrees; None without a bound."""
 
 
 def vertical_landing(spec: VehicleSpec, x_m: float, y_m: float) -> Leg:

@@ -113,7 +113,7 @@ ARDUPILOT_SETTINGS: Mapping[str, Setting] = MappingProxyType(
 
 
 class Plane:
-    """See `sim_vehicle.autopilot.model.Autopilot`.
+    """See `sim_vehicle.autopilot.model.FlightProcedures`.
 
     Parameters
     ----------
@@ -124,6 +124,7 @@ class Plane:
     def __init__(self, *, ardupilot: bool) -> None:
         self.name = "ardupilot" if ardupilot else "px4"
         self.ardupilot = ardupilot
+        self.placed_land_start = ardupilot
         self.settings: Mapping[str, Setting] = ARDUPILOT_SETTINGS if ardupilot else PX4_SETTINGS
 
     def _of(self, spec: VehicleSpec, name: str) -> float:
@@ -254,9 +255,9 @@ class Plane:
 
         return FixedWing(spec, self.limits, wind, yaw_rad)
 
-    def landing_angle_deg(self, spec: VehicleSpec) -> float:
-        """Return the steepest approach that PX4 takes."""
-        return setting(spec, "FW_LND_ANG", PX4_SETTINGS)
+    def steepest_approach(self, spec: VehicleSpec) -> tuple[str, float] | None:
+        """Parameter that bounds the slope of an approach and its value in degrees; ArduPlane has none."""
+        return None if self.ardupilot else ("FW_LND_ANG", self._of(spec, "FW_LND_ANG"))
 
     def lands_as_mission(self, spec: VehicleSpec) -> bool:
         """Whether a return flies the landing of the mission, if it has one."""
@@ -332,8 +333,3 @@ def _ordered(least: float, trim: float, most: float) -> tuple[float, float, floa
 
 PX4_PLANE = Plane(ardupilot=False)
 ARDUPLANE = Plane(ardupilot=True)
-
-
-def plane_of(autopilot: str) -> Plane:
-    """Return what flies a wing: ArduPlane, or PX4 for any other name."""
-    return ARDUPLANE if autopilot == "ardupilot" else PX4_PLANE

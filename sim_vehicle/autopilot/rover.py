@@ -69,7 +69,7 @@ ARDUPILOT_SETTINGS: Mapping[str, Setting] = MappingProxyType(
 
 
 class GroundRover:
-    """See `sim_vehicle.autopilot.model.Autopilot`.
+    """See `sim_vehicle.autopilot.model.FlightProcedures`.
 
     Parameters
     ----------
@@ -196,8 +196,3 @@ def _own(value: float, otherwise: float) -> float:
 
 PX4_ROVER = GroundRover(ardupilot=False)
 ARDUROVER = GroundRover(ardupilot=True)
-
-
-def rover_of(autopilot: str) -> GroundRover:
-    """Return what drives a rover: ArduPilot's Rover, or PX4 for any other name."""
-    return ARDUROVER if autopilot == "ardupilot" else PX4_ROVER

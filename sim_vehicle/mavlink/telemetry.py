@@ -58,14 +58,14 @@ def base_mode(mode: Mode, armed: bool) -> int:
 
 
 def _heartbeat(vehicle: SimVehicle) -> Message:
-    pilot, persona = vehicle.pilot, vehicle.persona
+    pilot, persona = vehicle.pilot, vehicle.firmware.persona
     if pilot.failsafe.active:
         status = m.MAV_STATE_EMERGENCY if pilot.state.phase is Phase.DEPLETED else m.MAV_STATE_CRITICAL
     else:
         status = m.MAV_STATE_ACTIVE if pilot.armed else m.MAV_STATE_STANDBY
     return m.MAVLink_heartbeat_message(
-        persona.mav_type,
-        persona.autopilot,
+        persona.identity.mav_type,
+        persona.identity.mav_autopilot,
         base_mode(pilot.mode, pilot.armed),
         persona.modes[pilot.mode],
         status,
@@ -228,7 +228,7 @@ def _battery_status(vehicle: SimVehicle) -> Message:
 def _remaining_s(vehicle: SimVehicle) -> int:
     """Return how long the battery lasts in flight; 0 (unknown) on the ground and from an ArduPilot."""
     battery, pilot = vehicle.pilot.state.battery, vehicle.pilot
-    told = vehicle.persona.autopilot == m.MAV_AUTOPILOT_PX4 and pilot.landed is not LandedState.ON_GROUND
+    told = vehicle.firmware.persona.tells_remaining_time and pilot.landed is not LandedState.ON_GROUND
     if battery is None or not told or not math.isfinite(battery.remaining_s):
         return 0
     return min(round(battery.remaining_s), 2**31 - 1)
@@ -254,7 +254,7 @@ def _mission_current(vehicle: SimVehicle) -> Message:
     if state == m.MISSION_STATE_COMPLETE:
         seq = 0
     return m.MAVLink_mission_current_message(
-        seq, size or (65535 if vehicle.persona.split_mode else 0), int(state), in_mode, *vehicle.plan_ids
+        seq, size or vehicle.firmware.persona.no_mission_total, int(state), in_mode, *vehicle.plan_ids
     )
 
 
@@ -272,11 +272,11 @@ def _wind(vehicle: SimVehicle) -> Message:
 
 
 def _autopilot_version(vehicle: SimVehicle) -> Message:
-    persona = vehicle.persona
+    identity = vehicle.firmware.persona.identity
     nothing = [0] * 8
     return m.MAVLink_autopilot_version_message(
-        persona.capabilities,
-        persona.flight_sw_version,
+        identity.capabilities,
+        identity.flight_sw_version,
         0,
         0,
         0,
@@ -363,7 +363,7 @@ def _gps_global_origin(vehicle: SimVehicle) -> Message:
 
 
 def _current_mode(vehicle: SimVehicle) -> Message:
-    number = vehicle.persona.modes[vehicle.pilot.mode]
+    number = vehicle.firmware.persona.modes[vehicle.pilot.mode]
     return m.MAVLink_current_mode_message(0, number, number)
 
 

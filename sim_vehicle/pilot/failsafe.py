@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.state import LandedState, Phase
-from sim_vehicle.pilot.failsafe_rules import Action, Rules
 from sim_vehicle.pilot.fence import Bounds, Breach, Fence, FenceWatch
 from sim_vehicle.pilot.modes import Outcome
 from sim_vehicle.pilot.notices import Severity
@@ -31,7 +31,7 @@ class Failsafe:
     ----------
     pilot : Pilot
         Who is watched, and acts.
-    rules : Rules
+    rules : FailsafeRules
         What the autopilot does.
 
     Attributes
@@ -43,7 +43,7 @@ class Failsafe:
         Whether the ground station was heard once and is no more.
     """
 
-    def __init__(self, pilot: Pilot, rules: Rules) -> None:
+    def __init__(self, pilot: Pilot, rules: FailsafeRules) -> None:
         self.rules = rules
         self.fence = FenceWatch()
         self.link_lost = False

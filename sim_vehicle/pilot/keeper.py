@@ -11,13 +11,13 @@ from geo.frame import LocalFrame
 from mission.model import Command, MissionItem
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import with_autopilot
+from sim_vehicle.autopilot.failsafe_rules import FailsafeRules
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor, check_mission
 from sim_vehicle.execution.items import item_places
 from sim_vehicle.execution.state import LandedState, Phase, VehicleState
-from sim_vehicle.pilot.failsafe_rules import PX4_RULES, Rules
 from sim_vehicle.pilot.fence import Fence
 from sim_vehicle.pilot.modes import Outcome
 from sim_vehicle.pilot.notices import MissionState, Notice, RefusedError, Severity
@@ -43,7 +43,7 @@ class Keeper:
         yaw_rad: float = 0.0,
         mode: Mode = Mode.HOLD,
         takes_off: bool = False,
-        rules: Rules = PX4_RULES,
+        rules: FailsafeRules,
         epoch_unix_s: float | None = None,
     ) -> None:
         self.spec = spec

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from geo.frame import LocalFrame
 from mission.model import Command, MissionItem
 from sim_vehicle.airframe.spec import VehicleSpec
+from sim_vehicle.autopilot.failsafe_rules import FailsafeRules
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.state import (
@@ -23,7 +24,6 @@ from sim_vehicle.execution.state import (
 from sim_vehicle.motion.legs import ALONG, Heading
 from sim_vehicle.pilot.arming import why_not_arm
 from sim_vehicle.pilot.failsafe import Failsafe
-from sim_vehicle.pilot.failsafe_rules import PX4_RULES, Rules
 from sim_vehicle.pilot.keeper import Keeper
 from sim_vehicle.pilot.modes import Outcome
 from sim_vehicle.pilot.notices import MissionState, Notice, RefusedError, Severity
@@ -50,7 +50,7 @@ class Pilot(Keeper):
         Whether a mission needs no take-off item.
     after_takeoff : Mode
         The mode that follows an ordered take-off.
-    rules : Rules
+    rules : FailsafeRules
         What the autopilot does when something goes wrong.
     epoch_unix_s : float, optional
         Time of day at time 0.
@@ -88,7 +88,7 @@ class Pilot(Keeper):
         mode: Mode = Mode.HOLD,
         takes_off: bool = False,
         after_takeoff: Mode = Mode.HOLD,
-        rules: Rules = PX4_RULES,
+        rules: FailsafeRules,
         epoch_unix_s: float | None = None,
     ) -> None:
         super().__init__(

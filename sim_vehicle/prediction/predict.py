@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geo.frame import LocalFrame
+from sim_vehicle.autopilot import firmware_of
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
@@ -245,7 +246,8 @@ def rehearsals(wind: Wind | None) -> list[Wind | None]:
 
 def climbs_by_itself(spec: VehicleSpec) -> bool:
     """Whether a vehicle climbs first when its mission begins on the ground without a take-off: PX4 does."""
-    return spec.kind == "multirotor" and spec.autopilot == "px4"
+    firmware = firmware_of(spec)
+    return spec.kind == "multirotor" and firmware is not None and firmware.takes_off
 
 
 def without_end(spec: VehicleSpec) -> VehicleSpec:

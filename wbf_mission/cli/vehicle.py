@@ -61,7 +61,7 @@ def show_command(vehicle: VehicleArgument, json: options.Json = False, quiet: op
         rows["mass"] = f"{spec.power.mass_kg:g} kg"
     if spec.battery is not None and spec.power is not None:
         _add_endurance(spec, values, rows)
-    for name, table in (("PX4", spec.px4), ("ArduPilot", spec.ardupilot)):
+    for name, table in spec.autopilot_parameters:
         if table:
             rows[f"parameters for {name}"] = ", ".join(f"{key}={value:g}" for key, value in table)
     Output(as_json=json, quiet=quiet).result(values, rows, title=spec.name)

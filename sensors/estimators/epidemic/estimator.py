@@ -79,6 +79,8 @@ class EpidemicEstimator(BaseEstimator):
     (0.5, 0.0, True)
     """
 
+    states_deviation = True
+
     def __init__(
         self,
         fields: FieldSet = PAPER_FIELDS,

@@ -129,7 +129,7 @@ def fastest_airspeed_m_s(spec: VehicleSpec) -> float:
 
 
 class ArduCopterAutopilot:
-    """See `sim_vehicle.autopilot.model.Autopilot`."""
+    """See `sim_vehicle.autopilot.model.FlightProcedures`."""
 
     name = "ardupilot"
     settings: Mapping[str, Setting] = SETTINGS

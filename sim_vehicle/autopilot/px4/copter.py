@@ -85,7 +85,7 @@ def drag_of(spec: VehicleSpec) -> float:
 
 
 class Px4MultirotorAutopilot:
-    """See `sim_vehicle.autopilot.model.Autopilot`."""
+    """See `sim_vehicle.autopilot.model.FlightProcedures`."""
 
     name = "px4"
     settings: Mapping[str, Setting] = MappingProxyType(_TABLE)

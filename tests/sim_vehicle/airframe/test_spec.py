@@ -152,8 +152,8 @@ def test_a_vehicle_file_has_parameters_of_both_autopilots(tmp_path):
     path = tmp_path / "tuned.toml"
     path.write_text("[px4]\nMPC_ACC_HOR = 4\nNAV_ACC_RAD = 2.5\n[ardupilot]\nWPNAV_SPEED = 750\n")
     tuned = get_vehicle(str(path))
-    assert tuned.px4 == (("MPC_ACC_HOR", 4.0), ("NAV_ACC_RAD", 2.5))
-    assert tuned.ardupilot == (("WPNAV_SPEED", 750.0),)
+    assert tuned.parameters_for("px4") == (("MPC_ACC_HOR", 4.0), ("NAV_ACC_RAD", 2.5))
+    assert tuned.parameters_for("ardupilot") == (("WPNAV_SPEED", 750.0),)
     assert tuned.parameters == ()
 
 

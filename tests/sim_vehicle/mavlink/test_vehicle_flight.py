@@ -9,10 +9,13 @@ from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
 from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.autopilot.ardupilot import ARDUPILOT
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.component import NEVER
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.host.simulation import Simulation, StopReason
-from sim_vehicle.mavlink import ARDUPILOT, PX4, Mode, Outcome, SimVehicle
+from sim_vehicle.mavlink import Outcome, SimVehicle
 
 HOME = GeoPoint(28.05, -82.15, 20.0)
 FRAME = LocalFrame(HOME.latitude_deg, HOME.longitude_deg, HOME.altitude_m)
@@ -129,21 +132,21 @@ def fly(items, orders, *, spec=None, limit_s=600.0, camera=None, prepare=None, u
     return vehicle, ground, reason, simulation
 
 
-@pytest.mark.parametrize("persona", [PX4, ARDUPILOT])
-def test_a_mission_from_upload_to_disarming(persona):
-    items = SURVEY if persona is PX4 else (waypoint(0, 0), *SURVEY)
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
+def test_a_mission_from_upload_to_disarming(autopilot):
+    items = SURVEY if autopilot is PX4 else (waypoint(0, 0), *SURVEY)
     camera = Camera()
     streams = m.MAVLink_request_data_stream_message(1, 1, 0, 4, 1)  # which PX4 ignores
     vehicle, ground, reason, simulation = fly(
-        items, [(0.0, streams), (2.0, ARM), (2.2, START)], camera=camera, persona=persona, until=None
+        items, [(0.0, streams), (2.0, ARM), (2.2, START)], camera=camera, autopilot=autopilot, until=None
     )
     assert reason is StopReason.FINISHED
     assert (vehicle.outcome, vehicle.outcome_text) == (Outcome.COMPLETED, "mission complete")
     assert ground.of("MISSION_ACK")[0].type == 0
     assert (400, 0) in ground.acks() and (300, 0) in ground.acks()
-    first = 0 if persona is PX4 else 1
+    first = 0 if autopilot is PX4 else 1
     reached = list(dict.fromkeys(message.seq for message in ground.of("MISSION_ITEM_REACHED")))
-    if persona is ARDUPILOT:
+    if autopilot is ARDUPILOT:
         assert reached == list(range(first, first + len(SURVEY)))
     else:  # of a place and the commands after it the last one, and the return instead of the last place
         ends = [i for i, item in enumerate(SURVEY[:-1]) if item.has_place]

@@ -15,7 +15,7 @@ from recordings import compare, fly_recording, load_recording
 from geo.frame import LocalFrame
 from mission.model import Command, MissionItem
 from sim_vehicle.airframe.spec import VehicleSpec, get_vehicle
-from sim_vehicle.autopilot import autopilot_of, with_autopilot
+from sim_vehicle.autopilot import flight_procedures, with_autopilot
 from sim_vehicle.autopilot.ardupilot.copter import ARDUCOPTER, SETTINGS
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
@@ -224,7 +224,7 @@ def test_takeoff_is_straight_up_wherever_its_place_is() -> None:
 
 def test_return_follows_its_parameters() -> None:
     def legs(spec: VehicleSpec, z: float = 10.0, x: float = 100.0) -> list[Leg]:
-        return autopilot_of(spec).return_legs(spec, (x, 0.0, z), 5.0, (0.0, 0.0, 0.0))
+        return flight_procedures(spec).return_legs(spec, (x, 0.0, z), 5.0, (0.0, 0.0, 0.0))
 
     assert [leg.kind for leg in legs(QUAD)] == [LegKind.CLIMB, LegKind.HOME, LegKind.LAND]
     assert legs(QUAD)[0].end_m[2] == 15.0

@@ -19,9 +19,9 @@ def names_of(kind: str) -> tuple[str, ...]:
         from sim_vehicle.airframe.autopilot_names import autopilot_names
 
         return autopilot_names()
-    from sim_vehicle.airframe.catalog import packaged_names
+    from sim_vehicle.airframe.catalog import vehicle_names
 
-    return packaged_names()
+    return vehicle_names()
 
 
 def _entry_points(group: str) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from geo.atomic import atomic_path, atomic_write
 from mission.files import write_mission
-from sensors.fields import FIELDS
+from sensors.fields import PAPER_FIELDS
 from wbf_mission.scenario import Scenario, ScenarioError
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ _FILES = (
     "scores.csv",
     "path.png",
     "score.png",
-    *(f"field_{field}.png" for field in FIELDS),
+    *(f"field_{field}.png" for field in PAPER_FIELDS.names),
 )
 
 
@@ -167,7 +167,7 @@ def _write_track(result: FlightResult, path: Path) -> None:
 
 def _write_scores(result: FlightResult, path: Path) -> None:
     history = result.history
-    names = [f"loss_{field}" for field in FIELDS]
+    names = [f"loss_{field}" for field in PAPER_FIELDS.names]
     header = ",".join(["time_s", "observations", "score", *names])
     columns = [history.times_s, history.observations, history.scores, *history.field_losses.T]
     _write_csv(path, header, columns, "%.9g")

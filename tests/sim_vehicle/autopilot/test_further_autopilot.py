@@ -13,7 +13,7 @@ from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, Mission, MissionItem
 from mission.transfer import profile
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import autopilot_names, forget_autopilots, get_autopilot, with_autopilot
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.host.simulation import Simulation

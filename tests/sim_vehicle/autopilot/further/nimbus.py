@@ -5,11 +5,11 @@ from types import MappingProxyType
 
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer.profile import Profile
+from sim_vehicle.airframe.parameters import ParameterSpec
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.failsafe_rules import FailsafeRules, actions_by_value
 from sim_vehicle.autopilot.generic import GenericAutopilot
 from sim_vehicle.autopilot.mav_parameter import MavParameter
-from sim_vehicle.autopilot.model import Setting
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.persona import COMMON_CAPABILITIES, Identity, ModeTable, Persona
 
@@ -18,7 +18,7 @@ class NimbusProcedures(GenericAutopilot):
     """Generic motion, whose cruise speed is a parameter."""
 
     name = "nimbus"
-    settings = MappingProxyType({"NIM_SPEED": Setting(7.0, 1.0, 12.0, "m/s", "cruise speed")})
+    parameters = MappingProxyType({"NIM_SPEED": ParameterSpec(7.0, 1.0, 12.0, "m/s", "cruise speed")})
 
     def fit(self, spec):
         speed = dict(spec.parameters).get("NIM_SPEED", 7.0)

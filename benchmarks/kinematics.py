@@ -21,8 +21,9 @@ import numpy as np
 
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
-from sim_vehicle.airframe.spec import VehicleSpec, get_vehicle
-from sim_vehicle.autopilot import autopilot_of, with_autopilot
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.airframe.spec import VehicleSpec
+from sim_vehicle.autopilot import flight_procedures, with_autopilot
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.motion.batch import VehicleBatch
 from sim_vehicle.motion.legs import KEEP, Leg, LegKind, Route
@@ -86,7 +87,7 @@ def vehicle_of(law: str) -> VehicleSpec:
 def set_out(law: str, aside_m: float = 0.0) -> MotionModel:
     """Return a vehicle that begins a lawnmower flight."""
     spec = vehicle_of(law)
-    motion = autopilot_of(spec).motion(spec, None, 0.0)
+    motion = flight_procedures(spec).motion(spec, None, 0.0)
     far = 6.0 if law == "wing" else 1.0
     legs = [Leg((0.0, 50.0, 30.0), 5.0, heading=KEEP, kind=LegKind.TAKEOFF)]
     legs += [

@@ -22,9 +22,10 @@ from mission.link import MavlinkEndpoint, open_link
 from mission.model import GeoPoint, MissionItem, MissionType
 from mission.transfer import MissionDownload, MissionUpload, compare_plans
 from mission.transfer.driver import TransferDriver
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot import autopilot_names, get_autopilot
 from sim_vehicle.host.simulation import Simulation
-from sim_vehicle.mavlink import SimVehicle, get_persona
+from sim_vehicle.mavlink import SimVehicle
 
 BAR_S = 0.5
 HOME = GeoPoint(28.05, -82.15, 20.0)
@@ -61,7 +62,11 @@ def by_our_client(items: tuple[MissionItem, ...], autopilot: str) -> tuple[float
         link = open_link(url.replace("tcpin", "tcp"))
         with TransferDriver(MavlinkEndpoint(link, 255, 190)) as driver:
             driver.wait_for_vehicle()
-            options = {"target": (1, 1), "source": (255, 190), "profile": get_persona(autopilot).profile}
+            options = {
+                "target": (1, 1),
+                "source": (255, 190),
+                "profile": get_autopilot(autopilot).for_vehicle("multirotor").profile,
+            }
             for _ in range(3):
                 for number, transfer in enumerate(
                     (
@@ -122,24 +127,25 @@ def by_mavsdk(items: tuple[MissionItem, ...], autopilot: str) -> float:
 
 def behind_a_bad_radio(items: tuple[MissionItem, ...], autopilot: str) -> tuple[float, float, bool]:
     """Return virtual and processor seconds of a verified upload at 20 % loss, and whether it is correct."""
-    persona = get_persona(autopilot)
-    vehicle = SimVehicle(get_vehicle("quad"), HOME, persona=persona)
+    flown = get_autopilot(autopilot)
+    profile = flown.for_vehicle("multirotor").profile
+    vehicle = SimVehicle(get_vehicle("quad"), HOME, autopilot=flown)
     link = Simulation([vehicle], faults=[f"loss={LOSS}", "delay=0.02"], seed=1).open_link()
     driver = TransferDriver(MavlinkEndpoint(link, 255, 190), clock=link.clock, wait=link.wait)
     driver.wait_for_vehicle()
-    options = {"target": (1, 1), "source": (255, 190), "profile": persona.profile}
+    options = {"target": (1, 1), "source": (255, 190), "profile": profile}
     began_s, began = link.clock(), time.process_time()
     driver.run(MissionUpload(items, home=HOME, **options))
     took_s, busy = link.clock() - began_s, time.process_time() - began
     end, _ = driver.run(MissionDownload(MissionType.MISSION, **options))
-    return took_s, busy, not compare_plans(items, end.items, persona.profile)
+    return took_s, busy, not compare_plans(items, end.items, profile)
 
 
 def main() -> None:
     """Measure everything and compare it with the bar."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--items", type=int, default=1000)
-    parser.add_argument("--autopilot", choices=("px4", "ardupilot"), default="px4")
+    parser.add_argument("--autopilot", choices=autopilot_names(), default="px4")
     options = parser.parse_args()
     items, autopilot = plan(options.items), options.autopilot
     up, down = by_our_client(items, autopilot)

@@ -59,7 +59,9 @@ def rooms_of(graph: grimp.ImportGraph) -> dict[str, Room]:
     for module in graph.modules:
         path = ROOT / (module.replace(".", "/") + ".py")
         path = path if path.exists() else ROOT / module.replace(".", "/") / "__init__.py"
-        sizes.setdefault(room_of(module, graph), []).append(len(path.read_text(encoding="utf-8").splitlines()))
+        sizes.setdefault(room_of(module, graph), []).append(
+            len(path.read_text(encoding="utf-8").splitlines())
+        )
     return {name: Room(name, name.split(".")[0], sum(lines), len(lines)) for name, lines in sizes.items()}
 
 
@@ -122,7 +124,10 @@ def place(
             # Single rooms stand in turn to the left and right, so that no arrow runs through them.
             shift = (-1.6, 1.6)[level % 2] if len(row) % 2 else 0.0
             for column, name in enumerate(row):
-                centres[name] = (5.0 + shift + (column - (len(row) - 1) / 2) * 2.4, bottom + 0.5 + 0.85 * level)
+                centres[name] = (
+                    5.0 + shift + (column - (len(row) - 1) / 2) * 2.4,
+                    bottom + 0.5 + 0.85 * level,
+                )
         bands[floor] = (bottom, bottom + 0.85 * rows + 0.15)
         bottom += 0.85 * rows + 0.4
     return centres, bands

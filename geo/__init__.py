@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING
 from geo.lazy import attach
 
 if TYPE_CHECKING:
+    from geo.built_in import farm_names as farm_names
     from geo.errors import FarmError as FarmError
     from geo.errors import WbfMissionError as WbfMissionError
     from geo.farm import Crop as Crop
     from geo.farm import Farm as Farm
     from geo.farm import Patch as Patch
-    from geo.farms import farm_names as farm_names
     from geo.farms import get_farm as get_farm
     from geo.frame import LocalFrame as LocalFrame
     from geo.geojson import load_farm as load_farm
@@ -21,9 +21,10 @@ else:
     __getattr__, __dir__, __all__ = attach(
         __name__,
         {
+            "geo.built_in": ("farm_names",),
             "geo.errors": ("FarmError", "WbfMissionError"),
             "geo.farm": ("Crop", "Farm", "Patch"),
-            "geo.farms": ("farm_names", "get_farm"),
+            "geo.farms": ("get_farm",),
             "geo.frame": ("LocalFrame",),
             "geo.geojson": ("load_farm", "save_farm"),
             "geo.grid": ("FarmGrid",),

@@ -24,6 +24,7 @@ from pathlib import Path
 
 import shapely
 
+from geo.built_in import farm_names
 from geo.errors import FarmError
 from geo.farm import Crop, Farm, Patch
 from geo.frame import LocalFrame
@@ -35,17 +36,6 @@ OWNER = "owner"
 _MINIBERRY_LATITUDES = {10: 28.0370, 30: 28.0380, 100: 28.0400}
 _LONGITUDE = -82.1500
 _WATERBERRY_LATITUDE = 28.0500
-
-
-def farm_names() -> tuple[str, ...]:
-    """Return the names of the built-in farms.
-
-    Examples
-    --------
-    >>> farm_names()
-    ('miniberry-10', 'miniberry-30', 'miniberry-100', 'waterberry')
-    """
-    return (*(f"miniberry-{size}" for size in _MINIBERRY_LATITUDES), "waterberry")
 
 
 def get_farm(name_or_path: str | Path) -> Farm:

@@ -23,14 +23,16 @@ from sensors.estimators import Estimator
 from sensors.fields import relevance_masks
 from sensors.observations import Observations
 from sensors.scoring.score import RunningScore
+from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
-from sim_vehicle.mavlink import SimVehicle, get_persona
+from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.estimation import RunEstimate, estimator_of, require_run_memory, resolved, score_points
 from wbf_mission.flight_result import Result
 from wbf_mission.ground.station import GroundStation
 from wbf_mission.outcome import Outcome, Phase
 from wbf_mission.planning import PlanResult, home_of, plan
+from wbf_mission.report import FieldMap, field_maps, true_map
 from wbf_mission.scenario import CameraOptions, Scenario, scenario_with
 from wbf_mission.stopwatch import Stopwatch
 from wbf_mission.weather import noise_of, wind_of_run
@@ -177,7 +179,7 @@ class _Run:
             planned.vehicle,
             home,
             wind=wind_of_run(scenario),
-            persona=get_persona(scenario.vehicle.autopilot),
+            autopilot=get_autopilot(scenario.vehicle.autopilot),
             epoch_unix_s=EPOCH_UNIX_S,
             noise=noise_of(scenario.vehicle, scenario.seed),
         )
@@ -275,6 +277,9 @@ class _Run:
         used = None
         if battery is not None and ground.battery.consumed_wh is not None:
             used = ground.battery.consumed_wh / battery.capacity_wh
+        observations = Observations.concatenate(self.parts)
+        maps, true_maps = self._maps(observations)
+        self.watch.lap("report")
         return Result(
             scenario=self.scenario,
             plan=self.planned,
@@ -282,7 +287,7 @@ class _Run:
             reason=ground.reason,
             track=ground.track(self.planned.farm.frame),
             true_track=ground.true_track(self.planned.farm.frame),
-            observations=Observations.concatenate(self.parts),
+            observations=observations,
             camera=self.assembler.statistics,
             transfers=ground.transfers,
             truth=self.truth,
@@ -294,7 +299,23 @@ class _Run:
             frames=simulation.frames if simulation is not None else 0,
             timings_s=self.watch.seconds,
             texts=ground.texts,
+            maps=maps,
+            true_maps=true_maps,
         )
+
+    def _maps(self, observations: Observations) -> tuple[tuple[FieldMap, ...], tuple[FieldMap, ...]]:
+        """Return the last estimate and the truth in blocks of cells, nothing without an estimate."""
+        model, farm = self.estimate.model, self.planned.farm
+        if model is None:
+            return (), ()
+        maps = field_maps(
+            farm,
+            model,
+            observations,
+            probabilities=getattr(self.estimator, "class_probabilities", None),
+            states_deviation=getattr(self.estimator, "states_deviation", False),
+        )
+        return maps, tuple(true_map(farm, one.field, self.truth[k]) for k, one in enumerate(maps))
 
 
 def _expected_observations(camera: CameraOptions, planned: PlanResult) -> float:

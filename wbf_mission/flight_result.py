@@ -17,6 +17,7 @@ from sensors.scoring.information import InformationModel
 from wbf_mission.estimation import ScoreHistory
 from wbf_mission.outcome import Outcome, Track
 from wbf_mission.planning import PlanResult
+from wbf_mission.report import FarmReport, FieldMap, report_of_maps
 from wbf_mission.scenario import Scenario
 
 
@@ -56,6 +57,8 @@ class Result:
         What the vehicle said (time, severity, text).
     environment_cached : bool
         Whether the environment came from the user's cache.
+    maps, true_maps : tuple of FieldMap
+        Estimate and truth in blocks of cells; empty without an estimate.
     """
 
     scenario: Scenario
@@ -77,6 +80,13 @@ class Result:
     texts: list[tuple[float, int, str]] = field(default_factory=list)
     environment_cached: bool = False
     true_track: Track | None = None
+    maps: tuple[FieldMap, ...] = ()
+    true_maps: tuple[FieldMap, ...] = ()
+
+    @property
+    def report(self) -> FarmReport | None:
+        """What the estimate says of the farm, if there is one."""
+        return report_of_maps(self.farm, self.maps) if self.maps else None
 
     @property
     def score(self) -> float | None:
@@ -150,6 +160,7 @@ class Result:
         seen = self.observations
         cells = len(np.unique(seen.x.astype(np.int64) * self.farm.height_cells + seen.y)) if len(seen) else 0
         flight_s = self.timings_s.get("flight", 0.0)
+        report = self.report
         return {
             "seed": self.scenario.seed,
             "farm": self.farm.name,
@@ -167,6 +178,7 @@ class Result:
             "rmse": dict(zip(FIELDS, final.field_rmse, strict=True)) if final else dict.fromkeys(FIELDS),
             "mae": dict(zip(FIELDS, final.field_mae, strict=True)) if final else dict.fromkeys(FIELDS),
             "authors_axis_max": final.authors_axis_max if final else None,
+            "report": report.to_dict() if report is not None else None,
             "observations": len(seen),
             "cells_observed": cells,
             "path_length_m": self.track.length_m,

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from importlib.metadata import entry_points
+
 
 def names_of(kind: str) -> tuple[str, ...]:
     """Return the known names of a ``kind``: farm, planner, estimator or vehicle."""
     if kind == "farm":
-        from geo import farm_names
+        from geo.built_in import farm_names
 
-        return tuple(farm_names())
+        return farm_names()
     if kind == "planner":
-        from mission.planners import planner_names
-
-        return tuple(planner_names())
+        return _entry_points("wbf_mission.planners")
     if kind == "estimator":
-        from sensors.estimators import estimator_names
+        return _entry_points("wbf_mission.estimators")
+    from sim_vehicle.airframe.catalog import vehicle_names
 
-        return tuple(estimator_names())
-    from sim_vehicle.airframe.spec import vehicle_names
+    return vehicle_names()
 
-    return tuple(vehicle_names())
+
+def _entry_points(group: str) -> tuple[str, ...]:
+    """The names in a group of entry points; nothing of what they name is imported."""
+    return tuple(sorted({entry.name for entry in entry_points(group=group)}))

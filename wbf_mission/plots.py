@@ -1,4 +1,9 @@
-"""PNG pictures of a run: farm and paths, truth / estimate / uncertainty per field, score over time."""
+"""PNG pictures of a run: farm and paths, one map sheet per field, score over time.
+
+A field's sheet shows the plants of a small farm one by one, and those of a large farm in blocks of cells
+(`wbf_mission.blocks`), with the path over them and the sick plants that were seen as marks. Colours run from
+light to dark (or dark to light), so that they can be told apart without red and green.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +16,15 @@ from numpy.typing import NDArray
 
 from geo import Crop, Farm, FarmGrid
 from geo.atomic import atomic_write
-from sensors.fields import FIELDS, relevance_masks
+from sensors.fields import PAPER_FIELDS, FieldSet
+from wbf_mission.blocks import MapGrid
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FIELD_TITLES = {"tylcv": "TYLCV (tomato)", "ccr": "charcoal rot (strawberry)", "soil": "soil humidity"}
+    from wbf_mission.report import FieldMap
+
 CROP_COLOURS = {
     Crop.NONE: "#f4f1ea",
     Crop.STRAWBERRY: "#e8a7a1",
@@ -25,14 +32,24 @@ CROP_COLOURS = {
     Crop.POND: "#8fbcd4",
     Crop.WETLAND: "#9ccfb8",
 }
-HEALTH_COLOURS = ["#5a0f14", "#f08a24", "#4f9d5d"]  # lost, infected, healthy
-MAX_PIXELS = 600  # a picture shows no more cells a side than this; larger farms are drawn in blocks of cells
+LAND = "#e9e6df"
+FINDS = "#0072b2"
+PATH = "#3b3b3b"
+WORST_COLOURS = ("#3d0a3a", "#f29e38", "#dfeaf2")  # lost, infected, healthy: dark, middle, light
+MAX_PIXELS = 600  # a crop map shows no more cells a side than this
+_LARGEST_SHARE = 0.02  # at least so much is shown of a large farm's scale of sick plants
+_SHARE_RANGE = 50.0
+_MARGIN = 0.04
+_TITLES = {
+    "disease": ("plants expected sick", "worst plant expected", "how sure: deviation of the share", "truth"),
+    "continuous": ("expected mean", "lowest value expected", "how sure: standard deviation", "truth"),
+}
 
 
 def _figure(width: float, height: float) -> Figure:
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(width, height), dpi=110, layout="constrained")
+    return Figure(figsize=(width, height), dpi=110)
 
 
 def _save(figure: Figure, path: Path) -> Path:
@@ -44,28 +61,9 @@ def _save(figure: Figure, path: Path) -> Path:
     return path
 
 
-def _stride(grid: FarmGrid) -> int:
-    return max(1, -(-max(grid.shape) // MAX_PIXELS))
-
-
 def _extent(grid: FarmGrid) -> tuple[float, float, float, float]:
     width, height = grid.shape
     return 0.0, width * grid.cell_size_m, 0.0, height * grid.cell_size_m
-
-
-def _shrink(cells: NDArray[Any], stride: int, pick: Any) -> NDArray[Any]:
-    """Return one value for each ``stride`` x ``stride`` block of cells, chosen by ``pick`` (np.min, ...)."""
-    if stride == 1:
-        return cells
-    width, height = (size // stride * stride for size in cells.shape)
-    blocks = cells[:width, :height].reshape(width // stride, stride, height // stride, stride)
-    return np.asarray(pick(blocks, axis=(1, 3)))
-
-
-def _show(axes: Axes, cells: NDArray[Any], grid: FarmGrid, **style: Any) -> Any:
-    return axes.imshow(
-        cells.T, origin="lower", extent=_extent(grid), interpolation="nearest", aspect="equal", **style
-    )
 
 
 def draw_farm(axes: Axes, farm: Farm) -> None:
@@ -74,19 +72,22 @@ def draw_farm(axes: Axes, farm: Farm) -> None:
     from matplotlib.patches import Patch as LegendPatch
 
     grid = farm.grid()
-    stride = _stride(grid)
+    stride = max(1, -(-max(grid.shape) // MAX_PIXELS))
     crops = grid.crop[::stride, ::stride]
     levels = sorted(CROP_COLOURS)
     colours = ListedColormap([CROP_COLOURS[Crop(level)] for level in levels])
     norm = BoundaryNorm([level - 0.5 for level in levels] + [levels[-1] + 0.5], len(levels))
-    _show(axes, crops, grid, cmap=colours, norm=norm, zorder=0)
-    area = farm.owner_area
-    for polygon in getattr(area, "geoms", [area]):
-        x, y = polygon.exterior.xy
-        axes.plot(x, y, color="#5b4636", linewidth=1.2, linestyle="--", zorder=2)
-    for obstacle in farm.obstacles:
-        x, y = obstacle.exterior.xy
-        axes.fill(x, y, facecolor="none", edgecolor="#333333", hatch="xxx", linewidth=0.8, zorder=2)
+    axes.imshow(
+        crops.T,
+        origin="lower",
+        extent=_extent(grid),
+        interpolation="nearest",
+        aspect="equal",
+        cmap=colours,
+        norm=norm,
+        zorder=0,
+    )
+    _outline(axes, farm)
     present = [Crop(int(code)) for code in np.unique(crops)]
     axes.legend(
         handles=[LegendPatch(color=CROP_COLOURS[crop], label=crop.name.lower()) for crop in present if crop],
@@ -96,6 +97,16 @@ def draw_farm(axes: Axes, farm: Farm) -> None:
     )
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
+
+
+def _outline(axes: Axes, farm: Farm) -> None:
+    area = farm.owner_area
+    for polygon in getattr(area, "geoms", [area]):
+        x, y = polygon.exterior.xy
+        axes.plot(x, y, color="#5b4636", linewidth=1.2, linestyle="--", zorder=2)
+    for obstacle in farm.obstacles:
+        x, y = obstacle.exterior.xy
+        axes.fill(x, y, facecolor="none", edgecolor="#333333", hatch="xxx", linewidth=0.8, zorder=2)
 
 
 def plot_farm(farm: Farm, path: Path) -> Path:
@@ -141,62 +152,214 @@ def plot_paths(
 
 def plot_field(
     farm: Farm,
-    field: str,
-    truth: NDArray[np.float32],
-    estimate: NDArray[np.float32],
-    uncertainty: NDArray[np.float32],
+    estimate: FieldMap,
     path: Path,
+    *,
+    truth: FieldMap | None = None,
+    flown_m: NDArray[np.float64] | None = None,
     about: str = "",
 ) -> Path:
-    """Write truth, estimate and uncertainty ([W, H] each) of one field; cells that are not scored are pale.
+    """Write the map sheet of one field.
 
-    On a farm of more cells than pixels a pixel shows the worst cell of its block for a disease, so that no
-    outbreak falls between the pixels, and the mean for the soil; the uncertainty is the least of its block.
+    Parameters
+    ----------
+    farm : Farm
+    estimate : FieldMap
+        `wbf_mission.report.field_maps`.
+    path : Path
+        The PNG file.
+    truth : FieldMap, optional
+        `wbf_mission.report.true_map`, where somebody knows it.
+    flown_m : float64[n, 2], optional
+        The path over ground, metres of the farm's frame.
+    about : str
+        First line of the sheet.
     """
-    grid = farm.grid()
-    stride = _stride(grid)
-    mask = _shrink(relevance_masks(grid)[FIELDS.index(field)], stride, np.any)
-    figure = _figure(12, 3.5)
-    panels = figure.subplots(1, 3, sharex=True, sharey=True)
-    shade = np.where(mask, np.nan, 1.0)
-    from matplotlib.colors import LinearSegmentedColormap
-
-    pick = np.mean if field == "soil" else np.min
-    colours = "YlGnBu" if field == "soil" else LinearSegmentedColormap.from_list("health", HEALTH_COLOURS)
-    top = float(np.max(uncertainty)) or 1.0
-    styles: tuple[dict[str, Any], ...] = (
-        {"cmap": colours, "vmin": 0.0, "vmax": 1.0},
-        {"cmap": colours, "vmin": 0.0, "vmax": 1.0},
-        {"cmap": "magma", "vmin": 0.0, "vmax": top},
+    kind, grid = estimate.field.kind, estimate.grid
+    left, right, low, high = _part_shown(farm)
+    panel_height = min(max(4.9 * (high - low) / (right - left), 3.2), 6.5)
+    figure = _figure(12.0, 2.0 * panel_height + 1.3)
+    panels = figure.subplots(2, 2, sharex=True, sharey=True)
+    figure.subplots_adjust(
+        left=0.06, right=0.95, bottom=0.55 / figure.get_figheight(), top=1.0 - 0.95 / figure.get_figheight()
     )
-    for axes, name, cells, style in zip(
-        panels,
-        ("truth", "estimate", "uncertainty"),
-        (_shrink(truth, stride, pick), _shrink(estimate, stride, pick), _shrink(uncertainty, stride, np.min)),
-        styles,
-        strict=True,
+    figure.subplots_adjust(wspace=0.12, hspace=0.14)
+    share_style = _share_style(estimate)
+    shown: tuple[tuple[NDArray[np.float64] | None, dict[str, Any], str, str], ...] = (
+        (estimate.share, *share_style),
+        (np.where(np.isfinite(estimate.least), estimate.least, np.nan), *_least_style(estimate)),
+        (estimate.deviation, *_deviation_style(estimate)),
+        (None if truth is None else truth.share, *share_style),
+    )
+    for number, (axes, name, (pixels, style, scale, unit)) in enumerate(
+        zip(panels.flat, _TITLES[kind], shown, strict=True)
     ):
-        image = _show(axes, cells, grid, **style)
-        _show(axes, shade, grid, cmap="gray", vmin=0.0, vmax=1.0, alpha=0.65)
-        figure.colorbar(image, ax=axes, shrink=0.8)
-        axes.set_title(f"{FIELD_TITLES[field]}: {name}", fontsize=9)
+        axes.set_facecolor(LAND)
+        _outline(axes, farm)
+        axes.set_title(name, fontsize=9, pad=12)
+        axes.set_aspect("equal")
+        axes.set_xlim(left, right)
+        axes.set_ylim(low, high)
+        if pixels is None:
+            text = "not known" if number == 3 else "this estimator does not tell how sure it is"
+            axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", fontsize=9)
+        else:
+            _show(figure, axes, pixels, grid, style, scale, unit)
+        _name_blocks(axes, grid, (left, right, low, high))
+        if number < 2 and flown_m is not None and len(flown_m):
+            label = "path flown"
+            axes.plot(
+                flown_m[:, 0], flown_m[:, 1], color=PATH, linewidth=0.6, alpha=0.7, label=label, zorder=3
+            )
+    _mark_finds(panels[0, 0], estimate)
+    if panels[0, 0].get_legend_handles_labels()[0]:
+        panels[0, 0].legend(loc="upper left", fontsize=7, framealpha=0.85)
+    for axes in panels[1]:
         axes.set_xlabel("x (m)")
-    panels[0].set_ylabel("y (m)")
-    figure.suptitle(about, fontsize=9)
+    for axes in panels[:, 0]:
+        axes.set_ylabel("y (m)")
+    side = grid.pixel * grid.cell_size_m
+    how = "cell by cell" if grid.pixel == 1 else f"squares of {side:.0f} m"
+    block = grid.block * grid.cell_size_m
+    lines = f"{estimate.field.title}: {how}; letters and numbers name blocks of {block:.3g} m"
+    figure.suptitle(f"{about}\n{lines}" if about else lines, fontsize=10)
     return _save(figure, path)
 
 
+def _show(
+    figure: Figure,
+    axes: Axes,
+    pixels: NDArray[np.float64],
+    grid: MapGrid,
+    style: dict[str, Any],
+    scale: str,
+    unit: str,
+) -> None:
+    # The last column and row of pixels may stand out over the farm.
+    extent = [0.0, 0.0, 0.0, 0.0]
+    extent[1], extent[3] = (n * grid.pixel * grid.cell_size_m for n in pixels.shape)
+    image = axes.imshow(
+        np.ma.masked_invalid(pixels).T,
+        origin="lower",
+        extent=(extent[0], extent[1], extent[2], extent[3]),
+        interpolation="nearest",
+        aspect="equal",
+        zorder=1,
+        **style,
+    )
+    bar = figure.colorbar(image, ax=axes, fraction=0.04, pad=0.045, extend="neither")
+    bar.set_label(unit, fontsize=8)
+    if scale == "worst":
+        bar.set_ticks([0.0, 0.5, 1.0], labels=["lost", "infected", "healthy"])
+    elif scale == "percent":
+        from matplotlib.ticker import FuncFormatter
+
+        bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda share, _: f"{100.0 * share:.3g} %"))
+        bar.ax.yaxis.set_minor_formatter("")
+    bar.ax.tick_params(labelsize=7)
+
+
+def _share_style(of: FieldMap) -> tuple[dict[str, Any], str, str]:
+    from matplotlib.colors import LinearSegmentedColormap, LogNorm
+
+    if of.field.kind != "disease":
+        colours = LinearSegmentedColormap.from_list(of.field.name, of.field.colours)
+        return {"cmap": colours, "vmin": 0.0, "vmax": 1.0}, "plain", of.field.unit
+    if of.grid.pixel == 1:
+        return {"cmap": "YlOrBr", "vmin": 0.0, "vmax": 1.0}, "percent", "probability of being sick"
+    # Few plants in a thousand are sick on a large farm, and nearly all of them in an outbreak.
+    top = max(_LARGEST_SHARE, float(np.nanmax(of.share, initial=0.0)))
+    norm = LogNorm(top / _SHARE_RANGE, top, clip=True)
+    return {"cmap": "YlOrBr", "norm": norm}, "percent", "part of the plants that is sick"
+
+
+def _least_style(of: FieldMap) -> tuple[dict[str, Any], str, str]:
+    from matplotlib.colors import LinearSegmentedColormap
+
+    if of.field.kind != "disease":
+        style, _, unit = _share_style(of)
+        return style, "plain", unit
+    colours = LinearSegmentedColormap.from_list("worst", WORST_COLOURS)
+    return {"cmap": colours, "vmin": 0.0, "vmax": 1.0}, "worst", ""
+
+
+def _deviation_style(of: FieldMap) -> tuple[dict[str, Any], str, str]:
+    deviation = of.deviation
+    # Squares of few plants at the borders would make all others look alike.
+    whole = of.cells >= 0.9 * of.cells.max()
+    top = 1.0 if deviation is None else float(np.max(deviation[whole], initial=0.0))
+    style = {"cmap": "viridis", "vmin": 0.0, "vmax": max(top, 1e-6)}
+    if of.field.kind == "disease":
+        return style, "percent", "standard deviation, percentage points"
+    return style, "plain", f"standard deviation, {of.field.unit}"
+
+
+def _name_blocks(axes: Axes, grid: MapGrid, shown: tuple[float, float, float, float]) -> None:
+    """Write letters along the upper and numbers along the right edge."""
+    block = grid.block * grid.cell_size_m
+    left, right, low, high = shown
+    columns, rows = grid.blocks
+    small: dict[str, Any] = {"fontsize": 6, "color": "#555555"}
+    for i in range(columns):
+        middle = (i + 0.5) * block
+        if left <= middle <= right:
+            above = high + 0.006 * (high - low)
+            axes.text(middle, above, grid.name(i, 0)[:-1], ha="center", va="bottom", **small)
+    for j in range(rows):
+        middle = (j + 0.5) * block
+        if low <= middle <= high:
+            axes.text(right + 0.006 * (right - left), middle, str(j + 1), ha="left", va="center", **small)
+
+
+def _part_shown(farm: Farm) -> tuple[float, float, float, float]:
+    """Return the part of the farm with the owner's land, metres: x from and to, y from and to."""
+    left, low, right, high = farm.owner_area.bounds
+    width, height = farm.width_cells * farm.cell_size_m, farm.height_cells * farm.cell_size_m
+    margin = _MARGIN * max(right - left, high - low)
+    return (
+        max(0.0, left - margin),
+        min(width, right + margin),
+        max(0.0, low - margin),
+        min(height, high + margin),
+    )
+
+
+def _mark_finds(axes: Axes, of: FieldMap) -> None:
+    """Mark the sick plants that were seen."""
+    finds = of.finds
+    if of.field.kind != "disease" or not len(finds):
+        return
+    places = (finds + 0.5) * of.grid.cell_size_m
+    size = float(np.clip(6000.0 / len(finds), 6.0, 60.0))
+    plants = "plant" if len(finds) == 1 else "plants"
+    axes.scatter(
+        places[:, 0],
+        places[:, 1],
+        s=size,
+        facecolors="none",
+        edgecolors=FINDS,
+        linewidths=1.2,
+        label=f"{len(finds)} sick {plants} seen",
+        zorder=4,
+    )
+
+
 def plot_score(
-    times_s: Sequence[float], scores: Sequence[float], losses: NDArray[np.float64], path: Path, title: str
+    times_s: Sequence[float],
+    scores: Sequence[float],
+    losses: NDArray[np.float64],
+    path: Path,
+    title: str,
+    fields: FieldSet = PAPER_FIELDS,
 ) -> Path:
-    """Write the score and the loss of each field ([c, 3]) over the time of the run."""
+    """Write the score and the loss of each field ([c, fields]) over the time of the run."""
     figure = _figure(7.5, 5.2)
     upper, lower = figure.subplots(2, 1, sharex=True)
     upper.plot(times_s, scores, color="#1f4e79", drawstyle="steps-post")
     upper.set_ylabel("score (0 is perfect)")
     upper.set_title(title)
-    for column, field in enumerate(FIELDS):
-        lower.plot(times_s, losses[:, column], label=FIELD_TITLES[field], drawstyle="steps-post")
+    for column, field in enumerate(fields):
+        lower.plot(times_s, losses[:, column], label=field.title, drawstyle="steps-post")
     lower.set_ylabel("mean loss a cell")
     lower.set_xlabel("time since the start (s)")
     lower.legend(fontsize=7)

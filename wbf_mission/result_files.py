@@ -11,21 +11,23 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from geo import farm_names, get_farm, load_farm, save_farm
+from geo import Farm, farm_names, get_farm, load_farm, save_farm
 from geo.atomic import atomic_write
 from geo.errors import WbfMissionError
 from mission.files import read_mission, write_mission
 from mission.model import MissionType
 from mission.transfer.events import TransferStatistics
 from sensors.camera.wire import AssemblerStatistics
-from sensors.fields import FIELDS
+from sensors.fields import FIELDS, PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import Score
 from sim_vehicle.prediction.predict import Prediction
+from wbf_mission.blocks import MapGrid
 from wbf_mission.estimation import ScoreHistory
 from wbf_mission.outcome import Outcome, Track
 from wbf_mission.planning import PlanResult, flown_vehicle
+from wbf_mission.report import FieldMap
 from wbf_mission.scenario import Scenario, VehicleOptions
 
 if TYPE_CHECKING:
@@ -35,6 +37,7 @@ FORMAT = 1
 MAX_JSON_BYTES = 64 * 2**20
 RECORD = "result.json"
 _TRACK = ("time_s", "latitude_deg", "longitude_deg", "relative_altitude_m", "x_m", "y_m")
+_MAP = ("cells", "total", "least", "variance", "seen", "seen_sick", "finds")
 _SCORE = ("field_loss", "field_mse", "field_mae", "field_weighted_mae")
 
 
@@ -77,6 +80,32 @@ def read_array(path: Path) -> NDArray[np.float32] | None:
         msg = f"{path}: {array.dtype}{list(array.shape)}, expected float32[fields, W, H]"
         raise ResultError(msg)
     return array
+
+
+def write_maps(path: Path, maps: dict[str, tuple[FieldMap, ...]]) -> None:
+    """Write maps in blocks of cells: an array for each, named KIND.FIELD.ARRAY."""
+    arrays = {
+        f"{kind}.{one.field.name}.{name}": getattr(one, name)
+        for kind, of_kind in maps.items()
+        for one in of_kind
+        for name in _MAP
+        if getattr(one, name) is not None
+    }
+    with atomic_write(path, "wb") as stream:
+        np.savez_compressed(stream, **arrays)
+
+
+def read_maps(path: Path, kind: str, farm: Farm) -> tuple[FieldMap, ...]:
+    """Return the maps of a kind; none without a file."""
+    if not path.is_file():
+        return ()
+    maps = []
+    with np.load(path, allow_pickle=False) as arrays:
+        there = [name.split(".")[1] for name in arrays if name.startswith(f"{kind}.")]
+        for field in dict.fromkeys(there):
+            of_field: dict[str, Any] = {name: arrays.get(f"{kind}.{field}.{name}") for name in _MAP}
+            maps.append(FieldMap(PAPER_FIELDS[field], MapGrid.of(farm), **of_field))
+    return tuple(maps)
 
 
 def write_table(path: Path, table: Any) -> None:
@@ -146,6 +175,9 @@ def write_result(result: Result, folder: Path) -> list[Path]:
         if array is not None:
             write_array(folder / f"{name}.npy", array)
             written.append(folder / f"{name}.npy")
+    if result.maps:
+        write_maps(folder / "maps.npz", {"estimate": result.maps, "truth": result.true_maps})
+        written.append(folder / "maps.npz")
     if result.scenario.farm.name.lower() not in farm_names():
         save_farm(result.farm, folder / "farm.geojson")
         written.append(folder / "farm.geojson")
@@ -206,6 +238,8 @@ def read_result(folder: Path) -> Result:
         timings_s=record.timings_s,
         texts=record.texts,
         environment_cached=record.environment_cached,
+        maps=read_maps(folder / "maps.npz", "estimate", plan.farm),
+        true_maps=read_maps(folder / "maps.npz", "truth", plan.farm),
     )
 
 

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, Self
 import msgspec
 import numpy as np
 
-from sensors.fields import FIELDS
 from wbf_mission.estimation import resolved
 from wbf_mission.outcome import Outcome
 from wbf_mission.result_files import RECORD, ResultError, read_result, write_result
@@ -24,6 +23,7 @@ from wbf_mission.scenario import Scenario
 if TYPE_CHECKING:
     from wbf_mission.flight import Progress
     from wbf_mission.flight_result import Result
+    from wbf_mission.report import FieldMap
 
 __all__ = ["ResultError", "ResultFolder", "load_result", "run_name", "save_result"]
 
@@ -221,7 +221,7 @@ def _scenario_in(path: Path) -> Any:
 
 
 def _is_ours(name: str) -> bool:
-    return name in _NAMES
+    return name in _NAMES or (name.startswith("field_") and name.endswith(".png"))
 
 
 _NAMES = frozenset(
@@ -238,11 +238,11 @@ _NAMES = frozenset(
         "truth.npy",
         "value.npy",
         "uncertainty.npy",
+        "maps.npz",
         "farm.geojson",
         "vehicle.toml",
         "path.png",
         "score.png",
-        *(f"field_{field}.png" for field in FIELDS),
     }
 )
 
@@ -272,16 +272,13 @@ def _plot_jobs(result: Result) -> list[tuple[str, Any]]:
     jobs: list[tuple[str, Any]] = [
         ("path.png", lambda path: plots.plot_paths(farm, result.plan.path_m, track, path, title))
     ]
-    if result.model is not None and result.truth is not None:
-        model, truth = result.model, result.truth
-        for number, field in enumerate(FIELDS):
+    if result.maps:
+        for estimate, truth in zip(result.maps, result.true_maps, strict=True):
 
-            def draw(path: Path, number: int = number, field: str = field) -> None:
-                plots.plot_field(
-                    farm, field, truth[number], model.value[number], model.uncertainty[number], path, about
-                )
+            def draw(path: Path, estimate: FieldMap = estimate, truth: FieldMap = truth) -> None:
+                plots.plot_field(farm, estimate, path, truth=truth, flown_m=track, about=about)
 
-            jobs.append((f"field_{field}.png", draw))
+            jobs.append((f"field_{estimate.field.name}.png", draw))
         history = result.history
         if len(history.times_s):
             jobs.append(

@@ -9,9 +9,10 @@ from geo import get_farm
 from geo.seeds import stream
 from mission.model import GeoPoint
 from sensors.camera.leaf_camera import LeafCamera
+from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.component import Component
-from sim_vehicle.mavlink import SimVehicle, get_persona
+from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.mavlink.fleet import SPACING_M, Fleet
 from sim_vehicle.prediction.compile_ahead import warm_up
 from wbf_mission.flight import EPOCH_UNIX_S, camera_options, make_environment
@@ -46,8 +47,8 @@ class Simulated:
 
     @property
     def autopilot(self) -> str:
-        """Whom they play."""
-        return self.fleet.persona.name
+        """Name of the autopilot that they show themselves as."""
+        return self.fleet.autopilot.name
 
     @property
     def components(self) -> list[Component]:
@@ -122,7 +123,6 @@ def make_components(
     """
     farm = get_farm(scenario.farm.name)
     spec = flown_vehicle(scenario.vehicle)
-    persona = get_persona(scenario.vehicle.autopilot)
     if not homes:
         latitude, longitude = farm.frame.to_wgs84(*farm.home_m)
         homes = [(GeoPoint(latitude, longitude, farm.frame.altitude_m), 0.0)]
@@ -130,7 +130,7 @@ def make_components(
         spec,
         homes,
         count,
-        persona=persona,
+        autopilot=get_autopilot(scenario.vehicle.autopilot),
         wind=wind_of_run(scenario),
         noise=noise_of(scenario.vehicle, scenario.seed),
         spacing_m=spacing_m,

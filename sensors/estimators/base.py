@@ -62,6 +62,8 @@ class BaseEstimator(ABC):
 
     incremental: ClassVar[bool] = False
     """Whether a model after some further observations takes little time on a farm of any size."""
+    states_deviation: ClassVar[bool] = False
+    """Whether the model's uncertainty is the standard deviation of the true values."""
 
     grid_: FarmGrid
     n_observations_: int

@@ -13,30 +13,37 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, get_args
 
+from geo.reading import UnreadableError, read_toml
+from sim_vehicle.airframe.autopilot_names import autopilot_names
 from sim_vehicle.airframe.power_spec import AnyPowerSpec, BatterySpec
 from sim_vehicle.airframe.spec import KINDS, POWER_OF_KIND, PublishedEndurance, VehicleSpec
 from sim_vehicle.errors import VehicleError
 
-__all__ = ["find_vehicle", "load_vehicle", "packaged_names"]
+__all__ = ["get_vehicle", "load_vehicle", "vehicle_names"]
 
 _DEFAULT = "quad"
 _BASE_OF_KIND = {"multirotor": "quad", "fixed-wing": "wing", "rover": "rover", "ideal": "ideal"}
 # A vehicle cannot have these from a file: its name is the file's, the others are set by who flies it.
-_NOT_IN_FILES = ("name", "autopilot", "parameters")
+_NOT_IN_FILES = ("name", "autopilot", "parameters", "autopilot_parameters")
 _PARAMETER = re.compile(r"[A-Z][A-Z0-9_]{0,15}")
 _PARTS = (BatterySpec, PublishedEndurance, *get_args(AnyPowerSpec))
 
 
 @cache
-def packaged_names() -> tuple[str, ...]:
+def vehicle_names() -> tuple[str, ...]:
     """Return the names of the vehicles that come with the package, the default one first."""
     folder = resources.files("sim_vehicle.airframe") / "vehicles"
     names = (entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
     return tuple(sorted(names, key=lambda name: (name != _DEFAULT, name == "ideal", name)))
 
 
-def find_vehicle(name: str) -> VehicleSpec:
-    """Return a vehicle by its name or from a file that ends in ``.toml``.
+def get_vehicle(name: str) -> VehicleSpec:
+    """Return a vehicle by its name, or read it from a TOML file.
+
+    Parameters
+    ----------
+    name : str
+        One of `vehicle_names`, or a path that ends in ``.toml``.
 
     Raises
     ------
@@ -45,13 +52,13 @@ def find_vehicle(name: str) -> VehicleSpec:
 
     Examples
     --------
-    >>> find_vehicle("Quad").cruise_speed_m_s
+    >>> get_vehicle("Quad").cruise_speed_m_s
     8.0
     """
     if name.lower().endswith(".toml"):
         return load_vehicle(Path(name))
-    if name.lower() not in packaged_names():
-        msg = f"unknown vehicle {name!r}: choose {', '.join(packaged_names())} or a .toml file"
+    if name.lower() not in vehicle_names():
+        msg = f"unknown vehicle {name!r}: choose {', '.join(vehicle_names())} or a .toml file"
         raise VehicleError(msg)
     return _packaged(name.lower())
 
@@ -66,28 +73,32 @@ def _packaged(name: str) -> VehicleSpec:
 def load_vehicle(path: Path) -> VehicleSpec:
     """Read a vehicle file: keys of `VehicleSpec`, tables for its parts.
 
-    The tables are ``[battery]``, ``[power]``, ``[published]``, and ``[px4]`` and ``[ardupilot]`` with
-    parameters of the autopilots. A key ``base`` names the vehicle whose values hold where the file has none;
-    by default it is the package's vehicle of the file's kind.
+    The tables are ``[battery]``, ``[power]``, ``[published]``, and one named as an installed autopilot
+    (``[px4]``, ``[ardupilot]``) with parameters of that autopilot. A key ``base`` names the vehicle whose
+    values hold where the file has none; by default it is the package's vehicle of the file's kind.
 
     Raises
     ------
     VehicleError
-        If the file cannot be read, is not TOML, has unknown keys or impossible values.
+        If the file cannot be read, is not TOML, is empty, has unknown keys or impossible values.
     """
     where = f"vehicle file {path}"
     try:
-        data: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        data = read_toml(path)
+    except UnreadableError as error:
         msg = f"{where}: {error}"
         raise VehicleError(msg) from None
+    if not data:
+        bases = ", ".join(vehicle_names())
+        msg = f"{where} is empty: give at least kind ({', '.join(KINDS)}) or base ({bases})"
+        raise VehicleError(msg)
     kind = data.get("kind", "multirotor" if "base" not in data else None)
     if kind is not None and kind not in KINDS:
         msg = f"{where}: kind {kind!r} is not one of {', '.join(KINDS)}"
         raise VehicleError(msg)
     name = str(data.pop("base", _BASE_OF_KIND.get(str(kind)))).lower()
-    if name not in packaged_names():
-        msg = f"{where}: base must be one of {', '.join(packaged_names())}"
+    if name not in vehicle_names():
+        msg = f"{where}: base must be one of {', '.join(vehicle_names())}"
         raise VehicleError(msg)
     base = replace(_packaged(name), published=None, description="")
     if kind is not None and kind != base.kind:
@@ -98,20 +109,22 @@ def load_vehicle(path: Path) -> VehicleSpec:
 
 def _build(where: str, name: str, data: dict[str, Any], base: VehicleSpec) -> VehicleSpec:
     changes: dict[str, Any] = {"name": name}
+    own = dict(base.autopilot_parameters)
     known = {f.name for f in fields(VehicleSpec) if f.name not in _NOT_IN_FILES}
     for key, value in data.items():
-        if key not in known:
+        if key in autopilot_names():
+            own[key] = _parameters(where, key, value, base.parameters_for(key))
+        elif key not in known:
             msg = f"{where}: unknown key {key!r}"
             raise VehicleError(msg)
-        if key in ("battery", "power", "published"):
+        elif key in ("battery", "power", "published"):
             changes[key] = _part(where, key, value, base)
-        elif key in ("px4", "ardupilot"):
-            changes[key] = _parameters(where, key, value, getattr(base, key))
         elif isinstance(getattr(base, key), str) != isinstance(value, str):
             msg = f"{where}: {key} {value!r} has the wrong type"
             raise VehicleError(msg)
         else:
             changes[key] = value
+    changes["autopilot_parameters"] = tuple(own.items())
     try:
         return replace(base, **changes)
     except VehicleError as error:

@@ -1,4 +1,4 @@
-"""What a vehicle can do: kinematic limits, battery, power model; and how to get one by its name."""
+"""What a vehicle can do: kinematic limits, battery, power model."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from geo.units import FOOT_M
+from sim_vehicle.airframe.autopilot_names import NO_AUTOPILOT, autopilot_names
 from sim_vehicle.airframe.power_spec import (
     AIR_DENSITY_KG_M3,
     GRAVITY_M_S2,
@@ -23,7 +24,6 @@ from sim_vehicle.errors import VehicleError
 
 __all__ = [
     "AIR_DENSITY_KG_M3",
-    "AUTOPILOTS",
     "GRAVITY_M_S2",
     "KINDS",
     "POWER_OF_KIND",
@@ -34,12 +34,9 @@ __all__ = [
     "PublishedEndurance",
     "RoverPowerSpec",
     "VehicleSpec",
-    "get_vehicle",
-    "vehicle_names",
 ]
 
 KINDS = ("multirotor", "fixed-wing", "rover", "ideal")
-AUTOPILOTS = ("px4", "ardupilot", "generic")
 POWER_OF_KIND: Mapping[str, type[AnyPowerSpec]] = MappingProxyType(
     {"multirotor": PowerSpec, "fixed-wing": FixedWingPowerSpec, "rover": RoverPowerSpec}
 )
@@ -50,8 +47,7 @@ _NO_LIMITS = (
     "parameters",
     "battery",
     "power",
-    "px4",
-    "ardupilot",
+    "autopilot_parameters",
     "published",
     "description",
     "disarm_delay_s",
@@ -102,8 +98,9 @@ class VehicleSpec:
         Name for reports.
     kind : {"multirotor", "fixed-wing", "rover", "ideal"}
         The motion model.
-    autopilot : {"px4", "ardupilot", "generic"}
-        Whose law of motion it follows; "generic" is that of none in particular.
+    autopilot : str
+        The autopilot that moves it, one of `sim_vehicle.airframe.autopilot_names.autopilot_names`; "generic"
+        is none in particular.
     parameters : tuple of (str, float)
         Parameters of the autopilot that are not at their defaults, under their real names.
     cruise_speed_m_s : float
@@ -141,8 +138,8 @@ class VehicleSpec:
         None is an endless battery.
     power : PowerSpec, FixedWingPowerSpec, RoverPowerSpec or None
         The one of its kind; None uses no energy.
-    px4, ardupilot : tuple of (str, float)
-        Parameters for when that autopilot flies it, under their real names.
+    autopilot_parameters : tuple of (str, tuple of (str, float))
+        Per autopilot, the parameters for when it flies this vehicle, under their real names.
     published : PublishedEndurance or None
         What the maker of such a vehicle tells, to compare the model with.
     description : str
@@ -150,13 +147,13 @@ class VehicleSpec:
 
     Examples
     --------
-    >>> get_vehicle("quad").cruise_speed_m_s
-    8.0
+    >>> VehicleSpec("mine", speed_limit_m_s=10.0).top_speed_m_s
+    9.5
     """
 
     name: str
     kind: Literal["multirotor", "fixed-wing", "rover", "ideal"] = "multirotor"
-    autopilot: Literal["px4", "ardupilot", "generic"] = "generic"
+    autopilot: str = NO_AUTOPILOT
     parameters: tuple[tuple[str, float], ...] = ()
     cruise_speed_m_s: float = 8.0
     speed_limit_m_s: float = 14.0
@@ -182,13 +179,12 @@ class VehicleSpec:
     attitude_response_s: float | None = None
     battery: BatterySpec | None = None
     power: AnyPowerSpec | None = None
-    px4: tuple[tuple[str, float], ...] = ()
-    ardupilot: tuple[tuple[str, float], ...] = ()
+    autopilot_parameters: tuple[tuple[str, tuple[tuple[str, float], ...]], ...] = ()
     published: PublishedEndurance | None = None
     description: str = ""
 
     def __post_init__(self) -> None:
-        for name, known in (("kind", KINDS), ("autopilot", AUTOPILOTS)):
+        for name, known in (("kind", KINDS), ("autopilot", (*autopilot_names(), NO_AUTOPILOT))):
             value = getattr(self, name)
             if value not in known:
                 msg = f"vehicle {self.name}: {name} {value!r} is not one of {', '.join(known)}"
@@ -215,32 +211,11 @@ class VehicleSpec:
         """Whether it is the paper's robot, without dynamics."""
         return self.kind == "ideal"
 
+    def parameters_for(self, autopilot: str) -> tuple[tuple[str, float], ...]:
+        """Parameters of its own for when that autopilot flies it."""
+        return dict(self.autopilot_parameters).get(autopilot, ())
+
     @property
     def top_speed_m_s(self) -> float:
         """The highest ground speed that a mission can command."""
         return self.cell_m / self.step_s if self.is_ideal else 0.95 * self.speed_limit_m_s
-
-
-def vehicle_names() -> tuple[str, ...]:
-    """Return the names of the vehicles that come with the package, the default one first."""
-    from sim_vehicle.airframe.catalog import packaged_names
-
-    return packaged_names()
-
-
-def get_vehicle(name: str) -> VehicleSpec:
-    """Return a vehicle by its name, or read it from a TOML file.
-
-    Parameters
-    ----------
-    name : str
-        One of `vehicle_names`, or a path that ends in ``.toml``.
-
-    Raises
-    ------
-    VehicleError
-        If there is no such vehicle, or the file is not one.
-    """
-    from sim_vehicle.airframe.catalog import find_vehicle
-
-    return find_vehicle(name)

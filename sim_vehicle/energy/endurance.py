@@ -58,7 +58,7 @@ def endurance_s(spec: VehicleSpec, airspeed_m_s: float, *, used_fraction: float 
 
     Examples
     --------
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> round(endurance_s(get_vehicle("quad"), 0.0) / 60.0)
     30
     """
@@ -79,7 +79,7 @@ def best_speeds(spec: VehicleSpec) -> Best:
     """
     slowest, fastest = 0.0, min(spec.airspeed_limit_m_s, spec.top_speed_m_s)
     if isinstance(spec.power, FixedWingPowerSpec):
-        slowest = dict(spec.px4).get("FW_AIRSPD_MIN", _SLOWEST * spec.cruise_speed_m_s)
+        slowest = dict(spec.parameters_for("px4")).get("FW_AIRSPD_MIN", _SLOWEST * spec.cruise_speed_m_s)
         fastest = spec.airspeed_limit_m_s
     elif spec.kind == "rover":
         slowest = _STEP_M_S

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 from mission.model import Command
 from sim_vehicle.airframe.spec import AIR_DENSITY_KG_M3, GRAVITY_M_S2, VehicleSpec
-from sim_vehicle.autopilot import autopilot_of
-from sim_vehicle.autopilot.plane import plane_of
+from sim_vehicle.autopilot import fixed_wing_procedures, flight_procedures
 from sim_vehicle.energy.battery import remaining_fraction
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.feasibility import check_mission
@@ -263,7 +262,7 @@ class MissionExecutor(MissionSequencer):
         if math.hypot(x - self.motion.position_m[0], y - self.motion.position_m[1]) > 0.2:
             legs.append(Leg((x, y, z), self.spec.top_speed_m_s, heading=KEEP, kind=LegKind.STAY))
         if position_m is None:
-            home = autopilot_of(self.spec).return_legs(self.spec, (x, y, z), speed, self.haven())
+            home = flight_procedures(self.spec).return_legs(self.spec, (x, y, z), speed, self.haven())
             self._fly(legs + home, Phase.RETURN, Ending.TOUCHDOWN)
             return
         height = max(position_m[2], self.spec.return_altitude_m, z)
@@ -280,13 +279,13 @@ class MissionExecutor(MissionSequencer):
             return
         legs = self._mission_landing(here)
         if not legs:
-            legs = autopilot_of(self.spec).return_legs(self.spec, here, speed, self.haven())
+            legs = flight_procedures(self.spec).return_legs(self.spec, here, speed, self.haven())
         self._fly(legs, Phase.RETURN, Ending.TOUCHDOWN if lands(legs) else Ending.NEXT)
 
     def _mission_landing(self, here: Position) -> list[Leg]:
         """Return the legs of the mission's landing, where it has one and a return is to use it."""
         starts = [seq for seq, item in enumerate(self.items) if item.command == Command.DO_LAND_START]
-        if not starts or not plane_of(self.spec.autopilot).lands_as_mission(self.spec):
+        if not starts or not fixed_wing_procedures(self.spec).lands_as_mission(self.spec):
             return []
         legs: list[Leg] = []
         seq = starts[0]
@@ -314,7 +313,7 @@ class MissionExecutor(MissionSequencer):
         self.look_at(None)
         x, y, _ = self.motion.stopping_point()
         here = self.motion.position_m
-        legs = autopilot_of(self.spec).landing_legs(
+        legs = flight_procedures(self.spec).landing_legs(
             self.spec, (x, y, here[2]), here, self._settings.speed_m_s
         )
         self._fly(legs, Phase.LAND, Ending.TOUCHDOWN)

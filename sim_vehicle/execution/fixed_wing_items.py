@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from mission.model import Command
-from sim_vehicle.autopilot.plane import plane_of
+from sim_vehicle.autopilot import fixed_wing_procedures
 from sim_vehicle.motion.legs import KEEP, Circle, Leg, LegKind
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def circling(
     command = item.command
     first, second, third = (value or 0.0 for value in (item.param1, item.param2, item.param3))
     if command == _SPLINE or (command == _WAYPOINT and first > 0.0):
-        if command == _SPLINE or not plane_of(spec.autopilot).holds_at_waypoints():
+        if command == _SPLINE or not fixed_wing_procedures(spec).holds_at_waypoints():
             radius = second if command == _WAYPOINT and second > 0.0 else spec.acceptance_radius_m
             return Circling(Leg(place, speed, radius, KEEP))
         return Circling(circle_leg(place, speed), wait_s=first)
@@ -121,21 +121,23 @@ def landing_problems(
 
     Only an approach from a waypoint is judged: a circle is left where it points to the landing.
     """
-    plane = plane_of(spec.autopilot)
+    bound = fixed_wing_procedures(spec).steepest_approach(spec)
+    if bound is None:
+        return []
+    parameter, steepest = bound
     problems = []
     before: tuple[int, Position] | None = None
     for seq, (item, place) in enumerate(zip(items, places, strict=True)):
-        if item.command == Command.NAV_LAND and not plane.ardupilot:
+        if item.command == Command.NAV_LAND:
             if before is None:
                 problems.append(f"item {seq} (NAV_LAND): no place before it to approach it from")
             elif before[0] == _WAYPOINT and not math.isnan(place[0] + before[1][0]):
                 way = math.hypot(place[0] - before[1][0], place[1] - before[1][1])
                 slope = math.degrees(math.atan2(before[1][2], max(way, 1e-3)))
-                steepest = plane.landing_angle_deg(spec)
                 if slope > steepest + 0.05:
                     problems.append(
                         f"item {seq} (NAV_LAND): the approach of {slope:.1f} degrees is steeper than "
-                        f"FW_LND_ANG {steepest:g}: begin it farther away or lower"
+                        f"{parameter} {steepest:g}: begin it farther away or lower"
                     )
         if item.command in _PLACED or item.command == Command.NAV_TAKEOFF:
             before = (item.command, place)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mission.model import Command, Frame, MissionItem
-from sim_vehicle.autopilot import autopilot_of
+from sim_vehicle.autopilot import flight_procedures
 from sim_vehicle.execution.fixed_wing_items import circles, circling, lands, next_place
 from sim_vehicle.execution.legs import circle_legs, spline_legs
 from sim_vehicle.motion.legs import ALONG, KEEP, Heading, Leg
@@ -381,19 +381,19 @@ def _item_legs(
     if item.param4 is not None and command in (17, 19, 22, 31):
         heading = Heading.fixed(math.radians(item.param4))
     if command == Command.NAV_TAKEOFF:
-        legs = autopilot_of(spec).takeoff_legs(spec, last, (x, y, z), speed, heading)
+        legs = flight_procedures(spec).takeoff_legs(spec, last, (x, y, z), speed, heading)
         for leg in legs:
             plan.add(leg, seq, done=leg is legs[-1])
         return legs[-1].end_m
     if command == Command.NAV_RETURN_TO_LAUNCH:
-        legs = autopilot_of(spec).return_legs(spec, last, speed, haven)
+        legs = flight_procedures(spec).return_legs(spec, last, speed, haven)
         for leg in legs:
             plan.add(leg, seq)
         # A fixed wing may only circle over home.
         plan.ending = Ending.NEXT if circles(spec) and not lands(legs) else Ending.TOUCHDOWN
         return haven[0], haven[1], 0.0
     if command == Command.NAV_LAND:
-        for leg in autopilot_of(spec).landing_legs(spec, (x, y, last[2]), last, speed):
+        for leg in flight_procedures(spec).landing_legs(spec, (x, y, last[2]), last, speed):
             plan.add(leg, seq)
         plan.ending = Ending.TOUCHDOWN
         return x, y, 0.0

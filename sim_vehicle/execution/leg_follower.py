@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from sim_vehicle.autopilot import autopilot_of
+from sim_vehicle.autopilot import flight_procedures
 from sim_vehicle.energy.battery import WH_J, BatteryMeter, remaining_fraction
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.items import Ending, Itinerary
@@ -41,7 +41,7 @@ class Craft:
         self.landed = LandedState.ON_GROUND
         self.home_m = (0.0, 0.0)
         self.rally_m: tuple[Position, ...] = ()
-        self.motion: MotionModel = autopilot_of(spec).motion(spec, wind, yaw_rad)
+        self.motion: MotionModel = flight_procedures(spec).motion(spec, wind, yaw_rad)
         self._meter = BatteryMeter(spec.battery) if spec.battery is not None else None
         self._plan: Itinerary | None = None
         self._flown = 0

@@ -21,34 +21,13 @@ from sim_vehicle.host.router import RoutingTable, frame_id, frame_source, frame_
 from sim_vehicle.host.selector import PortSelector
 from sim_vehicle.host.simulation import StopReason
 
-__all__ = ["Server", "ServerUrl", "default_urls"]
+__all__ = ["Server", "ServerUrl"]
 
 _LONGEST_WAIT_S = 0.5
 _BURST_S = 0.02
 _LARGEST_LAG_S = 0.5
 _MOST_ROUTES = 20_000
 _MOST_ANSWERS = 100_000
-
-
-def default_urls(autopilot: str, index: int = 0) -> tuple[str, ...]:
-    """Return where the autopilot's own simulator would be found.
-
-    PX4 sends to a ground station (UDP 14550, from 18570 + i) and an API (UDP 14540 + i, from 14580 + i);
-    ArduPilot listens on TCP 5760 + 10 i.
-
-    Examples
-    --------
-    >>> default_urls("px4")
-    ('udpout:127.0.0.1:14550,18570', 'udpout:127.0.0.1:14540,14580')
-    >>> default_urls("ardupilot", 1)
-    ('tcpin:127.0.0.1:5770',)
-    """
-    if autopilot == "ardupilot":
-        return (f"tcpin:127.0.0.1:{5760 + 10 * index}",)
-    return (
-        f"udpout:127.0.0.1:14550,{18570 + index}",
-        f"udpout:127.0.0.1:{14540 + index},{14580 + index}",
-    )
 
 
 class _Local:

@@ -15,7 +15,7 @@ from sim_vehicle.mavlink.camera_commands import CAMERA_COMMANDS
 from sim_vehicle.mavlink.flight_commands import FLIGHT_ORDERS
 from sim_vehicle.motion.legs import ALONG, Heading
 from sim_vehicle.pilot.arming import FORCE
-from sim_vehicle.pilot.pilot import RefusedError
+from sim_vehicle.pilot.notices import RefusedError
 
 if TYPE_CHECKING:
     from sim_vehicle.mavlink.vehicle import SimVehicle
@@ -119,15 +119,15 @@ def order_of(message: Message) -> Order:
 def execute(vehicle: SimVehicle, order: Order) -> tuple[Answer, str]:
     """Do a command; returns the answer and, when it was refused, the reason."""
     handler = HANDLERS.get(order.command)
-    if handler is None or order.command in vehicle.persona.unsupported:
+    if handler is None or order.command in vehicle.firmware.persona.unsupported:
         asks = order.command in _ASKING  # peers ask for what may not be there; that is no order
         return UNSUPPORTED, "" if asks else f"Command {order.command} refused: not supported"
-    if order.long and order.command in vehicle.persona.int_only:
+    if order.long and order.command in vehicle.firmware.persona.int_only:
         return INT_ONLY, f"Command {order.command} refused: send COMMAND_INT"
     try:
         return handler(vehicle, order), ""
     except RefusedError as refusal:
-        return (DENIED if refusal.denied else Answer(vehicle.persona.refused_result)), str(refusal)
+        return (DENIED if refusal.denied else Answer(vehicle.firmware.persona.refused_result)), str(refusal)
 
 
 def _arm(vehicle: SimVehicle, order: Order) -> Answer:
@@ -146,10 +146,7 @@ def _set_mode(vehicle: SimVehicle, order: Order) -> Answer:
     if not order.number(1) & m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
         msg = "Mode refused: only custom modes are known"
         raise RefusedError(msg, denied=True)
-    number = order.number(2)
-    if vehicle.persona.split_mode:
-        number = (order.number(3) & 255) << 24 | (number & 255) << 16
-    vehicle.set_custom_mode(number)
+    vehicle.set_custom_mode(vehicle.firmware.persona.modes.custom_mode_of(order.number(2), order.number(3)))
     return ACCEPTED
 
 
@@ -164,10 +161,10 @@ def _set_standard_mode(vehicle: SimVehicle, order: Order) -> Answer:
 def _takeoff(vehicle: SimVehicle, order: Order) -> Answer:
     pilot = vehicle.pilot
     altitude = order.params[6]
-    if not vehicle.persona.split_mode and not pilot.armed:
+    if vehicle.firmware.persona.takeoff_needs_arming and not pilot.armed:
         vehicle.say_warning("Takeoff refused: not armed")
         return FAILED
-    if vehicle.persona.split_mode and order.frame not in RELATIVE_FRAMES:
+    if vehicle.firmware.persona.takeoff_above_sea and order.frame not in RELATIVE_FRAMES:
         altitude -= vehicle.home.altitude_m
     if not altitude > 0.0:
         altitude = pilot.spec.takeoff_altitude_m
@@ -195,11 +192,11 @@ def _reposition(vehicle: SimVehicle, order: Order) -> Answer:
         altitude = pilot.state.position_m[2]
     # The heading is in radians here, other than in mission items.
     speed, yaw_rad = order.params[0], order.params[3]
-    looks = math.isfinite(yaw_rad) and vehicle.persona.split_mode
+    looks = math.isfinite(yaw_rad) and vehicle.firmware.persona.reposition_turns
     pilot.goto(
         *place,
         altitude,
-        mode=Mode.HOLD if vehicle.persona.split_mode else Mode.GUIDED,
+        mode=vehicle.firmware.persona.modes.after_command,
         heading=Heading.fixed(yaw_rad) if looks else ALONG,
         speed_m_s=speed if speed > 0.0 and math.isfinite(speed) else None,
     )
@@ -208,7 +205,7 @@ def _reposition(vehicle: SimVehicle, order: Order) -> Answer:
 
 def _mission_start(vehicle: SimVehicle, order: Order) -> Answer:
     first = order.number(1)
-    reason = vehicle.pilot.why_no_mission()
+    reason = vehicle.pilot.mission.why_not
     if reason is not None:
         msg = f"Mission start refused: {reason}"
         raise RefusedError(msg)

@@ -10,10 +10,11 @@ from geo.seeds import child_seed
 from mission.model import GeoPoint
 from sim_vehicle.airframe.sensor_errors import SensorNoise
 from sim_vehicle.airframe.spec import VehicleSpec
+from sim_vehicle.autopilot import get_autopilot
+from sim_vehicle.autopilot.autopilot import Autopilot
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.host.ports import ServerUrl
-from sim_vehicle.host.server import default_urls
-from sim_vehicle.mavlink import PX4, Persona, SimVehicle
+from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.weather.wind import Wind
 
 __all__ = ["MOST_VEHICLES", "SPACING_M", "Fleet", "fleet_urls", "start_places"]
@@ -61,16 +62,16 @@ def start_places(home: GeoPoint, count: int, spacing_m: float = SPACING_M) -> li
     return places[:count]
 
 
-def fleet_urls(autopilot: str, count: int) -> tuple[ServerUrl, ...]:
+def fleet_urls(autopilot: Autopilot, count: int) -> tuple[ServerUrl, ...]:
     """Return where each vehicle's own simulator would be found; only that vehicle is there.
 
     Examples
     --------
-    >>> [(url.url, url.system) for url in fleet_urls("ardupilot", 2)]
+    >>> [(url.url, url.system) for url in fleet_urls(get_autopilot("ardupilot"), 2)]
     [('tcpin:127.0.0.1:5760', 1), ('tcpin:127.0.0.1:5770', 2)]
     """
     return tuple(
-        ServerUrl(url, index + 1) for index in range(count) for url in default_urls(autopilot, index)
+        ServerUrl(url, index + 1) for index in range(count) for url in autopilot.simulator_urls(index)
     )
 
 
@@ -84,7 +85,8 @@ class Fleet:
         One place for all (they stand `spacing_m` apart around it), or one for each.
     count : int or None
         How many; not needed with several places.
-    persona : Persona
+    autopilot : Autopilot, optional
+        Whom they show themselves as; the default autopilot without.
     wind : Wind, optional
         The steady wind is the same for all; each has its own gusts.
     noise : SensorNoise, optional
@@ -104,7 +106,7 @@ class Fleet:
 
     Examples
     --------
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> fleet = Fleet(get_vehicle("quad"), GeoPoint(28.05, -82.15, 10.0), 3)
     >>> [vehicle.system_id for vehicle in fleet.vehicles], fleet.urls[-1]
     ([1, 2, 3], ServerUrl(url='udpout:127.0.0.1:14542,14582', system=3))
@@ -116,7 +118,7 @@ class Fleet:
         home: GeoPoint | Sequence[tuple[GeoPoint, float]],
         count: int | None = None,
         *,
-        persona: Persona = PX4,
+        autopilot: Autopilot | None = None,
         wind: Wind | None = None,
         noise: SensorNoise | None = None,
         spacing_m: float = SPACING_M,
@@ -135,14 +137,14 @@ class Fleet:
         if len(places) != number:
             msg = f"fleet: {len(places)} homes for {number} vehicles; give one home, or one for each"
             raise VehicleError(msg)
-        self.persona = persona
+        self.autopilot = get_autopilot() if autopilot is None else autopilot
         self.vehicles = tuple(
             SimVehicle(
                 spec,
                 place,
                 wind=_wind_of(wind, system),
                 noise=None if noise is None else noise.of_vehicle(system),
-                persona=persona,
+                autopilot=self.autopilot,
                 system_id=system,
                 yaw_deg=heading,
                 epoch_unix_s=epoch_unix_s,
@@ -153,7 +155,7 @@ class Fleet:
     @property
     def urls(self) -> tuple[ServerUrl, ...]:
         """The ports of the autopilot's own simulators."""
-        return fleet_urls(self.persona.name, len(self.vehicles))
+        return fleet_urls(self.autopilot, len(self.vehicles))
 
 
 def _wind_of(wind: Wind | None, system: int) -> Wind | None:

@@ -20,10 +20,6 @@ __all__ = ["FLIGHT_ORDERS"]
 _TERMINATE = 0.5
 
 
-def _single(vehicle: SimVehicle) -> Mode:
-    return Mode.HOLD if vehicle.persona.split_mode else Mode.GUIDED
-
-
 def _altitude(vehicle: SimVehicle, order: Order, altitude_m: float) -> float:
     if not math.isfinite(altitude_m):
         return vehicle.pilot.state.position_m[2]
@@ -80,7 +76,7 @@ def orbit(vehicle: SimVehicle, order: Order) -> None:
         _altitude(vehicle, order, order.params[6]),
         radius_m=radius if math.isfinite(radius) and radius else 10.0,
         speed_m_s=speed if math.isfinite(speed) and speed > 0.0 else pilot.spec.cruise_speed_m_s,
-        mode=_single(vehicle),
+        mode=vehicle.firmware.persona.modes.after_command,
     )
 
 
@@ -94,13 +90,16 @@ def change_altitude(vehicle: SimVehicle, order: Order) -> None:
     if frame not in RELATIVE_FRAMES:
         altitude -= vehicle.home.altitude_m
     x, y, _ = pilot.executor.motion.stopping_point()
-    pilot.goto(*pilot.frame.to_wgs84(x, y), altitude, mode=_single(vehicle), heading=KEEP)
+    pilot.goto(
+        *pilot.frame.to_wgs84(x, y), altitude, mode=vehicle.firmware.persona.modes.after_command, heading=KEEP
+    )
 
 
 def land_start(vehicle: SimVehicle, _order: Order) -> None:
     """DO_LAND_START: go on with the mission where its landing begins."""
     seq = next(
-        (i for i, item in enumerate(vehicle.pilot.items) if item.command == Command.DO_LAND_START), None
+        (i for i, item in enumerate(vehicle.pilot.mission.items) if item.command == Command.DO_LAND_START),
+        None,
     )
     if seq is None:
         msg = "Land start refused: the mission has none"

@@ -28,21 +28,20 @@ from mission.transfer.server import MissionServer
 from mission.transfer.storage import UncheckedItem
 from sim_vehicle.airframe.sensor_errors import NavigationErrors, Sensed, SensorNoise
 from sim_vehicle.airframe.spec import VehicleSpec
+from sim_vehicle.autopilot import adapt_vehicle, get_autopilot
+from sim_vehicle.autopilot.autopilot import Autopilot
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.component import NEVER
 from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS
 from sim_vehicle.execution.state import CameraCommand, FlightEvent, HomeMoved, ItemReached
-from sim_vehicle.mavlink import commands
+from sim_vehicle.mavlink import commands, setpoint_messages
 from sim_vehicle.mavlink.camera_commands import CAMERA, CameraOrders
-from sim_vehicle.mavlink.parameters import ParameterSet, parameter_table
-from sim_vehicle.mavlink.persona import PX4, Persona
+from sim_vehicle.mavlink.parameters import ParameterSet
 from sim_vehicle.mavlink.schedule import Schedule
 from sim_vehicle.mavlink.telemetry import BUILDERS, STREAMS
-from sim_vehicle.mavlink.vehicle_types import as_flown
-from sim_vehicle.pilot import setpoints
-from sim_vehicle.pilot.failsafe_rules import rules_for
-from sim_vehicle.pilot.modes import Outcome
-from sim_vehicle.pilot.pilot import Pilot, RefusedError, Severity
+from sim_vehicle.pilot.notices import RefusedError, Severity
+from sim_vehicle.pilot.outcome import Outcome
+from sim_vehicle.pilot.pilot import Pilot
 from sim_vehicle.weather.wind import Wind
 
 __all__ = ["SimVehicle"]
@@ -78,8 +77,8 @@ class SimVehicle:
     home : GeoPoint
         Where it stands at the start; the altitude is that of the ground.
     wind : Wind, optional
-    persona : Persona
-        The autopilot that it plays.
+    autopilot : Autopilot, optional
+        Whom it shows itself as; the default autopilot without.
     system_id : int
     yaw_deg : float
         Compass heading at the start.
@@ -101,7 +100,7 @@ class SimVehicle:
 
     Examples
     --------
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> vehicle = SimVehicle(get_vehicle("quad"), GeoPoint(28.05, -82.15, 10.0))
     >>> [message.get_type() for message in vehicle.poll(0.0)][:2]
     ['HEARTBEAT', 'SYS_STATUS']
@@ -117,20 +116,22 @@ class SimVehicle:
         home: GeoPoint,
         *,
         wind: Wind | None = None,
-        persona: Persona = PX4,
+        autopilot: Autopilot | None = None,
         system_id: int = 1,
         yaw_deg: float = 0.0,
         epoch_unix_s: float = _DEFAULT_EPOCH_S,
         signing: Signing | None = None,
         noise: SensorNoise | None = None,
     ) -> None:
-        spec, persona = as_flown(spec, persona)
+        self.autopilot = get_autopilot() if autopilot is None else autopilot
+        spec = adapt_vehicle(spec, self.autopilot)
+        self.firmware = firmware = self.autopilot.for_vehicle(spec.kind)
+        persona = firmware.persona
         self._signing = signing
         self.errors = NavigationErrors(noise) if noise is not None and not noise.is_off else None
         self.sensed = Sensed.exact((0.0, 0.0, 0.0))
         self.system_id = system_id
         self.component_id = _AUTOPILOT
-        self.persona = persona
         self.home = home
         self.home_e7 = (
             round(home.latitude_deg * 1e7),
@@ -143,10 +144,10 @@ class SimVehicle:
             frame,
             wind=wind,
             yaw_rad=math.radians(yaw_deg % 360.0),
-            mode=persona.boot_mode,
-            takes_off=persona.takes_off,
-            after_takeoff=persona.after_takeoff,
-            rules=rules_for(persona.name, spec.kind),
+            mode=persona.modes.boot,
+            takes_off=firmware.takes_off,
+            after_takeoff=persona.modes.after_takeoff,
+            rules=firmware.rules,
             epoch_unix_s=epoch_unix_s,
         )
         self.place = self.home_e7
@@ -170,17 +171,17 @@ class SimVehicle:
         self._last_orders: dict[tuple[int, int], tuple[commands.Order, int]] = {}
         self._shown: tuple[object, ...] = ()
         self._parameters = ParameterSet(
-            parameter_table(persona.name, spec, system_id),
+            firmware.parameters(spec, system_id),
             self.pilot.parameters,
             persona.parameter_encoding,
             self.pilot.apply_parameters,
             self.say_warning,
-            {} if persona.split_mode else self._totals(),
+            self._totals(),
         )
         self._missions = MissionServer(
             system_id,
             _AUTOPILOT,
-            profile=persona.profile,
+            profile=firmware.profile,
             home=home,
             validator=self._check_item,
         )
@@ -196,7 +197,7 @@ class SimVehicle:
             m.MAVLINK_MSG_ID_SET_MODE: self._on_set_mode,
             m.MAVLINK_MSG_ID_SETUP_SIGNING: self._on_setup_signing,
             m.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
-            **dict.fromkeys(setpoints.MESSAGES, self.pilot.steering.take),
+            **dict.fromkeys(setpoint_messages.MESSAGES, self._on_setpoint),
         }
         self.wanted: frozenset[int] | None = frozenset(self._handlers)
 
@@ -226,7 +227,7 @@ class SimVehicle:
             self._show_changes()
             return self._sent()
         if message.type == m.MAV_TYPE_GCS:
-            self.pilot.on_gcs_heartbeat(now_s)
+            self.pilot.failsafe.on_gcs_heartbeat(now_s)
         handler(message)
         return []
 
@@ -294,7 +295,7 @@ class SimVehicle:
             round(longitude * 1e7),
             round(1000.0 * (up + self.home.altitude_m)),
         )
-        for event in self._merged(events) if self.persona.reached_merged else events:
+        for event in self._merged(events) if self.firmware.persona.reached_merged else events:
             self._tell(event, now_s)
 
     def _merged(self, events: list[FlightEvent]) -> list[FlightEvent]:
@@ -320,7 +321,7 @@ class SimVehicle:
         if isinstance(event, ItemReached):
             seq = self.wire_seq(event.seq)
             self._outbox.append(m.MAVLink_mission_item_reached_message(seq))
-            repeats = self.persona.reached_repeats
+            repeats = self.firmware.persona.reached_repeats
             self._reached = (seq, repeats, now_s + 1.0) if repeats else None
         elif isinstance(event, HomeMoved):
             self.moved_home()
@@ -340,11 +341,11 @@ class SimVehicle:
         shown = (
             (pilot.mode, pilot.armed),
             pilot.landed,
-            (pilot.current_seq, pilot.mission_state, pilot.mission_size),
+            (pilot.mission.current_seq, pilot.mission_state, pilot.mission.size),
         )
         if shown == self._shown:
             return
-        self._missions.current_sequence = pilot.current_seq
+        self._missions.current_sequence = pilot.mission.current_seq
         before = self._shown or shown
         self._shown = shown
         kinds = (
@@ -359,7 +360,7 @@ class SimVehicle:
             if old == new:
                 continue
             if message_id == m.MAVLINK_MSG_ID_MISSION_CURRENT and steps_on:
-                self._current_due_s = self.now_us / 1e6 + self.persona.current_lag_s
+                self._current_due_s = self.now_us / 1e6 + self.firmware.persona.current_lag_s
             else:
                 self._outbox.append(BUILDERS[message_id](self))
 
@@ -393,15 +394,15 @@ class SimVehicle:
 
     def wire_seq(self, seq: int) -> int:
         """Number of one of our mission items on the wire (ArduPilot counts home as item 0)."""
-        return seq + self.persona.profile.home_at_zero
+        return seq + self.firmware.profile.home_at_zero
 
     def own_seq(self, seq: int) -> int:
         """Undo `wire_seq`; home itself is the first item."""
-        return max(0, seq - 1) if self.persona.profile.home_at_zero else seq
+        return max(0, seq - 1) if self.firmware.profile.home_at_zero else seq
 
     def set_custom_mode(self, number: int) -> None:
         """Take the mode with this custom number; RefusedError when it is unknown or not possible now."""
-        mode = self.persona.mode_of(number)
+        mode = self.firmware.persona.modes.mode_of(number)
         if mode is None:
             msg = f"Mode refused: unknown number {number}"
             raise RefusedError(msg, denied=True)
@@ -409,7 +410,7 @@ class SimVehicle:
 
     def available_modes(self, index: int) -> tuple[Message, ...]:
         """Return AVAILABLE_MODES for one mode (from 1) or, with 0, for all."""
-        modes = list(self.persona.modes.items())
+        modes = list(self.firmware.persona.modes.numbers.items())
         chosen = range(1, len(modes) + 1) if index == 0 else [index] if 1 <= index <= len(modes) else []
         return tuple(
             m.MAVLink_available_modes_message(
@@ -422,15 +423,15 @@ class SimVehicle:
         """Start again: time since boot, mode, message rates; the plans are kept."""
         self._boot_us = self.now_us
         self.boot_ms = 0
-        self.pilot.mode = self.persona.boot_mode
+        self.pilot.modes.override(self.firmware.persona.modes.boot)
         self.schedule = self._default_schedule()
 
     def _default_schedule(self) -> Schedule:
-        """Rates of the persona, but nothing oftener than the vehicle moves on; the truth where it differs."""
+        """Rates of the firmware, at most one message per motion step; the true state where it differs."""
         most_hz = 1.0 / self.pilot.spec.step_s
-        rates_hz = {kind: min(rate, most_hz) for kind, rate in self.persona.rates_hz.items()}
+        rates_hz = {kind: min(rate, most_hz) for kind, rate in self.firmware.persona.rates_hz.items()}
         if self.errors is not None:
-            rates_hz[self.persona.truth_message] = min(_TRUTH_HZ, most_hz)
+            rates_hz[self.firmware.persona.truth_message] = min(_TRUTH_HZ, most_hz)
         return Schedule(rates_hz)
 
     def position_error(self, boot_us: float) -> tuple[float, float]:
@@ -481,8 +482,10 @@ class SimVehicle:
 
     def _on_parameter(self, message: Message) -> None:
         self._outbox += self._parameters.handle(message)
-        if self.persona.banner and type(message).id == m.MAVLINK_MSG_ID_PARAM_REQUEST_LIST:
-            self.pilot.note(Severity.INFO, self.persona.banner)
+        if (banner := self.firmware.persona.identity.banner) and type(
+            message
+        ).id == m.MAVLINK_MSG_ID_PARAM_REQUEST_LIST:
+            self.pilot.note(Severity.INFO, banner)
 
     def _on_mission(self, message: Message) -> None:
         self._take(self._missions.receive(message, self.now_us / 1e6))
@@ -517,9 +520,9 @@ class SimVehicle:
             self._returning = -1
             flying = self.pilot.armed and self.pilot.mode is Mode.MISSION
             self.pilot.load(event.items)
-            if flying and self.persona.profile.home_at_zero:
-                self.pilot.note(Severity.INFO, "Auto mission changed, restarted command")
-            if event.start_sequence and not self.pilot.why_no_mission():
+            if flying and (text := self.firmware.persona.mission_changed_text):
+                self.pilot.note(Severity.INFO, text)
+            if event.start_sequence and not self.pilot.mission.why_not:
                 with contextlib.suppress(RefusedError):
                     self.pilot.set_current(event.start_sequence)
         elif isinstance(event, PlanCleared):
@@ -541,6 +544,23 @@ class SimVehicle:
             self.say_warning(str(refusal))
             return
         self._outbox += self.built(m.MAVLINK_MSG_ID_MISSION_CURRENT)
+
+    def _on_setpoint(self, message: Message) -> None:
+        setpoints = self.pilot.setpoints
+        if type(message).id == m.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET:
+            setpoints.complain("Setpoint refused: attitudes are not flown")
+        elif setpoints.listens_in(self.pilot.mode):
+            try:
+                self.pilot.take_setpoint(
+                    setpoint_messages.setpoint_of(
+                        message,
+                        self.pilot.state,
+                        self.pilot.frame,
+                        body_positions=not self.pilot.failsafe.rules.needs_stream,
+                    )
+                )
+            except RefusedError as refusal:
+                setpoints.complain(str(refusal))
 
     def _on_set_mode(self, message: Message) -> None:
         try:
@@ -578,7 +598,7 @@ class SimVehicle:
         }
 
     def _on_data_stream(self, message: Message) -> None:
-        if not self.persona.data_streams:
+        if not self.firmware.persona.data_streams:
             return
         rate = message.req_message_rate if message.start_stop else 0
         interval_us = round(1e6 / rate) if rate else -1

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geo.frame import LocalFrame
+from sim_vehicle.autopilot import firmware_of
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
@@ -121,7 +122,7 @@ def predict_flight(
     Examples
     --------
     >>> from mission.model import GeoPoint, Mission, MissionItem
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> takeoff = MissionItem(22, 3, 0, 0, 0, None, 28.05, -82.15, 10.0)
     >>> there = MissionItem.waypoint(28.051, -82.15, 10.0)
     >>> flight = predict_flight(Mission((takeoff, there), GeoPoint(28.05, -82.15)), get_vehicle("quad"))
@@ -245,7 +246,8 @@ def rehearsals(wind: Wind | None) -> list[Wind | None]:
 
 def climbs_by_itself(spec: VehicleSpec) -> bool:
     """Whether a vehicle climbs first when its mission begins on the ground without a take-off: PX4 does."""
-    return spec.kind == "multirotor" and spec.autopilot == "px4"
+    firmware = firmware_of(spec)
+    return spec.kind == "multirotor" and firmware is not None and firmware.takes_off
 
 
 def without_end(spec: VehicleSpec) -> VehicleSpec:

@@ -12,10 +12,11 @@ from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, Mission, MissionItem
 from mission.transfer import RemoteTransferError, compare_plans
 from mission.transfer.driver import TransferDriver
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import Simulation
-from sim_vehicle.mavlink import SimVehicle, get_persona
+from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.check import Verdict, all_checks, check_vehicle
 from wbf_mission.check.errors import CheckError
 from wbf_mission.check.runner import check_link
@@ -26,7 +27,7 @@ HOME = GeoPoint(28.05, -82.15, 20.0)
 
 def run(*faults, autopilot="px4", vehicle=None, **options):
     """Check a vehicle on the virtual clock."""
-    vehicle = vehicle or SimVehicle(get_vehicle("quad"), HOME, persona=get_persona(autopilot))
+    vehicle = vehicle or SimVehicle(get_vehicle("quad"), HOME, autopilot=get_autopilot(autopilot))
     link = Simulation([vehicle], faults=faults).open_link()
     return check_link(link, clock=link.clock, wait=link.wait, **options)
 
@@ -59,7 +60,7 @@ def test_our_autopilots_hold_everything_that_is_required(autopilot):
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_nothing_is_armed_and_the_plans_come_back(autopilot):
-    vehicle = SimVehicle(get_vehicle("quad"), HOME, persona=get_persona(autopilot))
+    vehicle = SimVehicle(get_vehicle("quad"), HOME, autopilot=get_autopilot(autopilot))
     simulation = Simulation([vehicle])
     link = simulation.open_link()
     items = tuple(MissionItem.waypoint(28.05 + 1e-5 * k, -82.15, 9.0) for k in range(6))
@@ -69,7 +70,12 @@ def test_nothing_is_armed_and_the_plans_come_back(autopilot):
     assert report.passed
     assert not any(result.check.flies for result in report.results)
     assert not vehicle.pilot.armed
-    assert compare_plans(items, driver.download()[0].items, get_persona(autopilot).profile) == ()
+    assert (
+        compare_plans(
+            items, driver.download()[0].items, get_autopilot(autopilot).for_vehicle("multirotor").profile
+        )
+        == ()
+    )
 
 
 @pytest.mark.parametrize(

@@ -5,10 +5,12 @@ import pytest
 from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, Mission, MissionItem
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot.ardupilot import ARDUPILOT
+from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.host.simulation import Simulation
-from sim_vehicle.mavlink import ARDUPILOT, PX4, SimVehicle
+from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.weather.wind import Wind
 from wbf_mission.ground.failures import FailureWatch
 from wbf_mission.ground.station import GroundStation
@@ -29,9 +31,9 @@ ITEMS = (TAKEOFF, *PATH, MissionItem(20))
 FENCE = (MissionItem(5004, 0, 20.0, x=at(60.0, 0.0)[0], y=at(60.0, 0.0)[1]),)
 
 
-def fly(persona, faults=(), *, wind=None, charge=1.0, fence=(), **parameters):
+def fly(autopilot, faults=(), *, wind=None, charge=1.0, fence=(), **parameters):
     quad = get_vehicle("quad")
-    vehicle = SimVehicle(quad, HOME, persona=persona, wind=wind)
+    vehicle = SimVehicle(quad, HOME, autopilot=autopilot, wind=wind)
     for name, value in parameters.items():
         assert hasattr(vehicle.pilot.parameters, name)
         setattr(vehicle.pilot.parameters, name, value)
@@ -71,43 +73,43 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("persona", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
 @pytest.mark.parametrize("case", CASES)
-def test_the_ground_station_knows_why_a_flight_ended(case, persona):
+def test_the_ground_station_knows_why_a_flight_ended(case, autopilot):
     outcome, options = CASES[case]
-    if case == "empty after a fence" and persona is PX4:
+    if case == "empty after a fence" and autopilot is PX4:
         options = {**options, "fence_action": 2}
-    vehicle, ground = fly(persona, **options)
+    vehicle, ground = fly(autopilot, **options)
     assert ground.outcome is outcome, (ground.reason, ground.texts)
     if case != "completed":
         assert (ground.outcome.value, ground.reason) == (vehicle.outcome.value, vehicle.outcome_text)
 
 
-@pytest.mark.parametrize(("persona", "action"), [(PX4, 3), (ARDUPILOT, 1)])
-def test_a_fence_that_is_left(persona, action):
-    vehicle, ground = fly(persona, fence=FENCE, fence_enable=1, fence_action=action)
+@pytest.mark.parametrize(("autopilot", "action"), [(PX4, 3), (ARDUPILOT, 1)])
+def test_a_fence_that_is_left(autopilot, action):
+    vehicle, ground = fly(autopilot, fence=FENCE, fence_enable=1, fence_action=action)
     assert ground.outcome is Outcome.FENCE_BREACHED
     assert ground.reason == vehicle.outcome_text
     assert ground.reason.startswith("fence: ")
 
 
-@pytest.mark.parametrize(("persona", "action"), [(PX4, 1), (ARDUPILOT, 0)])
-def test_a_fence_that_only_warns_ends_no_flight(persona, action):
+@pytest.mark.parametrize(("autopilot", "action"), [(PX4, 1), (ARDUPILOT, 0)])
+def test_a_fence_that_only_warns_ends_no_flight(autopilot, action):
     options = {"fence": FENCE, "fence_enable": 1, "fence_action": action}
-    vehicle, ground = fly(persona, **options)
+    vehicle, ground = fly(autopilot, **options)
     assert any("outside the area" in text for _, _, text in ground.texts)
     assert ground.outcome is Outcome.COMPLETED
-    vehicle, ground = fly(persona, faults=["motor-failure,at=airborne,from=90"], **options)
+    vehicle, ground = fly(autopilot, faults=["motor-failure,at=airborne,from=90"], **options)
     assert any("outside the area" in text for _, _, text in ground.texts)
     assert (ground.outcome, ground.reason) == (Outcome.CRASHED, vehicle.outcome_text)
 
 
-@pytest.mark.parametrize("persona", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
 @pytest.mark.parametrize("case", ["low", "empty", "position"])
-def test_without_texts_state_and_health_are_left(case, persona):
+def test_without_texts_state_and_health_are_left(case, autopilot):
     outcome, options = CASES[case]
     faults = [*options.get("faults", []), "drop=STATUSTEXT,direction=down"]
-    _, ground = fly(persona, **{**options, "faults": faults})
+    _, ground = fly(autopilot, **{**options, "faults": faults})
     assert not ground.texts
     assert ground.outcome is outcome
 
@@ -117,7 +119,7 @@ def test_disarmed_without_a_reason_tells_how_far_it_came():
     ground = GroundStation(Mission(ITEMS, HOME))
     simulation = Simulation([vehicle, ground])
     simulation.run(until=lambda now_s: now_s > 40.0)
-    seq = vehicle.pilot.current_seq
+    seq = vehicle.pilot.mission.current_seq
     vehicle.pilot.disarm(force=True)
     simulation.run(until=lambda _now_s: ground.done, limit_s=60.0)
     assert ground.outcome is Outcome.FLIGHT_ABORTED

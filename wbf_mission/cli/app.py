@@ -11,33 +11,35 @@ import typer
 
 from geo.errors import WbfMissionError
 from wbf_mission.cli import benchmark, check, farm, fly, plan, signals, sim, transfer, vehicle
+from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.output import StdoutError, plain, to_stdout
 from wbf_mission.exit_codes import ExitCode, exit_code_of
 
 EXIT_CODES = """
-[bold]Exit codes[/bold]
-
-0 done; 1 the outcome is not good; 2 bad input; 3 no vehicle heard; 4 the link dropped; 5 the vehicle refused;
-130 Ctrl-C; 143 SIGTERM
+Exit codes
+  0 done                        4 the link dropped
+  1 the outcome is not good     5 the vehicle refused
+  2 bad input                 130 Ctrl-C
+  3 no vehicle was heard      143 SIGTERM
 """
 
 app = typer.Typer(
     name="wbf-mission",
-    no_args_is_help=True,
-    rich_markup_mode="rich",
+    cls=HelpGroup,
+    rich_markup_mode=None,
     epilog=EXIT_CODES,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
-app.command("plan", epilog=plan.EXAMPLES)(plan.plan_command)
-app.command("fly", epilog=fly.EXAMPLES)(fly.fly_command)
-app.command("sim", epilog=sim.EXAMPLES)(sim.sim_command)
-app.command("check", epilog=check.EXAMPLES)(check.check_command)
-app.command("upload", epilog=transfer.UPLOAD_EXAMPLES)(transfer.upload_command)
-app.command("download", epilog=transfer.DOWNLOAD_EXAMPLES)(transfer.download_command)
+app.command("plan", cls=HelpCommand, epilog=plan.EXAMPLES)(plan.plan_command)
+app.command("fly", cls=HelpCommand, epilog=fly.EXAMPLES)(fly.fly_command)
+app.command("sim", cls=HelpCommand, epilog=sim.EXAMPLES)(sim.sim_command)
+app.command("check", cls=HelpCommand, epilog=check.EXAMPLES)(check.check_command)
+app.command("upload", cls=HelpCommand, epilog=transfer.UPLOAD_EXAMPLES)(transfer.upload_command)
+app.command("download", cls=HelpCommand, epilog=transfer.DOWNLOAD_EXAMPLES)(transfer.download_command)
 app.add_typer(farm.app, name="farm")
 app.add_typer(vehicle.app, name="vehicle")
-app.command("benchmark", epilog=benchmark.EXAMPLES)(benchmark.benchmark_command)
+app.command("benchmark", cls=HelpCommand, epilog=benchmark.EXAMPLES)(benchmark.benchmark_command)
 
 
 def _print_version(wanted: bool) -> None:
@@ -78,11 +80,7 @@ def _run(arguments: list[str]) -> int:
     try:
         code = app(args=arguments, standalone_mode=False, prog_name="wbf-mission")
     except typer.TyperException as error:
-        text = error.format_message()
-        if not text:  # a command without its subcommand: its help says what there is
-            app(args=[*arguments, "--help"], standalone_mode=False, prog_name="wbf-mission")
-            return ExitCode.BAD_INPUT
-        return _complain(f"{text} (see 'wbf-mission --help')", error.exit_code)
+        return _complain(f"{error.format_message()} (see 'wbf-mission --help')", error.exit_code)
     except WbfMissionError as error:
         return _complain(str(error), exit_code_of(error))
     except (KeyboardInterrupt, typer.Abort):

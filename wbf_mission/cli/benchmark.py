@@ -20,7 +20,7 @@ from wbf_mission.scenario import (
 from wbf_mission.scenario.choice import choices_in
 
 EXAMPLES = """
-[bold]Examples[/bold]
+Examples
 
 wbf-mission benchmark --farm miniberry-30 --vehicle ideal --seeds 10
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from wbf_mission.check.registry import CheckResult
 
 EXAMPLES = """
-[bold]Examples[/bold]
+Examples
 
 wbf-mission check udpin:127.0.0.1:14550
 

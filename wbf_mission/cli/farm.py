@@ -8,11 +8,12 @@ from typing import Annotated
 import typer
 
 from wbf_mission.cli import options
+from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.output import Output, distance, duration
 from wbf_mission.scenario import FarmOptions
 
 app = typer.Typer(
-    no_args_is_help=True,
+    cls=HelpGroup,
     help="Look at farms: list them, show one, draw one, save one as GeoJSON, generate environments of one.",
 )
 
@@ -21,7 +22,7 @@ FarmArgument = Annotated[
 ]
 
 
-@app.command("list")
+@app.command("list", cls=HelpCommand)
 def list_command(json: options.Json = False, quiet: options.Quiet = False) -> None:
     """List the farms that are known by name."""
     from geo import farm_names, get_farm
@@ -50,7 +51,7 @@ def list_command(json: options.Json = False, quiet: options.Quiet = False) -> No
     Output(as_json=json, quiet=quiet).table(values, ["farm", "cells", "metres", "owner's cells"], rows)
 
 
-@app.command("show", epilog="[bold]Example[/bold]\n\nwbf-mission farm show waterberry")
+@app.command("show", cls=HelpCommand, epilog="Example\n\nwbf-mission farm show waterberry")
 def show_command(farm: FarmArgument, json: options.Json = False, quiet: options.Quiet = False) -> None:
     """Show a farm's size, place, patches and crops."""
     import numpy as np
@@ -111,11 +112,13 @@ def show_command(farm: FarmArgument, json: options.Json = False, quiet: options.
     Output(as_json=json, quiet=quiet).result(values, rows, title=place.name)
 
 
-@app.command("draw", epilog="[bold]Example[/bold]\n\nwbf-mission farm draw waterberry --out waterberry.png")
+@app.command(
+    "draw", cls=HelpCommand, epilog="Example\n\nwbf-mission farm draw waterberry --out waterberry.png"
+)
 def draw_command(
     farm: FarmArgument,
     out: Annotated[
-        Path | None, typer.Option(help="PNG file.  \\[default: FARM.png]", show_default=False)
+        Path | None, typer.Option(help="PNG file.  [default: FARM.png]", show_default=False)
     ] = None,
     json: options.Json = False,
     quiet: options.Quiet = False,
@@ -130,7 +133,7 @@ def draw_command(
 
 
 @app.command(
-    "save", epilog="[bold]Example[/bold]\n\nwbf-mission farm save miniberry-30 --out my-farm.geojson"
+    "save", cls=HelpCommand, epilog="Example\n\nwbf-mission farm save miniberry-30 --out my-farm.geojson"
 )
 def save_command(
     farm: FarmArgument,
@@ -146,7 +149,7 @@ def save_command(
 
 
 GENERATE_EXAMPLES = """
-[bold]Examples[/bold]
+Examples
 
 wbf-mission farm generate --farm miniberry-30 --count 50 --jobs 2 --out environments/miniberry
 
@@ -154,7 +157,7 @@ wbf-mission farm generate --farm waterberry --keep 6 --count 8 --jobs 2 --out en
 """
 
 
-@app.command("generate", epilog=GENERATE_EXAMPLES)
+@app.command("generate", cls=HelpCommand, epilog=GENERATE_EXAMPLES)
 @options.scenario_options(FarmOptions, without=("day",))
 def generate_command(
     given: options.Given,
@@ -162,12 +165,12 @@ def generate_command(
     days: Annotated[int, typer.Option(help="Days after the first one.", min=0, max=126)] = 15,
     keep: Annotated[
         str | None,
-        typer.Option(help="Days to keep, such as 6 or 1-15 or 0,6,15.  \\[default: all]", show_default=False),
+        typer.Option(help="Days to keep, such as 6 or 1-15 or 0,6,15.  [default: all]", show_default=False),
     ] = None,
     jobs: Annotated[int, typer.Option(help="Processes at once; -1: one per core.", min=-1, max=1024)] = 1,
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder.  \\[default: environments/ and the farm's name]", show_default=False),
+        typer.Option(help="Folder.  [default: environments/ and the farm's name]", show_default=False),
     ] = None,
     json: options.Json = False,
     quiet: options.Quiet = False,

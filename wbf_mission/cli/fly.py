@@ -24,7 +24,7 @@ from wbf_mission.scenario import (
 from wbf_mission.stopwatch import process_age_s
 
 EXAMPLES = """
-[bold]Examples[/bold]
+Examples
 
 wbf-mission fly --farm miniberry-30 --planner lawnmower --estimator gp --vehicle ideal --seed 7
 
@@ -44,14 +44,14 @@ def fly_command(
     speed: Annotated[
         float | None,
         typer.Option(
-            help="Pace: simulated seconds per second of wall time.  \\[default: as fast as possible]",
+            help="Pace: simulated seconds per second of wall time.  [default: as fast as possible]",
             rich_help_panel="What to run",
         ),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Folder for the results.  \\[default: runs/ and a name from the scenario]",
+            help="Folder for the results.  [default: runs/ and a name from the scenario]",
             rich_help_panel="Output",
         ),
     ] = None,
@@ -140,6 +140,7 @@ def fly_command(
         if summary["score"] is None
         else f"{summary['score']:.5f} over the run, {summary['final_score']:.5f} at the end (0 is perfect)",
         "loss a cell at the end": losses or "-",
+        **(result.report.rows() if result.report is not None else {}),
         "observations": f"{summary['observations']} of {summary['cells_observed']} cells",
         "flown": f"{distance(summary['path_length_m'])} in {duration(summary['flight_time_s'])} "
         f"(predicted {duration(summary['predicted_time_s'])})",

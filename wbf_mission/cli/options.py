@@ -202,7 +202,7 @@ def _annotation(
     if isinstance(flag, CompoundFlag):
         made = typer.Option(
             flag.flag,
-            help=_as_text(flag.help),
+            help=flag.help,
             metavar=flag.metavar,
             rich_help_panel=flag.panel,
             show_default=False,
@@ -215,7 +215,7 @@ def _annotation(
         names = [f"{flag.flag}/--no-{str(flag.flag).removeprefix('--')}"]
     made = typer.Option(
         *names,
-        help=_as_text(_help(flag, defaults.get(flag.key, default_of(part, name)), flags)),
+        help=_help(flag, defaults.get(flag.key, default_of(part, name)), flags),
         metavar=flag.metavar,
         rich_help_panel=flag.panel,
         autocompletion=complete(flag.kind) if flag.kind else None,
@@ -247,8 +247,3 @@ def _help(one: Option, default: Any, flags: set[str]) -> str:
     )
     range_or_unit = f", {scale}" if scale else f", {one.unit}" if one.unit else ""
     return f"{one.help}{choices}{range_or_unit}{depends}." + (f"  [default: {told}]" if told != "" else "")
-
-
-def _as_text(text: str) -> str:
-    """Keep rich from taking ``[default: ...]`` for a style."""
-    return text.replace("[default", r"\[default")

@@ -12,7 +12,7 @@ from wbf_mission.cli.output import Output, distance, duration
 from wbf_mission.scenario import CameraOptions, FarmOptions, MissionOptions, VehicleOptions, WeatherOptions
 
 EXAMPLES = """
-[bold]Examples[/bold]
+Examples
 
 wbf-mission plan --farm miniberry-100 --planner spiral --budget 25min --out spiral.plan
 

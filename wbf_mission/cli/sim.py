@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from wbf_mission.simulator import Simulated
 
 EXAMPLES = """
-[bold]Examples[/bold]
+Examples
 
 wbf-mission sim --farm waterberry
 
@@ -143,14 +143,15 @@ def _signing(key: str | None) -> Signing | None:
         return None
     import time
 
+    from geo.reading import UnreadableError, read_text
     from mission.errors import LinkError
     from mission.link.codec.signing import Signing, key_from_text
 
     if key.startswith("@"):
         try:
-            key = Path(key[1:]).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            msg = f"signing key: {key[1:]} cannot be read"
+            key = read_text(Path(key[1:]))
+        except UnreadableError as error:
+            msg = f"signing key: {key[1:]} cannot be read: {error}"
             raise LinkError(msg) from error
     return Signing(key_from_text(key), clock=time.time)
 

@@ -17,14 +17,14 @@ Wait = Annotated[
 ]
 
 UPLOAD_EXAMPLES = """
-[bold]Examples[/bold]
+Examples
 
 wbf-mission upload spiral.plan --connect udpin:127.0.0.1:14550
 
 wbf-mission upload rows.waypoints --connect tcp:127.0.0.1:5760
 """
 DOWNLOAD_EXAMPLES = """
-[bold]Example[/bold]
+Example
 
 wbf-mission download --connect udpin:127.0.0.1:14550 --out onboard.plan
 """

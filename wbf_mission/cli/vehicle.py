@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from wbf_mission.cli import options
+from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.output import Output
 
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
 
-app = typer.Typer(no_args_is_help=True, help="Look at vehicles: list them, show one with its endurance.")
+app = typer.Typer(cls=HelpGroup, help="Look at vehicles: list them, show one with its endurance.")
 
 VehicleArgument = Annotated[
     str,
@@ -20,10 +21,10 @@ VehicleArgument = Annotated[
 ]
 
 
-@app.command("list")
+@app.command("list", cls=HelpCommand)
 def list_command(json: options.Json = False, quiet: options.Quiet = False) -> None:
     """List the vehicles that are known by name, with the endurance of their cruise flight."""
-    from sim_vehicle.airframe.spec import get_vehicle, vehicle_names
+    from sim_vehicle.airframe.catalog import get_vehicle, vehicle_names
 
     vehicles = [get_vehicle(name) for name in vehicle_names()]
     values = [_summary(vehicle) for vehicle in vehicles]
@@ -43,10 +44,10 @@ def list_command(json: options.Json = False, quiet: options.Quiet = False) -> No
     Output(as_json=json, quiet=quiet).table(values, columns, rows)
 
 
-@app.command("show", epilog="[bold]Example[/bold]\n\nwbf-mission vehicle show quad")
+@app.command("show", cls=HelpCommand, epilog="Example\n\nwbf-mission vehicle show quad")
 def show_command(vehicle: VehicleArgument, json: options.Json = False, quiet: options.Quiet = False) -> None:
     """Show a vehicle's limits, battery, power and endurance."""
-    from sim_vehicle.airframe.spec import get_vehicle
+    from sim_vehicle.airframe.catalog import get_vehicle
 
     spec = get_vehicle(vehicle)
     values = _summary(spec)
@@ -60,7 +61,7 @@ def show_command(vehicle: VehicleArgument, json: options.Json = False, quiet: op
         rows["mass"] = f"{spec.power.mass_kg:g} kg"
     if spec.battery is not None and spec.power is not None:
         _add_endurance(spec, values, rows)
-    for name, table in (("PX4", spec.px4), ("ArduPilot", spec.ardupilot)):
+    for name, table in spec.autopilot_parameters:
         if table:
             rows[f"parameters for {name}"] = ", ".join(f"{key}={value:g}" for key, value in table)
     Output(as_json=json, quiet=quiet).result(values, rows, title=spec.name)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
+from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Mission, MissionType
 from mission.transfer import (
@@ -24,6 +23,10 @@ from mission.transfer import (
 )
 from sensors.camera.wire import ObservationAssembler
 from wbf_mission.ground.failures import FailureWatch
+from wbf_mission.ground.images import ImageFetch
+from wbf_mission.ground.orders import Answer, Order, result_name
+from wbf_mission.ground.texts import TextLog
+from wbf_mission.ground.tracks import TrackRecorder
 from wbf_mission.outcome import Outcome, Phase, Track
 
 GROUND_SYSTEM_ID = 255
@@ -31,29 +34,11 @@ GROUND_COMPONENT_ID = int(m.MAV_COMP_ID_MISSIONPLANNER)
 _HEARTBEAT_S = 1.0
 _CONTACT_S = 30.0
 _STATE_S = 2.5
-_GROUND_MM = 50
-_ON_GROUND = 1  # MAV_LANDED_STATE_ON_GROUND
-_COMMAND_RETRY_S = 1.0
-_COMMAND_TRIES = 4
-_FETCH_S = 0.5
-_FETCH_ROUNDS = 20
-_FETCH_AT_ONCE = 50
 _COMPLETE = 5  # MISSION_STATE_COMPLETE
 _STREAM_HZ = 4
 _FAST = (int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT), int(m.MAVLINK_MSG_ID_ATTITUDE))
 _FAST_US = 100_000
-_WARNING = 4  # MAV_SEVERITY_WARNING
 _RETURNS = frozenset({int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_LAND)})
-
-
-@dataclass(slots=True)
-class _Order:
-    """A command that is repeated until it is answered."""
-
-    command: int
-    params: tuple[float, ...]
-    tries: int = 0
-    due_s: float = -math.inf
 
 
 @dataclass(slots=True)
@@ -84,8 +69,10 @@ class GroundStation:
     reason : str
         Why it ended so, in the vehicle's words where it said any.
     transfers : list of TransferStatistics
-    texts : list of (float, int, str)
-        STATUSTEXTs: time, severity, text.
+    battery : Battery
+        As the vehicle told last.
+    started_s, ended_s : float or None
+        When the mission began, and when the run was over.
     """
 
     system_id = GROUND_SYSTEM_ID
@@ -104,7 +91,6 @@ class GroundStation:
         self.outcome = Outcome.RUNNING
         self.reason = ""
         self.transfers: list[TransferStatistics] = []
-        self.texts: list[tuple[float, int, str]] = []
         self.battery = Battery()
         self.started_s: float | None = None
         self.ended_s: float | None = None
@@ -121,22 +107,17 @@ class GroundStation:
         self._texts_before = 0
         self._first_s: float | None = None
         self._disarmed_s: float | None = None
-        self._chunk = (0, -1)
         self._heartbeat_s = -math.inf
-        self._order: _Order | None = None
+        self._order: Order | None = None
         self._transfer: VerifiedUpload | None = None
         self._plans = deque(
             kind
             for kind in (MissionType.FENCE, MissionType.RALLY, MissionType.MISSION)
             if mission.plan(kind) or kind is MissionType.MISSION
         )
-        self._fetch_s = math.inf
-        self._fetch_rounds = 0
-        self._fixes: list[tuple[int, int, int, int]] = []
-        self._true_fixes: list[tuple[float, int, int, int]] = []
-        self._ground_mm: int | None = None
-        self._grounded = False
-        self._aloft_ms = 0
+        self._tracks = TrackRecorder()
+        self._texts = TextLog()
+        self._fetch = None if assembler is None else ImageFetch(assembler, vehicle_system_id)
         self._returns = any(item.command in _RETURNS for item in mission.items)
         self._lands = any(item.command == Command.NAV_LAND for item in mission.items)
         self._is_wing = self._is_rover = False
@@ -154,8 +135,8 @@ class GroundStation:
             **dict.fromkeys(CLIENT_MESSAGES, self._on_transfer),
         }
         if assembler is not None:
-            self._handlers[m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED] = self._on_picture
-            self._handlers[m.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY] = self._on_picture
+            self._handlers[m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED] = self._on_image
+            self._handlers[m.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY] = self._on_image
         self.wanted: frozenset[int] | None = frozenset(self._handlers)
 
     @property
@@ -164,11 +145,16 @@ class GroundStation:
         return self.phase is Phase.DONE
 
     @property
+    def texts(self) -> list[tuple[float, int, str]]:
+        """The vehicle's STATUSTEXTs: time in seconds, severity, text."""
+        return self._texts.texts
+
+    @property
     def flight_time_s(self) -> float:
         """From the start of the mission until the vehicle tells that it has landed."""
         if self.started_s is None:
             return 0.0
-        return max(0.0, self._aloft_ms / 1e3 - self.started_s)
+        return max(0.0, self._tracks.aloft_ms / 1e3 - self.started_s)
 
     def receive(self, message: Any, now_s: float) -> list[Any]:
         """Take one message and return the answers."""
@@ -176,7 +162,7 @@ class GroundStation:
         return handler(message, now_s) if handler is not None else []
 
     def poll(self, now_s: float) -> list[Any]:
-        """Send what is due: heartbeat, repeated commands, transfer timers, requests for lost pictures."""
+        """Send what is due: heartbeat, repeated commands, transfer timers, requests for lost images."""
         out: list[Any] = []
         if self._first_s is None:
             self._first_s = now_s
@@ -192,15 +178,18 @@ class GroundStation:
             if deadline_s is not None and deadline_s <= now_s:
                 out += self._take(self._transfer.poll(now_s), now_s)
         if self._order is not None and now_s >= self._order.due_s:
-            out += self._send_order(now_s)
+            out += self._repeat_order(self._order, now_s)
         if (
             self.phase is Phase.FLIGHT
             and self._disarmed_s is not None
             and now_s >= self._disarmed_s + _STATE_S
         ):
             self._land(*self._why_aborted(), now_s)
-        if self.phase is Phase.FETCH and now_s >= self._fetch_s:
-            out += self._fetch(now_s)
+        if self._fetch is not None and self.phase is Phase.FETCH and now_s >= self._fetch.due_s:
+            asked = self._fetch.ask(now_s)
+            out += asked
+            if not asked:
+                self.phase = Phase.DONE
         return out
 
     def next_deadline(self) -> float:
@@ -212,20 +201,22 @@ class GroundStation:
             deadline_s = min(deadline_s, self._order.due_s)
         if self._transfer is not None and (transfer_s := self._transfer.next_deadline()) is not None:
             deadline_s = min(deadline_s, transfer_s)
-        return min(deadline_s, self._fetch_s) if self.phase is Phase.FETCH else deadline_s
+        if self._fetch is not None and self.phase is Phase.FETCH:
+            deadline_s = min(deadline_s, self._fetch.due_s)
+        return deadline_s
 
     def interrupt(self, outcome: Outcome, reason: str, now_s: float) -> None:
         """End the run from outside; what was received is kept."""
         if not self.done:
             self._end(outcome, reason, now_s)
 
-    def track(self, frame: Any) -> Track:
-        """Return what was flown since the start, in WGS84 and in ``frame`` (a LocalFrame)."""
-        return _track(self._fixes, frame)
+    def track(self, frame: LocalFrame) -> Track:
+        """What was flown since the start, in WGS84 and in `frame`."""
+        return self._tracks.track(frame)
 
-    def true_track(self, frame: Any) -> Track | None:
-        """Return where the vehicle truly was, None if its simulator did not tell."""
-        return _track(self._true_fixes, frame) if self._true_fixes else None
+    def true_track(self, frame: LocalFrame) -> Track | None:
+        """Where the vehicle truly was; None if its simulator did not tell."""
+        return self._tracks.true_track(frame)
 
     # What arrives.
 
@@ -249,9 +240,9 @@ class GroundStation:
         return self._ask_for_streams()
 
     def _ask_for_streams(self) -> list[Any]:
-        """Ask an ArduPilot for telemetry, which it sends to nobody who does not ask, until it comes."""
+        """Ask for telemetry until it comes, where the autopilot sends it to nobody who does not ask."""
         silent, self._silent = self._silent, True
-        if self._autopilot != m.MAV_AUTOPILOT_ARDUPILOTMEGA or not silent:
+        if not silent or not profile_for(self._autopilot).streams_on_request:
             return []
         asked = [m.MAVLink_request_data_stream_message(*self._vehicle, m.MAV_DATA_STREAM_ALL, _STREAM_HZ, 1)]
         asked += [
@@ -278,32 +269,17 @@ class GroundStation:
             return []
         self._silent = False
         if self.phase is Phase.FLIGHT:
-            self._fixes.append((message.time_boot_ms, message.lat, message.lon, message.relative_alt))
-            off_ground = message.relative_alt > _GROUND_MM or self._is_rover
-            # From the first fix in the air until the vehicle tells that it has landed: it takes it a while.
-            if (off_ground or self._aloft_ms > 0) and not self._grounded:
-                self._aloft_ms = message.time_boot_ms
+            self._tracks.on_position(message, is_rover=self._is_rover)
         return []
 
     def _on_landed(self, message: Any, now_s: float) -> list[Any]:  # noqa: ARG002
         if self._is_vehicle(message):
-            self._grounded = message.landed_state == _ON_GROUND
+            self._tracks.on_landed_state(message)
         return []
 
     def _on_truth(self, message: Any, now_s: float) -> list[Any]:
-        """Note where a simulated vehicle truly is; its height counts from where it stood first."""
-        if not self._is_vehicle(message):
-            return []
-        if type(message).id == m.MAVLINK_MSG_ID_SIM_STATE:
-            latitude_e7, longitude_e7 = message.lat_int, message.lon_int
-            altitude_mm = round(1000.0 * message.alt)
-        else:
-            latitude_e7, longitude_e7, altitude_mm = message.lat, message.lon, message.alt
-        if self._ground_mm is None:
-            self._ground_mm = altitude_mm
-        if self.phase is Phase.FLIGHT:
-            height_mm = altitude_mm - self._ground_mm
-            self._true_fixes.append((1000.0 * now_s, latitude_e7, longitude_e7, height_mm))
+        if self._is_vehicle(message):
+            self._tracks.on_truth(message, now_s, flying=self.phase is Phase.FLIGHT)
         return []
 
     def _on_sys_status(self, message: Any, now_s: float) -> list[Any]:  # noqa: ARG002
@@ -321,18 +297,11 @@ class GroundStation:
         return []
 
     def _on_text(self, message: Any, now_s: float) -> list[Any]:
-        if not self._is_vehicle(message):
-            return []
-        number, chunk = message.id, message.chunk_seq
-        if self.texts and number and (number, chunk - 1) == self._chunk:
-            began_s, severity, text = self.texts[-1]
-            self.texts[-1] = (began_s, severity, text + message.text)
-        elif len(self.texts) < 10_000:
-            self.texts.append((now_s, message.severity, message.text))
-        self._chunk = (number, chunk)
+        if self._is_vehicle(message):
+            self._texts.on_text(message, now_s)
         return []
 
-    def _on_picture(self, message: Any, now_s: float) -> list[Any]:  # noqa: ARG002
+    def _on_image(self, message: Any, now_s: float) -> list[Any]:  # noqa: ARG002
         assert self._assembler is not None
         self._assembler.add(message)
         return []
@@ -343,20 +312,16 @@ class GroundStation:
         return self._take(self._transfer.receive(message, now_s), now_s)
 
     def _on_ack(self, message: Any, now_s: float) -> list[Any]:
-        order = self._order
-        if order is None or message.command != order.command or not self._is_vehicle(message):
+        if self._order is None or not self._is_vehicle(message):
             return []
-        if message.result == m.MAV_RESULT_IN_PROGRESS:
-            order.due_s = now_s + 3.0 * _COMMAND_RETRY_S
-            return []
-        if message.result != m.MAV_RESULT_ACCEPTED:
-            if message.result == m.MAV_RESULT_TEMPORARILY_REJECTED and order.tries < _COMMAND_TRIES:
-                return []
-            self._refused(_result_name(message.result), now_s)
+        answer = self._order.answer(message, now_s)
+        if answer is Answer.REFUSED:
+            self._refused(result_name(message.result), now_s)
+        if answer is not Answer.ACCEPTED:
             return []
         self._order = None
         if self.phase is Phase.ARM:
-            return self._give_order(Phase.START, int(m.MAV_CMD_MISSION_START), (0.0, 0.0), now_s)
+            return self._give_order(Phase.START, m.MAV_CMD_MISSION_START, now_s, 0.0, 0.0)
         if self.phase is Phase.START:
             self.phase = Phase.FLIGHT
             self.started_s = now_s
@@ -367,7 +332,7 @@ class GroundStation:
 
     def _next_upload(self, now_s: float) -> list[Any]:
         if not self._plans:
-            return self._give_order(Phase.ARM, int(m.MAV_CMD_COMPONENT_ARM_DISARM), (1.0,), now_s)
+            return self._give_order(Phase.ARM, m.MAV_CMD_COMPONENT_ARM_DISARM, now_s, 1.0)
         kind = self._plans.popleft()
         self.phase = Phase.UPLOAD
         self._transfer = VerifiedUpload(
@@ -390,7 +355,7 @@ class GroundStation:
                 out += self._next_upload(now_s)
             elif isinstance(event, TransferFailed):
                 self._keep_statistics(now_s)
-                self._end(Outcome.UPLOAD_FAILED, self._last_warning(event.text), now_s)
+                self._end(Outcome.UPLOAD_FAILED, self._texts.last_warning(event.text), now_s)
         return out
 
     def _keep_statistics(self, now_s: float) -> None:
@@ -398,58 +363,32 @@ class GroundStation:
             self.transfers.append(self._transfer.statistics(now_s))
             self._transfer = None
 
-    def _give_order(self, phase: Phase, command: int, params: tuple[float, ...], now_s: float) -> list[Any]:
+    def _give_order(self, phase: Phase, command: int, now_s: float, *params: float) -> list[Any]:
         self.phase = phase
-        self._order = _Order(command, params)
-        return self._send_order(now_s)
+        self._order = Order(self._vehicle, command, *params)
+        return self._order.send(now_s)
 
-    def _send_order(self, now_s: float) -> list[Any]:
-        order = self._order
-        assert order is not None
-        if order.tries >= _COMMAND_TRIES:
+    def _repeat_order(self, order: Order, now_s: float) -> list[Any]:
+        if order.is_given_up:
             self._refused("no answer", now_s)
             return []
-        confirmation = order.tries
-        order.tries += 1
-        order.due_s = now_s + _COMMAND_RETRY_S
-        params = (*order.params, *([0.0] * (7 - len(order.params))))
-        return [m.MAVLink_command_long_message(*self._vehicle, order.command, confirmation, *params)]
+        return order.send(now_s)
 
     def _refused(self, why: str, now_s: float) -> None:
         outcome = Outcome.ARMING_REFUSED if self.phase is Phase.ARM else Outcome.MISSION_REJECTED
         self._order = None
-        self._end(outcome, self._last_warning(why), now_s)
+        self._end(outcome, self._texts.last_warning(why), now_s)
 
     def _why_aborted(self) -> tuple[Outcome, str]:
         """Outcome and reason of a flight that ended before its mission was complete."""
         cause = self._failures.cause(self.texts[self._texts_before :])
-        return cause or (Outcome.FLIGHT_ABORTED, self._last_warning(f"disarmed{self._progress}"))
+        return cause or (Outcome.FLIGHT_ABORTED, self._texts.last_warning(f"disarmed{self._progress}"))
 
     def _land(self, outcome: Outcome, reason: str, now_s: float) -> None:
-        """The flight is over: ask for pictures that were lost on the way, if any."""
+        """The flight is over: ask for images that were lost on the way, if any."""
         self.outcome, self.reason, self.ended_s = outcome, reason, now_s
-        if self._assembler is not None and self._assembler.missing():
-            self.phase = Phase.FETCH
-            self._fetch_s = now_s
-        else:
-            self.phase = Phase.DONE
-
-    def _fetch(self, now_s: float) -> list[Any]:
-        assert self._assembler is not None
-        missing = self._assembler.missing()[:_FETCH_AT_ONCE]
-        self._fetch_rounds += 1
-        if not missing or self._fetch_rounds > _FETCH_ROUNDS:
-            self.phase = Phase.DONE
-            return []
-        self._fetch_s = now_s + _FETCH_S
-        camera = (self._vehicle[0], int(m.MAV_COMP_ID_CAMERA))
-        wanted = float(m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED)
-        return [
-            m.MAVLink_command_long_message(
-                *camera, int(m.MAV_CMD_REQUEST_MESSAGE), 0, wanted, float(index), 0.0, 0.0, 0.0, 0.0, 0.0
-            )
-            for index in missing
-        ]
+        missing = self._fetch is not None and self._fetch.begin(now_s)
+        self.phase = Phase.FETCH if missing else Phase.DONE
 
     def _end(self, outcome: Outcome, reason: str, now_s: float) -> None:
         self.outcome, self.reason, self.phase = outcome, reason, Phase.DONE
@@ -458,21 +397,3 @@ class GroundStation:
 
     def _is_vehicle(self, message: Any) -> bool:
         return (message.get_srcSystem(), message.get_srcComponent()) == self._vehicle
-
-    def _last_warning(self, otherwise: str) -> str:
-        """Return the vehicle's latest warning, which says more than a result code, or ``otherwise``."""
-        warnings = [text for _, severity, text in self.texts if severity <= _WARNING]
-        return warnings[-1] if warnings else otherwise
-
-
-def _track(fixes: Sequence[tuple[float, int, int, int]], frame: Any) -> Track:
-    """Return fixes (ms, 1e-7 degree, 1e-7 degree, mm) as a track."""
-    rows = np.array(fixes, dtype=np.float64).reshape(-1, 4)
-    latitude, longitude = rows[:, 1] / 1e7, rows[:, 2] / 1e7
-    x_m, y_m = frame.from_wgs84(latitude, longitude)
-    return Track(rows[:, 0] / 1e3, latitude, longitude, rows[:, 3] / 1e3, x_m, y_m)
-
-
-def _result_name(result: int) -> str:
-    entry = m.enums["MAV_RESULT"].get(result)
-    return entry.name.removeprefix("MAV_RESULT_").lower().replace("_", " ") if entry else f"result {result}"

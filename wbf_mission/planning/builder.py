@@ -6,14 +6,13 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 from geo import Farm
 from mission.model import Mission
 from mission.planners import PlannedPath, WingPattern, build_mission
-from sim_vehicle.airframe.spec import VehicleSpec, get_vehicle
-from sim_vehicle.autopilot import with_autopilot
-from sim_vehicle.autopilot.plane import plane_of
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.airframe.spec import VehicleSpec
+from sim_vehicle.autopilot import fixed_wing_procedures, with_autopilot
 from sim_vehicle.execution.fixed_wing_items import circles
 from sim_vehicle.prediction.battery_swaps import batteries_needed
 from sim_vehicle.prediction.predict import Prediction, expected_flights
@@ -96,7 +95,8 @@ class MissionBuilder:
         vehicle, weather = self.vehicle, self.weather
         if not circles(vehicle):
             return None
-        law = plane_of(vehicle.autopilot).limits(vehicle)
+        procedures = fixed_wing_procedures(vehicle)
+        law = procedures.limits(vehicle)
         down_m = min(self.level.altitude_m, APPROACH_ALTITUDE_M)
         return WingPattern(
             heading_rad=math.radians(weather.wind_direction_deg) if weather.wind_speed_m_s > 0.0 else 0.0,
@@ -105,7 +105,7 @@ class MissionBuilder:
             approach_m=1.1 * down_m / law.landing_slope,
             approach_altitude_m=down_m,
             radius_m=max(abs(law.loiter_radius), 1.2 * law.tightest_m(law.airspeed_trim)),
-            placed_start=vehicle.autopilot == "ardupilot",
+            placed_start=procedures.placed_land_start,
         )
 
     def predict(self, mission: Mission) -> Prediction:
@@ -130,8 +130,7 @@ def flown_vehicle(vehicle: VehicleOptions) -> VehicleSpec:
     VehicleError
         If the vehicle or a parameter is unknown, or a value out of range.
     """
-    autopilot: Literal["px4", "ardupilot"] = "ardupilot" if vehicle.autopilot == "ardupilot" else "px4"
-    return with_autopilot(get_vehicle(vehicle.name), autopilot, vehicle.parameters)
+    return with_autopilot(get_vehicle(vehicle.name), vehicle.autopilot, vehicle.parameters)
 
 
 def _threads() -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from sim_vehicle.airframe.autopilot_names import DEFAULT_AUTOPILOT, autopilot_names
 from wbf_mission.scenario.choice import Choice, choose
 from wbf_mission.scenario.option import CompoundFlag, Part, ScenarioError, names_in, option
 from wbf_mission.scenario.texts import parameter_values, shear_values, turbulence_value, wind_values
@@ -104,7 +105,7 @@ class VehicleOptions(Part):
         kind="vehicle",
     )
     autopilot: str = option(
-        "px4", "Whose way of flying, modes and habits", VEHICLE, choices=("px4", "ardupilot")
+        DEFAULT_AUTOPILOT, "Whose way of flying, modes and habits", VEHICLE, choices=autopilot_names()
     )
     parameters: dict[str, float] = option(
         dict,

@@ -81,6 +81,8 @@ class EpidemicEstimator(BaseEstimator):
     (0.5, 0.0, True)
     """
 
+    states_deviation = True
+
     def __init__(
         self,
         model: EnvironmentModel | None = None,

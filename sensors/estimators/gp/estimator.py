@@ -100,6 +100,7 @@ class GaussianProcessEstimator(BaseEstimator):
     [0.667, 0.798, 0.955]
     """
 
+    states_deviation = True
     kernels_: list[RbfKernel]
 
     def __init__(

@@ -43,6 +43,8 @@ class SklearnGaussianProcessEstimator(BaseEstimator):
 
     seed_: int
 
+    states_deviation = True
+
     def __init__(
         self,
         n_restarts: int = 5,

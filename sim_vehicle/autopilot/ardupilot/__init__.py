@@ -1,1 +1,68 @@
-"""ArduPilot."""
+"""ArduPilot: ArduCopter 4.6, ArduPlane 4.7 and Rover 4.6."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import MappingProxyType
+
+from mission.model import Command
+from mission.transfer import profile
+from sim_vehicle.autopilot.ardupilot.copter import ARDUCOPTER
+from sim_vehicle.autopilot.ardupilot.failsafe import COPTER_RULES, PLANE_RULES, ROVER_RULES
+from sim_vehicle.autopilot.ardupilot.parameters import copter_parameters, vehicle_parameters
+from sim_vehicle.autopilot.ardupilot.persona import COPTER_PERSONA, PLANE_PERSONA, ROVER_PERSONA
+from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
+from sim_vehicle.autopilot.plane import ARDUPLANE
+from sim_vehicle.autopilot.rover import ARDUROVER
+
+__all__ = ["ARDUPILOT"]
+
+
+def _simulator_urls(index: int) -> tuple[str, ...]:
+    """Port of SITL: it listens on TCP 5760 + 10 i."""
+    return (f"tcpin:127.0.0.1:{5760 + 10 * index}",)
+
+
+# ArduPlane stores the acceptance and pass radii of waypoints, and the pitch of a take-off.
+_PLANE_PROFILE = replace(
+    profile.ARDUPILOT,
+    lossy={
+        **profile.ARDUPILOT.lossy,
+        Command.NAV_WAYPOINT: frozenset({"param4", "autocontinue"}),
+        Command.NAV_TAKEOFF: frozenset({"param2", "param3", "param4"}),
+    },
+)
+ARDUPILOT = Autopilot(
+    name="ardupilot",
+    title="ArduPilot",
+    firmwares=MappingProxyType(
+        {
+            "multirotor": Firmware(
+                title="ArduCopter",
+                persona=COPTER_PERSONA,
+                rules=COPTER_RULES,
+                profile=profile.ARDUPILOT,
+                parameter_table=copter_parameters,
+                procedures=ARDUCOPTER,
+            ),
+            "fixed-wing": Firmware(
+                title="ArduPlane",
+                persona=PLANE_PERSONA,
+                rules=PLANE_RULES,
+                profile=_PLANE_PROFILE,
+                parameter_table=vehicle_parameters,
+                procedures=ARDUPLANE,
+            ),
+            "rover": Firmware(
+                title="Rover",
+                persona=ROVER_PERSONA,
+                rules=ROVER_RULES,
+                profile=profile.ARDUPILOT,
+                parameter_table=vehicle_parameters,
+                procedures=ARDUROVER,
+                takes_off=True,
+            ),
+        }
+    ),
+    simulator_urls=_simulator_urls,
+)

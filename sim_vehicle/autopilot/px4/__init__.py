@@ -1,1 +1,60 @@
-"""PX4."""
+"""PX4 1.17 on multirotors, fixed wings and rovers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import MappingProxyType
+
+from mission.link.codec.dialect import mavlink as m
+from mission.transfer import profile
+from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
+from sim_vehicle.autopilot.plane import PX4_PLANE
+from sim_vehicle.autopilot.px4.copter import PX4_MULTIROTOR
+from sim_vehicle.autopilot.px4.failsafe import RULES
+from sim_vehicle.autopilot.px4.parameters import copter_parameters, fixed_wing_parameters, rover_parameters
+from sim_vehicle.autopilot.px4.persona import persona_of
+from sim_vehicle.autopilot.rover import PX4_ROVER
+
+__all__ = ["PX4"]
+
+
+def _simulator_urls(index: int) -> tuple[str, ...]:
+    """Ports of SITL: for a ground station (14550, from 18570 + i), for an API (14540 + i, from 14580 + i)."""
+    return (
+        f"udpout:127.0.0.1:14550,{18570 + index}",
+        f"udpout:127.0.0.1:{14540 + index},{14580 + index}",
+    )
+
+
+_COPTER = Firmware(
+    title="PX4",
+    persona=persona_of(m.MAV_TYPE_QUADROTOR),
+    rules=RULES,
+    profile=profile.PX4,
+    parameter_table=copter_parameters,
+    procedures=PX4_MULTIROTOR,
+    takes_off=True,
+)
+PX4 = Autopilot(
+    name="px4",
+    title="PX4",
+    firmwares=MappingProxyType(
+        {
+            "multirotor": _COPTER,
+            "fixed-wing": replace(
+                _COPTER,
+                persona=persona_of(m.MAV_TYPE_FIXED_WING),
+                parameter_table=fixed_wing_parameters,
+                procedures=PX4_PLANE,
+                takes_off=False,
+            ),
+            "rover": replace(
+                _COPTER,
+                persona=persona_of(m.MAV_TYPE_GROUND_ROVER),
+                parameter_table=rover_parameters,
+                procedures=PX4_ROVER,
+            ),
+        }
+    ),
+    simulator_urls=_simulator_urls,
+)

@@ -9,11 +9,12 @@ from mission.model import GeoPoint
 from sensors.camera.leaf_camera import LeafCamera
 from sensors.camera.wire import ObservationAssembler
 from sim_vehicle.airframe import sensor_errors as navigation
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.sensor_errors import BLOCK, GRID_S, NavigationErrors, SensorNoise
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.mavlink import SimVehicle, get_persona
+from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.mavlink.fleet import Fleet
 
 HOME = GeoPoint(28.05, -82.15, 12.0)
@@ -178,24 +179,24 @@ def metres(vehicle, latitude_e7, longitude_e7):
 
 
 @pytest.mark.parametrize(
-    ("persona", "kind"),
+    ("autopilot", "kind"),
     [("px4", m.MAVLINK_MSG_ID_HIL_STATE_QUATERNION), ("ardupilot", m.MAVLINK_MSG_ID_SIM_STATE)],
 )
-def test_messages_tell_belief_sensor_and_truth(persona, kind):
-    vehicle = SimVehicle(QUAD, HOME, persona=get_persona(persona), noise=SensorNoise(3.0, 0.5, seed=6))
+def test_messages_tell_belief_sensor_and_truth(autopilot, kind):
+    vehicle = SimVehicle(QUAD, HOME, autopilot=get_autopilot(autopilot), noise=SensorNoise(3.0, 0.5, seed=6))
     now_s = 40.0
     believed = told(vehicle, m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, now_s)
     read = told(vehicle, m.MAVLINK_MSG_ID_GPS_RAW_INT, now_s)
     true = told(vehicle, kind, now_s)
     error = vehicle.errors.at(now_s)
-    place = (true.lat_int, true.lon_int) if persona == "ardupilot" else (true.lat, true.lon)
+    place = (true.lat_int, true.lon_int) if autopilot == "ardupilot" else (true.lat, true.lon)
     assert metres(vehicle, believed.lat, believed.lon) == pytest.approx((0.0, 0.0), abs=0.02)
     assert metres(vehicle, *place) == pytest.approx((-error.east_m, -error.north_m), abs=0.02)
     assert metres(vehicle, read.lat, read.lon) == pytest.approx(
         (error.gps_east_m - error.east_m, error.gps_north_m - error.north_m), abs=0.02
     )
     assert read.alt / 1000.0 == pytest.approx(12.0 + error.gps_up_m, abs=0.002)
-    altitude = true.alt if persona == "ardupilot" else true.alt / 1000.0
+    altitude = true.alt if autopilot == "ardupilot" else true.alt / 1000.0
     assert altitude == pytest.approx(12.0, abs=0.001)
     assert believed.relative_alt == pytest.approx(1000.0 * error.up_m, abs=1.0)
     # HDOP and accuracies agree: h_acc is HDOP times the ranging error.

@@ -6,9 +6,12 @@ import pytest
 
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot.ardupilot import ARDUPILOT
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.execution.state import Phase
-from sim_vehicle.mavlink import ARDUPILOT, PX4, Mode, SimVehicle
+from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.pilot.notices import RefusedError
 
 HOME = GeoPoint(28.05, -82.15, 20.0)
@@ -18,8 +21,8 @@ SOFT = replace(QUAD, battery=replace(QUAD.battery, resistance_ohm=0.15))
 
 
 class Rig:
-    def __init__(self, persona, spec=QUAD, **tuning):
-        self.vehicle = SimVehicle(spec, HOME, persona=persona)
+    def __init__(self, autopilot, spec=QUAD, **tuning):
+        self.vehicle = SimVehicle(spec, HOME, autopilot=autopilot)
         self.pilot = self.vehicle.pilot
         self.now_s, self.texts = 0.0, []
         for name, value in tuning.items():
@@ -49,9 +52,9 @@ class Rig:
         return self.pilot.state.battery.voltage_v
 
 
-@pytest.mark.parametrize("persona", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
-def test_what_the_messages_tell(persona):
-    rig = Rig(persona)
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
+def test_what_the_messages_tell(autopilot):
+    rig = Rig(autopilot)
     resting = rig.status()
     assert resting.voltages[:4] == pytest.approx([4350] * 4, abs=4)
     assert resting.voltages[4:] == [65535] * 6
@@ -68,13 +71,13 @@ def test_what_the_messages_tell(persona):
     assert flying.current_consumed / 1000.0 * 17.2 == pytest.approx(battery.used_wh, rel=0.03)
     assert flying.battery_remaining == system.battery_remaining == pytest.approx(91, abs=2)
     left_s = battery.fraction * QUAD.battery.capacity_wh * 3600.0 / 178.4
-    assert flying.time_remaining == (pytest.approx(left_s, rel=0.03) if persona is PX4 else 0)
+    assert flying.time_remaining == (pytest.approx(left_s, rel=0.03) if autopilot is PX4 else 0)
     assert flying.charge_state == m.MAV_BATTERY_CHARGE_STATE_OK
 
 
-@pytest.mark.parametrize("persona", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
-def test_the_charge_state_follows_the_parameters(persona):
-    rig = Rig(persona, low_fraction=0.5, critical_fraction=0.3, emergency_fraction=0.1)
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
+def test_the_charge_state_follows_the_parameters(autopilot):
+    rig = Rig(autopilot, low_fraction=0.5, critical_fraction=0.3, emergency_fraction=0.1)
     states = {0.51: "OK", 0.49: "LOW", 0.29: "CRITICAL", 0.09: "EMERGENCY"}
     for fraction, name in states.items():
         rig.pilot.drain_battery(fraction)

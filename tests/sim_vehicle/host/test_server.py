@@ -9,9 +9,11 @@ import pytest
 
 from mission.errors import LinkError
 from mission.link.codec.dialect import mavlink
+from sim_vehicle.autopilot.ardupilot import ARDUPILOT
+from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.component import NEVER
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.host.server import Server, default_urls
+from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import StopReason
 
 os.environ["MAVLINK20"] = "1"
@@ -274,5 +276,5 @@ def test_two_components_with_one_address_are_refused():
 
 
 def test_default_addresses_are_those_of_the_simulators():
-    assert default_urls("px4", 2)[1] == "udpout:127.0.0.1:14542,14582"
-    assert default_urls("ardupilot") == ("tcpin:127.0.0.1:5760",)
+    assert PX4.simulator_urls(2)[1] == "udpout:127.0.0.1:14542,14582"
+    assert ARDUPILOT.simulator_urls(0) == ("tcpin:127.0.0.1:5760",)

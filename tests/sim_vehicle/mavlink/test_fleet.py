@@ -12,11 +12,12 @@ from mission.link import MavlinkEndpoint, TlogWriter, open_link
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
 from mission.transfer.driver import TransferDriver
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot.ardupilot import ARDUPILOT
+from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.host.server import Server, ServerUrl
 from sim_vehicle.host.simulation import Simulation
-from sim_vehicle.mavlink import ARDUPILOT
 from sim_vehicle.mavlink.fleet import Fleet, fleet_urls, start_places
 from sim_vehicle.weather.wind import Wind
 
@@ -78,13 +79,13 @@ def test_places_are_apart_and_near(count):
 
 
 def test_ports_are_those_of_the_simulators():
-    assert [url.url for url in fleet_urls("px4", 2)] == [
+    assert [url.url for url in fleet_urls(PX4, 2)] == [
         "udpout:127.0.0.1:14550,18570",
         "udpout:127.0.0.1:14540,14580",
         "udpout:127.0.0.1:14550,18571",
         "udpout:127.0.0.1:14541,14581",
     ]
-    assert fleet_urls("ardupilot", 3)[2] == ServerUrl("tcpin:127.0.0.1:5780", 3)
+    assert fleet_urls(ARDUPILOT, 3)[2] == ServerUrl("tcpin:127.0.0.1:5780", 3)
 
 
 @pytest.mark.parametrize(
@@ -113,7 +114,7 @@ def test_a_home_for_each():
 
 
 def test_each_vehicle_at_its_own_door_and_all_at_the_router():
-    fleet = quads(3, persona=ARDUPILOT)
+    fleet = quads(3, autopilot=ARDUPILOT)
     doors = [ServerUrl("tcpin:127.0.0.1:0", system) for system in (1, 2, 3)]
     with Serving(fleet.vehicles, [*doors, "tcpin:127.0.0.1:0"]) as server:
         found = []
@@ -178,7 +179,7 @@ def test_transfers_with_two_vehicles_by_system_id():
             with TransferDriver(MavlinkEndpoint(link, 255, 190)) as driver:
                 driver.wait_for_vehicle(5.0, system_id=system)
                 driver.upload(Mission(flight(HOME, system), home=HOME))
-    assert [vehicle.pilot.mission_size for vehicle in fleet.vehicles] == [4, 5]
+    assert [vehicle.pilot.mission.size for vehicle in fleet.vehicles] == [4, 5]
 
 
 def flight(home, legs):

@@ -17,10 +17,12 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.model import GeoPoint, Mission, MissionItem
 from mission.transfer.driver import TransferDriver
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot.ardupilot import ARDUPILOT
+from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import Simulation
-from sim_vehicle.mavlink import ARDUPILOT, PX4, SimVehicle
+from sim_vehicle.mavlink import SimVehicle
 
 HOME = GeoPoint(28.05, -82.15, 20.0)
 KINDS = sorted(m.mavlink_map)
@@ -99,18 +101,18 @@ def still_works(vehicle):
     return all(abs(value) < 1e6 for value in position)
 
 
-@pytest.mark.parametrize("persona", [PX4, ARDUPILOT])
-def test_a_short_bombardment(persona):
-    vehicle = SimVehicle(get_vehicle("quad"), HOME, persona=persona)
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
+def test_a_short_bombardment(autopilot):
+    vehicle = SimVehicle(get_vehicle("quad"), HOME, autopilot=autopilot)
     bombard(vehicle, random.Random(3), 150_000)
     assert still_works(vehicle)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("persona", [PX4, ARDUPILOT])
-def test_ten_million_bytes(persona):
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
+def test_ten_million_bytes(autopilot):
     rng = random.Random(9)
-    vehicle = SimVehicle(get_vehicle("quad"), HOME, persona=persona)
+    vehicle = SimVehicle(get_vehicle("quad"), HOME, autopilot=autopilot)
     simulation = bombard(vehicle, rng, 500_000)
     gc.collect()
     tracemalloc.start()
@@ -278,9 +280,9 @@ def steps_of_download(count):
 ITEMS = tuple(MissionItem.waypoint(28.05 + 1e-5 * k, -82.15, 10.0) for k in range(4))
 
 
-@pytest.mark.parametrize("persona", [PX4, ARDUPILOT])
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
 @pytest.mark.parametrize("what", ["upload", "download", "parameters"])
-def test_a_client_that_stops_in_the_middle_of_each_step(persona, what):
+def test_a_client_that_stops_in_the_middle_of_each_step(autopilot, what):
     scripts = {
         "upload": list(steps_of_upload(ITEMS)),
         "download": list(steps_of_download(4)),
@@ -291,7 +293,7 @@ def test_a_client_that_stops_in_the_middle_of_each_step(persona, what):
     }
     script = scripts[what]
     for stop in range(1, len(script) + 1):
-        vehicle = SimVehicle(get_vehicle("quad"), HOME, persona=persona)
+        vehicle = SimVehicle(get_vehicle("quad"), HOME, autopilot=autopilot)
         simulation = Simulation([vehicle])
         driver_link = simulation.open_link("good")
         driver = TransferDriver(

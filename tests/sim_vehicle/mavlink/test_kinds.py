@@ -7,15 +7,18 @@ import pytest
 from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, Mission, MissionItem
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot.ardupilot import ARDUPILOT
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.host.simulation import Simulation
-from sim_vehicle.mavlink import ARDUPILOT, PX4, Mode, Outcome, SimVehicle
+from sim_vehicle.mavlink import Outcome, SimVehicle
 from wbf_mission.ground.station import GroundStation
 from wbf_mission.outcome import Outcome as GroundOutcome
 
 POINT = GeoPoint(28.05, -82.15, 12.0)
 HOME = LocalFrame(28.05, -82.15)
-BOTH = pytest.mark.parametrize("persona", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
+BOTH = pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
 
 
 def item(command, x, y, z=0.0, *params):
@@ -23,13 +26,13 @@ def item(command, x, y, z=0.0, *params):
     return MissionItem(command, 3, *params, *[0.0] * (4 - len(params)), latitude, longitude, z)
 
 
-def land_start(persona):
-    return MissionItem(189, 2) if persona is PX4 else item(189, 0.0, -350.0, 30.0)
+def land_start(autopilot):
+    return MissionItem(189, 2) if autopilot is PX4 else item(189, 0.0, -350.0, 30.0)
 
 
-def flight(name, items, persona, limit_s=3000.0):
+def flight(name, items, autopilot, limit_s=3000.0):
     """Fly a mission as a ground station does it; return vehicle, ground station and all messages."""
-    vehicle = SimVehicle(get_vehicle(name), POINT, persona=persona)
+    vehicle = SimVehicle(get_vehicle(name), POINT, autopilot=autopilot)
     ground = GroundStation(Mission(items, POINT))
     heard = []
     codec = m.MAVLink(None)
@@ -49,24 +52,24 @@ def of(heard, kind):
 
 
 @BOTH
-def test_an_aeroplane_flies_a_mission_and_tells_what_it_does(persona):
+def test_an_aeroplane_flies_a_mission_and_tells_what_it_does(autopilot):
     items = (
         item(22, 0.0, 150.0, 40.0, 10.0),
         item(16, 0.0, 600.0, 50.0),
         # PX4 takes no circles by number.
         item(19, 400.0, 600.0, 50.0, 60.0, 0.0, 80.0)
-        if persona is PX4
+        if autopilot is PX4
         else item(18, 400.0, 600.0, 50.0, 2.0, 0.0, 80.0),
-        land_start(persona),
+        land_start(autopilot),
         item(31, 80.0, -380.0, 30.0, 1.0, 80.0),
         item(21, 0.0, 0.0),
     )
-    vehicle, ground, heard = flight("fixed-wing", items, persona)
+    vehicle, ground, heard = flight("fixed-wing", items, autopilot)
     assert ground.outcome is GroundOutcome.COMPLETED, ground.reason
     assert vehicle.outcome in (Outcome.COMPLETED, Outcome.RUNNING)
     beats = of(heard, "HEARTBEAT")
     assert {beat.type for beat in beats} == {m.MAV_TYPE_FIXED_WING}
-    mission_mode = 4 << 24 | 4 << 16 if persona is PX4 else 10
+    mission_mode = 4 << 24 | 4 << 16 if autopilot is PX4 else 10
     assert any(beat.custom_mode == mission_mode for beat in beats)
     huds = of(heard, "VFR_HUD")
     cruise = vehicle.pilot.spec.cruise_speed_m_s
@@ -83,25 +86,25 @@ def test_an_aeroplane_flies_a_mission_and_tells_what_it_does(persona):
 
 
 @BOTH
-def test_a_mission_that_only_returns_ends_over_home_or_on_the_ground(persona):
+def test_a_mission_that_only_returns_ends_over_home_or_on_the_ground(autopilot):
     items = (item(22, 0.0, 150.0, 40.0, 10.0), item(16, 0.0, 600.0, 50.0), MissionItem(20, 2))
-    vehicle, ground, _ = flight("fixed-wing", items, persona)
+    vehicle, ground, _ = flight("fixed-wing", items, autopilot)
     assert ground.outcome is GroundOutcome.COMPLETED, ground.reason
     # The file of the vehicle makes PX4 land; ArduPlane circles.
-    assert (vehicle.pilot.state.position_m[2] == 0.0) is (persona is PX4)
+    assert (vehicle.pilot.state.position_m[2] == 0.0) is (autopilot is PX4)
 
 
 @BOTH
-def test_an_aeroplane_without_a_take_off_does_not_arm(persona):
-    _, ground, _ = flight("fixed-wing", (item(16, 0.0, 600.0, 50.0), MissionItem(20, 2)), persona)
+def test_an_aeroplane_without_a_take_off_does_not_arm(autopilot):
+    _, ground, _ = flight("fixed-wing", (item(16, 0.0, 600.0, 50.0), MissionItem(20, 2)), autopilot)
     assert ground.outcome in (GroundOutcome.MISSION_REJECTED, GroundOutcome.ARMING_REFUSED)
     assert "no take-off before it" in ground.reason
 
 
 @BOTH
-def test_a_rover_drives_a_mission(persona):
+def test_a_rover_drives_a_mission(autopilot):
     items = (item(22, 0.0, 0.0, 10.0), item(16, 0.0, 30.0), item(16, 30.0, 30.0, 50.0), MissionItem(20, 2))
-    vehicle, ground, heard = flight("rover", items, persona)
+    vehicle, ground, heard = flight("rover", items, autopilot)
     assert ground.outcome is GroundOutcome.COMPLETED, ground.reason
     assert {beat.type for beat in of(heard, "HEARTBEAT")} == {m.MAV_TYPE_GROUND_ROVER}
     assert any("Take-off items have no effect" in text for _, _, text in ground.texts)
@@ -122,12 +125,12 @@ def test_modes_and_parameters_are_those_of_the_autopilot(name, table, banner):
     from pymavlink import mavutil
 
     numbers = {text: number for number, text in getattr(mavutil, f"mode_mapping_{table}").items()}
-    vehicle = SimVehicle(get_vehicle(name), POINT, persona=ARDUPILOT)
-    modes = vehicle.persona.modes
+    vehicle = SimVehicle(get_vehicle(name), POINT, autopilot=ARDUPILOT)
+    modes = vehicle.firmware.persona.modes
     hold = "LOITER" if name == "fixed-wing" else "HOLD"
     for mode, text in ((Mode.MISSION, "AUTO"), (Mode.RTL, "RTL"), (Mode.GUIDED, "GUIDED"), (Mode.HOLD, hold)):
         assert modes[mode] == numbers[text]
-        assert vehicle.persona.mode_of(numbers[text]) is mode
+        assert vehicle.firmware.persona.modes.mode_of(numbers[text]) is mode
     ask = m.MAVLink_param_request_list_message(1, 1)
     ask._header.srcSystem = 255
     answers = vehicle.receive(ask, 0.0)
@@ -148,8 +151,8 @@ def test_modes_and_parameters_are_those_of_the_autopilot(name, table, banner):
 
 
 def test_px4_tells_its_kind_by_a_parameter_and_has_its_own_modes():
-    vehicle = SimVehicle(get_vehicle("fixed-wing"), POINT, persona=PX4)
-    assert vehicle.persona.modes == PX4.modes
+    vehicle = SimVehicle(get_vehicle("fixed-wing"), POINT, autopilot=PX4)
+    assert vehicle.firmware.persona.modes == PX4.for_vehicle("multirotor").persona.modes
     answers = vehicle.receive(m.MAVLink_param_request_read_message(1, 1, b"MAV_TYPE", -1), 0.0)
     assert answers[0].get_type() == "PARAM_VALUE"
     answers = vehicle.receive(m.MAVLink_param_request_read_message(1, 1, b"MPC_XY_CRUISE", -1), 0.0)
@@ -157,7 +160,7 @@ def test_px4_tells_its_kind_by_a_parameter_and_has_its_own_modes():
 
 
 def test_a_parameter_set_in_flight_changes_the_circle():
-    vehicle = SimVehicle(get_vehicle("fixed-wing"), POINT, persona=PX4)
+    vehicle = SimVehicle(get_vehicle("fixed-wing"), POINT, autopilot=PX4)
     pilot = vehicle.pilot
     pilot.takeoff(50.0)
     pilot.arm()

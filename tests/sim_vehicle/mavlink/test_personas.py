@@ -15,15 +15,18 @@ from mission.link.link import open_link
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem, MissionType
 from mission.transfer import wire
 from mission.transfer.driver import TransferDriver
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot.ardupilot import ARDUPILOT
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import Simulation, StopReason
-from sim_vehicle.mavlink import ARDUPILOT, PX4, Mode, SimVehicle
+from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.ground.station import GroundStation
 from wbf_mission.outcome import Outcome
 
 HOME = GeoPoint(28.05, -82.15, 20.0)
-BOTH = pytest.mark.parametrize("persona", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
+BOTH = pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
 TAKEOFF = MissionItem(Command.NAV_TAKEOFF, Frame.GLOBAL_RELATIVE_ALT, x=28.05, y=-82.15, z=5.0)
 THERE = MissionItem.waypoint(28.0502, -82.15, 5.0)
 BACK = MissionItem(Command.NAV_RETURN_TO_LAUNCH)
@@ -34,9 +37,9 @@ KEY = b"k" * 32
 class Peer:
     """A ground station that talks to a vehicle at a time."""
 
-    def __init__(self, persona, **options):
-        self.vehicle = SimVehicle(get_vehicle("quad"), HOME, persona=persona, **options)
-        self.persona = persona
+    def __init__(self, autopilot, **options):
+        self.vehicle = SimVehicle(get_vehicle("quad"), HOME, autopilot=autopilot, **options)
+        self.autopilot = autopilot
         self.now_s = 0.0
         self.told = []
         self.times = []
@@ -79,7 +82,7 @@ class Peer:
 
     def upload(self, items, kind=0):
         """Send a plan; home goes in front where the autopilot has it there."""
-        if self.persona is ARDUPILOT and kind == 0:
+        if self.autopilot is ARDUPILOT and kind == 0:
             items = (MissionItem.waypoint(1, 2, 3), *items)
         self.tell(m.MAVLink_mission_count_message(1, 1, len(items), kind))
         for seq, item in enumerate(items):
@@ -175,12 +178,12 @@ def test_px4_repeats_what_was_reached_and_reports_the_return_instead_of_the_last
 
 
 @BOTH
-def test_the_next_item_is_told_a_moment_after_the_last_was_reached(persona):
-    peer = Peer(persona)
+def test_the_next_item_is_told_a_moment_after_the_last_was_reached(autopilot):
+    peer = Peer(autopilot)
     peer.start()
     peer.wait(12.0)
     shown = list(zip(peer.times, peer.told, strict=True))
-    first = persona is ARDUPILOT
+    first = autopilot is ARDUPILOT
     reached_s = next(t for t, message in shown if message.get_type() == "MISSION_ITEM_REACHED")
     next_s = next(t for t, message in shown if message.get_type() == "MISSION_CURRENT" and
                   message.seq == 1 + first and t >= reached_s)  # fmt: skip
@@ -238,31 +241,31 @@ def test_px4_stores_what_makes_no_sense_and_does_not_fly_it():
 
 
 @BOTH
-def test_orders_to_a_vehicle_that_is_not_armed(persona):
-    peer = Peer(persona)
+def test_orders_to_a_vehicle_that_is_not_armed(autopilot):
+    peer = Peer(autopilot)
     missing = peer.result(300)
-    assert missing == (1 if persona is PX4 else 4)
+    assert missing == (1 if autopilot is PX4 else 4)
     assert any("no mission" in text for text in peer.texts())
     peer.upload(tuple(map(_plain, SURVEY)))
     assert peer.result(300) == 0
     assert peer.vehicle.pilot.mode is Mode.MISSION
     peer.wait(5.0)
     assert peer.vehicle.pilot.state.position_m[2] == 0.0
-    peer = Peer(persona)
-    if persona is ARDUPILOT:
+    peer = Peer(autopilot)
+    if autopilot is ARDUPILOT:
         peer.result(176, 1.0, 4.0)
-    assert peer.result(22, 0, 0, 0, 0, 0, 0, 30.0) == (0 if persona is PX4 else 4)
+    assert peer.result(22, 0, 0, 0, 0, 0, 0, 30.0) == (0 if autopilot is PX4 else 4)
     peer.wait(5.0)
     assert peer.vehicle.pilot.state.position_m[2] == 0.0
 
 
 @BOTH
-def test_refusals_have_the_autopilots_result_and_a_reason(persona):
-    peer = Peer(persona)
-    peer.vehicle.pilot.arming_block = "test"
-    assert peer.result(400, 1.0) == (1 if persona is PX4 else 4)
+def test_refusals_have_the_autopilots_result_and_a_reason(autopilot):
+    peer = Peer(autopilot)
+    peer.vehicle.pilot.arming.block = "test"
+    assert peer.result(400, 1.0) == (1 if autopilot is PX4 else 4)
     assert any("test" in text for text in peer.texts())
-    assert peer.result(224, 9.0) == (3 if persona is PX4 else 2)
+    assert peer.result(224, 9.0) == (3 if autopilot is PX4 else 2)
     assert peer.result(31010) == 3
     assert "Command 31010 refused: not supported" in peer.texts()
     assert peer.result(521) == 3
@@ -276,8 +279,8 @@ def test_ardupilot_takes_places_as_integers_only():
 
 
 @BOTH
-def test_the_protocol_version(persona):
-    peer = Peer(persona)
+def test_the_protocol_version(autopilot):
+    peer = Peer(autopilot)
     for answers in (peer.order(512, 300), peer.order(519, 1)):
         assert [a.get_type() for a in answers] == ["COMMAND_ACK", "PROTOCOL_VERSION"]
         assert (answers[1].version, answers[1].min_version, answers[1].max_version) == (200, 100, 200)
@@ -285,9 +288,10 @@ def test_the_protocol_version(persona):
 
 
 @BOTH
-def test_modes_and_their_monitor(persona):
-    peer = Peer(persona)
-    assert peer.asked(436).custom_mode == persona.modes[persona.boot_mode]
+def test_modes_and_their_monitor(autopilot):
+    peer = Peer(autopilot)
+    modes = autopilot.for_vehicle("multirotor").persona.modes
+    assert peer.asked(436).custom_mode == modes[modes.boot]
     assert peer.asked(437).get_type() == "AVAILABLE_MODES_MONITOR"
     assert peer.result(512, 435, 99) == 2
     assert peer.asked(244, 0).interval_us == 1_000_000
@@ -306,7 +310,7 @@ def test_sensors_at_rest_tell_what_they_would_at_rest():
     assert peer.asked(241).clipping_0 == 0
     assert peer.asked(65).chancount == 0
     assert peer.asked(49).latitude == 280500000
-    peer.vehicle.pilot.position_ok = False
+    peer.vehicle.pilot.controls.position_ok = False
     assert not peer.asked(230).flags & 16
 
 
@@ -340,8 +344,8 @@ def test_ardupilot_counts_its_plans_in_parameters():
 
 
 @BOTH
-def test_our_ground_station_flies_either(persona):
-    vehicle = SimVehicle(get_vehicle("quad"), HOME, persona=persona)
+def test_our_ground_station_flies_either(autopilot):
+    vehicle = SimVehicle(get_vehicle("quad"), HOME, autopilot=autopilot)
     ground = GroundStation(Mission(SURVEY, HOME))
     reason = Simulation([vehicle, ground]).run(lambda _now_s: ground.done, limit_s=300.0)
     assert reason is StopReason.FINISHED
@@ -404,12 +408,12 @@ def test_a_key_is_not_changed_in_flight_nor_for_everybody():
 
 
 def test_the_nan_of_a_yaw_is_kept_by_px4_only():
-    for persona, kept in ((PX4, True), (ARDUPILOT, False)):
-        peer = Peer(persona)
+    for autopilot, kept in ((PX4, True), (ARDUPILOT, False)):
+        peer = Peer(autopilot)
         peer.upload((TAKEOFF, THERE, BACK))
         peer.tell(m.MAVLink_mission_request_list_message(1, 1, 0))
-        place = 1 + (persona is ARDUPILOT)
+        place = 1 + (autopilot is ARDUPILOT)
         for seq in range(place + 1):
             item = peer.tell(m.MAVLink_mission_request_int_message(1, 1, seq, 0))[0]
         assert math.isnan(item.param4) is kept
-        assert item.frame == (6 if persona is PX4 else 3)
+        assert item.frame == (6 if autopilot is PX4 else 3)

@@ -11,9 +11,11 @@ from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot.ardupilot import ARDUPILOT
+from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.host.server import Server
-from sim_vehicle.mavlink import ARDUPILOT, PX4, Outcome, SimVehicle
+from sim_vehicle.mavlink import Outcome, SimVehicle
 
 os.environ["MAVLINK20"] = "1"
 HOME = GeoPoint(28.05, -82.15, 20.0)
@@ -36,8 +38,8 @@ ITEMS = (
 class Flying:
     """A vehicle behind a server in a thread."""
 
-    def __init__(self, url, speed, persona=PX4):
-        self.vehicle = SimVehicle(get_vehicle("quad"), HOME, persona=persona, epoch_unix_s=time.time())
+    def __init__(self, url, speed, autopilot=PX4):
+        self.vehicle = SimVehicle(get_vehicle("quad"), HOME, autopilot=autopilot, epoch_unix_s=time.time())
         self.server = Server([self.vehicle], [url], speed=speed)
         self.url = self.server.urls[0]
         self.thread = threading.Thread(target=self.server.run, daemon=True)
@@ -152,7 +154,7 @@ def test_mavsdk_hears_why_arming_is_refused(sdk):
     from mavsdk.plugins.telemetry import Telemetry
 
     with Flying("udpin:127.0.0.1:0", speed=5.0) as flying:
-        flying.vehicle.pilot.arming_block = "compass not calibrated"
+        flying.vehicle.pilot.arming.block = "compass not calibrated"
         system = connect(sdk, flying)
         telemetry = Telemetry(system)
         texts = []
@@ -187,7 +189,7 @@ def test_mavsdk_reads_and_sets_parameters(sdk):
 def pymavlink_client(request):
     from pymavlink import mavutil
 
-    with Flying("tcpin:127.0.0.1:0", speed=20.0, persona=request.param) as flying:
+    with Flying("tcpin:127.0.0.1:0", speed=20.0, autopilot=request.param) as flying:
         port = flying.url.rsplit(":", 1)[1]
         connection = mavutil.mavlink_connection(f"tcp:127.0.0.1:{port}", dialect="all", source_system=255)
         connection.wait_heartbeat(timeout=5)
@@ -197,7 +199,7 @@ def pymavlink_client(request):
 
 def test_pymavlink_flies_a_mission(pymavlink_client):
     flying, connection = pymavlink_client
-    ardupilot = flying.vehicle.persona is ARDUPILOT
+    ardupilot = flying.vehicle.autopilot is ARDUPILOT
     assert connection.target_system == 1
     items = (MissionItem.waypoint(*place(0, 0), 0.0), *ITEMS) if ardupilot else ITEMS
     connection.mav.mission_count_send(1, 1, len(items), 0)
@@ -242,7 +244,7 @@ def test_pymavlink_requests_and_refusals(pymavlink_client):
     assert ask(510, 31) == 0
     assert connection.recv_match(type="MESSAGE_INTERVAL", blocking=True, timeout=3).interval_us == 50_000
     assert ask(511, 31, -1) == 0
-    assert ask(300) == (1 if flying.vehicle.persona is PX4 else 4)
+    assert ask(300) == (1 if flying.vehicle.autopilot is PX4 else 4)
     connection.mav.timesync_send(0, 42)
     assert (
         connection.recv_match(type="TIMESYNC", condition="TIMESYNC.ts1==42", blocking=True, timeout=3).tc1 > 0

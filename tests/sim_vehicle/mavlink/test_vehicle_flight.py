@@ -8,11 +8,13 @@ from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot.ardupilot import ARDUPILOT
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.component import NEVER
-from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.host.simulation import Simulation, StopReason
-from sim_vehicle.mavlink import ARDUPILOT, PX4, Mode, Outcome, SimVehicle
+from sim_vehicle.mavlink import Outcome, SimVehicle
 
 HOME = GeoPoint(28.05, -82.15, 20.0)
 FRAME = LocalFrame(HOME.latitude_deg, HOME.longitude_deg, HOME.altitude_m)
@@ -129,21 +131,21 @@ def fly(items, orders, *, spec=None, limit_s=600.0, camera=None, prepare=None, u
     return vehicle, ground, reason, simulation
 
 
-@pytest.mark.parametrize("persona", [PX4, ARDUPILOT])
-def test_a_mission_from_upload_to_disarming(persona):
-    items = SURVEY if persona is PX4 else (waypoint(0, 0), *SURVEY)
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
+def test_a_mission_from_upload_to_disarming(autopilot):
+    items = SURVEY if autopilot is PX4 else (waypoint(0, 0), *SURVEY)
     camera = Camera()
     streams = m.MAVLink_request_data_stream_message(1, 1, 0, 4, 1)  # which PX4 ignores
     vehicle, ground, reason, simulation = fly(
-        items, [(0.0, streams), (2.0, ARM), (2.2, START)], camera=camera, persona=persona, until=None
+        items, [(0.0, streams), (2.0, ARM), (2.2, START)], camera=camera, autopilot=autopilot, until=None
     )
     assert reason is StopReason.FINISHED
     assert (vehicle.outcome, vehicle.outcome_text) == (Outcome.COMPLETED, "mission complete")
     assert ground.of("MISSION_ACK")[0].type == 0
     assert (400, 0) in ground.acks() and (300, 0) in ground.acks()
-    first = 0 if persona is PX4 else 1
+    first = 0 if autopilot is PX4 else 1
     reached = list(dict.fromkeys(message.seq for message in ground.of("MISSION_ITEM_REACHED")))
-    if persona is ARDUPILOT:
+    if autopilot is ARDUPILOT:
         assert reached == list(range(first, first + len(SURVEY)))
     else:  # of a place and the commands after it the last one, and the return instead of the last place
         ends = [i for i, item in enumerate(SURVEY[:-1]) if item.has_place]
@@ -308,9 +310,7 @@ def drain(fraction):
     """Use the battery down to a fraction."""
 
     def prepare(vehicle):
-        spec = vehicle.pilot.spec
-        vehicle.pilot.executor.motion.state[11] = (1.0 - fraction) * spec.battery.capacity_wh * WH_J
-        vehicle.pilot.state = vehicle.pilot.executor.state()
+        vehicle.pilot.drain_battery(fraction)
 
     return prepare
 
@@ -344,9 +344,9 @@ def test_a_dead_battery_ends_the_flight_where_it_is():
     ("prepare", "items", "orders", "reason"),
     [
         (drain(0.1), SURVEY, [(2.0, ARM)], "battery low"),
-        (lambda v: setattr(v.pilot, "position_ok", False), SURVEY, [(2.0, ARM)], "no position"),
+        (lambda v: setattr(v.pilot.controls, "position_ok", False), SURVEY, [(2.0, ARM)], "no position"),
         (
-            lambda v: setattr(v.pilot, "arming_block", "compass not calibrated"),
+            lambda v: setattr(v.pilot.arming, "block", "compass not calibrated"),
             SURVEY,
             [(2.0, ARM)],
             "compass",
@@ -388,7 +388,7 @@ def test_an_unknown_command_is_refused_in_the_transfer():
     vehicle, ground, _, _ = fly((TAKEOFF, MissionItem(4501), RTL), [], limit_s=3.0)
     assert ground.of("MISSION_ACK")[0].type == 3
     assert vehicle.outcome is Outcome.MISSION_REJECTED
-    assert vehicle.pilot.mission_size == 0
+    assert vehicle.pilot.mission.size == 0
 
 
 def test_wind_too_strong_ends_in_a_landing_not_in_a_hang():

@@ -11,12 +11,15 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot import autopilot_names, get_autopilot
+from sim_vehicle.autopilot.ardupilot import ARDUPILOT
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.component import Component
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.mavlink import ARDUPILOT, PX4, Mode, Outcome, SimVehicle, get_persona, persona_names
+from sim_vehicle.mavlink import Outcome, SimVehicle
 from sim_vehicle.mavlink.commands import HANDLERS
-from sim_vehicle.mavlink.parameters import parameter_table
 from sim_vehicle.mavlink.schedule import LONGEST_US, SHORTEST_US, Schedule
 from sim_vehicle.mavlink.telemetry import BUILDERS
 
@@ -33,8 +36,8 @@ def crossed(message, writer=GROUND):
 class Peer:
     """A vehicle and a ground station that talks to it at a time."""
 
-    def __init__(self, persona=PX4, spec="quad", **options):
-        self.vehicle = SimVehicle(get_vehicle(spec), HOME, persona=persona, **options)
+    def __init__(self, autopilot=PX4, spec="quad", **options):
+        self.vehicle = SimVehicle(get_vehicle(spec), HOME, autopilot=autopilot, **options)
         self.now_s = 0.0
         self.told = []
         self.wait(0.0)
@@ -105,7 +108,7 @@ def test_all_modes_are_listed():
     peer = Peer()
     modes = [a for a in peer.order(512, 435, 0) if a.get_type() == "AVAILABLE_MODES"]
     assert [a.mode_index for a in modes] == list(range(1, modes[0].number_modes + 1))
-    assert {a.custom_mode for a in modes} == set(PX4.modes.values())
+    assert {a.custom_mode for a in modes} == set(PX4.for_vehicle("multirotor").persona.modes.numbers.values())
     assert len(peer.order(512, 435, 2)) == 2
     assert peer.order(512, 435, 99)[0].result == 2
 
@@ -117,20 +120,20 @@ def test_capabilities_and_home_by_the_old_commands():
     assert (home.latitude, home.longitude, home.altitude) == (280500000, -821500000, 20000)
 
 
-@pytest.mark.parametrize("persona", [PX4, ARDUPILOT])
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
 @pytest.mark.parametrize("mode", [Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION, Mode.HOLD, Mode.RTL, Mode.LAND])
-def test_modes_by_command_and_by_message(persona, mode):
-    number = persona.modes[mode]
-    peer = Peer(persona)
-    if persona is PX4:
+def test_modes_by_command_and_by_message(autopilot, mode):
+    number = autopilot.for_vehicle("multirotor").persona.modes[mode]
+    peer = Peer(autopilot)
+    if autopilot is PX4:
         assert peer.result(176, 1.0, number >> 16 & 255, number >> 24) == 0
     else:
         assert peer.result(176, 1.0, number) == 0
     assert peer.vehicle.pilot.mode is mode
-    peer = Peer(persona)
+    peer = Peer(autopilot)
     peer.tell(m.MAVLink_set_mode_message(1, 1, number))
     assert peer.vehicle.pilot.mode is mode
-    assert persona.mode_of(number) is mode
+    assert autopilot.for_vehicle("multirotor").persona.modes.mode_of(number) is mode
     beats = [t for t in peer.told if t.get_type() == "HEARTBEAT"]
     assert beats[-1].custom_mode == number
 
@@ -174,7 +177,7 @@ def test_arming_again_is_fine_and_disarming_in_the_air_is_not():
 
 def test_force_arming_skips_the_checks():
     peer = Peer()
-    peer.vehicle.pilot.arming_block = "test"
+    peer.vehicle.pilot.arming.block = "test"
     assert peer.result(400, 1.0) == 1
     assert peer.vehicle.outcome is Outcome.ARMING_REFUSED
     assert peer.result(400, 1.0, 21196.0) == 0
@@ -194,13 +197,13 @@ def test_a_repeated_command_is_done_once():
 
 
 def test_takeoff_heights_of_the_two_autopilots():
-    for persona, parameter, expected in ((PX4, 26.0, 6.0), (PX4, 0.0, 10.0), (ARDUPILOT, 6.0, 6.0)):
-        peer = Peer(persona)
+    for autopilot, parameter, expected in ((PX4, 26.0, 6.0), (PX4, 0.0, 10.0), (ARDUPILOT, 6.0, 6.0)):
+        peer = Peer(autopilot)
         assert peer.result(400, 1.0) == 0
         assert peer.result(22, 0, 0, 0, 0, 0, 0, parameter) == 0
         peer.wait(20.0)
         assert peer.vehicle.pilot.state.position_m[2] == pytest.approx(expected, abs=0.1)
-        assert peer.vehicle.pilot.mode is persona.after_takeoff
+        assert peer.vehicle.pilot.mode is autopilot.for_vehicle("multirotor").persona.modes.after_takeoff
     peer = Peer(ARDUPILOT)
     assert peer.result(22, 0, 0, 0, 0, 0, 0, 6.0) == 4
     peer = Peer(PX4)
@@ -241,13 +244,13 @@ def test_mission_start_pause_and_current_item():
     assert peer.result(300) == 1
     assert peer.upload(survey()) == 0
     assert peer.result(300, 1.0) == 0
-    assert peer.vehicle.pilot.current_seq == 1
+    assert peer.vehicle.pilot.mission.current_seq == 1
     answers = peer.tell(m.MAVLink_mission_set_current_message(1, 1, 0))
     assert [(a.get_type(), a.seq) for a in answers] == [("MISSION_CURRENT", 0)]
     assert peer.result(224, 1.0) == 3, "PX4 takes the message only"
     assert "Command 224 refused: not supported" in peer.texts()
     peer.tell(m.MAVLink_mission_set_current_message(1, 1, 2))
-    assert peer.vehicle.pilot.current_seq == 2
+    assert peer.vehicle.pilot.mission.current_seq == 2
     peer.tell(m.MAVLink_mission_set_current_message(1, 1, 77))
     assert "Mission item 77 refused: there are 3" in peer.texts()
     assert peer.result(193, 0.0) == 0 and peer.vehicle.pilot.mode is Mode.HOLD
@@ -259,21 +262,21 @@ def test_ardupilot_counts_home_as_item_zero():
     peer = Peer(ARDUPILOT)
     peer.tell(m.MAVLink_mission_count_message(1, 1, 4, 0))
     assert peer.upload(survey(home_item=True)) == 0
-    assert peer.vehicle.pilot.mission_size == 3
+    assert peer.vehicle.pilot.mission.size == 3
     assert peer.order(224, 2.0)[-1].seq == 2
-    assert peer.vehicle.pilot.current_seq == 1
+    assert peer.vehicle.pilot.mission.current_seq == 1
     assert peer.result(224, -1.0, 1.0) == 0
-    assert peer.vehicle.pilot.current_seq == 0
+    assert peer.vehicle.pilot.mission.current_seq == 0
     assert peer.result(224, 4.0) == 2
 
 
 def test_clearing_the_mission():
     peer = Peer()
     peer.upload(survey())
-    assert peer.vehicle.pilot.mission_size == 3
+    assert peer.vehicle.pilot.mission.size == 3
     answers = peer.tell(m.MAVLink_mission_clear_all_message(1, 1, 0))
     assert [a.type for a in answers if a.get_type() == "MISSION_ACK"] == [0]
-    assert peer.vehicle.pilot.mission_size == 0
+    assert peer.vehicle.pilot.mission.size == 0
     current = peer.order(512, 42)[-1]
     assert (current.seq, current.total, current.mission_state) == (0, 65535, 1)
 
@@ -285,7 +288,7 @@ def test_fence_and_rally_do_not_touch_the_mission():
     rally = MissionItem(Command.NAV_RALLY_POINT, Frame.GLOBAL_RELATIVE_ALT, x=28.05, y=-82.15, z=10.0)
     answers = peer.tell(wire.item_to_message(rally, 0, MissionType.RALLY, (1, 1)))
     assert answers[0].type == 0
-    assert peer.vehicle.pilot.mission_size == 3
+    assert peer.vehicle.pilot.mission.size == 3
 
 
 def test_speed_home_reboot_and_calibration():
@@ -354,29 +357,29 @@ def test_long_texts_are_cut_into_chunks():
     assert "".join(p.text for p in pieces) == text
 
 
-def read_parameter(message, persona):
-    if persona is PX4 and message.param_type == 6:
+def read_parameter(message, autopilot):
+    if autopilot is PX4 and message.param_type == 6:
         return struct.unpack("<i", struct.pack("<f", message.param_value))[0]
     return message.param_value
 
 
-@pytest.mark.parametrize("persona", [PX4, ARDUPILOT])
-def test_parameters_list_read_and_set(persona):
-    peer = Peer(persona)
-    table = parameter_table(persona.name, peer.vehicle.pilot.spec, 1)
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
+def test_parameters_list_read_and_set(autopilot):
+    peer = Peer(autopilot)
+    table = peer.vehicle.firmware.parameters(peer.vehicle.pilot.spec, 1)
     everything = peer.tell(m.MAVLink_param_request_list_message(1, 1))
     assert [p.param_index for p in everything] == list(range(len(table)))
     assert {p.param_count for p in everything} == {len(table)}
     assert all(len(p.param_id) <= 16 for p in everything)
     by_name = {p.param_id: p for p in everything}
-    name, value, scale = ("MPC_XY_CRUISE", 6.0, 1.0) if persona is PX4 else ("WPNAV_SPEED", 600.0, 100.0)
+    name, value, scale = ("MPC_XY_CRUISE", 6.0, 1.0) if autopilot is PX4 else ("WPNAV_SPEED", 600.0, 100.0)
     answer = peer.tell(m.MAVLink_param_set_message(1, 1, name.encode(), value, 9))[0]
     assert (answer.param_id, answer.param_value) == (name, value)
     assert peer.vehicle.pilot.spec.cruise_speed_m_s == pytest.approx(value / scale)
     assert peer.tell(m.MAVLink_param_request_read_message(1, 1, name.encode(), -1))[0].param_value == value
     assert peer.tell(m.MAVLink_param_request_read_message(1, 1, b"", answer.param_index))[0].param_id == name
-    system = by_name["MAV_SYS_ID" if persona is PX4 else "SYSID_THISMAV"]
-    assert read_parameter(system, persona) == 1
+    system = by_name["MAV_SYS_ID" if autopilot is PX4 else "SYSID_THISMAV"]
+    assert read_parameter(system, autopilot) == 1
     for refused in (1e6, -1.0, NAN, math.inf):
         answer = peer.tell(m.MAVLink_param_set_message(1, 1, name.encode(), refused, 9))
         assert [a.param_value for a in answer if a.get_type() == "PARAM_VALUE"] == [value]
@@ -405,8 +408,8 @@ def test_the_return_altitude_parameter_acts():
 
 def test_data_streams_move_ardupilot_only():
     attitude = m.MAVLINK_MSG_ID_ATTITUDE
-    for persona, expected in ((PX4, 100_000), (ARDUPILOT, 250_000)):
-        peer = Peer(persona)
+    for autopilot, expected in ((PX4, 100_000), (ARDUPILOT, 250_000)):
+        peer = Peer(autopilot)
         peer.tell(m.MAVLink_request_data_stream_message(1, 1, 10, 4, 1))
         assert peer.vehicle.schedule.interval_us(attitude) == expected
     peer.tell(m.MAVLink_request_data_stream_message(1, 1, 0, 4, 0))
@@ -454,25 +457,25 @@ def test_schedule_sends_each_message_at_its_rate(rates, steps):
         assert counts[message_id] == now_us // round(1e6 / rate) + 1
 
 
-def test_personas_by_name():
-    assert [get_persona(name).name for name in persona_names()] == list(persona_names())
-    assert get_persona("PX4") is PX4
+def test_autopilots_by_name():
+    assert [get_autopilot(name).name for name in autopilot_names()] == list(autopilot_names())
+    assert get_autopilot("PX4") is PX4
     with pytest.raises(VehicleError, match="choose px4, ardupilot"):
-        get_persona("betaflight")
+        get_autopilot("betaflight")
 
 
-@pytest.mark.parametrize("persona", [PX4, ARDUPILOT])
-def test_persona_modes_are_those_of_pymavlink(persona):
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
+def test_persona_modes_are_those_of_pymavlink(autopilot):
     from pymavlink import mavutil
 
     names = {Mode.HOLD: "LOITER", Mode.MISSION: "MISSION", Mode.RTL: "RTL", Mode.LAND: "LAND"}
-    if persona is ARDUPILOT:
+    if autopilot is ARDUPILOT:
         acm = mavutil.mode_mapping_byname(m.MAV_TYPE_QUADROTOR)
         expected = {mode: acm["AUTO" if name == "MISSION" else name] for mode, name in names.items()}
     else:
         expected = {mode: (sub << 24 | main << 16) for mode, (_, main, sub) in
                     ((mode, mavutil.px4_map[name]) for mode, name in names.items())}  # fmt: skip
-    assert {mode: persona.modes[mode] for mode in expected} == expected
+    assert {mode: autopilot.for_vehicle("multirotor").persona.modes[mode] for mode in expected} == expected
 
 
 WANTED = sorted(SimVehicle(get_vehicle("quad"), HOME).wanted)
@@ -494,14 +497,14 @@ ANY_FRAMES = st.lists(
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("persona", [PX4, ARDUPILOT])
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
 @pytest.mark.parametrize("flying", [False, True])
 @given(ANY_FRAMES)
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-def test_nothing_that_comes_makes_it_raise(persona, flying, frames):
-    peer = Peer(persona)
+def test_nothing_that_comes_makes_it_raise(autopilot, flying, frames):
+    peer = Peer(autopilot)
     if flying:
-        peer.upload(survey(home_item=persona is ARDUPILOT))
+        peer.upload(survey(home_item=autopilot is ARDUPILOT))
         peer.result(400, 1.0)
         peer.result(300)
         peer.wait(3.0)
@@ -519,10 +522,10 @@ def test_nothing_that_comes_makes_it_raise(persona, flying, frames):
         assert peer.vehicle.next_deadline() > peer.now_s
 
 
-@pytest.mark.parametrize("persona", [PX4, ARDUPILOT])
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
 @given(st.sampled_from(sorted(HANDLERS)), st.lists(st.floats(width=32), min_size=7, max_size=7))
 @settings(max_examples=200, deadline=None)
-def test_any_parameters_of_any_command_are_answered(persona, number, params):
-    peer = Peer(persona)
+def test_any_parameters_of_any_command_are_answered(autopilot, number, params):
+    peer = Peer(autopilot)
     answers = peer.order(number, *params)
     assert sum(a.get_type() == "COMMAND_ACK" for a in answers) == 1

@@ -9,10 +9,12 @@ from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
 from mission.transfer import MissionDownload, MissionUpload
 from mission.transfer.events import DownloadComplete, UploadComplete
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot.ardupilot import ARDUPILOT
+from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.component import NEVER
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
-from sim_vehicle.mavlink import ARDUPILOT, PX4, SimVehicle
+from sim_vehicle.mavlink import SimVehicle
 
 HOME = GeoPoint(28.05, -82.15, 20.0)
 
@@ -52,21 +54,21 @@ class Client:
         return self.transfer.next_deadline() or NEVER
 
 
-@pytest.mark.parametrize("persona", [PX4, ARDUPILOT])
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
 @pytest.mark.parametrize("seed", range(4))
-def test_a_plan_crosses_a_bad_radio_unharmed(persona, seed):
+def test_a_plan_crosses_a_bad_radio_unharmed(autopilot, seed):
     items = plan(20)
-    vehicle = SimVehicle(get_vehicle("quad"), HOME, persona=persona)
+    vehicle = SimVehicle(get_vehicle("quad"), HOME, autopilot=autopilot)
     client = Client(
-        MissionUpload(items, home=HOME, profile=persona.profile),
-        MissionDownload(MissionType.MISSION, profile=persona.profile),
+        MissionUpload(items, home=HOME, profile=autopilot.for_vehicle("multirotor").profile),
+        MissionDownload(MissionType.MISSION, profile=autopilot.for_vehicle("multirotor").profile),
     )
     radio = Impairment(loss=0.1, duplication=0.05, delay_s=0.02, jitter_s=0.05, seed=seed)
     simulation = Simulation([vehicle, client], impairment=radio, remote=[client])
     reason = simulation.run(lambda _: not client.waiting and client.transfer.done, limit_s=300.0)
     assert reason is StopReason.FINISHED
     assert any(isinstance(event, UploadComplete) for event in client.events)
-    assert vehicle.pilot.mission_size == len(items)
+    assert vehicle.pilot.mission.size == len(items)
     read = next(event for event in client.events if isinstance(event, DownloadComplete))
     assert [item.command for item in read.items] == [item.command for item in items]
 

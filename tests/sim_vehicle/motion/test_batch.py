@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
-from sim_vehicle.airframe.spec import get_vehicle
-from sim_vehicle.autopilot import autopilot_of, with_autopilot
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot import flight_procedures, with_autopilot
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion.batch import VehicleBatch
 from sim_vehicle.motion.legs import KEEP, Leg, LegKind, Route
@@ -38,7 +38,7 @@ ROWS = ("state", "counters", "arrivals", "guide", "heads", "curves")
 
 def fleet(name, autopilot, winds):
     spec = with_autopilot(get_vehicle(name), autopilot)
-    return [autopilot_of(spec).motion(spec, wind, 0.3) for wind in winds]
+    return [flight_procedures(spec).motion(spec, wind, 0.3) for wind in winds]
 
 
 def route(rng, legs, scale=60.0):

@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
-from sim_vehicle.airframe.spec import get_vehicle
-from sim_vehicle.autopilot import with_autopilot
-from sim_vehicle.autopilot.plane import plane_of
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot import fixed_wing_procedures, with_autopilot
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor, check_mission
 from sim_vehicle.execution.state import BatteryDepleted, CannotFly, Disarmed, ItemReached, LandedState, Phase
@@ -36,7 +35,7 @@ BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 
 
 def motion_of(spec, wind=None, yaw_rad=0.0):
-    return FixedWing(spec, plane_of(spec.autopilot).limits, wind, yaw_rad)
+    return FixedWing(spec, fixed_wing_procedures(spec).limits, wind, yaw_rad)
 
 
 def airborne(spec, wind=None, height=60.0, *then):

@@ -10,8 +10,8 @@ from recordings import compare, fly_recording, load_recording
 
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
-from sim_vehicle.airframe.spec import get_vehicle
-from sim_vehicle.autopilot import autopilot_of, with_autopilot
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot import flight_procedures, with_autopilot
 from sim_vehicle.autopilot.px4.copter import return_height_m
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
@@ -280,10 +280,10 @@ def test_return_heights():
     assert return_height_m(QUAD, 6.0, 2.0) == pytest.approx(6.0)
     assert return_height_m(QUAD, 1.5, 2.0) == 3.0
     assert return_height_m(quad(RTL_CONE_ANG=0.0), 1.5, 2.0) == 30.0
-    legs = autopilot_of(QUAD).return_legs(QUAD, (50.0, 0.0, 10.0), 9.0, (0.0, 0.0, 0.0))
+    legs = flight_procedures(QUAD).return_legs(QUAD, (50.0, 0.0, 10.0), 9.0, (0.0, 0.0, 0.0))
     assert [leg.kind for leg in legs] == [LegKind.CLIMB, LegKind.HOME, LegKind.LAND]
     delayed = quad(RTL_LAND_DELAY=7.0)
-    legs = autopilot_of(delayed).return_legs(delayed, (50.0, 0.0, 40.0), 9.0, (0.0, 0.0, 0.0))
+    legs = flight_procedures(delayed).return_legs(delayed, (50.0, 0.0, 40.0), 9.0, (0.0, 0.0, 0.0))
     assert [leg.kind for leg in legs] == [LegKind.HOME, LegKind.DESCEND, LegKind.LAND]
     assert legs[1].end_m[2] == 10.0
     assert legs[1].pause_s == 7.0

@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
-from sim_vehicle.airframe.spec import get_vehicle
-from sim_vehicle.autopilot import with_autopilot
-from sim_vehicle.autopilot.rover import rover_of
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot import flight_procedures, with_autopilot
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor, check_mission
 from sim_vehicle.execution.state import BatteryDepleted, Disarmed, ItemReached, LandedState, MissionComplete
@@ -36,7 +35,7 @@ SKIDS = {name: rover(name, **SKID[name]) for name in ("px4", "ardupilot")}
 
 
 def motion_of(spec, wind=None):
-    return Rover(spec, rover_of(spec.autopilot).limits, wind, 0.0)
+    return Rover(spec, flight_procedures(spec).limits, wind, 0.0)
 
 
 def drive(spec, rows, limit=200_000, wind=None):

@@ -12,16 +12,19 @@ from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot.ardupilot import ARDUPILOT
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.execution.state import LandedState, Phase
-from sim_vehicle.mavlink import ARDUPILOT, PX4, Mode, Outcome, SimVehicle
+from sim_vehicle.mavlink import Outcome, SimVehicle
 from sim_vehicle.pilot.fence import Breach
 from sim_vehicle.pilot.notices import RefusedError
 
 HOME = GeoPoint(28.05, -82.15, 20.0)
 FRAME = LocalFrame(HOME.latitude_deg, HOME.longitude_deg, HOME.altitude_m)
 QUAD = get_vehicle("quad")
-BOTH = pytest.mark.parametrize("persona", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
+BOTH = pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
 
 
 def wp(x, y, z=10.0, **options):
@@ -44,8 +47,8 @@ SQUARE = [(-50.0, -50.0), (50.0, -50.0), (50.0, 50.0), (-50.0, 50.0)]
 class Rig:
     """A vehicle and its clock."""
 
-    def __init__(self, persona=PX4, spec=QUAD, **tuning):
-        self.vehicle = SimVehicle(spec, HOME, persona=persona)
+    def __init__(self, autopilot=PX4, spec=QUAD, **tuning):
+        self.vehicle = SimVehicle(spec, HOME, autopilot=autopilot)
         self.pilot = self.vehicle.pilot
         self.now_s, self.texts, self.sent = 0.0, [], []
         self.tune(**tuning)
@@ -116,9 +119,9 @@ ACTIONS = [
 ]
 
 
-@pytest.mark.parametrize(("persona", "action", "mode"), ACTIONS)
-def test_leaving_the_fence_has_its_action(persona, action, mode):
-    rig = Rig(persona, fence_enable=1, fence_action=action)
+@pytest.mark.parametrize(("autopilot", "action", "mode"), ACTIONS)
+def test_leaving_the_fence_has_its_action(autopilot, action, mode):
+    rig = Rig(autopilot, fence_enable=1, fence_action=action)
     rig.pilot.set_fence(zone(5001, SQUARE))
     rig.aloft()
     assert rig.health(1 << 20)
@@ -140,8 +143,8 @@ def test_leaving_the_fence_has_its_action(persona, action, mode):
 
 
 @BOTH
-def test_a_warning_only_warns_and_nothing_is_nothing(persona):
-    rig = Rig(persona, fence_enable=1, fence_action=0 if persona is ARDUPILOT else 1)
+def test_a_warning_only_warns_and_nothing_is_nothing(autopilot):
+    rig = Rig(autopilot, fence_enable=1, fence_action=0 if autopilot is ARDUPILOT else 1)
     rig.pilot.set_fence(zone(5001, SQUARE))
     rig.aloft()
     rig.drift(6.0, 0.0)
@@ -149,7 +152,7 @@ def test_a_warning_only_warns_and_nothing_is_nothing(persona):
     assert rig.place[0] > 70.0
     assert any("outside the area" in text for text in rig.texts)
     assert not rig.pilot.failsafe.active
-    quiet = Rig(persona, fence_enable=0)
+    quiet = Rig(autopilot, fence_enable=0)
     quiet.pilot.set_fence(zone(5001, SQUARE))
     quiet.aloft()
     quiet.drift(6.0, 0.0)
@@ -244,18 +247,18 @@ def test_a_vehicle_goes_no_farther_out_than_it_needs_to_stop(angle, speed, kind,
 
 
 @BOTH
-def test_missions_and_targets_outside_the_fence_are_refused(persona):
-    rig = Rig(persona, fence_enable=1)
+def test_missions_and_targets_outside_the_fence_are_refused(autopilot):
+    rig = Rig(autopilot, fence_enable=1)
     rig.pilot.load([takeoff(), wp(20, 0), wp(70, 0), RTL])
-    assert rig.pilot.why_no_mission() is None
+    assert rig.pilot.mission.why_not is None
     rig.pilot.set_fence(zone(5001, SQUARE))
-    assert "item 2 (NAV_WAYPOINT): outside the fence, 20.0 m outside the area" in rig.pilot.why_no_mission()
+    assert "item 2 (NAV_WAYPOINT): outside the fence, 20.0 m outside the area" in rig.pilot.mission.why_not
     rig.run(0.2)
     assert any(text.startswith("Mission rejected: item 2") for text in rig.texts)
     with pytest.raises(RefusedError, match="outside the fence"):
         rig.pilot.set_mode(Mode.MISSION)
     rig.pilot.load([takeoff(), wp(20, 0), RTL])
-    assert rig.pilot.why_no_mission() is None
+    assert rig.pilot.mission.why_not is None
     rig.aloft()
     with pytest.raises(RefusedError, match="fence"):
         rig.goto(80, 0)
@@ -267,14 +270,14 @@ def test_missions_and_targets_outside_the_fence_are_refused(persona):
 
 
 @BOTH
-def test_no_arming_outside_the_fence(persona):
-    rig = Rig(persona, fence_enable=1)
+def test_no_arming_outside_the_fence(autopilot):
+    rig = Rig(autopilot, fence_enable=1)
     rig.pilot.set_fence(zone(5002, SQUARE))
-    expected = "Arm: fence" if persona is ARDUPILOT else "Arming denied: fence"
+    expected = "Arm: fence" if autopilot is ARDUPILOT else "Arming denied: fence"
     with pytest.raises(RefusedError, match=expected):
         rig.pilot.arm()
     rig.run(0.2)
-    check = "PreArm: fence" if persona is ARDUPILOT else "Preflight Fail: fence"
+    check = "PreArm: fence" if autopilot is ARDUPILOT else "Preflight Fail: fence"
     assert any(text.startswith(check) for text in rig.texts)
     assert not rig.health(1 << 28)
     rig.pilot.arm(force=True)
@@ -282,7 +285,7 @@ def test_no_arming_outside_the_fence(persona):
 
 
 @pytest.mark.parametrize(
-    ("persona", "action", "mode"),
+    ("autopilot", "action", "mode"),
     [
         (PX4, 1, Mode.HOLD),
         (PX4, 2, Mode.RTL),
@@ -291,10 +294,10 @@ def test_no_arming_outside_the_fence(persona):
         (ARDUPILOT, 5, Mode.LAND),
     ],
 )
-def test_the_loss_of_the_ground_station(persona, action, mode):
-    rig = Rig(persona, link_action=action)
+def test_the_loss_of_the_ground_station(autopilot, action, mode):
+    rig = Rig(autopilot, link_action=action)
     timeout = rig.pilot.parameters.link_timeout_s
-    assert timeout == (5.0 if persona is ARDUPILOT else 10.0)
+    assert timeout == (5.0 if autopilot is ARDUPILOT else 10.0)
     with pytest.raises(RefusedError, match="no connection to the ground control station"):
         rig.pilot.arm()
     rig.run(2.0, beats=True)
@@ -313,14 +316,14 @@ def test_the_loss_of_the_ground_station(persona, action, mode):
 
 
 @BOTH
-def test_without_an_action_the_loss_of_the_link_is_only_told(persona):
-    rig = Rig(persona)
+def test_without_an_action_the_loss_of_the_link_is_only_told(autopilot):
+    rig = Rig(autopilot)
     rig.run(2.0, beats=True)
     rig.aloft()
     rig.run(20.0)
-    assert rig.texts.count("GCS Failsafe" if persona is ARDUPILOT else "Data link lost") == 1
+    assert rig.texts.count("GCS Failsafe" if autopilot is ARDUPILOT else "Data link lost") == 1
     assert rig.pilot.state.phase is Phase.HOLD
-    never = Rig(persona)
+    never = Rig(autopilot)
     never.aloft()
     never.run(20.0)
     assert not any("link" in text or "GCS" in text for text in never.texts)
@@ -347,9 +350,9 @@ LEVELS = [
 ]
 
 
-@pytest.mark.parametrize(("persona", "tuning", "modes"), LEVELS)
-def test_the_battery_failsafes_of_both_autopilots(persona, tuning, modes):
-    rig = Rig(persona, **tuning)
+@pytest.mark.parametrize(("autopilot", "tuning", "modes"), LEVELS)
+def test_the_battery_failsafes_of_both_autopilots(autopilot, tuning, modes):
+    rig = Rig(autopilot, **tuning)
     rig.aloft(30.0)
     rig.goto(200, 0, 30.0)
     rig.run(25.0)
@@ -366,8 +369,8 @@ def test_the_battery_failsafes_of_both_autopilots(persona, tuning, modes):
 
 
 @BOTH
-def test_a_dead_battery(persona):
-    rig = Rig(persona)
+def test_a_dead_battery(autopilot):
+    rig = Rig(autopilot)
     rig.aloft()
     rig.pilot.drain_battery(0.0)
     rig.run(30.0)
@@ -378,22 +381,22 @@ def test_a_dead_battery(persona):
 
 
 @BOTH
-def test_the_loss_of_the_position(persona):
-    rig = Rig(persona)
-    rig.pilot.position_ok = False
+def test_the_loss_of_the_position(autopilot):
+    rig = Rig(autopilot)
+    rig.pilot.controls.position_ok = False
     with pytest.raises(RefusedError, match="no position"):
         rig.pilot.arm()
-    rig.pilot.position_ok = True
+    rig.pilot.controls.position_ok = True
     rig.aloft()
     rig.goto(100, 0)
     rig.run(5.0)
-    rig.pilot.position_ok = False
+    rig.pilot.controls.position_ok = False
     rig.run(0.3)
     assert rig.pilot.mode is Mode.LAND
     assert "Position lost: landing" in rig.texts
     with pytest.raises(RefusedError, match="no position"):
         rig.pilot.set_mode(Mode.RTL)
-    rig.pilot.position_ok = True
+    rig.pilot.controls.position_ok = True
     rig.run(0.3)
     assert "Position regained" in rig.texts
     rig.pilot.set_mode(Mode.RTL)
@@ -403,8 +406,8 @@ def test_the_loss_of_the_position(persona):
 
 
 @BOTH
-def test_a_motor_that_fails(persona):
-    rig = Rig(persona)
+def test_a_motor_that_fails(autopilot):
+    rig = Rig(autopilot)
     rig.aloft(30.0)
     rig.goto(100, 0, 30.0)
     rig.run(5.0)
@@ -429,8 +432,8 @@ def test_a_motor_that_fails(persona):
 
 
 @BOTH
-def test_rally_points_are_returned_to(persona):
-    rig = Rig(persona)
+def test_rally_points_are_returned_to(autopilot):
+    rig = Rig(autopilot)
     latitude, longitude = FRAME.to_wgs84(120.0, 0.0)
     rig.pilot.set_rally([MissionItem(5100, 3, x=latitude, y=longitude, z=35.0), MissionItem(16, 3)])
     rig.aloft()
@@ -492,52 +495,52 @@ def test_orders_of_ardupilot():
 
 
 @BOTH
-def test_the_landing_part_of_a_mission_is_gone_to(persona):
-    rig = Rig(persona)
+def test_the_landing_part_of_a_mission_is_gone_to(autopilot):
+    rig = Rig(autopilot)
     items = [takeoff(), wp(40, 0, hold_s=500.0), MissionItem(189), wp(0, 30), RTL]
     rig.pilot.load(items)
     rig.pilot.set_mode(Mode.MISSION)
     rig.pilot.arm()
     rig.run(20.0)
-    assert rig.pilot.current_seq == 1
+    assert rig.pilot.mission.current_seq == 1
     assert rig.command(189) == 0
     rig.run(1.0)
-    assert rig.pilot.current_seq == 3
+    assert rig.pilot.mission.current_seq == 3
     rig.run(120.0)
     assert rig.pilot.outcome is Outcome.COMPLETED
 
 
-@pytest.mark.parametrize(("persona", "seq"), [(PX4, 0), (ARDUPILOT, 2)])
-def test_a_mission_changed_in_flight(persona, seq):
-    rig = Rig(persona)
+@pytest.mark.parametrize(("autopilot", "seq"), [(PX4, 0), (ARDUPILOT, 2)])
+def test_a_mission_changed_in_flight(autopilot, seq):
+    rig = Rig(autopilot)
     rig.pilot.load([takeoff(), wp(40, 0), wp(40, 60), wp(0, 60), RTL])
     rig.pilot.set_mode(Mode.MISSION)
     rig.pilot.arm()
-    rig.run(120.0, until=lambda: rig.pilot.current_seq == 2)
+    rig.run(120.0, until=lambda: rig.pilot.mission.current_seq == 2)
     rig.run(3.0)
     rig.pilot.load([takeoff(), wp(30, 0), wp(30, 30), RTL])
-    assert rig.pilot.current_seq == seq
+    assert rig.pilot.mission.current_seq == seq
     assert rig.pilot.mode is Mode.MISSION
     rig.run(200.0)
     assert rig.pilot.outcome is Outcome.COMPLETED
 
 
 @BOTH
-def test_pause_and_continue_at_any_moment(persona):
+def test_pause_and_continue_at_any_moment(autopilot):
     for when_s in (1.0, 8.0, 12.0, 22.0, 40.0):
-        rig = Rig(persona)
+        rig = Rig(autopilot)
         rig.pilot.load([takeoff(), wp(40, 0, hold_s=5.0), wp(40, 40), RTL])
         rig.pilot.set_mode(Mode.MISSION)
         rig.pilot.arm()
         rig.run(when_s)
-        seq = rig.pilot.current_seq
+        seq = rig.pilot.mission.current_seq
         assert rig.pilot.mission_state == 3
         assert rig.command(193, 0.0) == 0
-        assert rig.pilot.mode is (Mode.MISSION if persona is ARDUPILOT else Mode.HOLD)
+        assert rig.pilot.mode is (Mode.MISSION if autopilot is ARDUPILOT else Mode.HOLD)
         assert rig.pilot.mission_state == 4
         rig.run(10.0)
         assert math.hypot(*rig.pilot.state.velocity_m_s) < 0.05
-        assert rig.pilot.current_seq == seq
+        assert rig.pilot.mission.current_seq == seq
         assert rig.command(193, 1.0) == 0
         assert rig.pilot.mission_state == 3
         rig.run(150.0)
@@ -547,15 +550,15 @@ def test_pause_and_continue_at_any_moment(persona):
 
 @BOTH
 @pytest.mark.parametrize("when_s", [2.0, 12.0, 30.0, 48.0])
-def test_the_current_item_is_set_at_any_moment(persona, when_s):
-    rig = Rig(persona)
+def test_the_current_item_is_set_at_any_moment(autopilot, when_s):
+    rig = Rig(autopilot)
     rig.pilot.load([takeoff(), wp(40, 0, hold_s=5.0), wp(40, 40), RTL])
     rig.pilot.set_mode(Mode.MISSION)
     rig.pilot.arm()
     rig.run(when_s)
     own = 2
     rig.tell(m.MAVLink_mission_set_current_message(1, 1, rig.vehicle.wire_seq(own)))
-    assert rig.pilot.current_seq == own
+    assert rig.pilot.mission.current_seq == own
     rig.run(150.0)
     assert rig.pilot.outcome is Outcome.COMPLETED
 
@@ -578,22 +581,22 @@ def test_a_fence_and_rally_points_come_over_the_link():
 
 
 @BOTH
-def test_the_parameters_act(persona):
-    rig = Rig(persona)
+def test_the_parameters_act(autopilot):
+    rig = Rig(autopilot)
     values = (
         {"FENCE_ENABLE": (1, "fence_enable"), "FENCE_ALT_MAX": (77.0, "fence_ceiling_m")}
-        if persona is ARDUPILOT
+        if autopilot is ARDUPILOT
         else {"GF_ACTION": (3, "fence_action"), "GF_MAX_HOR_DIST": (77.0, "fence_radius_m")}
     )
     for name, (value, field) in values.items():
         sent, kind = float(value), 9
         if isinstance(value, int):
             kind = 6
-            if persona is PX4:
+            if autopilot is PX4:
                 sent = struct.unpack("<f", struct.pack("<i", value))[0]
         rig.tell(m.MAVLink_param_set_message(1, 1, name.encode(), sent, kind))
         assert getattr(rig.pilot.parameters, field) == value
-    away = (78.0, 0.0, 10.0) if persona is PX4 else (0.0, 0.0, 78.0)
+    away = (78.0, 0.0, 10.0) if autopilot is PX4 else (0.0, 0.0, 78.0)
     assert rig.pilot.failsafe.outside(away) is not None
 
 

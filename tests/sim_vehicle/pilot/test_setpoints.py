@@ -9,21 +9,24 @@ from hypothesis import strategies as st
 from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot.ardupilot import ARDUPILOT
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.execution.state import LandedState, Phase
-from sim_vehicle.mavlink import ARDUPILOT, PX4, Mode, SimVehicle
+from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.pilot.notices import RefusedError
 
 HOME = GeoPoint(28.05, -82.15, 20.0)
 FRAME = LocalFrame(HOME.latitude_deg, HOME.longitude_deg, HOME.altitude_m)
 POSITION, VELOCITY = 0b110111111000, 0b110111000111
 YAW = 0b100111111111
-BOTH = pytest.mark.parametrize("persona", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
+BOTH = pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
 
 
 class Rig:
-    def __init__(self, persona):
-        self.vehicle = SimVehicle(get_vehicle("quad"), HOME, persona=persona)
+    def __init__(self, autopilot):
+        self.vehicle = SimVehicle(get_vehicle("quad"), HOME, autopilot=autopilot)
         self.pilot = self.vehicle.pilot
         self.now_s, self.texts = 0.0, []
         self.run(0.1)
@@ -92,8 +95,8 @@ HERE = local(POSITION, 0.0, 0.0, -20.0)
 
 
 @BOTH
-def test_places_in_the_local_and_the_global_frame(persona):
-    rig = Rig(persona).guided(HERE)
+def test_places_in_the_local_and_the_global_frame(autopilot):
+    rig = Rig(autopilot).guided(HERE)
     rig.run(20.0, stream=local(POSITION, 30.0, -10.0, -25.0))
     assert rig.place == pytest.approx((-10.0, 30.0, 25.0), abs=0.06)
     rig.run(20.0, stream=world(POSITION, 15.0, 5.0, 18.0))
@@ -106,8 +109,8 @@ def test_places_in_the_local_and_the_global_frame(persona):
 
 
 @BOTH
-def test_velocities(persona):
-    rig = Rig(persona).guided(HERE)
+def test_velocities(autopilot):
+    rig = Rig(autopilot).guided(HERE)
     rig.run(8.0, stream=local(VELOCITY, vx=3.0, vy=-2.0, vz=-1.0))
     assert rig.velocity == pytest.approx((-2.0, 3.0, 1.0), abs=1e-3)
     rig.run(8.0, stream=world(VELOCITY, 0, 0, 0, vx=0.0, vy=4.0, vz=0.0))
@@ -119,8 +122,8 @@ def test_velocities(persona):
 
 
 @BOTH
-def test_headings_and_rates(persona):
-    rig = Rig(persona).guided(HERE)
+def test_headings_and_rates(autopilot):
+    rig = Rig(autopilot).guided(HERE)
     rig.run(8.0, stream=local(0b100111000111, vx=1.0, yaw=1.2))
     assert rig.pilot.state.yaw_rad == pytest.approx(1.2, abs=1e-3)
     rig.run(8.0, stream=local(0b010111000111, vx=1.0, rate=0.4))
@@ -132,8 +135,8 @@ def test_headings_and_rates(persona):
 
 
 @BOTH
-def test_velocities_of_the_body(persona):
-    rig = Rig(persona).guided(HERE)
+def test_velocities_of_the_body(autopilot):
+    rig = Rig(autopilot).guided(HERE)
     rig.run(5.0, stream=local(YAW, yaw=math.pi / 2))
     rig.run(8.0, stream=local(VELOCITY, vx=2.0, vy=1.0, frame=8))
     # Forward is east now, right is south.
@@ -230,8 +233,8 @@ REFUSED = [
 
 @BOTH
 @pytest.mark.parametrize(("message", "reason"), REFUSED)
-def test_what_is_not_flown_is_refused_with_a_reason_once(persona, message, reason):
-    rig = Rig(persona).guided(HERE)
+def test_what_is_not_flown_is_refused_with_a_reason_once(autopilot, message, reason):
+    rig = Rig(autopilot).guided(HERE)
     before = rig.place
     for _ in range(5):
         rig.tell(message)
@@ -274,8 +277,8 @@ FLOATS = st.floats(allow_nan=True, allow_infinity=True, width=32)
         max_size=5,
     ),
 )
-def test_hostile_setpoints_do_no_harm(persona, orders):
-    rig = Rig(persona).guided(HERE)
+def test_hostile_setpoints_do_no_harm(autopilot, orders):
+    rig = Rig(autopilot).guided(HERE)
     for mask, frame, values in orders:
         rig.tell(local(mask, *values, frame=frame))
         rig.run(1.0)

@@ -1,0 +1,104 @@
+"""ArduCopter, ArduPlane and Rover as their MAVLink peers see them.
+
+Sources of the custom modes: ``mode.h`` of ArduCopter, ArduPlane and Rover.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import MappingProxyType
+
+from mission.link.codec.dialect import mavlink as m
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.persona import COMMON_CAPABILITIES, Identity, ModeTable, Persona
+
+__all__ = ["COPTER_PERSONA", "PLANE_PERSONA", "ROVER_PERSONA"]
+
+COPTER_PERSONA = Persona(
+    identity=Identity(
+        mav_autopilot=int(m.MAV_AUTOPILOT_ARDUPILOTMEGA),
+        mav_type=int(m.MAV_TYPE_QUADROTOR),
+        version=(4, 6, 0),
+        capabilities=COMMON_CAPABILITIES | int(m.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST),
+    ),
+    modes=ModeTable(
+        numbers=MappingProxyType(
+            {
+                Mode.MANUAL: 0,
+                Mode.ALTITUDE: 2,
+                Mode.MISSION: 3,
+                Mode.GUIDED: 4,
+                Mode.TAKEOFF: 4,
+                Mode.HOLD: 5,
+                Mode.RTL: 6,
+                Mode.LAND: 9,
+                Mode.POSITION: 16,
+            }
+        ),
+        aliases=MappingProxyType({1: Mode.MANUAL, 17: Mode.HOLD, 21: Mode.RTL, 27: Mode.RTL}),
+        boot=Mode.MANUAL,
+        after_takeoff=Mode.GUIDED,
+        after_command=Mode.GUIDED,
+    ),
+    parameter_encoding="cast",
+    data_streams=True,
+    rates_hz=MappingProxyType({m.MAVLINK_MSG_ID_HEARTBEAT: 1.0}),
+    truth_message=int(m.MAVLINK_MSG_ID_SIM_STATE),
+    refused_result=int(m.MAV_RESULT_FAILED),
+    unsupported=frozenset({int(m.MAV_CMD_DO_ORBIT), int(m.MAV_CMD_DO_CHANGE_ALTITUDE)}),
+    int_only=frozenset({int(m.MAV_CMD_DO_REPOSITION)}),
+    takeoff_needs_arming=True,
+    mission_changed_text="Auto mission changed, restarted command",
+)
+PLANE_PERSONA = replace(
+    COPTER_PERSONA,
+    identity=replace(
+        COPTER_PERSONA.identity,
+        mav_type=int(m.MAV_TYPE_FIXED_WING),
+        version=(4, 7, 0),
+        banner="ArduPlane V4.7.0",
+    ),
+    modes=replace(
+        COPTER_PERSONA.modes,
+        numbers=MappingProxyType(
+            {
+                Mode.MANUAL: 0,
+                Mode.ALTITUDE: 6,
+                Mode.POSITION: 7,
+                Mode.MISSION: 10,
+                Mode.RTL: 11,
+                Mode.HOLD: 12,
+                Mode.TAKEOFF: 13,
+                Mode.GUIDED: 15,
+                Mode.LAND: 26,
+            }
+        ),
+        aliases=MappingProxyType(
+            {1: Mode.HOLD, 2: Mode.MANUAL, 3: Mode.MANUAL, 4: Mode.MANUAL, 5: Mode.MANUAL, 8: Mode.MANUAL}
+        ),
+        after_takeoff=Mode.TAKEOFF,
+    ),
+)
+ROVER_PERSONA = replace(
+    COPTER_PERSONA,
+    identity=replace(
+        COPTER_PERSONA.identity, mav_type=int(m.MAV_TYPE_GROUND_ROVER), banner="ArduRover V4.6.0"
+    ),
+    modes=replace(
+        COPTER_PERSONA.modes,
+        numbers=MappingProxyType(
+            {
+                Mode.MANUAL: 0,
+                Mode.ALTITUDE: 1,
+                Mode.POSITION: 3,
+                Mode.HOLD: 4,
+                Mode.MISSION: 10,
+                Mode.RTL: 11,
+                Mode.GUIDED: 15,
+                Mode.TAKEOFF: 15,
+                Mode.LAND: 4,
+            }
+        ),
+        aliases=MappingProxyType({5: Mode.HOLD, 7: Mode.MANUAL, 12: Mode.RTL}),
+    ),
+)

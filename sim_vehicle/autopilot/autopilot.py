@@ -1,0 +1,107 @@
+"""An autopilot as one value: all that makes PX4 differ from ArduPilot, per kind of vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sim_vehicle.autopilot.mav_parameter import MavParameter
+from sim_vehicle.errors import VehicleError
+
+if TYPE_CHECKING:
+    from mission.transfer.profile import Profile
+    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.autopilot.failsafe_rules import FailsafeRules
+    from sim_vehicle.autopilot.model import FlightProcedures
+    from sim_vehicle.autopilot.persona import Persona
+
+__all__ = ["Autopilot", "Firmware"]
+
+
+@dataclass(frozen=True, slots=True)
+class Firmware:
+    """An autopilot on one kind of vehicle: ArduCopter, ArduPlane, PX4 on a rover.
+
+    Parameters
+    ----------
+    title : str
+        Its name for readers.
+    persona : Persona
+        How it shows itself on MAVLink.
+    rules : FailsafeRules
+        What it does when something goes wrong.
+    profile : mission.transfer.profile.Profile
+        How it speaks the mission protocol.
+    parameter_table : callable
+        Given the vehicle and its MAVLink system id, the parameters besides those of the procedures.
+    procedures : FlightProcedures
+        How it moves the vehicle: parameters of the motion, take-off, return, landing.
+    takes_off : bool
+        A mission that begins on the ground needs no take-off item.
+    """
+
+    title: str
+    persona: Persona
+    rules: FailsafeRules
+    profile: Profile
+    parameter_table: Callable[[VehicleSpec, int], Sequence[MavParameter]]
+    procedures: FlightProcedures
+    takes_off: bool = False
+
+    def parameters(self, spec: VehicleSpec, system_id: int) -> tuple[MavParameter, ...]:
+        """Parameters of a vehicle over MAVLink, sorted by name.
+
+        Those of the flight procedures are among them if the vehicle moves by these procedures.
+        """
+        table = {parameter.name: parameter for parameter in self.parameter_table(spec, system_id)}
+        if spec.autopilot == self.procedures.name:
+            for name, known in self.procedures.parameters.items():
+                table[name] = MavParameter(
+                    name,
+                    integer=known.integer,
+                    low=known.low,
+                    high=known.high,
+                    value=known.default,
+                    motion=True,
+                )
+        return tuple(table[name] for name in sorted(table))
+
+
+@dataclass(frozen=True, slots=True)
+class Autopilot:
+    """An autopilot, found by its name in the entry point group ``wbf_mission.autopilots``.
+
+    Parameters
+    ----------
+    name : str
+        Its name on the command line, in scenarios and in vehicle files; that of the entry point.
+    title : str
+        Its name for readers.
+    firmwares : mapping of str to Firmware
+        By kind of vehicle (`sim_vehicle.airframe.spec.KINDS`); without those that it does not fly.
+    simulator_urls : callable
+        Given the number of a vehicle (from 0), the ports at which the autopilot's own simulator is found, as
+        URLs of links.
+    """
+
+    name: str
+    title: str
+    firmwares: Mapping[str, Firmware]
+    simulator_urls: Callable[[int], tuple[str, ...]]
+
+    def for_vehicle(self, kind: str) -> Firmware:
+        """Firmware for a kind of vehicle; the ideal vehicle is shown to peers as a multirotor.
+
+        Raises
+        ------
+        VehicleError
+            If the autopilot does not fly such a vehicle.
+        """
+        firmware = self.firmwares.get("multirotor" if kind == "ideal" else kind)
+        if firmware is None:
+            msg = (
+                f"autopilot {self.name} flies no {kind}: choose a vehicle of kind {', '.join(self.firmwares)}"
+            )
+            raise VehicleError(msg)
+        return firmware

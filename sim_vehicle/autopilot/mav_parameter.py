@@ -1,0 +1,48 @@
+"""One MAVLink parameter of a firmware: name, type, range, and what of the vehicle it changes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from mission.link.codec.dialect import mavlink as m
+
+__all__ = ["MavParameter"]
+
+
+@dataclass(frozen=True, slots=True)
+class MavParameter:
+    """One parameter.
+
+    Parameters
+    ----------
+    name : str
+        At most 16 characters.
+    field : str or None
+        The runtime parameter of the vehicle that it is (a field of `RuntimeParameters`); None for a
+        constant.
+    integer : bool
+        INT32 rather than REAL32.
+    scale : float
+        The parameter's value per SI value (100 for centimetres).
+    low, high : float
+        Allowed values, in the parameter's unit.
+    value : float
+        Value of a constant; default of a motion parameter.
+    motion : bool
+        Whether it is one of the flight procedures' own parameters, which change how the vehicle moves.
+    """
+
+    name: str
+    field: str | None = None
+    integer: bool = False
+    scale: float = 1.0
+    low: float = -math.inf
+    high: float = math.inf
+    value: float = 0.0
+    motion: bool = False
+
+    @property
+    def mav_type(self) -> int:
+        """MAV_PARAM_TYPE."""
+        return int(m.MAV_PARAM_TYPE_INT32 if self.integer else m.MAV_PARAM_TYPE_REAL32)

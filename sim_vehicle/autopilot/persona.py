@@ -1,0 +1,170 @@
+"""How an autopilot shows itself on MAVLink: identity, mode numbers, message rates, habits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Literal
+
+from mission.link.codec.dialect import mavlink as m
+from sim_vehicle.autopilot.modes import Mode
+
+__all__ = ["COMMON_CAPABILITIES", "Identity", "ModeTable", "Persona", "px4_custom_mode"]
+
+COMMON_CAPABILITIES = int(
+    m.MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT
+    | m.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
+    | m.MAV_PROTOCOL_CAPABILITY_MISSION_INT
+    | m.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+    | m.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+    | m.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
+    | m.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
+)
+"""MAV_PROTOCOL_CAPABILITY bits of what the simulated vehicle does under any autopilot."""
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Who it is.
+
+    Parameters
+    ----------
+    mav_autopilot, mav_type : int
+        MAV_AUTOPILOT and MAV_TYPE of the heartbeat.
+    version : tuple of int
+        Major, minor, patch in AUTOPILOT_VERSION.
+    capabilities : int
+        MAV_PROTOCOL_CAPABILITY bits.
+    banner : str
+        Status text that follows a request for all parameters (ArduPilot); empty for none.
+    """
+
+    mav_autopilot: int
+    mav_type: int
+    version: tuple[int, int, int]
+    capabilities: int
+    banner: str = ""
+
+    @property
+    def flight_sw_version(self) -> int:
+        """The version as AUTOPILOT_VERSION packs it, an official release (255)."""
+        major, minor, patch = self.version
+        return major << 24 | minor << 16 | patch << 8 | 255
+
+
+@dataclass(frozen=True, slots=True)
+class ModeTable:
+    """The custom modes of a firmware.
+
+    Parameters
+    ----------
+    numbers : mapping of Mode to int
+        The custom mode number of each mode that it has.
+    boot : Mode
+        Mode after the start.
+    after_takeoff : Mode
+        The mode that follows a commanded take-off.
+    after_command : Mode
+        The mode that DO_REPOSITION, DO_ORBIT and DO_CHANGE_ALTITUDE lead to.
+    aliases : mapping of int to Mode
+        Further custom modes that are accepted, flown as another mode.
+    main_and_sub : bool
+        DO_SET_MODE carries main and sub mode in parameters 2 and 3 (PX4), not the custom mode in parameter 2.
+    """
+
+    numbers: Mapping[Mode, int]
+    boot: Mode
+    after_takeoff: Mode
+    after_command: Mode
+    aliases: Mapping[int, Mode] = field(default_factory=lambda: MappingProxyType({}))
+    main_and_sub: bool = False
+
+    def __getitem__(self, mode: Mode) -> int:
+        return self.numbers[mode]
+
+    def mode_of(self, custom_mode: int) -> Mode | None:
+        """Mode with this custom number, None if there is none or it is not flown here."""
+        for mode, number in self.numbers.items():
+            if number == custom_mode:
+                return mode
+        return self.aliases.get(custom_mode)
+
+    def custom_mode_of(self, second: int, third: int) -> int:
+        """Custom mode that parameters 2 and 3 of DO_SET_MODE name."""
+        return px4_custom_mode(second & 255, third & 255) if self.main_and_sub else second
+
+
+def px4_custom_mode(main: int, sub: int = 0) -> int:
+    """Pack main and sub mode as PX4's ``px4_custom_mode.h`` does.
+
+    Examples
+    --------
+    >>> px4_custom_mode(4, 4)
+    67371008
+    """
+    return sub << 24 | main << 16
+
+
+@dataclass(frozen=True, slots=True)
+class Persona:
+    """One firmware as its MAVLink peers see it.
+
+    Parameters
+    ----------
+    identity : Identity
+    modes : ModeTable
+    parameter_encoding : {"bytewise", "cast"}
+        How integer parameters travel in a float.
+    data_streams : bool
+        REQUEST_DATA_STREAM changes rates (ArduPilot); otherwise it is ignored.
+    rates_hz : mapping of int to float
+        Message id to rate after the start.
+    truth_message : int
+        Message in which the autopilot's simulator sends the true state of the vehicle.
+    reached_repeats : int
+        How often MISSION_ITEM_REACHED is sent again, once a second, after it happened.
+    reached_merged : bool
+        Of items that end together (a place, the commands after it, and a return that follows) only the last
+        is reported.
+    current_lag_s : float
+        Time from an item's end to the MISSION_CURRENT that names the next one.
+    no_mission_total : int
+        Total in MISSION_CURRENT when there is no mission.
+    refused_result : int
+        MAV_RESULT of a command that cannot be done now.
+    unsupported : frozenset of int
+        MAV_CMDs that the firmware does not take, though the vehicle could.
+    int_only : frozenset of int
+        MAV_CMDs that are only taken as COMMAND_INT.
+    takeoff_needs_arming : bool
+        NAV_TAKEOFF is refused while the vehicle is disarmed (ArduPilot).
+    takeoff_above_sea : bool
+        The altitude of NAV_TAKEOFF counts from mean sea level unless its frame says otherwise (PX4), not from
+        home.
+    reposition_turns : bool
+        DO_REPOSITION's yaw is followed (PX4).
+    tells_remaining_time : bool
+        BATTERY_STATUS tells how long the battery lasts (PX4).
+    mission_changed_text : str
+        Status text after a mission was replaced in flight; empty for none.
+    """
+
+    identity: Identity
+    modes: ModeTable
+    parameter_encoding: Literal["bytewise", "cast"]
+    data_streams: bool
+    rates_hz: Mapping[int, float]
+    truth_message: int
+    reached_repeats: int = 0
+    reached_merged: bool = False
+    current_lag_s: float = 0.1
+    no_mission_total: int = 0
+    refused_result: int = int(m.MAV_RESULT_TEMPORARILY_REJECTED)
+    unsupported: frozenset[int] = frozenset()
+    int_only: frozenset[int] = frozenset()
+    takeoff_needs_arming: bool = False
+    takeoff_above_sea: bool = False
+    reposition_turns: bool = False
+    tells_remaining_time: bool = False
+    mission_changed_text: str = ""

@@ -1,0 +1,81 @@
+"""PX4 as its MAVLink peers see it.
+
+Sources: PX4 ``px4_custom_mode.h``, ``mavlink_main.cpp`` (rates) and what PX4 1.17 (SIH) was seen to do.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+from mission.link.codec.dialect import mavlink as m
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.persona import COMMON_CAPABILITIES, Identity, ModeTable, Persona, px4_custom_mode
+
+__all__ = ["persona_of"]
+
+_RATES_HZ = MappingProxyType(
+    {
+        m.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
+        m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
+        m.MAVLINK_MSG_ID_ATTITUDE: 10.0,
+        m.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 5.0,
+        m.MAVLINK_MSG_ID_VFR_HUD: 5.0,
+        m.MAVLINK_MSG_ID_GPS_RAW_INT: 2.0,
+        m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 2.0,
+        m.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
+        m.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
+        m.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
+        m.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
+        m.MAVLINK_MSG_ID_HOME_POSITION: 0.5,
+    }
+)
+_MODES = ModeTable(
+    numbers=MappingProxyType(
+        {
+            Mode.MANUAL: px4_custom_mode(1),
+            Mode.ALTITUDE: px4_custom_mode(2),
+            Mode.POSITION: px4_custom_mode(3),
+            Mode.TAKEOFF: px4_custom_mode(4, 2),
+            Mode.HOLD: px4_custom_mode(4, 3),
+            Mode.MISSION: px4_custom_mode(4, 4),
+            Mode.RTL: px4_custom_mode(4, 5),
+            Mode.LAND: px4_custom_mode(4, 6),
+            Mode.GUIDED: px4_custom_mode(6),
+        }
+    ),
+    aliases=MappingProxyType({px4_custom_mode(4, 1): Mode.HOLD, px4_custom_mode(7): Mode.MANUAL}),
+    boot=Mode.HOLD,
+    after_takeoff=Mode.HOLD,
+    after_command=Mode.HOLD,
+    main_and_sub=True,
+)
+
+
+def persona_of(mav_type: int) -> Persona:
+    """PX4's persona on a vehicle of this MAV_TYPE; all else is equal on all vehicles."""
+    return Persona(
+        identity=Identity(
+            mav_autopilot=int(m.MAV_AUTOPILOT_PX4),
+            mav_type=int(mav_type),
+            version=(1, 17, 0),
+            capabilities=COMMON_CAPABILITIES | int(m.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE),
+        ),
+        modes=_MODES,
+        parameter_encoding="bytewise",
+        data_streams=False,
+        rates_hz=_RATES_HZ,
+        truth_message=int(m.MAVLINK_MSG_ID_HIL_STATE_QUATERNION),
+        reached_repeats=10,
+        reached_merged=True,
+        no_mission_total=65535,
+        unsupported=frozenset(
+            {
+                int(m.MAV_CMD_CONDITION_YAW),
+                int(m.MAV_CMD_DO_FENCE_ENABLE),
+                int(m.MAV_CMD_DO_SET_MISSION_CURRENT),
+            }
+        ),
+        takeoff_above_sea=True,
+        reposition_turns=True,
+        tells_remaining_time=True,
+    )

@@ -1,0 +1,163 @@
+"""Autopilots by name, found through the entry point group ``wbf_mission.autopilots``."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING
+
+from sim_vehicle.airframe.autopilot_names import (
+    AUTOPILOT_GROUP,
+    DEFAULT_AUTOPILOT,
+    NO_AUTOPILOT,
+    autopilot_names,
+)
+from sim_vehicle.airframe.parameters import check_parameters
+from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
+from sim_vehicle.autopilot.generic import GENERIC
+from sim_vehicle.autopilot.model import FixedWingProcedures
+from sim_vehicle.errors import VehicleError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.autopilot.model import FlightProcedures
+
+__all__ = [
+    "adapt_vehicle",
+    "firmware_of",
+    "fixed_wing_procedures",
+    "flight_procedures",
+    "forget_autopilots",
+    "get_autopilot",
+    "with_autopilot",
+]
+
+_NOT_INSTALLED = f"no package gives any in the entry points {AUTOPILOT_GROUP}: install wbf-mission again"
+
+
+def get_autopilot(name: str = DEFAULT_AUTOPILOT) -> Autopilot:
+    """Autopilot of that name; case does not matter.
+
+    Raises
+    ------
+    VehicleError
+        If there is no autopilot of that name, or its package does not give one.
+
+    Examples
+    --------
+    >>> get_autopilot("ardupilot").for_vehicle("fixed-wing").title
+    'ArduPlane'
+    """
+    return _load(name.strip().lower())
+
+
+@cache
+def _load(name: str) -> Autopilot:
+    entry = next((e for e in entry_points(group=AUTOPILOT_GROUP) if e.name.lower() == name), None)
+    if entry is None:
+        known = ", ".join(autopilot_names())
+        msg = f"unknown autopilot {name!r}: " + (f"choose {known}" if known else _NOT_INSTALLED)
+        raise VehicleError(msg)
+    try:
+        autopilot = entry.load()
+    except (ImportError, AttributeError) as error:
+        msg = f"autopilot {entry.name} ({entry.value}) cannot be loaded: {error}"
+        raise VehicleError(msg) from error
+    if not isinstance(autopilot, Autopilot):
+        msg = f"autopilot {entry.name} ({entry.value}) is no sim_vehicle.autopilot.autopilot.Autopilot"
+        raise VehicleError(msg)
+    if autopilot.name != entry.name:
+        msg = f"autopilot {entry.name} ({entry.value}) calls itself {autopilot.name}: the names must be equal"
+        raise VehicleError(msg)
+    return autopilot
+
+
+def forget_autopilots() -> None:
+    """Look the installed autopilots up again, after a package was installed while the program runs."""
+    autopilot_names.cache_clear()
+    _load.cache_clear()
+
+
+def firmware_of(spec: VehicleSpec) -> Firmware | None:
+    """Firmware whose procedures move a vehicle; None for a vehicle of no autopilot in particular.
+
+    There is no generic fixed wing or rover: the default autopilot's procedures move them.
+    """
+    if spec.is_ideal:
+        return None
+    if spec.autopilot != NO_AUTOPILOT:
+        return get_autopilot(spec.autopilot).for_vehicle(spec.kind)
+    return None if spec.kind == "multirotor" else get_autopilot().for_vehicle(spec.kind)
+
+
+def flight_procedures(spec: VehicleSpec) -> FlightProcedures:
+    """Procedures that move a vehicle."""
+    firmware = firmware_of(spec)
+    return GENERIC if firmware is None else firmware.procedures
+
+
+def fixed_wing_procedures(spec: VehicleSpec) -> FixedWingProcedures:
+    """Procedures that move a fixed wing.
+
+    Raises
+    ------
+    VehicleError
+        If the vehicle is none, or its autopilot's procedures are not those of a fixed wing.
+    """
+    procedures = flight_procedures(spec)
+    if not isinstance(procedures, FixedWingProcedures):
+        msg = f"vehicle {spec.name}: {procedures.name} has no procedures of a fixed wing for kind {spec.kind}"
+        raise VehicleError(msg)
+    return procedures
+
+
+def with_autopilot(
+    spec: VehicleSpec, name: str, parameters: Mapping[str, float] | None = None
+) -> VehicleSpec:
+    """Vehicle as an autopilot flies it, with further parameters of that autopilot.
+
+    The ideal vehicle has no autopilot and is returned as it is; a fixed wing or rover of no autopilot in
+    particular is flown as the default autopilot does it. The vehicle's own parameters of that autopilot hold
+    unless others are given.
+
+    Raises
+    ------
+    VehicleError
+        An unknown autopilot, one that does not fly such a vehicle, a parameter that it has not, a value
+        outside its range, or any parameter for the ideal vehicle.
+    """
+    if spec.is_ideal:
+        if parameters:
+            msg = (
+                f"vehicle {spec.name}: the ideal vehicle has no autopilot and no parameter "
+                f"{next(iter(parameters))}: leave the parameters out or choose another vehicle"
+            )
+            raise VehicleError(msg)
+        return spec
+    if name == NO_AUTOPILOT and spec.kind != "multirotor":
+        name = DEFAULT_AUTOPILOT
+    before = spec.parameters if spec.autopilot == name else ()
+    merged = {**dict(spec.parameters_for(name)), **dict(before), **(parameters or {})}
+    flown = replace(spec, autopilot=name, parameters=tuple(merged.items()))
+    procedures = flight_procedures(flown)
+    check_parameters(flown, procedures.parameters)
+    return procedures.fit(flown)
+
+
+def adapt_vehicle(spec: VehicleSpec, autopilot: Autopilot) -> VehicleSpec:
+    """Vehicle as it moves when ``autopilot`` shows itself to peers.
+
+    A multirotor stays as it is: its law of motion may be another autopilot's, or none's in particular.
+
+    Examples
+    --------
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
+    >>> adapt_vehicle(get_vehicle("wing"), get_autopilot("ardupilot")).autopilot
+    'ardupilot'
+    """
+    if spec.kind in ("multirotor", "ideal") or spec.autopilot == autopilot.name:
+        return spec
+    return with_autopilot(replace(spec, parameters=()), autopilot.name)

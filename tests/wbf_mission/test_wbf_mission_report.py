@@ -1,0 +1,164 @@
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from geo.farms import get_farm
+from sensors.fields import PAPER_FIELDS
+from sensors.observations import Observations
+from sensors.scoring.information import InformationModel
+from wbf_mission import plots
+from wbf_mission.blocks import MapGrid, sum_pixels, sum_squares
+from wbf_mission.report import farm_report, field_maps, gamma_interval, report_of_maps, true_map
+
+FARM = get_farm("miniberry-30")
+
+
+def look(cells, values):
+    """Return exact observations of cells."""
+    x, y = np.array(cells, np.int32).reshape(-1, 2).T
+    n = len(x)
+    return Observations(x, y, np.arange(n), np.full(n, 6), np.array(values, np.float32).reshape(n, 3))
+
+
+def model_of(value, uncertainty=0.1):
+    value = np.asarray(value, np.float32)
+    return InformationModel(value, np.full_like(value, uncertainty))
+
+
+def healthy():
+    value = np.ones((3, *FARM.grid().shape), np.float32)
+    value[2] = 0.5
+    return value
+
+
+@given(st.integers(1, 40), st.integers(1, 40), st.integers(1, 9), st.integers(0, 2**31))
+def test_sums_of_pixels_are_those_of_plain_loops(width, height, pixel, seed):
+    rng = np.random.default_rng(seed)
+    mask = rng.random((width, height)) < 0.6
+    value = rng.random((width, height), np.float32)
+    shape = -(-width // pixel), -(-height // pixel)
+    sums, least, squares = np.zeros((*shape, 4)), np.full(shape, np.inf), np.zeros(shape)
+    sum_pixels(mask, value, pixel, sums, least)
+    sum_squares(mask, value, pixel, squares)
+    for i in range(shape[0]):
+        for j in range(shape[1]):
+            part = (slice(i * pixel, (i + 1) * pixel), slice(j * pixel, (j + 1) * pixel))
+            v = value[part][mask[part]].astype(np.float64)
+            expected = [len(v), (1 - v).sum(), (v * (1 - v)).sum(), (v < 0.75).sum()]
+            np.testing.assert_allclose(sums[i, j], expected, atol=1e-9)
+            assert least[i, j] == v.min(initial=np.inf)
+            assert squares[i, j] == pytest.approx((v**2).sum())
+
+
+@pytest.mark.parametrize("name", ["miniberry-10", "miniberry-30", "miniberry-100", "waterberry"])
+def test_blocks_cover_the_farm_and_have_names_of_their_own(name):
+    farm = get_farm(name)
+    grid = MapGrid.of(farm)
+    columns, rows = grid.blocks
+    assert max(columns, rows) <= 24
+    assert (columns - 1) * grid.block < farm.width_cells <= columns * grid.block
+    assert (rows - 1) * grid.block < farm.height_cells <= rows * grid.block
+    names = {grid.name(i, j) for i in range(columns) for j in range(rows)}
+    assert len(names) == columns * rows
+    pixels = np.arange(np.prod(grid.pixels), dtype=float).reshape(grid.pixels)
+    by_block = grid.by_block(pixels)
+    assert by_block.shape == grid.blocks
+    assert by_block.sum() == pixels.sum()
+
+
+def test_sick_plants_that_were_seen_are_counted_and_the_others_expected():
+    tomato = np.argwhere(PAPER_FIELDS["tylcv"].mask(FARM.grid()))
+    seen = look(tomato[:4], [[0.5, 1, 0.5], [0.0, 1, 0.5], [1, 1, 0.5], [1, 1, 0.5]])
+    value = healthy()
+    x, y = tomato[10:20].T
+    value[0, x, y] = 0.4  # ten plants that are sick without doubt, by 0.6 each
+    report = farm_report(FARM, model_of(value), seen)
+    tylcv = report.fields[0]
+    assert (tylcv.name, tylcv.cells, tylcv.seen, tylcv.seen_sick) == ("tylcv", len(tomato), 4, 2)
+    # How far a sick plant lies below 1 is 0.6 before, and 0.5 and 1 were seen.
+    assert tylcv.expected * len(tomato) == pytest.approx(2 + 10 * 0.6 / ((6.0 + 1.5) / 12.0), rel=1e-5)
+    assert 2 / len(tomato) <= tylcv.low < tylcv.expected < tylcv.high < 1
+
+
+def test_probabilities_are_taken_as_they_are():
+    probabilities = np.zeros((3, *FARM.grid().shape), np.float32)
+    probabilities[0], probabilities[1] = 0.75, 0.25
+    report = farm_report(FARM, model_of(healthy()), look([], []), probabilities=lambda _: probabilities)
+    assert [field.expected for field in report.fields[:2]] == pytest.approx([0.25, 0.25])
+
+
+def test_the_worst_block_is_told_with_its_name_and_place():
+    grid = MapGrid.of(FARM)
+    value = healthy()
+    tomato = PAPER_FIELDS["tylcv"].mask(FARM.grid())
+    i, j = next(
+        (i, j)
+        for i in range(grid.blocks[0])
+        for j in range(grid.blocks[1])
+        if tomato[i * grid.block : (i + 1) * grid.block, j * grid.block : (j + 1) * grid.block].all()
+    )
+    value[0, i * grid.block : (i + 1) * grid.block, j * grid.block : (j + 1) * grid.block] = 0.0
+    report = farm_report(FARM, model_of(value), look([], []))
+    worst = report.fields[0].blocks[0]
+    assert worst.name == grid.name(i, j)
+    assert worst.expected == 1.0
+    x, y = FARM.frame.from_wgs84(worst.latitude_deg, worst.longitude_deg)
+    assert (x, y) == pytest.approx((worst.x_m, worst.y_m), abs=1e-3)
+    assert int(worst.x_m / FARM.cell_size_m) // grid.block == i
+    assert int(worst.y_m / FARM.cell_size_m) // grid.block == j
+    assert f"worst blocks {worst.name} (" in report.rows()["TYLCV (tomato)"]
+
+
+def test_without_a_standard_deviation_no_interval_is_claimed():
+    report = farm_report(FARM, model_of(healthy()), look([], []), states_deviation=False)
+    assert all(field.low is None and field.high is None for field in report.fields)
+    assert "90 %" not in " ".join(report.rows().values())
+
+
+def test_a_report_is_plain_values():
+    report = farm_report(FARM, model_of(healthy()), look([[3, 20]], [[0.5, 1, 0.3]]))
+    told = json.loads(json.dumps(report.to_dict()))
+    assert set(told["fields"]) == {"tylcv", "ccr", "soil"}
+    assert told["fields"]["soil"]["expected"] == pytest.approx(0.5)
+    assert told["fields"]["soil"]["low"] < 0.5 < told["fields"]["soil"]["high"]
+
+
+def test_the_last_reading_of_a_cell_counts():
+    cell = np.argwhere(PAPER_FIELDS["tylcv"].mask(FARM.grid()))[0]
+    seen = look([cell, cell], [[1.0, 1, 0.3], [0.5, 1, 0.3]])
+    assert farm_report(FARM, model_of(healthy()), seen).fields[0].seen_sick == 1
+    assert farm_report(FARM, model_of(healthy()), seen[:1]).fields[0].seen_sick == 0
+
+
+@given(st.floats(0, 1e6), st.floats(0, 1e6))
+def test_intervals_of_counts_are_not_negative_and_hold_the_mean(mean, variance):
+    low, high = gamma_interval(mean, variance)
+    assert 0.0 <= low <= high
+    assert low <= mean <= high
+    if mean > 1 and mean < variance < mean**2:
+        assert low < mean < high
+
+
+def test_true_maps_count_sick_plants():
+    truth = healthy()
+    mask = PAPER_FIELDS["ccr"].mask(FARM.grid())
+    x, y = np.argwhere(mask)[:7].T
+    truth[1, x, y] = 0.5
+    found = true_map(FARM, PAPER_FIELDS["ccr"], truth[1])
+    assert found.total.sum() == 7
+    assert found.cells.sum() == mask.sum()
+
+
+@pytest.mark.parametrize("states_deviation", [True, False])
+def test_every_field_has_a_sheet(tmp_path, states_deviation):
+    seen = look([[3, 20], [4, 21]], [[0.5, 0.0, 0.3], [1, 1, 0.4]])
+    maps = field_maps(FARM, model_of(healthy()), seen, states_deviation=states_deviation)
+    assert report_of_maps(FARM, maps).farm == FARM.name
+    flown = np.array([[0.0, 0.0], [5.0, 5.0]])
+    for k, one in enumerate(maps):
+        truth = true_map(FARM, one.field, healthy()[k]) if states_deviation else None
+        path = plots.plot_field(FARM, one, tmp_path / f"{k}.png", truth=truth, flown_m=flown, about="a test")
+        assert path.read_bytes().startswith(b"\x89PNG")

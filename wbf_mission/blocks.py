@@ -1,0 +1,145 @@
+"""Sums of a farm's cells by blocks, so that reports and pictures of millions of cells take no time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from geo import Farm
+
+Floats = NDArray[np.float64]
+
+SICK_BELOW = 0.75
+"""A value below this is nearer to infected or lost than to healthy."""
+CELL_BY_CELL = 240
+"""Farms of no more cells a side are shown cell by cell, larger ones in at most so many pixels a side."""
+_BLOCKS = 24
+_LEAST_BLOCK_CELLS = 5
+
+COUNT, ILLNESS, SPREAD, SICK = range(4)
+
+
+@dataclass(frozen=True, slots=True)
+class MapGrid:
+    """The blocks that a farm is told in: columns A, B, C, ... along x, rows 1, 2, 3, ... along y.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Width and height of the farm, cells.
+    cell_size_m : float
+        Side of a cell.
+    pixel : int
+        Side, in cells, of what a picture shows with one colour.
+    pixels_a_block : int
+        Pixels on a side of a block.
+
+    Examples
+    --------
+    >>> from geo.farms import get_farm
+    >>> grid = MapGrid.of(get_farm("waterberry"))
+    >>> grid.pixel, grid.block, grid.blocks, grid.name(1, 0), grid.name(27, 4)
+    (25, 250, (24, 20), 'B1', 'AB5')
+    """
+
+    shape: tuple[int, int]
+    cell_size_m: float
+    pixel: int
+    pixels_a_block: int
+
+    @classmethod
+    def of(cls, farm: Farm) -> MapGrid:
+        """Give the blocks of a farm: at most 24 along its longer side."""
+        longest = max(farm.width_cells, farm.height_cells)
+        pixel = -(-longest // CELL_BY_CELL)
+        side = max(-(-longest // (_BLOCKS * pixel)), -(-_LEAST_BLOCK_CELLS // pixel))
+        return cls((farm.width_cells, farm.height_cells), farm.cell_size_m, pixel, side)
+
+    @property
+    def block(self) -> int:
+        """Side of a block, cells."""
+        return self.pixel * self.pixels_a_block
+
+    @property
+    def pixels(self) -> tuple[int, int]:
+        """Number of pixels along x and y."""
+        return -(-self.shape[0] // self.pixel), -(-self.shape[1] // self.pixel)
+
+    @property
+    def blocks(self) -> tuple[int, int]:
+        """Number of blocks along x and y."""
+        return -(-self.shape[0] // self.block), -(-self.shape[1] // self.block)
+
+    @staticmethod
+    def name(column: int, row: int) -> str:
+        """Name a block as on a road map."""
+        letters = ""
+        column += 1
+        while column:
+            column, rest = divmod(column - 1, 26)
+            letters = chr(ord("A") + rest) + letters
+        return f"{letters}{row + 1}"
+
+    def by_block(self, pixels: Floats) -> Floats:
+        """Sum values of pixels, float64[pixels along x, y], over blocks."""
+        columns = np.arange(0, pixels.shape[0], self.pixels_a_block)
+        rows = np.arange(0, pixels.shape[1], self.pixels_a_block)
+        sums: Floats = np.add.reduceat(np.add.reduceat(pixels, columns, axis=0), rows, axis=1)
+        return sums
+
+
+@njit(cache=True, nogil=True)
+def sum_pixels(
+    mask: NDArray[np.bool_], value: NDArray[np.float32], pixel: int, sums: Floats, least: Floats
+) -> None:
+    """Sum values in 0..1 over the pixels of a farm.
+
+    Parameters
+    ----------
+    mask : bool[W, H]
+        The cells that count.
+    value : float32[W, H]
+    pixel : int
+        Side of a pixel, cells.
+    sums : float64[pixels along x, pixels along y, 4]
+        Added to: number of cells, sum of 1 - value, sum of value (1 - value), cells below `SICK_BELOW`.
+    least : float64[pixels along x, pixels along y]
+        Lowered to the least value of each pixel.
+    """
+    width, height = mask.shape
+    for x in range(width):
+        i = x // pixel
+        for j in range(sums.shape[1]):
+            count = illness = spread = sick = 0.0
+            low = least[i, j]
+            for y in range(j * pixel, min((j + 1) * pixel, height)):
+                if mask[x, y]:
+                    v = np.float64(value[x, y])
+                    count += 1.0
+                    illness += 1.0 - v
+                    spread += v * (1.0 - v)
+                    if v < SICK_BELOW:
+                        sick += 1.0
+                    low = min(low, v)
+            sums[i, j, 0] += count
+            sums[i, j, 1] += illness
+            sums[i, j, 2] += spread
+            sums[i, j, 3] += sick
+            least[i, j] = low
+
+
+@njit(cache=True, nogil=True)
+def sum_squares(mask: NDArray[np.bool_], deviation: NDArray[np.float32], pixel: int, sums: Floats) -> None:
+    """Add squares of float32[W, H] over the cells of a mask to float64[pixels along x, pixels along y]."""
+    width, height = mask.shape
+    for x in range(width):
+        for j in range(sums.shape[1]):
+            total = 0.0
+            for y in range(j * pixel, min((j + 1) * pixel, height)):
+                if mask[x, y]:
+                    d = np.float64(deviation[x, y])
+                    total += d * d
+            sums[x // pixel, j] += total

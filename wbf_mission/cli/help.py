@@ -1,0 +1,83 @@
+"""Help pages: options by panel, examples as they are typed.
+
+Plain text on purpose: drawing boxes around it would take longer than everything else that ``--help`` does.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from wbf_mission.exit_codes import ExitCode
+
+__all__ = ["HelpCommand", "HelpGroup"]
+
+_OPTIONS = "Options"
+
+
+def _write_options(command: Any, context: Any, formatter: Any) -> None:
+    """Write arguments first, then the options of each panel in the order in which the panels are met."""
+    sections: dict[str, list[tuple[str, str]]] = {}
+    for parameter in command.get_params(context):
+        record = parameter.get_help_record(context)
+        if record is not None:
+            is_argument = parameter.param_type_name == "argument"
+            panel = "Arguments" if is_argument else getattr(parameter, "rich_help_panel", None) or _OPTIONS
+            name, text = record
+            sections.setdefault(panel, []).append((name.replace(" range>", ">"), text))
+    last = sections.pop(_OPTIONS, None)  # --help and what belongs nowhere else
+    for title, rows in [*sections.items(), *([(_OPTIONS, last)] if last else [])]:
+        with formatter.section(title):
+            formatter.write_dl(rows)
+
+
+def _write_epilog(command: Any, formatter: Any) -> None:
+    """Write the first line as a heading and the others as they are, so that they can be copied."""
+    if command.epilog:
+        title, *lines = (line for line in command.epilog.splitlines() if line.strip())
+        with formatter.section(title):
+            for line in lines:
+                formatter.write(f"  {line}\n")
+
+
+class HelpCommand(TyperCommand):
+    """A command whose help shows its options by panel."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write arguments and options."""
+        _write_options(self, ctx, formatter)
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
+        """Write the examples."""
+        _write_epilog(self, formatter)
+
+
+class HelpGroup(TyperGroup):
+    """A group of commands whose help looks like theirs; without a command it shows that help."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the arguments; none at all: print the help and end with exit code 2."""
+        if not args and not ctx.resilient_parsing:
+            sys.stdout.write(ctx.get_help() + "\n")
+            raise typer.Exit(ExitCode.BAD_INPUT)
+        return super().parse_args(ctx, args)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write each command with its whole first sentence."""
+        commands = ((name, self.get_command(ctx, name)) for name in self.list_commands(ctx))
+        with formatter.section("Commands"):
+            formatter.write_dl(
+                [(name, one.get_short_help_str(limit=200)) for name, one in commands if one is not None]
+            )
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write the commands, then the options of the group itself."""
+        self.format_commands(ctx, formatter)
+        _write_options(self, ctx, formatter)
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
+        """Write what follows."""
+        _write_epilog(self, formatter)

@@ -1,0 +1,75 @@
+"""Where the vehicle was: its own fixes, its simulator's true positions, and how long it was in the air."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from geo.frame import LocalFrame
+from mission.link.codec.dialect import mavlink as m
+from wbf_mission.outcome import Track
+
+__all__ = ["TrackRecorder"]
+
+_GROUND_MM = 50
+_ON_GROUND = 1  # MAV_LANDED_STATE_ON_GROUND
+_Fix = tuple[float, int, int, int]  # ms, 1e-7 degree, 1e-7 degree, mm above home
+
+
+class TrackRecorder:
+    """Notes positions of one flight; it hears the vehicle's messages only.
+
+    Attributes
+    ----------
+    aloft_ms : int
+        Time of the vehicle's last fix in the air, milliseconds since it started; 0 before the first.
+    """
+
+    def __init__(self) -> None:
+        self.aloft_ms = 0
+        self._fixes: list[_Fix] = []
+        self._true_fixes: list[_Fix] = []
+        self._ground_mm: int | None = None
+        self._grounded = False
+
+    def on_position(self, message: Any, *, is_rover: bool) -> None:
+        """Note a GLOBAL_POSITION_INT of the flight."""
+        self._fixes.append((message.time_boot_ms, message.lat, message.lon, message.relative_alt))
+        off_ground = message.relative_alt > _GROUND_MM or is_rover
+        # From the first fix in the air until the vehicle tells that it has landed: it takes it a while.
+        if (off_ground or self.aloft_ms > 0) and not self._grounded:
+            self.aloft_ms = message.time_boot_ms
+
+    def on_landed_state(self, message: Any) -> None:
+        """Note an EXTENDED_SYS_STATE."""
+        self._grounded = message.landed_state == _ON_GROUND
+
+    def on_truth(self, message: Any, now_s: float, *, flying: bool) -> None:
+        """Note a HIL_STATE_QUATERNION or SIM_STATE; its height counts from where the vehicle stood first."""
+        if type(message).id == m.MAVLINK_MSG_ID_SIM_STATE:
+            latitude_e7, longitude_e7 = message.lat_int, message.lon_int
+            altitude_mm = round(1000.0 * message.alt)
+        else:
+            latitude_e7, longitude_e7, altitude_mm = message.lat, message.lon, message.alt
+        if self._ground_mm is None:
+            self._ground_mm = altitude_mm
+        if flying:
+            height_mm = altitude_mm - self._ground_mm
+            self._true_fixes.append((1000.0 * now_s, latitude_e7, longitude_e7, height_mm))
+
+    def track(self, frame: LocalFrame) -> Track:
+        """What was flown, in WGS84 and in `frame`."""
+        return _track(self._fixes, frame)
+
+    def true_track(self, frame: LocalFrame) -> Track | None:
+        """Where the vehicle truly was; None if its simulator did not tell."""
+        return _track(self._true_fixes, frame) if self._true_fixes else None
+
+
+def _track(fixes: Sequence[_Fix], frame: LocalFrame) -> Track:
+    rows = np.array(fixes, dtype=np.float64).reshape(-1, 4)
+    latitude, longitude = rows[:, 1] / 1e7, rows[:, 2] / 1e7
+    x_m, y_m = frame.from_wgs84(latitude, longitude)
+    return Track(rows[:, 0] / 1e3, latitude, longitude, rows[:, 3] / 1e3, x_m, y_m)

@@ -105,8 +105,9 @@ class ScoreHistory:
 
     @property
     def field_losses(self) -> NDArray[np.float64]:
-        """The mean loss a cell of each field, float64[c, 3]."""
-        return np.array([entry.field_loss for entry in self.entries], dtype=np.float64).reshape(-1, 3)
+        """The mean loss a cell of each field, float64[c, n]."""
+        losses = [entry.field_loss for entry in self.entries]
+        return np.array(losses, dtype=np.float64).reshape(len(losses), -1)
 
     @property
     def score(self) -> float | None:

@@ -18,7 +18,7 @@ from mission.files import read_mission, write_mission
 from mission.model import MissionType
 from mission.transfer.events import TransferStatistics
 from sensors.camera.wire import AssemblerStatistics
-from sensors.fields import FIELDS, PAPER_FIELDS
+from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import Score
@@ -63,6 +63,7 @@ class _Record(msgspec.Struct, forbid_unknown_fields=True):
     timings_s: dict[str, float]
     texts: list[tuple[float, int, str]]
     environment_cached: bool
+    fields: tuple[str, ...]
 
 
 def write_array(path: Path, array: NDArray[Any]) -> None:
@@ -77,7 +78,7 @@ def read_array(path: Path) -> NDArray[np.float32] | None:
         return None
     array: NDArray[np.float32] = np.load(path, mmap_mode="r", allow_pickle=False)
     if array.dtype != np.float32 or array.ndim != 3:
-        msg = f"{path}: {array.dtype}{list(array.shape)}, expected float32[fields, W, H]"
+        msg = f"{path}: {array.dtype}{list(array.shape)}, expected float32[n, W, H]"
         raise ResultError(msg)
     return array
 
@@ -134,7 +135,7 @@ def track_table(track: Track, true_track: Track | None) -> Any:
     return pa.table(dict(zip(names, columns, strict=True)))
 
 
-def history_table(history: ScoreHistory) -> Any:
+def history_table(history: ScoreHistory, fields: tuple[str, ...]) -> Any:
     """Return the scored times as a pyarrow table: time, observations, score, losses and errors by field."""
     import pyarrow as pa
 
@@ -145,7 +146,7 @@ def history_table(history: ScoreHistory) -> Any:
         "authors_axis_max": pa.array([one.authors_axis_max for one in history.entries], pa.float64()),
     }
     for what in _SCORE:
-        for number, field in enumerate(FIELDS):
+        for number, field in enumerate(fields):
             values = [getattr(one, what)[number] for one in history.entries]
             columns[f"{what.removeprefix('field_')}_{field}"] = pa.array(values, pa.float64())
     return pa.table(columns)
@@ -160,7 +161,7 @@ def write_result(result: Result, folder: Path) -> list[Path]:
     write_mission(result.plan.mission, written[3])
     result.observations.save(folder / "observations.parquet")
     write_table(folder / "track.parquet", track_table(result.track, result.true_track))
-    write_table(folder / "scores.parquet", history_table(result.history))
+    write_table(folder / "scores.parquet", history_table(result.history, result.observations.fields))
     written += [folder / f"{name}.parquet" for name in ("observations", "track", "scores")]
     if result.true_track is not None:
         write_table(folder / "true_track.parquet", track_table(result.true_track, None))
@@ -213,7 +214,7 @@ def read_result(folder: Path) -> Result:
     value, uncertainty = read_array(folder / "value.npy"), read_array(folder / "uncertainty.npy")
     model = None
     if value is not None and uncertainty is not None:
-        model = InformationModel(value, uncertainty)
+        model = InformationModel(value, uncertainty, fields=record.fields)
     true_track = folder / "true_track.parquet"
     return Result(
         scenario=scenario,
@@ -230,7 +231,7 @@ def read_result(folder: Path) -> Result:
         ],
         truth=read_array(folder / "truth.npy"),
         model=model,
-        history=_read_history(folder / "scores.parquet"),
+        history=_read_history(folder / "scores.parquet", record.fields),
         battery_used=record.battery_used,
         flight_time_s=record.flight_time_s,
         simulated_s=record.simulated_s,
@@ -269,6 +270,7 @@ def _record(result: Result) -> _Record:
         timings_s=result.timings_s,
         texts=[(time_s, int(severity), text) for time_s, severity, text in result.texts],
         environment_cached=result.environment_cached,
+        fields=result.observations.fields,
     )
 
 
@@ -305,17 +307,19 @@ def _read_track(path: Path) -> Track:
     return Track(*(table.column(name).to_numpy().astype(np.float64, copy=False) for name in _TRACK))
 
 
-def _read_history(path: Path) -> ScoreHistory:
-    names = [f"{what.removeprefix('field_')}_{field}" for what in _SCORE for field in FIELDS]
+def _read_history(path: Path, fields: tuple[str, ...]) -> ScoreHistory:
+    names = [f"{what.removeprefix('field_')}_{field}" for what in _SCORE for field in fields]
     table = _read_table(path, ("time_s", "observations", "score", "authors_axis_max", *names)).to_pydict()
     history = ScoreHistory(table["time_s"], table["observations"])
     for row in range(len(history.times_s)):
         by_field: dict[str, Any] = {
-            what: tuple(table[f"{what.removeprefix('field_')}_{field}"][row] for field in FIELDS)
+            what: tuple(table[f"{what.removeprefix('field_')}_{field}"][row] for field in fields)
             for what in _SCORE
         }
         axis_max = table["authors_axis_max"][row]
-        history.entries.append(Score(-table["score"][row], authors_axis_max=axis_max, **by_field))
+        history.entries.append(
+            Score(-table["score"][row], authors_axis_max=axis_max, fields=fields, **by_field)
+        )
     return history
 
 

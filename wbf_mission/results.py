@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,7 @@ import numpy as np
 from geo.atomic import atomic_path, atomic_write
 from mission.files import write_mission
 from sensors.fields import FIELDS
+from wbf_mission.arrays import write_array
 from wbf_mission.scenario import Scenario, ScenarioError
 
 if TYPE_CHECKING:
@@ -28,9 +30,9 @@ _FILES = (
     "flight.tlog",
     "observations.parquet",
     "track.csv",
-    "truth.npy",
-    "value.npy",
-    "uncertainty.npy",
+    "truth.zarr.zip",
+    "value.zarr.zip",
+    "uncertainty.zarr.zip",
     "scores.csv",
     "path.png",
     "score.png",
@@ -82,8 +84,8 @@ class RunFolder:
     ) -> list[Path]:
         """Write everything that the run has, and return the files.
 
-        ``plan.plan``, ``observations.parquet``, ``truth.npy``, ``value.npy`` and ``uncertainty.npy``
-        (float32[3, W, H] in the order tylcv, ccr, soil), ``track.csv`` (what was flown), ``scores.csv``,
+        ``plan.plan``, ``observations.parquet``, ``truth``, ``value`` and ``uncertainty`` (float32[3, W, H] in
+        the order tylcv, ccr, soil; `wbf_mission.arrays`), ``track.csv`` (what was flown), ``scores.csv``,
         ``summary.json`` and, with `plots`, the pictures.
         """
         written: list[Path] = []
@@ -92,21 +94,31 @@ class RunFolder:
             ("observations.parquet", result.observations.save),
             ("track.csv", lambda path: _write_track(result, path)),
         ]
-        if result.truth is not None:
-            jobs.append(("truth.npy", lambda path: _write_array(path, result.truth)))
+        arrays = {} if result.truth is None else {"truth.zarr.zip": result.truth}
         if result.model is not None:
-            model = result.model
-            jobs.append(("value.npy", lambda path: _write_array(path, model.value)))
-            jobs.append(("uncertainty.npy", lambda path: _write_array(path, model.uncertainty)))
+            arrays["value.zarr.zip"] = result.model.value
+            arrays["uncertainty.zarr.zip"] = result.model.uncertainty
             jobs.append(("scores.csv", lambda path: _write_scores(result, path)))
         jobs.insert(0, ("summary.json", lambda path: _write_summary(result, path)))
         if plots:
             jobs += _plot_jobs(result)
-        for number, (name, job) in enumerate(jobs):
-            if progress is not None:
-                progress("writing results", number, len(jobs))
-            job(self.path / name)
-            written.append(self.path / name)
+        # Compressing lets go of the interpreter's lock, so the pictures are drawn meanwhile.
+        with ThreadPoolExecutor(1) as pool:
+            writing = [
+                pool.submit(write_array, self.path / name, array, FIELDS) for name, array in arrays.items()
+            ]
+            try:
+                for number, (name, job) in enumerate(jobs):
+                    if progress is not None:
+                        progress("writing results", number, len(jobs))
+                    job(self.path / name)
+                    written.append(self.path / name)
+                for name, done in zip(arrays, writing, strict=True):
+                    done.result()
+                    written.append(self.path / name)
+            finally:
+                for done in writing:
+                    done.cancel()
         return written
 
 
@@ -133,11 +145,6 @@ def run_name(scenario: Scenario) -> str:
     if not rest:
         return name
     return f"{name}_{hashlib.sha256(msgspec.json.encode(sorted(rest.items()))).hexdigest()[:6]}"
-
-
-def _write_array(path: Path, array: Any) -> None:
-    with atomic_write(path, "wb") as stream:
-        np.save(stream, np.asarray(array, dtype=np.float32), allow_pickle=False)
 
 
 def _write_summary(result: FlightResult, path: Path) -> None:

@@ -14,6 +14,7 @@ from sensors.errors import EstimatorError
 from sensors.observations import Observations
 from sim_vehicle.host.simulation import Impairment
 from wbf_mission import flight as flight_module
+from wbf_mission.arrays import read_array
 from wbf_mission.estimation import RunEstimate
 from wbf_mission.flight import fly, make_environment
 from wbf_mission.outcome import Outcome
@@ -76,7 +77,7 @@ def test_the_run_folder_holds_what_others_read(tmp_path: Path) -> None:
     result = fly(QUAD, tlog=folder.tlog)
     written = folder.write(result)
     assert all(path.is_file() for path in written)
-    assert {path.suffix for path in written} == {".plan", ".parquet", ".csv", ".npy", ".png", ".json"}
+    assert {path.suffix for path in written} == {".plan", ".parquet", ".csv", ".zip", ".png", ".json"}
     assert not [path for path in folder.path.iterdir() if path.name.startswith(".")]
     summary = json.loads((folder.path / "summary.json").read_text())
     for key in (
@@ -100,7 +101,7 @@ def test_the_run_folder_holds_what_others_read(tmp_path: Path) -> None:
     assert summary["outcome"] == "completed"
     assert len(Observations.load(folder.path / "observations.parquet")) == summary["observations"]
     assert len(read_mission(folder.path / "plan.plan").items) == len(result.plan.mission.items)
-    assert np.load(folder.path / "value.npy").shape == (3, 30, 30)
+    assert read_array(folder.path / "value.zarr.zip", (3, 30, 30)).shape == (3, 30, 30)
     kinds = {message.get_type() for _, message in read_tlog(folder.tlog)}
     assert {"HEARTBEAT", "MISSION_ITEM_INT", "GLOBAL_POSITION_INT", "CAMERA_IMAGE_CAPTURED"} <= kinds
     assert {"DEBUG_FLOAT_ARRAY", "BATTERY_STATUS", "COMMAND_ACK"} <= kinds

@@ -20,7 +20,7 @@ from sensors.environment import Environment
 from sensors.environment.cache import EnvironmentCache
 from sensors.errors import EstimatorError
 from sensors.estimators import Estimator, make_estimator
-from sensors.fields import relevance_masks
+from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import RunningScore
 from sim_vehicle.autopilot import get_autopilot
@@ -210,7 +210,7 @@ class _Run:
         )
         self.estimator = estimator.fit(grid)
         self.estimate = RunEstimate(
-            estimator, RunningScore(truth, relevance_masks(grid)), self._score_every()
+            estimator, RunningScore(truth, PAPER_FIELDS.masks(grid)), self._score_every()
         )
         self.parts: list[Observations] = []
         self.simulation: Simulation | None = None

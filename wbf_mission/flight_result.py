@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from geo import Farm
 from sensors.camera.wire import AssemblerStatistics
-from sensors.fields import FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from wbf_mission.estimation import ScoreHistory
@@ -112,9 +111,9 @@ class FlightResult:
             "score": self.history.score,
             "final_score": final.score if final else None,
             "scored_times": len(self.history.entries),
-            "losses": dict(zip(FIELDS, final.field_loss, strict=True)) if final else dict.fromkeys(FIELDS),
-            "rmse": dict(zip(FIELDS, final.field_rmse, strict=True)) if final else dict.fromkeys(FIELDS),
-            "mae": dict(zip(FIELDS, final.field_mae, strict=True)) if final else dict.fromkeys(FIELDS),
+            "losses": _by_field(seen.fields, final.field_loss if final else None),
+            "rmse": _by_field(seen.fields, final.field_rmse if final else None),
+            "mae": _by_field(seen.fields, final.field_mae if final else None),
             "authors_axis_max": final.authors_axis_max if final else None,
             "report": report.to_dict() if report is not None else None,
             "observations": len(seen),
@@ -145,6 +144,10 @@ class FlightResult:
             return None
         error_m = self.track.distance_m(self.true_track)
         return {"rms": float(np.sqrt(np.mean(error_m**2))), "max": float(error_m.max())}
+
+
+def _by_field(names: tuple[str, ...], values: tuple[float, ...] | None) -> dict[str, float | None]:
+    return dict.fromkeys(names) if values is None else dict(zip(names, values, strict=True))
 
 
 def _transfer_summary(transfers: list[Any]) -> dict[str, Any]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from geo.atomic import atomic_path, atomic_write
 from mission.files import write_mission
-from sensors.fields import FIELDS
+from sensors.fields import PAPER_FIELDS
 from wbf_mission.arrays import write_array
 from wbf_mission.scenario import Scenario, ScenarioError
 
@@ -36,7 +36,7 @@ _FILES = (
     "scores.csv",
     "path.png",
     "score.png",
-    *(f"field_{field}.png" for field in FIELDS),
+    *(f"field_{field}.png" for field in PAPER_FIELDS.names),
 )
 
 
@@ -105,7 +105,8 @@ class RunFolder:
         # Compressing lets go of the interpreter's lock, so the pictures are drawn meanwhile.
         with ThreadPoolExecutor(1) as pool:
             writing = [
-                pool.submit(write_array, self.path / name, array, FIELDS) for name, array in arrays.items()
+                pool.submit(write_array, self.path / name, array, PAPER_FIELDS.names)
+                for name, array in arrays.items()
             ]
             try:
                 for number, (name, job) in enumerate(jobs):
@@ -174,7 +175,7 @@ def _write_track(result: FlightResult, path: Path) -> None:
 
 def _write_scores(result: FlightResult, path: Path) -> None:
     history = result.history
-    names = [f"loss_{field}" for field in FIELDS]
+    names = [f"loss_{field}" for field in PAPER_FIELDS.names]
     header = ",".join(["time_s", "observations", "score", *names])
     columns = [history.times_s, history.observations, history.scores, *history.field_losses.T]
     _write_csv(path, header, columns, "%.9g")

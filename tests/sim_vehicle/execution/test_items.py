@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from geo.frame import LocalFrame
@@ -268,6 +268,10 @@ def test_a_pause_at_any_moment_loses_nothing(when_s, how, seq):
 
 @settings(max_examples=20, deadline=None)
 @given(st.floats(1.0, 60.0), st.integers(0, 3))
+@example(6.6, 3)
+@example(34.7, 3)
+@example(35.0, 3)
+@example(35.2, 3)
 def test_a_mission_changed_in_flight_goes_on(when_s, current):
     vehicle = MissionExecutor(QUAD, HOME)
     vehicle.load(SQUARE)

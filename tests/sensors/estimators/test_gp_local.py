@@ -17,7 +17,7 @@ from sensors.estimators.gp.posterior_exact import ExactPosterior
 from sensors.estimators.gp.rbf import RbfKernel
 from sensors.estimators.gp.threads import in_parallel
 from sensors.estimators.gp.write import POINTS, lagrange_weights
-from sensors.fields import relevance_masks
+from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import RunningScore
 from sensors.scoring.tiles import TILE_CELLS
@@ -275,13 +275,13 @@ def test_a_local_model_tells_field_by_field_what_changed_and_the_score_follows()
     grid = get_farm("miniberry-100").grid()
     truth = np.ones((3, *grid.shape), np.float32)
     estimator = GaussianProcessEstimator(method="local", learn_from="model").fit(grid)
-    running = RunningScore(truth, relevance_masks(grid))
+    running = RunningScore(truth, PAPER_FIELDS.masks(grid))
     rng = np.random.default_rng(3)
     for _ in range(4):
         x, y = rng.integers(0, 40, (2, 30))
         seen = Observations(x, y, np.arange(30.0), np.full(30, 6), rng.choice([0.5, 1.0], (30, 3)))
         model = estimator.partial_fit(seen).predict()
-        fresh = RunningScore(truth, relevance_masks(grid)).evaluate(model.value)
+        fresh = RunningScore(truth, PAPER_FIELDS.masks(grid)).evaluate(model.value)
         assert running.add(model) == fresh
     assert model.changed.shape == (3, 2, 2)
     assert not model.changed_in(0)[1, 1]  # far from what was seen

@@ -15,9 +15,9 @@ def names_of(kind: str) -> tuple[str, ...]:
         return _entry_points("wbf_mission.planners")
     if kind == "estimator":
         return _entry_points("wbf_mission.estimators")
-    from sim_vehicle.airframe.catalog import packaged_names
+    from sim_vehicle.airframe.catalog import vehicle_names
 
-    return packaged_names()
+    return vehicle_names()
 
 
 def _entry_points(group: str) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from sim_vehicle.autopilot.model import Setting, setting
+from sim_vehicle.airframe.parameters import ParameterSpec, parameter_value
 from sim_vehicle.motion.legs import KEEP, Circle, Leg, LegKind
 
 if TYPE_CHECKING:
@@ -34,80 +34,84 @@ _THROW_SHARE = 0.85
 _APPROACH_M = 30.0
 _ARDUPILOT_ROLL_RATE = 75.0
 
-PX4_SETTINGS: Mapping[str, Setting] = MappingProxyType(
+PX4_PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
     {
-        "FW_AIRSPD_MAX": Setting(20.0, 0.5, 100.0, "m/s", "greatest airspeed"),
-        "FW_AIRSPD_MIN": Setting(10.0, 0.5, 100.0, "m/s", "least airspeed"),
-        "FW_AIRSPD_TRIM": Setting(15.0, 0.5, 100.0, "m/s", "cruise airspeed"),
-        "FW_GND_SPD_MIN": Setting(5.0, 0.0, 40.0, "m/s", "least ground speed"),
-        "FW_LND_AIRSPD": Setting(-1.0, -1.0, 100.0, "m/s", "landing airspeed"),
-        "FW_LND_ANG": Setting(5.0, 1.0, 45.0, "deg", "steepest landing slope"),
-        "FW_LND_FLALT": Setting(0.5, 0.0, 100.0, "m", "flare height"),
-        "FW_LND_FL_SINK": Setting(0.25, 0.0, 2.0, "m/s", "sink rate in the flare"),
-        "FW_LND_FL_TIME": Setting(1.0, 0.1, 5.0, "s", "flare time"),
-        "FW_PN_R_SLEW_MAX": Setting(90.0, 0.0, 1000.0, "deg/s", "rate of the bank set-point"),
-        "FW_R_LIM": Setting(50.0, 35.0, 75.0, "deg", "greatest bank"),
-        "FW_R_RMAX": Setting(70.0, 0.0, 1000.0, "deg/s", "greatest roll rate"),
-        "FW_R_TC": Setting(0.4, 0.2, 1.0, "s", "time constant of the roll"),
-        "FW_TKO_AIRSPD": Setting(-1.0, -1.0, 100.0, "m/s", "take-off airspeed"),
-        "FW_T_ALT_TC": Setting(5.0, 2.0, 100.0, "s", "time constant of the height"),
-        "FW_T_CLMB_MAX": Setting(5.0, 1.0, 15.0, "m/s", "climb rate at full throttle"),
-        "FW_T_CLMB_R_SP": Setting(3.0, 0.1, 15.0, "m/s", "climb rate"),
-        "FW_T_SINK_MAX": Setting(5.0, 1.0, 15.0, "m/s", "greatest sink rate"),
-        "FW_T_SINK_MIN": Setting(2.0, 1.0, 5.0, "m/s", "sink rate without throttle"),
-        "FW_T_SINK_R_SP": Setting(2.0, 0.1, 15.0, "m/s", "sink rate"),
-        "FW_T_TAS_TC": Setting(5.0, 2.0, 100.0, "s", "time constant of the airspeed"),
-        "FW_T_VERT_ACC": Setting(7.0, 1.0, 10.0, "m/s^2", "vertical acceleration"),
-        "MIS_TAKEOFF_ALT": Setting(30.0, 0.0, 500.0, "m", "take-off height"),
-        "NAV_ACC_RAD": Setting(10.0, 0.05, 200.0, "m", "least acceptance radius"),
-        "NAV_FW_ALT_RAD": Setting(10.0, 0.05, 200.0, "m", "tolerance of heights"),
-        "NAV_LOITER_RAD": Setting(80.0, -1000.0, 1000.0, "m", "radius of circles, positive clockwise"),
-        "NPFG_DAMPING": Setting(0.7, 0.1, 1.0, "", "damping of the path guidance"),
-        "NPFG_PERIOD": Setting(10.0, 1.0, 100.0, "s", "period of the path guidance"),
-        "NPFG_SW_DST_MLT": Setting(0.32, 0.1, 1.0, "", "share of the track error bound to turn at"),
-        "RTL_DESCEND_ALT": Setting(100.0, 0.0, 500.0, "m", "height of the circle over home"),
-        "RTL_LAND_DELAY": Setting(-1.0, -1.0, 3600.0, "s", "circling over home before landing, -1 for ever"),
-        "RTL_LOITER_RAD": Setting(80.0, 25.0, 1000.0, "m", "radius of the circle over home"),
-        "RTL_RETURN_ALT": Setting(100.0, 0.0, 500.0, "m", "height of the way home"),
-        "RTL_TYPE": Setting(0.0, 0.0, 5.0, "", "1, 2: land as the mission does", integer=True),
-        "RWTO_TKOFF": Setting(0.0, 0.0, 1.0, "", "take-off from a runway", integer=True),
-        "RWTO_ROT_AIRSPD": Setting(-1.0, -1.0, 100.0, "m/s", "airspeed at which the ground is left"),
+        "FW_AIRSPD_MAX": ParameterSpec(20.0, 0.5, 100.0, "m/s", "greatest airspeed"),
+        "FW_AIRSPD_MIN": ParameterSpec(10.0, 0.5, 100.0, "m/s", "least airspeed"),
+        "FW_AIRSPD_TRIM": ParameterSpec(15.0, 0.5, 100.0, "m/s", "cruise airspeed"),
+        "FW_GND_SPD_MIN": ParameterSpec(5.0, 0.0, 40.0, "m/s", "least ground speed"),
+        "FW_LND_AIRSPD": ParameterSpec(-1.0, -1.0, 100.0, "m/s", "landing airspeed"),
+        "FW_LND_ANG": ParameterSpec(5.0, 1.0, 45.0, "deg", "steepest landing slope"),
+        "FW_LND_FLALT": ParameterSpec(0.5, 0.0, 100.0, "m", "flare height"),
+        "FW_LND_FL_SINK": ParameterSpec(0.25, 0.0, 2.0, "m/s", "sink rate in the flare"),
+        "FW_LND_FL_TIME": ParameterSpec(1.0, 0.1, 5.0, "s", "flare time"),
+        "FW_PN_R_SLEW_MAX": ParameterSpec(90.0, 0.0, 1000.0, "deg/s", "rate of the bank set-point"),
+        "FW_R_LIM": ParameterSpec(50.0, 35.0, 75.0, "deg", "greatest bank"),
+        "FW_R_RMAX": ParameterSpec(70.0, 0.0, 1000.0, "deg/s", "greatest roll rate"),
+        "FW_R_TC": ParameterSpec(0.4, 0.2, 1.0, "s", "time constant of the roll"),
+        "FW_TKO_AIRSPD": ParameterSpec(-1.0, -1.0, 100.0, "m/s", "take-off airspeed"),
+        "FW_T_ALT_TC": ParameterSpec(5.0, 2.0, 100.0, "s", "time constant of the height"),
+        "FW_T_CLMB_MAX": ParameterSpec(5.0, 1.0, 15.0, "m/s", "climb rate at full throttle"),
+        "FW_T_CLMB_R_SP": ParameterSpec(3.0, 0.1, 15.0, "m/s", "climb rate"),
+        "FW_T_SINK_MAX": ParameterSpec(5.0, 1.0, 15.0, "m/s", "greatest sink rate"),
+        "FW_T_SINK_MIN": ParameterSpec(2.0, 1.0, 5.0, "m/s", "sink rate without throttle"),
+        "FW_T_SINK_R_SP": ParameterSpec(2.0, 0.1, 15.0, "m/s", "sink rate"),
+        "FW_T_TAS_TC": ParameterSpec(5.0, 2.0, 100.0, "s", "time constant of the airspeed"),
+        "FW_T_VERT_ACC": ParameterSpec(7.0, 1.0, 10.0, "m/s^2", "vertical acceleration"),
+        "MIS_TAKEOFF_ALT": ParameterSpec(30.0, 0.0, 500.0, "m", "take-off height"),
+        "NAV_ACC_RAD": ParameterSpec(10.0, 0.05, 200.0, "m", "least acceptance radius"),
+        "NAV_FW_ALT_RAD": ParameterSpec(10.0, 0.05, 200.0, "m", "tolerance of heights"),
+        "NAV_LOITER_RAD": ParameterSpec(80.0, -1000.0, 1000.0, "m", "radius of circles, positive clockwise"),
+        "NPFG_DAMPING": ParameterSpec(0.7, 0.1, 1.0, "", "damping of the path guidance"),
+        "NPFG_PERIOD": ParameterSpec(10.0, 1.0, 100.0, "s", "period of the path guidance"),
+        "NPFG_SW_DST_MLT": ParameterSpec(0.32, 0.1, 1.0, "", "share of the track error bound to turn at"),
+        "RTL_DESCEND_ALT": ParameterSpec(100.0, 0.0, 500.0, "m", "height of the circle over home"),
+        "RTL_LAND_DELAY": ParameterSpec(
+            -1.0, -1.0, 3600.0, "s", "circling over home before landing, -1 for ever"
+        ),
+        "RTL_LOITER_RAD": ParameterSpec(80.0, 25.0, 1000.0, "m", "radius of the circle over home"),
+        "RTL_RETURN_ALT": ParameterSpec(100.0, 0.0, 500.0, "m", "height of the way home"),
+        "RTL_TYPE": ParameterSpec(0.0, 0.0, 5.0, "", "1, 2: land as the mission does", integer=True),
+        "RWTO_TKOFF": ParameterSpec(0.0, 0.0, 1.0, "", "take-off from a runway", integer=True),
+        "RWTO_ROT_AIRSPD": ParameterSpec(-1.0, -1.0, 100.0, "m/s", "airspeed at which the ground is left"),
     }
 )
-ARDUPILOT_SETTINGS: Mapping[str, Setting] = MappingProxyType(
+ARDUPILOT_PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
     {
-        "AIRSPEED_CRUISE": Setting(12.0, 1.0, 100.0, "m/s", "cruise airspeed"),
-        "AIRSPEED_MAX": Setting(22.0, 5.0, 100.0, "m/s", "greatest airspeed"),
-        "AIRSPEED_MIN": Setting(9.0, 5.0, 100.0, "m/s", "least airspeed"),
-        "LAND_FLARE_ALT": Setting(3.0, 0.0, 30.0, "m", "flare height"),
-        "LAND_FLARE_SEC": Setting(2.0, 0.0, 10.0, "s", "flare time"),
-        "LEVEL_ROLL_LIMIT": Setting(5.0, 0.0, 45.0, "deg", "bank near the ground", integer=True),
-        "MIN_GROUNDSPEED": Setting(0.0, 0.0, 100.0, "m/s", "least ground speed"),
-        "NAVL1_DAMPING": Setting(0.75, 0.6, 1.0, "", "damping of L1"),
-        "NAVL1_PERIOD": Setting(17.0, 1.0, 60.0, "s", "period of L1"),
-        "NAVL1_XTRACK_I": Setting(0.02, 0.0, 0.1, "", "integral of the cross-track angle"),
-        "RLL2SRV_RMAX": Setting(0.0, 0.0, 180.0, "deg/s", "greatest roll rate, 0 for none", integer=True),
-        "RLL2SRV_TCONST": Setting(0.5, 0.4, 1.0, "s", "time constant of the roll"),
-        "ROLL_LIMIT_DEG": Setting(45.0, 0.0, 90.0, "deg", "greatest bank"),
-        "RTL_ALTITUDE": Setting(100.0, -1.0, 5000.0, "m", "height of the return, -1 keeps the height"),
-        "RTL_AUTOLAND": Setting(0.0, 0.0, 4.0, "", "1, 2: land as the mission does", integer=True),
-        "RTL_RADIUS": Setting(
+        "AIRSPEED_CRUISE": ParameterSpec(12.0, 1.0, 100.0, "m/s", "cruise airspeed"),
+        "AIRSPEED_MAX": ParameterSpec(22.0, 5.0, 100.0, "m/s", "greatest airspeed"),
+        "AIRSPEED_MIN": ParameterSpec(9.0, 5.0, 100.0, "m/s", "least airspeed"),
+        "LAND_FLARE_ALT": ParameterSpec(3.0, 0.0, 30.0, "m", "flare height"),
+        "LAND_FLARE_SEC": ParameterSpec(2.0, 0.0, 10.0, "s", "flare time"),
+        "LEVEL_ROLL_LIMIT": ParameterSpec(5.0, 0.0, 45.0, "deg", "bank near the ground", integer=True),
+        "MIN_GROUNDSPEED": ParameterSpec(0.0, 0.0, 100.0, "m/s", "least ground speed"),
+        "NAVL1_DAMPING": ParameterSpec(0.75, 0.6, 1.0, "", "damping of L1"),
+        "NAVL1_PERIOD": ParameterSpec(17.0, 1.0, 60.0, "s", "period of L1"),
+        "NAVL1_XTRACK_I": ParameterSpec(0.02, 0.0, 0.1, "", "integral of the cross-track angle"),
+        "RLL2SRV_RMAX": ParameterSpec(
+            0.0, 0.0, 180.0, "deg/s", "greatest roll rate, 0 for none", integer=True
+        ),
+        "RLL2SRV_TCONST": ParameterSpec(0.5, 0.4, 1.0, "s", "time constant of the roll"),
+        "ROLL_LIMIT_DEG": ParameterSpec(45.0, 0.0, 90.0, "deg", "greatest bank"),
+        "RTL_ALTITUDE": ParameterSpec(100.0, -1.0, 5000.0, "m", "height of the return, -1 keeps the height"),
+        "RTL_AUTOLAND": ParameterSpec(0.0, 0.0, 4.0, "", "1, 2: land as the mission does", integer=True),
+        "RTL_RADIUS": ParameterSpec(
             0.0, -32767.0, 32767.0, "m", "radius over home, 0: WP_LOITER_RAD", integer=True
         ),
-        "TECS_CLMB_MAX": Setting(5.0, 0.1, 20.0, "m/s", "climb rate at full throttle"),
-        "TECS_LAND_ARSPD": Setting(-1.0, -1.0, 127.0, "m/s", "landing airspeed"),
-        "TECS_LAND_SINK": Setting(0.25, 0.0, 2.0, "m/s", "sink rate in the flare"),
-        "TECS_SINK_MAX": Setting(5.0, 0.0, 20.0, "m/s", "greatest sink rate"),
-        "TECS_SINK_MIN": Setting(2.0, 0.1, 10.0, "m/s", "sink rate without throttle"),
-        "TECS_TIME_CONST": Setting(5.0, 3.0, 10.0, "s", "time constant of height and airspeed"),
-        "TECS_VERT_ACC": Setting(7.0, 1.0, 10.0, "m/s^2", "vertical acceleration"),
-        "TKOFF_ALT": Setting(50.0, 0.0, 200.0, "m", "take-off height"),
-        "TKOFF_LVL_ALT": Setting(10.0, 0.0, 50.0, "m", "height up to which the wings stay level"),
-        "TKOFF_ROTATE_SPD": Setting(0.0, 0.0, 100.0, "m/s", "airspeed at which a runway is left"),
-        "WP_LOITER_RAD": Setting(
+        "TECS_CLMB_MAX": ParameterSpec(5.0, 0.1, 20.0, "m/s", "climb rate at full throttle"),
+        "TECS_LAND_ARSPD": ParameterSpec(-1.0, -1.0, 127.0, "m/s", "landing airspeed"),
+        "TECS_LAND_SINK": ParameterSpec(0.25, 0.0, 2.0, "m/s", "sink rate in the flare"),
+        "TECS_SINK_MAX": ParameterSpec(5.0, 0.0, 20.0, "m/s", "greatest sink rate"),
+        "TECS_SINK_MIN": ParameterSpec(2.0, 0.1, 10.0, "m/s", "sink rate without throttle"),
+        "TECS_TIME_CONST": ParameterSpec(5.0, 3.0, 10.0, "s", "time constant of height and airspeed"),
+        "TECS_VERT_ACC": ParameterSpec(7.0, 1.0, 10.0, "m/s^2", "vertical acceleration"),
+        "TKOFF_ALT": ParameterSpec(50.0, 0.0, 200.0, "m", "take-off height"),
+        "TKOFF_LVL_ALT": ParameterSpec(10.0, 0.0, 50.0, "m", "height up to which the wings stay level"),
+        "TKOFF_ROTATE_SPD": ParameterSpec(0.0, 0.0, 100.0, "m/s", "airspeed at which a runway is left"),
+        "WP_LOITER_RAD": ParameterSpec(
             60.0, -32767.0, 32767.0, "m", "radius of circles, positive clockwise", integer=True
         ),
-        "WP_RADIUS": Setting(90.0, 1.0, 32767.0, "m", "acceptance radius", integer=True),
+        "WP_RADIUS": ParameterSpec(90.0, 1.0, 32767.0, "m", "acceptance radius", integer=True),
     }
 )
 
@@ -125,10 +129,10 @@ class Plane:
         self.name = "ardupilot" if ardupilot else "px4"
         self.ardupilot = ardupilot
         self.placed_land_start = ardupilot
-        self.settings: Mapping[str, Setting] = ARDUPILOT_SETTINGS if ardupilot else PX4_SETTINGS
+        self.parameters: Mapping[str, ParameterSpec] = ARDUPILOT_PARAMETERS if ardupilot else PX4_PARAMETERS
 
     def _of(self, spec: VehicleSpec, name: str) -> float:
-        return setting(spec, name, self.settings)
+        return parameter_value(spec, name, self.parameters)
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
         """Return the vehicle with what parameters decide of its values."""
@@ -158,7 +162,7 @@ class Plane:
         from sim_vehicle.motion.fixed_wing.guidance import NPFG
         from sim_vehicle.motion.fixed_wing.model import WingLimits
 
-        value = {name: self._of(spec, name) for name in self.settings}
+        value = {name: self._of(spec, name) for name in self.parameters}
         least, trim, most = _ordered(value["FW_AIRSPD_MIN"], value["FW_AIRSPD_TRIM"], value["FW_AIRSPD_MAX"])
         takeoff = value["FW_TKO_AIRSPD"] if value["FW_TKO_AIRSPD"] > 0.0 else least
         runway = value["RWTO_TKOFF"] > 0.0
@@ -206,7 +210,7 @@ class Plane:
         from sim_vehicle.motion.fixed_wing.guidance import L1
         from sim_vehicle.motion.fixed_wing.model import WingLimits
 
-        value = {name: self._of(spec, name) for name in self.settings}
+        value = {name: self._of(spec, name) for name in self.parameters}
         least, trim, most = _ordered(value["AIRSPEED_MIN"], value["AIRSPEED_CRUISE"], value["AIRSPEED_MAX"])
         rotation = value["TKOFF_ROTATE_SPD"]
         landing = value["TECS_LAND_ARSPD"]

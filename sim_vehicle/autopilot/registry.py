@@ -13,9 +13,10 @@ from sim_vehicle.airframe.autopilot_names import (
     NO_AUTOPILOT,
     autopilot_names,
 )
+from sim_vehicle.airframe.parameters import check_parameters
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.generic import GENERIC
-from sim_vehicle.autopilot.model import FixedWingProcedures, check_settings
+from sim_vehicle.autopilot.model import FixedWingProcedures
 from sim_vehicle.errors import VehicleError
 
 if TYPE_CHECKING:
@@ -142,7 +143,7 @@ def with_autopilot(
     merged = {**dict(spec.parameters_for(name)), **dict(before), **(parameters or {})}
     flown = replace(spec, autopilot=name, parameters=tuple(merged.items()))
     procedures = flight_procedures(flown)
-    check_settings(flown, procedures.settings)
+    check_parameters(flown, procedures.parameters)
     return procedures.fit(flown)
 
 
@@ -153,7 +154,7 @@ def adapt_vehicle(spec: VehicleSpec, autopilot: Autopilot) -> VehicleSpec:
 
     Examples
     --------
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> adapt_vehicle(get_vehicle("wing"), get_autopilot("ardupilot")).autopilot
     'ardupilot'
     """

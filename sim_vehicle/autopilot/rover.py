@@ -12,7 +12,8 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from sim_vehicle.autopilot.model import Setting, setting
+from sim_vehicle.airframe.parameters import ParameterSpec, parameter_value
+from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion.legs import Leg, LegKind
 
 if TYPE_CHECKING:
@@ -26,44 +27,49 @@ if TYPE_CHECKING:
 
 _DIFFERENTIAL = 6.0
 _SKID = 73.0
-_GRAVITY = 9.80665
-_GRIP_M_S2 = 0.4 * _GRAVITY
+_GRIP_M_S2 = 0.4 * GRAVITY_M_S2
 # Rover's target goes round corners on its own; the vehicle follows it this near.
 _FOLLOWS_M = 0.3
 
-PX4_SETTINGS: Mapping[str, Setting] = MappingProxyType(
+PX4_PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
     {
-        "CA_AIRFRAME": Setting(5.0, 5.0, 6.0, "", "5 Ackermann, 6 differential", integer=True),
-        "NAV_ACC_RAD": Setting(0.5, 0.05, 200.0, "m", "least acceptance radius"),
-        "PP_LOOKAHD_GAIN": Setting(1.0, 0.1, 100.0, "s", "look-ahead over speed"),
-        "PP_LOOKAHD_MAX": Setting(10.0, 0.1, 100.0, "m", "greatest look-ahead"),
-        "PP_LOOKAHD_MIN": Setting(1.0, 0.1, 100.0, "m", "least look-ahead"),
-        "RA_ACC_RAD_GAIN": Setting(2.0, 1.0, 100.0, "", "corner cutting"),
-        "RA_ACC_RAD_MAX": Setting(3.0, -1.0, 100.0, "m", "greatest acceptance radius, -1 cuts no corner"),
-        "RA_MAX_STR_ANG": Setting(0.5236, 0.1, 1.5, "rad", "greatest steering angle"),
-        "RA_WHEEL_BASE": Setting(0.5, 0.001, 100.0, "m", "wheel base"),
-        "RD_TRANS_DRV_TRN": Setting(0.174533, 0.001, 3.14159, "rad", "error at which it turns on the spot"),
-        "RD_TRANS_TRN_DRV": Setting(0.0872665, 0.001, 3.14159, "rad", "error at which it drives on"),
-        "RO_ACCEL_LIM": Setting(-1.0, -1.0, 100.0, "m/s^2", "acceleration, -1: the vehicle's"),
-        "RO_DECEL_LIM": Setting(-1.0, -1.0, 100.0, "m/s^2", "deceleration, -1: the vehicle's"),
-        "RO_SPEED_LIM": Setting(-1.0, -1.0, 100.0, "m/s", "speed, -1: the vehicle's"),
-        "RO_YAW_RATE_LIM": Setting(0.0, 0.0, 10000.0, "deg/s", "rate of turning, 0: the vehicle's"),
+        "CA_AIRFRAME": ParameterSpec(5.0, 5.0, 6.0, "", "5 Ackermann, 6 differential", integer=True),
+        "NAV_ACC_RAD": ParameterSpec(0.5, 0.05, 200.0, "m", "least acceptance radius"),
+        "PP_LOOKAHD_GAIN": ParameterSpec(1.0, 0.1, 100.0, "s", "look-ahead over speed"),
+        "PP_LOOKAHD_MAX": ParameterSpec(10.0, 0.1, 100.0, "m", "greatest look-ahead"),
+        "PP_LOOKAHD_MIN": ParameterSpec(1.0, 0.1, 100.0, "m", "least look-ahead"),
+        "RA_ACC_RAD_GAIN": ParameterSpec(2.0, 1.0, 100.0, "", "corner cutting"),
+        "RA_ACC_RAD_MAX": ParameterSpec(
+            3.0, -1.0, 100.0, "m", "greatest acceptance radius, -1 cuts no corner"
+        ),
+        "RA_MAX_STR_ANG": ParameterSpec(0.5236, 0.1, 1.5, "rad", "greatest steering angle"),
+        "RA_WHEEL_BASE": ParameterSpec(0.5, 0.001, 100.0, "m", "wheel base"),
+        "RD_TRANS_DRV_TRN": ParameterSpec(
+            0.174533, 0.001, 3.14159, "rad", "error at which it turns on the spot"
+        ),
+        "RD_TRANS_TRN_DRV": ParameterSpec(0.0872665, 0.001, 3.14159, "rad", "error at which it drives on"),
+        "RO_ACCEL_LIM": ParameterSpec(-1.0, -1.0, 100.0, "m/s^2", "acceleration, -1: the vehicle's"),
+        "RO_DECEL_LIM": ParameterSpec(-1.0, -1.0, 100.0, "m/s^2", "deceleration, -1: the vehicle's"),
+        "RO_SPEED_LIM": ParameterSpec(-1.0, -1.0, 100.0, "m/s", "speed, -1: the vehicle's"),
+        "RO_YAW_RATE_LIM": ParameterSpec(0.0, 0.0, 10000.0, "deg/s", "rate of turning, 0: the vehicle's"),
     }
 )
-ARDUPILOT_SETTINGS: Mapping[str, Setting] = MappingProxyType(
+ARDUPILOT_PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
     {
-        "ATC_ACCEL_MAX": Setting(1.0, 0.0, 10.0, "m/s^2", "acceleration"),
-        "ATC_DECEL_MAX": Setting(0.0, 0.0, 10.0, "m/s^2", "deceleration, 0: as the acceleration"),
-        "ATC_STR_RAT_MAX": Setting(120.0, 0.0, 1000.0, "deg/s", "rate of turning"),
-        "ATC_TURN_MAX_G": Setting(0.6, 0.1, 10.0, "g", "lateral acceleration"),
-        "SERVO1_FUNCTION": Setting(26.0, 0.0, 200.0, "", "26 steering, 73 skid steering", integer=True),
-        "TURN_RADIUS": Setting(0.9, 0.0, 10.0, "m", "tightest turn"),
-        "WP_PIVOT_ANGLE": Setting(
+        "ATC_ACCEL_MAX": ParameterSpec(1.0, 0.0, 10.0, "m/s^2", "acceleration"),
+        "ATC_DECEL_MAX": ParameterSpec(0.0, 0.0, 10.0, "m/s^2", "deceleration, 0: as the acceleration"),
+        "ATC_STR_RAT_MAX": ParameterSpec(120.0, 0.0, 1000.0, "deg/s", "rate of turning"),
+        "ATC_TURN_MAX_G": ParameterSpec(0.6, 0.1, 10.0, "g", "lateral acceleration"),
+        "SERVO1_FUNCTION": ParameterSpec(26.0, 0.0, 200.0, "", "26 steering, 73 skid steering", integer=True),
+        "TURN_RADIUS": ParameterSpec(0.9, 0.0, 10.0, "m", "tightest turn"),
+        "WP_PIVOT_ANGLE": ParameterSpec(
             60.0, 0.0, 360.0, "deg", "error at which it turns on the spot", integer=True
         ),
-        "WP_PIVOT_RATE": Setting(60.0, 0.0, 360.0, "deg/s", "rate of turning on the spot", integer=True),
-        "WP_RADIUS": Setting(2.0, 0.1, 100.0, "m", "radius of waypoints"),
-        "WP_SPEED": Setting(2.0, 0.1, 100.0, "m/s", "speed"),
+        "WP_PIVOT_RATE": ParameterSpec(
+            60.0, 0.0, 360.0, "deg/s", "rate of turning on the spot", integer=True
+        ),
+        "WP_RADIUS": ParameterSpec(2.0, 0.1, 100.0, "m", "radius of waypoints"),
+        "WP_SPEED": ParameterSpec(2.0, 0.1, 100.0, "m/s", "speed"),
     }
 )
 
@@ -80,10 +86,10 @@ class GroundRover:
     def __init__(self, *, ardupilot: bool) -> None:
         self.name = "ardupilot" if ardupilot else "px4"
         self.ardupilot = ardupilot
-        self.settings: Mapping[str, Setting] = ARDUPILOT_SETTINGS if ardupilot else PX4_SETTINGS
+        self.parameters: Mapping[str, ParameterSpec] = ARDUPILOT_PARAMETERS if ardupilot else PX4_PARAMETERS
 
     def _of(self, spec: VehicleSpec, name: str) -> float:
-        return setting(spec, name, self.settings)
+        return parameter_value(spec, name, self.parameters)
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
         """Return the vehicle with what parameters decide of its values."""
@@ -105,7 +111,7 @@ class GroundRover:
         """Return the limits of a vehicle's driving."""
         from sim_vehicle.motion.rover.model import RoverLimits
 
-        value = {name: self._of(spec, name) for name in self.settings}
+        value = {name: self._of(spec, name) for name in self.parameters}
         if self.ardupilot:
             skid = value["SERVO1_FUNCTION"] == _SKID
             acceleration = value["ATC_ACCEL_MAX"] or spec.acceleration_m_s2
@@ -116,7 +122,7 @@ class GroundRover:
                 deceleration=value["ATC_DECEL_MAX"] or acceleration,
                 turn_radius=0.0 if skid else value["TURN_RADIUS"],
                 turn_rate=math.radians(value["ATC_STR_RAT_MAX"] or 1000.0),
-                lateral=value["ATC_TURN_MAX_G"] * _GRAVITY,
+                lateral=value["ATC_TURN_MAX_G"] * GRAVITY_M_S2,
                 steering_s=0.2,
                 ahead_gain=0.7,
                 ahead_min=0.6,

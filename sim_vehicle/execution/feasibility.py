@@ -63,7 +63,7 @@ def check_mission(
     --------
     >>> from geo.frame import LocalFrame
     >>> from mission.model import MissionItem
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> items = [MissionItem.waypoint(28.05, -82.15, 10.0)]
     >>> check_mission(items, LocalFrame(28.05, -82.15), get_vehicle("quad"))
     ['item 0 (NAV_WAYPOINT): no take-off before it']

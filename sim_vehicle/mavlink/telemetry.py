@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import Message
+from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.airframe.sensor_errors import HDOP, VDOP
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.state import LandedState, Phase
@@ -340,7 +341,7 @@ def _highres_imu(vehicle: SimVehicle) -> Message:
     """Tell what the sensors would read: specific force and magnetic field along forward, right, down."""
     state = vehicle.pilot.state
     east, north, up = state.acceleration_m_s2
-    force = to_body(state, north, east, -(up + 9.80665))
+    force = to_body(state, north, east, -(up + GRAVITY_M_S2))
     field = to_body(state, 0.25, 0.0, 0.41)
     return m.MAVLink_highres_imu_message(
         vehicle.unix_us,

@@ -100,7 +100,7 @@ class SimVehicle:
 
     Examples
     --------
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> vehicle = SimVehicle(get_vehicle("quad"), GeoPoint(28.05, -82.15, 10.0))
     >>> [message.get_type() for message in vehicle.poll(0.0)][:2]
     ['HEARTBEAT', 'SYS_STATUS']

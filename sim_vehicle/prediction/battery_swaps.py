@@ -90,7 +90,7 @@ def batteries_needed(
     --------
     >>> from mission.model import GeoPoint, Mission, MissionItem
     >>> from sim_vehicle.prediction.predict import predict_flight
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> takeoff = MissionItem(22, 3, 0, 0, 0, None, 28.05, -82.15, 10.0)
     >>> rows = [MissionItem.waypoint(28.05 + 0.008 * (k % 2), -82.15, 10.0) for k in range(1, 21)]
     >>> long = Mission((takeoff, *rows, MissionItem(20, 2)), GeoPoint(28.05, -82.15))

@@ -122,7 +122,7 @@ def predict_flight(
     Examples
     --------
     >>> from mission.model import GeoPoint, Mission, MissionItem
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> takeoff = MissionItem(22, 3, 0, 0, 0, None, 28.05, -82.15, 10.0)
     >>> there = MissionItem.waypoint(28.051, -82.15, 10.0)
     >>> flight = predict_flight(Mission((takeoff, there), GeoPoint(28.05, -82.15)), get_vehicle("quad"))

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from geo import Farm
 from mission.model import Mission
 from mission.planners import PlannedPath, WingPattern, build_mission
-from sim_vehicle.airframe.spec import VehicleSpec, get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import fixed_wing_procedures, with_autopilot
 from sim_vehicle.execution.fixed_wing_items import must_circle
 from sim_vehicle.prediction.battery_swaps import batteries_needed

@@ -6,12 +6,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from geo.frame import LocalFrame
 from mission.model import Mission, MissionItem
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.feasibility import check_mission
@@ -269,6 +269,10 @@ def test_a_pause_at_any_moment_loses_nothing(when_s, how, seq):
 
 @settings(max_examples=20, deadline=None)
 @given(st.floats(1.0, 60.0), st.integers(0, 3))
+@example(6.6, 3)
+@example(34.7, 3)
+@example(35.0, 3)
+@example(35.2, 3)
 def test_a_mission_changed_in_flight_goes_on(when_s, current):
     vehicle = MissionExecutor(QUAD, HOME)
     vehicle.load(SQUARE)

@@ -12,7 +12,7 @@ from mission.link.faults import Faults, FaultyChannel
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
 from mission.transfer import RemoteTransferError
 from mission.transfer.driver import TransferDriver
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.faults.fault import KINDS, Fault, FaultError, load_faults, parse_fault
 from sim_vehicle.faults.session import FaultSession
 from sim_vehicle.host.server import Server

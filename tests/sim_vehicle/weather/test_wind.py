@@ -7,7 +7,7 @@ from scipy.signal import welch
 
 from mission.link.codec.dialect import mavlink
 from mission.model import GeoPoint
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.mavlink.telemetry import STREAMS

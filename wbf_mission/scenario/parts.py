@@ -105,7 +105,11 @@ class VehicleOptions(Part):
         kind="vehicle",
     )
     autopilot: str = option(
-        DEFAULT_AUTOPILOT, "Whose way of flying, modes and habits", VEHICLE, choices=autopilot_names()
+        DEFAULT_AUTOPILOT,
+        "Whose way of flying, modes and habits",
+        VEHICLE,
+        choices=autopilot_names(),
+        kind="autopilot",
     )
     parameters: dict[str, float] = option(
         dict,

@@ -153,9 +153,7 @@ class Observations:
         """Return the observations as a pyarrow table, in the columns that `save` writes."""
         import pyarrow as pa
 
-        arrays = [
-            pa.array(column) for column in (self.x, self.y, self.time_s, self.day)
-        ]
+        arrays = [pa.array(column) for column in (self.x, self.y, self.time_s, self.day)]
         # from_pandas turns NaN into null, so that other tools see "not sensed" and not a number.
         arrays += [pa.array(column, from_pandas=True) for column in np.ascontiguousarray(self.values.T)]
         return pa.table(dict(zip((*COLUMNS, *self.fields), arrays, strict=True)))

@@ -41,7 +41,7 @@ from geo.farms import get_farm
 from geo.grid import FarmGrid
 from sensors.estimators import make_estimator
 from sensors.estimators.disk.disks import adaptive_radius
-from sensors.fields import DEFAULT_VALUES, FIELDS
+from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 
@@ -93,7 +93,7 @@ def disks_of(
     r = adaptive_radius(len(seen), grid.shape)
     steps = np.arange(-r, r + 1)
     disk = steps[:, None] ** 2 + steps**2 <= r * r
-    for k in range(len(FIELDS)):
+    for k in range(len(PAPER_FIELDS)):
         for x, y, value in zip(seen.x.tolist(), seen.y.tolist(), seen.values[:, k].tolist(), strict=True):
             x0, x1, y0, y1 = max(0, x - r), min(width, x + r + 1), max(0, y - r), min(height, y + r + 1)
             mask = disk[x0 - x + r : x1 - x + r, y0 - y + r : y1 - y + r]
@@ -102,7 +102,7 @@ def disks_of(
 
 def whole_farm_disks(grid: FarmGrid, seen: Observations) -> InformationModel:
     """Lay every disk on every field through a mask of the whole farm, one after the other."""
-    model = InformationModel.uniform(grid.shape, value=DEFAULT_VALUES, uncertainty=1.0)
+    model = InformationModel.uniform(grid.shape, value=PAPER_FIELDS.defaults, uncertainty=1.0)
     for k, value, (x, y), disk in disks_of(grid, seen):
         whole = np.zeros(grid.shape, np.bool_)
         whole[x, y] = disk
@@ -113,7 +113,7 @@ def whole_farm_disks(grid: FarmGrid, seen: Observations) -> InformationModel:
 
 def windowed_disks(grid: FarmGrid, seen: Observations) -> InformationModel:
     """Lay every disk on the window around it, one after the other."""
-    model = InformationModel.uniform(grid.shape, value=DEFAULT_VALUES, uncertainty=1.0)
+    model = InformationModel.uniform(grid.shape, value=PAPER_FIELDS.defaults, uncertainty=1.0)
     for k, value, (x, y), disk in disks_of(grid, seen):
         model.value[k, x, y][disk] = value
         model.uncertainty[k, x, y][disk] = 0.0

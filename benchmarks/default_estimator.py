@@ -33,7 +33,7 @@ from geo.farms import get_farm
 from geo.seeds import child_seed
 from sensors.environment.cache import EnvironmentCache
 from sensors.estimators import make_estimator
-from sensors.fields import FIELDS, relevance_masks
+from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import RunningScore
 from wbf_mission.planning import plan
@@ -68,7 +68,7 @@ def measure(farm: str, name: str, seeds: list[int], planners: list[str]) -> dict
     """Run one estimator over all environments; for a process of its own."""
     grid = get_farm(farm).grid()
     small = grid.shape[0] * grid.shape[1] <= SMALL_CELLS
-    masks = relevance_masks(grid)
+    masks = PAPER_FIELDS.masks(grid)
     estimator_name, params = ESTIMATORS[name]
     found: dict[str, Any] = {"final": [], "run": [], "fields": [], "first_s": 0.0, "later_s": [], "mb": 0.0}
     cache = EnvironmentCache.of_user()
@@ -119,7 +119,7 @@ def main() -> int:
         print(json.dumps(measure(options.farms, options.one, seeds, planners)))
         return 0
     header = f"{'farm':<16}{'estimator':<20}{'loss, end':>11}{'loss, run':>11}"
-    header += "".join(f"{field:>10}" for field in FIELDS)
+    header += "".join(f"{field:>10}" for field in PAPER_FIELDS.names)
     print(header + f"{'first, s':>10}{'next, s':>10}{'MB':>8}")
     for farm in options.farms.split(","):
         land = get_farm(farm)

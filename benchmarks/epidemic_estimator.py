@@ -29,7 +29,7 @@ from geo.farms import get_farm
 from geo.seeds import child_seed
 from sensors.environment import generate_environment
 from sensors.estimators import Estimator, make_estimator
-from sensors.fields import FIELDS, relevance_masks
+from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import PAPER_WEIGHTS, RunningScore, Score
 from sim_vehicle.motion.ideal import ideal_positions
@@ -45,7 +45,7 @@ RESAMPLES = 4000
 ZERO_MEAN_GP = {"prior_mean": (0.0, 0.0, 0.0), "amplitude_bounds": (1.0, 1.0), "clip": False}
 BARS = {"final / AD": 0.25, "final / best GP": 0.5, "run / AD": 0.6}
 # Columns of a result: the fields, and with the paper's weights the two diseases and all three together.
-COLUMNS = (*FIELDS, "diseases", "all")
+COLUMNS = (*PAPER_FIELDS.names, "diseases", "all")
 
 Losses = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ def run(
         Losses at the end and averaged over the scored times, of each of COLUMNS.
     """
     grid = get_farm(farm).grid()
-    masks = relevance_masks(grid)
+    masks = PAPER_FIELDS.masks(grid)
     out = np.empty((len(planners), len(names), len(seeds), 2, len(COLUMNS)))
     for number, seed in enumerate(seeds):
         environment = generate_environment(

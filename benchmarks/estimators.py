@@ -31,7 +31,7 @@ from geo.grid import FarmGrid
 from sensors.environment import generate_environment
 from sensors.estimators import make_estimator
 from sensors.estimators.disk.disks import adaptive_radius
-from sensors.fields import DEFAULT_VALUES, FIELDS, relevance_masks
+from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import RunningScore
@@ -73,9 +73,9 @@ def invented(farm: str, n: int, gap: int) -> tuple[FarmGrid, Observations]:
 
 def reference_disks(shape: tuple[int, int], seen: Observations) -> InformationModel:
     """Draw the disk of every observation on every field, one after the other."""
-    model = InformationModel.uniform(shape, value=DEFAULT_VALUES, uncertainty=1.0)
+    model = InformationModel.uniform(shape, value=PAPER_FIELDS.defaults, uncertainty=1.0)
     radius = adaptive_radius(len(seen), shape)
-    for k in range(len(FIELDS)):
+    for k in range(len(PAPER_FIELDS)):
         for x, y, value in zip(seen.x.tolist(), seen.y.tolist(), seen.values[:, k].tolist(), strict=True):
             part = (
                 slice(max(0, x - radius), min(shape[0], x + radius + 1)),
@@ -100,7 +100,7 @@ def fly(
 ) -> RunningScore:
     """Estimate and score after every step."""
     estimator = make_estimator(estimator_name, random_state=1).fit(grid)
-    running = RunningScore(truth, relevance_masks(grid))
+    running = RunningScore(truth, PAPER_FIELDS.masks(grid))
     for step in range(steps):
         running.add(estimator.partial_fit(seen[step : step + 1]).predict().value)
     return running
@@ -121,7 +121,7 @@ def disks_on_the_small_farm(steps: int) -> None:
     """The run that is scored at every step."""
     grid, truth, seen = run_of("miniberry-30", STEPS, 3)
     ours = clock(lambda: fly("adaptive-disk", grid, truth, seen, steps))
-    running = RunningScore(truth, relevance_masks(grid))
+    running = RunningScore(truth, PAPER_FIELDS.masks(grid))
 
     def reference() -> None:
         for step in range(1, steps + 1):
@@ -146,7 +146,7 @@ def disks_on_the_large_farm(n: int) -> None:
     assert np.array_equal(models[0].value, models[1].value)
     assert np.array_equal(models[0].uncertainty, models[1].uncertainty)
     report(f"adaptive disk, Waterberry, {n} observations, one estimate", ours, reference_s)
-    running = RunningScore(models[1].value, relevance_masks(grid))
+    running = RunningScore(models[1].value, PAPER_FIELDS.masks(grid))
     report("score of three fields, Waterberry", clock(lambda: running.add(models[0].value)))
     updates_on_the_large_farm(grid, seen, running)
 

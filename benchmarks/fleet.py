@@ -17,7 +17,7 @@ import time
 from mission.link import MavlinkEndpoint, open_link
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, GeoPoint, MissionItem
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.host.server import Server, ServerUrl
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink.fleet import Fleet

@@ -40,7 +40,7 @@ from sensors.environment import Environment, generate_environment
 from sensors.estimators.gp.estimator import GaussianProcessEstimator
 from sensors.estimators.gp.rbf import RbfKernel
 from sensors.estimators.gp.sklearn_gp import SklearnGaussianProcessEstimator
-from sensors.fields import FIELDS, relevance_masks
+from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 
@@ -108,7 +108,7 @@ def errors(quick: bool) -> bool:
         ours = GaussianProcessEstimator(learn_from="model", clip=False, method="local").fit(grid, seen)
         right, model = exact.predict(), ours.predict()
         assert exact.kernels_ == ours.kernels_
-        for k, (name, kernel) in enumerate(zip(FIELDS, ours.kernels_, strict=True)):
+        for k, (name, kernel) in enumerate(zip(PAPER_FIELDS.names, ours.kernels_, strict=True)):
             mean = np.abs(model.value[k] - right.value[k]) / np.sqrt(kernel.amplitude)
             total = np.sqrt(kernel.amplitude + kernel.noise)
             deviation = np.abs(model.uncertainty[k] - right.uncertainty[k]) / total
@@ -133,7 +133,7 @@ def reference_seconds(grid: FarmGrid, seen: Observations) -> tuple[float, bool]:
     small = FarmGrid((200, 100), grid.cell_size_m, grid.crop[:200, :100], grid.owned[:200, :100])
     moved = Observations(seen.x % 200, seen.y % 100, seen.time_s, seen.day, seen.values)
     slow.fit(small, moved)
-    fits = sum(clock(lambda k=k: slow._fit_regressor(k)) for k in range(len(FIELDS)))
+    fits = sum(clock(lambda k=k: slow._fit_regressor(k)) for k in range(len(PAPER_FIELDS)))
     return fits + (clock(slow.predict) - fits) * cells / (200 * 100), True
 
 
@@ -222,7 +222,7 @@ HEAD = f"{'':<17}{'':<16}{'learned from':<14}{'':<8}{'in 50 %':>11}{'in 90 %':>1
 
 def unseen(grid: FarmGrid, seen: Observations) -> NDArray[np.bool_]:
     """Return the relevant cells that were not observed, bool[3, W, H]."""
-    masks = relevance_masks(grid)
+    masks = PAPER_FIELDS.masks(grid)
     masks[:, seen.x, seen.y] = False
     return masks
 
@@ -243,7 +243,7 @@ def count(
 
 def report(farm: str, planner: str, teacher: str, calibrations: Sequence[Calibration]) -> None:
     """Print the lines of one experiment."""
-    for name, calibration in zip(FIELDS, calibrations, strict=True):
+    for name, calibration in zip(PAPER_FIELDS.names, calibrations, strict=True):
         print(f"{farm:<17}{planner:<16}{teacher:<14}{name:<8}{calibration}", flush=True)
 
 
@@ -252,7 +252,7 @@ def calibration(environments: int, farms: Sequence[str]) -> None:
     for farm in farms:
         for planner in PLANNERS[:2]:
             for teacher in ("model", "observations"):
-                sums = [Calibration() for _ in FIELDS]
+                sums = [Calibration() for _ in PAPER_FIELDS.names]
                 for seed in range(2000, 2000 + environments):
                     grid, environment = truth_of(farm, seed)
                     seen = look(environment, flown_cells(farm, planner, seed))
@@ -301,7 +301,7 @@ def large_calibration(environment: Environment, grid: FarmGrid, n: int) -> None:
     """Print the calibration on Waterberry."""
     seen = look(environment, rows_over_waterberry(n)[:n])
     model = GaussianProcessEstimator(clip=False).fit(grid, seen).predict()
-    sums = [Calibration() for _ in FIELDS]
+    sums = [Calibration() for _ in PAPER_FIELDS.names]
     count(model, environment.values(DAY), unseen(grid, seen), sums)
     report("waterberry", f"rows, {n}", "model", sums)
 

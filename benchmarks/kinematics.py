@@ -21,7 +21,8 @@ import numpy as np
 
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
-from sim_vehicle.airframe.spec import VehicleSpec, get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import flight_procedures, with_autopilot
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.motion.batch import VehicleBatch

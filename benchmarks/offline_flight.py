@@ -25,7 +25,7 @@ from mission.link.codec.frames import Message
 from mission.link.tlog import TlogWriter
 from mission.model import Command, Frame, GeoPoint, MissionItem
 from sensors.camera.leaf_camera import LeafCamera
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.simulation import Simulation

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from recordings import Flight, Recording, compare, fly_recording, load_recording
 
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import with_autopilot
 
 FOLDER = Path(__file__).parents[1] / "tests" / "data" / "flights"

@@ -22,7 +22,7 @@ from mission.link import MavlinkEndpoint, open_link
 from mission.model import GeoPoint, MissionItem, MissionType
 from mission.transfer import MissionDownload, MissionUpload, compare_plans
 from mission.transfer.driver import TransferDriver
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import autopilot_names, get_autopilot
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle

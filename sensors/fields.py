@@ -303,11 +303,3 @@ PAPER_FIELDS = FieldSet(
     )
 )
 """Tomato yellow leaf curl virus, charcoal rot of strawberries and soil humidity: those of the benchmark."""
-
-FIELDS = PAPER_FIELDS.names
-DEFAULT_VALUES = (1.0, 1.0, 0.0)
-
-
-def relevance_masks(grid: FarmGrid) -> NDArray[np.bool_]:
-    """Mark the cells whose error costs the farm's owner something: bool[3, W, H]."""
-    return PAPER_FIELDS.masks(grid)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from geo.atomic import atomic_write
 from sensors.errors import ObservationError
-from sensors.fields import FIELDS
+from sensors.fields import PAPER_FIELDS
 
-COLUMNS = ("x", "y", "time_s", "day", *FIELDS)
+COLUMNS = ("x", "y", "time_s", "day")
+"""Columns of a file; a column for each field, with its name, follows."""
 MAX_FILE_ROWS = 100_000_000
+_ARRAYS = (*COLUMNS, "values")
 _INT32 = np.iinfo(np.int32)
 
 
@@ -34,8 +36,10 @@ class Observations:
         Seconds since the start of the run.
     day : int32[n]
         Day of the environment.
-    values : float32[n, 3]
-        What was measured, in the order of `sensors.fields.FIELDS`; NaN where that field was not sensed.
+    values : float32[n, k]
+        What was measured of each field; NaN where that field was not sensed.
+    fields : tuple of str
+        The names of the k fields; those of the benchmark by default.
 
     Raises
     ------
@@ -54,20 +58,21 @@ class Observations:
     time_s: NDArray[np.float64]
     day: NDArray[np.int32]
     values: NDArray[np.float32]
+    fields: tuple[str, ...] = PAPER_FIELDS.names
 
     def __post_init__(self) -> None:
         for name in ("x", "y", "day"):
-            object.__setattr__(self, name, _frozen(_whole(getattr(self, name), name)))
+            object.__setattr__(self, name, _read_only(_whole(getattr(self, name), name)))
         time_s = _numbers(self.time_s, "time_s", np.float64)
         values = _numbers(self.values, "values", np.float32)
+        n, k = len(self.x), len(self.fields)
         if values.size == 0:
-            values = values.reshape(-1, len(FIELDS)) if values.ndim == 2 else values.reshape(0, len(FIELDS))
-        n = len(self.x)
+            values = values.reshape(-1, k) if values.ndim == 2 else values.reshape(0, k)
         for name, array, shape in (
             ("y", self.y, (n,)),
             ("time_s", time_s, (n,)),
             ("day", self.day, (n,)),
-            ("values", values, (n, len(FIELDS))),
+            ("values", values, (n, k)),
         ):
             if array.shape != shape:
                 msg = f"observations: {name} has shape {array.shape}, expected {shape} for {n} cells in x"
@@ -79,37 +84,60 @@ class Observations:
             i = int(np.argmax(np.isinf(values).any(axis=1)))
             msg = f"observations: a value of observation {i} is infinite"
             raise ObservationError(msg)
-        object.__setattr__(self, "time_s", _frozen(time_s))
-        object.__setattr__(self, "values", _frozen(values))
+        object.__setattr__(self, "time_s", _read_only(time_s))
+        object.__setattr__(self, "values", _read_only(values))
 
     def __len__(self) -> int:
         return len(self.x)
 
     def __getitem__(self, key: slice | NDArray[Any]) -> Observations:
-        """Return some of the observations: a slice, a boolean mask or an index array."""
+        """Select some of the observations by a slice, a boolean mask or an index array."""
         if not isinstance(key, slice | np.ndarray):
             msg = f"observations: indexed by {type(key).__name__}, expected a slice or an array"
             raise ObservationError(msg)
-        return Observations(*(getattr(self, part.name)[key] for part in fields(self)))
+        x, y, time_s, day, values = (getattr(self, name)[key] for name in _ARRAYS)
+        return Observations(x, y, time_s, day, values, self.fields)
 
     @property
     def sensed(self) -> NDArray[np.bool_]:
-        """Which fields were sensed, bool[n, 3]."""
+        """Which fields were sensed, bool[n, k]."""
         return ~np.isnan(self.values)
 
     @classmethod
-    def empty(cls) -> Observations:
-        """Return no observations."""
+    def empty(cls, fields: tuple[str, ...] = PAPER_FIELDS.names) -> Observations:
+        """Make a set of no observations."""
         nothing = np.empty(0, np.int32)
-        return cls(nothing, nothing, np.empty(0), nothing, np.empty((0, len(FIELDS)), np.float32))
+        values = np.empty((0, len(fields)), np.float32)
+        return cls(nothing, nothing, np.empty(0), nothing, values, fields)
 
     @classmethod
-    def concatenate(cls, parts: Iterable[Observations]) -> Observations:
-        """Join observations, one part after the other."""
-        kept = [part for part in parts if len(part)]
+    def concatenate(
+        cls, parts: Iterable[Observations], fields: tuple[str, ...] = PAPER_FIELDS.names
+    ) -> Observations:
+        """Join observations of some fields, one part after the other.
+
+        Raises
+        ------
+        ObservationError
+            If a part has other fields.
+        """
+        kept = []
+        for part in parts:
+            part.check_fields(fields)
+            if len(part):
+                kept.append(part)
         if not kept:
-            return cls.empty()
-        return cls(*(np.concatenate([getattr(part, column.name) for part in kept]) for column in fields(cls)))
+            return cls.empty(fields)
+        x, y, time_s, day, values = (
+            np.concatenate([getattr(part, name) for part in kept]) for name in _ARRAYS
+        )
+        return cls(x, y, time_s, day, values, fields)
+
+    def check_fields(self, fields: tuple[str, ...]) -> None:
+        """Raise ObservationError unless these are observations of just these fields."""
+        if self.fields != fields:
+            msg = f"observations: they are of {', '.join(self.fields)}, expected {', '.join(fields)}"
+            raise ObservationError(msg)
 
     def check_inside(self, shape: tuple[int, int]) -> None:
         """Raise ObservationError, naming the first offender, unless all cells lie on a farm of `shape`."""
@@ -121,10 +149,20 @@ class Observations:
             msg = f"observation {i}: {cell} lies outside the farm of {width} x {height} cells"
             raise ObservationError(msg)
 
+    def to_table(self) -> Any:
+        """Return the observations as a pyarrow table, in the columns that `save` writes."""
+        import pyarrow as pa
+
+        arrays = [pa.array(column) for column in (self.x, self.y, self.time_s, self.day)]
+        # from_pandas turns NaN into null, so that other tools see "not sensed" and not a number.
+        arrays += [pa.array(column, from_pandas=True) for column in np.ascontiguousarray(self.values.T)]
+        return pa.table(dict(zip((*COLUMNS, *self.fields), arrays, strict=True)))
+
     def save(self, path: str | Path) -> None:
         """Write a `.parquet` or `.csv` file; an existing file is replaced only once the new one is complete.
 
-        The columns are x, y, time_s, day, tylcv, ccr, soil; a field that was not sensed is null (CSV: empty).
+        The columns are x, y, time_s, day and one for each field with its name; a field that was not sensed is
+        null (CSV: empty).
         """
         path = Path(path)
         save, _ = _format_of(path)
@@ -135,8 +173,15 @@ class Observations:
             raise ObservationError(msg) from None
 
     @classmethod
-    def load(cls, path: str | Path) -> Observations:
+    def load(cls, path: str | Path, fields: tuple[str, ...] = PAPER_FIELDS.names) -> Observations:
         """Read a `.parquet` or `.csv` file with the columns that `save` writes (others are ignored).
+
+        Parameters
+        ----------
+        path : path-like
+            The file.
+        fields : tuple of str
+            The fields to read, by the names of their columns.
 
         Raises
         ------
@@ -149,7 +194,7 @@ class Observations:
             msg = f"{path}: no such observation file"
             raise ObservationError(msg)
         try:
-            return load(path)
+            return load(path, fields)
         except ObservationError as error:
             text = str(error)
             raise ObservationError(text if text.startswith(str(path)) else f"{path}: {text}") from None
@@ -158,7 +203,7 @@ class Observations:
             raise ObservationError(msg) from None
 
 
-def _frozen(array: NDArray[Any]) -> NDArray[Any]:
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
     view = array.view()
     view.flags.writeable = False
     return view
@@ -211,37 +256,38 @@ def _save_csv(observations: Observations, path: Path) -> None:
     texts = [["" if v != v else str(v) for v in column] for column in columns]
 
     with atomic_write(path, newline="\n") as stream:
-        stream.write(",".join(COLUMNS) + "\n")
+        stream.write(",".join((*COLUMNS, *observations.fields)) + "\n")
         stream.writelines(",".join(row) + "\n" for row in zip(*texts, strict=True))
 
 
-def _load_csv(path: Path) -> Observations:
+def _load_csv(path: Path, fields: tuple[str, ...]) -> Observations:
+    wanted = (*COLUMNS, *fields)
     try:
         with path.open(encoding="utf-8-sig", newline="") as stream:
             reader = csv.reader(stream, strict=True)
             header = [name.strip() for name in next(reader, [])]
-            missing = [name for name in COLUMNS if name not in header]
+            missing = [name for name in wanted if name not in header]
             if missing:
-                msg = f"{path}: no column {', '.join(missing)}, expected the header {','.join(COLUMNS)}"
+                msg = f"{path}: no column {', '.join(missing)}, expected the header {','.join(wanted)}"
                 raise ObservationError(msg)
-            places = [header.index(name) for name in COLUMNS]
-            columns: list[list[float]] = [[] for _ in COLUMNS]
+            positions = {name: header.index(name) for name in wanted}
+            columns: dict[str, list[float]] = {name: [] for name in wanted}
             for row in reader:
                 if row:
-                    _read_row(row, places, columns, f"{path}: line {reader.line_num}")
+                    _read_row(row, positions, columns, f"{path}: line {reader.line_num}")
     except (UnicodeDecodeError, csv.Error) as error:
         msg = f"{path}: is not a CSV file ({_first_line(error)})"
         raise ObservationError(msg) from None
-    return _from_columns([np.asarray(column, np.float64) for column in columns])
+    return _from_columns([np.asarray(column, np.float64) for column in columns.values()], fields)
 
 
-def _read_row(row: list[str], places: list[int], columns: list[list[float]], where: str) -> None:
-    for name, place, column in zip(COLUMNS, places, columns, strict=True):
-        text = row[place].strip() if place < len(row) else None
+def _read_row(row: list[str], positions: dict[str, int], columns: dict[str, list[float]], where: str) -> None:
+    for name, position in positions.items():
+        text = row[position].strip() if position < len(row) else None
         try:
             if text is None:
                 raise ValueError
-            column.append(float("nan") if text == "" and name in FIELDS else float(text))
+            columns[name].append(float("nan") if text == "" and name not in COLUMNS else float(text))
         except ValueError:
             found = "is missing" if text is None else f"is {text[:40]!r}, expected a number"
             msg = f"{where}: {name} {found}"
@@ -249,52 +295,47 @@ def _read_row(row: list[str], places: list[int], columns: list[list[float]], whe
 
 
 def _save_parquet(observations: Observations, path: Path) -> None:
-    import pyarrow as pa
     import pyarrow.parquet as pq
 
-    arrays = [
-        pa.array(column) for column in (observations.x, observations.y, observations.time_s, observations.day)
-    ]
-    # from_pandas turns NaN into null, so that other tools see "not sensed" and not a number.
-    arrays += [pa.array(column, from_pandas=True) for column in np.ascontiguousarray(observations.values.T)]
-    table = pa.table(dict(zip(COLUMNS, arrays, strict=True)))
+    table = observations.to_table()
     with atomic_write(path, "wb") as stream:
         pq.write_table(table, stream, compression="zstd")
 
 
-def _load_parquet(path: Path) -> Observations:
+def _load_parquet(path: Path, fields: tuple[str, ...]) -> Observations:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    wanted = (*COLUMNS, *fields)
     try:
         with pq.ParquetFile(path) as file:
-            missing = [name for name in COLUMNS if name not in file.schema_arrow.names]
+            missing = [name for name in wanted if name not in file.schema_arrow.names]
             if missing:
-                msg = f"{path}: no column {', '.join(missing)}, expected {', '.join(COLUMNS)}"
+                msg = f"{path}: no column {', '.join(missing)}, expected {', '.join(wanted)}"
                 raise ObservationError(msg)
             if file.metadata.num_rows > MAX_FILE_ROWS:
                 msg = f"{path}: claims {file.metadata.num_rows} rows, more than the limit of {MAX_FILE_ROWS}"
                 raise ObservationError(msg)
-            table = file.read(columns=list(COLUMNS))
+            table = file.read(columns=list(wanted))
     except (pa.ArrowException, OSError, ValueError) as error:
         if isinstance(error, ObservationError):
             raise
         msg = f"{path}: is not a Parquet file that can be read ({_first_line(error)})"
         raise ObservationError(msg) from None
     columns = []
-    for name in COLUMNS:
+    for name in wanted:
         column = table.column(name)
         if not (pa.types.is_integer(column.type) or pa.types.is_floating(column.type)):
             msg = f"{path}: column {name} is {column.type}, expected numbers"
             raise ObservationError(msg)
-        if column.null_count and name not in FIELDS:
+        if column.null_count and name in COLUMNS:
             msg = f"{path}: column {name} has {column.null_count} empty entries"
             raise ObservationError(msg)
         columns.append(column.to_numpy())
-    return _from_columns(columns)
+    return _from_columns(columns, fields)
 
 
-def _from_columns(columns: list[NDArray[Any]]) -> Observations:
+def _from_columns(columns: list[NDArray[Any]], fields: tuple[str, ...]) -> Observations:
     x, y, time_s, day, *values = columns
     return Observations(
         _whole(x, "x"),
@@ -302,11 +343,12 @@ def _from_columns(columns: list[NDArray[Any]]) -> Observations:
         time_s,
         _whole(day, "day"),
         _numbers(np.stack(values, axis=1), "values", np.float32),
+        fields,
     )
 
 
 _Save = Callable[[Observations, Path], None]
-_Load = Callable[[Path], Observations]
+_Load = Callable[[Path, tuple[str, ...]], Observations]
 _FORMATS: dict[str, tuple[_Save, _Load]] = {
     ".parquet": (_save_parquet, _load_parquet),
     ".csv": (_save_csv, _load_csv),

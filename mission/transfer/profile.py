@@ -8,11 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib.metadata import entry_points
 
+from mission.errors import TransferError
 from mission.link.codec.dialect import mavlink
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
 
+PROFILE_GROUP = "wbf_mission.transfer_profiles"
+"""The entry point group in which further packages give a `Profile`, found by its MAV_AUTOPILOT."""
 _GLOBAL_AND_MISSION = frozenset({0, 2, 3, 5, 6})
 
 
@@ -91,6 +96,8 @@ class Profile:
         What it says when an upload is given up.
     text_prefix : str
         Before what it says about refusals.
+    streams_on_request : bool
+        It sends nothing but heartbeats until a ground station asks for its streams.
     """
 
     name: str
@@ -129,6 +136,7 @@ class Profile:
     received_texts: tuple[str, str, str] | None = None
     timeout_text: str = "Operation timeout"
     text_prefix: str = ""
+    streams_on_request: bool = False
 
 
 # After PX4's parse_mavlink_mission_item: commands in a global frame, and in the frame MISSION.
@@ -207,18 +215,41 @@ ARDUPILOT = Profile(
     },
     whole_seconds=True,
     keeps_default=False,
+    streams_on_request=True,
 )
 
 
 def profile_for(autopilot: int) -> Profile:
-    """Return the profile for the MAV_AUTOPILOT of a heartbeat, `GENERIC` for any other.
+    """Profile for the MAV_AUTOPILOT of a heartbeat, `GENERIC` for one of which no installed package has any.
+
+    Raises
+    ------
+    TransferError
+        If an installed package does not give the profile that it promises.
 
     Examples
     --------
     >>> profile_for(12).name
     'PX4'
     """
-    return {PX4.autopilot: PX4, ARDUPILOT.autopilot: ARDUPILOT}.get(autopilot, GENERIC)
+    return _profiles().get(autopilot, GENERIC)
+
+
+@cache
+def _profiles() -> Mapping[int, Profile]:
+    """Profiles by MAV_AUTOPILOT: those of this module, and those of further packages."""
+    found = {profile.autopilot: profile for profile in (PX4, ARDUPILOT)}
+    for entry in entry_points(group=PROFILE_GROUP):
+        try:
+            profile = entry.load()
+        except (ImportError, AttributeError) as error:
+            msg = f"transfer profile {entry.name} ({entry.value}) cannot be loaded: {error}"
+            raise TransferError(msg) from error
+        if not isinstance(profile, Profile):
+            msg = f"transfer profile {entry.name} ({entry.value}) is no mission.transfer.profile.Profile"
+            raise TransferError(msg)
+        found[profile.autopilot] = profile
+    return found
 
 
 def count_warning(profile: Profile, mission_type: MissionType, number: int) -> str | None:

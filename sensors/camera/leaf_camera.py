@@ -10,13 +10,11 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from sensors.errors import ObservationError
-from sensors.fields import FIELDS
+from sensors.fields import PAPER_FIELDS, FieldSet
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-DISEASES = 2
-"""The first fields of `FIELDS` are diseases: 1 is healthy, 0.5 infected, 0 lost."""
 HEALTHY = 1.0
 INFECTED = 0.5
 MAX_FOOTPRINT_CELLS = 64
@@ -26,7 +24,7 @@ class Sampled(Protocol):
     """What a leaf camera looks at, such as `sensors.environment.Environment`."""
 
     def sample(self, day: int, ix: NDArray[np.int64], iy: NDArray[np.int64], /) -> NDArray[np.float32]:
-        """Return float32[n, 3], the fields at cells that lie on the farm."""
+        """Give float32[n, k], the fields at cells that lie on the farm."""
         ...
 
 
@@ -37,7 +35,7 @@ class LeafCameraOptions:
     Parameters
     ----------
     footprint_cells : int
-        Side of the square of cells that one picture covers.
+        Side of the square of cells that one image covers.
     noise_std : float or sequence of float
         Standard deviation of Gaussian noise on every value, one number or one for each field. Readings are
         not clipped to 0..1, so that the noise stays unbiased.
@@ -45,20 +43,23 @@ class LeafCameraOptions:
         Probability that a healthy leaf reads as infected (1.0 as 0.5), in each disease field.
     false_negative_rate : float
         Probability that a diseased or lost leaf reads as healthy (below 1.0 as 1.0), in each disease field.
-    sensed : sequence of str
-        Names of the fields that the sensor suite measures; the others are NaN.
+    sensed : sequence of str, optional
+        Names of the fields that the sensor suite measures, each once; the others are NaN. All by default.
+    fields : FieldSet
+        What there is to sense, in the order of the readings.
 
     Raises
     ------
     ObservationError
-        If an option is out of range.
+        If an option is out of range, or a field is unknown or given twice.
     """
 
     footprint_cells: int = 1
     noise_std: float | Sequence[float] = 0.0
     false_positive_rate: float = 0.0
     false_negative_rate: float = 0.0
-    sensed: Sequence[str] = FIELDS
+    sensed: Sequence[str] | None = None
+    fields: FieldSet = PAPER_FIELDS
 
     def __post_init__(self) -> None:
         if not 1 <= self.footprint_cells <= MAX_FOOTPRINT_CELLS or self.footprint_cells % 1:
@@ -70,19 +71,32 @@ class LeafCameraOptions:
             if not 0.0 <= rate <= 1.0:
                 msg = f"camera: {name} {rate} is outside 0..1"
                 raise ObservationError(msg)
+        object.__setattr__(self, "sensed", self._sensed())
+
+    def _sensed(self) -> tuple[str, ...]:
+        names = self.fields.names
+        if self.sensed is None:
+            return names
         sensed = (self.sensed,) if isinstance(self.sensed, str) else tuple(self.sensed)
-        unknown = [name for name in sensed if name not in FIELDS]
-        if unknown or not sensed:
-            found = f"unknown field {unknown[0]!r}" if unknown else "no field is sensed"
-            msg = f"camera: {found}; choose from {', '.join(FIELDS)}"
+        unknown = [name for name in sensed if name not in names]
+        twice = [name for name in sensed if sensed.count(name) > 1]
+        found = ""
+        if not sensed:
+            found = "no field is sensed"
+        elif unknown:
+            found = f"unknown field {unknown[0]!r:.60}"
+        elif twice:
+            found = f"field {twice[0]!r} is given twice"
+        if found:
+            msg = f"camera: {found}; choose from {', '.join(names)}"
             raise ObservationError(msg)
-        object.__setattr__(self, "sensed", sensed)
+        return sensed
 
     def _per_field(self) -> tuple[float, ...]:
-        given = self.noise_std
-        stds = (float(given),) * len(FIELDS) if isinstance(given, int | float) else tuple(map(float, given))
-        if len(stds) != len(FIELDS) or not all(math.isfinite(std) and std >= 0.0 for std in stds):
-            msg = f"camera: noise_std {given} is not one number, or one for each of {', '.join(FIELDS)}, >= 0"
+        given, names = self.noise_std, self.fields.names
+        stds = (float(given),) * len(names) if isinstance(given, int | float) else tuple(map(float, given))
+        if len(stds) != len(names) or not all(math.isfinite(std) and std >= 0.0 for std in stds):
+            msg = f"camera: noise_std {given} is not one number, or one for each of {', '.join(names)}, >= 0"
             raise ObservationError(msg)
         return stds
 
@@ -95,7 +109,7 @@ class LeafCameraOptions:
 class LeafCamera:
     """A camera that reads the fields of an environment under its footprint.
 
-    Readings depend on the cells, the generator and the order of the pictures, not on how many of them are
+    Readings depend on the cells, the generator and the order of the images, not on how many of them are
     taken in one call.
 
     Parameters
@@ -141,7 +155,10 @@ class LeafCamera:
         dx, dy = footprint_offsets(options.footprint_cells)
         self._dx, self._dy = dx, dy
         self._low, self._high = -int(dx.min()), int(dx.max())
-        self._blind = [k for k, name in enumerate(FIELDS) if name not in options.sensed]
+        names = options.fields.names
+        self._n_fields = len(names)
+        self._blind = [k for k, name in enumerate(names) if name not in (options.sensed or names)]
+        self._diseases = [names.index(field.name) for field in options.fields.diseases]
         self._noise_std = np.array(options.noise_std, np.float32) if np.any(options.noise_std) else None
         self._flips = options.false_positive_rate > 0.0 or options.false_negative_rate > 0.0
         if options.random and rng is None:
@@ -152,13 +169,8 @@ class LeafCamera:
         if rng is not None and options.random:
             self._noise_rng, self._flip_rng = rng.spawn(2)
 
-    @property
-    def cells_per_picture(self) -> int:
-        """Cells under the footprint."""
-        return len(self._dx)
-
     def capture(self, ix: Sequence[int], iy: Sequence[int]) -> NDArray[np.float32]:
-        """Take one picture centred on each of the cells.
+        """Take one image centred on each of the cells.
 
         Parameters
         ----------
@@ -167,22 +179,22 @@ class LeafCamera:
 
         Returns
         -------
-        float32[n, k, 3]
+        float32[n, k, fields]
             The fields of the k cells of each footprint, in the order of `footprint_offsets`. NaN where a
             field is not sensed or the cell lies off the farm.
         """
         width, height = self.shape
         x, y = np.array(ix, np.int64), np.array(iy, np.int64)
-        pictures, cells = len(x), len(self._dx)
+        images, cells = len(x), len(self._dx)
         if cells > 1:
             x, y = (x[:, None] + self._dx).ravel(), (y[:, None] + self._dy).ravel()
         low, right, top = self._low, width - self._high, height - self._high
         # Comparing a few Python ints is a quarter of the cost of array comparisons, and this is hot.
-        if pictures and low <= min(ix) and max(ix) < right and low <= min(iy) and max(iy) < top:
+        if images and low <= min(ix) and max(ix) < right and low <= min(iy) and max(iy) < top:
             values = self._read(x, y)
         else:
             inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-            values = np.full((len(x), len(FIELDS)), np.nan, np.float32)
+            values = np.full((len(x), self._n_fields), np.nan, np.float32)
             if inside.any():
                 values[inside] = self._read(x[inside], y[inside])
         if self._flips:
@@ -193,7 +205,7 @@ class LeafCamera:
         if self._blind:
             values = values.copy()
             values[:, self._blind] = np.nan
-        return values.reshape(pictures, cells, len(FIELDS))
+        return values.reshape(images, cells, self._n_fields)
 
     def _read(self, x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[np.float32]:
         return self.environment.sample(self.day, x, y).astype(np.float32, copy=False)
@@ -201,18 +213,19 @@ class LeafCamera:
     def _flipped(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         assert self._flip_rng is not None
         options = self.options
-        luck = self._flip_rng.random((len(values), DISEASES), dtype=np.float32)
+        luck = self._flip_rng.random((len(values), len(self._diseases)), dtype=np.float32)
         values = values.copy()
-        disease = values[:, :DISEASES]
+        disease = values[:, self._diseases]
         wrongly_infected = (disease >= HEALTHY) & (luck < options.false_positive_rate)
         wrongly_healthy = (disease < HEALTHY) & (luck < options.false_negative_rate)
         disease[wrongly_infected] = INFECTED
         disease[wrongly_healthy] = HEALTHY
+        values[:, self._diseases] = disease
         return values
 
 
 def footprint_offsets(footprint_cells: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the offsets of a footprint's cells from the cell under the camera, column by column.
+    """Give the offsets of a footprint's cells from the cell under the camera, column by column.
 
     Examples
     --------

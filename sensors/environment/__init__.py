@@ -1,19 +1,19 @@
-"""The hidden state of the farm: epidemics and soil humidity over days."""
+"""The hidden state of the farm: epidemics and continuous fields over days."""
 
 from sensors.dynamics.epidemic import CCR, TYLCV, EpidemicParameters
 from sensors.dynamics.soil import SoilParameters
 from sensors.environment.environment import Environment, Provenance
 from sensors.environment.generate import generate_environment
-from sensors.environment.model import DISEASES, EnvironmentModel
+from sensors.environment.storage import load_environment, save_environment
 
 __all__ = [
     "CCR",
-    "DISEASES",
     "TYLCV",
     "Environment",
-    "EnvironmentModel",
     "EpidemicParameters",
     "Provenance",
     "SoilParameters",
     "generate_environment",
+    "load_environment",
+    "save_environment",
 ]

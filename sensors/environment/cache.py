@@ -1,7 +1,7 @@
 """Environments kept between runs, so that the same farm, seed and day are not generated again.
 
 An entry is a stored environment under a name that is a digest of all that decides it: the crop map, the
-model, the seed, the days and the version of the format. Entries appear complete or not at all, so processes
+fields, the seed, the days and the version of the format. Entries appear complete or not at all, so processes
 may share a cache. One that is damaged is generated again. When the cache grows beyond its limit, the entries
 that were used least recently are removed.
 """
@@ -22,8 +22,10 @@ from numpy.random import SeedSequence
 
 from sensors.environment.environment import Environment
 from sensors.environment.generate import Progress, generate_environment, make_task
-from sensors.environment.model import EnvironmentModel
+from sensors.environment.storage import save_environment
+from sensors.environment.store import open_store
 from sensors.errors import EnvironmentDataError
+from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.user_cache import user_cache_folder
 
 if TYPE_CHECKING:
@@ -83,7 +85,7 @@ class EnvironmentCache:
         *,
         day: int,
         seed: SeedSequence | int,
-        model: EnvironmentModel | None = None,
+        fields: FieldSet = PAPER_FIELDS,
         farm_name: str = "",
         progress: Progress | None = None,
     ) -> tuple[Environment, bool]:
@@ -93,7 +95,7 @@ class EnvironmentCache:
 
         Parameters
         ----------
-        grid, seed, model, farm_name, progress
+        grid, seed, fields, farm_name, progress
             As for `generate_environment`.
         day : int
             The day to keep.
@@ -116,7 +118,7 @@ class EnvironmentCache:
                 grid,
                 days=day,
                 seed=seed,
-                model=model,
+                fields=fields,
                 keep_days=[day],
                 farm_name=farm_name,
                 progress=progress,
@@ -124,10 +126,8 @@ class EnvironmentCache:
 
         if self.limit_bytes <= 0 or grid.crop.size < CACHED_FROM_CELLS:
             return generate(), False
-        from sensors.environment.storage import make_header, open_store
-
-        task = make_task(grid, days=day, seed=seed, model=model, keep_days=[day], farm_name=farm_name)
-        header = make_header(task.shape, task.days, task.model, task.provenance())
+        task = make_task(grid, days=day, seed=seed, fields=fields, keep_days=[day], farm_name=farm_name)
+        header = task.header()
         path = self.folder / hashlib.sha256(msgspec.json.encode(header)).hexdigest()[:32]
         try:
             store = open_store(path)
@@ -139,7 +139,7 @@ class EnvironmentCache:
             shutil.rmtree(path, ignore_errors=True)
         environment = generate()
         try:
-            environment.save(path)
+            save_environment(environment, path)
             self._shrink()
         except (EnvironmentDataError, OSError):
             return environment, False

@@ -17,19 +17,20 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
-import numpy as np
 from numpy.random import SeedSequence
 
 from geo.atomic import atomic_write
 from geo.memory import NotEnoughMemoryError, human_bytes, require_memory
 from geo.seeds import child_seed, root_seed
-from sensors.environment.environment import Environment, Provenance, grid_digest
+from sensors.environment.environment import Environment, Provenance
 from sensors.environment.generate import generate_environment, kept_days, memory_needed
-from sensors.environment.model import EnvironmentModel
+from sensors.environment.storage import load_environment
+from sensors.environment.store import fields_from_tables, fields_to_tables
 from sensors.errors import EnvironmentDataError
+from sensors.fields import PAPER_FIELDS, FieldSet
 
 if TYPE_CHECKING:
     from multiprocessing.synchronize import Event
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
 
 HEADER = "ensemble.json"
 FORMAT = "wbf-mission ensemble"
-VERSION = 1
+VERSION = 2
 MAX_MEMBERS = 100_000
 
 Progress = Callable[[float, float], None]
@@ -46,8 +47,8 @@ Progress = Callable[[float, float], None]
 # What a process needs beside the environment: the interpreter with its libraries.
 _PROCESS_BYTES = 150_000_000
 _POLL_S = 0.2
-# Lossless compression leaves about half of the humidity.
-_BYTES_A_SOIL_CELL = 2.2
+# Lossless compression leaves about half of a continuous field.
+_BYTES_A_CELL = 2.2
 
 
 class EnsembleHeader(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -58,7 +59,7 @@ class EnsembleHeader(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     members: int
     days: tuple[int, ...]
     provenance: Provenance
-    model: EnvironmentModel
+    fields: tuple[dict[str, Any], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +88,7 @@ class Ensemble:
         """Open a member; its days are read when they are needed."""
         if not 0 <= member < len(self):
             raise IndexError(f"ensemble of {len(self)} members has no member {member}")
-        return Environment.load(member_folder(self.folder, member))
+        return load_environment(member_folder(self.folder, member))
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str]) -> Ensemble:
@@ -125,7 +126,7 @@ class _Plan:
     folder: Path
     days: tuple[int, ...]
     seed: SeedSequence
-    model: EnvironmentModel
+    fields: FieldSet
     farm_name: str
     threads: int | None
 
@@ -144,7 +145,7 @@ class _Plan:
             self.grid,
             days=self.days[-1],
             seed=seed,
-            model=self.model,
+            fields=self.fields,
             keep_days=self.days,
             farm_name=self.farm_name,
             directory=path,
@@ -161,7 +162,7 @@ def generate_ensemble(
     members: int,
     seed: SeedSequence | int,
     days: int = 15,
-    model: EnvironmentModel | None = None,
+    fields: FieldSet = PAPER_FIELDS,
     keep_days: Iterable[int] | None = None,
     farm_name: str = "",
     jobs: int = 1,
@@ -181,7 +182,7 @@ def generate_ensemble(
         Number of members.
     seed : SeedSequence or int
         The ensemble's seed.
-    days, model, keep_days, farm_name
+    days, fields, keep_days, farm_name
         As for `generate_environment`.
     jobs : int
         Processes at once. They are spawned, so a script that calls this with more than one needs the usual
@@ -209,9 +210,7 @@ def generate_ensemble(
     place = Path(folder).resolve()
     kept = kept_days(days, keep_days)
     jobs = min(jobs, members)
-    plan = _Plan(
-        grid, place, kept, root, model or EnvironmentModel(), farm_name, threads=1 if jobs > 1 else None
-    )
+    plan = _Plan(grid, place, kept, root, fields, farm_name, threads=1 if jobs > 1 else None)
     header = _header(plan, members)
     if place.exists() and any(place.iterdir() if place.is_dir() else [place]):
         older = _read_header(place)
@@ -303,29 +302,31 @@ def _make(member: int) -> bool:
 
 
 def _header(plan: _Plan, members: int) -> EnsembleHeader:
-    entropy = np.atleast_1d(np.asarray(plan.seed.entropy, dtype=object)).tolist()
-    provenance = Provenance(
-        plan.farm_name,
-        grid_digest(plan.grid),
-        tuple(map(str, entropy)),
-        tuple(int(word) for word in plan.seed.spawn_key),
-    )
-    return EnsembleHeader(FORMAT, VERSION, members, plan.days, provenance, plan.model)
+    provenance = Provenance.of(plan.grid, plan.seed, plan.farm_name)
+    return EnsembleHeader(FORMAT, VERSION, members, plan.days, provenance, fields_to_tables(plan.fields))
+
+
+class _Version(msgspec.Struct, frozen=True):
+    format: str
+    version: int
 
 
 def _read_header(folder: Path) -> EnsembleHeader:
     path = folder / HEADER
     try:
-        header = msgspec.json.decode(path.read_bytes(), type=EnsembleHeader)
+        data = path.read_bytes()
+        found = msgspec.json.decode(data, type=_Version)
+        if (found.format, found.version) != (FORMAT, VERSION):
+            text = f"{found.format!r} version {found.version} is not {FORMAT!r} version {VERSION}"
+            raise EnvironmentDataError(f"{path}: {text}; generate the ensemble again in another folder")
+        header = msgspec.json.decode(data, type=EnsembleHeader)
     except OSError as error:
         msg = f"{path}: cannot be read: {error.strerror}; an ensemble is a folder with this file"
         raise EnvironmentDataError(msg) from error
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         reason = " ".join(str(error).split())
         raise EnvironmentDataError(f"{path}: not the header of an ensemble: {reason}") from error
-    if (header.format, header.version) != (FORMAT, VERSION):
-        msg = f"{path}: {header.format!r} version {header.version} is not {FORMAT!r} version {VERSION}"
-        raise EnvironmentDataError(msg)
+    fields_from_tables(header.fields, str(path))
     if not 1 <= header.members <= MAX_MEMBERS:
         raise EnvironmentDataError(f"{path}: {header.members} members are not in 1..{MAX_MEMBERS}")
     return header
@@ -334,7 +335,7 @@ def _read_header(folder: Path) -> EnsembleHeader:
 def _check_resources(plan: _Plan, members: int, jobs: int) -> None:
     """Foresee that memory or disk will not do."""
     shape = (int(plan.grid.shape[0]), int(plan.grid.shape[1]))
-    each = memory_needed(shape, len(plan.days), on_disk=True, threads=plan.threads)
+    each = memory_needed(shape, len(plan.days), fields=plan.fields, on_disk=True, threads=plan.threads)
     if jobs > 1:
         each["process"] = _PROCESS_BYTES + 2 * plan.grid.crop.size
     try:
@@ -346,7 +347,8 @@ def _check_resources(plan: _Plan, members: int, jobs: int) -> None:
         advice = "take fewer jobs" if jobs > 1 else "take a smaller farm"
         raise NotEnoughMemoryError(f"{error}; {advice}") from None
     missing = sum(not member_folder(plan.folder, member).exists() for member in range(members))
-    needed = int(missing * plan.grid.crop.size * len(plan.days) * _BYTES_A_SOIL_CELL)
+    days = len(plan.days) * len(plan.fields.continuous)
+    needed = int(missing * plan.grid.crop.size * days * _BYTES_A_CELL)
     existing = next(path for path in (plan.folder, *plan.folder.parents) if path.exists())
     free = shutil.disk_usage(existing).free
     if needed > free:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import operator
-import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -15,10 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 from sensors.dynamics.epidemic import IMMUNE, SUSCEPTIBLE
 from sensors.dynamics.outbreak import NO_HOST, status_table, value_table
 from sensors.environment.layers import ArrayLayer, Layer, T
-from sensors.environment.model import DISEASES, Disease, EnvironmentModel
 from sensors.errors import EnvironmentDataError
+from sensors.fields import FieldSet
 
 if TYPE_CHECKING:
+    from numpy.random import SeedSequence
+
     from geo.grid import FarmGrid
 
 
@@ -43,113 +44,139 @@ class Provenance:
     entropy: tuple[str, ...] = ()
     spawn_key: tuple[int, ...] = ()
 
+    @classmethod
+    def of(cls, grid: FarmGrid, seed: SeedSequence, farm_name: str) -> Provenance:
+        """Note a farm and a seed."""
+        entropy = np.atleast_1d(np.asarray(seed.entropy, dtype=object)).tolist()
+        return cls(
+            farm_name,
+            grid_digest(grid),
+            tuple(map(str, entropy)),
+            tuple(int(word) for word in seed.spawn_key),
+        )
+
 
 class Environment:
-    """The state of a farm on some days; made by `generate_environment` or `Environment.load`.
+    """The state of a farm on some days; made by `generate_environment` or `load_environment`.
 
     Day d is the state after d steps; day 0 is before the first one. All arrays are read-only.
 
     Parameters
     ----------
-    model : EnvironmentModel
-        What it was made with.
+    fields : FieldSet
+        What there is to sense, in the order of all arrays.
+    days : iterable of int
+        The kept days.
     onset : mapping of str to int8[W, H]
-        Day of infection of each cell for "tylcv" and "ccr"; -1 never, -2 no host
-        (`sensors.dynamics.outbreak`).
-    soil : mapping of int to float32[W, H]
-        Soil humidity of each kept day.
+        Day of infection of each cell for each disease; -1 never, -2 no host (`sensors.dynamics.outbreak`).
+    levels : mapping of str to mapping of int to float32[W, H]
+        Values of each continuous field on each kept day.
     provenance : Provenance
         Farm and seed.
 
     Raises
     ------
     EnvironmentDataError
-        If the arrays do not fit each other.
+        If the arrays do not fit each other, or there is no day.
     """
 
-    __slots__ = ("_onset", "_soil", "_statuses", "_values", "days", "model", "provenance", "shape")
+    __slots__ = ("_diseases", "_layers", "_levels", "_onset", "days", "fields", "provenance", "shape")
 
     def __init__(
         self,
-        model: EnvironmentModel,
-        onset: Mapping[Disease, NDArray[np.int8]],
-        soil: Mapping[int, NDArray[np.float32]],
+        fields: FieldSet,
+        days: Iterable[int],
+        onset: Mapping[str, NDArray[np.int8]],
+        levels: Mapping[str, Mapping[int, NDArray[np.float32]]],
         provenance: Provenance | None = None,
     ) -> None:
-        first = onset[DISEASES[0]]
-        if first.ndim != 2:
-            raise EnvironmentDataError(
-                f"environment: onset of {DISEASES[0]} has {first.ndim} axes instead of 2"
-            )
-        shape = (first.shape[0], first.shape[1])
-        if not soil:
+        kept = tuple(sorted(days))
+        if not kept:
             raise EnvironmentDataError("environment: it has no day; keep at least one")
+        first_name = fields.names[0]
+        first = onset[first_name] if first_name in onset else levels[first_name][kept[0]]
+        if first.ndim != 2:
+            raise EnvironmentDataError(f"environment: {first_name} has {first.ndim} axes instead of 2")
+        shape = (first.shape[0], first.shape[1])
         self._set_up(
             shape,
-            model,
-            {disease: _layer(f"onset of {disease}", onset[disease], np.int8, shape) for disease in DISEASES},
-            {day: _layer(f"soil of day {day}", soil[day], np.float32, shape) for day in sorted(soil)},
+            fields,
+            kept,
+            {
+                field.name: _layer(f"onset of {field.name}", onset[field.name], np.int8, shape)
+                for field in fields.diseases
+            },
+            {
+                (field.name, day): _layer(
+                    f"{field.name} of day {day}", levels[field.name][day], np.float32, shape
+                )
+                for field in fields.continuous
+                for day in kept
+            },
             provenance or Provenance(),
         )
 
     def _set_up(
         self,
         shape: tuple[int, int],
-        model: EnvironmentModel,
-        onset: Mapping[Disease, Layer[np.int8]],
-        soil: Mapping[int, Layer[np.float32]],
+        fields: FieldSet,
+        days: tuple[int, ...],
+        onset: Mapping[str, Layer[np.int8]],
+        levels: Mapping[tuple[str, int], Layer[np.float32]],
         provenance: Provenance,
     ) -> None:
         self.shape = shape
-        self.model = model
+        self.fields = fields
         self.provenance = provenance
-        self.days: tuple[int, ...] = tuple(soil)
+        self.days = days
         self._onset = onset
-        self._soil = soil
-        self._statuses = {
-            (disease, day): status_table(model.epidemic(disease), day)
-            for disease in DISEASES
-            for day in self.days
+        self._levels = levels
+        # Of each day: number, layer and table of the values of each disease; number and layer of the others.
+        self._diseases = {
+            day: [
+                (fields.index(field.name), onset[field.name], value_table(field.epidemic, day))
+                for field in fields.diseases
+            ]
+            for day in days
         }
-        self._values = {
-            (disease, day): value_table(model.epidemic(disease), day)
-            for disease in DISEASES
-            for day in self.days
+        self._layers = {
+            day: [(fields.index(field.name), levels[field.name, day]) for field in fields.continuous]
+            for day in days
         }
 
     @classmethod
     def from_layers(
         cls,
         shape: tuple[int, int],
-        model: EnvironmentModel,
-        onset: Mapping[Disease, Layer[np.int8]],
-        soil: Mapping[int, Layer[np.float32]],
+        fields: FieldSet,
+        days: tuple[int, ...],
+        onset: Mapping[str, Layer[np.int8]],
+        levels: Mapping[tuple[str, int], Layer[np.float32]],
         provenance: Provenance,
     ) -> Environment:
-        """Make an environment that reads from layers; `soil` has its days in ascending order."""
+        """Make an environment that reads from layers; the days are in ascending order."""
         environment = cls.__new__(cls)
-        environment._set_up(shape, model, onset, soil, provenance)
+        environment._set_up(shape, fields, days, onset, levels, provenance)
         return environment
 
     def _check_day(self, day: int) -> None:
-        if day not in self._soil:
+        if day not in self._diseases:
             kept = ", ".join(map(str, self.days))
             raise EnvironmentDataError(f"environment: day {day} is not kept; kept days: {kept}")
 
-    def _onset_of(self, disease: Disease) -> Layer[np.int8]:
+    def _onset_of(self, disease: str) -> Layer[np.int8]:
         if disease not in self._onset:
-            raise EnvironmentDataError(
-                f"environment: unknown disease {disease!r}; known: {', '.join(DISEASES)}"
-            )
+            known = ", ".join(self._onset) or "none"
+            raise EnvironmentDataError(f"environment: unknown disease {disease!r}; known: {known}")
         return self._onset[disease]
 
-    def onset(self, disease: Disease) -> NDArray[np.int8]:
+    def onset(self, disease: str) -> NDArray[np.int8]:
         """Day of infection of each cell.
 
         Parameters
         ----------
-        disease : {"tylcv", "ccr"}
-            The disease.
+        disease : str
+            Name of the disease.
 
         Returns
         -------
@@ -158,13 +185,13 @@ class Environment:
         """
         return self._onset_of(disease).whole()
 
-    def status(self, disease: Disease, day: int) -> NDArray[np.int8]:
+    def status(self, disease: str, day: int) -> NDArray[np.int8]:
         """SIRV status on a day.
 
         Parameters
         ----------
-        disease : {"tylcv", "ccr"}
-            The disease.
+        disease : str
+            Name of the disease.
         day : int
             A kept day.
 
@@ -180,16 +207,20 @@ class Environment:
         """
         layer = self._onset_of(disease)
         self._check_day(day)
+        table = status_table(self.fields[disease].epidemic, day)
         onset = layer.whole()
         status = np.where(onset == NO_HOST, np.int8(IMMUNE), np.int8(SUSCEPTIBLE))
         once_infected = np.flatnonzero(onset >= 0)
-        status.reshape(-1)[once_infected] = self._statuses[disease, day][onset.reshape(-1)[once_infected]]
+        status.reshape(-1)[once_infected] = table[onset.reshape(-1)[once_infected]]
         return status
 
-    def soil(self, day: int) -> NDArray[np.float32]:
-        """Soil humidity on a kept day: float32[W, H], read-only."""
+    def level(self, name: str, day: int) -> NDArray[np.float32]:
+        """Values of a continuous field on a kept day: float32[W, H], read-only."""
         self._check_day(day)
-        return self._soil[day].whole()
+        if (name, day) not in self._levels:
+            known = ", ".join(field.name for field in self.fields.continuous) or "none"
+            raise EnvironmentDataError(f"environment: unknown continuous field {name!r}; known: {known}")
+        return self._levels[name, day].whole()
 
     def values(self, day: int, out: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
         """Give E on a day.
@@ -198,13 +229,14 @@ class Environment:
         ----------
         day : int
             A kept day.
-        out : float32[3, W, H], optional
+        out : float32[n, W, H], optional
             Array to fill.
 
         Returns
         -------
-        float32[3, W, H]
-            TYLCV, CCR (1.0 healthy or no host, 0.5 infected, 0.0 destroyed) and soil humidity (0..1).
+        float32[n, W, H]
+            Each field: a disease is 1.0 where plants are healthy or there is no host, 0.5 where they are
+            infected and 0.0 where they are lost.
 
         Raises
         ------
@@ -212,7 +244,7 @@ class Environment:
             If the day is not kept.
         """
         self._check_day(day)
-        values = np.empty((3, *self.shape), np.float32) if out is None else out
+        values = np.empty((len(self.fields), *self.shape), np.float32) if out is None else out
         self._fill(values, day, lambda layer: layer.whole())
         return values
 
@@ -228,7 +260,7 @@ class Environment:
 
         Returns
         -------
-        float32[3, w, h]
+        float32[n, w, h]
             As `values` of that part. A new array.
 
         Raises
@@ -248,7 +280,7 @@ class Environment:
         part = tuple(
             _part(name, cells, size) for name, cells, size in zip("xy", (x, y), self.shape, strict=True)
         )
-        values = np.empty((3, *(cells.stop - cells.start for cells in part)), np.float32)
+        values = np.empty((len(self.fields), *(cells.stop - cells.start for cells in part)), np.float32)
         self._fill(values, day, lambda layer: layer.window(*part))
         return values
 
@@ -258,20 +290,19 @@ class Environment:
         day: int,
         read: Callable[[Layer[Any]], NDArray[Any]],
     ) -> None:
-        for index, disease in enumerate(DISEASES):
+        for index, layer, table in self._diseases[day]:
             field = values[index]
             field.fill(1.0)
-            onset = read(self._onset[disease])
+            onset = read(layer)
             # Few cells are ever infected: setting these is several times faster than a table for all.
             if onset.flags.c_contiguous and field.flags.c_contiguous:
                 once_infected = np.flatnonzero(onset >= 0)
-                field.reshape(-1)[once_infected] = self._values[disease, day][
-                    onset.reshape(-1)[once_infected]
-                ]
+                field.reshape(-1)[once_infected] = table[onset.reshape(-1)[once_infected]]
             else:
                 infected = onset >= 0
-                field[infected] = self._values[disease, day][onset[infected]]
-        values[2] = read(self._soil[day])
+                field[infected] = table[onset[infected]]
+        for index, level in self._layers[day]:
+            values[index] = read(level)
 
     def sample(self, day: int, ix: ArrayLike, iy: ArrayLike) -> NDArray[np.float32]:
         """Give E at some cells on a day, without building the whole day.
@@ -280,13 +311,13 @@ class Environment:
         ----------
         day : int
             A kept day.
-        ix, iy : int or int[n]
+        ix, iy : int or int[k]
             Cells.
 
         Returns
         -------
-        float32[n, 3]
-            TYLCV, CCR and soil humidity, as in `values`.
+        float32[k, n]
+            The fields of each cell, as in `values`.
 
         Raises
         ------
@@ -297,64 +328,22 @@ class Environment:
         x, y = np.broadcast_arrays(np.atleast_1d(ix), np.atleast_1d(iy))
         if x.ndim != 1 or x.dtype.kind not in "iu" or y.dtype.kind not in "iu":
             raise EnvironmentDataError("environment: cells to sample are not integers or lists of integers")
-        samples = np.empty((x.size, 3), np.float32)
+        samples = np.empty((x.size, len(self.fields)), np.float32)
         if x.size == 0:
             return samples
         width, height = self.shape
         if x.min() < 0 or y.min() < 0 or x.max() >= width or y.max() >= height:
             outside = np.flatnonzero((x < 0) | (y < 0) | (x >= width) | (y >= height))[0]
-            place = f"({x[outside]}, {y[outside]})"
-            msg = f"environment: cell {place} is outside the farm of {width} x {height} cells"
+            cell = f"({x[outside]}, {y[outside]})"
+            msg = f"environment: cell {cell} is outside the farm of {width} x {height} cells"
             raise EnvironmentDataError(msg)
-        for index, disease in enumerate(DISEASES):
+        for index, layer, table in self._diseases[day]:
             # As an unsigned byte, the codes of cells never infected and without host index the end of the
             # table.
-            onset = self._onset[disease].cells(x, y)
-            samples[:, index] = self._values[disease, day][onset.view(np.uint8)]
-        samples[:, 2] = self._soil[day].cells(x, y)
+            samples[:, index] = table[layer.cells(x, y).view(np.uint8)]
+        for index, level in self._layers[day]:
+            samples[:, index] = level.cells(x, y)
         return samples
-
-    def matches(self, grid: FarmGrid) -> bool:
-        """Whether this environment was made for this crop map."""
-        return self.shape == grid.shape and self.provenance.grid_sha256 == grid_digest(grid)
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Save to a folder, which appears complete or not at all (`docs/environment.md` describes it).
-
-        Parameters
-        ----------
-        path : path-like
-            The folder; an older environment there is replaced, anything else is not.
-
-        Raises
-        ------
-        EnvironmentDataError
-            If the folder holds something else or cannot be written.
-        """
-        from sensors.environment.storage import save_environment
-
-        save_environment(self, path)
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str], *, lazy: bool = True) -> Environment:
-        """Load from a folder.
-
-        Parameters
-        ----------
-        path : path-like
-            A folder that `save` or `generate_environment` wrote.
-        lazy : bool
-            Decode what is used when it is used, instead of all at once.
-
-        Raises
-        ------
-        EnvironmentDataError
-            If a file is missing or is not what it claims; the text names the file. What is read later is
-            checked then, with the same error.
-        """
-        from sensors.environment.storage import load_environment
-
-        return load_environment(path, lazy=lazy)
 
 
 def _layer(name: str, array: NDArray[T], dtype: type[T], shape: tuple[int, int]) -> ArrayLayer[T]:

@@ -15,29 +15,28 @@ from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from geo.grid import STRAWBERRY, TOMATO
 from geo.memory import NotEnoughMemoryError, require_memory
 from geo.seeds import root_seed, stream
 from sensors.dynamics.epidemic import MAX_DAYS
 from sensors.dynamics.front import FRONT_BYTES_A_CELL
 from sensors.dynamics.outbreak import simulate_outbreak
 from sensors.dynamics.soil import SoilCourse, draw_weather
-from sensors.environment.environment import Environment, Provenance, grid_digest
-from sensors.environment.model import DISEASES, Disease, EnvironmentModel
+from sensors.environment.environment import Environment, Provenance
+from sensors.environment.storage import load_environment, stored_environment, unfinished_store
+from sensors.environment.store import EnvironmentStore, Header
 from sensors.errors import EnvironmentDataError
+from sensors.fields import PAPER_FIELDS, Field, FieldSet
 
 if TYPE_CHECKING:
     from geo.grid import FarmGrid
-    from sensors.environment.storage import EnvironmentStore
 
 T = TypeVar("T")
 Progress = Callable[[int, int], None]
-HOSTS: dict[Disease, int] = {"tylcv": TOMATO, "ccr": STRAWBERRY}
-"""The crop, as in the crop map, that each disease infects."""
 
 # Smaller farms are done before threads have started.
 _THREADS_FROM_CELLS = 1_000_000
 _POLL_S = 0.05
+_OUTBREAKS_AT_ONCE = 2
 
 
 class _StoppedError(Exception):
@@ -87,14 +86,14 @@ class Task:
     days : tuple of int
         The kept days.
     seed : SeedSequence
-    model : EnvironmentModel
+    fields : FieldSet
     farm_name : str
     """
 
     grid: FarmGrid
     days: tuple[int, ...]
     seed: SeedSequence
-    model: EnvironmentModel
+    fields: FieldSet
     farm_name: str = ""
 
     @property
@@ -102,15 +101,13 @@ class Task:
         """Cells of the farm."""
         return int(self.grid.shape[0]), int(self.grid.shape[1])
 
+    def header(self) -> Header:
+        """Describe the environment."""
+        return Header.of(self.shape, self.days, self.fields, self.provenance())
+
     def provenance(self) -> Provenance:
         """Tell where the environment comes from."""
-        entropy = np.atleast_1d(np.asarray(self.seed.entropy, dtype=object)).tolist()
-        return Provenance(
-            self.farm_name,
-            grid_digest(self.grid),
-            tuple(map(str, entropy)),
-            tuple(int(word) for word in self.seed.spawn_key),
-        )
+        return Provenance.of(self.grid, self.seed, self.farm_name)
 
 
 def make_task(
@@ -118,18 +115,18 @@ def make_task(
     *,
     days: int = 15,
     seed: SeedSequence | int,
-    model: EnvironmentModel | None = None,
+    fields: FieldSet = PAPER_FIELDS,
     keep_days: Iterable[int] | None = None,
     farm_name: str = "",
 ) -> Task:
     """Check what to generate; see `generate_environment`."""
-    return Task(grid, kept_days(days, keep_days), root_seed(seed), model or EnvironmentModel(), farm_name)
+    return Task(grid, kept_days(days, keep_days), root_seed(seed), fields, farm_name)
 
 
 def kept_days(days: int, keep_days: Iterable[int] | None) -> tuple[int, ...]:
     """Check the days to keep, all of 0..days if None; EnvironmentDataError if there is a wrong one."""
     if not 0 <= days <= MAX_DAYS:
-        raise EnvironmentDataError(f"environment: {days} days are not in 0..{MAX_DAYS}")
+        raise EnvironmentDataError(f"environment: day {days} is not in 0..{MAX_DAYS}; give an earlier day")
     kept = tuple(range(days + 1)) if keep_days is None else tuple(sorted({int(day) for day in keep_days}))
     if not kept:
         raise EnvironmentDataError("environment: keep_days is empty; keep at least one day")
@@ -139,7 +136,12 @@ def kept_days(days: int, keep_days: Iterable[int] | None) -> tuple[int, ...]:
 
 
 def memory_needed(
-    shape: tuple[int, int], days: int, *, on_disk: bool = False, threads: int | None = None
+    shape: tuple[int, int],
+    days: int,
+    *,
+    fields: FieldSet = PAPER_FIELDS,
+    on_disk: bool = False,
+    threads: int | None = None,
 ) -> dict[str, int]:
     """Estimate the memory that generating takes at its peak.
 
@@ -149,6 +151,8 @@ def memory_needed(
         The farm, cells.
     days : int
         Number of kept days.
+    fields : FieldSet
+        What is generated.
     on_disk : bool
         Whether they are written to a folder.
     threads : int, optional
@@ -165,19 +169,22 @@ def memory_needed(
     0.96
     """
     cells = shape[0] * shape[1]
-    at_once = 2 if _thread_count(cells, threads) > 1 else 1
+    diseases, continuous = len(fields.diseases), len(fields.continuous)
+    at_once = min(diseases, _OUTBREAKS_AT_ONCE if _thread_count(cells, threads) > 1 else 1)
     # Two days that alternate, and a day's compressed chunks before and after they are joined.
-    soil = cells * (2 * 4 + 2 * 4) if on_disk else cells * 4 * days
+    levels = cells * (2 * 4 + 2 * 4) * min(continuous, 1) if on_disk else cells * 4 * days * continuous
     # A disease: its day of infection, its hosts, its front, and lists of the cells near infected ones.
-    return {"soil": soil, "diseases": cells * (len(DISEASES) + at_once * (1 + FRONT_BYTES_A_CELL + 4))}
+    outbreaks = cells * (diseases + at_once * (1 + FRONT_BYTES_A_CELL + 4))
+    return {"continuous fields": levels, "diseases": outbreaks}
 
 
-def check_memory(shape: tuple[int, int], days: int, *, on_disk: bool, threads: int | None = None) -> None:
+def check_memory(task: Task, *, on_disk: bool, threads: int | None = None) -> None:
     """Raise NotEnoughMemoryError, with what to do, if generating would not fit into memory."""
+    shape, days = task.shape, len(task.days)
     try:
         require_memory(
             f"environment: generating {days} days of {shape[0]} x {shape[1]} cells",
-            memory_needed(shape, days, on_disk=on_disk, threads=threads),
+            memory_needed(shape, days, fields=task.fields, on_disk=on_disk, threads=threads),
         )
     except NotEnoughMemoryError as error:
         advice = "take a smaller farm" if on_disk else "keep fewer days, or generate into a folder"
@@ -195,7 +202,7 @@ def generate_environment(
     *,
     days: int = 15,
     seed: SeedSequence | int,
-    model: EnvironmentModel | None = None,
+    fields: FieldSet = PAPER_FIELDS,
     progress: Progress | None = None,
     keep_days: Iterable[int] | None = None,
     farm_name: str = "",
@@ -204,10 +211,10 @@ def generate_environment(
 ) -> Environment:
     """Generate the environment of a farm over some days.
 
-    The diseases and the soil use the streams "tylcv", "ccr" and "soil" of the seed (`geo.seeds`), so they are
-    independent. The diseases are the same on every machine to the last bit; the soil may differ by a rounding
-    error of float32. A day's state does not depend on how many days follow or are kept, nor anything on the
-    number of threads.
+    Each field uses the stream of its own name of the seed (`geo.seeds`), so they are independent, and a
+    further field changes nothing in the others. Diseases are the same on every machine to the last bit;
+    continuous fields may differ by a rounding error of float32. A day's state does not depend on how many
+    days follow or are kept, nor anything on the number of threads.
 
     Parameters
     ----------
@@ -217,14 +224,14 @@ def generate_environment(
         Number of steps, 0..126.
     seed : SeedSequence or int
         The seed.
-    model : EnvironmentModel, optional
-        Parameters; the benchmark's by default.
+    fields : FieldSet
+        What there is to sense, and how it develops; the benchmark's by default.
     progress : callable, optional
         Called as ``progress(done, total)`` after each piece of work, in the calling thread. It may raise to
         stop.
     keep_days : iterable of int, optional
-        Days to keep, all of 0..days by default. A kept day needs four bytes a cell (for the soil), the
-        diseases need two bytes a cell for all days together.
+        Days to keep, all of 0..days by default. A kept day needs four bytes a cell for each
+        continuous field, a disease needs one byte a cell for all days together.
     farm_name : str
         Recorded in the provenance.
     directory : path-like, optional
@@ -257,21 +264,23 @@ def generate_environment(
     >>> environment.days, environment.values(6).shape
     ((0, 1, 2, 3, 4, 5, 6), (3, 12, 12))
     """
-    task = make_task(grid, days=days, seed=seed, model=model, keep_days=keep_days, farm_name=farm_name)
+    task = make_task(grid, days=days, seed=seed, fields=fields, keep_days=keep_days, farm_name=farm_name)
     if directory is not None:
         return _generate_into(directory, task, progress, threads)
-    check_memory(task.shape, len(task.days), on_disk=False, threads=threads)
+    check_memory(task, on_disk=False, threads=threads)
     with _Work(task, progress, threads) as work:
-        outbreaks = {disease: work.start_outbreak(disease) for disease in DISEASES}
-        soil: dict[int, NDArray[np.float32]] = {}
-        earlier = None
-        for day in task.days:
-            soil[day] = np.empty(task.shape, np.float32)
-            work.soil.compute(day, soil[day], earlier, work.step)
-            earlier = day, soil[day]
-        onset = {disease: work.step.wait(outbreak) for disease, outbreak in outbreaks.items()}
+        outbreaks = {field.name: work.start_outbreak(field) for field in task.fields.diseases}
+        levels: dict[str, dict[int, NDArray[np.float32]]] = {}
+        for name, course in work.courses.items():
+            days_of = levels[name] = {}
+            earlier = None
+            for day in task.days:
+                days_of[day] = np.empty(task.shape, np.float32)
+                course.compute(day, days_of[day], earlier, work.step)
+                earlier = day, days_of[day]
+        onset = {name: work.step.wait(outbreak) for name, outbreak in outbreaks.items()}
         work.step.tell()
-    return Environment(task.model, onset, soil, task.provenance())
+    return Environment(task.fields, task.days, onset, levels, task.provenance())
 
 
 class _Work:
@@ -280,9 +289,12 @@ class _Work:
     def __init__(self, task: Task, progress: Progress | None, threads: int | None) -> None:
         self._task = task
         last = task.days[-1]
-        weather = draw_weather(task.shape, last, task.model.soil, stream(task.seed, "soil"))
-        self.soil = SoilCourse(task.shape, weather, task.model.soil, last)
-        self.step = _Steps(len(DISEASES) * last + len(self.soil.blocks) * len(task.days), progress)
+        self.courses: dict[str, SoilCourse] = {}
+        for field in task.fields.continuous:
+            weather = draw_weather(task.shape, last, field.humidity, stream(task.seed, field.name))
+            self.courses[field.name] = SoilCourse(task.shape, weather, field.humidity, last)
+        blocks = sum(len(course.blocks) for course in self.courses.values())
+        self.step = _Steps(len(task.fields.diseases) * last + blocks * len(task.days), progress)
         self._threads = _thread_count(task.grid.crop.size, threads)
         self._stack = contextlib.ExitStack()
 
@@ -291,8 +303,8 @@ class _Work:
             # One BLAS thread: the soil does not depend on the number of cores then.
             self._stack.enter_context(threadpool_limits(1, user_api="blas"))
             self._pool: Executor | None = None
-            if self._threads > 1:
-                self._pool = self._stack.enter_context(ThreadPoolExecutor(len(DISEASES)))
+            if self._threads > 1 and self._task.fields.diseases:
+                self._pool = self._stack.enter_context(ThreadPoolExecutor(_OUTBREAKS_AT_ONCE))
             # Entered last, so that the writer's last piece of work ends first.
             self._writer = self._stack.enter_context(ThreadPoolExecutor(1))
             self._stack = self._stack.pop_all()
@@ -302,24 +314,25 @@ class _Work:
         self.step.stopped.set()
         self._stack.close()
 
-    def start_outbreak(self, disease: Disease) -> Future[NDArray[np.int8]]:
+    def start_outbreak(self, field: Field) -> Future[NDArray[np.int8]]:
         """Start a disease; without threads it is over on return."""
         if self._pool is not None:
-            return self._pool.submit(self._outbreak, disease)
+            return self._pool.submit(self._outbreak, field)
         future: Future[NDArray[np.int8]] = Future()
-        future.set_result(self._outbreak(disease))
+        future.set_result(self._outbreak(field))
         return future
 
-    def _outbreak(self, disease: Disease) -> NDArray[np.int8]:
+    def _outbreak(self, field: Field) -> NDArray[np.int8]:
         task = self._task
-        hosts = np.asarray(task.grid.crop) == HOSTS[disease]
-        rng = stream(task.seed, disease)
-        return simulate_outbreak(hosts, task.model.epidemic(disease), task.days[-1], rng, self.step)
+        rng = stream(task.seed, field.name)
+        return simulate_outbreak(field.hosts(task.grid), field.epidemic, task.days[-1], rng, self.step)
 
-    def start_writing(self, store: EnvironmentStore, day: int, soil: NDArray[np.float32]) -> Future[None]:
-        """Start to write a day; without threads it is written on return."""
-        future = self._writer.submit(store.write_soil, day, soil)
-        if self._pool is None:
+    def start_writing(
+        self, store: EnvironmentStore, name: str, day: int, level: NDArray[np.float32]
+    ) -> Future[None]:
+        """Start to write a day of a continuous field; without threads it is written on return."""
+        future = self._writer.submit(store.write_level, name, day, level)
+        if self._threads <= 1:
             future.result()
         return future
 
@@ -327,52 +340,51 @@ class _Work:
 def _generate_into(
     directory: str | os.PathLike[str], task: Task, progress: Progress | None, threads: int | None
 ) -> Environment:
-    from sensors.environment.storage import (
-        load_environment,
-        make_header,
-        stored_environment,
-        unfinished_store,
-    )
-
-    header = make_header(task.shape, task.days, task.model, task.provenance())
+    header = task.header()
     finished = stored_environment(directory, header)
     if finished is not None:
         return finished
-    check_memory(task.shape, len(task.days), on_disk=True, threads=threads)
+    check_memory(task, on_disk=True, threads=threads)
     with unfinished_store(directory, header, resume=True) as store, _Work(task, progress, threads) as work:
-        outbreaks: dict[Disease, Future[NDArray[np.int8]]] = {}
+        outbreaks: dict[str, Future[NDArray[np.int8]]] = {}
 
         def write_finished_outbreaks() -> None:
-            for disease in [disease for disease, outbreak in outbreaks.items() if outbreak.done()]:
-                store.write_onset(disease, outbreaks.pop(disease).result())
+            for name in [name for name, outbreak in outbreaks.items() if outbreak.done()]:
+                store.write_onset(name, outbreaks.pop(name).result())
 
-        for disease in DISEASES:
-            if store.saved_onset(disease) is None:
-                outbreaks[disease] = work.start_outbreak(disease)
+        for field in task.fields.diseases:
+            if store.saved_onset(field.name) is None:
+                outbreaks[field.name] = work.start_outbreak(field)
                 write_finished_outbreaks()
             else:
                 work.step(task.days[-1])
-        spare = [np.empty(task.shape, np.float32) for _ in range(2)]
-        earlier: tuple[int, NDArray[np.float32]] | None = None
-        writing: Future[None] | None = None
-        for day in task.days:
-            write_finished_outbreaks()
-            saved = store.saved_soil(day)
-            if saved is not None:
-                earlier = day, saved
-                work.step(len(work.soil.blocks))
-                continue
-            # The other one may still be on its way to the disk.
-            soil = spare[0]
-            work.soil.compute(day, soil, earlier, work.step)
-            if writing is not None:
-                work.step.wait(writing)
-            writing = work.start_writing(store, day, soil)
-            earlier = day, soil
-            spare.reverse()
-        for disease, outbreak in outbreaks.items():
-            store.write_onset(disease, work.step.wait(outbreak))
-        if writing is not None:
-            work.step.wait(writing)
+        _write_levels(store, work, task, write_finished_outbreaks)
+        for name, outbreak in outbreaks.items():
+            store.write_onset(name, work.step.wait(outbreak))
         work.step.tell()
     return load_environment(directory)
+
+
+def _write_levels(store: EnvironmentStore, work: _Work, task: Task, before_day: Callable[[], None]) -> None:
+    """Compute the continuous fields and write each day while the next one is computed."""
+    spare = [np.empty(task.shape, np.float32) for _ in range(2 if work.courses else 0)]
+    writing: Future[None] | None = None
+    for name, course in work.courses.items():
+        earlier: tuple[int, NDArray[np.float32]] | None = None
+        for day in task.days:
+            before_day()
+            saved = store.saved_level(name, day)
+            if saved is not None:
+                earlier = day, saved
+                work.step(len(course.blocks))
+                continue
+            # The other one may still be on its way to the disk.
+            level = spare[0]
+            course.compute(day, level, earlier, work.step)
+            if writing is not None:
+                work.step.wait(writing)
+            writing = work.start_writing(store, name, day, level)
+            earlier = day, level
+            spare.reverse()
+    if writing is not None:
+        work.step.wait(writing)

@@ -1,8 +1,11 @@
 """What every estimator can do, and how one is found by its name.
 
-An estimator follows scikit-learn: ``__init__`` only stores parameters, ``fit`` forgets everything and learns,
-``partial_fit`` learns more, both return the estimator, and what was learned is in attributes ending in ``_``.
-It is registered under the entry point group ``wbf_mission.estimators``, by this package or by any other.
+An estimator follows scikit-learn: ``__init__`` only stores parameters, which ``get_params`` and
+``set_params`` give and change by name, so that `sklearn.base.clone` works; ``fit`` checks them, forgets
+everything and learns, ``partial_fit`` learns more, both return the estimator, and what was learned is in
+attributes ending in ``_``. An estimator that works for any fields has the parameter ``fields``; others know
+the benchmark's only. It is registered under the entry point group ``wbf_mission.estimators``, by this package
+or by any other.
 
 >>> "adaptive-disk" in estimator_names()
 True
@@ -12,13 +15,14 @@ from __future__ import annotations
 
 import inspect
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 
 from sensors.errors import EstimatorError
-from sensors.fields import FIELDS
+from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 
@@ -26,6 +30,7 @@ if TYPE_CHECKING:
     from geo.grid import FarmGrid
 
 ENTRY_POINT_GROUP = "wbf_mission.estimators"
+_HANDED_ON = ("fields", "random_state")
 
 RandomState = np.random.Generator | np.random.SeedSequence | int | None
 
@@ -43,7 +48,7 @@ class Estimator(Protocol):
         ...
 
     def predict(self) -> InformationModel:
-        """Return what is believed now.
+        """Give what is believed now.
 
         The arrays may be the estimator's own, changed in place and therefore read-only for the caller: they
         hold until the next ``fit`` or ``partial_fit``. Who needs them longer takes `InformationModel.copy`.
@@ -65,6 +70,7 @@ class BaseEstimator(ABC):
     states_deviation: ClassVar[bool] = False
     """Whether the model's uncertainty is the standard deviation of the true values."""
 
+    fields: FieldSet = PAPER_FIELDS
     grid_: FarmGrid
     n_observations_: int
 
@@ -83,9 +89,10 @@ class BaseEstimator(ABC):
         EstimatorError
             If a parameter is out of its range or the farm too large for the method.
         ObservationError
-            If an observation lies outside the farm.
+            If an observation lies outside the farm, or they are of other fields.
         """
         if observations is not None:
+            observations.check_fields(self.fields.names)
             observations.check_inside(grid.shape)
         self._start(grid)
         self.grid_ = grid
@@ -100,9 +107,11 @@ class BaseEstimator(ABC):
         EstimatorError
             If the estimator has not seen a farm yet.
         ObservationError
-            If an observation lies outside the farm; then none of them is learned.
+            If an observation lies outside the farm, or they are of other fields; then none of them is
+            learned.
         """
         self._check_fitted("partial_fit")
+        observations.check_fields(self.fields.names)
         observations.check_inside(self.grid_.shape)
         if len(observations):
             self._learn(observations)
@@ -110,7 +119,7 @@ class BaseEstimator(ABC):
         return self
 
     def predict(self) -> InformationModel:
-        """Return what is believed now, in arrays that hold until the next `fit` or `partial_fit`.
+        """Give what is believed now, in arrays that hold until the next `fit` or `partial_fit`.
 
         Raises
         ------
@@ -121,13 +130,36 @@ class BaseEstimator(ABC):
         return self._estimate()
 
     def memory_bytes(self, shape: tuple[int, int], n_observations: int) -> int:  # noqa: ARG002
-        """Return how much memory fit and predict take on a farm of this shape, the model included."""
+        """Tell how many bytes fit and predict take on a farm of this shape, the model included."""
         width, height = shape
-        return 2 * len(FIELDS) * 4 * width * height
+        return 2 * len(self.fields) * 4 * width * height
 
-    def get_params(self) -> dict[str, Any]:
-        """Return the parameters of ``__init__`` by name."""
-        return {name: getattr(self, name) for name in inspect.signature(type(self)).parameters}
+    @classmethod
+    def _param_names(cls) -> tuple[str, ...]:
+        return tuple(inspect.signature(cls).parameters)
+
+    def get_params(self, deep: bool = True) -> dict[str, Any]:  # noqa: ARG002 (scikit-learn's signature)
+        """Give the parameters of ``__init__`` by name; none of them is nested, so `deep` changes nothing."""
+        return {name: getattr(self, name) for name in self._param_names()}
+
+    def set_params(self, **params: Any) -> Self:
+        """Change parameters by name; they are checked and take effect at the next `fit`.
+
+        Raises
+        ------
+        EstimatorError
+            If a name is unknown; then nothing is changed.
+        """
+        known = self._param_names()
+        unknown = sorted(set(params) - set(known))
+        if unknown:
+            msg = (
+                f"{type(self).__name__} has no parameter {unknown[0]}, expected {', '.join(known) or 'none'}"
+            )
+            raise EstimatorError(msg)
+        for name, value in params.items():
+            setattr(self, name, value)
+        return self
 
     def __repr__(self) -> str:
         params = ", ".join(f"{name}={value!r}" for name, value in self.get_params().items())
@@ -149,48 +181,88 @@ class BaseEstimator(ABC):
 
 
 def estimator_memory(estimator: Estimator, shape: tuple[int, int], n_observations: int) -> int:
-    """Return the memory that an estimator takes, as it says itself or else that of its model, in bytes."""
+    """Tell the memory that an estimator takes, as it says itself or else that of its model, in bytes."""
     own = getattr(estimator, "memory_bytes", None)
     width, height = shape
-    return int(own(shape, n_observations)) if own is not None else 2 * len(FIELDS) * 4 * width * height
+    return (
+        int(own(shape, n_observations))
+        if own is not None
+        else 2 * len(estimator_fields(estimator)) * 4 * width * height
+    )
 
 
-def check_default_values(default_values: tuple[float, ...]) -> tuple[float, float, float]:
-    """Return one finite default value per field, or raise EstimatorError."""
+def estimator_fields(estimator: Estimator) -> FieldSet:
+    """Give the fields that an estimator works with."""
+    fields = getattr(estimator, "fields", PAPER_FIELDS)
+    return fields if isinstance(fields, FieldSet) else PAPER_FIELDS
+
+
+def check_default_values(default_values: Sequence[float] | None, fields: FieldSet) -> tuple[float, ...]:
+    """Check that there is one finite default value per field; None gives the fields' own.
+
+    Raises
+    ------
+    EstimatorError
+        If there is not.
+    """
+    if default_values is None:
+        return fields.defaults
     values = np.asarray(default_values, np.float64)
-    if values.shape != (len(FIELDS),) or not np.isfinite(values).all():
-        msg = f"default_values {default_values!r}: give one finite number for each of {', '.join(FIELDS)}"
+    if values.shape != (len(fields),) or not np.isfinite(values).all():
+        msg = (
+            f"default_values {default_values!r}: give one finite number for each of {', '.join(fields.names)}"
+        )
         raise EstimatorError(msg)
-    return float(values[0]), float(values[1]), float(values[2])
+    return tuple(values.tolist())
+
+
+def require_paper_fields(name: str, fields: FieldSet) -> None:
+    """Raise EstimatorError, naming the estimator, unless these are the benchmark's fields."""
+    if fields.names != PAPER_FIELDS.names:
+        msg = (
+            f"estimator {name!r} knows only the fields {', '.join(PAPER_FIELDS.names)}, not"
+            f" {', '.join(fields.names)}; use 'adaptive-disk', 'gp' or 'point'"
+        )
+        raise EstimatorError(msg)
 
 
 def estimator_names() -> tuple[str, ...]:
-    """Return the names of all registered estimators, sorted."""
+    """List the names of all registered estimators, sorted."""
     return tuple(sorted(_registered()))
 
 
-def make_estimator(name: str, *, random_state: RandomState = None, **params: Any) -> Estimator:
+def make_estimator(
+    name: str | Estimator,
+    *,
+    fields: FieldSet = PAPER_FIELDS,
+    random_state: RandomState = None,
+    **params: Any,
+) -> Estimator:
     """Make an estimator by its registered name; only the module of this one is imported.
 
     Parameters
     ----------
-    name : str
-        One of `estimator_names`.
+    name : str or Estimator
+        One of `estimator_names`, or an estimator, which is given back as it is and takes no parameters here.
+    fields : FieldSet
+        What is observed. Handed to the estimator if it has a parameter of this name.
     random_state : Generator, SeedSequence, int or None
-        Handed to the estimator if it has a parameter of this name, otherwise not needed.
+        Handed on as it is if the estimator has a parameter of this name, otherwise not needed.
     **params
         Further parameters of the estimator's ``__init__``.
 
     Raises
     ------
     EstimatorError
-        If the name or a parameter is unknown, or the estimator cannot be loaded.
+        If the name or a parameter is unknown, the estimator cannot be loaded, or it does not know the fields.
 
     Examples
     --------
-    >>> make_estimator("adaptive-disk")
-    AdaptiveDiskEstimator(default_values=(1.0, 1.0, 0.0), radius=None)
+    >>> make_estimator("adaptive-disk", radius=3)
+    AdaptiveDiskEstimator(default_values=None, radius=3, fields=FieldSet(tylcv, ccr, soil))
     """
+    if not isinstance(name, str):
+        return _given(name, fields, params)
     known = _registered()
     if name not in known:
         msg = f"no estimator {name!r}, expected one of {', '.join(sorted(known))}"
@@ -204,12 +276,34 @@ def make_estimator(name: str, *, random_state: RandomState = None, **params: Any
     anything = any(parameter.kind is parameter.VAR_KEYWORD for parameter in accepted.values())
     unknown = [] if anything else sorted(set(params) - set(accepted))
     if unknown:
-        own = [parameter for parameter in accepted if parameter != "random_state"]
+        own = [parameter for parameter in accepted if parameter not in _HANDED_ON]
         msg = f"estimator {name!r} has no parameter {', '.join(unknown)}, expected {', '.join(own) or 'none'}"
         raise EstimatorError(msg)
+    if "fields" in accepted:
+        params["fields"] = fields
+    else:
+        require_paper_fields(name, fields)
     if "random_state" in accepted:
         params["random_state"] = random_state
     estimator: Estimator = factory(**params)
+    return estimator
+
+
+def _given(estimator: Estimator, fields: FieldSet, params: dict[str, Any]) -> Estimator:
+    if not isinstance(estimator, Estimator):
+        found = type(estimator).__name__
+        msg = (
+            f"estimator of type {found}: give a registered name, or an object with fit, partial_fit, predict"
+        )
+        raise EstimatorError(msg)
+    if params:
+        msg = f"parameter {sorted(params)[0]!r}: an estimator that is an object has its parameters already"
+        raise EstimatorError(msg)
+    own = estimator_fields(estimator).names
+    if own != fields.names:
+        found = f"{type(estimator).__name__} is for the fields {', '.join(own)}"
+        msg = f"{found}, the farm's are {', '.join(fields.names)}; give it these by its parameter fields"
+        raise EstimatorError(msg)
     return estimator
 
 

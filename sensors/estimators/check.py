@@ -12,14 +12,13 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
-from dataclasses import fields as columns_of
+from typing import Any
 
 import numpy as np
 
 from geo.grid import FarmGrid
 from sensors.errors import EstimatorError, ObservationError
-from sensors.estimators.base import Estimator
-from sensors.fields import FIELDS
+from sensors.estimators.base import Estimator, estimator_fields
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.tiles import TILE_CELLS
@@ -58,18 +57,33 @@ class _Subject:
     def __init__(self, estimator: Estimator, n_observations: int) -> None:
         self._estimator = estimator
         self.name = type(estimator).__name__
+        self.fields = estimator_fields(estimator).names
         self.grid, self.wide_grid = _farm(SHAPE), _farm(WIDE_SHAPE)
         rng = np.random.default_rng(20)
-        self.seen = _observations(
+        self.seen = self.observations(
             rng.integers(0, SHAPE[0], n_observations),
             rng.integers(0, SHAPE[1], n_observations),
-            rng.choice([0.0, 0.5, 1.0], (n_observations, len(FIELDS))),
+            rng.choice([0.0, 0.5, 1.0], (n_observations, len(self.fields))),
         )
-        self.spread = _observations(
+        self.spread = self.observations(
             rng.integers(0, WIDE_SHAPE[0], n_observations),
             rng.integers(0, WIDE_SHAPE[1], n_observations),
-            rng.choice([0.0, 0.5, 1.0], (n_observations, len(FIELDS))),
+            rng.choice([0.0, 0.5, 1.0], (n_observations, len(self.fields))),
         )
+
+    def observations(
+        self, x: np.typing.ArrayLike, y: np.typing.ArrayLike, values: np.typing.ArrayLike
+    ) -> Observations:
+        columns, rows = np.asarray(x, np.int32), np.asarray(y, np.int32)
+        n = len(columns)
+        days = np.full(n, 6, np.int32)
+        return Observations(
+            columns, rows, np.arange(n, dtype=float), days, np.asarray(values, np.float32), self.fields
+        )
+
+    def readings(self, *of_fields: float) -> list[float]:
+        """Give one reading for each field, beginning anew when the given ones are used up."""
+        return [of_fields[k % len(of_fields)] for k in range(len(self.fields))]
 
     def fresh(self) -> Estimator:
         return copy.deepcopy(self._estimator)
@@ -84,10 +98,11 @@ class _Subject:
     def require_form(self, model: InformationModel, when: str) -> None:
         self.require(isinstance(model, InformationModel), f"predict {when} must return an InformationModel")
         for name, array in (("value", model.value), ("uncertainty", model.uncertainty)):
-            shape = (len(FIELDS), *SHAPE)
+            shape = (len(self.fields), *SHAPE)
             self.require(array.shape == shape, f"{name} {when} has shape {array.shape}, not {shape}")
             self.require(array.dtype == np.float32, f"{name} {when} is {array.dtype}, not float32")
             self.require(bool(np.isfinite(array).all()), f"{name} {when} is not finite in every cell")
+        self.require(model.fields == self.fields, f"fields {when} are {model.fields}, not {self.fields}")
         self.require(bool((model.uncertainty >= 0).all()), f"uncertainty {when} is negative in some cell")
 
     def require_same(
@@ -104,15 +119,6 @@ def _farm(shape: tuple[int, int]) -> FarmGrid:
     return FarmGrid(shape, 0.3048, crop, np.ones(shape, np.bool_))
 
 
-def _observations(
-    x: np.typing.ArrayLike, y: np.typing.ArrayLike, values: np.typing.ArrayLike
-) -> Observations:
-    columns, rows, values = np.asarray(x, np.int32), np.asarray(y, np.int32), np.asarray(values, np.float32)
-    return Observations(
-        columns, rows, np.arange(len(columns), dtype=float), np.full(len(columns), 6, np.int32), values
-    )
-
-
 def _check_protocol(subject: _Subject) -> None:
     estimator = subject.fresh()
     subject.require(isinstance(estimator, Estimator), "must have the methods fit, partial_fit and predict")
@@ -120,6 +126,33 @@ def _check_protocol(subject: _Subject) -> None:
     subject.require(
         estimator.partial_fit(subject.seen) is estimator, "partial_fit must return the estimator itself"
     )
+
+
+def _check_parameters(subject: _Subject) -> None:
+    from sklearn.base import clone
+
+    estimator: Any = subject.fresh()
+    if not (hasattr(estimator, "get_params") and hasattr(estimator, "set_params")):
+        text = "must have get_params and set_params as scikit-learn's, such as by BaseEstimator"
+        raise AssertionError(f"{subject.name}: {text}")
+    before = estimator.get_params()
+    try:
+        twin = clone(estimator)
+    except (TypeError, RuntimeError) as error:
+        text = f"sklearn.base.clone must work; __init__ may only store its parameters ({error})"
+        raise AssertionError(f"{subject.name}: {text}") from error
+    subject.require(type(twin) is type(estimator), "clone must give an estimator of the same class")
+    subject.require(set(twin.get_params()) == set(before), "a clone must have the same parameters")
+    subject.require(
+        estimator.set_params(**before) is estimator, "set_params must return the estimator itself"
+    )
+    same = all(estimator.get_params()[name] is value for name, value in before.items())
+    subject.require(same, "set_params must store what it is given")
+    try:
+        estimator.set_params(no_such_parameter=1)
+    except ValueError:
+        return
+    raise AssertionError(f"{subject.name}: set_params must refuse an unknown name with EstimatorError")
 
 
 def _check_refuses_before_fit(subject: _Subject) -> None:
@@ -140,13 +173,15 @@ def _check_nothing_seen(subject: _Subject) -> None:
     subject.require_form(nothing, "before any observation")
     subject.require_same(
         nothing,
-        subject.model(Observations.empty()),
+        subject.model(Observations.empty(subject.fields)),
         "no observations and an empty set of them must be the same",
     )
     later = subject.fresh().fit(subject.grid, subject.seen)
     before = later.predict()
     subject.require_same(
-        before, later.partial_fit(Observations.empty()).predict(), "an empty partial_fit must change nothing"
+        before,
+        later.partial_fit(Observations.empty(subject.fields)).predict(),
+        "an empty partial_fit must change nothing",
     )
 
 
@@ -191,7 +226,7 @@ def _check_arrays(subject: _Subject) -> None:
     estimator = subject.fresh().fit(subject.grid, subject.seen)
     model = estimator.predict()
     kept = model.copy()
-    estimator.partial_fit(_observations([5], [5], [[0.0, 0.0, 1.0]])).predict()
+    estimator.partial_fit(subject.observations([5], [5], [subject.readings(0.0, 0.0, 1.0)])).predict()
     # Arrays that the caller may write to are his own; the estimator's are read-only and change with it.
     for one, other in ((model.value, kept.value), (model.uncertainty, kept.uncertainty)):
         if one.flags.writeable:
@@ -216,12 +251,13 @@ def _check_changed(subject: _Subject) -> None:
     for start, stop in ((0, 3), (3, 4), (4, 4), (4, len(subject.spread))):
         model = estimator.partial_fit(subject.spread[start:stop]).predict()
         if model.changed is not None:
-            same = ~np.kron(model.changed, np.ones((TILE_CELLS, TILE_CELLS), np.bool_))
-            same = same[: grid.shape[0], : grid.shape[1]]
-            for name in ("value", "uncertainty"):
-                was, now = getattr(before, name), getattr(model, name)
-                text = f"{name} differs from the last model in a tile that is not reported as changed"
-                subject.require(np.array_equal(was[:, same], now[:, same]), text)
+            for k in range(len(model.value)):
+                same = ~np.kron(model.changed_in(k), np.ones((TILE_CELLS, TILE_CELLS), np.bool_))
+                same = same[: grid.shape[0], : grid.shape[1]]
+                for name in ("value", "uncertainty"):
+                    was, now = getattr(before, name)[k], getattr(model, name)[k]
+                    text = f"{name} differs from the last model in a tile that is not reported as changed"
+                    subject.require(np.array_equal(was[same], now[same]), text)
         before = model.copy()
 
 
@@ -230,18 +266,18 @@ def _check_inputs_untouched(subject: _Subject) -> None:
     crop = subject.grid.crop.copy()
     subject.model(subject.seen)
     same = all(
-        np.array_equal(getattr(before, column.name), getattr(subject.seen, column.name), equal_nan=True)
-        for column in columns_of(Observations)
+        np.array_equal(getattr(before, name), getattr(subject.seen, name), equal_nan=True)
+        for name in ("x", "y", "time_s", "day", "values")
     )
     subject.require(same and np.array_equal(crop, subject.grid.crop), "fit must not change its inputs")
 
 
 def _check_not_sensed(subject: _Subject) -> None:
     nothing = subject.model(None)
-    for k, name in enumerate(FIELDS):
+    for k, name in enumerate(subject.fields):
         values = subject.seen.values.copy()
         values[:, k] = np.nan
-        partial = subject.model(_observations(subject.seen.x, subject.seen.y, values))
+        partial = subject.model(subject.observations(subject.seen.x, subject.seen.y, values))
         subject.require_form(partial, f"when {name} was never sensed")
         subject.require(
             np.allclose(partial.value[k], nothing.value[k], atol=1e-6),
@@ -249,11 +285,13 @@ def _check_not_sensed(subject: _Subject) -> None:
         )
     values = subject.seen.values.copy()
     values[::2, 0] = np.nan
-    subject.require_form(subject.model(_observations(subject.seen.x, subject.seen.y, values)), "with gaps")
+    subject.require_form(
+        subject.model(subject.observations(subject.seen.x, subject.seen.y, values)), "with gaps"
+    )
 
 
 def _check_duplicates(subject: _Subject) -> None:
-    often = _observations([4] * 6, [3] * 6, [[0.5, 1.0, 0.25]] * 6)
+    often = subject.observations([4] * 6, [3] * 6, [subject.readings(0.5, 1.0, 0.25)] * 6)
     subject.require_form(subject.model(often), "when one cell was observed again and again")
 
 
@@ -261,7 +299,7 @@ def _check_outside(subject: _Subject) -> None:
     for x, y in ((-1, 0), (0, SHAPE[1]), (SHAPE[0], 0)):
         estimator = subject.fresh().fit(subject.grid)
         try:
-            estimator.partial_fit(_observations([x], [y], [[1.0, 1.0, 0.5]]))
+            estimator.partial_fit(subject.observations([x], [y], [subject.readings(1.0, 1.0, 0.5)]))
         except ObservationError:
             continue
         raise AssertionError(f"{subject.name}: an observation outside the farm must raise ObservationError")
@@ -269,6 +307,7 @@ def _check_outside(subject: _Subject) -> None:
 
 _CHECKS: tuple[Callable[[_Subject], None], ...] = (
     _check_protocol,
+    _check_parameters,
     _check_refuses_before_fit,
     _check_deterministic,
     _check_nothing_seen,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from sensors.fields import FIELDS
+from sensors.fields import PAPER_FIELDS
 
 if TYPE_CHECKING:
     from geo.farm import Farm
@@ -14,7 +14,7 @@ SMALL_FARM_CELLS = 128 * 128
 """On farms of more cells, what `epidemic` gains over `gp` is not worth its time and memory."""
 
 
-def default_estimator(farm: Farm, fields: Sequence[str] = FIELDS) -> str:
+def default_estimator(farm: Farm, fields: Sequence[str] = PAPER_FIELDS.names) -> str:
     """Return the name of the estimator of least loss that a farm can afford.
 
     That is ``epidemic`` on farms of up to 128 x 128 cells and ``gp`` on larger ones, by the figures in
@@ -37,4 +37,4 @@ def default_estimator(farm: Farm, fields: Sequence[str] = FIELDS) -> str:
     'gp'
     """
     small = farm.width_cells * farm.height_cells <= SMALL_FARM_CELLS
-    return "epidemic" if small and tuple(fields) == tuple(FIELDS) else "gp"
+    return "epidemic" if small and tuple(fields) == PAPER_FIELDS.names else "gp"

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sensors.estimators.base import BaseEstimator, check_default_values
-from sensors.fields import DEFAULT_VALUES, FIELDS
+from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.scoring.information import InformationModel
 
 if TYPE_CHECKING:
@@ -21,33 +22,45 @@ class PointEstimator(BaseEstimator):
 
     Parameters
     ----------
-    default_values : tuple of three floats
-        The value of each field in cells that were not observed.
+    default_values : sequence of float, optional
+        The value of each field in cells that were not observed; the fields' own by default.
+    fields : FieldSet
+        What is observed.
+
+    Notes
+    -----
+    Readings beyond 0..1, which noise makes, are taken as 0 and 1: no field has such values.
     """
 
     cells_: list[NDArray[np.intp]]
     values_: list[NDArray[np.float32]]
 
-    def __init__(self, default_values: tuple[float, float, float] = DEFAULT_VALUES) -> None:
+    def __init__(
+        self, default_values: Sequence[float] | None = None, fields: FieldSet = PAPER_FIELDS
+    ) -> None:
         self.default_values = default_values
+        self.fields = fields
 
     def _start(self, grid: FarmGrid) -> None:  # noqa: ARG002
-        check_default_values(self.default_values)
-        self.cells_ = [np.empty(0, np.intp) for _ in FIELDS]
-        self.values_ = [np.empty(0, np.float32) for _ in FIELDS]
+        self._defaults = check_default_values(self.default_values, self.fields)
+        self.cells_ = [np.empty(0, np.intp) for _ in self.fields]
+        self.values_ = [np.empty(0, np.float32) for _ in self.fields]
 
     def _learn(self, observations: Observations) -> None:
+        readings = np.minimum(np.maximum(observations.values, 0.0), 1.0)
         cells = observations.x.astype(np.intp) * self.grid_.shape[1] + observations.y
         for k, sensed in enumerate(observations.sensed.T):
             # Newest first, because np.unique keeps the first of equals.
             newest = np.concatenate([cells[sensed][::-1], self.cells_[k]])
-            values = np.concatenate([observations.values[sensed, k][::-1], self.values_[k]])
+            values = np.concatenate([readings[sensed, k][::-1], self.values_[k]])
             self.cells_[k], first = np.unique(newest, return_index=True)
             self.values_[k] = values[first]
 
     def _estimate(self) -> InformationModel:
-        model = InformationModel.uniform(self.grid_.shape, value=self.default_values, uncertainty=1.0)
-        for k in range(len(FIELDS)):
+        model = InformationModel.uniform(
+            self.grid_.shape, value=self._defaults, uncertainty=1.0, fields=self.fields.names
+        )
+        for k in range(len(self.fields)):
             model.value[k].reshape(-1)[self.cells_[k]] = self.values_[k]
             model.uncertainty[k].reshape(-1)[self.cells_[k]] = 0.0
         return model

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import EstimatorError
-from sensors.fields import FIELDS
+from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score_sums import SUMS, count_cells, find_extremes, sum_errors
 from sensors.scoring.tiles import tile_shape
 
-_Triple = tuple[float, float, float]
+_PerField = tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,48 +30,68 @@ class ScoreWeights:
 
     Parameters
     ----------
-    field : tuple of three floats
+    field : tuple of float
         Weight of each field.
-    too_healthy : tuple of three floats
+    too_healthy : tuple of float
         Cost of a squared error where the estimate is above the truth.
-    too_sick : tuple of three floats
+    too_sick : tuple of float
         Cost of a squared error where the estimate is below the truth.
     """
 
-    field: _Triple = (1.0, 0.2, 0.1)
-    too_healthy: _Triple = (10.0, 10.0, 1.0)
-    too_sick: _Triple = (1.0, 1.0, 1.0)
+    field: _PerField
+    too_healthy: _PerField
+    too_sick: _PerField
+
+    def __post_init__(self) -> None:
+        costs = (self.field, self.too_healthy, self.too_sick)
+        if len({len(part) for part in costs}) != 1 or not all(
+            0.0 <= cost < np.inf for part in costs for cost in part
+        ):
+            msg = f"score weights: {self} are not three tuples of one finite number >= 0 for each field"
+            raise EstimatorError(msg)
+
+    @classmethod
+    def of(cls, fields: FieldSet) -> ScoreWeights:
+        """Take the weights of a field set."""
+        return cls(
+            tuple(field.weight for field in fields),
+            tuple(field.cost_above for field in fields),
+            tuple(field.cost_below for field in fields),
+        )
 
 
-PAPER_WEIGHTS = ScoreWeights()
+PAPER_WEIGHTS = ScoreWeights.of(PAPER_FIELDS)
 
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """The score of one estimate, and what it is made of; tuples are in the order of `sensors.fields.FIELDS`.
+    """The score of one estimate, and what it is made of; tuples are in the order of the fields.
 
     Parameters
     ----------
     loss : float
         The paper's loss L of this estimate, 0 is perfect.
-    field_loss : tuple of three floats
+    field_loss : tuple of float
         Mean asymmetric squared error over each field's mask; L is their mean weighted by field and cells.
-    field_mse, field_mae : tuple of three floats
+    field_mse, field_mae : tuple of float
         Mean squared and mean absolute error over each field's mask.
-    field_weighted_mae : tuple of three floats
+    field_weighted_mae : tuple of float
         Mean asymmetric absolute error over each field's mask.
     authors_axis_max : float
         What the authors' code computes in place of the paper's formula (a maximum along x, taken for a clip
         at zero): it saturates, it can be positive for an estimate that is wrong everywhere, and it is here
         only to place the paper's published figures. Never rank by it.
+    fields : tuple of str
+        The names of the fields.
     """
 
     loss: float
-    field_loss: _Triple
-    field_mse: _Triple
-    field_mae: _Triple
-    field_weighted_mae: _Triple
+    field_loss: _PerField
+    field_mse: _PerField
+    field_mae: _PerField
+    field_weighted_mae: _PerField
     authors_axis_max: float
+    fields: tuple[str, ...]
 
     @property
     def score(self) -> float:
@@ -79,28 +99,30 @@ class Score:
         return -self.loss
 
     @property
-    def field_rmse(self) -> _Triple:
+    def field_rmse(self) -> _PerField:
         """Root mean squared error over each field's mask."""
-        a, b, c = np.sqrt(self.field_mse).tolist()
-        return a, b, c
+        return tuple(np.sqrt(self.field_mse).tolist())
 
 
 def paper_loss(
     truth: NDArray[np.floating],
     estimate: NDArray[np.floating],
     masks: NDArray[np.bool_],
-    weights: ScoreWeights = PAPER_WEIGHTS,
+    weights: ScoreWeights | None = None,
+    fields: FieldSet = PAPER_FIELDS,
 ) -> float:
-    """Return the paper's loss L of one estimate (see the module's formula with c = 1).
+    """Compute the paper's loss L of one estimate (see the module's formula with c = 1).
 
     Parameters
     ----------
-    truth, estimate : float[3, W, H]
+    truth, estimate : float[n, W, H]
         E and I.
-    masks : bool[3, W, H]
-        The relevant cells of each field, see `sensors.fields.relevance_masks`.
+    masks : bool[n, W, H]
+        The relevant cells of each field (`sensors.fields.FieldSet.masks`).
     weights : ScoreWeights, optional
-        The costs; the paper's by default.
+        The costs; by default those of the fields.
+    fields : FieldSet
+        The fields; those of the benchmark by default.
 
     Raises
     ------
@@ -114,7 +136,7 @@ def paper_loss(
     >>> round(paper_loss(truth, truth + 0.1, masks), 6), round(paper_loss(truth, truth - 0.1, masks), 6)
     (0.093077, 0.01)
     """
-    return RunningScore(truth, masks, weights).evaluate(estimate).loss
+    return RunningScore(truth, masks, weights, fields).evaluate(estimate).loss
 
 
 class RunningScore:
@@ -127,12 +149,14 @@ class RunningScore:
 
     Parameters
     ----------
-    truth : float[3, W, H]
+    truth : float[n, W, H]
         E; not copied.
-    masks : bool[3, W, H]
+    masks : bool[n, W, H]
         The relevant cells of each field.
     weights : ScoreWeights, optional
-        The costs; the paper's by default.
+        The costs; by default those of the fields.
+    fields : FieldSet
+        The fields; those of the benchmark by default.
 
     Attributes
     ----------
@@ -148,15 +172,25 @@ class RunningScore:
     """
 
     def __init__(
-        self, truth: NDArray[np.floating], masks: NDArray[np.bool_], weights: ScoreWeights = PAPER_WEIGHTS
+        self,
+        truth: NDArray[np.floating],
+        masks: NDArray[np.bool_],
+        weights: ScoreWeights | None = None,
+        fields: FieldSet = PAPER_FIELDS,
     ) -> None:
-        if masks.ndim != 3 or masks.shape[0] != len(FIELDS) or masks.dtype != np.bool_:
-            msg = f"score: masks are {masks.dtype}{list(masks.shape)}, expected bool[{len(FIELDS)}, W, H]"
+        weights = ScoreWeights.of(fields) if weights is None else weights
+        if masks.ndim != 3 or masks.shape[0] != len(fields) or masks.dtype != np.bool_:
+            msg = f"score: masks are {masks.dtype}{list(masks.shape)}, expected bool[{len(fields)}, W, H]"
             raise EstimatorError(msg)
-        self._fields = [_ScoredField(k, masks[k], weights) for k in range(len(FIELDS))]
+        if len(weights.field) != len(fields):
+            msg = f"score: weights of {len(weights.field)} fields, expected {', '.join(fields.names)}"
+            raise EstimatorError(msg)
+        self._fields = [_ScoredField(k, masks[k], weights) for k in range(len(fields))]
+        self._names = fields.names
         self._weight = np.array(weights.field) * [part.cells for part in self._fields]
         if not self._weight.sum() > 0:
-            msg = "score: no cell of the farm is relevant, its owner grows neither tomatoes nor strawberries"
+            crops = ", ".join(sorted({crop for field in fields for crop in field.crops}))
+            msg = f"score: no cell of the farm is relevant, its owner grows nothing of {crops}"
             raise EstimatorError(msg)
         self._shape = masks.shape
         self._tiles = tile_shape((masks.shape[1], masks.shape[2]))
@@ -178,11 +212,11 @@ class RunningScore:
         return result
 
     def evaluate(self, estimate: NDArray[np.floating] | InformationModel) -> Score:
-        """Return the score of one estimate.
+        """Score one estimate.
 
         Parameters
         ----------
-        estimate : float[3, W, H] or InformationModel
+        estimate : float[n, W, H] or InformationModel
             A model is summed only in the tiles that it reports as changed, if it is the successor of the
             model that was evaluated last.
 
@@ -193,23 +227,32 @@ class RunningScore:
         """
         value = estimate.value if isinstance(estimate, InformationModel) else estimate
         self._check_shape(value, "estimate")
-        tiles = self._stale_tiles(estimate)
+        follows = self._follows(estimate)
         self._summed = None
-        sums = [part.errors(tiles, self._truth[k], value[k]) for k, part in enumerate(self._fields)]
+        everything = np.ones(self._tiles, np.bool_)
+        sums = [
+            part.errors(
+                estimate.changed_in(k) if follows and isinstance(estimate, InformationModel) else everything,
+                self._truth[k],
+                value[k],
+            )
+            for k, part in enumerate(self._fields)
+        ]
         loss = float(np.dot(self._weight, [s.loss for s in sums]) / self._weight.sum())
         if not np.isfinite(loss):
-            bad = ", ".join(FIELDS[k] for k, s in enumerate(sums) if not np.isfinite(s.loss))
+            bad = ", ".join(self._names[k] for k, s in enumerate(sums) if not np.isfinite(s.loss))
             msg = f"score: the estimate (or the truth) of {bad} is not finite in every relevant cell"
             raise EstimatorError(msg)
         if isinstance(estimate, InformationModel):
             self._summed = value, estimate.revision
         return Score(
             loss=loss,
-            field_loss=_triple([s.loss for s in sums]),
-            field_mse=_triple([s.mse for s in sums]),
-            field_mae=_triple([s.mae for s in sums]),
-            field_weighted_mae=_triple([s.weighted_mae for s in sums]),
+            field_loss=tuple([s.loss for s in sums]),
+            field_mse=tuple([s.mse for s in sums]),
+            field_mae=tuple([s.mae for s in sums]),
+            field_weighted_mae=tuple([s.weighted_mae for s in sums]),
             authors_axis_max=float(np.dot(self.weights.field, [s.axis_max for s in sums])),
+            fields=self._names,
         )
 
     @property
@@ -222,12 +265,12 @@ class RunningScore:
         """The paper's score of the run so far, -L."""
         return -self.loss
 
-    def _stale_tiles(self, estimate: NDArray[np.floating] | InformationModel) -> NDArray[np.bool_]:
-        if self._summed is not None and isinstance(estimate, InformationModel):
-            value, revision = self._summed
-            if estimate.changed is not None and estimate.value is value and estimate.revision == revision + 1:
-                return estimate.changed
-        return np.ones(self._tiles, np.bool_)
+    def _follows(self, estimate: NDArray[np.floating] | InformationModel) -> bool:
+        """Return whether an estimate is the successor of the model that was summed last."""
+        if self._summed is None or not isinstance(estimate, InformationModel):
+            return False
+        value, revision = self._summed
+        return estimate.value is value and estimate.revision == revision + 1
 
     def _check_shape(self, array: NDArray[np.floating], name: str) -> None:
         if array.shape != self._shape:
@@ -278,12 +321,9 @@ class _ScoredField:
         out.weighted_mae = low * (absolute - worse_absolute) + high * worse_absolute
         out.axis_max = -out.mae
         if low != high:
-            find_extremes(tiles, self._line_cells, truth, estimate, self._above, self._below)
+            find_extremes(tiles, self._line_cells, self._mask, truth, estimate, self._above, self._below)
             worst = low * self._below.max(axis=0) + high * self._above.max(axis=0)
+            # A line without relevant cells may have no number at all.
+            worst[self._line_cells == 0] = 0.0
             out.axis_max = -float(self._line_cells @ worst) / self.cells
         return out
-
-
-def _triple(values: list[float]) -> _Triple:
-    a, b, c = values
-    return a, b, c

@@ -74,6 +74,7 @@ def sum_errors(
 def find_extremes(
     tiles: NDArray[np.bool_],
     lines: NDArray[np.int64],
+    mask: NDArray[np.bool_],
     truth: NDArray[np.floating],
     estimate: NDArray[np.floating],
     above: NDArray[np.float64],
@@ -87,9 +88,12 @@ def find_extremes(
         Where to look.
     lines : int64[H]
         Relevant cells of each line; tiles that no line with any runs through are left out.
+    mask : bool[W, H]
+        The relevant cells.
     truth, estimate : float[W, H]
     above, below : float64[tiles along x, H]
-        Written: the largest difference on the part of each line in each tile; NaN if one is NaN.
+        Written: the largest difference on the part of each line in each tile; NaN if that of a relevant
+        cell is NaN, while a NaN elsewhere is passed over.
     """
     width, height = truth.shape
     for row in range(tiles.shape[1]):
@@ -104,6 +108,8 @@ def find_extremes(
             for x in range(column * TILE_CELLS, min((column + 1) * TILE_CELLS, width)):
                 for y in range(y0, y1):
                     error = np.float64(estimate[x, y]) - np.float64(truth[x, y])
+                    if error != error and not mask[x, y]:
+                        continue
                     if error > above[column, y] or error != error:
                         above[column, y] = error
                     if -error > below[column, y] or error != error:

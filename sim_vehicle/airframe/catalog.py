@@ -19,7 +19,7 @@ from sim_vehicle.airframe.power_spec import AnyPowerSpec, BatterySpec
 from sim_vehicle.airframe.spec import KINDS, POWER_OF_KIND, PublishedEndurance, VehicleSpec
 from sim_vehicle.errors import VehicleError
 
-__all__ = ["find_vehicle", "load_vehicle", "packaged_names"]
+__all__ = ["get_vehicle", "load_vehicle", "vehicle_names"]
 
 _DEFAULT = "quad"
 _BASE_OF_KIND = {"multirotor": "quad", "fixed-wing": "wing", "rover": "rover", "ideal": "ideal"}
@@ -30,15 +30,20 @@ _PARTS = (BatterySpec, PublishedEndurance, *get_args(AnyPowerSpec))
 
 
 @cache
-def packaged_names() -> tuple[str, ...]:
+def vehicle_names() -> tuple[str, ...]:
     """Return the names of the vehicles that come with the package, the default one first."""
     folder = resources.files("sim_vehicle.airframe") / "vehicles"
     names = (entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
     return tuple(sorted(names, key=lambda name: (name != _DEFAULT, name == "ideal", name)))
 
 
-def find_vehicle(name: str) -> VehicleSpec:
-    """Return a vehicle by its name or from a file that ends in ``.toml``.
+def get_vehicle(name: str) -> VehicleSpec:
+    """Return a vehicle by its name, or read it from a TOML file.
+
+    Parameters
+    ----------
+    name : str
+        One of `vehicle_names`, or a path that ends in ``.toml``.
 
     Raises
     ------
@@ -47,13 +52,13 @@ def find_vehicle(name: str) -> VehicleSpec:
 
     Examples
     --------
-    >>> find_vehicle("Quad").cruise_speed_m_s
+    >>> get_vehicle("Quad").cruise_speed_m_s
     8.0
     """
     if name.lower().endswith(".toml"):
         return load_vehicle(Path(name))
-    if name.lower() not in packaged_names():
-        msg = f"unknown vehicle {name!r}: choose {', '.join(packaged_names())} or a .toml file"
+    if name.lower() not in vehicle_names():
+        msg = f"unknown vehicle {name!r}: choose {', '.join(vehicle_names())} or a .toml file"
         raise VehicleError(msg)
     return _packaged(name.lower())
 
@@ -84,7 +89,7 @@ def load_vehicle(path: Path) -> VehicleSpec:
         msg = f"{where}: {error}"
         raise VehicleError(msg) from None
     if not data:
-        bases = ", ".join(packaged_names())
+        bases = ", ".join(vehicle_names())
         msg = f"{where} is empty: give at least kind ({', '.join(KINDS)}) or base ({bases})"
         raise VehicleError(msg)
     kind = data.get("kind", "multirotor" if "base" not in data else None)
@@ -92,8 +97,8 @@ def load_vehicle(path: Path) -> VehicleSpec:
         msg = f"{where}: kind {kind!r} is not one of {', '.join(KINDS)}"
         raise VehicleError(msg)
     name = str(data.pop("base", _BASE_OF_KIND.get(str(kind)))).lower()
-    if name not in packaged_names():
-        msg = f"{where}: base must be one of {', '.join(packaged_names())}"
+    if name not in vehicle_names():
+        msg = f"{where}: base must be one of {', '.join(vehicle_names())}"
         raise VehicleError(msg)
     base = replace(_packaged(name), published=None, description="")
     if kind is not None and kind != base.kind:

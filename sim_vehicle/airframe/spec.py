@@ -1,4 +1,4 @@
-"""What a vehicle can do: kinematic limits, battery, power model; and how to get one by its name."""
+"""What a vehicle can do: kinematic limits, battery, power model."""
 
 from __future__ import annotations
 
@@ -34,8 +34,6 @@ __all__ = [
     "PublishedEndurance",
     "RoverPowerSpec",
     "VehicleSpec",
-    "get_vehicle",
-    "vehicle_names",
 ]
 
 KINDS = ("multirotor", "fixed-wing", "rover", "ideal")
@@ -149,8 +147,8 @@ class VehicleSpec:
 
     Examples
     --------
-    >>> get_vehicle("quad").cruise_speed_m_s
-    8.0
+    >>> VehicleSpec("mine", speed_limit_m_s=10.0).top_speed_m_s
+    9.5
     """
 
     name: str
@@ -221,28 +219,3 @@ class VehicleSpec:
     def top_speed_m_s(self) -> float:
         """The highest ground speed that a mission can command."""
         return self.cell_m / self.step_s if self.is_ideal else 0.95 * self.speed_limit_m_s
-
-
-def vehicle_names() -> tuple[str, ...]:
-    """Return the names of the vehicles that come with the package, the default one first."""
-    from sim_vehicle.airframe.catalog import packaged_names
-
-    return packaged_names()
-
-
-def get_vehicle(name: str) -> VehicleSpec:
-    """Return a vehicle by its name, or read it from a TOML file.
-
-    Parameters
-    ----------
-    name : str
-        One of `vehicle_names`, or a path that ends in ``.toml``.
-
-    Raises
-    ------
-    VehicleError
-        If there is no such vehicle, or the file is not one.
-    """
-    from sim_vehicle.airframe.catalog import find_vehicle
-
-    return find_vehicle(name)

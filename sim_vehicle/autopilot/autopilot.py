@@ -56,7 +56,7 @@ class Firmware:
         """
         table = {parameter.name: parameter for parameter in self.parameter_table(spec, system_id)}
         if spec.autopilot == self.procedures.name:
-            for name, known in self.procedures.settings.items():
+            for name, known in self.procedures.parameters.items():
                 table[name] = MavParameter(
                     name,
                     integer=known.integer,

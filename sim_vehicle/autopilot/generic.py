@@ -12,8 +12,8 @@ from sim_vehicle.motion.legs import ALONG, KEEP, Leg, LegKind
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from sim_vehicle.airframe.parameters import ParameterSpec
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.autopilot.model import Setting
     from sim_vehicle.motion.legs import Heading, Position
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.weather.wind import Wind
@@ -25,7 +25,7 @@ class GenericAutopilot:
     """See `sim_vehicle.autopilot.model.FlightProcedures`."""
 
     name = "generic"
-    settings: Mapping[str, Setting] = MappingProxyType({})
+    parameters: Mapping[str, ParameterSpec] = MappingProxyType({})
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
         """Return the vehicle as it is: there are no parameters."""

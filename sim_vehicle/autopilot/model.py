@@ -1,53 +1,26 @@
-"""What an autopilot decides about a flight: the law of motion, the way up, home and down, its parameters."""
+"""What an autopilot decides about a flight: its dynamics, the way up, home and down, its parameters."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol
 
-from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion.legs import KEEP, Leg, LegKind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from sim_vehicle.airframe.parameters import ParameterSpec
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.fixed_wing.model import WingLimits
     from sim_vehicle.motion.legs import Heading, Position
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.weather.wind import Wind
-
-
-@dataclass(frozen=True, slots=True)
-class Setting:
-    """One parameter of an autopilot, under its real name.
-
-    Parameters
-    ----------
-    default, low, high : float
-        Default and allowed values, in the parameter's own unit.
-    unit : str
-        Such as ``m/s``, ``cm/s`` or ``deg``; empty for a number.
-    text : str
-        What it is, in a few words.
-    integer : bool
-        Whether it is INT32 on the wire.
-    """
-
-    default: float
-    low: float
-    high: float
-    unit: str
-    text: str
-    integer: bool = False
 
 
 class FlightProcedures(Protocol):
     """How a firmware moves vehicles. One object for all of them: what differs is in their spec."""
 
     name: str
-    settings: Mapping[str, Setting]
+    parameters: Mapping[str, ParameterSpec]
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
         """Return the vehicle with what parameters decide of its values (radii, speeds, heights)."""
@@ -71,67 +44,7 @@ class FlightProcedures(Protocol):
         """
 
 
-@runtime_checkable
-class FixedWingProcedures(FlightProcedures, Protocol):
-    """What a firmware decides about fixed wings besides."""
-
-    placed_land_start: bool
-    """Whether DO_LAND_START has to have a place."""
-
-    def limits(self, spec: VehicleSpec) -> WingLimits:
-        """Limits of a vehicle's flight."""
-
-    def lands_as_mission(self, spec: VehicleSpec) -> bool:
-        """Whether a return flies the landing of the mission, if it has one."""
-
-    def holds_at_waypoints(self) -> bool:
-        """Whether the hold time of a waypoint counts."""
-
-    def steepest_approach(self, spec: VehicleSpec) -> tuple[str, float] | None:
-        """Parameter that bounds the slope of an approach and its value in degrees; None without a bound."""
-
-
 def vertical_landing(spec: VehicleSpec, x_m: float, y_m: float) -> Leg:
     """Return the last leg of a landing: straight down to the ground at a place (east, north)."""
     down = spec.landing_speed_m_s
     return Leg((x_m, y_m, 0.0), None, heading=KEEP, kind=LegKind.LAND, vertical_speed_m_s=down)
-
-
-def setting(spec: VehicleSpec, name: str, table: Mapping[str, Setting]) -> float:
-    """Return the value of a parameter for a vehicle: its own, or the default.
-
-    Examples
-    --------
-    >>> from dataclasses import replace
-    >>> from sim_vehicle.airframe.spec import get_vehicle
-    >>> table = {"MPC_ACC_HOR": Setting(3.0, 2.0, 15.0, "m/s^2", "acceleration")}
-    >>> setting(get_vehicle("quad"), "MPC_ACC_HOR", table)
-    3.0
-    >>> setting(replace(get_vehicle("quad"), parameters=(("MPC_ACC_HOR", 5.0),)), "MPC_ACC_HOR", table)
-    5.0
-    """
-    for key, value in spec.parameters:
-        if key == name:
-            return value
-    return table[name].default
-
-
-def check_settings(spec: VehicleSpec, table: Mapping[str, Setting]) -> None:
-    """Check the parameters of a vehicle.
-
-    Raises
-    ------
-    VehicleError
-        A parameter that the autopilot has not, or a value outside its range.
-    """
-    for name, value in spec.parameters:
-        known = table.get(name)
-        if known is None:
-            msg = f"vehicle {spec.name}: {spec.autopilot} has no parameter {name} that moves the vehicle"
-            raise VehicleError(msg)
-        if not (math.isfinite(value) and known.low <= value <= known.high):
-            msg = (
-                f"vehicle {spec.name}: {name} {value:g} is out of range: "
-                f"give {known.low:g} to {known.high:g} {known.unit}".rstrip()
-            )
-            raise VehicleError(msg)

@@ -13,9 +13,10 @@ from sim_vehicle.airframe.autopilot_names import (
     NO_AUTOPILOT,
     autopilot_names,
 )
+from sim_vehicle.airframe.parameters import check_parameters
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
+from sim_vehicle.autopilot.fixed_wing import FixedWingProcedures
 from sim_vehicle.autopilot.generic import GENERIC
-from sim_vehicle.autopilot.model import FixedWingProcedures, check_settings
 from sim_vehicle.errors import VehicleError
 
 if TYPE_CHECKING:
@@ -33,6 +34,8 @@ __all__ = [
     "get_autopilot",
     "with_autopilot",
 ]
+
+_NOT_INSTALLED = f"no package gives any in the entry points {AUTOPILOT_GROUP}: install wbf-mission again"
 
 
 def get_autopilot(name: str = DEFAULT_AUTOPILOT) -> Autopilot:
@@ -55,7 +58,8 @@ def get_autopilot(name: str = DEFAULT_AUTOPILOT) -> Autopilot:
 def _load(name: str) -> Autopilot:
     entry = next((e for e in entry_points(group=AUTOPILOT_GROUP) if e.name.lower() == name), None)
     if entry is None:
-        msg = f"unknown autopilot {name!r}: choose {', '.join(autopilot_names())}"
+        known = ", ".join(autopilot_names())
+        msg = f"unknown autopilot {name!r}: " + (f"choose {known}" if known else _NOT_INSTALLED)
         raise VehicleError(msg)
     try:
         autopilot = entry.load()
@@ -139,7 +143,7 @@ def with_autopilot(
     merged = {**dict(spec.parameters_for(name)), **dict(before), **(parameters or {})}
     flown = replace(spec, autopilot=name, parameters=tuple(merged.items()))
     procedures = flight_procedures(flown)
-    check_settings(flown, procedures.settings)
+    check_parameters(flown, procedures.parameters)
     return procedures.fit(flown)
 
 
@@ -150,7 +154,7 @@ def adapt_vehicle(spec: VehicleSpec, autopilot: Autopilot) -> VehicleSpec:
 
     Examples
     --------
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> adapt_vehicle(get_vehicle("wing"), get_autopilot("ardupilot")).autopilot
     'ardupilot'
     """

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mission.link.codec.dialect import mavlink
-from sensors.camera.wire import LEAF_NAME, pack_values
+from sensors.camera.layout import ANNOUNCED_EVERY, FIELDS_NAME, LeafLayout
 from sim_vehicle.camera.trigger import CameraTrigger, Fix, Shot
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ _PATIENCE_S = 2.5
 _POSITION_US, _TIME_US = 100_000.0, 1_000_000.0
 _STORAGE_MIB = 1024.0
 _MIB_PER_PICTURE = 1e-4
-_LEAF = LEAF_NAME.encode()
 _UNIX_US = 10**15
 _E7 = 1e7
 _PADDING = [0.0] * 58
@@ -97,6 +96,8 @@ class LeafCameraComponent:
         self.trigger = CameraTrigger()
         self.image_count = 0
         self._camera = camera
+        self._layout = LeafLayout.of(camera.options.fields.names)
+        self._layout_name = self._layout.name.encode()
         self._farm = farm
         self._autopilot = (system_id, autopilot_component_id)
         self._ring: list[_Picture | None] = [None] * RING_PICTURES
@@ -258,12 +259,25 @@ class LeafCameraComponent:
                 b"",
             )
         ]
-        for data in pack_values(index, self._camera.options.footprint_cells, values):
+        for data in self._layout.pack(index, self._camera.options.footprint_cells, values):
             data += _PADDING[len(data) :]
             report.append(
-                mavlink.MAVLink_debug_float_array_message(shot.time_us, _LEAF, index & 0xFFFF, data)
+                mavlink.MAVLink_debug_float_array_message(
+                    shot.time_us, self._layout_name, index & 0xFFFF, data
+                )
             )
+        if index % ANNOUNCED_EVERY == 0:
+            report += self._announce(shot.time_us)
         return report
+
+    def _announce(self, time_us: int) -> list[Message]:
+        """Tell the names of the fields, unless they are the benchmark's."""
+        return [
+            mavlink.MAVLink_debug_float_array_message(
+                time_us, FIELDS_NAME.encode(), number, data + _PADDING[len(data) :]
+            )
+            for number, data in enumerate(self._layout.announcement())
+        ]
 
     def _attitude(self, heading_cdeg: int) -> tuple[float, float, float, float]:
         """Return the camera's attitude, looking straight down: yaw, then pitch -90 degrees."""

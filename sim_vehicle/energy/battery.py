@@ -69,7 +69,7 @@ def remaining_fraction(battery: BatterySpec, used_j: float) -> float:
 
     Examples
     --------
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> battery = get_vehicle("quad").battery
     >>> round(remaining_fraction(battery, 0.25 * battery.capacity_wh * WH_J), 6)
     0.75
@@ -86,7 +86,7 @@ class BatteryMeter:
 
     Examples
     --------
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> meter = BatteryMeter(get_vehicle("quad").battery)
     >>> round(meter.read(0.0, 0.0, 0.0).voltage_v, 1)
     17.4

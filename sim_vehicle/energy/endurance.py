@@ -58,7 +58,7 @@ def endurance_s(spec: VehicleSpec, airspeed_m_s: float, *, used_fraction: float 
 
     Examples
     --------
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> round(endurance_s(get_vehicle("quad"), 0.0) / 60.0)
     30
     """

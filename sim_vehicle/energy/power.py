@@ -53,7 +53,6 @@ if TYPE_CHECKING:
 
 COEFFICIENTS = 9
 REGAINED = 0.2
-_GRAVITY = GRAVITY_M_S2
 
 
 def power_coefficients(power: AnyPowerSpec | None, battery: BatterySpec | None = None) -> NDArray[np.float64]:
@@ -120,7 +119,7 @@ def multirotor_power(
     air = sqrt(air2)
     force_x = power[1] * air * air_x + mass * acc_x
     force_y = power[1] * air * air_y + mass * acc_y
-    lift = max(mass * (_GRAVITY + acc_z), 0.0)
+    lift = max(mass * (GRAVITY_M_S2 + acc_z), 0.0)
     thrust2 = force_x * force_x + force_y * force_y + lift * lift
     if thrust2 < 1e-9:
         return float(power[6])
@@ -161,7 +160,7 @@ def wing_power(power: NDArray[np.float64], airspeed: float, climb: float, load: 
     if speed2 < 1.0:
         return float(power[6])
     drag = power[1] * speed2 + power[2] * load * load / speed2
-    needed = drag * airspeed + power[0] * _GRAVITY * climb
+    needed = drag * airspeed + power[0] * GRAVITY_M_S2 * climb
     total = power[6] + power[7] * max(needed, 0.0)
     return float(total * (1.0 + power[8] * total))
 
@@ -211,7 +210,7 @@ def flight_power_w(
 
     Examples
     --------
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> quad = get_vehicle("quad")
     >>> 170.0 < flight_power_w(quad.power) < 180.0
     True

@@ -29,7 +29,7 @@ def break_vehicle(component: Component, kind: str, broken: bool) -> None:
 
 
 def _gps(pilot: Any, broken: bool) -> None:
-    pilot.position_ok = not broken
+    pilot.controls.position_ok = not broken
 
 
 def _motor(pilot: Any, broken: bool) -> None:

@@ -15,7 +15,7 @@ from sim_vehicle.mavlink.camera_commands import CAMERA_COMMANDS
 from sim_vehicle.mavlink.flight_commands import FLIGHT_ORDERS
 from sim_vehicle.motion.legs import ALONG, Heading
 from sim_vehicle.pilot.arming import FORCE
-from sim_vehicle.pilot.pilot import RefusedError
+from sim_vehicle.pilot.notices import RefusedError
 
 if TYPE_CHECKING:
     from sim_vehicle.mavlink.vehicle import SimVehicle
@@ -205,7 +205,7 @@ def _reposition(vehicle: SimVehicle, order: Order) -> Answer:
 
 def _mission_start(vehicle: SimVehicle, order: Order) -> Answer:
     first = order.number(1)
-    reason = vehicle.pilot.why_no_mission()
+    reason = vehicle.pilot.mission.why_not
     if reason is not None:
         msg = f"Mission start refused: {reason}"
         raise RefusedError(msg)

@@ -106,7 +106,7 @@ class Fleet:
 
     Examples
     --------
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> fleet = Fleet(get_vehicle("quad"), GeoPoint(28.05, -82.15, 10.0), 3)
     >>> [vehicle.system_id for vehicle in fleet.vehicles], fleet.urls[-1]
     ([1, 2, 3], ServerUrl(url='udpout:127.0.0.1:14542,14582', system=3))

@@ -98,7 +98,8 @@ def change_altitude(vehicle: SimVehicle, order: Order) -> None:
 def land_start(vehicle: SimVehicle, _order: Order) -> None:
     """DO_LAND_START: go on with the mission where its landing begins."""
     seq = next(
-        (i for i, item in enumerate(vehicle.pilot.items) if item.command == Command.DO_LAND_START), None
+        (i for i, item in enumerate(vehicle.pilot.mission.items) if item.command == Command.DO_LAND_START),
+        None,
     )
     if seq is None:
         msg = "Land start refused: the mission has none"

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import Message
+from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.airframe.sensor_errors import HDOP, VDOP
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.state import LandedState, Phase
 from sim_vehicle.mavlink.true_state import hil_state_quaternion, int16, quaternion, sim_state, to_body
-from sim_vehicle.pilot.arming import health_problem
 from sim_vehicle.pilot.fence import Breach
 
 if TYPE_CHECKING:
@@ -76,11 +76,11 @@ def _heartbeat(vehicle: SimVehicle) -> Message:
 def _sys_status(vehicle: SimVehicle) -> Message:
     pilot = vehicle.pilot
     health = _SENSORS
-    if not pilot.position_ok:
+    if not pilot.controls.position_ok:
         health &= ~_GPS
     if pilot.failsafe.fence.breach and pilot.armed:
         health &= ~_FENCE
-    if not pilot.armed and health_problem(pilot) is not None:
+    if not pilot.armed and pilot.arming.health_problem() is not None:
         health &= ~_PREARM
     battery = pilot.state.battery
     millivolts, centiamps, percent = _UNUSED_CELL, -1, -1
@@ -99,7 +99,7 @@ def _system_time(vehicle: SimVehicle) -> Message:
 def _gps_raw_int(vehicle: SimVehicle) -> Message:
     state = vehicle.pilot.state
     place = vehicle.place
-    if not vehicle.pilot.position_ok:
+    if not vehicle.pilot.controls.position_ok:
         return m.MAVLink_gps_raw_int_message(
             vehicle.unix_us, 1, 0, 0, 0, _UNUSED_CELL, _UNUSED_CELL, _UNUSED_CELL, _UNUSED_CELL, 0
         )
@@ -221,7 +221,7 @@ def _battery_status(vehicle: SimVehicle) -> Message:
         round(36.0 * battery.used_wh),
         math.ceil(100.0 * battery.fraction),
         _remaining_s(vehicle),
-        _CHARGE_STATES[vehicle.pilot.failsafe.battery_level()],
+        _CHARGE_STATES[vehicle.pilot.failsafe.battery.level()],
     )
 
 
@@ -247,9 +247,9 @@ def _home_position(vehicle: SimVehicle) -> Message:
 
 def _mission_current(vehicle: SimVehicle) -> Message:
     pilot = vehicle.pilot
-    size = pilot.mission_size
+    size = pilot.mission.size
     in_mode = 1 if pilot.mode is Mode.MISSION else 2
-    seq = vehicle.wire_seq(pilot.current_seq) if size else 0
+    seq = vehicle.wire_seq(pilot.mission.current_seq) if size else 0
     state = pilot.mission_state
     if state == m.MISSION_STATE_COMPLETE:
         seq = 0
@@ -299,14 +299,14 @@ def _modes_monitor(_vehicle: SimVehicle) -> Message:
 
 
 def _estimator_status(vehicle: SimVehicle) -> Message:
-    ok = vehicle.pilot.position_ok
+    ok = vehicle.pilot.controls.position_ok
     return m.MAVLink_estimator_status_message(
         vehicle.unix_us, _ESTIMATES_OK if ok else _ESTIMATES_BLIND, 0.1, 0.1, 0.1, 0.1, 0.0, 0.0, 0.5, 0.8
     )
 
 
 def _ekf_status_report(vehicle: SimVehicle) -> Message:
-    ok = vehicle.pilot.position_ok
+    ok = vehicle.pilot.controls.position_ok
     flags = _ESTIMATES_OK if ok else _ESTIMATES_BLIND
     return m.MAVLink_ekf_status_report_message(flags, 0.1, 0.1, 0.1, 0.1, 0.0)
 
@@ -341,7 +341,7 @@ def _highres_imu(vehicle: SimVehicle) -> Message:
     """Tell what the sensors would read: specific force and magnetic field along forward, right, down."""
     state = vehicle.pilot.state
     east, north, up = state.acceleration_m_s2
-    force = to_body(state, north, east, -(up + 9.80665))
+    force = to_body(state, north, east, -(up + GRAVITY_M_S2))
     field = to_body(state, 0.25, 0.0, 0.41)
     return m.MAVLink_highres_imu_message(
         vehicle.unix_us,

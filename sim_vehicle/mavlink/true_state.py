@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import Message
+from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.airframe.sensor_errors import SensorNoise
 from sim_vehicle.execution.state import VehicleState
 
@@ -62,7 +63,7 @@ def hil_state_quaternion(vehicle: SimVehicle) -> Message:
     place, height_m, velocity = _truth(vehicle)
     airspeed = min(65535, round(100.0 * state.airspeed_m_s))
     east, north, up = state.acceleration_m_s2
-    force = to_body(state, north, east, -(up + 9.80665))
+    force = to_body(state, north, east, -(up + GRAVITY_M_S2))
     return m.MAVLink_hil_state_quaternion_message(
         vehicle.unix_us,
         list(quaternion(state)),
@@ -74,7 +75,7 @@ def hil_state_quaternion(vehicle: SimVehicle) -> Message:
         *(int16(100.0 * part) for part in velocity),
         airspeed,
         airspeed,
-        *(int16(1000.0 * part / 9.80665) for part in force),
+        *(int16(1000.0 * part / GRAVITY_M_S2) for part in force),
     )
 
 
@@ -90,7 +91,7 @@ def sim_state(vehicle: SimVehicle) -> Message:
         state.roll_rad,
         state.pitch_rad,
         math.remainder(state.yaw_rad, 2.0 * math.pi),
-        *to_body(state, north, east, -(up + 9.80665)),
+        *to_body(state, north, east, -(up + GRAVITY_M_S2)),
         0.0,
         0.0,
         state.yaw_rate_rad_s,

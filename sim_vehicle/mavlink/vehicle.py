@@ -34,14 +34,14 @@ from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.component import NEVER
 from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS
 from sim_vehicle.execution.state import CameraCommand, FlightEvent, HomeMoved, ItemReached
-from sim_vehicle.mavlink import commands
+from sim_vehicle.mavlink import commands, setpoint_messages
 from sim_vehicle.mavlink.camera_commands import CAMERA, CameraOrders
 from sim_vehicle.mavlink.parameters import ParameterSet
 from sim_vehicle.mavlink.schedule import Schedule
 from sim_vehicle.mavlink.telemetry import BUILDERS, STREAMS
-from sim_vehicle.pilot import setpoints
-from sim_vehicle.pilot.modes import Outcome
-from sim_vehicle.pilot.pilot import Pilot, RefusedError, Severity
+from sim_vehicle.pilot.notices import RefusedError, Severity
+from sim_vehicle.pilot.outcome import Outcome
+from sim_vehicle.pilot.pilot import Pilot
 from sim_vehicle.weather.wind import Wind
 
 __all__ = ["SimVehicle"]
@@ -100,7 +100,7 @@ class SimVehicle:
 
     Examples
     --------
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> vehicle = SimVehicle(get_vehicle("quad"), GeoPoint(28.05, -82.15, 10.0))
     >>> [message.get_type() for message in vehicle.poll(0.0)][:2]
     ['HEARTBEAT', 'SYS_STATUS']
@@ -197,7 +197,7 @@ class SimVehicle:
             m.MAVLINK_MSG_ID_SET_MODE: self._on_set_mode,
             m.MAVLINK_MSG_ID_SETUP_SIGNING: self._on_setup_signing,
             m.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
-            **dict.fromkeys(setpoints.MESSAGES, self.pilot.steering.take),
+            **dict.fromkeys(setpoint_messages.MESSAGES, self._on_setpoint),
         }
         self.wanted: frozenset[int] | None = frozenset(self._handlers)
 
@@ -227,7 +227,7 @@ class SimVehicle:
             self._show_changes()
             return self._sent()
         if message.type == m.MAV_TYPE_GCS:
-            self.pilot.on_gcs_heartbeat(now_s)
+            self.pilot.failsafe.on_gcs_heartbeat(now_s)
         handler(message)
         return []
 
@@ -341,11 +341,11 @@ class SimVehicle:
         shown = (
             (pilot.mode, pilot.armed),
             pilot.landed,
-            (pilot.current_seq, pilot.mission_state, pilot.mission_size),
+            (pilot.mission.current_seq, pilot.mission_state, pilot.mission.size),
         )
         if shown == self._shown:
             return
-        self._missions.current_sequence = pilot.current_seq
+        self._missions.current_sequence = pilot.mission.current_seq
         before = self._shown or shown
         self._shown = shown
         kinds = (
@@ -423,7 +423,7 @@ class SimVehicle:
         """Start again: time since boot, mode, message rates; the plans are kept."""
         self._boot_us = self.now_us
         self.boot_ms = 0
-        self.pilot.mode = self.firmware.persona.modes.boot
+        self.pilot.modes.override(self.firmware.persona.modes.boot)
         self.schedule = self._default_schedule()
 
     def _default_schedule(self) -> Schedule:
@@ -522,7 +522,7 @@ class SimVehicle:
             self.pilot.load(event.items)
             if flying and (text := self.firmware.persona.mission_changed_text):
                 self.pilot.note(Severity.INFO, text)
-            if event.start_sequence and not self.pilot.why_no_mission():
+            if event.start_sequence and not self.pilot.mission.why_not:
                 with contextlib.suppress(RefusedError):
                     self.pilot.set_current(event.start_sequence)
         elif isinstance(event, PlanCleared):
@@ -544,6 +544,23 @@ class SimVehicle:
             self.say_warning(str(refusal))
             return
         self._outbox += self.built(m.MAVLINK_MSG_ID_MISSION_CURRENT)
+
+    def _on_setpoint(self, message: Message) -> None:
+        setpoints = self.pilot.setpoints
+        if type(message).id == m.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET:
+            setpoints.complain("Setpoint refused: attitudes are not flown")
+        elif setpoints.listens_in(self.pilot.mode):
+            try:
+                self.pilot.take_setpoint(
+                    setpoint_messages.setpoint_of(
+                        message,
+                        self.pilot.state,
+                        self.pilot.frame,
+                        body_positions=not self.pilot.failsafe.rules.needs_stream,
+                    )
+                )
+            except RefusedError as refusal:
+                setpoints.complain(str(refusal))
 
     def _on_set_mode(self, message: Message) -> None:
         try:

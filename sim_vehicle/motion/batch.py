@@ -82,7 +82,7 @@ class VehicleBatch:
     Examples
     --------
     >>> from sim_vehicle.motion.legs import Leg, Route
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> quads = [Multirotor(get_vehicle("quad")) for _ in range(3)]
     >>> for k, quad in enumerate(quads):
     ...     quad.fly(Route.through([Leg((10.0 * k, 0.0, 10.0), 5.0)]))

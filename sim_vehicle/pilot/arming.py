@@ -2,68 +2,73 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot.modes import Mode
 
 if TYPE_CHECKING:
-    from sim_vehicle.pilot.pilot import Pilot
+    from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
+    from sim_vehicle.pilot.controls import Controls
+    from sim_vehicle.pilot.failsafe import Failsafe
 
-__all__ = ["FORCE", "health_problem", "why_not_arm"]
+__all__ = ["FORCE", "ArmingChecks"]
 
 FORCE = 21196
 """Parameter 2 of MAV_CMD_COMPONENT_ARM_DISARM that skips the checks."""
 
 
-def _position(pilot: Pilot) -> str | None:
-    return None if pilot.position_ok else "no position"
+class ArmingChecks:
+    """The checks before the motors may run.
 
+    Parameters
+    ----------
+    controls : Controls
+        The vehicle.
+    parameters : RuntimeParameters
+        Levels of the battery.
+    failsafe : Failsafe
+        Fence and ground link.
 
-def _motors(pilot: Pilot) -> str | None:
-    return None if pilot.motor_ok else "motor failure"
+    Attributes
+    ----------
+    block : str or None
+        A reason from outside not to arm; assign it.
+    """
 
+    def __init__(self, controls: Controls, parameters: RuntimeParameters, failsafe: Failsafe) -> None:
+        self.block: str | None = None
+        self._controls = controls
+        self._parameters = parameters
+        self._failsafe = failsafe
 
-def _safety(pilot: Pilot) -> str | None:
-    return pilot.failsafe.why_not_arm()
+    def health_problem(self) -> str | None:
+        """Why the vehicle is not fit to fly, whatever it is told to do; None when it is."""
+        if not self._controls.position_ok:
+            return "no position"
+        if not self._controls.motor_ok:
+            return "motor failure"
+        return self.block or self._battery_problem() or self._failsafe.why_not_arm()
 
+    def why_not(self, mode: Mode, mission_problem: str | None) -> str | None:
+        """Why the vehicle cannot arm in a mode; None when it can.
 
-def _blocked(pilot: Pilot) -> str | None:
-    return pilot.arming_block
+        ``mission_problem`` tells why its mission cannot be flown.
+        """
+        problem = self.health_problem()
+        if problem is not None:
+            return problem
+        if mode in (Mode.RTL, Mode.LAND):
+            return f"mode {mode.value}: choose another first"
+        return mission_problem if mode is Mode.MISSION else None
 
-
-def _battery(pilot: Pilot) -> str | None:
-    battery = pilot.state.battery
-    if battery is None:
+    def _battery_problem(self) -> str | None:
+        battery, parameters = self._controls.state.battery, self._parameters
+        if battery is None:
+            return None
+        if battery.fraction < max(parameters.low_fraction, 1e-9):
+            return f"battery low ({100.0 * battery.fraction:.0f} %)"
+        if self._failsafe.rules.watches_voltage:
+            least = max(parameters.low_voltage_v, parameters.critical_voltage_v)
+            if battery.voltage_v < least:
+                return f"battery voltage low ({battery.voltage_v:.2f} V, least {least:.2f} V)"
         return None
-    if battery.fraction < max(pilot.parameters.low_fraction, 1e-9):
-        return f"battery low ({100.0 * battery.fraction:.0f} %)"
-    if pilot.failsafe.rules.watches_voltage:
-        least = max(pilot.parameters.low_voltage_v, pilot.parameters.critical_voltage_v)
-        if battery.voltage_v < least:
-            return f"battery voltage low ({battery.voltage_v:.2f} V, least {least:.2f} V)"
-    return None
-
-
-def _mode(pilot: Pilot) -> str | None:
-    if pilot.mode in (Mode.RTL, Mode.LAND):
-        return f"mode {pilot.mode.value}: choose another first"
-    return None
-
-
-def _mission(pilot: Pilot) -> str | None:
-    return pilot.why_no_mission() if pilot.mode is Mode.MISSION else None
-
-
-_HEALTH: tuple[Callable[[Pilot], str | None], ...] = (_position, _motors, _blocked, _battery, _safety)
-_CHECKS = (*_HEALTH, _mode, _mission)
-
-
-def health_problem(pilot: Pilot) -> str | None:
-    """Return why the vehicle is not fit to fly, whatever it is told to do; None when it is."""
-    return next((reason for check in _HEALTH if (reason := check(pilot))), None)
-
-
-def why_not_arm(pilot: Pilot) -> str | None:
-    """Return why the vehicle cannot arm in its present mode; None when it can."""
-    return next((reason for check in _CHECKS if (reason := check(pilot))), None)

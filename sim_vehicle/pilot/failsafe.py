@@ -3,70 +3,98 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules
-from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.state import LandedState, Phase
+from sim_vehicle.pilot.battery_watch import BatteryWatch
 from sim_vehicle.pilot.fence import Bounds, Breach, Fence, FenceWatch
-from sim_vehicle.pilot.modes import Outcome
-from sim_vehicle.pilot.notices import Severity
+from sim_vehicle.pilot.notices import NoticeLog, Severity
+from sim_vehicle.pilot.outcome import Outcome
 
 if TYPE_CHECKING:
-    from sim_vehicle.energy.battery import BatteryState
-    from sim_vehicle.pilot.pilot import Pilot
+    from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
+    from sim_vehicle.motion.legs import Position
+    from sim_vehicle.pilot.controls import Controls
 
-__all__ = ["Failsafe"]
+__all__ = ["Failsafe", "Reaction"]
 
-_LEVELS = ("", "low", "critical", "almost empty")
-_MODES = {Action.HOLD: Mode.HOLD, Action.RETURN: Mode.RTL, Action.LAND: Mode.LAND}
+# Phases that an action does not interrupt, because they do the same or more.
+_KEPT_PHASES = {Action.LAND: (Phase.LAND,), Action.TERMINATE: ()}
 # FENCE_TYPE of ArduPilot.
 _CEILING, _RADIUS, _AREAS = 1, 2, 4
 
 
-class Failsafe:
-    """The safety functions of one vehicle.
+@dataclass(frozen=True, slots=True)
+class Reaction:
+    """What a safety function makes the pilot do.
 
     Parameters
     ----------
-    pilot : Pilot
-        Who is watched, and acts.
+    action : Action
+    outcome : Outcome
+        How the run has ended with it.
+    reason : str
+    return_point_m : tuple of 3 floats or None
+        Where a return leads to instead of home (east, north, least height); the vehicle holds there.
+    """
+
+    action: Action
+    outcome: Outcome
+    reason: str
+    return_point_m: Position | None = None
+
+
+class Failsafe:
+    """The safety functions of one vehicle. They tell what has to be done; the pilot does it.
+
+    Parameters
+    ----------
+    controls : Controls
+        The vehicle that is watched.
+    parameters : RuntimeParameters
+        Levels, limits and chosen actions.
     rules : FailsafeRules
         What the autopilot does.
+    notices : NoticeLog
+        Where the operator is told.
 
     Attributes
     ----------
     active : bool
         Whether one of them has taken over since the vehicle was armed.
+    battery : BatteryWatch
     fence : FenceWatch
     link_lost : bool
         Whether the ground station was heard once and is no more.
     """
 
-    def __init__(self, pilot: Pilot, rules: FailsafeRules) -> None:
+    def __init__(
+        self, controls: Controls, parameters: RuntimeParameters, rules: FailsafeRules, notices: NoticeLog
+    ) -> None:
         self.rules = rules
+        self.battery = BatteryWatch(controls, parameters, by_voltage=rules.watches_voltage)
         self.fence = FenceWatch()
         self.link_lost = False
         self.active = False
-        self._pilot = pilot
-        self._battery_level = 0
-        self._sagging_since_s = [math.inf, math.inf]
+        self._controls = controls
+        self._parameters = parameters
+        self._notices = notices
         self._position_lost = False
-        self._heard_s = -math.inf
+        self._gcs_heard_s = -math.inf
         self.apply_parameters()
 
     @property
     def fence_enabled(self) -> bool:
         """Whether the fence is watched at all."""
-        pilot = self._pilot
-        return (
-            bool(pilot.parameters.fence_enable)
-            and self.rules.fence_action(pilot.parameters) is not Action.NONE
-        )
+        parameters = self._parameters
+        return bool(parameters.fence_enable) and self.rules.fence_action(parameters) is not Action.NONE
 
     def apply_parameters(self) -> None:
         """Take the parameters of the fence."""
-        parameters = self._pilot.parameters
+        parameters = self._parameters
         kinds = parameters.fence_type
         self.fence.change(
             bounds=Bounds(
@@ -81,169 +109,118 @@ class Failsafe:
         self.fence.change(fence)
 
     def on_gcs_heartbeat(self, now_s: float) -> None:
-        """Note a heartbeat of a ground station."""
-        self._heard_s = now_s
+        """Note a heartbeat of a ground station, whose silence is counted."""
+        self._gcs_heard_s = now_s
         if self.link_lost:
             self.link_lost = False
-            self._pilot.note(Severity.INFO, self.rules.link_regained)
+            self._notices.add(Severity.INFO, self.rules.link_regained)
 
-    def armed(self) -> None:
+    def on_armed(self) -> None:
         """Begin again with the arming."""
         self.active = self._position_lost = False
-        self._battery_level = 0
-        self._sagging_since_s = [math.inf, math.inf]
+        self.battery.reset()
 
-    def gave_out(self) -> None:
+    def give_up(self) -> None:
         """Note that the battery is empty or the vehicle falls: nothing more can be done."""
         self.active = True
-        self._battery_level = 3
+        self.battery.give_up()
 
-    def outside(self, place_m: tuple[float, float, float]) -> str | None:
-        """Return why the fence does not allow a place, None when it does."""
+    def outside(self, position_m: Position) -> str | None:
+        """Why the fence does not allow a position; None when it does."""
         if not self.fence_enabled:
             return None
-        breach, reason, _ = self.fence.judge(place_m, self._pilot.home_m)
+        breach, reason, _ = self.fence.judge(position_m, self._controls.home_m)
         return None if breach is Breach.NONE else reason
 
     def why_not_arm(self) -> str | None:
-        """Return what a safety function has against arming."""
-        pilot = self._pilot
-        reason = self.outside(pilot.state.position_m)
+        """What a safety function has against arming; None for nothing."""
+        reason = self.outside(self._controls.state.position_m)
         if reason is not None:
             return f"fence: {reason}"
-        needs_link = self.rules.link_action(pilot.parameters) is not Action.NONE
-        if needs_link and self._silence_s() > pilot.parameters.link_timeout_s:
+        needs_link = self.rules.link_action(self._parameters) is not Action.NONE
+        if needs_link and self._silence_s() > self._parameters.link_timeout_s:
             return "no connection to the ground control station"
         return None
 
-    def check(self) -> None:
-        """Look at everything and act on what is new; the vehicle is armed."""
-        pilot = self._pilot
-        if pilot.state.phase.is_lost:
+    def check(self) -> Iterator[Reaction]:
+        """Look at everything while the vehicle is armed.
+
+        Each reaction has to be carried out before the next is asked for: what follows is judged by the state
+        that it leads to.
+        """
+        controls, parameters = self._controls, self._parameters
+        if controls.state.phase.is_lost:
             return
-        self._check_battery()
-        if pilot.position_ok is self._position_lost:
-            self._check_position()
-        if (
-            self._silence_s() > pilot.parameters.link_timeout_s
-            and not self.link_lost
-            and self._heard_s >= 0.0
-        ):
-            self._lose_link()
-        if pilot.parameters.fence_enable:
-            self._check_fence()
+        yield from self._check_battery()
+        if controls.position_ok is self._position_lost:
+            yield from self._check_position()
+        silent = self._silence_s() > parameters.link_timeout_s
+        if silent and not self.link_lost and self._gcs_heard_s >= 0.0:
+            yield from self._lose_link()
+        if parameters.fence_enable:
+            yield from self._check_fence()
 
     def _silence_s(self) -> float:
-        return self._pilot.now_s - self._heard_s
+        return self._controls.now_s - self._gcs_heard_s
 
-    def battery_level(self) -> int:
-        """Return how the battery is: 0 fine, 1 low, 2 critical, 3 almost empty."""
-        battery, parameters = self._pilot.state.battery, self._pilot.parameters
-        if battery is None:
-            return 0
-        if battery.fraction < parameters.critical_fraction:
-            almost = battery.fraction < min(parameters.emergency_fraction, parameters.critical_fraction)
-            level = 3 if almost or battery.depleted else 2
-        else:
-            level = int(battery.fraction < parameters.low_fraction)
-        # An ArduPilot does not take back what it said when the voltage recovers.
-        said = self._battery_level if self.rules.watches_voltage else 0
-        return max(level, self._voltage_level(), said)
-
-    def _voltage_level(self) -> int:
-        """Return what a voltage means that was too low for the time of the parameter, 0 to 2."""
-        now_s, patience_s = self._pilot.now_s, self._pilot.parameters.low_voltage_timer_s
-        if patience_s <= 0.0:
-            return 0
-        low, critical = (now_s - since_s > patience_s for since_s in self._sagging_since_s)
-        return 2 if critical else int(low)
-
-    def _check_voltage(self, battery: BatteryState) -> None:
-        """Note since when the voltage is too low, as it is under load or without the sag."""
-        parameters, now_s = self._pilot.parameters, self._pilot.now_s
-        voltage = battery.rest_voltage_v if parameters.low_voltage_source == 1 else battery.voltage_v
-        for i, limit in enumerate((parameters.low_voltage_v, parameters.critical_voltage_v)):
-            since_s = self._sagging_since_s[i]
-            self._sagging_since_s[i] = min(since_s, now_s) if voltage < limit else math.inf
-
-    def _check_battery(self) -> None:
-        pilot = self._pilot
-        battery, parameters = pilot.state.battery, pilot.parameters
-        if battery is None:
+    def _check_battery(self) -> Iterator[Reaction]:
+        level = self.battery.check()
+        if level == 0:
             return
-        if self.rules.watches_voltage:
-            self._check_voltage(battery)
-        level = self.battery_level()
-        if level <= self._battery_level:
-            return
-        self._battery_level = level
-        action = self.rules.battery_action(level, parameters)
-        homing = pilot.state.phase in (Phase.RETURN, Phase.LAND)
+        action = self.rules.battery_action(level, self._parameters)
+        homing = self._controls.state.phase in (Phase.RETURN, Phase.LAND)
         acts = action not in (Action.NONE, Action.WARN) and not (homing and action is Action.RETURN)
-        by_charge = battery.fraction < (
-            parameters.low_fraction if level == 1 else parameters.critical_fraction
-        )
-        amount = f"{100.0 * battery.fraction:.0f} %" if by_charge else f"{battery.voltage_v:.2f} V"
-        text = f"{_LEVELS[level]} ({amount})"
+        text = self.battery.describe(level)
         severity = Severity.CRITICAL if level > 1 else Severity.WARNING
-        pilot.note(severity, f"Battery {text}" + (f": {action.value}" if acts else ""))
-        self._act(action, Outcome.BATTERY_LOW, f"battery {text}")
+        self._notices.add(severity, f"Battery {text}" + (f": {action.value}" if acts else ""))
+        yield from self._react(Reaction(action, Outcome.BATTERY_LOW, f"battery {text}"))
 
-    def _check_position(self) -> None:
-        pilot = self._pilot
-        self._position_lost = not pilot.position_ok
-        if pilot.position_ok:
-            pilot.note(Severity.INFO, "Position regained")
+    def _check_position(self) -> Iterator[Reaction]:
+        controls = self._controls
+        self._position_lost = not controls.position_ok
+        if controls.position_ok:
+            self._notices.add(Severity.INFO, "Position regained")
             return
-        if pilot.landed is LandedState.ON_GROUND:
+        if controls.landed is LandedState.ON_GROUND:
             return
-        pilot.note(Severity.CRITICAL, "Position lost: landing")
-        self._act(Action.LAND, Outcome.POSITION_LOST, "position lost")
+        self._notices.add(Severity.CRITICAL, "Position lost: landing")
+        yield from self._react(Reaction(Action.LAND, Outcome.POSITION_LOST, "position lost"))
 
-    def _lose_link(self) -> None:
-        pilot = self._pilot
+    def _lose_link(self) -> Iterator[Reaction]:
         self.link_lost = True
-        action = self.rules.link_action(pilot.parameters)
-        acts = action is not Action.NONE and pilot.landed is not LandedState.ON_GROUND
-        pilot.note(Severity.WARNING, self.rules.link_lost + (f": {action.value}" if acts else ""))
-        self._act(action, Outcome.LINK_LOST, "ground station lost")
+        action = self.rules.link_action(self._parameters)
+        acts = action is not Action.NONE and self._controls.landed is not LandedState.ON_GROUND
+        self._notices.add(Severity.WARNING, self.rules.link_lost + (f": {action.value}" if acts else ""))
+        yield from self._react(Reaction(action, Outcome.LINK_LOST, "ground station lost"))
 
-    def _check_fence(self) -> None:
-        pilot, watch = self._pilot, self.fence
-        if pilot.landed is LandedState.ON_GROUND:
+    def _check_fence(self) -> Iterator[Reaction]:
+        controls, watch = self._controls, self.fence
+        if controls.landed is LandedState.ON_GROUND:
             return
-        before, state = watch.breach, pilot.state
-        fresh = watch.check(state.position_m, state.path_length_m, pilot.home_m, pilot.now_s)
+        before, state = watch.breach, controls.state
+        fresh = watch.check(state.position_m, state.path_length_m, controls.home_m, controls.now_s)
         if fresh:
-            action = self.rules.fence_action(pilot.parameters)
+            action = self.rules.fence_action(self._parameters)
             if action is Action.NONE:
                 return
-            pilot.note(Severity.WARNING, self.rules.fence_text.format(watch.reason))
-            if action is Action.RETURN and watch.fence.return_point_m is not None:
-                self._go_back(watch.fence.return_point_m)
+            self._notices.add(Severity.WARNING, self.rules.fence_text.format(watch.reason))
+            point_m = watch.fence.return_point_m if action is Action.RETURN else None
+            reaction = Reaction(action, Outcome.FENCE_BREACHED, f"fence: {watch.reason}", point_m)
+            if point_m is None:
+                yield from self._react(reaction)
             else:
-                self._act(action, Outcome.FENCE_BREACHED, f"fence: {watch.reason}")
+                # To the fence's own point and hold there, as ArduPlane does, whatever is flown.
+                self.active = True
+                yield reaction
         elif before is not Breach.NONE and watch.breach is Breach.NONE:
-            pilot.note(Severity.INFO, self.rules.fence_clear)
+            self._notices.add(Severity.INFO, self.rules.fence_clear)
 
-    def _go_back(self, point_m: tuple[float, float, float]) -> None:
-        """Return to the fence's own point and hold there, as ArduPlane does."""
-        self.active = True
-        self._pilot.end(Outcome.FENCE_BREACHED, f"fence: {self.fence.reason}")
-        self._pilot.return_to(point_m)
-
-    def _act(self, action: Action, outcome: Outcome, reason: str) -> None:
-        """Do what the action says, unless the vehicle is already at something stronger."""
-        pilot = self._pilot
-        if action in (Action.NONE, Action.WARN) or pilot.landed is LandedState.ON_GROUND:
+    def _react(self, reaction: Reaction) -> Iterator[Reaction]:
+        """Ask for a reaction, unless the vehicle is already at something stronger."""
+        action = reaction.action
+        if action in (Action.NONE, Action.WARN) or self._controls.landed is LandedState.ON_GROUND:
             return
-        phase = pilot.state.phase
-        stronger = {Action.LAND: (Phase.LAND,), Action.TERMINATE: ()}.get(action, (Phase.RETURN, Phase.LAND))
-        if phase in stronger:
+        if self._controls.state.phase in _KEPT_PHASES.get(action, (Phase.RETURN, Phase.LAND)):
             return
         self.active = True
-        pilot.end(outcome, reason)
-        if action is Action.TERMINATE:
-            pilot.terminate(reason)
-        else:
-            pilot.turn_to(_MODES[action])
+        yield reaction

@@ -1,4 +1,4 @@
-"""What a pilot says: notices to the operator, progress of the mission, refusals."""
+"""What a pilot tells: notices to the operator, progress of the mission, refusals."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import IntEnum
 
 from sim_vehicle.errors import VehicleError
 
-__all__ = ["MissionState", "Notice", "RefusedError", "Severity"]
+__all__ = ["MissionState", "Notice", "NoticeLog", "RefusedError", "Severity"]
 
 
 class Severity(IntEnum):
@@ -34,6 +34,22 @@ class Notice:
 
     severity: Severity
     text: str
+
+
+class NoticeLog:
+    """Collects notices until they are sent."""
+
+    def __init__(self) -> None:
+        self._notices: list[Notice] = []
+
+    def add(self, severity: Severity, text: str) -> None:
+        """Tell the operator."""
+        self._notices.append(Notice(severity, text))
+
+    def take(self) -> list[Notice]:
+        """Take all notices since the last call."""
+        taken, self._notices = self._notices, []
+        return taken
 
 
 class RefusedError(VehicleError):

@@ -1,16 +1,21 @@
-"""The autopilot without MAVLink: modes, arming, failsafes and the outcome, on top of the mission executor."""
+"""The autopilot without MAVLink: takes orders, reacts to what happens in flight, tells how the run ended."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
-from geo.frame import LocalFrame
 from mission.model import Command, MissionItem
-from sim_vehicle.airframe.spec import VehicleSpec
-from sim_vehicle.autopilot.failsafe_rules import FailsafeRules
+from sim_vehicle.autopilot import with_autopilot
+from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules
 from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
 from sim_vehicle.errors import VehicleError
+from sim_vehicle.execution.executor import MissionExecutor
+from sim_vehicle.execution.items import item_places
+from sim_vehicle.execution.sequencer import EPOCH_UNIX_S
 from sim_vehicle.execution.state import (
     BatteryDepleted,
     CannotFly,
@@ -20,20 +25,30 @@ from sim_vehicle.execution.state import (
     MissionComplete,
     Phase,
     TargetReached,
+    VehicleState,
 )
 from sim_vehicle.motion.legs import ALONG, Heading
-from sim_vehicle.pilot.arming import why_not_arm
-from sim_vehicle.pilot.failsafe import Failsafe
-from sim_vehicle.pilot.keeper import Keeper
-from sim_vehicle.pilot.modes import Outcome
-from sim_vehicle.pilot.notices import MissionState, Notice, RefusedError, Severity
-from sim_vehicle.pilot.setpoints import Steering
-from sim_vehicle.weather.wind import Wind
+from sim_vehicle.pilot.arming import ArmingChecks
+from sim_vehicle.pilot.controls import Controls
+from sim_vehicle.pilot.failsafe import Failsafe, Reaction
+from sim_vehicle.pilot.fence import Fence
+from sim_vehicle.pilot.mission_status import MissionStatus
+from sim_vehicle.pilot.mode_control import ModeControl
+from sim_vehicle.pilot.notices import MissionState, Notice, NoticeLog, RefusedError, Severity
+from sim_vehicle.pilot.outcome import Outcome
+from sim_vehicle.pilot.setpoints import Setpoint, SetpointFollower
 
-__all__ = ["MissionState", "Notice", "Pilot", "RefusedError", "Severity"]
+if TYPE_CHECKING:
+    from geo.frame import LocalFrame
+    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.weather.wind import Wind
+
+__all__ = ["Pilot"]
+
+_MODES = {Action.HOLD: Mode.HOLD, Action.RETURN: Mode.RTL, Action.LAND: Mode.LAND}
 
 
-class Pilot(Keeper):
+class Pilot:
     """One vehicle under orders.
 
     Parameters
@@ -52,30 +67,24 @@ class Pilot(Keeper):
         The mode that follows an ordered take-off.
     rules : FailsafeRules
         What the autopilot does when something goes wrong.
-    epoch_unix_s : float, optional
+    epoch_unix_s : float
         Time of day at time 0.
 
     Attributes
     ----------
-    mode : Mode
-    now_s : float
-        Time of the last `advance`.
-    executor : MissionExecutor
-        What flies.
+    parameters : RuntimeParameters
+        What can be changed; `apply_parameters` afterwards.
+    controls : Controls
+        The vehicle: its state, its executor, what works.
     failsafe : Failsafe
         The safety functions.
-    steering : Steering
-        Setpoints.
-    state : VehicleState
-        At the time of the last `advance`.
+    arming : ArmingChecks
+    mission : MissionStatus
+        Whether the mission can be flown, and how far it is.
+    setpoints : SetpointFollower
+    modes : ModeControl
     outcome, outcome_text
         How the run ended and why.
-    position_ok : bool
-        Whether there is a position (GPS); assign it.
-    motor_ok : bool
-        Whether all motors run; see `fail_motor`.
-    arming_block : str or None
-        A reason from outside not to arm.
     """
 
     def __init__(
@@ -89,43 +98,151 @@ class Pilot(Keeper):
         takes_off: bool = False,
         after_takeoff: Mode = Mode.HOLD,
         rules: FailsafeRules,
-        epoch_unix_s: float | None = None,
+        epoch_unix_s: float = EPOCH_UNIX_S,
     ) -> None:
-        super().__init__(
-            spec,
-            frame,
-            wind=wind,
-            yaw_rad=yaw_rad,
-            mode=mode,
-            takes_off=takes_off,
-            rules=rules,
-            epoch_unix_s=epoch_unix_s,
+        self.frame = frame
+        self.outcome = Outcome.RUNNING
+        self.outcome_text = ""
+        self.parameters = parameters = RuntimeParameters.of(spec)
+        for name, value in rules.defaults.items():
+            setattr(parameters, name, value)
+        self.executor = MissionExecutor(
+            spec, frame, wind=wind, yaw_rad=yaw_rad, takes_off=takes_off, epoch_unix_s=epoch_unix_s
         )
-        self.failsafe = Failsafe(self, rules)
-        self.steering = Steering(self)
-        self._after_takeoff = after_takeoff
-        self._takeoff_altitude_m: float | None = None
+        self._notices = NoticeLog()
+        self._rules = rules
+        self.controls = Controls(self.executor)
+        self.failsafe = Failsafe(self.controls, parameters, rules, self._notices)
+        self.arming = ArmingChecks(self.controls, parameters, self.failsafe)
+        self.mission = MissionStatus(self.controls, self.failsafe)
+        self.setpoints = SetpointFollower(self.controls, parameters, self.failsafe, self._notices)
+        self.modes = ModeControl(
+            self.controls, self.mission, self.setpoints, mode=mode, after_takeoff=after_takeoff
+        )
+
+    # What is known of the vehicle.
+
+    @property
+    def spec(self) -> VehicleSpec:
+        """The vehicle, with the defaults and limits that hold now."""
+        return self.executor.spec
+
+    @property
+    def state(self) -> VehicleState:
+        """The state after the last order or `advance`."""
+        return self.controls.state
+
+    @property
+    def mode(self) -> Mode:
+        """The flight mode."""
+        return self.modes.mode
+
+    @property
+    def armed(self) -> bool:
+        """Whether the motors run."""
+        return self.executor.armed
+
+    @property
+    def landed(self) -> LandedState:
+        """Ground contact."""
+        return self.controls.state.landed
+
+    @property
+    def home_m(self) -> tuple[float, float]:
+        """Where home is, east and north of the start."""
+        return self.controls.home_m
+
+    @property
+    def mission_state(self) -> MissionState:
+        """Progress of the mission."""
+        return self.mission.progress(in_mode=self.mode is Mode.MISSION and self.armed)
+
+    def note(self, severity: Severity, text: str) -> None:
+        """Tell the operator."""
+        self._notices.add(severity, text)
+
+    def notices(self) -> list[Notice]:
+        """Take what was noted since the last call."""
+        return self._notices.take()
+
+    # Plans and parameters.
 
     def load(self, items: Sequence[MissionItem]) -> None:
         """Replace the mission; one that cannot be flown is kept, but not flown.
 
         In flight, ArduPilot goes on with the item of the same number, PX4 begins anew.
         """
-        self._judge(items)
+        mission = self.mission
+        mission.judge(items)
         flying = self.mode is Mode.MISSION and self.armed
         airborne = self.armed and self.landed is not LandedState.ON_GROUND
-        keeps = self.failsafe.rules.keeps_item and airborne and 0 < self.current_seq < len(items)
-        self.executor.load(items, current=self.current_seq if keeps else 0)
-        self._started = self._complete = False
+        keeps = self._rules.keeps_item and airborne and 0 < mission.current_seq < len(items)
+        self.executor.load(items, current=mission.current_seq if keeps else 0)
+        mission.started = mission.complete = False
         if self.spec.kind == "rover" and any(item.command == Command.NAV_TAKEOFF for item in items):
             self.note(Severity.INFO, "Take-off items have no effect on a rover")
-        if self._problems:
-            self.end(Outcome.MISSION_REJECTED, self._problems[0])
-            self.note(Severity.CRITICAL, f"Mission rejected: {self._problems[0]}")
+        if mission.problems:
+            self._end(Outcome.MISSION_REJECTED, mission.problems[0])
+            self.note(Severity.CRITICAL, f"Mission rejected: {mission.problems[0]}")
         elif self.outcome in (Outcome.MISSION_REJECTED, Outcome.COMPLETED, Outcome.INTERRUPTED):
-            self.end(Outcome.RUNNING, "")
+            self._end(Outcome.RUNNING, "")
         if flying:
-            self.turn_to(Mode.MISSION if items and not self._problems else Mode.HOLD)
+            self._turn_to(Mode.MISSION if items and not mission.problems else Mode.HOLD)
+
+    def reject_mission(self, reason: str) -> None:
+        """Note that a mission was refused in its transfer; the old one stays in force."""
+        if not self.armed:
+            self._end(Outcome.MISSION_REJECTED, reason)
+
+    def set_fence(self, items: Sequence[MissionItem]) -> None:
+        """Replace the fence; a mission that is not flown now is judged again."""
+        self.failsafe.set_fence(Fence.of(items, self.frame, any_inclusion=self._rules.any_inclusion))
+        self._judge_mission_again()
+
+    def set_rally(self, items: Sequence[MissionItem]) -> None:
+        """Replace the rally points, which are returned to when they are nearer than home."""
+        places = item_places([item for item in items if item.command == Command.NAV_RALLY_POINT], self.frame)
+        self.executor.return_points.rally_m = tuple(place for place in places if not math.isnan(place[0]))
+
+    def set_home(self, latitude_deg: float, longitude_deg: float) -> None:
+        """Move home; its altitude stays that of the ground.
+
+        Raises
+        ------
+        RefusedError
+            Too far from the start.
+        """
+        x_m, y_m = self.frame.from_wgs84(latitude_deg, longitude_deg)
+        if not math.hypot(x_m, y_m) <= self.spec.max_distance_m:
+            msg = f"Home refused: more than {self.spec.max_distance_m:.0f} m from the start"
+            raise RefusedError(msg, denied=True)
+        self.executor.return_points.home_m = (x_m, y_m)
+        self.failsafe.apply_parameters()
+
+    def apply_parameters(self) -> None:
+        """Let the values of `parameters` hold from now on."""
+        parameters = self.parameters
+        spec = replace(
+            self.spec,
+            cruise_speed_m_s=parameters.cruise_speed_m_s,
+            acceptance_radius_m=parameters.acceptance_radius_m,
+            takeoff_altitude_m=parameters.takeoff_altitude_m,
+            return_altitude_m=parameters.return_altitude_m,
+            landing_speed_m_s=parameters.landing_speed_m_s,
+            disarm_delay_s=parameters.disarm_delay_s,
+        )
+        self.executor.update_spec(with_autopilot(spec, spec.autopilot, parameters.settings))
+        self.failsafe.apply_parameters()
+        self._judge_mission_again()
+
+    def _judge_mission_again(self) -> None:
+        if self.armed and self.mode is Mode.MISSION:
+            return
+        problem = self.mission.judge_again()
+        if problem is not None:
+            self.note(Severity.CRITICAL, f"Mission rejected: {problem}")
+
+    # Orders.
 
     def arm(self, *, force: bool = False) -> None:
         """Start the motors; in mission or take-off mode the flight begins.
@@ -137,25 +254,24 @@ class Pilot(Keeper):
         """
         if self.armed:
             return
-        reason = None if force else why_not_arm(self)
+        reason = None if force else self.arming.why_not(self.mode, self.mission.why_not)
         if reason is None:
             try:
                 self.executor.arm()
             except VehicleError as error:
                 reason = str(error)
         if reason is not None:
-            if not self._started:
-                self.end(Outcome.ARMING_REFUSED, reason)
-            rules = self.failsafe.rules
-            self.note(Severity.CRITICAL, f"{rules.preflight}: {reason}")
-            raise RefusedError(f"{rules.arming}: {reason}")
-        self.failsafe.armed()
-        self.end(Outcome.RUNNING, "")
+            if not self.mission.started:
+                self._end(Outcome.ARMING_REFUSED, reason)
+            self.note(Severity.CRITICAL, f"{self._rules.preflight}: {reason}")
+            raise RefusedError(f"{self._rules.arming}: {reason}")
+        self.failsafe.on_armed()
+        self._end(Outcome.RUNNING, "")
         self.note(Severity.INFO, "Armed")
-        if self.mode is Mode.MISSION and self.why_no_mission() is not None:
-            self.mode = Mode.HOLD
+        if self.mode is Mode.MISSION and self.mission.why_not is not None:
+            self.modes.override(Mode.HOLD)
         elif self.mode in (Mode.MISSION, Mode.TAKEOFF):
-            self.turn_to(self.mode)
+            self._turn_to(self.mode)
 
     def disarm(self, *, force: bool = False) -> None:
         """Stop the motors; in the air only by force.
@@ -172,8 +288,8 @@ class Pilot(Keeper):
         except VehicleError:
             msg = "Disarming denied: not landed"
             raise RefusedError(msg) from None
-        self.state = self.executor.state()
-        self._disarmed()
+        self.controls.refresh()
+        self._on_disarmed()
 
     def set_mode(self, mode: Mode) -> None:
         """Change the mode; armed, the vehicle does it at once.
@@ -183,19 +299,17 @@ class Pilot(Keeper):
         RefusedError
             When the mode is not possible now.
         """
-        if mode is Mode.MISSION:
-            reason = self.why_no_mission()
-            if reason is not None:
-                raise RefusedError(f"Mission mode refused: {reason}")
-        if mode is not Mode.MANUAL and not self.position_ok:
+        if mode is Mode.MISSION and self.mission.why_not is not None:
+            raise RefusedError(f"Mission mode refused: {self.mission.why_not}")
+        if mode is not Mode.MANUAL and not self.controls.position_ok:
             raise RefusedError(f"Mode {mode.value} refused: no position")
         if self.state.phase.is_lost:
             why = "battery empty" if self.state.phase is Phase.DEPLETED else "falling"
             raise RefusedError(f"Mode {mode.value} refused: {why}")
-        if mode is Mode.GUIDED and self.failsafe.rules.needs_stream and not self.steering.is_fresh:
+        if mode is Mode.GUIDED and self._rules.needs_stream and not self.setpoints.is_fresh:
             msg = "Mode guided refused: no setpoints"
             raise RefusedError(msg)
-        self._order(mode)
+        self._change_mode(mode)
 
     def takeoff(self, altitude_m: float) -> None:
         """Climb to an altitude above home; disarmed, as soon as it is armed."""
@@ -203,7 +317,7 @@ class Pilot(Keeper):
             raise RefusedError("Takeoff refused: a rover stays on the ground", denied=True)
         if not 0.0 < altitude_m <= self.spec.max_altitude_m:
             raise RefusedError(f"Takeoff refused: altitude {altitude_m:g} m", denied=True)
-        self._takeoff_altitude_m = altitude_m
+        self.modes.takeoff_altitude_m = altitude_m
         self.set_mode(Mode.TAKEOFF)
 
     def goto(
@@ -216,7 +330,7 @@ class Pilot(Keeper):
         heading: Heading = ALONG,
         speed_m_s: float | None = None,
     ) -> None:
-        """Fly to a place at an altitude above home and stay there."""
+        """Fly to a position at an altitude above home and stay there."""
         if not self.armed or self.landed is LandedState.ON_GROUND:
             msg = "Reposition refused: not flying"
             raise RefusedError(msg)
@@ -229,8 +343,10 @@ class Pilot(Keeper):
         outside = self.failsafe.outside((x_m, y_m, altitude_m))
         if outside is not None:
             raise RefusedError(f"Reposition refused by the fence: {outside}", denied=True)
-        self._take_over(mode)
-        self._command(lambda: self.executor.goto(x_m, y_m, altitude_m, heading=heading, speed_m_s=speed_m_s))
+        self._hold_in(mode)
+        self.controls.order(
+            lambda: self.executor.goto(x_m, y_m, altitude_m, heading=heading, speed_m_s=speed_m_s)
+        )
 
     def orbit(
         self,
@@ -242,170 +358,178 @@ class Pilot(Keeper):
         speed_m_s: float,
         mode: Mode,
     ) -> None:
-        """Fly circles about a place at an altitude above home."""
+        """Fly circles about a position at an altitude above home."""
         x_m, y_m = self.frame.from_wgs84(latitude_deg, longitude_deg)
-        self._take_over(mode)
-        self._command(lambda: self.executor.orbit(x_m, y_m, altitude_m, radius_m, speed_m_s))
+        self._hold_in(mode)
+        self.controls.order(lambda: self.executor.orbit(x_m, y_m, altitude_m, radius_m, speed_m_s))
 
     def turn(self, yaw_rad: float) -> None:
-        """Turn on the place; RefusedError while something else is flown."""
+        """Turn on the spot; RefusedError while something else is flown."""
         if self.state.phase is not Phase.HOLD:
             msg = "Yaw refused: the vehicle is not holding"
             raise RefusedError(msg)
         x_m, y_m, z_m = self.executor.motion.stopping_point()
-        self._command(lambda: self.executor.goto(x_m, y_m, z_m, heading=Heading.fixed(yaw_rad)))
+        self.controls.order(lambda: self.executor.goto(x_m, y_m, z_m, heading=Heading.fixed(yaw_rad)))
 
-    def _take_over(self, mode: Mode) -> None:
+    def look_at(self, latitude_deg: float | None, longitude_deg: float = 0.0) -> None:
+        """Point the nose at a position whatever is flown, None for no more."""
+        position = None if latitude_deg is None else self.frame.from_wgs84(latitude_deg, longitude_deg)
+        self.executor.look_at(position)
+
+    def pause(self) -> None:
+        """Stop and stay: in the hold mode (PX4), or without leaving the mode (ArduPilot)."""
+        if not self._rules.pauses_in_mode:
+            self.set_mode(Mode.HOLD)
+            return
+        if not self.armed or self.mode not in (Mode.MISSION, Mode.GUIDED):
+            raise RefusedError(f"Pause refused: mode {self.mode.value}")
+        self.setpoints.forget()
+        self.controls.order(self.executor.hold)
+
+    def resume(self) -> None:
+        """Go on after a pause: with the mission, or (ArduPilot in guided mode) with the next setpoint."""
+        if self._rules.pauses_in_mode and self.mode is Mode.GUIDED:
+            return
+        if self._rules.pauses_in_mode and self.mode is not Mode.MISSION:
+            raise RefusedError(f"Resume refused: mode {self.mode.value}")
+        self.set_mode(Mode.MISSION)
+
+    def set_current(self, seq: int) -> None:
+        """Go on with this mission item; RefusedError when there is none."""
+        size = self.mission.size
+        if not 0 <= seq < size:
+            raise RefusedError(f"Mission item {seq} refused: there are {size}", denied=True)
+        self.mission.complete = False
+        self.controls.order(lambda: self.executor.set_current(seq))
+
+    def set_speed(self, speed_m_s: float) -> None:
+        """Change the ground speed; RefusedError beyond the vehicle's limit."""
+        if not 0.0 < speed_m_s <= self.spec.top_speed_m_s:
+            raise RefusedError(
+                f"Speed refused: {speed_m_s:g} of {self.spec.top_speed_m_s:g} m/s", denied=True
+            )
+        self.controls.order(lambda: self.executor.set_speed(speed_m_s))
+
+    def take_setpoint(self, setpoint: Setpoint) -> None:
+        """Take a setpoint; it is flown in the mode for it, and in no other.
+
+        Raises
+        ------
+        RefusedError
+            When it cannot be flown.
+        """
+        self.setpoints.take(setpoint)
+        if self.mode is Mode.TAKEOFF and not self._rules.needs_stream:
+            self.modes.mode = Mode.GUIDED
+        if self.mode is Mode.GUIDED and self.armed:
+            self.setpoints.fly()
+
+    # What goes wrong.
+
+    def fail_motor(self, failed: bool = True) -> None:
+        """Stop a motor for good, or repair it: without it a vehicle in the air falls, and cannot arm."""
+        self.controls.motor_ok = not failed
+        if failed and self.armed:
+            self.terminate("motor failure")
+
+    def drain_battery(self, fraction: float) -> None:
+        """Leave no more than this fraction of its capacity in the battery."""
+        self.executor.drain_battery(fraction)
+        self.controls.refresh()
+
+    def terminate(self, reason: str) -> None:
+        """Lose the thrust at once: the vehicle falls."""
+        self.note(Severity.CRITICAL, f"Flight terminated: {reason}")
+        self.failsafe.give_up()
+        if self.landed is not LandedState.ON_GROUND:
+            self._end(Outcome.CRASHED, reason)
+        self.executor.fall()
+        self.controls.refresh()
+
+    # Time, and what happens in it.
+
+    def advance(self, now_s: float) -> list[FlightEvent]:
+        """Fly up to a time; the events of the way, in order."""
+        events = self.controls.advance(now_s)
+        for event in events:
+            self._on_event(event)
+        if self.armed:
+            for reaction in self.failsafe.check():
+                self._carry_out(reaction)
+            mode = self.setpoints.expired() if self.mode is Mode.GUIDED else None
+            if mode is not None:
+                self._turn_to(mode)
+        return events
+
+    def _on_event(self, event: FlightEvent) -> None:
+        if isinstance(event, TargetReached):
+            self.modes.on_target_reached()
+        elif isinstance(event, MissionComplete):
+            self.mission.complete = True
+            self.note(Severity.INFO, "Mission complete")
+            if self.armed and self.landed is LandedState.IN_AIR:
+                self._turn_to(Mode.HOLD)
+        elif isinstance(event, CannotFly):
+            self._give_up_mission(event)
+        elif isinstance(event, BatteryDepleted):
+            self.failsafe.give_up()
+            self._end(Outcome.BATTERY_DEPLETED, f"battery empty at {event.time_s:.0f} s")
+            self.note(Severity.CRITICAL, "Battery empty: coming down")
+        elif isinstance(event, Disarmed):
+            self._on_disarmed()
+
+    def _give_up_mission(self, event: CannotFly) -> None:
+        """Bring the vehicle down after something that it could not do: home first, else here."""
+        where = f"Item {event.seq}: " if event.seq >= 0 else ""
+        self.note(Severity.CRITICAL, f"{where}{event.reason}")
+        if not self.outcome.is_over:
+            self._end(Outcome.CANNOT_FLY_ITEM, f"{where}{event.reason}")
+        if self.armed and self.landed is not LandedState.ON_GROUND and self.mode is not Mode.LAND:
+            self._turn_to(Mode.LAND if self.mode is Mode.RTL else Mode.RTL)
+
+    def _on_disarmed(self) -> None:
+        self.note(Severity.INFO, "Disarmed")
+        mission = self.mission
+        if mission.started and not self.outcome.is_over:
+            if mission.complete:
+                self._end(Outcome.COMPLETED, "mission complete")
+            else:
+                where = f"disarmed at item {mission.current_seq} of {mission.size}"
+                self._end(Outcome.INTERRUPTED, where)
+        mission.started = False
+
+    def _carry_out(self, reaction: Reaction) -> None:
+        """Do what a safety function asks for."""
+        self._end(reaction.outcome, reaction.reason)
+        point_m = reaction.return_point_m
+        if point_m is not None:
+            self.modes.override(Mode.HOLD)
+            self.controls.order(lambda: self.executor.return_home(point_m))
+        elif reaction.action is Action.TERMINATE:
+            self.terminate(reaction.reason)
+        else:
+            self._turn_to(_MODES[reaction.action])
+
+    def _hold_in(self, mode: Mode) -> None:
         """Hold, in the mode that a single order is flown in."""
         if not self.armed or self.landed is LandedState.ON_GROUND:
             msg = "Reposition refused: not flying"
             raise RefusedError(msg)
         self.set_mode(Mode.HOLD)
-        self.mode = mode
-        self.steering.forget()
+        self.modes.override(mode)
 
-    def pause(self) -> None:
-        """Stop and stay: in the hold mode (PX4), or without leaving the mode (ArduPilot)."""
-        if not self.failsafe.rules.pauses_in_mode:
-            self.set_mode(Mode.HOLD)
-            return
-        if not self.armed or self.mode not in (Mode.MISSION, Mode.GUIDED):
-            raise RefusedError(f"Pause refused: mode {self.mode.value}")
-        self.steering.forget()
-        self._command(self.executor.hold)
-
-    def resume(self) -> None:
-        """Go on after a pause: with the mission, or (ArduPilot in guided mode) with the next setpoint."""
-        if self.failsafe.rules.pauses_in_mode and self.mode is Mode.GUIDED:
-            return
-        if self.failsafe.rules.pauses_in_mode and self.mode is not Mode.MISSION:
-            raise RefusedError(f"Resume refused: mode {self.mode.value}")
-        self.set_mode(Mode.MISSION)
-
-    def fail_motor(self, failed: bool = True) -> None:
-        """Stop a motor for good, or repair it: without it a vehicle in the air falls, and cannot arm."""
-        self.motor_ok = not failed
-        if failed and self.armed:
-            self.terminate("motor failure")
-
-    def terminate(self, reason: str) -> None:
-        """Lose the thrust at once: the vehicle falls."""
-        self.note(Severity.CRITICAL, f"Flight terminated: {reason}")
-        self.failsafe.gave_out()
-        if self.landed is not LandedState.ON_GROUND:
-            self.end(Outcome.CRASHED, reason)
-        self.executor.fall()
-        self.state = self.executor.state()
-
-    def return_to(self, place_m: tuple[float, float, float]) -> None:
-        """Fly to a place (east, north, least height) by the vehicle's own decision and hold there."""
-        self.mode = Mode.HOLD
-        self.steering.forget()
-        self._command(lambda: self.executor.return_home(place_m))
-
-    def set_current(self, seq: int) -> None:
-        """Go on with this mission item; Refused when there is none."""
-        if not 0 <= seq < self.mission_size:
-            raise RefusedError(f"Mission item {seq} refused: there are {self.mission_size}", denied=True)
-        self._complete = False
-        self._command(lambda: self.executor.set_current(seq))
-
-    def set_speed(self, speed_m_s: float) -> None:
-        """Change the ground speed; Refused beyond the vehicle's limit."""
-        if not 0.0 < speed_m_s <= self.spec.top_speed_m_s:
-            raise RefusedError(
-                f"Speed refused: {speed_m_s:g} of {self.spec.top_speed_m_s:g} m/s", denied=True
-            )
-        self._command(lambda: self.executor.set_speed(speed_m_s))
-
-    def advance(self, now_s: float) -> list[FlightEvent]:
-        """Fly up to a time and return what happened."""
-        self.now_s = now_s
-        events = self.executor.advance(now_s)
-        self.state = self.executor.state()
-        for event in events:
-            self._react(event)
-        if self.executor.armed:
-            self.failsafe.check()
-            self.steering.check()
-        return events
-
-    def _react(self, event: FlightEvent) -> None:
-        if isinstance(event, TargetReached):
-            if self.mode is Mode.TAKEOFF:
-                self.mode = self._after_takeoff
-        elif isinstance(event, MissionComplete):
-            self._complete = True
-            self.note(Severity.INFO, "Mission complete")
-            if self.armed and self.landed is LandedState.IN_AIR:
-                self.turn_to(Mode.HOLD)
-        elif isinstance(event, CannotFly):
-            self._give_up(event)
-        elif isinstance(event, BatteryDepleted):
-            self.failsafe.gave_out()
-            self.end(Outcome.BATTERY_DEPLETED, f"battery empty at {event.time_s:.0f} s")
-            self.note(Severity.CRITICAL, "Battery empty: coming down")
-        elif isinstance(event, Disarmed):
-            self._disarmed()
-
-    def _give_up(self, event: CannotFly) -> None:
-        """Bring the vehicle down after something that it could not do: home first, else here."""
-        where = f"Item {event.seq}: " if event.seq >= 0 else ""
-        self.note(Severity.CRITICAL, f"{where}{event.reason}")
-        if not self.outcome.is_over:
-            self.end(Outcome.CANNOT_FLY_ITEM, f"{where}{event.reason}")
-        if self.armed and self.landed is not LandedState.ON_GROUND and self.mode is not Mode.LAND:
-            self.turn_to(Mode.LAND if self.mode is Mode.RTL else Mode.RTL)
-
-    def _disarmed(self) -> None:
-        self.note(Severity.INFO, "Disarmed")
-        if self._started and not self.outcome.is_over:
-            if self._complete:
-                self.end(Outcome.COMPLETED, "mission complete")
-            else:
-                self.end(Outcome.INTERRUPTED, f"disarmed at item {self.current_seq} of {self.mission_size}")
-        self._started = False
-
-    def turn_to(self, mode: Mode) -> None:
+    def _turn_to(self, mode: Mode) -> None:
         """Take a mode by the vehicle's own decision; what is not possible is told."""
         try:
-            self._order(mode)
+            self._change_mode(mode)
         except RefusedError as refusal:
             self.note(Severity.WARNING, str(refusal))
 
-    def _order(self, mode: Mode) -> None:
-        """Take the mode and, armed, do what it means; what is refused leaves the mode as it was."""
-        self.steering.forget()
-        before, self.mode = self.mode, mode
-        if not self.armed:
-            return
-        try:
-            self._do(mode)
-        except RefusedError:
-            self.mode = before
-            raise
+    def _change_mode(self, mode: Mode) -> None:
+        if self.modes.change(mode):
+            self.disarm()
 
-    def _do(self, mode: Mode) -> None:
-        on_ground = self.landed is LandedState.ON_GROUND
-        if mode is Mode.MISSION:
-            self._fly_mission()
-        elif mode is Mode.TAKEOFF:
-            altitude_m = self._takeoff_altitude_m or self.spec.takeoff_altitude_m
-            self._takeoff_altitude_m = None
-            self._command(lambda: self.executor.takeoff(altitude_m))
-        elif mode in (Mode.RTL, Mode.LAND):
-            if on_ground:
-                self.disarm()
-            else:
-                self._command(self.executor.return_home if mode is Mode.RTL else self.executor.land)
-        elif not on_ground or self.state.phase is not Phase.GROUND:
-            self._command(self.executor.hold)
-        if mode is Mode.GUIDED:
-            self._command(self.steering.begin)
-
-    def _fly_mission(self) -> None:
-        if self._complete:
-            self.executor.set_current(0)
-        self._complete = False
-        self._started = True
-        self._command(self.executor.start)
+    def _end(self, outcome: Outcome, reason: str) -> None:
+        """Note how the run ended."""
+        self.outcome = outcome
+        self.outcome_text = reason

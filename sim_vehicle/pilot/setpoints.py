@@ -1,7 +1,6 @@
-"""Setpoints of GUIDED (ArduPilot) and OFFBOARD (PX4): what the messages ask for, and how it is flown.
+"""Flies setpoints: positions and velocities that a companion or ground station asks for, again and again.
 
-Sources: MAVLink common.xml (SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT, their type masks),
-ArduPilot "Copter commands in guided mode", PX4 "Offboard mode".
+Sources: ArduPilot "Copter commands in guided mode", PX4 "Offboard mode".
 """
 
 from __future__ import annotations
@@ -10,28 +9,18 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion.legs import ALONG, KEEP, Heading
-from sim_vehicle.pilot.notices import RefusedError, Severity
+from sim_vehicle.pilot.notices import NoticeLog, RefusedError, Severity
 
 if TYPE_CHECKING:
-    from sim_vehicle.pilot.pilot import Pilot
+    from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
+    from sim_vehicle.pilot.controls import Controls
+    from sim_vehicle.pilot.failsafe import Failsafe
 
-__all__ = ["MESSAGES", "Setpoint", "Steering", "setpoint_of"]
+__all__ = ["Setpoint", "SetpointFollower"]
 
-MESSAGES = frozenset(
-    {
-        m.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
-        m.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT,
-        m.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET,
-    }
-)
-_IGNORE_POSITION, _FORCE, _IGNORE_YAW, _IGNORE_TURN = 7, 512, 1024, 2048
-_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET, _BODY_FRD = 1, 7, 8, 9, 12
-_GLOBAL = {0: False, 5: False, 3: True, 6: True}
 _SLOWEST_M_S = 0.05
 
 
@@ -67,113 +56,47 @@ class Setpoint:
         return math.isnan(self.position_m[0]) and not all(math.isnan(v) for v in self.velocity_m_s)
 
 
-def setpoint_of(message: Message, pilot: Pilot, *, body_positions: bool) -> Setpoint:
-    """Read a setpoint message.
+class SetpointFollower:
+    """Flies the latest setpoint and tells when setpoints have stopped to flow.
 
     Parameters
     ----------
-    message : Message
-        SET_POSITION_TARGET_LOCAL_NED or SET_POSITION_TARGET_GLOBAL_INT.
-    pilot : Pilot
-        Where the vehicle is and looks, for frames about it.
-    body_positions : bool
-        Whether places may be offsets from the vehicle (ArduPilot).
-
-    Raises
-    ------
-    RefusedError
-        For a frame that is not flown, a force, or numbers that are none.
-    """
-    frame, mask = int(message.coordinate_frame), int(message.type_mask)
-    if mask & _FORCE:
-        msg = "Setpoint refused: forces are not flown"
-        raise RefusedError(msg, denied=True)
-    local = type(message).id == m.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
-    place_given = (message.x, message.y, message.z) if local else (message.alt,)
-    if any(map(math.isinf, (*place_given, message.vx, message.vy, message.vz))):
-        msg = "Setpoint refused: infinity is no number to fly"
-        raise RefusedError(msg, denied=True)
-    x, y, z, yaw = *pilot.state.position_m, pilot.state.yaw_rad
-    turned = frame in (_BODY, _BODY_OFFSET, _BODY_FRD)
-    velocity = _enu(message.vx, message.vy, message.vz, yaw if turned else 0.0)
-    if not local:
-        if frame not in _GLOBAL:
-            raise RefusedError(f"Setpoint refused: frame {frame}", denied=True)
-        place = pilot.place_of(
-            message.lat_int / 1e7, message.lon_int / 1e7, message.alt, relative=_GLOBAL[frame]
-        )
-    elif frame in (_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET, _BODY_FRD):
-        asked = mask & _IGNORE_POSITION != _IGNORE_POSITION
-        if frame != _LOCAL and asked and not body_positions:
-            raise RefusedError(f"Setpoint refused: no places in frame {frame}", denied=True)
-        place = _enu(message.x, message.y, message.z, yaw if turned else 0.0)
-        if frame != _LOCAL:
-            place = (x + place[0], y + place[1], z + place[2])
-    else:
-        raise RefusedError(f"Setpoint refused: frame {frame}", denied=True)
-    heading = message.yaw + (yaw if turned else 0.0)
-    if mask & _IGNORE_YAW or not math.isfinite(heading):
-        heading = math.nan
-    turn = math.nan if mask & _IGNORE_TURN else float(message.yaw_rate)
-    setpoint = Setpoint(_masked(place, mask), _masked(velocity, mask >> 3), heading, turn)
-    if all(map(math.isnan, (*setpoint.position_m, *setpoint.velocity_m_s, heading, turn))):
-        msg = "Setpoint refused: neither place nor velocity"
-        raise RefusedError(msg, denied=True)
-    return setpoint
-
-
-def _enu(north: float, east: float, down: float, yaw: float) -> tuple[float, float, float]:
-    """Turn north-east-down, or forward-right-down of a vehicle with this heading, into east-north-up."""
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    return north * sin + east * cos, north * cos - east * sin, -down
-
-
-def _masked(vector: tuple[float, float, float], mask: int) -> tuple[float, float, float]:
-    """Hide what is to be ignored; the bits are in the order north, east, down."""
-    hidden = bool(mask & 3) or math.isnan(vector[0] + vector[1])
-    flat = (math.nan, math.nan) if hidden else vector[:2]
-    return *flat, math.nan if mask & 4 else vector[2]
-
-
-class Steering:
-    """Flies setpoints.
-
-    Parameters
-    ----------
-    pilot : Pilot
+    controls : Controls
+        The vehicle.
+    parameters : RuntimeParameters
+        The age at which a setpoint holds no more.
+    failsafe : Failsafe
+        The fence, and how the autopilot takes setpoints.
+    notices : NoticeLog
+        Where the operator is told.
     """
 
-    def __init__(self, pilot: Pilot) -> None:
-        self._pilot = pilot
-        self._rules = pilot.failsafe.rules
+    def __init__(
+        self, controls: Controls, parameters: RuntimeParameters, failsafe: Failsafe, notices: NoticeLog
+    ) -> None:
+        self._controls = controls
+        self._parameters = parameters
+        self._failsafe = failsafe
+        self._rules = failsafe.rules
+        self._notices = notices
         self._latest: Setpoint | None = None
-        self._heard_s = -math.inf
+        self._taken_s = -math.inf
         self._flown: Setpoint | None = None
         self._complaint = ""
 
     @property
     def is_fresh(self) -> bool:
         """Whether setpoints flow."""
-        return self._pilot.now_s - self._heard_s <= self._pilot.parameters.setpoint_timeout_s
+        return self._controls.now_s - self._taken_s <= self._parameters.setpoint_timeout_s
 
-    def take(self, message: Message) -> None:
-        """Take a setpoint message; it is flown in the mode for it, and in no other."""
-        if type(message).id == m.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET:
-            self._complain("Setpoint refused: attitudes are not flown")
-            return
-        pilot = self._pilot
-        listening = self._rules.needs_stream or pilot.mode in (Mode.GUIDED, Mode.TAKEOFF)
-        if not listening:
-            return
-        try:
-            self._latest = setpoint_of(message, pilot, body_positions=not self._rules.needs_stream)
-            self._heard_s = pilot.now_s
-            if pilot.mode is Mode.TAKEOFF and not self._rules.needs_stream:
-                pilot.mode = Mode.GUIDED
-            if pilot.mode is Mode.GUIDED and pilot.armed:
-                self.fly()
-        except RefusedError as refusal:
-            self._complain(str(refusal))
+    def listens_in(self, mode: Mode) -> bool:
+        """Whether setpoints are taken in a mode, be it only to be flown later."""
+        return self._rules.needs_stream or mode in (Mode.GUIDED, Mode.TAKEOFF)
+
+    def take(self, setpoint: Setpoint) -> None:
+        """Keep a setpoint to fly it."""
+        self._latest = setpoint
+        self._taken_s = self._controls.now_s
 
     def begin(self) -> None:
         """Fly the latest setpoint where the mode needs a stream of them."""
@@ -181,38 +104,50 @@ class Steering:
         if self._rules.needs_stream and self._latest is not None:
             self.fly()
 
-    def check(self) -> None:
-        """Leave what has grown old."""
-        pilot = self._pilot
-        if pilot.mode is not Mode.GUIDED or self.is_fresh:
-            return
+    def expired(self) -> Mode | None:
+        """Tell that setpoints have grown old; the mode that has to be taken then, None while all is well."""
+        if self.is_fresh:
+            return None
         if self._rules.needs_stream:
-            pilot.note(Severity.WARNING, self._rules.stream_lost.format("holding"))
+            self._notices.add(Severity.WARNING, self._rules.stream_lost.format("holding"))
             self._flown = None
-            pilot.turn_to(Mode.HOLD)
-        elif self._flown is not None and self._flown.is_velocity:
-            pilot.note(Severity.WARNING, self._rules.stream_lost.format("stopping"))
+            return Mode.HOLD
+        if self._flown is not None and self._flown.is_velocity:
+            self._notices.add(Severity.WARNING, self._rules.stream_lost.format("stopping"))
             self._flown = None
-            pilot.turn_to(Mode.GUIDED)
+            return Mode.GUIDED
+        return None
 
     def forget(self) -> None:
-        """Something else is flown now."""
+        """Note that something else is flown now."""
         self._flown = None
 
     def fly(self) -> None:
-        """Fly the latest setpoint, unless it is flown already."""
-        setpoint, pilot = self._latest, self._pilot
+        """Fly the latest setpoint, unless it is flown already.
+
+        Raises
+        ------
+        RefusedError
+            When it cannot be flown.
+        """
+        setpoint = self._latest
         if setpoint is None or setpoint == self._flown:
             return
         try:
-            self._fly(setpoint, pilot)
+            self._fly(setpoint)
         except VehicleError as error:
             raise RefusedError(f"Setpoint refused: {error}") from None
         self._flown = setpoint
         self._complaint = ""
 
-    def _fly(self, setpoint: Setpoint, pilot: Pilot) -> None:
-        executor = pilot.executor
+    def complain(self, text: str) -> None:
+        """Tell the operator why a setpoint is not flown, but the same thing only once in a row."""
+        if text != self._complaint:
+            self._complaint = text
+            self._notices.add(Severity.WARNING, text)
+
+    def _fly(self, setpoint: Setpoint) -> None:
+        executor = self._controls.executor
         (x, y, z), (vx, vy, vz) = setpoint.position_m, setpoint.velocity_m_s
         heading = setpoint.heading
         executor.look_at(None)
@@ -226,18 +161,12 @@ class Steering:
             heading = ALONG if self._rules.looks_ahead and not math.isnan(x) else KEEP
         target = (here[0], here[1]) if math.isnan(x) else (x, y)
         height = here[2] if math.isnan(z) else z
-        if self._rules.looks_ahead and (reason := pilot.failsafe.outside((*target, height))) is not None:
+        if self._rules.looks_ahead and (reason := self._failsafe.outside((*target, height))) is not None:
             raise VehicleError(f"the place is outside the fence ({reason})")
         speed = math.nan if math.isnan(vx) else math.hypot(vx, vy)
         executor.goto(
             *target,
             height,
             heading=heading,
-            speed_m_s=min(speed, pilot.spec.top_speed_m_s) if speed > _SLOWEST_M_S else None,
+            speed_m_s=min(speed, executor.spec.top_speed_m_s) if speed > _SLOWEST_M_S else None,
         )
-
-    def _complain(self, text: str) -> None:
-        """Tell the operator, but the same thing only once in a row."""
-        if text != self._complaint:
-            self._complaint = text
-            self._pilot.note(Severity.WARNING, text)

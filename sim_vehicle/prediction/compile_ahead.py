@@ -23,7 +23,7 @@ def warm_up(spec: VehicleSpec) -> None:
 
     Examples
     --------
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> warm_up(get_vehicle("ideal"))
     """
     if spec.is_ideal:

@@ -122,7 +122,7 @@ def predict_flight(
     Examples
     --------
     >>> from mission.model import GeoPoint, Mission, MissionItem
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> takeoff = MissionItem(22, 3, 0, 0, 0, None, 28.05, -82.15, 10.0)
     >>> there = MissionItem.waypoint(28.051, -82.15, 10.0)
     >>> flight = predict_flight(Mission((takeoff, there), GeoPoint(28.05, -82.15)), get_vehicle("quad"))
@@ -325,9 +325,9 @@ class _Flight:
         self._problem = next(iter(problems), None)
         if self._problem is not None:
             return
-        self.executor = executor = MissionExecutor(spec, home, wind=wind)
-        executor.epoch_unix_s = epoch_unix_s
-        executor.takes_off = takes_off
+        self.executor = executor = MissionExecutor(
+            spec, home, wind=wind, takes_off=takes_off, epoch_unix_s=epoch_unix_s
+        )
         motion = executor.motion
         tick_s = motion.step_s if spec.is_ideal else motion.step_s * _GRID_STEPS
         motion.track_every = max(1, round(track_step_s / tick_s))

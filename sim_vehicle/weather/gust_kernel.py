@@ -68,6 +68,18 @@ def reference_term(height_m: float) -> float:
 
 
 @njit(cache=True)
+def gauss_markov(noise: Floats, decay: float, last: Floats) -> Floats:
+    """Return the first-order recursion ``g[i] = decay g[i-1] + noise[i]``, float64[n, 2]."""
+    series = np.empty_like(noise)
+    for k in range(2):
+        value = last[k]
+        for i in range(noise.shape[0]):
+            value = decay * value + noise[i, k]
+            series[i, k] = value
+    return series
+
+
+@njit(cache=True)
 def forming_filters(noise: Floats, filters: Floats, state: Floats) -> Floats:
     """Return gusts of unit intensity (along, across, up) from white noise.
 

@@ -250,7 +250,7 @@ class _GaussMarkov:
     def draw(self) -> NDArray[np.float64]:
         """Return the next block."""
         # Imported here: a still or steady wind needs no compiler.
-        from sim_vehicle.motion.multirotor.kernel import gauss_markov
+        from sim_vehicle.weather.gust_kernel import gauss_markov
 
         noise = self._noise * self._random.standard_normal((BLOCK, 2))
         gust: NDArray[np.float64] = gauss_markov(noise, self._decay, self._last)

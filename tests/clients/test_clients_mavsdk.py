@@ -178,11 +178,11 @@ def test_it_hears_refusals_and_why(autopilot, ready, tools):
         return error.value.result
 
     no = (ActionResult.COMMAND_DENIED, ActionResult.FAILED)  # PX4's word and ArduPilot's
-    flying.vehicle.pilot.arming_block = "compass not calibrated"
+    flying.vehicle.pilot.arming.block = "compass not calibrated"
     tools.wait_until(lambda: not telemetry.health().is_armable, what="not armable")
     assert refused(action.arm) in no
     tools.wait_until(lambda: any("compass not calibrated" in t for t in texts), what="the reason")
-    flying.vehicle.pilot.arming_block = None
+    flying.vehicle.pilot.arming.block = None
     tools.wait_until(lambda: telemetry.health().is_armable, what="armable")
     assert refused(action.goto_location, *flying.place(5, 5), 40.0, 0.0) in no
     action.arm()

@@ -12,7 +12,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, Mission, MissionItem
 from mission.transfer import RemoteTransferError, compare_plans
 from mission.transfer.driver import TransferDriver
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import Simulation

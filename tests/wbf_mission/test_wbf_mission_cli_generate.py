@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from geo.memory import AvailableMemory
-from sensors.environment import Environment, cache
+from sensors.environment import cache, load_environment
 from sensors.environment.ensemble import Ensemble
 from wbf_mission.cli.app import main
 
@@ -149,7 +149,7 @@ def test_fly_takes_the_environment_from_the_cache(
     results = [json.loads(run(capsys, *FLY)[1]) for _ in range(2)]
     assert [result["environment_cached"] for result in results] == [False, True]
     (entry,) = folder.iterdir()
-    assert Environment.load(entry).days == (6,)
+    assert load_environment(entry).days == (6,)
     for result in results:
         assert result["score"] == without["score"]
         assert result["losses"] == without["losses"]

@@ -7,7 +7,7 @@ import geo.memory
 from geo.farms import get_farm
 from geo.memory import AvailableMemory, NotEnoughMemoryError
 from sensors.estimators import make_estimator
-from sensors.fields import relevance_masks
+from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import RunningScore
 from wbf_mission.cli.app import main
@@ -34,7 +34,7 @@ def test_scores_on_the_way_are_those_of_the_whole_farm():
     x, y = rng.integers(0, 100, (2, 90))
     seen = Observations(x, y, np.arange(90.0), np.full(90, 6), truth[:, x, y].T)
     run = RunEstimate(
-        make_estimator("adaptive-disk").fit(grid), RunningScore(truth, relevance_masks(grid)), every=20
+        make_estimator("adaptive-disk").fit(grid), RunningScore(truth, PAPER_FIELDS.masks(grid)), every=20
     )
     for start in range(0, 90, 7):
         run.add(seen[start : start + 7])
@@ -42,7 +42,7 @@ def test_scores_on_the_way_are_those_of_the_whole_farm():
     assert run.history.observations == [20, 40, 60, 80, 90]
     for n, entry in zip(run.history.observations, run.history.entries, strict=True):
         model = make_estimator("adaptive-disk").fit(grid, seen[:n]).predict()
-        assert entry == RunningScore(truth, relevance_masks(grid)).evaluate(model.value)
+        assert entry == RunningScore(truth, PAPER_FIELDS.masks(grid)).evaluate(model.value)
 
 
 def little(monkeypatch, size):

@@ -5,7 +5,7 @@ import pytest
 from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, Mission, MissionItem
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.energy.battery import WH_J
@@ -119,7 +119,7 @@ def test_disarmed_without_a_reason_tells_how_far_it_came():
     ground = GroundStation(Mission(ITEMS, HOME))
     simulation = Simulation([vehicle, ground])
     simulation.run(until=lambda now_s: now_s > 40.0)
-    seq = vehicle.pilot.current_seq
+    seq = vehicle.pilot.mission.current_seq
     vehicle.pilot.disarm(force=True)
     simulation.run(until=lambda _now_s: ground.done, limit_s=60.0)
     assert ground.outcome is Outcome.FLIGHT_ABORTED

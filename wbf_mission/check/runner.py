@@ -139,7 +139,7 @@ def check_link(
 
     >>> from mission.model import GeoPoint
     >>> from sim_vehicle.host.simulation import Simulation
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> from sim_vehicle.mavlink import SimVehicle
     >>> simulation = Simulation([SimVehicle(get_vehicle("quad"), GeoPoint(28.05, -82.15))])
     >>> link = simulation.open_link()

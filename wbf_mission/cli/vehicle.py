@@ -24,7 +24,7 @@ VehicleArgument = Annotated[
 @app.command("list", cls=HelpCommand)
 def list_command(json: options.Json = False, quiet: options.Quiet = False) -> None:
     """List the vehicles that are known by name, with the endurance of their cruise flight."""
-    from sim_vehicle.airframe.spec import get_vehicle, vehicle_names
+    from sim_vehicle.airframe.catalog import get_vehicle, vehicle_names
 
     vehicles = [get_vehicle(name) for name in vehicle_names()]
     values = [_summary(vehicle) for vehicle in vehicles]
@@ -47,7 +47,7 @@ def list_command(json: options.Json = False, quiet: options.Quiet = False) -> No
 @app.command("show", cls=HelpCommand, epilog="Example\n\nwbf-mission vehicle show quad")
 def show_command(vehicle: VehicleArgument, json: options.Json = False, quiet: options.Quiet = False) -> None:
     """Show a vehicle's limits, battery, power and endurance."""
-    from sim_vehicle.airframe.spec import get_vehicle
+    from sim_vehicle.airframe.catalog import get_vehicle
 
     spec = get_vehicle(vehicle)
     values = _summary(spec)

@@ -240,9 +240,9 @@ class GroundStation:
         return self._ask_for_streams()
 
     def _ask_for_streams(self) -> list[Any]:
-        """Ask an ArduPilot for telemetry, which it sends to nobody who does not ask, until it comes."""
+        """Ask for telemetry until it comes, where the autopilot sends it to nobody who does not ask."""
         silent, self._silent = self._silent, True
-        if self._autopilot != m.MAV_AUTOPILOT_ARDUPILOTMEGA or not silent:
+        if not silent or not profile_for(self._autopilot).streams_on_request:
             return []
         asked = [m.MAVLink_request_data_stream_message(*self._vehicle, m.MAV_DATA_STREAM_ALL, _STREAM_HZ, 1)]
         asked += [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +13,7 @@ from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.base import BaseEstimator, check_default_values
 from sensors.estimators.disk.disks import Disk, DiskMap, centred_disk
 from sensors.estimators.disk.painting import paint
-from sensors.fields import DEFAULT_VALUES, FIELDS
+from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.scoring.information import InformationModel
 from sensors.scoring.tiles import tile_shape
 
@@ -29,14 +30,17 @@ class AdaptiveDiskEstimator(BaseEstimator):
     sensed it. The uncertainty is 0 in a disk and 1 elsewhere.
 
     The model is kept and changed in place: further observations write only the cells of their own disks while
-    the radius stays, and those that disks cover or covered when it shrinks.
+    the radius stays, and those that disks cover or covered when it shrinks. Readings beyond 0..1, which noise
+    makes, are taken as 0 and 1: no field has such values.
 
     Parameters
     ----------
-    default_values : tuple of three floats
-        The value of each field where no disk reaches; healthy, healthy and dry.
+    default_values : sequence of float, optional
+        The value of each field where no disk reaches; the fields' own by default (healthy, healthy and dry).
     radius : int, optional
         A fixed radius in cells in place of the adaptive one.
+    fields : FieldSet
+        What is observed.
 
     Attributes
     ----------
@@ -64,30 +68,39 @@ class AdaptiveDiskEstimator(BaseEstimator):
     revision_: int
 
     def __init__(
-        self, default_values: tuple[float, float, float] = DEFAULT_VALUES, radius: int | None = None
+        self,
+        default_values: Sequence[float] | None = None,
+        radius: int | None = None,
+        fields: FieldSet = PAPER_FIELDS,
     ) -> None:
         self.default_values = default_values
         self.radius = radius
+        self.fields = fields
 
     @staticmethod
     def _stamp(radius: int) -> Disk:
         return centred_disk(radius)
 
+    @staticmethod
+    def _possible(values: NDArray[np.float32]) -> NDArray[np.float32]:
+        limited: NDArray[np.float32] = np.minimum(np.maximum(values, np.float32(0.0)), np.float32(1.0))
+        return limited
+
     def _start(self, grid: FarmGrid) -> None:
-        check_default_values(self.default_values)
+        self._defaults = np.array(check_default_values(self.default_values, self.fields), np.float32)
         if self.radius is not None and not (
             isinstance(self.radius, int) and 1 <= self.radius <= max(grid.shape)
         ):
             msg = f"radius {self.radius!r}: give a whole number of cells from 1 to {max(grid.shape)}, or None"
             raise EstimatorError(msg)
-        self.maps_ = [DiskMap(grid.shape, self._stamp, self.radius)] * len(FIELDS)
-        self.values_ = [GrowingArray((), np.float32) for _ in FIELDS]
+        self.maps_ = [DiskMap(grid.shape, self._stamp, self.radius)] * len(self.fields)
+        self.values_ = [GrowingArray((), np.float32) for _ in self.fields]
         self.revision_ = -1
 
     def _learn(self, observations: Observations) -> None:
         sensed = observations.sensed
         for disks in list(dict.fromkeys(self.maps_)):
-            sharing = [k for k in range(len(FIELDS)) if self.maps_[k] is disks]
+            sharing = [k for k in range(len(self.fields)) if self.maps_[k] is disks]
             # Fields whose sensed sets part ways here need a map of their own from now on.
             groups: dict[bytes, list[int]] = {}
             for k in sharing:
@@ -98,22 +111,23 @@ class AdaptiveDiskEstimator(BaseEstimator):
                 own.append(observations.x[mask], observations.y[mask])
                 for k in members:
                     self.maps_[k] = own
-        for k in range(len(FIELDS)):
-            self.values_[k].append(observations.values[sensed[:, k], k])
+        readings = self._possible(observations.values)
+        for k in range(len(self.fields)):
+            self.values_[k].append(readings[sensed[:, k], k])
 
     def _estimate(self) -> InformationModel:
         everything = self.revision_ < 0
         if everything:
-            self._value = np.empty((len(FIELDS), *self.grid_.shape), np.float32)
+            self._value = np.empty((len(self.fields), *self.grid_.shape), np.float32)
             self._uncertainty = np.empty((1, *self.grid_.shape), np.float32)
             self._published = self._value, self._uncertainty
         changed = np.zeros(tile_shape(self.grid_.shape), np.bool_)
         maps = list(dict.fromkeys(self.maps_))
         if len(maps) > 1 and len(self._uncertainty) == 1:
-            self._uncertainty = np.repeat(self._uncertainty, len(FIELDS), axis=0)
+            self._uncertainty = np.repeat(self._uncertainty, len(self.fields), axis=0)
         for disks in maps:
             painting = disks.outstanding()
-            fields = [k for k in range(len(FIELDS)) if self.maps_[k] is disks]
+            fields = [k for k in range(len(self.fields)) if self.maps_[k] is disks]
             paint(
                 np.ones_like(painting.tiles) if everything else painting.tiles,
                 painting.reset or everything,
@@ -123,7 +137,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
                 painting.disk.low,
                 painting.disk.high,
                 np.stack([self.values_[k].array[painting.start :] for k in fields]),
-                np.array([self.default_values[k] for k in fields], np.float32),
+                self._defaults[fields],
                 np.array(fields),
                 self._value,
                 np.array(fields if len(self._uncertainty) > 1 else [0]),
@@ -131,10 +145,12 @@ class AdaptiveDiskEstimator(BaseEstimator):
                 changed,
             )
         self.revision_ += 1
-        return InformationModel(*self._views(), None if everything else changed, self.revision_)
+        return InformationModel(
+            *self._views(), None if everything else changed, self.revision_, self.fields.names
+        )
 
     def _views(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return the caller's read-only views of value and uncertainty, the same ones every time."""
+        """Give the caller's read-only views of value and uncertainty, the same ones every time."""
         # They are others after a new fit, when fields have parted, and in a copy of the estimator.
         own = (self._value, self._uncertainty)
         if any(view.base is not array for view, array in zip(self._published, own, strict=True)):

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from numpy.typing import NDArray
 
 from sensors.estimators.disk.adaptive_disk import AdaptiveDiskEstimator
 from sensors.estimators.disk.disks import Disk, half_widths
 
 
 def misplaced_disk(radius: int) -> Disk:
-    """Return the authors' disk: last row and column are missing, the mask's *corner* is at the observation.
+    """Give the authors' disk: last row and column are missing, the mask's *corner* is at the observation.
 
     The disk is therefore centred at (x + radius, y + radius) and does not cover the observed cell.
 
@@ -26,22 +29,28 @@ def misplaced_disk(radius: int) -> Disk:
 class AuthorsAdaptiveDiskEstimator(AdaptiveDiskEstimator):
     """The adaptive disk with the authors' misplaced stamp and their default of 0 ("destroyed") everywhere.
 
+    Readings are taken as they are.
+
     Only for comparison with what the authors published; use ``adaptive-disk`` for anything else.
 
     Parameters
     ----------
-    default_values : tuple of three floats
+    default_values : sequence of float
         The value of each field where no disk reaches: 0, 0, 0 in the authors' first code, 1, 1, 0 in its
         successor.
     radius : int, optional
         A fixed radius in cells in place of the adaptive one.
     """
 
-    def __init__(
-        self, default_values: tuple[float, float, float] = (0.0, 0.0, 0.0), radius: int | None = None
-    ) -> None:
-        super().__init__(default_values, radius)
+    def __init__(self, default_values: Sequence[float] = (0.0, 0.0, 0.0), radius: int | None = None) -> None:
+        # No parameter fields: what is reproduced are the benchmark's.
+        self.default_values = default_values
+        self.radius = radius
 
     @staticmethod
     def _stamp(radius: int) -> Disk:
         return misplaced_disk(radius)
+
+    @staticmethod
+    def _possible(values: NDArray[np.float32]) -> NDArray[np.float32]:
+        return values

@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.environment import DISEASES, EnvironmentModel
-from sensors.environment.generate import HOSTS
 from sensors.errors import EstimatorError
 from sensors.estimators.append_buffer import GrowingArray
-from sensors.estimators.base import BaseEstimator
+from sensors.estimators.base import BaseEstimator, require_paper_fields
 from sensors.estimators.epidemic.belief import DiseaseBelief
 from sensors.estimators.epidemic.soil import SoilField
 from sensors.estimators.epidemic.training import Lesson
-from sensors.fields import FIELDS
+from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import PAPER_WEIGHTS, ScoreWeights
 
@@ -24,7 +22,7 @@ if TYPE_CHECKING:
     from geo.grid import FarmGrid
     from sensors.observations import Observations
 
-_SOIL = FIELDS.index("soil")
+_SOIL = PAPER_FIELDS.index("soil")
 # The prior's own roughness is of this size; readings that differ less from a smooth field are not noisy.
 _EXACT_SOIL = 0.015
 
@@ -48,8 +46,8 @@ class EpidemicEstimator(BaseEstimator):
 
     Parameters
     ----------
-    model : EnvironmentModel, optional
-        What is assumed about diseases and weather; the benchmark's by default.
+    fields : FieldSet
+        The benchmark's fields, with what is assumed about diseases and weather.
     day : int
         The day that is estimated before there is any observation.
     misreading_rate : float
@@ -85,7 +83,7 @@ class EpidemicEstimator(BaseEstimator):
 
     def __init__(
         self,
-        model: EnvironmentModel | None = None,
+        fields: FieldSet = PAPER_FIELDS,
         day: int = 6,
         misreading_rate: float = 0.0,
         weights: ScoreWeights = PAPER_WEIGHTS,
@@ -94,7 +92,7 @@ class EpidemicEstimator(BaseEstimator):
         training_seed: int = 0,
         cache: str | os.PathLike[str] | None = None,
     ) -> None:
-        self.model = model
+        self.fields = fields
         self.day = day
         self.misreading_rate = misreading_rate
         self.weights = weights
@@ -111,20 +109,20 @@ class EpidemicEstimator(BaseEstimator):
 
     def _start(self, grid: FarmGrid) -> None:
         self._check_parameters()
-        model = self.model or EnvironmentModel()
+        fields = self.fields
         self._cells = GrowingArray((2,), np.int32)
         self._days = GrowingArray((), np.int32)
-        self._values = GrowingArray((len(FIELDS),), np.float64)
-        self._soil = SoilField(grid.shape, model.soil, self.training_seed)
+        self._values = GrowingArray((len(fields),), np.float64)
+        self._soil = SoilField(grid.shape, fields["soil"].humidity, self.training_seed)
         self._beliefs = [
             DiseaseBelief(
-                np.asarray(grid.crop) == HOSTS[disease],
-                Lesson(model.epidemic(disease), self.day, self.outbreaks, self.epochs, self.training_seed),
+                field.hosts(grid),
+                Lesson(field.epidemic, self.day, self.outbreaks, self.epochs, self.training_seed),
                 asymmetry=self.weights.too_healthy[k] / self.weights.too_sick[k],
                 misreading_rate=self.misreading_rate,
                 cache=self.cache,
             )
-            for k, disease in enumerate(DISEASES)
+            for k, field in enumerate(fields.diseases)
         ]
 
     def _learn(self, observations: Observations) -> None:
@@ -136,7 +134,7 @@ class EpidemicEstimator(BaseEstimator):
             self._soil.learn(sensed.x, sensed.y, sensed.day, sensed.values[:, _SOIL].astype(np.float64))
 
     def _estimate(self) -> InformationModel:
-        value = np.empty((len(FIELDS), *self.grid_.shape), np.float32)
+        value = np.empty((len(self.fields), *self.grid_.shape), np.float32)
         uncertainty = np.empty_like(value)
         day = self.day_
         for k, belief in enumerate(self._beliefs):
@@ -167,15 +165,17 @@ class EpidemicEstimator(BaseEstimator):
             If the disease is unknown, or there is no farm yet.
         """
         self._check_fitted("class_probabilities")
-        if disease not in DISEASES:
-            msg = f"epidemic: unknown disease {disease!r}, expected one of {', '.join(DISEASES)}"
+        diseases = [field.name for field in self.fields.diseases]
+        if disease not in diseases:
+            msg = f"epidemic: unknown disease {disease!r}, expected one of {', '.join(diseases)}"
             raise EstimatorError(msg)
-        k = DISEASES.index(disease)
+        k = diseases.index(disease)
         return self._beliefs[k].probabilities(
             self.day_, self._cells.array, self._days.array, self._values.array[:, k]
         )
 
     def _check_parameters(self) -> None:
+        require_paper_fields("epidemic", self.fields)
         problems = {
             "day": isinstance(self.day, int | np.integer) and self.day >= 0,
             "misreading_rate": 0.0 <= self.misreading_rate < 0.5,

@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.seeds import stream
-from sensors.dynamics.soil import draw_weather, write_soil
-from sensors.environment import SoilParameters
+from sensors.dynamics.soil import SoilParameters, draw_weather, write_soil
 
 Floats = NDArray[np.float64]
 

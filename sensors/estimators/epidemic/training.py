@@ -23,9 +23,8 @@ from numpy.typing import NDArray
 
 from geo.atomic import atomic_write
 from geo.seeds import stream
-from sensors.dynamics.epidemic import MAX_DAYS
+from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters
 from sensors.dynamics.outbreak import simulate_outbreak, value_table
-from sensors.environment import EpidemicParameters
 from sensors.errors import EstimatorError
 from sensors.estimators.epidemic.context import N_CONTEXT, context_features, probabilities_of_field
 from sensors.estimators.epidemic.features import (

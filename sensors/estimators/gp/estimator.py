@@ -15,16 +15,14 @@ from sensors.estimators.gp.field import FieldProcess
 from sensors.estimators.gp.posterior_exact import ExactPosterior
 from sensors.estimators.gp.rbf import RbfKernel, fit_kernel
 from sensors.estimators.gp.threads import one_blas_thread
-from sensors.fields import DEFAULT_VALUES, FIELDS
+from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.scoring.information import InformationModel
 from sensors.scoring.tiles import tile_shape
 
 if TYPE_CHECKING:
     from geo.grid import FarmGrid
-    from sensors.environment import EnvironmentModel
     from sensors.observations import Observations
 
-HEALTHY_MEAN = (1.0, 1.0, None)
 ZERO_MEAN = (0.0, 0.0, 0.0)
 METHODS = ("auto", "exact", "local")
 TEACHERS = ("auto", "observations", "model")
@@ -32,6 +30,7 @@ SMALL_FARM_CELLS = 128 * 128
 """On larger farms the prior is learned from the model of the environment unless something else is wanted."""
 
 _LOCAL_BYTES_A_CELL = 72
+_Values = NDArray[np.float32]
 
 
 class GaussianProcessEstimator(BaseEstimator):
@@ -56,7 +55,7 @@ class GaussianProcessEstimator(BaseEstimator):
 
     Parameters
     ----------
-    prior_mean : tuple of three (float or None), optional
+    prior_mean : sequence of (float or None), optional
         The value of each field far from all observations; None in it is the mean of its observations so far.
         By default what was learned from the model, or else healthy, healthy, and the running mean for soil;
         ``(0, 0, 0)`` is the paper's.
@@ -76,8 +75,8 @@ class GaussianProcessEstimator(BaseEstimator):
     learn_from : {"auto", "observations", "model"}
         What mean and kernel are learned from. "auto" is observations on farms of up to 128 x 128 cells, and
         the model on larger ones, where few observations show a sick plant.
-    model : EnvironmentModel, optional
-        What is assumed about diseases and weather; the benchmark's by default.
+    fields : FieldSet
+        What is observed, and what is assumed about diseases and weather; the benchmark's by default.
     day : int
         The day that is assumed before there is any observation.
     training_seed : int
@@ -115,7 +114,7 @@ class GaussianProcessEstimator(BaseEstimator):
         method: str = "auto",
         memory_limit_mb: float = 256.0,
         learn_from: str = "auto",
-        model: EnvironmentModel | None = None,
+        fields: FieldSet = PAPER_FIELDS,
         day: int = 6,
         training_seed: int = 0,
         cache: str | os.PathLike[str] | None = None,
@@ -130,7 +129,7 @@ class GaussianProcessEstimator(BaseEstimator):
         self.method = method
         self.memory_limit_mb = memory_limit_mb
         self.learn_from = learn_from
-        self.model = model
+        self.fields = fields
         self.day = day
         self.training_seed = training_seed
         self.cache = cache
@@ -138,19 +137,20 @@ class GaussianProcessEstimator(BaseEstimator):
     def memory_bytes(self, shape: tuple[int, int], n_observations: int) -> int:
         """Return the memory that the estimator takes on a farm with so many observations, in bytes."""
         cells = shape[0] * shape[1]
-        models = 2 * len(FIELDS) * 4 * cells
-        exact = len(FIELDS) * ExactPosterior.bytes_needed(n_observations, shape)
+        models = 2 * len(self.fields) * 4 * cells
+        exact = len(self.fields) * ExactPosterior.bytes_needed(n_observations, shape)
         local = self.method == "local" or (self.method == "auto" and exact > self.memory_limit_mb * 2**20)
         return _LOCAL_BYTES_A_CELL * cells if local else models + exact
 
     def _start(self, grid: FarmGrid) -> None:
         self._check_parameters()
-        means = HEALTHY_MEAN if self.prior_mean is None else tuple(self.prior_mean)
+        healthy = [1.0 if field.kind == "disease" else None for field in self.fields]
+        means = healthy if self.prior_mean is None else tuple(self.prior_mean)
         self._fields = [
             FieldProcess(grid.shape, mean, before, self.kernel)
-            for mean, before in zip(means, DEFAULT_VALUES, strict=True)
+            for mean, before in zip(means, self.fields.defaults, strict=True)
         ]
-        self.kernels_ = [self.kernel] * len(FIELDS)
+        self.kernels_ = [self.kernel] * len(self.fields)
         large = grid.shape[0] * grid.shape[1] > SMALL_FARM_CELLS
         auto = "model" if large else "observations"
         self._teacher = auto if self.learn_from == "auto" else self.learn_from
@@ -172,7 +172,7 @@ class GaussianProcessEstimator(BaseEstimator):
                 for process in self._fields:
                     process.fit(self._fit_kernel)
         exact = not self._needs_local()
-        for name, process in zip(FIELDS, self._fields, strict=True):
+        for name, process in zip(self.fields.names, self._fields, strict=True):
             try:
                 process.update(exact=exact)
             except np.linalg.LinAlgError:
@@ -185,38 +185,45 @@ class GaussianProcessEstimator(BaseEstimator):
         return self._exact_model() if exact else self._local_model()
 
     def _exact_model(self) -> InformationModel:
-        value = np.empty((len(FIELDS), *self.grid_.shape), np.float32)
+        value = np.empty((len(self.fields), *self.grid_.shape), np.float32)
         uncertainty = np.empty_like(value)
         for k, process in enumerate(self._fields):
             process.write_all(value[k], uncertainty[k], clip=self.clip)
-        return InformationModel(value, uncertainty, revision=self._revision)
+        return InformationModel(value, uncertainty, revision=self._revision, fields=self.fields.names)
 
     def _local_model(self) -> InformationModel:
         shape = self.grid_.shape
         first = self._own is None
         if self._own is None:
             self._own = (
-                np.empty((len(FIELDS), *shape), np.float32),
-                np.empty((len(FIELDS), *shape), np.float32),
+                np.empty((len(self.fields), *shape), np.float32),
+                np.empty((len(self.fields), *shape), np.float32),
             )
-        changed = np.zeros(tile_shape(shape), np.bool_)
-        for process, value, uncertainty in zip(self._fields, *self._own, strict=True):
-            changed |= process.write_changes(value, uncertainty, clip=self.clip)
-        views = tuple(array.view() for array in self._own)
-        for view in views:
-            view.flags.writeable = False
-        return InformationModel(views[0], views[1], None if first else changed, self._revision)
+            self._published = self._own
+        changed = np.zeros((len(self.fields), *tile_shape(shape)), np.bool_)
+        for k, process in enumerate(self._fields):
+            changed[k] = process.write_changes(self._own[0][k], self._own[1][k], clip=self.clip)
+        return InformationModel(
+            *self._views(self._own), None if first else changed, self._revision, self.fields.names
+        )
+
+    def _views(self, own: tuple[_Values, _Values]) -> tuple[_Values, _Values]:
+        """Return the caller's read-only views, the very same ones every time."""
+        # They are others at first, and in a copy of the estimator.
+        if any(view.base is not array for view, array in zip(self._published, own, strict=True)):
+            value, uncertainty = (array.view() for array in own)
+            value.flags.writeable = uncertainty.flags.writeable = False
+            self._published = value, uncertainty
+        return self._published
 
     def _take_priors(self, day: int) -> None:
         if day == self._learned_day:
             return
-        from sensors.environment import EnvironmentModel
         from sensors.estimators.epidemic.training import cache_folder
         from sensors.estimators.gp.prior import learn_priors
 
         folder = cache_folder(self.cache) if self.cache else cache_folder(None).with_name("gp")
-        model = self.model or EnvironmentModel()
-        priors = learn_priors(self.grid_, model, day, self.training_seed, folder)
+        priors = learn_priors(self.grid_, self.fields, day, self.training_seed, folder)
         for process, prior in zip(self._fields, priors, strict=True):
             process.kernel = prior.kernel
             if self.prior_mean is None:
@@ -252,7 +259,7 @@ class GaussianProcessEstimator(BaseEstimator):
         means = self.prior_mean
         problems = {
             "prior_mean": means is None
-            or (len(means) == len(FIELDS) and all(mean is None or np.isfinite(mean) for mean in means)),
+            or (len(means) == len(self.fields) and all(mean is None or np.isfinite(mean) for mean in means)),
             "kernel": isinstance(self.kernel, RbfKernel),
             "length_bounds": _is_interval(self.length_bounds),
             "noise_bounds": _is_interval(self.noise_bounds),

@@ -20,15 +20,13 @@ from numpy.typing import NDArray
 from geo.atomic import atomic_write
 from geo.grid import FarmGrid
 from geo.seeds import stream
-from sensors.dynamics.epidemic import MAX_DAYS
+from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters
 from sensors.dynamics.outbreak import simulate_outbreak, value_table
-from sensors.dynamics.soil import draw_weather, write_soil
-from sensors.environment import DISEASES, EnvironmentModel, EpidemicParameters, SoilParameters
-from sensors.environment.generate import HOSTS
+from sensors.dynamics.soil import SoilParameters, draw_weather, write_soil
 from sensors.errors import EstimatorError
 from sensors.estimators.gp.rbf import Floats, RbfKernel
 from sensors.estimators.gp.threads import one_blas_thread
-from sensors.fields import DEFAULT_VALUES, FIELDS
+from sensors.fields import Field, FieldSet
 
 VERSION = 1
 """Part of the names of files; it has to grow with every change of what is learned."""
@@ -55,15 +53,15 @@ class FieldPrior:
 
 
 def learn_priors(
-    grid: FarmGrid, model: EnvironmentModel, day: int, seed: int, folder: Path
+    grid: FarmGrid, fields: FieldSet, day: int, seed: int, folder: Path
 ) -> tuple[FieldPrior, ...]:
-    """Return the priors of the three fields on a day: from memory, from a file in the folder, or learned now.
+    """Give the priors of all fields on a day: from memory, from a file in the folder, or learned now.
 
     Parameters
     ----------
     grid : FarmGrid
         The farm.
-    model : EnvironmentModel
+    fields : FieldSet
         What environments are drawn from.
     day : int
         The day.
@@ -81,22 +79,30 @@ def learn_priors(
     if not 0 <= day <= MAX_DAYS:
         msg = f"gp: day {day} is not in 0..{MAX_DAYS}, the days of an environment"
         raise EstimatorError(msg)
-    told = {"version": VERSION, "model": asdict(model), "shape": grid.shape, "day": day, "seed": seed}
+    told = {
+        "version": VERSION,
+        "fields": [(field.name, field.kind, field.crops, asdict(field.dynamics)) for field in fields],
+        "shape": grid.shape,
+        "day": day,
+        "seed": seed,
+    }
     digest = hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode())
     digest.update(np.ascontiguousarray(grid.crop).data)
     key = digest.hexdigest()[:32]
     if key not in _in_memory:
         path = folder / f"{key}.json"
-        priors = _load(path)
+        priors = _load(path, fields)
         if priors is None:
-            crop = np.asarray(grid.crop)
-            diseases = (
-                disease_prior(model.epidemic(name), crop == HOSTS[name], day, seed, name) for name in DISEASES
-            )
-            priors = (*diseases, soil_prior(model.soil, grid.shape, day, seed))
-            _save(priors, path)
+            priors = tuple(_learn(field, grid, day, seed) for field in fields)
+            _save(priors, path, fields)
         _in_memory[key] = priors
     return _in_memory[key]
+
+
+def _learn(field: Field, grid: FarmGrid, day: int, seed: int) -> FieldPrior:
+    if field.kind == "disease":
+        return disease_prior(field.epidemic, field.hosts(grid), day, seed, field.name)
+    return soil_prior(field.humidity, grid.shape, day, seed, field.name)
 
 
 def disease_prior(
@@ -109,7 +115,7 @@ def disease_prior(
     """
     count = int(np.count_nonzero(hosts))
     if not count:
-        return FieldPrior(DEFAULT_VALUES[0], RbfKernel(2.0, 2.0, _LEAST_VARIANCE, _LEAST_VARIANCE))
+        return FieldPrior(1.0, RbfKernel(2.0, 2.0, _LEAST_VARIANCE, _LEAST_VARIANCE))
     size, seeds = parameters.kernel_size, parameters.seed_count(hosts.shape)
     if size is None:
         size = parameters.infection_rule(hosts.shape).kernel.size
@@ -139,13 +145,15 @@ def disease_prior(
     return FieldPrior(1.0 - mean, kernel)
 
 
-def soil_prior(parameters: SoilParameters, shape: tuple[int, int], day: int, seed: int) -> FieldPrior:
-    """Return the prior of the humidity; it is simulated on few cells, as its humps grow with the farm."""
+def soil_prior(
+    parameters: SoilParameters, shape: tuple[int, int], day: int, seed: int, name: str = "soil"
+) -> FieldPrior:
+    """Give the prior of a continuous field; it is simulated on few cells, as its humps grow with the farm."""
     scale = _SOIL_CELLS / max(shape)
     coarse = (max(8, round(shape[0] * scale)), max(8, round(shape[1] * scale)))
     fields = np.empty((_SOIL_SIMULATIONS, *coarse))
     for number, field in enumerate(fields):
-        weather = draw_weather(coarse, day, parameters, stream(seed, "gp", "soil", str(number)))
+        weather = draw_weather(coarse, day, parameters, stream(seed, "gp", name, str(number)))
 
         def keep(_day: int, first: int, block: NDArray[np.float32], into: Floats = field) -> None:
             into[first : first + len(block)] = block
@@ -235,8 +243,8 @@ def _divergence(theta: Floats, dx2: Floats, dy2: Floats, moments: Floats) -> tup
     return cost, 0.5 * np.array(gradient)
 
 
-def _save(priors: tuple[FieldPrior, ...], path: Path) -> None:
-    told = {name: asdict(prior) for name, prior in zip(FIELDS, priors, strict=True)}
+def _save(priors: tuple[FieldPrior, ...], path: Path, fields: FieldSet) -> None:
+    told = {name: asdict(prior) for name, prior in zip(fields.names, priors, strict=True)}
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(path) as file:
@@ -245,12 +253,12 @@ def _save(priors: tuple[FieldPrior, ...], path: Path) -> None:
         return
 
 
-def _load(path: Path) -> tuple[FieldPrior, ...] | None:
+def _load(path: Path, fields: FieldSet) -> tuple[FieldPrior, ...] | None:
     """Read priors; None if there is no file that can be used."""
     try:
         told = json.loads(path.read_text(encoding="utf-8"))
         priors = tuple(
-            FieldPrior(float(told[name]["mean"]), RbfKernel(**told[name]["kernel"])) for name in FIELDS
+            FieldPrior(float(told[name]["mean"]), RbfKernel(**told[name]["kernel"])) for name in fields.names
         )
     except (OSError, ValueError, TypeError, KeyError):
         return None

@@ -10,7 +10,7 @@ import numpy as np
 from sensors.errors import EstimatorError
 from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.base import BaseEstimator, RandomState
-from sensors.fields import FIELDS
+from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.scoring.information import InformationModel
 
 if TYPE_CHECKING:
@@ -39,6 +39,8 @@ class SklearnGaussianProcessEstimator(BaseEstimator):
         The largest number of covariances between observations and cells that are computed in one estimate.
     random_state : Generator, SeedSequence, int or None
         Where restarts begin; None is different each time.
+    fields : FieldSet
+        What is observed.
     """
 
     seed_: int
@@ -51,11 +53,13 @@ class SklearnGaussianProcessEstimator(BaseEstimator):
         max_points: int = 2000,
         max_entries: int = 200_000_000,
         random_state: RandomState = None,
+        fields: FieldSet = PAPER_FIELDS,
     ) -> None:
         self.n_restarts = n_restarts
         self.max_points = max_points
         self.max_entries = max_entries
         self.random_state = random_state
+        self.fields = fields
 
     def _start(self, grid: FarmGrid) -> None:  # noqa: ARG002
         for name, least in (("n_restarts", 0), ("max_points", 1), ("max_entries", 1)):
@@ -63,8 +67,8 @@ class SklearnGaussianProcessEstimator(BaseEstimator):
                 msg = f"gp-sklearn: {name} cannot be {getattr(self, name)!r}, expected at least {least}"
                 raise EstimatorError(msg)
         self.seed_ = int(np.random.default_rng(self.random_state).integers(2**31))
-        self._cells = [GrowingArray((2,), np.int32) for _ in FIELDS]
-        self._values = [GrowingArray((), np.float64) for _ in FIELDS]
+        self._cells = [GrowingArray((2,), np.int32) for _ in self.fields]
+        self._values = [GrowingArray((), np.float64) for _ in self.fields]
 
     def _learn(self, observations: Observations) -> None:
         cells = np.stack([observations.x, observations.y], axis=1)
@@ -75,8 +79,13 @@ class SklearnGaussianProcessEstimator(BaseEstimator):
     def _estimate(self) -> InformationModel:
         self._check_size()
         prior = float(np.sqrt(1.0 + NOISE))
-        model = InformationModel.uniform(self.grid_.shape, value=(0.0, 0.0, 0.0), uncertainty=prior)
-        for k in range(len(FIELDS)):
+        model = InformationModel.uniform(
+            self.grid_.shape,
+            value=(0.0,) * len(self.fields),
+            uncertainty=prior,
+            fields=self.fields.names,
+        )
+        for k in range(len(self.fields)):
             if len(self._values[k]):
                 self._estimate_field(k, model)
         return model

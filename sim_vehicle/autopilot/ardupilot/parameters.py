@@ -51,7 +51,7 @@ def vehicle_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
 
     Examples
     --------
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> "LAND_SPEED" in [parameter.name for parameter in vehicle_parameters(get_vehicle("rover"), 1)]
     False
     """

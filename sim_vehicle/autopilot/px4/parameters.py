@@ -31,7 +31,7 @@ def copter_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
 
     Examples
     --------
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> [parameter.name for parameter in copter_parameters(get_vehicle("quad"), 1)][-2:]
     ['MPC_Z_VEL_MAX_DN', 'MPC_Z_VEL_MAX_UP']
     """

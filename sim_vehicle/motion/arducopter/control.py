@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion.arducopter.layout import (
     ACC_Z_I,
     ACC_Z_IMAX,
@@ -29,7 +30,6 @@ from sim_vehicle.motion.arducopter.layout import (
     ERROR_FILTER,
     ERROR_Z,
     ERROR_Z_FILTER,
-    GRAVITY,
     INTEGRAL,
     LAG,
     LEAN,
@@ -142,7 +142,7 @@ def command(state: Floats, guide: Floats, law: Floats) -> None:
     az = law[VEL_Z_P] * fz + guide[AX + 2]
     gain, lift = law[ACC_Z_P], guide[LIFT]
     thrust = (gain * (az - lift) + guide[THRUST_I]) / (1.0 + gain)
-    thrust = min(max(thrust, -GRAVITY), 1.5 * GRAVITY)
+    thrust = min(max(thrust, -GRAVITY_M_S2), 1.5 * GRAVITY_M_S2)
     most = law[ACC_Z_IMAX]
     guide[THRUST_I] = min(max(guide[THRUST_I] + law[ACC_Z_I] * dt * (az - thrust - lift), -most), most)
     guide[THRUST] = thrust
@@ -172,11 +172,11 @@ def move(state: Floats, guide: Floats, law: Floats, rising: float) -> float:
     for k in range(2):
         guide[TARGET + k] += law[TARGET_FILTER] * (guide[ASKED + k] - guide[TARGET + k])
         guide[LEAN + k] += law[LEAN_FILTER] * (guide[TARGET + k] - guide[LEAN + k])
-    share = 1.0 + guide[THRUST] / GRAVITY
+    share = 1.0 + guide[THRUST] / GRAVITY_M_S2
     # Drag acts in the plane of the rotors and, without the part of their momentum, across it.
     lx, ly = guide[LEAN], guide[LEAN + 1]
-    stretch = sqrt(lx * lx + ly * ly + GRAVITY * GRAVITY)
-    nx, ny, nz = lx / stretch, ly / stretch, GRAVITY / stretch
+    stretch = sqrt(lx * lx + ly * ly + GRAVITY_M_S2 * GRAVITY_M_S2)
+    nx, ny, nz = lx / stretch, ly / stretch, GRAVITY_M_S2 / stretch
     ux, uy, uz = state[3] - state[15], state[4] - state[16], state[5] - rising
     through = ux * nx + uy * ny + uz * nz
     ux, uy, uz = ux - through * nx, uy - through * ny, uz - through * nz

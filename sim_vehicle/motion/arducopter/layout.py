@@ -72,7 +72,6 @@ LAW = 40
     STAND_BY,
 ) = range(LAW)
 
-GRAVITY = 9.80665
 LEAST_SPEED = 0.2
 """A lower horizontal speed is not taken (WPNAV_WP_SPEED_MIN)."""
 LEAST_WAY = 0.01

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim_vehicle.autopilot.ardupilot.copter import drag_of, lookup
+from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.motion.arducopter import kernel, scurve
 from sim_vehicle.motion.arducopter import layout as at
 from sim_vehicle.motion.arducopter.control import stopping_way
+from sim_vehicle.motion.arducopter.parameters import drag_of, lookup
 from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.motion.multirotor.kernel import WIND
@@ -38,7 +39,7 @@ class ArduCopter(Multirotor):
     --------
     >>> from sim_vehicle.autopilot import with_autopilot
     >>> from sim_vehicle.motion.legs import Leg, Route
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> vehicle = ArduCopter(with_autopilot(get_vehicle("quad"), "ardupilot"))
     >>> vehicle.fly(Route.through([Leg((0.0, 0.0, 10.0), 5.0, heading=KEEP, kind=LegKind.TAKEOFF)]))
     >>> vehicle.advance(10_000)
@@ -124,11 +125,11 @@ class ArduCopter(Multirotor):
             return None
         state, (east, north) = self.state, self.guide[at.LEAN : at.LEAN + 2].tolist()
         sine, cosine = math.sin(state[9]), math.cos(state[9])
-        pitch = -math.atan2(east * sine + north * cosine, at.GRAVITY)
-        roll = math.atan2((east * cosine - north * sine) * math.cos(pitch), at.GRAVITY)
+        pitch = -math.atan2(east * sine + north * cosine, GRAVITY_M_S2)
+        roll = math.atan2((east * cosine - north * sine) * math.cos(pitch), GRAVITY_M_S2)
         airspeed = math.hypot(state[3] - state[15], state[4] - state[16])
-        stretch = math.sqrt(1.0 + (east * east + north * north) / at.GRAVITY**2)
-        thrust = (1.0 + float(self.guide[at.THRUST]) / at.GRAVITY) * stretch
+        stretch = math.sqrt(1.0 + (east * east + north * north) / GRAVITY_M_S2**2)
+        thrust = (1.0 + float(self.guide[at.THRUST]) / GRAVITY_M_S2) * stretch
         return roll, pitch, airspeed, min(max(_HOVER_THROTTLE * thrust, 0.0), 1.0)
 
     def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
@@ -190,7 +191,7 @@ def _law(spec: VehicleSpec, stand_by_w: float) -> NDArray[np.float64]:
     get = lookup(spec)
     dt = spec.step_s
     law = np.zeros(at.LAW)
-    gravity = at.GRAVITY
+    gravity = GRAVITY_M_S2
     turn_rate = math.radians(get("ATC_RATE_R_MAX")), math.radians(get("ATC_RATE_P_MAX"))
     turn_accel = math.radians(0.01 * min(get("ATC_ACCEL_R_MAX"), get("ATC_ACCEL_P_MAX")))
     accel = 0.01 * get("WPNAV_ACCEL")

@@ -12,6 +12,7 @@ from math import atan, atan2, cos, inf, isnan, pi, sin, sqrt, tan
 
 from numba import njit
 
+from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.energy.power_kernels import wing_power
 from sim_vehicle.motion.fixed_wing.guidance import (
     NPFG,
@@ -95,7 +96,6 @@ LINE, CIRCLE, TAKEOFF, LANDING, CIRCULAR_LANDING, FALL = 0.0, 1.0, 2.0, 3.0, 4.0
 ) = range(39)
 LIMITS = 39
 
-GRAVITY = 9.80665
 PITCH_S = 0.5
 THROTTLE_S = 0.4
 ALPHA = 0.05
@@ -114,7 +114,7 @@ def excess_sink(limits: Floats, airspeed: float, load: float) -> float:
     """Return how much faster than in trimmed level flight the drag takes energy, over the weight, m/s."""
     v, trim = max(airspeed, 3.0), limits[AIRSPEED_TRIM]
     drag = limits[PARASITIC] * v * v * v + limits[INDUCED] * load * load / v
-    return float((drag - limits[PARASITIC] * trim * trim * trim - limits[INDUCED] / trim) / GRAVITY)
+    return float((drag - limits[PARASITIC] * trim * trim * trim - limits[INDUCED] / trim) / GRAVITY_M_S2)
 
 
 @njit(cache=True)
@@ -206,7 +206,7 @@ def _energy(
     climb = (height - state[2]) / limits[HEIGHT_S]
     climb = min(max(climb, -limits[SINK_RATE]), limits[CLIMB_RATE])
     # Rates of the kinetic energy over the weight.
-    fast = (airspeed - v) / limits[SPEED_S] * v / GRAVITY
+    fast = (airspeed - v) / limits[SPEED_S] * v / GRAVITY_M_S2
     fast = min(max(fast, 0.5 * min(least, -0.2)), 0.5 * max(most, 0.2))
     if full:
         throttle = limits[THROTTLE_LIMIT]
@@ -250,7 +250,7 @@ def _circled(state: Floats, row: Floats, limits: Floats, step: int) -> bool:
             near = switch_distance(ground, limits[PERIOD], limits[DAMPING], limits[SWITCH_SHARE])
             room = radius + max(limits[ACCEPTANCE], near)
         # An airspeed that is too high for the circle leads round it outside.
-        tight = ground * ground / (GRAVITY * tan(limits[BANK_LIMIT]))
+        tight = ground * ground / (GRAVITY_M_S2 * tan(limits[BANK_LIMIT]))
         room = max(room, 2.2 * tight)
         if away > room or abs(row[2] - state[2]) > row[13]:
             return False
@@ -314,11 +314,11 @@ def _fly(
     w = state[CLIMB]
     w += min(max((climb - w) * dt / PITCH_S, -change), change)
     v = max(state[AIRSPEED], SHORT)
-    v += (rate - w) * GRAVITY / v * dt
+    v += (rate - w) * GRAVITY_M_S2 / v * dt
     v = max(v, SHORT)
     w = min(max(w, -0.8 * v), 0.8 * v)
     forward = sqrt(v * v - w * w)
-    turn = GRAVITY * tan(bank) / forward
+    turn = GRAVITY_M_S2 * tan(bank) / forward
     middle = state[9] + 0.5 * turn * dt
     yaw = (state[9] + turn * dt) % (2.0 * pi)
     ve, vn, vz = forward * sin(yaw) + wx, forward * cos(yaw) + wy, w + rising
@@ -343,7 +343,7 @@ def _drop(state: Floats, limits: Floats, wx: float, wy: float) -> None:
     dt = limits[STEP_S]
     keep = 1.0 - dt / FALL_S
     ve, vn = wx + (state[3] - wx) * keep, wy + (state[4] - wy) * keep
-    vz = max(state[5] - GRAVITY * dt, -FALL_M_S)
+    vz = max(state[5] - GRAVITY_M_S2 * dt, -FALL_M_S)
     state[0] += ve * dt
     state[1] += vn * dt
     state[2] = max(state[2] + vz * dt, 0.0)
@@ -461,7 +461,7 @@ def _tick(
             lateral = 2.0 * sin(error) * rate * state[AIRSPEED]
     else:
         lateral, be, bn = _steer_line(state, row, limits, wx, wy)
-    bank = min(max(atan(lateral / GRAVITY), -rolls), rolls)
+    bank = min(max(atan(lateral / GRAVITY_M_S2), -rolls), rolls)
     # Speeds and heights.
     load = 1.0 / cos(state[BANK])
     full = kind == TAKEOFF and not arrived

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim_vehicle.airframe.power_spec import FixedWingPowerSpec
+from sim_vehicle.airframe.power_spec import GRAVITY_M_S2, FixedWingPowerSpec
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.energy.power import power_coefficients
 from sim_vehicle.errors import VehicleError
@@ -115,7 +115,7 @@ class WingLimits:
         ----------
         airspeed_m_s : float
         """
-        return airspeed_m_s * airspeed_m_s / (wing.GRAVITY * math.tan(self.bank_limit))
+        return airspeed_m_s * airspeed_m_s / (GRAVITY_M_S2 * math.tan(self.bank_limit))
 
 
 class FixedWing(Multirotor):

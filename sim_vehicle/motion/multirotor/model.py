@@ -37,7 +37,7 @@ class Multirotor:
     Examples
     --------
     >>> from sim_vehicle.motion.legs import Leg, Route
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> vehicle = Multirotor(get_vehicle("quad"))
     >>> vehicle.fly(Route.through([Leg((0.0, 0.0, 10.0), 5.0)]))
     >>> vehicle.advance(10_000)

@@ -15,6 +15,7 @@ from math import atan2, cos, exp, inf, isnan, pi, sin, sqrt
 
 from numba import njit
 
+from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.energy.power_kernels import multirotor_power
 from sim_vehicle.motion.multirotor.kernel import (
     ENERGY,
@@ -41,8 +42,6 @@ from sim_vehicle.motion.px4.smoothing import (
     unit_dot,
 )
 from sim_vehicle.weather.gust_kernel import wind_at
-
-GRAVITY = 9.80665
 
 # leg: target 0-2, place before 3-5, place after 6-8, acceptance radius 9, speed 10, heading 11 (NaN: to the
 # target, infinity: keep), distance to notify at 12, kind 13 (`LegKind`), pause 14, rate of turning 15 (NaN:
@@ -243,13 +242,13 @@ def _control(
     ay = g[7] + law[XY_VEL_P] * ey + g[10] - law[XY_VEL_D] * g[18]
     az = (g[8] if flying else 0.0) + law[Z_VEL_P] * ez + g[11] - law[Z_VEL_D] * g[19]
     wanted2 = ax * ax + ay * ay
-    size = sqrt(wanted2 + GRAVITY * GRAVITY)
-    upright = GRAVITY / size
+    size = sqrt(wanted2 + GRAVITY_M_S2 * GRAVITY_M_S2)
+    upright = GRAVITY_M_S2 / size
     bx, by = ax / size, ay / size
     if upright < cos(law[TILT]):
         scale = sin(law[TILT]) / sqrt(bx * bx + by * by)
         upright, bx, by = cos(law[TILT]), bx * scale, by * scale
-    thrust = max((GRAVITY + az) / upright, law[THRUST_LOW])
+    thrust = max((GRAVITY_M_S2 + az) / upright, law[THRUST_LOW])
     tx, ty, tz = thrust * bx, thrust * by, thrust * upright
     most = law[THRUST_HIGH]
     if (tz <= law[THRUST_LOW] and ez <= 0.0) or (tz >= most and ez >= 0.0):
@@ -263,7 +262,7 @@ def _control(
     # Tracking anti-windup: the integral gives back what the vehicle does not deliver. It does so whenever the
     # thrust is below that of hovering, hence on the average of a noisy vertical speed too.
     noise = NOISE_M_S * law[Z_VEL_P]
-    missing = 0.5 * (sqrt(az * az + noise * noise) - az) / GRAVITY
+    missing = 0.5 * (sqrt(az * az + noise * noise) - az) / GRAVITY_M_S2
     lostx, losty = missing * ax, missing * ay
     if (ax - tx) ** 2 + (ay - ty) ** 2 > lostx * lostx + losty * losty and wanted2 > tx * tx + ty * ty:
         lostx, losty = ax - tx, ay - ty
@@ -271,7 +270,7 @@ def _control(
     ey -= 2.0 / law[XY_VEL_P] * losty
     g[9] += law[XY_VEL_I] * ex * dt
     g[10] += law[XY_VEL_I] * ey * dt
-    g[11] = min(max(g[11] + law[Z_VEL_I] * ez * dt, -GRAVITY), GRAVITY)
+    g[11] = min(max(g[11] + law[Z_VEL_I] * ez * dt, -GRAVITY_M_S2), GRAVITY_M_S2)
     return tx, ty, tz
 
 
@@ -325,7 +324,7 @@ def _fly(g: Floats, law: Floats, state: Floats, wanted: Vector, lag: float, flyi
         g[12], g[13], flat2 = g[12] * shrink, g[13] * shrink, 0.9
     ax = g[16] * g[12] - law[DRAG] * (state[3] - state[15])
     ay = g[16] * g[13] - law[DRAG] * (state[4] - state[16])
-    az = g[16] * sqrt(1.0 - flat2) - GRAVITY - law[DRAG] * state[5]
+    az = g[16] * sqrt(1.0 - flat2) - GRAVITY_M_S2 - law[DRAG] * state[5]
     if state[2] <= 0.0 and (az <= 0.0 or state[5] < 0.0):
         if not flying:
             for k in range(12, 16):
@@ -468,7 +467,7 @@ def advance(
                 ramp = law[TAKEOFF_RAMP]
                 if g[G_CLOCK] - law[SPOOLUP] < ramp:
                     flying = False
-                    low = -GRAVITY / law[Z_VEL_P]
+                    low = -GRAVITY_M_S2 / law[Z_VEL_P]
                     climb_limit = low + (g[G_CLOCK] - law[SPOOLUP]) / ramp * (climb_limit - low)
                 _guide(g, row, law, state[0], state[1], state[2])
                 wanted = _control(g, law, state, climb_limit, flying)

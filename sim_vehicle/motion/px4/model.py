@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim_vehicle.autopilot.px4.copter import drag_of, value_of
+from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.motion.multirotor.kernel import WIND
 from sim_vehicle.motion.multirotor.model import Multirotor
 from sim_vehicle.motion.px4 import kernel
+from sim_vehicle.motion.px4.parameters import drag_of, value_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -112,7 +113,7 @@ class Px4Multirotor(Multirotor):
     --------
     >>> from sim_vehicle.autopilot import with_autopilot
     >>> from sim_vehicle.motion.legs import Leg, Route
-    >>> from sim_vehicle.airframe.spec import get_vehicle
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> vehicle = Px4Multirotor(with_autopilot(get_vehicle("quad"), "px4"))
     >>> vehicle.fly(Route.through([Leg((0.0, 0.0, 10.0), 5.0, heading=KEEP, kind=LegKind.TAKEOFF)]))
     >>> vehicle.advance(10_000)
@@ -191,7 +192,7 @@ class Px4Multirotor(Multirotor):
         thrust = state[6:9] + self._law[kernel.DRAG] * (state[3:6] - (state[15], state[16], 0.0))
         g[9:11] = thrust[:2] - state[6:8]
         g[11] = 0.0
-        thrust[2] += kernel.GRAVITY
+        thrust[2] += GRAVITY_M_S2
         g[16] = max(float(np.linalg.norm(thrust)), 1e-3)
         g[12:14] = thrust[:2] / g[16]
         g[14:16] = 0.0

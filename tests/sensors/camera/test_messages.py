@@ -13,9 +13,12 @@ from hypothesis import strategies as st
 
 from geo import get_farm
 from mission.link.codec.dialect import mavlink
-from sensors.camera.wire import CELLS_PER_ARRAY, LEAF_NAME, ObservationAssembler, pack_values
+from sensors.camera.layout import LEAF_NAME, LeafLayout
+from sensors.camera.wire import ObservationAssembler
+from sensors.fields import PAPER_FIELDS
 
 FARM = get_farm("miniberry-100")
+LAYOUT = LeafLayout.of(PAPER_FIELDS.names)
 FLOAT32 = st.floats(width=32, allow_infinity=False)
 
 
@@ -46,7 +49,7 @@ def place(ix: int, iy: int) -> tuple[int, int]:
 def picture(
     index: int, ix: int, iy: int, time_us: int, values: list[list[float]], side: int = 1, **source: int
 ) -> list[Any]:
-    parts = [readings(index, time_us, data, **source) for data in pack_values(index, side, values)]
+    parts = [readings(index, time_us, data, **source) for data in LAYOUT.pack(index, side, values)]
     return [image(index, *place(ix, iy), time_us, **source), *parts]
 
 
@@ -78,7 +81,7 @@ def test_what_was_read_arrives_bit_for_bit_in_any_order(
     assert (seen.day == 6).all()
     expected = np.array([values for _, (_, _, values) in kept], np.float32).reshape(-1, 3)
     np.testing.assert_array_equal(seen.values, expected)
-    assert assembler.statistics.pictures == len(shots)
+    assert assembler.statistics.images == len(shots)
     assert assembler.missing() == []
     assert len(assembler.take()) == 0
 
@@ -101,7 +104,7 @@ def test_loss_and_duplication(count: int, data: st.DataObject) -> None:
     assert seen.values[:, 0].tolist() == sorted(whole)
     assert seen.x.tolist() == [k % 100 for k in sorted(whole)]
     statistics = assembler.statistics
-    assert statistics.pictures == statistics.observations == len(whole)
+    assert statistics.images == statistics.observations == len(whole)
     assert statistics.duplicates == sum(max(times - 1, 0) for copies in seen_any for times in copies)
     if whole:
         inner = {k for k in range(min(whole), max(whole)) if k not in whole}
@@ -130,7 +133,7 @@ def test_missing_pictures_are_named_and_heal() -> None:
 def test_wide_footprints(side: int) -> None:
     values = [[float(k), float("nan"), 0.25] for k in range(side * side)]
     messages = picture(0, 50, 60, 5_000_000, values, side)
-    assert len(messages) == 1 + math.ceil(side * side / CELLS_PER_ARRAY)
+    assert len(messages) == 1 + math.ceil(side * side / LAYOUT.cells_per_array)
     assembler = ObservationAssembler(FARM, day=2)
     for message in reversed(messages):
         assert len(assembler.take()) == 0
@@ -230,7 +233,7 @@ def test_impossible_and_failed_pictures() -> None:
 
 def test_disagreeing_parts() -> None:
     assembler = ObservationAssembler(FARM, day=0)
-    parts = pack_values(0, 5, [[1.0, 1.0, 1.0]] * 25)
+    parts = LAYOUT.pack(0, 5, [[1.0, 1.0, 1.0]] * 25)
     assembler.add(readings(0, 0, parts[0]))
     assembler.add(readings(0, 0, [0.0, 6.0, 18.0]))
     assert assembler.statistics.malformed == 1

@@ -4,7 +4,6 @@ import os
 import shutil
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +12,10 @@ import pytest
 
 from geo.farms import get_farm
 from geo.grid import FarmGrid
-from sensors.environment import EnvironmentModel, SoilParameters, cache, generate_environment
+from sensors.environment import SoilParameters, cache, generate_environment
 from sensors.environment.cache import LIMIT_VARIABLE, EnvironmentCache
 from sensors.errors import EnvironmentDataError
+from sensors.fields import PAPER_FIELDS
 
 
 @pytest.fixture(scope="module")
@@ -59,19 +59,19 @@ def test_everything_that_decides_an_environment_is_in_its_name(
 ) -> None:
     crop = np.array(grid.crop)
     crop[3, 3] = 0
-    wet = replace(EnvironmentModel(), soil=SoilParameters(mean_rain=0.07))
+    wet = PAPER_FIELDS.with_dynamics(soil=SoilParameters(mean_rain=0.07))
     base: dict[str, Any] = {"grid": grid, "day": 6, "seed": 7}
     for changes in (
         {},
         {"day": 7},
         {"seed": 8},
         {"seed": np.random.SeedSequence(7, spawn_key=(1,))},
-        {"model": wet},
+        {"fields": wet},
         {"grid": FarmGrid(grid.shape, grid.cell_size_m, crop, np.array(grid.owned))},
     ):
         assert not kept.environment(**{**base, **changes})[1]
     assert len(entries(kept)) == 6
-    monkeypatch.setattr("sensors.environment.storage.VERSION", 3)
+    monkeypatch.setattr("sensors.environment.store.VERSION", 4)
     assert not kept.environment(**base)[1]
     assert len(entries(kept)) == 7
 

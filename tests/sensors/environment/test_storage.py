@@ -20,16 +20,18 @@ from geo.errors import WbfMissionError
 from geo.farms import get_farm
 from geo.grid import FarmGrid
 from sensors.environment import (
-    DISEASES,
     Environment,
-    EnvironmentModel,
     EpidemicParameters,
     generate_environment,
-    storage,
+    load_environment,
+    save_environment,
 )
+from sensors.environment import store as store_module
 from sensors.environment.layers import ChunkCache, ChunkedLayer
-from sensors.environment.storage import EnvironmentStore, unfinished_store
+from sensors.environment.storage import unfinished_store
+from sensors.environment.store import EnvironmentStore, Header
 from sensors.errors import EnvironmentDataError
+from sensors.fields import PAPER_FIELDS
 
 
 @pytest.fixture(scope="module")
@@ -39,30 +41,30 @@ def grid() -> FarmGrid:
 
 @pytest.fixture(scope="module")
 def environment(grid: FarmGrid) -> Environment:
-    model = EnvironmentModel(
+    model = PAPER_FIELDS.with_dynamics(
         ccr=EpidemicParameters(0.2, 7, kernel_shape="gaussian", rule="kernel", kernel_size=5)
     )
     return generate_environment(
-        grid, days=9, seed=2**100 + 7, keep_days=[0, 6, 9], model=model, farm_name="Miniberry-10"
+        grid, days=9, seed=2**100 + 7, keep_days=[0, 6, 9], fields=model, farm_name="Miniberry-10"
     )
 
 
 @pytest.fixture
 def folder(environment: Environment, tmp_path: Path) -> Path:
-    environment.save(tmp_path / "e")
+    save_environment(environment, tmp_path / "e")
     return tmp_path / "e"
 
 
 @contextlib.contextmanager
 def small_chunks() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(storage, "CHUNK_CELLS", 7)
+        patch.setattr(store_module, "CHUNK_CELLS", 7)
         yield
 
 
 def assert_same(a: Environment, b: Environment) -> None:
-    assert (a.days, a.shape, a.model, a.provenance) == (b.days, b.shape, b.model, b.provenance)
-    for disease in DISEASES:
+    assert (a.days, a.shape, a.fields, a.provenance) == (b.days, b.shape, b.fields, b.provenance)
+    for disease in ("tylcv", "ccr"):
         np.testing.assert_array_equal(a.onset(disease), b.onset(disease))
     for day in a.days:
         np.testing.assert_array_equal(a.values(day), b.values(day))
@@ -70,33 +72,33 @@ def assert_same(a: Environment, b: Environment) -> None:
 
 @pytest.mark.parametrize("lazy", [True, False])
 def test_what_is_saved_is_loaded(environment: Environment, folder: Path, lazy: bool) -> None:
-    loaded = Environment.load(folder, lazy=lazy)
+    loaded = load_environment(folder, lazy=lazy)
     assert_same(loaded, environment)
     np.testing.assert_array_equal(loaded.sample(6, [1, 9], [2, 9]), environment.sample(6, [1, 9], [2, 9]))
     for day in environment.days:
-        for disease in DISEASES:
+        for disease in ("tylcv", "ccr"):
             np.testing.assert_array_equal(loaded.status(disease, day), environment.status(disease, day))
     with pytest.raises(ValueError, match="read-only"):
-        loaded.soil(6)[0, 0] = 1
+        loaded.level("soil", 6)[0, 0] = 1
 
 
 def test_any_zarr_reader_can_read_it(environment: Environment, folder: Path) -> None:
     group: Any = zarr.open_group(folder, mode="r")
     assert group.attrs["format"] == "wbf-mission environment"
-    assert group.attrs["version"] == 2
+    assert group.attrs["version"] == 3
     assert group.attrs["provenance"]["farm"] == "Miniberry-10"
     assert group.attrs["provenance"]["entropy"] == [str(2**100 + 7)]
-    assert group.attrs["model"]["ccr"]["kernel_shape"] == "gaussian"
+    assert group.attrs["fields"][1]["dynamics"]["kernel_shape"] == "gaussian"
     assert group["day"][:].tolist() == [0, 6, 9]
     assert group["soil"].metadata.dimension_names == ("day", "x", "y")
-    np.testing.assert_array_equal(group["soil"][1], environment.soil(6))
+    np.testing.assert_array_equal(group["soil"][1], environment.level("soil", 6))
     np.testing.assert_array_equal(group["tylcv"][:], environment.onset("tylcv"))
 
 
 def test_xarray_can_read_it(environment: Environment, folder: Path) -> None:
     xarray = pytest.importorskip("xarray")
     dataset = xarray.open_zarr(folder, consolidated=False)
-    np.testing.assert_array_equal(dataset.soil.sel(day=6), environment.soil(6))
+    np.testing.assert_array_equal(dataset.soil.sel(day=6), environment.level("soil", 6))
 
 
 def test_a_day_is_one_file(folder: Path) -> None:
@@ -134,15 +136,15 @@ def chunked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Environm
     memory = generate_environment(get_farm("miniberry-30").grid(), days=6, seed=3)
     path = tmp_path_factory.mktemp("chunks") / "e"
     with small_chunks():
-        memory.save(path)
-        yield memory, Environment.load(path)
+        save_environment(memory, path)
+        yield memory, load_environment(path)
 
 
 def test_only_the_chunks_of_a_window_are_decoded(
     chunked: tuple[Environment, Environment], tmp_path: Path
 ) -> None:
     with small_chunks():
-        chunked[0].save(tmp_path / "e")
+        save_environment(chunked[0], tmp_path / "e")
         shard = tmp_path / "e" / "soil" / "c" / "6" / "0" / "0"
         content = bytearray(shard.read_bytes())
         # The index of the shard is at its end: offset and length of each of the 5 x 5 chunks, a checksum.
@@ -150,7 +152,7 @@ def test_only_the_chunks_of_a_window_are_decoded(
         spoilt = int(index[4, 4, 0]) + 20
         content[spoilt] ^= 0xFF
         shard.write_bytes(content)
-        stored = Environment.load(tmp_path / "e")
+        stored = load_environment(tmp_path / "e")
         with pytest.raises(EnvironmentDataError, match="damaged"):
             stored.window(6, slice(28, 30), slice(27, 30))
         with pytest.raises(EnvironmentDataError, match="damaged"):
@@ -159,7 +161,7 @@ def test_only_the_chunks_of_a_window_are_decoded(
         np.testing.assert_array_equal(stored.window(6, *part), chunked[0].window(6, *part))
         assert stored.sample(6, 27, 29).shape == (1, 3)
         with pytest.raises(EnvironmentDataError, match="damaged"):
-            Environment.load(tmp_path / "e", lazy=False)
+            load_environment(tmp_path / "e", lazy=False)
 
 
 def test_a_chunk_is_decoded_once_while_it_is_used() -> None:
@@ -204,7 +206,7 @@ def test_generating_into_a_folder_gives_the_same(grid: FarmGrid, tmp_path: Path)
     in_memory = generate_environment(grid, days=6, seed=3)
     on_disk = generate_environment(grid, days=6, seed=3, directory=tmp_path / "new" / "e")
     assert_same(on_disk, in_memory)
-    in_memory.save(tmp_path / "f")
+    save_environment(in_memory, tmp_path / "f")
     for path in (tmp_path / "f").rglob("*"):
         if path.is_file():
             assert (
@@ -282,26 +284,34 @@ def test_an_interrupted_generation_keeps_the_older_environment(
 ) -> None:
     with pytest.raises(KeyboardInterrupt):
         generate_environment(grid, days=3, seed=3, directory=folder, progress=Stop(1))
-    assert_same(Environment.load(folder), environment)
+    assert_same(load_environment(folder), environment)
 
 
 def test_two_processes_do_not_write_the_same_environment(environment: Environment, tmp_path: Path) -> None:
-    header = storage.make_header(
-        environment.shape, environment.days, environment.model, environment.provenance
-    )
+    header = Header.of(environment.shape, environment.days, environment.fields, environment.provenance)
     with pytest.raises(ZeroDivisionError), unfinished_store(tmp_path / "e", header):
         with pytest.raises(EnvironmentDataError, match="another process is writing"):
-            environment.save(tmp_path / "e")
+            save_environment(environment, tmp_path / "e")
         _ = 1 / 0
-    environment.save(tmp_path / "e")
-    assert_same(Environment.load(tmp_path / "e"), environment)
+    save_environment(environment, tmp_path / "e")
+    assert_same(load_environment(tmp_path / "e"), environment)
 
 
 def test_an_older_environment_is_replaced(grid: FarmGrid, folder: Path) -> None:
     newer = generate_environment(grid, days=2, seed=8)
-    newer.save(folder)
-    assert_same(Environment.load(folder), newer)
+    save_environment(newer, folder)
+    assert_same(load_environment(folder), newer)
     assert [path.name for path in folder.parent.iterdir()] == ["e"]
+
+
+def test_an_environment_of_the_second_format_says_its_version_and_is_replaced(
+    environment: Environment, folder: Path
+) -> None:
+    edit_header(lambda header: header.update(version=2, fields=["tylcv", "ccr", "soil"], model={}))(folder)
+    with pytest.raises(EnvironmentDataError, match="version 2 is not 3; generate the environment again"):
+        load_environment(folder)
+    save_environment(environment, folder)
+    assert_same(load_environment(folder), environment)
 
 
 def test_an_environment_of_the_first_format_is_replaced(environment: Environment, tmp_path: Path) -> None:
@@ -309,33 +319,33 @@ def test_an_environment_of_the_first_format_is_replaced(environment: Environment
     for name in ("environment.json", "tylcv.npy", "ccr.npy", "soil-006.npy"):
         (tmp_path / "e" / name).write_bytes(b"old")
     with pytest.raises(EnvironmentDataError, match=r"zarr\.json"):
-        Environment.load(tmp_path / "e")
-    environment.save(tmp_path / "e")
-    assert_same(Environment.load(tmp_path / "e"), environment)
+        load_environment(tmp_path / "e")
+    save_environment(environment, tmp_path / "e")
+    assert_same(load_environment(tmp_path / "e"), environment)
 
 
 def test_a_loaded_environment_can_be_saved_onto_itself(environment: Environment, folder: Path) -> None:
-    Environment.load(folder).save(folder)
-    assert_same(Environment.load(folder), environment)
+    save_environment(load_environment(folder), folder)
+    assert_same(load_environment(folder), environment)
 
 
 def test_a_folder_with_something_else_is_not_replaced(environment: Environment, tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("mine")
     with pytest.raises(EnvironmentDataError, match="something else"):
-        environment.save(tmp_path)
+        save_environment(environment, tmp_path)
     assert (tmp_path / "thesis.txt").read_text() == "mine"
 
 
 def test_another_zarr_group_is_not_replaced(environment: Environment, tmp_path: Path) -> None:
     zarr.create_group(tmp_path / "e", attributes={"mine": 1})
     with pytest.raises(EnvironmentDataError, match="something else"):
-        environment.save(tmp_path / "e")
+        save_environment(environment, tmp_path / "e")
 
 
 def test_a_file_in_the_way_is_named(environment: Environment, tmp_path: Path) -> None:
     (tmp_path / "e").write_text("a file")
     with pytest.raises(EnvironmentDataError, match="e: cannot be written"):
-        environment.save(tmp_path / "e")
+        save_environment(environment, tmp_path / "e")
 
 
 # Hostile and damaged files
@@ -396,7 +406,7 @@ HOSTILE: list[tuple[str, Callable[[Path], object]]] = [
     (HEADER, edit_header(lambda header: header.pop("days"))),
     (HEADER, edit_header(lambda header: header.update(colour="red"))),
     (HEADER, edit_header(lambda header: header.update(format="zarr"))),
-    (HEADER, edit_header(lambda header: header.update(version=3))),
+    (HEADER, edit_header(lambda header: header.update(version=4))),
     (HEADER, edit_header(lambda header: header.update(version="2"))),
     (HEADER, edit_header(lambda header: header.update(shape=[10]))),
     (HEADER, edit_header(lambda header: header.update(shape=[0, 10]))),
@@ -404,8 +414,13 @@ HOSTILE: list[tuple[str, Callable[[Path], object]]] = [
     (HEADER, edit_header(lambda header: header.update(days=[6, 0]))),
     (HEADER, edit_header(lambda header: header.update(days=[-1, 6]))),
     (HEADER, edit_header(lambda header: header.update(fields=["soil"]))),
-    (HEADER, edit_header(lambda header: header["model"]["ccr"].update(likelihood=7))),
-    (HEADER, edit_header(lambda header: header["model"]["soil"].update(spread="wide"))),
+    (HEADER, edit_header(lambda header: header.update(fields=[]))),
+    (HEADER, edit_header(lambda header: header["fields"].append(header["fields"][0]))),
+    (HEADER, edit_header(lambda header: header["fields"][0].update(name="../tylcv"))),
+    (HEADER, edit_header(lambda header: header["fields"][0].update(name="day"))),
+    (HEADER, edit_header(lambda header: header["fields"][0].update(kind="continuous"))),
+    (HEADER, edit_header(lambda header: header["fields"][1]["dynamics"].update(likelihood=7))),
+    (HEADER, edit_header(lambda header: header["fields"][2]["dynamics"].update(spread="wide"))),
     (TYLCV, edit_header(lambda header: header.update(shape=[10, 11]))),
     (TYLCV, edit_header(lambda header: header.update(shape=[10**9, 10**9]))),
     (SOIL, edit_header(lambda header: header.update(days=[0, 6, 7, 9]))),
@@ -448,7 +463,7 @@ def test_files_that_are_not_what_they_claim_are_named(
 ) -> None:
     harm(folder)
     with pytest.raises(EnvironmentDataError) as caught:
-        Environment.load(folder, lazy=lazy)
+        load_environment(folder, lazy=lazy)
     assert str(caught.value).startswith(str(folder / name) + ": ")
     assert "\n" not in str(caught.value)
     assert isinstance(caught.value, WbfMissionError)
@@ -458,11 +473,11 @@ def test_files_that_are_not_what_they_claim_are_named(
 def test_a_path_that_is_no_folder_is_named(tmp_path: Path, name: str) -> None:
     (tmp_path / "file").write_text("x")
     with pytest.raises(EnvironmentDataError, match=f"{name}: no such folder"):
-        Environment.load(tmp_path / name)
+        load_environment(tmp_path / name)
 
 
 def test_a_folder_that_vanishes_is_named(environment: Environment, folder: Path) -> None:
-    loaded = Environment.load(folder)
+    loaded = load_environment(folder)
     shutil.rmtree(folder)
     with pytest.raises(EnvironmentDataError, match="is missing"):
         loaded.values(6)
@@ -471,9 +486,9 @@ def test_a_folder_that_vanishes_is_named(environment: Environment, folder: Path)
 def test_a_store_that_cannot_be_written_is_named(
     environment: Environment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(self: EnvironmentStore, day: int, soil: object) -> None:
+    def full(self: EnvironmentStore, name: str, day: int, level: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(EnvironmentStore, "write_soil", full)
+    monkeypatch.setattr(EnvironmentStore, "write_level", full)
     with pytest.raises(EnvironmentDataError, match="e: cannot be written: No space left on device"):
-        environment.save(tmp_path / "e")
+        save_environment(environment, tmp_path / "e")

@@ -14,7 +14,7 @@ from sensors.errors import EstimatorError
 from sensors.estimators.disk.adaptive_disk import AdaptiveDiskEstimator
 from sensors.estimators.disk.authors import AuthorsAdaptiveDiskEstimator, misplaced_disk
 from sensors.estimators.disk.disks import adaptive_radius, centred_disk
-from sensors.fields import FIELDS
+from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.tiles import TILE_CELLS, tile_shape
 
@@ -87,7 +87,7 @@ def test_authors_ad_is_the_published_estimate(name):
     for i in range(len(seen)):
         stepwise.partial_fit(seen[i : i + 1]).predict()
     for model in (at_once, stepwise.predict()):
-        for k, field in enumerate(FIELDS):
+        for k, field in enumerate(PAPER_FIELDS.names):
             np.testing.assert_array_equal(model.value[k], run[f"est_{field}"].astype(np.float32))
             np.testing.assert_array_equal(model.uncertainty[k], run[f"unc_{field}"])
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from geo.farms import get_farm
 from geo.grid import FarmGrid
-from sensors.environment import CCR, TYLCV, EnvironmentModel, SoilParameters, generate_environment
+from sensors.environment import CCR, TYLCV, SoilParameters, generate_environment
 from sensors.errors import EstimatorError
 from sensors.estimators import check_estimator, make_estimator
 from sensors.estimators.epidemic import belief as belief_module
@@ -28,7 +28,7 @@ from sensors.estimators.epidemic.network import Network, train
 from sensors.estimators.epidemic.paths import random_path
 from sensors.estimators.epidemic.soil import SoilField
 from sensors.estimators.epidemic.training import Lesson, classes_of, load_network, network_for
-from sensors.fields import relevance_masks
+from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import paper_loss
 
@@ -413,7 +413,7 @@ def test_noise_on_the_readings_is_noticed(cache):
             seen = rows_over(truth)
             noisy = seen.values + noise * rng.standard_normal(seen.values.shape)
             model = EpidemicEstimator(**FAIR, cache=cache).fit(grid, observe(seen.x, seen.y, noisy)).predict()
-            loss += paper_loss(truth, model.value, relevance_masks(grid))
+            loss += paper_loss(truth, model.value, PAPER_FIELDS.masks(grid))
         losses.append(loss)
     assert losses[0] <= losses[1] <= losses[2] < 3 * losses[0]
 
@@ -501,7 +501,7 @@ def soil_of(seed, shape=(30, 30), day=6):
     crop = np.zeros(shape, np.int8)
     return generate_environment(
         FarmGrid(shape, 0.3048, crop, np.ones(shape, bool)), days=day, seed=seed, keep_days=[day]
-    ).soil(day)
+    ).level("soil", day)
 
 
 def test_the_soil_is_a_smooth_field_with_true_deviations():
@@ -547,7 +547,7 @@ def test_noisy_soil_is_smoothed():
 
 
 def test_other_models_are_learned_too(cache):
-    model = EnvironmentModel(tylcv=CCR, ccr=TYLCV)
+    model = PAPER_FIELDS.with_dynamics(tylcv=CCR, ccr=TYLCV)
     grid = get_farm("miniberry-10").grid()
     usual = EpidemicEstimator(**SMALL, cache=cache).fit(grid).predict()
     other = EpidemicEstimator(model, **SMALL, cache=cache).fit(grid).predict()
@@ -557,7 +557,7 @@ def test_other_models_are_learned_too(cache):
 @pytest.mark.slow
 def test_it_beats_disks_and_the_gaussian_process(cache):
     grid = get_farm("miniberry-30").grid()
-    masks = relevance_masks(grid)
+    masks = PAPER_FIELDS.masks(grid)
     totals = dict.fromkeys(("epidemic", "adaptive-disk", "gp"), 0.0)
     for seed in range(12):
         truth = truth_of(grid, 700 + seed)

@@ -8,15 +8,16 @@ from scipy.optimize import approx_fprime
 
 from geo.farms import get_farm
 from geo.grid import FarmGrid
-from sensors.environment import TYLCV, EnvironmentModel, SoilParameters, generate_environment
+from sensors.environment import TYLCV, SoilParameters, generate_environment
 from sensors.errors import EstimatorError
 from sensors.estimators.gp import prior as gp_prior
 from sensors.estimators.gp.estimator import GaussianProcessEstimator
 from sensors.estimators.gp.prior import _divergence, _nearest_kernel, disease_prior, learn_priors, soil_prior
 from sensors.estimators.gp.rbf import RbfKernel
+from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 
-MODEL = EnvironmentModel()
+MODEL = PAPER_FIELDS
 
 
 @pytest.fixture(autouse=True)
@@ -116,7 +117,7 @@ def test_other_days_seeds_and_models_are_learned_anew(tmp_path):
     first = learn_priors(grid, MODEL, 6, 0, tmp_path)
     assert learn_priors(grid, MODEL, 8, 0, tmp_path) != first
     assert learn_priors(grid, MODEL, 6, 1, tmp_path) != first
-    dry = EnvironmentModel(soil=SoilParameters(evaporation=0.2))
+    dry = PAPER_FIELDS.with_dynamics(soil=SoilParameters(evaporation=0.2))
     assert learn_priors(grid, dry, 6, 0, tmp_path)[2].mean < first[2].mean
     assert len(list(tmp_path.iterdir())) == 4
 

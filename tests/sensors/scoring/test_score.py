@@ -12,7 +12,7 @@ from geo.grid import FarmGrid
 from sensors.errors import EstimatorError
 from sensors.estimators.disk.adaptive_disk import AdaptiveDiskEstimator
 from sensors.estimators.disk.authors import AuthorsAdaptiveDiskEstimator
-from sensors.fields import FIELDS
+from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import PAPER_WEIGHTS, RunningScore, ScoreWeights, paper_loss
@@ -24,7 +24,7 @@ RUNS = ("Miniberry-30_lawnmower_AD", "Miniberry-30_spiral_AD")
 @pytest.fixture(scope="module")
 def farm():
     with np.load(GOLDEN / "env_Miniberry-30_mrem.npz") as data:
-        truth = np.stack([data[name] for name in FIELDS])
+        truth = np.stack([data[name] for name in PAPER_FIELDS.names])
         masks = np.stack([data["mask_tomato"], data["mask_strawberry"], data["mask_soil"]])
     return truth, masks
 
@@ -58,7 +58,7 @@ def test_every_published_score_of_a_run_is_reproduced(farm, name):
     same("x_paper_formula", [score.score for score in scores])
     same("scores_code", [score.authors_axis_max for score in scores])
     same("x_maximum_fixed", [-np.dot(PAPER_WEIGHTS.field, score.field_weighted_mae) for score in scores])
-    for k, field in enumerate(FIELDS):
+    for k, field in enumerate(PAPER_FIELDS.names):
         same(f"x_{field}_mae", [score.field_mae[k] for score in scores])
         same(f"x_{field}_mse", [score.field_mse[k] for score in scores])
         same(f"x_{field}_wmae", [score.field_weighted_mae[k] for score in scores])

@@ -4,14 +4,13 @@ import sys
 
 import pytest
 
+from sim_vehicle.airframe.catalog import get_vehicle, vehicle_names
 from sim_vehicle.airframe.spec import (
     BatterySpec,
     FixedWingPowerSpec,
     PowerSpec,
     RoverPowerSpec,
     VehicleSpec,
-    get_vehicle,
-    vehicle_names,
 )
 from sim_vehicle.errors import VehicleError
 
@@ -182,7 +181,7 @@ def test_an_ideal_flight_does_not_import_numba():
     code = (
         "import sys; from geo.frame import LocalFrame; from mission.model import MissionItem, Mission;"
         "from sim_vehicle.prediction.predict import predict_flight;"
-        "from sim_vehicle.airframe.spec import get_vehicle;"
+        "from sim_vehicle.airframe.catalog import get_vehicle;"
         "up = MissionItem(22, 3, 0, 0, 0, None, 28.0, -82.0, 2.0);"
         "m = Mission((up, MissionItem.waypoint(28.0001, -82.0, 2.0)));"
         "p = predict_flight(m, get_vehicle('ideal'), frame=LocalFrame(28.0, -82.0));"

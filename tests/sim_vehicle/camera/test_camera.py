@@ -141,7 +141,7 @@ def test_the_cell_read_is_that_of_the_reported_position() -> None:
                 assert values.time_usec // 1000 == message.time_boot_ms
                 assert values.data[0] == message.image_index
         seen = assembler.take()
-        assert len(seen) == shots == assembler.statistics.pictures
+        assert len(seen) == shots == assembler.statistics.images
         np.testing.assert_array_equal(seen.values[:, 0], seen.x)
         np.testing.assert_array_equal(seen.values[:, 1], seen.y)
         assert (np.diff(seen.time_s) > 0).all()

@@ -5,7 +5,7 @@ from importlib import resources
 
 import pytest
 
-from sim_vehicle.airframe.spec import get_vehicle, vehicle_names
+from sim_vehicle.airframe.catalog import get_vehicle, vehicle_names
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.energy.endurance import best_speeds, endurance_s
 from sim_vehicle.energy.power import flight_power_w

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.spec import (
     AIR_DENSITY_KG_M3,
     GRAVITY_M_S2,
@@ -12,7 +13,6 @@ from sim_vehicle.airframe.spec import (
     FixedWingPowerSpec,
     PowerSpec,
     RoverPowerSpec,
-    get_vehicle,
 )
 from sim_vehicle.energy import power_kernels
 from sim_vehicle.energy.power import (

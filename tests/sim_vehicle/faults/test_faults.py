@@ -12,7 +12,7 @@ from mission.link.faults import Faults, FaultyChannel
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
 from mission.transfer import RemoteTransferError
 from mission.transfer.driver import TransferDriver
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.faults.fault import KINDS, Fault, FaultError, load_faults, parse_fault
 from sim_vehicle.faults.session import FaultSession
 from sim_vehicle.host.server import Server
@@ -184,7 +184,7 @@ def test_one_direction_only():
     driver.wait_for_vehicle(5.0)
     with pytest.raises(RemoteTransferError):
         driver.upload(Mission(ITEMS, home=HOME))
-    assert vehicle.pilot.mission_size == 0
+    assert vehicle.pilot.mission.size == 0
 
 
 @pytest.mark.parametrize("link", ["radio", "1"])
@@ -203,7 +203,7 @@ def test_loss_delay_jitter_duplication_and_corruption_together_leave_a_plan_whol
             "loss=0.1", "delay=0.05", "jitter=0.05", "duplicate=0.1", "corrupt=0.1", "bandwidth", seed=seed
         )
         driver.upload(Mission(ITEMS * 5, home=HOME))
-        assert vehicle.pilot.mission_size == 20
+        assert vehicle.pilot.mission.size == 20
         assert link.clock() > 1.0
 
 
@@ -234,7 +234,7 @@ def test_what_happens_once_is_survived(fault):
     vehicle, _, driver = simulate(fault)
     driver.upload(Mission(ITEMS, home=HOME))
     assert driver.download()[0].items == driver.download()[0].items
-    assert vehicle.pilot.mission_size == len(ITEMS)
+    assert vehicle.pilot.mission.size == len(ITEMS)
 
 
 @pytest.mark.parametrize(
@@ -260,7 +260,7 @@ def test_what_happens_always_is_a_clear_error(fault, text):
 def test_a_wrong_final_ack_is_found_out_by_reading_back(fault):
     vehicle, _, driver = simulate(fault)
     driver.upload(Mission(ITEMS, home=HOME))
-    assert vehicle.pilot.mission_size == len(ITEMS)
+    assert vehicle.pilot.mission.size == len(ITEMS)
 
 
 def test_triggers_start_windows():
@@ -284,7 +284,7 @@ def test_only_one_vehicle_of_two():
     endpoint = MavlinkEndpoint(link, 255, 190)
     link.sleep(3.0)
     assert {message.get_srcSystem() for message in endpoint.receive()} == {1}
-    assert [vehicle.pilot.position_ok for vehicle in pair] == [False, True]
+    assert [vehicle.pilot.controls.position_ok for vehicle in pair] == [False, True]
 
 
 def test_gps_loss_comes_and_goes():
@@ -296,7 +296,7 @@ def test_gps_loss_comes_and_goes():
         fixes = [x.fix_type for x in driver.endpoint.receive() if x.get_type() == "GPS_RAW_INT"]
         seen.append(min(fixes))
     assert seen[1] >= 3 and seen[4] <= 1 and seen[9] >= 3
-    assert vehicle.pilot.position_ok
+    assert vehicle.pilot.controls.position_ok
 
 
 @pytest.mark.parametrize(
@@ -316,9 +316,9 @@ def test_vehicles_break_in_flight(fault, outcome):
 def test_a_motor_that_fails_on_the_ground_is_mended():
     vehicle, link, _ = simulate("motor-failure,from=1,for=2")
     link.sleep(2.0)
-    assert not vehicle.pilot.motor_ok
+    assert not vehicle.pilot.controls.motor_ok
     link.sleep(2.0)
-    assert vehicle.pilot.motor_ok
+    assert vehicle.pilot.controls.motor_ok
 
 
 class Camera:

@@ -12,7 +12,7 @@ import pytest
 from mission.errors import LinkError
 from mission.link.codec.dialect import mavlink
 from mission.model import GeoPoint
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.faults.fault import FaultError
 from sim_vehicle.host.ports import open_port
 from sim_vehicle.host.server import Server

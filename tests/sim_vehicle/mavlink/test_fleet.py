@@ -12,7 +12,7 @@ from mission.link import MavlinkEndpoint, TlogWriter, open_link
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
 from mission.transfer.driver import TransferDriver
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.errors import VehicleError
@@ -179,7 +179,7 @@ def test_transfers_with_two_vehicles_by_system_id():
             with TransferDriver(MavlinkEndpoint(link, 255, 190)) as driver:
                 driver.wait_for_vehicle(5.0, system_id=system)
                 driver.upload(Mission(flight(HOME, system), home=HOME))
-    assert [vehicle.pilot.mission_size for vehicle in fleet.vehicles] == [4, 5]
+    assert [vehicle.pilot.mission.size for vehicle in fleet.vehicles] == [4, 5]
 
 
 def flight(home, legs):

@@ -15,7 +15,7 @@ from mission.link.link import open_link
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem, MissionType
 from mission.transfer import wire
 from mission.transfer.driver import TransferDriver
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.px4 import PX4
@@ -262,7 +262,7 @@ def test_orders_to_a_vehicle_that_is_not_armed(autopilot):
 @BOTH
 def test_refusals_have_the_autopilots_result_and_a_reason(autopilot):
     peer = Peer(autopilot)
-    peer.vehicle.pilot.arming_block = "test"
+    peer.vehicle.pilot.arming.block = "test"
     assert peer.result(400, 1.0) == (1 if autopilot is PX4 else 4)
     assert any("test" in text for text in peer.texts())
     assert peer.result(224, 9.0) == (3 if autopilot is PX4 else 2)
@@ -310,7 +310,7 @@ def test_sensors_at_rest_tell_what_they_would_at_rest():
     assert peer.asked(241).clipping_0 == 0
     assert peer.asked(65).chancount == 0
     assert peer.asked(49).latitude == 280500000
-    peer.vehicle.pilot.position_ok = False
+    peer.vehicle.pilot.controls.position_ok = False
     assert not peer.asked(230).flags & 16
 
 

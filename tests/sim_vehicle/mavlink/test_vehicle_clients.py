@@ -11,7 +11,7 @@ from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.host.server import Server
@@ -154,7 +154,7 @@ def test_mavsdk_hears_why_arming_is_refused(sdk):
     from mavsdk.plugins.telemetry import Telemetry
 
     with Flying("udpin:127.0.0.1:0", speed=5.0) as flying:
-        flying.vehicle.pilot.arming_block = "compass not calibrated"
+        flying.vehicle.pilot.arming.block = "compass not calibrated"
         system = connect(sdk, flying)
         telemetry = Telemetry(system)
         texts = []

@@ -8,12 +8,11 @@ from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.component import NEVER
-from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.host.simulation import Simulation, StopReason
 from sim_vehicle.mavlink import Outcome, SimVehicle
 
@@ -311,9 +310,7 @@ def drain(fraction):
     """Use the battery down to a fraction."""
 
     def prepare(vehicle):
-        spec = vehicle.pilot.spec
-        vehicle.pilot.executor.motion.state[11] = (1.0 - fraction) * spec.battery.capacity_wh * WH_J
-        vehicle.pilot.state = vehicle.pilot.executor.state()
+        vehicle.pilot.drain_battery(fraction)
 
     return prepare
 
@@ -347,9 +344,9 @@ def test_a_dead_battery_ends_the_flight_where_it_is():
     ("prepare", "items", "orders", "reason"),
     [
         (drain(0.1), SURVEY, [(2.0, ARM)], "battery low"),
-        (lambda v: setattr(v.pilot, "position_ok", False), SURVEY, [(2.0, ARM)], "no position"),
+        (lambda v: setattr(v.pilot.controls, "position_ok", False), SURVEY, [(2.0, ARM)], "no position"),
         (
-            lambda v: setattr(v.pilot, "arming_block", "compass not calibrated"),
+            lambda v: setattr(v.pilot.arming, "block", "compass not calibrated"),
             SURVEY,
             [(2.0, ARM)],
             "compass",
@@ -391,7 +388,7 @@ def test_an_unknown_command_is_refused_in_the_transfer():
     vehicle, ground, _, _ = fly((TAKEOFF, MissionItem(4501), RTL), [], limit_s=3.0)
     assert ground.of("MISSION_ACK")[0].type == 3
     assert vehicle.outcome is Outcome.MISSION_REJECTED
-    assert vehicle.pilot.mission_size == 0
+    assert vehicle.pilot.mission.size == 0
 
 
 def test_wind_too_strong_ends_in_a_landing_not_in_a_hang():

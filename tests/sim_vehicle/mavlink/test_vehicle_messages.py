@@ -11,7 +11,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import autopilot_names, get_autopilot
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.modes import Mode
@@ -177,7 +177,7 @@ def test_arming_again_is_fine_and_disarming_in_the_air_is_not():
 
 def test_force_arming_skips_the_checks():
     peer = Peer()
-    peer.vehicle.pilot.arming_block = "test"
+    peer.vehicle.pilot.arming.block = "test"
     assert peer.result(400, 1.0) == 1
     assert peer.vehicle.outcome is Outcome.ARMING_REFUSED
     assert peer.result(400, 1.0, 21196.0) == 0
@@ -244,13 +244,13 @@ def test_mission_start_pause_and_current_item():
     assert peer.result(300) == 1
     assert peer.upload(survey()) == 0
     assert peer.result(300, 1.0) == 0
-    assert peer.vehicle.pilot.current_seq == 1
+    assert peer.vehicle.pilot.mission.current_seq == 1
     answers = peer.tell(m.MAVLink_mission_set_current_message(1, 1, 0))
     assert [(a.get_type(), a.seq) for a in answers] == [("MISSION_CURRENT", 0)]
     assert peer.result(224, 1.0) == 3, "PX4 takes the message only"
     assert "Command 224 refused: not supported" in peer.texts()
     peer.tell(m.MAVLink_mission_set_current_message(1, 1, 2))
-    assert peer.vehicle.pilot.current_seq == 2
+    assert peer.vehicle.pilot.mission.current_seq == 2
     peer.tell(m.MAVLink_mission_set_current_message(1, 1, 77))
     assert "Mission item 77 refused: there are 3" in peer.texts()
     assert peer.result(193, 0.0) == 0 and peer.vehicle.pilot.mode is Mode.HOLD
@@ -262,21 +262,21 @@ def test_ardupilot_counts_home_as_item_zero():
     peer = Peer(ARDUPILOT)
     peer.tell(m.MAVLink_mission_count_message(1, 1, 4, 0))
     assert peer.upload(survey(home_item=True)) == 0
-    assert peer.vehicle.pilot.mission_size == 3
+    assert peer.vehicle.pilot.mission.size == 3
     assert peer.order(224, 2.0)[-1].seq == 2
-    assert peer.vehicle.pilot.current_seq == 1
+    assert peer.vehicle.pilot.mission.current_seq == 1
     assert peer.result(224, -1.0, 1.0) == 0
-    assert peer.vehicle.pilot.current_seq == 0
+    assert peer.vehicle.pilot.mission.current_seq == 0
     assert peer.result(224, 4.0) == 2
 
 
 def test_clearing_the_mission():
     peer = Peer()
     peer.upload(survey())
-    assert peer.vehicle.pilot.mission_size == 3
+    assert peer.vehicle.pilot.mission.size == 3
     answers = peer.tell(m.MAVLink_mission_clear_all_message(1, 1, 0))
     assert [a.type for a in answers if a.get_type() == "MISSION_ACK"] == [0]
-    assert peer.vehicle.pilot.mission_size == 0
+    assert peer.vehicle.pilot.mission.size == 0
     current = peer.order(512, 42)[-1]
     assert (current.seq, current.total, current.mission_state) == (0, 65535, 1)
 
@@ -288,7 +288,7 @@ def test_fence_and_rally_do_not_touch_the_mission():
     rally = MissionItem(Command.NAV_RALLY_POINT, Frame.GLOBAL_RELATIVE_ALT, x=28.05, y=-82.15, z=10.0)
     answers = peer.tell(wire.item_to_message(rally, 0, MissionType.RALLY, (1, 1)))
     assert answers[0].type == 0
-    assert peer.vehicle.pilot.mission_size == 3
+    assert peer.vehicle.pilot.mission.size == 3
 
 
 def test_speed_home_reboot_and_calibration():

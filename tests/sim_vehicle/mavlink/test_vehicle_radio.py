@@ -9,7 +9,7 @@ from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
 from mission.transfer import MissionDownload, MissionUpload
 from mission.transfer.events import DownloadComplete, UploadComplete
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.component import NEVER
@@ -68,7 +68,7 @@ def test_a_plan_crosses_a_bad_radio_unharmed(autopilot, seed):
     reason = simulation.run(lambda _: not client.waiting and client.transfer.done, limit_s=300.0)
     assert reason is StopReason.FINISHED
     assert any(isinstance(event, UploadComplete) for event in client.events)
-    assert vehicle.pilot.mission_size == len(items)
+    assert vehicle.pilot.mission.size == len(items)
     read = next(event for event in client.events if isinstance(event, DownloadComplete))
     assert [item.command for item in read.items] == [item.command for item in items]
 

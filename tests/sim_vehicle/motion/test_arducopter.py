@@ -14,15 +14,17 @@ from recordings import compare, fly_recording, load_recording
 
 from geo.frame import LocalFrame
 from mission.model import Command, MissionItem
-from sim_vehicle.airframe.spec import VehicleSpec, get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import flight_procedures, with_autopilot
-from sim_vehicle.autopilot.ardupilot.copter import ARDUCOPTER, SETTINGS
+from sim_vehicle.autopilot.ardupilot.copter import ARDUCOPTER
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import CannotFly, FlightEvent, ItemReached
 from sim_vehicle.motion.arducopter import layout as at
 from sim_vehicle.motion.arducopter import scurve
 from sim_vehicle.motion.arducopter.model import ArduCopter
+from sim_vehicle.motion.arducopter.parameters import PARAMETERS
 from sim_vehicle.motion.legs import KEEP, Leg, LegKind, Route
 from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.weather.wind import Wind
@@ -286,8 +288,8 @@ def test_parameters_act(name: str, value: float) -> None:
 
 
 def test_settings_and_their_checks() -> None:
-    assert all(row.low <= row.default <= row.high for row in SETTINGS.values())
-    assert ARDUCOPTER.settings is SETTINGS
+    assert all(row.low <= row.default <= row.high for row in PARAMETERS.values())
+    assert ARDUCOPTER.parameters is PARAMETERS
     spec = with_autopilot(get_vehicle("quad"), "ardupilot", {"WPNAV_SPEED": 600.0, "LAND_SPEED": 70.0})
     own = (spec.cruise_speed_m_s, spec.landing_speed_m_s, spec.acceptance_radius_m)
     assert own == pytest.approx((6.0, 0.7, 2.0))

@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.motion.ideal import IdealRobot, ideal_positions
 from sim_vehicle.motion.legs import Leg, Route
 from sim_vehicle.motion.model import MotionEvent

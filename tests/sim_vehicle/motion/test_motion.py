@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.motion.legs import ALONG, KEEP, Heading, Leg, Route
 from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.motion.multirotor.kernel import stopping_distance

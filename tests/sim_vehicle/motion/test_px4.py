@@ -10,7 +10,7 @@ from recordings import compare, fly_recording, load_recording
 
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import flight_procedures, with_autopilot
 from sim_vehicle.autopilot.px4.copter import return_height_m
 from sim_vehicle.errors import VehicleError

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion.ideal import IdealRobot
 from sim_vehicle.motion.legs import ALONG, KEEP, Heading, Leg, Route

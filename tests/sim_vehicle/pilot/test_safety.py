@@ -12,7 +12,7 @@ from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.px4 import PX4
@@ -250,15 +250,15 @@ def test_a_vehicle_goes_no_farther_out_than_it_needs_to_stop(angle, speed, kind,
 def test_missions_and_targets_outside_the_fence_are_refused(autopilot):
     rig = Rig(autopilot, fence_enable=1)
     rig.pilot.load([takeoff(), wp(20, 0), wp(70, 0), RTL])
-    assert rig.pilot.why_no_mission() is None
+    assert rig.pilot.mission.why_not is None
     rig.pilot.set_fence(zone(5001, SQUARE))
-    assert "item 2 (NAV_WAYPOINT): outside the fence, 20.0 m outside the area" in rig.pilot.why_no_mission()
+    assert "item 2 (NAV_WAYPOINT): outside the fence, 20.0 m outside the area" in rig.pilot.mission.why_not
     rig.run(0.2)
     assert any(text.startswith("Mission rejected: item 2") for text in rig.texts)
     with pytest.raises(RefusedError, match="outside the fence"):
         rig.pilot.set_mode(Mode.MISSION)
     rig.pilot.load([takeoff(), wp(20, 0), RTL])
-    assert rig.pilot.why_no_mission() is None
+    assert rig.pilot.mission.why_not is None
     rig.aloft()
     with pytest.raises(RefusedError, match="fence"):
         rig.goto(80, 0)
@@ -383,20 +383,20 @@ def test_a_dead_battery(autopilot):
 @BOTH
 def test_the_loss_of_the_position(autopilot):
     rig = Rig(autopilot)
-    rig.pilot.position_ok = False
+    rig.pilot.controls.position_ok = False
     with pytest.raises(RefusedError, match="no position"):
         rig.pilot.arm()
-    rig.pilot.position_ok = True
+    rig.pilot.controls.position_ok = True
     rig.aloft()
     rig.goto(100, 0)
     rig.run(5.0)
-    rig.pilot.position_ok = False
+    rig.pilot.controls.position_ok = False
     rig.run(0.3)
     assert rig.pilot.mode is Mode.LAND
     assert "Position lost: landing" in rig.texts
     with pytest.raises(RefusedError, match="no position"):
         rig.pilot.set_mode(Mode.RTL)
-    rig.pilot.position_ok = True
+    rig.pilot.controls.position_ok = True
     rig.run(0.3)
     assert "Position regained" in rig.texts
     rig.pilot.set_mode(Mode.RTL)
@@ -502,10 +502,10 @@ def test_the_landing_part_of_a_mission_is_gone_to(autopilot):
     rig.pilot.set_mode(Mode.MISSION)
     rig.pilot.arm()
     rig.run(20.0)
-    assert rig.pilot.current_seq == 1
+    assert rig.pilot.mission.current_seq == 1
     assert rig.command(189) == 0
     rig.run(1.0)
-    assert rig.pilot.current_seq == 3
+    assert rig.pilot.mission.current_seq == 3
     rig.run(120.0)
     assert rig.pilot.outcome is Outcome.COMPLETED
 
@@ -516,10 +516,10 @@ def test_a_mission_changed_in_flight(autopilot, seq):
     rig.pilot.load([takeoff(), wp(40, 0), wp(40, 60), wp(0, 60), RTL])
     rig.pilot.set_mode(Mode.MISSION)
     rig.pilot.arm()
-    rig.run(120.0, until=lambda: rig.pilot.current_seq == 2)
+    rig.run(120.0, until=lambda: rig.pilot.mission.current_seq == 2)
     rig.run(3.0)
     rig.pilot.load([takeoff(), wp(30, 0), wp(30, 30), RTL])
-    assert rig.pilot.current_seq == seq
+    assert rig.pilot.mission.current_seq == seq
     assert rig.pilot.mode is Mode.MISSION
     rig.run(200.0)
     assert rig.pilot.outcome is Outcome.COMPLETED
@@ -533,14 +533,14 @@ def test_pause_and_continue_at_any_moment(autopilot):
         rig.pilot.set_mode(Mode.MISSION)
         rig.pilot.arm()
         rig.run(when_s)
-        seq = rig.pilot.current_seq
+        seq = rig.pilot.mission.current_seq
         assert rig.pilot.mission_state == 3
         assert rig.command(193, 0.0) == 0
         assert rig.pilot.mode is (Mode.MISSION if autopilot is ARDUPILOT else Mode.HOLD)
         assert rig.pilot.mission_state == 4
         rig.run(10.0)
         assert math.hypot(*rig.pilot.state.velocity_m_s) < 0.05
-        assert rig.pilot.current_seq == seq
+        assert rig.pilot.mission.current_seq == seq
         assert rig.command(193, 1.0) == 0
         assert rig.pilot.mission_state == 3
         rig.run(150.0)
@@ -558,7 +558,7 @@ def test_the_current_item_is_set_at_any_moment(autopilot, when_s):
     rig.run(when_s)
     own = 2
     rig.tell(m.MAVLink_mission_set_current_message(1, 1, rig.vehicle.wire_seq(own)))
-    assert rig.pilot.current_seq == own
+    assert rig.pilot.mission.current_seq == own
     rig.run(150.0)
     assert rig.pilot.outcome is Outcome.COMPLETED
 
@@ -572,12 +572,12 @@ def test_a_fence_and_rally_points_come_over_the_link():
         for seq, item in enumerate(items):
             rig.tell(wire.item_to_message(item, seq, MissionType(kind), (1, 1)))
     assert rig.pilot.failsafe.outside((80.0, 0.0, 10.0)) == "30.0 m outside the area"
-    (point,) = rig.pilot.executor.rally_m
+    (point,) = rig.pilot.executor.return_points.rally_m
     assert point == pytest.approx((30.0, 0.0, 20.0), abs=0.02)
     rig.tell(m.MAVLink_mission_clear_all_message(1, 1, 1))
     rig.tell(m.MAVLink_mission_clear_all_message(1, 1, 2))
     assert rig.pilot.failsafe.outside((80.0, 0.0, 10.0)) is None
-    assert rig.pilot.executor.rally_m == ()
+    assert rig.pilot.executor.return_points.rally_m == ()
 
 
 @BOTH

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor

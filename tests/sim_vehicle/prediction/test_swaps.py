@@ -4,7 +4,7 @@ import pytest
 
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.execution.executor import MissionExecutor

@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.prediction.compile_ahead import warm_up
 
 FLIGHT = """
@@ -11,7 +11,7 @@ from geo.frame import LocalFrame
 from mission.model import GeoPoint, MissionItem
 from sim_vehicle.motion.multirotor import kernel
 from sim_vehicle.motion.multirotor import legs
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.prediction.compile_ahead import warm_up
 from sim_vehicle.weather.wind import Wind

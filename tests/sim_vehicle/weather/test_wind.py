@@ -7,7 +7,7 @@ from scipy.signal import welch
 
 from mission.link.codec.dialect import mavlink
 from mission.model import GeoPoint
-from sim_vehicle.airframe.spec import get_vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.mavlink.telemetry import STREAMS
@@ -303,7 +303,7 @@ def test_heading_and_direction_over_ground_are_two_things():
     # A wing that flies to the east with its nose 20 degrees into a north wind.
     vehicle = SimVehicle(QUAD, GeoPoint(28.05, -82.15, 12.0), wind=Wind(0.0, -4.0))
     vehicle.poll(1.0)
-    vehicle.pilot.state = replace(
+    vehicle.pilot.controls.state = replace(
         vehicle.pilot.state, velocity_m_s=(11.0, 0.0, 0.0), yaw_rad=math.radians(70.0)
     )
     position = message(vehicle, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)

@@ -1,0 +1,206 @@
+"""How the readings of an image are laid out in DEBUG_FLOAT_ARRAY messages, and how fields are announced.
+
+Two versions exist. The benchmark's three fields travel as version 1, name ``WBF_LEAF``, as they always did:
+
+====== ===============================================================================
+0      image index (exact up to 2^24; beyond, ``array_id`` and the time still identify it)
+1      side of the square footprint in cells, n
+2      number of the footprint's first cell in this message
+3 ...  for each cell in turn its values in the order of the fields, NaN where not sensed
+====== ===============================================================================
+
+Any other fields travel as version 2, name ``WBF_LEAF2``, whose values begin two floats later:
+
+====== ===============================================================================
+3      number of fields
+4      check number of their names: the first 24 bits of the SHA-256 of the names joined by commas
+5 ...  the values
+====== ===============================================================================
+
+A camera of version 2 also announces the names with its first image and each `ANNOUNCED_EVERY` images, as
+DEBUG_FLOAT_ARRAY ``WBF_FIELDS`` (``array_id`` is the number of the part, from 0):
+
+====== ===============================================================================
+0      version of the layout, 2
+1      check number of the names
+2      length of the joined names in characters
+3 ...  their characters from ``array_id * 55`` on, one number each
+====== ===============================================================================
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from sensors.camera.leaf_camera import MAX_FOOTPRINT_CELLS
+from sensors.fields import MAX_FIELDS, PAPER_FIELDS
+
+ARRAY_FLOATS = 58
+LEAF_NAME = "WBF_LEAF"
+FURTHER_NAME = "WBF_LEAF2"
+FIELDS_NAME = "WBF_FIELDS"
+ANNOUNCED_EVERY = 64
+"""After so many images the names of the fields are told again, for who joined later."""
+
+_VERSION = 2
+_NAMES_HEADER = 3
+_NAMES_FLOATS = ARRAY_FLOATS - _NAMES_HEADER
+_MAX_NAMES = 25 * MAX_FIELDS
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """A part of an image's readings, as a message has it."""
+
+    footprint_cells: int
+    first: int
+    cells: int
+    values: list[float]
+
+
+@dataclass(frozen=True, slots=True)
+class LeafLayout:
+    """The layout of the readings of some fields.
+
+    Parameters
+    ----------
+    fields : tuple of str
+        Their names, in order.
+    name : str
+        Of the messages.
+    header : tuple of float
+        What follows the first three floats.
+    cells_per_array : int
+        Cells that fit into one message.
+
+    Examples
+    --------
+    >>> LeafLayout.of(PAPER_FIELDS.names).pack(7, 1, [[1.0, 0.5, 0.25]])
+    [[7.0, 1.0, 0.0, 1.0, 0.5, 0.25]]
+    >>> layout = LeafLayout.of(("ccr", "nitrogen"))
+    >>> layout.name, layout.pack(7, 1, [[1.0, 0.5]])
+    ('WBF_LEAF2', [[7.0, 1.0, 0.0, 2.0, 3747660.0, 1.0, 0.5]])
+    """
+
+    fields: tuple[str, ...]
+    name: str
+    header: tuple[float, ...]
+    cells_per_array: int
+
+    @classmethod
+    def of(cls, fields: tuple[str, ...]) -> LeafLayout:
+        """Choose the layout of some fields."""
+        return _layout_of(fields)
+
+    def pack(
+        self, image_index: int, footprint_cells: int, values: Sequence[Sequence[float]]
+    ) -> list[list[float]]:
+        """Lay out the readings of one image.
+
+        Parameters
+        ----------
+        image_index : int
+            Index of the image.
+        footprint_cells : int
+            Side of the footprint.
+        values : sequence of footprint_cells ** 2 sequences of float
+            Readings of each cell.
+
+        Returns
+        -------
+        list of list of float
+            The data of each message.
+        """
+        parts = []
+        for first in range(0, len(values), self.cells_per_array):
+            data = [float(image_index), float(footprint_cells), float(first), *self.header]
+            for cell in values[first : first + self.cells_per_array]:
+                data += cell
+            parts.append(data)
+        return parts
+
+    def unpack(self, data: Sequence[float]) -> Readings | None:
+        """Read the data of a message; None if they make no sense."""
+        side, first = data[1], data[2]
+        if not (1.0 <= side <= MAX_FOOTPRINT_CELLS and side % 1.0 == 0.0 and 0.0 <= first < side * side):
+            return None
+        n, start = int(side), int(first)
+        cells = min(n * n - start, self.cells_per_array)
+        offset = 3 + len(self.header)
+        values = list(data[offset : offset + len(self.fields) * cells])
+        if start % self.cells_per_array or math.inf in values or -math.inf in values:
+            return None
+        return Readings(n, start, cells, values)
+
+    def fits(self, data: Sequence[float]) -> bool:
+        """Whether a message of this name is of these fields."""
+        return tuple(data[3 : 3 + len(self.header)]) == self.header
+
+    def announcement(self) -> list[list[float]]:
+        """Lay out the names of the fields: the data of each message, none for version 1."""
+        if not self.header:
+            return []
+        text = ",".join(self.fields)
+        header = [float(_VERSION), self.header[1], float(len(text))]
+        return [
+            header + [float(ord(letter)) for letter in text[start : start + _NAMES_FLOATS]]
+            for start in range(0, len(text), _NAMES_FLOATS)
+        ]
+
+
+class Announcement:
+    """Collects the parts of an announcement, in any order.
+
+    Examples
+    --------
+    >>> heard = Announcement()
+    >>> for number, data in enumerate(LeafLayout.of(("ccr", "nitrogen")).announcement()):
+    ...     _ = heard.add(number, data + [0.0] * (58 - len(data)))
+    >>> heard.fields
+    ('ccr', 'nitrogen')
+    """
+
+    def __init__(self) -> None:
+        self._parts: dict[int, str] = {}
+        self._header: tuple[float, ...] = ()
+        self.fields: tuple[str, ...] | None = None
+
+    def add(self, number: int, data: Sequence[float]) -> bool:
+        """Take the data of one message; False if they make no sense."""
+        header = tuple(data[:_NAMES_HEADER])
+        version, check, length = header
+        start = number * _NAMES_FLOATS
+        if version != _VERSION or not (1.0 <= length <= _MAX_NAMES and length % 1.0 == 0.0):
+            return False
+        codes = data[_NAMES_HEADER : _NAMES_HEADER + max(0, int(length) - start)]
+        if not codes or not all(32.0 < code < 127.0 and code % 1.0 == 0.0 for code in codes):
+            return False
+        if header != self._header:
+            self._parts, self._header = {}, header
+        self._parts[number] = "".join(chr(int(code)) for code in codes)
+        text = "".join(self._parts[part] for part in sorted(self._parts))
+        if len(text) == length:
+            names = tuple(text.split(","))
+            if _check_number(names) != check:
+                return False
+            self.fields = names
+        return True
+
+
+@lru_cache(maxsize=16)
+def _layout_of(fields: tuple[str, ...]) -> LeafLayout:
+    header: tuple[float, ...] = ()
+    name = LEAF_NAME
+    if fields != PAPER_FIELDS.names:
+        header, name = (float(len(fields)), _check_number(fields)), FURTHER_NAME
+    return LeafLayout(fields, name, header, (ARRAY_FLOATS - 3 - len(header)) // len(fields))
+
+
+def _check_number(fields: tuple[str, ...]) -> float:
+    digest: Any = hashlib.sha256(",".join(fields).encode()).digest()
+    return float(int.from_bytes(digest[:3], "big"))

@@ -1,0 +1,342 @@
+"""The store of an environment: a Zarr 3 group, whose days are written one by one and read chunk by chunk.
+
+The days of infection of a disease are an array ``[x, y]``, a continuous field is an array ``[day, x, y]``,
+each under its field's name. Each day is one file (a shard) that appears complete or not at all; within it,
+chunks of `CHUNK_CELLS` squared are compressed on their own and carry a checksum, so that a window is read
+without the rest.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.dynamics.outbreak import NO_HOST
+from sensors.environment.environment import Environment, Provenance
+from sensors.environment.layers import ArrayLayer, ChunkCache, ChunkedLayer
+from sensors.errors import EnvironmentDataError, FieldError
+from sensors.field_files import field_from_table, field_to_table
+from sensors.fields import Field, FieldSet
+
+if TYPE_CHECKING:
+    import zarr
+
+HEADER = "zarr.json"
+FORMAT = "wbf-mission environment"
+VERSION = 3
+CHUNK_CELLS = 500
+CACHED_BYTES = 64_000_000
+"""How much of a stored environment stays decoded for single cells."""
+
+# Arrays start with values that none of our data has, so a missing file cannot be taken for data.
+_NO_ONSET = -128
+_NO_LEVEL = float("nan")
+
+
+class Header(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What an environment is: the attributes of its group. Equal headers mean equal data."""
+
+    format: str
+    version: int
+    shape: tuple[int, int]
+    days: tuple[int, ...]
+    fields: tuple[dict[str, Any], ...]
+    provenance: Provenance
+
+    @classmethod
+    def of(
+        cls, shape: tuple[int, int], days: tuple[int, ...], fields: FieldSet, provenance: Provenance
+    ) -> Header:
+        """Make the header of an environment of this version."""
+        return cls(FORMAT, VERSION, shape, days, fields_to_tables(fields), provenance)
+
+
+class _Group(msgspec.Struct, frozen=True):
+    zarr_format: int
+    node_type: str
+    attributes: Header
+
+
+class _Version(msgspec.Struct, frozen=True):
+    format: str
+    version: int
+
+
+class _AnyGroup(msgspec.Struct, frozen=True):
+    attributes: _Version
+
+
+def fields_to_tables(fields: FieldSet) -> tuple[dict[str, Any], ...]:
+    """Give fields as plain values for a header."""
+    return tuple(field_to_table(field) for field in fields)
+
+
+def fields_from_tables(tables: tuple[dict[str, Any], ...], where: str) -> FieldSet:
+    """Make the fields of a header; EnvironmentDataError, beginning with `where`, if they cannot be used."""
+    try:
+        return FieldSet(tuple(field_from_table(table, where) for table in tables))
+    except FieldError as error:
+        text = str(error)
+        raise EnvironmentDataError(text if text.startswith(where) else f"{where}: {text}") from None
+
+
+class EnvironmentStore:
+    """An environment's group on disk, possibly not finished.
+
+    Parameters
+    ----------
+    folder : Path
+        Where.
+    header : Header
+        What it holds.
+    writable : bool
+        Open it for writing.
+    """
+
+    def __init__(self, folder: Path, header: Header, *, writable: bool = False) -> None:
+        self.folder = folder
+        self.header = header
+        self.fields = fields_from_tables(header.fields, str(folder / HEADER))
+        self._mode: Literal["r", "r+"] = "r+" if writable else "r"
+        self._arrays: dict[str, zarr.Array[Any]] = {}
+
+    def create(self) -> None:
+        """Write the group and its arrays, all empty."""
+        import zarr
+        from zarr.codecs import BloscCodec, Crc32cCodec
+
+        header = self.header
+        group = zarr.create_group(self.folder, zarr_format=3, attributes=msgspec.to_builtins(header))
+        width, height = header.shape
+        chunk = self._chunk()
+        shard = (-(-width // chunk[0]) * chunk[0], -(-height // chunk[1]) * chunk[1])
+        for field in self.fields.diseases:
+            group.create_array(
+                field.name,
+                shape=header.shape,
+                dtype="int8",
+                chunks=chunk,
+                shards=shard,
+                fill_value=_NO_ONSET,
+                dimension_names=("x", "y"),
+                compressors=[
+                    BloscCodec(typesize=1, cname="lz4", clevel=5, shuffle="noshuffle"),
+                    Crc32cCodec(),
+                ],
+                config={"write_empty_chunks": True},
+                attributes={"description": "day of infection; 0 seed, -1 never, -2 no host"},
+            )
+        for field in self.fields.continuous:
+            group.create_array(
+                field.name,
+                shape=(len(header.days), width, height),
+                dtype="float32",
+                chunks=(1, *chunk),
+                shards=(1, *shard),
+                fill_value=_NO_LEVEL,
+                dimension_names=("day", "x", "y"),
+                compressors=[BloscCodec(typesize=4, cname="lz4", clevel=1, shuffle="shuffle"), Crc32cCodec()],
+                config={"write_empty_chunks": True},
+                attributes={"description": f"{field.title}, 0 to 1"},
+            )
+        days = group.create_array("day", shape=(len(header.days),), dtype="int16", dimension_names=("day",))
+        days[:] = np.array(header.days, np.int16)
+
+    def file(self, name: str, day: int | None = None) -> Path:
+        """Give the file that holds a disease, or a continuous field of a day."""
+        if day is None:
+            return self.folder / name / "c" / "0" / "0"
+        return self.folder / name / "c" / str(self.header.days.index(day)) / "0" / "0"
+
+    def array(self, name: str) -> zarr.Array[Any]:
+        """Open an array, and check that it is what this version writes."""
+        if name in self._arrays:
+            return self._arrays[name]
+        import zarr
+        from zarr.codecs import BloscCodec, BytesCodec, Crc32cCodec, ShardingCodec
+
+        path = self.folder / name / HEADER
+        try:
+            array = zarr.open_array(self.folder / name, mode=self._mode, zarr_format=3)
+            codecs = [*array.metadata.codecs]  # type: ignore[union-attr]
+            inner = [*codecs[0].codecs] if len(codecs) == 1 and isinstance(codecs[0], ShardingCodec) else []
+            known = bool(inner) and all(isinstance(c, BytesCodec | BloscCodec | Crc32cCodec) for c in inner)
+            found = (array.shape, array.dtype.str, array.chunks)
+        except Exception as error:  # what zarr raises on hostile metadata is not bounded
+            msg = f"{path}: not the description of a Zarr array: {one_line(error)}"
+            raise EnvironmentDataError(msg) from error
+        width, height = self.header.shape
+        chunk = self._chunk()
+        wanted: tuple[Any, ...] = ((width, height), "|i1", chunk)
+        if self.fields[name].kind == "continuous":
+            wanted = ((len(self.header.days), width, height), "<f4", (1, *chunk))
+        if found != wanted:
+            msg = f"{path}: array is {found[1]}{list(found[0])} in chunks of {found[2]} instead of " + (
+                f"{wanted[1]}{list(wanted[0])} in chunks of {wanted[2]}"
+            )
+            raise EnvironmentDataError(msg)
+        if not known:
+            raise EnvironmentDataError(f"{path}: compressed in an unknown way; generate it again")
+        self._arrays[name] = array
+        return array
+
+    def write_onset(self, disease: str, onset: NDArray[np.int8]) -> None:
+        """Write the days of infection of a disease."""
+        # An older file would be read to be changed, and could be damaged.
+        self.file(disease).unlink(missing_ok=True)
+        self.array(disease)[:] = onset
+
+    def write_level(self, name: str, day: int, level: NDArray[np.float32]) -> None:
+        """Write a continuous field of a day."""
+        self.file(name, day).unlink(missing_ok=True)
+        self.array(name)[self.header.days.index(day)] = level
+
+    def read_onset(self, disease: str, x: slice, y: slice) -> NDArray[np.int8]:
+        """Read days of infection of a window; EnvironmentDataError if they are damaged."""
+        path = self.file(disease)
+        onset: NDArray[np.int8] = self._read(path, disease, (x, y))
+        if onset.min() < NO_HOST:
+            raise EnvironmentDataError(f"{path}: day of infection {onset.min()} is less than {NO_HOST}")
+        return onset
+
+    def read_level(self, name: str, day: int, x: slice, y: slice) -> NDArray[np.float32]:
+        """Read a continuous field of a window on a day; EnvironmentDataError if it is damaged."""
+        path = self.file(name, day)
+        level: NDArray[np.float32] = self._read(path, name, (self.header.days.index(day), x, y))
+        if not (level.min() >= 0.0 and level.max() < math.inf):
+            raise EnvironmentDataError(f"{path}: {name} on day {day} is negative or no number")
+        return level
+
+    def saved_onset(self, disease: str) -> NDArray[np.int8] | None:
+        """Give the days of infection if they were written and are good."""
+        width, height = self.header.shape
+        with contextlib.suppress(EnvironmentDataError):
+            return self.read_onset(disease, slice(0, width), slice(0, height))
+        return None
+
+    def saved_level(self, name: str, day: int) -> NDArray[np.float32] | None:
+        """Give a continuous field of a day if it was written and is good."""
+        width, height = self.header.shape
+        with contextlib.suppress(EnvironmentDataError):
+            return self.read_level(name, day, slice(0, width), slice(0, height))
+        return None
+
+    def _read(self, path: Path, name: str, where: tuple[int | slice, ...]) -> NDArray[Any]:
+        array = self.array(name)
+        try:
+            if not path.is_file():
+                raise EnvironmentDataError(f"{path}: this file of the environment is missing")
+            return np.asarray(array[where])
+        except OSError as error:
+            raise EnvironmentDataError(f"{path}: cannot be read: {error.strerror or error}") from error
+        except EnvironmentDataError:
+            raise
+        except Exception as error:  # a codec's error on damaged data is not bounded either
+            msg = f"{path}: damaged: {one_line(error)}; generate the environment again"
+            raise EnvironmentDataError(msg) from error
+
+    def check(self) -> None:
+        """Check that all files are there and not cut off, without decoding more than a chunk of each.
+
+        Raises
+        ------
+        EnvironmentDataError
+            Naming the first file that is missing or damaged.
+        """
+        corner = slice(0, 1), slice(0, 1)
+        for field in self.fields.diseases:
+            self.read_onset(field.name, *corner)
+        for field in self.fields.continuous:
+            for day in self.header.days:
+                self.read_level(field.name, day, *corner)
+
+    def environment(self, *, lazy: bool = True) -> Environment:
+        """Give the environment; the group has to be finished."""
+        header = self.header
+        cache = ChunkCache(CACHED_BYTES)
+        onset = {field.name: self._onset_layer(field, cache) for field in self.fields.diseases}
+        levels = {
+            (field.name, day): self._level_layer(field, day, cache)
+            for field in self.fields.continuous
+            for day in header.days
+        }
+        if lazy:
+            return Environment.from_layers(
+                header.shape, self.fields, header.days, onset, levels, header.provenance
+            )
+        return Environment.from_layers(
+            header.shape,
+            self.fields,
+            header.days,
+            {name: ArrayLayer(layer.whole()) for name, layer in onset.items()},
+            {key: ArrayLayer(layer.whole()) for key, layer in levels.items()},
+            header.provenance,
+        )
+
+    def _onset_layer(self, field: Field, cache: ChunkCache) -> ChunkedLayer[np.int8]:
+        def read(x: slice, y: slice) -> NDArray[np.int8]:
+            return self.read_onset(field.name, x, y)
+
+        return ChunkedLayer(field.name, self.header.shape, self._chunk(), read, cache)
+
+    def _level_layer(self, field: Field, day: int, cache: ChunkCache) -> ChunkedLayer[np.float32]:
+        def read(x: slice, y: slice) -> NDArray[np.float32]:
+            return self.read_level(field.name, day, x, y)
+
+        return ChunkedLayer(f"{field.name} {day}", self.header.shape, self._chunk(), read, cache)
+
+    def _chunk(self) -> tuple[int, int]:
+        width, height = self.header.shape
+        return min(CHUNK_CELLS, width), min(CHUNK_CELLS, height)
+
+
+def read_header(folder: Path) -> Header:
+    """Read the header of an environment; EnvironmentDataError if there is none."""
+    path = folder / HEADER
+    try:
+        data = path.read_bytes()
+        # Headers of other versions have other keys; their version is what there is to say about them.
+        found = msgspec.json.decode(data, type=_AnyGroup).attributes
+        if found.format != FORMAT:
+            raise EnvironmentDataError(f"{path}: format is {found.format!r} instead of {FORMAT!r}")
+        if found.version != VERSION:
+            msg = f"{path}: version {found.version} is not {VERSION}; generate the environment again"
+            raise EnvironmentDataError(msg)
+        group = msgspec.json.decode(data, type=_Group)
+    except OSError as error:
+        msg = f"{path}: cannot be read: {error.strerror}; an environment is a folder with this file"
+        raise EnvironmentDataError(msg) from error
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise EnvironmentDataError(f"{path}: not the header of an environment: {one_line(error)}") from error
+    header = group.attributes
+    if (group.zarr_format, group.node_type) != (3, "group"):
+        raise EnvironmentDataError(f"{path}: not a group of Zarr format 3")
+    fields_from_tables(header.fields, str(path))
+    if min(header.shape) < 1:
+        raise EnvironmentDataError(f"{path}: shape {header.shape} is not positive")
+    if not header.days or min(header.days) < 0 or list(header.days) != sorted(set(header.days)):
+        raise EnvironmentDataError(f"{path}: days {header.days} are not ascending days from 0")
+    return header
+
+
+def open_store(path: str | os.PathLike[str]) -> EnvironmentStore:
+    """Open a finished environment and check that its arrays fit its header."""
+    folder = Path(path)
+    if not folder.is_dir():
+        raise EnvironmentDataError(f"{folder}: no such folder; an environment is a folder with {HEADER}")
+    store = EnvironmentStore(folder, read_header(folder))
+    for name in store.fields.names:
+        store.array(name)
+    return store
+
+
+def one_line(error: Exception) -> str:
+    """Give the text of an error as one line of bounded length."""
+    return (" ".join(str(error).split()) or type(error).__name__)[:200]

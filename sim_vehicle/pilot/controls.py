@@ -1,0 +1,91 @@
+"""The vehicle as its pilot handles it: orders that may be refused, the state, what works."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from sim_vehicle.errors import VehicleError
+from sim_vehicle.pilot.notices import RefusedError
+
+if TYPE_CHECKING:
+    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.execution.executor import MissionExecutor
+    from sim_vehicle.execution.state import FlightEvent, LandedState, VehicleState
+
+__all__ = ["Controls"]
+
+
+class Controls:
+    """One vehicle under a pilot's hands.
+
+    Parameters
+    ----------
+    executor : MissionExecutor
+        What flies.
+
+    Attributes
+    ----------
+    state : VehicleState
+        After the last order or `advance`.
+    now_s : float
+        Time of the last `advance`.
+    position_ok : bool
+        Whether there is a position (GPS).
+    motor_ok : bool
+        Whether all motors run.
+    """
+
+    def __init__(self, executor: MissionExecutor) -> None:
+        self.executor = executor
+        self.state: VehicleState = executor.state()
+        self.now_s = 0.0
+        self.position_ok = True
+        self.motor_ok = True
+
+    @property
+    def spec(self) -> VehicleSpec:
+        """The vehicle, with the defaults and limits that hold now."""
+        return self.executor.spec
+
+    @property
+    def armed(self) -> bool:
+        """Whether the motors run."""
+        return self.executor.armed
+
+    @property
+    def landed(self) -> LandedState:
+        """Ground contact."""
+        return self.state.landed
+
+    @property
+    def home_m(self) -> tuple[float, float]:
+        """Where home is, east and north of the start."""
+        return self.executor.return_points.home_m
+
+    def order(self, order: Callable[[], None]) -> None:
+        """Give the executor an order.
+
+        Raises
+        ------
+        RefusedError
+            When the executor does not take it.
+        """
+        try:
+            order()
+        except RefusedError:
+            raise
+        except VehicleError as error:
+            raise RefusedError(str(error)) from None
+        self.refresh()
+
+    def advance(self, now_s: float) -> list[FlightEvent]:
+        """Fly up to a time; the events of the way, in order."""
+        self.now_s = now_s
+        events = self.executor.advance(now_s)
+        self.refresh()
+        return events
+
+    def refresh(self) -> None:
+        """Read the state anew."""
+        self.state = self.executor.state()

@@ -1,0 +1,117 @@
+"""The flight mode, and what the vehicle does when it is taken."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.execution.state import LandedState, Phase
+from sim_vehicle.pilot.notices import RefusedError
+
+if TYPE_CHECKING:
+    from sim_vehicle.pilot.controls import Controls
+    from sim_vehicle.pilot.mission_status import MissionStatus
+    from sim_vehicle.pilot.setpoints import SetpointFollower
+
+__all__ = ["ModeControl"]
+
+
+class ModeControl:
+    """Takes modes and gives the vehicle the orders that they stand for.
+
+    Parameters
+    ----------
+    controls : Controls
+        The vehicle.
+    mission : MissionStatus
+        Begun in the mission mode.
+    setpoints : SetpointFollower
+        Flown in the guided mode.
+    mode : Mode
+        At the start.
+    after_takeoff : Mode
+        The mode that follows an ordered take-off.
+
+    Attributes
+    ----------
+    mode : Mode
+    takeoff_altitude_m : float or None
+        Of the next take-off; None is the vehicle's own.
+    """
+
+    def __init__(
+        self,
+        controls: Controls,
+        mission: MissionStatus,
+        setpoints: SetpointFollower,
+        *,
+        mode: Mode,
+        after_takeoff: Mode,
+    ) -> None:
+        self.mode = mode
+        self.takeoff_altitude_m: float | None = None
+        self._controls = controls
+        self._mission = mission
+        self._setpoints = setpoints
+        self._after_takeoff = after_takeoff
+
+    def change(self, mode: Mode) -> bool:
+        """Take a mode and, armed, do what it means.
+
+        Returns
+        -------
+        bool
+            Whether the vehicle is to be disarmed: it is told to land or return, and on the ground already.
+
+        Raises
+        ------
+        RefusedError
+            When it cannot be done; the mode is as it was then.
+        """
+        before = self.mode
+        self.override(mode)
+        if not self._controls.armed:
+            return False
+        try:
+            return self._fly(mode)
+        except RefusedError:
+            self.mode = before
+            raise
+
+    def override(self, mode: Mode) -> None:
+        """Take a mode in which something else is flown than the mode's own."""
+        self._setpoints.forget()
+        self.mode = mode
+
+    def on_target_reached(self) -> None:
+        """Go on to the mode that follows a take-off."""
+        if self.mode is Mode.TAKEOFF:
+            self.mode = self._after_takeoff
+
+    def _fly(self, mode: Mode) -> bool:
+        controls = self._controls
+        executor = controls.executor
+        on_ground = controls.landed is LandedState.ON_GROUND
+        if mode is Mode.MISSION:
+            self._fly_mission()
+        elif mode is Mode.TAKEOFF:
+            altitude_m = self.takeoff_altitude_m or controls.spec.takeoff_altitude_m
+            self.takeoff_altitude_m = None
+            controls.order(lambda: executor.takeoff(altitude_m))
+        elif mode in (Mode.RTL, Mode.LAND):
+            if on_ground:
+                return True
+            controls.order(executor.return_home if mode is Mode.RTL else executor.land)
+        elif not on_ground or controls.state.phase is not Phase.GROUND:
+            controls.order(executor.hold)
+        if mode is Mode.GUIDED:
+            controls.order(self._setpoints.begin)
+        return False
+
+    def _fly_mission(self) -> None:
+        mission, executor = self._mission, self._controls.executor
+        if mission.complete:
+            executor.set_current(0)
+        mission.complete = False
+        mission.started = True
+        self._controls.order(executor.start)

@@ -212,7 +212,7 @@ class _Regions:
     """The parts of an area as regions, found by place."""
 
     def __init__(self, area: Area) -> None:
-        self._regions = tuple(Region(part) for part in parts_of(area))
+        self._regions: tuple[Region, ...] = tuple(Region(part) for part in parts_of(area))
         self._tree = shapely.STRtree([region.tolerant for region in self._regions])
         self._bounds = shapely.bounds(self._tree.geometries)
 
@@ -237,8 +237,8 @@ class _Regions:
     def route(self, start_m: Points, end_m: Points) -> Points | None:
         """Return the corners between two points that lie in one region, or None: see `Region.route`."""
         both = np.vstack((start_m, end_m))
-        for number in self.near(both[:1], both[1:])[1].tolist():
-            region = self._regions[number]
+        for number in self.near(both[:1], both[1:])[1]:
+            region: Region = self._regions[int(number)]
             if bool(region.contains(both).all()):
                 found = region.route(start_m, end_m)
                 if found is not None:

@@ -73,8 +73,9 @@ class ScoreHistory:
 
     @property
     def field_losses(self) -> NDArray[np.float64]:
-        """The mean loss a cell of each field, float64[c, 3]."""
-        return np.array([entry.field_loss for entry in self.entries], dtype=np.float64).reshape(-1, 3)
+        """The mean loss a cell of each field, float64[c, fields]."""
+        width = len(self.entries[0].fields) if self.entries else 0
+        return np.array([entry.field_loss for entry in self.entries], np.float64).reshape(-1, width)
 
     @property
     def score(self) -> float | None:

@@ -18,9 +18,9 @@ from sensors.camera.leaf_camera import LeafCamera, LeafCameraOptions
 from sensors.camera.wire import ObservationAssembler
 from sensors.environment import Environment
 from sensors.environment.cache import EnvironmentCache
-from sensors.errors import EstimatorError
 from sensors.estimators import Estimator, make_estimator
-from sensors.fields import PAPER_FIELDS
+from sensors.field_files import load_field_set
+from sensors.fields import FieldSet
 from sensors.observations import Observations
 from sensors.scoring.score import RunningScore
 from sim_vehicle.autopilot import get_autopilot
@@ -82,35 +82,39 @@ def _find_environment(
 
     cache = EnvironmentCache.of_user() if use_cache else EnvironmentCache.off()
     return cache.environment(
-        farm.grid(), day=scenario.farm.day, seed=child_seed(scenario.seed, "environment"), progress=tell
+        farm.grid(),
+        day=scenario.farm.day,
+        seed=child_seed(scenario.seed, "environment"),
+        fields=load_field_set(scenario.farm.fields),
+        progress=tell,
     )
 
 
-def camera_options(camera: CameraOptions) -> LeafCameraOptions:
-    """Return the leaf camera's own options."""
+def camera_options(camera: CameraOptions, fields: FieldSet) -> LeafCameraOptions:
+    """Give the leaf camera's own options, on a farm with these fields."""
     return LeafCameraOptions(
         footprint_cells=camera.footprint,
         noise_std=camera.noise,
         false_positive_rate=camera.false_positive_rate,
         false_negative_rate=camera.false_negative_rate,
         sensed=camera.fields,
+        fields=fields,
     )
 
 
-def estimator_of(choice: Choice, seed: int) -> Estimator:
-    """Return the estimator of a choice, with its parameters.
+def estimator_of(choice: Choice, seed: int, fields: FieldSet) -> Estimator:
+    """Give the estimator of a choice, with its parameters, for these fields.
 
     Raises
     ------
     EstimatorError
-        If the name or a parameter is unknown.
+        If the name or a parameter is unknown, or it does not know the fields.
     """
     if choice.made is None:
-        return make_estimator(choice.name, random_state=child_seed(seed, "estimator"), **choice.params)
-    if not isinstance(choice.made, Estimator):
-        msg = f"estimator {choice.name} has no fit, partial_fit and predict; see docs/estimators.md"
-        raise EstimatorError(msg)
-    return choice.made
+        return make_estimator(
+            choice.name, fields=fields, random_state=child_seed(seed, "estimator"), **choice.params
+        )
+    return make_estimator(choice.made, fields=fields)
 
 
 def fly(
@@ -151,8 +155,9 @@ def fly(
     """
     tell = progress or _silent
     watch = _Stopwatch()
-    options = camera_options(scenario.camera)
-    estimator = estimator_of(scenario.estimate.estimator, scenario.seed)
+    fields = load_field_set(scenario.farm.fields)
+    options = camera_options(scenario.camera, fields)
+    estimator = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
     tell("planning", 0, 1)
     planned = plan(scenario)
     tell("planning", 1, 1)
@@ -194,7 +199,8 @@ class _Run:
         camera = LeafCamera(
             environment, grid.shape, scenario.farm.day, options, stream(scenario.seed, "camera")
         )
-        self.assembler = ObservationAssembler(farm, day=scenario.farm.day)
+        self.fields = options.fields
+        self.assembler = ObservationAssembler(farm, day=scenario.farm.day, fields=self.fields.names)
         self.ground = GroundStation(planned.mission, self.assembler, on_progress=self._on_transfer)
         home = home_of(planned.mission, farm)
         self.vehicle = SimVehicle(
@@ -210,7 +216,7 @@ class _Run:
         )
         self.estimator = estimator.fit(grid)
         self.estimate = RunEstimate(
-            estimator, RunningScore(truth, PAPER_FIELDS.masks(grid)), self._score_every()
+            estimator, RunningScore(truth, self.fields.masks(grid), fields=self.fields), self._score_every()
         )
         self.parts: list[Observations] = []
         self.simulation: Simulation | None = None
@@ -296,7 +302,7 @@ class _Run:
         used = None
         if battery is not None and ground.battery.consumed_wh is not None:
             used = ground.battery.consumed_wh / battery.capacity_wh
-        observations = Observations.concatenate(self.parts)
+        observations = Observations.concatenate(self.parts, self.fields.names)
         maps, true_maps = self._maps(observations)
         self.watch.lap("report")
         return FlightResult(
@@ -318,6 +324,7 @@ class _Run:
             frames=simulation.frames if simulation is not None else 0,
             timings_s=self.watch.seconds,
             texts=ground.texts,
+            fields=self.fields,
             maps=maps,
             true_maps=true_maps,
         )
@@ -331,6 +338,7 @@ class _Run:
             farm,
             model,
             observations,
+            fields=self.fields,
             probabilities=getattr(self.estimator, "class_probabilities", None),
             states_deviation=getattr(self.estimator, "states_deviation", False),
         )

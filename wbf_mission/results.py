@@ -13,7 +13,6 @@ import numpy as np
 
 from geo.atomic import atomic_path, atomic_write
 from mission.files import write_mission
-from sensors.fields import PAPER_FIELDS
 from wbf_mission.scenario import Scenario, ScenarioError
 
 if TYPE_CHECKING:
@@ -34,7 +33,6 @@ _FILES = (
     "scores.csv",
     "path.png",
     "score.png",
-    *(f"field_{field}.png" for field in PAPER_FIELDS.names),
 )
 
 
@@ -65,8 +63,8 @@ class RunFolder:
             path = Path("runs") / run_name(scenario)
         try:
             path.mkdir(parents=True, exist_ok=True)
-            for name in _FILES:
-                (path / name).unlink(missing_ok=True)
+            for file in (*(path / name for name in _FILES), *path.glob("field_*.png")):
+                file.unlink(missing_ok=True)
         except OSError as error:
             msg = f"{path}: cannot be made a folder for the results ({error.strerror}); give another --out"
             raise ScenarioError(msg) from error
@@ -167,9 +165,10 @@ def _write_track(result: FlightResult, path: Path) -> None:
 
 def _write_scores(result: FlightResult, path: Path) -> None:
     history = result.history
-    names = [f"loss_{field}" for field in PAPER_FIELDS.names]
+    names = [f"loss_{field}" for field in result.fields.names]
     header = ",".join(["time_s", "observations", "score", *names])
-    columns = [history.times_s, history.observations, history.scores, *history.field_losses.T]
+    columns: list[Any] = [history.times_s, history.observations, history.scores]
+    columns += list(history.field_losses.T) if history.entries else [[] for _ in names]
     _write_csv(path, header, columns, "%.9g")
 
 
@@ -203,6 +202,7 @@ def _plot_jobs(result: FlightResult) -> list[tuple[str, Any]]:
                         history.field_losses,
                         path,
                         f"{title}, {estimator}",
+                        result.fields,
                     ),
                 )
             )

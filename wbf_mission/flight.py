@@ -14,11 +14,12 @@ from geo import Farm
 from geo.errors import WbfMissionError
 from geo.seeds import child_seed, stream
 from mission.link.tlog import TlogWriter
+from mission.planners import Planner
 from sensors.camera.leaf_camera import LeafCamera, LeafCameraOptions
 from sensors.camera.wire import ObservationAssembler
 from sensors.environment import Environment
 from sensors.environment.cache import EnvironmentCache
-from sensors.estimators import Estimator, make_estimator
+from sensors.estimators import Estimator
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
 from sensors.observations import Observations
@@ -27,13 +28,14 @@ from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
 from sim_vehicle.mavlink import SimVehicle
-from wbf_mission.estimation import RunEstimate, require_run_memory, score_points
-from wbf_mission.flight_result import FlightResult
+from wbf_mission.estimation import RunEstimate, estimator_of, require_run_memory, resolved, score_points
+from wbf_mission.flight_result import Result
 from wbf_mission.ground.station import GroundStation
 from wbf_mission.outcome import Outcome, Phase
 from wbf_mission.planning import PlanResult, home_of, plan
 from wbf_mission.report import FieldMap, field_maps, true_map
-from wbf_mission.scenario import CameraOptions, Choice, Scenario
+from wbf_mission.scenario import CameraOptions, Scenario, scenario_with
+from wbf_mission.stopwatch import Stopwatch
 from wbf_mission.weather import noise_of, wind_of_run
 
 Progress = Callable[[str, float, float], None]
@@ -49,19 +51,6 @@ EPOCH_UNIX_S = (
 
 class FlightError(WbfMissionError, RuntimeError):
     """A run that cannot be done."""
-
-
-class _Stopwatch:
-    """Wall seconds by part of the run."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self._since = time.perf_counter()
-
-    def lap(self, name: str) -> None:
-        now = time.perf_counter()
-        self.seconds[name] = self.seconds.get(name, 0.0) + now - self._since
-        self._since = now
 
 
 def make_environment(
@@ -102,41 +91,30 @@ def camera_options(camera: CameraOptions, fields: FieldSet) -> LeafCameraOptions
     )
 
 
-def estimator_of(choice: Choice, seed: int, fields: FieldSet) -> Estimator:
-    """Give the estimator of a choice, with its parameters, for these fields.
-
-    Raises
-    ------
-    EstimatorError
-        If the name or a parameter is unknown, or it does not know the fields.
-    """
-    if choice.made is None:
-        return make_estimator(
-            choice.name, fields=fields, random_state=child_seed(seed, "estimator"), **choice.params
-        )
-    return make_estimator(choice.made, fields=fields)
-
-
 def fly(
     scenario: Scenario,
     *,
+    planner: Planner | str | None = None,
+    estimator: Estimator | str | None = None,
     progress: Progress | None = None,
     pace: float | None = None,
     tlog: Path | None = None,
     impairment: Impairment | None = None,
     use_cache: bool = True,
-) -> FlightResult:
+) -> Result:
     """Do a scenario's whole job offline.
 
     Parameters
     ----------
     scenario : Scenario
+    planner, estimator : object or str, optional
+        In place of the scenario's.
     progress : callable, optional
         ``progress(what, done, total)``.
     pace : float, optional
         Simulated seconds per wall second; as fast as possible without.
     tlog : Path, optional
-        Write every MAVLink frame of the run there.
+        Write every MAVLink frame of the run there; its folder is made when the flight begins.
     impairment : Impairment, optional
         A bad radio between the ground station and the vehicle.
     use_cache : bool
@@ -145,7 +123,7 @@ def fly(
 
     Returns
     -------
-    FlightResult
+    Result
         Also when the flight went wrong or was interrupted by Ctrl-C: the outcome says how.
 
     Raises
@@ -154,22 +132,24 @@ def fly(
         If the scenario cannot be planned or set up.
     """
     tell = progress or _silent
-    watch = _Stopwatch()
+    watch = Stopwatch()
     fields = load_field_set(scenario.farm.fields)
     options = camera_options(scenario.camera, fields)
-    estimator = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
+    scenario = scenario_with(scenario, {"planner": planner, "estimator": estimator})
+    scenario = resolved(scenario)
+    learner = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
     tell("planning", 0, 1)
     planned = plan(scenario)
     tell("planning", 1, 1)
     watch.lap("plan")
     farm = planned.farm
-    require_run_memory(farm, estimator, round(_expected_observations(scenario.camera, planned)))
+    require_run_memory(farm, learner, round(_expected_observations(scenario.camera, planned)))
     environment, cached = _find_environment(scenario, farm, progress, use_cache=use_cache)
     truth = environment.values(scenario.farm.day)
     watch.lap("environment")
     # One BLAS thread: sums do not depend on the number of cores then, and small matrices are faster.
     with threadpool_limits(1, user_api="blas"):
-        run = _Run(scenario, planned, environment, truth, estimator, options, tell, watch)
+        run = _Run(scenario, planned, environment, truth, learner, options, tell, watch)
         try:
             run.fly(pace, tlog, impairment)
         except KeyboardInterrupt:
@@ -191,7 +171,7 @@ class _Run:
         estimator: Estimator,
         options: LeafCameraOptions,
         tell: Progress,
-        watch: _Stopwatch,
+        watch: Stopwatch,
     ) -> None:
         farm = planned.farm
         grid = farm.grid()
@@ -234,7 +214,10 @@ class _Run:
 
     def fly(self, pace: float | None, tlog: Path | None, impairment: Impairment | None) -> None:
         """Fly from the first heartbeat to the last, estimating on the way."""
-        writer = TlogWriter(tlog) if tlog is not None else None
+        writer = None
+        if tlog is not None:
+            tlog.parent.mkdir(parents=True, exist_ok=True)
+            writer = TlogWriter(tlog)
         tap = None
         if writer is not None:
             write = writer.write
@@ -292,7 +275,7 @@ class _Run:
     def _on_transfer(self, phase: Phase, done: int, total: int) -> None:  # noqa: ARG002
         self.tell("uploading", done, total)
 
-    def result(self) -> FlightResult:
+    def result(self) -> Result:
         """Score what was learned last and gather everything."""
         simulation, ground = self.simulation, self.ground
         now_s = simulation.now_s if simulation is not None else 0.0
@@ -305,7 +288,7 @@ class _Run:
         observations = Observations.concatenate(self.parts, self.fields.names)
         maps, true_maps = self._maps(observations)
         self.watch.lap("report")
-        return FlightResult(
+        return Result(
             scenario=self.scenario,
             plan=self.planned,
             outcome=ground.outcome,

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from sensors.field_files import load_field_set
-from sensors.observations import Observations
 from wbf_mission.cli.app import main
 from wbf_mission.flight import fly
+from wbf_mission.results import load_result
 from wbf_mission.scenario import Scenario, load_scenario
 
 NITROGEN = """
@@ -64,19 +64,21 @@ def test_a_fourth_field_is_flown_estimated_scored_saved_and_drawn(
     assert set(summary["losses"]) == set(NAMES)
     assert summary["camera"]["images"] == summary["camera"]["observations"] > 50
     assert summary["camera"]["other_fields"] == summary["camera"]["malformed"] == 0
-    seen = Observations.load(out / "observations.parquet", NAMES)
-    truth = np.load(out / "truth.npy")
-    value = np.load(out / "value.npy")
+    result = load_result(out)
+    seen, truth = result.observations, result.truth
+    assert seen.fields == result.fields.names == NAMES
+    assert result.fields["nitrogen"] == load_field_set([str(nitrogen)])["nitrogen"]
+    assert truth is not None and result.model is not None
+    value = result.model.value
     assert truth.shape == value.shape == (4, 10, 10)
     # What arrived over MAVLink is what is there, bit for bit.
     np.testing.assert_array_equal(seen.values, truth[:, seen.x, seen.y].T)
     assert len(np.unique(truth[3])) > 50
-    header, *rows = (out / "scores.csv").read_text().splitlines()
-    assert header.endswith("loss_tylcv,loss_ccr,loss_soil,loss_nitrogen")
     mask = load_field_set([str(nitrogen)]).masks(fly_grid())[0]
     error = (value[3] - truth[3])[mask].astype(float)
     loss = np.where(error > 0, 2.0, 1.0) @ error**2 / mask.sum()
-    assert float(rows[-1].split(",")[-1]) == pytest.approx(loss, rel=1e-5)
+    assert result.history.entries[-1].field_loss[3] == pytest.approx(loss, rel=1e-5)
+    assert [one.field.name for one in result.maps] == list(NAMES)
     assert summary["losses"]["nitrogen"] == pytest.approx(loss, rel=1e-5)
     for name in (*NAMES, "x"):
         assert (out / f"field_{name}.png").exists() == (name != "x")

@@ -20,6 +20,7 @@ from sim_vehicle.weather.gust_kernel import wind_at
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Vector = tuple[float, float, float]
 
 # state: position 0-2, velocity 3-5, acceleration 6-8, heading 9, its rate 10, energy used (J) 11, path
 # length 12, power (W) 13, step at which the leg is given up 14 (infinity: a new leg), wind 15-16, place that
@@ -44,8 +45,8 @@ RAN, REACHED, WIND, STALLED, ENERGY, NEAR = range(6)
 GRID = 5
 STOP_RADIUS = 0.05
 STOP_SPEED = 0.1
-# A leg is given up when the vehicle stands still for so long, or when it takes longer than at the slowest
-# speed.
+# A leg is given up when the vehicle stands still for so long, or when it takes longer than its length, and
+# the detour with which it begins, take at the slowest speed.
 STALL_S = 30.0
 SLOWEST = 0.3
 # Nearer than this to the place that it points at, the nose keeps its direction.
@@ -207,6 +208,29 @@ def _below_top_speed(
 
 
 @njit(cache=True)
+def _detour(row: Floats, velocity: Vector, acceleration: Vector) -> float:
+    """Return about how far a new leg is left before the motion that does not belong to it has stopped.
+
+    A leg may begin while the vehicle moves across it or backwards, as when a climb is ordered in fast
+    flight; the axes of the leg then brake with what little it leaves to them.
+    """
+    detour = 0.0
+    for axis in range(3):
+        v = a = 0.0
+        for k in range(3):
+            v += velocity[k] * row[3 + 3 * axis + k]
+            a += acceleration[k] * row[3 + 3 * axis + k]
+        if axis == 0 or v < 0.0:
+            v, a = -v, -a
+        limit, jerk = row[16 + 2 * axis], row[17 + 2 * axis]
+        if a > 0.0:
+            v += 0.5 * a * a / jerk
+        if v > 0.0:
+            detour += v * (0.5 * v / limit + limit / jerk)
+    return detour
+
+
+@njit(cache=True)
 def advance(
     state: Floats,
     counters: Integers,
@@ -287,6 +311,7 @@ def advance(
             if counters[3] == 0 and radius >= 0.0:
                 if state[14] == inf:
                     left = sqrt(rx * rx + ry * ry + rz * rz)
+                    left += _detour(row, (vx, vy, vz), (ax, ay, az))
                     state[14] = step + (STALL_S + 1.5 * left / min(cruise, SLOWEST)) / dt
                     counters[2] = step
                 if vx * vx + vy * vy + vz * vz > 0.0025 * min(cruise * cruise, 1.0):

@@ -23,7 +23,7 @@ from sensors.estimators import Estimator
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
 from sensors.observations import Observations
-from sensors.scoring.score import RunningScore
+from sensors.scoring.score import RunningScore, ScoreWeights
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
@@ -96,6 +96,7 @@ def fly(
     *,
     planner: Planner | str | None = None,
     estimator: Estimator | str | None = None,
+    weights: ScoreWeights | None = None,
     progress: Progress | None = None,
     pace: float | None = None,
     tlog: Path | None = None,
@@ -109,6 +110,8 @@ def fly(
     scenario : Scenario
     planner, estimator : object or str, optional
         In place of the scenario's.
+    weights : ScoreWeights, optional
+        What errors cost; the paper's by default.
     progress : callable, optional
         ``progress(what, done, total)``.
     pace : float, optional
@@ -149,7 +152,7 @@ def fly(
     watch.lap("environment")
     # One BLAS thread: sums do not depend on the number of cores then, and small matrices are faster.
     with threadpool_limits(1, user_api="blas"):
-        run = _Run(scenario, planned, environment, truth, learner, options, tell, watch)
+        run = _Run(scenario, planned, environment, truth, weights, learner, options, tell, watch)
         try:
             run.fly(pace, tlog, impairment)
         except KeyboardInterrupt:
@@ -168,6 +171,7 @@ class _Run:
         planned: PlanResult,
         environment: Environment,
         truth: NDArray[np.float32],
+        weights: ScoreWeights | None,
         estimator: Estimator,
         options: LeafCameraOptions,
         tell: Progress,
@@ -196,7 +200,7 @@ class _Run:
         )
         self.estimator = estimator.fit(grid)
         self.estimate = RunEstimate(
-            estimator, RunningScore(truth, self.fields.masks(grid), fields=self.fields), self._score_every()
+            estimator, RunningScore(truth, self.fields.masks(grid), weights, self.fields), self._score_every()
         )
         self.parts: list[Observations] = []
         self.simulation: Simulation | None = None

@@ -514,20 +514,6 @@ def test_what_can_be_flown_has_no_problems():
     assert reached(events) == list(range(9))
 
 
-def test_a_circle_is_flown_as_slowly_as_its_legs_say():
-    vehicle = executor([takeoff(), at(18, 0, 0, 10, 1, 0, 4), RTL])
-    vehicle.set_speed(10.0)
-    vehicle.start()
-    speeds = []
-    while vehicle.current_seq < 2:
-        vehicle.advance(vehicle.time_s + 0.1)
-        x, y, _ = vehicle.motion.position_m
-        if vehicle.current_seq == 1 and math.hypot(x, y) > 3.0:
-            speeds.append(math.hypot(*vehicle.state().velocity_m_s[:2]))
-    assert len(speeds) > 50
-    assert max(speeds) < 1.2 * math.sqrt(0.5 * QUAD.acceleration_m_s2 * 4.0)
-
-
 @pytest.mark.parametrize(("speed", "brakes"), [(0.1, False), (1.5, True), (8.0, True)])
 def test_a_return_begins_with_braking_unless_the_vehicle_stands(speed, brakes):
     vehicle = executor([takeoff(), wp(100, 0), RTL])

@@ -107,7 +107,7 @@ class ScoreHistory:
     def field_losses(self) -> NDArray[np.float64]:
         """The mean loss a cell of each field, float64[c, n]."""
         losses = [entry.field_loss for entry in self.entries]
-        return np.array(losses, dtype=np.float64).reshape(len(losses), -1)
+        return np.array(losses, dtype=np.float64) if losses else np.empty((0, 0))
 
     @property
     def score(self) -> float | None:

@@ -22,7 +22,7 @@ from sensors.environment.cache import EnvironmentCache
 from sensors.estimators import Estimator
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
-from sensors.scoring.score import RunningScore
+from sensors.scoring.score import RunningScore, ScoreWeights
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
@@ -90,6 +90,7 @@ def fly(
     *,
     planner: Planner | str | None = None,
     estimator: Estimator | str | None = None,
+    weights: ScoreWeights | None = None,
     progress: Progress | None = None,
     pace: float | None = None,
     tlog: Path | None = None,
@@ -103,6 +104,8 @@ def fly(
     scenario : Scenario
     planner, estimator : object or str, optional
         In place of the scenario's.
+    weights : ScoreWeights, optional
+        What errors cost; the paper's by default.
     progress : callable, optional
         ``progress(what, done, total)``.
     pace : float, optional
@@ -142,7 +145,7 @@ def fly(
     watch.lap("environment")
     # One BLAS thread: sums do not depend on the number of cores then, and small matrices are faster.
     with threadpool_limits(1, user_api="blas"):
-        run = _Run(scenario, planned, environment, truth, learner, options, tell, watch)
+        run = _Run(scenario, planned, environment, truth, weights, learner, options, tell, watch)
         try:
             run.fly(pace, tlog, impairment)
         except KeyboardInterrupt:
@@ -161,6 +164,7 @@ class _Run:
         planned: PlanResult,
         environment: Environment,
         truth: NDArray[np.float32],
+        weights: ScoreWeights | None,
         estimator: Estimator,
         options: LeafCameraOptions,
         tell: Progress,
@@ -188,7 +192,7 @@ class _Run:
         )
         self.estimator = estimator.fit(grid)
         self.estimate = RunEstimate(
-            estimator, RunningScore(truth, PAPER_FIELDS.masks(grid)), self._score_every()
+            estimator, RunningScore(truth, PAPER_FIELDS.masks(grid), weights), self._score_every()
         )
         self.parts: list[Observations] = []
         self.simulation: Simulation | None = None

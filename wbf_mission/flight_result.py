@@ -109,6 +109,16 @@ class Result:
         """The estimator with its parameters."""
         return str(self.scenario.estimate.estimator)
 
+    def tables(self) -> dict[str, Any]:
+        """Return track, observations and history as pyarrow tables."""
+        from wbf_mission.result_files import history_table, track_table
+
+        return {
+            "track": track_table(self.track, self.true_track),
+            "observations": self.observations.to_table(),
+            "history": history_table(self.history, self.observations.fields),
+        }
+
     def plot(self, path: str | Path) -> Path:
         """Draw the farm with the planned and the flown path into a PNG file.
 

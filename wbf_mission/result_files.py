@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from concurrent.futures import Executor, Future
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +24,7 @@ from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import Score
 from sim_vehicle.prediction.predict import Prediction
+from wbf_mission.arrays import SUFFIX, read_array, write_array
 from wbf_mission.blocks import MapGrid
 from wbf_mission.estimation import ScoreHistory
 from wbf_mission.outcome import Outcome, Track
@@ -66,21 +68,23 @@ class _Record(msgspec.Struct, forbid_unknown_fields=True):
     fields: tuple[str, ...]
 
 
-def write_array(path: Path, array: NDArray[Any]) -> None:
-    """Write an array as float32 in numpy's format."""
-    with atomic_write(path, "wb") as stream:
-        np.save(stream, np.asarray(array, dtype=np.float32), allow_pickle=False)
+def write_arrays(result: Result, folder: Path, pool: Executor) -> dict[Path, Future[None]]:
+    """Begin to write truth, value and uncertainty, and return the files with what tells when they are done.
 
-
-def read_array(path: Path) -> NDArray[np.float32] | None:
-    """Return the array of a file, mapped from there; None without a file."""
-    if not path.is_file():
-        return None
-    array: NDArray[np.float32] = np.load(path, mmap_mode="r", allow_pickle=False)
-    if array.dtype != np.float32 or array.ndim != 3:
-        msg = f"{path}: {array.dtype}{list(array.shape)}, expected float32[n, W, H]"
-        raise ResultError(msg)
-    return array
+    Compressing lets go of the interpreter's lock, so that the other files can be written meanwhile.
+    """
+    model = result.model
+    arrays = {
+        "truth": result.truth,
+        "value": None if model is None else model.value,
+        "uncertainty": None if model is None else model.uncertainty,
+    }
+    fields = result.observations.fields
+    return {
+        folder / f"{name}{SUFFIX}": pool.submit(write_array, folder / f"{name}{SUFFIX}", array, fields)
+        for name, array in arrays.items()
+        if array is not None
+    }
 
 
 def write_maps(path: Path, maps: dict[str, tuple[FieldMap, ...]]) -> None:
@@ -153,7 +157,7 @@ def history_table(history: ScoreHistory, fields: tuple[str, ...]) -> Any:
 
 
 def write_result(result: Result, folder: Path) -> list[Path]:
-    """Write a result without its pictures into a folder, and return the files."""
+    """Write a result without its arrays and pictures into a folder, and return the files."""
     written = [folder / RECORD, folder / "summary.json", folder / "plan.plan", folder / "plan.json"]
     write_json(written[0], _record(result))
     write_json(written[1], result.summary())
@@ -166,16 +170,6 @@ def write_result(result: Result, folder: Path) -> list[Path]:
     if result.true_track is not None:
         write_table(folder / "true_track.parquet", track_table(result.true_track, None))
         written.append(folder / "true_track.parquet")
-    model = result.model
-    arrays = {
-        "truth": result.truth,
-        "value": None if model is None else model.value,
-        "uncertainty": None if model is None else model.uncertainty,
-    }
-    for name, array in arrays.items():
-        if array is not None:
-            write_array(folder / f"{name}.npy", array)
-            written.append(folder / f"{name}.npy")
     if result.maps:
         write_maps(folder / "maps.npz", {"estimate": result.maps, "truth": result.true_maps})
         written.append(folder / "maps.npz")
@@ -211,7 +205,10 @@ def read_result(folder: Path) -> Result:
         seed=scenario.seed,
         **planned,
     )
-    value, uncertainty = read_array(folder / "value.npy"), read_array(folder / "uncertainty.npy")
+    truth, value, uncertainty = (
+        _read_array(folder / f"{name}{SUFFIX}", record.fields, plan.farm)
+        for name in ("truth", "value", "uncertainty")
+    )
     model = None
     if value is not None and uncertainty is not None:
         model = InformationModel(value, uncertainty, fields=record.fields)
@@ -229,7 +226,7 @@ def read_result(folder: Path) -> Result:
             TransferStatistics(**{**one, "mission_type": MissionType(one["mission_type"])})
             for one in record.transfers
         ],
-        truth=read_array(folder / "truth.npy"),
+        truth=truth,
         model=model,
         history=_read_history(folder / "scores.parquet", record.fields),
         battery_used=record.battery_used,
@@ -272,6 +269,11 @@ def _record(result: Result) -> _Record:
         environment_cached=result.environment_cached,
         fields=result.observations.fields,
     )
+
+
+def _read_array(path: Path, fields: tuple[str, ...], farm: Farm) -> NDArray[np.float32] | None:
+    """Return the array of a file; None without one."""
+    return read_array(path, (len(fields), farm.width_cells, farm.height_cells)) if path.is_file() else None
 
 
 def _fields_of(value: Any) -> dict[str, Any]:

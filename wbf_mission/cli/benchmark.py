@@ -65,7 +65,7 @@ def benchmark_command(
 
     The environment of a seed is the same for every row, so the rows can be compared.
     """
-    from wbf_mission.benchmark import run_benchmark
+    from wbf_mission.benchmarking import benchmark
 
     output = Output(as_json=json, quiet=quiet)
     base = given.scenario()
@@ -74,7 +74,7 @@ def benchmark_command(
         raise ScenarioError(msg)
     names = {"planner": choices_in(planners, "planner"), "estimator": choices_in(estimators, "estimator")}
     with output.progress() as progress:
-        rows = run_benchmark(
+        rows = benchmark(
             base, names["planner"], names["estimator"], range(seeds), jobs=jobs, progress=progress
         )
     table = []

@@ -56,7 +56,7 @@ class BenchmarkRow:
         }
 
 
-def run_benchmark(
+def benchmark(
     base: Scenario,
     planners: Sequence[str | Choice],
     estimators: Sequence[str | Choice],

@@ -19,7 +19,8 @@ from mission.files import read_mission, write_mission
 from mission.model import MissionType
 from mission.transfer.events import TransferStatistics
 from sensors.camera.wire import AssemblerStatistics
-from sensors.fields import PAPER_FIELDS
+from sensors.field_files import field_from_table, field_to_table
+from sensors.fields import FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import Score
@@ -65,7 +66,7 @@ class _Record(msgspec.Struct, forbid_unknown_fields=True):
     timings_s: dict[str, float]
     texts: list[tuple[float, int, str]]
     environment_cached: bool
-    fields: tuple[str, ...]
+    fields: tuple[dict[str, Any], ...]
 
 
 def write_arrays(result: Result, folder: Path, pool: Executor) -> dict[Path, Future[None]]:
@@ -100,7 +101,7 @@ def write_maps(path: Path, maps: dict[str, tuple[FieldMap, ...]]) -> None:
         np.savez_compressed(stream, **arrays)
 
 
-def read_maps(path: Path, kind: str, farm: Farm) -> tuple[FieldMap, ...]:
+def read_maps(path: Path, kind: str, farm: Farm, fields: FieldSet) -> tuple[FieldMap, ...]:
     """Return the maps of a kind; none without a file."""
     if not path.is_file():
         return ()
@@ -109,7 +110,7 @@ def read_maps(path: Path, kind: str, farm: Farm) -> tuple[FieldMap, ...]:
         there = [name.split(".")[1] for name in arrays if name.startswith(f"{kind}.")]
         for field in dict.fromkeys(there):
             of_field: dict[str, Any] = {name: arrays.get(f"{kind}.{field}.{name}") for name in _MAP}
-            maps.append(FieldMap(PAPER_FIELDS[field], MapGrid.of(farm), **of_field))
+            maps.append(FieldMap(fields[field], MapGrid.of(farm), **of_field))
     return tuple(maps)
 
 
@@ -165,7 +166,7 @@ def write_result(result: Result, folder: Path) -> list[Path]:
     write_mission(result.plan.mission, written[3])
     result.observations.save(folder / "observations.parquet")
     write_table(folder / "track.parquet", track_table(result.track, result.true_track))
-    write_table(folder / "scores.parquet", history_table(result.history, result.observations.fields))
+    write_table(folder / "scores.parquet", history_table(result.history, result.fields.names))
     written += [folder / f"{name}.parquet" for name in ("observations", "track", "scores")]
     if result.true_track is not None:
         write_table(folder / "true_track.parquet", track_table(result.true_track, None))
@@ -188,6 +189,7 @@ def read_result(folder: Path) -> Result:
     from wbf_mission.flight_result import Result
 
     record = _read_record(folder / RECORD)
+    fields = FieldSet(tuple(field_from_table(one, str(folder / RECORD)) for one in record.fields))
     scenario = Scenario(**record.scenario)
     own_farm, own_vehicle = folder / "farm.geojson", folder / "vehicle.toml"
     vehicle = scenario.vehicle
@@ -206,12 +208,12 @@ def read_result(folder: Path) -> Result:
         **planned,
     )
     truth, value, uncertainty = (
-        _read_array(folder / f"{name}{SUFFIX}", record.fields, plan.farm)
+        _read_array(folder / f"{name}{SUFFIX}", fields.names, plan.farm)
         for name in ("truth", "value", "uncertainty")
     )
     model = None
     if value is not None and uncertainty is not None:
-        model = InformationModel(value, uncertainty, fields=record.fields)
+        model = InformationModel(value, uncertainty, fields=fields.names)
     true_track = folder / "true_track.parquet"
     return Result(
         scenario=scenario,
@@ -220,7 +222,7 @@ def read_result(folder: Path) -> Result:
         reason=record.reason,
         track=_read_track(folder / "track.parquet"),
         true_track=_read_track(true_track) if true_track.is_file() else None,
-        observations=Observations.load(folder / "observations.parquet"),
+        observations=Observations.load(folder / "observations.parquet", fields.names),
         camera=AssemblerStatistics(**record.camera),
         transfers=[
             TransferStatistics(**{**one, "mission_type": MissionType(one["mission_type"])})
@@ -228,7 +230,7 @@ def read_result(folder: Path) -> Result:
         ],
         truth=truth,
         model=model,
-        history=_read_history(folder / "scores.parquet", record.fields),
+        history=_read_history(folder / "scores.parquet", fields.names),
         battery_used=record.battery_used,
         flight_time_s=record.flight_time_s,
         simulated_s=record.simulated_s,
@@ -236,8 +238,9 @@ def read_result(folder: Path) -> Result:
         timings_s=record.timings_s,
         texts=record.texts,
         environment_cached=record.environment_cached,
-        maps=read_maps(folder / "maps.npz", "estimate", plan.farm),
-        true_maps=read_maps(folder / "maps.npz", "truth", plan.farm),
+        fields=fields,
+        maps=read_maps(folder / "maps.npz", "estimate", plan.farm, fields),
+        true_maps=read_maps(folder / "maps.npz", "truth", plan.farm, fields),
     )
 
 
@@ -267,7 +270,7 @@ def _record(result: Result) -> _Record:
         timings_s=result.timings_s,
         texts=[(time_s, int(severity), text) for time_s, severity, text in result.texts],
         environment_cached=result.environment_cached,
-        fields=result.observations.fields,
+        fields=tuple(field_to_table(field) for field in result.fields),
     )
 
 

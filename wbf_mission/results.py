@@ -309,6 +309,7 @@ def _plot_jobs(result: Result) -> list[tuple[str, Any]]:
                         history.field_losses,
                         path,
                         f"{title}, {estimator}",
+                        result.fields,
                     ),
                 )
             )

@@ -10,7 +10,6 @@ from typing import Any
 from geo.named import ParameterError, parse_named
 from wbf_mission.scenario.option import ScenarioError
 
-
 # Commas within quotation marks or brackets part nothing.
 _BETWEEN_COMMAS = re.compile(r'(?:"[^"]*"|\[(?:"[^"]*"|[^\]"])*\]|[^,"\[])+')
 

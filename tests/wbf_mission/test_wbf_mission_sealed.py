@@ -13,6 +13,7 @@ from sensors.camera.leaf_camera import LeafCamera
 from sensors.environment import Environment
 from sensors.environment.cache import EnvironmentCache
 from sensors.estimators.point import PointEstimator
+from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import RunningScore
 from sim_vehicle.mavlink import SimVehicle
@@ -148,6 +149,6 @@ def test_an_estimator_reaches_neither_truth_nor_its_seed() -> None:
 
 @pytest.mark.parametrize("name", ["epidemic", "gp"])
 def test_an_estimator_that_draws_gets_a_sealed_seed(name: str) -> None:
-    seen = reachable(estimator_of(Choice(name), RUN.seed))
+    seen = reachable(estimator_of(Choice(name), RUN.seed, PAPER_FIELDS))
     assert RUN.seed not in [one for one in seen if isinstance(one, int)]
     assert not finds_truth(seen, *true_state(RUN))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,12 +11,12 @@ import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output
+from wbf_mission.cli.outputs import refuse_overwrite
 from wbf_mission.scenario import CameraOptions, FarmOptions, VehicleOptions, WeatherOptions
 from wbf_mission.sim_options import LINKS, SimOptions, load_sim, parse_speed
 
 if TYPE_CHECKING:
     from mission.link.codec.signing import Signing
-    from mission.link.tlog import TlogWriter
     from wbf_mission.simulator import Simulated
 
 EXAMPLES = """
@@ -68,6 +67,10 @@ def sim_command(
     tlog: Annotated[
         Path | None, typer.Option(help="Log every frame there.", rich_help_panel="Output", show_default=False)
     ] = None,
+    force: Annotated[
+        bool,
+        typer.Option("--force", help="Log over a file that is no .tlog.", rich_help_panel="Output"),
+    ] = False,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> None:
@@ -75,8 +78,10 @@ def sim_command(
 
     It binds to loopback unless a link says otherwise. End it with Ctrl-C.
     """
+    from mission.link.tlog import TlogWriter
     from sim_vehicle.faults.fault import parse_fault
     from sim_vehicle.host.server import Server
+    from wbf_mission.flight import EPOCH_UNIX_S
     from wbf_mission.scenario import Scenario
     from wbf_mission.simulator import make_components, parse_home
 
@@ -88,6 +93,8 @@ def sim_command(
     faults = [*planned, *(parse_fault(text) for text in fault or ())]
     chosen = replace(in_file, **given.others)
     scenario = given.change(base)
+    read = [given.file, scenario.farm.name, scenario.vehicle.name]
+    refuse_overwrite(tlog, read, suffixes=(".tlog",), force=force)
     homes = [parse_home(text) for text in chosen.home]
     with output.progress() as progress:
         simulated = make_components(
@@ -98,17 +105,25 @@ def sim_command(
             with_camera=chosen.camera,
             progress=progress,
         )
-    log, tap = _log(tlog)
+    log: TlogWriter | None = None
+
+    def tap(frame: bytes, now_s: float) -> None:
+        if log is not None:
+            log.write(frame, EPOCH_UNIX_S + now_s)
+
     try:
         with Server(
             simulated.components,
             [*chosen.listen, *chosen.connect] or simulated.fleet.urls,
             speed=parse_speed(chosen.speed),
-            tap=tap,
+            tap=None if tlog is None else tap,
             faults=faults,
             seed=scenario.seed,
             signing=_signing(signing_key),
         ) as server:
+            if tlog is not None:
+                # Only now: what keeps the simulator from starting leaves an older log as it was.
+                log = TlogWriter(tlog)
             output.note(_greeting(simulated, scenario.vehicle.name, server.urls))
             for wrong in faults:
                 output.note(f"fault: {wrong}")
@@ -154,22 +169,6 @@ def _signing(key: str | None) -> Signing | None:
             msg = f"signing key: {key[1:]} cannot be read: {error}"
             raise LinkError(msg) from error
     return Signing(key_from_text(key), clock=time.time)
-
-
-def _log(path: Path | None) -> tuple[TlogWriter | None, Callable[[bytes, float], None] | None]:
-    """Open the log, and return it with what writes a frame into it."""
-    if path is None:
-        return None, None
-    from mission.link.tlog import TlogWriter
-    from wbf_mission.flight import EPOCH_UNIX_S
-
-    log = TlogWriter(path)
-    write = log.write
-
-    def tap(frame: bytes, now_s: float) -> None:
-        write(frame, EPOCH_UNIX_S + now_s)
-
-    return log, tap
 
 
 def _greeting(simulated: Simulated, vehicle: str, urls: tuple[str, ...]) -> str:

@@ -14,12 +14,12 @@ from geo import Farm
 from geo.errors import WbfMissionError
 from geo.seeds import child_seed, stream
 from mission.link.tlog import TlogWriter
+from mission.planners import Planner
 from sensors.camera.leaf_camera import LeafCamera, LeafCameraOptions
 from sensors.camera.wire import ObservationAssembler
 from sensors.environment import Environment
 from sensors.environment.cache import EnvironmentCache
-from sensors.errors import EstimatorError
-from sensors.estimators import Estimator, make_estimator
+from sensors.estimators import Estimator
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import RunningScore
@@ -27,13 +27,14 @@ from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
 from sim_vehicle.mavlink import SimVehicle
-from wbf_mission.estimation import RunEstimate, require_run_memory, score_points
-from wbf_mission.flight_result import FlightResult
+from wbf_mission.estimation import RunEstimate, estimator_of, require_run_memory, resolved, score_points
+from wbf_mission.flight_result import Result
 from wbf_mission.ground.station import GroundStation
 from wbf_mission.outcome import Outcome, Phase
 from wbf_mission.planning import PlanResult, home_of, plan
 from wbf_mission.report import FieldMap, field_maps, true_map
-from wbf_mission.scenario import CameraOptions, Choice, Scenario
+from wbf_mission.scenario import CameraOptions, Scenario, scenario_with
+from wbf_mission.stopwatch import Stopwatch
 from wbf_mission.weather import noise_of, wind_of_run
 
 Progress = Callable[[str, float, float], None]
@@ -49,19 +50,6 @@ EPOCH_UNIX_S = (
 
 class FlightError(WbfMissionError, RuntimeError):
     """A run that cannot be done."""
-
-
-class _Stopwatch:
-    """Wall seconds by part of the run."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self._since = time.perf_counter()
-
-    def lap(self, name: str) -> None:
-        now = time.perf_counter()
-        self.seconds[name] = self.seconds.get(name, 0.0) + now - self._since
-        self._since = now
 
 
 def make_environment(
@@ -97,42 +85,30 @@ def camera_options(camera: CameraOptions) -> LeafCameraOptions:
     )
 
 
-def estimator_of(choice: Choice, seed: int) -> Estimator:
-    """Return the estimator of a choice, with its parameters.
-
-    Raises
-    ------
-    EstimatorError
-        If the name or a parameter is unknown.
-    """
-    if choice.made is None:
-        return make_estimator(choice.name, random_state=child_seed(seed, "estimator"), **choice.params)
-    if not isinstance(choice.made, Estimator):
-        msg = f"estimator {choice.name} has no fit, partial_fit and predict; see docs/estimators.md"
-        raise EstimatorError(msg)
-    return choice.made
-
-
 def fly(
     scenario: Scenario,
     *,
+    planner: Planner | str | None = None,
+    estimator: Estimator | str | None = None,
     progress: Progress | None = None,
     pace: float | None = None,
     tlog: Path | None = None,
     impairment: Impairment | None = None,
     use_cache: bool = True,
-) -> FlightResult:
+) -> Result:
     """Do a scenario's whole job offline.
 
     Parameters
     ----------
     scenario : Scenario
+    planner, estimator : object or str, optional
+        In place of the scenario's.
     progress : callable, optional
         ``progress(what, done, total)``.
     pace : float, optional
         Simulated seconds per wall second; as fast as possible without.
     tlog : Path, optional
-        Write every MAVLink frame of the run there.
+        Write every MAVLink frame of the run there; its folder is made when the flight begins.
     impairment : Impairment, optional
         A bad radio between the ground station and the vehicle.
     use_cache : bool
@@ -141,7 +117,7 @@ def fly(
 
     Returns
     -------
-    FlightResult
+    Result
         Also when the flight went wrong or was interrupted by Ctrl-C: the outcome says how.
 
     Raises
@@ -150,21 +126,23 @@ def fly(
         If the scenario cannot be planned or set up.
     """
     tell = progress or _silent
-    watch = _Stopwatch()
+    watch = Stopwatch()
     options = camera_options(scenario.camera)
-    estimator = estimator_of(scenario.estimate.estimator, scenario.seed)
+    scenario = scenario_with(scenario, {"planner": planner, "estimator": estimator})
+    scenario = resolved(scenario)
+    learner = estimator_of(scenario.estimate.estimator, scenario.seed)
     tell("planning", 0, 1)
     planned = plan(scenario)
     tell("planning", 1, 1)
     watch.lap("plan")
     farm = planned.farm
-    require_run_memory(farm, estimator, round(_expected_observations(scenario.camera, planned)))
+    require_run_memory(farm, learner, round(_expected_observations(scenario.camera, planned)))
     environment, cached = _find_environment(scenario, farm, progress, use_cache=use_cache)
     truth = environment.values(scenario.farm.day)
     watch.lap("environment")
     # One BLAS thread: sums do not depend on the number of cores then, and small matrices are faster.
     with threadpool_limits(1, user_api="blas"):
-        run = _Run(scenario, planned, environment, truth, estimator, options, tell, watch)
+        run = _Run(scenario, planned, environment, truth, learner, options, tell, watch)
         try:
             run.fly(pace, tlog, impairment)
         except KeyboardInterrupt:
@@ -186,7 +164,7 @@ class _Run:
         estimator: Estimator,
         options: LeafCameraOptions,
         tell: Progress,
-        watch: _Stopwatch,
+        watch: Stopwatch,
     ) -> None:
         farm = planned.farm
         grid = farm.grid()
@@ -228,7 +206,10 @@ class _Run:
 
     def fly(self, pace: float | None, tlog: Path | None, impairment: Impairment | None) -> None:
         """Fly from the first heartbeat to the last, estimating on the way."""
-        writer = TlogWriter(tlog) if tlog is not None else None
+        writer = None
+        if tlog is not None:
+            tlog.parent.mkdir(parents=True, exist_ok=True)
+            writer = TlogWriter(tlog)
         tap = None
         if writer is not None:
             write = writer.write
@@ -286,7 +267,7 @@ class _Run:
     def _on_transfer(self, phase: Phase, done: int, total: int) -> None:  # noqa: ARG002
         self.tell("uploading", done, total)
 
-    def result(self) -> FlightResult:
+    def result(self) -> Result:
         """Score what was learned last and gather everything."""
         simulation, ground = self.simulation, self.ground
         now_s = simulation.now_s if simulation is not None else 0.0
@@ -299,7 +280,7 @@ class _Run:
         observations = Observations.concatenate(self.parts)
         maps, true_maps = self._maps(observations)
         self.watch.lap("report")
-        return FlightResult(
+        return Result(
             scenario=self.scenario,
             plan=self.planned,
             outcome=ground.outcome,

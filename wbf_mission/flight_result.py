@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from wbf_mission.scenario import Scenario
 
 
 @dataclass(slots=True)
-class FlightResult:
+class Result:
     """What a run gave; parts that were not reached are empty.
 
     Parameters
@@ -87,6 +88,67 @@ class FlightResult:
         return report_of_maps(self.farm, self.maps) if self.maps else None
 
     @property
+    def score(self) -> float | None:
+        """The paper's score, averaged over the scored times of the run; 0 is perfect; None without any."""
+        return self.history.score
+
+    @property
+    def final_score(self) -> float | None:
+        """The paper's score of the last estimate."""
+        return self.history.entries[-1].score if self.history.entries else None
+
+    @property
+    def losses(self) -> dict[str, float]:
+        """The mean loss a cell of each field by the last estimate; empty without one."""
+        if not self.history.entries:
+            return {}
+        return dict(zip(self.observations.fields, self.history.entries[-1].field_loss, strict=True))
+
+    @property
+    def estimator(self) -> str:
+        """The estimator with its parameters."""
+        return str(self.scenario.estimate.estimator)
+
+    def plot(self, path: str | Path) -> Path:
+        """Draw the farm with the planned and the flown path into a PNG file.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        from wbf_mission.plots import plot_paths
+
+        track = np.column_stack((self.track.x_m, self.track.y_m))
+        title = f"{self.farm.name}: {self.plan.planner or 'mission file'}, {self.plan.vehicle.name}"
+        return plot_paths(self.farm, self.plan.path_m, track, Path(path), title)
+
+    def save(self, path: str | Path, *, plots: bool = True, force: bool = False) -> Path:
+        """Save everything into a folder, from where `wbf_mission.load_result` loads an equal result.
+
+        The files are written beside the folder first and take its place when they are complete.
+
+        Parameters
+        ----------
+        path : path-like
+            The folder; its own parents are made.
+        plots : bool
+            Whether pictures are drawn among the files.
+        force : bool
+            Replace the result of another run, or write among other files.
+
+        Raises
+        ------
+        ResultError
+            If the folder holds something else that must not be replaced.
+        OSError
+            If a file cannot be written.
+        """
+        from wbf_mission.results import save_result
+
+        return save_result(self, path, plots=plots, force=force)
+
+    @property
     def farm(self) -> Farm:
         """The farm that was flown."""
         return self.plan.farm
@@ -103,7 +165,7 @@ class FlightResult:
             "farm": self.farm.name,
             "planner": self.plan.planner,
             "mission": self.scenario.mission.file,
-            "estimator": str(self.scenario.estimate.estimator),
+            "estimator": self.estimator,
             "vehicle": self.plan.vehicle.name,
             "day": self.scenario.farm.day,
             "outcome": self.outcome.value,

@@ -187,7 +187,9 @@ class _Ground:
 
     def __init__(self, mission: Mission, spec: VehicleSpec, home: LocalFrame, wind: Wind | None) -> None:
         self._items = mission.items
-        self._new: Callable[[], MissionExecutor] = lambda: MissionExecutor(spec, home, wind=wind)
+        self._new: Callable[[], MissionExecutor] = lambda: MissionExecutor(
+            spec, home, wind=wind, takes_off=climbs_by_itself(spec)
+        )
         self._home = home
         takeoff = [k for k, item in enumerate(mission.items) if item.command == Command.NAV_TAKEOFF]
         self._begin = mission.items[: takeoff[0] + 1] if takeoff else ()
@@ -212,7 +214,6 @@ class _Ground:
         """Fly items to their end and return what happened; None if it never ends or cannot be flown."""
         executor = self._new()
         motion = executor.motion
-        executor.takes_off = climbs_by_itself(executor.spec)
         executor.load(items)
         executor.arm()
         executor.start()

@@ -13,7 +13,7 @@ from wbf_mission.scenario.texts import parameter_values, shear_values, turbulenc
 RUN = "What to run"
 VEHICLE = "Vehicle and weather"
 CAMERA = "Leaf camera"
-_SPIRAL, _DISKS = Choice("spiral"), Choice("adaptive-disk")
+_SPIRAL = Choice("spiral")
 LAST_DAY = 126
 """The last day of an environment."""
 LEVELS = ("light", "moderate", "severe", "wind")
@@ -105,7 +105,11 @@ class VehicleOptions(Part):
         kind="vehicle",
     )
     autopilot: str = option(
-        DEFAULT_AUTOPILOT, "Whose way of flying, modes and habits", VEHICLE, choices=autopilot_names()
+        DEFAULT_AUTOPILOT,
+        "Whose way of flying, modes and habits",
+        VEHICLE,
+        choices=autopilot_names(),
+        kind="autopilot",
     )
     parameters: dict[str, float] = option(
         dict,
@@ -239,17 +243,19 @@ class EstimateOptions(Part):
     """Who makes the map from what was seen."""
 
     estimator: Any = option(
-        _DISKS,
+        None,
         "Estimator, NAME[:KEY=VALUE,...]: adaptive-disk, gp, epidemic, gp-sklearn, point, authors-ad or one"
         " of yours",
         RUN,
         kind="estimator",
         metavar="NAME",
+        default="the best that the farm can afford: epidemic on small farms, gp on others",
     )
 
     def check(self) -> None:
         """Take the estimator as a `Choice`."""
-        object.__setattr__(self, "estimator", choose(self.estimator, "estimator"))
+        if self.estimator is not None:
+            object.__setattr__(self, "estimator", choose(self.estimator, "estimator"))
 
 
 @dataclass(frozen=True, slots=True)

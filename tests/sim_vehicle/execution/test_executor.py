@@ -8,7 +8,8 @@ from geo.frame import LocalFrame
 from mission.model import MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.execution.executor import MissionExecutor, check_mission
+from sim_vehicle.execution.executor import MissionExecutor
+from sim_vehicle.execution.feasibility import check_mission
 from sim_vehicle.execution.state import (
     BatteryDepleted,
     CameraCommand,

@@ -572,12 +572,12 @@ def test_a_fence_and_rally_points_come_over_the_link():
         for seq, item in enumerate(items):
             rig.tell(wire.item_to_message(item, seq, MissionType(kind), (1, 1)))
     assert rig.pilot.failsafe.outside((80.0, 0.0, 10.0)) == "30.0 m outside the area"
-    (point,) = rig.pilot.executor.rally_m
+    (point,) = rig.pilot.executor.return_points.rally_m
     assert point == pytest.approx((30.0, 0.0, 20.0), abs=0.02)
     rig.tell(m.MAVLink_mission_clear_all_message(1, 1, 1))
     rig.tell(m.MAVLink_mission_clear_all_message(1, 1, 2))
     assert rig.pilot.failsafe.outside((80.0, 0.0, 10.0)) is None
-    assert rig.pilot.executor.rally_m == ()
+    assert rig.pilot.executor.return_points.rally_m == ()
 
 
 @BOTH

@@ -13,6 +13,7 @@ import typer
 
 from wbf_mission.cli import options, signals
 from wbf_mission.cli.output import Output
+from wbf_mission.cli.targets import refuse_overwrite
 from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import CameraOptions, FarmOptions, VehicleOptions, WeatherOptions
 from wbf_mission.sim_options import LINKS, SimOptions, load_sim, parse_speed
@@ -68,8 +69,21 @@ def sim_command(
         bool, typer.Option("--list-faults", help="List the kinds of faults.", rich_help_panel="Faults")
     ] = False,
     tlog: Annotated[
-        Path | None, typer.Option(help="Log every frame there.", rich_help_panel="Output", show_default=False)
+        Path | None,
+        typer.Option(
+            help="Log every frame there; an existing .tlog is replaced.",
+            rich_help_panel="Output",
+            show_default=False,
+        ),
     ] = None,
+    force: Annotated[
+        bool,
+        typer.Option(
+            "--force",
+            help="Replace existing files of any kind with the log and the ready file.",
+            rich_help_panel="Output",
+        ),
+    ] = False,
     ready_file: Annotated[
         Path | None,
         typer.Option(
@@ -99,6 +113,9 @@ def sim_command(
     faults = [*planned, *(parse_fault(text) for text in fault or ())]
     chosen = replace(in_file, **given.others)
     scenario = given.change(base)
+    inputs = [given.file, scenario.farm.name, scenario.vehicle.name]
+    refuse_overwrite(tlog, inputs, suffixes=(".tlog",), force=force)
+    refuse_overwrite(ready_file, [*inputs, tlog], suffixes=("", ".ready", ".txt"), force=force)
     homes = [parse_home(text) for text in chosen.home]
     with output.progress() as progress:
         simulated = make_components(

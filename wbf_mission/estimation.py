@@ -17,6 +17,8 @@ from geo.seeds import sealed_seed
 from sensors.errors import EstimatorError
 from sensors.estimators import Estimator, default_estimator, make_estimator
 from sensors.estimators.base import estimator_memory
+from sensors.field_files import load_field_set
+from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import RunningScore, Score
@@ -44,23 +46,26 @@ def resolved(scenario: Scenario) -> Scenario:
     if scenario.estimate.estimator is not None:
         return scenario
     farm = get_farm(scenario.farm.name)
-    return scenario_with(scenario, {"estimator": default_estimator(farm, scenario.camera.fields)})
+    names = load_field_set(scenario.farm.fields).names
+    sensed = scenario.camera.fields
+    if sensed is not None and names == PAPER_FIELDS.names:
+        names = sensed
+    return scenario_with(scenario, {"estimator": default_estimator(farm, names)})
 
 
-def estimator_of(choice: Choice, seed: int) -> Estimator:
-    """Return the estimator of a choice with its parameters, and a seed that does not tell the run's.
+def estimator_of(choice: Choice, seed: int, fields: FieldSet) -> Estimator:
+    """Give the estimator of a choice for these fields, with a seed that does not tell the run's.
 
     Raises
     ------
     EstimatorError
-        If the name or a parameter is unknown, or an object is no estimator.
+        If the name or a parameter is unknown, an object is no estimator, or it does not know the fields.
     """
     if choice.made is None:
-        return make_estimator(choice.name, random_state=sealed_seed(seed, "estimator"), **choice.params)
-    if not isinstance(choice.made, Estimator):
-        msg = f"estimator {choice.name} has no fit, partial_fit and predict; see docs/estimators.md"
-        raise EstimatorError(msg)
-    return choice.made
+        return make_estimator(
+            choice.name, fields=fields, random_state=sealed_seed(seed, "estimator"), **choice.params
+        )
+    return make_estimator(choice.made, fields=fields)
 
 
 def score_points(farm: Farm, estimator: Estimator) -> int:
@@ -107,7 +112,7 @@ class ScoreHistory:
     def field_losses(self) -> NDArray[np.float64]:
         """The mean loss a cell of each field, float64[c, n]."""
         losses = [entry.field_loss for entry in self.entries]
-        return np.array(losses, dtype=np.float64).reshape(len(losses), -1)
+        return np.array(losses, dtype=np.float64) if losses else np.empty((0, 0))
 
     @property
     def score(self) -> float | None:

@@ -20,9 +20,10 @@ from sensors.camera.wire import ObservationAssembler
 from sensors.environment import Environment
 from sensors.environment.cache import EnvironmentCache
 from sensors.estimators import Estimator
-from sensors.fields import PAPER_FIELDS
+from sensors.field_files import load_field_set
+from sensors.fields import FieldSet
 from sensors.observations import Observations
-from sensors.scoring.score import RunningScore
+from sensors.scoring.score import RunningScore, ScoreWeights
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
@@ -70,18 +71,23 @@ def _find_environment(
 
     cache = EnvironmentCache.of_user() if use_cache else EnvironmentCache.off()
     return cache.environment(
-        farm.grid(), day=scenario.farm.day, seed=child_seed(scenario.seed, "environment"), progress=tell
+        farm.grid(),
+        day=scenario.farm.day,
+        seed=child_seed(scenario.seed, "environment"),
+        fields=load_field_set(scenario.farm.fields),
+        progress=tell,
     )
 
 
-def camera_options(camera: CameraOptions) -> LeafCameraOptions:
-    """Return the leaf camera's own options."""
+def camera_options(camera: CameraOptions, fields: FieldSet) -> LeafCameraOptions:
+    """Give the leaf camera's own options, on a farm with these fields."""
     return LeafCameraOptions(
         footprint_cells=camera.footprint,
         noise_std=camera.noise,
         false_positive_rate=camera.false_positive_rate,
         false_negative_rate=camera.false_negative_rate,
         sensed=camera.fields,
+        fields=fields,
     )
 
 
@@ -90,6 +96,7 @@ def fly(
     *,
     planner: Planner | str | None = None,
     estimator: Estimator | str | None = None,
+    weights: ScoreWeights | None = None,
     progress: Progress | None = None,
     pace: float | None = None,
     tlog: Path | None = None,
@@ -103,6 +110,8 @@ def fly(
     scenario : Scenario
     planner, estimator : object or str, optional
         In place of the scenario's.
+    weights : ScoreWeights, optional
+        What errors cost; the paper's by default.
     progress : callable, optional
         ``progress(what, done, total)``.
     pace : float, optional
@@ -127,10 +136,11 @@ def fly(
     """
     tell = progress or _silent
     watch = Stopwatch()
-    options = camera_options(scenario.camera)
+    fields = load_field_set(scenario.farm.fields)
+    options = camera_options(scenario.camera, fields)
     scenario = scenario_with(scenario, {"planner": planner, "estimator": estimator})
     scenario = resolved(scenario)
-    learner = estimator_of(scenario.estimate.estimator, scenario.seed)
+    learner = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
     tell("planning", 0, 1)
     planned = plan(scenario)
     tell("planning", 1, 1)
@@ -142,7 +152,7 @@ def fly(
     watch.lap("environment")
     # One BLAS thread: sums do not depend on the number of cores then, and small matrices are faster.
     with threadpool_limits(1, user_api="blas"):
-        run = _Run(scenario, planned, environment, truth, learner, options, tell, watch)
+        run = _Run(scenario, planned, environment, truth, weights, learner, options, tell, watch)
         try:
             run.fly(pace, tlog, impairment)
         except KeyboardInterrupt:
@@ -161,6 +171,7 @@ class _Run:
         planned: PlanResult,
         environment: Environment,
         truth: NDArray[np.float32],
+        weights: ScoreWeights | None,
         estimator: Estimator,
         options: LeafCameraOptions,
         tell: Progress,
@@ -172,7 +183,8 @@ class _Run:
         camera = LeafCamera(
             environment, grid.shape, scenario.farm.day, options, stream(scenario.seed, "camera")
         )
-        self.assembler = ObservationAssembler(farm, day=scenario.farm.day)
+        self.fields = options.fields
+        self.assembler = ObservationAssembler(farm, day=scenario.farm.day, fields=self.fields.names)
         self.ground = GroundStation(planned.mission, self.assembler, on_progress=self._on_transfer)
         home = home_of(planned.mission, farm)
         self.vehicle = SimVehicle(
@@ -188,7 +200,7 @@ class _Run:
         )
         self.estimator = estimator.fit(grid)
         self.estimate = RunEstimate(
-            estimator, RunningScore(truth, PAPER_FIELDS.masks(grid)), self._score_every()
+            estimator, RunningScore(truth, self.fields.masks(grid), weights, self.fields), self._score_every()
         )
         self.parts: list[Observations] = []
         self.simulation: Simulation | None = None
@@ -277,7 +289,7 @@ class _Run:
         used = None
         if battery is not None and ground.battery.consumed_wh is not None:
             used = ground.battery.consumed_wh / battery.capacity_wh
-        observations = Observations.concatenate(self.parts)
+        observations = Observations.concatenate(self.parts, self.fields.names)
         maps, true_maps = self._maps(observations)
         self.watch.lap("report")
         return Result(
@@ -299,6 +311,7 @@ class _Run:
             frames=simulation.frames if simulation is not None else 0,
             timings_s=self.watch.seconds,
             texts=ground.texts,
+            fields=self.fields,
             maps=maps,
             true_maps=true_maps,
         )
@@ -312,6 +325,7 @@ class _Run:
             farm,
             model,
             observations,
+            fields=self.fields,
             probabilities=getattr(self.estimator, "class_probabilities", None),
             states_deviation=getattr(self.estimator, "states_deviation", False),
         )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from geo import Farm
 from sensors.camera.wire import AssemblerStatistics
+from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from wbf_mission.estimation import ScoreHistory
@@ -42,7 +43,7 @@ class Result:
         Pictures received, lost, fetched again.
     transfers : list
         Statistics of the mission transfers.
-    truth, model : float32[3, W, H] and InformationModel, or None
+    truth, model : float32[n, W, H] and InformationModel, or None
         The environment of the flight's day, and the last estimate.
     history : ScoreHistory
         Scores over time.
@@ -56,6 +57,8 @@ class Result:
         What the vehicle said (time, severity, text).
     environment_cached : bool
         Whether the environment came from the user's cache.
+    fields : FieldSet
+        What was sensed and scored.
     maps, true_maps : tuple of FieldMap
         Estimate and truth in blocks of cells; empty without an estimate.
     """
@@ -79,6 +82,7 @@ class Result:
     texts: list[tuple[float, int, str]] = field(default_factory=list)
     environment_cached: bool = False
     true_track: Track | None = None
+    fields: FieldSet = PAPER_FIELDS
     maps: tuple[FieldMap, ...] = ()
     true_maps: tuple[FieldMap, ...] = ()
 
@@ -102,12 +106,22 @@ class Result:
         """The mean loss a cell of each field by the last estimate; empty without one."""
         if not self.history.entries:
             return {}
-        return dict(zip(self.observations.fields, self.history.entries[-1].field_loss, strict=True))
+        return dict(zip(self.fields.names, self.history.entries[-1].field_loss, strict=True))
 
     @property
     def estimator(self) -> str:
         """The estimator with its parameters."""
         return str(self.scenario.estimate.estimator)
+
+    def tables(self) -> dict[str, Any]:
+        """Return track, observations and history as pyarrow tables."""
+        from wbf_mission.result_files import history_table, track_table
+
+        return {
+            "track": track_table(self.track, self.true_track),
+            "observations": self.observations.to_table(),
+            "history": history_table(self.history, self.observations.fields),
+        }
 
     def plot(self, path: str | Path) -> Path:
         """Draw the farm with the planned and the flown path into a PNG file.
@@ -173,9 +187,9 @@ class Result:
             "score": self.history.score,
             "final_score": final.score if final else None,
             "scored_times": len(self.history.entries),
-            "losses": _by_field(seen.fields, final.field_loss if final else None),
-            "rmse": _by_field(seen.fields, final.field_rmse if final else None),
-            "mae": _by_field(seen.fields, final.field_mae if final else None),
+            "losses": _by_field(self.fields.names, final.field_loss if final else None),
+            "rmse": _by_field(self.fields.names, final.field_rmse if final else None),
+            "mae": _by_field(self.fields.names, final.field_mae if final else None),
             "authors_axis_max": final.authors_axis_max if final else None,
             "report": report.to_dict() if report is not None else None,
             "observations": len(seen),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from concurrent.futures import Executor, Future
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,11 +19,13 @@ from mission.files import read_mission, write_mission
 from mission.model import MissionType
 from mission.transfer.events import TransferStatistics
 from sensors.camera.wire import AssemblerStatistics
-from sensors.fields import PAPER_FIELDS
+from sensors.field_files import field_from_table, field_to_table
+from sensors.fields import FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import Score
 from sim_vehicle.prediction.predict import Prediction
+from wbf_mission.arrays import SUFFIX, read_array, write_array
 from wbf_mission.blocks import MapGrid
 from wbf_mission.estimation import ScoreHistory
 from wbf_mission.outcome import Outcome, Track
@@ -63,24 +66,26 @@ class _Record(msgspec.Struct, forbid_unknown_fields=True):
     timings_s: dict[str, float]
     texts: list[tuple[float, int, str]]
     environment_cached: bool
-    fields: tuple[str, ...]
+    fields: tuple[dict[str, Any], ...]
 
 
-def write_array(path: Path, array: NDArray[Any]) -> None:
-    """Write an array as float32 in numpy's format."""
-    with atomic_write(path, "wb") as stream:
-        np.save(stream, np.asarray(array, dtype=np.float32), allow_pickle=False)
+def write_arrays(result: Result, folder: Path, pool: Executor) -> dict[Path, Future[None]]:
+    """Begin to write truth, value and uncertainty, and return the files with what tells when they are done.
 
-
-def read_array(path: Path) -> NDArray[np.float32] | None:
-    """Return the array of a file, mapped from there; None without a file."""
-    if not path.is_file():
-        return None
-    array: NDArray[np.float32] = np.load(path, mmap_mode="r", allow_pickle=False)
-    if array.dtype != np.float32 or array.ndim != 3:
-        msg = f"{path}: {array.dtype}{list(array.shape)}, expected float32[n, W, H]"
-        raise ResultError(msg)
-    return array
+    Compressing lets go of the interpreter's lock, so that the other files can be written meanwhile.
+    """
+    model = result.model
+    arrays = {
+        "truth": result.truth,
+        "value": None if model is None else model.value,
+        "uncertainty": None if model is None else model.uncertainty,
+    }
+    fields = result.observations.fields
+    return {
+        folder / f"{name}{SUFFIX}": pool.submit(write_array, folder / f"{name}{SUFFIX}", array, fields)
+        for name, array in arrays.items()
+        if array is not None
+    }
 
 
 def write_maps(path: Path, maps: dict[str, tuple[FieldMap, ...]]) -> None:
@@ -96,7 +101,7 @@ def write_maps(path: Path, maps: dict[str, tuple[FieldMap, ...]]) -> None:
         np.savez_compressed(stream, **arrays)
 
 
-def read_maps(path: Path, kind: str, farm: Farm) -> tuple[FieldMap, ...]:
+def read_maps(path: Path, kind: str, farm: Farm, fields: FieldSet) -> tuple[FieldMap, ...]:
     """Return the maps of a kind; none without a file."""
     if not path.is_file():
         return ()
@@ -105,7 +110,7 @@ def read_maps(path: Path, kind: str, farm: Farm) -> tuple[FieldMap, ...]:
         there = [name.split(".")[1] for name in arrays if name.startswith(f"{kind}.")]
         for field in dict.fromkeys(there):
             of_field: dict[str, Any] = {name: arrays.get(f"{kind}.{field}.{name}") for name in _MAP}
-            maps.append(FieldMap(PAPER_FIELDS[field], MapGrid.of(farm), **of_field))
+            maps.append(FieldMap(fields[field], MapGrid.of(farm), **of_field))
     return tuple(maps)
 
 
@@ -153,7 +158,7 @@ def history_table(history: ScoreHistory, fields: tuple[str, ...]) -> Any:
 
 
 def write_result(result: Result, folder: Path) -> list[Path]:
-    """Write a result without its pictures into a folder, and return the files."""
+    """Write a result without its arrays and pictures into a folder, and return the files."""
     written = [folder / RECORD, folder / "summary.json", folder / "plan.plan", folder / "plan.json"]
     write_json(written[0], _record(result))
     write_json(written[1], result.summary())
@@ -161,21 +166,11 @@ def write_result(result: Result, folder: Path) -> list[Path]:
     write_mission(result.plan.mission, written[3])
     result.observations.save(folder / "observations.parquet")
     write_table(folder / "track.parquet", track_table(result.track, result.true_track))
-    write_table(folder / "scores.parquet", history_table(result.history, result.observations.fields))
+    write_table(folder / "scores.parquet", history_table(result.history, result.fields.names))
     written += [folder / f"{name}.parquet" for name in ("observations", "track", "scores")]
     if result.true_track is not None:
         write_table(folder / "true_track.parquet", track_table(result.true_track, None))
         written.append(folder / "true_track.parquet")
-    model = result.model
-    arrays = {
-        "truth": result.truth,
-        "value": None if model is None else model.value,
-        "uncertainty": None if model is None else model.uncertainty,
-    }
-    for name, array in arrays.items():
-        if array is not None:
-            write_array(folder / f"{name}.npy", array)
-            written.append(folder / f"{name}.npy")
     if result.maps:
         write_maps(folder / "maps.npz", {"estimate": result.maps, "truth": result.true_maps})
         written.append(folder / "maps.npz")
@@ -194,6 +189,7 @@ def read_result(folder: Path) -> Result:
     from wbf_mission.flight_result import Result
 
     record = _read_record(folder / RECORD)
+    fields = FieldSet(tuple(field_from_table(one, str(folder / RECORD)) for one in record.fields))
     scenario = Scenario(**record.scenario)
     own_farm, own_vehicle = folder / "farm.geojson", folder / "vehicle.toml"
     vehicle = scenario.vehicle
@@ -211,10 +207,13 @@ def read_result(folder: Path) -> Result:
         seed=scenario.seed,
         **planned,
     )
-    value, uncertainty = read_array(folder / "value.npy"), read_array(folder / "uncertainty.npy")
+    truth, value, uncertainty = (
+        _read_array(folder / f"{name}{SUFFIX}", fields.names, plan.farm)
+        for name in ("truth", "value", "uncertainty")
+    )
     model = None
     if value is not None and uncertainty is not None:
-        model = InformationModel(value, uncertainty, fields=record.fields)
+        model = InformationModel(value, uncertainty, fields=fields.names)
     true_track = folder / "true_track.parquet"
     return Result(
         scenario=scenario,
@@ -223,15 +222,15 @@ def read_result(folder: Path) -> Result:
         reason=record.reason,
         track=_read_track(folder / "track.parquet"),
         true_track=_read_track(true_track) if true_track.is_file() else None,
-        observations=Observations.load(folder / "observations.parquet"),
+        observations=Observations.load(folder / "observations.parquet", fields.names),
         camera=AssemblerStatistics(**record.camera),
         transfers=[
             TransferStatistics(**{**one, "mission_type": MissionType(one["mission_type"])})
             for one in record.transfers
         ],
-        truth=read_array(folder / "truth.npy"),
+        truth=truth,
         model=model,
-        history=_read_history(folder / "scores.parquet", record.fields),
+        history=_read_history(folder / "scores.parquet", fields.names),
         battery_used=record.battery_used,
         flight_time_s=record.flight_time_s,
         simulated_s=record.simulated_s,
@@ -239,8 +238,9 @@ def read_result(folder: Path) -> Result:
         timings_s=record.timings_s,
         texts=record.texts,
         environment_cached=record.environment_cached,
-        maps=read_maps(folder / "maps.npz", "estimate", plan.farm),
-        true_maps=read_maps(folder / "maps.npz", "truth", plan.farm),
+        fields=fields,
+        maps=read_maps(folder / "maps.npz", "estimate", plan.farm, fields),
+        true_maps=read_maps(folder / "maps.npz", "truth", plan.farm, fields),
     )
 
 
@@ -270,8 +270,13 @@ def _record(result: Result) -> _Record:
         timings_s=result.timings_s,
         texts=[(time_s, int(severity), text) for time_s, severity, text in result.texts],
         environment_cached=result.environment_cached,
-        fields=result.observations.fields,
+        fields=tuple(field_to_table(field) for field in result.fields),
     )
+
+
+def _read_array(path: Path, fields: tuple[str, ...], farm: Farm) -> NDArray[np.float32] | None:
+    """Return the array of a file; None without one."""
+    return read_array(path, (len(fields), farm.width_cells, farm.height_cells)) if path.is_file() else None
 
 
 def _fields_of(value: Any) -> dict[str, Any]:

@@ -9,15 +9,17 @@ import re
 import secrets
 import shutil
 from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import msgspec
 import numpy as np
 
+from wbf_mission.arrays import SUFFIX
 from wbf_mission.estimation import resolved
 from wbf_mission.outcome import Outcome
-from wbf_mission.result_files import RECORD, ResultError, read_result, write_result
+from wbf_mission.result_files import RECORD, ResultError, read_result, write_arrays, write_result
 from wbf_mission.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -91,19 +93,26 @@ class ResultFolder:
         self._staging.mkdir(parents=True, exist_ok=True)
         jobs = _plot_jobs(result) if plots else []
         tell("writing results", 0, len(jobs) + 1)
-        written = write_result(result, self._staging)
         if result.outcome is Outcome.INTERRUPTED and (self.path / RECORD).is_file():
             self.path = self.path.with_name(f"{self.path.name}.interrupted")
             _check_target(self.path, (), None, force=(self.path / RECORD).is_file())
-        try:
-            for number, (name, job) in enumerate(jobs):
-                tell("writing results", number + 1, len(jobs) + 1)
-                job(self._staging / name)
-                written.append(self._staging / name)
-        except KeyboardInterrupt:
-            self._put_in_place()
-            raise
+        interrupted = None
+        with ThreadPoolExecutor(1) as pool:
+            arrays = write_arrays(result, self._staging, pool)
+            written = write_result(result, self._staging)
+            try:
+                for number, (name, job) in enumerate(jobs):
+                    tell("writing results", number + 1, len(jobs) + 1)
+                    job(self._staging / name)
+                    written.append(self._staging / name)
+            except KeyboardInterrupt as error:
+                interrupted = error
+            for path, done in arrays.items():
+                done.result()
+                written.append(path)
         self._put_in_place()
+        if interrupted is not None:
+            raise interrupted
         return [self.path / path.name for path in written]
 
     def _put_in_place(self) -> None:
@@ -139,7 +148,7 @@ def save_result(result: Result, path: str | Path, *, plots: bool = True, force: 
 def load_result(path: str | Path) -> Result:
     """Load the result that a run or `Result.save` left in a folder.
 
-    The arrays are mapped from their files, read-only.
+    The arrays are read into memory, 1.1 GB for a farm like Waterberry.
 
     Raises
     ------
@@ -235,9 +244,9 @@ _NAMES = frozenset(
         "track.parquet",
         "true_track.parquet",
         "scores.parquet",
-        "truth.npy",
-        "value.npy",
-        "uncertainty.npy",
+        f"truth{SUFFIX}",
+        f"value{SUFFIX}",
+        f"uncertainty{SUFFIX}",
         "maps.npz",
         "farm.geojson",
         "vehicle.toml",
@@ -290,6 +299,7 @@ def _plot_jobs(result: Result) -> list[tuple[str, Any]]:
                         history.field_losses,
                         path,
                         f"{title}, {estimator}",
+                        result.fields,
                     ),
                 )
             )

@@ -87,7 +87,7 @@ def fixed_wing_leg(
     command = item.command
     first, second, third = (value or 0.0 for value in (item.param1, item.param2, item.param3))
     if command == _SPLINE or (command == _WAYPOINT and first > 0.0):
-        if command == _SPLINE or not fixed_wing_procedures(spec).holds_at_waypoints():
+        if command == _SPLINE or not fixed_wing_procedures(spec).holds_at_waypoints:
             radius = second if command == _WAYPOINT and second > 0.0 else spec.acceptance_radius_m
             return FixedWingLeg(Leg(place, speed, radius, KEEP))
         return FixedWingLeg(circle_leg(place, speed), wait_s=first)

@@ -133,10 +133,7 @@ def battery_changes(
     used, track = whole.energy_wh, whole.place_m
     # The way home is about so much; how much more it is, is seen by flying it.
     mean_w = used[-1] / max(whole.time_s[-1], 1.0)
-    way_s = np.hypot(track[:, 0], track[:, 1]) / spec.cruise_speed_m_s
-    if spec.kind != "rover":
-        way_s += track[:, 2] / spec.descent_speed_m_s
-    rough = mean_w * way_s
+    rough = mean_w * time_home_s(track, spec)
     changes: list[BatteryChange] = []
     begin, out, more = 0, 0.0, 0.0
     while out + used[-1] - used[begin] > usable:
@@ -169,6 +166,26 @@ def battery_changes(
         changes.append(BatteryChange(float(whole.time_s[last]), (x, y, z), int(whole.seq[last]), energy))
         begin, out = last, next_out
     return tuple(changes)
+
+
+def time_home_s(positions_m: NDArray[np.float64], spec: VehicleSpec) -> NDArray[np.float64]:
+    """Estimate how long the way home takes: straight at the cruise speed, then down.
+
+    Parameters
+    ----------
+    positions_m : float64[n, 3]
+        East, north, up about home.
+    spec : VehicleSpec
+
+    Returns
+    -------
+    float64[n]
+        Seconds.
+    """
+    time_s: NDArray[np.float64] = np.hypot(positions_m[:, 0], positions_m[:, 1]) / spec.cruise_speed_m_s
+    if spec.kind != "rover":
+        time_s += positions_m[:, 2] / spec.descent_speed_m_s
+    return time_s
 
 
 @dataclass(frozen=True, slots=True)

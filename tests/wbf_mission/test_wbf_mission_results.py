@@ -109,7 +109,7 @@ def test_an_older_result_is_replaced_only_by_a_whole_one(
     before = {path.name: path.read_bytes() for path in (tmp_path / "run").iterdir()}
 
     def full(*_: object) -> None:
-        raise OSError(28, "No space left on device", "value.npy")
+        raise OSError(28, "No space left on device", "value.zarr.zip")
 
     monkeypatch.setattr("wbf_mission.result_files.write_array", full)
     with pytest.raises(OSError, match="No space"):
@@ -209,7 +209,7 @@ def test_damaged_results_are_refused_in_one_line(result: Result, tmp_path: Path,
         text = (folder / "result.json").read_text().replace('"format": 1', '"format": 99')
         (folder / "result.json").write_text(text)
     if damage == "array":
-        (folder / "value.npy").write_bytes(b"\x80\x04pickle")
+        (folder / "value.zarr.zip").write_bytes(b"\x80\x04pickle")
     if damage == "table":
         (folder / "track.parquet").write_bytes(b"PAR1")
     if damage == "missing":

@@ -67,10 +67,12 @@ def benchmark_command(
     The environment of a seed is the same for every row, so the rows can be compared. Ctrl-C prints the rows
     of what was flown before.
     """
-    from wbf_mission.benchmark import BenchmarkInterrupted, run_benchmark
+    from sensors.field_files import load_field_set
+    from wbf_mission.benchmarking import BenchmarkInterrupted, benchmark
 
     output = Output(as_json=json, quiet=quiet)
     base = given.scenario()
+    fields = load_field_set(base.farm.fields)
     if jobs == 0:
         msg = "--jobs 0 runs nothing: give a number of processes, or -1 for one per core"
         raise ScenarioError(msg)
@@ -78,7 +80,7 @@ def benchmark_command(
     interrupted = False
     try:
         with output.progress() as progress:
-            rows = run_benchmark(
+            rows = benchmark(
                 base, names["planner"], names["estimator"], range(seeds), jobs=jobs, progress=progress
             )
     except BenchmarkInterrupted as stop:
@@ -94,7 +96,7 @@ def benchmark_command(
                 row.estimator,
                 f"{values['score_mean']:.4f} ± {values['score_std']:.4f}",
                 f"{values['final_score_mean']:.4f} ± {values['final_score_std']:.4f}",
-                *(f"{losses[name]:.4f}" for name in ("tylcv", "ccr", "soil")),
+                *(f"{loss:.4f}" for loss in losses.values()),
                 f"{values['observations_mean']:.0f}",
                 duration(values["wall_time_s"] / values["seeds"]),
             ]
@@ -104,9 +106,7 @@ def benchmark_command(
         "estimator",
         "score, run",
         "score, end",
-        "TYLCV",
-        "CCR",
-        "soil",
+        *(field.name.upper() if field.kind == "disease" else field.name for field in fields),
         "observations",
         "wall a run",
     ]

@@ -39,12 +39,12 @@ def upload_command(
 ) -> None:
     """Upload a mission file (mission, fence, rally points), download it again and compare."""
     from mission.files import read_mission
-    from wbf_mission.ground.link import upload_mission
+    from wbf_mission.ground.link import upload
 
     output = Output(as_json=json, quiet=quiet)
     mission = read_mission(file)
     with output.progress() as progress:
-        report = upload_mission(mission, connect, wait_s=wait, progress=progress, note=output.note)
+        report = upload(mission, connect, wait_s=wait, progress=progress, note=output.note)
     rows = {
         "vehicle": f"system {report.system_id}, component {report.component_id}",
         **{name: f"{count} items, verified" for name, count in report.items.items()},
@@ -64,12 +64,12 @@ def download_command(
 ) -> None:
     """Download the mission, the fence and the rally points of a vehicle into a file."""
     from mission.files import Firmware, write_mission, writer_for
-    from wbf_mission.ground.link import download_mission
+    from wbf_mission.ground.link import download
 
     output = Output(as_json=json, quiet=quiet)
     writer_for(out)
     with output.progress() as progress:
-        mission, report = download_mission(connect, wait_s=wait, progress=progress, note=output.note)
+        mission, report = download(connect, wait_s=wait, progress=progress, note=output.note)
     firmware = Firmware(report.autopilot) if report.autopilot in set(Firmware) else Firmware.GENERIC
     write_mission(mission, out, firmware=firmware)
     rows = {

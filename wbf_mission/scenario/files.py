@@ -61,11 +61,20 @@ def scenario_from_table(table: dict[str, Any], path: Path) -> Scenario:
         given = table.get(key)
         if isinstance(given, str) and given and (path.parent / given).is_file():
             table[key] = str(path.parent / given)
+    if isinstance(table.get("fields"), list):
+        table["fields"] = [_beside(path, one) for one in table["fields"]]
     try:
         return Scenario(**table)
     except ScenarioError as error:
         msg = f"{path}: {error}"
         raise ScenarioError(msg) from error
+
+
+def _beside(path: Path, item: object) -> object:
+    """Give the path of a field file that lies beside the scenario, anything else as it is."""
+    if isinstance(item, str) and item.endswith(".toml") and (path.parent / item).is_file():
+        return str(path.parent / item)
+    return item
 
 
 def _reason(error: Exception) -> str:

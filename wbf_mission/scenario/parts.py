@@ -32,6 +32,20 @@ class FarmOptions(Part):
         kind="farm",
     )
     day: int = option(6, "Day of the environment that is flown", RUN, low=0, high=LAST_DAY)
+    fields: tuple[str, ...] = option(
+        ("tylcv", "ccr", "soil"),
+        "What there is to sense and to score: tylcv, ccr, soil, and field files (.toml)",
+        RUN,
+        metavar="NAMES",
+        default="tylcv,ccr,soil",
+        read=names_in,
+    )
+
+    def check(self) -> None:
+        """Refuse a farm on which nothing is sensed."""
+        if not self.fields:
+            msg = "fields are empty: give at least one, such as tylcv, or leave the option out"
+            raise ScenarioError(msg)
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,8 +235,8 @@ class CameraOptions(Part):
     false_negative_rate: float = option(
         0.0, "Share of the infected leaves that are seen as healthy", CAMERA, low=0.0, high=1.0
     )
-    fields: tuple[str, ...] = option(
-        ("tylcv", "ccr", "soil"),
+    fields: tuple[str, ...] | None = option(
+        None,
         "Fields that are measured, such as tylcv,soil",
         CAMERA,
         key="camera_fields",
@@ -233,7 +247,7 @@ class CameraOptions(Part):
 
     def check(self) -> None:
         """Refuse a camera that measures nothing."""
-        if not self.fields:
+        if self.fields == ():
             msg = "camera fields are empty: give at least one, such as tylcv, or leave the option out"
             raise ScenarioError(msg)
 

@@ -74,7 +74,7 @@ class BenchmarkInterrupted(KeyboardInterrupt):
         self.total = total
 
 
-def run_benchmark(
+def benchmark(
     base: Scenario,
     planners: Sequence[str | Choice],
     estimators: Sequence[str | Choice],

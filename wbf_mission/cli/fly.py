@@ -101,7 +101,8 @@ def fly_command(
     with contextlib.ExitStack() as stack:
         folder = None
         if files:
-            inputs = [given.file, chosen.farm.name, chosen.mission.file, chosen.vehicle.name]
+            inputs = [given.file, chosen.farm.name, *chosen.farm.fields]
+            inputs += [chosen.mission.file, chosen.vehicle.name]
             path = out or Path("runs") / run_name(chosen)
             folder = stack.enter_context(
                 ResultFolder(path, inputs=inputs, scenario=resolved(chosen).to_dict(), force=force)

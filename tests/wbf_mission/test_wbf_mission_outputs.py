@@ -32,7 +32,7 @@ def test_plan_does_not_write_over_its_farm(
     Path("link.geojson").symlink_to("my.geojson")
     for out in ("my.geojson", "./my.geojson", "link.geojson"):
         error = refused(capsys, "plan", "--farm", "my.geojson", "--budget", "60m", "--out", out)
-        assert "is read as well" in error
+        assert "the file that is read" in error
     assert Path("my.geojson").read_bytes() == before
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from wbf_mission.cli import options
+from wbf_mission.cli import options, signals
 from wbf_mission.cli.output import Output, distance, duration
 from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import (
@@ -106,6 +106,11 @@ def fly_command(
             path = out or Path("runs") / run_name(chosen)
             folder = stack.enter_context(
                 ResultFolder(path, inputs=inputs, scenario=resolved(chosen).to_dict(), force=force)
+            )
+            stack.enter_context(
+                signals.announcing(
+                    f"interrupted: what was flown is estimated and saved in {path}; again ends at once"
+                )
             )
         started_s = process_age_s()
         progress = stack.enter_context(output.progress())

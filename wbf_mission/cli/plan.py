@@ -9,7 +9,7 @@ import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output, distance, duration
-from wbf_mission.cli.outputs import refuse_overwrite
+from wbf_mission.cli.targets import refuse_overwrite
 from wbf_mission.scenario import CameraOptions, FarmOptions, MissionOptions, VehicleOptions, WeatherOptions
 
 EXAMPLES = """

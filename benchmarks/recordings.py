@@ -168,8 +168,7 @@ def fly_recording(recording: Recording, spec: VehicleSpec) -> Flight:
     VehicleError
         If the vehicle gives up or is still flying after two hours.
     """
-    executor = MissionExecutor(spec, recording.frame)
-    executor.takes_off = True
+    executor = MissionExecutor(spec, recording.frame, takes_off=True)
     executor.load(recording.items)
     executor.arm()
     executor.start()

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from wbf_mission.flight import fly
-from wbf_mission.flight_result import FlightResult
+from wbf_mission.flight_result import Result
 from wbf_mission.scenario import Scenario
 
 WINDS: dict[str, dict[str, object]] = {
@@ -30,7 +30,7 @@ WINDS: dict[str, dict[str, object]] = {
 RECEIVERS = (0.0, 0.02, 0.2, 0.5, 1.0, 2.0)
 
 
-def wrong_cells(result: FlightResult) -> float:
+def wrong_cells(result: Result) -> float:
     """Return the fraction of pictures that were booked under another cell than the one that was seen."""
     if result.true_track is None:
         return 0.0

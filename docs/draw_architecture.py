@@ -144,34 +144,91 @@ def draw(out: Path) -> None:
     axes.set(xlim=(-1.9, 10.2), ylim=(-0.1, top + 0.1))
     axes.axis("off")
     for floor, (low, high) in bands.items():
-        axes.add_patch(FancyBboxPatch((-1.8, low), 11.9, high - low, boxstyle="round,pad=0,rounding_size=0.1",
-                                      facecolor="#f6f6f4", edgecolor="none", zorder=0))  # fmt: skip
+        axes.add_patch(
+            FancyBboxPatch(
+                (-1.8, low),
+                11.9,
+                high - low,
+                boxstyle="round,pad=0,rounding_size=0.1",
+                facecolor="#f6f6f4",
+                edgecolor="none",
+                zorder=0,
+            )
+        )
         axes.text(-1.7, (low + high) / 2 + 0.12, floor, weight="bold", size=11, va="center")
         axes.text(-1.7, (low + high) / 2 - 0.16, "\n".join(_wrapped(ANSWERS[floor], 22)), size=7.5, va="top")
     for (above, below), count in sorted(arrows.items()):
         if rooms[above].floor != rooms[below].floor:
             continue
         (x0, y0), (x1, y1) = centres[above], centres[below]
-        axes.annotate("", (x1, y1 + 0.24), (x0, y0 - 0.24), zorder=1,
-                      arrowprops={"arrowstyle": "-|>", "color": GREY, "lw": 0.5 + 0.12 * min(count, 12),
-                                  "alpha": 0.5, "shrinkA": 0, "shrinkB": 0})  # fmt: skip
+        axes.annotate(
+            "",
+            (x1, y1 + 0.24),
+            (x0, y0 - 0.24),
+            zorder=1,
+            arrowprops={
+                "arrowstyle": "-|>",
+                "color": GREY,
+                "lw": 0.5 + 0.12 * min(count, 12),
+                "alpha": 0.5,
+                "shrinkA": 0,
+                "shrinkB": 0,
+            },
+        )
     for name, (x, y) in centres.items():
         room = rooms[name]
-        axes.add_patch(FancyBboxPatch((x - 0.58, y - 0.22), 1.16, 0.44, boxstyle="round,pad=0,rounding_size=0.06",
-                                      facecolor=BLUE, edgecolor="#5b7fa6", lw=0.8, zorder=3))  # fmt: skip
+        axes.add_patch(
+            FancyBboxPatch(
+                (x - 0.58, y - 0.22),
+                1.16,
+                0.44,
+                boxstyle="round,pad=0,rounding_size=0.06",
+                facecolor=BLUE,
+                edgecolor="#5b7fa6",
+                lw=0.8,
+                zorder=3,
+            )
+        )
         own = name.split(".")[-1] if "." in name else f"({name})"
         axes.text(x, y + 0.05, own, ha="center", va="center", size=9, zorder=4)
-        axes.text(x, y - 0.13, f"{room.modules} files, {room.lines:,} lines", ha="center", va="center",
-                  size=5.5, color="#444444", zorder=4)  # fmt: skip
+        axes.text(
+            x,
+            y - 0.13,
+            f"{room.modules} files, {room.lines:,} lines",
+            ha="center",
+            va="center",
+            size=5.5,
+            color="#444444",
+            zorder=4,
+        )
     for number, (start, end, what, _) in enumerate(FLOW, 1):
         (x0, y0), (x1, y1) = (centres[_shown(one, centres)] for one in (start, end))
-        axes.annotate("", (x1, y1), (x0, y0), zorder=5,
-                      arrowprops={"arrowstyle": "-|>", "color": ORANGE, "lw": 1.8, "shrinkA": 22, "shrinkB": 22,
-                                  "connectionstyle": "arc3,rad=0.22"})  # fmt: skip
+        axes.annotate(
+            "",
+            (x1, y1),
+            (x0, y0),
+            zorder=5,
+            arrowprops={
+                "arrowstyle": "-|>",
+                "color": ORANGE,
+                "lw": 1.8,
+                "shrinkA": 22,
+                "shrinkB": 22,
+                "connectionstyle": "arc3,rad=0.22",
+            },
+        )
         dx, dy = y1 - y0, -(x1 - x0)
-        axes.text((x0 + x1) / 2 + 0.11 * dx, (y0 + y1) / 2 + 0.11 * dy, f"{number} {what}", size=8,
-                  color=ORANGE, ha="center", va="center", zorder=6,
-                  bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0})  # fmt: skip
+        axes.text(
+            (x0 + x1) / 2 + 0.11 * dx,
+            (y0 + y1) / 2 + 0.11 * dy,
+            f"{number} {what}",
+            size=8,
+            color=ORANGE,
+            ha="center",
+            va="center",
+            zorder=6,
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0},
+        )
     figure.savefig(out, dpi=110, metadata={"Software": None})
     plt.close(figure)
 

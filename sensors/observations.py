@@ -149,6 +149,15 @@ class Observations:
             msg = f"observation {i}: {cell} lies outside the farm of {width} x {height} cells"
             raise ObservationError(msg)
 
+    def to_table(self) -> Any:
+        """Return the observations as a pyarrow table, in the columns that `save` writes."""
+        import pyarrow as pa
+
+        arrays = [pa.array(column) for column in (self.x, self.y, self.time_s, self.day)]
+        # from_pandas turns NaN into null, so that other tools see "not sensed" and not a number.
+        arrays += [pa.array(column, from_pandas=True) for column in np.ascontiguousarray(self.values.T)]
+        return pa.table(dict(zip((*COLUMNS, *self.fields), arrays, strict=True)))
+
     def save(self, path: str | Path) -> None:
         """Write a `.parquet` or `.csv` file; an existing file is replaced only once the new one is complete.
 
@@ -286,15 +295,9 @@ def _read_row(row: list[str], positions: dict[str, int], columns: dict[str, list
 
 
 def _save_parquet(observations: Observations, path: Path) -> None:
-    import pyarrow as pa
     import pyarrow.parquet as pq
 
-    arrays = [
-        pa.array(column) for column in (observations.x, observations.y, observations.time_s, observations.day)
-    ]
-    # from_pandas turns NaN into null, so that other tools see "not sensed" and not a number.
-    arrays += [pa.array(column, from_pandas=True) for column in np.ascontiguousarray(observations.values.T)]
-    table = pa.table(dict(zip((*COLUMNS, *observations.fields), arrays, strict=True)))
+    table = observations.to_table()
     with atomic_write(path, "wb") as stream:
         pq.write_table(table, stream, compression="zstd")
 

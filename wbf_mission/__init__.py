@@ -1,1 +1,91 @@
-"""The application: scenario, flight, benchmark, report and command line."""
+"""The whole job: plan, fly, estimate, score; and the front door of the project (docs/api.md).
+
+>>> import wbf_mission
+>>> wbf_mission.Scenario(farm="miniberry-10", planner="lawnmower").farm.name
+'miniberry-10'
+"""
+
+from typing import TYPE_CHECKING
+
+from wbf_mission.packages import require_packages
+
+require_packages()
+
+if TYPE_CHECKING:
+    from geo.errors import FarmError as FarmError
+    from geo.errors import WbfMissionError as WbfMissionError
+    from geo.farm import Farm as Farm
+    from geo.farms import get_farm as get_farm
+    from geo.geojson import load_farm as load_farm
+    from mission.errors import LinkError as LinkError
+    from mission.errors import MissionFileError as MissionFileError
+    from mission.errors import PlanningError as PlanningError
+    from mission.errors import TransferError as TransferError
+    from mission.files import read_mission as read_mission
+    from mission.files import write_mission as write_mission
+    from mission.model import Mission as Mission
+    from mission.planners import Planner as Planner
+    from mission.planners import check_planner as check_planner
+    from mission.planners import make_planner as make_planner
+    from sensors.errors import EstimatorError as EstimatorError
+    from sensors.estimators.base import Estimator as Estimator
+    from sensors.estimators.base import make_estimator as make_estimator
+    from sensors.estimators.check import check_estimator as check_estimator
+    from sensors.observations import Observations as Observations
+    from sensors.scoring.score import ScoreWeights as ScoreWeights
+    from sim_vehicle.airframe.catalog import get_vehicle as get_vehicle
+    from sim_vehicle.errors import VehicleError as VehicleError
+    from sim_vehicle.faults.fault import Fault as Fault
+    from sim_vehicle.host.simulation import Simulation as Simulation
+    from sim_vehicle.mavlink import SimVehicle as SimVehicle
+    from wbf_mission.benchmarking import benchmark as benchmark
+    from wbf_mission.flight import FlightError as FlightError
+    from wbf_mission.flight import fly as fly
+    from wbf_mission.flight_result import Result as Result
+    from wbf_mission.ground.link import download as download
+    from wbf_mission.ground.link import upload as upload
+    from wbf_mission.outcome import Outcome as Outcome
+    from wbf_mission.planning import plan as plan
+    from wbf_mission.result_files import ResultError as ResultError
+    from wbf_mission.results import load_result as load_result
+    from wbf_mission.scenario import Scenario as Scenario
+    from wbf_mission.scenario import ScenarioError as ScenarioError
+    from wbf_mission.scenario import load_scenario as load_scenario
+    from wbf_mission.scenario import scenario_with as scenario_with
+    from wbf_mission.version import __version__ as __version__
+else:
+    from geo.lazy import attach
+
+    __getattr__, __dir__, __all__ = attach(
+        __name__,
+        {
+            "geo.errors": ("FarmError", "WbfMissionError"),
+            "geo.farm": ("Farm",),
+            "geo.farms": ("get_farm",),
+            "geo.geojson": ("load_farm",),
+            "sensors.errors": ("EstimatorError",),
+            "sensors.estimators.base": ("Estimator", "make_estimator"),
+            "sensors.estimators.check": ("check_estimator",),
+            "sensors.observations": ("Observations",),
+            "sensors.scoring.score": ("ScoreWeights",),
+            "mission.errors": ("LinkError", "MissionFileError", "PlanningError", "TransferError"),
+            "mission.files": ("read_mission", "write_mission"),
+            "mission.model": ("Mission",),
+            "mission.planners": ("Planner", "check_planner", "make_planner"),
+            "sim_vehicle.airframe.catalog": ("get_vehicle",),
+            "sim_vehicle.errors": ("VehicleError",),
+            "sim_vehicle.faults.fault": ("Fault",),
+            "sim_vehicle.host.simulation": ("Simulation",),
+            "sim_vehicle.mavlink": ("SimVehicle",),
+            "wbf_mission.benchmarking": ("benchmark",),
+            "wbf_mission.flight": ("FlightError", "fly"),
+            "wbf_mission.flight_result": ("Result",),
+            "wbf_mission.ground.link": ("download", "upload"),
+            "wbf_mission.outcome": ("Outcome",),
+            "wbf_mission.planning": ("plan",),
+            "wbf_mission.result_files": ("ResultError",),
+            "wbf_mission.results": ("load_result",),
+            "wbf_mission.scenario": ("Scenario", "ScenarioError", "load_scenario", "scenario_with"),
+            "wbf_mission.version": ("__version__",),
+        },
+    )

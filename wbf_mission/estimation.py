@@ -10,15 +10,19 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from geo import Farm
+from geo import Farm, get_farm
 from geo.errors import WbfMissionError
 from geo.memory import require_memory
+from geo.seeds import sealed_seed
 from sensors.errors import EstimatorError
-from sensors.estimators import Estimator
+from sensors.estimators import Estimator, default_estimator, make_estimator
 from sensors.estimators.base import estimator_memory
+from sensors.field_files import load_field_set
+from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import RunningScore, Score
+from wbf_mission.scenario import Choice, Scenario, scenario_with
 
 DEFAULT_SCORE_POINTS = 25
 LARGE_FARM_CELLS = 3_000_000
@@ -29,6 +33,39 @@ INCREMENTAL_SCORE_POINTS = 100
 # Per cell: truth, the environment behind it (two onset days and soil), crop map and masks of farm and score.
 _RUN_BYTES_A_CELL = 12 + 6 + 8
 _PROGRAM_BYTES = 300_000_000
+
+
+def resolved(scenario: Scenario) -> Scenario:
+    """Return a scenario that names its estimator: its own, else the best one that its farm can afford.
+
+    Raises
+    ------
+    FarmError
+        If the farm has to be looked at and is unknown.
+    """
+    if scenario.estimate.estimator is not None:
+        return scenario
+    farm = get_farm(scenario.farm.name)
+    names = load_field_set(scenario.farm.fields).names
+    sensed = scenario.camera.fields
+    if sensed is not None and names == PAPER_FIELDS.names:
+        names = sensed
+    return scenario_with(scenario, {"estimator": default_estimator(farm, names)})
+
+
+def estimator_of(choice: Choice, seed: int, fields: FieldSet) -> Estimator:
+    """Give the estimator of a choice for these fields, with a seed that does not tell the run's.
+
+    Raises
+    ------
+    EstimatorError
+        If the name or a parameter is unknown, an object is no estimator, or it does not know the fields.
+    """
+    if choice.made is None:
+        return make_estimator(
+            choice.name, fields=fields, random_state=sealed_seed(seed, "estimator"), **choice.params
+        )
+    return make_estimator(choice.made, fields=fields)
 
 
 def score_points(farm: Farm, estimator: Estimator) -> int:
@@ -73,8 +110,9 @@ class ScoreHistory:
 
     @property
     def field_losses(self) -> NDArray[np.float64]:
-        """The mean loss a cell of each field, float64[c, 3]."""
-        return np.array([entry.field_loss for entry in self.entries], dtype=np.float64).reshape(-1, 3)
+        """The mean loss a cell of each field, float64[c, n]."""
+        losses = [entry.field_loss for entry in self.entries]
+        return np.array(losses, dtype=np.float64) if losses else np.empty((0, 0))
 
     @property
     def score(self) -> float | None:
@@ -129,7 +167,9 @@ class RunEstimate:
                 self._evaluate(float(part.time_s[-1]))
 
     def finish(self, time_s: float) -> None:
-        """Score what was learned last, unless that was done already."""
+        """Score what was learned last, unless that was done already or nothing was seen."""
+        if not self._seen:
+            return
         scored = self.history.observations[-1] if self.history.observations else -1
         if scored != self._seen:
             self._evaluate(time_s)

@@ -14,26 +14,28 @@ from geo import Farm
 from geo.errors import WbfMissionError
 from geo.seeds import child_seed, stream
 from mission.link.tlog import TlogWriter
+from mission.planners import Planner
 from sensors.camera.leaf_camera import LeafCamera, LeafCameraOptions
 from sensors.camera.wire import ObservationAssembler
 from sensors.environment import Environment
 from sensors.environment.cache import EnvironmentCache
-from sensors.errors import EstimatorError
-from sensors.estimators import Estimator, make_estimator
-from sensors.fields import PAPER_FIELDS
+from sensors.estimators import Estimator
+from sensors.field_files import load_field_set
+from sensors.fields import FieldSet
 from sensors.observations import Observations
-from sensors.scoring.score import RunningScore
+from sensors.scoring.score import RunningScore, ScoreWeights
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
 from sim_vehicle.mavlink import SimVehicle
-from wbf_mission.estimation import RunEstimate, require_run_memory, score_points
-from wbf_mission.flight_result import FlightResult
+from wbf_mission.estimation import RunEstimate, estimator_of, require_run_memory, resolved, score_points
+from wbf_mission.flight_result import Result
 from wbf_mission.ground.station import GroundStation
 from wbf_mission.outcome import Outcome, Phase
 from wbf_mission.planning import PlanResult, home_of, plan
 from wbf_mission.report import FieldMap, field_maps, true_map
-from wbf_mission.scenario import CameraOptions, Choice, Scenario
+from wbf_mission.scenario import CameraOptions, Scenario, scenario_with
+from wbf_mission.stopwatch import Stopwatch
 from wbf_mission.weather import noise_of, wind_of_run
 
 Progress = Callable[[str, float, float], None]
@@ -49,19 +51,6 @@ EPOCH_UNIX_S = (
 
 class FlightError(WbfMissionError, RuntimeError):
     """A run that cannot be done."""
-
-
-class _Stopwatch:
-    """Wall seconds by part of the run."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self._since = time.perf_counter()
-
-    def lap(self, name: str) -> None:
-        now = time.perf_counter()
-        self.seconds[name] = self.seconds.get(name, 0.0) + now - self._since
-        self._since = now
 
 
 def make_environment(
@@ -82,57 +71,53 @@ def _find_environment(
 
     cache = EnvironmentCache.of_user() if use_cache else EnvironmentCache.off()
     return cache.environment(
-        farm.grid(), day=scenario.farm.day, seed=child_seed(scenario.seed, "environment"), progress=tell
+        farm.grid(),
+        day=scenario.farm.day,
+        seed=child_seed(scenario.seed, "environment"),
+        fields=load_field_set(scenario.farm.fields),
+        progress=tell,
     )
 
 
-def camera_options(camera: CameraOptions) -> LeafCameraOptions:
-    """Return the leaf camera's own options."""
+def camera_options(camera: CameraOptions, fields: FieldSet) -> LeafCameraOptions:
+    """Give the leaf camera's own options, on a farm with these fields."""
     return LeafCameraOptions(
         footprint_cells=camera.footprint,
         noise_std=camera.noise,
         false_positive_rate=camera.false_positive_rate,
         false_negative_rate=camera.false_negative_rate,
         sensed=camera.fields,
+        fields=fields,
     )
-
-
-def estimator_of(choice: Choice, seed: int) -> Estimator:
-    """Return the estimator of a choice, with its parameters.
-
-    Raises
-    ------
-    EstimatorError
-        If the name or a parameter is unknown.
-    """
-    if choice.made is None:
-        return make_estimator(choice.name, random_state=child_seed(seed, "estimator"), **choice.params)
-    if not isinstance(choice.made, Estimator):
-        msg = f"estimator {choice.name} has no fit, partial_fit and predict; see docs/estimators.md"
-        raise EstimatorError(msg)
-    return choice.made
 
 
 def fly(
     scenario: Scenario,
     *,
+    planner: Planner | str | None = None,
+    estimator: Estimator | str | None = None,
+    weights: ScoreWeights | None = None,
     progress: Progress | None = None,
     pace: float | None = None,
     tlog: Path | None = None,
     impairment: Impairment | None = None,
     use_cache: bool = True,
-) -> FlightResult:
+) -> Result:
     """Do a scenario's whole job offline.
 
     Parameters
     ----------
     scenario : Scenario
+    planner, estimator : object or str, optional
+        In place of the scenario's.
+    weights : ScoreWeights, optional
+        What errors cost; the paper's by default.
     progress : callable, optional
         ``progress(what, done, total)``.
     pace : float, optional
         Simulated seconds per wall second; as fast as possible without.
     tlog : Path, optional
-        Write every MAVLink frame of the run there.
+        Write every MAVLink frame of the run there; its folder is made when the flight begins.
     impairment : Impairment, optional
         A bad radio between the ground station and the vehicle.
     use_cache : bool
@@ -141,7 +126,7 @@ def fly(
 
     Returns
     -------
-    FlightResult
+    Result
         Also when the flight went wrong or was interrupted by Ctrl-C: the outcome says how.
 
     Raises
@@ -150,21 +135,24 @@ def fly(
         If the scenario cannot be planned or set up.
     """
     tell = progress or _silent
-    watch = _Stopwatch()
-    options = camera_options(scenario.camera)
-    estimator = estimator_of(scenario.estimate.estimator, scenario.seed)
+    watch = Stopwatch()
+    fields = load_field_set(scenario.farm.fields)
+    options = camera_options(scenario.camera, fields)
+    scenario = scenario_with(scenario, {"planner": planner, "estimator": estimator})
+    scenario = resolved(scenario)
+    learner = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
     tell("planning", 0, 1)
     planned = plan(scenario)
     tell("planning", 1, 1)
     watch.lap("plan")
     farm = planned.farm
-    require_run_memory(farm, estimator, round(_expected_observations(scenario.camera, planned)))
+    require_run_memory(farm, learner, round(_expected_observations(scenario.camera, planned)))
     environment, cached = _find_environment(scenario, farm, progress, use_cache=use_cache)
     truth = environment.values(scenario.farm.day)
     watch.lap("environment")
     # One BLAS thread: sums do not depend on the number of cores then, and small matrices are faster.
     with threadpool_limits(1, user_api="blas"):
-        run = _Run(scenario, planned, environment, truth, estimator, options, tell, watch)
+        run = _Run(scenario, planned, environment, truth, weights, learner, options, tell, watch)
         try:
             run.fly(pace, tlog, impairment)
         except KeyboardInterrupt:
@@ -183,10 +171,11 @@ class _Run:
         planned: PlanResult,
         environment: Environment,
         truth: NDArray[np.float32],
+        weights: ScoreWeights | None,
         estimator: Estimator,
         options: LeafCameraOptions,
         tell: Progress,
-        watch: _Stopwatch,
+        watch: Stopwatch,
     ) -> None:
         farm = planned.farm
         grid = farm.grid()
@@ -194,7 +183,8 @@ class _Run:
         camera = LeafCamera(
             environment, grid.shape, scenario.farm.day, options, stream(scenario.seed, "camera")
         )
-        self.assembler = ObservationAssembler(farm, day=scenario.farm.day)
+        self.fields = options.fields
+        self.assembler = ObservationAssembler(farm, day=scenario.farm.day, fields=self.fields.names)
         self.ground = GroundStation(planned.mission, self.assembler, on_progress=self._on_transfer)
         home = home_of(planned.mission, farm)
         self.vehicle = SimVehicle(
@@ -210,7 +200,7 @@ class _Run:
         )
         self.estimator = estimator.fit(grid)
         self.estimate = RunEstimate(
-            estimator, RunningScore(truth, PAPER_FIELDS.masks(grid)), self._score_every()
+            estimator, RunningScore(truth, self.fields.masks(grid), weights, self.fields), self._score_every()
         )
         self.parts: list[Observations] = []
         self.simulation: Simulation | None = None
@@ -228,7 +218,10 @@ class _Run:
 
     def fly(self, pace: float | None, tlog: Path | None, impairment: Impairment | None) -> None:
         """Fly from the first heartbeat to the last, estimating on the way."""
-        writer = TlogWriter(tlog) if tlog is not None else None
+        writer = None
+        if tlog is not None:
+            tlog.parent.mkdir(parents=True, exist_ok=True)
+            writer = TlogWriter(tlog)
         tap = None
         if writer is not None:
             write = writer.write
@@ -286,7 +279,7 @@ class _Run:
     def _on_transfer(self, phase: Phase, done: int, total: int) -> None:  # noqa: ARG002
         self.tell("uploading", done, total)
 
-    def result(self) -> FlightResult:
+    def result(self) -> Result:
         """Score what was learned last and gather everything."""
         simulation, ground = self.simulation, self.ground
         now_s = simulation.now_s if simulation is not None else 0.0
@@ -296,10 +289,10 @@ class _Run:
         used = None
         if battery is not None and ground.battery.consumed_wh is not None:
             used = ground.battery.consumed_wh / battery.capacity_wh
-        observations = Observations.concatenate(self.parts)
+        observations = Observations.concatenate(self.parts, self.fields.names)
         maps, true_maps = self._maps(observations)
         self.watch.lap("report")
-        return FlightResult(
+        return Result(
             scenario=self.scenario,
             plan=self.planned,
             outcome=ground.outcome,
@@ -318,6 +311,7 @@ class _Run:
             frames=simulation.frames if simulation is not None else 0,
             timings_s=self.watch.seconds,
             texts=ground.texts,
+            fields=self.fields,
             maps=maps,
             true_maps=true_maps,
         )
@@ -331,6 +325,7 @@ class _Run:
             farm,
             model,
             observations,
+            fields=self.fields,
             probabilities=getattr(self.estimator, "class_probabilities", None),
             states_deviation=getattr(self.estimator, "states_deviation", False),
         )

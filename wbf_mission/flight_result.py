@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from geo import Farm
 from sensors.camera.wire import AssemblerStatistics
+from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from wbf_mission.estimation import ScoreHistory
@@ -20,7 +22,7 @@ from wbf_mission.scenario import Scenario
 
 
 @dataclass(slots=True)
-class FlightResult:
+class Result:
     """What a run gave; parts that were not reached are empty.
 
     Parameters
@@ -41,7 +43,7 @@ class FlightResult:
         Pictures received, lost, fetched again.
     transfers : list
         Statistics of the mission transfers.
-    truth, model : float32[3, W, H] and InformationModel, or None
+    truth, model : float32[n, W, H] and InformationModel, or None
         The environment of the flight's day, and the last estimate.
     history : ScoreHistory
         Scores over time.
@@ -55,6 +57,8 @@ class FlightResult:
         What the vehicle said (time, severity, text).
     environment_cached : bool
         Whether the environment came from the user's cache.
+    fields : FieldSet
+        What was sensed and scored.
     maps, true_maps : tuple of FieldMap
         Estimate and truth in blocks of cells; empty without an estimate.
     """
@@ -78,6 +82,7 @@ class FlightResult:
     texts: list[tuple[float, int, str]] = field(default_factory=list)
     environment_cached: bool = False
     true_track: Track | None = None
+    fields: FieldSet = PAPER_FIELDS
     maps: tuple[FieldMap, ...] = ()
     true_maps: tuple[FieldMap, ...] = ()
 
@@ -85,6 +90,77 @@ class FlightResult:
     def report(self) -> FarmReport | None:
         """What the estimate says of the farm, if there is one."""
         return report_of_maps(self.farm, self.maps) if self.maps else None
+
+    @property
+    def score(self) -> float | None:
+        """The paper's score, averaged over the scored times of the run; 0 is perfect; None without any."""
+        return self.history.score
+
+    @property
+    def final_score(self) -> float | None:
+        """The paper's score of the last estimate."""
+        return self.history.entries[-1].score if self.history.entries else None
+
+    @property
+    def losses(self) -> dict[str, float]:
+        """The mean loss a cell of each field by the last estimate; empty without one."""
+        if not self.history.entries:
+            return {}
+        return dict(zip(self.fields.names, self.history.entries[-1].field_loss, strict=True))
+
+    @property
+    def estimator(self) -> str:
+        """The estimator with its parameters."""
+        return str(self.scenario.estimate.estimator)
+
+    def tables(self) -> dict[str, Any]:
+        """Return track, observations and history as pyarrow tables."""
+        from wbf_mission.result_files import history_table, track_table
+
+        return {
+            "track": track_table(self.track, self.true_track),
+            "observations": self.observations.to_table(),
+            "history": history_table(self.history, self.observations.fields),
+        }
+
+    def plot(self, path: str | Path) -> Path:
+        """Draw the farm with the planned and the flown path into a PNG file.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        from wbf_mission.plots import plot_paths
+
+        track = np.column_stack((self.track.x_m, self.track.y_m))
+        title = f"{self.farm.name}: {self.plan.planner or 'mission file'}, {self.plan.vehicle.name}"
+        return plot_paths(self.farm, self.plan.path_m, track, Path(path), title)
+
+    def save(self, path: str | Path, *, plots: bool = True, force: bool = False) -> Path:
+        """Save everything into a folder, from where `wbf_mission.load_result` loads an equal result.
+
+        The files are written beside the folder first and take its place when they are complete.
+
+        Parameters
+        ----------
+        path : path-like
+            The folder; its own parents are made.
+        plots : bool
+            Whether pictures are drawn among the files.
+        force : bool
+            Replace the result of another run, or write among other files.
+
+        Raises
+        ------
+        ResultError
+            If the folder holds something else that must not be replaced.
+        OSError
+            If a file cannot be written.
+        """
+        from wbf_mission.results import save_result
+
+        return save_result(self, path, plots=plots, force=force)
 
     @property
     def farm(self) -> Farm:
@@ -103,7 +179,7 @@ class FlightResult:
             "farm": self.farm.name,
             "planner": self.plan.planner,
             "mission": self.scenario.mission.file,
-            "estimator": str(self.scenario.estimate.estimator),
+            "estimator": self.estimator,
             "vehicle": self.plan.vehicle.name,
             "day": self.scenario.farm.day,
             "outcome": self.outcome.value,
@@ -111,9 +187,9 @@ class FlightResult:
             "score": self.history.score,
             "final_score": final.score if final else None,
             "scored_times": len(self.history.entries),
-            "losses": _by_field(seen.fields, final.field_loss if final else None),
-            "rmse": _by_field(seen.fields, final.field_rmse if final else None),
-            "mae": _by_field(seen.fields, final.field_mae if final else None),
+            "losses": _by_field(self.fields.names, final.field_loss if final else None),
+            "rmse": _by_field(self.fields.names, final.field_rmse if final else None),
+            "mae": _by_field(self.fields.names, final.field_mae if final else None),
             "authors_axis_max": final.authors_axis_max if final else None,
             "report": report.to_dict() if report is not None else None,
             "observations": len(seen),

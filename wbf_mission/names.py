@@ -6,7 +6,7 @@ from importlib.metadata import entry_points
 
 
 def names_of(kind: str) -> tuple[str, ...]:
-    """Return the known names of a ``kind``: farm, planner, estimator or vehicle."""
+    """Return the known names of a ``kind``: farm, planner, estimator, autopilot or vehicle."""
     if kind == "farm":
         from geo.built_in import farm_names
 
@@ -15,6 +15,10 @@ def names_of(kind: str) -> tuple[str, ...]:
         return _entry_points("wbf_mission.planners")
     if kind == "estimator":
         return _entry_points("wbf_mission.estimators")
+    if kind == "autopilot":
+        from sim_vehicle.airframe.autopilot_names import autopilot_names
+
+        return autopilot_names()
     from sim_vehicle.airframe.catalog import vehicle_names
 
     return vehicle_names()

@@ -1,113 +1,184 @@
-"""The folder that a run leaves: plan, telemetry log, observations, arrays, summary, pictures."""
+"""The folder of a run: when it may be written, how a new result takes the place of an older one."""
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import os
 import re
-from dataclasses import dataclass
+import secrets
+import shutil
+import stat
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import msgspec
 import numpy as np
 
-from geo.atomic import atomic_path, atomic_write
-from mission.files import write_mission
-from sensors.fields import PAPER_FIELDS
-from wbf_mission.scenario import Scenario, ScenarioError
+from wbf_mission.arrays import SUFFIX
+from wbf_mission.estimation import resolved
+from wbf_mission.outcome import Outcome
+from wbf_mission.result_files import RECORD, ResultError, read_result, write_arrays, write_result
+from wbf_mission.scenario import Scenario
 
 if TYPE_CHECKING:
     from wbf_mission.flight import Progress
-    from wbf_mission.flight_result import FlightResult
+    from wbf_mission.flight_result import Result
     from wbf_mission.report import FieldMap
 
-
-_FILES = (
-    "summary.json",
-    "plan.plan",
-    "flight.tlog",
-    "observations.parquet",
-    "track.csv",
-    "truth.npy",
-    "value.npy",
-    "uncertainty.npy",
-    "scores.csv",
-    "path.png",
-    "score.png",
-    *(f"field_{field}.png" for field in PAPER_FIELDS.names),
-)
+__all__ = ["ResultError", "ResultFolder", "load_result", "run_name", "save_result"]
 
 
-@dataclass(frozen=True, slots=True)
-class RunFolder:
-    """Where a run's files go; files of that name are replaced, others in the folder are left alone.
+class ResultFolder:
+    """Where a run's files go.
+
+    Nothing is made before the flight begins: `tlog` lies in a temporary folder beside the target, which a
+    flight makes when it opens its log. `write` fills that folder and puts it in the target's place; an older
+    result stays until then. Leaving the ``with`` block removes what was not put there.
 
     Parameters
     ----------
     path : Path
-        The folder; it exists.
+        The folder for the result.
+    inputs : iterable of path
+        Files that the run reads: the folder must not hold one of them.
+    scenario : dict, optional
+        The options of the run, as of `Scenario.to_dict`: an older result of the same run is replaced.
+    force : bool
+        Replace any older result, and write into a folder that holds other files (which stay).
+
+    Raises
+    ------
+    ResultError
+        If the folder must not be written.
     """
 
-    path: Path
-
-    @classmethod
-    def for_scenario(cls, scenario: Scenario, path: Path | None = None) -> RunFolder:
-        """Make the folder and clear it of an older run's files; others are left alone.
-
-        By default ``runs/FARM_PLANNER_ESTIMATOR_VEHICLE_SEED`` and a digest of what else is not the default.
-
-        Raises
-        ------
-        ScenarioError
-            If the folder cannot be made.
-        """
-        if path is None:
-            path = Path("runs") / run_name(scenario)
-        try:
-            path.mkdir(parents=True, exist_ok=True)
-            for name in _FILES:
-                (path / name).unlink(missing_ok=True)
-        except OSError as error:
-            msg = f"{path}: cannot be made a folder for the results ({error.strerror}); give another --out"
-            raise ScenarioError(msg) from error
-        return cls(path)
+    def __init__(
+        self,
+        path: Path,
+        *,
+        inputs: Iterable[str | Path | None] = (),
+        scenario: dict[str, Any] | None = None,
+        force: bool = False,
+    ) -> None:
+        self.path = path
+        """Where the result is or will be."""
+        _check_target(path, inputs, scenario, force=force)
+        target = path.resolve()
+        self._staging = target.parent / f".{target.name[:40]}-{secrets.token_hex(6)}"
 
     @property
     def tlog(self) -> Path:
-        """The telemetry log."""
-        return self.path / "flight.tlog"
+        """The telemetry log of the flight, in the temporary folder."""
+        return self._staging / "flight.tlog"
 
-    def write(
-        self, result: FlightResult, *, plots: bool = True, progress: Progress | None = None
-    ) -> list[Path]:
-        """Write everything that the run has, and return the files.
+    def __enter__(self) -> Self:
+        return self
 
-        ``plan.plan``, ``observations.parquet``, ``truth.npy``, ``value.npy`` and ``uncertainty.npy``
-        (float32[3, W, H] in the order tylcv, ccr, soil), ``track.csv`` (what was flown), ``scores.csv``,
-        ``summary.json`` and, with `plots`, the pictures.
+    def __exit__(self, *_: object) -> None:
+        shutil.rmtree(self._staging, ignore_errors=True)
+
+    def write(self, result: Result, *, plots: bool = True, progress: Progress | None = None) -> list[Path]:
+        """Write everything that the run has, put the folder in its place, and return the files.
+
+        Ctrl-C while the pictures are drawn keeps the rest. The result of an interrupted flight goes beside an
+        older result, into a folder whose name ends in ``.interrupted``.
+
+        Raises
+        ------
+        OSError
+            If a file cannot be written; then an older result is as it was.
         """
-        written: list[Path] = []
-        jobs: list[tuple[str, Any]] = [
-            ("plan.plan", lambda path: write_mission(result.plan.mission, path)),
-            ("observations.parquet", result.observations.save),
-            ("track.csv", lambda path: _write_track(result, path)),
-        ]
-        if result.truth is not None:
-            jobs.append(("truth.npy", lambda path: _write_array(path, result.truth)))
-        if result.model is not None:
-            model = result.model
-            jobs.append(("value.npy", lambda path: _write_array(path, model.value)))
-            jobs.append(("uncertainty.npy", lambda path: _write_array(path, model.uncertainty)))
-            jobs.append(("scores.csv", lambda path: _write_scores(result, path)))
-        jobs.insert(0, ("summary.json", lambda path: _write_summary(result, path)))
-        if plots:
-            jobs += _plot_jobs(result)
-        for number, (name, job) in enumerate(jobs):
-            if progress is not None:
-                progress("writing results", number, len(jobs))
-            job(self.path / name)
-            written.append(self.path / name)
-        return written
+        tell = progress or _silent
+        self._staging.mkdir(parents=True, exist_ok=True)
+        jobs = _plot_jobs(result) if plots else []
+        tell("writing results", 0, len(jobs) + 1)
+        if result.outcome is Outcome.INTERRUPTED and (self.path / RECORD).is_file():
+            self.path = self.path.with_name(f"{self.path.name}.interrupted")
+            _check_target(self.path, (), None, force=(self.path / RECORD).is_file())
+        interrupted = None
+        with ThreadPoolExecutor(1) as pool:
+            arrays = write_arrays(result, self._staging, pool)
+            written = write_result(result, self._staging)
+            try:
+                for number, (name, job) in enumerate(jobs):
+                    tell("writing results", number + 1, len(jobs) + 1)
+                    job(self._staging / name)
+                    written.append(self._staging / name)
+            except KeyboardInterrupt as error:
+                interrupted = error
+            for path, done in arrays.items():
+                done.result()
+                written.append(path)
+        self._put_in_place()
+        if interrupted is not None:
+            raise interrupted
+        return [self.path / path.name for path in written]
+
+    def _put_in_place(self) -> None:
+        """Give the temporary folder the target's name; what is not ours in an older one is kept."""
+        target = self.path.resolve()
+        for entry in self._staging.iterdir():
+            _sync(entry)
+        _sync(self._staging)
+        if not target.exists():
+            self._staging.replace(target)
+        elif target.is_mount() or Path.cwd().is_relative_to(target):
+            # A folder that somebody is in cannot be exchanged.
+            for name in [entry.name for entry in target.iterdir() if _is_ours(entry.name)]:
+                if not (self._staging / name).exists():
+                    (target / name).unlink()
+            for entry in self._staging.iterdir():
+                entry.replace(target / entry.name)
+        else:
+            self._staging.chmod(stat.S_IMODE(target.stat().st_mode))
+            older = target.with_name(f"{self._staging.name}-old")
+            kept = [entry.name for entry in target.iterdir() if not _is_ours(entry.name)]
+            target.replace(older)
+            try:
+                self._staging.replace(target)
+            except BaseException:
+                older.replace(target)
+                raise
+            for name in kept:
+                (older / name).replace(target / name)
+            shutil.rmtree(older, ignore_errors=True)
+        _sync(target.parent)
+
+
+def save_result(result: Result, path: str | Path, *, plots: bool = True, force: bool = False) -> Path:
+    """Save a result into a folder; see `Result.save`."""
+    with ResultFolder(Path(path), scenario=result.scenario.to_dict(), force=force) as folder:
+        folder.write(result, plots=plots)
+    return Path(path)
+
+
+def load_result(path: str | Path) -> Result:
+    """Load the result that a run or `Result.save` left in a folder.
+
+    The arrays are read into memory, 1.1 GB for a farm like Waterberry.
+
+    Raises
+    ------
+    ResultError
+        If the folder holds no result, or a damaged one.
+
+    Examples
+    --------
+    >>> load_result("no/such/folder")
+    Traceback (most recent call last):
+    ...
+    wbf_mission.result_files.ResultError: no/such/folder: holds no result (result.json is missing); give ...
+    """
+    try:
+        return read_result(Path(path))
+    except (OSError, TypeError, KeyError, ValueError) as error:
+        if isinstance(error, ResultError):
+            raise
+        msg = f"{path}: the result is damaged ({' '.join(str(error).split())})"
+        raise ResultError(msg) from error
 
 
 def run_name(scenario: Scenario) -> str:
@@ -116,11 +187,11 @@ def run_name(scenario: Scenario) -> str:
     The digest covers whatever is not the default and not told by the name, such as the folders of files and
     the parameters of a planner; so runs that differ have names that differ.
     """
+    scenario = resolved(scenario)
     mission, default = scenario.mission, Scenario().to_dict()
-    planner = mission.planner.name if mission.file is None else Path(mission.file).stem
     told = {
         "farm": Path(scenario.farm.name).stem,
-        "planner": planner,
+        "planner": mission.planner.name if mission.file is None else Path(mission.file).stem,
         "estimator": scenario.estimate.estimator.name,
         "vehicle": Path(scenario.vehicle.name).stem,
         "seed": scenario.seed,
@@ -135,49 +206,84 @@ def run_name(scenario: Scenario) -> str:
     return f"{name}_{hashlib.sha256(msgspec.json.encode(sorted(rest.items()))).hexdigest()[:6]}"
 
 
-def _write_array(path: Path, array: Any) -> None:
-    with atomic_write(path, "wb") as stream:
-        np.save(stream, np.asarray(array, dtype=np.float32), allow_pickle=False)
+def _check_target(
+    path: Path, inputs: Iterable[str | Path | None], scenario: dict[str, Any] | None, *, force: bool
+) -> None:
+    target = path.resolve()
+    for one in inputs:
+        source = None if one is None else Path(one).resolve()
+        if source is not None and source.is_file() and source.parent == target and _is_ours(source.name):
+            msg = f"{path}: holds {one}, which the run reads; give another folder"
+            raise ResultError(msg)
+    if not path.exists():
+        if path.is_symlink():
+            msg = f"{path}: is a link that leads nowhere; give another folder"
+            raise ResultError(msg)
+        return
+    if not path.is_dir():
+        msg = f"{path}: is a file, not a folder for the results; give another --out"
+        raise ResultError(msg)
+    if force or not any(path.iterdir()):
+        return
+    if not (path / RECORD).is_file():
+        msg = f"{path}: holds other files and no result; give another folder, or --force to write into it"
+        raise ResultError(msg)
+    if scenario is None or _scenario_in(path) != msgspec.json.decode(msgspec.json.encode(scenario)):
+        msg = f"{path}: holds the result of another run; give another folder, or --force to replace it"
+        raise ResultError(msg)
 
 
-def _write_summary(result: FlightResult, path: Path) -> None:
-    with atomic_write(path) as stream:
-        stream.write(msgspec.json.format(msgspec.json.encode(result.summary())).decode() + "\n")
+def _scenario_in(path: Path) -> Any:
+    with contextlib.suppress(OSError, ValueError, RecursionError, AttributeError):
+        return msgspec.json.decode((path / RECORD).read_bytes()).get("scenario")
+    return None
 
 
-def _write_csv(path: Path, header: str, columns: list[Any], form: str | list[str]) -> None:
-    with atomic_path(path) as temporary:
-        table = np.column_stack(columns) if len(columns[0]) else np.empty((0, len(columns)))
-        np.savetxt(temporary, table, delimiter=",", header=header, comments="", fmt=form)
+def _is_ours(name: str) -> bool:
+    return name in _NAMES or (name.startswith("field_") and name.endswith(".png"))
 
 
-def _write_track(result: FlightResult, path: Path) -> None:
-    track = result.track
-    columns = [track.time_s, track.latitude_deg, track.longitude_deg, track.altitude_m, track.x_m, track.y_m]
-    names = ["latitude_deg", "longitude_deg", "relative_altitude_m", "x_m", "y_m"]
-    form = ["%.7f", "%.7f", "%.3f", "%.3f", "%.3f"]
-    header = ["time_s", *names]
-    if result.true_track is not None:
-        true = result.true_track.at(track.time_s)
-        columns += [true.latitude_deg, true.longitude_deg, true.altitude_m, true.x_m, true.y_m]
-        header += [f"true_{name}" for name in names]
-        form *= 2
-    _write_csv(path, ",".join(header), columns, ["%.3f", *form])
+_NAMES = frozenset(
+    {
+        RECORD,
+        "summary.json",
+        "plan.plan",
+        "plan.json",
+        "flight.tlog",
+        "observations.parquet",
+        "track.parquet",
+        "true_track.parquet",
+        "scores.parquet",
+        f"truth{SUFFIX}",
+        f"value{SUFFIX}",
+        f"uncertainty{SUFFIX}",
+        "maps.npz",
+        "farm.geojson",
+        "vehicle.toml",
+        "path.png",
+        "score.png",
+    }
+)
 
 
-def _write_scores(result: FlightResult, path: Path) -> None:
-    history = result.history
-    names = [f"loss_{field}" for field in PAPER_FIELDS.names]
-    header = ",".join(["time_s", "observations", "score", *names])
-    columns = [history.times_s, history.observations, history.scores, *history.field_losses.T]
-    _write_csv(path, header, columns, "%.9g")
+def _sync(path: Path) -> None:
+    """Have a file or folder on the disk before it is relied on."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
-def _plot_jobs(result: FlightResult) -> list[tuple[str, Any]]:
+def _silent(_what: str, _done: float, _total: float) -> None:
+    return None
+
+
+def _plot_jobs(result: Result) -> list[tuple[str, Any]]:
     from wbf_mission import plots
 
     scenario, farm = result.scenario, result.farm
-    mission, estimator = scenario.mission, scenario.estimate.estimator
+    mission, estimator = scenario.mission, result.estimator
     how = str(mission.planner) if mission.file is None else Path(mission.file).name
     title = f"{farm.name}: {how}, {result.plan.vehicle.name}"
     about = f"{farm.name}, day {scenario.farm.day}, {estimator}"
@@ -203,6 +309,7 @@ def _plot_jobs(result: FlightResult) -> list[tuple[str, Any]]:
                         history.field_losses,
                         path,
                         f"{title}, {estimator}",
+                        result.fields,
                     ),
                 )
             )

@@ -148,7 +148,7 @@ def make_components(
                 environment,
                 farm.grid().shape,
                 scenario.farm.day,
-                camera_options(scenario.camera),
+                camera_options(scenario.camera, environment.fields),
                 stream(scenario.seed, *names),
             )
             position_error = vehicle.position_error if vehicle.errors is not None else None

@@ -24,7 +24,8 @@ class InformationModel:
         Zero where the value is known, growing with doubt; its scale is the estimator's own.
     changed : bool[tiles along x, tiles along y], optional
         The tiles (`sensors.scoring.tiles`) outside of which no value and no uncertainty differs from the
-        model that the same estimator's `predict` returned before; None if everything may differ.
+        model that the same estimator's `predict` returned before; None if everything may differ. With an
+        axis of fields before these two, the same field by field.
     revision : int, optional
         How many models the estimator returned before this one since its `fit`. `changed` is relative to the
         model of the revision before: a consumer that skipped a revision must treat every tile as changed.
@@ -61,7 +62,8 @@ class InformationModel:
             raise EstimatorError(msg)
         if self.changed is not None:
             expected = tile_shape(self.shape)
-            if self.changed.shape != expected or self.changed.dtype != np.bool_:
+            by_field = (len(self.value), *expected)
+            if self.changed.shape not in (expected, by_field) or self.changed.dtype != np.bool_:
                 found = f"{self.changed.dtype}{list(self.changed.shape)}"
                 msg = f"information model: changed is {found}, expected bool{list(expected)}"
                 raise EstimatorError(msg)
@@ -78,6 +80,12 @@ class InformationModel:
             raise EstimatorError(msg)
         value: NDArray[np.float32] = self.value[self.fields.index(field)]
         return value
+
+    def changed_in(self, k: int) -> NDArray[np.bool_]:
+        """Return the tiles in which the field with this number may have changed."""
+        if self.changed is None:
+            return np.ones(tile_shape(self.shape), np.bool_)
+        return self.changed if self.changed.ndim == 2 else self.changed[k]
 
     def copy(self) -> InformationModel:
         """Give a model in arrays of its own, which stays as it is when the estimator learns more."""

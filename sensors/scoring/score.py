@@ -227,9 +227,17 @@ class RunningScore:
         """
         value = estimate.value if isinstance(estimate, InformationModel) else estimate
         self._check_shape(value, "estimate")
-        tiles = self._stale_tiles(estimate)
+        follows = self._follows(estimate)
         self._summed = None
-        sums = [part.errors(tiles, self._truth[k], value[k]) for k, part in enumerate(self._fields)]
+        everything = np.ones(self._tiles, np.bool_)
+        sums = [
+            part.errors(
+                estimate.changed_in(k) if follows and isinstance(estimate, InformationModel) else everything,
+                self._truth[k],
+                value[k],
+            )
+            for k, part in enumerate(self._fields)
+        ]
         loss = float(np.dot(self._weight, [s.loss for s in sums]) / self._weight.sum())
         if not np.isfinite(loss):
             bad = ", ".join(self._names[k] for k, s in enumerate(sums) if not np.isfinite(s.loss))
@@ -257,12 +265,12 @@ class RunningScore:
         """The paper's score of the run so far, -L."""
         return -self.loss
 
-    def _stale_tiles(self, estimate: NDArray[np.floating] | InformationModel) -> NDArray[np.bool_]:
-        if self._summed is not None and isinstance(estimate, InformationModel):
-            value, revision = self._summed
-            if estimate.changed is not None and estimate.value is value and estimate.revision == revision + 1:
-                return estimate.changed
-        return np.ones(self._tiles, np.bool_)
+    def _follows(self, estimate: NDArray[np.floating] | InformationModel) -> bool:
+        """Return whether an estimate is the successor of the model that was summed last."""
+        if self._summed is None or not isinstance(estimate, InformationModel):
+            return False
+        value, revision = self._summed
+        return estimate.value is value and estimate.revision == revision + 1
 
     def _check_shape(self, array: NDArray[np.floating], name: str) -> None:
         if array.shape != self._shape:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol
 
 from sim_vehicle.motion.legs import KEEP, Leg, LegKind
 
@@ -11,7 +11,6 @@ if TYPE_CHECKING:
 
     from sim_vehicle.airframe.parameters import ParameterSpec
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.fixed_wing.model import WingLimits
     from sim_vehicle.motion.legs import Heading, Position
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.weather.wind import Wind
@@ -43,26 +42,6 @@ class FlightProcedures(Protocol):
         ``haven`` is home or another place to return to, and the least height of the way there if that is more
         than the return altitude.
         """
-
-
-@runtime_checkable
-class FixedWingProcedures(FlightProcedures, Protocol):
-    """What a firmware decides about fixed wings besides."""
-
-    placed_land_start: bool
-    """Whether DO_LAND_START has to have a place."""
-
-    def limits(self, spec: VehicleSpec) -> WingLimits:
-        """Limits of a vehicle's flight."""
-
-    def lands_as_mission(self, spec: VehicleSpec) -> bool:
-        """Whether a return flies the landing of the mission, if it has one."""
-
-    def holds_at_waypoints(self) -> bool:
-        """Whether the hold time of a waypoint counts."""
-
-    def steepest_approach(self, spec: VehicleSpec) -> tuple[str, float] | None:
-        """Parameter that bounds the slope of an approach and its value in degrees; None without a bound."""
 
 
 def vertical_landing(spec: VehicleSpec, x_m: float, y_m: float) -> Leg:

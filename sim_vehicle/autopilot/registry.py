@@ -15,8 +15,8 @@ from sim_vehicle.airframe.autopilot_names import (
 )
 from sim_vehicle.airframe.parameters import check_parameters
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
+from sim_vehicle.autopilot.fixed_wing import FixedWingProcedures
 from sim_vehicle.autopilot.generic import GENERIC
-from sim_vehicle.autopilot.model import FixedWingProcedures
 from sim_vehicle.errors import VehicleError
 
 if TYPE_CHECKING:

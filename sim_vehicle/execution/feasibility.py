@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from mission.model import Command, Frame
-from sim_vehicle.execution.fixed_wing_items import MAX_RADIUS_M, circles, landing_problems
+from sim_vehicle.execution.fixed_wing_items import MAX_RADIUS_M, landing_problems, must_circle
 from sim_vehicle.execution.items import (
     DO_COMMANDS,
     MAX_TURNS,
@@ -98,7 +98,7 @@ def mission_problems(
             reasons.append("no take-off before it")
             flying = True
         problems += [f"item {seq} ({_name(item.command)}): {reason}" for reason in reasons]
-    if circles(spec):
+    if must_circle(spec):
         problems += landing_problems(items, places, spec)
     if not any(item.command in NAV_COMMANDS for item in items):
         problems.append("the mission has no place to fly to")
@@ -152,7 +152,7 @@ def _item_problems(
         if not 0.0 < first <= MAX_TURNS:
             problems.append(f"{first:g} turns are outside 0..{MAX_TURNS:g}")
         radius = number(item.param3)
-        most = MAX_RADIUS_M if circles(spec) else 1000.0
+        most = MAX_RADIUS_M if must_circle(spec) else 1000.0
         if radius != 0.0 and not 0.5 <= abs(radius) <= most:
             problems.append(f"radius {radius:g} m is outside 0.5..{most:g}")
     if command == Command.DO_JUMP and not (0.0 <= first < count and first == int(first)):

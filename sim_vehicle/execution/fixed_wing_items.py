@@ -25,8 +25,8 @@ MAX_RADIUS_M = 5000.0
 
 
 @dataclass(frozen=True, slots=True)
-class Circling:
-    """One item as a fixed wing flies it.
+class FixedWingLeg:
+    """The leg of one item as a fixed wing flies it, and what follows it.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class Circling:
         return self.wait_s is None and not self.forever
 
 
-def circles(spec: VehicleSpec) -> bool:
+def must_circle(spec: VehicleSpec) -> bool:
     """Whether a vehicle can only stay by circling."""
     return spec.kind == "fixed-wing"
 
@@ -68,10 +68,10 @@ def circle_leg(
     return Leg(centre, speed, kind=LegKind.LOITER, circle=Circle(radius_m or None, turns, leave_to_m))
 
 
-def circling(
+def fixed_wing_leg(
     item: MissionItem, place: Position, speed: float, spec: VehicleSpec, ahead: Position | None
-) -> Circling | None:
-    """Return how a fixed wing flies an item, None for one that is flown as by any other vehicle.
+) -> FixedWingLeg | None:
+    """The leg of an item as a fixed wing flies it; None for an item that any other vehicle flies alike.
 
     Parameters
     ----------
@@ -87,19 +87,19 @@ def circling(
     command = item.command
     first, second, third = (value or 0.0 for value in (item.param1, item.param2, item.param3))
     if command == _SPLINE or (command == _WAYPOINT and first > 0.0):
-        if command == _SPLINE or not fixed_wing_procedures(spec).holds_at_waypoints():
+        if command == _SPLINE or not fixed_wing_procedures(spec).holds_at_waypoints:
             radius = second if command == _WAYPOINT and second > 0.0 else spec.acceptance_radius_m
-            return Circling(Leg(place, speed, radius, KEEP))
-        return Circling(circle_leg(place, speed), wait_s=first)
+            return FixedWingLeg(Leg(place, speed, radius, KEEP))
+        return FixedWingLeg(circle_leg(place, speed), wait_s=first)
     leave = None if ahead is None else ahead[:2]
     if command == Command.NAV_LOITER_UNLIM:
-        return Circling(circle_leg(place, speed, third), forever=True)
+        return FixedWingLeg(circle_leg(place, speed, third), forever=True)
     if command == Command.NAV_LOITER_TIME:
-        return Circling(circle_leg(place, speed, third), wait_s=first)
+        return FixedWingLeg(circle_leg(place, speed, third), wait_s=first)
     if command == Command.NAV_LOITER_TURNS:
-        return Circling(circle_leg(place, speed, third, first, leave))
+        return FixedWingLeg(circle_leg(place, speed, third, first, leave))
     if command == Command.NAV_LOITER_TO_ALT:
-        return Circling(circle_leg(place, speed, second, leave_to_m=leave))
+        return FixedWingLeg(circle_leg(place, speed, second, leave_to_m=leave))
     return None
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from enum import Enum
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mission.model import Command, Frame, MissionItem
 from sim_vehicle.autopilot import flight_procedures
-from sim_vehicle.execution.fixed_wing_items import circles, circling, lands, next_place
+from sim_vehicle.execution.fixed_wing_items import fixed_wing_leg, lands, must_circle, next_place
+from sim_vehicle.execution.leg_plan import AfterLastLeg, LegPlan
 from sim_vehicle.execution.legs import circle_legs, spline_legs
 from sim_vehicle.motion.legs import ALONG, KEEP, Heading, Leg
 
@@ -41,15 +41,6 @@ MAX_LEGS = 4096
 # Plain numbers: an enumeration's member costs too much where a plan is made over thousands of items.
 _WAYPOINT = int(Command.NAV_WAYPOINT)
 _SPLINE = int(Command.NAV_SPLINE_WAYPOINT)
-
-
-class Ending(Enum):
-    """What follows the last leg."""
-
-    NEXT = "the next item"
-    WAIT = "a pause"
-    FOREVER = "nothing, it stays"
-    TOUCHDOWN = "the ground"
 
 
 @dataclass(slots=True)
@@ -83,52 +74,6 @@ class Settings:
     def copy(self) -> Settings:
         """Return an independent copy."""
         return replace(self, jumps=dict(self.jumps))
-
-
-@dataclass(slots=True)
-class Itinerary:
-    """Legs and what they complete.
-
-    Parameters
-    ----------
-    legs : list of Leg
-    seqs : list of int
-        The item that each leg belongs to, -1 outside a mission.
-    done : list of bool
-        Whether the leg completes its item.
-    speeds : list of float or None
-        The ground speed that was set for the leg; a curve may be flown more slowly.
-    ending : Ending
-    wait_s : float
-        Of a WAIT; NaN until the time of day that the item names.
-    open : bool
-        Whether it was cut short, so it has to be planned again before its end.
-    unsure : bool
-        Whether something between its items waits for a condition, which may change it.
-    """
-
-    legs: list[Leg] = field(default_factory=list)
-    seqs: list[int] = field(default_factory=list)
-    done: list[bool] = field(default_factory=list)
-    speeds: list[float | None] = field(default_factory=list)
-    ending: Ending = Ending.NEXT
-    wait_s: float = 0.0
-    open: bool = False
-    unsure: bool = False
-
-    def add(self, leg: Leg, seq: int = -1, *, done: bool = False, speed: float | None = None) -> None:
-        """Append a leg."""
-        self.speeds.append(leg.speed_m_s if speed is None else speed)
-        self.legs.append(leg)
-        self.seqs.append(seq)
-        self.done.append(done)
-
-    def prepend(self, leg: Leg, seq: int) -> None:
-        """Put a leg before all others; it completes nothing."""
-        self.legs.insert(0, leg)
-        self.speeds.insert(0, leg.speed_m_s)
-        self.seqs.insert(0, seq)
-        self.done.insert(0, False)
 
 
 def number(value: float | None, default: float = 0.0) -> float:
@@ -252,30 +197,30 @@ def plan_item_legs(
     settings: Settings,
     spec: VehicleSpec,
     here: Position,
-    haven: Position = (0.0, 0.0, 0.0),
-) -> Itinerary:
+    return_point: Position = (0.0, 0.0, 0.0),
+) -> LegPlan:
     """Return the legs from the place item ``seq`` on, as far as they are flown without a pause.
 
-    ``settings`` is a copy to look ahead with; ``here`` is where the vehicle is, ``haven`` where it returns to
-    and the least height of the way there.
+    ``settings`` is a copy to look ahead with; ``here`` is where the vehicle is, ``return_point`` where it
+    returns to and the least height of the path there.
     """
-    plan = Itinerary()
+    plan = LegPlan()
     last = here
     tangent = (0.0, 0.0, 0.0)
-    on_circles = circles(spec)
+    circling = must_circle(spec)
     while True:
         item = items[seq]
         circle = None
-        if on_circles:
+        if circling:
             place = _placed(places[seq], last)
-            circle = circling(item, place, settings.speed_m_s, spec, next_place(items, places, seq))
+            circle = fixed_wing_leg(item, place, settings.speed_m_s, spec, next_place(items, places, seq))
         if circle is not None:
             last = place
             plan.add(circle.leg, seq, done=circle.goes_on)
             if circle.forever:
-                plan.ending = Ending.FOREVER
+                plan.after_last = AfterLastLeg.FOREVER
             elif circle.wait_s is not None:
-                plan.ending, plan.wait_s = Ending.WAIT, circle.wait_s
+                plan.after_last, plan.wait_s = AfterLastLeg.WAIT, circle.wait_s
         elif item.command == _SPLINE:
             end = _placed(places[seq], last)
             ahead = _place_ahead(items, places, seq)
@@ -283,12 +228,12 @@ def plan_item_legs(
             last = end
         else:
             before = last
-            last = _item_legs(plan, item, places[seq], seq, settings, spec, last, haven)
+            last = _item_legs(plan, item, places[seq], seq, settings, spec, last, return_point)
             tangent = (0.0, 0.0, 0.0)
             if item.command == _WAYPOINT:
                 tangent = (last[0] - before[0], last[1] - before[1], last[2] - before[2])
         settings.heading = ALONG
-        if plan.ending is not Ending.NEXT:
+        if plan.after_last is not AfterLastLeg.NEXT:
             return plan
         if len(plan.legs) >= MAX_LEGS:
             plan.open = True
@@ -332,7 +277,7 @@ def _place_ahead(items: Sequence[MissionItem], places: Sequence[Position], seq: 
 
 
 def _spline_legs(
-    plan: Itinerary,
+    plan: LegPlan,
     item: MissionItem,
     seq: int,
     settings: Settings,
@@ -348,19 +293,19 @@ def _spline_legs(
     for leg in legs:
         plan.add(leg, seq, done=leg is legs[-1] and hold <= 0.0, speed=settings.speed_m_s)
     if hold > 0.0:
-        plan.ending, plan.wait_s = Ending.WAIT, hold
+        plan.after_last, plan.wait_s = AfterLastLeg.WAIT, hold
     return after
 
 
 def _item_legs(
-    plan: Itinerary,
+    plan: LegPlan,
     item: MissionItem,
     place: Position,
     seq: int,
     settings: Settings,
     spec: VehicleSpec,
     last: Position,
-    haven: Position,
+    return_point: Position,
 ) -> Position:
     """Append the legs of one item and return where they end."""
     command = item.command
@@ -374,7 +319,7 @@ def _item_legs(
         hold = item.param1 or 0.0
         if hold > 0.0:
             plan.add(Leg((x, y, z), speed, item.param2 or 0.0, heading), seq)
-            plan.ending, plan.wait_s = Ending.WAIT, hold
+            plan.after_last, plan.wait_s = AfterLastLeg.WAIT, hold
         else:
             plan.add(Leg((x, y, z), speed, item.param2 or radius, heading), seq, done=True)
         return x, y, z
@@ -386,21 +331,23 @@ def _item_legs(
             plan.add(leg, seq, done=leg is legs[-1])
         return legs[-1].end_m
     if command == Command.NAV_RETURN_TO_LAUNCH:
-        legs = flight_procedures(spec).return_legs(spec, last, speed, haven)
+        legs = flight_procedures(spec).return_legs(spec, last, speed, return_point)
         for leg in legs:
             plan.add(leg, seq)
         # A fixed wing may only circle over home.
-        plan.ending = Ending.NEXT if circles(spec) and not lands(legs) else Ending.TOUCHDOWN
-        return haven[0], haven[1], 0.0
+        plan.after_last = (
+            AfterLastLeg.NEXT if must_circle(spec) and not lands(legs) else AfterLastLeg.TOUCHDOWN
+        )
+        return return_point[0], return_point[1], 0.0
     if command == Command.NAV_LAND:
         for leg in flight_procedures(spec).landing_legs(spec, (x, y, last[2]), last, speed):
             plan.add(leg, seq)
-        plan.ending = Ending.TOUCHDOWN
+        plan.after_last = AfterLastLeg.TOUCHDOWN
         return x, y, 0.0
     if command == Command.NAV_DELAY:
         plan.add(Leg(last, speed, heading=KEEP), seq)
         delay = number(item.param1)
-        plan.ending, plan.wait_s = Ending.WAIT, delay if delay >= 0.0 else math.nan
+        plan.after_last, plan.wait_s = AfterLastLeg.WAIT, delay if delay >= 0.0 else math.nan
         return last
     if command == Command.NAV_LOITER_TURNS:
         legs = circle_legs((x, y, z), last, number(item.param1), number(item.param3), speed, spec)
@@ -408,6 +355,6 @@ def _item_legs(
             plan.add(leg, seq, done=leg is legs[-1])
         return legs[-1].end_m
     plan.add(Leg((x, y, z), speed, heading=heading), seq)
-    plan.ending = Ending.FOREVER if command == Command.NAV_LOITER_UNLIM else Ending.WAIT
+    plan.after_last = AfterLastLeg.FOREVER if command == Command.NAV_LOITER_UNLIM else AfterLastLeg.WAIT
     plan.wait_s = number(item.param1) if command == Command.NAV_LOITER_TIME else 0.0
     return x, y, z

@@ -1,22 +1,21 @@
-"""The vehicle under direct control: it flies legs or a velocity, holds, comes down, falls."""
+"""One plan of legs, or one velocity, as the motion flies it; the way to the ground, and contact with it."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot import flight_procedures
 from sim_vehicle.energy.battery import WH_J, BatteryMeter, remaining_fraction
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.execution.items import Ending, Itinerary
+from sim_vehicle.execution.leg_plan import AfterLastLeg, LegPlan
 from sim_vehicle.execution.state import BatteryDepleted, Disarmed, FlightEvent, Landed, LandedState, Phase
 from sim_vehicle.motion.legs import KEEP, Circle, Heading, Leg, LegKind, Route
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from geo.frame import LocalFrame
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Position
     from sim_vehicle.motion.model import MotionModel
@@ -28,25 +27,66 @@ _FALL_M_S2 = 9.0
 _FALL_M_S3 = 90.0
 
 
-class Craft:
-    """The innermost part of `sim_vehicle.execution.executor.MissionExecutor`: one plan of legs at a time."""
+@dataclass(slots=True)
+class Waiting:
+    """What waits on the way for a condition; it goes with the plan that is flown.
 
-    def __init__(
-        self, spec: VehicleSpec, frame: LocalFrame, *, wind: Wind | None = None, yaw_rad: float = 0.0
-    ) -> None:
+    Parameters
+    ----------
+    seqs : list of int
+        The items, in order.
+    step : int or None
+        The step of the motion at which the first of them is due, where its condition is a time.
+    """
+
+    seqs: list[int] = field(default_factory=list)
+    step: int | None = None
+
+
+class LegFollower:
+    """Flies one plan of legs, or a velocity, at a time; holds, comes down, falls.
+
+    Parameters
+    ----------
+    spec : VehicleSpec
+    wind : Wind, optional
+        The ideal vehicle knows none.
+    yaw_rad : float
+        Compass heading at the start.
+
+    Attributes
+    ----------
+    motion : MotionModel
+        What moves.
+    armed : bool
+        Whether the motors run.
+    phase : Phase
+        What the vehicle is doing.
+    landed : LandedState
+        Ground contact.
+    plan : LegPlan or None
+        What is flown.
+    flown : int
+        Legs of the plan that were accounted for.
+    timer, disarm_step : int or None
+        Steps of the motion at which a pause ends, and at which the motors stop.
+    waiting : Waiting
+        What waits for a condition.
+    battery_meter : BatteryMeter or None
+    """
+
+    def __init__(self, spec: VehicleSpec, *, wind: Wind | None = None, yaw_rad: float = 0.0) -> None:
         self.spec = spec
-        self.frame = frame
+        self.motion: MotionModel = flight_procedures(spec).motion(spec, wind, yaw_rad)
         self.armed = False
         self.phase = Phase.GROUND
         self.landed = LandedState.ON_GROUND
-        self.home_m = (0.0, 0.0)
-        self.rally_m: tuple[Position, ...] = ()
-        self.motion: MotionModel = flight_procedures(spec).motion(spec, wind, yaw_rad)
-        self._meter = BatteryMeter(spec.battery) if spec.battery is not None else None
-        self._plan: Itinerary | None = None
-        self._flown = 0
-        self._timer: int | None = None
-        self._disarm_step: int | None = None
+        self.plan: LegPlan | None = None
+        self.flown = 0
+        self.timer: int | None = None
+        self.disarm_step: int | None = None
+        self.waiting = Waiting()
+        self.battery_meter = BatteryMeter(spec.battery) if spec.battery is not None else None
         self._events: list[FlightEvent] = []
 
     @property
@@ -57,13 +97,13 @@ class Craft:
     def hold(self) -> None:
         """Stop and stay; `start` resumes a mission."""
         if self.landed is LandedState.ON_GROUND:
-            self._drop_plan(Phase.GROUND)
+            self.drop_plan(Phase.GROUND)
             return
-        self._check_power("hold")
+        self.check_power("hold")
         x, y, z = self.motion.stopping_point()
         circles = self.spec.kind == "fixed-wing"
         speed = self.spec.cruise_speed_m_s if circles else self.spec.top_speed_m_s
-        self._fly([Leg((x, y, z), speed, heading=KEEP, kind=LegKind.STAY)], Phase.HOLD)
+        self.fly([Leg((x, y, z), speed, heading=KEEP, kind=LegKind.STAY)], Phase.HOLD)
 
     def look_at(self, position_m: tuple[float, float] | None) -> None:
         """Point the nose at a position (east, north) whatever is flown, None for no more."""
@@ -72,17 +112,15 @@ class Craft:
     def fall(self) -> None:
         """Lose the thrust: the vehicle comes down at once and can do nothing more."""
         if self.landed is LandedState.ON_GROUND:
-            self.armed = False
-            self._drop_plan(Phase.GROUND)
-            self._disarm_step = None
-            self._tell(Disarmed(self.time_s))
+            self.stop_motors()
+            self.tell(Disarmed(self.time_s))
             return
-        self._drop_plan(Phase.FALLING)
+        self.drop_plan(Phase.FALLING)
         self.look_at(None)
         if self.spec.is_ideal:
             x, y, _ = self.motion.position_m
             down = Leg((x, y, 0.0), self.spec.cruise_speed_m_s, heading=KEEP, kind=LegKind.LAND)
-            self._fly([down], Phase.FALLING, Ending.TOUCHDOWN)
+            self.fly([down], Phase.FALLING, AfterLastLeg.TOUCHDOWN)
             return
         self.motion.update_spec(
             replace(
@@ -103,29 +141,44 @@ class Craft:
             used = (1.0 - min(max(fraction, 0.0), 1.0)) * battery.capacity_wh * WH_J
             self.motion.use_energy(max(0.0, used - self.motion.energy_j))
 
-    def haven(self) -> Position:
-        """Return where it returns to, home or the nearest rally point, and the least height of the way."""
-        x, y, _ = self.motion.position_m
-        places = ((*self.home_m, 0.0), *self.rally_m)
-        return min(places, key=lambda place: math.hypot(place[0] - x, place[1] - y))
+    def update_spec(self, spec: VehicleSpec) -> None:
+        """Take other defaults and limits; they hold from the next leg on."""
+        self.spec = spec
+        self.motion.update_spec(spec)
 
-    def _check_power(self, what: str) -> None:
+    def stop_motors(self) -> None:
+        """Disarm on the ground."""
+        self.armed = False
+        self.disarm_step = None
+        self.drop_plan(Phase.GROUND)
+
+    def keep_velocity(self, velocity_m_s: Position, *, height_m: float, heading: Heading) -> None:
+        """Keep a velocity until something else is flown; sinking ends with touch-down."""
+        self.motion.set_climb(None, None)
+        self._keep_velocity(velocity_m_s, height_m=height_m, heading=heading)
+        self.phase = Phase.STEERED
+        self.timer = None
+        self.waiting = Waiting()
+
+    def check_power(self, what: str) -> None:
+        """Raise VehicleError for an order to a vehicle that is lost."""
         if self.phase.is_lost:
             reason = "the battery is empty" if self.phase is Phase.DEPLETED else "the vehicle is falling"
             raise VehicleError(f"cannot {what}: {reason}")
 
-    def _fly(
+    def fly(
         self,
         legs: Sequence[Leg],
         phase: Phase,
-        ending: Ending = Ending.NEXT,
+        after_last: AfterLastLeg = AfterLastLeg.NEXT,
     ) -> None:
-        plan = Itinerary(ending=ending)
+        """Fly legs from here, at the vehicle's own vertical speeds."""
+        plan = LegPlan(after_last=after_last)
         for leg in legs:
             plan.add(leg)
-        self._drop_plan(phase)
+        self.drop_plan(phase)
         self.motion.set_climb(None, None)
-        self._begin(plan)
+        self.begin(plan)
 
     def _keep_velocity(
         self,
@@ -136,24 +189,27 @@ class Craft:
     ) -> None:
         """Keep a velocity; the plan has one leg, which ends on the ground if anywhere."""
         self.motion.steer(velocity_m_s, height_m=height_m, heading=heading)
-        self._plan = Itinerary(ending=Ending.TOUCHDOWN)
-        self._plan.add(Leg(self.motion.position_m, 0.0, heading=heading))
-        self._flown = 0
+        self.plan = LegPlan(after_last=AfterLastLeg.TOUCHDOWN)
+        self.plan.add(Leg(self.motion.position_m, 0.0, heading=heading))
+        self.flown = 0
         self._airborne()
 
-    def _drop_plan(self, phase: Phase) -> None:
-        self._plan = None
-        self._timer = None
+    def drop_plan(self, phase: Phase) -> None:
+        """Fly no plan any more, and forget what waits for its conditions."""
+        self.plan = None
+        self.timer = None
+        self.waiting = Waiting()
         self.phase = phase
 
-    def _begin(self, plan: Itinerary) -> None:
-        self._plan = plan
-        self._flown = 0
-        self._timer = None
+    def begin(self, plan: LegPlan) -> None:
+        """Begin a plan; what waits for a condition goes on waiting."""
+        self.plan = plan
+        self.flown = 0
+        self.timer = None
         self.motion.fly(Route.through(plan.legs))
         self._airborne()
-        if plan.ending is Ending.TOUCHDOWN and plan.legs[0].descends:
-            self._descend()
+        if plan.after_last is AfterLastLeg.TOUCHDOWN and plan.legs[0].descends:
+            self.descend()
 
     def _airborne(self) -> None:
         if self.landed is LandedState.ON_GROUND:
@@ -161,47 +217,51 @@ class Craft:
         elif self.landed is LandedState.LANDING:
             self.landed = LandedState.IN_AIR
 
-    def _descend(self) -> None:
+    def descend(self) -> None:
+        """Note that the last part of the way down has begun."""
         self.landed = LandedState.LANDING
         if self.phase is Phase.RETURN:
             self.phase = Phase.LAND
 
-    def _take_events(self) -> list[FlightEvent]:
+    def take_events(self) -> list[FlightEvent]:
+        """Take the events since the last call, in order."""
         events, self._events = self._events, []
         return events
 
-    def _tell(self, event: FlightEvent) -> None:
+    def tell(self, event: FlightEvent) -> None:
+        """Note an event."""
         self._events.append(event)
 
-    def _disarm_later(self) -> None:
-        self._disarm_step = self.motion.step + round(self.spec.disarm_delay_s / self.motion.step_s)
+    def disarm_later(self) -> None:
+        """Let the motors stop after the delay of the vehicle."""
+        self.disarm_step = self.motion.step + round(self.spec.disarm_delay_s / self.motion.step_s)
 
-    def _ground(self) -> None:
+    def touch_down(self) -> None:
+        """Come to rest on the ground."""
         if self.phase is Phase.FALLING:
             self.motion.update_spec(self.spec)
         self.motion.touch_down()
         self.landed = LandedState.ON_GROUND
-        self._plan = None
-        self._tell(Landed(self.time_s))
+        self.plan = None
+        self.tell(Landed(self.time_s))
 
-    def _drain_on_ground(self) -> None:
+    def drain_on_ground(self) -> None:
+        """Disarm when the idling motors have emptied the battery."""
         battery = self.spec.battery
         if self.armed and battery is not None and remaining_fraction(battery, self.motion.energy_j) <= 0.0:
-            self._tell(BatteryDepleted(self.time_s))
-            self.armed = False
-            self._drop_plan(Phase.GROUND)
-            self._disarm_step = None
-            self._tell(Disarmed(self.time_s))
+            self.tell(BatteryDepleted(self.time_s))
+            self.stop_motors()
+            self.tell(Disarmed(self.time_s))
 
-    def _deplete(self) -> None:
+    def deplete(self) -> None:
         """Come down where it is: nothing else is possible any more."""
         self.motion.ignore_energy()
         self.motion.lose_power()
-        self._tell(BatteryDepleted(self.time_s))
+        self.tell(BatteryDepleted(self.time_s))
         if self.phase is Phase.FALLING:
             return
         x, y, _ = self.motion.stopping_point()
         # A fixed wing comes down on a circle.
         down = Leg((x, y, 0.0), self.spec.cruise_speed_m_s, heading=KEEP, kind=LegKind.LAND, circle=Circle())
-        self._fly([down], Phase.DEPLETED, Ending.TOUCHDOWN)
+        self.fly([down], Phase.DEPLETED, AfterLastLeg.TOUCHDOWN)
         self.landed = LandedState.LANDING

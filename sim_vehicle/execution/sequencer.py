@@ -1,4 +1,4 @@
-"""Carries out a mission over a motion model: legs, pauses, conditions, jumps, landing, empty battery."""
+"""What follows from what in a mission: legs, pauses, conditions, jumps, landing, an empty battery."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ from sim_vehicle.execution.items import (
     CAMERA_COMMANDS,
     CONDITIONS,
     PLACE_COMMANDS,
-    Ending,
-    Itinerary,
     Settings,
     condition_items,
     do_items,
@@ -21,7 +19,8 @@ from sim_vehicle.execution.items import (
     plan_item_legs,
     time_of_day_wait_s,
 )
-from sim_vehicle.execution.leg_follower import Craft
+from sim_vehicle.execution.leg_plan import AfterLastLeg
+from sim_vehicle.execution.return_points import ReturnPoints
 from sim_vehicle.execution.state import (
     CameraCommand,
     CannotFly,
@@ -42,33 +41,62 @@ if TYPE_CHECKING:
 
     from geo.frame import LocalFrame
     from mission.model import MissionItem
-    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.execution.leg_follower import LegFollower
+    from sim_vehicle.execution.leg_plan import LegPlan
     from sim_vehicle.motion.legs import Position
-    from sim_vehicle.weather.wind import Wind
 
 _REPLAN_BEFORE = 64
 _GAVE_UP = -2
+_LANDING_COMMANDS = frozenset({16, 18, 19, 21, 31})
 _WAYPOINT = int(Command.NAV_WAYPOINT)
 ROI_COMMANDS = frozenset({195, 197, 201})
 EPOCH_UNIX_S = 1_780_315_200.0
 """Time of day at time 0 unless another is given: 2026-06-01T12:00:00Z."""
 
 
-class MissionSequencer(Craft):
-    """The inner part of a `sim_vehicle.execution.executor.MissionExecutor`: what follows from what."""
+class MissionSequencer:
+    """Flies the items of a mission one after the other: what follows from what.
+
+    Parameters
+    ----------
+    follower : LegFollower
+        Flies the legs.
+    frame : LocalFrame
+        About home.
+    takes_off : bool
+        Whether a mission that begins on the ground without a take-off item climbs first, to the height of
+        its first position or the take-off altitude if that is higher (as PX4 does).
+    epoch_unix_s : float
+        Time of day at time 0.
+
+    Attributes
+    ----------
+    items : tuple of MissionItem
+        The mission.
+    current_seq : int
+        The item that is being flown or comes next, -1 without a mission.
+    settings : Settings
+        What items and orders have changed for the legs to come.
+    return_points : ReturnPoints
+    """
 
     def __init__(
-        self, spec: VehicleSpec, frame: LocalFrame, *, wind: Wind | None = None, yaw_rad: float = 0.0
+        self,
+        follower: LegFollower,
+        frame: LocalFrame,
+        *,
+        takes_off: bool = False,
+        epoch_unix_s: float = EPOCH_UNIX_S,
     ) -> None:
-        super().__init__(spec, frame, wind=wind, yaw_rad=yaw_rad)
+        self.follower = follower
+        self.frame = frame
+        self.takes_off = takes_off
+        self.epoch_unix_s = epoch_unix_s
         self.items: tuple[MissionItem, ...] = ()
         self.current_seq = -1
-        self.takes_off = False
-        self.epoch_unix_s = EPOCH_UNIX_S
+        self.settings = self._default_settings()
+        self.return_points = ReturnPoints()
         self._places: list[Position] = []
-        self._settings = Settings(spec.cruise_speed_m_s, default_m_s=spec.cruise_speed_m_s)
-        self._waiting: list[int] = []
-        self._waiting_step: int | None = None
         self._replan = False
 
     def load(
@@ -78,33 +106,83 @@ class MissionSequencer(Craft):
 
         ``places`` are those of `sim_vehicle.execution.items.item_places`, when they are known already.
         """
-        if self.phase is Phase.MISSION:
-            self.hold()
+        follower = self.follower
+        if follower.phase is Phase.MISSION:
+            follower.hold()
         self.items = tuple(items)
         self._places = item_places(self.items, self.frame) if places is None else places
-        self._settings = Settings(self.spec.cruise_speed_m_s, default_m_s=self.spec.cruise_speed_m_s)
+        self.settings = self._default_settings()
         self.current_seq = min(current, len(self.items) - 1)
-        self.look_at(None)
+        follower.look_at(None)
 
-    def _drop_plan(self, phase: Phase) -> None:
-        super()._drop_plan(phase)
-        self._waiting = []
-        self._waiting_step = None
+    def return_point(self) -> Position:
+        """Where the vehicle would return to from here, and the least height of the path."""
+        return self.return_points.nearest(self.follower.motion.position_m)
 
-    def _begin(self, plan: Itinerary) -> None:
-        if self._waits(Command.CONDITION_DISTANCE):
-            near = max(number(self.items[self._waiting[0]].param1), 1e-3)
-            plan.legs[0] = replace(plan.legs[0], near_m=near)
-        super()._begin(plan)
+    def _default_settings(self) -> Settings:
+        speed_m_s = self.follower.spec.cruise_speed_m_s
+        return Settings(speed_m_s, default_m_s=speed_m_s)
 
     def _set_current(self, seq: int, time_s: float | None = None) -> None:
+        follower = self.follower
         if seq != self.current_seq:
             self.current_seq = seq
-            self._tell(CurrentChanged(self.time_s if time_s is None else time_s, seq))
+            follower.tell(CurrentChanged(follower.time_s if time_s is None else time_s, seq))
 
-    def _run(self, target: int, *, stop_each: bool) -> None:
-        course = self._course(target, stop_each=stop_each)
-        advance = self.motion.advance
+    def start(self, seq: int) -> None:
+        """Begin or go on with the mission at an item."""
+        follower = self.follower
+        follower.disarm_step = None
+        follower.drop_plan(Phase.MISSION)
+        self._continue(seq)
+
+    def set_current(self, seq: int) -> None:
+        """Make an item the current one; a mission in flight goes on with it at once."""
+        follower = self.follower
+        self.settings.jumps.clear()
+        self._set_current(seq)
+        if follower.phase is Phase.MISSION:
+            follower.drop_plan(Phase.MISSION)
+            self._continue(seq)
+
+    def apply_speed(self) -> None:
+        """Let a ground speed that was set hold for what is being flown."""
+        follower, speed_m_s = self.follower, self.settings.speed_m_s
+        plan = follower.plan
+        if follower.phase is Phase.STEERED or plan is None or follower.timer is not None:
+            return
+        if follower.phase is Phase.MISSION:
+            self._fly_from(self.current_seq, follower.time_s)
+        elif follower.phase in (Phase.GOTO, Phase.RETURN):
+            left = plan.legs[follower.flown :]
+            legs = [leg if leg.descends else replace(leg, speed_m_s=speed_m_s) for leg in left]
+            follower.fly(legs, follower.phase, plan.after_last)
+
+    def landing_legs(self) -> list[Leg]:
+        """The legs of the mission's own landing from here; none where it has none down to the ground."""
+        follower = self.follower
+        starts = [seq for seq, item in enumerate(self.items) if item.command == Command.DO_LAND_START]
+        if not starts:
+            return []
+        spec, here = follower.spec, follower.motion.position_m
+        legs: list[Leg] = []
+        seq = starts[0]
+        settings = self.settings.copy()
+        while True:
+            _, seq = do_items(self.items, seq, settings, spec.top_speed_m_s)
+            if not 0 <= seq < len(self.items) or self.items[seq].command not in _LANDING_COMMANDS:
+                return []
+            plan = plan_item_legs(self.items, self._places, seq, settings, spec, here, self.return_point())
+            legs += plan.legs
+            here = legs[-1].end_m
+            if plan.after_last is AfterLastLeg.TOUCHDOWN:
+                return legs
+            seq = plan.seqs[-1] + 1
+
+    def run(self, target: int, *, stop_each: bool) -> None:
+        """Fly until a step of the motion."""
+        course = self.course(target, stop_each=stop_each)
+        advance = self.follower.motion.advance
         try:
             steps, closely = next(course)
             while True:
@@ -112,133 +190,146 @@ class MissionSequencer(Craft):
         except StopIteration:
             return
 
-    def _course(self, target: int, *, stop_each: bool) -> Generator[tuple[int, bool], MotionEvent, None]:
-        """Fly until a step; who sends back its event moves the vehicle: up to how far, and how closely."""
-        motion = self.motion
+    def course(self, target: int, *, stop_each: bool) -> Generator[tuple[int, bool], MotionEvent, None]:
+        """Fly until a step of the motion, while the caller moves the vehicle.
+
+        Coroutine: yields ``(max_steps, stop_each)``; the caller advances the motion with them and sends the
+        MotionEvent back. Without ``stop_each`` it ends as soon as the mission is over.
+        """
+        follower, motion = self.follower, self.follower.motion
         while motion.step < target:
             limit = target
-            for step in (self._timer, self._disarm_step, self._waiting_step):
+            for step in (follower.timer, follower.disarm_step, follower.waiting.step):
                 if step is not None and step < limit:
                     limit = max(step, motion.step)
-            flying = self._plan is not None and self.landed is not LandedState.ON_GROUND
+            flying = follower.plan is not None and follower.landed is not LandedState.ON_GROUND
             if flying:
                 closely = stop_each or self._plan_needs_care()
                 event = yield limit - motion.step, closely
                 self._account(event)
             elif limit > motion.step:
-                motion.rest(limit - motion.step, armed=self.armed)
-                self._drain_on_ground()
-            if self._timer is not None and motion.step >= self._timer:
-                self._timer = None
+                motion.rest(limit - motion.step, armed=follower.armed)
+                follower.drain_on_ground()
+            if follower.timer is not None and motion.step >= follower.timer:
+                follower.timer = None
                 self._complete_item()
-            if self._waiting_step is not None and motion.step >= self._waiting_step:
+            if follower.waiting.step is not None and motion.step >= follower.waiting.step:
                 self._release()
-            if self._disarm_step is not None and motion.step >= self._disarm_step:
-                self._disarm_step = None
-                self.armed = False
-                self._drop_plan(Phase.GROUND)
-                self._tell(Disarmed(self.time_s))
+            if follower.disarm_step is not None and motion.step >= follower.disarm_step:
+                follower.stop_motors()
+                follower.tell(Disarmed(follower.time_s))
             if not stop_each and (self._over() or self._stuck()):
                 return
 
     def _over(self) -> bool:
+        follower = self.follower
         return (
-            self.phase is not Phase.MISSION
-            and self._disarm_step is None
-            and (self.landed is LandedState.ON_GROUND or self.phase is Phase.HOLD)
+            follower.phase is not Phase.MISSION
+            and follower.disarm_step is None
+            and (follower.landed is LandedState.ON_GROUND or follower.phase is Phase.HOLD)
         )
 
     def _stuck(self) -> bool:
         """Whether the mission stays where it is for ever."""
-        plan = self._plan
-        return plan is not None and plan.ending is Ending.FOREVER and self._flown == len(plan.legs)
+        follower = self.follower
+        plan = follower.plan
+        return (
+            plan is not None and plan.after_last is AfterLastLeg.FOREVER and follower.flown == len(plan.legs)
+        )
 
     def _plan_needs_care(self) -> bool:
         """Whether legs have to be looked at one by one even in a prediction."""
-        plan = self._plan
-        return bool(self._waiting) or (plan is not None and (plan.open or plan.unsure))
+        follower = self.follower
+        plan = follower.plan
+        return bool(follower.waiting.seqs) or (plan is not None and (plan.open or plan.unsure))
 
     def _account(self, event: MotionEvent) -> None:
         """Complete the legs that were flown, and take what ended the motion."""
-        plan = self._plan
+        follower = self.follower
+        plan = follower.plan
         self._complete_legs()
         if event is MotionEvent.ENERGY:
-            if self.landed is not LandedState.ON_GROUND:
-                self._deplete()
-        elif self._plan is plan:
+            if follower.landed is not LandedState.ON_GROUND:
+                follower.deplete()
+        elif follower.plan is plan:
             if event is MotionEvent.NEAR:
                 self._release()
             elif event is MotionEvent.STALLED:
                 self._give_up("cannot make progress: the wind is too strong for the vehicle")
 
     def _complete_legs(self) -> None:
-        plan, motion = self._plan, self.motion
+        follower = self.follower
+        plan, motion = follower.plan, follower.motion
         assert plan is not None
         reached = motion.leg + (1 if motion.arrivals[motion.leg] >= 0 else 0)
-        while self._flown < reached and self._plan is plan:
-            leg = self._flown
-            self._flown += 1
+        while follower.flown < reached and follower.plan is plan:
+            leg = follower.flown
+            follower.flown += 1
             self._leg_done(plan, leg, int(motion.arrivals[leg]) * motion.step_s)
 
-    def _leg_done(self, plan: Itinerary, leg: int, time_s: float) -> None:
+    def _leg_done(self, plan: LegPlan, leg: int, time_s: float) -> None:
+        follower = self.follower
         final = leg == len(plan.legs) - 1
         seq = plan.seqs[leg]
-        if self.landed is LandedState.TAKEOFF:
-            self.landed = LandedState.IN_AIR
+        if follower.landed is LandedState.TAKEOFF:
+            follower.landed = LandedState.IN_AIR
         if not final:
-            if plan.ending is Ending.TOUCHDOWN and plan.legs[leg + 1].descends:
-                self._descend()
+            if plan.after_last is AfterLastLeg.TOUCHDOWN and plan.legs[leg + 1].descends:
+                follower.descend()
             if plan.done[leg]:
                 self._next_leg(plan, leg, time_s)
             return
-        if plan.ending is Ending.TOUCHDOWN:
+        if plan.after_last is AfterLastLeg.TOUCHDOWN:
             self._touch_down(seq)
-        elif plan.ending is Ending.WAIT:
+        elif plan.after_last is AfterLastLeg.WAIT:
             wait_s = self._delay_s(seq) if math.isnan(plan.wait_s) else plan.wait_s
-            self._timer = self.motion.step + round(wait_s / self.motion.step_s)
+            follower.timer = follower.motion.step + round(wait_s / follower.motion.step_s)
             if wait_s <= 0.0:
-                self._timer = None
+                follower.timer = None
                 self._complete_item()
-        elif plan.ending is Ending.NEXT:
+        elif plan.after_last is AfterLastLeg.NEXT:
             if seq >= 0:
                 self._complete_item()
             else:
                 self._target_reached()
 
-    def _next_leg(self, plan: Itinerary, leg: int, time_s: float) -> None:
+    def _next_leg(self, plan: LegPlan, leg: int, time_s: float) -> None:
         """Go on to the next item of the plan, unless what lies between changes the plan."""
-        self._tell(ItemReached(time_s, plan.seqs[leg]))
+        follower = self.follower
+        follower.tell(ItemReached(time_s, plan.seqs[leg]))
         following = self._between(plan.seqs[leg] + 1, time_s)
         nearly_out = plan.open and leg >= len(plan.legs) - _REPLAN_BEFORE
-        same = following == plan.seqs[leg + 1] and plan.speeds[leg + 1] == self._settings.speed_m_s
-        if same and not nearly_out and not self._waiting and not self._replan:
+        same = following == plan.seqs[leg + 1] and plan.speeds[leg + 1] == self.settings.speed_m_s
+        if same and not nearly_out and not follower.waiting.seqs and not self._replan:
             self._set_current(following, time_s)
             return
         self._fly_from(following, time_s)
 
     def _complete_item(self) -> None:
         """The current item is complete: go on with the items after it."""
+        follower = self.follower
         seq = self.current_seq
-        self._tell(ItemReached(self.time_s, seq))
-        self._fly_from(self._between(seq + 1, self.time_s), self.time_s)
+        follower.tell(ItemReached(follower.time_s, seq))
+        self._fly_from(self._between(seq + 1, follower.time_s), follower.time_s)
 
     def _continue(self, seq: int) -> None:
-        time_s = self.time_s
+        time_s = self.follower.time_s
         self._fly_from(self._between(seq, time_s), time_s)
 
     def _between(self, seq: int, time_s: float) -> int:
         """Execute the items from ``seq`` to the next place and return it; `_GAVE_UP` when there is none."""
-        self._settings.heading = ALONG
-        if self._waiting:
-            for waiting in self._waiting:
+        follower = self.follower
+        self.settings.heading = ALONG
+        if follower.waiting.seqs:
+            for waiting in follower.waiting.seqs:
                 self._execute(waiting, time_s)
-            self._waiting = []
-            self._waiting_step = None
+            follower.waiting.seqs = []
+            follower.waiting.step = None
         if seq < len(self.items) and self.items[seq].command == _WAYPOINT:
             return seq
-        self._settings.yaw_rad = self.motion.snapshot().heading_rad
+        self.settings.yaw_rad = follower.motion.snapshot().heading_rad
         while True:
-            done, following = do_items(self.items, seq, self._settings, self.spec.top_speed_m_s)
+            done, following = do_items(self.items, seq, self.settings, follower.spec.top_speed_m_s)
             for index in done:
                 self._announce(index, time_s)
             if following < 0:
@@ -246,61 +337,66 @@ class MissionSequencer(Craft):
                 return _GAVE_UP
             if following >= len(self.items) or self.items[following].command not in CONDITIONS:
                 break
-            self._waiting = condition_items(self.items, following)
-            seq = self._waiting[-1] + 1
-        if self._waiting and following >= len(self.items):
-            for waiting in self._waiting:
+            follower.waiting.seqs = condition_items(self.items, following)
+            seq = follower.waiting.seqs[-1] + 1
+        if follower.waiting.seqs and following >= len(self.items):
+            for waiting in follower.waiting.seqs:
                 self._execute(waiting, time_s)
-            self._waiting = []
+            follower.waiting.seqs = []
         return following
 
     def _announce(self, seq: int, time_s: float) -> None:
+        follower = self.follower
         item = self.items[seq]
         command = item.command
         if command in CAMERA_COMMANDS:
-            self._tell(CameraCommand(time_s, seq, item))
+            follower.tell(CameraCommand(time_s, seq, item))
         elif command in ROI_COMMANDS:
             x, y, _ = self._places[seq]
-            self.look_at(None if math.isnan(x) else (x, y))
+            follower.look_at(None if math.isnan(x) else (x, y))
         elif command == Command.DO_SET_HOME:
-            here = self.motion.position_m[:2] if number(item.param1) == 1.0 else self._places[seq][:2]
+            here = follower.motion.position_m[:2] if number(item.param1) == 1.0 else self._places[seq][:2]
             if not math.isnan(here[0]):
-                self.home_m = here
-                self._tell(HomeMoved(time_s, *here))
+                self.return_points.home_m = here
+                follower.tell(HomeMoved(time_s, *here))
         elif command == Command.CONDITION_YAW:
             self._replan |= number(item.param4) != 0.0
         elif command == Command.DO_CHANGE_SPEED:
             self._replan |= number(item.param1) > 1.0
-        self._tell(ItemReached(time_s, seq))
+        follower.tell(ItemReached(time_s, seq))
 
     def _execute(self, seq: int, time_s: float) -> None:
         """Execute one item that waited for a condition."""
+        follower = self.follower
         if self.items[seq].command not in CONDITIONS:
-            self._settings.yaw_rad = self.motion.snapshot().heading_rad
-            do_items(self.items[: seq + 1], seq, self._settings, self.spec.top_speed_m_s)
+            self.settings.yaw_rad = follower.motion.snapshot().heading_rad
+            do_items(self.items[: seq + 1], seq, self.settings, follower.spec.top_speed_m_s)
         self._announce(seq, time_s)
 
     def _release(self) -> None:
         """The condition is met: execute what waited for it, up to the next condition."""
-        time_s = self.time_s
-        before = self._settings.copy()
-        self._waiting_step = None
-        self._execute(self._waiting.pop(0), time_s)
+        follower = self.follower
+        time_s = follower.time_s
+        before = self.settings.copy()
+        follower.waiting.step = None
+        self._execute(follower.waiting.seqs.pop(0), time_s)
         # At the place itself, where a pause runs, there is no way left to wait on.
-        while self._waiting and (self._timer is not None or not self._waits()):
-            self._execute(self._waiting.pop(0), time_s)
-        if self._timer is None and (self._waiting or self._settings != before):
+        while follower.waiting.seqs and (follower.timer is not None or not self._waits()):
+            self._execute(follower.waiting.seqs.pop(0), time_s)
+        if follower.timer is None and (follower.waiting.seqs or self.settings != before):
             self._fly_from(self.current_seq, time_s)
 
     def _waits(self, command: int | None = None) -> bool:
         """Whether what comes next waits for a condition (for this one)."""
-        if not self._waiting:
+        follower = self.follower
+        if not follower.waiting.seqs:
             return False
-        first = self.items[self._waiting[0]].command
+        first = self.items[follower.waiting.seqs[0]].command
         return first in CONDITIONS if command is None else first == command
 
     def _fly_from(self, seq: int, time_s: float) -> None:
         """Plan the legs from a place item on and begin to fly them."""
+        follower = self.follower
         if seq == _GAVE_UP:
             return
         if seq >= len(self.items):
@@ -308,39 +404,43 @@ class MissionSequencer(Craft):
             return
         self._set_current(seq, time_s)
         command = self.items[seq].command
-        drives = self.spec.kind == "rover"
-        climbs = self.landed is LandedState.ON_GROUND and command != Command.NAV_TAKEOFF and not drives
+        drives = follower.spec.kind == "rover"
+        climbs = follower.landed is LandedState.ON_GROUND and command != Command.NAV_TAKEOFF and not drives
         if climbs and not (self.takes_off and command in PLACE_COMMANDS):
             self._on_ground(seq)
             return
         if self._waits(Command.CONDITION_DELAY):
-            delay = number(self.items[self._waiting[0]].param1)
-            self._waiting_step = self.motion.step + max(1, round(delay / self.motion.step_s))
-        here = self.motion.position_m
+            delay = number(self.items[follower.waiting.seqs[0]].param1)
+            follower.waiting.step = follower.motion.step + max(1, round(delay / follower.motion.step_s))
+        here = follower.motion.position_m
         if math.isnan(self._places[seq][0]) and command not in (
             Command.NAV_TAKEOFF,
             Command.NAV_RETURN_TO_LAUNCH,
         ):
-            here = self.motion.stopping_point()
+            here = follower.motion.stopping_point()
         self._replan = False
-        self.motion.set_climb(self._settings.climb_m_s, self._settings.descent_m_s)
+        follower.motion.set_climb(self.settings.climb_m_s, self.settings.descent_m_s)
         if command in (Command.NAV_RETURN_TO_LAUNCH, Command.NAV_LAND):
-            self.look_at(None)
+            follower.look_at(None)
         if climbs:
-            here = (here[0], here[1], max(self._places[seq][2], self.spec.takeoff_altitude_m))
+            here = (here[0], here[1], max(self._places[seq][2], follower.spec.takeoff_altitude_m))
         plan = plan_item_legs(
-            self.items, self._places, seq, self._settings.copy(), self.spec, here, self.haven()
+            self.items, self._places, seq, self.settings.copy(), follower.spec, here, self.return_point()
         )
         if climbs:
-            plan.prepend(Leg(here, self._settings.speed_m_s, self.spec.acceptance_radius_m, KEEP), seq)
-        self._begin(plan)
+            plan.prepend(Leg(here, self.settings.speed_m_s, follower.spec.acceptance_radius_m, KEEP), seq)
+        if self._waits(Command.CONDITION_DISTANCE):
+            near = max(number(self.items[follower.waiting.seqs[0]].param1), 1e-3)
+            plan.legs[0] = replace(plan.legs[0], near_m=near)
+        follower.begin(plan)
 
     def _on_ground(self, seq: int) -> None:
         """Do an item that is not a take-off on the ground: wait, be landed, or give up."""
+        follower = self.follower
         command = self.items[seq].command
         if command == Command.NAV_DELAY:
-            self._plan = None
-            self._timer = self.motion.step + max(1, round(self._delay_s(seq) / self.motion.step_s))
+            follower.plan = None
+            follower.timer = follower.motion.step + max(1, round(self._delay_s(seq) / follower.motion.step_s))
         elif command in (Command.NAV_LAND, Command.NAV_RETURN_TO_LAUNCH):
             self._complete_item()
         else:
@@ -349,40 +449,48 @@ class MissionSequencer(Craft):
     def _delay_s(self, seq: int) -> float:
         item = self.items[seq]
         delay_s = number(item.param1)
-        return delay_s if delay_s >= 0.0 else time_of_day_wait_s(item, self.epoch_unix_s + self.time_s)
+        return (
+            delay_s if delay_s >= 0.0 else time_of_day_wait_s(item, self.epoch_unix_s + self.follower.time_s)
+        )
 
     def _finish(self, time_s: float) -> None:
-        self._tell(MissionComplete(time_s))
-        if self.landed is LandedState.ON_GROUND:
-            self._drop_plan(Phase.GROUND)
-            self._disarm_later()
+        follower = self.follower
+        follower.tell(MissionComplete(time_s))
+        if follower.landed is LandedState.ON_GROUND:
+            follower.drop_plan(Phase.GROUND)
+            follower.disarm_later()
         else:
-            self.hold()
+            follower.hold()
 
     def _target_reached(self) -> None:
-        if self.phase in (Phase.TAKEOFF, Phase.GOTO):
-            self.phase = Phase.HOLD
-            self._tell(TargetReached(self.time_s))
+        follower = self.follower
+        if follower.phase in (Phase.TAKEOFF, Phase.GOTO):
+            follower.phase = Phase.HOLD
+            follower.tell(TargetReached(follower.time_s))
 
     def _give_up(self, reason: str, seq: int | None = None) -> None:
-        on_mission = self.phase is Phase.MISSION
-        self._tell(
-            CannotFly(self.time_s, (self.current_seq if seq is None else seq) if on_mission else -1, reason)
+        follower = self.follower
+        on_mission = follower.phase is Phase.MISSION
+        follower.tell(
+            CannotFly(
+                follower.time_s, (self.current_seq if seq is None else seq) if on_mission else -1, reason
+            )
         )
-        if not self.phase.is_lost:
-            self.hold()
-        if self.landed is LandedState.ON_GROUND:
-            self._disarm_later()
+        if not follower.phase.is_lost:
+            follower.hold()
+        if follower.landed is LandedState.ON_GROUND:
+            follower.disarm_later()
 
     def _touch_down(self, seq: int) -> None:
-        was = self.phase
-        self._ground()
-        self._disarm_later()
+        follower = self.follower
+        was = follower.phase
+        follower.touch_down()
+        follower.disarm_later()
         if was.is_lost:
-            self._disarm_step = self.motion.step
+            follower.disarm_step = follower.motion.step
         elif was is Phase.MISSION and seq >= 0:
             self._complete_item()
-            if self.landed is not LandedState.ON_GROUND:
-                self._disarm_step = None
+            if follower.landed is not LandedState.ON_GROUND:
+                follower.disarm_step = None
             return
-        self._drop_plan(Phase.GROUND)
+        follower.drop_plan(Phase.GROUND)

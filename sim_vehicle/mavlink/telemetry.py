@@ -178,11 +178,13 @@ def _attitude_quaternion(vehicle: SimVehicle) -> Message:
 def _vfr_hud(vehicle: SimVehicle) -> Message:
     state = vehicle.pilot.state
     east, north, up = state.velocity_m_s
+    flies = state.armed and state.landed is not LandedState.ON_GROUND
     return m.MAVLink_vfr_hud_message(
         state.airspeed_m_s,
         math.hypot(east, north),
         int(math.degrees(state.yaw_rad)) % 360,
-        round(100.0 * state.throttle) if state.armed and state.landed is not LandedState.ON_GROUND else 0,
+        # A rover that brakes or drives backwards has a negative one; the field is a share of the power.
+        min(100, round(100.0 * abs(state.throttle))) if flies else 0,
         vehicle.place[2] / 1000.0,
         up,
     )

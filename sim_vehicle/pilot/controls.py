@@ -61,7 +61,7 @@ class Controls:
     @property
     def home_m(self) -> tuple[float, float]:
         """Where home is, east and north of the start."""
-        return self.executor.home_m
+        return self.executor.return_points.home_m
 
     def order(self, order: Callable[[], None]) -> None:
         """Give the executor an order.

@@ -74,7 +74,7 @@ class MissionStatus:
                     items,
                     executor.frame,
                     executor.spec,
-                    needs_takeoff=not executor.takes_off,
+                    needs_takeoff=not executor.sequencer.takes_off,
                     outside=failsafe.outside if failsafe.fence_enabled else None,
                 )
             )

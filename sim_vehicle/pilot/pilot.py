@@ -15,6 +15,7 @@ from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.items import item_places
+from sim_vehicle.execution.sequencer import EPOCH_UNIX_S
 from sim_vehicle.execution.state import (
     BatteryDepleted,
     CannotFly,
@@ -66,7 +67,7 @@ class Pilot:
         The mode that follows an ordered take-off.
     rules : FailsafeRules
         What the autopilot does when something goes wrong.
-    epoch_unix_s : float, optional
+    epoch_unix_s : float
         Time of day at time 0.
 
     Attributes
@@ -97,7 +98,7 @@ class Pilot:
         takes_off: bool = False,
         after_takeoff: Mode = Mode.HOLD,
         rules: FailsafeRules,
-        epoch_unix_s: float | None = None,
+        epoch_unix_s: float = EPOCH_UNIX_S,
     ) -> None:
         self.frame = frame
         self.outcome = Outcome.RUNNING
@@ -105,13 +106,12 @@ class Pilot:
         self.parameters = parameters = RuntimeParameters.of(spec)
         for name, value in rules.defaults.items():
             setattr(parameters, name, value)
-        self.executor = executor = MissionExecutor(spec, frame, wind=wind, yaw_rad=yaw_rad)
-        executor.takes_off = takes_off
-        if epoch_unix_s is not None:
-            executor.epoch_unix_s = epoch_unix_s
+        self.executor = MissionExecutor(
+            spec, frame, wind=wind, yaw_rad=yaw_rad, takes_off=takes_off, epoch_unix_s=epoch_unix_s
+        )
         self._notices = NoticeLog()
         self._rules = rules
-        self.controls = Controls(executor)
+        self.controls = Controls(self.executor)
         self.failsafe = Failsafe(self.controls, parameters, rules, self._notices)
         self.arming = ArmingChecks(self.controls, parameters, self.failsafe)
         self.mission = MissionStatus(self.controls, self.failsafe)
@@ -150,7 +150,7 @@ class Pilot:
     @property
     def home_m(self) -> tuple[float, float]:
         """Where home is, east and north of the start."""
-        return self.executor.home_m
+        return self.controls.home_m
 
     @property
     def mission_state(self) -> MissionState:
@@ -202,7 +202,7 @@ class Pilot:
     def set_rally(self, items: Sequence[MissionItem]) -> None:
         """Replace the rally points, which are returned to when they are nearer than home."""
         places = item_places([item for item in items if item.command == Command.NAV_RALLY_POINT], self.frame)
-        self.executor.rally_m = tuple(place for place in places if not math.isnan(place[0]))
+        self.executor.return_points.rally_m = tuple(place for place in places if not math.isnan(place[0]))
 
     def set_home(self, latitude_deg: float, longitude_deg: float) -> None:
         """Move home; its altitude stays that of the ground.
@@ -216,7 +216,7 @@ class Pilot:
         if not math.hypot(x_m, y_m) <= self.spec.max_distance_m:
             msg = f"Home refused: more than {self.spec.max_distance_m:.0f} m from the start"
             raise RefusedError(msg, denied=True)
-        self.executor.home_m = (x_m, y_m)
+        self.executor.return_points.home_m = (x_m, y_m)
         self.failsafe.apply_parameters()
 
     def apply_parameters(self) -> None:

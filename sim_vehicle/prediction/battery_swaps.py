@@ -133,10 +133,7 @@ def battery_changes(
     used, track = whole.energy_wh, whole.place_m
     # The way home is about so much; how much more it is, is seen by flying it.
     mean_w = used[-1] / max(whole.time_s[-1], 1.0)
-    way_s = np.hypot(track[:, 0], track[:, 1]) / spec.cruise_speed_m_s
-    if spec.kind != "rover":
-        way_s += track[:, 2] / spec.descent_speed_m_s
-    rough = mean_w * way_s
+    rough = mean_w * time_home_s(track, spec)
     changes: list[BatteryChange] = []
     begin, out, more = 0, 0.0, 0.0
     while out + used[-1] - used[begin] > usable:
@@ -171,6 +168,26 @@ def battery_changes(
     return tuple(changes)
 
 
+def time_home_s(positions_m: NDArray[np.float64], spec: VehicleSpec) -> NDArray[np.float64]:
+    """Estimate how long the way home takes: straight at the cruise speed, then down.
+
+    Parameters
+    ----------
+    positions_m : float64[n, 3]
+        East, north, up about home.
+    spec : VehicleSpec
+
+    Returns
+    -------
+    float64[n]
+        Seconds.
+    """
+    time_s: NDArray[np.float64] = np.hypot(positions_m[:, 0], positions_m[:, 1]) / spec.cruise_speed_m_s
+    if spec.kind != "rover":
+        time_s += positions_m[:, 2] / spec.descent_speed_m_s
+    return time_s
+
+
 @dataclass(frozen=True, slots=True)
 class _Record:
     """A flight, looked at again and again; ``reached`` are times at which items were complete."""
@@ -187,7 +204,9 @@ class _Ground:
 
     def __init__(self, mission: Mission, spec: VehicleSpec, home: LocalFrame, wind: Wind | None) -> None:
         self._items = mission.items
-        self._new: Callable[[], MissionExecutor] = lambda: MissionExecutor(spec, home, wind=wind)
+        self._new: Callable[[], MissionExecutor] = lambda: MissionExecutor(
+            spec, home, wind=wind, takes_off=climbs_by_itself(spec)
+        )
         self._home = home
         takeoff = [k for k, item in enumerate(mission.items) if item.command == Command.NAV_TAKEOFF]
         self._begin = mission.items[: takeoff[0] + 1] if takeoff else ()
@@ -212,7 +231,6 @@ class _Ground:
         """Fly items to their end and return what happened; None if it never ends or cannot be flown."""
         executor = self._new()
         motion = executor.motion
-        executor.takes_off = climbs_by_itself(executor.spec)
         executor.load(items)
         executor.arm()
         executor.start()

@@ -325,9 +325,9 @@ class _Flight:
         self._problem = next(iter(problems), None)
         if self._problem is not None:
             return
-        self.executor = executor = MissionExecutor(spec, home, wind=wind)
-        executor.epoch_unix_s = epoch_unix_s
-        executor.takes_off = takes_off
+        self.executor = executor = MissionExecutor(
+            spec, home, wind=wind, takes_off=takes_off, epoch_unix_s=epoch_unix_s
+        )
         motion = executor.motion
         tick_s = motion.step_s if spec.is_ideal else motion.step_s * _GRID_STEPS
         motion.track_every = max(1, round(track_step_s / tick_s))

@@ -13,7 +13,8 @@ import pytest
 from mission.files import read_mission
 from wbf_mission.cli.app import main
 
-FLY = ["fly", "--farm", "miniberry-10", "--vehicle", "ideal", "--planner", "lawnmower"]
+DISKS = ["--estimator", "adaptive-disk"]
+FLY = ["fly", "--farm", "miniberry-10", "--vehicle", "ideal", "--planner", "lawnmower", *DISKS]
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
@@ -144,7 +145,7 @@ def test_fly_json_and_files(capsys: pytest.CaptureFixture[str], tmp_path: Path) 
 def test_a_planned_file_can_be_flown(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     out = tmp_path / "rows.plan"
     assert run(capsys, "plan", "--planner", "lawnmower", "--budget", "150m", "--out", str(out))[0] == 0
-    code, text, _ = run(capsys, "fly", "--mission", str(out), "--no-files", "--json")
+    code, text, _ = run(capsys, "fly", "--mission", str(out), *DISKS, "--no-files", "--json")
     assert code == 0
     assert json.loads(text)["outcome"] == "completed"
 
@@ -214,11 +215,13 @@ def test_what_an_operator_should_know_is_said(capsys: pytest.CaptureFixture[str]
     out = tmp_path / "rows.plan"
     assert run(capsys, "plan", "--planner", "lawnmower", "--budget", "150m", "--out", str(out))[0] == 0
     code, text, err = run(
-        capsys, "fly", "--farm", "waterberry", "--mission", str(out), "--no-files", "--json"
+        capsys, "fly", "--farm", "waterberry", "--mission", str(out), *DISKS, "--no-files", "--json"
     )
-    assert code == 0
+    assert code == 1
     assert "no waypoint lies on the farm" in err
-    assert json.loads(text)["observations"] == 0
+    assert "saw nothing of the farm" in err
+    values = json.loads(text)
+    assert (values["outcome"], values["observations"], values["score"]) == ("completed", 0, None)
 
 
 def test_a_pipe_is_no_mission(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -236,6 +239,7 @@ def test_ctrl_c_leaves_a_usable_partial_result(tmp_path: Path) -> None:
         "miniberry-100",
         "--planner",
         "spiral",
+        *DISKS,
         "--speed",
         "5",
         "--out",
@@ -243,9 +247,10 @@ def test_ctrl_c_leaves_a_usable_partial_result(tmp_path: Path) -> None:
         "--json",
         cwd=tmp_path,
     )
-    log = tmp_path / "run" / "flight.tlog"
     deadline = time.monotonic() + 60.0
-    while time.monotonic() < deadline and not (log.is_file() and log.stat().st_size > 20_000):
+    while time.monotonic() < deadline and not any(
+        log.stat().st_size > 20_000 for log in tmp_path.rglob("flight.tlog")
+    ):
         time.sleep(0.1)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)

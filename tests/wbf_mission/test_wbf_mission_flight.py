@@ -1,14 +1,12 @@
 """Whole flights, from the plan to the score."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from mission.files import read_mission, write_mission
-from mission.link.tlog import read_tlog
+from mission.files import write_mission
 from mission.model import Command, Mission, MissionItem
 from sensors.errors import EstimatorError
 from sensors.observations import Observations
@@ -18,11 +16,12 @@ from wbf_mission.estimation import RunEstimate
 from wbf_mission.flight import fly, make_environment
 from wbf_mission.outcome import Outcome
 from wbf_mission.planning import plan
-from wbf_mission.results import RunFolder
 from wbf_mission.scenario import Scenario, scenario_with
 
-IDEAL = Scenario(farm="miniberry-10", planner="lawnmower", vehicle="ideal", seed=3)
-QUAD = Scenario(farm="miniberry-30", planner="spiral", vehicle="quad", budget="150m", seed=3)
+IDEAL = Scenario(farm="miniberry-10", planner="lawnmower", vehicle="ideal", seed=3, estimator="adaptive-disk")
+QUAD = Scenario(
+    farm="miniberry-30", planner="spiral", vehicle="quad", budget="150m", seed=3, estimator="adaptive-disk"
+)
 
 
 def test_the_ideal_robot_sees_the_truth_of_each_step() -> None:
@@ -69,41 +68,6 @@ def test_equal_scenarios_give_equal_bytes(tmp_path: Path) -> None:
     assert np.array_equal(first.observations.values, second.observations.values)
     assert first.history.scores == second.history.scores
     assert not np.array_equal(first.truth, other.truth)
-
-
-def test_the_run_folder_holds_what_others_read(tmp_path: Path) -> None:
-    folder = RunFolder.for_scenario(QUAD, tmp_path / "run")
-    result = fly(QUAD, tlog=folder.tlog)
-    written = folder.write(result)
-    assert all(path.is_file() for path in written)
-    assert {path.suffix for path in written} == {".plan", ".parquet", ".csv", ".npy", ".png", ".json"}
-    assert not [path for path in folder.path.iterdir() if path.name.startswith(".")]
-    summary = json.loads((folder.path / "summary.json").read_text())
-    for key in (
-        "seed",
-        "farm",
-        "planner",
-        "estimator",
-        "vehicle",
-        "score",
-        "losses",
-        "path_length_m",
-        "flight_time_s",
-        "wall_time_s",
-        "realtime_factor",
-        "observations",
-        "battery_used",
-        "transfer",
-        "outcome",
-    ):
-        assert key in summary
-    assert summary["outcome"] == "completed"
-    assert len(Observations.load(folder.path / "observations.parquet")) == summary["observations"]
-    assert len(read_mission(folder.path / "plan.plan").items) == len(result.plan.mission.items)
-    assert np.load(folder.path / "value.npy").shape == (3, 30, 30)
-    kinds = {message.get_type() for _, message in read_tlog(folder.tlog)}
-    assert {"HEARTBEAT", "MISSION_ITEM_INT", "GLOBAL_POSITION_INT", "CAMERA_IMAGE_CAPTURED"} <= kinds
-    assert {"DEBUG_FLOAT_ARRAY", "BATTERY_STATUS", "COMMAND_ACK"} <= kinds
 
 
 def test_a_bad_radio_costs_time_but_no_picture() -> None:
@@ -199,22 +163,3 @@ def test_an_estimator_that_fails_is_named(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr("sensors.estimators.point.PointEstimator.predict", fail)
     with pytest.raises(EstimatorError, match="PointEstimator failed: ZeroDivisionError: no such luck"):
         fly(replace(IDEAL, estimator="point"))
-
-
-def test_runs_that_differ_have_folders_that_differ(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    folders = {
-        RunFolder.for_scenario(scenario).path
-        for scenario in (
-            IDEAL,
-            replace(IDEAL, budget="30steps"),
-            replace(IDEAL, day=5),
-            replace(IDEAL, seed=4),
-        )
-    }
-    assert len(folders) == 4
-    older = RunFolder.for_scenario(IDEAL).path
-    (older / "path.png").write_bytes(b"old")
-    (older / "mine.txt").write_text("mine")
-    RunFolder.for_scenario(IDEAL)
-    assert [path.name for path in older.iterdir()] == ["mine.txt"]

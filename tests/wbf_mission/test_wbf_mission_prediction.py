@@ -30,7 +30,7 @@ VEHICLES = [
 
 def compared(scenario):
     """Return predicted and flown time and energy."""
-    result = fly(scenario)
+    result = fly(scenario, estimator="point")
     assert result.outcome is Outcome.COMPLETED
     prediction = result.plan.prediction
     assert prediction.feasible

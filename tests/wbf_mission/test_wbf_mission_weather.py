@@ -9,9 +9,9 @@ import pytest
 
 from sim_vehicle.weather.dryden import LEVELS_W20_M_S
 from wbf_mission.flight import fly
-from wbf_mission.flight_result import FlightResult
+from wbf_mission.flight_result import Result
 from wbf_mission.planning import plan
-from wbf_mission.results import RunFolder
+from wbf_mission.result_files import track_table
 from wbf_mission.scenario import Scenario, ScenarioError, load_scenario
 from wbf_mission.scenario.texts import shear_values, turbulence_value
 from wbf_mission.simulator import make_components
@@ -20,6 +20,7 @@ from wbf_mission.weather import flight_level, noise_of, wind_of, wind_of_run
 WINDY = Scenario(
     farm="miniberry-10",
     planner="lawnmower",
+    estimator="adaptive-disk",
     seed=5,
     wind_speed_m_s=5.0,
     wind_direction_deg=250.0,
@@ -96,11 +97,11 @@ def test_a_wind_too_strong_at_the_height_of_the_flight_is_refused() -> None:
 
 
 @pytest.fixture(scope="module")
-def flights() -> tuple[FlightResult, FlightResult]:
+def flights() -> tuple[Result, Result]:
     return fly(WINDY), fly(LOST)
 
 
-def test_noise_leaves_the_wind_and_the_belief_alone(flights: tuple[FlightResult, FlightResult]) -> None:
+def test_noise_leaves_the_wind_and_the_belief_alone(flights: tuple[Result, Result]) -> None:
     sure, lost = flights
     assert sure.outcome.is_good and lost.outcome.is_good
     assert lost.battery_used == sure.battery_used
@@ -110,7 +111,7 @@ def test_noise_leaves_the_wind_and_the_belief_alone(flights: tuple[FlightResult,
     np.testing.assert_array_equal(lost.track.y_m, sure.track.y_m)
 
 
-def test_the_truth_is_beside_what_was_believed(flights: tuple[FlightResult, FlightResult]) -> None:
+def test_the_truth_is_beside_what_was_believed(flights: tuple[Result, Result]) -> None:
     sure, lost = flights
     assert sure.true_track is None and sure.summary()["position_error_m"] is None
     assert lost.true_track is not None
@@ -123,7 +124,7 @@ def test_the_truth_is_beside_what_was_believed(flights: tuple[FlightResult, Flig
 
 
 def test_errors_of_place_cost_score_and_put_leaves_into_wrong_cells(
-    flights: tuple[FlightResult, FlightResult],
+    flights: tuple[Result, Result],
 ) -> None:
     sure, lost = flights
     assert sure.truth is not None and sure.model is not None and lost.model is not None
@@ -134,13 +135,10 @@ def test_errors_of_place_cost_score_and_put_leaves_into_wrong_cells(
     assert lost.history.entries[-1].score < sure.history.entries[-1].score
 
 
-def test_the_track_file_has_both(flights: tuple[FlightResult, FlightResult], tmp_path: Path) -> None:
+def test_the_table_of_the_track_has_both(flights: tuple[Result, Result]) -> None:
     for result, columns in zip(flights, (6, 11), strict=True):
-        folder = RunFolder.for_scenario(result.scenario, tmp_path / str(columns))
-        folder.write(result, plots=False)
-        lines = (folder.path / "track.csv").read_text().splitlines()
-        assert len(lines[0].split(",")) == len(lines[-1].split(",")) == columns
-        assert len(lines) == len(result.track.time_s) + 1
+        table = track_table(result.track, result.true_track)
+        assert table.shape == (len(result.track.time_s), columns)
 
 
 def test_an_ardupilot_tells_the_truth_too() -> None:

@@ -8,6 +8,7 @@ import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output, duration
+from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import (
     CameraOptions,
     FarmOptions,
@@ -60,23 +61,31 @@ def benchmark_command(
     ] = 1,
     json: options.Json = False,
     quiet: options.Quiet = False,
-) -> None:
+) -> int:
     """Fly planners against estimators over many environments and print one table.
 
-    The environment of a seed is the same for every row, so the rows can be compared.
+    The environment of a seed is the same for every row, so the rows can be compared. Ctrl-C prints the rows
+    of what was flown before.
     """
-    from wbf_mission.benchmark import run_benchmark
+    from sensors.field_files import load_field_set
+    from wbf_mission.benchmarking import BenchmarkInterrupted, benchmark
 
     output = Output(as_json=json, quiet=quiet)
     base = given.scenario()
+    fields = load_field_set(base.farm.fields)
     if jobs == 0:
         msg = "--jobs 0 runs nothing: give a number of processes, or -1 for one per core"
         raise ScenarioError(msg)
     names = {"planner": choices_in(planners, "planner"), "estimator": choices_in(estimators, "estimator")}
-    with output.progress() as progress:
-        rows = run_benchmark(
-            base, names["planner"], names["estimator"], range(seeds), jobs=jobs, progress=progress
-        )
+    interrupted = False
+    try:
+        with output.progress() as progress:
+            rows = benchmark(
+                base, names["planner"], names["estimator"], range(seeds), jobs=jobs, progress=progress
+            )
+    except BenchmarkInterrupted as stop:
+        rows, interrupted = stop.rows, True
+        output.warn(f"{stop}; the table holds those")
     table = []
     for row in rows:
         values = row.summary()
@@ -87,9 +96,9 @@ def benchmark_command(
                 row.estimator,
                 f"{values['score_mean']:.4f} ± {values['score_std']:.4f}",
                 f"{values['final_score_mean']:.4f} ± {values['final_score_std']:.4f}",
-                *(f"{losses[name]:.4f}" for name in ("tylcv", "ccr", "soil")),
+                *(f"{loss:.4f}" for loss in losses.values()),
                 f"{values['observations_mean']:.0f}",
-                duration(values["wall_time_s"] / seeds),
+                duration(values["wall_time_s"] / values["seeds"]),
             ]
         )
     header = [
@@ -97,11 +106,10 @@ def benchmark_command(
         "estimator",
         "score, run",
         "score, end",
-        "TYLCV",
-        "CCR",
-        "soil",
+        *(field.name.upper() if field.kind == "disease" else field.name for field in fields),
         "observations",
         "wall a run",
     ]
     title = f"{base.farm.name}, {base.vehicle.name}, day {base.farm.day}, {seeds} environments"
     output.table([row.summary() for row in rows], header, table, title=f"{title} (score: 0 is perfect)")
+    return ExitCode.INTERRUPTED if interrupted else ExitCode.GOOD

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from wbf_mission.cli import options
+from wbf_mission.cli import options, signals
 from wbf_mission.cli.output import Output, distance, duration
+from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import (
     CameraOptions,
     EstimateOptions,
@@ -19,6 +21,7 @@ from wbf_mission.scenario import (
     VehicleOptions,
     WeatherOptions,
 )
+from wbf_mission.stopwatch import process_age_s
 
 EXAMPLES = """
 Examples
@@ -70,6 +73,14 @@ def fly_command(
             rich_help_panel="What to run",
         ),
     ] = True,
+    force: Annotated[
+        bool,
+        typer.Option(
+            "--force",
+            help="Replace the result of another run in the folder, or write among other files.",
+            rich_help_panel="Output",
+        ),
+    ] = False,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> int:
@@ -78,24 +89,35 @@ def fly_command(
     Writes the plan, a telemetry log, the observations, the information model with the truth, a summary
     and pictures.
     """
+    from wbf_mission.estimation import resolved
     from wbf_mission.flight import fly
-    from wbf_mission.results import RunFolder
+    from wbf_mission.results import ResultFolder, run_name
 
     output = Output(as_json=json, quiet=quiet)
     if speed is not None and not 0.01 <= speed <= 1e6:
         msg = f"--speed {speed} is out of range: give 0.01 to 1000000 simulated seconds per second"
         raise ScenarioError(msg)
     chosen = given.scenario()
-    folder = RunFolder.for_scenario(chosen, out) if files else None
-    interrupted = False
-    with output.progress() as progress:
+    with contextlib.ExitStack() as stack:
+        folder = None
+        if files:
+            inputs = [given.file, chosen.farm.name, *chosen.farm.fields]
+            inputs += [chosen.mission.file, chosen.vehicle.name]
+            path = out or Path("runs") / run_name(chosen)
+            folder = stack.enter_context(
+                ResultFolder(path, inputs=inputs, scenario=resolved(chosen).to_dict(), force=force)
+            )
+            stack.enter_context(
+                signals.announcing(
+                    f"interrupted: what was flown is estimated and saved in {path}; again ends at once"
+                )
+            )
+        started_s = process_age_s()
+        progress = stack.enter_context(output.progress())
         result = fly(
-            chosen,
-            progress=progress,
-            pace=speed,
-            tlog=folder.tlog if folder else None,
-            use_cache=cache,
+            chosen, progress=progress, pace=speed, tlog=folder.tlog if folder else None, use_cache=cache
         )
+        flown_s, interrupted = process_age_s(), False
         try:
             if folder is not None:
                 folder.write(result, plots=plots, progress=progress)
@@ -104,9 +126,14 @@ def fly_command(
     for warning in result.plan.warnings:
         output.warn(warning)
     if interrupted:
-        output.warn("interrupted while the results were written: some files are missing")
+        output.warn("interrupted while the results were written: pictures or more are missing")
     summary = result.summary()
-    summary["files"] = str(folder.path) if folder else None
+    summary["files"] = str(folder.path) if folder and (folder.path / "result.json").is_file() else None
+    summary["timings_s"] = {"start-up": started_s, **result.timings_s, "results": process_age_s() - flown_s}
+    summary["wall_time_s"] = process_age_s()
+    blind = result.outcome.is_good and not len(result.observations)
+    if blind:
+        output.warn(f"the mission saw nothing of the farm {result.farm.name}: no estimate and no score")
     if not result.outcome.is_good:
         output.warn(f"{result.outcome.value}: {result.reason}")
     transfer = summary["transfer"]
@@ -129,8 +156,10 @@ def fly_command(
         "wall time": f"{duration(summary['wall_time_s'])}: "
         + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in summary["timings_s"].items()),
         "flight speed": f"{summary['realtime_factor']:.0f} x real time",
-        "files": str(folder.path) if folder else "not written",
+        "files": summary["files"] or "not written",
     }
-    title = f"{result.farm.name}: {result.plan.planner or 'mission file'}, {chosen.estimate.estimator}"
+    title = f"{result.farm.name}: {result.plan.planner or 'mission file'}, {result.estimator}"
     output.result(summary, rows, title=f"{title}, {result.plan.vehicle.name}, seed {chosen.seed}")
-    return 130 if interrupted else result.outcome.exit_code
+    if interrupted:
+        return ExitCode.INTERRUPTED
+    return ExitCode.NOT_GOOD if blind else result.outcome.exit_code

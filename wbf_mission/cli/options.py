@@ -27,7 +27,7 @@ _OUTPUT = "Output"
 
 
 def complete(kind: str) -> Callable[[str], list[str]]:
-    """Return what completes the names of a kind: farm, planner, estimator or vehicle."""
+    """Return what completes the names of a kind: farm, planner, estimator, autopilot or vehicle."""
 
     def names(incomplete: str) -> list[str]:
         from wbf_mission import names as known

@@ -10,7 +10,7 @@ import typer
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output, duration
 
-_CONNECT_HELP = "Link to the vehicle: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or tcpin:HOST:PORT."
+_CONNECT_HELP = "Link to the vehicle: udpin:, udpout:, tcp: or tcpin:HOST:PORT, or serial:DEVICE:BAUD."
 Connect = Annotated[str, typer.Option(help=_CONNECT_HELP)]
 Wait = Annotated[
     float, typer.Option(help="Seconds to wait for the vehicle's heartbeat.", min=0.1, max=3600.0)
@@ -39,12 +39,12 @@ def upload_command(
 ) -> None:
     """Upload a mission file (mission, fence, rally points), download it again and compare."""
     from mission.files import read_mission
-    from wbf_mission.ground.link import upload_mission
+    from wbf_mission.ground.link import upload
 
     output = Output(as_json=json, quiet=quiet)
     mission = read_mission(file)
     with output.progress() as progress:
-        report = upload_mission(mission, connect, wait_s=wait, progress=progress, note=output.note)
+        report = upload(mission, connect, wait_s=wait, progress=progress, note=output.note)
     rows = {
         "vehicle": f"system {report.system_id}, component {report.component_id}",
         **{name: f"{count} items, verified" for name, count in report.items.items()},
@@ -64,12 +64,12 @@ def download_command(
 ) -> None:
     """Download the mission, the fence and the rally points of a vehicle into a file."""
     from mission.files import Firmware, write_mission, writer_for
-    from wbf_mission.ground.link import download_mission
+    from wbf_mission.ground.link import download
 
     output = Output(as_json=json, quiet=quiet)
     writer_for(out)
     with output.progress() as progress:
-        mission, report = download_mission(connect, wait_s=wait, progress=progress, note=output.note)
+        mission, report = download(connect, wait_s=wait, progress=progress, note=output.note)
     firmware = Firmware(report.autopilot) if report.autopilot in set(Firmware) else Firmware.GENERIC
     write_mission(mission, out, firmware=firmware)
     rows = {

@@ -47,8 +47,17 @@ class TransferReport:
         return {name: getattr(self, name) for name in self.__slots__}
 
 
-def upload_mission(
-    mission: Mission, url: str, *, wait_s: float = 10.0, progress: ProgressCallback, note: Note
+def _silent(*_: object) -> None:
+    """Take what nobody wants to hear."""
+
+
+def upload(
+    mission: Mission,
+    url: str,
+    *,
+    wait_s: float = 10.0,
+    progress: ProgressCallback = _silent,
+    note: Note = _silent,
 ) -> TransferReport:
     """Send a mission to the vehicle behind ``url``, read it back and compare.
 
@@ -68,10 +77,10 @@ def upload_mission(
         return _report(vehicle, driver.upload(mission))
 
 
-def download_mission(
-    url: str, *, wait_s: float = 10.0, progress: ProgressCallback, note: Note
+def download(
+    url: str, *, wait_s: float = 10.0, progress: ProgressCallback = _silent, note: Note = _silent
 ) -> tuple[Mission, TransferReport]:
-    """Read mission, fence and rally points of the vehicle behind ``url``; errors as in `upload_mission`."""
+    """Read mission, fence and rally points of the vehicle behind ``url``; errors as in `upload`."""
     with _driver(url, progress, "downloading") as driver:
         vehicle = _find(driver, wait_s, note)
         mission, costs = driver.download()

@@ -13,7 +13,7 @@ from mission.planners import PlannedPath, WingPattern, build_mission
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import fixed_wing_procedures, with_autopilot
-from sim_vehicle.execution.fixed_wing_items import circles
+from sim_vehicle.execution.fixed_wing_items import must_circle
 from sim_vehicle.prediction.battery_swaps import batteries_needed
 from sim_vehicle.prediction.predict import Prediction, expected_flights
 from wbf_mission.scenario import CameraOptions, MissionOptions, Scenario, VehicleOptions, WeatherOptions
@@ -93,7 +93,7 @@ class MissionBuilder:
     def _pattern(self) -> WingPattern | None:
         """Return how a fixed wing takes off and lands, into the wind."""
         vehicle, weather = self.vehicle, self.weather
-        if not circles(vehicle):
+        if not must_circle(vehicle):
             return None
         procedures = fixed_wing_procedures(vehicle)
         law = procedures.limits(vehicle)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
+from geo.reading import UnreadableError, read_toml
 from wbf_mission.scenario.option import ScenarioError
 from wbf_mission.scenario.scenario import Scenario
 
-MAX_BYTES = 2**20
 _FILES = ("farm", "mission", "vehicle")
 
 
@@ -28,30 +27,11 @@ def load_scenario(path: str | Path) -> Scenario:
 
 def read_table(path: str | Path) -> dict[str, Any]:
     """Read a TOML file as it is; ScenarioError if it cannot be read, is too large or is not TOML."""
-    path = Path(path)
     try:
-        if path.exists() and not path.is_file():
-            msg = f"{path}: cannot be read as a scenario (a folder or a device); give a TOML file"
-            raise ScenarioError(msg)
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-        if len(data) > MAX_BYTES:
-            msg = f"{path}: larger than {MAX_BYTES // 2**20} MiB; no scenario is"
-            raise ScenarioError(msg)
-        text = data.decode()
-    except (OSError, ValueError) as error:
-        if isinstance(error, ScenarioError):
-            raise
-        msg = f"{path}: cannot be read as a scenario ({_reason(error)}); give a TOML file"
+        return read_toml(Path(path))
+    except UnreadableError as error:
+        msg = f"{path}: cannot be read as a scenario: {error}; give a TOML file"
         raise ScenarioError(msg) from error
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        msg = f"{path}: not TOML ({error})"
-        raise ScenarioError(msg) from error
-    except RecursionError:
-        msg = f"{path}: not a scenario (nested too deeply)"
-        raise ScenarioError(msg) from None
 
 
 def scenario_from_table(table: dict[str, Any], path: Path) -> Scenario:
@@ -61,6 +41,8 @@ def scenario_from_table(table: dict[str, Any], path: Path) -> Scenario:
         given = table.get(key)
         if isinstance(given, str) and given and (path.parent / given).is_file():
             table[key] = str(path.parent / given)
+    if isinstance(table.get("fields"), list):
+        table["fields"] = [_beside(path, one) for one in table["fields"]]
     try:
         return Scenario(**table)
     except ScenarioError as error:
@@ -68,7 +50,8 @@ def scenario_from_table(table: dict[str, Any], path: Path) -> Scenario:
         raise ScenarioError(msg) from error
 
 
-def _reason(error: Exception) -> str:
-    if isinstance(error, OSError):
-        return error.strerror or str(error)
-    return "not UTF-8 text" if isinstance(error, UnicodeDecodeError) else str(error)
+def _beside(path: Path, item: object) -> object:
+    """Give the path of a field file that lies beside the scenario, anything else as it is."""
+    if isinstance(item, str) and item.endswith(".toml") and (path.parent / item).is_file():
+        return str(path.parent / item)
+    return item

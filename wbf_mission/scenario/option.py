@@ -48,7 +48,7 @@ class Option:
     metavar : str or None
         What stands for its value in ``--help``.
     kind : str
-        Of what it is a name, for completion: farm, planner, estimator, vehicle or empty.
+        Of what it is a name, for completion: farm, planner, estimator, vehicle, autopilot or empty.
     needs : str
         The key of the option without which it has no effect.
     not_with : str

@@ -13,7 +13,7 @@ from wbf_mission.scenario.texts import parameter_values, shear_values, turbulenc
 RUN = "What to run"
 VEHICLE = "Vehicle and weather"
 CAMERA = "Leaf camera"
-_SPIRAL, _DISKS = Choice("spiral"), Choice("adaptive-disk")
+_SPIRAL = Choice("spiral")
 LAST_DAY = 126
 """The last day of an environment."""
 LEVELS = ("light", "moderate", "severe", "wind")
@@ -32,6 +32,20 @@ class FarmOptions(Part):
         kind="farm",
     )
     day: int = option(6, "Day of the environment that is flown", RUN, low=0, high=LAST_DAY)
+    fields: tuple[str, ...] = option(
+        ("tylcv", "ccr", "soil"),
+        "What there is to sense and to score: tylcv, ccr, soil, and field files (.toml)",
+        RUN,
+        metavar="NAMES",
+        default="tylcv,ccr,soil",
+        read=names_in,
+    )
+
+    def check(self) -> None:
+        """Refuse a farm on which nothing is sensed."""
+        if not self.fields:
+            msg = "fields are empty: give at least one, such as tylcv, or leave the option out"
+            raise ScenarioError(msg)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +119,11 @@ class VehicleOptions(Part):
         kind="vehicle",
     )
     autopilot: str = option(
-        DEFAULT_AUTOPILOT, "Whose way of flying, modes and habits", VEHICLE, choices=autopilot_names()
+        DEFAULT_AUTOPILOT,
+        "Whose way of flying, modes and habits",
+        VEHICLE,
+        choices=autopilot_names(),
+        kind="autopilot",
     )
     parameters: dict[str, float] = option(
         dict,
@@ -217,8 +235,8 @@ class CameraOptions(Part):
     false_negative_rate: float = option(
         0.0, "Share of the infected leaves that are seen as healthy", CAMERA, low=0.0, high=1.0
     )
-    fields: tuple[str, ...] = option(
-        ("tylcv", "ccr", "soil"),
+    fields: tuple[str, ...] | None = option(
+        None,
         "Fields that are measured, such as tylcv,soil",
         CAMERA,
         key="camera_fields",
@@ -229,7 +247,7 @@ class CameraOptions(Part):
 
     def check(self) -> None:
         """Refuse a camera that measures nothing."""
-        if not self.fields:
+        if self.fields == ():
             msg = "camera fields are empty: give at least one, such as tylcv, or leave the option out"
             raise ScenarioError(msg)
 
@@ -239,17 +257,19 @@ class EstimateOptions(Part):
     """Who makes the map from what was seen."""
 
     estimator: Any = option(
-        _DISKS,
+        None,
         "Estimator, NAME[:KEY=VALUE,...]: adaptive-disk, gp, epidemic, gp-sklearn, point, authors-ad or one"
         " of yours",
         RUN,
         kind="estimator",
         metavar="NAME",
+        default="the best that the farm can afford: epidemic on small farms, gp on others",
     )
 
     def check(self) -> None:
         """Take the estimator as a `Choice`."""
-        object.__setattr__(self, "estimator", choose(self.estimator, "estimator"))
+        if self.estimator is not None:
+            object.__setattr__(self, "estimator", choose(self.estimator, "estimator"))
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,6 +30,7 @@ SMALL_FARM_CELLS = 128 * 128
 """On larger farms the prior is learned from the model of the environment unless something else is wanted."""
 
 _LOCAL_BYTES_A_CELL = 72
+_Values = NDArray[np.float32]
 
 
 class GaussianProcessEstimator(BaseEstimator):
@@ -198,15 +199,22 @@ class GaussianProcessEstimator(BaseEstimator):
                 np.empty((len(self.fields), *shape), np.float32),
                 np.empty((len(self.fields), *shape), np.float32),
             )
-        changed = np.zeros(tile_shape(shape), np.bool_)
-        for process, value, uncertainty in zip(self._fields, *self._own, strict=True):
-            changed |= process.write_changes(value, uncertainty, clip=self.clip)
-        views = tuple(array.view() for array in self._own)
-        for view in views:
-            view.flags.writeable = False
+            self._published = self._own
+        changed = np.zeros((len(self.fields), *tile_shape(shape)), np.bool_)
+        for k, process in enumerate(self._fields):
+            changed[k] = process.write_changes(self._own[0][k], self._own[1][k], clip=self.clip)
         return InformationModel(
-            views[0], views[1], None if first else changed, self._revision, self.fields.names
+            *self._views(self._own), None if first else changed, self._revision, self.fields.names
         )
+
+    def _views(self, own: tuple[_Values, _Values]) -> tuple[_Values, _Values]:
+        """Return the caller's read-only views, the very same ones every time."""
+        # They are others at first, and in a copy of the estimator.
+        if any(view.base is not array for view, array in zip(self._published, own, strict=True)):
+            value, uncertainty = (array.view() for array in own)
+            value.flags.writeable = uncertainty.flags.writeable = False
+            self._published = value, uncertainty
+        return self._published
 
     def _take_priors(self, day: int) -> None:
         if day == self._learned_day:

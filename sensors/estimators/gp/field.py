@@ -140,8 +140,10 @@ class FieldProcess:
         # Compiled code is loaded only if it is used.
         from sensors.estimators.gp.local import LocalPosterior, WholePosterior
 
-        spectrum = WholePosterior.spectrum_of_farm(self._shape, self.kernel, MOST_OBSERVATIONS)
-        if len(spectrum.terms) <= MOST_FUNCTIONS:
+        spectrum = WholePosterior.spectrum_of_farm(
+            self._shape, self.kernel, MOST_OBSERVATIONS, MOST_FUNCTIONS
+        )
+        if spectrum is not None:
             return WholePosterior(self._shape, self.kernel, spectrum)
         return LocalPosterior(self._shape, self.kernel)
 

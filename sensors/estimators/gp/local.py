@@ -58,9 +58,7 @@ class Spectrum:
     def __init__(self, kernel: RbfKernel, sides: tuple[float, float], density: float = 1.0) -> None:
         self.sides = sides
         lengths = kernel.length_x, kernel.length_y
-        scale = 2.0 * math.pi * lengths[0] * lengths[1] * kernel.amplitude
-        least = min(0.1, _LEAST_INFORMATION * kernel.noise / (scale * density))
-        highest = math.sqrt(-2.0 * math.log(least))
+        highest = self._highest(kernel, density)
         angles = []
         for length, side in zip(lengths, sides, strict=True):
             frequency = math.pi / side * length
@@ -75,6 +73,24 @@ class Spectrum:
             for length, angle in zip(lengths, angles, strict=True)
         )
         self.roots: tuple[Floats, Floats] = (x * math.sqrt(kernel.amplitude), y)
+
+    @staticmethod
+    def _highest(kernel: RbfKernel, density: float) -> float:
+        """Return the highest frequency that matters, in units of an inverse length."""
+        scale = 2.0 * math.pi * kernel.length_x * kernel.length_y * kernel.amplitude
+        least = min(0.1, _LEAST_INFORMATION * kernel.noise / (scale * density))
+        return math.sqrt(-2.0 * math.log(least))
+
+    @classmethod
+    def fewest_functions(cls, kernel: RbfKernel, sides: tuple[float, float], density: float = 1.0) -> float:
+        """Return a number that the functions certainly reach, without counting them."""
+        highest = cls._highest(kernel, density)
+        along_x, along_y = (
+            highest * side / (math.pi * length)
+            for side, length in zip(sides, (kernel.length_x, kernel.length_y), strict=True)
+        )
+        # Points of a lattice in a quarter of an ellipse: its area, less what the two axes may cut off.
+        return 0.25 * math.pi * along_x * along_y - along_x - along_y
 
 
 class LocalPosterior:
@@ -201,14 +217,19 @@ class WholePosterior:
         self._waiting = False
 
     @staticmethod
-    def spectrum_of_farm(shape: tuple[int, int], kernel: RbfKernel, observations: int) -> Spectrum:
-        """Return the functions for a farm with so many observations at most."""
+    def spectrum_of_farm(
+        shape: tuple[int, int], kernel: RbfKernel, observations: int, most_functions: float = math.inf
+    ) -> Spectrum | None:
+        """Return the functions for a farm with so many observations at most; None if they are too many."""
         sides = [
             side + 2.0 * _OUTSIDE_LENGTHS * length
             for side, length in zip(shape, (kernel.length_x, kernel.length_y), strict=True)
         ]
         density = min(1.0, observations / (shape[0] * shape[1]))
-        return Spectrum(kernel, (sides[0], sides[1]), density)
+        if Spectrum.fewest_functions(kernel, (sides[0], sides[1]), density) > most_functions:
+            return None
+        spectrum = Spectrum(kernel, (sides[0], sides[1]), density)
+        return spectrum if len(spectrum.terms) <= most_functions else None
 
     def condition(self, x: Cells, y: Cells, values: Floats) -> None:
         """Take further observations."""

@@ -9,11 +9,11 @@ from mission.model import Command
 from mission.transfer import profile
 from sim_vehicle.autopilot.ardupilot.copter import ARDUCOPTER
 from sim_vehicle.autopilot.ardupilot.failsafe import COPTER_RULES, PLANE_RULES, ROVER_RULES
+from sim_vehicle.autopilot.ardupilot.fixed_wing import ARDUPLANE
 from sim_vehicle.autopilot.ardupilot.parameters import copter_parameters, vehicle_parameters
 from sim_vehicle.autopilot.ardupilot.persona import COPTER_PERSONA, PLANE_PERSONA, ROVER_PERSONA
+from sim_vehicle.autopilot.ardupilot.rover import ARDUROVER
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
-from sim_vehicle.autopilot.plane import ARDUPLANE
-from sim_vehicle.autopilot.rover import ARDUROVER
 
 __all__ = ["ARDUPILOT"]
 

@@ -8,12 +8,12 @@ from types import MappingProxyType
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer import profile
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
-from sim_vehicle.autopilot.plane import PX4_PLANE
 from sim_vehicle.autopilot.px4.copter import PX4_MULTIROTOR
 from sim_vehicle.autopilot.px4.failsafe import RULES
+from sim_vehicle.autopilot.px4.fixed_wing import PX4_FIXED_WING
 from sim_vehicle.autopilot.px4.parameters import copter_parameters, fixed_wing_parameters, rover_parameters
 from sim_vehicle.autopilot.px4.persona import persona_of
-from sim_vehicle.autopilot.rover import PX4_ROVER
+from sim_vehicle.autopilot.px4.rover import PX4_ROVER
 
 __all__ = ["PX4"]
 
@@ -45,7 +45,7 @@ PX4 = Autopilot(
                 _COPTER,
                 persona=persona_of(m.MAV_TYPE_FIXED_WING),
                 parameter_table=fixed_wing_parameters,
-                procedures=PX4_PLANE,
+                procedures=PX4_FIXED_WING,
                 takes_off=False,
             ),
             "rover": replace(

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from geo.farms import get_farm
 from geo.grid import FarmGrid
 from sensors.errors import EstimatorError
 from sensors.estimators import check_estimator, make_estimator
@@ -16,7 +17,9 @@ from sensors.estimators.gp.posterior_exact import ExactPosterior
 from sensors.estimators.gp.rbf import RbfKernel
 from sensors.estimators.gp.threads import in_parallel
 from sensors.estimators.gp.write import POINTS, lagrange_weights
+from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
+from sensors.scoring.score import RunningScore
 from sensors.scoring.tiles import TILE_CELLS
 
 SICK = RbfKernel(2.3, 3.1, 0.003, 0.009)
@@ -68,7 +71,9 @@ def written(posterior, shape, mean=0.0):
 
 
 def whole(shape, kernel):
-    return WholePosterior(shape, kernel, WholePosterior.spectrum_of_farm(shape, kernel, 1000))
+    spectrum = WholePosterior.spectrum_of_farm(shape, kernel, 1000)
+    assert spectrum is not None
+    return WholePosterior(shape, kernel, spectrum)
 
 
 @pytest.mark.parametrize(
@@ -251,3 +256,32 @@ def test_a_singular_covariance_is_named():
     x, y = way((60, 60), 400, 1)
     with pytest.raises(EstimatorError, match="the covariance of tylcv is singular"):
         estimator.fit(grid_of(60, 60), observe(x, y, np.ones(400))).predict()
+
+
+@pytest.mark.parametrize("length", [1.5, 4.0, 20.0, 90.0])
+@pytest.mark.parametrize("density", [1e-4, 1.0])
+def test_the_functions_of_a_farm_are_refused_by_their_number_without_counting_them(length, density):
+    kernel = RbfKernel(length, 1.3 * length, 0.01, 0.2)
+    functions = len(Spectrum(kernel, (300.0, 200.0), density).terms)
+    assert Spectrum.fewest_functions(kernel, (300.0, 200.0), density) <= functions
+    observations = round(density * 300 * 200)
+    farm = WholePosterior.spectrum_of_farm((300, 200), kernel, observations)
+    few = len(farm.terms)
+    assert WholePosterior.spectrum_of_farm((300, 200), kernel, observations, few) is not None
+    assert WholePosterior.spectrum_of_farm((300, 200), kernel, observations, few - 1) is None
+
+
+def test_a_local_model_tells_field_by_field_what_changed_and_the_score_follows():
+    grid = get_farm("miniberry-100").grid()
+    truth = np.ones((3, *grid.shape), np.float32)
+    estimator = GaussianProcessEstimator(method="local", learn_from="model").fit(grid)
+    running = RunningScore(truth, PAPER_FIELDS.masks(grid))
+    rng = np.random.default_rng(3)
+    for _ in range(4):
+        x, y = rng.integers(0, 40, (2, 30))
+        seen = Observations(x, y, np.arange(30.0), np.full(30, 6), rng.choice([0.5, 1.0], (30, 3)))
+        model = estimator.partial_fit(seen).predict()
+        fresh = RunningScore(truth, PAPER_FIELDS.masks(grid)).evaluate(model.value)
+        assert running.add(model) == fresh
+    assert model.changed.shape == (3, 2, 2)
+    assert not model.changed_in(0)[1, 1]  # far from what was seen

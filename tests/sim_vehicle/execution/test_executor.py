@@ -8,7 +8,8 @@ from geo.frame import LocalFrame
 from mission.model import MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.execution.executor import MissionExecutor, check_mission
+from sim_vehicle.execution.executor import MissionExecutor
+from sim_vehicle.execution.feasibility import check_mission
 from sim_vehicle.execution.state import (
     BatteryDepleted,
     CameraCommand,
@@ -22,7 +23,7 @@ from sim_vehicle.execution.state import (
     Phase,
     TargetReached,
 )
-from sim_vehicle.motion.legs import Heading
+from sim_vehicle.motion.legs import Heading, LegKind
 from sim_vehicle.weather.wind import Wind
 
 HOME = LocalFrame(28.05, -82.15, 30.0)
@@ -511,3 +512,49 @@ def test_what_can_be_flown_has_no_problems():
     assert check_mission(items, HOME, QUAD) == []
     events, _ = mission(items)
     assert reached(events) == list(range(9))
+
+
+@pytest.mark.parametrize(("speed", "brakes"), [(0.1, False), (1.5, True), (8.0, True)])
+def test_a_return_begins_with_braking_unless_the_vehicle_stands(speed, brakes):
+    vehicle = executor([takeoff(), wp(100, 0), RTL])
+    vehicle.start()
+    while vehicle.motion.position_m[0] < 2.0:
+        vehicle.advance(vehicle.time_s + 0.1)
+    vehicle.set_speed(speed)
+    vehicle.advance(vehicle.time_s + 8.0)
+    here, rest = vehicle.motion.position_m, vehicle.motion.stopping_point()
+    distance = math.dist(here[:2], rest[:2])
+    assert (distance > 0.25) is brakes
+    vehicle.return_home()
+    assert (vehicle.follower.plan.legs[0].kind is LegKind.STAY) is brakes
+    if speed == 1.5:
+        assert distance < 1.8
+        top = here[2]
+        while math.hypot(*vehicle.state().velocity_m_s[:2]) > 0.3:
+            vehicle.advance(vehicle.time_s + 0.1)
+            assert vehicle.motion.position_m[2] < top + 0.3, "it climbs when it has come to rest"
+
+
+def test_a_return_is_flown_at_the_cruise_speed_when_the_mission_was_slower():
+    vehicle = executor([takeoff(30), do(178, 1, 0.8, -1), wp(60, 0, 30), RTL])
+    vehicle.start()
+    while vehicle.motion.position_m[0] < 50.0:
+        vehicle.advance(vehicle.time_s + 0.5)
+    assert math.hypot(*vehicle.state().velocity_m_s[:2]) == pytest.approx(0.8, abs=0.1)
+    vehicle.return_home()
+    fastest = 0.0
+    while vehicle.armed:
+        vehicle.advance(vehicle.time_s + 0.2)
+        fastest = max(fastest, math.hypot(*vehicle.state().velocity_m_s[:2]))
+    assert fastest == pytest.approx(QUAD.cruise_speed_m_s, rel=0.1)
+
+
+def test_a_return_is_as_fast_as_a_mission_that_is_faster_than_cruise():
+    fast = min(1.5 * QUAD.cruise_speed_m_s, QUAD.top_speed_m_s)
+    assert fast > QUAD.cruise_speed_m_s
+    vehicle = executor([takeoff(30), do(178, 1, fast, -1), wp(200, 0, 30), RTL])
+    vehicle.start()
+    while vehicle.motion.position_m[0] < 150.0:
+        vehicle.advance(vehicle.time_s + 0.5)
+    vehicle.return_home()
+    assert max(leg.speed_m_s or 0.0 for leg in vehicle.follower.plan.legs[1:]) == fast

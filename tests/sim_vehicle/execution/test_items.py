@@ -13,7 +13,8 @@ from geo.frame import LocalFrame
 from mission.model import Mission, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.execution.executor import MissionExecutor, check_mission
+from sim_vehicle.execution.executor import MissionExecutor
+from sim_vehicle.execution.feasibility import check_mission
 from sim_vehicle.execution.state import (
     BatteryDepleted,
     CameraCommand,
@@ -88,7 +89,7 @@ def test_a_delay_ends_at_its_time_of_day():
     items = [takeoff(), wp(20, 0), do(93, -1, 12, 1, 30), wp(40, 0), RTL]
     events, _ = flown(items)
     assert times(events)[2] == pytest.approx(90.0, abs=0.05)
-    events, _ = flown(items, prepare=lambda v: setattr(v, "epoch_unix_s", v.epoch_unix_s - 60.0))
+    events, _ = flown(items, prepare=lambda v: setattr(v.sequencer, "epoch_unix_s", 1_780_315_140.0))
     assert times(events)[2] == pytest.approx(150.0, abs=0.05)
     early = predict_flight(Mission(tuple(items)), QUAD, frame=HOME, epoch_unix_s=1_780_315_140.0)
     assert early.duration_s == pytest.approx(150.0 + 28.0, abs=8.0)
@@ -196,7 +197,7 @@ def test_home_moves_and_is_returned_to():
 
 def test_the_nearest_of_home_and_rally_points_is_returned_to():
     def with_rally(vehicle):
-        vehicle.rally_m = ((100.0, 0.0, 40.0), (-300.0, 0.0, 10.0))
+        vehicle.return_points.rally_m = ((100.0, 0.0, 40.0), (-300.0, 0.0, 10.0))
 
     _, states = flown([takeoff(), wp(90, 30), RTL], prepare=with_rally)
     assert states[-1].position_m[:2] == pytest.approx((100, 0), abs=0.1)

@@ -11,7 +11,8 @@ from mission.model import GeoPoint, Mission, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import fixed_wing_procedures, with_autopilot
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.execution.executor import MissionExecutor, check_mission
+from sim_vehicle.execution.executor import MissionExecutor
+from sim_vehicle.execution.feasibility import check_mission
 from sim_vehicle.execution.state import BatteryDepleted, CannotFly, Disarmed, ItemReached, LandedState, Phase
 from sim_vehicle.motion.fixed_wing import kernel as wing
 from sim_vehicle.motion.fixed_wing.model import FixedWing

@@ -1,5 +1,6 @@
 import math
 
+import numpy as np
 import pytest
 
 from geo.frame import LocalFrame
@@ -9,7 +10,7 @@ from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import BatteryDepleted, CannotFly, MissionComplete
-from sim_vehicle.prediction.battery_swaps import batteries_needed, battery_changes
+from sim_vehicle.prediction.battery_swaps import batteries_needed, battery_changes, time_home_s
 from sim_vehicle.prediction.predict import predict_flight
 from sim_vehicle.weather.wind import Turbulence, Wind
 
@@ -121,3 +122,20 @@ def test_without_a_battery_or_without_hope():
     spec = with_autopilot(get_vehicle("quad"), "px4")
     assert battery_changes(rows(400.0, 2, 4.0, 8.0, aside=9000.0), spec) is None
     assert battery_changes(rows(400.0, 2, 4.0, 8.0), spec, wind=Wind(25.0)) is None
+
+
+def test_the_time_home_is_the_straight_line_and_the_descent():
+    quad, rover = get_vehicle("quad"), get_vehicle("rover")
+    positions = np.array([[30.0, 40.0, 0.0], [30.0, 40.0, 60.0], [0.0, 0.0, 60.0]])
+    across, down = 50.0 / quad.cruise_speed_m_s, 60.0 / quad.descent_speed_m_s
+    assert time_home_s(positions, quad) == pytest.approx([across, across + down, down])
+    assert time_home_s(positions[:1], rover) == pytest.approx([50.0 / rover.cruise_speed_m_s])
+    # What the vehicle really takes is no less than that, and not much more.
+    vehicle = begun(quad, None, (MissionItem(22, 3, 0, 0, 0, None, 28.05, -82.15, 60.0),))
+    while vehicle.motion.position_m[2] < 59.9:
+        vehicle.advance(vehicle.time_s + 0.5)
+    before_s = vehicle.time_s
+    vehicle.return_home()
+    while vehicle.motion.position_m[2] > 0.0:
+        vehicle.advance(vehicle.time_s + 0.1)
+    assert 0.9 * down < vehicle.time_s - before_s < 1.0 * down + 15.0

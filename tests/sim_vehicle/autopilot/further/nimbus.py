@@ -1,0 +1,104 @@
+"""An autopilot as another package would give it: own modes, rules, parameters, procedures, profile."""
+
+from dataclasses import replace
+from types import MappingProxyType
+
+from mission.link.codec.dialect import mavlink as m
+from mission.transfer.profile import Profile
+from sim_vehicle.airframe.parameters import ParameterSpec
+from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
+from sim_vehicle.autopilot.failsafe_rules import FailsafeRules, actions_by_value
+from sim_vehicle.autopilot.generic import GenericAutopilot
+from sim_vehicle.autopilot.mav_parameter import MavParameter
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.persona import COMMON_CAPABILITIES, Identity, ModeTable, Persona
+
+
+class NimbusProcedures(GenericAutopilot):
+    """Generic motion, whose cruise speed is a parameter."""
+
+    name = "nimbus"
+    parameters = MappingProxyType({"NIM_SPEED": ParameterSpec(7.0, 1.0, 12.0, "m/s", "cruise speed")})
+
+    def fit(self, spec):
+        speed = dict(spec.parameters).get("NIM_SPEED", 7.0)
+        return replace(spec, cruise_speed_m_s=speed)
+
+
+def parameter_table(spec, system_id):
+    return [
+        MavParameter("NIM_SYSTEM", integer=True, value=system_id),
+        MavParameter("NIM_LINK_ACT", "link_action", integer=True, low=0, high=1),
+        MavParameter("NIM_LINK_TIME", "link_timeout_s", low=1.0, high=60.0),
+    ]
+
+
+PROFILE = Profile("Nimbus", m.MAV_AUTOPILOT_REFLEX, home_at_zero=True, streams_on_request=True)
+RULES = FailsafeRules(
+    fence_actions=actions_by_value(NONE="0", RETURN="1"),
+    link_actions=actions_by_value(NONE="0", LAND="1"),
+    battery_actions=(actions_by_value(RETURN="1"),) * 3,
+    critical_apart=False,
+    watches_voltage=False,
+    any_inclusion=True,
+    keeps_item=True,
+    needs_stream=False,
+    pauses_in_mode=True,
+    looks_ahead=False,
+    preflight="Nimbus check",
+    arming="Nimbus arming",
+    fence_text="Nimbus fence: {}",
+    fence_clear="Nimbus fence clear",
+    link_lost="Nimbus link lost",
+    link_regained="Nimbus link back",
+    stream_lost="Nimbus setpoints lost: {}",
+    defaults=MappingProxyType({"link_timeout_s": 4.0}),
+)
+PERSONA = Persona(
+    identity=Identity(
+        m.MAV_AUTOPILOT_REFLEX,
+        m.MAV_TYPE_QUADROTOR,
+        (3, 2, 1),
+        COMMON_CAPABILITIES | m.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST,
+        banner="Nimbus 3.2.1",
+    ),
+    modes=ModeTable(
+        numbers=MappingProxyType(
+            {
+                Mode.MANUAL: 70,
+                Mode.ALTITUDE: 71,
+                Mode.POSITION: 72,
+                Mode.HOLD: 73,
+                Mode.TAKEOFF: 74,
+                Mode.MISSION: 75,
+                Mode.RTL: 76,
+                Mode.LAND: 77,
+                Mode.GUIDED: 78,
+            }
+        ),
+        boot=Mode.POSITION,
+        after_takeoff=Mode.HOLD,
+        after_command=Mode.GUIDED,
+    ),
+    parameter_encoding="cast",
+    data_streams=True,
+    rates_hz=MappingProxyType({m.MAVLINK_MSG_ID_HEARTBEAT: 2.0}),
+    truth_message=m.MAVLINK_MSG_ID_SIM_STATE,
+)
+NIMBUS = Autopilot(
+    name="nimbus",
+    title="Nimbus",
+    firmwares=MappingProxyType(
+        {
+            "multirotor": Firmware(
+                title="Nimbus Copter",
+                persona=PERSONA,
+                rules=RULES,
+                profile=PROFILE,
+                parameter_table=parameter_table,
+                procedures=NimbusProcedures(),
+            )
+        }
+    ),
+    simulator_urls=lambda index: (f"tcpin:127.0.0.1:{7700 + index}",),
+)

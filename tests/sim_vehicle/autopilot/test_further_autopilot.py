@@ -1,0 +1,213 @@
+"""A third autopilot in a package of its own: it flies, and is listed, without any change elsewhere."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from geo.frame import LocalFrame
+from mission.link.codec.dialect import mavlink as m
+from mission.model import GeoPoint, Mission, MissionItem
+from mission.transfer import profile
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot import autopilot_names, forget_autopilots, get_autopilot, with_autopilot
+from sim_vehicle.errors import VehicleError
+from sim_vehicle.host.simulation import Simulation
+from sim_vehicle.mavlink import SimVehicle
+from sim_vehicle.mavlink.fleet import Fleet
+from wbf_mission.ground.station import GroundStation
+from wbf_mission.outcome import Outcome
+
+POINT = GeoPoint(28.05, -82.15, 12.0)
+HOME = LocalFrame(28.05, -82.15)
+ENTRY_POINTS = """\
+[wbf_mission.autopilots]
+nimbus = nimbus:NIMBUS
+
+[wbf_mission.transfer_profiles]
+nimbus = nimbus:PROFILE
+"""
+
+
+def forget():
+    forget_autopilots()
+    profile._profiles.cache_clear()
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """A folder of installed packages with the third autopilot's."""
+    folder = tmp_path_factory.mktemp("site")
+    shutil.copy(Path(__file__).parent / "further" / "nimbus.py", folder)
+    metadata = folder / "nimbus-3.2.1.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: nimbus\nVersion: 3.2.1\n")
+    (metadata / "entry_points.txt").write_text(ENTRY_POINTS)
+    return folder
+
+
+@pytest.fixture
+def nimbus(site, monkeypatch):
+    monkeypatch.syspath_prepend(str(site))
+    forget()
+    yield get_autopilot("nimbus")
+    monkeypatch.undo()
+    sys.modules.pop("nimbus", None)
+    forget()
+
+
+def item(command, x, y, z=0.0, *params):
+    latitude, longitude = HOME.to_wgs84(x, y)
+    return MissionItem(command, 3, *params, *[0.0] * (4 - len(params)), latitude, longitude, z)
+
+
+MISSION = Mission(
+    (item(22, 0.0, 0.0, 12.0), item(16, 40.0, 0.0, 12.0), item(16, 40.0, 30.0, 12.0), MissionItem(20, 2)),
+    POINT,
+)
+
+
+def test_its_name_is_known_and_others_are_refused(nimbus):
+    assert autopilot_names() == ("px4", "ardupilot", "nimbus")
+    assert get_autopilot(" Nimbus ") is nimbus
+    with pytest.raises(VehicleError, match="unknown autopilot 'cumulus': choose px4, ardupilot, nimbus"):
+        get_autopilot("cumulus")
+    with pytest.raises(VehicleError, match="nimbus flies no rover: choose a vehicle of kind multirotor"):
+        with_autopilot(get_vehicle("rover"), "nimbus")
+    with pytest.raises(VehicleError, match="nimbus flies no fixed-wing"):
+        SimVehicle(get_vehicle("fixed-wing"), POINT, autopilot=nimbus)
+
+
+def test_it_flies_a_mission_over_mavlink(nimbus):
+    spec = with_autopilot(get_vehicle("quad"), "nimbus", {"NIM_SPEED": 5.0})
+    vehicle = SimVehicle(spec, POINT, autopilot=nimbus)
+    ground = GroundStation(MISSION)
+    codec, heard = m.MAVLink(None), []
+
+    def tap(frame, now_s):
+        message = codec.parse_char(frame)
+        if message is not None:
+            heard.append(message)
+
+    Simulation([vehicle, ground], tap=tap).run(lambda _now: ground.done, limit_s=600.0)
+    assert ground.outcome is Outcome.COMPLETED, ground.outcome_text
+    own = [message for message in heard if message.get_srcSystem() == 1]
+    beats = [message for message in own if message.get_type() == "HEARTBEAT"]
+    assert {beat.autopilot for beat in beats} == {m.MAV_AUTOPILOT_REFLEX}
+    # It boots in its position mode, flies the mission in its mission mode.
+    assert beats[0].custom_mode == 72
+    assert {72, 75} <= {beat.custom_mode for beat in beats} <= set(range(70, 79))
+    # Its own rules speak, and home is item 0 of its missions.
+    counts = [message.count for message in heard if message.get_type() == "MISSION_COUNT"]
+    assert set(counts) == {len(MISSION.items) + 1}
+    speeds = [message.groundspeed for message in own if message.get_type() == "VFR_HUD"]
+    assert 4.5 < max(speeds) < 5.5
+
+
+def test_its_parameters_and_failsafe_rules_act(nimbus):
+    vehicle = SimVehicle(with_autopilot(get_vehicle("quad"), "nimbus"), POINT, autopilot=nimbus)
+    vehicle.poll(0.0)
+    ask = m.MAVLink_param_request_list_message(1, 1)
+    ask._header.srcSystem = 255
+    told = [message for message in vehicle.receive(ask, 0.1) if message.get_type() == "PARAM_VALUE"]
+    assert [message.param_id for message in told] == [
+        "NIM_LINK_ACT",
+        "NIM_LINK_TIME",
+        "NIM_SPEED",
+        "NIM_SYSTEM",
+    ]
+    assert [message.param_value for message in told] == [0.0, 4.0, 7.0, 1.0]
+    faster = m.MAVLink_param_set_message(1, 1, b"NIM_SPEED", 9.0, m.MAV_PARAM_TYPE_REAL32)
+    faster._header.srcSystem = 255
+    vehicle.receive(faster, 0.2)
+    assert vehicle.pilot.spec.cruise_speed_m_s == 9.0
+    lost = m.MAVLink_param_set_message(1, 1, b"NIM_LINK_ACT", 1.0, m.MAV_PARAM_TYPE_INT32)
+    lost._header.srcSystem = 255
+    vehicle.receive(lost, 0.3)
+    arm = m.MAVLink_command_long_message(1, 1, 400, 0, 1.0, 0, 0, 0, 0, 0, 0)
+    arm._header.srcSystem = 255
+    texts = [message.text for message in vehicle.receive(arm, 60.0) if message.get_type() == "STATUSTEXT"]
+    assert any(text.startswith("Nimbus check: ") for text in texts), texts
+
+
+def test_a_fleet_of_it_is_found_at_its_own_ports(nimbus):
+    fleet = Fleet(with_autopilot(get_vehicle("quad"), "nimbus"), POINT, 2, autopilot=nimbus)
+    assert [url.url for url in fleet.urls] == ["tcpin:127.0.0.1:7700", "tcpin:127.0.0.1:7701"]
+
+
+def test_a_vehicle_file_has_parameters_for_it(nimbus, tmp_path):
+    path = tmp_path / "courier.toml"
+    path.write_text('kind = "multirotor"\n[nimbus]\nNIM_SPEED = 4.5\n')
+    assert with_autopilot(get_vehicle(str(path)), "nimbus").cruise_speed_m_s == 4.5
+    path.write_text('kind = "multirotor"\n[nimbus]\nNIM_SPEED = 99\n')
+    with pytest.raises(VehicleError, match="NIM_SPEED 99 is out of range: give 1 to 12 m/s"):
+        with_autopilot(get_vehicle(str(path)), "nimbus")
+
+
+def test_without_its_package_it_is_unknown():
+    assert "nimbus" not in autopilot_names()
+    with pytest.raises(VehicleError, match=r"unknown autopilot 'nimbus': choose px4, ardupilot$"):
+        get_autopilot("nimbus")
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        ("nimbus:NOTHING", "cannot be loaded"),
+        ("nowhere_at_all:X", "cannot be loaded"),
+        ("nimbus:PROFILE", "is no sim_vehicle.autopilot.autopilot.Autopilot"),
+        ("sim_vehicle.autopilot.px4:PX4", "calls itself px4"),
+    ],
+)
+def test_a_broken_package_is_told_in_one_line(site, tmp_path, monkeypatch, value, text):
+    metadata = tmp_path / "broken-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text(f"[wbf_mission.autopilots]\nbroken = {value}\n")
+    shutil.copy(site / "nimbus.py", tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    forget()
+    try:
+        with pytest.raises(VehicleError, match=text) as caught:
+            get_autopilot("broken")
+        assert "\n" not in str(caught.value)
+        assert "broken" in str(caught.value)
+    finally:
+        monkeypatch.undo()
+        sys.modules.pop("nimbus", None)
+        forget()
+
+
+def run(site, *arguments, **environment):
+    """Run the command line with the third autopilot installed."""
+    path = os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH", "")]))
+    return subprocess.run(
+        [sys.executable, "-m", "wbf_mission", *arguments],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path, **environment},
+        check=False,
+    )
+
+
+def test_the_command_line_lists_it(site):
+    assert "px4 or ardupilot or nimbus" in " ".join(run(site, "fly", "--help").stdout.split())
+    refused = run(site, "fly", "--autopilot", "cumulus")
+    assert refused.returncode == 2
+    assert "px4 or ardupilot or nimbus" in refused.stderr
+    words = "wbf-mission fly --autopilot n"
+    completed = run(site, _WBF_MISSION_COMPLETE="complete_bash", COMP_WORDS=words, COMP_CWORD="3")
+    assert completed.stdout.split() == ["nimbus"]
+
+
+def test_the_command_line_flies_it(site):
+    done = run(
+        site, "fly", "--autopilot", "nimbus", "--param", "NIM_SPEED=6", "--farm", "miniberry-10",
+        "--planner", "lawnmower", "--no-files", "--no-plots", "--json",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["outcome"] == "completed"

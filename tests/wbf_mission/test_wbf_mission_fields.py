@@ -1,0 +1,148 @@
+"""A fourth field from one file: from the environment over MAVLink to score, results and pictures."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sensors.field_files import load_field_set
+from wbf_mission.cli.app import main
+from wbf_mission.flight import fly
+from wbf_mission.results import load_result
+from wbf_mission.scenario import Scenario, load_scenario
+
+NITROGEN = """
+[[field]]
+name = "nitrogen"
+kind = "continuous"
+title = "nitrogen in the soil"
+unit = "part of the most"
+crops = ["tomato"]
+default = 0.5
+weight = 0.3
+cost_above = 2.0
+colours = ["#ffffe5", "#41ab5d", "#00441b"]
+
+[field.dynamics]
+evaporation = 0.02
+rain_probability = 0.3
+"""
+RUST = """
+[[field]]
+name = "rust"
+kind = "disease"
+crops = ["strawberry"]
+default = 1.0
+cost_above = 10.0
+dynamics = { likelihood = 0.3, duration_days = 8 }
+"""
+
+
+@pytest.fixture
+def nitrogen(tmp_path: Path) -> Path:
+    path = tmp_path / "nitrogen.toml"
+    path.write_text(NITROGEN)
+    return path
+
+
+FLY = ["fly", "--farm", "miniberry-10", "--planner", "lawnmower", "--budget", "60m", "--day", "6"]
+NAMES = ("tylcv", "ccr", "soil", "nitrogen")
+
+
+@pytest.mark.parametrize("estimator", ["adaptive-disk", "gp", "point"])
+def test_a_fourth_field_is_flown_estimated_scored_saved_and_drawn(
+    nitrogen: Path, tmp_path: Path, estimator: str
+) -> None:
+    out = tmp_path / "run"
+    fields = ["--fields", f"tylcv,ccr,soil,{nitrogen}"]
+    assert main([*FLY, *fields, "--estimator", estimator, "--out", str(out), "--plots", "--quiet"]) == 0
+
+    summary = json.loads((out / "summary.json").read_text())
+    assert set(summary["losses"]) == set(NAMES)
+    assert summary["camera"]["images"] == summary["camera"]["observations"] > 50
+    assert summary["camera"]["other_fields"] == summary["camera"]["malformed"] == 0
+    result = load_result(out)
+    seen, truth = result.observations, result.truth
+    assert seen.fields == result.fields.names == NAMES
+    assert result.fields["nitrogen"] == load_field_set([str(nitrogen)])["nitrogen"]
+    assert truth is not None and result.model is not None
+    value = result.model.value
+    assert truth.shape == value.shape == (4, 10, 10)
+    # What arrived over MAVLink is what is there, bit for bit.
+    np.testing.assert_array_equal(seen.values, truth[:, seen.x, seen.y].T)
+    assert len(np.unique(truth[3])) > 50
+    mask = load_field_set([str(nitrogen)]).masks(fly_grid())[0]
+    error = (value[3] - truth[3])[mask].astype(float)
+    loss = np.where(error > 0, 2.0, 1.0) @ error**2 / mask.sum()
+    assert result.history.entries[-1].field_loss[3] == pytest.approx(loss, rel=1e-5)
+    assert [one.field.name for one in result.maps] == list(NAMES)
+    assert summary["losses"]["nitrogen"] == pytest.approx(loss, rel=1e-5)
+    for name in (*NAMES, "x"):
+        assert (out / f"field_{name}.png").exists() == (name != "x")
+
+
+def fly_grid():  # type: ignore[no-untyped-def]
+    from geo import get_farm
+
+    return get_farm("miniberry-10").grid()
+
+
+def test_the_other_fields_stay_what_they_are(nitrogen: Path) -> None:
+    options = {"farm": "miniberry-10", "planner": "lawnmower", "vehicle": "ideal", "estimator": "point"}
+    three = fly(Scenario(**options))
+    four = fly(Scenario(**options, fields=("tylcv", "ccr", "soil", str(nitrogen))))
+    assert three.truth is not None and four.truth is not None
+    np.testing.assert_array_equal(four.truth[:3], three.truth)
+    np.testing.assert_array_equal(four.observations.values[:, :3], three.observations.values)
+    assert four.history.entries[-1].field_loss[:3] == three.history.entries[-1].field_loss
+
+
+def test_a_scenario_names_a_field_file_that_lies_beside_it(nitrogen: Path) -> None:
+    (nitrogen.parent / "rust.toml").write_text(RUST)
+    path = nitrogen.parent / "mine.toml"
+    path.write_text(
+        'farm = "miniberry-10"\nvehicle = "ideal"\nestimator = "point"\n'
+        'fields = ["rust.toml", "nitrogen.toml", "soil"]\ncamera_fields = ["nitrogen", "rust"]\n'
+    )
+    result = fly(load_scenario(path))
+    assert result.fields.names == ("rust", "nitrogen", "soil")
+    assert np.isnan(result.observations.values[:, 2]).all()
+    assert set(np.unique(result.observations.values[:, 0])) <= {0.0, 0.5, 1.0}
+    assert result.model is not None
+    assert result.model.fields == result.fields.names
+
+
+@pytest.mark.parametrize("estimator", ["epidemic", "authors-ad"])
+def test_an_estimator_that_knows_only_the_benchmarks_fields_says_so(
+    nitrogen: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], estimator: str
+) -> None:
+    out = tmp_path / "run"
+    fields = ["--fields", f"tylcv,ccr,soil,{nitrogen}"]
+    assert main([*FLY, *fields, "--estimator", estimator, "--out", str(out)]) == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert f"estimator '{estimator}' knows only the fields tylcv, ccr, soil, not" in told
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ("tylcv,rust", "no field 'rust', expected one of tylcv, ccr, soil, or a field file"),
+        ("soil,tylcv,soil", "'soil' is given twice"),
+        ("soil,missing.toml", "missing.toml: there is no such field file"),
+    ],
+)
+def test_fields_that_cannot_be_used_are_one_line(
+    fields: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*FLY, "--fields", fields, "--out", str(tmp_path / "run")]) == 2
+    assert message in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_field_that_the_camera_measures_twice_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*FLY, "--camera-fields", "soil,tylcv,soil", "--out", str(tmp_path / "run")]) == 2
+    assert "camera: field 'soil' is given twice" in " ".join(capsys.readouterr().err.split())

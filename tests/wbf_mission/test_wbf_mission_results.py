@@ -1,0 +1,245 @@
+"""The folder of a run: complete or untouched, and loaded as it was."""
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from geo import get_farm, save_farm
+from mission.files import read_mission, write_mission
+from mission.link.tlog import read_tlog
+from sensors.observations import Observations
+from wbf_mission import results
+from wbf_mission.flight import fly
+from wbf_mission.flight_result import Result
+from wbf_mission.outcome import Outcome
+from wbf_mission.result_files import ResultError
+from wbf_mission.results import ResultFolder, load_result, run_name
+from wbf_mission.scenario import Scenario, scenario_with
+
+SMALL = Scenario(farm="miniberry-10", planner="lawnmower", vehicle="ideal", seed=3, estimator="adaptive-disk")
+
+
+def assert_same(one: Any, other: Any, where: str = "result") -> None:
+    """Compare values, dataclasses and arrays to the last bit."""
+    if isinstance(one, np.ndarray):
+        np.testing.assert_array_equal(one, other, where)
+        assert one.dtype == other.dtype, where
+    elif dataclasses.is_dataclass(one):
+        assert type(one) is type(other), where
+        for field in dataclasses.fields(one):
+            assert_same(getattr(one, field.name), getattr(other, field.name), f"{where}.{field.name}")
+    elif isinstance(one, (list, tuple)):
+        assert len(one) == len(other), where
+        for number, (left, right) in enumerate(zip(one, other, strict=True)):
+            assert_same(left, right, f"{where}[{number}]")
+    else:
+        assert one == other, where
+
+
+@pytest.fixture(scope="module")
+def result() -> Result:
+    return fly(scenario_with(SMALL, {"vehicle": "quad", "gps_noise_m": 0.5, "budget": "60m"}))
+
+
+def test_what_is_loaded_is_what_was_saved(result: Result, tmp_path: Path) -> None:
+    result.save(tmp_path / "run", plots=False)
+    again = load_result(tmp_path / "run")
+    assert result.model is not None and again.model is not None
+    # What changed since the estimate before is of no use to a reader.
+    plain = dataclasses.replace(result, model=type(again.model)(result.model.value, result.model.uncertainty))
+    assert_same(dataclasses.replace(plain, plan=None), dataclasses.replace(again, plan=None))
+    for field in dataclasses.fields(result.plan):
+        if field.name != "farm":
+            assert_same(getattr(result.plan, field.name), getattr(again.plan, field.name), field.name)
+    assert again.farm.name == result.farm.name
+    assert again.summary() == result.summary()
+
+
+def test_the_folder_holds_what_others_read(tmp_path: Path) -> None:
+    with ResultFolder(tmp_path / "run") as folder:
+        result = fly(scenario_with(SMALL, {"vehicle": "quad", "budget": "60m"}), tlog=folder.tlog)
+        assert not (tmp_path / "run").exists()
+        written = folder.write(result)
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+    assert all(path.is_file() for path in written)
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert summary["outcome"] == "completed"
+    for key in (
+        "seed",
+        "farm",
+        "planner",
+        "estimator",
+        "vehicle",
+        "score",
+        "losses",
+        "transfer",
+        "timings_s",
+    ):
+        assert key in summary
+    assert len(Observations.load(tmp_path / "run" / "observations.parquet")) == summary["observations"]
+    mission = read_mission(tmp_path / "run" / "plan.plan")
+    assert len(mission.items) == len(result.plan.mission.items)
+    kinds = {message.get_type() for _, message in read_tlog(tmp_path / "run" / "flight.tlog")}
+    assert {"HEARTBEAT", "MISSION_ITEM_INT", "GLOBAL_POSITION_INT", "CAMERA_IMAGE_CAPTURED"} <= kinds
+    assert {"DEBUG_FLOAT_ARRAY", "BATTERY_STATUS", "COMMAND_ACK"} <= kinds
+    pictures = {path.name for path in written if path.suffix == ".png"}
+    assert pictures == {"path.png", "score.png", "field_tylcv.png", "field_ccr.png", "field_soil.png"}
+
+
+def test_a_result_of_a_farm_file_is_loaded_without_the_file(tmp_path: Path) -> None:
+    file = tmp_path / "mine.geojson"
+    save_farm(get_farm("miniberry-10"), file)
+    result = fly(scenario_with(SMALL, {"farm": str(file)}))
+    result.save(tmp_path / "run", plots=False)
+    file.unlink()
+    again = load_result(tmp_path / "run")
+    assert np.array_equal(again.farm.grid().crop, result.farm.grid().crop)
+    assert again.scenario == result.scenario
+
+
+def test_an_older_result_is_replaced_only_by_a_whole_one(
+    result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result.save(tmp_path / "run", plots=False)
+    (tmp_path / "run" / "notes.txt").write_text("mine")
+    before = {path.name: path.read_bytes() for path in (tmp_path / "run").iterdir()}
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device", "value.zarr.zip")
+
+    monkeypatch.setattr("wbf_mission.result_files.write_array", full)
+    with pytest.raises(OSError, match="No space"):
+        result.save(tmp_path / "run", plots=False)
+    assert {path.name: path.read_bytes() for path in (tmp_path / "run").iterdir()} == before
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+    monkeypatch.undo()
+    result.save(tmp_path / "run", plots=False)
+    assert (tmp_path / "run" / "notes.txt").read_text() == "mine"
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_what_is_not_ours_or_of_another_run_needs_force(result: Result, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "letter.txt").write_text("dear")
+    with pytest.raises(ResultError, match="holds other files"):
+        result.save(other, plots=False)
+    assert [path.name for path in other.iterdir()] == ["letter.txt"]
+    result.save(other, plots=False, force=True)
+    assert (other / "letter.txt").read_text() == "dear"
+    different = scenario_with(result.scenario, {"seed": 4}).to_dict()
+    with pytest.raises(ResultError, match="another run"):
+        ResultFolder(other, scenario=different)
+    ResultFolder(other, scenario=different, force=True)
+    taken = tmp_path / "file"
+    taken.write_text("x")
+    with pytest.raises(ResultError, match="is a file"):
+        result.save(taken, force=True)
+
+
+def test_an_input_is_never_written_over(tmp_path: Path) -> None:
+    mission = tmp_path / "b" / "plan.plan"
+    mission.parent.mkdir()
+    write_mission(fly(SMALL).plan.mission, mission)
+    for force in (False, True):
+        with pytest.raises(ResultError, match="which the run reads"):
+            ResultFolder(mission.parent, inputs=[None, mission], force=force)
+    assert [path.name for path in mission.parent.iterdir()] == ["plan.plan"]
+
+
+def test_the_folder_in_which_one_is(result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    here = tmp_path / "here"
+    here.mkdir()
+    monkeypatch.chdir(here)
+    result.save(".", plots=False)
+    (here / "path.png").write_text("of an older run")
+    (here / "notes.txt").write_text("mine")
+    result.save(".", plots=False)
+    assert Path.cwd() == here
+    assert load_result(".").score == result.score
+    assert not Path("path.png").exists()
+    assert Path("notes.txt").read_text() == "mine"
+    assert [path.name for path in tmp_path.iterdir()] == ["here"]
+
+
+def test_a_link_to_a_folder_stays_a_link(result: Result, tmp_path: Path) -> None:
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "run").symlink_to(tmp_path / "disk")
+    for _ in range(2):
+        result.save(tmp_path / "run", plots=False)
+    assert (tmp_path / "run").is_symlink()
+    assert load_result(tmp_path / "disk").score == result.score
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["disk", "run"]
+
+
+def test_an_interrupted_flight_goes_beside_an_older_result(result: Result, tmp_path: Path) -> None:
+    result.save(tmp_path / "run", plots=False)
+    broken = dataclasses.replace(result, outcome=Outcome.INTERRUPTED)
+    for _ in range(2):
+        with ResultFolder(tmp_path / "run", scenario=result.scenario.to_dict()) as folder:
+            folder.write(broken, plots=False)
+        assert folder.path.name == "run.interrupted"
+    assert load_result(tmp_path / "run").outcome is Outcome.COMPLETED
+    assert load_result(tmp_path / "run.interrupted").outcome is Outcome.INTERRUPTED
+
+
+def test_ctrl_c_among_the_pictures_keeps_the_rest(
+    result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(results, "_plot_jobs", lambda _: [("path.png", interrupted)])
+    with pytest.raises(KeyboardInterrupt):
+        result.save(tmp_path / "run")
+    assert load_result(tmp_path / "run").score == result.score
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_names_of_runs_that_differ() -> None:
+    scenarios = [
+        scenario_with(SMALL, changes)
+        for changes in (
+            {},
+            {"budget": "30steps"},
+            {"day": 5},
+            {"seed": 4},
+            {"planner": "lawnmower:direction=0.3"},
+            {"farm": "a/field.geojson"},
+            {"farm": "b/field.geojson"},
+            {"mission": "a/rows.plan"},
+            {"mission": "b/rows.plan"},
+            {"vehicle": "a/mine.toml"},
+            {"vehicle": "b/mine.toml"},
+        )
+    ]
+    names = {run_name(scenario) for scenario in scenarios}
+    assert len(names) == len(scenarios)
+    assert not any(set(name) & set("/:= ") for name in names)
+    assert run_name(SMALL) == run_name(SMALL)
+
+
+@pytest.mark.parametrize("damage", ["nothing", "record", "format", "array", "table", "missing"])
+def test_damaged_results_are_refused_in_one_line(result: Result, tmp_path: Path, damage: str) -> None:
+    folder = tmp_path / "run"
+    if damage != "nothing":
+        result.save(folder, plots=False)
+    if damage == "record":
+        (folder / "result.json").write_bytes(b"[" * 100_000)
+    if damage == "format":
+        text = (folder / "result.json").read_text().replace('"format": 1', '"format": 99')
+        (folder / "result.json").write_text(text)
+    if damage == "array":
+        (folder / "value.zarr.zip").write_bytes(b"\x80\x04pickle")
+    if damage == "table":
+        (folder / "track.parquet").write_bytes(b"PAR1")
+    if damage == "missing":
+        (folder / "scores.parquet").unlink()
+    with pytest.raises(ResultError) as caught:
+        load_result(folder)
+    assert "\n" not in str(caught.value)
+    assert str(tmp_path) in str(caught.value)

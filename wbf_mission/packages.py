@@ -1,0 +1,36 @@
+"""Whether the packages of this project are the ones that Python finds.
+
+They have names that a user's own files may have, too (``mission``, ``sensors``). Where such a file or folder
+stands first on the path, everything would fail somewhere inside.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from importlib.machinery import ModuleSpec
+from pathlib import Path
+
+PACKAGES = ("geo", "sensors", "mission", "sim_vehicle")
+_HERE = Path(__file__).resolve().parent.parent
+
+
+def require_packages() -> None:
+    """Raise ImportError, naming the file or folder, if something else hides one of our packages."""
+    for name in PACKAGES:
+        try:
+            spec = importlib.util.find_spec(name)
+        except ValueError:  # a module of that name that was made by hand
+            spec = None
+        place = None if spec is None else _place(spec)
+        if place is None or place != _HERE / name:
+            found = "is not there" if place is None else f"is hidden by {place}"
+            msg = f"wbf_mission: its package {name!r} {found}; rename that, or run from another folder"
+            # With this name, ``python -m wbf_mission`` says it in one line.
+            raise ImportError(msg, name="wbf_mission", path=str(place))
+
+
+def _place(spec: ModuleSpec) -> Path | None:
+    places = list(spec.submodule_search_locations or ())
+    if not places:
+        return None if spec.origin is None else Path(spec.origin).resolve()
+    return Path(places[0]).resolve()

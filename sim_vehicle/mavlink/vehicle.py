@@ -319,6 +319,12 @@ class SimVehicle:
         self._plans.set_home(self.state.move_home())
         self._outbox += self.built(m.MAVLINK_MSG_ID_HOME_POSITION)
 
+    def goodbye(self) -> list[Message]:
+        """A last HEARTBEAT, of a vehicle that is powered off."""
+        (heartbeat,) = self.built(m.MAVLINK_MSG_ID_HEARTBEAT)
+        heartbeat.system_status = m.MAV_STATE_POWEROFF
+        return [heartbeat]
+
     def built(self, message_id: int) -> tuple[Message, ...]:
         """The message with this id from the state now; none when there is none such."""
         return built(message_id, self.state)

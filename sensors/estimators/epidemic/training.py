@@ -39,7 +39,7 @@ from sensors.estimators.epidemic.features import (
 )
 from sensors.estimators.epidemic.network import Network, train
 from sensors.estimators.epidemic.paths import random_path
-from sensors.user_cache import user_cache_folder
+from sensors.user_cache import user_cache_folder, warn_of_cache
 
 VERSION = 3
 """Part of the names of files; it has to grow with every change of the training."""
@@ -134,8 +134,8 @@ def save_network(network: Network, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(path, "wb") as stream_:
             np.savez(stream_, allow_pickle=False, **layers)
-    except OSError:
-        return
+    except OSError as error:
+        warn_of_cache(path.parent, error)
 
 
 def load_network(path: Path) -> Network | None:

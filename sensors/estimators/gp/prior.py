@@ -27,6 +27,7 @@ from sensors.errors import EstimatorError
 from sensors.estimators.gp.rbf import Floats, RbfKernel
 from sensors.estimators.gp.threads import one_blas_thread
 from sensors.fields import Field, FieldSet
+from sensors.user_cache import warn_of_cache
 
 VERSION = 1
 """Part of the names of files; it has to grow with every change of what is learned."""
@@ -249,8 +250,8 @@ def _save(priors: tuple[FieldPrior, ...], path: Path, fields: FieldSet) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(path) as file:
             json.dump(told, file, indent=1)
-    except OSError:
-        return
+    except OSError as error:
+        warn_of_cache(path.parent, error)
 
 
 def _load(path: Path, fields: FieldSet) -> tuple[FieldPrior, ...] | None:

@@ -10,7 +10,7 @@ from typing import Protocol, runtime_checkable
 
 from mission.link.codec.dialect import mavlink
 
-__all__ = ["NEVER", "Component"]
+__all__ = ["NEVER", "Component", "SaysGoodbye"]
 
 NEVER = float("inf")
 """What ``next_deadline`` returns when nothing is to be done until a message arrives."""
@@ -53,4 +53,13 @@ class Component(Protocol):
 
     def next_deadline(self) -> float:
         """When `poll` should be called next: monotone seconds, `NEVER` for only after a message."""
+        ...
+
+
+@runtime_checkable
+class SaysGoodbye(Protocol):
+    """A component that has something to say when its host ends."""
+
+    def goodbye(self) -> list[mavlink.MAVLink_message]:
+        """Messages to send last."""
         ...

@@ -56,6 +56,24 @@ class BenchmarkRow:
         }
 
 
+class BenchmarkInterrupted(KeyboardInterrupt):
+    """Ctrl-C in a benchmark.
+
+    Parameters
+    ----------
+    rows : list of BenchmarkRow
+        What was flown before, with fewer seeds or planners than were wanted.
+    done, total : int
+        How many runs were finished, and how many were wanted.
+    """
+
+    def __init__(self, rows: list[BenchmarkRow], done: int, total: int) -> None:
+        super().__init__(f"interrupted after {done} of {total} runs")
+        self.rows = rows
+        self.done = done
+        self.total = total
+
+
 def benchmark(
     base: Scenario,
     planners: Sequence[str | Choice],
@@ -80,6 +98,8 @@ def benchmark(
     ------
     WbfMissionError
         If a name is unknown or a run cannot be planned.
+    BenchmarkInterrupted
+        At Ctrl-C, with what was flown before.
     """
     from joblib import Parallel, delayed
 
@@ -90,31 +110,51 @@ def benchmark(
         for seed in seeds
     ]
     runs: list[dict[str, Any]] = []
-    for summary in Parallel(n_jobs=jobs, return_as="generator")(delayed(_run)(s) for s in scenarios):
-        runs.append(summary)
-        if progress is not None:
-            progress("flying", len(runs), len(scenarios))
-    rows = []
-    for number, (planner, estimator) in enumerate(pairs):
-        part = runs[number * len(seeds) : (number + 1) * len(seeds)]
-        rows.append(
-            BenchmarkRow(
-                planner=str(planner),
-                estimator=str(estimator),
-                score=tuple(run["score"] for run in part),
-                final_score=tuple(run["final_score"] for run in part),
-                losses=tuple(run["losses"] for run in part),
-                observations=tuple(run["observations"] for run in part),
-                wall_time_s=sum(run["wall_time_s"] for run in part),
-            )
+    parallel = Parallel(n_jobs=jobs, return_as="generator", initializer=_ignore_interrupts)
+    try:
+        for summary in parallel(delayed(_run)(s) for s in scenarios):
+            runs.append(summary)
+            if progress is not None:
+                progress("flying", len(runs), len(scenarios))
+    except KeyboardInterrupt:
+        raise BenchmarkInterrupted(_rows(pairs, runs, len(seeds)), len(runs), len(scenarios)) from None
+    return _rows(pairs, runs, len(seeds))
+
+
+def _rows(
+    pairs: Sequence[tuple[str | Choice, str | Choice]], runs: Sequence[dict[str, Any]], seeds: int
+) -> list[BenchmarkRow]:
+    """The rows of the runs, which come in the order of the pairs; none of a pair that was not flown."""
+    parts = [runs[number * seeds : (number + 1) * seeds] for number in range(len(pairs))]
+    return [
+        BenchmarkRow(
+            planner=str(planner),
+            estimator=str(estimator),
+            score=tuple(run["score"] for run in part),
+            final_score=tuple(run["final_score"] for run in part),
+            losses=tuple(run["losses"] for run in part),
+            observations=tuple(run["observations"] for run in part),
+            wall_time_s=sum(run["wall_time_s"] for run in part),
         )
-    return rows
+        for (planner, estimator), part in zip(pairs, parts, strict=True)
+        if part
+    ]
+
+
+def _ignore_interrupts() -> None:
+    """Ctrl-C reaches every process of the terminal; a worker leaves it to its parent, which ends it."""
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _run(scenario: Scenario) -> dict[str, Any]:
     from wbf_mission.flight import FlightError, fly
+    from wbf_mission.outcome import Outcome
 
     result = fly(scenario)
+    if result.outcome is Outcome.INTERRUPTED:
+        raise KeyboardInterrupt
     if not result.outcome.is_good:
         planner, estimator = scenario.mission.planner, scenario.estimate.estimator
         msg = (

@@ -8,6 +8,7 @@ import os
 import re
 import secrets
 import shutil
+import stat
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -64,8 +65,9 @@ class ResultFolder:
     ) -> None:
         self.path = path
         """Where the result is or will be."""
-        self._staging = path.absolute().parent / f".{path.name[:40]}-{secrets.token_hex(6)}"
         _check_target(path, inputs, scenario, force=force)
+        target = path.resolve()
+        self._staging = target.parent / f".{target.name[:40]}-{secrets.token_hex(6)}"
 
     @property
     def tlog(self) -> Path:
@@ -117,13 +119,21 @@ class ResultFolder:
 
     def _put_in_place(self) -> None:
         """Give the temporary folder the target's name; what is not ours in an older one is kept."""
-        target = self.path.absolute()
+        target = self.path.resolve()
         for entry in self._staging.iterdir():
             _sync(entry)
         _sync(self._staging)
         if not target.exists():
             self._staging.replace(target)
+        elif target.is_mount() or Path.cwd().is_relative_to(target):
+            # A folder that somebody is in cannot be exchanged.
+            for name in [entry.name for entry in target.iterdir() if _is_ours(entry.name)]:
+                if not (self._staging / name).exists():
+                    (target / name).unlink()
+            for entry in self._staging.iterdir():
+                entry.replace(target / entry.name)
         else:
+            self._staging.chmod(stat.S_IMODE(target.stat().st_mode))
             older = target.with_name(f"{self._staging.name}-old")
             kept = [entry.name for entry in target.iterdir() if not _is_ours(entry.name)]
             target.replace(older)

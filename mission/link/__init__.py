@@ -5,6 +5,9 @@ from typing import TYPE_CHECKING
 from geo.lazy import attach
 
 if TYPE_CHECKING:
+    from mission.link.address import Link as Link
+    from mission.link.address import LinkAddress as LinkAddress
+    from mission.link.address import parse_link_url as parse_link_url
     from mission.link.codec.frames import FrameReader as FrameReader
     from mission.link.codec.frames import FrameWriter as FrameWriter
     from mission.link.codec.frames import SourceStatistics as SourceStatistics
@@ -12,12 +15,9 @@ if TYPE_CHECKING:
     from mission.link.codec.signing import key_from_text as key_from_text
     from mission.link.endpoint import LinkStatistics as LinkStatistics
     from mission.link.endpoint import MavlinkEndpoint as MavlinkEndpoint
-    from mission.link.link import Link as Link
-    from mission.link.link import LinkAddress as LinkAddress
-    from mission.link.link import open_link as open_link
-    from mission.link.link import parse_link_url as parse_link_url
     from mission.link.memory import MemoryLink as MemoryLink
     from mission.link.memory import memory_pair as memory_pair
+    from mission.link.opening import open_link as open_link
     from mission.link.tlog import TlogWriter as TlogWriter
     from mission.link.tlog import read_tlog as read_tlog
 else:
@@ -27,7 +27,8 @@ else:
             "mission.link.codec.frames": ("FrameReader", "FrameWriter", "SourceStatistics"),
             "mission.link.codec.signing": ("Signing", "key_from_text"),
             "mission.link.endpoint": ("LinkStatistics", "MavlinkEndpoint"),
-            "mission.link.link": ("Link", "LinkAddress", "open_link", "parse_link_url"),
+            "mission.link.address": ("Link", "LinkAddress", "parse_link_url"),
+            "mission.link.opening": ("open_link",),
             "mission.link.memory": ("MemoryLink", "memory_pair"),
             "mission.link.tlog": ("TlogWriter", "read_tlog"),
         },

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
+from mission.link.address import Link
 from mission.link.codec.dialect import mavlink
 from mission.link.codec.frames import FrameReader, FrameWriter, Message, SourceStatistics
 from mission.link.codec.signing import Signing
-from mission.link.link import Link
 
 Tap = Callable[[bytes, bool], None]
 

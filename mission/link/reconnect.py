@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 
 from mission.errors import LinkError
-from mission.link.link import LinkAddress
+from mission.link.address import LinkAddress
 from mission.link.sockets import TcpLink
 
 _RETRY_S = 1.0

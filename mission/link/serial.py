@@ -7,7 +7,7 @@ import os
 from typing import Any
 
 from mission.errors import LinkError, LinkLostError
-from mission.link.link import LinkAddress
+from mission.link.address import LinkAddress
 
 _BACKLOG_BYTES = 1 << 16
 _READ_BYTES = 65536

@@ -9,7 +9,7 @@ import socket
 from typing import Any
 
 from mission.errors import LinkError, LinkLostError, NoPeerError
-from mission.link.link import LinkAddress
+from mission.link.address import LinkAddress
 
 _DATAGRAM_BYTES = 65536
 _BATCH = 256

@@ -64,6 +64,14 @@ class BatchBudget(Budget, Protocol):
         """Return what `cost` returns for each of the paths, to the last bit."""
 
 
+@runtime_checkable
+class ExplainedBudget(Budget, Protocol):
+    """A budget that can tell why a path has no finite cost."""
+
+    def reason(self, path_xy_m: NDArray[np.float64]) -> str:
+        """Return in words why the path, as of `cost`, cannot be flown; empty if it can."""
+
+
 @dataclass(frozen=True, slots=True)
 class LengthBudget:
     """A budget of flown metres over ground.

@@ -96,8 +96,8 @@ class Region:
 
     def __init__(self, polygon: Polygon) -> None:
         self.polygon = polygon
-        self._tolerant = shapely.buffer(polygon, TOLERANCE_M, join_style="mitre", mitre_limit=2.0)
-        shapely.prepare(self._tolerant)
+        self.tolerant = shapely.buffer(polygon, TOLERANCE_M, join_style="mitre", mitre_limit=2.0)
+        shapely.prepare(self.tolerant)
 
     @cached_property
     def corners(self) -> Points:
@@ -112,13 +112,13 @@ class Region:
     def contains(self, points_m: ArrayLike) -> NDArray[np.bool_]:
         """Tell for each point of float64[n, 2] whether it lies in the polygon."""
         return np.asarray(
-            shapely.covers(self._tolerant, shapely.points(np.asarray(points_m, dtype=np.float64)))
+            shapely.covers(self.tolerant, shapely.points(np.asarray(points_m, dtype=np.float64)))
         )
 
     def sees(self, starts_m: ArrayLike, ends_m: ArrayLike) -> NDArray[np.bool_]:
         """Tell for each pair of points, float64[n, 2] each, whether the straight leg stays in the polygon."""
         legs = np.stack(np.broadcast_arrays(starts_m, ends_m), axis=-2).astype(np.float64)
-        return np.asarray(shapely.covers(self._tolerant, shapely.linestrings(legs)))
+        return np.asarray(shapely.covers(self.tolerant, shapely.linestrings(legs)))
 
     def route(self, start_m: Points, end_m: Points) -> Points | None:
         """Return the corners between two points of the polygon, float64[n, 2], or None if there is no way."""
@@ -208,6 +208,44 @@ def reflex_corners(polygon: Polygon) -> Points:
     return np.vstack(found)
 
 
+class _Regions:
+    """The parts of an area as regions, found by place."""
+
+    def __init__(self, area: Area) -> None:
+        self._regions: tuple[Region, ...] = tuple(Region(part) for part in parts_of(area))
+        self._tree = shapely.STRtree([region.tolerant for region in self._regions])
+        self._bounds = shapely.bounds(self._tree.geometries)
+
+    def near(self, starts_m: Points, ends_m: Points) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Return pairs of a leg and a region whose bounds hold both ends: their numbers, sorted by region."""
+        legs, numbers = self._tree.query(shapely.points(starts_m))
+        low, high = self._bounds[numbers, :2], self._bounds[numbers, 2:]
+        held = ((low <= ends_m[legs]) & (ends_m[legs] <= high)).all(axis=1)
+        order = np.lexsort((legs[held], numbers[held]))
+        return legs[held][order], numbers[held][order]
+
+    def sees(self, starts_m: Points, ends_m: Points) -> NDArray[np.bool_]:
+        """Tell for each pair of points whether the straight leg stays in one of the regions."""
+        seen = np.zeros(len(starts_m), dtype=bool)
+        legs, numbers = self.near(starts_m, ends_m)
+        for some in np.split(np.arange(len(legs)), np.nonzero(np.diff(numbers))[0] + 1):
+            if len(some):
+                open_legs = legs[some][~seen[legs[some]]]
+                seen[open_legs] = self._regions[numbers[some[0]]].sees(starts_m[open_legs], ends_m[open_legs])
+        return seen
+
+    def route(self, start_m: Points, end_m: Points) -> Points | None:
+        """Return the corners between two points that lie in one region, or None: see `Region.route`."""
+        both = np.vstack((start_m, end_m))
+        for number in self.near(both[:1], both[1:])[1]:
+            region: Region = self._regions[int(number)]
+            if bool(region.contains(both).all()):
+                found = region.route(start_m, end_m)
+                if found is not None:
+                    return found
+        return None
+
+
 class Terrain:
     """Where a path may go: the area, and the area inset by half a footprint, where the path lies if it can.
 
@@ -222,12 +260,12 @@ class Terrain:
     def __init__(self, area: Area, footprint_m: float) -> None:
         self.area = area
         self.flyable = inset(area, footprint_m / 2)
-        self._inner = tuple(Region(part) for part in parts_of(self.flyable))
+        self._inner = _Regions(self.flyable)
 
     @cached_property
-    def _outer(self) -> tuple[Region, ...]:
+    def _outer(self) -> _Regions:
         # A path may pass a neck that is narrower than the footprint, along the area's very border.
-        return tuple(Region(part) for part in parts_of(self.area))
+        return _Regions(self.area)
 
     def join(self, pieces: Sequence[Points], start_m: ArrayLike) -> Points:
         """Return one path through the pieces, see `legs`."""
@@ -251,20 +289,15 @@ class Terrain:
         start = np.asarray(start_m, dtype=np.float64)
         leaves = np.vstack((start, *(piece[-1] for piece in pieces[:-1])))
         enters = np.vstack([piece[0] for piece in pieces])
-        direct = np.zeros(len(pieces), dtype=bool)
-        for region in self._inner:
-            direct[~direct] = region.sees(leaves[~direct], enters[~direct])
+        direct = self._inner.sees(leaves, enters)
         return [
             piece if straight else np.vstack((self._detour(leave, enter), piece))
             for piece, straight, leave, enter in zip(pieces, direct, leaves, enters, strict=True)
         ]
 
     def _detour(self, leave: Points, enter: Points) -> Points:
-        both = np.vstack((leave, enter))
         for regions in (self._inner, self._outer):
-            for region in regions:
-                if bool(region.contains(both).all()):
-                    found = region.route(leave, enter)
-                    if found is not None:
-                        return found
+            found = regions.route(leave, enter)
+            if found is not None:
+                return found
         return _NO_POINTS

@@ -13,7 +13,7 @@ import shapely
 from geo.farm import Crop
 from geo.units import FOOT_M
 from mission.errors import PlanningError
-from mission.planners.budget import BatchBudget, Budget
+from mission.planners.budget import BatchBudget, Budget, ExplainedBudget
 from mission.planners.path import Area, PlannedPath, Points
 
 
@@ -95,6 +95,10 @@ class PlanningRequest:
         if len(flights) > 1 and isinstance(self.budget, BatchBudget):
             return [float(cost) for cost in self.budget.costs(flights)]
         return [float(self.budget.cost(flight)) for flight in flights]
+
+    def reason(self, points_m: Points) -> str:
+        """Return why a path of infinite cost cannot be flown, if the budget can tell; else nothing."""
+        return self.budget.reason(self._flight(points_m)) if isinstance(self.budget, ExplainedBudget) else ""
 
     def _flight(self, points_m: Points) -> Points:
         return np.vstack((np.asarray(self.start_xy_m, dtype=np.float64), points_m))

@@ -101,7 +101,10 @@ def densest_feasible(
 
     sparsest = range(lowest, min(lowest + 3, highest) + 1)
     if not feasible(lowest) and not feasible(*sparsest):
-        raise too_small(request, min(seen.values()), what)
+        least = min(seen.values())
+        if not math.isfinite(least):
+            raise cannot_be_flown(request, build(lowest), what)
+        raise too_small(request, least, what)
     while best is not None and best.index < highest:
         good = best.index
         bad = min((index for index in seen if index > good), default=None)
@@ -166,14 +169,19 @@ def _last_below(density: Callable[[int], float], wanted: float, first: int, last
     return first
 
 
+def cannot_be_flown(request: PlanningRequest, points_m: Points, what: str) -> PlanningError:
+    """Return the error of a sparsest path, ``what``, that has no finite cost."""
+    budget = request.budget
+    reason = request.reason(points_m) or "the vehicle cannot come back from it"
+    return PlanningError(
+        f"budget of {budget.limit:g} {budget.unit}: {what} cannot be flown: {reason}; "
+        "take a smaller area, a nearer start, less wind or another vehicle"
+    )
+
+
 def too_small(request: PlanningRequest, least: float, what: str) -> PlanningError:
     """Return the error of a budget that is smaller than the least that is needed."""
     budget = request.budget
-    if not math.isfinite(least):
-        return PlanningError(
-            f"budget of {budget.limit:g} {budget.unit}: the vehicle cannot fly even {what} and come back; "
-            "take a smaller area, a nearer start, less wind or another vehicle"
-        )
     needed = least * (1 + 1e-9)
     digits = 0 if budget.unit == "steps" else 1
     scale = 10**digits

@@ -14,7 +14,8 @@ from mission.planners.path import Area, PlannedPath, Points
 EXACT_LEGS = 256
 _STRETCH = 16
 _MOST_PAIRS = 150_000_000
-_CHUNK_PAIRS = 4_000_000
+# What a core's cache holds.
+_CHUNK_PAIRS = 65_536
 _R2 = np.array((0.7548776662466927, 0.5698402909980532))
 
 
@@ -79,9 +80,12 @@ def _counted(points: Points, area: Area, reach_m: float) -> float:
     places = _spread(area, min(max(_MOST_PAIRS // len(starts), 5000), 100_000))
     seen = 0
     step = max(1, _CHUNK_PAIRS // len(starts))
+    buffer = np.empty((step, len(starts)))
     for first in range(0, len(places), step):
         chunk = places[first : first + step]
-        place, leg = np.nonzero(np.abs(chunk @ across.T - offsets) <= reach_m)
+        away = np.matmul(chunk, across.T, out=buffer[: len(chunk)])
+        away -= offsets
+        place, leg = np.nonzero(np.abs(away, out=away) <= reach_m)
         gap = chunk[place] - starts[leg]
         onward = (gap * along[leg]).sum(axis=1)
         beyond = onward - np.clip(onward, 0.0, lengths[leg])

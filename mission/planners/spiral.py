@@ -187,16 +187,19 @@ def spiral_pieces(area: Area, spacing_m: float, start_m: ArrayLike) -> list[Poin
         Where the flight comes from.
     """
     here = np.asarray(start_m, dtype=np.float64)
-    waiting = list(parts_of(area))
+    parts = parts_of(area)
+    borders = np.array([part.exterior for part in parts])
+    waiting = np.arange(len(parts))
     pieces: list[Points] = []
-    while waiting:
-        distances = shapely.distance(shapely.points(here), np.array([part.exterior for part in waiting]))
-        part = waiting.pop(int(np.argmin(distances)))
+    while len(waiting):
+        nearest = int(np.argmin(shapely.distance(shapely.points(here), borders[waiting])))
+        part = parts[waiting[nearest]]
+        waiting = np.delete(waiting, nearest)
         if is_rectangle(part):
             x_min, y_min, x_max, y_max = part.bounds
             corners = np.array([(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max)])
-            nearest = int(np.argmin(np.round(np.hypot(*(corners - here).T), 9)))
-            pieces.append(rectangle_spiral(part.bounds, spacing_m, nearest))
+            corner = int(np.argmin(np.round(np.hypot(*(corners - here).T), 9)))
+            pieces.append(rectangle_spiral(part.bounds, spacing_m, corner))
         else:
             pieces += _rings(part, spacing_m, here)
         here = pieces[-1][-1]

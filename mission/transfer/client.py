@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, assert_never
 
 from mission.model import MissionType
 from mission.transfer import wire
@@ -15,6 +15,7 @@ from mission.transfer.client_table import (
     COMPLETE,
     FAILED,
     READY,
+    ClientAction,
     ClientInput,
     ClientState,
 )
@@ -31,6 +32,7 @@ from mission.transfer.events import (
 from mission.transfer.profile import GENERIC, Profile
 
 _I = ClientInput
+_A = ClientAction
 _TROUBLE = frozenset({wire.ERROR, wire.INVALID_SEQUENCE, wire.DENIED})
 GROUND_STATION = (255, 190)
 
@@ -279,12 +281,48 @@ class ClientTransfer(ABC):
 
     def _step(self, found: ClientInput, message: Message, now_s: float) -> Output:
         action, following = CLIENT_TABLE[self._state, found]
-        output: Output = getattr(self, f"_{action}")(message, now_s)
+        output = self._act(action, message, now_s)
         self._state = following
         self._messages_sent += len(output.messages)
         if self.done and self._ended_s is None:
             self._ended_s = now_s
         return output
+
+    def _act(self, action: ClientAction, message: Message, now_s: float) -> Output:
+        """Do what a row of the table says; the kinds of transfer add their own actions."""
+        match action:
+            case _A.SEND_OPENING:
+                return self._send_opening(message, now_s)
+            case _A.IGNORE:
+                return self._ignore(message, now_s)
+            case _A.FAIL_UNSTARTED:
+                return self._fail_unstarted(message, now_s)
+            case _A.NOTE_TROUBLE:
+                return self._note_trouble(message, now_s)
+            case _A.FAIL_REFUSED:
+                return self._fail_refused(message, now_s)
+            case _A.REPEAT_OPENING:
+                return self._repeat_opening(message, now_s)
+            case _A.FAIL_SILENT:
+                return self._fail_silent(message, now_s)
+            case _A.FAIL_CANCELLED:
+                return self._fail_cancelled(message, now_s)
+            case _A.COMPLETE:
+                return self._complete(message, now_s)
+            case (
+                _A.SEND_ITEM
+                | _A.NOTE_REQUEST
+                | _A.REPEAT_ITEM
+                | _A.ASK_FIRST
+                | _A.TAKE_ITEM
+                | _A.FAIL_BROKEN
+                | _A.ASK_AGAIN
+                | _A.RESTART
+            ):
+                msg = f"{self._what()}: {action.value!r} belongs to another kind of transfer"
+                raise AssertionError(msg)
+            case _:
+                assert_never(action)
 
     def _ignore(self, message: Message, now_s: float) -> Output:
         return NOTHING

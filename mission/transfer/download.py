@@ -11,7 +11,7 @@ from mission.link.codec.dialect import mavlink
 from mission.model import MissionItem, MissionType
 from mission.transfer import wire
 from mission.transfer.client import ClientTransfer
-from mission.transfer.client_table import LISTING, ClientInput
+from mission.transfer.client_table import LISTING, ClientAction, ClientInput
 from mission.transfer.errors import LocalTransferError
 from mission.transfer.events import DownloadComplete, FailureReason, Message, Output, Progress
 from mission.transfer.profile import from_wire_order
@@ -82,6 +82,21 @@ class MissionDownload(ClientTransfer):
             self._broken = f"item {message.seq} of the vehicle: {error}"
             return _I.ITEM_BROKEN
         return _I.ITEM_LAST if self._missing == 1 else _I.ITEM
+
+    def _act(self, action: ClientAction, message: Message, now_s: float) -> Output:
+        match action:
+            case ClientAction.ASK_FIRST:
+                return self._ask_first(message, now_s)
+            case ClientAction.TAKE_ITEM:
+                return self._take_item(message, now_s)
+            case ClientAction.FAIL_BROKEN:
+                return self._fail_broken(message, now_s)
+            case ClientAction.ASK_AGAIN:
+                return self._ask_again(message, now_s)
+            case ClientAction.RESTART:
+                return self._restart(message, now_s)
+            case _:
+                return super()._act(action, message, now_s)
 
     def _ask_first(self, message: Message, now_s: float) -> Output:
         if self._openings == 1:

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Protocol, Self
 
+from mission.link.address import Link
 from mission.link.codec.dialect import mavlink
 from mission.link.endpoint import MavlinkEndpoint
-from mission.link.link import Link
 from mission.model import GeoPoint, Mission, MissionType
 from mission.transfer import wire
 from mission.transfer.clear import MissionClear

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import assert_never
 
 from mission.link.codec.dialect import mavlink
 from mission.model import MissionItem, MissionType
@@ -24,10 +25,19 @@ from mission.transfer.events import (
 )
 from mission.transfer.profile import from_wire_order, to_wire_order
 from mission.transfer.server_judge import ServerMemory, StoredPlan, Validator
-from mission.transfer.server_table import IDLE, RECEIVING, SENDING, SERVER_TABLE, ServerInput, ServerState
+from mission.transfer.server_table import (
+    IDLE,
+    RECEIVING,
+    SENDING,
+    SERVER_TABLE,
+    ServerAction,
+    ServerInput,
+    ServerState,
+)
 from mission.transfer.storage import frame_on_wire
 
 _I = ServerInput
+_A = ServerAction
 _COMPONENTS = frozenset({0, mavlink.MAV_COMP_ID_MISSIONPLANNER})
 _WARNING = mavlink.MAV_SEVERITY_WARNING
 _CRITICAL = mavlink.MAV_SEVERITY_CRITICAL
@@ -136,9 +146,82 @@ class MissionServer(ServerMemory):
 
     def _step(self, found: ServerInput, message: Message, sender: tuple[int, int], now_s: float) -> Output:
         action, following = SERVER_TABLE[self._state, found]
-        output: Output = getattr(self, f"_{action}")(message, sender, now_s)
+        output = self._act(action, message, sender, now_s)
         self._state = following
         return output
+
+    def _act(self, action: ServerAction, message: Message, sender: tuple[int, int], now_s: float) -> Output:
+        match action:
+            case _A.ASK_FIRST:
+                return self._ask_first(message, sender, now_s)
+            case _A.CLEAR_BY_COUNT:
+                return self._clear_by_count(message, sender, now_s)
+            case _A.REFUSE_SPACE:
+                return self._refuse_space(message, sender, now_s)
+            case _A.REFUSE_BUSY:
+                return self._refuse_busy(message, sender, now_s)
+            case _A.REFUSE_TYPE:
+                return self._refuse_type(message, sender, now_s)
+            case _A.REPEAT_ACK:
+                return self._repeat_ack(message, sender, now_s)
+            case _A.IGNORE:
+                return self._ignore(message, sender, now_s)
+            case _A.REFUSE_UNEXPECTED_ITEM:
+                return self._refuse_unexpected_item(message, sender, now_s)
+            case _A.SEND_COUNT:
+                return self._send_count(message, sender, now_s)
+            case _A.SEND_ITEM:
+                return self._send_item(message, sender, now_s)
+            case _A.ANSWER_BEYOND:
+                return self._answer_beyond(message, sender, now_s)
+            case _A.REFUSE_REQUEST:
+                return self._refuse_request(message, sender, now_s)
+            case _A.CLEAR:
+                return self._clear(message, sender, now_s)
+            case _A.REFUSE_CLEAR:
+                return self._refuse_clear(message, sender, now_s)
+            case _A.REFUSE_CLEAR_NOW:
+                return self._refuse_clear_now(message, sender, now_s)
+            case _A.REFUSE_PARTIAL:
+                return self._refuse_partial(message, sender, now_s)
+            case _A.ASK_PART:
+                return self._ask_part(message, sender, now_s)
+            case _A.TAKE_ITEM:
+                return self._take_item(message, sender, now_s)
+            case _A.TAKE_LAST_ITEM:
+                return self._take_last_item(message, sender, now_s)
+            case _A.REFUSE_ITEM:
+                return self._refuse_item(message, sender, now_s)
+            case _A.ANSWER_ORDER:
+                return self._answer_order(message, sender, now_s)
+            case _A.REFUSE_ITEM_TYPE:
+                return self._refuse_item_type(message, sender, now_s)
+            case _A.REFUSE_FOREIGN_ITEM:
+                return self._refuse_foreign_item(message, sender, now_s)
+            case _A.REFUSE_LIST:
+                return self._refuse_list(message, sender, now_s)
+            case _A.REFUSE_REQUEST_NOW:
+                return self._refuse_request_now(message, sender, now_s)
+            case _A.END_CANCELLED:
+                return self._end_cancelled(message, sender, now_s)
+            case _A.ASK_AGAIN:
+                return self._ask_again(message, sender, now_s)
+            case _A.ABORT_UPLOAD:
+                return self._abort_upload(message, sender, now_s)
+            case _A.SAY_BUSY:
+                return self._say_busy(message, sender, now_s)
+            case _A.REFUSE_CHANGED:
+                return self._refuse_changed(message, sender, now_s)
+            case _A.REFUSE_JUMP:
+                return self._refuse_jump(message, sender, now_s)
+            case _A.END_SENT:
+                return self._end_sent(message, sender, now_s)
+            case _A.END_REFUSED:
+                return self._end_refused(message, sender, now_s)
+            case _A.ABORT_DOWNLOAD:
+                return self._abort_download(message, sender, now_s)
+            case _:
+                assert_never(action)
 
     # Acting: what the rows of the table do, before the state changes.
 

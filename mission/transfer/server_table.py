@@ -64,68 +64,108 @@ class ServerInput(Enum):
     ABORT = "abort timer"
 
 
+class ServerAction(Enum):
+    """What it does about it."""
+
+    ASK_FIRST = "ask first"
+    CLEAR_BY_COUNT = "clear by count"
+    REFUSE_SPACE = "refuse space"
+    REFUSE_BUSY = "refuse busy"
+    REFUSE_TYPE = "refuse type"
+    REPEAT_ACK = "repeat ack"
+    IGNORE = "ignore"
+    REFUSE_UNEXPECTED_ITEM = "refuse unexpected item"
+    SEND_COUNT = "send count"
+    SEND_ITEM = "send item"
+    ANSWER_BEYOND = "answer beyond"
+    REFUSE_REQUEST = "refuse request"
+    CLEAR = "clear"
+    REFUSE_CLEAR = "refuse clear"
+    REFUSE_CLEAR_NOW = "refuse clear now"
+    REFUSE_PARTIAL = "refuse partial"
+    ASK_PART = "ask part"
+    TAKE_ITEM = "take item"
+    TAKE_LAST_ITEM = "take last item"
+    REFUSE_ITEM = "refuse item"
+    ANSWER_ORDER = "answer order"
+    REFUSE_ITEM_TYPE = "refuse item type"
+    REFUSE_FOREIGN_ITEM = "refuse foreign item"
+    REFUSE_LIST = "refuse list"
+    REFUSE_REQUEST_NOW = "refuse request now"
+    END_CANCELLED = "end cancelled"
+    ASK_AGAIN = "ask again"
+    ABORT_UPLOAD = "abort upload"
+    SAY_BUSY = "say busy"
+    REFUSE_CHANGED = "refuse changed"
+    REFUSE_JUMP = "refuse jump"
+    END_SENT = "end sent"
+    END_REFUSED = "end refused"
+    ABORT_DOWNLOAD = "abort download"
+
+
 _I = ServerInput
+_A = ServerAction
 IDLE, RECEIVING, SENDING = ServerState
 
-SERVER_TABLE: Final[dict[tuple[ServerState, ServerInput], tuple[str, ServerState]]] = {
+SERVER_TABLE: Final[dict[tuple[ServerState, ServerInput], tuple[ServerAction, ServerState]]] = {
     # idle
-    (IDLE, _I.COUNT): ("ask_first", RECEIVING),
-    (IDLE, _I.COUNT_EMPTY): ("clear_by_count", IDLE),
-    (IDLE, _I.COUNT_TOO_LARGE): ("refuse_space", IDLE),
-    (IDLE, _I.COUNT_BUSY): ("refuse_busy", IDLE),
-    (IDLE, _I.BAD_TYPE): ("refuse_type", IDLE),
-    (IDLE, _I.ITEM_REPEATED): ("repeat_ack", IDLE),
-    (IDLE, _I.ITEM_STALE): ("ignore", IDLE),
-    (IDLE, _I.ITEM_UNEXPECTED): ("refuse_unexpected_item", IDLE),
-    (IDLE, _I.LIST): ("send_count", SENDING),
-    (IDLE, _I.LIST_STATELESS): ("send_count", IDLE),
-    (IDLE, _I.REQUEST_STATELESS): ("send_item", IDLE),
-    (IDLE, _I.REQUEST_BEYOND): ("answer_beyond", IDLE),
-    (IDLE, _I.REQUEST_UNEXPECTED): ("refuse_request", IDLE),
-    (IDLE, _I.ACK_OTHER): ("ignore", IDLE),
-    (IDLE, _I.CLEAR): ("clear", IDLE),
-    (IDLE, _I.CLEAR_UNSUPPORTED): ("refuse_clear", IDLE),
-    (IDLE, _I.CLEAR_LOCKED): ("refuse_clear_now", IDLE),
-    (IDLE, _I.PARTIAL): ("refuse_partial", IDLE),
-    (IDLE, _I.WRITE): ("ask_part", RECEIVING),
+    (IDLE, _I.COUNT): (_A.ASK_FIRST, RECEIVING),
+    (IDLE, _I.COUNT_EMPTY): (_A.CLEAR_BY_COUNT, IDLE),
+    (IDLE, _I.COUNT_TOO_LARGE): (_A.REFUSE_SPACE, IDLE),
+    (IDLE, _I.COUNT_BUSY): (_A.REFUSE_BUSY, IDLE),
+    (IDLE, _I.BAD_TYPE): (_A.REFUSE_TYPE, IDLE),
+    (IDLE, _I.ITEM_REPEATED): (_A.REPEAT_ACK, IDLE),
+    (IDLE, _I.ITEM_STALE): (_A.IGNORE, IDLE),
+    (IDLE, _I.ITEM_UNEXPECTED): (_A.REFUSE_UNEXPECTED_ITEM, IDLE),
+    (IDLE, _I.LIST): (_A.SEND_COUNT, SENDING),
+    (IDLE, _I.LIST_STATELESS): (_A.SEND_COUNT, IDLE),
+    (IDLE, _I.REQUEST_STATELESS): (_A.SEND_ITEM, IDLE),
+    (IDLE, _I.REQUEST_BEYOND): (_A.ANSWER_BEYOND, IDLE),
+    (IDLE, _I.REQUEST_UNEXPECTED): (_A.REFUSE_REQUEST, IDLE),
+    (IDLE, _I.ACK_OTHER): (_A.IGNORE, IDLE),
+    (IDLE, _I.CLEAR): (_A.CLEAR, IDLE),
+    (IDLE, _I.CLEAR_UNSUPPORTED): (_A.REFUSE_CLEAR, IDLE),
+    (IDLE, _I.CLEAR_LOCKED): (_A.REFUSE_CLEAR_NOW, IDLE),
+    (IDLE, _I.PARTIAL): (_A.REFUSE_PARTIAL, IDLE),
+    (IDLE, _I.WRITE): (_A.ASK_PART, RECEIVING),
     # receiving
-    (RECEIVING, _I.COUNT_REPEATED): ("ask_first", RECEIVING),
-    (RECEIVING, _I.COUNT_BUSY): ("refuse_busy", RECEIVING),
-    (RECEIVING, _I.BAD_TYPE): ("refuse_type", RECEIVING),
-    (RECEIVING, _I.ITEM_NEXT): ("take_item", RECEIVING),
-    (RECEIVING, _I.ITEM_LAST): ("take_last_item", IDLE),
-    (RECEIVING, _I.ITEM_REFUSED): ("refuse_item", IDLE),
-    (RECEIVING, _I.ITEM_OUT_OF_ORDER): ("answer_order", RECEIVING),
-    (RECEIVING, _I.ITEM_WRONG_TYPE): ("refuse_item_type", RECEIVING),
-    (RECEIVING, _I.ITEM_FOREIGN): ("refuse_foreign_item", RECEIVING),
-    (RECEIVING, _I.LIST_BUSY): ("refuse_list", RECEIVING),
-    (RECEIVING, _I.REQUEST_FOREIGN): ("refuse_request_now", RECEIVING),
-    (RECEIVING, _I.ACK_CANCEL): ("end_cancelled", IDLE),
-    (RECEIVING, _I.ACK_OTHER): ("ignore", RECEIVING),
-    (RECEIVING, _I.CLEAR_BUSY): ("refuse_clear_now", RECEIVING),
-    (RECEIVING, _I.PARTIAL): ("ignore", RECEIVING),
-    (RECEIVING, _I.WRITE): ("ignore", RECEIVING),
-    (RECEIVING, _I.ABANDONED): ("end_cancelled", IDLE),
-    (RECEIVING, _I.RETRY): ("ask_again", RECEIVING),
-    (RECEIVING, _I.ABORT): ("abort_upload", IDLE),
+    (RECEIVING, _I.COUNT_REPEATED): (_A.ASK_FIRST, RECEIVING),
+    (RECEIVING, _I.COUNT_BUSY): (_A.REFUSE_BUSY, RECEIVING),
+    (RECEIVING, _I.BAD_TYPE): (_A.REFUSE_TYPE, RECEIVING),
+    (RECEIVING, _I.ITEM_NEXT): (_A.TAKE_ITEM, RECEIVING),
+    (RECEIVING, _I.ITEM_LAST): (_A.TAKE_LAST_ITEM, IDLE),
+    (RECEIVING, _I.ITEM_REFUSED): (_A.REFUSE_ITEM, IDLE),
+    (RECEIVING, _I.ITEM_OUT_OF_ORDER): (_A.ANSWER_ORDER, RECEIVING),
+    (RECEIVING, _I.ITEM_WRONG_TYPE): (_A.REFUSE_ITEM_TYPE, RECEIVING),
+    (RECEIVING, _I.ITEM_FOREIGN): (_A.REFUSE_FOREIGN_ITEM, RECEIVING),
+    (RECEIVING, _I.LIST_BUSY): (_A.REFUSE_LIST, RECEIVING),
+    (RECEIVING, _I.REQUEST_FOREIGN): (_A.REFUSE_REQUEST_NOW, RECEIVING),
+    (RECEIVING, _I.ACK_CANCEL): (_A.END_CANCELLED, IDLE),
+    (RECEIVING, _I.ACK_OTHER): (_A.IGNORE, RECEIVING),
+    (RECEIVING, _I.CLEAR_BUSY): (_A.REFUSE_CLEAR_NOW, RECEIVING),
+    (RECEIVING, _I.PARTIAL): (_A.IGNORE, RECEIVING),
+    (RECEIVING, _I.WRITE): (_A.IGNORE, RECEIVING),
+    (RECEIVING, _I.ABANDONED): (_A.END_CANCELLED, IDLE),
+    (RECEIVING, _I.RETRY): (_A.ASK_AGAIN, RECEIVING),
+    (RECEIVING, _I.ABORT): (_A.ABORT_UPLOAD, IDLE),
     # sending
-    (SENDING, _I.COUNT_BUSY): ("refuse_busy", SENDING),
-    (SENDING, _I.BAD_TYPE): ("refuse_type", SENDING),
-    (SENDING, _I.ITEM_STALE): ("ignore", SENDING),
-    (SENDING, _I.ITEM_FOREIGN): ("say_busy", SENDING),
-    (SENDING, _I.LIST): ("send_count", SENDING),
-    (SENDING, _I.LIST_BUSY): ("refuse_list", SENDING),
-    (SENDING, _I.REQUEST): ("send_item", SENDING),
-    (SENDING, _I.REQUEST_CHANGED): ("refuse_changed", SENDING),
-    (SENDING, _I.REQUEST_JUMP): ("refuse_jump", IDLE),
-    (SENDING, _I.REQUEST_BEYOND): ("answer_beyond", SENDING),
-    (SENDING, _I.REQUEST_FOREIGN): ("ignore", SENDING),
-    (SENDING, _I.ACK_DONE): ("end_sent", IDLE),
-    (SENDING, _I.ACK_CANCEL): ("end_cancelled", IDLE),
-    (SENDING, _I.ACK_ERROR): ("end_refused", IDLE),
-    (SENDING, _I.ACK_OTHER): ("ignore", SENDING),
-    (SENDING, _I.CLEAR_BUSY): ("say_busy", SENDING),
-    (SENDING, _I.PARTIAL): ("ignore", SENDING),
-    (SENDING, _I.IMPLIED_END): ("end_sent", IDLE),
-    (SENDING, _I.ABORT): ("abort_download", IDLE),
+    (SENDING, _I.COUNT_BUSY): (_A.REFUSE_BUSY, SENDING),
+    (SENDING, _I.BAD_TYPE): (_A.REFUSE_TYPE, SENDING),
+    (SENDING, _I.ITEM_STALE): (_A.IGNORE, SENDING),
+    (SENDING, _I.ITEM_FOREIGN): (_A.SAY_BUSY, SENDING),
+    (SENDING, _I.LIST): (_A.SEND_COUNT, SENDING),
+    (SENDING, _I.LIST_BUSY): (_A.REFUSE_LIST, SENDING),
+    (SENDING, _I.REQUEST): (_A.SEND_ITEM, SENDING),
+    (SENDING, _I.REQUEST_CHANGED): (_A.REFUSE_CHANGED, SENDING),
+    (SENDING, _I.REQUEST_JUMP): (_A.REFUSE_JUMP, IDLE),
+    (SENDING, _I.REQUEST_BEYOND): (_A.ANSWER_BEYOND, SENDING),
+    (SENDING, _I.REQUEST_FOREIGN): (_A.IGNORE, SENDING),
+    (SENDING, _I.ACK_DONE): (_A.END_SENT, IDLE),
+    (SENDING, _I.ACK_CANCEL): (_A.END_CANCELLED, IDLE),
+    (SENDING, _I.ACK_ERROR): (_A.END_REFUSED, IDLE),
+    (SENDING, _I.ACK_OTHER): (_A.IGNORE, SENDING),
+    (SENDING, _I.CLEAR_BUSY): (_A.SAY_BUSY, SENDING),
+    (SENDING, _I.PARTIAL): (_A.IGNORE, SENDING),
+    (SENDING, _I.IMPLIED_END): (_A.END_SENT, IDLE),
+    (SENDING, _I.ABORT): (_A.ABORT_DOWNLOAD, IDLE),
 }

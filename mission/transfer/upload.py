@@ -10,7 +10,7 @@ from typing import Any
 from mission.model import GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
 from mission.transfer.client import ClientTransfer
-from mission.transfer.client_table import CLEARING, CONFIRMING, COUNTING, UPLOADING, ClientInput
+from mission.transfer.client_table import CLEARING, CONFIRMING, COUNTING, UPLOADING, ClientAction, ClientInput
 from mission.transfer.errors import LocalTransferError
 from mission.transfer.events import NOTHING, Message, Output, PlanState, Progress, UploadComplete
 from mission.transfer.profile import to_wire_order
@@ -133,6 +133,17 @@ class MissionUpload(ClientTransfer):
         if type(message).id == wire.ACK:
             return self._judge_ack(message, accepted=self._state in (CONFIRMING, CLEARING))
         return _I.STRAY
+
+    def _act(self, action: ClientAction, message: Message, now_s: float) -> Output:
+        match action:
+            case ClientAction.SEND_ITEM:
+                return self._send_item(message, now_s)
+            case ClientAction.NOTE_REQUEST:
+                return self._note_request(message, now_s)
+            case ClientAction.REPEAT_ITEM:
+                return self._repeat_item(message, now_s)
+            case _:
+                return super()._act(action, message, now_s)
 
     def _send_item(self, message: Message, now_s: float) -> Output:
         sequence = message.seq

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 from mission.errors import LinkError
+from mission.link.address import LOOPBACK, SERIAL, Link, LinkAddress, parse_link_url
 from mission.link.codec.frames import FrameReader
-from mission.link.link import LOOPBACK, SERIAL, Link, LinkAddress, open_link, parse_link_url
+from mission.link.opening import open_link
 from mission.link.sockets import TcpLink, TcpListener, UdpSocket
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.faults.session import FaultyLink

@@ -12,7 +12,7 @@ from numpy.random import SeedSequence
 
 from mission.link.codec.frames import FrameReader, FrameWriter, Message, starts_with_frame
 from mission.link.codec.signing import SETUP_SIGNING, Signing
-from sim_vehicle.component import NEVER, Component
+from sim_vehicle.component import NEVER, Component, SaysGoodbye
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.faults.fault import Fault
 from sim_vehicle.faults.session import FaultSession
@@ -124,6 +124,7 @@ class Server:
         self._clients: list[Client] = []
         self._radios: list[Client] = []
         self._stopping = False
+        self._closed = False
         self._origin_s = 0.0
         ports = [url if isinstance(url, ServerUrl) else ServerUrl(url) for url in urls]
         self._selector = PortSelector(ports, session)
@@ -173,7 +174,15 @@ class Server:
         self._selector.wake()
 
     def close(self) -> None:
-        """Close all sockets."""
+        """Let the components say goodbye and close all sockets; closing twice is fine."""
+        if self._closed:
+            return
+        self._closed = True
+        for local in self._locals:
+            if isinstance(local.component, SaysGoodbye):
+                self._send(local, local.component.goodbye())
+        self._route_all()
+        self._flush()
         self._selector.close()
 
     def _wall_s(self) -> float:

@@ -9,7 +9,7 @@ from mission.errors import LinkError
 from mission.link.codec.frames import FrameReader
 
 if TYPE_CHECKING:
-    from mission.link.link import Link
+    from mission.link.address import Link
 
 __all__ = ["VirtualLink"]
 

@@ -387,6 +387,12 @@ class SimVehicle:
         self._missions.home = GeoPoint(latitude, longitude, self.home.altitude_m)
         self._outbox += self.built(m.MAVLINK_MSG_ID_HOME_POSITION)
 
+    def goodbye(self) -> list[Message]:
+        """A last HEARTBEAT, of a vehicle that is powered off."""
+        (heartbeat,) = self.built(m.MAVLINK_MSG_ID_HEARTBEAT)
+        heartbeat.system_status = m.MAV_STATE_POWEROFF
+        return [heartbeat]
+
     def built(self, message_id: int) -> tuple[Message, ...]:
         """Return the message with this id from the state now, nothing when there is none."""
         builder = BUILDERS.get(message_id)

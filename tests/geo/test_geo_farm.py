@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import shapely
@@ -104,6 +106,31 @@ def test_areas_follow_the_painting() -> None:
     assert overlaid.crop_area(Crop.TOMATO).area == pytest.approx(60.0)
     assert overlaid.crop_area(Crop.STRAWBERRY).equals(shapely.box(8, 0, 10, 10))
     assert overlaid.owner_cells == 80
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from([Crop.TOMATO, Crop.STRAWBERRY]),
+            st.sampled_from(["me", "you"]),
+            *(st.integers(0, 12) for _ in range(2)),
+            *(st.integers(1, 6) for _ in range(2)),
+        ),
+        max_size=12,
+    )
+)
+def test_areas_are_those_of_painting_one_patch_after_the_other(rectangles: list[Any]) -> None:
+    patches = [
+        field(str(number), crop, owner, x, y, x + width, y + height)
+        for number, (crop, owner, x, y, width, height) in enumerate(rectangles)
+    ]
+    painted = farm(field("last", Crop.TOMATO, "me", 20, 20, 21, 21), *patches)
+    for crop in (Crop.TOMATO, Crop.STRAWBERRY):
+        land = shapely.Polygon()
+        for patch in painted.patches:
+            operation = shapely.union if (patch.owner, patch.crop) == ("me", crop) else shapely.difference
+            land = operation(land, patch.polygon)
+        assert painted.crop_area(crop).symmetric_difference(land).area < 1e-9
 
 
 @given(st.integers(0, 20000), st.sampled_from([FOOT_M, 1.0, 0.1]))

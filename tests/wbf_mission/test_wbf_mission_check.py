@@ -197,19 +197,19 @@ def test_the_list(capsys):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "text"),
+    ("arguments", "code", "text"),
     [
-        (["check"], "udpin:127.0.0.1:14550"),
-        (["check", "nonsense"], "not a link address"),
-        (["check", "tcp:127.0.0.1:1"], "refused"),
-        (["check", "udpin:127.0.0.1:0", "--only", "everything"], "unknown check"),
-        (["check", "udpin:127.0.0.1:0", "--wait", "0.2"], "no vehicle"),
-        (["check", "udpin:127.0.0.1:0", "--wait", "x"], "--wait"),
-        (["check", "serial:/dev/none:57600"], "cannot be opened"),
+        (["check"], 2, "udpin:127.0.0.1:14550"),
+        (["check", "nonsense"], 2, "not a link address"),
+        (["check", "tcp:127.0.0.1:1"], 3, "refused"),
+        (["check", "udpin:127.0.0.1:0", "--only", "everything"], 2, "unknown check"),
+        (["check", "udpin:127.0.0.1:0", "--wait", "0.2"], 3, "no vehicle"),
+        (["check", "udpin:127.0.0.1:0", "--wait", "x"], 2, "--wait"),
+        (["check", "serial:/dev/none:57600"], 2, "cannot be opened"),
     ],
 )
-def test_bad_input_is_one_line_and_code_2(arguments, text, capsys):
-    assert main(arguments) == 2
+def test_bad_input_and_no_vehicle_are_one_line_and_a_code_each(arguments, code, text, capsys):
+    assert main(arguments) == code
     error = capsys.readouterr().err.strip()
     assert text in error
     assert error.splitlines()[-1].startswith("error: ")

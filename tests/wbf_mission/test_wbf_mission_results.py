@@ -151,6 +151,31 @@ def test_an_input_is_never_written_over(tmp_path: Path) -> None:
     assert [path.name for path in mission.parent.iterdir()] == ["plan.plan"]
 
 
+def test_the_folder_in_which_one_is(result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    here = tmp_path / "here"
+    here.mkdir()
+    monkeypatch.chdir(here)
+    result.save(".", plots=False)
+    (here / "path.png").write_text("of an older run")
+    (here / "notes.txt").write_text("mine")
+    result.save(".", plots=False)
+    assert Path.cwd() == here
+    assert load_result(".").score == result.score
+    assert not Path("path.png").exists()
+    assert Path("notes.txt").read_text() == "mine"
+    assert [path.name for path in tmp_path.iterdir()] == ["here"]
+
+
+def test_a_link_to_a_folder_stays_a_link(result: Result, tmp_path: Path) -> None:
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "run").symlink_to(tmp_path / "disk")
+    for _ in range(2):
+        result.save(tmp_path / "run", plots=False)
+    assert (tmp_path / "run").is_symlink()
+    assert load_result(tmp_path / "disk").score == result.score
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["disk", "run"]
+
+
 def test_an_interrupted_flight_goes_beside_an_older_result(result: Result, tmp_path: Path) -> None:
     result.save(tmp_path / "run", plots=False)
     broken = dataclasses.replace(result, outcome=Outcome.INTERRUPTED)

@@ -1,10 +1,20 @@
 """Scenarios and their files."""
 
+import dataclasses
+import os
+import pickle
 from pathlib import Path
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from wbf_mission.scenario import Scenario, ScenarioError, load_scenario, scenario_with
+from sensors.dynamics.epidemic import MAX_DAYS
+from wbf_mission.scenario import Choice, FarmOptions, Scenario, ScenarioError, load_scenario, scenario_with
+from wbf_mission.scenario.choice import choices_in, choose
+from wbf_mission.scenario.parts import LAST_DAY
+from wbf_mission.scenario.scenario import all_options
 
 REPOSITORY = Path(__file__).parents[2]
 
@@ -73,5 +83,112 @@ def test_a_file_that_is_not_text(tmp_path: Path) -> None:
     path.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ScenarioError, match="not UTF-8"):
         load_scenario(path)
-    with pytest.raises(ScenarioError, match="No such file"):
+    with pytest.raises(ScenarioError, match="no such file"):
         load_scenario(tmp_path / "absent.toml")
+
+
+@pytest.mark.parametrize("name", ["/dev/zero", "pipe.toml", "folder.toml", "deep.toml", "large.toml"])
+def test_files_that_are_no_scenario_are_refused_at_once(tmp_path: Path, name: str) -> None:
+    path = Path(name) if name.startswith("/") else tmp_path / name
+    if name == "pipe.toml":
+        os.mkfifo(path)
+    if name == "folder.toml":
+        path.mkdir()
+    if name == "deep.toml":
+        path.write_bytes(b"seed = " + b"[" * 100_000)
+    if name == "large.toml":
+        path.write_bytes(b"# \n" * 2**20)
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "says"),
+    [
+        ("farm", "", "farm is empty"),
+        ("vehicle", " ", "vehicle is empty"),
+        ("mission", "", "mission is empty"),
+        ("budget", "", "budget is empty"),
+        ("planner", "", "planner"),
+        ("planner", ":direction=1", "planner"),
+        ("planner", {"direction": 0.3}, "the table has no name"),
+        ("estimator", 3, "neither a name"),
+        ("estimator", dict, "not its class"),
+        ("camera_fields", (), "camera fields are empty"),
+        ("seed", True, "seed: Expected `int`"),
+        ("seed", 1.5, "seed: Expected `int`"),
+        ("seed", 2**64, "2^64 - 1"),
+        ("day", LAST_DAY + 1, "day 127"),
+        ("parameters", {"MPC_ACC_HOR": "fast"}, "parameters"),
+        ("planer", "spiral", "is 'planner' meant"),
+    ],
+)
+def test_options_that_cannot_be_are_named(option: str, value: object, says: str) -> None:
+    with pytest.raises(ScenarioError) as caught:
+        Scenario(**{option: value})
+    assert says in str(caught.value)
+
+
+def test_the_last_day_is_the_environments() -> None:
+    assert LAST_DAY == MAX_DAYS
+
+
+def test_options_are_unique_and_told() -> None:
+    for key, (part, name, one) in all_options().items():
+        assert one.help and one.panel, key
+        assert name in {field.name for field in dataclasses.fields(part)}
+        for other in (one.needs, one.not_with):
+            assert not other or other in all_options(), key
+
+
+def test_a_scenario_survives_its_plain_values_and_a_pickle() -> None:
+    scenario = Scenario(
+        farm="miniberry-10",
+        planner={"name": "lawnmower", "direction": 0.3},
+        parameters={"MPC_ACC_HOR": 4.0},
+        camera_fields=["soil"],
+        turbulence=6.5,
+        wind_speed_m_s=np.float64(3.0),
+        seed=np.int64(5),
+    )
+    assert Scenario(**scenario.to_dict()) == scenario
+    assert pickle.loads(pickle.dumps(scenario)) == scenario
+    assert (scenario.seed, type(scenario.seed)) == (5, int)
+
+
+def test_parts_and_values_do_not_mix_where_they_share_a_name() -> None:
+    scenario = Scenario(day=3, budget="5min")
+    assert dataclasses.replace(scenario, seed=4, planner="lawnmower").mission.budget == "5min"
+    with pytest.raises(ScenarioError, match="use scenario_with"):
+        dataclasses.replace(scenario, farm="waterberry")
+    changed = scenario_with(scenario, {"farm": "waterberry", "parameters": {"A": 1.0}})
+    assert (changed.farm.name, changed.farm.day) == ("waterberry", 3)
+    assert Scenario(farm=FarmOptions("waterberry", 3)).farm == changed.farm
+    assert scenario_with(changed, {"parameters": {"B": 2.0}}).vehicle.parameters == {"A": 1.0, "B": 2.0}
+
+
+def test_a_file_gives_planner_and_estimator_parameters(tmp_path: Path) -> None:
+    path = tmp_path / "run.toml"
+    path.write_text('planner = "lawnmower:direction=0.3"\n[estimator]\nname = "gp"\nlearn_from = "model"\n')
+    scenario = load_scenario(path)
+    assert scenario.mission.planner == Choice("lawnmower", {"direction": 0.3})
+    assert scenario.estimate.estimator == Choice("gp", {"learn_from": "model"})
+
+
+VALUES = st.one_of(
+    st.booleans(),
+    st.none(),
+    st.integers(-(10**12), 10**12),
+    st.floats(allow_nan=False, allow_infinity=False),
+    st.text("abcxyz_-.,: =0123456789[]", min_size=0, max_size=12),
+)
+
+
+@given(st.dictionaries(st.from_regex(r"[a-z_]{1,8}", fullmatch=True), VALUES, max_size=3))
+def test_a_choice_is_read_as_it_is_written(params: dict[str, object]) -> None:
+    choice = Choice("name", params)
+    assert choose(str(choice), "planner") == choice
+    (one, other) = choices_in(f"{choice},other", "planner")
+    assert (one, other) == (choice, Choice("other"))

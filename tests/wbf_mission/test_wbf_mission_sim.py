@@ -86,7 +86,6 @@ def test_the_list_of_faults(capsys):
         (["--scenario", "/no/such/file.toml"], "file.toml"),
         (["--listen", "serial:/dev/none:57600"], "cannot be opened"),
         (["--listen", "udpout:no.such.host.invalid:14550"], "no.such.host"),
-        (["--connect", "tcp:127.0.0.1:1"], "refused"),
         (["--autopilot", "betaflight"], "betaflight"),
         (["--home", "91,0"], "home"),
     ],
@@ -96,6 +95,11 @@ def test_bad_input_is_one_line_and_code_2(arguments, text, capsys):
     error = capsys.readouterr().err.strip()
     assert text in error
     assert len(error.splitlines()) == 1
+
+
+def test_nobody_at_the_other_end_has_a_code_of_its_own(capsys):
+    assert main([*QUICK, "--duration", "1", "--connect", "tcp:127.0.0.1:1"]) == 3
+    assert "refused" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

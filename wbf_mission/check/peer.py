@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from mission.link.address import Link
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import Message
 from mission.link.endpoint import MavlinkEndpoint
-from mission.link.link import Link
 from mission.model import Command, GeoPoint, Mission, MissionItem, MissionType
 from mission.transfer import Profile
 from mission.transfer.driver import TransferDriver, Vehicle, wait_readable

@@ -11,8 +11,8 @@ from typing import Any
 from geo.errors import WbfMissionError
 from mission.errors import LinkError
 from mission.link import open_link
+from mission.link.address import Link
 from mission.link.codec.dialect import mavlink as m
-from mission.link.link import Link
 from mission.model import GeoPoint
 from mission.transfer import RemoteTransferError
 from mission.transfer.driver import Vehicle, wait_readable

@@ -8,6 +8,7 @@ import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output, duration
+from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import (
     CameraOptions,
     FarmOptions,
@@ -60,13 +61,14 @@ def benchmark_command(
     ] = 1,
     json: options.Json = False,
     quiet: options.Quiet = False,
-) -> None:
+) -> int:
     """Fly planners against estimators over many environments and print one table.
 
-    The environment of a seed is the same for every row, so the rows can be compared.
+    The environment of a seed is the same for every row, so the rows can be compared. Ctrl-C prints the rows
+    of what was flown before.
     """
     from sensors.field_files import load_field_set
-    from wbf_mission.benchmarking import benchmark
+    from wbf_mission.benchmarking import BenchmarkInterrupted, benchmark
 
     output = Output(as_json=json, quiet=quiet)
     base = given.scenario()
@@ -75,10 +77,15 @@ def benchmark_command(
         msg = "--jobs 0 runs nothing: give a number of processes, or -1 for one per core"
         raise ScenarioError(msg)
     names = {"planner": choices_in(planners, "planner"), "estimator": choices_in(estimators, "estimator")}
-    with output.progress() as progress:
-        rows = benchmark(
-            base, names["planner"], names["estimator"], range(seeds), jobs=jobs, progress=progress
-        )
+    interrupted = False
+    try:
+        with output.progress() as progress:
+            rows = benchmark(
+                base, names["planner"], names["estimator"], range(seeds), jobs=jobs, progress=progress
+            )
+    except BenchmarkInterrupted as stop:
+        rows, interrupted = stop.rows, True
+        output.warn(f"{stop}; the table holds those")
     table = []
     for row in rows:
         values = row.summary()
@@ -91,7 +98,7 @@ def benchmark_command(
                 f"{values['final_score_mean']:.4f} ± {values['final_score_std']:.4f}",
                 *(f"{loss:.4f}" for loss in losses.values()),
                 f"{values['observations_mean']:.0f}",
-                duration(values["wall_time_s"] / seeds),
+                duration(values["wall_time_s"] / values["seeds"]),
             ]
         )
     header = [
@@ -105,3 +112,4 @@ def benchmark_command(
     ]
     title = f"{base.farm.name}, {base.vehicle.name}, day {base.farm.day}, {seeds} environments"
     output.table([row.summary() for row in rows], header, table, title=f"{title} (score: 0 is perfect)")
+    return ExitCode.INTERRUPTED if interrupted else ExitCode.GOOD

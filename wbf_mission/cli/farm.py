@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +11,7 @@ import typer
 from wbf_mission.cli import options
 from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.output import Output, distance, duration
+from wbf_mission.cli.targets import refuse_overwrite
 from wbf_mission.scenario import FarmOptions
 
 app = typer.Typer(
@@ -128,7 +130,9 @@ def draw_command(
     from wbf_mission.plots import plot_farm
 
     place = get_farm(farm)
-    target = plot_farm(place, _with_suffix(out or Path(f"{place.name.lower()}.png"), ".png"))
+    target = _with_suffix(out or _file_name(place.name), ".png")
+    refuse_overwrite(target, [farm])
+    plot_farm(place, target)
     Output(as_json=json, quiet=quiet).result({"file": str(target)}, title="Drawn")
 
 
@@ -144,7 +148,10 @@ def save_command(
     """Save a farm as GeoJSON, a start for a farm file of your own."""
     from geo import get_farm, save_farm
 
-    save_farm(get_farm(farm), _with_suffix(out, ".geojson", ".json"))
+    _with_suffix(out, ".geojson", ".json")
+    place = get_farm(farm)
+    refuse_overwrite(out, [farm])
+    save_farm(place, out)
     Output(as_json=json, quiet=quiet).result({"file": str(out)}, title="Saved")
 
 
@@ -267,6 +274,16 @@ def _ranges(days: tuple[int, ...]) -> str:
         else:
             parts.append([day])
     return ", ".join(str(part[0]) if len(part) == 1 else f"{part[0]}-{part[-1]}" for part in parts)
+
+
+def _file_name(farm: str) -> Path:
+    """A picture's name from a farm's, which may hold anything.
+
+    >>> _file_name("../[bold]x[/nope]")
+    PosixPath('bold-x-nope.png')
+    """
+    words = re.findall(r"\w+", farm.lower())
+    return Path(f"{'-'.join(words)[:100] or 'farm'}.png")
 
 
 def _with_suffix(path: Path, *suffixes: str) -> Path:

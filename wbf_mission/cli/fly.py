@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from wbf_mission.cli import options
+from wbf_mission.cli import options, signals
 from wbf_mission.cli.output import Output, distance, duration
 from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import (
@@ -101,10 +101,16 @@ def fly_command(
     with contextlib.ExitStack() as stack:
         folder = None
         if files:
-            inputs = [given.file, chosen.farm.name, chosen.mission.file, chosen.vehicle.name]
+            inputs = [given.file, chosen.farm.name, *chosen.farm.fields]
+            inputs += [chosen.mission.file, chosen.vehicle.name]
             path = out or Path("runs") / run_name(chosen)
             folder = stack.enter_context(
                 ResultFolder(path, inputs=inputs, scenario=resolved(chosen).to_dict(), force=force)
+            )
+            stack.enter_context(
+                signals.announcing(
+                    f"interrupted: what was flown is estimated and saved in {path}; again ends at once"
+                )
             )
         started_s = process_age_s()
         progress = stack.enter_context(output.progress())

@@ -9,6 +9,7 @@ import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output, distance, duration
+from wbf_mission.cli.targets import refuse_overwrite
 from wbf_mission.scenario import CameraOptions, FarmOptions, MissionOptions, VehicleOptions, WeatherOptions
 
 EXAMPLES = """
@@ -61,6 +62,7 @@ def plan_command(
     if out is not None:
         writer_for(out)
     chosen = given.scenario()
+    refuse_overwrite(out, [given.file, chosen.farm.name, chosen.mission.file, chosen.vehicle.name])
     with output.progress() as progress:
         progress("planning", 0, 1)
         result = plan(chosen)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import signal
+from collections.abc import Iterator
 from types import FrameType
 
-__all__ = ["exit_code", "install", "restore"]
+__all__ = ["announcing", "exit_code", "install", "restore"]
 
 # A command in the background of a script ignores SIGINT, one under nohup SIGHUP: those stay ignored.
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _before: dict[int, object] = {}
 _received: list[int] = []
+_announced: list[str] = []
 
 
 def install() -> None:
@@ -39,8 +43,22 @@ def exit_code(otherwise: int) -> int:
     return 128 + _received[0] if _received else otherwise
 
 
+@contextlib.contextmanager
+def announcing(text: str) -> Iterator[None]:
+    """Say `text` on stderr at once when a signal comes, because what follows it takes a while."""
+    _announced.append(text)
+    try:
+        yield
+    finally:
+        _announced.pop()
+
+
 def _interrupt(number: int, _frame: FrameType | None) -> None:
     _received.append(number)
+    if len(_received) == 1 and _announced:
+        with contextlib.suppress(OSError):
+            # Not through sys.stderr: it may be in the middle of a line.
+            os.write(2, ("\n" * os.isatty(2) + _announced[-1] + "\n").encode(errors="backslashreplace"))
     if len(_received) > 1:
         for other in _before:
             signal.signal(other, signal.SIG_DFL)

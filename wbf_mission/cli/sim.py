@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from wbf_mission.cli import options
+from wbf_mission.cli import options, signals
 from wbf_mission.cli.output import Output
+from wbf_mission.cli.targets import refuse_overwrite
+from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import CameraOptions, FarmOptions, VehicleOptions, WeatherOptions
 from wbf_mission.sim_options import LINKS, SimOptions, load_sim, parse_speed
 
@@ -66,14 +69,36 @@ def sim_command(
         bool, typer.Option("--list-faults", help="List the kinds of faults.", rich_help_panel="Faults")
     ] = False,
     tlog: Annotated[
-        Path | None, typer.Option(help="Log every frame there.", rich_help_panel="Output", show_default=False)
+        Path | None,
+        typer.Option(
+            help="Log every frame there; an existing .tlog is replaced.",
+            rich_help_panel="Output",
+            show_default=False,
+        ),
+    ] = None,
+    force: Annotated[
+        bool,
+        typer.Option(
+            "--force",
+            help="Replace existing files of any kind with the log and the ready file.",
+            rich_help_panel="Output",
+        ),
+    ] = False,
+    ready_file: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write the links there, one a line, as soon as they can be used; it is removed at the end.",
+            rich_help_panel="Output",
+            show_default=False,
+        ),
     ] = None,
     json: options.Json = False,
     quiet: options.Quiet = False,
-) -> None:
+) -> int:
     """Run simulated vehicles with leaf cameras on UDP, TCP or serial lines, for ground stations and programs.
 
-    It binds to loopback unless a link says otherwise. End it with Ctrl-C.
+    It binds to loopback unless a link says otherwise. End it with Ctrl-C or SIGTERM: the vehicles say goodbye
+    (a HEARTBEAT with the state POWEROFF) and the log is complete.
     """
     from sim_vehicle.faults.fault import parse_fault
     from sim_vehicle.host.server import Server
@@ -83,11 +108,14 @@ def sim_command(
     output = Output(as_json=json, quiet=quiet)
     if list_faults:
         _list_faults(output)
-        return
+        return ExitCode.GOOD
     base, in_file, planned = (Scenario(), SimOptions(), ()) if given.file is None else load_sim(given.file)
     faults = [*planned, *(parse_fault(text) for text in fault or ())]
     chosen = replace(in_file, **given.others)
     scenario = given.change(base)
+    inputs = [given.file, scenario.farm.name, scenario.vehicle.name]
+    refuse_overwrite(tlog, inputs, suffixes=(".tlog",), force=force)
+    refuse_overwrite(ready_file, [*inputs, tlog], suffixes=("", ".ready", ".txt"), force=force)
     homes = [parse_home(text) for text in chosen.home]
     with output.progress() as progress:
         simulated = make_components(
@@ -98,7 +126,10 @@ def sim_command(
             with_camera=chosen.camera,
             progress=progress,
         )
+    cleanup = ExitStack()
     log, tap = _log(tlog)
+    if log is not None:
+        cleanup.callback(log.close)
     try:
         with Server(
             simulated.components,
@@ -112,11 +143,13 @@ def sim_command(
             output.note(_greeting(simulated, scenario.vehicle.name, server.urls))
             for wrong in faults:
                 output.note(f"fault: {wrong}")
+            if ready_file is not None:
+                _write_ready(ready_file, server.urls)
+                cleanup.callback(ready_file.unlink, missing_ok=True)
             stopped = server.run(limit_s=math.inf if chosen.duration_s is None else chosen.duration_s)
             seconds = server.now_s
     finally:
-        if log is not None:
-            log.close()
+        cleanup.close()
     first = simulated.vehicle
     values = {
         "simulated_s": seconds,
@@ -135,6 +168,8 @@ def sim_command(
     for one in simulated.vehicles[1:]:
         rows[f"vehicle {one.system_id}"] = f"{one.outcome.value} {one.outcome_text}".strip()
     output.result(values, rows, title="Simulator stopped")
+    code = signals.exit_code(ExitCode.GOOD)
+    return ExitCode.GOOD if code == ExitCode.INTERRUPTED else code  # Ctrl-C is how it is ended by hand
 
 
 def _signing(key: str | None) -> Signing | None:
@@ -170,6 +205,13 @@ def _log(path: Path | None) -> tuple[TlogWriter | None, Callable[[bytes, float],
         write(frame, EPOCH_UNIX_S + now_s)
 
     return log, tap
+
+
+def _write_ready(path: Path, urls: tuple[str, ...]) -> None:
+    from geo.atomic import atomic_write
+
+    with atomic_write(path) as file:
+        file.write("".join(f"{url}\n" for url in urls))
 
 
 def _greeting(simulated: Simulated, vehicle: str, urls: tuple[str, ...]) -> str:

@@ -10,7 +10,7 @@ import typer
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output, duration
 
-_CONNECT_HELP = "Link to the vehicle: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or tcpin:HOST:PORT."
+_CONNECT_HELP = "Link to the vehicle: udpin:, udpout:, tcp: or tcpin:HOST:PORT, or serial:DEVICE:BAUD."
 Connect = Annotated[str, typer.Option(help=_CONNECT_HELP)]
 Wait = Annotated[
     float, typer.Option(help="Seconds to wait for the vehicle's heartbeat.", min=0.1, max=3600.0)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mission.model import Mission
 from mission.planners import Budget, PlannedPath, StepBudget, parse_budget
 from mission.planners.budget import LengthBudget
 from sim_vehicle.prediction.predict import Prediction
@@ -32,11 +33,14 @@ class FlightBudget:
     price : callable
         The predicted seconds or watt hours of each of several paths, float64[n, 2]; infinite for one that
         the vehicle cannot fly.
+    explain : callable
+        Why the vehicle cannot fly a path; empty if it can.
     """
 
     limit: float
     unit: str
     price: Callable[[Paths], list[float]]
+    explain: Callable[[NDArray[np.float64]], str]
 
     def cost(self, path_xy_m: NDArray[np.float64]) -> float:
         """Return the predicted seconds or watt hours; infinite when the vehicle cannot fly the path."""
@@ -45,6 +49,10 @@ class FlightBudget:
     def costs(self, paths_xy_m: Paths) -> list[float]:
         """Return the `cost` of each path; they are flown together."""
         return self.price(paths_xy_m)
+
+    def reason(self, path_xy_m: NDArray[np.float64]) -> str:
+        """Return why the vehicle cannot fly the path; empty if it can."""
+        return self.explain(path_xy_m)
 
 
 def flight_budget(limit: float, unit: str, builder: MissionBuilder) -> FlightBudget:
@@ -58,21 +66,24 @@ def flight_budget(limit: float, unit: str, builder: MissionBuilder) -> FlightBud
         Makes and predicts the mission of a path.
     """
 
+    def mission_of(path_xy_m: NDArray[np.float64]) -> Mission:
+        points = np.asarray(path_xy_m, dtype=np.float64).reshape(-1, 2)
+        return builder.mission(PlannedPath(points[1:] if len(points) > 1 else points, None, "candidate"))
+
     def price(paths_xy_m: Paths) -> list[float]:
-        missions = []
-        for path in paths_xy_m:
-            points = np.asarray(path, dtype=np.float64).reshape(-1, 2)
-            route = points[1:] if len(points) > 1 else points
-            missions.append(builder.mission(PlannedPath(route, None, "candidate")))
-        return [price_of(prediction) for prediction in builder.predict_all(missions)]
+        predictions = builder.predict_all([mission_of(path) for path in paths_xy_m])
+        return [price_of(prediction) for prediction in predictions]
 
     def price_of(prediction: Prediction) -> float:
-        if prediction.feasible:
-            return prediction.duration_s if unit == "s" else prediction.energy_wh
-        # What only exceeds the budget still has a price, to be told when nothing fits.
-        return prediction.energy_wh if unit == "Wh" and prediction.energy_wh > limit else math.inf
+        spent = prediction.duration_s if unit == "s" else prediction.energy_wh
+        # A flight that goes over the budget before it fails is told by what it has spent.
+        return spent if prediction.feasible or spent > limit else math.inf
 
-    return FlightBudget(limit, unit, price)
+    def explain(path_xy_m: NDArray[np.float64]) -> str:
+        prediction = builder.predict(mission_of(path_xy_m))
+        return "" if prediction.feasible else str(prediction.reason)
+
+    return FlightBudget(limit, unit, price, explain)
 
 
 def make_budget(text: str | None, builder: MissionBuilder) -> tuple[Budget, str]:

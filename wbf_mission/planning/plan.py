@@ -17,10 +17,11 @@ from mission.files import read_mission
 from mission.model import Command, GeoPoint, Mission
 from mission.planners import CropArea, PlannedPath, Planner, PlanningRequest, coverage, make_planner
 from mission.planners.budget import LengthBudget
+from sim_vehicle.airframe.spec import VehicleSpec
 from wbf_mission.planning.budget import make_budget
 from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.planning.result import PlanResult
-from wbf_mission.scenario import Choice, Scenario, ScenarioError
+from wbf_mission.scenario import Choice, MissionOptions, Scenario, ScenarioError
 from wbf_mission.weather import wind_of
 
 
@@ -35,6 +36,7 @@ def plan(scenario: Scenario) -> PlanResult:
     farm = get_farm(scenario.farm.name)
     builder = MissionBuilder.of(scenario, farm)
     check_wind(builder)
+    check_speed(scenario.mission, builder.vehicle)
     area = farm.owner_area
     if farm.obstacles:
         area = shapely.difference(area, shapely.union_all(list(farm.obstacles)))
@@ -120,6 +122,14 @@ def check_wind(builder: MissionBuilder) -> None:
             "through the air and would be blown away; wait for less wind"
         )
         raise ScenarioError(msg)
+
+
+def check_speed(mission: MissionOptions, vehicle: VehicleSpec) -> None:
+    """Raise ScenarioError if a cruise speed was asked for that the vehicle cannot fly."""
+    asked, most = mission.cruise_speed_m_s, vehicle.top_speed_m_s
+    if asked is not None and asked > most:
+        msg = f"cruise speed {asked:g} m/s: vehicle {vehicle.name} flies at most {most:.3g} m/s on a mission"
+        raise ScenarioError(msg + "; give less, or another vehicle")
 
 
 def home_of(mission: Mission, farm: Farm) -> GeoPoint:

@@ -10,6 +10,9 @@ from typing import Any
 from geo.named import ParameterError, parse_named
 from wbf_mission.scenario.option import ScenarioError
 
+# Commas within quotation marks or brackets part nothing.
+_BETWEEN_COMMAS = re.compile(r'(?:"[^"]*"|\[(?:"[^"]*"|[^\]"])*\]|[^,"\[])+')
+
 
 @dataclass(frozen=True, slots=True)
 class Choice:
@@ -109,7 +112,7 @@ def choices_in(text: str, what: str) -> list[Choice]:
     ['lawnmower:direction=0.3,inset=1', 'spiral']
     """
     found: list[str] = []
-    for part in (word.strip() for word in re.split(r",(?![^\[]*\])", text)):
+    for part in (word.strip() for word in _BETWEEN_COMMAS.findall(text)):
         # A further parameter has a value and no name in front of it.
         if found and "=" in part and ":" not in part.partition("=")[0]:
             found[-1] += f",{part}"

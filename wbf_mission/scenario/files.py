@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
+from geo.reading import UnreadableError, read_toml
 from wbf_mission.scenario.option import ScenarioError
 from wbf_mission.scenario.scenario import Scenario
 
-MAX_BYTES = 2**20
 _FILES = ("farm", "mission", "vehicle")
 
 
@@ -28,30 +27,11 @@ def load_scenario(path: str | Path) -> Scenario:
 
 def read_table(path: str | Path) -> dict[str, Any]:
     """Read a TOML file as it is; ScenarioError if it cannot be read, is too large or is not TOML."""
-    path = Path(path)
     try:
-        if path.exists() and not path.is_file():
-            msg = f"{path}: cannot be read as a scenario (a folder or a device); give a TOML file"
-            raise ScenarioError(msg)
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-        if len(data) > MAX_BYTES:
-            msg = f"{path}: larger than {MAX_BYTES // 2**20} MiB; no scenario is"
-            raise ScenarioError(msg)
-        text = data.decode()
-    except (OSError, ValueError) as error:
-        if isinstance(error, ScenarioError):
-            raise
-        msg = f"{path}: cannot be read as a scenario ({_reason(error)}); give a TOML file"
+        return read_toml(Path(path))
+    except UnreadableError as error:
+        msg = f"{path}: cannot be read as a scenario: {error}; give a TOML file"
         raise ScenarioError(msg) from error
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        msg = f"{path}: not TOML ({error})"
-        raise ScenarioError(msg) from error
-    except RecursionError:
-        msg = f"{path}: not a scenario (nested too deeply)"
-        raise ScenarioError(msg) from None
 
 
 def scenario_from_table(table: dict[str, Any], path: Path) -> Scenario:
@@ -75,9 +55,3 @@ def _beside(path: Path, item: object) -> object:
     if isinstance(item, str) and item.endswith(".toml") and (path.parent / item).is_file():
         return str(path.parent / item)
     return item
-
-
-def _reason(error: Exception) -> str:
-    if isinstance(error, OSError):
-        return error.strerror or str(error)
-    return "not UTF-8 text" if isinstance(error, UnicodeDecodeError) else str(error)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from shapely.geometry import LineString, MultiPolygon, Polygon
 
 from mission.errors import PlanningError
-from mission.planners import LengthBudget, PlanningRequest, path_length
+from mission.planners import LengthBudget, PlanningRequest, make_planner, path_length
 from mission.planners.connect import Region, Terrain, inset, is_rectangle
 from mission.planners.search import densest_feasible
 from mission.planners.sweep import Sweep, sweep_angle
@@ -190,3 +190,48 @@ def test_the_error_names_a_budget_that_suffices():
     request = PlanningRequest(shapely.box(0, 0, 1, 1), (0, 0), LengthBudget(100.0))
     with pytest.raises(PlanningError, match=r"100 m is too small: two rows needs at least 123\.5 m"):
         densest_feasible(request, build, 1, 3, what="two rows")
+
+
+class Watched:
+    """Metres, which remembers the paths that it priced; long paths cannot be flown."""
+
+    unit = "m"
+
+    def __init__(self, limit, flown=math.inf):
+        self.limit, self.flown, self.paths = limit, flown, []
+
+    def cost(self, path_xy_m):
+        self.paths.append(path_xy_m)
+        length = path_length(path_xy_m)
+        return length if length <= self.flown else math.inf
+
+    def reason(self, path_xy_m):
+        return f"the wings fall off after {self.flown:g} m"
+
+
+def test_what_cannot_be_flown_is_refused_with_the_reason():
+    area = shapely.box(0, 0, 100, 100)
+    with pytest.raises(PlanningError) as caught:
+        make_planner("lawnmower")(PlanningRequest(area, (0, 0), Watched(500.0, flown=50.0)))
+    assert str(caught.value) == (
+        "budget of 500 m: lawnmower with 2 rows cannot be flown: the wings fall off after 50 m; "
+        "take a smaller area, a nearer start, less wind or another vehicle"
+    )
+
+
+@pytest.mark.parametrize("name", ["lawnmower", "spiral", "random-waypoint"])
+def test_the_work_grows_with_the_parts_of_an_area_and_not_with_their_square(name, monkeypatch):
+    calls = {"contains": 0, "sees": 0}
+    for method in calls:
+        original = getattr(Region, method)
+
+        def counted(self, *points, method=method, original=original):
+            calls[method] += 1
+            return original(self, *points)
+
+        monkeypatch.setattr(Region, method, counted)
+    parts = [shapely.box(8 * i, 8 * k, 8 * i + 6, 8 * k + 6) for i in range(15) for k in range(15)]
+    budget = Watched(1e4)
+    path = make_planner(name)(PlanningRequest(shapely.MultiPolygon(parts), (0, 0), budget, 2.0, seed=3))
+    assert len(path.points_m) > 100
+    assert sum(calls.values()) <= 2 * sum(len(points) for points in budget.paths)

@@ -31,7 +31,7 @@ from mission.transfer import (
     result_text,
     wire,
 )
-from mission.transfer.client_table import CLIENT_TABLE, ClientInput, ClientState
+from mission.transfer.client_table import CLIENT_TABLE, ClientAction, ClientInput, ClientState
 
 MISSION, FENCE, RALLY = MissionType
 GROUND = (255, 190)
@@ -345,14 +345,20 @@ def test_adaptive_waiting():
     assert trip.wait(0.25, 0.1, 1.5) == 1.5
 
 
-def test_the_table_names_only_actions_that_exist():
-    for (state, _), (action, _) in CLIENT_TABLE.items():
-        owners = [
-            kind for kind in (MissionUpload, MissionDownload, MissionClear) if hasattr(kind, f"_{action}")
-        ]
-        assert owners, (state, action)
+def test_the_table_uses_every_action_input_and_state():
+    assert {action for action, _ in CLIENT_TABLE.values()} == set(ClientAction)
     assert {found for _, found in CLIENT_TABLE} == set(ClientInput)
     assert {state for state, _ in CLIENT_TABLE} == set(ClientState)
+
+
+def test_an_action_of_another_kind_of_transfer_is_a_defect():
+    for transfer, action in (
+        (MissionClear(MISSION), ClientAction.SEND_ITEM),
+        (MissionUpload([]), ClientAction.TAKE_ITEM),
+        (MissionDownload(), ClientAction.REPEAT_ITEM),
+    ):
+        with pytest.raises(AssertionError, match=f"'{action.value}' belongs to another kind of transfer"):
+            transfer._act(action, None, 0.0)
 
 
 whole = st.integers(0, 4)

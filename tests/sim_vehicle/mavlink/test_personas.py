@@ -11,7 +11,7 @@ from mission.link import FrameReader, FrameWriter
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.signing import Signing
 from mission.link.endpoint import MavlinkEndpoint
-from mission.link.link import open_link
+from mission.link.opening import open_link
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem, MissionType
 from mission.transfer import wire
 from mission.transfer.driver import TransferDriver

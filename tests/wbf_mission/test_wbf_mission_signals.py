@@ -1,0 +1,247 @@
+"""Ctrl-C, SIGTERM and SIGHUP, sent to real processes."""
+
+import contextlib
+import json
+import os
+import pty
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+
+from mission.link.codec.dialect import mavlink as m
+from mission.link.tlog import read_tlog
+from wbf_mission.cli import signals
+
+LONG_S = 120.0  # a limit against hanging, not a measure
+
+
+def start(*arguments, cwd, before=(), **options):
+    """Start the command line in a process group of its own, as a terminal would."""
+    return subprocess.Popen(
+        [*before, sys.executable, "-m", "wbf_mission", *arguments],
+        cwd=cwd,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env={**os.environ, "COLUMNS": "200"},
+        **options,
+    )
+
+
+def wait_for(condition, process):
+    end_s = time.monotonic() + LONG_S
+    while not condition():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < end_s, "it never came"
+        time.sleep(0.05)
+
+
+def end(process):
+    out, err = process.communicate(timeout=LONG_S)
+    assert "Traceback" not in err
+    return out, err
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def start_sim(folder, *more, **options):
+    listen = f"tcpin:127.0.0.1:{free_port()}"
+    arguments = [
+        "sim",
+        "--no-camera",
+        "--listen",
+        listen,
+        "--ready-file",
+        "ready",
+        "--tlog",
+        "sim.tlog",
+        *more,
+    ]
+    process = start(*arguments, cwd=folder, **options)
+    wait_for((folder / "ready").exists, process)
+    assert (folder / "ready").read_text() == f"{listen}\n"
+    return process, listen
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 143), (signal.SIGHUP, 129)], ids=str
+)
+def test_a_simulator_ends_in_order(tmp_path, number, code):
+    process, listen = start_sim(tmp_path, "--json")
+    _, host, port = listen.split(":")
+    with socket.create_connection((host, int(port))) as client:
+        client.settimeout(LONG_S)
+        heard = client.recv(4096)
+        process.send_signal(number)
+        while piece := client.recv(65536):
+            heard += piece
+    out, _ = end(process)
+    assert process.returncode == code
+    assert json.loads(out)["stopped"] == "stopped"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["sim.tlog"], "the ready file is gone"
+    logged = [message for _, message in read_tlog(tmp_path / "sim.tlog")]
+    states = [message.system_status for message in logged if message.get_type() == "HEARTBEAT"]
+    assert states[-1] == m.MAV_STATE_POWEROFF
+    assert m.MAV_STATE_POWEROFF not in states[:-1]
+    messages = m.MAVLink(None).parse_buffer(heard)
+    beats = [message for message in messages if message.get_type() == "HEARTBEAT"]
+    assert beats[-1].system_status == m.MAV_STATE_POWEROFF, "the client hears it, too"
+
+
+def test_a_simulator_in_the_background_of_a_script_ends_by_sigterm(tmp_path):
+    """There the shell ignores SIGINT."""
+    ignore = (
+        sys.executable,
+        "-c",
+        "import os,signal,sys; signal.signal(2, signal.SIG_IGN); os.execv(sys.argv[1], sys.argv[1:])",
+    )
+    process, _ = start_sim(tmp_path, before=ignore)
+    process.send_signal(signal.SIGINT)
+    time.sleep(0.5)
+    assert process.poll() is None
+    process.send_signal(signal.SIGTERM)
+    end(process)
+    assert process.returncode == 143
+
+
+def test_a_simulator_that_cannot_start_leaves_the_ready_file_of_another(tmp_path):
+    (tmp_path / "ready").write_text("mine\n")
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        url = f"tcpin:127.0.0.1:{taken.getsockname()[1]}"
+        process = start("sim", "--no-camera", "--listen", url, "--ready-file", "ready", cwd=tmp_path)
+        end(process)
+    assert process.returncode == 2
+    assert (tmp_path / "ready").read_text() == "mine\n"
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)], ids=str)
+def test_a_benchmark_keeps_what_is_finished(tmp_path, jobs, number, code):
+    arguments = ["--farm", "miniberry-10", "--planners", "lawnmower", "--estimators", "point", "--json"]
+    terminal, stderr = pty.openpty()
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            "-m",
+            "wbf_mission",
+            "benchmark",
+            *arguments,
+            "--seeds",
+            "5000",
+            "--jobs",
+            str(jobs),
+        ],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=stderr,
+        text=True,
+        start_new_session=True,
+        env={**os.environ, "COLUMNS": "200", "TERM": "xterm"},
+    )
+    os.close(stderr)
+    shown = b""
+    while b"flying" not in shown:  # the bar appears when the first run is done
+        assert select.select([terminal], [], [], LONG_S)[0]
+        shown += os.read(terminal, 65536)
+    os.killpg(process.pid, number)  # a terminal sends it to the workers as well
+    with contextlib.suppress(OSError):  # a terminal whose last user has gone
+        while piece := os.read(terminal, 65536):
+            shown += piece
+    os.close(terminal)
+    out, _ = process.communicate(timeout=LONG_S)
+    assert process.returncode == code
+    (row,) = json.loads(out)
+    assert 1 <= row["seeds"] < 5000
+    assert len(row["scores"]) == row["seeds"]
+    assert f"interrupted after {row['seeds']} of 5000 runs" in shown.decode()
+    assert b"error: interrupted" in shown
+    assert b"Traceback" not in shown
+
+
+def test_a_flight_says_what_it_still_does_and_ends_at_the_second_ctrl_c(tmp_path):
+    arguments = ["--farm", "miniberry-100", "--speed", "2", "--out", "run", "--json", "--estimator", "point"]
+    process = start("fly", *arguments, cwd=tmp_path)
+    wait_for(lambda: any(path.stat().st_size > 20_000 for path in tmp_path.rglob("*.tlog")), process)
+    process.send_signal(signal.SIGINT)
+    line = process.stderr.readline()
+    assert "saved in run" in line
+    process.send_signal(signal.SIGINT)
+    end(process)
+    assert process.returncode == 130
+    for path in tmp_path.rglob("*"):
+        assert not path.name.startswith("."), "no temporary file or folder stays"
+
+
+def test_sigterm_in_a_flight_saves_it(tmp_path):
+    arguments = ["--farm", "miniberry-30", "--speed", "2", "--out", "run", "--json", "--no-plots"]
+    process = start("fly", *arguments, cwd=tmp_path)
+    wait_for(lambda: any(path.stat().st_size > 5_000 for path in tmp_path.rglob("*.tlog")), process)
+    process.send_signal(signal.SIGTERM)
+    out, _ = end(process)
+    assert process.returncode == 143
+    assert json.loads(out)["outcome"] == "interrupted"
+    assert (tmp_path / "run" / "summary.json").is_file()
+
+
+def test_an_interrupted_wait_for_a_vehicle_is_one_line(tmp_path):
+    process = start(
+        "download", "--connect", "udpin:127.0.0.1:0", "--wait", "600", "--out", "x.plan", cwd=tmp_path
+    )
+    assert "waiting for a vehicle" in process.stderr.readline()
+    process.send_signal(signal.SIGINT)
+    _, err = end(process)
+    assert (process.returncode, err) == (130, "error: interrupted\n")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture
+def installed():
+    signals.install()
+    yield
+    signals.restore()
+
+
+@pytest.mark.usefixtures("installed")
+def test_the_first_signal_counts_and_the_third_is_the_systems():
+    assert signals.exit_code(0) == 0
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGTERM)
+    assert signals.exit_code(0) == 143
+    assert signal.getsignal(signal.SIGINT) not in (signal.SIG_DFL, signal.SIG_IGN)
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+    assert signals.exit_code(0) == 143
+    assert signal.getsignal(signal.SIGINT) is signal.SIG_DFL
+
+
+def test_what_is_ignored_stays_ignored_and_all_is_put_back():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        term = signal.getsignal(signal.SIGTERM)
+        signals.install()
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+        signals.restore()
+        assert signal.getsignal(signal.SIGTERM) == term
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.usefixtures("installed")
+def test_an_announcement_is_said_at_once_and_once(capfd):
+    with signals.announcing("saving the run"):
+        for _ in range(2):
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+    assert capfd.readouterr().err == "saving the run\n"

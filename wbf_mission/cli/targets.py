@@ -1,0 +1,55 @@
+"""Files that a command is about to write: never over what it reads, never over something else by mistake."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from geo.errors import WbfMissionError
+
+__all__ = ["TargetError", "refuse_overwrite"]
+
+
+class TargetError(WbfMissionError, ValueError):
+    """An output that would destroy a file."""
+
+
+def refuse_overwrite(
+    out: Path | None,
+    inputs: Iterable[str | Path | None] = (),
+    *,
+    suffixes: tuple[str, ...] = (),
+    force: bool = False,
+) -> None:
+    """Refuse an output that is one of the inputs, or an existing file of another kind.
+
+    Parameters
+    ----------
+    out : Path or None
+        The file to be written; None is none.
+    inputs : iterable of str, Path or None
+        What the command reads; names that are no files are passed over.
+    suffixes : tuple of str
+        Suffixes, in lower case, of what the command writes: an existing file with another one is somebody
+        else's. Empty: any.
+    force : bool
+        Replace an existing file of another kind; an input is never replaced.
+
+    Raises
+    ------
+    TargetError
+        If the output would destroy a file.
+
+    Examples
+    --------
+    >>> refuse_overwrite(Path("/dev/null"), ["miniberry-30", None])
+    """
+    if out is None or not out.exists():
+        return
+    for given in inputs:
+        if given is not None and Path(given).exists() and out.samefile(given):
+            msg = f"{out}: this is the file that is read; give another name for the output"
+            raise TargetError(msg)
+    if not force and suffixes and out.is_file() and out.suffix.lower() not in suffixes:
+        msg = f"{out}: an existing file that is no {' or '.join(suffixes)}; give another name, or --force"
+        raise TargetError(msg)

@@ -1,4 +1,4 @@
-"""The folder where things that can be made again are kept for the user, and what is said when they cannot be."""
+"""The folder where things that can be made again are kept, and what is said when they cannot be."""
 
 from __future__ import annotations
 

@@ -20,13 +20,13 @@ from typing import TYPE_CHECKING
 import msgspec
 from numpy.random import SeedSequence
 
+from geo.user_cache import user_cache_folder, warn_of_cache
 from sensors.environment.environment import Environment
 from sensors.environment.generate import Progress, generate_environment, make_task
 from sensors.environment.storage import save_environment
 from sensors.environment.store import open_store
 from sensors.errors import EnvironmentDataError
 from sensors.fields import PAPER_FIELDS, FieldSet
-from sensors.user_cache import user_cache_folder, warn_of_cache
 
 if TYPE_CHECKING:
     from geo.grid import FarmGrid
@@ -92,7 +92,7 @@ class EnvironmentCache:
         """Give the environment of one day, from the cache or generated now and kept.
 
         A folder that cannot be written to, or a full disk, costs a generation in every run and a
-        `sensors.user_cache.CacheWarning`, not an error.
+        `geo.user_cache.CacheWarning`, not an error.
 
         Parameters
         ----------

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from geo.atomic import atomic_write
 from geo.grid import FarmGrid
 from geo.seeds import stream
+from geo.user_cache import warn_of_cache
 from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters
 from sensors.dynamics.outbreak import simulate_outbreak, value_table
 from sensors.dynamics.soil import SoilParameters, simulate_coarse
@@ -27,7 +28,6 @@ from sensors.errors import EstimatorError
 from sensors.estimators.gp.rbf import Floats, RbfKernel
 from sensors.estimators.gp.threads import one_blas_thread
 from sensors.fields import Field, FieldSet
-from sensors.user_cache import warn_of_cache
 
 VERSION = 1
 """Part of the names of files; it has to grow with every change of what is learned."""

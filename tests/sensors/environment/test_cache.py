@@ -12,12 +12,12 @@ import pytest
 
 from geo.farms import get_farm
 from geo.grid import FarmGrid
+from geo.user_cache import CacheWarning
 from sensors.environment import SoilParameters, cache, generate_environment
 from sensors.environment.cache import LIMIT_VARIABLE, EnvironmentCache
 from sensors.environment.store import EnvironmentStore
 from sensors.errors import EnvironmentDataError
 from sensors.fields import PAPER_FIELDS
-from sensors.user_cache import CacheWarning
 
 
 @pytest.fixture(scope="module")

@@ -15,12 +15,29 @@ def main() -> None:
 
     signals.install()
     try:
+        from geo.compiled import compile_notices
         from wbf_mission.cli.app import main as run
 
-        code = run()
+        with compile_notices(_CompileNotice()):
+            code = run()
     except KeyboardInterrupt:
         code = signals.exit_code(130)
     sys.exit(code)
+
+
+class _CompileNotice:
+    """Says once, on the error stream, why the first run takes longer."""
+
+    def __init__(self) -> None:
+        self._said = False
+
+    def __call__(self, name: str) -> None:
+        if not self._said:
+            self._said = True
+            sys.stderr.write(
+                f"compiling {name.partition('.')[0]} for this machine: up to two minutes, kept for later runs\n"
+            )
+            sys.stderr.flush()
 
 
 def _open_closed_streams() -> None:

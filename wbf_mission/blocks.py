@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from geo import Farm
+from geo.compiled import compiled
 
 Floats = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ class MapGrid:
         return sums
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def sum_pixels(
     mask: NDArray[np.bool_], value: NDArray[np.float32], pixel: int, sums: Floats, least: Floats
 ) -> None:
@@ -131,7 +131,7 @@ def sum_pixels(
             least[i, j] = low
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def sum_squares(mask: NDArray[np.bool_], deviation: NDArray[np.float32], pixel: int, sums: Floats) -> None:
     """Add squares of float32[W, H] over the cells of a mask to float64[pixels along x, pixels along y]."""
     width, height = mask.shape

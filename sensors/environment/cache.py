@@ -20,13 +20,13 @@ from typing import TYPE_CHECKING
 import msgspec
 from numpy.random import SeedSequence
 
+from geo.user_cache import user_cache_folder
 from sensors.environment.environment import Environment
 from sensors.environment.generate import Progress, generate_environment, make_task
 from sensors.environment.storage import save_environment
 from sensors.environment.store import open_store
 from sensors.errors import EnvironmentDataError
 from sensors.fields import PAPER_FIELDS, FieldSet
-from sensors.user_cache import user_cache_folder
 
 if TYPE_CHECKING:
     from geo.grid import FarmGrid

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from geo.compiled import compiled
 from sensors.scoring.tiles import TILE_CELLS
 
 SQUARES, WORSE_SQUARES, ABSOLUTE, WORSE_ABSOLUTE = range(4)
 SUMS = 4
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def count_cells(mask: NDArray[np.bool_], cells: NDArray[np.int64]) -> None:
     """Count the relevant cells of each tile into `cells`."""
     width, height = mask.shape
@@ -25,7 +25,7 @@ def count_cells(mask: NDArray[np.bool_], cells: NDArray[np.int64]) -> None:
             cells[column, row] = count
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def sum_errors(
     tiles: NDArray[np.bool_],
     cells: NDArray[np.int64],
@@ -70,7 +70,7 @@ def sum_errors(
             sums[column, row, WORSE_ABSOLUTE] = worse_absolute
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def find_extremes(
     tiles: NDArray[np.bool_],
     lines: NDArray[np.int64],

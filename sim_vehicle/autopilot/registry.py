@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.autopilot.model import FlightProcedures
+    from sim_vehicle.autopilot.flight_procedures import FlightProcedures
 
 __all__ = [
     "adapt_vehicle",

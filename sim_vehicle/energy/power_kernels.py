@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from numba import njit
-
+from geo.compiled import compiled
 from sim_vehicle.energy import power
 
 __all__ = ["multirotor_power", "rover_power", "wing_power"]
 
-multirotor_power = njit(cache=True)(power.multirotor_power)
-wing_power = njit(cache=True)(power.wing_power)
-rover_power = njit(cache=True)(power.rover_power)
+multirotor_power = compiled(power.multirotor_power)
+wing_power = compiled(power.wing_power)
+rover_power = compiled(power.rover_power)

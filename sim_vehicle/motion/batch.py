@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion.arducopter.model import ArduCopter
-from sim_vehicle.motion.batch_loops import CALL, EVENT, EVERY, FIRST, STEPS, STOPS, WIND_ROWS, loops
+from sim_vehicle.motion.batch_loops import CALL, EVENT, EVERY, FIRST, LOOPS, STEPS, STOPS, WIND_ROWS
 from sim_vehicle.motion.fixed_wing.model import FixedWing
 from sim_vehicle.motion.multirotor.kernel import WIND
 from sim_vehicle.motion.multirotor.model import Multirotor
@@ -57,7 +57,7 @@ _LAWS: dict[type, _Law] = {
     Multirotor: _Law("generic"),
     Px4Multirotor: _Law("px4", (*_COMMON, "guide", "_law")),
     ArduCopter: _Law("arducopter", (*_COMMON, "guide", "law", "heads", "curves"), "_rows"),
-    FixedWing: _Law("wing"),
+    FixedWing: _Law("fixed-wing"),
     Rover: _Law("rover"),
 }
 
@@ -178,7 +178,7 @@ class VehicleBatch:
 
     def _call(self, members: NDArray[np.int64]) -> None:
         assert self._law is not None
-        loop = loops()[self._law.loop]
+        loop = LOOPS[self._law.loop]
         rows = [self._tables[name] for name in self._law.rows]
         rest = (self._calls, self._offsets, self._routes, self._arrivals, self._wind, *rows)
         if self._pool is None or len(members) == 1:

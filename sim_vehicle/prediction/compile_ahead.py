@@ -1,20 +1,41 @@
-"""Makes a vehicle's compiled motion ready before somebody waits for an answer."""
+"""Makes compiled motion ready before somebody waits for an answer."""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from geo.frame import LocalFrame
-from sim_vehicle.airframe.spec import VehicleSpec
+from mission.model import GeoPoint, Mission, MissionItem
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.execution.executor import MissionExecutor
+from sim_vehicle.prediction.predict import predict_flights
 from sim_vehicle.weather.wind import Wind
 
-__all__ = ["warm_up"]
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sim_vehicle.airframe.spec import VehicleSpec
+
+__all__ = ["compile_all", "warm_up"]
+
+_WIND = Wind(1.0, gust_m_s=0.5)
+# One vehicle for each compiled dynamics, with the autopilot that has it.
+_DYNAMICS = (
+    ("multirotor", "quad", "generic"),
+    ("multirotor under PX4", "quad", "px4"),
+    ("multirotor under ArduPilot", "quad", "ardupilot"),
+    ("fixed wing", "fixed-wing", "px4"),
+    ("rover", "rover", "px4"),
+)
 
 
 def warm_up(spec: VehicleSpec) -> None:
     """Fly a second of a flight that nobody sees.
 
-    The motion of a multirotor is compiled when it is first flown: about ten seconds once on a machine, half a
+    The motion of a vehicle is compiled when it is first flown: up to a minute once on a machine, half a
     second in each further process. A client that has just ordered a take-off would give up waiting.
+    `geo.compiled.compile_notices` tells what is compiled.
 
     Parameters
     ----------
@@ -23,12 +44,11 @@ def warm_up(spec: VehicleSpec) -> None:
 
     Examples
     --------
-    >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> warm_up(get_vehicle("ideal"))
     """
     if spec.is_ideal:
         return
-    executor = MissionExecutor(spec, LocalFrame(0.0, 0.0), wind=Wind(1.0, gust_m_s=0.5))
+    executor = MissionExecutor(spec, LocalFrame(0.0, 0.0), wind=_WIND)
     executor.arm()
     if spec.kind == "rover":
         executor.goto(1.0, 0.0, 0.0)
@@ -40,3 +60,25 @@ def warm_up(spec: VehicleSpec) -> None:
     executor.advance(1.5)
     executor.hold()
     executor.advance(2.0)
+
+
+def compile_all(progress: Callable[[str, int, int], None] | None = None) -> None:
+    """Compile the dynamics of all vehicles, one by one and in batches, as far as it was not done before.
+
+    Parameters
+    ----------
+    progress : callable, optional
+        Is told before each of them its name, how many are done, and of how many.
+    """
+    for done, (name, vehicle, autopilot) in enumerate(_DYNAMICS):
+        if progress is not None:
+            progress(name, done, len(_DYNAMICS))
+        spec = with_autopilot(get_vehicle(vehicle), autopilot)
+        warm_up(spec)
+        items = (
+            MissionItem(22, 3, 0, 0, 0, None, 0.0, 0.0, 2.0),
+            MissionItem.waypoint(0.0001, 0.0, 2.0),
+            MissionItem(20, 2),
+        )
+        short = Mission(items, GeoPoint(0.0, 0.0))
+        predict_flights([short, short], spec, wind=_WIND)

@@ -9,8 +9,9 @@ from __future__ import annotations
 from math import log, sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from geo.compiled import compiled
 
 Floats = NDArray[np.float64]
 
@@ -27,7 +28,7 @@ LOWEST_GUST_M = 10.0 * FOOT_M
 """Below this height MIL-F-8785C has no turbulence; the vertical gust dies away towards the ground."""
 
 
-@njit(cache=True)
+@compiled
 def wind_at(row: Floats, height_m: float) -> tuple[float, float, float]:
     """Return the wind (east, north, up; m/s) at a height above the ground.
 
@@ -61,13 +62,13 @@ def wind_at(row: Floats, height_m: float) -> tuple[float, float, float]:
     return row[3] * mean + (row[0] - row[3]) * side, row[4] * mean + (row[1] - row[4]) * side, row[2] * rise
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def reference_term(height_m: float) -> float:
     """Return the term of MIL-F-8785C from which scales and intensities near the ground are made."""
     return 0.177 + 0.000823 * height_m / FOOT_M
 
 
-@njit(cache=True)
+@compiled
 def gauss_markov(noise: Floats, decay: float, last: Floats) -> Floats:
     """Return the first-order recursion ``g[i] = decay g[i-1] + noise[i]``, float64[n, 2]."""
     series = np.empty_like(noise)
@@ -79,7 +80,7 @@ def gauss_markov(noise: Floats, decay: float, last: Floats) -> Floats:
     return series
 
 
-@njit(cache=True)
+@compiled
 def forming_filters(noise: Floats, filters: Floats, state: Floats) -> Floats:
     """Return gusts of unit intensity (along, across, up) from white noise.
 

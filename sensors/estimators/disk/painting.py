@@ -9,9 +9,9 @@ product.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from geo.compiled import compiled
 from sensors.scoring.tiles import TILE_CELLS
 
 _ALL = np.uint64(0xFFFFFFFFFFFFFFFF)
@@ -19,7 +19,7 @@ _ONE = np.uint64(1)
 _ZERO = np.uint64(0)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def paint(
     tiles: NDArray[np.bool_],
     reset: bool,

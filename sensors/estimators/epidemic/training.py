@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from geo.atomic import atomic_write
 from geo.seeds import stream
+from geo.user_cache import user_cache_folder
 from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters
 from sensors.dynamics.outbreak import simulate_outbreak, value_table
 from sensors.errors import EstimatorError
@@ -39,7 +40,6 @@ from sensors.estimators.epidemic.features import (
 )
 from sensors.estimators.epidemic.network import Network, train
 from sensors.estimators.epidemic.paths import random_path
-from sensors.user_cache import user_cache_folder
 
 VERSION = 3
 """Part of the names of files; it has to grow with every change of the training."""

@@ -13,8 +13,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from geo.compiled import compiled
 
 Floats = NDArray[np.floating]
 Places = NDArray[np.int64]
@@ -23,7 +24,7 @@ _PANEL = 64
 _BATCH = 256
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def add_to_cells(
     index: NDArray[np.int32],
     cells: NDArray[np.int32],
@@ -59,7 +60,7 @@ def add_to_cells(
     return used
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def gather(index: NDArray[np.int32], sums: Floats, box: Any) -> Floats:
     """Return x, y, number and mean value of the observed cells in a box, float64[n, 4]."""
     x0, x1, y0, y1 = box
@@ -79,7 +80,7 @@ def gather(index: NDArray[np.int32], sums: Floats, box: Any) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@compiled(nogil=True, fastmath=True)
 def _subtract_products(rows: Floats, weights: Floats, i: int, columns: int) -> None:
     """Subtract ``weights[j] * rows[j]`` for all j < i from ``rows[i]``."""
     target = rows[i]
@@ -96,7 +97,7 @@ def _subtract_products(rows: Floats, weights: Floats, i: int, columns: int) -> N
         j += 1
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def solve_lower(factor: Floats, right: Floats, columns: int) -> None:
     """Solve ``factor x = right`` for the first `columns` columns, in place."""
     for i in range(len(factor)):
@@ -106,7 +107,7 @@ def solve_lower(factor: Floats, right: Floats, columns: int) -> None:
             right[i, p] *= inverse
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def fill_nodes(
     factor: Floats,
     weights: Floats,
@@ -159,7 +160,7 @@ def fill_nodes(
                 posterior[part, p, q] = sums[part, t]
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _bells(places: Floats, nodes: Floats, length: float) -> Floats:
     """Return the factors of the covariance along one axis, float64[places, nodes]."""
     out = np.empty((len(places), len(nodes)))
@@ -171,7 +172,7 @@ def _bells(places: Floats, nodes: Floats, length: float) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _solve_few(
     seen: Floats, kernel: Any, node_x: Floats, node_y: Floats, posterior: NDArray[np.float32]
 ) -> None:
@@ -199,7 +200,7 @@ def _solve_few(
     fill_nodes(factor, weights, along_x, along_y, terms, posterior)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def sines(places: Floats, low: float, high: float, roots: Floats) -> Floats:
     """Return sine functions of the box low .. high, times the roots of their variances, [k, places]."""
     out = np.empty((len(roots), len(places)))
@@ -211,7 +212,7 @@ def sines(places: Floats, low: float, high: float, roots: Floats) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _solve_many(
     seen: Floats,
     kernel: Any,
@@ -252,12 +253,12 @@ def _solve_many(
             posterior[2, p, q] = amplitude - posterior[2, p, q]
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _centred(middle: float, side: float) -> tuple[float, float]:
     return middle - 0.5 * side, middle + 0.5 * side
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def solve_tiles(
     tiles: Places,
     edges_x: Places,

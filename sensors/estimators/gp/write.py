@@ -10,8 +10,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from geo.compiled import compiled
 
 POINTS = 6
 MARGIN = POINTS // 2
@@ -46,7 +47,7 @@ def lagrange_weights(step: int) -> Values:
     return weights.astype(np.float32)
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@compiled(nogil=True, fastmath=True)
 def write_from_nodes(
     posterior: Values,
     weights_x: Values,
@@ -103,7 +104,7 @@ def write_from_nodes(
                 uncertainty[x, y] = np.sqrt(max(zero, amplitude - known) + noise)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def write_cells(
     posterior: Values, box: Any, prior: Any, limits: Any, value: Values, uncertainty: Values
 ) -> None:

@@ -9,9 +9,9 @@ from __future__ import annotations
 from math import atan2, isinf, isnan, pi, sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion.arducopter.layout import (
     ACC_Z_I,
@@ -65,7 +65,7 @@ from sim_vehicle.motion.multirotor.kernel import ROI_NEAR
 Floats = NDArray[np.float64]
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def rooted(error: float, gain: float, limit: float) -> float:
     """Return the rate that closes an error: linear near it, then such that the limit suffices to stop."""
     straight = limit / (gain * gain)
@@ -76,7 +76,7 @@ def rooted(error: float, gain: float, limit: float) -> float:
     return error * gain
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def stopping_way(speed: float, gain: float, limit: float) -> float:
     """Return the error for which `_rooted` gives a speed: the way in which the controller stops."""
     if speed < limit / gain:
@@ -84,7 +84,7 @@ def stopping_way(speed: float, gain: float, limit: float) -> float:
     return 0.5 * limit / (gain * gain) + 0.5 * speed * speed / limit
 
 
-@njit(cache=True)
+@compiled
 def command(state: Floats, guide: Floats, law: Floats) -> None:
     """Position and velocity control: the acceleration that is asked for and the thrust."""
     dt = law[DT]
@@ -148,7 +148,7 @@ def command(state: Floats, guide: Floats, law: Floats) -> None:
     guide[THRUST] = thrust
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def _across_first(ax: float, ay: float, vx: float, vy: float, most: float) -> tuple[float, float]:
     """Return an acceleration within a limit; what goes along the wanted velocity is cut first."""
     if ax * ax + ay * ay <= most * most:
@@ -165,7 +165,7 @@ def _across_first(ax: float, ay: float, vx: float, vy: float, most: float) -> tu
     return along * ux - across * uy, along * uy + across * ux
 
 
-@njit(cache=True)
+@compiled
 def move(state: Floats, guide: Floats, law: Floats, rising: float) -> float:
     """Fly a step: the attitude follows, thrust and drag move the airframe. Returns the way that was flown."""
     dt = law[DT]
@@ -204,7 +204,7 @@ def move(state: Floats, guide: Floats, law: Floats, rising: float) -> float:
     return sqrt(mx * mx + my * my + mz * mz)
 
 
-@njit(cache=True)
+@compiled
 def turn(state: Floats, guide: Floats, law: Floats, heading: float, turning: float) -> None:
     """Turn the nose: to a place, at a rate, to a heading, or to where the target goes."""
     yaw, rate, change = state[9], state[10], law[YAW_ACCEL] * law[DT]
@@ -239,7 +239,7 @@ def turn(state: Floats, guide: Floats, law: Floats, heading: float, turning: flo
     state[9], state[10] = (yaw + rate * law[DT]) % (2.0 * pi), rate
 
 
-@njit(cache=True)
+@compiled
 def stand(state: Floats, guide: Floats) -> None:
     """Stand on the ground with the motors running."""
     state[2:9] = 0.0

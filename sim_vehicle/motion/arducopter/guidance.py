@@ -9,9 +9,9 @@ from __future__ import annotations
 from math import inf, sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from geo.compiled import compiled
 from sim_vehicle.motion.arducopter.control import rooted, stand, stopping_way
 from sim_vehicle.motion.arducopter.layout import (
     ACCEL,
@@ -96,7 +96,7 @@ from sim_vehicle.motion.arducopter.scurve import (
 Floats = NDArray[np.float64]
 
 
-@njit(cache=True)
+@compiled
 def _shape(change: float, acceleration: float, limit: float, jerk: float, dt: float) -> float:
     """Return the next acceleration on the way to a change of speed, within limits of it and of its jerk."""
     wanted = rooted(change, jerk / limit, jerk)
@@ -105,7 +105,7 @@ def _shape(change: float, acceleration: float, limit: float, jerk: float, dt: fl
     return acceleration + min(max(wanted - acceleration, -jerk * dt), jerk * dt)
 
 
-@njit(cache=True)
+@compiled
 def _stop_here(state: Floats, guide: Floats, law: Floats) -> None:
     """Begin anew from the place where the vehicle comes to rest."""
     vx, vy, vz = state[3], state[4], state[5]
@@ -128,7 +128,7 @@ def _stop_here(state: Floats, guide: Floats, law: Floats) -> None:
     guide[PACE] = 1.0
 
 
-@njit(cache=True)
+@compiled
 def _take_velocity(state: Floats, guide: Floats) -> None:
     """Begin anew from the present place and velocity."""
     guide[PX : PX + 6] = state[0:6]
@@ -139,7 +139,7 @@ def _take_velocity(state: Floats, guide: Floats) -> None:
     guide[PACE] = 1.0
 
 
-@njit(cache=True)
+@compiled
 def _make(i: int, a: Floats, b: Floats, guide: Floats, law: Floats, heads: Floats, curves: Floats) -> None:
     make_leg(
         heads[i],
@@ -152,7 +152,7 @@ def _make(i: int, a: Floats, b: Floats, guide: Floats, law: Floats, heads: Float
     )
 
 
-@njit(cache=True)
+@compiled
 def _apart(guide: Floats) -> None:
     """Keep the begin of a leg from its end: an estimated position is never exactly the wanted one."""
     gap = 0.0
@@ -162,7 +162,7 @@ def _apart(guide: Floats) -> None:
         guide[BEGIN] = guide[END] - LEAST_WAY
 
 
-@njit(cache=True)
+@compiled
 def begin(
     state: Floats,
     guide: Floats,
@@ -244,7 +244,7 @@ def begin(
             _make(2, guide[END : END + 3], after[RX : RZ + 1], guide, law, heads, curves)
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def _blurred_share(share: float, blur: float) -> float:
     """Return the mean of a number within 0 to 1 when it shakes by ``blur`` to both sides."""
     high, low = share + blur, share - blur
@@ -255,7 +255,7 @@ def _blurred_share(share: float, blur: float) -> float:
     return (high - low) / (2.0 * blur)
 
 
-@njit(cache=True)
+@compiled
 def _lead_legs(guide: Floats, law: Floats, heads: Floats, curves: Floats) -> bool:
     """Move the target along this leg, the end of the one before and the begin of the next; tell its end.
 
@@ -299,7 +299,7 @@ def _lead_legs(guide: Floats, law: Floats, heads: Floats, curves: Floats) -> boo
     return done
 
 
-@njit(cache=True)
+@compiled
 def _lead_chord(guide: Floats, law: Floats, route: Floats, leg: int) -> bool:
     """Move the target along a curve of chords with half of the acceleration; tell the end of this one."""
     dt = law[DT]
@@ -337,7 +337,7 @@ def _lead_chord(guide: Floats, law: Floats, route: Floats, leg: int) -> bool:
     return done
 
 
-@njit(cache=True)
+@compiled
 def _lead_up(guide: Floats, law: Floats) -> bool:
     """Climb to the height of the take-off; tell when that is reached and the climb slow."""
     dt, limit, jerk = law[DT], law[ACCEL_Z], law[SHAPE_JERK_Z]
@@ -356,7 +356,7 @@ def _lead_up(guide: Floats, law: Floats) -> bool:
     return bool(guide[PX + 2] >= guide[END + 2] - stops and guide[VX + 2] < 0.1 * guide[UP])
 
 
-@njit(cache=True)
+@compiled
 def _lead_down(guide: Floats, law: Floats, height: float) -> None:
     """Sink, slowly near the ground."""
     dt = law[DT]
@@ -368,7 +368,7 @@ def _lead_down(guide: Floats, law: Floats, height: float) -> None:
     guide[AX + 2] = _shape(rate - guide[VX + 2], guide[AX + 2], law[ACCEL_Z], law[SHAPE_JERK_Z], dt)
 
 
-@njit(cache=True)
+@compiled
 def _lead_level(guide: Floats, law: Floats) -> None:
     """Bring the horizontal velocity to rest while the vehicle climbs or sinks."""
     if guide[VX] == 0.0 and guide[VX + 1] == 0.0 and guide[AX] == 0.0 and guide[AX + 1] == 0.0:
@@ -389,7 +389,7 @@ def _lead_level(guide: Floats, law: Floats) -> None:
     guide[AX + 1] += cy * share
 
 
-@njit(cache=True)
+@compiled
 def lead(
     state: Floats,
     guide: Floats,

@@ -5,9 +5,9 @@ from __future__ import annotations
 from math import inf, sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from geo.compiled import compiled
 from sim_vehicle.energy.power_kernels import multirotor_power
 from sim_vehicle.motion.arducopter.control import command, move, stand, turn
 from sim_vehicle.motion.arducopter.guidance import begin, lead
@@ -50,7 +50,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-@njit(cache=True)
+@compiled
 def advance(
     state: Floats,
     counters: Integers,

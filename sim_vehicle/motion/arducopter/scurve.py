@@ -13,8 +13,9 @@ from __future__ import annotations
 from math import cos, inf, pi, sin, sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from geo.compiled import compiled
 
 Floats = NDArray[np.float64]
 
@@ -30,7 +31,7 @@ _START, _ACCEL_TOP, _ACCEL_END, _CHANGE_END, _CRUISE, _END = 0, 4, 7, 14, 15, 22
 _TINY = 1.1920929e-7
 
 
-@njit(cache=True)
+@compiled
 def kinematic_limit(flat: float, rise: float, level: float, up: float, down: float) -> float:
     """Return the limit along a direction; its horizontal part and the vertical ones have their own."""
     size = sqrt(flat * flat + rise * rise)
@@ -42,7 +43,7 @@ def kinematic_limit(flat: float, rise: float, level: float, up: float, down: flo
     return float(limit)
 
 
-@njit(cache=True)
+@compiled
 def _speed_change(
     snap: float, jerk: float, v0: float, accel: float, v1: float, length: float
 ) -> tuple[float, float, float, float]:
@@ -85,7 +86,7 @@ def _speed_change(
     return jerk, ramp, max(accel / jerk - ramp, 0.0) if full else 0.0, middle
 
 
-@njit(cache=True)
+@compiled
 def _peak_acceleration(jerk: float, ramp: float, v0: float, length: float) -> float:
     """Return the peak of a change that never holds its acceleration and takes a length: a root of a cubic."""
     peak = (length * jerk * jerk) ** (1.0 / 3.0)
@@ -99,7 +100,7 @@ def _peak_acceleration(jerk: float, ramp: float, v0: float, length: float) -> fl
     return float(peak)
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def _within(
     shape: float, jerk: float, whole: float, t: float, a: float, v: float, p: float
 ) -> tuple[float, float, float]:
@@ -122,7 +123,7 @@ def _within(
     )
 
 
-@njit(cache=True)
+@compiled
 def _put(curve: Floats, i: int, shape: float, lasts: float, jerk: float) -> None:
     """Write segment ``i`` behind the one before it."""
     before, row = curve[i - 1], curve[i]
@@ -132,7 +133,7 @@ def _put(curve: Floats, i: int, shape: float, lasts: float, jerk: float) -> None
     row[0], row[1], row[2], row[3], row[4], row[5] = before[0] + lasts, shape, jerk, a, v, p
 
 
-@njit(cache=True)
+@compiled
 def _put_change(curve: Floats, i: int, jerk: float, ramp: float, full: float, middle: float) -> None:
     """Write the seven segments of a change of speed from ``i`` on."""
     _put(curve, i, 1.0, ramp, jerk)
@@ -146,7 +147,7 @@ def _put_change(curve: Floats, i: int, jerk: float, ramp: float, full: float, mi
     curve[i + 6, 4] = max(curve[i + 6, 4], 0.0)
 
 
-@njit(cache=True)
+@compiled
 def _put_nothing(curve: Floats, first: int, last: int, source: int) -> None:
     """Make the segments ``first`` to ``last`` empty ones after the segment ``source``."""
     for i in range(first, last + 1):
@@ -154,7 +155,7 @@ def _put_nothing(curve: Floats, first: int, last: int, source: int) -> None:
         curve[i, 4], curve[i, 5] = curve[source, 4], curve[source, 5]
 
 
-@njit(cache=True)
+@compiled
 def _put_end(head: Floats, curve: Floats, length: float) -> None:
     """Brake from the cruise within a length, and cruise so long that the profile ends where the leg ends."""
     speed = curve[_CRUISE, 4]
@@ -167,13 +168,13 @@ def _put_end(head: Floats, curve: Floats, length: float) -> None:
         curve[i, 5] += left
 
 
-@njit(cache=True)
+@compiled
 def clear_leg(head: Floats) -> None:
     """Make it a leg without length: it is finished before it begins."""
     head[TIME], head[MADE], head[LENGTH] = 0.0, 0.0, 0.0
 
 
-@njit(cache=True)
+@compiled
 def make_leg(
     head: Floats,
     curve: Floats,
@@ -209,7 +210,7 @@ def make_leg(
     _make_profile(head, curve)
 
 
-@njit(cache=True)
+@compiled
 def _make_profile(head: Floats, curve: Floats) -> None:
     curve[_START, :] = 0.0
     half = 0.5 * head[LENGTH]
@@ -219,7 +220,7 @@ def _make_profile(head: Floats, curve: Floats) -> None:
     _put_end(head, curve, half)
 
 
-@njit(cache=True)
+@compiled
 def change_speed(head: Floats, curve: Floats, level: float, up: float, down: float) -> None:
     """Go on along a leg with other limits of speed, as well as what is left of it allows."""
     if head[MADE] == 0.0:
@@ -265,7 +266,7 @@ def change_speed(head: Floats, curve: Floats, level: float, up: float, down: flo
     _put_end(head, curve, head[LENGTH] - curve[_CRUISE, 5])
 
 
-@njit(cache=True)
+@compiled
 def _change_under_way(head: Floats, curve: Floats, speed: float, room: float) -> None:
     """Change the speed after the first acceleration, if what is left before the braking is long enough."""
     now = curve[_ACCEL_END, 4]
@@ -284,7 +285,7 @@ def _change_under_way(head: Floats, curve: Floats, speed: float, room: float) ->
         _put_nothing(curve, _ACCEL_END + 1, _CHANGE_END, _ACCEL_END)
 
 
-@njit(cache=True)
+@compiled
 def state_at(head: Floats, curve: Floats, time: float) -> tuple[float, float, float]:
     """Return place along the leg, speed and acceleration at a time."""
     if head[MADE] == 0.0:
@@ -301,13 +302,13 @@ def state_at(head: Floats, curve: Floats, time: float) -> tuple[float, float, fl
     return max(p, 0.0), v, a
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def end_time(head: Floats, curve: Floats) -> float:
     """Return the duration of a leg."""
     return float(curve[_END, 0]) if head[MADE] != 0.0 else 0.0
 
 
-@njit(cache=True)
+@compiled
 def may_turn(heads: Floats, curves: Floats, radius: float, corner: float) -> bool:
     """Tell whether the leg after the present one may begin while that one still brakes.
 

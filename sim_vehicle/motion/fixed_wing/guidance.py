@@ -15,8 +15,9 @@ from __future__ import annotations
 from math import asin, atan2, cos, pi, sin, sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from geo.compiled import compiled
 
 Floats = NDArray[np.float64]
 
@@ -29,7 +30,7 @@ _LATE_S = 3.0
 _DECIDED = 0.9 * pi
 
 
-@njit(cache=True)
+@compiled
 def switch_distance(ground: float, period: float, damping: float, share: float) -> float:
     """Return how near to a waypoint NPFG turns to the next leg."""
     constant = period * damping
@@ -37,13 +38,13 @@ def switch_distance(ground: float, period: float, damping: float, share: float) 
     return float(min(share * bound, 500.0))
 
 
-@njit(cache=True)
+@compiled
 def l1_distance(ground: float, period: float, damping: float) -> float:
     """Return the distance to the point on the path that L1 steers to."""
     return float(max(damping * period * ground / pi, 0.1))
 
 
-@njit(cache=True)
+@compiled
 def _feasible(across: float, along: float, airspeed: float, wind: float) -> float:
     across = wind if along < 0.0 else abs(across)
     share = min(max((airspeed - across) / AIRSPEED_BUFFER, 0.0), 1.0)
@@ -51,7 +52,7 @@ def _feasible(across: float, along: float, airspeed: float, wind: float) -> floa
     return float(s * s)
 
 
-@njit(cache=True)
+@compiled
 def npfg(
     error: float,
     te: float,
@@ -120,7 +121,7 @@ def npfg(
     return acceleration + 4.0 * pi * damping / period * turn, be, bn
 
 
-@njit(cache=True)
+@compiled
 def _decide(nu: float, state: Floats, at: int) -> float:
     """Keep turning the same way when the goal is behind."""
     last = state[at]
@@ -130,7 +131,7 @@ def _decide(nu: float, state: Floats, at: int) -> float:
     return float(min(max(nu, -0.5 * pi), 0.5 * pi))
 
 
-@njit(cache=True)
+@compiled
 def l1_line(
     rx: float,
     ry: float,
@@ -193,7 +194,7 @@ def l1_line(
     return k * ground * ground / distance * sin(angle), be, bn
 
 
-@njit(cache=True)
+@compiled
 def l1_circle(
     rx: float,
     ry: float,

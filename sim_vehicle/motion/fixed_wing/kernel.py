@@ -10,8 +10,7 @@ from __future__ import annotations
 
 from math import atan, atan2, cos, inf, isnan, pi, sin, sqrt, tan
 
-from numba import njit
-
+from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.energy.power_kernels import wing_power
 from sim_vehicle.motion.fixed_wing.guidance import (
@@ -109,7 +108,7 @@ PATIENCE_S = 120.0
 SLOW_SHARE = 0.15
 
 
-@njit(cache=True)
+@compiled
 def excess_sink(limits: Floats, airspeed: float, load: float) -> float:
     """Return how much faster than in trimmed level flight the drag takes energy, over the weight, m/s."""
     v, trim = max(airspeed, 3.0), limits[AIRSPEED_TRIM]
@@ -117,7 +116,7 @@ def excess_sink(limits: Floats, airspeed: float, load: float) -> float:
     return float((drag - limits[PARASITIC] * trim * trim * trim - limits[INDUCED] / trim) / GRAVITY_M_S2)
 
 
-@njit(cache=True)
+@compiled
 def _patience_steps(state: Floats, row: Floats, limits: Floats) -> float:
     """Return how many steps a leg may take."""
     east, north = row[0] - state[0], row[1] - state[1]
@@ -128,7 +127,7 @@ def _patience_steps(state: Floats, row: Floats, limits: Floats) -> float:
     return float(seconds / limits[STEP_S])
 
 
-@njit(cache=True)
+@compiled
 def _steer_line(
     state: Floats, row: Floats, limits: Floats, wx: float, wy: float
 ) -> tuple[float, float, float]:
@@ -165,7 +164,7 @@ def _steer_line(
     return npfg(rx * tn - ry * te, te, tn, 0.0, ve, vn, wx, wy, period, damping)
 
 
-@njit(cache=True)
+@compiled
 def _steer_circle(
     state: Floats, x: float, y: float, radius: float, limits: Floats, wx: float, wy: float
 ) -> float:
@@ -190,7 +189,7 @@ def _steer_circle(
     return lateral
 
 
-@njit(cache=True)
+@compiled
 def _energy(
     state: Floats, limits: Floats, height: float, airspeed: float, load: float, full: bool
 ) -> tuple[float, float, float]:
@@ -223,7 +222,7 @@ def _energy(
     return throttle, min(max(climb, -limits[SINK_MAX]), limits[CLIMB_MAX]), rate
 
 
-@njit(cache=True)
+@compiled
 def _acceptance(state: Floats, row: Floats, limits: Floats) -> float:
     """Return how near to a waypoint counts as reached."""
     ground = sqrt(state[3] * state[3] + state[4] * state[4])
@@ -236,7 +235,7 @@ def _acceptance(state: Floats, row: Floats, limits: Floats) -> float:
     return float(near * min(row[14] / (0.5 * pi), 1.0))
 
 
-@njit(cache=True)
+@compiled
 def _circled(state: Floats, row: Floats, limits: Floats, step: int) -> bool:
     """Keep count on a circle and tell whether it may be left."""
     rx, ry = state[0] - row[0], state[1] - row[1]
@@ -270,7 +269,7 @@ def _circled(state: Floats, row: Floats, limits: Floats, step: int) -> bool:
     return size < 1.0 or ex * state[3] + ey * state[4] > ALIGNED * size
 
 
-@njit(cache=True)
+@compiled
 def _roll_on_ground(state: Floats, limits: Floats, rate: float, wx: float, wy: float) -> None:
     """Change the speed over ground by ``rate`` along the course on the ground."""
     dt = limits[STEP_S]
@@ -288,7 +287,7 @@ def _roll_on_ground(state: Floats, limits: Floats, rate: float, wx: float, wy: f
     state[CLIMB] = state[BANK] = state[COMMAND] = state[PITCH] = 0.0
 
 
-@njit(cache=True)
+@compiled
 def _fly(
     state: Floats, limits: Floats, bank: float, climb: float, rate: float, wx: float, wy: float, rising: float
 ) -> float:
@@ -337,7 +336,7 @@ def _fly(
     return load
 
 
-@njit(cache=True)
+@compiled
 def _drop(state: Floats, limits: Floats, wx: float, wy: float) -> None:
     """Fall a step."""
     dt = limits[STEP_S]
@@ -356,7 +355,7 @@ def _drop(state: Floats, limits: Floats, wx: float, wy: float) -> None:
     state[CLIMB] = vz
 
 
-@njit(cache=True)
+@compiled
 def _blow(state: Floats, wx: float, wy: float, rising: float) -> None:
     """Change the wind: the velocity over ground stays, that through the air changes."""
     if state[DOING] == FLYING or state[DOING] == FLARE:
@@ -366,7 +365,7 @@ def _blow(state: Floats, wx: float, wy: float, rising: float) -> None:
         state[9] = atan2(ae, an) % (2.0 * pi)
 
 
-@njit(cache=True)
+@compiled
 def _near_ground(state: Floats, limits: Floats, level: bool) -> float:
     """Return the bank limit: a wing tip must not touch the ground, and some keep level on their way up."""
     bank = limits[BANK_LIMIT]
@@ -377,7 +376,7 @@ def _near_ground(state: Floats, limits: Floats, level: bool) -> float:
     return float(min(bank, max(tip, 0.09)))
 
 
-@njit(cache=True)
+@compiled
 def _lift_off(state: Floats, wx: float, wy: float) -> None:
     ae, an = state[3] - wx, state[4] - wy
     state[AIRSPEED] = max(sqrt(ae * ae + an * an), SHORT)
@@ -385,7 +384,7 @@ def _lift_off(state: Floats, wx: float, wy: float) -> None:
     state[DOING] = FLYING
 
 
-@njit(cache=True)
+@compiled
 def _enter(state: Floats, route: Floats, leg: int, step: int, limits: Floats) -> None:
     """Begin a leg."""
     row = route[leg]
@@ -408,7 +407,7 @@ def _enter(state: Floats, route: Floats, leg: int, step: int, limits: Floats) ->
         state[COURSE] = atan2(state[3], state[4])
 
 
-@njit(cache=True)
+@compiled
 def _tick(
     state: Floats, row: Floats, arrived: bool, limits: Floats, step: int, wx: float, wy: float, rising: float
 ) -> bool:
@@ -539,7 +538,7 @@ def _tick(
     return False
 
 
-@njit(cache=True)
+@compiled
 def advance(
     state: Floats,
     counters: Integers,
@@ -630,7 +629,7 @@ def advance(
     return event
 
 
-@njit(cache=True)
+@compiled
 def _settle(state: Floats, row: Floats, limits: Floats) -> None:
     """Choose the circle that is flown after the end of a route."""
     state[CENTRE : CENTRE + 3] = row[:3]

@@ -12,9 +12,9 @@ from __future__ import annotations
 from math import atan2, inf, isnan, pi, sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from geo.compiled import compiled
 from sim_vehicle.energy.power_kernels import multirotor_power
 from sim_vehicle.weather.gust_kernel import wind_at
 
@@ -54,7 +54,7 @@ ROI_NEAR = 0.5
 CREEP = 3.0
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def stopping_distance(v: float, a: float, v_end: float, limit: float, jerk: float) -> float:
     """Return the least distance in which speed ``v``, acceleration ``a`` become a steady ``v_end``."""
     distance = 0.0
@@ -85,7 +85,7 @@ def stopping_distance(v: float, a: float, v_end: float, limit: float, jerk: floa
     return distance + t * (v - peak * t / 3.0)
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def _gentle_acceleration(room: float, jerk: float, dt: float) -> float:
     """Return the acceleration from which a speed that is ``room`` below its limit just reaches it.
 
@@ -101,7 +101,7 @@ def _gentle_acceleration(room: float, jerk: float, dt: float) -> float:
     return 0.5 * change - sqrt(0.25 * change * change - 2.0 * jerk * room)
 
 
-@njit(cache=True)
+@compiled
 def axis_acceleration(
     d: float, v: float, a: float, v_end: float, speed: float, limit: float, jerk: float, dt: float
 ) -> float:
@@ -152,7 +152,7 @@ def axis_acceleration(
     return float(sign * low)
 
 
-@njit(cache=True)
+@compiled
 def velocity_acceleration(v: float, a: float, wanted: float, limit: float, jerk: float, dt: float) -> float:
     """Return the acceleration at the end of the step that brings one axis to a speed, without overshoot."""
     change = jerk * dt
@@ -162,7 +162,7 @@ def velocity_acceleration(v: float, a: float, wanted: float, limit: float, jerk:
     return float(min(max(gentle, low), high))
 
 
-@njit(cache=True)
+@compiled
 def _climb_acceleration(row: Floats, height: float, v: float, a: float, limits: Floats) -> float:
     """Return the vertical acceleration of a leg that keeps a velocity, slow enough to touch down."""
     dt, limit, jerk = limits[0], row[20], row[21]
@@ -179,7 +179,7 @@ def _climb_acceleration(row: Floats, height: float, v: float, a: float, limits: 
     return -float(axis_acceleration(max(height, 0.0), -v, -a, end, -wanted, limit, jerk, dt))
 
 
-@njit(cache=True)
+@compiled
 def _below_top_speed(
     vx: float, vy: float, ax: float, ay: float, bx: float, by: float, limits: Floats
 ) -> tuple[float, float]:
@@ -207,7 +207,7 @@ def _below_top_speed(
     return ax + radial * ux - tangential * uy, ay + radial * uy + tangential * ux
 
 
-@njit(cache=True)
+@compiled
 def _detour(row: Floats, velocity: Vector, acceleration: Vector) -> float:
     """Return about how far a new leg is left before the motion that does not belong to it has stopped.
 
@@ -230,7 +230,7 @@ def _detour(row: Floats, velocity: Vector, acceleration: Vector) -> float:
     return detour
 
 
-@njit(cache=True)
+@compiled
 def advance(
     state: Floats,
     counters: Integers,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import inf, isnan, pi, sqrt
 
 import numpy as np
-from numba import njit
 
+from geo.compiled import compiled
 from sim_vehicle.motion.multirotor.kernel import AT_HEIGHT, LEG, VELOCITY, Floats
 
 # How the horizontal limits are shared: along the leg and across it (0.8^2 + 0.6^2 = 1), and aslant.
@@ -15,7 +15,7 @@ ACROSS = 0.6
 ASLANT = 0.25
 
 
-@njit(cache=True)
+@compiled
 def _speed_within(distance: float, limit: float, jerk: float) -> float:
     """Return the speed from which an axis stops within a distance, starting with no acceleration."""
     v = (distance * sqrt(jerk)) ** (2.0 / 3.0)
@@ -25,7 +25,7 @@ def _speed_within(distance: float, limit: float, jerk: float) -> float:
     return 0.5 * limit * (sqrt(ramp * ramp + 8.0 * distance / limit) - ramp)
 
 
-@njit(cache=True)
+@compiled
 def prepare_route(
     start: Floats,
     points: Floats,

@@ -13,8 +13,7 @@ from __future__ import annotations
 
 from math import atan2, cos, exp, inf, isnan, pi, sin, sqrt
 
-from numba import njit
-
+from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.energy.power_kernels import multirotor_power
 from sim_vehicle.motion.multirotor.kernel import (
@@ -117,7 +116,7 @@ NOISE_M = 0.12
 PROGRESS = 0.98
 
 
-@njit(cache=True)
+@compiled
 def _choose_waypoints(g: Floats, row: Floats, px: float, py: float, pz: float, radius: float) -> None:
     """Follow the leg, or fly back to it when the vehicle is off it, before it or past its end."""
     dx, dy, dz = row[0] - row[3], row[1] - row[4], row[2] - row[5]
@@ -151,7 +150,7 @@ def _choose_waypoints(g: Floats, row: Floats, px: float, py: float, pz: float, r
             g[G_AFTER + k] = row[k]
 
 
-@njit(cache=True)
+@compiled
 def _guide(g: Floats, row: Floats, law: Floats, px: float, py: float, pz: float) -> None:
     """Move the trajectory by one step."""
     dt, jerk, accel, radius = law[DT], law[JERK], law[ACC_HOR], row[9]
@@ -224,7 +223,7 @@ def _guide(g: Floats, row: Floats, law: Floats, px: float, py: float, pz: float)
     g[2], g[5], g[8] = follow(c, g[2], g[5], g[8], jerk, t)
 
 
-@njit(cache=True)
+@compiled
 def _control(
     g: Floats, law: Floats, state: Floats, climb_limit: float, flying: bool
 ) -> tuple[float, float, float]:
@@ -274,7 +273,7 @@ def _control(
     return tx, ty, tz
 
 
-@njit(cache=True)
+@compiled
 def _turn(g: Floats, row: Floats, law: Floats, state: Floats) -> None:
     """Turn the heading: to the target, as the leg says, or to the place that the nose points at."""
     yaw, rate, dt = state[9], state[10], law[DT]
@@ -303,7 +302,7 @@ def _turn(g: Floats, row: Floats, law: Floats, state: Floats) -> None:
     state[9], state[10] = yaw % (2.0 * pi), rate
 
 
-@njit(cache=True)
+@compiled
 def _fly(g: Floats, law: Floats, state: Floats, wanted: Vector, lag: float, flying: bool) -> float:
     """Move the airframe by one step and return the length of it.
 
@@ -351,7 +350,7 @@ def _fly(g: Floats, law: Floats, state: Floats, wanted: Vector, lag: float, flyi
     return sqrt(mx * mx + my * my + mz * mz)
 
 
-@njit(cache=True)
+@compiled
 def _inside(row: Floats, law: Floats, state: Floats) -> bool:
     """Tell whether the navigator takes a waypoint as reached, its heading and pause aside."""
     kind, rise = row[13], row[2] - state[2]
@@ -363,7 +362,7 @@ def _inside(row: Floats, law: Floats, state: Floats) -> bool:
     return bool(flat2 <= row[9] * row[9] and abs(rise) <= law[ALT_RAD])
 
 
-@njit(cache=True)
+@compiled
 def _left(row: Floats, state: Floats) -> float:
     """Return what is left of a leg; only the height counts where only the height ends it."""
     rise, kind = row[2] - state[2], row[13]
@@ -372,7 +371,7 @@ def _left(row: Floats, state: Floats) -> float:
     return float(sqrt((row[0] - state[0]) ** 2 + (row[1] - state[1]) ** 2 + rise * rise))
 
 
-@njit(cache=True)
+@compiled
 def begin_leg(g: Floats, route: Floats, leg: int, state: Floats) -> None:
     """Make a leg the current one; a leg of a return or a landing begins where the vehicle is."""
     row = route[leg]
@@ -386,7 +385,7 @@ def begin_leg(g: Floats, route: Floats, leg: int, state: Floats) -> None:
     g[G_FRESH], g[G_BEST], g[G_INSIDE], g[G_GROUND] = 1.0, inf, -1.0, 0.0
 
 
-@njit(cache=True)
+@compiled
 def advance(
     state: Floats,
     counters: Integers,

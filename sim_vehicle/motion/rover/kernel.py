@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from math import atan2, cos, inf, pi, sin, sqrt
 
-from numba import njit
-
+from geo.compiled import compiled
 from sim_vehicle.energy.power_kernels import rover_power
 from sim_vehicle.motion.multirotor.kernel import (
     ENERGY,
@@ -64,7 +63,7 @@ SLOW_SHARE = 0.1
 PIVOT_GAIN = 2.0
 
 
-@njit(cache=True)
+@compiled
 def _bearing(state: Floats, row: Floats, limits: Floats) -> float:
     """Return the bearing to the point that is pursued: on the leg, a look-ahead away."""
     x, y = state[0], state[1]
@@ -85,7 +84,7 @@ def _bearing(state: Floats, row: Floats, limits: Floats) -> float:
     return atan2(state[BEGIN] + point * tx - x, state[BEGIN + 1] + point * ty - y)
 
 
-@njit(cache=True)
+@compiled
 def _may_turn(state: Floats, row: Floats, sense: float, radius: float) -> bool:
     """Whether a place is not inside the tightest turn, round which the vehicle would circle for ever."""
     cx = state[0] + sense * radius * cos(state[9])
@@ -95,7 +94,7 @@ def _may_turn(state: Floats, row: Floats, sense: float, radius: float) -> bool:
     return bool(dx * dx + dy * dy > inner * inner)
 
 
-@njit(cache=True)
+@compiled
 def _tick(state: Floats, row: Floats, arrived: bool, limits: Floats, step: int) -> bool:
     """Move one step and tell whether the leg is done."""
     dt = limits[STEP_S]
@@ -179,7 +178,7 @@ def _tick(state: Floats, row: Floats, arrived: bool, limits: Floats, step: int) 
     return bool(speed < STOPPED and step >= state[PAUSE_END])
 
 
-@njit(cache=True)
+@compiled
 def advance(
     state: Floats,
     counters: Integers,

@@ -1,5 +1,6 @@
 """After the warm-up no flight waits for the compiler."""
 
+import os
 import subprocess
 import sys
 
@@ -50,3 +51,27 @@ def test_a_flight_compiles_nothing_more():
 
 def test_the_ideal_vehicle_needs_none():
     warm_up(get_vehicle("ideal"))
+
+
+NOTICES = """
+from geo.compiled import compile_notices
+from sim_vehicle.energy.power_kernels import rover_power
+import numpy as np
+
+told = []
+with compile_notices(told.append):
+    rover_power(np.ones(9), 1.0, 1.0, 0.0)
+print(*told)
+"""
+
+
+def test_a_compilation_is_told_before_it_begins(tmp_path):
+    for expected in ("sim_vehicle.energy.power.rover_power\n", "\n"):
+        done = subprocess.run(
+            [sys.executable, "-c", NOTICES],
+            env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            timeout=120,
+        )
+        assert done.stdout == expected, done.stderr

@@ -1,0 +1,204 @@
+"""Compiled functions (numba) whose cache sees a change in any module that they use.
+
+numba keeps what it compiled as long as the file of a function is unchanged, whatever happens to the files of
+the functions that it calls. Here the key is a digest of the function's module and of all modules of the same
+distribution that it imports, directly or not.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import shutil
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import cache, partial
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Literal, TypeVar, overload
+
+from geo.user_cache import user_cache_folder
+
+__all__ = ["compile_notices", "compiled"]
+
+_Inline = Literal["never", "always"]
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+_IMPORT = re.compile(
+    r"^(?:from[ ]+([\w.]+)[ ]+import[ ]+(\([^)]*\)|[^\n]*)|import[ ]+([\w.]+))", re.MULTILINE
+)
+
+# Versions of a module whose compiled functions are kept: branches that are worked on by turns.
+_VERSIONS_KEPT = 8
+
+_listeners: list[Callable[[str], None]] = []
+_refused: list[OSError] = []
+
+
+@contextmanager
+def compile_notices(listener: Callable[[str], None]) -> Iterator[None]:
+    """Tell each function that has to be compiled, which takes seconds, before it is.
+
+    Parameters
+    ----------
+    listener : callable
+        Takes the function's name, such as ``sim_vehicle.motion.px4.kernel.advance``.
+    """
+    _listeners.append(listener)
+    try:
+        yield
+    finally:
+        _listeners.remove(listener)
+
+
+@overload
+def compiled(function: _Function) -> _Function: ...
+@overload
+def compiled(
+    *, inline: _Inline = "never", nogil: bool = False, fastmath: bool = False
+) -> Callable[[_Function], _Function]: ...
+def compiled(
+    function: Any = None, *, inline: _Inline = "never", nogil: bool = False, fastmath: bool = False
+) -> Any:
+    """Compile a function when it is first called (`numba.njit`), and keep the result for the next process.
+
+    The cache is in the user's cache folder, or in ``NUMBA_CACHE_DIR``. Where nothing can be written, a
+    warning says so once and every process compiles for itself. With ``NUMBA_DISABLE_JIT`` functions stay as
+    they are.
+
+    Parameters
+    ----------
+    function : callable
+    inline : {"never", "always"}
+        Whether it becomes part of its callers.
+    nogil : bool
+        Whether other threads run meanwhile.
+    fastmath : bool
+        Whether sums may be reordered.
+    """
+    if function is None:
+        return partial(compiled, inline=inline, nogil=nogil, fastmath=fastmath)
+    from numba import njit
+
+    dispatcher: Any = njit(inline=inline, nogil=nogil, fastmath=fastmath)(function)
+    if dispatcher is not function:
+        # As numba's ``enable_caching`` does it.
+        dispatcher._cache = _cache_class()(function)
+    return dispatcher
+
+
+@cache
+def _cache_class() -> Any:
+    """The cache of one function, made here so that importing this module does not import numba."""
+    numba: Any = import_module("numba")
+    caching: Any = import_module("numba.core.caching")
+
+    class Locator(caching._CacheLocator):  # type: ignore[misc]
+        """Where a function is kept, and what it was made of."""
+
+        def __init__(self, function: Callable[..., Any], file: str) -> None:
+            self._module = function.__module__
+            self._line = function.__code__.co_firstlineno
+            self._digest = sources_digest(Path(file).resolve())
+            told = numba.config.CACHE_DIR
+            root = Path(told) if told else user_cache_folder("compiled")
+            self._folder = root / f"{self._module}-{self._digest[:16]}"
+
+        @classmethod
+        def from_function(cls, function: Callable[..., Any], file: str) -> Locator:
+            return cls(function, file)
+
+        def get_cache_path(self) -> str:
+            return str(self._folder)
+
+        def ensure_cache_path(self) -> None:
+            if not self._folder.exists():
+                self._folder.mkdir(parents=True)
+                versions = sorted(self._folder.parent.glob(f"{self._module}-*"), key=_modified)
+                for old in versions[:-_VERSIONS_KEPT]:
+                    shutil.rmtree(old, ignore_errors=True)
+
+        def get_source_stamp(self) -> str:
+            return self._digest
+
+        def get_disambiguator(self) -> str:
+            return str(self._line)
+
+    class Implementation(caching.CompileResultCacheImpl):  # type: ignore[misc]
+        _locator_classes = (Locator,)
+
+    class KernelCache(caching.FunctionCache):  # type: ignore[misc]
+        _impl_class = Implementation
+
+        def load_overload(self, signature: Any, context: Any) -> Any:
+            try:
+                found = super().load_overload(signature, context)
+            except Exception:  # whatever is damaged there is compiled again
+                found = None
+                with suppress(OSError):
+                    self.flush()
+            if found is None:
+                name = f"{self._py_func.__module__}.{self._py_func.__qualname__}"
+                for listener in tuple(_listeners):
+                    listener(name)
+            return found
+
+        def save_overload(self, signature: Any, data: Any) -> None:
+            try:
+                super().save_overload(signature, data)
+            except OSError as error:
+                if not _refused:
+                    warnings.warn(
+                        f"compiled functions cannot be kept in {self._cache_path} ({error.strerror}): every "
+                        "run compiles them again; set NUMBA_CACHE_DIR to a folder that can be written",
+                        RuntimeWarning,
+                        stacklevel=2,
+                    )
+                _refused.append(error)
+                self.disable()
+
+    return KernelCache
+
+
+def _modified(path: Path) -> float:
+    """Time of the last change; what has gone meanwhile counts as oldest."""
+    try:
+        return path.stat().st_mtime
+    except OSError:
+        return 0.0
+
+
+@cache
+def sources_digest(file: Path) -> str:
+    """Digest of a module and of the modules of its distribution that it imports, directly or not.
+
+    Parameters
+    ----------
+    file : Path
+        The module; imports at its top level count.
+    """
+    found: dict[Path, bytes] = {}
+    left = [file]
+    while left:
+        path = left.pop()
+        if path not in found:
+            found[path] = path.read_bytes()
+            left += _imported(path)
+    digest = hashlib.sha256()
+    for path in sorted(found):
+        digest.update(hashlib.sha256(found[path]).digest())
+    return digest.hexdigest()
+
+
+@cache
+def _imported(file: Path) -> tuple[Path, ...]:
+    """The files that a module imports from the packages beside its own."""
+    root = file.parent
+    while (root / "__init__.py").exists():
+        root = root.parent
+    paths: list[Path] = []
+    for module, names, plain in _IMPORT.findall(file.read_text(encoding="utf-8")):
+        base = root.joinpath(*(module or plain).split("."))
+        paths += [base.with_suffix(".py"), base / "__init__.py"]
+        paths += [base / f"{name}.py" for name in re.findall(r"\w+", names)]
+    return tuple(path for path in paths if path.is_file())

@@ -1,0 +1,93 @@
+"""The cache of compiled functions sees changes of what they call, and is never needed."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import sim_vehicle
+from geo.compiled import _imported, sources_digest
+
+OUTER = """
+from geo.compiled import compile_notices, compiled
+from kernels.inner import rate
+
+@compiled
+def twice(x):
+    return 2.0 * rate(x)
+
+with compile_notices(lambda name: print("compiles", name)):
+    print(twice(1.0))
+"""
+INNER = """
+from geo.compiled import compiled
+from kernels.constants import FACTOR
+
+@compiled(inline="always")
+def rate(x):
+    return FACTOR * x
+"""
+
+
+@pytest.fixture
+def package(tmp_path):
+    folder = tmp_path / "kernels"
+    folder.mkdir()
+    for name, text in (("__init__", ""), ("outer", OUTER), ("inner", INNER), ("constants", "FACTOR = 3.0\n")):
+        (folder / f"{name}.py").write_text(text)
+    return folder
+
+
+def run(package, **environment):
+    environment = {"NUMBA_CACHE_DIR": str(package.parent / "cache")} | environment
+    done = subprocess.run(
+        [sys.executable, "-m", "kernels.outer"],
+        cwd=package.parent,
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    *notices, result = done.stdout.split("\n")[:-1]
+    return float(result), bool(notices), done.stderr
+
+
+def test_a_change_in_a_module_that_is_called_is_seen(package):
+    assert run(package)[:2] == (6.0, True)
+    assert run(package)[:2] == (6.0, False)
+    inner = package / "inner.py"
+    inner.write_text(INNER.replace("FACTOR * x", "FACTOR * x + 1.0"))
+    assert run(package)[:2] == (8.0, True)
+    (package / "constants.py").write_text("FACTOR = 5.0\n")
+    assert run(package)[:2] == (12.0, True)
+    assert run(package)[:2] == (12.0, False)
+
+
+def test_what_cannot_be_kept_or_read_is_compiled_again(package):
+    blocked = package.parent / "file"
+    blocked.write_text("")
+    for _ in range(2):
+        result, compiles, errors = run(package, NUMBA_CACHE_DIR=str(blocked / "cache"))
+        assert (result, compiles) == (6.0, True)
+        assert errors.count("cannot be kept") == 1, errors
+    run(package)
+    for path in (package.parent / "cache").rglob("*.nb?"):
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    assert run(package)[:2] == (6.0, True)
+
+
+def test_without_a_compiler_the_functions_run_as_they_are(package):
+    assert run(package, NUMBA_DISABLE_JIT="1")[:2] == (6.0, False)
+
+
+def test_the_key_of_a_kernel_covers_what_it_calls():
+    room = Path(sim_vehicle.__file__).resolve().parent
+    imported = _imported(room / "motion" / "px4" / "kernel.py")
+    assert room / "motion" / "px4" / "smoothing.py" in imported
+    assert room / "airframe" / "power_spec.py" in imported
+    assert sources_digest(room / "motion" / "px4" / "kernel.py") != sources_digest(
+        room / "motion" / "model.py"
+    )

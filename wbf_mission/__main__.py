@@ -35,7 +35,7 @@ class _CompileNotice:
         if not self._said:
             self._said = True
             sys.stderr.write(
-                f"compiling {name.partition('.')[0]} for this machine: up to two minutes, kept for later runs\n"
+                f"compiling {name.partition('.')[0]} for this machine: up to two minutes, this once\n"
             )
             sys.stderr.flush()
 

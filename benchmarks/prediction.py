@@ -19,6 +19,7 @@ import numpy as np
 
 from geo.errors import WbfMissionError
 from mission.planners import planner_names
+from sim_vehicle.autopilot import DEFAULT_AUTOPILOT, autopilot_names
 from wbf_mission.flight import fly
 from wbf_mission.outcome import Outcome
 from wbf_mission.scenario import Scenario, scenario_with
@@ -97,7 +98,7 @@ def comparisons(seeds: int, *, quick: bool) -> list[Comparison]:
     found = []
     for vehicle in VEHICLES:
         circles = vehicle in ("wing", "fixed-wing")
-        for autopilot in ("px4", "ardupilot") if vehicle != "ideal" else ("px4",):
+        for autopilot in autopilot_names() if vehicle != "ideal" else (DEFAULT_AUTOPILOT,):
             for wind in WINDS if vehicle != "ideal" else ("none",):
                 for farm in ("waterberry",) if circles else FARMS:
                     for planner in ("lawnmower",) if quick or circles else planner_names():

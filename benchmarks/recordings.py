@@ -15,6 +15,7 @@ import numpy as np
 
 from geo.frame import LocalFrame
 from mission.model import MissionItem
+from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import CannotFly, Disarmed, FlightEvent, ItemReached
@@ -144,8 +145,8 @@ def load_recording(path: Path) -> Recording:
     except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
         msg = f"recording {path}: {error}"
         raise VehicleError(msg) from None
-    if autopilot == "ardupilot":
-        # Item 0 of an ArduPilot is its home.
+    if get_autopilot(autopilot).for_vehicle("multirotor").profile.home_at_zero:
+        # Item 0 on the wire is home.
         items = items[1:]
         reached = tuple((time_s, seq - 1) for time_s, seq in reached)
     flight = Flight(

@@ -3,6 +3,7 @@
 from sim_vehicle.airframe.autopilot_names import DEFAULT_AUTOPILOT, autopilot_names
 from sim_vehicle.autopilot.registry import (
     adapt_vehicle,
+    autopilot_of_number,
     firmware_of,
     fixed_wing_procedures,
     flight_procedures,
@@ -15,6 +16,7 @@ __all__ = [
     "DEFAULT_AUTOPILOT",
     "adapt_vehicle",
     "autopilot_names",
+    "autopilot_of_number",
     "firmware_of",
     "fixed_wing_procedures",
     "flight_procedures",

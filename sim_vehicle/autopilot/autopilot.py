@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from mission.transfer.profile import Profile
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.autopilot.failsafe_rules import FailsafeRules
-    from sim_vehicle.autopilot.model import FlightProcedures
+    from sim_vehicle.autopilot.flight_procedures import FlightProcedures
     from sim_vehicle.autopilot.persona import Persona
 
 __all__ = ["Autopilot", "Firmware"]

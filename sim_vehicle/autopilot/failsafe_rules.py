@@ -6,9 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from types import MappingProxyType
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from sim_vehicle.airframe.spec import VehicleSpec
 
 __all__ = ["Action", "ActionParameters", "FailsafeRules", "actions_by_value"]
+
+_VOLTAGE_CELLS = 3
 
 
 class Action(Enum):
@@ -73,6 +78,9 @@ class FailsafeRules:
         Texts for the operator; ``fence_text`` and ``stream_lost`` have a place for what follows.
     defaults : mapping of str to float
         Values of `RuntimeParameters` that are not those of its own defaults.
+    low_voltage_v : float
+        Voltage of the whole pack that is low, for batteries of three cells and more; 0 is none. ArduCopter's
+        default refuses to arm with fewer cells.
     """
 
     fence_actions: Mapping[int, Action]
@@ -93,6 +101,13 @@ class FailsafeRules:
     link_regained: str
     stream_lost: str
     defaults: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    low_voltage_v: float = 0.0
+
+    def defaults_for(self, spec: VehicleSpec) -> Mapping[str, float]:
+        """Values of `RuntimeParameters` with which a vehicle starts, where its own defaults do not hold."""
+        if spec.battery is None or spec.battery.cells < _VOLTAGE_CELLS:
+            return self.defaults
+        return {**self.defaults, "low_voltage_v": self.low_voltage_v}
 
     def fence_action(self, parameters: ActionParameters) -> Action:
         """Action after a breach of the fence."""

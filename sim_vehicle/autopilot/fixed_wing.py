@@ -35,7 +35,7 @@ _APPROACH_M = 30.0
 
 
 class FixedWingProcedures(ABC):
-    """How a firmware flies fixed wings; see `sim_vehicle.autopilot.model.FlightProcedures`."""
+    """How a firmware flies fixed wings; see `sim_vehicle.autopilot.flight_procedures.FlightProcedures`."""
 
     name: str
     parameters: Mapping[str, ParameterSpec]

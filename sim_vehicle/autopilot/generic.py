@@ -6,7 +6,7 @@ import math
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from sim_vehicle.autopilot.model import vertical_landing
+from sim_vehicle.autopilot.flight_procedures import vertical_landing
 from sim_vehicle.motion.legs import ALONG, KEEP, Leg, LegKind
 
 if TYPE_CHECKING:
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 SLOW_LANDING_M = 5.0
 
 
-class GenericAutopilot:
-    """See `sim_vehicle.autopilot.model.FlightProcedures`."""
+class GenericProcedures:
+    """See `sim_vehicle.autopilot.flight_procedures.FlightProcedures`."""
 
     name = "generic"
     parameters: Mapping[str, ParameterSpec] = MappingProxyType({})
@@ -81,4 +81,4 @@ class GenericAutopilot:
         return legs + self.landing_legs(spec, (home_x, home_y, z), (x, y, z), speed)
 
 
-GENERIC = GenericAutopilot()
+GENERIC = GenericProcedures()

@@ -94,6 +94,13 @@ class ModeTable:
         """Custom mode that parameters 2 and 3 of DO_SET_MODE name."""
         return px4_custom_mode(second & 255, third & 255) if self.main_and_sub else second
 
+    def set_mode_parameters(self, mode: Mode) -> tuple[float, ...]:
+        """Parameters 2 and following of DO_SET_MODE that order a mode; the inverse of `custom_mode_of`."""
+        number = self.numbers[mode]
+        if not self.main_and_sub:
+            return (float(number),)
+        return float(number >> 16 & 255), float(number >> 24 & 255)
+
 
 def px4_custom_mode(main: int, sub: int = 0) -> int:
     """Pack main and sub mode as PX4's ``px4_custom_mode.h`` does.

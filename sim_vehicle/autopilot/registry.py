@@ -23,10 +23,11 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.autopilot.model import FlightProcedures
+    from sim_vehicle.autopilot.flight_procedures import FlightProcedures
 
 __all__ = [
     "adapt_vehicle",
+    "autopilot_of_number",
     "firmware_of",
     "fixed_wing_procedures",
     "flight_procedures",
@@ -73,6 +74,22 @@ def _load(name: str) -> Autopilot:
         msg = f"autopilot {entry.name} ({entry.value}) calls itself {autopilot.name}: the names must be equal"
         raise VehicleError(msg)
     return autopilot
+
+
+def autopilot_of_number(mav_autopilot: int) -> Autopilot:
+    """Autopilot whose MAV_AUTOPILOT a heartbeat has; the default one when none of the installed has it.
+
+    Examples
+    --------
+    >>> autopilot_of_number(3).title, autopilot_of_number(0).title
+    ('ArduPilot', 'PX4')
+    """
+    for name in autopilot_names():
+        autopilot = get_autopilot(name)
+        numbers = {firmware.persona.identity.mav_autopilot for firmware in autopilot.firmwares.values()}
+        if mav_autopilot in numbers:
+            return autopilot
+    return get_autopilot()
 
 
 def forget_autopilots() -> None:

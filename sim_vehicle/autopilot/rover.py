@@ -22,7 +22,7 @@ __all__ = ["RoverProcedures"]
 
 
 class RoverProcedures(ABC):
-    """How a firmware drives rovers; see `sim_vehicle.autopilot.model.FlightProcedures`."""
+    """How a firmware drives rovers; see `sim_vehicle.autopilot.flight_procedures.FlightProcedures`."""
 
     name: str
     parameters: Mapping[str, ParameterSpec]

@@ -83,7 +83,5 @@ class RuntimeParameters:
             spec.disarm_delay_s,
             battery.reserve_fraction if battery else 0.0,
             battery.critical_fraction if battery else 0.0,
-            # ArduCopter's default, which is meant for three cells and refuses to arm with fewer.
-            low_voltage_v=10.5 if spec.kind == "multirotor" and battery and battery.cells > 2 else 0.0,
             settings=dict(spec.parameters),
         )

@@ -13,6 +13,7 @@ from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.autopilot.autopilot import Autopilot
 from sim_vehicle.errors import VehicleError
+from sim_vehicle.execution.sequencer import EPOCH_UNIX_S
 from sim_vehicle.host.ports import ServerUrl
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.weather.wind import Wind
@@ -22,7 +23,6 @@ __all__ = ["MOST_VEHICLES", "SPACING_M", "Fleet", "fleet_urls", "start_places"]
 MOST_VEHICLES = 250
 """System ids go to 255, and ground stations need some."""
 SPACING_M = 4.0
-_DEFAULT_EPOCH_S = 1_780_315_200.0
 
 
 def start_places(home: GeoPoint, count: int, spacing_m: float = SPACING_M) -> list[GeoPoint]:
@@ -122,7 +122,7 @@ class Fleet:
         wind: Wind | None = None,
         noise: SensorNoise | None = None,
         spacing_m: float = SPACING_M,
-        epoch_unix_s: float = _DEFAULT_EPOCH_S,
+        epoch_unix_s: float = EPOCH_UNIX_S,
     ) -> None:
         given = 1 if isinstance(home, GeoPoint) else len(home)
         number = given if count is None else count

@@ -12,21 +12,20 @@ from sim_vehicle.motion.legs import KEEP
 from sim_vehicle.pilot.notices import RefusedError
 
 if TYPE_CHECKING:
-    from sim_vehicle.mavlink.commands import Order
-    from sim_vehicle.mavlink.vehicle import SimVehicle
+    from sim_vehicle.mavlink.orders import CommandedVehicle, Order
 
-__all__ = ["FLIGHT_ORDERS"]
+__all__ = ["FLIGHT_COMMANDS"]
 
 _TERMINATE = 0.5
 
 
-def _altitude(vehicle: SimVehicle, order: Order, altitude_m: float) -> float:
+def _altitude(vehicle: CommandedVehicle, order: Order, altitude_m: float) -> float:
     if not math.isfinite(altitude_m):
         return vehicle.pilot.state.position_m[2]
-    return altitude_m - (0.0 if order.frame in RELATIVE_FRAMES else vehicle.home.altitude_m)
+    return altitude_m - (0.0 if order.frame in RELATIVE_FRAMES else vehicle.state.home.altitude_m)
 
 
-def fence_enable(vehicle: SimVehicle, order: Order) -> None:
+def fence_enable(vehicle: CommandedVehicle, order: Order) -> None:
     """DO_FENCE_ENABLE (ArduPilot): 0 off, 1 on, 2 all but the floor."""
     kind = order.number(1, -1)
     if kind not in (0, 1, 2):
@@ -35,13 +34,13 @@ def fence_enable(vehicle: SimVehicle, order: Order) -> None:
     vehicle.pilot.apply_parameters()
 
 
-def terminate(vehicle: SimVehicle, order: Order) -> None:
+def terminate(vehicle: CommandedVehicle, order: Order) -> None:
     """DO_FLIGHTTERMINATION: the motors stop."""
     if order.params[0] > _TERMINATE:
         vehicle.pilot.terminate("by command")
 
 
-def yaw(vehicle: SimVehicle, order: Order) -> None:
+def yaw(vehicle: CommandedVehicle, order: Order) -> None:
     """CONDITION_YAW outside of a mission: turn on the place."""
     angle = math.radians(order.params[0])
     if not math.isfinite(angle):
@@ -52,7 +51,7 @@ def yaw(vehicle: SimVehicle, order: Order) -> None:
     vehicle.pilot.turn(angle)
 
 
-def region(vehicle: SimVehicle, order: Order) -> None:
+def region(vehicle: CommandedVehicle, order: Order) -> None:
     """DO_SET_ROI_LOCATION and DO_SET_ROI: point the nose at a place; without one, no more."""
     place = order.place if order.frame in (0, *RELATIVE_FRAMES) else None
     if place is None:
@@ -61,12 +60,12 @@ def region(vehicle: SimVehicle, order: Order) -> None:
         vehicle.pilot.look_at(*place)
 
 
-def no_region(vehicle: SimVehicle, _order: Order) -> None:
+def no_region(vehicle: CommandedVehicle, _order: Order) -> None:
     """DO_SET_ROI_NONE."""
     vehicle.pilot.look_at(None)
 
 
-def orbit(vehicle: SimVehicle, order: Order) -> None:
+def orbit(vehicle: CommandedVehicle, order: Order) -> None:
     """DO_ORBIT (PX4): radius, speed, -, -, place; what is not given is 10 m, the cruise speed, here."""
     pilot = vehicle.pilot
     radius, speed = order.params[:2]
@@ -76,11 +75,11 @@ def orbit(vehicle: SimVehicle, order: Order) -> None:
         _altitude(vehicle, order, order.params[6]),
         radius_m=radius if math.isfinite(radius) and radius else 10.0,
         speed_m_s=speed if math.isfinite(speed) and speed > 0.0 else pilot.spec.cruise_speed_m_s,
-        mode=vehicle.firmware.persona.modes.after_command,
+        mode=vehicle.state.firmware.persona.modes.after_command,
     )
 
 
-def change_altitude(vehicle: SimVehicle, order: Order) -> None:
+def change_altitude(vehicle: CommandedVehicle, order: Order) -> None:
     """DO_CHANGE_ALTITUDE: altitude and its frame; where it is."""
     pilot = vehicle.pilot
     altitude, frame = order.params[0], order.number(2)
@@ -88,14 +87,17 @@ def change_altitude(vehicle: SimVehicle, order: Order) -> None:
         msg = "Altitude refused: no altitude or frame"
         raise RefusedError(msg, denied=True)
     if frame not in RELATIVE_FRAMES:
-        altitude -= vehicle.home.altitude_m
+        altitude -= vehicle.state.home.altitude_m
     x, y, _ = pilot.executor.motion.stopping_point()
     pilot.goto(
-        *pilot.frame.to_wgs84(x, y), altitude, mode=vehicle.firmware.persona.modes.after_command, heading=KEEP
+        *pilot.frame.to_wgs84(x, y),
+        altitude,
+        mode=vehicle.state.firmware.persona.modes.after_command,
+        heading=KEEP,
     )
 
 
-def land_start(vehicle: SimVehicle, _order: Order) -> None:
+def land_start(vehicle: CommandedVehicle, _order: Order) -> None:
     """DO_LAND_START: go on with the mission where its landing begins."""
     seq = next(
         (i for i, item in enumerate(vehicle.pilot.mission.items) if item.command == Command.DO_LAND_START),
@@ -108,7 +110,7 @@ def land_start(vehicle: SimVehicle, _order: Order) -> None:
     vehicle.pilot.set_mode(Mode.MISSION)
 
 
-def set_home(vehicle: SimVehicle, order: Order) -> None:
+def set_home(vehicle: CommandedVehicle, order: Order) -> None:
     """DO_SET_HOME: here (1) or at a place; the altitude stays that of the ground."""
     pilot = vehicle.pilot
     if order.params[0] == 1.0:
@@ -119,10 +121,10 @@ def set_home(vehicle: SimVehicle, order: Order) -> None:
         msg = "Home refused: no place"
         raise RefusedError(msg, denied=True)
     pilot.set_home(*place)
-    vehicle.moved_home()
+    vehicle.on_home_moved()
 
 
-FLIGHT_ORDERS = {
+FLIGHT_COMMANDS = {
     int(m.MAV_CMD_DO_FENCE_ENABLE): fence_enable,
     int(m.MAV_CMD_DO_FLIGHTTERMINATION): terminate,
     int(Command.CONDITION_YAW): yaw,

@@ -16,9 +16,9 @@ from sim_vehicle.mavlink.true_state import hil_state_quaternion, int16, quaterni
 from sim_vehicle.pilot.fence import Breach
 
 if TYPE_CHECKING:
-    from sim_vehicle.mavlink.vehicle import SimVehicle
+    from sim_vehicle.mavlink.wire_state import WireState
 
-__all__ = ["BUILDERS", "STREAMS"]
+__all__ = ["BUILDERS", "STREAMS", "built"]
 
 _UNUSED_CELL = 65535
 _GPS = 32
@@ -57,8 +57,8 @@ def base_mode(mode: Mode, armed: bool) -> int:
     return int(flags | m.MAV_MODE_FLAG_SAFETY_ARMED if armed else flags)
 
 
-def _heartbeat(vehicle: SimVehicle) -> Message:
-    pilot, persona = vehicle.pilot, vehicle.firmware.persona
+def _heartbeat(source: WireState) -> Message:
+    pilot, persona = source.pilot, source.firmware.persona
     if pilot.failsafe.active:
         status = m.MAV_STATE_EMERGENCY if pilot.state.phase is Phase.DEPLETED else m.MAV_STATE_CRITICAL
     else:
@@ -73,8 +73,8 @@ def _heartbeat(vehicle: SimVehicle) -> Message:
     )
 
 
-def _sys_status(vehicle: SimVehicle) -> Message:
-    pilot = vehicle.pilot
+def _sys_status(source: WireState) -> Message:
+    pilot = source.pilot
     health = _SENSORS
     if not pilot.controls.position_ok:
         health &= ~_GPS
@@ -92,34 +92,34 @@ def _sys_status(vehicle: SimVehicle) -> Message:
     )
 
 
-def _system_time(vehicle: SimVehicle) -> Message:
-    return m.MAVLink_system_time_message(vehicle.unix_us, vehicle.boot_ms)
+def _system_time(source: WireState) -> Message:
+    return m.MAVLink_system_time_message(source.unix_us, source.boot_ms)
 
 
-def _gps_raw_int(vehicle: SimVehicle) -> Message:
-    state = vehicle.pilot.state
-    place = vehicle.place
-    if not vehicle.pilot.controls.position_ok:
+def _gps_raw_int(source: WireState) -> Message:
+    state = source.pilot.state
+    place = source.position_e7
+    if not source.pilot.controls.position_ok:
         return m.MAVLink_gps_raw_int_message(
-            vehicle.unix_us, 1, 0, 0, 0, _UNUSED_CELL, _UNUSED_CELL, _UNUSED_CELL, _UNUSED_CELL, 0
+            source.unix_us, 1, 0, 0, 0, _UNUSED_CELL, _UNUSED_CELL, _UNUSED_CELL, _UNUSED_CELL, 0
         )
     east, north, _ = state.velocity_m_s
-    east_m, north_m, up_m = vehicle.sensed.gps_m
+    east_m, north_m, up_m = source.sensed.gps_m
     eph, epv, horizontal_mm, vertical_mm = 70, 90, 500, 800
-    if vehicle.errors is not None:
-        latitude, longitude = vehicle.pilot.frame.to_wgs84(east_m, north_m)
+    if source.errors is not None:
+        latitude, longitude = source.pilot.frame.to_wgs84(east_m, north_m)
         place = (
             round(latitude * 1e7),
             round(longitude * 1e7),
-            round(1000.0 * (up_m + vehicle.home.altitude_m)),
+            round(1000.0 * (up_m + source.home.altitude_m)),
         )
-        noise = vehicle.errors.noise
+        noise = source.errors.noise
         if noise.gps_m > 0.0:
             eph, epv = round(100.0 * HDOP), round(100.0 * VDOP)
             horizontal_mm = round(1000.0 * noise.horizontal_accuracy_m)
             vertical_mm = round(1000.0 * noise.vertical_accuracy_m)
     return m.MAVLink_gps_raw_int_message(
-        vehicle.unix_us,
+        source.unix_us,
         3,
         place[0],
         place[1],
@@ -136,16 +136,16 @@ def _gps_raw_int(vehicle: SimVehicle) -> Message:
     )
 
 
-def _global_position_int(vehicle: SimVehicle) -> Message:
-    state = vehicle.pilot.state
-    place = vehicle.place
+def _global_position_int(source: WireState) -> Message:
+    state = source.pilot.state
+    place = source.position_e7
     east, north, up = state.velocity_m_s
     return m.MAVLink_global_position_int_message(
-        vehicle.boot_ms,
+        source.boot_ms,
         place[0],
         place[1],
         place[2],
-        round(1000.0 * vehicle.sensed.believed_m[2]),
+        round(1000.0 * source.sensed.believed_m[2]),
         int16(100.0 * north),
         int16(100.0 * east),
         int16(-100.0 * up),
@@ -153,30 +153,30 @@ def _global_position_int(vehicle: SimVehicle) -> Message:
     )
 
 
-def _local_position_ned(vehicle: SimVehicle) -> Message:
-    state = vehicle.pilot.state
-    east, north, up = vehicle.sensed.believed_m
+def _local_position_ned(source: WireState) -> Message:
+    state = source.pilot.state
+    east, north, up = source.sensed.believed_m
     v_east, v_north, v_up = state.velocity_m_s
-    return m.MAVLink_local_position_ned_message(vehicle.boot_ms, north, east, -up, v_north, v_east, -v_up)
+    return m.MAVLink_local_position_ned_message(source.boot_ms, north, east, -up, v_north, v_east, -v_up)
 
 
-def _attitude(vehicle: SimVehicle) -> Message:
-    state = vehicle.pilot.state
+def _attitude(source: WireState) -> Message:
+    state = source.pilot.state
     yaw = math.remainder(state.yaw_rad, 2.0 * math.pi)
     return m.MAVLink_attitude_message(
-        vehicle.boot_ms, state.roll_rad, state.pitch_rad, yaw, 0.0, 0.0, state.yaw_rate_rad_s
+        source.boot_ms, state.roll_rad, state.pitch_rad, yaw, 0.0, 0.0, state.yaw_rate_rad_s
     )
 
 
-def _attitude_quaternion(vehicle: SimVehicle) -> Message:
-    state = vehicle.pilot.state
+def _attitude_quaternion(source: WireState) -> Message:
+    state = source.pilot.state
     return m.MAVLink_attitude_quaternion_message(
-        vehicle.boot_ms, *quaternion(state), 0.0, 0.0, state.yaw_rate_rad_s
+        source.boot_ms, *quaternion(state), 0.0, 0.0, state.yaw_rate_rad_s
     )
 
 
-def _vfr_hud(vehicle: SimVehicle) -> Message:
-    state = vehicle.pilot.state
+def _vfr_hud(source: WireState) -> Message:
+    state = source.pilot.state
     east, north, up = state.velocity_m_s
     flies = state.armed and state.landed is not LandedState.ON_GROUND
     return m.MAVLink_vfr_hud_message(
@@ -185,19 +185,19 @@ def _vfr_hud(vehicle: SimVehicle) -> Message:
         int(math.degrees(state.yaw_rad)) % 360,
         # A rover that brakes or drives backwards has a negative one; the field is a share of the power.
         min(100, round(100.0 * abs(state.throttle))) if flies else 0,
-        vehicle.place[2] / 1000.0,
+        source.position_e7[2] / 1000.0,
         up,
     )
 
 
-def _altitude(vehicle: SimVehicle) -> Message:
-    up = vehicle.sensed.believed_m[2]
-    amsl = vehicle.place[2] / 1000.0
-    return m.MAVLink_altitude_message(vehicle.boot_ms * 1000, amsl, amsl, up, up, up, up)
+def _altitude(source: WireState) -> Message:
+    up = source.sensed.believed_m[2]
+    amsl = source.position_e7[2] / 1000.0
+    return m.MAVLink_altitude_message(source.boot_ms * 1000, amsl, amsl, up, up, up, up)
 
 
-def _fence_status(vehicle: SimVehicle) -> Message:
-    watch = vehicle.pilot.failsafe.fence
+def _fence_status(source: WireState) -> Message:
+    watch = source.pilot.failsafe.fence
     return m.MAVLink_fence_status_message(
         int(watch.breach is not Breach.NONE),
         min(watch.count, 65535),
@@ -206,8 +206,8 @@ def _fence_status(vehicle: SimVehicle) -> Message:
     )
 
 
-def _battery_status(vehicle: SimVehicle) -> Message:
-    battery = vehicle.pilot.state.battery
+def _battery_status(source: WireState) -> Message:
+    battery = source.pilot.state.battery
     if battery is None:
         return m.MAVLink_battery_status_message(0, 1, 1, 32767, [_UNUSED_CELL] * 10, -1, -1, -1, -1, 0, 0)
     cell = min(65534, round(1000.0 * battery.voltage_v / battery.cells))
@@ -222,59 +222,59 @@ def _battery_status(vehicle: SimVehicle) -> Message:
         round(battery.used_mah),
         round(36.0 * battery.used_wh),
         math.ceil(100.0 * battery.fraction),
-        _remaining_s(vehicle),
-        _CHARGE_STATES[vehicle.pilot.failsafe.battery.level()],
+        _remaining_s(source),
+        _CHARGE_STATES[source.pilot.failsafe.battery.level()],
     )
 
 
-def _remaining_s(vehicle: SimVehicle) -> int:
+def _remaining_s(source: WireState) -> int:
     """Return how long the battery lasts in flight; 0 (unknown) on the ground and from an ArduPilot."""
-    battery, pilot = vehicle.pilot.state.battery, vehicle.pilot
-    told = vehicle.firmware.persona.tells_remaining_time and pilot.landed is not LandedState.ON_GROUND
+    battery, pilot = source.pilot.state.battery, source.pilot
+    told = source.firmware.persona.tells_remaining_time and pilot.landed is not LandedState.ON_GROUND
     if battery is None or not told or not math.isfinite(battery.remaining_s):
         return 0
     return min(round(battery.remaining_s), 2**31 - 1)
 
 
-def _extended_sys_state(vehicle: SimVehicle) -> Message:
-    return m.MAVLink_extended_sys_state_message(0, int(vehicle.pilot.landed))
+def _extended_sys_state(source: WireState) -> Message:
+    return m.MAVLink_extended_sys_state_message(0, int(source.pilot.landed))
 
 
-def _home_position(vehicle: SimVehicle) -> Message:
-    latitude, longitude, altitude = vehicle.home_e7
+def _home_position(source: WireState) -> Message:
+    latitude, longitude, altitude = source.home_e7
     return m.MAVLink_home_position_message(
-        latitude, longitude, altitude, 0.0, 0.0, 0.0, _HOME_Q, 0.0, 0.0, 1.0, vehicle.boot_ms * 1000
+        latitude, longitude, altitude, 0.0, 0.0, 0.0, _HOME_Q, 0.0, 0.0, 1.0, source.boot_ms * 1000
     )
 
 
-def _mission_current(vehicle: SimVehicle) -> Message:
-    pilot = vehicle.pilot
+def _mission_current(source: WireState) -> Message:
+    pilot = source.pilot
     size = pilot.mission.size
     in_mode = 1 if pilot.mode is Mode.MISSION else 2
-    seq = vehicle.wire_seq(pilot.mission.current_seq) if size else 0
+    seq = source.wire_seq(pilot.mission.current_seq) if size else 0
     state = pilot.mission_state
     if state == m.MISSION_STATE_COMPLETE:
         seq = 0
     return m.MAVLink_mission_current_message(
-        seq, size or vehicle.firmware.persona.no_mission_total, int(state), in_mode, *vehicle.plan_ids
+        seq, size or source.firmware.persona.no_mission_total, int(state), in_mode, *source.plan_ids
     )
 
 
-def _wind_cov(vehicle: SimVehicle) -> Message:
-    east, north = vehicle.pilot.state.wind_m_s
+def _wind_cov(source: WireState) -> Message:
+    east, north = source.pilot.state.wind_m_s
     return m.MAVLink_wind_cov_message(
-        vehicle.boot_ms * 1000, north, east, 0.0, 0.0, 0.0, vehicle.place[2] / 1000.0, 0.5, 0.5
+        source.boot_ms * 1000, north, east, 0.0, 0.0, 0.0, source.position_e7[2] / 1000.0, 0.5, 0.5
     )
 
 
-def _wind(vehicle: SimVehicle) -> Message:
-    east, north = vehicle.pilot.state.wind_m_s
+def _wind(source: WireState) -> Message:
+    east, north = source.pilot.state.wind_m_s
     direction = math.degrees(math.atan2(-east, -north)) if east or north else 0.0
     return m.MAVLink_wind_message(direction, math.hypot(east, north), 0.0)
 
 
-def _autopilot_version(vehicle: SimVehicle) -> Message:
-    identity = vehicle.firmware.persona.identity
+def _autopilot_version(source: WireState) -> Message:
+    identity = source.firmware.persona.identity
     nothing = [0] * 8
     return m.MAVLink_autopilot_version_message(
         identity.capabilities,
@@ -287,85 +287,85 @@ def _autopilot_version(vehicle: SimVehicle) -> Message:
         nothing,
         0,
         0,
-        vehicle.system_id,
-        [vehicle.system_id] + [0] * 17,
+        source.system_id,
+        [source.system_id] + [0] * 17,
     )
 
 
-def _protocol_version(_vehicle: SimVehicle) -> Message:
+def _protocol_version(_state: WireState) -> Message:
     return m.MAVLink_protocol_version_message(200, 100, 200, [0] * 8, [0] * 8)
 
 
-def _modes_monitor(_vehicle: SimVehicle) -> Message:
+def _modes_monitor(_state: WireState) -> Message:
     return m.MAVLink_available_modes_monitor_message(0)
 
 
-def _estimator_status(vehicle: SimVehicle) -> Message:
-    ok = vehicle.pilot.controls.position_ok
+def _estimator_status(source: WireState) -> Message:
+    ok = source.pilot.controls.position_ok
     return m.MAVLink_estimator_status_message(
-        vehicle.unix_us, _ESTIMATES_OK if ok else _ESTIMATES_BLIND, 0.1, 0.1, 0.1, 0.1, 0.0, 0.0, 0.5, 0.8
+        source.unix_us, _ESTIMATES_OK if ok else _ESTIMATES_BLIND, 0.1, 0.1, 0.1, 0.1, 0.0, 0.0, 0.5, 0.8
     )
 
 
-def _ekf_status_report(vehicle: SimVehicle) -> Message:
-    ok = vehicle.pilot.controls.position_ok
+def _ekf_status_report(source: WireState) -> Message:
+    ok = source.pilot.controls.position_ok
     flags = _ESTIMATES_OK if ok else _ESTIMATES_BLIND
     return m.MAVLink_ekf_status_report_message(flags, 0.1, 0.1, 0.1, 0.1, 0.0)
 
 
-def _rc_channels(vehicle: SimVehicle) -> Message:
-    return m.MAVLink_rc_channels_message(vehicle.boot_ms, 0, *[_UNUSED_CELL] * 18, 255)
+def _rc_channels(source: WireState) -> Message:
+    return m.MAVLink_rc_channels_message(source.boot_ms, 0, *[_UNUSED_CELL] * 18, 255)
 
 
-def _vibration(vehicle: SimVehicle) -> Message:
-    return m.MAVLink_vibration_message(vehicle.unix_us, 0.0, 0.0, 0.0, 0, 0, 0)
+def _vibration(source: WireState) -> Message:
+    return m.MAVLink_vibration_message(source.unix_us, 0.0, 0.0, 0.0, 0, 0, 0)
 
 
-def _scaled_pressure(vehicle: SimVehicle) -> Message:
-    pressure_hpa = _pressure_hpa(vehicle)
-    return m.MAVLink_scaled_pressure_message(vehicle.boot_ms, pressure_hpa, 0.0, 2500)
+def _scaled_pressure(source: WireState) -> Message:
+    pressure_hpa = _pressure_hpa(source)
+    return m.MAVLink_scaled_pressure_message(source.boot_ms, pressure_hpa, 0.0, 2500)
 
 
-def _pressure_hpa(vehicle: SimVehicle) -> float:
+def _pressure_hpa(source: WireState) -> float:
     """Pressure of the ICAO standard atmosphere at the vehicle's height above the sea."""
-    height_m = min(11_000.0, _barometer_m(vehicle))
+    height_m = min(11_000.0, _barometer_m(source))
     return float(1013.25 * (1.0 - 2.25577e-5 * height_m) ** 5.25588)
 
 
-def _barometer_m(vehicle: SimVehicle) -> float:
+def _barometer_m(source: WireState) -> float:
     """Return the barometer's height above the sea."""
-    if vehicle.errors is None:
-        return vehicle.place[2] / 1000.0
-    return vehicle.sensed.barometer_m + vehicle.home.altitude_m
+    if source.errors is None:
+        return source.position_e7[2] / 1000.0
+    return source.sensed.barometer_m + source.home.altitude_m
 
 
-def _highres_imu(vehicle: SimVehicle) -> Message:
+def _highres_imu(source: WireState) -> Message:
     """Tell what the sensors would read: specific force and magnetic field along forward, right, down."""
-    state = vehicle.pilot.state
+    state = source.pilot.state
     east, north, up = state.acceleration_m_s2
     force = to_body(state, north, east, -(up + GRAVITY_M_S2))
     field = to_body(state, 0.25, 0.0, 0.41)
     return m.MAVLink_highres_imu_message(
-        vehicle.unix_us,
+        source.unix_us,
         *force,
         0.0,
         0.0,
         state.yaw_rate_rad_s,
         *field,
-        _pressure_hpa(vehicle),
+        _pressure_hpa(source),
         0.0,
-        _barometer_m(vehicle),
+        _barometer_m(source),
         25.0,
         0x1FFF,
     )
 
 
-def _gps_global_origin(vehicle: SimVehicle) -> Message:
-    return m.MAVLink_gps_global_origin_message(*vehicle.home_e7, vehicle.unix_us)
+def _gps_global_origin(source: WireState) -> Message:
+    return m.MAVLink_gps_global_origin_message(*source.home_e7, source.unix_us)
 
 
-def _current_mode(vehicle: SimVehicle) -> Message:
-    number = vehicle.firmware.persona.modes[vehicle.pilot.mode]
+def _current_mode(source: WireState) -> Message:
+    number = source.firmware.persona.modes[source.pilot.mode]
     return m.MAVLink_current_mode_message(0, number, number)
 
 
@@ -373,7 +373,7 @@ def _centidegrees(angle_rad: float) -> int:
     return round(math.degrees(angle_rad) * 100.0) % 36000
 
 
-BUILDERS: dict[int, Callable[[SimVehicle], Message]] = {
+BUILDERS: dict[int, Callable[[WireState], Message]] = {
     m.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
     m.MAVLINK_MSG_ID_SYS_STATUS: _sys_status,
     m.MAVLINK_MSG_ID_SYSTEM_TIME: _system_time,
@@ -405,6 +405,13 @@ BUILDERS: dict[int, Callable[[SimVehicle], Message]] = {
     m.MAVLINK_MSG_ID_HIGHRES_IMU: _highres_imu,
     m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: _gps_global_origin,
 }
+
+
+def built(message_id: int, source: WireState) -> tuple[Message, ...]:
+    """The message with this id from the state now; none when there is none such."""
+    builder = BUILDERS.get(message_id)
+    return () if builder is None else (builder(source),)
+
 
 _POSITION = (m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, m.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
 _STATUS = (

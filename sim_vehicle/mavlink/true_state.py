@@ -12,7 +12,7 @@ from sim_vehicle.airframe.sensor_errors import SensorNoise
 from sim_vehicle.execution.state import VehicleState
 
 if TYPE_CHECKING:
-    from sim_vehicle.mavlink.vehicle import SimVehicle
+    from sim_vehicle.mavlink.wire_state import WireState
 
 __all__ = ["hil_state_quaternion", "int16", "quaternion", "sim_state", "to_body"]
 
@@ -45,27 +45,27 @@ def int16(value: float) -> int:
     return max(-32767, min(32767, round(value)))
 
 
-def _truth(vehicle: SimVehicle) -> tuple[tuple[int, int], float, tuple[float, float, float]]:
+def _truth(source: WireState) -> tuple[tuple[int, int], float, tuple[float, float, float]]:
     """Return the true place (1e-7 degree), its height above the sea, and the velocity (north, east, down)."""
-    east_m, north_m, up_m = vehicle.sensed.true_m
-    latitude, longitude = vehicle.pilot.frame.to_wgs84(east_m, north_m)
+    east_m, north_m, up_m = source.sensed.true_m
+    latitude, longitude = source.pilot.frame.to_wgs84(east_m, north_m)
     east, north, up = (
         believed + drift
-        for believed, drift in zip(vehicle.pilot.state.velocity_m_s, vehicle.sensed.drift_m_s, strict=True)
+        for believed, drift in zip(source.pilot.state.velocity_m_s, source.sensed.drift_m_s, strict=True)
     )
     place = (round(latitude * 1e7), round(longitude * 1e7))
-    return place, up_m + vehicle.home.altitude_m, (north, east, -up)
+    return place, up_m + source.home.altitude_m, (north, east, -up)
 
 
-def hil_state_quaternion(vehicle: SimVehicle) -> Message:
+def hil_state_quaternion(source: WireState) -> Message:
     """Return what PX4's simulators tell."""
-    state = vehicle.pilot.state
-    place, height_m, velocity = _truth(vehicle)
+    state = source.pilot.state
+    place, height_m, velocity = _truth(source)
     airspeed = min(65535, round(100.0 * state.airspeed_m_s))
     east, north, up = state.acceleration_m_s2
     force = to_body(state, north, east, -(up + GRAVITY_M_S2))
     return m.MAVLink_hil_state_quaternion_message(
-        vehicle.unix_us,
+        source.unix_us,
         list(quaternion(state)),
         0.0,
         0.0,
@@ -79,12 +79,12 @@ def hil_state_quaternion(vehicle: SimVehicle) -> Message:
     )
 
 
-def sim_state(vehicle: SimVehicle) -> Message:
+def sim_state(source: WireState) -> Message:
     """Return what ArduPilot's simulator tells, with the size of the errors of the believed place."""
-    state = vehicle.pilot.state
-    (latitude, longitude), height_m, velocity = _truth(vehicle)
+    state = source.pilot.state
+    (latitude, longitude), height_m, velocity = _truth(source)
     east, north, up = state.acceleration_m_s2
-    noise = vehicle.errors.noise if vehicle.errors is not None else SensorNoise()
+    noise = source.errors.noise if source.errors is not None else SensorNoise()
     spread = (noise.horizontal_accuracy_m, noise.barometer_m)
     return m.MAVLink_sim_state_message(
         *quaternion(state),

@@ -104,7 +104,7 @@ class Pilot:
         self.outcome = Outcome.RUNNING
         self.outcome_text = ""
         self.parameters = parameters = RuntimeParameters.of(spec)
-        for name, value in rules.defaults.items():
+        for name, value in rules.defaults_for(spec).items():
             setattr(parameters, name, value)
         self.executor = MissionExecutor(
             spec, frame, wind=wind, yaw_rad=yaw_rad, takes_off=takes_off, epoch_unix_s=epoch_unix_s

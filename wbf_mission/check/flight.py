@@ -17,13 +17,12 @@ check = Checks()
 _READY_S = 90.0
 _FLIGHT_S = 240.0
 _ALTITUDE_M = 8.0
-_COPTER_GUIDED = 4.0
-_PX4_HOLD = (4.0, 3.0)
 
 
 def _ready_mode(peer: Peer) -> None:
-    """Take a mode in which it arms: GUIDED of ArduCopter, hold of PX4."""
-    peer.must(m.MAV_CMD_DO_SET_MODE, 1.0, *((_COPTER_GUIDED,) if peer.is_ardupilot else _PX4_HOLD))
+    """Take a mode in which it arms and takes commands: GUIDED of ArduCopter, hold of PX4."""
+    modes = peer.persona.modes
+    peer.must(m.MAV_CMD_DO_SET_MODE, 1.0, *modes.set_mode_parameters(modes.after_command))
 
 
 def _arm(peer: Peer) -> None:
@@ -62,14 +61,13 @@ def takeoff_land(peer: Peer) -> str:
     """Up and down."""
     began_s = peer.now()
     _ready_mode(peer)
-    if not peer.is_ardupilot:
-        peer.command(m.MAV_CMD_NAV_TAKEOFF, *[math.nan] * 6, peer.home.altitude_m + _ALTITUDE_M)
+    default = math.nan if peer.profile.nan_parameters is None else 0.0
+    base_m = peer.home.altitude_m if peer.persona.takeoff_above_sea else 0.0
+    takeoff = (m.MAV_CMD_NAV_TAKEOFF, *[default] * 6, base_m + _ALTITUDE_M)
+    if not peer.persona.takeoff_needs_arming:
+        peer.command(*takeoff)
     _arm(peer)
-    peer.must(
-        m.MAV_CMD_NAV_TAKEOFF,
-        *([0.0] * 6 if peer.is_ardupilot else [math.nan] * 6),
-        _ALTITUDE_M if peer.is_ardupilot else peer.home.altitude_m + _ALTITUDE_M,
-    )
+    peer.must(*takeoff)
     _wait(peer, "it does not climb", _FLIGHT_S, _is_up)
     peer.must(m.MAV_CMD_NAV_LAND)
     _wait(peer, "it does not land and disarm", _FLIGHT_S, _is_disarmed)

@@ -61,7 +61,7 @@ class Sender:
             if answer is None:
                 raise FailedError("the vehicle falls silent in the middle of the upload")
             if type(answer).id == wire.ACK:
-                if answer.type == wire.INVALID_SEQUENCE and self.peer.is_ardupilot:
+                if answer.type == self.peer.profile.order_result:
                     continue
                 return answer
             if answer.seq >= len(self.items):
@@ -172,7 +172,7 @@ def out_of_order(peer: Peer) -> None:
     if answer is not None and type(answer).id == wire.ACK:
         if answer.type == wire.ACCEPTED:
             raise FailedError("it is accepted")
-        if not peer.is_ardupilot:
+        if peer.profile.order_result is None:
             return
     _accepted(sender.finish())
     _holds(peer, 5)

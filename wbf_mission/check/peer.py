@@ -16,6 +16,8 @@ from mission.link.endpoint import MavlinkEndpoint
 from mission.model import Command, GeoPoint, Mission, MissionItem, MissionType
 from mission.transfer import Profile
 from mission.transfer.driver import TransferDriver, Vehicle, wait_readable
+from sim_vehicle.autopilot import autopilot_of_number
+from sim_vehicle.autopilot.persona import Persona
 from wbf_mission.check.errors import FailedError
 
 __all__ = ["GROUND", "Peer"]
@@ -82,9 +84,9 @@ class Peer:
         return self.vehicle.profile
 
     @property
-    def is_ardupilot(self) -> bool:
-        """Whether it says that it is an ArduPilot."""
-        return bool(self.vehicle.autopilot == m.MAV_AUTOPILOT_ARDUPILOTMEGA)
+    def persona(self) -> Persona:
+        """How its autopilot shows itself on a multirotor."""
+        return autopilot_of_number(self.vehicle.autopilot).for_vehicle("multirotor").persona
 
     @property
     def address(self) -> tuple[int, int]:

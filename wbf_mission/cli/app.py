@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from geo.errors import WbfMissionError
-from wbf_mission.cli import benchmark, check, farm, fly, plan, signals, sim, transfer, vehicle
+from wbf_mission.cli import benchmark, check, farm, fly, plan, signals, sim, transfer, vehicle, warm_up
 from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.output import StdoutError, plain, to_stdout
 from wbf_mission.exit_codes import ExitCode, exit_code_of
@@ -39,6 +39,7 @@ app.command("upload", cls=HelpCommand, epilog=transfer.UPLOAD_EXAMPLES)(transfer
 app.command("download", cls=HelpCommand, epilog=transfer.DOWNLOAD_EXAMPLES)(transfer.download_command)
 app.add_typer(farm.app, name="farm")
 app.add_typer(vehicle.app, name="vehicle")
+app.command("warm-up", cls=HelpCommand, epilog=warm_up.EXAMPLES)(warm_up.warm_up_command)
 app.command("benchmark", cls=HelpCommand, epilog=benchmark.EXAMPLES)(benchmark.benchmark_command)
 
 

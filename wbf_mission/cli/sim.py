@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +19,6 @@ from wbf_mission.sim_options import LINKS, SimOptions, load_sim, parse_speed
 
 if TYPE_CHECKING:
     from mission.link.codec.signing import Signing
-    from mission.link.tlog import TlogWriter
     from wbf_mission.simulator import Simulated
 
 EXAMPLES = """
@@ -100,8 +98,10 @@ def sim_command(
     It binds to loopback unless a link says otherwise. End it with Ctrl-C or SIGTERM: the vehicles say goodbye
     (a HEARTBEAT with the state POWEROFF) and the log is complete.
     """
+    from mission.link.tlog import TlogWriter
     from sim_vehicle.faults.fault import parse_fault
     from sim_vehicle.host.server import Server
+    from wbf_mission.flight import EPOCH_UNIX_S
     from wbf_mission.scenario import Scenario
     from wbf_mission.simulator import make_components, parse_home
 
@@ -127,19 +127,26 @@ def sim_command(
             progress=progress,
         )
     cleanup = ExitStack()
-    log, tap = _log(tlog)
-    if log is not None:
-        cleanup.callback(log.close)
+    log: TlogWriter | None = None
+
+    def tap(frame: bytes, now_s: float) -> None:
+        if log is not None:
+            log.write(frame, EPOCH_UNIX_S + now_s)
+
     try:
         with Server(
             simulated.components,
             [*chosen.listen, *chosen.connect] or simulated.fleet.urls,
             speed=parse_speed(chosen.speed),
-            tap=tap,
+            tap=None if tlog is None else tap,
             faults=faults,
             seed=scenario.seed,
             signing=_signing(signing_key),
         ) as server:
+            if tlog is not None:
+                # Only now: what keeps the simulator from starting leaves an older log as it was.
+                log = TlogWriter(tlog)
+                cleanup.callback(log.close)
             output.note(_greeting(simulated, scenario.vehicle.name, server.urls))
             for wrong in faults:
                 output.note(f"fault: {wrong}")
@@ -189,22 +196,6 @@ def _signing(key: str | None) -> Signing | None:
             msg = f"signing key: {key[1:]} cannot be read: {error}"
             raise LinkError(msg) from error
     return Signing(key_from_text(key), clock=time.time)
-
-
-def _log(path: Path | None) -> tuple[TlogWriter | None, Callable[[bytes, float], None] | None]:
-    """Open the log, and return it with what writes a frame into it."""
-    if path is None:
-        return None, None
-    from mission.link.tlog import TlogWriter
-    from wbf_mission.flight import EPOCH_UNIX_S
-
-    log = TlogWriter(path)
-    write = log.write
-
-    def tap(frame: bytes, now_s: float) -> None:
-        write(frame, EPOCH_UNIX_S + now_s)
-
-    return log, tap
 
 
 def _write_ready(path: Path, urls: tuple[str, ...]) -> None:

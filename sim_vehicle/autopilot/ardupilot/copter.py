@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from sim_vehicle.airframe.parameters import ParameterSpec
-from sim_vehicle.autopilot.model import vertical_landing
+from sim_vehicle.autopilot.flight_procedures import vertical_landing
 from sim_vehicle.motion.arducopter.parameters import PARAMETERS, fastest_airspeed_m_s, lookup
 from sim_vehicle.motion.legs import ALONG, KEEP, Leg, LegKind
 
@@ -25,8 +25,8 @@ _LEAST_CONE = 0.5
 _SPOOL_DOWN_S = 0.35
 
 
-class ArduCopterAutopilot:
-    """See `sim_vehicle.autopilot.model.FlightProcedures`."""
+class ArduCopterProcedures:
+    """See `sim_vehicle.autopilot.flight_procedures.FlightProcedures`."""
 
     name = "ardupilot"
     parameters: Mapping[str, ParameterSpec] = PARAMETERS
@@ -105,4 +105,4 @@ class ArduCopterAutopilot:
         ]
 
 
-ARDUCOPTER = ArduCopterAutopilot()
+ARDUCOPTER = ArduCopterProcedures()

@@ -45,6 +45,7 @@ COPTER_RULES = FailsafeRules(
             "critical_battery_action": 1,
         }
     ),
+    low_voltage_v=10.5,
 )
 
 # ArduPlane's and Rover's own numbers; a low and a critical battery end the flight as the copter's do.
@@ -57,6 +58,7 @@ PLANE_RULES = replace(
     defaults=MappingProxyType(
         {**COPTER_RULES.defaults, "low_battery_action": 1, "critical_battery_action": 2}
     ),
+    low_voltage_v=0.0,
 )
 _ROVER_BATTERY = actions_by_value(WARN="0", RETURN="1 3 4", HOLD="2 6", TERMINATE="5")
 ROVER_RULES = replace(
@@ -67,4 +69,5 @@ ROVER_RULES = replace(
     defaults=MappingProxyType(
         {**COPTER_RULES.defaults, "low_battery_action": 1, "critical_battery_action": 2}
     ),
+    low_voltage_v=0.0,
 )

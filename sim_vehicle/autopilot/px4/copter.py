@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from sim_vehicle.airframe.parameters import ParameterSpec
 from sim_vehicle.airframe.spec import GRAVITY_M_S2
-from sim_vehicle.autopilot.model import vertical_landing
+from sim_vehicle.autopilot.flight_procedures import vertical_landing
 from sim_vehicle.motion.legs import KEEP, Leg, LegKind
 from sim_vehicle.motion.px4.parameters import PARAMETERS, drag_of, value_of
 
@@ -25,8 +25,8 @@ _FOREVER_S = 1e6
 _NEVER_DISARM_S = 3599.0
 
 
-class Px4MultirotorAutopilot:
-    """See `sim_vehicle.autopilot.model.FlightProcedures`."""
+class Px4MultirotorProcedures:
+    """See `sim_vehicle.autopilot.flight_procedures.FlightProcedures`."""
 
     name = "px4"
     parameters: Mapping[str, ParameterSpec] = PARAMETERS
@@ -142,4 +142,4 @@ def return_height_m(spec: VehicleSpec, distance_m: float, height_m: float, least
     return max(min(height, most), height_m)
 
 
-PX4_MULTIROTOR = Px4MultirotorAutopilot()
+PX4_MULTIROTOR = Px4MultirotorProcedures()

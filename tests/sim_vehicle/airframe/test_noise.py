@@ -217,7 +217,7 @@ def test_without_noise_everything_is_as_it_was():
         assert first == second
     assert exact.schedule.interval_us(m.MAVLINK_MSG_ID_HIL_STATE_QUATERNION) == -1
     true = told(exact, m.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, 3.0)
-    assert (true.lat, true.lon, true.alt) == exact.place
+    assert (true.lat, true.lon, true.alt) == exact.state.position_e7
 
 
 def test_each_vehicle_has_its_own_errors_and_the_first_those_that_were_given():
@@ -234,7 +234,7 @@ def test_a_restarted_autopilot_goes_on_in_the_same_world():
     before = vehicle.position_error(50e6)
     vehicle.reboot()
     vehicle.poll(51.0)
-    assert vehicle.boot_ms == 1000
+    assert vehicle.state.boot_ms == 1000
     assert vehicle.position_error(0.0) == before
 
 

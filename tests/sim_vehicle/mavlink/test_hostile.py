@@ -90,7 +90,7 @@ def bombard(vehicle, rng, total, *, step_s=0.003):
 def still_works(vehicle):
     """Whether a vehicle takes a mission after all that."""
     simulation = Simulation([vehicle])
-    simulation.now_s = vehicle.now_us / 1e6
+    simulation.now_s = vehicle.state.now_us / 1e6
     link = simulation.open_link()
     driver = TransferDriver(MavlinkEndpoint(link, 255, 190), clock=link.clock, wait=link.wait)
     link.sleep(20.0)

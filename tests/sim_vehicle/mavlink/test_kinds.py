@@ -6,6 +6,7 @@ import pytest
 
 from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.frames import FrameWriter
 from mission.model import GeoPoint, Mission, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
@@ -173,3 +174,23 @@ def test_a_parameter_set_in_flight_changes_the_circle():
     vehicle.poll(160.0)
     east, north, _ = pilot.state.position_m
     assert math.hypot(east - x, north - y) == pytest.approx(120.0, rel=0.05)
+
+
+@BOTH
+def test_a_rover_that_rolls_out_without_power_still_tells_its_throttle(autopilot):
+    vehicle = SimVehicle(get_vehicle("rover"), POINT, autopilot=autopilot)
+    vehicle.pilot.load([item(16, 100.0, 0.0)])
+    vehicle.pilot.arm()
+    vehicle.pilot.set_mode(Mode.MISSION)
+    writer = FrameWriter(1, 1)
+    told = []
+    for k in range(1, 400):
+        if k == 150:
+            vehicle.pilot.drain_battery(0.0)
+        for message in vehicle.poll(k / 10.0):
+            writer.encode(message)
+        (hud,) = vehicle.built(m.MAVLINK_MSG_ID_VFR_HUD)
+        writer.encode(hud)
+        told.append(hud.throttle)
+    assert max(told) > 10
+    assert all(0 <= throttle <= 100 for throttle in told)

@@ -228,10 +228,10 @@ def test_reposition_by_int_in_both_frames_and_its_refusals():
     peer.wait(10.0)
     assert goto(280501000, -821500000, 8.0, 6) == 0
     peer.wait(15.0)
-    assert peer.vehicle.place == pytest.approx((280501000, -821500000, 28_000), abs=20)
+    assert peer.vehicle.state.position_e7 == pytest.approx((280501000, -821500000, 28_000), abs=20)
     assert goto(280500000, -821500000, 35.0, 5) == 0
     peer.wait(15.0)
-    assert peer.vehicle.place == pytest.approx((280500000, -821500000, 35_000), abs=20)
+    assert peer.vehicle.state.position_e7 == pytest.approx((280500000, -821500000, 35_000), abs=20)
     assert goto(380500000, -821500000, 10.0, 6) == 2
     assert goto(280501000, -821500000, -10.0, 6) == 2
     assert goto(280501000, -821500000, 10.0, 2) == 2
@@ -300,12 +300,12 @@ def test_speed_home_reboot_and_calibration():
     assert peer.result(179, 1.0) == 0
     assert peer.result(179, 0, 0, 0, 0, 29.06, -82.15, 10.0) == 2
     assert peer.result(179, 0, 0, 0, 0, 28.06, -82.15, 10.0) == 0
-    assert peer.vehicle.home_e7[0] == pytest.approx(280_600_000, abs=20), "a float32 came"
+    assert peer.vehicle.state.home_e7[0] == pytest.approx(280_600_000, abs=20), "a float32 came"
     assert peer.result(241) == 0
     peer.wait(5.0)
     assert peer.result(246, 1.0) == 0
     peer.wait(1.0)
-    assert peer.vehicle.boot_ms == 1000
+    assert peer.vehicle.state.boot_ms == 1000
     peer.result(400, 1.0)
     assert peer.result(246, 1.0) == peer.result(241) == 1
 

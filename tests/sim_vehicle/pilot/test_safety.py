@@ -557,7 +557,7 @@ def test_the_current_item_is_set_at_any_moment(autopilot, when_s):
     rig.pilot.arm()
     rig.run(when_s)
     own = 2
-    rig.tell(m.MAVLink_mission_set_current_message(1, 1, rig.vehicle.wire_seq(own)))
+    rig.tell(m.MAVLink_mission_set_current_message(1, 1, rig.vehicle.state.wire_seq(own)))
     assert rig.pilot.mission.current_seq == own
     rig.run(150.0)
     assert rig.pilot.outcome is Outcome.COMPLETED

@@ -8,13 +8,13 @@ from mission.transfer.profile import Profile
 from sim_vehicle.airframe.parameters import ParameterSpec
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.failsafe_rules import FailsafeRules, actions_by_value
-from sim_vehicle.autopilot.generic import GenericAutopilot
+from sim_vehicle.autopilot.generic import GenericProcedures
 from sim_vehicle.autopilot.mav_parameter import MavParameter
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.persona import COMMON_CAPABILITIES, Identity, ModeTable, Persona
 
 
-class NimbusProcedures(GenericAutopilot):
+class NimbusProcedures(GenericProcedures):
     """Generic motion, whose cruise speed is a parameter."""
 
     name = "nimbus"

@@ -1,0 +1,158 @@
+"""The plans that a vehicle is sent: its side of the mission protocol, and what its pilot does with them."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from mission.link.codec.frames import Message
+from mission.model import Command, GeoPoint, MissionItem, MissionType
+from mission.transfer import wire
+from mission.transfer.events import (
+    Event,
+    FailureReason,
+    Output,
+    PlanCleared,
+    PlanReplaced,
+    StatusText,
+    TransferFailed,
+    TransferStarted,
+)
+from mission.transfer.server import MissionServer
+from mission.transfer.storage import UncheckedItem
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.component import NEVER
+from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS
+from sim_vehicle.pilot.notices import RefusedError, Severity
+
+if TYPE_CHECKING:
+    from sim_vehicle.mavlink.item_reports import ItemReports
+    from sim_vehicle.mavlink.status_texts import StatusTexts
+    from sim_vehicle.mavlink.wire_state import WireState
+
+__all__ = ["PlanReceiver"]
+
+_KNOWN_ITEMS = (
+    NAV_COMMANDS
+    | DO_COMMANDS
+    | frozenset(range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE_EXCLUSION + 1))
+    | {int(Command.NAV_RALLY_POINT)}
+)
+
+
+class PlanReceiver:
+    """Takes missions, fences and rally points and hands them to the pilot.
+
+    Parameters
+    ----------
+    state : WireState
+        The vehicle; it tells the ids of the plans.
+    component_id : int
+    texts : StatusTexts
+    reports : ItemReports
+        Begin anew with another mission.
+
+    Attributes
+    ----------
+    server : MissionServer
+        The protocol.
+    """
+
+    def __init__(self, state: WireState, component_id: int, texts: StatusTexts, reports: ItemReports) -> None:
+        self._state = state
+        self._pilot = state.pilot
+        self._texts = texts
+        self._reports = reports
+        self._uploading = False
+        self.server = MissionServer(
+            state.system_id,
+            component_id,
+            profile=state.firmware.profile,
+            home=state.home,
+            validator=_check_item,
+        )
+
+    @property
+    def mission(self) -> tuple[MissionItem, ...]:
+        """The items of the mission as they were sent."""
+        return tuple(self.server.plan(MissionType.MISSION).items)
+
+    def receive(self, message: Message, now_s: float) -> list[Message]:
+        """Take a message of the mission protocol; the answers."""
+        return self._take(self.server.receive(message, now_s))
+
+    def poll(self, now_s: float) -> list[Message]:
+        """Do what is due; the messages to send."""
+        return self._take(self.server.poll(now_s)) if self.next_deadline() <= now_s else []
+
+    def next_deadline(self) -> float:
+        """When `poll` has something to do."""
+        deadline_s = self.server.next_deadline()
+        return NEVER if deadline_s is None else deadline_s
+
+    def set_home(self, home: GeoPoint) -> None:
+        """Tell another home from now on."""
+        self.server.home = home
+
+    def totals(self) -> dict[str, Callable[[], float]]:
+        """The parameters that count the plans, as ArduPilot names them."""
+        return {
+            "MIS_TOTAL": lambda: self.server.count(MissionType.MISSION),
+            "FENCE_TOTAL": lambda: self.server.count(MissionType.FENCE),
+            "RALLY_TOTAL": lambda: self.server.count(MissionType.RALLY),
+        }
+
+    def _take(self, output: Output) -> list[Message]:
+        sent = list(output.messages)
+        for event in output.events:
+            if isinstance(event, StatusText):
+                sent += self._texts.messages(event.severity, event.text)
+            else:
+                self._on_transfer(event)
+        return sent
+
+    def _on_transfer(self, event: Event) -> None:
+        if isinstance(event, PlanReplaced | PlanCleared):
+            mission, fence, rally = (self.server.plan(kind).opaque_id for kind in MissionType)
+            self._state.plan_ids = (mission, fence, rally)
+            if event.mission_type is not MissionType.MISSION:
+                self._take_area(event)
+        if event.mission_type is not MissionType.MISSION:
+            return
+        if isinstance(event, PlanReplaced) and event.changed:
+            self._take_mission(event)
+        elif isinstance(event, PlanCleared):
+            self._pilot.load(())
+        elif isinstance(event, TransferStarted):
+            self._uploading = event.upload
+        elif isinstance(event, TransferFailed) and self._uploading and event.reason is FailureReason.REFUSED:
+            self._pilot.reject_mission(event.text)
+
+    def _take_area(self, event: PlanReplaced | PlanCleared) -> None:
+        items = event.items if isinstance(event, PlanReplaced) else ()
+        sound = [item for item in items if not isinstance(item, UncheckedItem)]
+        is_fence = event.mission_type is MissionType.FENCE
+        (self._pilot.set_fence if is_fence else self._pilot.set_rally)(sound)
+
+    def _take_mission(self, event: PlanReplaced) -> None:
+        pilot = self._pilot
+        bad = next((i for i, item in enumerate(event.items) if isinstance(item, UncheckedItem)), None)
+        if bad is not None:
+            pilot.load(())
+            pilot.reject_mission(f"item {bad}: its place or its numbers make no sense")
+            pilot.note(Severity.CRITICAL, f"Mission rejected: item {bad} makes no sense")
+            return
+        self._reports.restart()
+        flying = pilot.armed and pilot.mode is Mode.MISSION
+        pilot.load(event.items)
+        if flying and (text := self._state.firmware.persona.mission_changed_text):
+            pilot.note(Severity.INFO, text)
+        if event.start_sequence and not pilot.mission.why_not:
+            with contextlib.suppress(RefusedError):
+                pilot.set_current(event.start_sequence)
+
+
+def _check_item(item: MissionItem) -> int:
+    """Judge one mission item for the transfer: MAV_MISSION_RESULT."""
+    return int(wire.ACCEPTED if item.command in _KNOWN_ITEMS else wire.UNSUPPORTED)

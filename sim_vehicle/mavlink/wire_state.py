@@ -1,0 +1,124 @@
+"""What a vehicle tells of itself besides its pilot's state: clocks, where it believes to be, plans."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mission.model import GeoPoint
+from sim_vehicle.airframe.sensor_errors import NavigationErrors, Sensed, SensorNoise
+
+if TYPE_CHECKING:
+    from sim_vehicle.autopilot.autopilot import Firmware
+    from sim_vehicle.pilot.pilot import Pilot
+
+__all__ = ["WireState"]
+
+
+class WireState:
+    """The source of a vehicle's telemetry.
+
+    Parameters
+    ----------
+    pilot : Pilot
+        The vehicle without MAVLink.
+    firmware : Firmware
+        What the autopilot is to its peers.
+    home : GeoPoint
+        Where it stands at the start; the altitude is that of the ground.
+    system_id : int
+    epoch_unix_s : float
+        Time of day at the host's time 0, seconds since 1970.
+    noise : SensorNoise, optional
+        How wrong it believes to be where it is; exact without.
+
+    Attributes
+    ----------
+    now_us, boot_ms, unix_us : int
+        Time of the host, since boot, and of day.
+    errors : NavigationErrors or None
+    sensed : Sensed
+        Where it is, in truth and by its sensors.
+    position_e7 : tuple of 3 ints
+        Where it believes to be: 1e-7 degree, 1e-7 degree, millimetres above the sea.
+    home_e7 : tuple of 3 ints
+        Home, in the same units.
+    plan_ids : tuple of 3 ints
+        Opaque ids of mission, fence and rally points.
+    """
+
+    def __init__(
+        self,
+        pilot: Pilot,
+        firmware: Firmware,
+        home: GeoPoint,
+        *,
+        system_id: int,
+        epoch_unix_s: float,
+        noise: SensorNoise | None = None,
+    ) -> None:
+        self.pilot = pilot
+        self.firmware = firmware
+        self.home = home
+        self.system_id = system_id
+        self.errors = NavigationErrors(noise) if noise is not None and not noise.is_off else None
+        self.sensed = Sensed.exact((0.0, 0.0, 0.0))
+        self.home_e7 = (
+            round(home.latitude_deg * 1e7),
+            round(home.longitude_deg * 1e7),
+            round(home.altitude_m * 1e3),
+        )
+        self.position_e7 = self.home_e7
+        self.plan_ids = (0, 0, 0)
+        self.now_us = 0
+        self.boot_ms = 0
+        self.unix_us = round(epoch_unix_s * 1e6)
+        self._epoch_us = self.unix_us
+        self._boot_us = 0
+
+    def set_time(self, now_us: int) -> None:
+        """Set the clocks."""
+        self.now_us = now_us
+        self.boot_ms = (now_us - self._boot_us) // 1000 & 0xFFFFFFFF
+        self.unix_us = self._epoch_us + now_us
+
+    def sense(self, now_s: float) -> None:
+        """Let the sensors tell where the vehicle is now."""
+        position = self.pilot.state.position_m
+        self.sensed = Sensed.exact(position) if self.errors is None else self.errors.sense(position, now_s)
+        self.position_e7 = self.e7_of(self.sensed.believed_m)
+
+    def e7_of(self, position_m: tuple[float, float, float]) -> tuple[int, int, int]:
+        """A position about home in the units of the wire; its height counts from the sea."""
+        east, north, up = position_m
+        latitude, longitude = self.pilot.frame.to_wgs84(east, north)
+        return (
+            round(latitude * 1e7),
+            round(longitude * 1e7),
+            round(1000.0 * (up + self.home.altitude_m)),
+        )
+
+    def move_home(self) -> GeoPoint:
+        """Take over where the pilot's home is now."""
+        latitude, longitude = self.pilot.frame.to_wgs84(*self.pilot.home_m)
+        self.home_e7 = (round(latitude * 1e7), round(longitude * 1e7), self.home_e7[2])
+        return GeoPoint(latitude, longitude, self.home.altitude_m)
+
+    def reboot(self) -> None:
+        """Count the time since boot from now on."""
+        self._boot_us = self.now_us
+        self.boot_ms = 0
+
+    def wire_seq(self, seq: int) -> int:
+        """Number of one of our mission items on the wire (ArduPilot counts home as item 0)."""
+        return seq + self.firmware.profile.home_at_zero
+
+    def own_seq(self, seq: int) -> int:
+        """Undo `wire_seq`; home itself is the first item."""
+        return max(0, seq - 1) if self.firmware.profile.home_at_zero else seq
+
+    def position_error(self, boot_us: float) -> tuple[float, float]:
+        """How far east and north of the truth it believed to be, at a time of its own clock."""
+        if self.errors is None:
+            return 0.0, 0.0
+        error = self.errors.at((boot_us + self._boot_us) / 1e6)
+        return error.east_m, error.north_m

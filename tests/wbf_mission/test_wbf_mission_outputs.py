@@ -1,0 +1,117 @@
+"""What a command reads or did not make is not written over."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from geo import get_farm, save_farm
+from mission.link.tlog import read_tlog
+from wbf_mission.cli.app import main
+from wbf_mission.results import load_result
+
+SIM = ["sim", "--no-camera", "--listen", "udpin:127.0.0.1:0", "--speed", "max", "--duration", "2", "-q"]
+FLY = ["fly", "--vehicle", "ideal", "--planner", "lawnmower", "--estimator", "point", "--no-plots", "-q"]
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    assert main(list(arguments)) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and error.count("\n") == 1
+    return error
+
+
+def test_plan_does_not_write_over_its_farm(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    save_farm(get_farm("miniberry-10"), Path("my.geojson"))
+    before = Path("my.geojson").read_bytes()
+    Path("link.geojson").symlink_to("my.geojson")
+    for out in ("my.geojson", "./my.geojson", "link.geojson"):
+        error = refused(capsys, "plan", "--farm", "my.geojson", "--budget", "60m", "--out", out)
+        assert "the file that is read" in error
+    assert Path("my.geojson").read_bytes() == before
+
+
+def test_a_log_is_not_written_over_something_else(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan, log = tmp_path / "old.plan", tmp_path / "old.tlog"
+    plan.write_text("mine")
+    log.write_bytes(b"older")
+    assert "--force" in refused(capsys, *SIM, "--tlog", str(plan))
+    assert plan.read_text() == "mine"
+    # What cannot begin leaves an older log.
+    refused(capsys, *SIM, "--tlog", str(log), "--listen", "carrier-pigeon:1")
+    assert log.read_bytes() == b"older"
+    assert main([*SIM, "--tlog", str(log)]) == 0
+    assert main([*SIM, "--tlog", str(plan), "--force"]) == 0
+    assert len(list(read_tlog(log))) > 1
+    assert len(list(read_tlog(plan))) > 1
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        ["--farm", "atlantis"],
+        ["--planner", "teleport"],
+        ["--estimator", "oracle"],
+        ["--estimator", "point:radius=3"],
+        ["--planner", "lawnmower:colour=red"],
+        ["--vehicle", "submarine"],
+        ["--budget", "1parsec"],
+        ["--vehicle", "quad", "--wind", "39,0"],
+        ["--vehicle", "quad", "--cruise-speed", "29"],
+        ["--wind-shear", "log"],
+        ["--seed", "4"],
+    ],
+    ids=" ".join,
+)
+def test_a_run_that_cannot_be_leaves_an_older_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], wrong: list[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main([*FLY, "--farm", "miniberry-10", "--out", "run"]) == 0
+    capsys.readouterr()
+    before = {path: path.read_bytes() for path in Path("run").iterdir()}
+    error = refused(capsys, *FLY, "--farm", "miniberry-10", "--out", "run", *wrong)
+    assert {path: path.read_bytes() for path in Path("run").iterdir()} == before
+    if wrong != ["--seed", "4"]:
+        refused(capsys, *FLY, "--farm", "miniberry-10", *wrong)
+        refused(capsys, *FLY, "--farm", "miniberry-10", "--out", "new", "--force", *wrong)
+    else:
+        assert "another run" in error
+        assert main([*FLY, "--farm", "miniberry-10", "--out", "run", "--force", *wrong]) == 0
+        assert load_result("run").scenario.seed == 4
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_fly_does_not_take_the_mission_that_it_was_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("b").mkdir()
+    assert main(["plan", "--farm", "miniberry-10", "--budget", "60m", "--out", "b/plan.plan", "-q"]) == 0
+    before = Path("b/plan.plan").read_bytes()
+    arguments = ["fly", "--farm", "miniberry-10", "--mission", "b/plan.plan", "--out", "b"]
+    for force in ([], ["--force"]):
+        assert "which the run reads" in refused(capsys, *arguments, *force)
+    assert Path("b/plan.plan").read_bytes() == before
+    assert [path.name for path in Path("b").iterdir()] == ["plan.plan"]
+
+
+def test_the_wall_time_is_that_of_the_process(tmp_path: Path) -> None:
+    code = (
+        "import json, sys, time; time.sleep(0.5)\n"
+        "from wbf_mission.cli.app import main\n"
+        f"main({[*FLY, '--farm', 'miniberry-10', '--out', 'run', '--json']!r})"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    values = json.loads(done.stdout)
+    parts = values["timings_s"]
+    assert parts["start-up"] > 0.5
+    assert parts["results"] > 0.0
+    assert sum(parts.values()) <= values["wall_time_s"] + 0.1

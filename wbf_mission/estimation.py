@@ -158,7 +158,7 @@ class RunEstimate:
             due = self._every - self._seen % self._every
             part = observations[start : start + due]
             begin = time.perf_counter()
-            with _blame(self._estimator):
+            with attribute_errors_to(self._estimator):
                 self._estimator.partial_fit(part)
             self.estimate_s += time.perf_counter() - begin
             self._seen += len(part)
@@ -176,7 +176,7 @@ class RunEstimate:
 
     def _evaluate(self, time_s: float) -> None:
         begin = time.perf_counter()
-        with _blame(self._estimator):
+        with attribute_errors_to(self._estimator):
             self.model = self._estimator.predict()
         middle = time.perf_counter()
         self.history.entries.append(self._score.add(self.model))
@@ -187,7 +187,7 @@ class RunEstimate:
 
 
 @contextmanager
-def _blame(estimator: Estimator) -> Iterator[None]:
+def attribute_errors_to(estimator: Estimator) -> Iterator[None]:
     """Name the estimator whose own code failed; the cause stays attached for its author."""
     try:
         yield

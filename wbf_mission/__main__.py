@@ -3,6 +3,8 @@
 import io
 import os
 import sys
+import warnings
+from typing import TextIO
 
 
 def main() -> None:
@@ -11,6 +13,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):  # names may hold what the terminal's encoding does not
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+    warnings.showwarning = _show_warning
     from wbf_mission.cli import signals
 
     signals.install()
@@ -25,6 +28,19 @@ def main() -> None:
     sys.exit(code)
 
 
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,  # noqa: ARG001
+    lineno: int,  # noqa: ARG001
+    file: TextIO | None = None,
+    line: str | None = None,  # noqa: ARG001
+) -> None:
+    """Show a warning that is meant for the user in one line; those for developers are not shown."""
+    if not issubclass(category, DeprecationWarning | PendingDeprecationWarning | ImportWarning):
+        (file or sys.stderr).write(f"warning: {' '.join(str(message).split())}\n")
+
+
 class _CompileNotice:
     """Says once, on the error stream, why the first run takes longer."""
 
@@ -35,7 +51,8 @@ class _CompileNotice:
         if not self._said:
             self._said = True
             sys.stderr.write(
-                f"compiling {name.partition('.')[0]} for this machine: up to two minutes, kept for later runs\n"
+                f"compiling {name.partition('.')[0]} for this machine: up to two minutes, kept for later runs"
+                " ('wbf-mission warm-up' does it ahead)\n"
             )
             sys.stderr.flush()
 

@@ -18,7 +18,7 @@ from sensors.camera.leaf_camera import LeafCamera, LeafCameraOptions
 from sensors.camera.wire import ObservationAssembler
 from sensors.environment import Environment
 from sensors.environment.cache import EnvironmentCache
-from sensors.estimators import Estimator
+from sensors.estimators import Estimator, prepare_estimator
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
 from sensors.observations import Observations
@@ -152,10 +152,13 @@ def fly(
     with threadpool_limits(1, user_api="blas"):
         run = _Run(scenario, planned, environment, truth, weights, learner, options, tell, watch)
         try:
-            run.fly(pace, tlog, impairment)
-        except KeyboardInterrupt:
-            run.interrupt()
-        result = run.result()
+            try:
+                run.fly(pace, tlog, impairment)
+            except KeyboardInterrupt:
+                run.interrupt()
+            result = run.result()
+        finally:
+            run.estimate.close()
     result.environment_cached = cached
     return result
 
@@ -197,6 +200,8 @@ class _Run:
             camera, farm, position_error=self.vehicle.position_error if self.vehicle.errors else None
         )
         self.estimator = estimator.fit(grid)
+        prepare_estimator(estimator, scenario.farm.day, tell)
+        self.watch.lap("learning")
         self.estimate = RunEstimate(
             estimator, RunningScore(truth, self.fields.masks(grid), weights, self.fields), self._score_every()
         )

@@ -44,7 +44,7 @@ def loaded(*arguments, **environment):
 
 COMMANDS = (
     (),
-    *((name,) for name in ("plan", "fly", "sim", "check", "upload", "download", "benchmark")),
+    *((name,) for name in ("plan", "fly", "sim", "check", "upload", "download", "benchmark", "warm-up")),
     ("farm",),
     *(("farm", name) for name in ("list", "show", "draw", "save", "generate")),
     ("vehicle",),

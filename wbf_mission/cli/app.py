@@ -5,12 +5,13 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
+import warnings
 from typing import Annotated
 
 import typer
 
 from geo.errors import WbfMissionError
-from wbf_mission.cli import benchmark, check, farm, fly, plan, signals, sim, transfer, vehicle
+from wbf_mission.cli import benchmark, check, farm, fly, plan, signals, sim, transfer, vehicle, warm_up
 from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.output import StdoutError, plain, to_stdout
 from wbf_mission.exit_codes import ExitCode, exit_code_of
@@ -39,6 +40,7 @@ app.command("upload", cls=HelpCommand, epilog=transfer.UPLOAD_EXAMPLES)(transfer
 app.command("download", cls=HelpCommand, epilog=transfer.DOWNLOAD_EXAMPLES)(transfer.download_command)
 app.add_typer(farm.app, name="farm")
 app.add_typer(vehicle.app, name="vehicle")
+app.command("warm-up", cls=HelpCommand, epilog=warm_up.EXAMPLES)(warm_up.warm_up_command)
 app.command("benchmark", cls=HelpCommand, epilog=benchmark.EXAMPLES)(benchmark.benchmark_command)
 
 
@@ -64,6 +66,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     The exit codes are those of `wbf_mission.exit_codes`.
     """
+    warnings.formatwarning = _one_line_warning
     try:
         code = _run(sys.argv[1:] if arguments is None else arguments)
         with to_stdout():
@@ -105,6 +108,10 @@ def _run(arguments: list[str]) -> int:
     if code == ExitCode.INTERRUPTED:
         return _complain("interrupted", ExitCode.INTERRUPTED)
     return code if isinstance(code, int) else ExitCode.GOOD
+
+
+def _one_line_warning(message: Warning | str, *_where: object, **_also: object) -> str:
+    return f"warning: {' '.join(plain(str(message)).split())}\n"
 
 
 def _complain(text: str, code: int) -> int:

@@ -1,0 +1,60 @@
+"""``wbf-mission warm-up``."""
+
+from __future__ import annotations
+
+import time
+
+from wbf_mission.cli import options
+from wbf_mission.cli.output import Output, duration
+
+EXAMPLES = """
+Example
+
+wbf-mission warm-up
+"""
+
+_ESTIMATORS = ("adaptive-disk", "gp")  # those with compiled parts
+
+
+def warm_up_command(json: options.Json = False, quiet: options.Quiet = False) -> None:
+    """Compile everything ahead, once after an installation, so that no later run has to.
+
+    What is compiled is kept in the user's cache; a second warm-up has nothing to do but to look.
+    """
+    from sim_vehicle.prediction.compile_ahead import compile_all
+    from wbf_mission.flight import fly
+    from wbf_mission.scenario import Scenario
+
+    output = Output(as_json=json, quiet=quiet)
+    steps = _Steps(output)
+    compile_all(lambda what, _done, _total: steps.begin(what))
+    for estimator in _ESTIMATORS:
+        steps.begin(f"estimator {estimator}")
+        fly(Scenario(farm="miniberry-10", planner="spiral", vehicle="ideal", estimator=estimator))
+    steps.end()
+    wall_time_s = sum(steps.seconds.values())
+    rows = {what: duration(seconds) for what, seconds in steps.seconds.items()}
+    values = {"seconds": steps.seconds, "wall_time_s": wall_time_s}
+    output.result(values, {**rows, "together": duration(wall_time_s)}, title="Ready")
+
+
+class _Steps:
+    """Says what is done, and how long it took."""
+
+    def __init__(self, output: Output) -> None:
+        self.seconds: dict[str, float] = {}
+        self._output = output
+        self._what = ""
+        self._since_s = 0.0
+
+    def begin(self, what: str) -> None:
+        """End the step before and begin one."""
+        self.end()
+        self._output.note(f"compiling: {what}")
+        self._what, self._since_s = what, time.perf_counter()
+
+    def end(self) -> None:
+        """End the step, if there is one."""
+        if self._what:
+            self.seconds[self._what] = time.perf_counter() - self._since_s
+            self._what = ""

@@ -126,8 +126,8 @@ class RunEstimate:
     """An estimator that is fed and scored as a run goes on, in a thread of its own beside the flight.
 
     Observations are learned in the order in which they are added, so the outcome does not depend on how fast
-    either side is. An error of the estimator is raised by a later `add` or by `finish`; a run that ends before
-    that calls `close`.
+    either side is. An error of the estimator is raised by a later `add` or by `finish`; a run that ends
+    before that calls `close`.
 
     Parameters
     ----------

@@ -3,8 +3,8 @@
 The messages, their field tables and the exact rules are those of pymavlink's generated codec; for the
 common case (not signed, more than one field) this module packs and unpacks straight from those tables:
 packing is 2.75 times as fast and unpacking 1.86 times (measured against pymavlink 2.4.50). It reads and
-writes private attributes of the generated messages, so pyproject.toml pins pymavlink and a test compares them.
-Everything else goes through the generated ``pack`` and ``decode``.
+writes private attributes of the generated messages, so pyproject.toml pins pymavlink, and a test compares
+them. Everything else goes through the generated ``pack`` and ``decode``.
 
 Frame layout: https://mavlink.io/en/guide/serialization.html.
 """

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -121,7 +123,11 @@ class ScoreHistory:
 
 
 class RunEstimate:
-    """An estimator that is fed and scored as a run goes on.
+    """An estimator that is fed and scored as a run goes on, in a thread of its own beside the flight.
+
+    Observations are learned in the order in which they are added, so the outcome does not depend on how fast
+    either side is. An error of the estimator is raised by a later `add` or by `finish`; a run that ends
+    before that calls `close`.
 
     Parameters
     ----------
@@ -135,8 +141,10 @@ class RunEstimate:
     Attributes
     ----------
     history : ScoreHistory
+        The scores so far; complete after `finish`.
     model : InformationModel or None
-        The latest estimate; its arrays may be the estimator's own, which change with the next observations.
+        The latest estimate, valid after `finish`; its arrays may be the estimator's own, which change with
+        the next observations.
     estimate_s, score_s : float
         Wall seconds that estimator and score took.
     """
@@ -150,15 +158,26 @@ class RunEstimate:
         self._score = score
         self._every = max(1, every)
         self._seen = 0
+        self._worker = ThreadPoolExecutor(1, "estimate")
+        self._waiting: deque[Future[None]] = deque()
 
     def add(self, observations: Observations) -> None:
-        """Learn from observations, and score as often as is due."""
+        """Begin to learn from observations, and to score as often as is due."""
+        while self._waiting and self._waiting[0].done():
+            self._waiting.popleft().result()
+        self._waiting.append(self._worker.submit(self._learn, observations))
+
+    def close(self) -> None:
+        """End the thread; what was added and not learned yet is dropped."""
+        self._worker.shutdown(wait=False, cancel_futures=True)
+
+    def _learn(self, observations: Observations) -> None:
         start = 0
         while start < len(observations):
             due = self._every - self._seen % self._every
             part = observations[start : start + due]
             begin = time.perf_counter()
-            with _blame(self._estimator):
+            with attribute_errors_to(self._estimator):
                 self._estimator.partial_fit(part)
             self.estimate_s += time.perf_counter() - begin
             self._seen += len(part)
@@ -167,7 +186,10 @@ class RunEstimate:
                 self._evaluate(float(part.time_s[-1]))
 
     def finish(self, time_s: float) -> None:
-        """Score what was learned last, unless that was done already or nothing was seen."""
+        """Wait for all that was added, and score it unless that was done already or nothing was seen."""
+        while self._waiting:
+            self._waiting.popleft().result()
+        self.close()
         if not self._seen:
             return
         scored = self.history.observations[-1] if self.history.observations else -1
@@ -176,7 +198,7 @@ class RunEstimate:
 
     def _evaluate(self, time_s: float) -> None:
         begin = time.perf_counter()
-        with _blame(self._estimator):
+        with attribute_errors_to(self._estimator):
             self.model = self._estimator.predict()
         middle = time.perf_counter()
         self.history.entries.append(self._score.add(self.model))
@@ -187,7 +209,7 @@ class RunEstimate:
 
 
 @contextmanager
-def _blame(estimator: Estimator) -> Iterator[None]:
+def attribute_errors_to(estimator: Estimator) -> Iterator[None]:
     """Name the estimator whose own code failed; the cause stays attached for its author."""
     try:
         yield

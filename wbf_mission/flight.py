@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from sensors.camera.leaf_camera import LeafCamera, LeafCameraOptions
 from sensors.camera.wire import ObservationAssembler
 from sensors.environment import Environment
 from sensors.environment.cache import EnvironmentCache
-from sensors.estimators import Estimator
+from sensors.estimators import Estimator, prepare_estimator
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
 from sensors.observations import Observations
@@ -29,16 +28,15 @@ from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
 from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.estimation import RunEstimate, estimator_of, require_run_memory, resolved, score_points
-from wbf_mission.flight_result import Result
 from wbf_mission.ground.station import GroundStation
 from wbf_mission.outcome import Outcome, Phase
 from wbf_mission.planning import PlanResult, home_of, plan
+from wbf_mission.progress import Progress, silent
 from wbf_mission.report import FieldMap, field_maps, true_map
+from wbf_mission.result import Result
 from wbf_mission.scenario import CameraOptions, Scenario, scenario_with
 from wbf_mission.stopwatch import Stopwatch
 from wbf_mission.weather import noise_of, wind_of_run
-
-Progress = Callable[[str, float, float], None]
 
 SMALL_FARM_CELLS = 2500
 SLICE_S = 1.0
@@ -134,7 +132,7 @@ def fly(
     WbfMissionError
         If the scenario cannot be planned or set up.
     """
-    tell = progress or _silent
+    tell = progress or silent
     watch = Stopwatch()
     fields = load_field_set(scenario.farm.fields)
     options = camera_options(scenario.camera, fields)
@@ -154,10 +152,13 @@ def fly(
     with threadpool_limits(1, user_api="blas"):
         run = _Run(scenario, planned, environment, truth, weights, learner, options, tell, watch)
         try:
-            run.fly(pace, tlog, impairment)
-        except KeyboardInterrupt:
-            run.interrupt()
-        result = run.result()
+            try:
+                run.fly(pace, tlog, impairment)
+            except KeyboardInterrupt:
+                run.interrupt()
+            result = run.result()
+        finally:
+            run.estimate.close()
     result.environment_cached = cached
     return result
 
@@ -199,6 +200,8 @@ class _Run:
             camera, farm, position_error=self.vehicle.position_error if self.vehicle.errors else None
         )
         self.estimator = estimator.fit(grid)
+        prepare_estimator(estimator, scenario.farm.day, tell)
+        self.watch.lap("learning")
         self.estimate = RunEstimate(
             estimator, RunningScore(truth, self.fields.masks(grid), weights, self.fields), self._score_every()
         )
@@ -339,7 +342,3 @@ def _expected_observations(camera: CameraOptions, planned: PlanResult) -> float:
         spacing_m = camera.spacing_m or planned.farm.cell_size_m * camera.footprint
         pictures = planned.prediction.path_length_m / spacing_m
     return pictures * camera.footprint**2
-
-
-def _silent(_what: str, _done: float, _total: float) -> None:
-    return None

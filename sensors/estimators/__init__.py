@@ -1,7 +1,14 @@
 """Estimators: observations in, an information model of the whole farm out."""
 
-from sensors.estimators.base import Estimator, estimator_names, make_estimator
+from sensors.estimators.base import Estimator, estimator_names, make_estimator, prepare_estimator
 from sensors.estimators.check import check_estimator
 from sensors.estimators.default import default_estimator
 
-__all__ = ["Estimator", "check_estimator", "default_estimator", "estimator_names", "make_estimator"]
+__all__ = [
+    "Estimator",
+    "check_estimator",
+    "default_estimator",
+    "estimator_names",
+    "make_estimator",
+    "prepare_estimator",
+]

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, runtime_checkable
 
@@ -32,6 +32,10 @@ if TYPE_CHECKING:
 ENTRY_POINT_GROUP = "wbf_mission.estimators"
 _HANDED_ON = ("fields", "random_state")
 
+LEARNING = "training the estimator"
+"""What progress is told of while an estimator learns beforehand."""
+
+Progress = Callable[[str, float, float], None]
 RandomState = np.random.Generator | np.random.SeedSequence | int | None
 
 
@@ -118,6 +122,26 @@ class BaseEstimator(ABC):
             self.n_observations_ += len(observations)
         return self
 
+    def prepare(self, day: int, progress: Progress | None = None) -> Self:  # noqa: ARG002
+        """Learn now what estimates of a day need before any observation; nothing for most estimators.
+
+        Without this call it is learned by the first `predict`.
+
+        Parameters
+        ----------
+        day : int
+            The day that will be observed.
+        progress : callable, optional
+            ``progress(what, done, total)``.
+
+        Raises
+        ------
+        EstimatorError
+            If the estimator has not seen a farm yet.
+        """
+        self._check_fitted("prepare")
+        return self
+
     def predict(self) -> InformationModel:
         """Give what is believed now, in arrays that hold until the next `fit` or `partial_fit`.
 
@@ -178,6 +202,13 @@ class BaseEstimator(ABC):
 
     @abstractmethod
     def _estimate(self) -> InformationModel: ...
+
+
+def prepare_estimator(estimator: Estimator, day: int, progress: Progress | None = None) -> None:
+    """Let an estimator that can do so learn beforehand what estimates of a day need."""
+    prepare = getattr(estimator, "prepare", None)
+    if prepare is not None:
+        prepare(day, progress)
 
 
 def estimator_memory(estimator: Estimator, shape: tuple[int, int], n_observations: int) -> int:

@@ -21,9 +21,9 @@ from sim_vehicle.execution.state import (
     CannotFly,
     Disarmed,
     FlightEvent,
+    FlightPhase,
     LandedState,
     MissionComplete,
-    Phase,
     TargetReached,
     VehicleState,
 )
@@ -304,7 +304,7 @@ class Pilot:
         if mode is not Mode.MANUAL and not self.controls.position_ok:
             raise RefusedError(f"Mode {mode.value} refused: no position")
         if self.state.phase.is_lost:
-            why = "battery empty" if self.state.phase is Phase.DEPLETED else "falling"
+            why = "battery empty" if self.state.phase is FlightPhase.DEPLETED else "falling"
             raise RefusedError(f"Mode {mode.value} refused: {why}")
         if mode is Mode.GUIDED and self._rules.needs_stream and not self.setpoints.is_fresh:
             msg = "Mode guided refused: no setpoints"
@@ -365,7 +365,7 @@ class Pilot:
 
     def turn(self, yaw_rad: float) -> None:
         """Turn on the spot; RefusedError while something else is flown."""
-        if self.state.phase is not Phase.HOLD:
+        if self.state.phase is not FlightPhase.HOLD:
             msg = "Yaw refused: the vehicle is not holding"
             raise RefusedError(msg)
         x_m, y_m, z_m = self.executor.motion.stopping_point()

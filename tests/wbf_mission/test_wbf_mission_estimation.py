@@ -6,6 +6,7 @@ import pytest
 import geo.memory
 from geo.farms import get_farm
 from geo.memory import AvailableMemory, NotEnoughMemoryError
+from sensors.errors import EstimatorError
 from sensors.estimators import make_estimator
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
@@ -43,6 +44,21 @@ def test_scores_on_the_way_are_those_of_the_whole_farm():
     for n, entry in zip(run.history.observations, run.history.entries, strict=True):
         model = make_estimator("adaptive-disk").fit(grid, seen[:n]).predict()
         assert entry == RunningScore(truth, PAPER_FIELDS.masks(grid)).evaluate(model.value)
+
+
+def test_an_error_of_the_estimator_ends_the_run_and_names_it():
+    class Broken(type(make_estimator("point"))):
+        def _learn(self, observations):
+            raise ZeroDivisionError("halves of nothing")
+
+    grid = get_farm("miniberry-10").grid()
+    run = RunEstimate(
+        Broken().fit(grid), RunningScore(np.ones((3, 10, 10)), PAPER_FIELDS.masks(grid)), every=1
+    )
+    run.add(Observations([1], [1], [0.0], [6], [[1, 1, 0.5]]))
+    with pytest.raises(EstimatorError, match=r"estimator Broken failed: ZeroDivisionError: halves"):
+        run.finish(1.0)
+    run.close()
 
 
 def little(monkeypatch, size):

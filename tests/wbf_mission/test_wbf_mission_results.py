@@ -14,10 +14,10 @@ from mission.link.tlog import read_tlog
 from sensors.observations import Observations
 from wbf_mission import results
 from wbf_mission.flight import fly
-from wbf_mission.flight_result import Result
 from wbf_mission.outcome import Outcome
+from wbf_mission.result import Result, load_result
 from wbf_mission.result_files import ResultError
-from wbf_mission.results import ResultFolder, load_result, run_name
+from wbf_mission.results import ResultFolder, run_name
 from wbf_mission.scenario import Scenario, scenario_with
 
 SMALL = Scenario(farm="miniberry-10", planner="lawnmower", vehicle="ideal", seed=3, estimator="adaptive-disk")

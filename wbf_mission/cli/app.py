@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
+import warnings
 from typing import Annotated
 
 import typer
@@ -65,6 +66,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     The exit codes are those of `wbf_mission.exit_codes`.
     """
+    warnings.formatwarning = _one_line_warning
     try:
         code = _run(sys.argv[1:] if arguments is None else arguments)
         with to_stdout():
@@ -106,6 +108,10 @@ def _run(arguments: list[str]) -> int:
     if code == ExitCode.INTERRUPTED:
         return _complain("interrupted", ExitCode.INTERRUPTED)
     return code if isinstance(code, int) else ExitCode.GOOD
+
+
+def _one_line_warning(message: Warning | str, *_where: object, **_also: object) -> str:
+    return f"warning: {' '.join(plain(str(message)).split())}\n"
 
 
 def _complain(text: str, code: int) -> int:

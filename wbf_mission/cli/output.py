@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.table import Table
 
+_LONG = ("training the estimator",)
 FILE_WIDTH = 140  # columns of a table that goes to a file or a pipe
 ProgressCallback = Callable[[str, float, float], None]
 
@@ -109,9 +110,22 @@ class Output:
 
     @contextmanager
     def progress(self) -> Iterator[ProgressCallback]:
-        """Show bars; the callback takes (what is being done, done, total)."""
-        if self.quiet or not self._stderr.is_terminal:
+        """Show bars; the callback takes (what is being done, done, total).
+
+        Without a terminal, only what may take a minute is told, in a line when it begins.
+        """
+        if self.quiet:
             yield _ignore
+            return
+        if not self._stderr.is_terminal:
+            told: set[str] = set()
+
+            def announce(what: str, done: float, total: float) -> None:
+                if what in _LONG and done < total and what not in told:
+                    told.add(what)
+                    self.note(f"{what} ...")
+
+            yield announce
             return
         from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 

@@ -21,7 +21,7 @@ from sensors.estimators.epidemic.features import (
     set_overall,
 )
 from sensors.estimators.epidemic.network import Network
-from sensors.estimators.epidemic.training import WHOLE_FARM_CELLS, Lesson, classes_of, network_for
+from sensors.estimators.epidemic.training import WHOLE_FARM_CELLS, Step, TrainingTask, classes_of, network_for
 
 _EXACT = 1e-3
 _SOFT = 1e-3
@@ -38,7 +38,7 @@ class DiseaseBelief:
     ----------
     hosts : bool[W, H]
         Cells with the disease's crop.
-    lesson : Lesson
+    task : TrainingTask
         The disease and the training; its day is replaced by the day of the estimate.
     asymmetry : float
         How much worse an estimate that is too healthy is.
@@ -56,24 +56,30 @@ class DiseaseBelief:
     def __init__(
         self,
         hosts: NDArray[np.bool_],
-        lesson: Lesson,
+        task: TrainingTask,
         *,
         asymmetry: float,
         misreading_rate: float,
         cache: str | os.PathLike[str] | None,
     ) -> None:
         self._hosts = hosts
-        self._lesson = lesson
+        self._task = task
         self._asymmetry = asymmetry
         self._misreading_rate = misreading_rate
         self._cache = cache
         self._host_count = int(np.count_nonzero(hosts))
-        self._seeds = lesson.parameters.seed_count(hosts.shape)
+        self._seeds = task.parameters.seed_count(hosts.shape)
         self._whole = hosts.size <= WHOLE_FARM_CELLS
         self._day: int | None = None
         self._seen = 0
         self.value = np.ones(hosts.shape, np.float32)
         self.uncertainty = np.zeros(hosts.shape, np.float32)
+
+    def learn(self, day: int, step: Step) -> None:
+        """Train the network of a day if there is none yet."""
+        if self._host_count:
+            network_for(replace(self._task, day=day), self._hosts, self._cache, step)
+        step(1.0)
 
     def update(self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats) -> None:
         """Bring value and uncertainty up to date.
@@ -105,7 +111,7 @@ class DiseaseBelief:
         if self._host_count:
             fresh = DiseaseBelief(
                 self._hosts,
-                self._lesson,
+                self._task,
                 asymmetry=self._asymmetry,
                 misreading_rate=self._misreading_rate,
                 cache=self._cache,
@@ -118,7 +124,7 @@ class DiseaseBelief:
 
     def _begin(self, day: int) -> None:
         """Forget everything for a new day."""
-        self._network: Network = network_for(replace(self._lesson, day=day), self._hosts, self._cache)
+        self._network: Network = network_for(replace(self._task, day=day), self._hosts, self._cache)
         self._codes = padded_codes(self._hosts)
         self._day = day
         nothing = np.zeros((1, N_FEATURES), np.float32)
@@ -233,7 +239,7 @@ class DiseaseBelief:
         likelihood: Floats = shown * (1.0 - 1.5 * rate) + 0.5 * rate * shown.sum(axis=1, keepdims=True)
         old = days != day
         if old.any():
-            parameters = self._lesson.parameters
+            parameters = self._task.parameters
             ill = np.clip(1.0 - (day - days[old]) / parameters.duration_days, 0.0, 1.0)
             ill = np.where(classes[old] == 1, ill, 0.0)
             likelihood[old] = np.stack([np.zeros(len(ill)), ill, 1.0 - ill], axis=1)

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import EstimatorError
 from sensors.estimators.append_buffer import GrowingArray
-from sensors.estimators.base import BaseEstimator, require_paper_fields
+from sensors.estimators.base import LEARNING, BaseEstimator, Progress, require_paper_fields
 from sensors.estimators.epidemic.belief import DiseaseBelief
 from sensors.estimators.epidemic.soil import SoilField
-from sensors.estimators.epidemic.training import Lesson
+from sensors.estimators.epidemic.training import TrainingTask
 from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import PAPER_WEIGHTS, ScoreWeights
@@ -107,6 +107,16 @@ class EpidemicEstimator(BaseEstimator):
         self._check_fitted("day_")
         return int(self._days.array.max()) if len(self._days) else self.day
 
+    def prepare(self, day: int, progress: Progress | None = None) -> Self:
+        """Train the networks of a day, or read them; see `BaseEstimator.prepare`."""
+        super().prepare(day)
+        tell = progress or (lambda _what, _done, _total: None)
+        number = len(self._beliefs)
+        for k, belief in enumerate(self._beliefs):
+            tell(LEARNING, k, number)
+            belief.learn(day, lambda part, before=k: tell(LEARNING, before + part, number))  # type: ignore[misc]
+        return self
+
     def _start(self, grid: FarmGrid) -> None:
         self._check_parameters()
         fields = self.fields
@@ -117,7 +127,7 @@ class EpidemicEstimator(BaseEstimator):
         self._beliefs = [
             DiseaseBelief(
                 field.hosts(grid),
-                Lesson(field.epidemic, self.day, self.outbreaks, self.epochs, self.training_seed),
+                TrainingTask(field.epidemic, self.day, self.outbreaks, self.epochs, self.training_seed),
                 asymmetry=self.weights.too_healthy[k] / self.weights.too_sick[k],
                 misreading_rate=self.misreading_rate,
                 cache=self.cache,

@@ -13,7 +13,7 @@ import itertools
 import json
 import os
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from geo.atomic import atomic_write
 from geo.seeds import stream
-from geo.user_cache import user_cache_folder
+from geo.user_cache import user_cache_folder, warn_of_cache
 from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters
 from sensors.dynamics.outbreak import simulate_outbreak, value_table
 from sensors.errors import EstimatorError
@@ -61,10 +61,16 @@ _FURTHER_CELLS = 1_300_000
 
 _in_memory: dict[str, Network] = {}
 
+Step = Callable[[float], None]
+
+
+def _no_step(_part: float) -> None:
+    return None
+
 
 @dataclass(frozen=True, slots=True)
-class Lesson:
-    """What a network is trained for; equal lessons give equal networks.
+class TrainingTask:
+    """What a network is trained for; equal tasks give equal networks.
 
     Parameters
     ----------
@@ -87,7 +93,7 @@ class Lesson:
     seed: int = 0
 
     def key(self, hosts: NDArray[np.bool_]) -> str:
-        """Return a name for the network of this lesson on this crop map."""
+        """Return a name for the network of this task on this crop map."""
         told = {**asdict(self), "version": VERSION, "layers": LAYERS, "shape": hosts.shape}
         digest = hashlib.sha256(json.dumps(told, sort_keys=True).encode())
         digest.update(np.packbits(hosts).data)
@@ -99,8 +105,13 @@ def cache_folder(folder: str | os.PathLike[str] | None) -> Path:
     return Path(folder) if folder is not None else user_cache_folder("epidemic")
 
 
-def network_for(lesson: Lesson, hosts: NDArray[np.bool_], folder: str | os.PathLike[str] | None) -> Network:
-    """Return the network of a lesson: from memory, from its file, or trained now and kept in both.
+def network_for(
+    task: TrainingTask,
+    hosts: NDArray[np.bool_],
+    folder: str | os.PathLike[str] | None,
+    step: Step = _no_step,
+) -> Network:
+    """Return the network of a task: from memory, from its file, or trained now and kept in both.
 
     A file that cannot be read, or is not what its name claims, is replaced; a folder that cannot be written
     to costs a training in every process, not an error.
@@ -110,15 +121,15 @@ def network_for(lesson: Lesson, hosts: NDArray[np.bool_], folder: str | os.PathL
     EstimatorError
         If the day is beyond what the model of the environment allows.
     """
-    if not 0 <= lesson.day <= MAX_DAYS:
-        msg = f"epidemic: day {lesson.day} is not in 0..{MAX_DAYS}, the days of an environment"
+    if not 0 <= task.day <= MAX_DAYS:
+        msg = f"epidemic: day {task.day} is not in 0..{MAX_DAYS}, the days of an environment"
         raise EstimatorError(msg)
-    key = lesson.key(hosts)
+    key = task.key(hosts)
     if key not in _in_memory:
         path = cache_folder(folder) / f"{key}.npz"
         network = load_network(path)
         if network is None:
-            network = learn(lesson, hosts)
+            network = learn(task, hosts, step)
             save_network(network, path)
         _in_memory[key] = network
     return _in_memory[key]
@@ -134,8 +145,8 @@ def save_network(network: Network, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(path, "wb") as stream_:
             np.savez(stream_, allow_pickle=False, **layers)
-    except OSError:
-        return
+    except OSError as error:
+        warn_of_cache(path.parent, error)
 
 
 def load_network(path: Path) -> Network | None:
@@ -169,22 +180,30 @@ def _read(file: Mapping[str, NDArray[np.float32]], number: int, layers: Sequence
     return Network(tuple(weights), tuple(biases))
 
 
-def learn(lesson: Lesson, hosts: NDArray[np.bool_]) -> Network:
-    """Simulate, observe and train."""
+def learn(task: TrainingTask, hosts: NDArray[np.bool_], step: Step = _no_step) -> Network:
+    """Simulate, observe and train; `step` is called with the part that is done, 0..1."""
     from threadpoolctl import threadpool_limits
 
-    rng = stream(lesson.seed, "epidemic-estimator", lesson.key(hosts))
+    rng = stream(task.seed, "epidemic-estimator", task.key(hosts))
     # One BLAS thread: the sums do not depend on the number of cores then.
     with threadpool_limits(1, user_api="blas"):
-        samples = draw_samples(lesson, hosts, rng)
-        network = train(Network.draw(LAYERS, rng), *samples, epochs=lesson.epochs, rng=rng)
-        if hosts.size > WHOLE_FARM_CELLS:
+        whole = hosts.size <= WHOLE_FARM_CELLS
+        steps = 2 + whole * (1 + 2 * _FURTHER)
+        done = itertools.count(1)
+        samples = draw_samples(task, hosts, rng)
+        step(next(done) / steps)
+        network = train(Network.draw(LAYERS, rng), *samples, epochs=task.epochs, rng=rng)
+        step(next(done) / steps)
+        if not whole:
             return network
-        looks = _draw_looks(lesson, hosts, rng)
+        looks = _draw_looks(task, hosts, rng)
+        step(next(done) / steps)
         for _ in range(_FURTHER):
-            samples = _look_again(network, looks, hosts, lesson.parameters.seed_count(hosts.shape))
-            last = train(Network.draw(FURTHER_LAYERS, rng), *samples, epochs=lesson.epochs, rng=rng)
+            samples = _refine_samples(network, looks, hosts, task.parameters.seed_count(hosts.shape))
+            step(next(done) / steps)
+            last = train(Network.draw(FURTHER_LAYERS, rng), *samples, epochs=task.epochs, rng=rng)
             network = replace(network, further=(*network.further, last))
+            step(next(done) / steps)
         return network
 
 
@@ -200,7 +219,7 @@ def classes_of(values: NDArray[np.floating]) -> NDArray[np.int8]:
 
 
 def draw_samples(
-    lesson: Lesson, hosts: NDArray[np.bool_], rng: Generator
+    task: TrainingTask, hosts: NDArray[np.bool_], rng: Generator
 ) -> tuple[NDArray[np.float32], NDArray[np.int8], NDArray[np.float32]]:
     """Draw cells that were not observed, with what was known around them.
 
@@ -212,11 +231,11 @@ def draw_samples(
     weights : float32[n]
         How much each counts, so that together they stand for all cells not observed at the looks; mean 1.
     """
-    field = _Fields(lesson, hosts, rng)
+    field = _Fields(task, hosts, rng)
     features: list[NDArray[np.float32]] = []
     classes: list[NDArray[np.int8]] = []
     weights: list[NDArray[np.float64]] = []
-    for _ in range(max(lesson.outbreaks, _SMALLEST_TRAINING)):
+    for _ in range(max(task.outbreaks, _SMALLEST_TRAINING)):
         land, truth, margin, weight = field.draw()
         for codes in _looks(land, truth, rng):
             chosen, counts = _choose(codes, margin, _CELLS_A_LOOK, rng)
@@ -256,10 +275,10 @@ class _Look:
     weights: NDArray[np.float64]
 
 
-def _draw_looks(lesson: Lesson, hosts: NDArray[np.bool_], rng: Generator) -> list[_Look]:
+def _draw_looks(task: TrainingTask, hosts: NDArray[np.bool_], rng: Generator) -> list[_Look]:
     """Draw looks at the farm: on larger ones fewer with more cells each, as all cells have to be judged."""
-    field = _Fields(lesson, hosts, rng)
-    wanted = max(lesson.outbreaks, _SMALLEST_TRAINING)
+    field = _Fields(task, hosts, rng)
+    wanted = max(task.outbreaks, _SMALLEST_TRAINING)
     most = max(_SMALLEST_TRAINING, _FURTHER_CELLS // (_WAYS * _LOOKS * max(field.hosts, 1)))
     number = min(wanted, most)
     cells = -(-_CELLS_A_LOOK * wanted // number)
@@ -272,7 +291,7 @@ def _draw_looks(lesson: Lesson, hosts: NDArray[np.bool_], rng: Generator) -> lis
     return found
 
 
-def _look_again(
+def _refine_samples(
     network: Network, looks: list[_Look], hosts: NDArray[np.bool_], seeds: int
 ) -> tuple[NDArray[np.float32], NDArray[np.int8], NDArray[np.float32]]:
     """Return samples like `draw_samples`, with what a network believes of all cells in further columns."""
@@ -313,20 +332,20 @@ def _choose(
 class _Fields:
     """Draws simulated fields: the farm, or on large farms windows of it with their share of the seeds."""
 
-    def __init__(self, lesson: Lesson, hosts: NDArray[np.bool_], rng: Generator) -> None:
+    def __init__(self, task: TrainingTask, hosts: NDArray[np.bool_], rng: Generator) -> None:
         self.whole = hosts.size <= WHOLE_FARM_CELLS
         self._ranks = np.cumsum(np.count_nonzero(hosts, axis=1))
         self.hosts = int(self._ranks[-1])
-        self.seeds = lesson.parameters.seed_count(hosts.shape)
+        self.seeds = task.parameters.seed_count(hosts.shape)
         self._land = hosts
-        self._day = lesson.day
+        self._day = task.day
         self._rng = rng
-        size = lesson.parameters.kernel_size
+        size = task.parameters.kernel_size
         if size is None:
-            size = lesson.parameters.infection_rule(hosts.shape).kernel.size
+            size = task.parameters.infection_rule(hosts.shape).kernel.size
         # Seeds and kernel follow from the farm's width, which a window does not have.
-        self._parameters = replace(lesson.parameters, seeds=self.seeds, kernel_size=size)
-        self._classes = classes_of(value_table(self._parameters, lesson.day))
+        self._parameters = replace(task.parameters, seeds=self.seeds, kernel_size=size)
+        self._classes = classes_of(value_table(self._parameters, task.day))
 
     def draw(self) -> tuple[NDArray[np.bool_], NDArray[np.int8], int, float]:
         """Return cells with the crop, their classes, a margin to leave out, and the weight of this field."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import EstimatorError
-from sensors.estimators.base import BaseEstimator
+from sensors.estimators.base import LEARNING, BaseEstimator, Progress
 from sensors.estimators.gp.field import FieldProcess
 from sensors.estimators.gp.posterior_exact import ExactPosterior
 from sensors.estimators.gp.rbf import RbfKernel, fit_kernel
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 ZERO_MEAN = (0.0, 0.0, 0.0)
 METHODS = ("auto", "exact", "local")
-TEACHERS = ("auto", "observations", "model")
+PRIOR_SOURCES = ("auto", "observations", "model")
 SMALL_FARM_CELLS = 128 * 128
 """On larger farms the prior is learned from the model of the environment unless something else is wanted."""
 
@@ -142,6 +142,16 @@ class GaussianProcessEstimator(BaseEstimator):
         local = self.method == "local" or (self.method == "auto" and exact > self.memory_limit_mb * 2**20)
         return _LOCAL_BYTES_A_CELL * cells if local else models + exact
 
+    def prepare(self, day: int, progress: Progress | None = None) -> Self:
+        """Learn the priors of a day; see `BaseEstimator.prepare`."""
+        super().prepare(day)
+        if self.optimise and self._prior_source == "model":
+            tell = progress or (lambda _what, _done, _total: None)
+            tell(LEARNING, 0, 1)
+            self._take_priors(day)
+            tell(LEARNING, 1, 1)
+        return self
+
     def _start(self, grid: FarmGrid) -> None:
         self._check_parameters()
         healthy = [1.0 if field.kind == "disease" else None for field in self.fields]
@@ -153,7 +163,7 @@ class GaussianProcessEstimator(BaseEstimator):
         self.kernels_ = [self.kernel] * len(self.fields)
         large = grid.shape[0] * grid.shape[1] > SMALL_FARM_CELLS
         auto = "model" if large else "observations"
-        self._teacher = auto if self.learn_from == "auto" else self.learn_from
+        self._prior_source = auto if self.learn_from == "auto" else self.learn_from
         self._latest_day: int | None = None
         self._learned_day: int | None = None
         self._own: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
@@ -166,7 +176,7 @@ class GaussianProcessEstimator(BaseEstimator):
 
     def _estimate(self) -> InformationModel:
         if self.optimise:
-            if self._teacher == "model":
+            if self._prior_source == "model":
                 self._take_priors(self.day if self._latest_day is None else self._latest_day)
             else:
                 for process in self._fields:
@@ -266,7 +276,7 @@ class GaussianProcessEstimator(BaseEstimator):
             "amplitude_bounds": _is_interval(self.amplitude_bounds),
             "method": self.method in METHODS,
             "memory_limit_mb": self.memory_limit_mb > 0,
-            "learn_from": self.learn_from in TEACHERS,
+            "learn_from": self.learn_from in PRIOR_SOURCES,
             "day": isinstance(self.day, int | np.integer) and self.day >= 0,
             "training_seed": isinstance(self.training_seed, int) and self.training_seed >= 0,
         }

@@ -27,7 +27,7 @@ from sensors.estimators.epidemic.features import (
 from sensors.estimators.epidemic.network import Network, train
 from sensors.estimators.epidemic.paths import random_path
 from sensors.estimators.epidemic.soil import SoilField
-from sensors.estimators.epidemic.training import Lesson, classes_of, load_network, network_for
+from sensors.estimators.epidemic.training import TrainingTask, classes_of, load_network, network_for
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import paper_loss
@@ -189,9 +189,9 @@ def test_the_gradient_is_that_of_the_cross_entropy():
 
 def test_equal_lessons_give_equal_networks_to_the_bit():
     hosts = get_farm("miniberry-10").grid().tomato
-    lesson = Lesson(TYLCV, 6, outbreaks=30, epochs=1)
-    first, second = training.learn(lesson, hosts), training.learn(lesson, hosts)
-    other = training.learn(Lesson(TYLCV, 6, outbreaks=30, epochs=1, seed=1), hosts)
+    task = TrainingTask(TYLCV, 6, outbreaks=30, epochs=1)
+    first, second = training.learn(task, hosts), training.learn(task, hosts)
+    other = training.learn(TrainingTask(TYLCV, 6, outbreaks=30, epochs=1, seed=1), hosts)
     pairs = list(zip(first.weights, second.weights, strict=True))
     assert all(np.array_equal(a, b) for a, b in pairs)
     assert not np.array_equal(first.weights[0], other.weights[0])
@@ -199,22 +199,22 @@ def test_equal_lessons_give_equal_networks_to_the_bit():
 
 def test_what_was_learned_is_kept_and_damage_is_repaired(tmp_path, monkeypatch):
     hosts = get_farm("miniberry-10").grid().strawberry
-    lesson = Lesson(CCR, 6, outbreaks=15, epochs=1, seed=5)
+    task = TrainingTask(CCR, 6, outbreaks=15, epochs=1, seed=5)
     monkeypatch.setattr(training, "_in_memory", {})
-    learned = network_for(lesson, hosts, tmp_path)
+    learned = network_for(task, hosts, tmp_path)
     (path,) = tmp_path.iterdir()
     kept = path.read_bytes()
     trained = []
     real = training.learn
     monkeypatch.setattr(training, "learn", lambda *given: trained.append(1) or real(*given))
     monkeypatch.setattr(training, "_in_memory", {})
-    again = network_for(lesson, hosts, tmp_path)
+    again = network_for(task, hosts, tmp_path)
     assert trained == []
     assert np.array_equal(learned.weights[1], again.weights[1])
     for damaged in (b"", kept[: len(kept) // 2], b"not a network"):
         path.write_bytes(damaged)
         monkeypatch.setattr(training, "_in_memory", {})
-        repaired = network_for(lesson, hosts, tmp_path)
+        repaired = network_for(task, hosts, tmp_path)
         assert np.array_equal(learned.weights[1], repaired.weights[1])
         assert load_network(path) is not None
     assert len(trained) == 3
@@ -240,8 +240,8 @@ def test_a_file_that_is_no_network_is_not_used(tmp_path, spoil):
 
 
 def test_further_networks_are_kept_too(tmp_path):
-    lesson = Lesson(CCR, 6, outbreaks=15, epochs=1, seed=5)
-    learned = training.learn(lesson, get_farm("miniberry-10").grid().strawberry)
+    task = TrainingTask(CCR, 6, outbreaks=15, epochs=1, seed=5)
+    learned = training.learn(task, get_farm("miniberry-10").grid().strawberry)
     assert len(learned.further) == 2
     training.save_network(learned, tmp_path / "kept.npz")
     again = load_network(tmp_path / "kept.npz")
@@ -279,9 +279,9 @@ def test_context_sums_what_is_expected_in_each_ring():
 def test_a_second_look_judges_better(cache):
     """With equal training, on fields that the networks have not seen."""
     hosts = get_farm("miniberry-10").grid().tomato
-    lesson = Lesson(TYLCV, 6, outbreaks=250, epochs=4)
-    network = network_for(lesson, hosts, cache)
-    looks = training._draw_looks(lesson, hosts, np.random.default_rng(77))
+    task = TrainingTask(TYLCV, 6, outbreaks=250, epochs=4)
+    network = network_for(task, hosts, cache)
+    looks = training._draw_looks(task, hosts, np.random.default_rng(77))
     x, y = np.nonzero(hosts)
     losses = np.zeros(2)
     for look in looks:
@@ -302,7 +302,7 @@ def test_without_a_folder_to_write_to_it_still_learns(tmp_path, monkeypatch):
     blocked.write_text("in the way")
     monkeypatch.setattr(training, "_in_memory", {})
     hosts = get_farm("miniberry-10").grid().tomato
-    assert network_for(Lesson(TYLCV, 6, outbreaks=15, epochs=1, seed=6), hosts, blocked / "deeper")
+    assert network_for(TrainingTask(TYLCV, 6, outbreaks=15, epochs=1, seed=6), hosts, blocked / "deeper")
 
 
 def test_the_folder_follows_the_standard(tmp_path, monkeypatch):
@@ -319,12 +319,12 @@ def test_lessons_differ_in_their_names():
     fewer = hosts.copy()
     fewer[0, 0] = False
     names = {
-        Lesson(TYLCV, 6).key(hosts),
-        Lesson(TYLCV, 6).key(fewer),
-        Lesson(TYLCV, 7).key(hosts),
-        Lesson(CCR, 6).key(hosts),
-        Lesson(TYLCV, 6, seed=1).key(hosts),
-        Lesson(TYLCV, 6, epochs=1).key(hosts),
+        TrainingTask(TYLCV, 6).key(hosts),
+        TrainingTask(TYLCV, 6).key(fewer),
+        TrainingTask(TYLCV, 7).key(hosts),
+        TrainingTask(CCR, 6).key(hosts),
+        TrainingTask(TYLCV, 6, seed=1).key(hosts),
+        TrainingTask(TYLCV, 6, epochs=1).key(hosts),
     }
     assert len(names) == 6
 
@@ -467,7 +467,7 @@ def test_whole_and_large_farms_agree_away_from_what_only_small_ones_use(cache, m
     reference = EpidemicEstimator(**SMALL, cache=cache).fit(grid, seen)
     monkeypatch.setattr(belief_module, "WHOLE_FARM_CELLS", 50)
     monkeypatch.setattr(belief_module, "set_overall", lambda features, overall: None)
-    monkeypatch.setattr(belief_module, "network_for", lambda lesson, hosts, folder: network)
+    monkeypatch.setattr(belief_module, "network_for", lambda task, hosts, folder: network)
     network = Network.draw(training.LAYERS, np.random.default_rng(0))
     large = EpidemicEstimator().fit(grid)
     for start in range(0, len(seen), 40):
@@ -482,8 +482,8 @@ def test_windows_of_a_large_farm_stand_for_it(monkeypatch):
     monkeypatch.setattr(training, "_WINDOW", 48)
     hosts = np.ones((240, 200), bool)
     hosts[:, 150:] = False
-    lesson = Lesson(TYLCV, 6, outbreaks=400)
-    _, classes, weights = training.draw_samples(lesson, hosts, np.random.default_rng(3))
+    task = TrainingTask(TYLCV, 6, outbreaks=400)
+    _, classes, weights = training.draw_samples(task, hosts, np.random.default_rng(3))
     sick = [
         (truth_of(FarmGrid((240, 200), 0.3, np.where(hosts, 2, 0).astype(np.int8), hosts), s)[0] < 1)
         for s in range(12)
@@ -569,3 +569,20 @@ def test_it_beats_disks_and_the_gaussian_process(cache):
             )
     assert totals["epidemic"] < 0.25 * totals["adaptive-disk"]
     assert totals["epidemic"] < 0.5 * totals["gp"]
+
+
+def test_training_beforehand_tells_its_progress_and_is_not_done_again(tmp_path, monkeypatch):
+    told = []
+    grid = get_farm("miniberry-10").grid()
+    estimator = make_estimator("epidemic", outbreaks=20, epochs=1, training_seed=77, cache=tmp_path).fit(grid)
+    estimator.prepare(5, lambda *what: told.append(what))
+    assert {what for what, _, _ in told} == {"training the estimator"}
+    done = [part for _, part, _ in told]
+    assert done == sorted(done)
+    assert (done[0], done[-1], told[0][2]) == (0, 2, 2)
+    assert len(done) > 6
+    monkeypatch.setattr("sensors.estimators.epidemic.training.learn", None)
+    assert estimator.partial_fit(Observations([1], [1], [0.0], [5], [[1, 1, 0.5]])).predict().shape == (
+        10,
+        10,
+    )

@@ -1,8 +1,9 @@
-"""Files and folders that appear complete or not at all.
+"""Files that appear complete or not at all.
 
-What is written goes to a temporary neighbour in the same folder, which takes the place of the target in one
-step (``os.replace``) when the ``with`` block ends well. When it ends with an exception, Ctrl-C included, the
-neighbour is removed and an older target stays as it was.
+What is written goes to a temporary neighbour in the same folder. When the ``with`` block ends well, the
+neighbour is brought to the disk (``fsync``) and takes the place of the target in one step (``os.replace``),
+which is brought to the disk too: even a power cut leaves the old file or the new one. When the block ends
+with an exception, Ctrl-C included, the neighbour is removed and an older target stays as it was.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -19,11 +20,13 @@ import contextlib
 import errno
 import os
 import secrets
-import shutil
 import stat
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Literal, TextIO, overload
+
+# What a write reports without naming the file.
+_DISK_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
 
 def _neighbour(target: Path) -> Path:
@@ -33,13 +36,27 @@ def _neighbour(target: Path) -> Path:
 
 @contextlib.contextmanager
 def _named(path: Path, temporary: Path) -> Iterator[None]:
-    """Make an OSError name the target instead of its temporary neighbour."""
+    """Make an OSError name the target: in place of its temporary neighbour, and where the disk is full."""
     try:
         yield
     except OSError as error:
-        if error.filename is not None and Path(str(error.filename)) == temporary:
+        nameless = error.filename is None and error.errno in _DISK_ERRORS
+        if nameless or (error.filename is not None and Path(str(error.filename)) == temporary):
             error.filename, error.filename2 = str(path), None
         raise
+
+
+def _to_disk(path: Path) -> None:
+    """Wait until a file, or the names in a folder, are on the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        # Some file systems cannot do it for folders, or at all.
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):
+            raise
+    finally:
+        os.close(descriptor)
 
 
 @contextlib.contextmanager
@@ -74,10 +91,12 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
             yield temporary
             if target.exists():
                 temporary.chmod(stat.S_IMODE(target.stat().st_mode))
+            _to_disk(temporary)
             temporary.replace(target)
         except BaseException:
             temporary.unlink(missing_ok=True)
             raise
+        _to_disk(target.parent)
 
 
 @overload
@@ -123,41 +142,3 @@ def atomic_write(
         else:
             with temporary.open("w", encoding="utf-8", newline=newline) as text:
                 yield text
-
-
-@contextlib.contextmanager
-def atomic_directory(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Give a temporary folder that becomes the target, replacing an older one, when the block ends well.
-
-    Parameters
-    ----------
-    path : path-like
-        The folder to make or replace.
-
-    Yields
-    ------
-    pathlib.Path
-        An empty folder to fill.
-
-    Raises
-    ------
-    OSError
-        If the parent folder does not exist or cannot be written to, or the target is a file.
-    """
-    target = Path(path).resolve()
-    if target.exists() and not target.is_dir():
-        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), os.fspath(path))
-    temporary, older = _neighbour(target), _neighbour(target)
-    with _named(Path(path), temporary):
-        temporary.mkdir()
-        try:
-            yield temporary
-            if target.exists():
-                target.replace(older)
-            temporary.replace(target)
-        except BaseException:
-            if older.exists() and not target.exists():
-                older.replace(target)
-            shutil.rmtree(temporary, ignore_errors=True)
-            raise
-        shutil.rmtree(older, ignore_errors=True)

@@ -2,11 +2,37 @@
 
 ::
 
-    WbfMissionError                       anything a user can mend; its text is one line
-    +-- geo.errors.FarmError              a farm or a farm file
-    +-- sensors.errors.*                  environment data, observations, estimators
-    +-- mission.errors.*                  planning, mission items and files, transfer, links
-    +-- sim_vehicle.errors.VehicleError   a vehicle or its specification
+    WbfMissionError                                       anything a user can mend; its text is one line
+    +-- geo.errors.FarmError                              a farm or a farm file
+    +-- geo.memory.NotEnoughMemoryError                   work that needs more memory than there is
+    +-- geo.named.ParameterError                          parameters of a planner or an estimator
+    +-- geo.reading.UnreadableError                       a file that a user names
+    +-- geo.seeds.SeedError                               a seed
+    +-- sensors.errors.FieldError                         a field of an environment
+    +-- sensors.errors.EnvironmentDataError               an environment or its files
+    +-- sensors.errors.ObservationError                   observations
+    +-- sensors.errors.EstimatorError                     an estimator
+    +-- mission.errors.PlanningError                      a planner, a budget or a path
+    +-- mission.errors.MissionError                       a mission or one of its items
+    +-- mission.errors.MissionFileError                   a mission file
+    +-- mission.errors.TransferError                      an upload, a download or a clear
+    |   +-- mission.transfer.errors.LocalTransferError    called in a way that makes no sense
+    |   +-- mission.transfer.errors.RemoteTransferError   failed by the vehicle or the link
+    |   |   +-- mission.transfer.errors.NoVehicleError    nobody was there
+    +-- mission.errors.LinkError                          a link that cannot be opened
+    |   +-- mission.errors.NoPeerError                    nobody answers at the other end
+    |   +-- mission.errors.LinkLostError                  a link that broke
+    +-- sim_vehicle.errors.VehicleError                   a vehicle or its specification
+    |   +-- sim_vehicle.faults.fault.FaultError           a fault to be injected
+    |   +-- sim_vehicle.pilot.notices.RefusedError        a command that the vehicle refuses
+    +-- wbf_mission.scenario.option.ScenarioError         a scenario or one of its options
+    +-- wbf_mission.flight.FlightError                    a flight that cannot go on
+    +-- wbf_mission.arrays.ArrayFileError                 arrays of a result
+    +-- wbf_mission.result_files.ResultError              the folder of a result
+    +-- wbf_mission.cli.targets.TargetError               a file or folder to be written
+    +-- wbf_mission.check.errors.CheckError               a check that does not exist
+    +-- wbf_mission.check.errors.FailedError              a check that failed
+    +-- wbf_mission.check.errors.SkippedError             a check that does not apply
 """
 
 

@@ -30,6 +30,11 @@ _MAX_CELL_M = 1000.0
 _NAMES = {crop.name.lower(): crop for crop in Crop}
 _COUNT_SLACK = 1e-6
 _THIN_M = 1e-3
+_WGS84 = re.compile(
+    r"(urn:ogc:def:crs:|https?://www\.opengis\.net/def/crs/)?"
+    r"(OGC[:/]+(1\.3[:/])?CRS84|EPSG[:/]+(0[:/])?4326|WGS ?84)",
+    re.IGNORECASE,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +153,24 @@ def _document(path: Path) -> dict[str, Any]:
     return document
 
 
+def _check_crs(holder: dict[str, Any], where: str) -> None:
+    """Refuse what GeoJSON of 2008 could say and RFC 7946 cannot: coordinates that are not WGS 84."""
+    crs = holder.get("crs")
+    if crs is None:
+        return
+    properties = crs.get("properties") if isinstance(crs, dict) else None
+    name = properties.get("name") if isinstance(properties, dict) else None
+    if not (isinstance(name, str) and _WGS84.fullmatch(name.strip())):
+        shown = _short(name if isinstance(name, str) else crs)
+        msg = (
+            f'{where}: member "crs" is {shown!r}, but a farm file holds longitudes and latitudes of WGS 84: '
+            "convert it (ogr2ogr -t_srs EPSG:4326)"
+        )
+        raise FarmError(msg)
+
+
 def _farm_of(document: dict[str, Any], default_name: str) -> Farm:
+    _check_crs(document, "the file")
     name = _text(document, "name", default_name, "the farm")
     raw = document.get("features")
     if not isinstance(raw, list) or not raw:
@@ -214,6 +236,7 @@ def _read_feature(entry: object, index: int) -> _Feature:
         raise FarmError(msg)
     name = _text(properties, "name", f"patch {index}", where)
     where = f"feature {index} ({name!r})"
+    _check_crs(entry, where)
     obstacle = properties.get("obstacle", False)
     if not isinstance(obstacle, bool):
         msg = f'{where}: property "obstacle" is not true or false'
@@ -236,6 +259,7 @@ def _read_feature(entry: object, index: int) -> _Feature:
         advice = "; make each part a feature of its own" if kind == "MultiPolygon" else ""
         msg = f"{where}: geometry is {_short(kind)!r}, not a Polygon{advice}"
         raise FarmError(msg)
+    _check_crs(geometry, where)
     rings = geometry.get("coordinates")
     if not isinstance(rings, list) or not rings or not rings[0]:
         msg = f"{where}: the polygon is empty"

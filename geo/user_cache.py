@@ -1,20 +1,52 @@
-"""Where things that can be made again are kept for the user between runs."""
+"""The folder where things that can be made again are kept, and what is said when they cannot be."""
 
 from __future__ import annotations
 
-import os
+import warnings
 from pathlib import Path
+
+import platformdirs
+
+_told: set[Path] = set()
+
+
+class CacheWarning(UserWarning):
+    """A cache that cannot be written to: what was to be kept there is made anew in every run."""
 
 
 def user_cache_folder(name: str) -> Path:
-    """Return ``wbf-mission/NAME`` below XDG_CACHE_HOME or ``~/.cache``; it may not exist yet.
+    """Name the folder NAME of the user's cache, ``wbf-mission/NAME`` on Linux; it may not exist yet.
+
+    The cache is where the system has it: below XDG_CACHE_HOME or ``~/.cache`` on Linux, ``~/Library/Caches``
+    on macOS, ``%LOCALAPPDATA%`` on Windows.
 
     Examples
     --------
-    >>> user_cache_folder("environments").parts[-2:]
-    ('wbf-mission', 'environments')
+    >>> user_cache_folder("environments").parts[-1]
+    'environments'
     """
-    base = os.environ.get("XDG_CACHE_HOME")
-    # The standard says that relative paths there are to be ignored.
-    root = Path(base) if base and Path(base).is_absolute() else Path.home() / ".cache"
-    return root / "wbf-mission" / name
+    root = platformdirs.user_cache_path("wbf-mission", appauthor=False)
+    # The standard says that relative paths in XDG_CACHE_HOME are to be ignored.
+    if not root.is_absolute():
+        root = Path.home() / ".cache" / "wbf-mission"
+    return root / name
+
+
+def warn_of_cache(folder: Path, error: Exception) -> None:
+    """Say once for each folder and process that nothing can be kept in it, and why.
+
+    Parameters
+    ----------
+    folder : Path
+        The cache.
+    error : Exception
+        What went wrong; an OSError is told by its reason and, if it has one, its file.
+    """
+    if folder in _told:
+        return
+    _told.add(folder)
+    reason = str(error)
+    if isinstance(error, OSError) and error.strerror:
+        reason = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    msg = f"{folder}: cannot keep anything in this cache ({reason}); it is made anew in every run"
+    warnings.warn(msg, CacheWarning, stacklevel=3)

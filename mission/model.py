@@ -9,8 +9,6 @@ import math
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
-import numpy as np
-
 from mission.errors import MissionError
 
 
@@ -236,23 +234,6 @@ class MissionItem:
     def wire_y(self) -> int:
         """``y`` as MISSION_ITEM_INT carries it: degE7 for a place, otherwise the parameter itself."""
         return round(self.y * DEGREES_E7) if self.has_place else int(self.y)
-
-    def on_the_wire(self) -> MissionItem:
-        """Return the item as a receiver sees it: 32-bit floats, integer x and y."""
-
-        def single(value: float | None) -> float | None:
-            return None if value is None else float(np.float32(value))
-
-        return replace(
-            self,
-            param1=single(self.param1),
-            param2=single(self.param2),
-            param3=single(self.param3),
-            param4=single(self.param4),
-            x=self.x if self.has_place else float(int(self.x)),
-            y=self.y if self.has_place else float(int(self.y)),
-            z=float(np.float32(self.z)),
-        )
 
 
 @dataclass(frozen=True, slots=True)

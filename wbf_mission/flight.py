@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ from geo import Farm
 from geo.errors import WbfMissionError
 from geo.seeds import child_seed, stream
 from mission.link.tlog import TlogWriter
+from mission.outcome import Outcome
 from mission.planners import Planner
 from sensors.camera.leaf_camera import LeafCamera, LeafCameraOptions
 from sensors.camera.wire import ObservationAssembler
@@ -29,16 +29,15 @@ from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
 from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.estimation import RunEstimate, estimator_of, require_run_memory, resolved, score_points
-from wbf_mission.flight_result import Result
 from wbf_mission.ground.station import GroundStation
-from wbf_mission.outcome import Outcome, Phase
+from wbf_mission.outcome import Phase
 from wbf_mission.planning import PlanResult, home_of, plan
+from wbf_mission.progress import Progress, silent
 from wbf_mission.report import FieldMap, field_maps, true_map
+from wbf_mission.result import Result
 from wbf_mission.scenario import CameraOptions, Scenario, scenario_with
 from wbf_mission.stopwatch import Stopwatch
 from wbf_mission.weather import noise_of, wind_of_run
-
-Progress = Callable[[str, float, float], None]
 
 SMALL_FARM_CELLS = 2500
 SLICE_S = 1.0
@@ -134,7 +133,7 @@ def fly(
     WbfMissionError
         If the scenario cannot be planned or set up.
     """
-    tell = progress or _silent
+    tell = progress or silent
     watch = Stopwatch()
     fields = load_field_set(scenario.farm.fields)
     options = camera_options(scenario.camera, fields)
@@ -344,7 +343,3 @@ def _expected_observations(camera: CameraOptions, planned: PlanResult) -> float:
         spacing_m = camera.spacing_m or planned.farm.cell_size_m * camera.footprint
         pictures = planned.prediction.path_length_m / spacing_m
     return pictures * camera.footprint**2
-
-
-def _silent(_what: str, _done: float, _total: float) -> None:
-    return None

@@ -6,7 +6,7 @@ import shutil
 from concurrent.futures import Executor, Future
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -17,6 +17,7 @@ from geo.atomic import atomic_write
 from geo.errors import WbfMissionError
 from mission.files import read_mission, write_mission
 from mission.model import MissionType
+from mission.outcome import Outcome
 from mission.transfer.events import TransferStatistics
 from sensors.camera.wire import AssemblerStatistics
 from sensors.field_files import field_from_table, field_to_table
@@ -28,13 +29,13 @@ from sim_vehicle.prediction.predict import Prediction
 from wbf_mission.arrays import SUFFIX, read_array, write_array
 from wbf_mission.blocks import MapGrid
 from wbf_mission.estimation import ScoreHistory
-from wbf_mission.outcome import Outcome, Track
+from wbf_mission.outcome import Track
 from wbf_mission.planning import PlanResult, flown_vehicle
 from wbf_mission.report import FieldMap
+from wbf_mission.run_record import RunRecord
 from wbf_mission.scenario import Scenario, VehicleOptions
 
-if TYPE_CHECKING:
-    from wbf_mission.flight_result import Result
+R = TypeVar("R", bound=RunRecord)
 
 FORMAT = 1
 MAX_JSON_BYTES = 64 * 2**20
@@ -69,7 +70,7 @@ class _Record(msgspec.Struct, forbid_unknown_fields=True):
     fields: tuple[dict[str, Any], ...]
 
 
-def write_arrays(result: Result, folder: Path, pool: Executor) -> dict[Path, Future[None]]:
+def write_arrays(result: RunRecord, folder: Path, pool: Executor) -> dict[Path, Future[None]]:
     """Begin to write truth, value and uncertainty, and return the files with what tells when they are done.
 
     Compressing lets go of the interpreter's lock, so that the other files can be written meanwhile.
@@ -157,7 +158,7 @@ def history_table(history: ScoreHistory, fields: tuple[str, ...]) -> Any:
     return pa.table(columns)
 
 
-def write_result(result: Result, folder: Path) -> list[Path]:
+def write_result(result: RunRecord, folder: Path) -> list[Path]:
     """Write a result without its arrays and pictures into a folder, and return the files."""
     written = [folder / RECORD, folder / "summary.json", folder / "plan.plan", folder / "plan.json"]
     write_json(written[0], _record(result))
@@ -184,10 +185,8 @@ def write_result(result: Result, folder: Path) -> list[Path]:
     return written
 
 
-def read_result(folder: Path) -> Result:
-    """Read what `write_result` wrote; see `wbf_mission.results.load_result`."""
-    from wbf_mission.flight_result import Result
-
+def read_result(folder: Path, kind: type[R]) -> R:
+    """Read what `write_result` wrote; see `wbf_mission.result.load_result`."""
     record = _read_record(folder / RECORD)
     fields = FieldSet(tuple(field_from_table(one, str(folder / RECORD)) for one in record.fields))
     scenario = Scenario(**record.scenario)
@@ -215,7 +214,7 @@ def read_result(folder: Path) -> Result:
     if value is not None and uncertainty is not None:
         model = InformationModel(value, uncertainty, fields=fields.names)
     true_track = folder / "true_track.parquet"
-    return Result(
+    return kind(
         scenario=scenario,
         plan=plan,
         outcome=Outcome(record.outcome),
@@ -244,7 +243,7 @@ def read_result(folder: Path) -> Result:
     )
 
 
-def _record(result: Result) -> _Record:
+def _record(result: RunRecord) -> _Record:
     plan, prediction = result.plan, result.plan.prediction
     return _Record(
         format=FORMAT,

@@ -17,18 +17,18 @@ from typing import TYPE_CHECKING, Any, Self
 import msgspec
 import numpy as np
 
+from mission.outcome import Outcome
 from wbf_mission.arrays import SUFFIX
 from wbf_mission.estimation import resolved
-from wbf_mission.outcome import Outcome
-from wbf_mission.result_files import RECORD, ResultError, read_result, write_arrays, write_result
+from wbf_mission.progress import Progress, silent
+from wbf_mission.result_files import RECORD, ResultError, write_arrays, write_result
+from wbf_mission.run_record import RunRecord
 from wbf_mission.scenario import Scenario
 
 if TYPE_CHECKING:
-    from wbf_mission.flight import Progress
-    from wbf_mission.flight_result import Result
     from wbf_mission.report import FieldMap
 
-__all__ = ["ResultError", "ResultFolder", "load_result", "run_name", "save_result"]
+__all__ = ["ResultFolder", "run_name"]
 
 
 class ResultFolder:
@@ -80,7 +80,7 @@ class ResultFolder:
     def __exit__(self, *_: object) -> None:
         shutil.rmtree(self._staging, ignore_errors=True)
 
-    def write(self, result: Result, *, plots: bool = True, progress: Progress | None = None) -> list[Path]:
+    def write(self, result: RunRecord, *, plots: bool = True, progress: Progress | None = None) -> list[Path]:
         """Write everything that the run has, put the folder in its place, and return the files.
 
         Ctrl-C while the pictures are drawn keeps the rest. The result of an interrupted flight goes beside an
@@ -91,7 +91,7 @@ class ResultFolder:
         OSError
             If a file cannot be written; then an older result is as it was.
         """
-        tell = progress or _silent
+        tell = progress or silent
         self._staging.mkdir(parents=True, exist_ok=True)
         jobs = _plot_jobs(result) if plots else []
         tell("writing results", 0, len(jobs) + 1)
@@ -146,39 +146,6 @@ class ResultFolder:
                 (older / name).replace(target / name)
             shutil.rmtree(older, ignore_errors=True)
         _sync(target.parent)
-
-
-def save_result(result: Result, path: str | Path, *, plots: bool = True, force: bool = False) -> Path:
-    """Save a result into a folder; see `Result.save`."""
-    with ResultFolder(Path(path), scenario=result.scenario.to_dict(), force=force) as folder:
-        folder.write(result, plots=plots)
-    return Path(path)
-
-
-def load_result(path: str | Path) -> Result:
-    """Load the result that a run or `Result.save` left in a folder.
-
-    The arrays are read into memory, 1.1 GB for a farm like Waterberry.
-
-    Raises
-    ------
-    ResultError
-        If the folder holds no result, or a damaged one.
-
-    Examples
-    --------
-    >>> load_result("no/such/folder")
-    Traceback (most recent call last):
-    ...
-    wbf_mission.result_files.ResultError: no/such/folder: holds no result (result.json is missing); give ...
-    """
-    try:
-        return read_result(Path(path))
-    except (OSError, TypeError, KeyError, ValueError) as error:
-        if isinstance(error, ResultError):
-            raise
-        msg = f"{path}: the result is damaged ({' '.join(str(error).split())})"
-        raise ResultError(msg) from error
 
 
 def run_name(scenario: Scenario) -> str:
@@ -275,11 +242,7 @@ def _sync(path: Path) -> None:
         os.close(handle)
 
 
-def _silent(_what: str, _done: float, _total: float) -> None:
-    return None
-
-
-def _plot_jobs(result: Result) -> list[tuple[str, Any]]:
+def _plot_jobs(result: RunRecord) -> list[tuple[str, Any]]:
     from wbf_mission import plots
 
     scenario, farm = result.scenario, result.farm

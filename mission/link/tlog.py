@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Self
 
 from mission.errors import LinkError
-from mission.link.codec.frames import FrameReader, Message, starts_with_frame
+from mission.link.codec.frames import FrameReader, Message, valid_frame_end
 
 _TIME = struct.Struct(">Q")
 _LATEST_US = 4_102_444_800_000_000  # the year 2100: later than that is not a time stamp
@@ -79,7 +79,7 @@ def read_tlog(path: Path | str) -> Iterator[tuple[float, Message]]:
     at = 0
     while at + 8 < len(data):
         (time_us,) = _TIME.unpack_from(data, at)
-        after = starts_with_frame(data, at + 8) if time_us < _LATEST_US else 0
+        after = valid_frame_end(data, at + 8) if time_us < _LATEST_US else 0
         if after:
             for message in reader.feed(data[at + 8 : after]):
                 yield time_us / 1e6, message

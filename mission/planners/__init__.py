@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from geo.lazy import attach
 
 if TYPE_CHECKING:
+    from mission.planners.area_coverage import coverage as coverage
     from mission.planners.budget import BatchBudget as BatchBudget
     from mission.planners.budget import Budget as Budget
     from mission.planners.budget import LengthBudget as LengthBudget
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from mission.planners.request import CropArea as CropArea
     from mission.planners.request import Planner as Planner
     from mission.planners.request import PlanningRequest as PlanningRequest
-    from mission.planners.seen import coverage as coverage
 else:
     __getattr__, __dir__, __all__ = attach(
         __name__,
@@ -44,6 +44,6 @@ else:
                 "planner_parameters",
             ),
             "mission.planners.request": ("CropArea", "Planner", "PlanningRequest"),
-            "mission.planners.seen": ("coverage",),
+            "mission.planners.area_coverage": ("coverage",),
         },
     )

@@ -8,7 +8,7 @@ import shapely
 
 from geo.farm import Crop
 from mission.errors import PlanningError
-from mission.planners.connect import Terrain, inset
+from mission.planners.inside_routing import Terrain, inset
 from mission.planners.path import Area, PlannedPath, Points, drop_coincident
 from mission.planners.request import PlanningRequest
 from mission.planners.search import Found, densest_feasible

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mission.planners.connect import Terrain
+from mission.planners.inside_routing import Terrain
 from mission.planners.path import PlannedPath, Points, drop_coincident
 from mission.planners.request import PlanningRequest
 from mission.planners.search import densest_feasible

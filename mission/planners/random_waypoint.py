@@ -9,7 +9,7 @@ import shapely
 from shapely.geometry import Point
 
 from mission.errors import PlanningError
-from mission.planners.connect import Terrain
+from mission.planners.inside_routing import Terrain
 from mission.planners.path import Area, PlannedPath, Points, drop_coincident, path_length
 from mission.planners.request import PlanningRequest
 from mission.planners.search import densest_feasible

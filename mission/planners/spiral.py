@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry import Polygon
 
-from mission.planners.connect import Terrain, is_rectangle, parts_of
+from mission.planners.inside_routing import Terrain, is_rectangle, parts_of
 from mission.planners.path import Area, PlannedPath, Points, drop_coincident
 from mission.planners.request import PlanningRequest
 from mission.planners.search import densest_feasible

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from shapely.geometry import Polygon
 
 from mission.errors import PlanningError
-from mission.planners.connect import is_rectangle, parts_of
+from mission.planners.inside_routing import is_rectangle, parts_of
 from mission.planners.path import Area, Points
 from mission.planners.spacing import is_number
 

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from mission.transfer.events import TransferStatistics as TransferStatistics
     from mission.transfer.events import UploadComplete as UploadComplete
     from mission.transfer.events import UploadVerified as UploadVerified
+    from mission.transfer.plan_store import StoredPlan as StoredPlan
     from mission.transfer.profile import ARDUPILOT as ARDUPILOT
     from mission.transfer.profile import GENERIC as GENERIC
     from mission.transfer.profile import PX4 as PX4
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
     from mission.transfer.profile import count_warning as count_warning
     from mission.transfer.profile import profile_for as profile_for
     from mission.transfer.server import MissionServer as MissionServer
-    from mission.transfer.server import StoredPlan as StoredPlan
     from mission.transfer.upload import MissionUpload as MissionUpload
     from mission.transfer.upload import check_plan as check_plan
     from mission.transfer.verified import VerifiedUpload as VerifiedUpload
@@ -82,7 +82,8 @@ else:
                 "count_warning",
                 "profile_for",
             ),
-            "mission.transfer.server": ("MissionServer", "StoredPlan"),
+            "mission.transfer.plan_store": ("StoredPlan",),
+            "mission.transfer.server": ("MissionServer",),
             "mission.transfer.upload": ("MissionUpload", "check_plan"),
             "mission.transfer.verified": ("VerifiedUpload",),
             "mission.transfer.wire": (

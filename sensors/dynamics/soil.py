@@ -13,8 +13,9 @@ a (k, H) matrix, and its sum over the farm needs the sums of the columns and row
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -382,6 +383,42 @@ def write_soil(
             course.advance(rows, block, at, day, block)
             sink(day, rows.start, block)
             at = day
+
+
+def simulate_coarse(
+    parameters: SoilParameters, shape: tuple[int, int], day: int, side: int, rngs: Sequence[Generator]
+) -> NDArray[np.float64]:
+    """Simulate the humidity of a day on few cells with the proportions of a farm: its humps grow with it.
+
+    Parameters
+    ----------
+    parameters : SoilParameters
+        The model.
+    shape : tuple of int
+        The farm, cells.
+    day : int
+        The day.
+    side : int
+        Cells along the longer side; the shorter one has at least 8.
+    rngs : sequence of numpy.random.Generator
+        One for each simulation.
+
+    Returns
+    -------
+    float64[n, w, h]
+        The humidity of each simulation.
+    """
+    scale = side / max(shape)
+    coarse = (max(8, round(shape[0] * scale)), max(8, round(shape[1] * scale)))
+    fields = np.empty((len(rngs), *coarse))
+    for field, rng in zip(fields, rngs, strict=True):
+        weather = draw_weather(coarse, day, parameters, rng)
+
+        def keep(_day: int, first: int, block: NDArray[np.float32], into: NDArray[Any] = field) -> None:
+            into[first : first + len(block)] = block
+
+        write_soil(coarse, weather, parameters, (day,), keep)
+    return fields
 
 
 def _single(

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import msgspec
 from numpy.random import SeedSequence
 
-from geo.user_cache import user_cache_folder
+from geo.user_cache import user_cache_folder, warn_of_cache
 from sensors.environment.environment import Environment
 from sensors.environment.generate import Progress, generate_environment, make_task
 from sensors.environment.storage import save_environment
@@ -91,7 +91,8 @@ class EnvironmentCache:
     ) -> tuple[Environment, bool]:
         """Give the environment of one day, from the cache or generated now and kept.
 
-        A folder that cannot be written to costs a generation in every run, not an error.
+        A folder that cannot be written to, or a full disk, costs a generation in every run and a
+        `geo.user_cache.CacheWarning`, not an error.
 
         Parameters
         ----------
@@ -141,8 +142,12 @@ class EnvironmentCache:
         try:
             save_environment(environment, path)
             self._shrink()
-        except (EnvironmentDataError, OSError):
-            return environment, False
+        except (EnvironmentDataError, OSError) as error:
+            cause = error.__cause__ or error
+            # Another process that writes the same entry is no trouble, and what it wrote is not ours.
+            if isinstance(cause, OSError) and not isinstance(cause, BlockingIOError):
+                shutil.rmtree(path.with_name(f".{path.name}.partial"), ignore_errors=True)
+                warn_of_cache(self.folder, cause)
         return environment, False
 
     def _shrink(self) -> None:

@@ -16,7 +16,7 @@ TILE_CELLS = 64
 
 
 def tile_shape(shape: tuple[int, int]) -> tuple[int, int]:
-    """Return how many tiles a farm of this shape (in cells) has along x and y."""
+    """Tell how many tiles a farm of this shape (in cells) has along x and y."""
     width, height = shape
     return -(-width // TILE_CELLS), -(-height // TILE_CELLS)
 
@@ -28,7 +28,7 @@ def tiles_of_boxes(
     y0: NDArray[np.integer],
     y1: NDArray[np.integer],
 ) -> NDArray[np.bool_]:
-    """Return the tiles that any of the boxes ``[x0, x1) x [y0, y1)`` touches.
+    """Find the tiles that any of the boxes ``[x0, x1) x [y0, y1)`` touches.
 
     Parameters
     ----------
@@ -47,6 +47,9 @@ def tiles_of_boxes(
     x0, x1 = np.clip(x0, 0, width), np.clip(x1, 0, width)
     y0, y1 = np.clip(y0, 0, height), np.clip(y1, 0, height)
     some = (x0 < x1) & (y0 < y1)
+    if width <= TILE_CELLS and height <= TILE_CELLS:
+        # Small farms are updated after every observation: the sums below would cost more than the update.
+        return np.array([[bool(some.any())]])
     left, low = x0[some] // TILE_CELLS, y0[some] // TILE_CELLS
     right, high = (x1[some] - 1) // TILE_CELLS + 1, (y1[some] - 1) // TILE_CELLS + 1
     columns, rows = tile_shape(shape)
@@ -58,22 +61,3 @@ def tiles_of_boxes(
     np.add.at(count, (right, low), -1)
     touched: NDArray[np.bool_] = count.cumsum(axis=0).cumsum(axis=1)[:columns, :rows] > 0
     return touched
-
-
-def bounding_box(tiles: NDArray[np.bool_], shape: tuple[int, int]) -> tuple[slice, slice] | None:
-    """Return the smallest box of cells that holds all given tiles, None if there are none.
-
-    Examples
-    --------
-    >>> some = np.zeros((4, 2), bool)
-    >>> some[1:3, 1] = True
-    >>> bounding_box(some, (200, 100))
-    (slice(64, 192, None), slice(64, 100, None))
-    """
-    columns, rows = np.flatnonzero(tiles.any(axis=1)), np.flatnonzero(tiles.any(axis=0))
-    if not columns.size:
-        return None
-    return (
-        slice(int(columns[0]) * TILE_CELLS, min((int(columns[-1]) + 1) * TILE_CELLS, shape[0])),
-        slice(int(rows[0]) * TILE_CELLS, min((int(rows[-1]) + 1) * TILE_CELLS, shape[1])),
-    )

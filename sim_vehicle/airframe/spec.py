@@ -219,3 +219,8 @@ class VehicleSpec:
     def top_speed_m_s(self) -> float:
         """The highest ground speed that a mission can command."""
         return self.cell_m / self.step_s if self.is_ideal else 0.95 * self.speed_limit_m_s
+
+    @property
+    def fastest_m_s(self) -> float:
+        """Greatest speed in still air: the most that a mission can command and the airframe reaches."""
+        return self.top_speed_m_s if self.is_ideal else min(self.top_speed_m_s, self.airspeed_limit_m_s)

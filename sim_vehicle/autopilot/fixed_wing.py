@@ -67,7 +67,9 @@ class FixedWingProcedures(ABC):
         """Climb-out to the height of a take-off item."""
 
     @abstractmethod
-    def return_legs(self, spec: VehicleSpec, last: Position, speed: float, haven: Position) -> list[Leg]:
+    def return_legs(
+        self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
+    ) -> list[Leg]:
         """Way home and what follows there."""
 
     def value(self, spec: VehicleSpec, name: str) -> float:

@@ -36,11 +36,13 @@ class FlightProcedures(Protocol):
     def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
         """Return the legs from ``last`` to the height ``above[2]`` over a place and down to the ground."""
 
-    def return_legs(self, spec: VehicleSpec, last: Position, speed: float, haven: Position) -> list[Leg]:
+    def return_legs(
+        self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
+    ) -> list[Leg]:
         """Return the legs home and down.
 
-        ``haven`` is home or another place to return to, and the least height of the way there if that is more
-        than the return altitude.
+        ``return_point`` is home or another position to return to, and the least height of the path there if
+        that is more than the return altitude.
         """
 
 

@@ -67,10 +67,12 @@ class GenericProcedures:
         legs.append(vertical_landing(spec, x, y))
         return legs
 
-    def return_legs(self, spec: VehicleSpec, last: Position, speed: float, haven: Position) -> list[Leg]:
+    def return_legs(
+        self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
+    ) -> list[Leg]:
         """Return the legs home: up to the return altitude unless home is right below, over home, and down."""
         x, y, z = last
-        home_x, home_y, least = haven
+        home_x, home_y, least = return_point
         if math.hypot(x - home_x, y - home_y) <= spec.acceptance_radius_m:
             return self.landing_legs(spec, (home_x, home_y, z), last, speed)
         legs: list[Leg] = []

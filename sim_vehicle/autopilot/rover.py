@@ -71,7 +71,7 @@ class RoverProcedures(ABC):
         spec: VehicleSpec,  # noqa: ARG002
         last: Position,  # noqa: ARG002
         speed: float,
-        haven: Position,
+        return_point: Position,
     ) -> list[Leg]:
         """Way home, where it stops."""
-        return [Leg((haven[0], haven[1], 0.0), speed, kind=LegKind.HOME)]
+        return [Leg((return_point[0], return_point[1], 0.0), speed, kind=LegKind.HOME)]

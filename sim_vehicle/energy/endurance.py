@@ -77,7 +77,7 @@ def best_speeds(spec: VehicleSpec) -> Best:
     VehicleError
         If the vehicle has no battery or no power model.
     """
-    slowest, fastest = 0.0, min(spec.airspeed_limit_m_s, spec.top_speed_m_s)
+    slowest, fastest = 0.0, spec.fastest_m_s
     if isinstance(spec.power, FixedWingPowerSpec):
         slowest = dict(spec.parameters_for("px4")).get("FW_AIRSPD_MIN", _SLOWEST * spec.cruise_speed_m_s)
         fastest = spec.airspeed_limit_m_s

@@ -14,7 +14,7 @@ from sim_vehicle.execution.leg_follower import LegFollower
 from sim_vehicle.execution.leg_plan import AfterLastLeg
 from sim_vehicle.execution.legs import circle_legs
 from sim_vehicle.execution.sequencer import EPOCH_UNIX_S, MissionSequencer
-from sim_vehicle.execution.state import FlightEvent, LandedState, Phase, VehicleState
+from sim_vehicle.execution.state import FlightEvent, FlightPhase, LandedState, VehicleState
 from sim_vehicle.execution.state_reader import read_state
 from sim_vehicle.motion.legs import ALONG, KEEP, Heading, Leg, LegKind
 
@@ -98,7 +98,7 @@ class MissionExecutor:
         return self.follower.armed
 
     @property
-    def phase(self) -> Phase:
+    def phase(self) -> FlightPhase:
         """What the vehicle is doing."""
         return self.follower.phase
 
@@ -222,7 +222,9 @@ class MissionExecutor:
         self.follower.disarm_step = None
         settings.speed_m_s = self.spec.cruise_speed_m_s
         top = (x, y, max(altitude_m, z))
-        self.follower.fly([Leg(top, settings.speed_m_s, heading=KEEP, kind=LegKind.TAKEOFF)], Phase.TAKEOFF)
+        self.follower.fly(
+            [Leg(top, settings.speed_m_s, heading=KEEP, kind=LegKind.TAKEOFF)], FlightPhase.TAKEOFF
+        )
 
     def goto(
         self,
@@ -249,7 +251,9 @@ class MissionExecutor:
         if speed_m_s is not None:
             settings.speed_m_s = self._checked_speed(speed_m_s)
         self.follower.disarm_step = None
-        self.follower.fly([Leg((x_m, y_m, altitude_m), settings.speed_m_s, heading=heading)], Phase.GOTO)
+        self.follower.fly(
+            [Leg((x_m, y_m, altitude_m), settings.speed_m_s, heading=heading)], FlightPhase.GOTO
+        )
 
     def steer(
         self,
@@ -302,7 +306,7 @@ class MissionExecutor:
             legs = [circle_leg((x_m, y_m, altitude_m), speed, radius_m, MAX_TURNS)]
         else:
             legs = circle_legs((x_m, y_m, altitude_m), here, MAX_TURNS, radius_m, speed, self.spec)
-        self.follower.fly(legs, Phase.GOTO)
+        self.follower.fly(legs, FlightPhase.GOTO)
 
     def return_home(self, position_m: Position | None = None) -> None:
         """Climb to the return altitude, fly home or to the nearest rally point, land.
@@ -329,19 +333,19 @@ class MissionExecutor:
             home = flight_procedures(self.spec).return_legs(
                 self.spec, (x, y, z), speed, self.sequencer.return_point()
             )
-            self.follower.fly(legs + home, Phase.RETURN, AfterLastLeg.TOUCHDOWN)
+            self.follower.fly(legs + home, FlightPhase.RETURN, AfterLastLeg.TOUCHDOWN)
             return
         height = max(position_m[2], self.spec.return_altitude_m, z)
         legs.append(Leg((x, y, height), speed, self.spec.acceptance_radius_m, KEEP, LegKind.CLIMB))
         legs.append(Leg((position_m[0], position_m[1], height), speed))
-        self.follower.fly(legs, Phase.GOTO)
+        self.follower.fly(legs, FlightPhase.GOTO)
 
     def _return_circling(self, position_m: Position | None, speed: float) -> None:
         """Return as a fixed wing does: to a circle there or over home, or to the landing of the mission."""
         here = self.motion.position_m
         if position_m is not None:
             height = max(position_m[2], self.spec.return_altitude_m, here[2])
-            self.follower.fly([circle_leg((position_m[0], position_m[1], height), speed)], Phase.GOTO)
+            self.follower.fly([circle_leg((position_m[0], position_m[1], height), speed)], FlightPhase.GOTO)
             return
         legs: list[Leg] = []
         if fixed_wing_procedures(self.spec).lands_as_mission(self.spec):
@@ -350,7 +354,9 @@ class MissionExecutor:
             legs = flight_procedures(self.spec).return_legs(
                 self.spec, here, speed, self.sequencer.return_point()
             )
-        self.follower.fly(legs, Phase.RETURN, AfterLastLeg.TOUCHDOWN if lands(legs) else AfterLastLeg.NEXT)
+        self.follower.fly(
+            legs, FlightPhase.RETURN, AfterLastLeg.TOUCHDOWN if lands(legs) else AfterLastLeg.NEXT
+        )
 
     def land(self) -> None:
         """Land here.
@@ -367,7 +373,7 @@ class MissionExecutor:
         legs = flight_procedures(self.spec).landing_legs(
             self.spec, (x, y, here[2]), here, self.sequencer.settings.speed_m_s
         )
-        self.follower.fly(legs, Phase.LAND, AfterLastLeg.TOUCHDOWN)
+        self.follower.fly(legs, FlightPhase.LAND, AfterLastLeg.TOUCHDOWN)
 
     def set_speed(self, speed_m_s: float) -> None:
         """Set the ground speed until the mission sets another.

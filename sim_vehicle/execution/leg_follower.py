@@ -10,7 +10,14 @@ from sim_vehicle.autopilot import flight_procedures
 from sim_vehicle.energy.battery import WH_J, BatteryMeter, remaining_fraction
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.leg_plan import AfterLastLeg, LegPlan
-from sim_vehicle.execution.state import BatteryDepleted, Disarmed, FlightEvent, Landed, LandedState, Phase
+from sim_vehicle.execution.state import (
+    BatteryDepleted,
+    Disarmed,
+    FlightEvent,
+    FlightPhase,
+    Landed,
+    LandedState,
+)
 from sim_vehicle.motion.legs import KEEP, Circle, Heading, Leg, LegKind, Route
 
 if TYPE_CHECKING:
@@ -60,7 +67,7 @@ class LegFollower:
         What moves.
     armed : bool
         Whether the motors run.
-    phase : Phase
+    phase : FlightPhase
         What the vehicle is doing.
     landed : LandedState
         Ground contact.
@@ -79,7 +86,7 @@ class LegFollower:
         self.spec = spec
         self.motion: MotionModel = flight_procedures(spec).motion(spec, wind, yaw_rad)
         self.armed = False
-        self.phase = Phase.GROUND
+        self.phase = FlightPhase.GROUND
         self.landed = LandedState.ON_GROUND
         self.plan: LegPlan | None = None
         self.flown = 0
@@ -97,13 +104,13 @@ class LegFollower:
     def hold(self) -> None:
         """Stop and stay; `start` resumes a mission."""
         if self.landed is LandedState.ON_GROUND:
-            self.drop_plan(Phase.GROUND)
+            self.drop_plan(FlightPhase.GROUND)
             return
         self.check_power("hold")
         x, y, z = self.motion.stopping_point()
         circles = self.spec.kind == "fixed-wing"
         speed = self.spec.cruise_speed_m_s if circles else self.spec.top_speed_m_s
-        self.fly([Leg((x, y, z), speed, heading=KEEP, kind=LegKind.STAY)], Phase.HOLD)
+        self.fly([Leg((x, y, z), speed, heading=KEEP, kind=LegKind.STAY)], FlightPhase.HOLD)
 
     def look_at(self, position_m: tuple[float, float] | None) -> None:
         """Point the nose at a position (east, north) whatever is flown, None for no more."""
@@ -115,12 +122,12 @@ class LegFollower:
             self.stop_motors()
             self.tell(Disarmed(self.time_s))
             return
-        self.drop_plan(Phase.FALLING)
+        self.drop_plan(FlightPhase.FALLING)
         self.look_at(None)
         if self.spec.is_ideal:
             x, y, _ = self.motion.position_m
             down = Leg((x, y, 0.0), self.spec.cruise_speed_m_s, heading=KEEP, kind=LegKind.LAND)
-            self.fly([down], Phase.FALLING, AfterLastLeg.TOUCHDOWN)
+            self.fly([down], FlightPhase.FALLING, AfterLastLeg.TOUCHDOWN)
             return
         self.motion.update_spec(
             replace(
@@ -150,26 +157,28 @@ class LegFollower:
         """Disarm on the ground."""
         self.armed = False
         self.disarm_step = None
-        self.drop_plan(Phase.GROUND)
+        self.drop_plan(FlightPhase.GROUND)
 
     def keep_velocity(self, velocity_m_s: Position, *, height_m: float, heading: Heading) -> None:
         """Keep a velocity until something else is flown; sinking ends with touch-down."""
         self.motion.set_climb(None, None)
         self._keep_velocity(velocity_m_s, height_m=height_m, heading=heading)
-        self.phase = Phase.STEERED
+        self.phase = FlightPhase.STEERED
         self.timer = None
         self.waiting = Waiting()
 
     def check_power(self, what: str) -> None:
         """Raise VehicleError for an order to a vehicle that is lost."""
         if self.phase.is_lost:
-            reason = "the battery is empty" if self.phase is Phase.DEPLETED else "the vehicle is falling"
+            reason = (
+                "the battery is empty" if self.phase is FlightPhase.DEPLETED else "the vehicle is falling"
+            )
             raise VehicleError(f"cannot {what}: {reason}")
 
     def fly(
         self,
         legs: Sequence[Leg],
-        phase: Phase,
+        phase: FlightPhase,
         after_last: AfterLastLeg = AfterLastLeg.NEXT,
     ) -> None:
         """Fly legs from here, at the vehicle's own vertical speeds."""
@@ -194,7 +203,7 @@ class LegFollower:
         self.flown = 0
         self._airborne()
 
-    def drop_plan(self, phase: Phase) -> None:
+    def drop_plan(self, phase: FlightPhase) -> None:
         """Fly no plan any more, and forget what waits for its conditions."""
         self.plan = None
         self.timer = None
@@ -220,8 +229,8 @@ class LegFollower:
     def descend(self) -> None:
         """Note that the last part of the way down has begun."""
         self.landed = LandedState.LANDING
-        if self.phase is Phase.RETURN:
-            self.phase = Phase.LAND
+        if self.phase is FlightPhase.RETURN:
+            self.phase = FlightPhase.LAND
 
     def take_events(self) -> list[FlightEvent]:
         """Take the events since the last call, in order."""
@@ -238,7 +247,7 @@ class LegFollower:
 
     def touch_down(self) -> None:
         """Come to rest on the ground."""
-        if self.phase is Phase.FALLING:
+        if self.phase is FlightPhase.FALLING:
             self.motion.update_spec(self.spec)
         self.motion.touch_down()
         self.landed = LandedState.ON_GROUND
@@ -258,10 +267,10 @@ class LegFollower:
         self.motion.ignore_energy()
         self.motion.lose_power()
         self.tell(BatteryDepleted(self.time_s))
-        if self.phase is Phase.FALLING:
+        if self.phase is FlightPhase.FALLING:
             return
         x, y, _ = self.motion.stopping_point()
         # A fixed wing comes down on a circle.
         down = Leg((x, y, 0.0), self.spec.cruise_speed_m_s, heading=KEEP, kind=LegKind.LAND, circle=Circle())
-        self.fly([down], Phase.DEPLETED, AfterLastLeg.TOUCHDOWN)
+        self.fly([down], FlightPhase.DEPLETED, AfterLastLeg.TOUCHDOWN)
         self.landed = LandedState.LANDING

@@ -26,11 +26,11 @@ from sim_vehicle.execution.state import (
     CannotFly,
     CurrentChanged,
     Disarmed,
+    FlightPhase,
     HomeMoved,
     ItemReached,
     LandedState,
     MissionComplete,
-    Phase,
     TargetReached,
 )
 from sim_vehicle.motion.legs import ALONG, KEEP, Leg
@@ -107,7 +107,7 @@ class MissionSequencer:
         ``places`` are those of `sim_vehicle.execution.items.item_places`, when they are known already.
         """
         follower = self.follower
-        if follower.phase is Phase.MISSION:
+        if follower.phase is FlightPhase.MISSION:
             follower.hold()
         self.items = tuple(items)
         self._places = item_places(self.items, self.frame) if places is None else places
@@ -133,7 +133,7 @@ class MissionSequencer:
         """Begin or go on with the mission at an item."""
         follower = self.follower
         follower.disarm_step = None
-        follower.drop_plan(Phase.MISSION)
+        follower.drop_plan(FlightPhase.MISSION)
         self._continue(seq)
 
     def set_current(self, seq: int) -> None:
@@ -141,19 +141,19 @@ class MissionSequencer:
         follower = self.follower
         self.settings.jumps.clear()
         self._set_current(seq)
-        if follower.phase is Phase.MISSION:
-            follower.drop_plan(Phase.MISSION)
+        if follower.phase is FlightPhase.MISSION:
+            follower.drop_plan(FlightPhase.MISSION)
             self._continue(seq)
 
     def apply_speed(self) -> None:
         """Let a ground speed that was set hold for what is being flown."""
         follower, speed_m_s = self.follower, self.settings.speed_m_s
         plan = follower.plan
-        if follower.phase is Phase.STEERED or plan is None or follower.timer is not None:
+        if follower.phase is FlightPhase.STEERED or plan is None or follower.timer is not None:
             return
-        if follower.phase is Phase.MISSION:
+        if follower.phase is FlightPhase.MISSION:
             self._fly_from(self.current_seq, follower.time_s)
-        elif follower.phase in (Phase.GOTO, Phase.RETURN):
+        elif follower.phase in (FlightPhase.GOTO, FlightPhase.RETURN):
             left = plan.legs[follower.flown :]
             legs = [leg if leg.descends else replace(leg, speed_m_s=speed_m_s) for leg in left]
             follower.fly(legs, follower.phase, plan.after_last)
@@ -224,9 +224,9 @@ class MissionSequencer:
     def _over(self) -> bool:
         follower = self.follower
         return (
-            follower.phase is not Phase.MISSION
+            follower.phase is not FlightPhase.MISSION
             and follower.disarm_step is None
-            and (follower.landed is LandedState.ON_GROUND or follower.phase is Phase.HOLD)
+            and (follower.landed is LandedState.ON_GROUND or follower.phase is FlightPhase.HOLD)
         )
 
     def _stuck(self) -> bool:
@@ -457,20 +457,20 @@ class MissionSequencer:
         follower = self.follower
         follower.tell(MissionComplete(time_s))
         if follower.landed is LandedState.ON_GROUND:
-            follower.drop_plan(Phase.GROUND)
+            follower.drop_plan(FlightPhase.GROUND)
             follower.disarm_later()
         else:
             follower.hold()
 
     def _target_reached(self) -> None:
         follower = self.follower
-        if follower.phase in (Phase.TAKEOFF, Phase.GOTO):
-            follower.phase = Phase.HOLD
+        if follower.phase in (FlightPhase.TAKEOFF, FlightPhase.GOTO):
+            follower.phase = FlightPhase.HOLD
             follower.tell(TargetReached(follower.time_s))
 
     def _give_up(self, reason: str, seq: int | None = None) -> None:
         follower = self.follower
-        on_mission = follower.phase is Phase.MISSION
+        on_mission = follower.phase is FlightPhase.MISSION
         follower.tell(
             CannotFly(
                 follower.time_s, (self.current_seq if seq is None else seq) if on_mission else -1, reason
@@ -488,9 +488,9 @@ class MissionSequencer:
         follower.disarm_later()
         if was.is_lost:
             follower.disarm_step = follower.motion.step
-        elif was is Phase.MISSION and seq >= 0:
+        elif was is FlightPhase.MISSION and seq >= 0:
             self._complete_item()
             if follower.landed is not LandedState.ON_GROUND:
                 follower.disarm_step = None
             return
-        follower.drop_plan(Phase.GROUND)
+        follower.drop_plan(FlightPhase.GROUND)

@@ -20,7 +20,7 @@ class LandedState(IntEnum):
     LANDING = 4
 
 
-class Phase(Enum):
+class FlightPhase(Enum):
     """What the vehicle is doing."""
 
     GROUND = "on the ground"
@@ -37,7 +37,7 @@ class Phase(Enum):
     @property
     def is_lost(self) -> bool:
         """Whether it can obey no more."""
-        return self is Phase.DEPLETED or self is Phase.FALLING
+        return self is FlightPhase.DEPLETED or self is FlightPhase.FALLING
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ class VehicleState:
         Whether the motors run.
     landed : LandedState
         Ground contact.
-    phase : Phase
+    phase : FlightPhase
         What the vehicle is doing.
     current_seq : int
         The mission item that is being flown, -1 without a mission.
@@ -92,7 +92,7 @@ class VehicleState:
     path_length_m: float
     armed: bool
     landed: LandedState
-    phase: Phase
+    phase: FlightPhase
     current_seq: int
     throttle: float = 0.5
 

@@ -10,7 +10,7 @@ from typing import Self
 
 from numpy.random import SeedSequence
 
-from mission.link.codec.frames import FrameReader, FrameWriter, Message, starts_with_frame
+from mission.link.codec.frames import FrameReader, FrameWriter, Message, valid_frame_end
 from mission.link.codec.signing import SETUP_SIGNING, Signing
 from sim_vehicle.component import NEVER, Component, SaysGoodbye
 from sim_vehicle.errors import VehicleError
@@ -263,7 +263,7 @@ class Server:
         for client in self._radios:
             assert client.radio is not None
             for frame in client.radio.receive("up", self.now_s):
-                if starts_with_frame(frame) == len(frame):
+                if valid_frame_end(frame) == len(frame):
                     self._take(client, frame)
             for frame in client.radio.receive("down", self.now_s):
                 client.send(frame)

@@ -14,7 +14,7 @@ from enum import Enum
 import numpy as np
 
 from mission.link.codec.dialect import mavlink
-from mission.link.codec.frames import FrameReader, FrameWriter, starts_with_frame
+from mission.link.codec.frames import FrameReader, FrameWriter, valid_frame_end
 from mission.link.codec.signing import SETUP_SIGNING, Signing
 from sim_vehicle.component import NEVER, Component
 from sim_vehicle.errors import VehicleError
@@ -259,12 +259,12 @@ class Simulation:
     def _arrive(self, port: int, radio: FaultyLink) -> None:
         """Take what comes out of a radio now; damaged frames end here, but links see them."""
         for frame in radio.receive("up", self.now_s):
-            if starts_with_frame(frame) == len(frame):
+            if valid_frame_end(frame) == len(frame):
                 self._forward(frame, self._ports(port, frame_id(frame), frame_target(frame)))
         for frame in radio.receive("down", self.now_s):
             if port >= len(self._components):
                 self._links[port - len(self._components)].deliver(frame)
-            elif starts_with_frame(frame) == len(frame):
+            elif valid_frame_end(frame) == len(frame):
                 self._inbox.append(((port,), frame))
 
     def _send(self, source: int, messages: Iterable[mavlink.MAVLink_message]) -> None:

@@ -11,7 +11,7 @@ from mission.link.codec.frames import Message
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.airframe.sensor_errors import HDOP, VDOP
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.execution.state import LandedState, Phase
+from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.mavlink.true_state import hil_state_quaternion, int16, quaternion, sim_state, to_body
 from sim_vehicle.pilot.fence import Breach
 
@@ -60,7 +60,7 @@ def base_mode(mode: Mode, armed: bool) -> int:
 def _heartbeat(source: WireState) -> Message:
     pilot, persona = source.pilot, source.firmware.persona
     if pilot.failsafe.active:
-        status = m.MAV_STATE_EMERGENCY if pilot.state.phase is Phase.DEPLETED else m.MAV_STATE_CRITICAL
+        status = m.MAV_STATE_EMERGENCY if pilot.state.phase is FlightPhase.DEPLETED else m.MAV_STATE_CRITICAL
     else:
         status = m.MAV_STATE_ACTIVE if pilot.armed else m.MAV_STATE_STANDBY
     return m.MAVLink_heartbeat_message(

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from mission.outcome import Outcome
 from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules
-from sim_vehicle.execution.state import LandedState, Phase
+from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.pilot.battery_watch import BatteryWatch
 from sim_vehicle.pilot.fence import Bounds, Breach, Fence, FenceWatch
 from sim_vehicle.pilot.notices import NoticeLog, Severity
-from sim_vehicle.pilot.outcome import Outcome
 
 if TYPE_CHECKING:
     from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["Failsafe", "Reaction"]
 
 # Phases that an action does not interrupt, because they do the same or more.
-_KEPT_PHASES = {Action.LAND: (Phase.LAND,), Action.TERMINATE: ()}
+_KEPT_PHASES = {Action.LAND: (FlightPhase.LAND,), Action.TERMINATE: ()}
 # FENCE_TYPE of ArduPilot.
 _CEILING, _RADIUS, _AREAS = 1, 2, 4
 
@@ -168,7 +168,7 @@ class Failsafe:
         if level == 0:
             return
         action = self.rules.battery_action(level, self._parameters)
-        homing = self._controls.state.phase in (Phase.RETURN, Phase.LAND)
+        homing = self._controls.state.phase in (FlightPhase.RETURN, FlightPhase.LAND)
         acts = action not in (Action.NONE, Action.WARN) and not (homing and action is Action.RETURN)
         text = self.battery.describe(level)
         severity = Severity.CRITICAL if level > 1 else Severity.WARNING
@@ -220,7 +220,7 @@ class Failsafe:
         action = reaction.action
         if action in (Action.NONE, Action.WARN) or self._controls.landed is LandedState.ON_GROUND:
             return
-        if self._controls.state.phase in _KEPT_PHASES.get(action, (Phase.RETURN, Phase.LAND)):
+        if self._controls.state.phase in _KEPT_PHASES.get(action, (FlightPhase.RETURN, FlightPhase.LAND)):
             return
         self.active = True
         yield reaction

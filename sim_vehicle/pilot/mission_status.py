@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from sim_vehicle.execution.feasibility import check_mission
-from sim_vehicle.execution.state import Phase
+from sim_vehicle.execution.state import FlightPhase
 from sim_vehicle.pilot.notices import MissionState
 
 if TYPE_CHECKING:
@@ -95,5 +95,5 @@ class MissionStatus:
             return MissionState.COMPLETE
         if not self.started:
             return MissionState.NOT_STARTED
-        flying = in_mode and self._controls.state.phase is not Phase.HOLD
+        flying = in_mode and self._controls.state.phase is not FlightPhase.HOLD
         return MissionState.ACTIVE if flying else MissionState.PAUSED

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.execution.state import LandedState, Phase
+from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.pilot.notices import RefusedError
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ class ModeControl:
             if on_ground:
                 return True
             controls.order(executor.return_home if mode is Mode.RTL else executor.land)
-        elif not on_ground or controls.state.phase is not Phase.GROUND:
+        elif not on_ground or controls.state.phase is not FlightPhase.GROUND:
             controls.order(executor.hold)
         if mode is Mode.GUIDED:
             controls.order(self._setpoints.begin)

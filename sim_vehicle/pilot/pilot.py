@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from mission.model import Command, MissionItem
+from mission.outcome import Outcome
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules
 from sim_vehicle.autopilot.modes import Mode
@@ -21,9 +22,9 @@ from sim_vehicle.execution.state import (
     CannotFly,
     Disarmed,
     FlightEvent,
+    FlightPhase,
     LandedState,
     MissionComplete,
-    Phase,
     TargetReached,
     VehicleState,
 )
@@ -35,7 +36,6 @@ from sim_vehicle.pilot.fence import Fence
 from sim_vehicle.pilot.mission_status import MissionStatus
 from sim_vehicle.pilot.mode_control import ModeControl
 from sim_vehicle.pilot.notices import MissionState, Notice, NoticeLog, RefusedError, Severity
-from sim_vehicle.pilot.outcome import Outcome
 from sim_vehicle.pilot.setpoints import Setpoint, SetpointFollower
 
 if TYPE_CHECKING:
@@ -184,7 +184,7 @@ class Pilot:
         if mission.problems:
             self._end(Outcome.MISSION_REJECTED, mission.problems[0])
             self.note(Severity.CRITICAL, f"Mission rejected: {mission.problems[0]}")
-        elif self.outcome in (Outcome.MISSION_REJECTED, Outcome.COMPLETED, Outcome.INTERRUPTED):
+        elif self.outcome in (Outcome.MISSION_REJECTED, Outcome.COMPLETED, Outcome.FLIGHT_ABORTED):
             self._end(Outcome.RUNNING, "")
         if flying:
             self._turn_to(Mode.MISSION if items and not mission.problems else Mode.HOLD)
@@ -304,7 +304,7 @@ class Pilot:
         if mode is not Mode.MANUAL and not self.controls.position_ok:
             raise RefusedError(f"Mode {mode.value} refused: no position")
         if self.state.phase.is_lost:
-            why = "battery empty" if self.state.phase is Phase.DEPLETED else "falling"
+            why = "battery empty" if self.state.phase is FlightPhase.DEPLETED else "falling"
             raise RefusedError(f"Mode {mode.value} refused: {why}")
         if mode is Mode.GUIDED and self._rules.needs_stream and not self.setpoints.is_fresh:
             msg = "Mode guided refused: no setpoints"
@@ -365,7 +365,7 @@ class Pilot:
 
     def turn(self, yaw_rad: float) -> None:
         """Turn on the spot; RefusedError while something else is flown."""
-        if self.state.phase is not Phase.HOLD:
+        if self.state.phase is not FlightPhase.HOLD:
             msg = "Yaw refused: the vehicle is not holding"
             raise RefusedError(msg)
         x_m, y_m, z_m = self.executor.motion.stopping_point()
@@ -495,7 +495,7 @@ class Pilot:
                 self._end(Outcome.COMPLETED, "mission complete")
             else:
                 where = f"disarmed at item {mission.current_seq} of {mission.size}"
-                self._end(Outcome.INTERRUPTED, where)
+                self._end(Outcome.FLIGHT_ABORTED, where)
         mission.started = False
 
     def _carry_out(self, reaction: Reaction) -> None:

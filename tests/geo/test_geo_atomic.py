@@ -1,11 +1,13 @@
-"""Files and folders that appear complete or not at all."""
+"""Files that appear complete or not at all."""
 
+import errno
 import os
+import resource
 from pathlib import Path
 
 import pytest
 
-from geo.atomic import atomic_directory, atomic_path, atomic_write
+from geo.atomic import atomic_path, atomic_write
 
 
 def entries(folder: Path) -> list[str]:
@@ -71,9 +73,6 @@ def test_errors_name_the_target(tmp_path):
     assert caught.value.filename == str(target)
     with pytest.raises(IsADirectoryError), atomic_write(tmp_path) as file:
         file.write("new")
-    (tmp_path / "file").write_text("")
-    with pytest.raises(NotADirectoryError), atomic_directory(tmp_path / "file"):
-        pass
 
 
 def test_path_keeps_the_suffix_and_survives_long_names(tmp_path):
@@ -91,22 +90,56 @@ def test_a_device_is_written_directly():
     assert not Path("/dev/null").is_file()
 
 
-def test_directory_replaces_the_older_one(tmp_path):
-    target = tmp_path / "run"
-    for text in ("first", "second"):
-        with atomic_directory(target) as folder:
-            (folder / text).write_text(text)
-            assert not (target / text).exists()
-    assert entries(target) == ["second"]
-    assert entries(tmp_path) == ["run"]
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO, errno.EDQUOT])
+def test_a_full_disk_names_the_file_and_leaves_nothing(tmp_path, monkeypatch, number):
+    target = tmp_path / "a.txt"
+    target.write_text("old")
+
+    def full(descriptor):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match=r"a\.txt") as caught, atomic_write(target) as file:
+        file.write("new")
+    assert (caught.value.errno, caught.value.filename) == (number, str(target))
+    assert target.read_text() == "old"
+    assert entries(tmp_path) == ["a.txt"]
 
 
-def test_directory_failure_keeps_the_older_one(tmp_path):
-    target = tmp_path / "run"
-    with atomic_directory(target) as folder:
-        (folder / "first").write_text("1")
-    with pytest.raises(KeyboardInterrupt), atomic_directory(target) as folder:
-        (folder / "second").write_text("2")
-        raise KeyboardInterrupt
-    assert entries(target) == ["first"]
-    assert entries(tmp_path) == ["run"]
+def test_a_write_that_the_system_stops_names_the_file(tmp_path):
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+    try:
+        with (
+            pytest.raises(OSError, match=r"a\.bin") as caught,
+            atomic_write(tmp_path / "a.bin", "wb") as file,
+        ):
+            file.write(b"x" * 100_000)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert caught.value.errno == errno.EFBIG
+    assert entries(tmp_path) == []
+
+
+def test_file_and_folder_are_on_the_disk_before_it_is_said(tmp_path, monkeypatch):
+    done = []
+
+    def seen(descriptor):
+        done.append((Path(f"/proc/self/fd/{descriptor}").readlink(), (tmp_path / "a.txt").exists()))
+
+    monkeypatch.setattr(os, "fsync", seen)
+    with atomic_write(tmp_path / "a.txt") as file:
+        file.write("new")
+    (first, there), (second, after) = done
+    assert (first.parent, there) == (tmp_path, False)
+    assert (second, after) == (tmp_path, True)
+
+
+def test_a_file_system_that_cannot_sync_is_written_all_the_same(tmp_path, monkeypatch):
+    def unable(descriptor):
+        raise OSError(errno.EINVAL, os.strerror(errno.EINVAL))
+
+    monkeypatch.setattr(os, "fsync", unable)
+    with atomic_write(tmp_path / "a.txt") as file:
+        file.write("new")
+    assert (tmp_path / "a.txt").read_text() == "new"

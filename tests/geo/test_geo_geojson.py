@@ -237,6 +237,46 @@ def test_bad_members(members: dict[str, Any], text: str, tmp_path: Path) -> None
     assert text in refused(tmp_path, document(feature(), **members))
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        "urn:ogc:def:crs:OGC:1.3:CRS84",
+        "urn:ogc:def:crs:OGC::CRS84",
+        "http://www.opengis.net/def/crs/OGC/1.3/CRS84",
+        "EPSG:4326",
+        "urn:ogc:def:crs:EPSG::4326",
+    ],
+)
+def test_the_ways_to_write_wgs84(name: str, tmp_path: Path) -> None:
+    crs = {"type": "name", "properties": {"name": name}}
+    same(
+        load_farm(write(tmp_path, document(feature(), crs=crs))),
+        load_farm(write(tmp_path, document(feature()))),
+    )
+
+
+@pytest.mark.parametrize(
+    "crs",
+    [
+        {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::32617"}},
+        {"type": "name", "properties": {"name": "EPSG:43260"}},
+        {"type": "link", "properties": {"href": "http://example.com/crs/42", "type": "proj4"}},
+        {"type": "name"},
+        "EPSG:4326 or so",
+        7,
+    ],
+)
+def test_other_coordinates_are_refused(crs: Any, tmp_path: Path) -> None:
+    text = refused(tmp_path, document(feature(), crs=crs))
+    assert 'the file: member "crs" is' in text
+    assert "longitudes and latitudes of WGS 84: convert it (ogr2ogr -t_srs EPSG:4326)" in text
+    one = {**feature(), "crs": crs}
+    assert "feature 0 ('north field'): member \"crs\"" in refused(tmp_path, document(one))
+    inside = feature()
+    inside["geometry"]["crs"] = crs
+    assert "feature 0 ('north field'): member \"crs\"" in refused(tmp_path, document(inside))
+
+
 def test_absurd_sizes(tmp_path: Path) -> None:
     wide = document(feature(), feature([ring(0.09, 0.09)]), cell_size_m=0.05)
     assert "larger than" in refused(tmp_path, wide)

@@ -26,6 +26,8 @@ def test_the_type_checker_and_the_program_see_the_same_names(name: str) -> None:
     for public, module in typed.items():
         assert getattr(package, public) is getattr(importlib.import_module(str(module)), public)
     assert set(package.__all__) <= set(dir(package))
+    # A module of the same name would take the place of the public name when it is imported.
+    assert not {module.stem for module in Path(str(package.__file__)).parent.glob("*.py")} & set(typed)
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:

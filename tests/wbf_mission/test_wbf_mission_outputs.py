@@ -10,7 +10,7 @@ import pytest
 from geo import get_farm, save_farm
 from mission.link.tlog import read_tlog
 from wbf_mission.cli.app import main
-from wbf_mission.results import load_result
+from wbf_mission.result import load_result
 
 SIM = ["sim", "--no-camera", "--listen", "udpin:127.0.0.1:0", "--speed", "max", "--duration", "2", "-q"]
 FLY = ["fly", "--vehicle", "ideal", "--planner", "lawnmower", "--estimator", "point", "--no-plots", "-q"]

@@ -10,8 +10,9 @@ import shapely
 from geo import get_farm, save_farm
 from mission.errors import PlanningError
 from mission.files import write_mission
-from mission.model import GeoPoint
+from mission.model import Command, GeoPoint
 from mission.planners import PlannedPath, PlanningRequest
+from sim_vehicle.autopilot import fixed_wing_procedures
 from wbf_mission.planning import plan
 from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
 
@@ -55,6 +56,37 @@ def test_a_budget_that_is_too_small_says_what_is_needed() -> None:
 def test_energy_budgets_need_a_vehicle_that_uses_energy() -> None:
     with pytest.raises(ScenarioError, match="uses no energy"):
         plan(Scenario(vehicle="ideal", budget="50Wh"))
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_fixed_wing_lands_no_steeper_than_it_can(autopilot: str) -> None:
+    result = plan(
+        Scenario(
+            farm="waterberry",
+            planner="lawnmower",
+            vehicle="fixed-wing",
+            autopilot=autopilot,
+            budget="9000m",
+            wind_speed_m_s=4.0,
+            wind_direction_deg=90.0,
+        )
+    )
+    assert result.prediction.feasible
+    items = {item.command: item for item in result.mission.items}
+    takeoff, land = items[Command.NAV_TAKEOFF], items[Command.NAV_LAND]
+    circle, start = items[Command.NAV_LOITER_TO_ALT], items[Command.DO_LAND_START]
+    frame = result.farm.frame
+    (x, y), home = frame.from_wgs84(circle.x, circle.y), np.array(result.farm.home_m)
+    # The wind comes from the east: it takes off and lands eastwards, the circle south of its end.
+    radius_m = circle.param2
+    assert radius_m is not None
+    approach_m = home[0] - x
+    assert y == pytest.approx(home[1] - radius_m, abs=0.05)
+    assert frame.from_wgs84(land.x, land.y) == pytest.approx(home, abs=0.05)
+    assert frame.from_wgs84(takeoff.x, takeoff.y)[0] > home[0] + 50.0
+    limit = fixed_wing_procedures(result.vehicle).limits(result.vehicle).landing_slope
+    assert 0.8 * limit < circle.z / approach_m < limit
+    assert (start.x != 0.0) == (autopilot == "ardupilot")
 
 
 def test_the_wind_is_part_of_the_prediction() -> None:

@@ -1,16 +1,21 @@
 from __future__ import annotations
 
 import math
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from geo import get_farm
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.weather.dryden import LEVELS_W20_M_S
 from wbf_mission.flight import fly
-from wbf_mission.flight_result import Result
-from wbf_mission.planning import plan
+from wbf_mission.planning import MissionBuilder, plan
+from wbf_mission.planning.plan import check_speed, check_wind
+from wbf_mission.result import Result
 from wbf_mission.result_files import track_table
 from wbf_mission.scenario import Scenario, ScenarioError, load_scenario
 from wbf_mission.scenario.texts import shear_values, turbulence_value
@@ -154,3 +159,18 @@ def test_the_simulator_has_the_weather_and_the_errors() -> None:
     assert first.errors.at(9.0) != second.errors.at(9.0)
     assert first.pilot.state.wind_m_s != (0.0, 0.0)
     assert make_components(WINDY, with_camera=False).vehicle.errors is None
+
+
+@pytest.mark.parametrize("vehicle", ["quad", "mini-quad"])
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_one_greatest_speed_bounds_the_wind_and_the_cruise_speed(vehicle: str, autopilot: str) -> None:
+    fastest = with_autopilot(get_vehicle(vehicle), autopilot).fastest_m_s
+    for name in ("wind_speed_m_s", "cruise_speed_m_s"):
+        for share in (0.99, 1.01):
+            values = {name: share * fastest, "vehicle": vehicle, "autopilot": autopilot}
+            scenario = Scenario(farm="miniberry-10", altitude_m=10.0, **values)
+            builder = MissionBuilder.of(scenario, get_farm("miniberry-10"))
+            refused = pytest.raises(ScenarioError, match=f"at most {fastest:.3g} m/s")
+            with refused if share > 1.0 else nullcontext():
+                check_wind(builder)
+                check_speed(scenario.mission, builder.vehicle)

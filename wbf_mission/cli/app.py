@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import sys
+import warnings
 from typing import Annotated
 
 import typer
@@ -65,6 +67,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     The exit codes are those of `wbf_mission.exit_codes`.
     """
+    warnings.formatwarning = _one_line_warning
     try:
         code = _run(sys.argv[1:] if arguments is None else arguments)
         with to_stdout():
@@ -93,6 +96,8 @@ def _run(arguments: list[str]) -> int:
     except MemoryError:
         return _complain("out of memory: choose a smaller farm or fewer days", ExitCode.BAD_INPUT)
     except OSError as error:
+        if error.filename is None and error.errno == errno.ENOSPC:  # help on stdout: files have names
+            raise StdoutError(error) from error
         where = f"{error.filename}: " if error.filename else ""
         return _complain(f"{where}{error.strerror or error}", ExitCode.BAD_INPUT)
     except Exception as error:
@@ -106,6 +111,10 @@ def _run(arguments: list[str]) -> int:
     if code == ExitCode.INTERRUPTED:
         return _complain("interrupted", ExitCode.INTERRUPTED)
     return code if isinstance(code, int) else ExitCode.GOOD
+
+
+def _one_line_warning(message: Warning | str, *_where: object, **_also: object) -> str:
+    return f"warning: {' '.join(plain(str(message)).split())}\n"
 
 
 def _complain(text: str, code: int) -> int:

@@ -54,7 +54,7 @@ def show_command(vehicle: VehicleArgument, json: options.Json = False, quiet: op
     rows = {
         "what": spec.description or "-",
         "kind": spec.kind,
-        "speeds": f"{spec.cruise_speed_m_s:g} m/s cruise, {spec.top_speed_m_s:.1f} m/s at most; "
+        "speeds": f"{spec.cruise_speed_m_s:g} m/s cruise, {_fastest(spec)} at most; "
         f"{spec.climb_speed_m_s:g} m/s up, {spec.descent_speed_m_s:g} m/s down",
     }
     if spec.power is not None:
@@ -65,6 +65,18 @@ def show_command(vehicle: VehicleArgument, json: options.Json = False, quiet: op
         if table:
             rows[f"parameters for {name}"] = ", ".join(f"{key}={value:g}" for key, value in table)
     Output(as_json=json, quiet=quiet).result(values, rows, title=spec.name)
+
+
+def _fastest(spec: VehicleSpec) -> str:
+    """Tell the greatest speed in still air, as each autopilot flies the vehicle."""
+    from sim_vehicle.autopilot import autopilot_names, with_autopilot
+
+    speeds: dict[str, list[str]] = {}
+    for name in autopilot_names():
+        speeds.setdefault(f"{with_autopilot(spec, name).fastest_m_s:.3g} m/s", []).append(name)
+    if len(speeds) == 1:
+        return next(iter(speeds))
+    return ", ".join(f"{speed} ({', '.join(names)})" for speed, names in speeds.items())
 
 
 def _add_endurance(spec: VehicleSpec, values: dict[str, Any], rows: dict[str, str]) -> None:

@@ -113,12 +113,12 @@ def _run_planner(planner: Planner, request: PlanningRequest, name: str) -> Plann
 
 def check_wind(builder: MissionBuilder) -> None:
     """Raise ScenarioError if the mean wind at the height of the flight would blow the vehicle away."""
-    vehicle, limit = builder.vehicle, builder.vehicle.airspeed_limit_m_s
+    vehicle, limit = builder.vehicle, builder.vehicle.fastest_m_s
     wind = wind_of(builder.weather, builder.level, gusts=False)
     speed = math.hypot(*wind.mean_at(builder.level.altitude_m))
     if not vehicle.is_ideal and speed >= limit:
         msg = (
-            f"wind of {speed:g} m/s: vehicle {vehicle.name} flies at most {limit:g} m/s "
+            f"wind of {speed:g} m/s: vehicle {vehicle.name} flies at most {limit:.3g} m/s "
             "through the air and would be blown away; wait for less wind"
         )
         raise ScenarioError(msg)
@@ -126,9 +126,9 @@ def check_wind(builder: MissionBuilder) -> None:
 
 def check_speed(mission: MissionOptions, vehicle: VehicleSpec) -> None:
     """Raise ScenarioError if a cruise speed was asked for that the vehicle cannot fly."""
-    asked, most = mission.cruise_speed_m_s, vehicle.top_speed_m_s
+    asked, most = mission.cruise_speed_m_s, vehicle.fastest_m_s
     if asked is not None and asked > most:
-        msg = f"cruise speed {asked:g} m/s: vehicle {vehicle.name} flies at most {most:.3g} m/s on a mission"
+        msg = f"cruise speed {asked:g} m/s: vehicle {vehicle.name} flies at most {most:.3g} m/s"
         raise ScenarioError(msg + "; give less, or another vehicle")
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.seeds import stream
-from sensors.dynamics.soil import SoilParameters, draw_weather, write_soil
+from sensors.dynamics.soil import SoilParameters, simulate_coarse
 
 Floats = NDArray[np.float64]
 
@@ -53,18 +53,9 @@ class SoilPrior:
 @lru_cache(maxsize=256)
 def soil_prior(parameters: SoilParameters, shape: tuple[int, int], day: int, seed: int) -> SoilPrior:
     """Simulate the weather up to a day, on a grid of few cells with the farm's proportions."""
-    scale = _SIMULATED_CELLS / max(shape)
-    coarse = (max(8, round(shape[0] * scale)), max(8, round(shape[1] * scale)))
-    fields = np.empty((_SIMULATED_FIELDS, *coarse))
-    for number, field in enumerate(fields):
-        weather = draw_weather(
-            coarse, day, parameters, stream(seed, "epidemic-estimator", "soil", str(number))
-        )
-
-        def keep(_day: int, first: int, block: NDArray[np.float32], into: Floats = field) -> None:
-            into[first : first + len(block)] = block
-
-        write_soil(coarse, weather, parameters, (day,), keep)
+    names = (str(number) for number in range(_SIMULATED_FIELDS))
+    rngs = [stream(seed, "epidemic-estimator", "soil", name) for name in names]
+    fields = simulate_coarse(parameters, shape, day, _SIMULATED_CELLS, rngs)
     levels = fields.mean(axis=(1, 2))
     shapes = float(fields.var(axis=(1, 2)).mean())
     return SoilPrior(

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from geo.atomic import atomic_write
 from geo.seeds import stream
-from geo.user_cache import user_cache_folder
+from geo.user_cache import user_cache_folder, warn_of_cache
 from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters
 from sensors.dynamics.outbreak import simulate_outbreak, value_table
 from sensors.errors import EstimatorError
@@ -145,8 +145,8 @@ def save_network(network: Network, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(path, "wb") as stream_:
             np.savez(stream_, allow_pickle=False, **layers)
-    except OSError:
-        return
+    except OSError as error:
+        warn_of_cache(path.parent, error)
 
 
 def load_network(path: Path) -> Network | None:

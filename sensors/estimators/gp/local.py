@@ -271,7 +271,7 @@ class WholePosterior:
         with one_blas_thread():
             factor = np.linalg.cholesky(self._precision)
         weights = self._response.copy()
-        gp_tile.solve_lower(factor, weights, 2)
+        gp_tile.substitute_forward(factor, weights, 2)
         along_x, along_y = (
             self._sines(axis.places, k) for k, axis in enumerate((self.lattice.x, self.lattice.y))
         )

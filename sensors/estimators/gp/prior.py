@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from geo.atomic import atomic_write
 from geo.grid import FarmGrid
 from geo.seeds import stream
+from geo.user_cache import warn_of_cache
 from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters
 from sensors.dynamics.outbreak import simulate_outbreak, value_table
-from sensors.dynamics.soil import SoilParameters, draw_weather, write_soil
+from sensors.dynamics.soil import SoilParameters, simulate_coarse
 from sensors.errors import EstimatorError
 from sensors.estimators.gp.rbf import Floats, RbfKernel
 from sensors.estimators.gp.threads import one_blas_thread
@@ -102,7 +103,7 @@ def learn_priors(
 def _learn(field: Field, grid: FarmGrid, day: int, seed: int) -> FieldPrior:
     if field.kind == "disease":
         return disease_prior(field.epidemic, field.hosts(grid), day, seed, field.name)
-    return soil_prior(field.humidity, grid.shape, day, seed, field.name)
+    return continuous_prior(field.humidity, grid.shape, day, seed, field.name)
 
 
 def disease_prior(
@@ -145,22 +146,15 @@ def disease_prior(
     return FieldPrior(1.0 - mean, kernel)
 
 
-def soil_prior(
+def continuous_prior(
     parameters: SoilParameters, shape: tuple[int, int], day: int, seed: int, name: str = "soil"
 ) -> FieldPrior:
     """Give the prior of a continuous field; it is simulated on few cells, as its humps grow with the farm."""
-    scale = _SOIL_CELLS / max(shape)
-    coarse = (max(8, round(shape[0] * scale)), max(8, round(shape[1] * scale)))
-    fields = np.empty((_SOIL_SIMULATIONS, *coarse))
-    for number, field in enumerate(fields):
-        weather = draw_weather(coarse, day, parameters, stream(seed, "gp", name, str(number)))
-
-        def keep(_day: int, first: int, block: NDArray[np.float32], into: Floats = field) -> None:
-            into[first : first + len(block)] = block
-
-        write_soil(coarse, weather, parameters, (day,), keep)
-    places = [np.unique(np.linspace(0, side - 1, _SOIL_LATTICE).round().astype(int)) for side in coarse]
-    x, y = (part.ravel() for part in np.meshgrid(*places, indexing="ij"))
+    rngs = [stream(seed, "gp", name, str(number)) for number in range(_SOIL_SIMULATIONS)]
+    fields = simulate_coarse(parameters, shape, day, _SOIL_CELLS, rngs)
+    coarse = fields.shape[1:]
+    lattice = [np.unique(np.linspace(0, side - 1, _SOIL_LATTICE).round().astype(int)) for side in coarse]
+    x, y = (part.ravel() for part in np.meshgrid(*lattice, indexing="ij"))
     mean = float(fields.mean())
     seen = fields[:, x, y] - mean
     kernel = _nearest_kernel(x, y, seen.T @ seen / len(seen), _LENGTH_BOUNDS)
@@ -249,8 +243,8 @@ def _save(priors: tuple[FieldPrior, ...], path: Path, fields: FieldSet) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(path) as file:
             json.dump(told, file, indent=1)
-    except OSError:
-        return
+    except OSError as error:
+        warn_of_cache(path.parent, error)
 
 
 def _load(path: Path, fields: FieldSet) -> tuple[FieldPrior, ...] | None:

@@ -98,7 +98,7 @@ def _subtract_products(rows: Floats, weights: Floats, i: int, columns: int) -> N
 
 
 @compiled(nogil=True)
-def solve_lower(factor: Floats, right: Floats, columns: int) -> None:
+def substitute_forward(factor: Floats, right: Floats, columns: int) -> None:
     """Solve ``factor x = right`` for the first `columns` columns, in place."""
     for i in range(len(factor)):
         _subtract_products(right, factor[i], i, columns)
@@ -146,7 +146,7 @@ def fill_nodes(
                 q += 1
                 if q == height:
                     p, q = p + 1, 0
-        solve_lower(factor, rows, columns)
+        substitute_forward(factor, rows, columns)
         sums[:] = 0.0
         for i in range(n):
             for t in range(columns):
@@ -191,7 +191,7 @@ def _solve_few(
     weights = np.empty((n, 2))
     weights[:, 0] = seen[:, 3]
     weights[:, 1] = 1.0
-    solve_lower(factor, weights, 2)
+    substitute_forward(factor, weights, 2)
     along_x = amplitude * _bells(seen[:, 0], node_x, length_x)
     along_y = _bells(seen[:, 1], node_y, length_y)
     terms = np.empty((n, 2), np.int64)
@@ -245,7 +245,7 @@ def _solve_many(
                 weights[i, 1] += batch[i, p] * root
         precision += np.dot(batch, batch.T)
     factor = np.linalg.cholesky(precision)
-    solve_lower(factor, weights, 2)
+    substitute_forward(factor, weights, 2)
     along_x, along_y = sines(node_x, low_x, high_x, roots_x), sines(node_y, low_y, high_y, roots_y)
     fill_nodes(factor, weights, along_x, along_y, terms, posterior)
     for p in range(len(node_x)):

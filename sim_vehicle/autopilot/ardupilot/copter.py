@@ -84,12 +84,12 @@ class ArduCopterProcedures:
         spec: VehicleSpec,
         last: Position,
         speed: float,  # noqa: ARG002
-        haven: Position,
+        return_point: Position,
     ) -> list[Leg]:
         """Return the legs home: up, less near home, straight home, a wait, and down."""
         get = lookup(spec)
         x, y, z = last
-        home_x, home_y, least = haven
+        home_x, home_y, least = return_point
         lowest = max(_RTL_ALT_MIN_M, z + 0.01 * get("RTL_CLIMB_MIN"))
         height = max(spec.return_altitude_m, least, lowest)
         slope = get("RTL_CONE_SLOPE")

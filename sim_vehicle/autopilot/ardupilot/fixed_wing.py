@@ -149,9 +149,11 @@ class ArduPlane(FixedWingProcedures):
         end = (here[0], here[1], max(target[2], 0.5))
         return [Leg(end, speed, heading=KEEP, kind=LegKind.TAKEOFF)]
 
-    def return_legs(self, spec: VehicleSpec, last: Position, speed: float, haven: Position) -> list[Leg]:
+    def return_legs(
+        self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
+    ) -> list[Leg]:
         """Way home and the circle over it, for ever."""
-        home_x, home_y, least = haven
+        home_x, home_y, least = return_point
         height = self.value(spec, "RTL_ALTITUDE")
         height = max(least, height if height > 0.0 else last[2], 5.0)
         circle = Circle(self.value(spec, "RTL_RADIUS") or None)

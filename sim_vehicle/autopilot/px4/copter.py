@@ -94,11 +94,11 @@ class Px4MultirotorProcedures:
         spec: VehicleSpec,
         last: Position,
         speed: float,  # noqa: ARG002
-        haven: Position,
+        return_point: Position,
     ) -> list[Leg]:
         """Return the legs home: up, home at the cruise speed, down to wait if so told, and down."""
         x, y, z = last
-        home_x, home_y, least = haven
+        home_x, home_y, least = return_point
         cruise = spec.cruise_speed_m_s
         height = return_height_m(spec, math.hypot(x - home_x, y - home_y), z, least)
         legs: list[Leg] = []

@@ -153,10 +153,12 @@ class Px4FixedWing(FixedWingProcedures):
         end = (target[0], target[1], max(target[2], 0.5))
         return [Leg(end, speed, heading=KEEP, kind=LegKind.TAKEOFF)]
 
-    def return_legs(self, spec: VehicleSpec, last: Position, speed: float, haven: Position) -> list[Leg]:
+    def return_legs(
+        self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
+    ) -> list[Leg]:
         """Way home and the circle over it; it lands there when RTL_LAND_DELAY says so."""
         x, y, z = last
-        home_x, home_y, least = haven
+        home_x, home_y, least = return_point
         legs: list[Leg] = []
         least = max(least, self.value(spec, "RTL_RETURN_ALT"), 5.0)
         circle = Circle(math.copysign(self.value(spec, "RTL_LOITER_RAD"), self.value(spec, "NAV_LOITER_RAD")))

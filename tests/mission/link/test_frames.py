@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from importlib.metadata import requires, version
 
 import pytest
 from fastcrc import crc16
@@ -179,6 +180,33 @@ def test_unknown_messages_are_counted_and_skipped():
     assert reader.sources[1, 1].lost == 0
 
 
+def test_an_unknown_frame_is_believed_only_where_a_frame_or_the_end_follows():
+    good = frames(1)[0]
+    head = struct.pack("<BBBBBBBHB", 0xFD, len(good), 0, 0, 1, 1, 1, 0xFFF0, 0x7F)
+    # Something that looks like the head of an unknown frame must not swallow the frame behind it.
+    reader = FrameReader()
+    assert len(reader.feed(head + good + b"\x11\x22" + b"\x00" + frames(1, start=1)[0])) == 2
+    assert (reader.unknown, reader.frames) == (0, 2)
+    for end in (b"", frames(1, start=1)[0]):
+        reader = FrameReader()
+        reader.feed(head + good + b"\x11\x22" + end)
+        assert (reader.unknown, reader.frames) == (1, bool(end))
+
+
+def test_the_private_attributes_are_those_of_the_pinned_pymavlink():
+    pin = next(text for text in requires("wbf-mission") if text.startswith("pymavlink"))
+    assert pin.replace(" ", "").startswith(f"pymavlink=={version('pymavlink')}")
+    for frame in frames(3):
+        (ours,) = FrameReader().feed(frame)
+        theirs = mavlink.MAVLink(None).decode(bytearray(frame))
+        assert vars(ours).keys() == vars(theirs).keys()
+        assert vars(ours.get_header()) == vars(theirs.get_header())
+        assert bytes(ours._msgbuf) == bytes(theirs._msgbuf) == frame
+        assert (ours._crc, bytes(ours._payload)) == (theirs._crc, frame[10:-2])
+        values = [name for name in vars(ours) if name not in ("_header", "_msgbuf", "_payload", "_crc")]
+        assert {name: vars(ours)[name] for name in values} == {name: vars(theirs)[name] for name in values}
+
+
 def test_unwanted_messages_are_counted_but_not_decoded():
     ours, theirs = memory_pair()
     seen = []
@@ -207,6 +235,9 @@ def test_unwanted_messages_are_counted_but_not_decoded():
         ([0, 2, 1, 3], 1, 1),
         ([200, 201, 0, 1, 2], 54, 0),
         ([100, 101, 0, 1, 2, 3], 0, 1),
+        ([0, 101, 102], 100, 0),
+        ([0, 128, 129], 127, 0),
+        ([0, 129], 0, 1),
     ],
 )
 def test_losses_by_sequence(sequences, lost, late):

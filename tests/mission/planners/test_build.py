@@ -1,5 +1,7 @@
 """Planned paths, coverage, and missions built from paths."""
 
+import math
+
 import numpy as np
 import pytest
 import shapely
@@ -9,9 +11,17 @@ from hypothesis import strategies as st
 from geo.frame import LocalFrame
 from mission.errors import PlanningError
 from mission.model import Command, Frame
-from mission.planners import LengthBudget, PlannedPath, PlanningRequest, build_mission, coverage, path_length
+from mission.planners import (
+    LengthBudget,
+    PlannedPath,
+    PlanningRequest,
+    WingPattern,
+    build_mission,
+    coverage,
+    path_length,
+)
+from mission.planners.area_coverage import EXACT_LEGS
 from mission.planners.path import drop_coincident
-from mission.planners.seen import EXACT_LEGS
 from mission.planners.sweep import Sweep
 
 FRAME = LocalFrame(28.05, -82.15, 30.0, rotation_deg=20.0)
@@ -37,6 +47,39 @@ def test_the_items_are_in_the_documented_order():
     assert (start.param1, start.param3) == (0.5, 1.0)
     assert (stop.param1, stop.param3) == (0.0, 0.0)
     assert FRAME.from_wgs84(last.x, last.y) == pytest.approx((0.0, 2.0), abs=0.012)
+
+
+@pytest.mark.parametrize("placed_start", [False, True])
+@pytest.mark.parametrize("heading_deg", [0.0, 75.0, 200.0])
+def test_a_fixed_wing_takes_off_and_lands_into_the_wind(heading_deg, placed_start):
+    pattern = WingPattern(math.radians(heading_deg), 150.0, 240.0, 20.0, 60.0, placed_start)
+    mission = build_mission(planned([(0, 0), (50, 0)]), pattern=pattern, **ARGUMENTS)
+    takeoff, speed, *_, start, circle, land = mission.items
+    assert [item.command for item in mission.items] == [22, 178, 16, 16, 189, 31, 21]
+    assert (takeoff.z, speed.param1, speed.param2) == (12.0, 0.0, 6.0)
+
+    def along_and_aside(item):
+        """Metres ahead of home and to the right of it, seen along the heading."""
+        x, y = FRAME.from_wgs84(item.x, item.y)
+        turn = math.radians(FRAME.rotation_deg)
+        east = (x + 5.0) * math.cos(turn) - (y + 5.0) * math.sin(turn)
+        north = (x + 5.0) * math.sin(turn) + (y + 5.0) * math.cos(turn)
+        sine, cosine = math.sin(pattern.heading_rad), math.cos(pattern.heading_rad)
+        return (east * sine + north * cosine, east * cosine - north * sine)
+
+    assert along_and_aside(takeoff) == pytest.approx((150.0, 0.0), abs=0.05)
+    assert along_and_aside(circle) == pytest.approx((-240.0, 60.0), abs=0.05)
+    assert along_and_aside(land) == pytest.approx((0.0, 0.0), abs=0.05)
+    # Clockwise round a centre to the right: it leaves the circle on the final approach.
+    assert (circle.param1, circle.param2, circle.param4, circle.z) == (1.0, 60.0, 1.0, 20.0)
+    assert land.z == 0.0
+    if placed_start:
+        assert along_and_aside(start) == pytest.approx((-240.0, 0.0), abs=0.05)
+        assert start.z == 20.0
+    else:
+        assert (start.x, start.y, start.z) == (0.0, 0.0, 0.0)
+    without = build_mission(planned([(0, 0), (50, 0)]), pattern=pattern, return_home=False, **ARGUMENTS)
+    assert without.items == mission.items[:-3]
 
 
 def test_interval_no_camera_and_no_return():

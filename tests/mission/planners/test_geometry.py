@@ -11,7 +11,7 @@ from shapely.geometry import LineString, MultiPolygon, Polygon
 
 from mission.errors import PlanningError
 from mission.planners import LengthBudget, PlanningRequest, make_planner, path_length
-from mission.planners.connect import Region, Terrain, inset, is_rectangle
+from mission.planners.inside_routing import Region, Terrain, inset, is_rectangle
 from mission.planners.search import densest_feasible
 from mission.planners.sweep import Sweep, sweep_angle
 

@@ -23,7 +23,7 @@ from mission.planners import (
     path_length,
 )
 from mission.planners.adaptive_lawnmower import adaptive_lawnmower
-from mission.planners.connect import Terrain
+from mission.planners.inside_routing import Terrain
 from mission.planners.lawnmower import lawnmower
 from mission.planners.random_waypoint import random_waypoint
 from mission.planners.spiral import SPACING_RATIO, rectangle_spiral, ring_from, spiral, spiral_pieces

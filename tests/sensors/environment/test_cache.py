@@ -12,8 +12,10 @@ import pytest
 
 from geo.farms import get_farm
 from geo.grid import FarmGrid
+from geo.user_cache import CacheWarning
 from sensors.environment import SoilParameters, cache, generate_environment
 from sensors.environment.cache import LIMIT_VARIABLE, EnvironmentCache
+from sensors.environment.store import EnvironmentStore
 from sensors.errors import EnvironmentDataError
 from sensors.fields import PAPER_FIELDS
 
@@ -161,7 +163,23 @@ def test_a_cache_that_is_off_or_a_small_farm_writes_nothing(
 def test_a_folder_that_cannot_be_written_costs_only_time(grid: FarmGrid, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     blocked = EnvironmentCache(tmp_path / "file" / "cache", 10**9)
-    assert blocked.environment(grid, day=6, seed=7)[0].days == (6,)
+    with pytest.warns(CacheWarning, match="cannot keep anything in this cache") as told:
+        for seed in (7, 8):
+            assert blocked.environment(grid, day=6, seed=seed)[0].days == (6,)
+    assert len(told) == 1
+
+
+def test_a_full_disk_leaves_nothing_half_written(
+    grid: FarmGrid, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_arguments: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(EnvironmentStore, "write_level", full)
+    kept = EnvironmentCache(tmp_path / "full", 10**9)
+    with pytest.warns(CacheWarning, match="full: cannot keep .*No space left on device"):
+        assert not kept.environment(grid, day=6, seed=7)[1]
+    assert list(kept.folder.iterdir()) == []
 
 
 def test_several_at_once_give_the_same(grid: FarmGrid, kept: EnvironmentCache) -> None:

@@ -1,5 +1,6 @@
 """The registry, the parameters and the conformance kit."""
 
+from dataclasses import replace
 from importlib.metadata import EntryPoint, EntryPoints
 
 import numpy as np
@@ -11,6 +12,7 @@ from sensors.estimators import Estimator, check_estimator, estimator_names, make
 from sensors.estimators import base as registry
 from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.point import PointEstimator
+from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.tiles import tile_shape
@@ -223,3 +225,43 @@ def test_growing_array_keeps_every_row():
     assert len(rows) == 200
     assert rows.array[:, 0].tolist() == [i for i in range(100) for _ in range(2)]
     assert len(early) == 0
+
+
+@pytest.mark.parametrize("name", estimator_names())
+def test_estimators_are_cloned_as_scikit_learns(name):
+    from sklearn.base import clone
+
+    estimator = make_estimator(name, random_state=3)
+    twin = clone(estimator)
+    assert twin is not estimator
+    assert repr(twin) == repr(estimator)
+    assert twin.set_params(**estimator.get_params(deep=False)) is twin
+    with pytest.raises(EstimatorError, match=r"has no parameter nonsense, expected "):
+        twin.set_params(nonsense=1)
+
+
+@pytest.mark.parametrize(("name", "params"), [("point", {}), ("adaptive-disk", {"radius": 1})])
+def test_noisy_readings_are_limited_to_what_a_field_can_be(name, params):
+    grid = FarmGrid((5, 5), 0.3048, np.ones((5, 5), np.int8), np.ones((5, 5), bool))
+    seen = Observations([2, 0], [2, 4], [0.0, 1.0], [6, 6], [[1.2, -0.3, 0.4], [np.nan, 0.5, 1.5]])
+    value = make_estimator(name, **params).fit(grid, seen).predict().value
+    assert value[:, 2, 2].tolist() == [1.0, 0.0, np.float32(0.4)]
+    assert value[1:, 0, 4].tolist() == [0.5, 1.0]
+
+
+def test_an_estimator_that_is_an_object_is_given_back():
+    mine = make_estimator("point")
+    assert make_estimator(mine) is mine
+    four = FieldSet((*PAPER_FIELDS, replace(PAPER_FIELDS["soil"], name="nitrogen")))
+    with pytest.raises(EstimatorError, match="PointEstimator is for the fields tylcv, ccr, soil, the farm's"):
+        make_estimator(mine, fields=four)
+    with pytest.raises(EstimatorError, match="parameter 'radius'"):
+        make_estimator(mine, radius=3)
+    with pytest.raises(EstimatorError, match="estimator of type dict"):
+        make_estimator({})
+
+
+@pytest.mark.parametrize("name", ["point", "adaptive-disk", "gp"])
+def test_estimators_of_any_fields_keep_their_promises_with_four(name):
+    four = FieldSet((*PAPER_FIELDS, replace(PAPER_FIELDS["soil"], name="nitrogen", default=0.25)))
+    check_estimator(make_estimator(name, fields=four))

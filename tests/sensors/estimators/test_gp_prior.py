@@ -12,7 +12,13 @@ from sensors.environment import TYLCV, SoilParameters, generate_environment
 from sensors.errors import EstimatorError
 from sensors.estimators.gp import prior as gp_prior
 from sensors.estimators.gp.estimator import GaussianProcessEstimator
-from sensors.estimators.gp.prior import _divergence, _nearest_kernel, disease_prior, learn_priors, soil_prior
+from sensors.estimators.gp.prior import (
+    _divergence,
+    _nearest_kernel,
+    continuous_prior,
+    disease_prior,
+    learn_priors,
+)
 from sensors.estimators.gp.rbf import RbfKernel
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
@@ -68,8 +74,8 @@ def test_means_and_variances_are_those_of_environments(tmp_path):
 
 def test_the_soil_grows_with_the_farm():
     small, large = (
-        soil_prior(SoilParameters(), (96, 48), 6, 0),
-        soil_prior(SoilParameters(), (9600, 4800), 6, 0),
+        continuous_prior(SoilParameters(), (96, 48), 6, 0),
+        continuous_prior(SoilParameters(), (9600, 4800), 6, 0),
     )
     assert large.mean == small.mean
     assert large.kernel.length_x == pytest.approx(100 * small.kernel.length_x)

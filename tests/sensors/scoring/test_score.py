@@ -255,3 +255,18 @@ def test_other_costs_can_be_given():
 def test_misuse_is_named(truth, estimate, masks, message):
     with pytest.raises(EstimatorError, match=message):
         paper_loss(truth, estimate, masks)
+
+
+def test_what_is_no_number_outside_the_relevant_cells_changes_nothing():
+    rng = np.random.default_rng(3)
+    truth, estimate = rng.random((3, 70, 9)), rng.random((3, 70, 9))
+    masks = rng.random((3, 70, 9)) < 0.6
+    masks[:, :, 4] = False
+    # As far from the truth as it can be, a cell that does not count would be the worst of its line.
+    estimate[:, ~masks.all(axis=0)] = truth[:, ~masks.all(axis=0)]
+    expected = RunningScore(truth, masks).evaluate(estimate)
+    spoilt = np.where(masks, estimate, np.nan)
+    found = RunningScore(truth, masks).evaluate(spoilt)
+    assert np.isfinite(found.authors_axis_max)
+    assert found.loss == expected.loss
+    assert found.field_mae == expected.field_mae

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sensors.scoring.tiles import TILE_CELLS, bounding_box, tile_shape, tiles_of_boxes
+from sensors.scoring.tiles import TILE_CELLS, tile_shape, tiles_of_boxes
 
 shapes = st.tuples(st.integers(1, 300), st.integers(1, 300))
 boxes = st.lists(st.tuples(*[st.integers(-100, 400)] * 4), max_size=6)
@@ -25,17 +25,3 @@ def test_the_tiles_are_those_that_hold_a_cell_of_a_box(shape, corners):
     for x, y in np.argwhere(cells):
         expected[x // TILE_CELLS, y // TILE_CELLS] = True
     np.testing.assert_array_equal(tiles, expected)
-
-
-@given(shapes, boxes)
-def test_the_bounding_box_holds_all_tiles_and_stays_on_the_farm(shape, corners):
-    tiles = tiles_of_boxes(shape, *np.array(corners, int).reshape(-1, 4).T)
-    box = bounding_box(tiles, shape)
-    if box is None:
-        assert not tiles.any()
-        return
-    outside = painted(shape, corners)
-    outside[box] = False
-    assert not outside.any()
-    for part, size in zip(box, shape, strict=True):
-        assert 0 <= part.start < part.stop <= size

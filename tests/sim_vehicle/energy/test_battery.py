@@ -115,3 +115,18 @@ def test_a_pack_without_resistance_does_not_sag():
     meter = BatteryMeter(BatterySpec(50.0, 4, resistance_ohm=0.0, polarization_ohm=0.0))
     meter.read(0.0, 0.0, 0.0)
     assert meter.read(10.0, 0.0, 500.0).voltage_v == pytest.approx(16.8)
+
+
+def test_a_load_that_changed_between_two_looks_counts_with_its_mean():
+    battery = get_vehicle("quad").battery
+    elapsed_s, last_w, now_w = 20.0, 300.0, 100.0
+    meter = BatteryMeter(battery)
+    meter.read(0.0, 0.0, last_w)
+    state = meter.read(elapsed_s, 0.0, now_w)
+    full_v = battery.cells * battery.full_cell_v
+    mean_w = 0.5 * (last_w + now_w)
+    built_up = 1.0 - math.exp(-elapsed_s / battery.relaxation_s)
+    sag_v = battery.polarization_ohm * mean_w / full_v * built_up
+    assert state.rest_voltage_v == pytest.approx(full_v - sag_v, abs=1e-9)
+    # Of the first look on, the average is the load now.
+    assert WH_J * battery.capacity_wh / now_w > state.remaining_s > WH_J * battery.capacity_wh / mean_w

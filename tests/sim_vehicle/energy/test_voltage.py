@@ -10,7 +10,7 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.px4 import PX4
-from sim_vehicle.execution.state import Phase
+from sim_vehicle.execution.state import FlightPhase
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.pilot.notices import RefusedError
 
@@ -41,8 +41,8 @@ class Rig:
     def aloft(self):
         self.pilot.arm()
         self.pilot.takeoff(20.0)
-        self.run(30.0, until=lambda: self.pilot.state.phase is Phase.HOLD)
-        assert self.pilot.state.phase is Phase.HOLD
+        self.run(30.0, until=lambda: self.pilot.state.phase is FlightPhase.HOLD)
+        assert self.pilot.state.phase is FlightPhase.HOLD
 
     def status(self):
         return self.vehicle.built(m.MAVLINK_MSG_ID_BATTERY_STATUS)[0]

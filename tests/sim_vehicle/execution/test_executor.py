@@ -16,11 +16,11 @@ from sim_vehicle.execution.state import (
     CannotFly,
     CurrentChanged,
     Disarmed,
+    FlightPhase,
     ItemReached,
     Landed,
     LandedState,
     MissionComplete,
-    Phase,
     TargetReached,
 )
 from sim_vehicle.motion.legs import Heading, LegKind
@@ -92,7 +92,7 @@ def test_a_mission_from_the_ground_to_the_ground(spec):
     state = vehicle.state()
     assert not state.armed
     assert state.landed is LandedState.ON_GROUND
-    assert state.phase is Phase.GROUND
+    assert state.phase is FlightPhase.GROUND
     assert math.hypot(*state.position_m) < 0.1
     assert 175.0 < state.path_length_m < 200.0
     assert state.velocity_m_s == (0.0, 0.0, 0.0)
@@ -277,7 +277,7 @@ def test_absolute_altitudes_count_from_the_ground_at_home():
     vehicle.start()
     vehicle.advance(60.0)
     assert vehicle.state().position_m == pytest.approx((20.0, 20.0, 25.0), abs=0.02)
-    assert vehicle.phase is Phase.HOLD
+    assert vehicle.phase is FlightPhase.HOLD
 
 
 def test_pause_and_resume():
@@ -286,7 +286,7 @@ def test_pause_and_resume():
     vehicle.advance(12.0)
     seq = vehicle.current_seq
     vehicle.hold()
-    assert vehicle.phase is Phase.HOLD
+    assert vehicle.phase is FlightPhase.HOLD
     vehicle.advance(20.0)
     here = vehicle.state().position_m
     vehicle.advance(40.0)
@@ -321,7 +321,7 @@ def test_direct_targets():
     assert vehicle.state().landed is LandedState.TAKEOFF
     events = vehicle.advance(15.0)
     assert [type(event) for event in events] == [TargetReached]
-    assert vehicle.phase is Phase.HOLD
+    assert vehicle.phase is FlightPhase.HOLD
     vehicle.goto(30.0, -20.0, 20.0, heading=Heading.fixed(1.0), speed_m_s=4.0)
     assert isinstance(vehicle.advance(50.0)[0], TargetReached)
     state = vehicle.state()
@@ -329,7 +329,7 @@ def test_direct_targets():
     assert state.yaw_rad == pytest.approx(1.0, abs=1e-3)
     vehicle.set_speed(8.0)
     vehicle.return_home()
-    assert vehicle.phase is Phase.RETURN
+    assert vehicle.phase is FlightPhase.RETURN
     events = fly(vehicle)
     assert [type(event) for event in events] == [Landed, Disarmed]
     assert math.hypot(*vehicle.state().position_m) < 0.05
@@ -420,7 +420,7 @@ def test_a_storm_ends_the_mission():
     events = vehicle.advance(200.0)
     (event,) = only(events, CannotFly)
     assert event.seq == 1 and "wind" in event.reason
-    assert vehicle.phase is Phase.HOLD
+    assert vehicle.phase is FlightPhase.HOLD
     vehicle.land()
     assert isinstance(fly(vehicle)[-1], Disarmed)
 
@@ -443,7 +443,7 @@ def test_changes_in_flight():
     assert math.hypot(*vehicle.state().velocity_m_s) == pytest.approx(2.0, abs=0.05)
     vehicle.update_spec(replace(QUAD, acceptance_radius_m=0.3, return_altitude_m=30.0))
     vehicle.load([takeoff(), wp(0, 5), RTL])
-    assert vehicle.phase is Phase.HOLD
+    assert vehicle.phase is FlightPhase.HOLD
     assert vehicle.current_seq == 0
     vehicle.start()
     assert reached(fly(vehicle)) == [0, 1, 2]

@@ -19,12 +19,12 @@ from sim_vehicle.execution.state import (
     BatteryDepleted,
     CameraCommand,
     Disarmed,
+    FlightPhase,
     HomeMoved,
     ItemReached,
     Landed,
     LandedState,
     MissionComplete,
-    Phase,
     TargetReached,
 )
 from sim_vehicle.motion.legs import ALONG, Heading
@@ -252,7 +252,7 @@ def test_a_pause_at_any_moment_loses_nothing(when_s, how, seq):
         return
     if how != "jump":
         vehicle.hold()
-        assert vehicle.phase is Phase.HOLD
+        assert vehicle.phase is FlightPhase.HOLD
         events += vehicle.advance(when_s + 12.0)
         assert math.hypot(*vehicle.state().velocity_m_s) < 0.1
         assert vehicle.landed in (LandedState.IN_AIR, LandedState.TAKEOFF)
@@ -261,7 +261,7 @@ def test_a_pause_at_any_moment_loses_nothing(when_s, how, seq):
     current = vehicle.current_seq
     if how != "jump":
         vehicle.start()
-    if vehicle.phase is Phase.MISSION:
+    if vehicle.phase is FlightPhase.MISSION:
         events = vehicle.advance(2000.0)
         assert [e.seq for e in events if isinstance(e, ItemReached)] == list(range(current, 6))
         assert isinstance(events[-1], Disarmed)
@@ -297,7 +297,7 @@ def aloft(height_m=30.0, spec=QUAD):
 def test_velocities_and_places_by_turns():
     vehicle = aloft()
     vehicle.steer((3.0, 4.0, 0.0), heading=ALONG)
-    assert vehicle.phase is Phase.STEERED
+    assert vehicle.phase is FlightPhase.STEERED
     assert vehicle.advance(60.0) == []
     state = vehicle.state()
     assert state.velocity_m_s == pytest.approx((3.0, 4.0, 0.0), abs=1e-4)
@@ -338,7 +338,7 @@ def test_falling():
     vehicle.goto(100.0, 0.0, 60.0)
     vehicle.advance(45.0)
     vehicle.fall()
-    assert vehicle.phase is Phase.FALLING
+    assert vehicle.phase is FlightPhase.FALLING
     for order in (vehicle.hold, vehicle.land, vehicle.return_home, lambda: vehicle.steer((0.0, 0.0, 1.0))):
         with pytest.raises(VehicleError, match="falling"):
             order()

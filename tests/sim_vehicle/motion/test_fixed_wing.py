@@ -13,7 +13,14 @@ from sim_vehicle.autopilot import fixed_wing_procedures, with_autopilot
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.feasibility import check_mission
-from sim_vehicle.execution.state import BatteryDepleted, CannotFly, Disarmed, ItemReached, LandedState, Phase
+from sim_vehicle.execution.state import (
+    BatteryDepleted,
+    CannotFly,
+    Disarmed,
+    FlightPhase,
+    ItemReached,
+    LandedState,
+)
 from sim_vehicle.motion.fixed_wing import kernel as wing
 from sim_vehicle.motion.fixed_wing.model import FixedWing
 from sim_vehicle.motion.legs import Circle, Leg, LegKind, Route
@@ -333,7 +340,7 @@ def test_hold_circles_and_the_mission_goes_on(autopilot):
     executor.advance(30.0)
     x, y, _ = executor.motion.position_m
     executor.hold()
-    assert executor.phase is Phase.HOLD
+    assert executor.phase is FlightPhase.HOLD
     executor.advance(120.0)
     radius = math.hypot(executor.motion.position_m[0] - x, executor.motion.position_m[1] - y)
     assert radius == pytest.approx(abs(executor.motion.law.loiter_radius), rel=0.05)
@@ -352,7 +359,7 @@ def test_a_return_circles_over_home_or_lands(autopilot):
     executor.start()
     executor.advance(40.0)
     executor.return_home()
-    assert executor.phase is Phase.RETURN
+    assert executor.phase is FlightPhase.RETURN
     executor.advance(400.0)
     assert executor.armed
     x, y, z = executor.motion.position_m

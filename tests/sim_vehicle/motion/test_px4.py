@@ -15,7 +15,14 @@ from sim_vehicle.autopilot import flight_procedures, with_autopilot
 from sim_vehicle.autopilot.px4.copter import return_height_m
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
-from sim_vehicle.execution.state import CannotFly, Landed, LandedState, MissionComplete, Phase, TargetReached
+from sim_vehicle.execution.state import (
+    CannotFly,
+    FlightPhase,
+    Landed,
+    LandedState,
+    MissionComplete,
+    TargetReached,
+)
 from sim_vehicle.motion.legs import KEEP, Leg, LegKind, Route
 from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.motion.px4.model import Px4Multirotor
@@ -318,7 +325,7 @@ def test_orders_on_the_way(when_s, order):
         executor.advance(when_s + 30.0)
         state = executor.state()
         assert math.hypot(*state.velocity_m_s) < 0.2
-        assert executor.phase is Phase.HOLD
+        assert executor.phase is FlightPhase.HOLD
         executor.start()
     elif order == "goto":
         executor.goto(-20.0, 5.0, 15.0)
@@ -373,7 +380,7 @@ def test_a_fall_and_an_empty_battery_come_down():
     executor.advance(30.0)
     executor.drain_battery(0.0)
     executor.advance(90.0)
-    assert executor.phase is Phase.DEPLETED or executor.landed is LandedState.ON_GROUND
+    assert executor.phase is FlightPhase.DEPLETED or executor.landed is LandedState.ON_GROUND
 
 
 @pytest.mark.parametrize("radius", [3.0, 10.0, -30.0])

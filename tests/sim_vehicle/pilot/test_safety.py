@@ -11,13 +11,14 @@ from hypothesis import strategies as st
 from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, MissionItem, MissionType
+from mission.outcome import Outcome
 from mission.transfer import wire
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.px4 import PX4
-from sim_vehicle.execution.state import LandedState, Phase
-from sim_vehicle.mavlink import Outcome, SimVehicle
+from sim_vehicle.execution.state import FlightPhase, LandedState
+from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.pilot.fence import Breach
 from sim_vehicle.pilot.notices import RefusedError
 
@@ -90,7 +91,7 @@ class Rig:
     def aloft(self, height_m=20.0, beats=False):
         self.pilot.arm()
         self.pilot.takeoff(height_m)
-        self.run(30.0, until=lambda: self.pilot.state.phase is Phase.HOLD, beats=beats)
+        self.run(30.0, until=lambda: self.pilot.state.phase is FlightPhase.HOLD, beats=beats)
         return self
 
     def goto(self, x, y, z=20.0, **options):
@@ -322,7 +323,7 @@ def test_without_an_action_the_loss_of_the_link_is_only_told(autopilot):
     rig.aloft()
     rig.run(20.0)
     assert rig.texts.count("GCS Failsafe" if autopilot is ARDUPILOT else "Data link lost") == 1
-    assert rig.pilot.state.phase is Phase.HOLD
+    assert rig.pilot.state.phase is FlightPhase.HOLD
     never = Rig(autopilot)
     never.aloft()
     never.run(20.0)
@@ -412,7 +413,7 @@ def test_a_motor_that_fails(autopilot):
     rig.goto(100, 0, 30.0)
     rig.run(5.0)
     rig.pilot.fail_motor()
-    assert rig.pilot.state.phase is Phase.FALLING
+    assert rig.pilot.state.phase is FlightPhase.FALLING
     with pytest.raises(RefusedError, match="falling"):
         rig.pilot.set_mode(Mode.HOLD)
     rig.run(8.0)
@@ -640,7 +641,7 @@ def test_a_low_battery_on_the_way_home_is_told_but_orders_nothing(autopilot):
     rig.run(15.0)
     rig.pilot.set_mode(Mode.RTL)
     rig.run(2.0)
-    assert rig.pilot.state.phase is Phase.RETURN
+    assert rig.pilot.state.phase is FlightPhase.RETURN
     plan = rig.pilot.executor.follower.plan
     rig.pilot.drain_battery(rig.pilot.parameters.low_fraction - 0.02)
     rig.run(1.0)

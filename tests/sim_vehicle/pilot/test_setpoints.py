@@ -13,7 +13,7 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.px4 import PX4
-from sim_vehicle.execution.state import LandedState, Phase
+from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.pilot.notices import RefusedError
 
@@ -50,7 +50,7 @@ class Rig:
         """Be in the air in the mode for setpoints."""
         self.pilot.arm()
         self.pilot.takeoff(20.0)
-        self.run(40.0, until=lambda: self.pilot.state.phase is Phase.HOLD)
+        self.run(40.0, until=lambda: self.pilot.state.phase is FlightPhase.HOLD)
         self.run(0.3, stream=first)
         self.pilot.set_mode(Mode.GUIDED)
         return self

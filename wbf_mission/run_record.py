@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geo import Farm
+from mission.outcome import Outcome
 from sensors.camera.wire import AssemblerStatistics
 from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from wbf_mission.estimation import ScoreHistory
-from wbf_mission.outcome import Outcome, Track
+from wbf_mission.outcome import Track
 from wbf_mission.planning import PlanResult
 from wbf_mission.report import FarmReport, FieldMap, report_of_maps
 from wbf_mission.scenario import Scenario
 
 
 @dataclass(slots=True)
-class Result:
+class RunRecord:
     """What a run gave; parts that were not reached are empty.
 
     Parameters
@@ -112,55 +112,6 @@ class Result:
     def estimator(self) -> str:
         """The estimator with its parameters."""
         return str(self.scenario.estimate.estimator)
-
-    def tables(self) -> dict[str, Any]:
-        """Return track, observations and history as pyarrow tables."""
-        from wbf_mission.result_files import history_table, track_table
-
-        return {
-            "track": track_table(self.track, self.true_track),
-            "observations": self.observations.to_table(),
-            "history": history_table(self.history, self.observations.fields),
-        }
-
-    def plot(self, path: str | Path) -> Path:
-        """Draw the farm with the planned and the flown path into a PNG file.
-
-        Raises
-        ------
-        OSError
-            If the file cannot be written.
-        """
-        from wbf_mission.plots import plot_paths
-
-        track = np.column_stack((self.track.x_m, self.track.y_m))
-        title = f"{self.farm.name}: {self.plan.planner or 'mission file'}, {self.plan.vehicle.name}"
-        return plot_paths(self.farm, self.plan.path_m, track, Path(path), title)
-
-    def save(self, path: str | Path, *, plots: bool = True, force: bool = False) -> Path:
-        """Save everything into a folder, from where `wbf_mission.load_result` loads an equal result.
-
-        The files are written beside the folder first and take its place when they are complete.
-
-        Parameters
-        ----------
-        path : path-like
-            The folder; its own parents are made.
-        plots : bool
-            Whether pictures are drawn among the files.
-        force : bool
-            Replace the result of another run, or write among other files.
-
-        Raises
-        ------
-        ResultError
-            If the folder holds something else that must not be replaced.
-        OSError
-            If a file cannot be written.
-        """
-        from wbf_mission.results import save_result
-
-        return save_result(self, path, plots=plots, force=force)
 
     @property
     def farm(self) -> Farm:

@@ -1,0 +1,182 @@
+"""Field files and sets of fields: what is read, and what is refused in one line."""
+
+from __future__ import annotations
+
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sensors import field_files
+from sensors.dynamics.epidemic import EpidemicParameters
+from sensors.dynamics.soil import SoilParameters
+from sensors.errors import FieldError
+from sensors.field_files import field_from_table, field_names, field_to_table, load_field_set, read_fields
+from sensors.fields import CROPS, PAPER_FIELDS, Field, FieldSet
+
+RUST = Field("rust", EpidemicParameters(0.2, 8), ("tomato",), 1.0, cost_above=5.0, title="rust of tomatoes")
+PLAIN: dict[str, Any] = {"name": "nitrogen", "kind": "continuous", "crops": ["tomato"], "default": 0.5}
+
+names = st.from_regex(r"[a-z][a-z0-9_]{0,23}", fullmatch=True).filter(
+    lambda name: name not in ("x", "y", "day", "time_s")
+)
+rates = st.floats(0, 1)
+fields = st.builds(
+    Field,
+    name=names,
+    dynamics=st.one_of(
+        st.builds(EpidemicParameters, likelihood=rates, duration_days=st.integers(1, 126)),
+        st.builds(SoilParameters, evaporation=rates, mean_rain=rates, square_humps=st.booleans()),
+    ),
+    crops=st.lists(st.sampled_from(sorted(CROPS)), min_size=1, unique=True).map(tuple),
+    default=rates,
+    weight=st.floats(0, 1e6),
+    cost_above=st.floats(0, 1e6),
+    cost_below=st.floats(0, 1e6),
+)
+
+
+@given(fields)
+def test_a_field_is_the_same_after_it_was_written_and_read(field: Field) -> None:
+    assert field_from_table(field_to_table(field), "here") == field
+
+
+def test_the_benchmarks_fields_are_the_papers() -> None:
+    assert load_field_set(["tylcv", "ccr", "soil"]) == PAPER_FIELDS
+    assert [(f.weight, f.cost_above, f.cost_below, f.default) for f in PAPER_FIELDS] == [
+        (1.0, 10.0, 1.0, 1.0),
+        (0.2, 10.0, 1.0, 1.0),
+        (0.1, 1.0, 1.0, 0.0),
+    ]
+
+
+def write(folder: Path, text: str) -> str:
+    (folder / "mine.toml").write_text(text)
+    return "mine.toml"
+
+
+def test_a_file_may_hold_several_fields_and_begins_at_its_folder(tmp_path: Path) -> None:
+    text = """
+        [[field]]
+        name = "nitrogen"
+        kind = "continuous"
+        crops = ["tomato"]
+        default = 0.5
+        [[field]]
+        name = "rust"
+        kind = "disease"
+        crops = ["strawberry"]
+        default = 1
+        dynamics = { likelihood = 0.3, duration_days = 8 }
+    """
+    found = load_field_set(["soil", write(tmp_path, text)], tmp_path)
+    assert found.names == ("soil", "nitrogen", "rust")
+    assert found["nitrogen"].humidity == SoilParameters()
+    assert found["rust"].epidemic == EpidemicParameters(0.3, 8)
+    assert (found["rust"].title, len(found["rust"].colours)) == ("rust", 3)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", r"no table \[\[field\]\]"),
+        ("field = 3", r"no table \[\[field\]\]"),
+        ("field = [3]", "field 1: is no table"),
+        ("colour = 1", "unknown key 'colour'"),
+        ("name =", "not TOML"),
+        ("a = " + "[" * 100_000, "nested too deeply|not TOML"),
+        ("a = '" + "x" * 2**20 + "'", "larger than 1 MiB"),
+    ],
+)
+def test_a_file_that_is_no_field_file_is_named(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(FieldError, match=rf"mine\.toml: .*({message})"):
+        load_field_set([write(tmp_path, text)], tmp_path)
+
+
+def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
+    (tmp_path / "latin.toml").write_bytes(b"name = '\xff'")
+    for name, message in (("latin.toml", "not UTF-8"), ("no.toml", "no such"), (".toml", "no such")):
+        with pytest.raises(FieldError, match=message):
+            read_fields(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"name": "../up"}, "a name is up to 24"),
+        ({"name": "day"}, "a name is up to 24"),
+        ({"name": 3}, "Expected `str`"),
+        ({"kind": "animal"}, "Invalid enum value 'animal'"),
+        ({"kind": "disease"}, "missing required field `likelihood`"),
+        ({"crops": []}, "crops empty"),
+        ({"crops": ["maize"]}, "unknown crop 'maize'"),
+        ({"crops": ["tomato", "tomato"]}, "give each once"),
+        ({"default": 2.0}, "default 2.0 is not in 0..1"),
+        ({"default": float("nan")}, "default nan"),
+        ({"weight": -1.0}, "weight -1.0"),
+        ({"cost_above": float("inf")}, "cost_above inf"),
+        ({"title": "two\nlines"}, "title"),
+        ({"colours": ["red", "green"]}, "#rrggbb"),
+        ({"colours": ["#000000"]}, "#rrggbb"),
+        ({"color": "#000000"}, "unknown field `color`"),
+        ({"dynamics": {"evaporation": 3.0}}, "evaporation 3.0 is not in 0..1"),
+        ({"dynamics": {"likelihood": 0.5}}, "unknown parameter 'likelihood' of a continuous field"),
+    ],
+)
+def test_a_field_that_cannot_be_used_says_where_and_why(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(FieldError, match=f"^mine.toml: .*{message}") as told:
+        field_from_table({**PLAIN, **changes}, "mine.toml: field 1")
+    assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize("missing", ["name", "kind", "crops", "default"])
+def test_what_a_field_needs(missing: str) -> None:
+    table = {key: value for key, value in PLAIN.items() if key != missing}
+    with pytest.raises(FieldError, match=f"here: {missing} is missing"):
+        field_from_table(table, "here")
+
+
+def test_a_set_has_each_field_once_and_not_too_many() -> None:
+    with pytest.raises(FieldError, match="'soil' is given twice"):
+        load_field_set(["soil", "soil"])
+    with pytest.raises(FieldError, match="0 fields"):
+        FieldSet(())
+    many = tuple(Field(f"f{k}", SoilParameters(), ("tomato",), 0.0) for k in range(17))
+    with pytest.raises(FieldError, match="17 fields, expected 1 to 16"):
+        FieldSet(many)
+    with pytest.raises(FieldError, match="no field 'rust'"):
+        PAPER_FIELDS.with_dynamics(rust=SoilParameters())
+
+
+class Registered:
+    """Stands for the entry points that packages register."""
+
+    def __init__(self, *points: EntryPoint) -> None:
+        self.points = points
+
+    def __call__(self, *, group: str) -> tuple[EntryPoint, ...]:
+        return tuple(point for point in self.points if point.group == group)
+
+
+def point(name: str, value: str) -> EntryPoint:
+    return EntryPoint(name, value, "wbf_mission.fields")
+
+
+def test_packages_register_fields(monkeypatch: pytest.MonkeyPatch) -> None:
+    here = "sensors.field_files:RUST"
+    monkeypatch.setattr(field_files, "RUST", RUST, raising=False)
+    monkeypatch.setattr(field_files, "entry_points", Registered(point("rust", here)))
+    assert load_field_set(["rust"])["rust"] == RUST
+    assert field_names() == ("tylcv", "ccr", "soil", "rust")
+    for points, message in (
+        ([point("rust", "sensors.no_such:RUST")], "cannot be loaded"),
+        ([point("rust", "sensors.field_files:field_names")], "not a sensors.fields.Field of this name"),
+        ([point("rust", here), point("rust", "another:RUST")], "registered twice"),
+        ([], "no field 'rust', expected one of tylcv, ccr, soil"),
+    ):
+        monkeypatch.setattr(field_files, "entry_points", Registered(*points))
+        with pytest.raises(FieldError, match=message):
+            load_field_set(["rust"])

@@ -1,0 +1,87 @@
+"""The command line as it is made from the options of the parts."""
+
+import re
+
+import pytest
+
+from wbf_mission.cli.app import main
+from wbf_mission.cli.options import Given, scenario_options
+from wbf_mission.scenario import Scenario, ScenarioError, WeatherOptions
+from wbf_mission.scenario.option import Part
+from wbf_mission.scenario.scenario import PARTS, all_options
+
+COMMANDS = ("plan", "fly", "sim", "benchmark")
+
+
+def flags_of(part: type[Part]) -> set[str]:
+    own = {one.flag for kind, _, one in all_options().values() if kind is part and one.flag}
+    return own | {flag.flag for flag in part.COMPOUND}
+
+
+def helped(capsys: pytest.CaptureFixture[str], command: str) -> str:
+    assert main([command, "--help"]) == 0
+    return " ".join(capsys.readouterr().out.split())
+
+
+def test_fly_has_every_option_of_every_part(capsys: pytest.CaptureFixture[str]) -> None:
+    text = helped(capsys, "fly")
+    for part in PARTS.values():
+        assert flags_of(part)
+        for flag in flags_of(part):
+            assert f"{flag} " in text
+    for _, _, one in all_options().values():
+        assert one.flag is None or one.help.split()[0] in text
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_shows_defaults_and_dependence(capsys: pytest.CaptureFixture[str], command: str) -> None:
+    text = helped(capsys, command)
+    assert "(only with --wind)" in text
+    assert "[default: miniberry-30]" in text
+    assert f"[default: {'ideal' if command == 'benchmark' else 'quad'}]" in text
+    assert "0.05 to 1000 m" in text or command == "sim"
+    assert ("(not with --mission)" in text) == (command == "fly")
+
+
+@pytest.mark.parametrize("command", ["plan", "fly", "sim"])
+def test_shared_options_read_the_same(capsys: pytest.CaptureFixture[str], command: str) -> None:
+    text, fly = helped(capsys, command), helped(capsys, "fly")
+    for flag in sorted(flags_of(WeatherOptions) - {"--turbulence"}):
+        (told,) = re.findall(rf"{flag} [A-Z]{{3}}.*?\[default: [^\]]*\]", text)
+        assert told in fly
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--wind-shear", "log"], "--wind-shear has an effect only with --wind"),
+        (["--mission", "x.plan", "--budget", "5min"], "--budget has no effect on the mission in x.plan"),
+        (["--mission", "x.plan", "--camera-spacing", "2"], "--camera-spacing has no effect"),
+        (["--param", "MPC_ACC_HOR"], "NAME=VALUE"),
+        (["--day", "127"], "0 to 126"),
+    ],
+)
+def test_options_without_effect_are_refused(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], says: str
+) -> None:
+    assert main(["fly", "--no-files", *arguments]) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_given_options_change_the_file(tmp_path: pytest.TempPathFactory) -> None:
+    path = tmp_path / "run.toml"  # type: ignore[operator]
+    path.write_text('farm = "miniberry-10"\nday = 3\nwind_speed_m_s = 2.0\n[parameters]\nA = 1.0\n')
+    given = Given(path, {"day": 4, "wind_shear": "log", "parameters": {"B": 2.0}}, {}, {})
+    scenario = given.scenario()
+    assert (scenario.farm.name, scenario.farm.day, scenario.weather.wind_shear) == ("miniberry-10", 4, "log")
+    assert scenario.vehicle.parameters == {"A": 1.0, "B": 2.0}
+    assert Given(None, {}, {}, {"vehicle": "ideal"}).scenario() == Scenario(vehicle="ideal")
+    with pytest.raises(ScenarioError, match="only with --wind"):
+        Given(None, {"wind_shear": "log"}, {}, {}).scenario()
+
+
+def test_a_command_must_not_have_an_option_twice() -> None:
+    def command(given: Given, turbulence: str = "") -> None: ...
+
+    with pytest.raises(TypeError, match="turbulence"):
+        scenario_options(WeatherOptions)(command)

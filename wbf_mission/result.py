@@ -1,0 +1,93 @@
+"""The result of a run: what can be done with it, and how one is loaded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wbf_mission.result_files import ResultError, history_table, read_result, track_table
+from wbf_mission.results import ResultFolder
+from wbf_mission.run_record import RunRecord
+
+__all__ = ["Result", "load_result"]
+
+
+@dataclass(slots=True)
+class Result(RunRecord):
+    """What a run gave (`wbf_mission.run_record.RunRecord` tells its parts), to be shown and saved."""
+
+    def tables(self) -> dict[str, Any]:
+        """Return track, observations and history as pyarrow tables."""
+        return {
+            "track": track_table(self.track, self.true_track),
+            "observations": self.observations.to_table(),
+            "history": history_table(self.history, self.observations.fields),
+        }
+
+    def plot(self, path: str | Path) -> Path:
+        """Draw the farm with the planned and the flown path into a PNG file.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        from wbf_mission.plots import plot_paths
+
+        track = np.column_stack((self.track.x_m, self.track.y_m))
+        title = f"{self.farm.name}: {self.plan.planner or 'mission file'}, {self.plan.vehicle.name}"
+        return plot_paths(self.farm, self.plan.path_m, track, Path(path), title)
+
+    def save(self, path: str | Path, *, plots: bool = True, force: bool = False) -> Path:
+        """Save everything into a folder, from where `wbf_mission.load_result` loads an equal result.
+
+        The files are written beside the folder first and take its place when they are complete.
+
+        Parameters
+        ----------
+        path : path-like
+            The folder; its own parents are made.
+        plots : bool
+            Whether pictures are drawn among the files.
+        force : bool
+            Replace the result of another run, or write among other files.
+
+        Raises
+        ------
+        ResultError
+            If the folder holds something else that must not be replaced.
+        OSError
+            If a file cannot be written.
+        """
+        with ResultFolder(Path(path), scenario=self.scenario.to_dict(), force=force) as folder:
+            folder.write(self, plots=plots)
+        return Path(path)
+
+
+def load_result(path: str | Path) -> Result:
+    """Load the result that a run or `Result.save` left in a folder.
+
+    The arrays are read into memory, 1.1 GB for a farm like Waterberry.
+
+    Raises
+    ------
+    ResultError
+        If the folder holds no result, or a damaged one.
+
+    Examples
+    --------
+    >>> load_result("no/such/folder")
+    Traceback (most recent call last):
+    ...
+    wbf_mission.result_files.ResultError: no/such/folder: holds no result (result.json is missing); give ...
+    """
+    try:
+        return read_result(Path(path), Result)
+    except (OSError, TypeError, KeyError, ValueError) as error:
+        if isinstance(error, ResultError):
+            raise
+        msg = f"{path}: the result is damaged ({' '.join(str(error).split())})"
+        raise ResultError(msg) from error

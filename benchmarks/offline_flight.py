@@ -24,12 +24,13 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import Message
 from mission.link.tlog import TlogWriter
 from mission.model import Command, Frame, GeoPoint, MissionItem
+from mission.outcome import Outcome
 from sensors.camera.leaf_camera import LeafCamera
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.simulation import Simulation
-from sim_vehicle.mavlink import Outcome, SimVehicle
+from sim_vehicle.mavlink import SimVehicle
 
 BAR = 500.0
 PICTURES_M = 0.3048

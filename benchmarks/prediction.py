@@ -18,10 +18,10 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from geo.errors import WbfMissionError
+from mission.outcome import Outcome
 from mission.planners import planner_names
 from sim_vehicle.autopilot import DEFAULT_AUTOPILOT, autopilot_names
 from wbf_mission.flight import fly
-from wbf_mission.outcome import Outcome
 from wbf_mission.scenario import Scenario, scenario_with
 
 VEHICLES = ("quad", "mapping-quad", "mini-quad", "rover", "wing", "fixed-wing", "ideal")

@@ -94,8 +94,12 @@ def check_flow() -> None:
 
 
 def levels(rooms: list[Room], arrows: dict[tuple[str, str], int]) -> dict[str, int]:
-    """Height of each room within its floor: above all rooms of the floor that it imports."""
-    names = {room.name for room in rooms}
+    """Height of each room within its floor: above all rooms of the floor that it imports.
+
+    The modules that lie on the floor itself are no room: they stand at the bottom, some of them below and
+    some above the rooms.
+    """
+    names = {room.name for room in rooms if room.name != room.floor}
     below = {name: {b for (a, b) in arrows if a == name and b in names} for name in names}
     height: dict[str, int] = {}
     while len(height) < len(names):
@@ -117,7 +121,7 @@ def place(
     bottom = 0.0
     for floor in reversed(FLOORS):
         own = [room for room in rooms.values() if room.floor == floor]
-        height = levels(own, arrows)
+        height = {name: level + 1 for name, level in levels(own, arrows).items()} | {floor: 0}
         rows = max(height.values()) + 1
         for level in range(rows):
             row = sorted(name for name, at in height.items() if at == level)
@@ -140,8 +144,8 @@ def draw(out: Path) -> None:
     rooms, arrows = rooms_of(graph), arrows_of(graph)
     centres, bands = place(rooms, arrows)
     top = bands[FLOORS[0]][1]
-    figure, axes = plt.subplots(figsize=(13, 0.92 * top), layout="constrained")
-    axes.set(xlim=(-1.9, 10.2), ylim=(-0.1, top + 0.1))
+    figure, axes = plt.subplots(figsize=(16, 0.92 * top), layout="constrained")
+    axes.set(xlim=(-1.9, 13.4), ylim=(-0.1, top + 0.1))
     axes.axis("off")
     for floor, (low, high) in bands.items():
         axes.add_patch(
@@ -158,7 +162,7 @@ def draw(out: Path) -> None:
         axes.text(-1.7, (low + high) / 2 + 0.12, floor, weight="bold", size=11, va="center")
         axes.text(-1.7, (low + high) / 2 - 0.16, "\n".join(_wrapped(ANSWERS[floor], 22)), size=7.5, va="top")
     for (above, below), count in sorted(arrows.items()):
-        if rooms[above].floor != rooms[below].floor:
+        if rooms[above].floor != rooms[below].floor or rooms[above].floor in (above, below):
             continue
         (x0, y0), (x1, y1) = centres[above], centres[below]
         axes.annotate(
@@ -189,7 +193,7 @@ def draw(out: Path) -> None:
                 zorder=3,
             )
         )
-        own = name.split(".")[-1] if "." in name else f"({name})"
+        own = name.split(".")[-1] if "." in name else "(own modules)"
         axes.text(x, y + 0.05, own, ha="center", va="center", size=9, zorder=4)
         axes.text(
             x,
@@ -201,7 +205,7 @@ def draw(out: Path) -> None:
             color="#444444",
             zorder=4,
         )
-    for number, (start, end, what, _) in enumerate(FLOW, 1):
+    for number, (start, end, what, where) in enumerate(FLOW, 1):
         (x0, y0), (x1, y1) = (centres[_shown(one, centres)] for one in (start, end))
         axes.annotate(
             "",
@@ -221,13 +225,21 @@ def draw(out: Path) -> None:
         axes.text(
             (x0 + x1) / 2 + 0.11 * dx,
             (y0 + y1) / 2 + 0.11 * dy,
-            f"{number} {what}",
-            size=8,
-            color=ORANGE,
+            str(number),
+            size=9,
+            color="white",
             ha="center",
             va="center",
             zorder=6,
-            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0},
+            bbox={"boxstyle": "circle,pad=0.25", "facecolor": ORANGE, "edgecolor": "none"},
+        )
+        axes.text(
+            10.4,
+            top - 0.35 - 0.62 * (number - 1),
+            f"{number}  {what}: {where.split(':')[1]}\n     {start} -> {end}",
+            size=8,
+            color=ORANGE,
+            va="top",
         )
     figure.savefig(out, dpi=110, metadata={"Software": None})
     plt.close(figure)

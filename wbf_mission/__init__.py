@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from mission.files import read_mission as read_mission
     from mission.files import write_mission as write_mission
     from mission.model import Mission as Mission
+    from mission.outcome import Outcome as Outcome
     from mission.planners import Planner as Planner
     from mission.planners import check_planner as check_planner
     from mission.planners import make_planner as make_planner
@@ -43,7 +44,6 @@ if TYPE_CHECKING:
     from wbf_mission.flight import fly as fly
     from wbf_mission.ground.link import download as download
     from wbf_mission.ground.link import upload as upload
-    from wbf_mission.outcome import Outcome as Outcome
     from wbf_mission.planning import plan as plan
     from wbf_mission.result import Result as Result
     from wbf_mission.result import load_result as load_result
@@ -80,7 +80,7 @@ else:
             "wbf_mission.benchmarking": ("benchmark",),
             "wbf_mission.flight": ("FlightError", "fly"),
             "wbf_mission.ground.link": ("download", "upload"),
-            "wbf_mission.outcome": ("Outcome",),
+            "mission.outcome": ("Outcome",),
             "wbf_mission.planning": ("plan",),
             "wbf_mission.result_files": ("ResultError",),
             "wbf_mission.result": ("Result", "load_result"),

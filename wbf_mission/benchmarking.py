@@ -149,8 +149,8 @@ def _ignore_interrupts() -> None:
 
 
 def _run(scenario: Scenario) -> dict[str, Any]:
+    from mission.outcome import Outcome
     from wbf_mission.flight import FlightError, fly
-    from wbf_mission.outcome import Outcome
 
     result = fly(scenario)
     if result.outcome is Outcome.INTERRUPTED:

@@ -18,7 +18,9 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-__all__ = ["ExitCode", "exit_code_of"]
+from mission.outcome import Outcome
+
+__all__ = ["ExitCode", "exit_code_of", "exit_code_of_flight"]
 
 
 class ExitCode(IntEnum):
@@ -54,6 +56,27 @@ def exit_code_of(error: Exception) -> ExitCode:
     if isinstance(error, LinkLostError):
         return ExitCode.LINK_LOST
     return _of_transfer(error) if isinstance(error, TransferError) else ExitCode.BAD_INPUT
+
+
+_OF_OUTCOMES = {
+    Outcome.COMPLETED: ExitCode.GOOD,
+    Outcome.INTERRUPTED: ExitCode.INTERRUPTED,
+    Outcome.NO_CONTACT: ExitCode.NO_VEHICLE,
+    Outcome.UPLOAD_FAILED: ExitCode.REFUSED,
+    Outcome.ARMING_REFUSED: ExitCode.REFUSED,
+    Outcome.MISSION_REJECTED: ExitCode.REFUSED,
+}
+
+
+def exit_code_of_flight(outcome: Outcome) -> ExitCode:
+    """The exit code of a command whose flight ended so.
+
+    Examples
+    --------
+    >>> exit_code_of_flight(Outcome.BATTERY_LOW)
+    <ExitCode.NOT_GOOD: 1>
+    """
+    return _OF_OUTCOMES.get(outcome, ExitCode.NOT_GOOD)
 
 
 def _of_transfer(error: Exception) -> ExitCode:

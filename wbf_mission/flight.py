@@ -13,6 +13,7 @@ from geo import Farm
 from geo.errors import WbfMissionError
 from geo.seeds import child_seed, stream
 from mission.link.tlog import TlogWriter
+from mission.outcome import Outcome
 from mission.planners import Planner
 from sensors.camera.leaf_camera import LeafCamera, LeafCameraOptions
 from sensors.camera.wire import ObservationAssembler
@@ -29,7 +30,7 @@ from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
 from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.estimation import RunEstimate, estimator_of, require_run_memory, resolved, score_points
 from wbf_mission.ground.station import GroundStation
-from wbf_mission.outcome import Outcome, Phase
+from wbf_mission.outcome import Phase
 from wbf_mission.planning import PlanResult, home_of, plan
 from wbf_mission.progress import Progress, silent
 from wbf_mission.report import FieldMap, field_maps, true_map

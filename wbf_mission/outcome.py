@@ -1,4 +1,4 @@
-"""How a run goes and ends, and where it went."""
+"""How a run goes, and where it went."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
-
-from wbf_mission.exit_codes import ExitCode
 
 
 class Phase(Enum):
@@ -21,44 +19,6 @@ class Phase(Enum):
     FLIGHT = "flying"
     FETCH = "fetching lost pictures"
     DONE = "done"
-
-
-class Outcome(Enum):
-    """How a run ended."""
-
-    RUNNING = "running"
-    COMPLETED = "completed"
-    NO_CONTACT = "no_contact"
-    UPLOAD_FAILED = "upload_failed"
-    ARMING_REFUSED = "arming_refused"
-    MISSION_REJECTED = "mission_rejected"
-    CANNOT_FLY_ITEM = "cannot_fly_item"
-    BATTERY_LOW = "battery_low"
-    BATTERY_DEPLETED = "battery_depleted"
-    FENCE_BREACHED = "fence_breached"
-    LINK_LOST = "link_lost"
-    POSITION_LOST = "position_lost"
-    CRASHED = "crashed"
-    FLIGHT_ABORTED = "flight_aborted"
-    TIME_LIMIT = "time_limit"
-    INTERRUPTED = "interrupted"
-
-    @property
-    def is_good(self) -> bool:
-        """Whether the whole mission was flown."""
-        return self is Outcome.COMPLETED
-
-    @property
-    def exit_code(self) -> int:
-        """Exit code of a command whose run ended so."""
-        return {
-            Outcome.COMPLETED: ExitCode.GOOD,
-            Outcome.INTERRUPTED: ExitCode.INTERRUPTED,
-            Outcome.NO_CONTACT: ExitCode.NO_VEHICLE,
-            Outcome.UPLOAD_FAILED: ExitCode.REFUSED,
-            Outcome.ARMING_REFUSED: ExitCode.REFUSED,
-            Outcome.MISSION_REJECTED: ExitCode.REFUSED,
-        }.get(self, ExitCode.NOT_GOOD)
 
 
 @dataclass(frozen=True, slots=True)

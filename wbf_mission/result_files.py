@@ -17,6 +17,7 @@ from geo.atomic import atomic_write
 from geo.errors import WbfMissionError
 from mission.files import read_mission, write_mission
 from mission.model import MissionType
+from mission.outcome import Outcome
 from mission.transfer.events import TransferStatistics
 from sensors.camera.wire import AssemblerStatistics
 from sensors.field_files import field_from_table, field_to_table
@@ -28,7 +29,7 @@ from sim_vehicle.prediction.predict import Prediction
 from wbf_mission.arrays import SUFFIX, read_array, write_array
 from wbf_mission.blocks import MapGrid
 from wbf_mission.estimation import ScoreHistory
-from wbf_mission.outcome import Outcome, Track
+from wbf_mission.outcome import Track
 from wbf_mission.planning import PlanResult, flown_vehicle
 from wbf_mission.report import FieldMap
 from wbf_mission.run_record import RunRecord

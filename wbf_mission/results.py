@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any, Self
 import msgspec
 import numpy as np
 
+from mission.outcome import Outcome
 from wbf_mission.arrays import SUFFIX
 from wbf_mission.estimation import resolved
-from wbf_mission.outcome import Outcome
 from wbf_mission.progress import Progress, silent
 from wbf_mission.result_files import RECORD, ResultError, write_arrays, write_result
 from wbf_mission.run_record import RunRecord

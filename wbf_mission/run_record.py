@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo import Farm
+from mission.outcome import Outcome
 from sensors.camera.wire import AssemblerStatistics
 from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from wbf_mission.estimation import ScoreHistory
-from wbf_mission.outcome import Outcome, Track
+from wbf_mission.outcome import Track
 from wbf_mission.planning import PlanResult
 from wbf_mission.report import FarmReport, FieldMap, report_of_maps
 from wbf_mission.scenario import Scenario

@@ -28,7 +28,7 @@ ValueKind = Literal["chance", "seconds", "baud", "item", "message", "result", "c
 
 
 class FaultError(VehicleError, ValueError):
-    """A fault that cannot be."""
+    """An invalid fault specification."""
 
 
 @dataclass(frozen=True, slots=True)

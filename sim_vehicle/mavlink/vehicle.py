@@ -11,6 +11,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import Message
 from mission.link.codec.signing import Signing
 from mission.model import GeoPoint
+from mission.outcome import Outcome
 from mission.transfer import wire
 from sim_vehicle.airframe.sensor_errors import NavigationErrors, SensorNoise
 from sim_vehicle.airframe.spec import VehicleSpec
@@ -31,7 +32,6 @@ from sim_vehicle.mavlink.status_texts import StatusTexts
 from sim_vehicle.mavlink.telemetry import BUILDERS, STREAMS, built
 from sim_vehicle.mavlink.wire_state import WireState
 from sim_vehicle.pilot.notices import RefusedError, Severity
-from sim_vehicle.pilot.outcome import Outcome
 from sim_vehicle.pilot.pilot import Pilot
 from sim_vehicle.weather.wind import Wind
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion.arducopter.model import ArduCopter
 from sim_vehicle.motion.batch_loops import CALL, EVENT, EVERY, FIRST, LOOPS, STEPS, STOPS, WIND_ROWS
+from sim_vehicle.motion.columns import WIND
 from sim_vehicle.motion.fixed_wing.model import FixedWing
-from sim_vehicle.motion.multirotor.kernel import WIND
 from sim_vehicle.motion.multirotor.model import Multirotor
 from sim_vehicle.motion.px4.model import Px4Multirotor
 from sim_vehicle.motion.rover.model import Rover

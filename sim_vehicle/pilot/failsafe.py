@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from mission.outcome import Outcome
 from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules
 from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.pilot.battery_watch import BatteryWatch
 from sim_vehicle.pilot.fence import Bounds, Breach, Fence, FenceWatch
 from sim_vehicle.pilot.notices import NoticeLog, Severity
-from sim_vehicle.pilot.outcome import Outcome
 
 if TYPE_CHECKING:
     from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from mission.model import Command, MissionItem
+from mission.outcome import Outcome
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules
 from sim_vehicle.autopilot.modes import Mode
@@ -35,7 +36,6 @@ from sim_vehicle.pilot.fence import Fence
 from sim_vehicle.pilot.mission_status import MissionStatus
 from sim_vehicle.pilot.mode_control import ModeControl
 from sim_vehicle.pilot.notices import MissionState, Notice, NoticeLog, RefusedError, Severity
-from sim_vehicle.pilot.outcome import Outcome
 from sim_vehicle.pilot.setpoints import Setpoint, SetpointFollower
 
 if TYPE_CHECKING:
@@ -184,7 +184,7 @@ class Pilot:
         if mission.problems:
             self._end(Outcome.MISSION_REJECTED, mission.problems[0])
             self.note(Severity.CRITICAL, f"Mission rejected: {mission.problems[0]}")
-        elif self.outcome in (Outcome.MISSION_REJECTED, Outcome.COMPLETED, Outcome.INTERRUPTED):
+        elif self.outcome in (Outcome.MISSION_REJECTED, Outcome.COMPLETED, Outcome.FLIGHT_ABORTED):
             self._end(Outcome.RUNNING, "")
         if flying:
             self._turn_to(Mode.MISSION if items and not mission.problems else Mode.HOLD)
@@ -495,7 +495,7 @@ class Pilot:
                 self._end(Outcome.COMPLETED, "mission complete")
             else:
                 where = f"disarmed at item {mission.current_seq} of {mission.size}"
-                self._end(Outcome.INTERRUPTED, where)
+                self._end(Outcome.FLIGHT_ABORTED, where)
         mission.started = False
 
     def _carry_out(self, reaction: Reaction) -> None:

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from sim_vehicle.mavlink import Outcome
+from mission.outcome import Outcome
 
 pytestmark = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 

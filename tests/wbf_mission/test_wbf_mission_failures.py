@@ -5,6 +5,7 @@ import pytest
 from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, Mission, MissionItem
+from mission.outcome import Outcome
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.px4 import PX4
@@ -14,7 +15,6 @@ from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.weather.wind import Wind
 from wbf_mission.ground.failures import FailureWatch
 from wbf_mission.ground.station import GroundStation
-from wbf_mission.outcome import Outcome
 
 HOME = GeoPoint(28.05, -82.15, 10.0)
 FRAME = LocalFrame(HOME.latitude_deg, HOME.longitude_deg, HOME.altitude_m)

@@ -11,7 +11,7 @@ import pytest
 from sensors.field_files import load_field_set
 from wbf_mission.cli.app import main
 from wbf_mission.flight import fly
-from wbf_mission.results import load_result
+from wbf_mission.result import load_result
 from wbf_mission.scenario import Scenario, load_scenario
 
 NITROGEN = """

@@ -6,9 +6,10 @@ import pytest
 
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, GeoPoint, Mission, MissionItem
+from mission.outcome import Outcome
 from mission.transfer import MissionServer
 from wbf_mission.ground.station import GroundStation
-from wbf_mission.outcome import Outcome, Phase
+from wbf_mission.outcome import Phase
 
 MISSION = Mission(
     (

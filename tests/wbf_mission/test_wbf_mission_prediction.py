@@ -6,10 +6,10 @@ from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as st
 
 from mission.errors import PlanningError
+from mission.outcome import Outcome
 from mission.planners import PlanningRequest
 from mission.planners.budget import BatchBudget, LengthBudget
 from wbf_mission.flight import fly
-from wbf_mission.outcome import Outcome
 from wbf_mission.planning import MissionBuilder, plan
 from wbf_mission.planning.budget import flight_budget, make_budget
 from wbf_mission.scenario import Scenario

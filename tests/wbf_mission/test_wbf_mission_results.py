@@ -11,10 +11,10 @@ import pytest
 from geo import get_farm, save_farm
 from mission.files import read_mission, write_mission
 from mission.link.tlog import read_tlog
+from mission.outcome import Outcome
 from sensors.observations import Observations
 from wbf_mission import results
 from wbf_mission.flight import fly
-from wbf_mission.outcome import Outcome
 from wbf_mission.result import Result, load_result
 from wbf_mission.result_files import ResultError
 from wbf_mission.results import ResultFolder, run_name

@@ -10,7 +10,7 @@ import typer
 
 from wbf_mission.cli import options, signals
 from wbf_mission.cli.output import Output, distance, duration
-from wbf_mission.exit_codes import ExitCode
+from wbf_mission.exit_codes import ExitCode, exit_code_of_flight
 from wbf_mission.scenario import (
     CameraOptions,
     EstimateOptions,
@@ -162,4 +162,4 @@ def fly_command(
     output.result(summary, rows, title=f"{title}, {result.plan.vehicle.name}, seed {chosen.seed}")
     if interrupted:
         return ExitCode.INTERRUPTED
-    return ExitCode.NOT_GOOD if blind else result.outcome.exit_code
+    return ExitCode.NOT_GOOD if blind else exit_code_of_flight(result.outcome)

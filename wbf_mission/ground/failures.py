@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from mission.link.codec.dialect import mavlink as m
-from wbf_mission.outcome import Outcome
+from mission.outcome import Outcome
 
 __all__ = ["FailureWatch"]
 

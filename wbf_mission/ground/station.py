@@ -11,6 +11,7 @@ from typing import Any
 from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Mission, MissionType
+from mission.outcome import Outcome
 from mission.transfer import (
     CLIENT_MESSAGES,
     Output,
@@ -27,7 +28,7 @@ from wbf_mission.ground.images import ImageFetch
 from wbf_mission.ground.orders import Answer, Order, result_name
 from wbf_mission.ground.texts import TextLog
 from wbf_mission.ground.tracks import TrackRecorder
-from wbf_mission.outcome import Outcome, Phase, Track
+from wbf_mission.outcome import Phase, Track
 
 GROUND_SYSTEM_ID = 255
 GROUND_COMPONENT_ID = int(m.MAV_COMP_ID_MISSIONPLANNER)

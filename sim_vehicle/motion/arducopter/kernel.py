@@ -33,17 +33,8 @@ from sim_vehicle.motion.arducopter.layout import (
     UNTIL,
     UP,
 )
-from sim_vehicle.motion.multirotor.kernel import (
-    ENERGY,
-    GRID,
-    NEAR,
-    RAN,
-    REACHED,
-    SLOWEST,
-    STALL_S,
-    STALLED,
-    WIND,
-)
+from sim_vehicle.motion.columns import ENERGY, GRID, NEAR, RAN, REACHED, STALLED, WIND
+from sim_vehicle.motion.multirotor.kernel import SLOWEST, STALL_S
 from sim_vehicle.weather.gust_kernel import wind_at
 
 Floats = NDArray[np.float64]

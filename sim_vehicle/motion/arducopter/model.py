@@ -13,9 +13,9 @@ from sim_vehicle.motion.arducopter import kernel, scurve
 from sim_vehicle.motion.arducopter import layout as at
 from sim_vehicle.motion.arducopter.control import stopping_way
 from sim_vehicle.motion.arducopter.parameters import drag_of, lookup
+from sim_vehicle.motion.columns import WIND
 from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.motion.model import MotionEvent
-from sim_vehicle.motion.multirotor.kernel import WIND
 from sim_vehicle.motion.multirotor.model import Multirotor
 
 if TYPE_CHECKING:

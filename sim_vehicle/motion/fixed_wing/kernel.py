@@ -13,6 +13,7 @@ from math import atan, atan2, cos, inf, isnan, pi, sin, sqrt, tan
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.energy.power_kernels import wing_power
+from sim_vehicle.motion.columns import ENERGY, GRID, NEAR, RAN, REACHED, STALLED, WIND
 from sim_vehicle.motion.fixed_wing.guidance import (
     NPFG,
     Floats,
@@ -22,7 +23,7 @@ from sim_vehicle.motion.fixed_wing.guidance import (
     npfg,
     switch_distance,
 )
-from sim_vehicle.motion.multirotor.kernel import ENERGY, GRID, NEAR, RAN, REACHED, STALLED, WIND, Integers
+from sim_vehicle.motion.multirotor.kernel import Integers
 from sim_vehicle.weather.gust_kernel import wind_at
 
 # beyond the first 19: bank 19, true airspeed 20, climb through the air 21, throttle 22 (0 to 1), pitch 23,

@@ -12,10 +12,9 @@ from sim_vehicle.airframe.power_spec import GRAVITY_M_S2, FixedWingPowerSpec
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.energy.power import power_coefficients
 from sim_vehicle.errors import VehicleError
+from sim_vehicle.motion.compiled_motion import CompiledMotion
 from sim_vehicle.motion.fixed_wing import kernel as wing
 from sim_vehicle.motion.legs import KEEP, LegKind
-from sim_vehicle.motion.multirotor.kernel import COUNTERS
-from sim_vehicle.motion.multirotor.model import Multirotor
 from sim_vehicle.weather.wind import Wind
 
 if TYPE_CHECKING:
@@ -118,8 +117,8 @@ class WingLimits:
         return airspeed_m_s * airspeed_m_s / (GRAVITY_M_S2 * math.tan(self.bank_limit))
 
 
-class FixedWing(Multirotor):
-    """An aeroplane that flies routes; it stays by circling.
+class FixedWing(CompiledMotion):
+    """A fixed wing that flies routes; it stays by circling.
 
     Parameters
     ----------
@@ -132,6 +131,8 @@ class FixedWing(Multirotor):
     """
 
     _kernel = staticmethod(wing.advance)
+    _state_size = wing.STATE
+    _energy_limit = wing.ENERGY_LIMIT
 
     def __init__(
         self,
@@ -140,18 +141,10 @@ class FixedWing(Multirotor):
         wind: Wind | None = None,
         yaw_rad: float = 0.0,
     ) -> None:
-        super().__init__(spec, wind, yaw_rad)
         self._limits_of = limits_of
         self.law = limits_of(spec)
-        self._limits = self._numbers(spec)
-        air = self.state[15:17].copy()
-        self.state = np.zeros(wing.STATE)
-        self.state[9] = yaw_rad % (2.0 * math.pi)
-        self.state[13] = self._power[6]
-        self.state[14] = math.inf
-        self.state[15:17] = air
+        super().__init__(spec, wind, yaw_rad)
         self.state[wing.BEARING] = math.nan
-        self.counters = np.zeros(COUNTERS, dtype=np.int64)
 
     def attitude(self) -> tuple[float, float, float, float]:
         """Return roll (right), pitch (up), true airspeed and throttle."""
@@ -280,23 +273,16 @@ class FixedWing(Multirotor):
                 return x, y, z
         return self.position_m
 
-    def ignore_energy(self) -> None:
-        """Tell no more that the battery is empty."""
-        self._limits[wing.ENERGY_LIMIT] = math.inf
-
     def lose_power(self) -> None:
         """Glide from now on: the motor stops."""
         self._limits[wing.THROTTLE_LIMIT] = 0.0
 
     def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults and limits; they hold at once, those of legs from the next route on."""
-        energy, throttle = self._limits[wing.ENERGY_LIMIT], self._limits[wing.THROTTLE_LIMIT]
-        self.spec = spec
+        throttle = self._limits[wing.THROTTLE_LIMIT]
         self.law = self._limits_of(spec)
-        self._limits = self._numbers(spec)
+        super().update_spec(spec)
         self._limits[wing.THROTTLE_LIMIT] = throttle
-        if energy == math.inf:
-            self._limits[wing.ENERGY_LIMIT] = energy
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
         """Change heights no faster than this, from now on; None is the autopilot's own rate."""
@@ -306,12 +292,10 @@ class FixedWing(Multirotor):
 
     def touch_down(self) -> None:
         """Stand still on the ground."""
-        self.state[2:9] = 0.0
-        self.state[10] = 0.0
+        super().touch_down()
         self.state[wing.BANK : wing.COMMAND + 1] = 0.0
         self.state[wing.DOING] = wing.ON_GROUND
         self.state[wing.BEGIN] = math.nan
-        self._route = None
 
     def _numbers(self, spec: VehicleSpec) -> NDArray[np.float64]:
         """Return the limits in the order of the kernel."""

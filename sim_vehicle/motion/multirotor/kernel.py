@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from geo.compiled import compiled
 from sim_vehicle.energy.power_kernels import multirotor_power
+from sim_vehicle.motion.columns import ENERGY, GRID, NEAR, RAN, REACHED, STALLED, WIND
 from sim_vehicle.weather.gust_kernel import wind_at
 
 Floats = NDArray[np.float64]
@@ -25,10 +26,8 @@ Vector = tuple[float, float, float]
 # state: position 0-2, velocity 3-5, acceleration 6-8, heading 9, its rate 10, energy used (J) 11, path
 # length 12, power (W) 13, step at which the leg is given up 14 (infinity: a new leg), wind 15-16, place that
 # the nose points at 17-18 (NaN: none)
-STATE = 19
 # counters: step 0, leg 1, step of the last motion 2, arrived at the end 3, notified of nearness 4,
 # points 5
-COUNTERS = 6
 # leg: target 0-2, along 3-5, across 6-8, aslant 9-11, cruise speed 12, speed to brake to 13, acceptance
 # radius 14 (0: stop; VELOCITY, AT_HEIGHT), heading 15 (NaN: keep), acceleration and jerk of the three axes
 # 16-21, speeds of the last two 22-23, braking distance 24, distance to notify at 25, horizontal part of the
@@ -41,8 +40,6 @@ VELOCITY, AT_HEIGHT = -1.0, -2.0
 # 12
 LIMITS = 13
 
-RAN, REACHED, WIND, STALLED, ENERGY, NEAR = range(6)
-GRID = 5
 STOP_RADIUS = 0.05
 STOP_SPEED = 0.1
 # A leg is given up when the vehicle stands still for so long, or when it takes longer than its length, and

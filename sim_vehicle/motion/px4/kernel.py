@@ -16,19 +16,8 @@ from math import atan2, cos, exp, inf, isnan, pi, sin, sqrt
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.energy.power_kernels import multirotor_power
-from sim_vehicle.motion.multirotor.kernel import (
-    ENERGY,
-    GRID,
-    NEAR,
-    RAN,
-    REACHED,
-    ROI_NEAR,
-    STALL_S,
-    STALLED,
-    WIND,
-    Floats,
-    Integers,
-)
+from sim_vehicle.motion.columns import ENERGY, GRID, NEAR, RAN, REACHED, STALLED, WIND
+from sim_vehicle.motion.multirotor.kernel import ROI_NEAR, STALL_S, Floats, Integers
 from sim_vehicle.motion.px4.smoothing import (
     Vector,
     clamped,

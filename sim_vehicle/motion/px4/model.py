@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
+from sim_vehicle.motion.columns import WIND
 from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.motion.model import MotionEvent
-from sim_vehicle.motion.multirotor.kernel import WIND
 from sim_vehicle.motion.multirotor.model import Multirotor
 from sim_vehicle.motion.px4 import kernel
 from sim_vehicle.motion.px4.parameters import drag_of, value_of

@@ -11,17 +11,8 @@ from math import atan2, cos, inf, pi, sin, sqrt
 
 from geo.compiled import compiled
 from sim_vehicle.energy.power_kernels import rover_power
-from sim_vehicle.motion.multirotor.kernel import (
-    ENERGY,
-    GRID,
-    NEAR,
-    RAN,
-    REACHED,
-    STALLED,
-    WIND,
-    Floats,
-    Integers,
-)
+from sim_vehicle.motion.columns import ENERGY, GRID, NEAR, RAN, REACHED, STALLED, WIND
+from sim_vehicle.motion.multirotor.kernel import Floats, Integers
 from sim_vehicle.weather.gust_kernel import wind_at
 
 # beyond the first 19: speed over ground 19, throttle 20 (0 to 1), whether it turns on the spot 21, beginning

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sim_vehicle.energy.battery import WH_J
+from sim_vehicle.motion.compiled_motion import CompiledMotion
 from sim_vehicle.motion.legs import KEEP, LegKind
-from sim_vehicle.motion.multirotor.kernel import COUNTERS
-from sim_vehicle.motion.multirotor.model import Multirotor
 from sim_vehicle.motion.rover import kernel as wheels
 
 if TYPE_CHECKING:
@@ -69,7 +68,7 @@ class RoverLimits:
     passes: bool
 
 
-class Rover(Multirotor):
+class Rover(CompiledMotion):
     """A vehicle on wheels that drives routes; heights mean nothing to it.
 
     Parameters
@@ -84,6 +83,8 @@ class Rover(Multirotor):
     """
 
     _kernel = staticmethod(wheels.advance)
+    _state_size = wheels.STATE
+    _energy_limit = wheels.ENERGY_LIMIT
 
     def __init__(
         self,
@@ -92,18 +93,10 @@ class Rover(Multirotor):
         wind: Wind | None = None,
         yaw_rad: float = 0.0,
     ) -> None:
-        super().__init__(spec, wind, yaw_rad)
         self._limits_of = limits_of
         self.law = limits_of(spec)
-        self._limits = self._numbers(spec)
-        air = self.state[15:17].copy()
-        self.state = np.zeros(wheels.STATE)
-        self.state[9] = yaw_rad % (2.0 * math.pi)
-        self.state[13] = self._power[6]
-        self.state[14] = math.inf
-        self.state[15:17] = air
+        super().__init__(spec, wind, yaw_rad)
         self.state[wheels.PAUSE_END] = math.inf
-        self.counters = np.zeros(COUNTERS, dtype=np.int64)
 
     def attitude(self) -> tuple[float, float, float, float]:
         """Return roll and pitch, which are none, speed in place of an airspeed, and throttle."""
@@ -193,32 +186,22 @@ class Rover(Multirotor):
         way = 0.5 * speed * speed / self.law.deceleration
         return x + way * math.sin(yaw), y + way * math.cos(yaw), 0.0
 
-    def ignore_energy(self) -> None:
-        """Tell no more that the battery is empty."""
-        self._limits[wheels.ENERGY_LIMIT] = math.inf
-
     def lose_power(self) -> None:
         """Stop: without power it cannot go anywhere."""
         self._limits[wheels.SPEED_MAX] = 1e-3
 
     def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults and limits; they hold from the next route on."""
-        energy = self._limits[wheels.ENERGY_LIMIT]
-        self.spec = spec
         self.law = self._limits_of(spec)
-        self._limits = self._numbers(spec)
-        if energy == math.inf:
-            self._limits[wheels.ENERGY_LIMIT] = energy
+        super().update_spec(spec)
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
         """Nothing: it does not climb."""
 
     def touch_down(self) -> None:
         """Stand still."""
-        self.state[2:9] = 0.0
-        self.state[10] = 0.0
+        super().touch_down()
         self.state[wheels.SPEED : wheels.PIVOTING + 1] = 0.0
-        self._route = None
 
     def _numbers(self, spec: VehicleSpec) -> NDArray[np.float64]:
         """Return the limits in the order of the kernel."""

@@ -12,6 +12,7 @@ import pytest
 from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, Mission, MissionItem
+from mission.outcome import Outcome
 from mission.transfer import profile
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import autopilot_names, forget_autopilots, get_autopilot, with_autopilot
@@ -20,7 +21,6 @@ from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.mavlink.fleet import Fleet
 from wbf_mission.ground.station import GroundStation
-from wbf_mission.outcome import Outcome
 
 POINT = GeoPoint(28.05, -82.15, 12.0)
 HOME = LocalFrame(28.05, -82.15)

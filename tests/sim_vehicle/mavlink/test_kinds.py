@@ -8,14 +8,14 @@ from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import FrameWriter
 from mission.model import GeoPoint, Mission, MissionItem
+from mission.outcome import Outcome
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.host.simulation import Simulation
-from sim_vehicle.mavlink import Outcome, SimVehicle
+from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.ground.station import GroundStation
-from wbf_mission.outcome import Outcome as GroundOutcome
 
 POINT = GeoPoint(28.05, -82.15, 12.0)
 HOME = LocalFrame(28.05, -82.15)
@@ -66,7 +66,7 @@ def test_an_aeroplane_flies_a_mission_and_tells_what_it_does(autopilot):
         item(21, 0.0, 0.0),
     )
     vehicle, ground, heard = flight("fixed-wing", items, autopilot)
-    assert ground.outcome is GroundOutcome.COMPLETED, ground.reason
+    assert ground.outcome is Outcome.COMPLETED, ground.reason
     assert vehicle.outcome in (Outcome.COMPLETED, Outcome.RUNNING)
     beats = of(heard, "HEARTBEAT")
     assert {beat.type for beat in beats} == {m.MAV_TYPE_FIXED_WING}
@@ -90,7 +90,7 @@ def test_an_aeroplane_flies_a_mission_and_tells_what_it_does(autopilot):
 def test_a_mission_that_only_returns_ends_over_home_or_on_the_ground(autopilot):
     items = (item(22, 0.0, 150.0, 40.0, 10.0), item(16, 0.0, 600.0, 50.0), MissionItem(20, 2))
     vehicle, ground, _ = flight("fixed-wing", items, autopilot)
-    assert ground.outcome is GroundOutcome.COMPLETED, ground.reason
+    assert ground.outcome is Outcome.COMPLETED, ground.reason
     # The file of the vehicle makes PX4 land; ArduPlane circles.
     assert (vehicle.pilot.state.position_m[2] == 0.0) is (autopilot is PX4)
 
@@ -98,7 +98,7 @@ def test_a_mission_that_only_returns_ends_over_home_or_on_the_ground(autopilot):
 @BOTH
 def test_an_aeroplane_without_a_take_off_does_not_arm(autopilot):
     _, ground, _ = flight("fixed-wing", (item(16, 0.0, 600.0, 50.0), MissionItem(20, 2)), autopilot)
-    assert ground.outcome in (GroundOutcome.MISSION_REJECTED, GroundOutcome.ARMING_REFUSED)
+    assert ground.outcome in (Outcome.MISSION_REJECTED, Outcome.ARMING_REFUSED)
     assert "no take-off before it" in ground.reason
 
 
@@ -106,7 +106,7 @@ def test_an_aeroplane_without_a_take_off_does_not_arm(autopilot):
 def test_a_rover_drives_a_mission(autopilot):
     items = (item(22, 0.0, 0.0, 10.0), item(16, 0.0, 30.0), item(16, 30.0, 30.0, 50.0), MissionItem(20, 2))
     vehicle, ground, heard = flight("rover", items, autopilot)
-    assert ground.outcome is GroundOutcome.COMPLETED, ground.reason
+    assert ground.outcome is Outcome.COMPLETED, ground.reason
     assert {beat.type for beat in of(heard, "HEARTBEAT")} == {m.MAV_TYPE_GROUND_ROVER}
     assert any("Take-off items have no effect" in text for _, _, text in ground.texts)
     assert {message.relative_alt for message in of(heard, "GLOBAL_POSITION_INT")} == {0}

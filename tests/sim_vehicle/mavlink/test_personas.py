@@ -13,6 +13,7 @@ from mission.link.codec.signing import Signing
 from mission.link.endpoint import MavlinkEndpoint
 from mission.link.opening import open_link
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem, MissionType
+from mission.outcome import Outcome
 from mission.transfer import wire
 from mission.transfer.driver import TransferDriver
 from sim_vehicle.airframe.catalog import get_vehicle
@@ -23,7 +24,6 @@ from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import Simulation, StopReason
 from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.ground.station import GroundStation
-from wbf_mission.outcome import Outcome
 
 HOME = GeoPoint(28.05, -82.15, 20.0)
 BOTH = pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])

@@ -10,12 +10,13 @@ import pytest
 from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
+from mission.outcome import Outcome
 from mission.transfer import wire
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.host.server import Server
-from sim_vehicle.mavlink import Outcome, SimVehicle
+from sim_vehicle.mavlink import SimVehicle
 
 os.environ["MAVLINK20"] = "1"
 HOME = GeoPoint(28.05, -82.15, 20.0)

@@ -7,6 +7,7 @@ import pytest
 from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
+from mission.outcome import Outcome
 from mission.transfer import wire
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
@@ -14,7 +15,7 @@ from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.component import NEVER
 from sim_vehicle.host.simulation import Simulation, StopReason
-from sim_vehicle.mavlink import Outcome, SimVehicle
+from sim_vehicle.mavlink import SimVehicle
 
 HOME = GeoPoint(28.05, -82.15, 20.0)
 FRAME = LocalFrame(HOME.latitude_deg, HOME.longitude_deg, HOME.altitude_m)
@@ -236,7 +237,7 @@ def test_pause_and_continue():
 def test_return_to_launch_in_mid_mission_is_an_interruption_and_stops_the_camera():
     camera = Camera()
     vehicle, _ground, _, _ = fly(SURVEY, [(2.0, ARM), (2.2, START), (15.0, command(20))], camera=camera)
-    assert vehicle.outcome is Outcome.INTERRUPTED
+    assert vehicle.outcome is Outcome.FLIGHT_ABORTED
     assert "item" in vehicle.outcome_text
     assert [c[1:3] for c in camera.commands] == [(206, 1.0), (206, 0.0)]
     assert camera.commands[-1][0] == pytest.approx(15.0, abs=0.2)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
+from mission.outcome import Outcome
 from mission.transfer import wire
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import autopilot_names, get_autopilot
@@ -18,7 +19,7 @@ from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.component import Component
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.mavlink import Outcome, SimVehicle
+from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.mavlink.commands import HANDLERS
 from sim_vehicle.mavlink.schedule import LONGEST_US, SHORTEST_US, Schedule
 from sim_vehicle.mavlink.telemetry import BUILDERS

@@ -11,13 +11,14 @@ from hypothesis import strategies as st
 from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, MissionItem, MissionType
+from mission.outcome import Outcome
 from mission.transfer import wire
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.execution.state import FlightPhase, LandedState
-from sim_vehicle.mavlink import Outcome, SimVehicle
+from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.pilot.fence import Breach
 from sim_vehicle.pilot.notices import RefusedError
 

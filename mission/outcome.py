@@ -1,12 +1,17 @@
-"""How a run of the vehicle ended."""
+"""How a flight of a mission ended, as the vehicle knows it and as the ground station learns it."""
 
 from __future__ import annotations
 
 from enum import Enum
 
+__all__ = ["Outcome"]
+
 
 class Outcome(Enum):
-    """How a run ended, or that it has not."""
+    """How a flight ended, or that it has not.
+
+    A vehicle knows those from `COMPLETED` to `FLIGHT_ABORTED`; the others are of a ground station only.
+    """
 
     RUNNING = "running"
     """Not over yet (also: never armed)."""
@@ -30,10 +35,23 @@ class Outcome(Enum):
     """There was no position any more; the vehicle landed where it was."""
     CRASHED = "crashed"
     """The vehicle lost its thrust in the air."""
-    INTERRUPTED = "interrupted"
+    FLIGHT_ABORTED = "flight_aborted"
     """The vehicle came down and disarmed before its mission was complete."""
+    NO_CONTACT = "no_contact"
+    """No vehicle was heard."""
+    UPLOAD_FAILED = "upload_failed"
+    """The vehicle did not take the mission."""
+    TIME_LIMIT = "time_limit"
+    """The flight took much longer than it should."""
+    INTERRUPTED = "interrupted"
+    """Somebody stopped the run (Ctrl-C)."""
 
     @property
     def is_over(self) -> bool:
-        """Whether the run has ended."""
+        """Whether the flight has ended."""
         return self is not Outcome.RUNNING
+
+    @property
+    def is_good(self) -> bool:
+        """Whether the whole mission was flown."""
+        return self is Outcome.COMPLETED

@@ -1,0 +1,184 @@
+"""What the compiled motion models have in common: a state, a route, wind and energy around a kernel."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from sim_vehicle.energy.power import power_coefficients
+from sim_vehicle.motion.columns import (
+    ARRIVED,
+    COUNTERS,
+    ENERGY_USED,
+    GIVE_UP_STEP,
+    GRID,
+    HEADING,
+    LEG,
+    MOVED_STEP,
+    NEAR_TOLD,
+    POSITION,
+    POWER,
+    STEP,
+    TRACK_POINTS,
+    VELOCITY,
+    WIND,
+    WIND_EAST,
+    WIND_NORTH,
+    YAW_RATE,
+)
+from sim_vehicle.motion.model import MotionEvent, MotionState
+from sim_vehicle.weather.wind import Wind
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.motion.legs import Position
+
+_NO_TRACK = np.empty((0, 3))
+
+
+class CompiledMotion(ABC):
+    """A vehicle on the ground at home, moved by a compiled kernel.
+
+    Parameters
+    ----------
+    spec : VehicleSpec
+    wind : Wind, optional
+    yaw_rad : float
+        Heading at the start.
+    """
+
+    _kernel: ClassVar[Callable[..., int]]
+    _state_size: ClassVar[int]
+    _energy_limit: ClassVar[int]
+
+    def __init__(self, spec: VehicleSpec, wind: Wind | None = None, yaw_rad: float = 0.0) -> None:
+        self.spec = spec
+        self.step_s = spec.step_s
+        self._wind = (wind or Wind()).series()
+        self._limits = self._numbers(spec)
+        self._power = power_coefficients(spec.power, spec.battery)
+        self._idle_w = spec.power.idle_w if spec.power is not None else 0.0
+        self.state: NDArray[np.float64] = np.zeros(self._state_size)
+        self.state[HEADING] = yaw_rad % (2.0 * math.pi)
+        self.state[GIVE_UP_STEP] = math.inf
+        self.state[POWER] = self._power[6]
+        self.state[WIND_EAST : WIND_NORTH + 1] = self._wind.at(0, 0.0)[:2]
+        self.counters: NDArray[np.int64] = np.zeros(COUNTERS, dtype=np.int64)
+        self.arrivals: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+        self._route: NDArray[np.float64] | None = None
+        self.track: NDArray[np.float64] = _NO_TRACK
+        self.track_every = 0
+
+    @abstractmethod
+    def _numbers(self, spec: VehicleSpec) -> NDArray[np.float64]:
+        """The limits in the order of the kernel."""
+
+    @property
+    def time_s(self) -> float:
+        """Time since the start."""
+        return int(self.counters[STEP]) * self.step_s
+
+    @property
+    def track_points(self) -> int:
+        """Points of the track that were written."""
+        return int(self.counters[TRACK_POINTS])
+
+    @property
+    def step(self) -> int:
+        """Steps since the start."""
+        return int(self.counters[STEP])
+
+    @property
+    def leg(self) -> int:
+        """Index of the leg that is being flown."""
+        return int(self.counters[LEG])
+
+    @property
+    def position_m(self) -> Position:
+        """East, north, up about home."""
+        x, y, z = self.state[POSITION:VELOCITY].tolist()
+        return x, y, z
+
+    @property
+    def energy_j(self) -> float:
+        """Energy used since the start."""
+        return float(self.state[ENERGY_USED])
+
+    def snapshot(self) -> MotionState:
+        """Return how the vehicle moves now."""
+        x, y, z, vx, vy, vz, ax, ay, az, heading, rate, energy, length, power, _, east, north = self.state[
+            :17
+        ].tolist()
+        return MotionState(
+            (x, y, z), (vx, vy, vz), (ax, ay, az), heading, rate, energy, length, power, (east, north)
+        )
+
+    def _begin(self) -> None:
+        assert self._route is not None
+        self.arrivals = np.full(len(self._route), -1, dtype=np.int64)
+        self.state[GIVE_UP_STEP] = math.inf
+        self.counters[LEG] = 0
+        self.counters[MOVED_STEP] = self.counters[STEP]
+        self.counters[ARRIVED] = self.counters[NEAR_TOLD] = 0
+
+    def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
+        """Fly up to ``max_steps`` steps, less when something happens (see `MotionEvent`)."""
+        end = int(self.counters[STEP]) + max_steps
+        route = self._route
+        if route is None:
+            return MotionEvent.RAN
+        while True:
+            event = self._kernel(
+                self.state,
+                self.counters,
+                route,
+                self._limits,
+                self._power,
+                self._wind.block,
+                self._wind.first,
+                end - int(self.counters[STEP]),
+                stop_each,
+                self.arrivals,
+                self.track,
+                self.track_every,
+            )
+            if event != WIND:
+                return MotionEvent(event)
+            self._wind.forward()
+
+    def rest(self, steps: int, *, armed: bool) -> None:
+        """Stand on the ground for a number of steps: no motion, only the idle power."""
+        power = float(self._power[6]) + (self._idle_w if armed else 0.0)
+        self.state[POWER] = power
+        self.state[ENERGY_USED] += power * steps * self.step_s
+        self.counters[STEP] += steps
+        self.state[WIND_EAST : WIND_NORTH + 1] = self._wind.at(self.step // GRID, 0.0)[:2]
+
+    def ignore_energy(self) -> None:
+        """Tell no more that the battery is empty."""
+        self._limits[self._energy_limit] = math.inf
+
+    def update_spec(self, spec: VehicleSpec) -> None:
+        """Take other defaults and limits; they hold from the next route on."""
+        energy = self._limits[self._energy_limit]
+        self.spec = spec
+        self._limits = self._numbers(spec)
+        if energy == math.inf:
+            self._limits[self._energy_limit] = energy
+
+    def use_energy(self, joules: float) -> None:
+        """Take energy out of the battery."""
+        self.state[ENERGY_USED] += joules
+
+    def touch_down(self) -> None:
+        """Stand still on the ground."""
+        self.state[POSITION + 2 : HEADING] = 0.0
+        self.state[YAW_RATE] = 0.0
+        self._route = None

@@ -23,7 +23,7 @@ _VALUES = {SUSCEPTIBLE: 1.0, REMOVED: 0.0, IMMUNE: 1.0}
 
 
 def draw_seeds(susceptible: NDArray[np.bool_], count: int, rng: Generator) -> NDArray[np.intp]:
-    """Draw the places of the infections of day 0.
+    """Draw the cells of the infections of day 0.
 
     Every susceptible cell is equally likely for each seed, which is the same as to draw cells of the farm
     again until one is susceptible. Two seeds may fall on one cell.

@@ -93,7 +93,7 @@ class Shower:
     mean_rain : float
         Humidity that it adds, mean over the farm, before the cut at 1.
     corners : int64[k, 2]
-        Places of the humps' lower corners, cells; they may be negative.
+        Positions of the humps' lower corners, cells; they may be negative.
     """
 
     mean_rain: float
@@ -107,7 +107,7 @@ class Weather:
     Parameters
     ----------
     start_corners : int64[k, 2]
-        Places of the humps of the first field.
+        Positions of the humps of the first field.
     showers : tuple of Shower or None
         The rain of each day, the days of warm-up first.
     """
@@ -180,7 +180,7 @@ def hump_factors(
     Parameters
     ----------
     corners : int64[k, 2]
-        Places of the humps' lower corners.
+        Positions of the humps' lower corners.
     shape : tuple of int
         The farm, cells.
     parameters : SoilParameters
@@ -205,7 +205,7 @@ def rain_factors(
     Parameters
     ----------
     shower : Shower
-        Amount and places.
+        Amount and positions.
     shape : tuple of int
         The farm, cells.
     parameters : SoilParameters

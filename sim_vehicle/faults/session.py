@@ -296,7 +296,7 @@ class FaultyComponent:
         return False
 
     def _spoil(self, messages: list[Message], now_s: float) -> list[Message]:
-        """Return what is sent in place of the component's messages."""
+        """The messages that are sent in place of the component's own."""
         if not messages:
             return messages
         sent: list[Message] = []

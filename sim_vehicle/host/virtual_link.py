@@ -72,7 +72,7 @@ class VirtualLink:
             self._send_frame(frame)
 
     def receive(self) -> list[bytes]:
-        """Return what has arrived; no time passes."""
+        """Frames that have arrived; no time passes."""
         arrived = self._arrived[:]
         self._arrived.clear()
         return arrived

@@ -87,7 +87,7 @@ class CameraOrders:
             self._warn(f"Camera refused command {command} (result {result})")
 
     def retry(self, now_s: float) -> list[Message]:
-        """Return what has to be sent again; after three times the operator is told."""
+        """Unacknowledged commands that are due to be sent again; after three times the operator is told."""
         again: list[Message] = []
         for pending in [p for p in self._pending if p.due_s <= now_s]:
             if pending.tries == TRIES:

@@ -58,7 +58,7 @@ def _truth(source: WireState) -> tuple[tuple[int, int], float, tuple[float, floa
 
 
 def hil_state_quaternion(source: WireState) -> Message:
-    """Return what PX4's simulators tell."""
+    """HIL_STATE_QUATERNION, the true state as PX4's simulators send it."""
     state = source.pilot.state
     place, height_m, velocity = _truth(source)
     airspeed = min(65535, round(100.0 * state.airspeed_m_s))
@@ -80,7 +80,7 @@ def hil_state_quaternion(source: WireState) -> Message:
 
 
 def sim_state(source: WireState) -> Message:
-    """Return what ArduPilot's simulator tells, with the size of the errors of the believed place."""
+    """SIM_STATE, the true state as ArduPilot's simulator sends it, with the accuracy of its position."""
     state = source.pilot.state
     (latitude, longitude), height_m, velocity = _truth(source)
     east, north, up = state.acceleration_m_s2

@@ -191,7 +191,7 @@ class FenceWatch:
     def judge(
         self, place_m: tuple[float, float, float], home_m: tuple[float, float]
     ) -> tuple[Breach, str, float]:
-        """Return what a place breaks, in words, and how far it may move until it does."""
+        """The breach at a position, the reason in words, and the distance to move until there is one."""
         x, y, z = place_m
         bounds = self.bounds
         away = math.hypot(x - home_m[0], y - home_m[1])

@@ -209,7 +209,7 @@ def expected_flights(
 
 
 def _mean(flights: list[_Flight]) -> Prediction:
-    """Return what is to be expected of a mission that was flown in several winds."""
+    """The expected result of a mission that was flown in several winds."""
     predictions = [flight.prediction() for flight in flights]
     done = [one for one, flight in zip(predictions, flights, strict=True) if flight.completed]
     if len(done) == 1 == len(flights):
@@ -338,7 +338,7 @@ class _Flight:
         executor.start()
 
     def prediction(self) -> Prediction:
-        """Return what the flight took; it is flown now if it was not yet."""
+        """The result of the flight, which is flown now if it was not yet."""
         executor, spec = self.executor, self.spec
         if executor is None:
             assert self._problem is not None

@@ -102,7 +102,7 @@ class Option:
         if isinstance(value, str) and self.choices:
             good = value in self.choices
         elif isinstance(value, (int, float)) and self.low is not None and self.high is not None:
-            good = math.isfinite(value) and self.low <= value <= self.high
+            good = self.low <= value <= self.high and math.isfinite(value)
         else:
             return
         if not good:

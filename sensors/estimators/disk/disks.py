@@ -130,7 +130,7 @@ class DiskMap:
         return other
 
     def outstanding(self) -> Painting:
-        """Return what is to be painted since the last call, and take it as done.
+        """Take the disks that are to be painted since the last call; they count as painted then.
 
         When the radius has become another, these are all disks, otherwise only the further ones; in both
         cases only in the tiles that disks reach, or reached before.

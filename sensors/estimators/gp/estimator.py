@@ -190,7 +190,7 @@ class GaussianProcessEstimator(BaseEstimator):
                     f"gp: the covariance of {name} is singular; use a kernel or noise_bounds with more noise"
                 )
                 raise EstimatorError(msg) from None
-        self.kernels_ = [process.kernel for process in self._fields]
+        self.kernels_ = [process.used_kernel for process in self._fields]
         self._revision += 1
         return self._exact_model() if exact else self._local_model()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,6 +55,7 @@ class FieldProcess:
         self._fitted = 0
         self._conditioned = 0
         self._posterior: ExactPosterior | LocalPosterior | WholePosterior | None = None
+        self._made_for: tuple[RbfKernel, bool] | None = None
         self._written: tuple[object, float] | None = None
 
     def __len__(self) -> int:
@@ -90,12 +92,10 @@ class FieldProcess:
             If the covariance of the observations is singular.
         """
         posterior = self._posterior
-        if (
-            posterior is None
-            or posterior.kernel != self.kernel
-            or isinstance(posterior, ExactPosterior) != exact
-        ):
+        state = self.kernel, exact
+        if posterior is None or self._made_for != state:
             self._posterior = posterior = self._new_posterior(exact)
+            self._made_for = state
             self._conditioned = 0
         if self._conditioned < len(self):
             x, y = self._cells.array[self._conditioned :].T
@@ -103,6 +103,11 @@ class FieldProcess:
             self._conditioned = len(self)
         if not isinstance(posterior, ExactPosterior):
             posterior.solve()
+
+    @property
+    def used_kernel(self) -> RbfKernel:
+        """The kernel of the posterior: tiles bound its noise from below."""
+        return self.kernel if self._posterior is None else self._posterior.kernel
 
     def write_all(self, value: NDArray[np.float32], uncertainty: NDArray[np.float32], *, clip: bool) -> None:
         """Write the exact posterior's mean, and the deviation of an observation, into arrays [W, H]."""
@@ -138,14 +143,15 @@ class FieldProcess:
         if exact:
             return ExactPosterior(self._shape, self.kernel)
         # Compiled code is loaded only if it is used.
-        from sensors.estimators.gp.local import LocalPosterior, WholePosterior
+        from sensors.estimators.gp.local import LEAST_NOISE, LocalPosterior, WholePosterior
 
         spectrum = WholePosterior.spectrum_of_farm(
             self._shape, self.kernel, MOST_OBSERVATIONS, MOST_FUNCTIONS
         )
         if spectrum is not None:
             return WholePosterior(self._shape, self.kernel, spectrum)
-        return LocalPosterior(self._shape, self.kernel)
+        noise = max(self.kernel.noise, LEAST_NOISE * self.kernel.amplitude)
+        return LocalPosterior(self._shape, replace(self.kernel, noise=noise))
 
 
 def due_fit(n: int) -> int:

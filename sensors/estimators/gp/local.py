@@ -22,6 +22,11 @@ from sensors.estimators.gp.threads import in_parallel, one_blas_thread
 
 TILE_LENGTHS = 8.0
 REACH_LENGTHS = 7.0
+FAR_REACH_LENGTHS = 10.0
+LITTLE_NOISE = 0.1
+"""With noise below this part of the amplitude observations act through each other, and count from farther."""
+LEAST_NOISE = 0.003
+"""With noise below this part of the amplitude, tiles cannot tell the posterior of the whole farm."""
 TOUCH_LENGTHS = 5.0
 _LEAST_TILE_CELLS = 16
 _OUTSIDE_LENGTHS = 2.5
@@ -115,7 +120,9 @@ class LocalPosterior:
         tile = [max(TILE_LENGTHS * length, float(_LEAST_TILE_CELLS)) for length in lengths]
         self.lattice = NodeLattice(shape, kernel, (tile[0], tile[1]))
         x, y = self.lattice.x, self.lattice.y
-        self._reach = tuple(math.ceil(REACH_LENGTHS * length) for length in lengths)
+        little = kernel.noise < LITTLE_NOISE * kernel.amplitude
+        reach_lengths = FAR_REACH_LENGTHS if little else REACH_LENGTHS
+        self._reach = tuple(math.ceil(reach_lengths * length) for length in lengths)
         self._touch = tuple(math.ceil(TOUCH_LENGTHS * length) for length in lengths)
         sides = [
             float(np.diff(axis.edges).max() * axis.step + 2 * reach + 2 * length)

@@ -12,7 +12,7 @@ from geo.grid import FarmGrid
 from sensors.errors import EstimatorError
 from sensors.estimators import check_estimator, make_estimator
 from sensors.estimators.gp.estimator import GaussianProcessEstimator
-from sensors.estimators.gp.local import LocalPosterior, Spectrum, WholePosterior
+from sensors.estimators.gp.local import LEAST_NOISE, LocalPosterior, Spectrum, WholePosterior
 from sensors.estimators.gp.posterior_exact import ExactPosterior
 from sensors.estimators.gp.rbf import RbfKernel
 from sensors.estimators.gp.threads import in_parallel
@@ -252,7 +252,8 @@ def test_a_running_mean_moves_the_whole_farm():
 
 def test_a_singular_covariance_is_named():
     kernel = RbfKernel(3.0, 3.0, 1e-300, 1.0)
-    estimator = GaussianProcessEstimator((0, 0, 0), kernel, optimise=False, method="local")
+    # Tiles bound the noise from below.
+    estimator = GaussianProcessEstimator((0, 0, 0), kernel, optimise=False, method="exact")
     x, y = way((60, 60), 400, 1)
     with pytest.raises(EstimatorError, match="the covariance of tylcv is singular"):
         estimator.fit(grid_of(60, 60), observe(x, y, np.ones(400))).predict()
@@ -285,3 +286,22 @@ def test_a_local_model_tells_field_by_field_what_changed_and_the_score_follows()
         assert running.add(model) == fresh
     assert model.changed.shape == (3, 2, 2)
     assert not model.changed_in(0)[1, 1]  # far from what was seen
+
+
+@pytest.mark.parametrize(("share", "bound"), [(1e-6, 0.01), (0.02, 0.01), (0.1, 0.01)])
+@pytest.mark.parametrize("length", [1.5, 4.0])
+def test_tiles_stay_near_the_exact_posterior_with_hardly_any_noise(share, bound, length):
+    rng = np.random.default_rng(5)
+    shape = (90, 70)
+    x, y = way(shape, 1200)
+    values = np.where(rng.random(1200) < 0.1, rng.choice([0.0, 0.5], 1200), 1.0)
+    given = RbfKernel(length, length, share * 0.05, 0.05)
+    local = GaussianProcessEstimator((1, 1, 1), given, optimise=False, clip=False, method="local")
+    model = local.fit(grid_of(*shape), observe(x, y, values)).predict()
+    used = local.kernels_[0]
+    assert used.noise == max(given.noise, LEAST_NOISE * given.amplitude)
+    exact = GaussianProcessEstimator(
+        (1, 1, 1), used, optimise=False, clip=False, method="exact", memory_limit_mb=1e4
+    )
+    right = exact.fit(grid_of(*shape), observe(x, y, values)).predict()
+    assert np.abs(model.value - right.value).max() <= bound * np.sqrt(used.amplitude)

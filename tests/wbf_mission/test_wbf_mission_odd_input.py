@@ -1,0 +1,208 @@
+"""Input that nobody means: one line on stderr, exit code 2, nothing left behind; never a traceback."""
+
+import json
+import os
+import subprocess
+import sys
+from contextlib import suppress
+
+import pytest
+
+from geo import get_farm, save_farm
+from wbf_mission.cli.app import main
+
+NUMBERS = ("nan", "inf", "-inf", "1e999", "9" * 400)
+ODD = ("", *NUMBERS, "\x1b[31m", "[bold]x[/nope]", "\udcff", "..", "/dev/zero")
+FILES = ("pipe", "folder", "zero", "loop", "deep", "large", "bytes")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for suffix in ("toml", "plan", "geojson"):
+        os.mkfifo(f"pipe.{suffix}")
+        (tmp_path / f"folder.{suffix}").mkdir()
+        (tmp_path / f"zero.{suffix}").symlink_to("/dev/zero")
+        (tmp_path / f"loop.{suffix}").symlink_to(f"loop.{suffix}")
+        (tmp_path / f"deep.{suffix}").write_text("a = " * (suffix == "toml") + "[" * 100_000)
+        (tmp_path / f"bytes.{suffix}").write_bytes(b"\xff\xfe\x00")
+        with (tmp_path / f"large.{suffix}").open("wb") as file:
+            file.truncate(200_000_000)
+    return tmp_path
+
+
+def refused(capsys, folder, *arguments):
+    before = sorted(folder.iterdir())
+    code = main(list(arguments))
+    out, err = capsys.readouterr()
+    assert (code, out) == (2, ""), (arguments, err)
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert err[:-1].isprintable(), "no control character reaches the terminal"
+    assert sorted(folder.iterdir()) == before
+    return err
+
+
+@pytest.mark.parametrize("value", ODD, ids=lambda value: ascii(value)[:20])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["plan", "--farm"],
+        ["plan", "--planner"],
+        ["plan", "--budget"],
+        ["plan", "--vehicle"],
+        ["plan", "--autopilot"],
+        ["plan", "--param"],
+        ["plan", "--altitude"],
+        ["plan", "--seed"],
+        ["plan", "--wind"],
+        ["plan", "--camera-footprint"],
+        ["plan", "--scenario"],
+        ["plan", "--out"],
+        ["fly", "--no-files", "--mission"],
+        ["fly", "--no-files", "--day"],
+        ["sim", "--no-camera", "--count"],
+        ["sim", "--no-camera", "--listen"],
+        ["sim", "--no-camera", "--home"],
+        ["sim", "--no-camera", "--fault"],
+        ["sim", "--no-camera", "--duration"],
+        ["farm", "show"],
+        ["farm", "save", "miniberry-10", "--out"],
+        ["farm", "generate", "--keep"],
+        ["vehicle", "show"],
+        ["upload"],
+        ["download", "--out"],
+        ["check"],
+        ["benchmark", "--seeds"],
+        ["benchmark", "--planners"],
+    ],
+    ids=" ".join,
+)
+def test_odd_values(capsys, tmp_path, monkeypatch, arguments, value):
+    monkeypatch.chdir(tmp_path)
+    refused(capsys, tmp_path, *arguments, value)
+
+
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize(
+    ("arguments", "suffix"),
+    [
+        (["plan", "--scenario"], "toml"),
+        (["sim", "--scenario"], "toml"),
+        (["plan", "--vehicle"], "toml"),
+        (["vehicle", "show"], "toml"),
+        (["plan", "--farm"], "geojson"),
+        (["fly", "--no-files", "--mission"], "plan"),
+        (["upload"], "plan"),
+    ],
+    ids=str,
+)
+def test_odd_files(capsys, folder, arguments, suffix, name):
+    assert f"{name}.{suffix}" in refused(capsys, folder, *arguments, f"{name}.{suffix}")
+
+
+def test_names_are_text(capsys, tmp_path):
+    """Markup and emoji codes in a farm's name are shown, not obeyed; control characters are refused."""
+    path = tmp_path / "farm.geojson"
+    save_farm(get_farm("miniberry-10"), path)
+    document = json.loads(path.read_text())
+    for feature in document["features"]:
+        if "name" in feature["properties"]:
+            feature["properties"]["name"] = "[bold]x[/nope] :smile:"
+    document["name"] = "[bold]x[/nope] :smile:"
+    path.write_text(json.dumps(document))
+    assert main(["farm", "show", str(path)]) == 0
+    out, _ = capsys.readouterr()
+    assert "[bold]x[/nope] :smile:" in out
+    path.write_text(json.dumps(document).replace(":smile:", "\\u001b[31m"))
+    assert main(["farm", "show", str(path)]) == 2
+    assert "\x1b" not in capsys.readouterr().err
+
+
+def run(*arguments, script='"$@"', **options):
+    """Run the command line through a shell, which can close and redirect."""
+    command = ["sh", "-c", script, "sh", sys.executable, "-m", "wbf_mission", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, **options)
+
+
+@pytest.mark.parametrize(
+    ("script", "code", "says"),
+    [
+        ('"$@" >&-', 0, ""),
+        ('"$@" <&- >&- 2>&-', 0, ""),
+        ('"$@" >/dev/full', 2, "error: stdout cannot be written to: No space left on device\n"),
+        ('{ "$@"; echo $? >&2; } | true', 0, "141\n"),
+    ],
+)
+@pytest.mark.parametrize("arguments", [["vehicle", "list"], ["vehicle", "list", "--json"], ["fly", "--help"]])
+def test_an_output_that_takes_nothing(arguments, script, code, says):
+    done = run(*arguments, script=script)
+    assert (done.returncode, done.stderr) == (code, says)
+
+
+def test_plan_with_a_closed_output_still_writes_its_file(tmp_path):
+    arguments = ["plan", "--farm", "miniberry-10", "--budget", "40m", "--out", "rows.plan"]
+    assert run(*arguments, script='"$@" >&-', cwd=tmp_path).returncode == 0
+    assert json.loads((tmp_path / "rows.plan").read_text())["fileType"] == "Plan"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["farm", "save", "waterberry", "--out", "big.geojson"],
+        ["farm", "draw", "waterberry", "--out", "big.png"],
+        ["plan", "--farm", "miniberry-30", "--planner", "lawnmower", "--budget", "300m", "--out", "big.plan"],
+    ],
+    ids=lambda arguments: arguments[-1],
+)
+def test_a_full_disk_names_the_file_and_leaves_the_old_one(tmp_path, arguments):
+    """A limit on the size of files stands for the disk; the system ends a write there with an error."""
+    target = tmp_path / arguments[-1]
+    target.write_text("old")
+    limit = "import resource, signal; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))"
+    start = f"{limit}; signal.signal(signal.SIGXFSZ, signal.SIG_IGN)"
+    code = f"{start}; from wbf_mission.__main__ import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, cwd=tmp_path, check=False
+    )
+    assert done.returncode == 2, done.stderr
+    assert done.stdout == ""
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith("error: ")
+    assert arguments[-1] in last
+    assert "Traceback" not in done.stderr
+    assert target.read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == [target.name]
+
+
+def test_an_output_is_never_what_is_read(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    save_farm(get_farm("miniberry-10"), tmp_path / "my.geojson")
+    (tmp_path / "link.geojson").symlink_to("my.geojson")
+    before = (tmp_path / "my.geojson").read_bytes()
+    (tmp_path / "old.plan").write_text("a plan")
+    for arguments in (
+        ["plan", "--farm", "my.geojson", "--budget", "40m", "--out", "my.geojson"],
+        ["plan", "--farm", "my.geojson", "--budget", "40m", "--out", "link.geojson"],
+        ["farm", "save", "my.geojson", "--out", "my.geojson"],
+        ["sim", "--no-camera", "--duration", "1", "--tlog", "old.plan"],
+        ["sim", "--no-camera", "--duration", "1", "--ready-file", "old.plan"],
+        ["sim", "--no-camera", "--duration", "1", "--farm", "my.geojson", "--force", "--tlog", "my.geojson"],
+    ):
+        refused(capsys, tmp_path, *arguments)
+    assert (tmp_path / "my.geojson").read_bytes() == before
+    assert (tmp_path / "old.plan").read_text() == "a plan"
+
+
+def test_a_mistake_of_the_program_is_one_line_too(capsys, monkeypatch):
+    def broken(*_arguments, **_options):
+        raise ZeroDivisionError("division by zero")
+
+    monkeypatch.setattr("wbf_mission.cli.vehicle._summary", broken)
+    assert main(["vehicle", "list"]) == 70
+    _, err = capsys.readouterr()
+    assert err.startswith("error: ZeroDivisionError: division by zero; this is a mistake in wbf-mission")
+    assert err.count("\n") == 1
+    monkeypatch.setenv("WBF_MISSION_DEBUG", "1")
+    with suppress(ZeroDivisionError):
+        pytest.fail(f"ended with {main(['vehicle', 'list'])}, the traceback was wanted")

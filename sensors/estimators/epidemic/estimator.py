@@ -110,11 +110,14 @@ class EpidemicEstimator(BaseEstimator):
     def prepare(self, day: int, progress: Progress | None = None) -> Self:
         """Train the networks of a day, or read them; see `BaseEstimator.prepare`."""
         super().prepare(day)
-        tell = progress or (lambda _what, _done, _total: None)
         number = len(self._beliefs)
         for k, belief in enumerate(self._beliefs):
-            tell(LEARNING, k, number)
-            belief.learn(day, lambda part, before=k: tell(LEARNING, before + part, number))  # type: ignore[misc]
+
+            def step(part: float, before: int = k) -> None:
+                if progress is not None:
+                    progress(LEARNING, before + part, number)
+
+            belief.learn(day, step)
         return self
 
     def _start(self, grid: FarmGrid) -> None:

@@ -564,6 +564,8 @@ def test_it_beats_disks_and_the_gaussian_process(cache):
         seen = rows_over(truth)
         for name in totals:
             given = {"cache": cache} if name == "epidemic" else {}
+            if name == "gp":  # as the paper fits it
+                given = {"learn_from": "observations"}
             totals[name] += paper_loss(
                 truth, make_estimator(name, **given).fit(grid, seen).predict().value, masks
             )
@@ -586,3 +588,23 @@ def test_training_beforehand_tells_its_progress_and_is_not_done_again(tmp_path, 
         10,
         10,
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "module", "quick"),
+    [("epidemic", "epidemic.training", {"outbreaks": 20, "epochs": 1}), ("gp", "gp.prior", {})],
+)
+def test_what_was_kept_is_no_training(name, module, quick, tmp_path, monkeypatch):
+    grid = get_farm("miniberry-10").grid()
+
+    def told_by_a_new_process():
+        monkeypatch.setattr(f"sensors.estimators.{module}._in_memory", {})
+        told = []
+        estimator = make_estimator(name, training_seed=78, cache=tmp_path, **quick).fit(grid)
+        estimator.prepare(5, lambda *what: told.append(what))
+        return told
+
+    first = told_by_a_new_process()
+    assert first[0][1] == 0
+    assert first[-1][1] == first[-1][2]
+    assert told_by_a_new_process() == []

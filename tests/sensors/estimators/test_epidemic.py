@@ -382,13 +382,19 @@ def test_what_was_read_is_known_and_what_was_not_is_doubted(cache):
         assert (model.uncertainty[k][~read & crop] > 0).all()
         assert (model.value[k][~crop] == 1).all()
         assert (model.uncertainty[k][~crop] == 0).all()
-    found = estimator.class_probabilities("tylcv")
+    found = model.probabilities["tylcv"]
     assert np.allclose(found.sum(axis=0), 1.0, atol=1e-5)
     tomato = grid.tomato
     best = least_loss_value(np.moveaxis(found, 0, -1))[tomato]
     assert np.allclose(best, model.value[0][tomato], atol=1e-5)
-    with pytest.raises(EstimatorError, match="unknown disease 'soil'"):
-        estimator.class_probabilities("soil")
+    assert list(model.probabilities) == ["tylcv", "ccr"]
+    with pytest.raises(KeyError, match="soil"):
+        model.probabilities["soil"]
+    kept = model.copy()
+    estimator.partial_fit(seen[:1])
+    with pytest.raises(EstimatorError, match=r"are gone.*model\.copy\(\)"):
+        model.probabilities["tylcv"]
+    np.testing.assert_array_equal(kept.probabilities["tylcv"], found)
 
 
 def test_a_sick_plant_makes_its_neighbours_doubtful(cache):

@@ -111,11 +111,6 @@ class LeafCameraComponent:
         self._sequences: dict[tuple[int, int], int] = {}
         self._heading = (-1, (1.0, 0.0, 0.0, 0.0))
 
-    @property
-    def capturing(self) -> bool:
-        """Whether a distance or interval trigger runs."""
-        return self.trigger.active
-
     def next_deadline(self) -> float:
         """Return when the next heartbeat is due."""
         return -math.inf if self._heartbeat_s is None else self._heartbeat_s

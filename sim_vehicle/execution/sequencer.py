@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from mission.model import Command
+from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.execution.items import (
     CAMERA_COMMANDS,
     CONDITIONS,
@@ -50,8 +51,6 @@ _GAVE_UP = -2
 _LANDING_COMMANDS = frozenset({16, 18, 19, 21, 31})
 _WAYPOINT = int(Command.NAV_WAYPOINT)
 ROI_COMMANDS = frozenset({195, 197, 201})
-EPOCH_UNIX_S = 1_780_315_200.0
-"""Time of day at time 0 unless another is given: 2026-06-01T12:00:00Z."""
 
 
 class MissionSequencer:

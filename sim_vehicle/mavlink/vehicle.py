@@ -21,7 +21,7 @@ from sim_vehicle.autopilot import adapt_vehicle, get_autopilot
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.component import NEVER
-from sim_vehicle.execution.sequencer import EPOCH_UNIX_S
+from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.execution.state import CameraCommand, FlightEvent, HomeMoved, ItemReached
 from sim_vehicle.mavlink import setpoint_messages
 from sim_vehicle.mavlink.camera_commands import CAMERA, CameraOrders

@@ -13,10 +13,10 @@ from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
+from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.items import item_places
-from sim_vehicle.execution.sequencer import EPOCH_UNIX_S
 from sim_vehicle.execution.state import (
     BatteryDepleted,
     CannotFly,
@@ -103,9 +103,7 @@ class Pilot:
         self.frame = frame
         self.outcome = Outcome.RUNNING
         self.outcome_text = ""
-        self.parameters = parameters = RuntimeParameters.of(spec)
-        for name, value in rules.defaults_for(spec).items():
-            setattr(parameters, name, value)
+        self.parameters = parameters = RuntimeParameters.of(spec, rules.defaults)
         self.executor = MissionExecutor(
             spec, frame, wind=wind, yaw_rad=yaw_rad, takes_off=takes_off, epoch_unix_s=epoch_unix_s
         )

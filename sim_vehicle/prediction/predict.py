@@ -11,11 +11,11 @@ import numpy as np
 from geo.frame import LocalFrame
 from sim_vehicle.autopilot import firmware_of
 from sim_vehicle.energy.battery import WH_J
+from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.feasibility import mission_problems
 from sim_vehicle.execution.items import item_places
-from sim_vehicle.execution.sequencer import EPOCH_UNIX_S
 from sim_vehicle.execution.state import BatteryDepleted, CannotFly, MissionComplete
 from sim_vehicle.motion.model import MotionEvent
 

@@ -127,6 +127,7 @@ def test_plan_json_is_one_document(capsys: pytest.CaptureFixture[str]) -> None:
     assert code == 0
     assert err == ""
     values = json.loads(text)
+    assert (values["planner"], values["seed"]) == ("spiral", 0)
     assert values["length_m"] <= 200.0
     assert 0.0 < values["coverage"] <= 1.0
 

@@ -99,9 +99,9 @@ def sim_command(
     (a HEARTBEAT with the state POWEROFF) and the log is complete.
     """
     from mission.link.tlog import TlogWriter
+    from sim_vehicle.epoch import EPOCH_UNIX_S
     from sim_vehicle.faults.fault import parse_fault
     from sim_vehicle.host.server import Server
-    from wbf_mission.flight import EPOCH_UNIX_S
     from wbf_mission.scenario import Scenario
     from wbf_mission.simulator import make_components, parse_home
 

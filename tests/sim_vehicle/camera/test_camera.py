@@ -151,7 +151,7 @@ def test_distance_trigger() -> None:
     camera = ready()
     assert ask(camera, 206, 0.3048, 0, 1, source=VEHICLE)[0] == mavlink.MAV_RESULT_ACCEPTED
     assert camera.image_count == 1
-    assert camera.capturing
+    assert camera.trigger.active
     pictures = images(fly(camera))
     assert len(pictures) in (81, 82, 83)
     assert [m.image_index for m in pictures] == list(range(1, len(pictures) + 1))
@@ -258,7 +258,7 @@ def test_refusals(number: int, p: tuple[float, ...]) -> None:
     result, rest = ask(camera, number, *p)
     assert result == mavlink.MAV_RESULT_DENIED
     assert rest == []
-    assert not camera.capturing
+    assert not camera.trigger.active
 
 
 def test_unknown_commands_and_messages() -> None:
@@ -274,9 +274,9 @@ def test_broadcast_commands_that_are_not_the_cameras_are_left_to_others() -> Non
     assert camera.receive(command(512, 148, target=(0, 0)), 0.0) == []
     assert camera.receive(command(206, 1, target=(1, 1)), 0.0) == []
     assert camera.receive(command(206, 1, target=(2, 100)), 0.0) == []
-    assert not camera.capturing
+    assert not camera.trigger.active
     assert len(camera.receive(command(206, 1, target=(1, 0)), 0.0)) == 1
-    assert camera.capturing
+    assert camera.trigger.active
 
 
 def test_command_int() -> None:
@@ -369,11 +369,11 @@ def test_disarming_stops_the_camera() -> None:
     camera.receive(heartbeat(False), 0.0)
     ask(camera, 206, 0.5)
     camera.receive(heartbeat(False), 0.0)
-    assert camera.capturing
+    assert camera.trigger.active
     camera.receive(heartbeat(True), 0.0)
     assert images(fly(camera))
     camera.receive(heartbeat(False), 5.0)
-    assert not camera.capturing
+    assert not camera.trigger.active
 
 
 def test_only_its_own_autopilot_is_followed() -> None:

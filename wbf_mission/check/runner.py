@@ -193,7 +193,9 @@ def _find_home(peer: Peer) -> None:
     """Learn where the vehicle is, so that the missions are near it."""
     kinds: tuple[type[_Where], ...] = (m.MAVLink_home_position_message, m.MAVLink_global_position_int_message)
     for kind in kinds:
-        message: _Where | None = peer.expect(kind, 1.2) or peer.request(kind)
+        message = peer.expect((kind,), 1.2)
+        if message is None:
+            message = peer.request(kind)
         if message is None:
             continue
         if is_a(message, m.MAVLink_home_position_message):

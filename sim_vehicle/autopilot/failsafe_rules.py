@@ -106,8 +106,10 @@ class FailsafeRules:
         otherwise only velocities grow old (ArduPilot).
     pauses_in_mode : bool
         A pause stops the vehicle without leaving the mode (ArduPilot); otherwise it is the hold mode.
-    looks_ahead : bool
+    yaws_to_setpoint : bool
         Without a heading, the nose turns to a setpoint's position.
+    fences_setpoints : bool
+        A setpoint outside the fence is refused.
     preflight, arming : str
         Texts before the reason that arming is refused: the check's, and that of the order.
     fence_text, fence_clear, link_lost, link_regained, stream_lost : str
@@ -125,7 +127,8 @@ class FailsafeRules:
     keeps_item: bool
     needs_stream: bool
     pauses_in_mode: bool
-    looks_ahead: bool
+    yaws_to_setpoint: bool
+    fences_setpoints: bool
     preflight: str
     arming: str
     fence_text: str

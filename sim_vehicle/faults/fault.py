@@ -80,7 +80,7 @@ KINDS: dict[str, Kind] = {
     "gps-loss": Kind("vehicle", "none", "the vehicle has no position"),
     "motor-failure": Kind("vehicle", "none", "a motor stops"),
     "dead-battery": Kind("vehicle", "none", "the battery is empty at once"),
-    "stuck-camera": Kind("vehicle", "none", "the shutter does not open: pictures fail"),
+    "stuck-camera": Kind("vehicle", "none", "the shutter does not open: images fail"),
 }
 """Every kind of fault by name."""
 

@@ -26,12 +26,15 @@ from sim_vehicle.faults.vehicle import break_vehicle
 __all__ = ["FaultSession", "FaultyComponent", "FaultyLink"]
 
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
-_UNHEARD = {"no-list": m.MAVLINK_MSG_ID_MISSION_REQUEST_LIST, "no-count": m.MAVLINK_MSG_ID_MISSION_COUNT}
+_IGNORED_REQUESTS = {
+    "no-list": m.MAVLINK_MSG_ID_MISSION_REQUEST_LIST,
+    "no-count": m.MAVLINK_MSG_ID_MISSION_COUNT,
+}
 _REQUESTED = {
     m.MAVLINK_MSG_ID_MISSION_COUNT: "upload",
     m.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: "download",
 }
-_MOST_FAILED_PICTURES = 100_000
+_MOST_FAILED_IMAGES = 100_000
 _FEWEST_PORT = 1000
 
 
@@ -150,32 +153,34 @@ class FaultyLink:
     ) -> None:
         self._session = session
         self._faults = {
-            way: [fault for fault in faults if fault.direction in (way, "both")] for way in ("up", "down")
+            direction: [fault for fault in faults if fault.direction in (direction, "both")]
+            for direction in ("up", "down")
         }
         self._combined: dict[tuple[Fault, ...], Faults] = {}
         self._channels = {
-            way: FaultyChannel(Faults(), stream(seed, "link", name, way)) for way in ("up", "down")
+            direction: FaultyChannel(Faults(), stream(seed, "link", name, direction))
+            for direction in ("up", "down")
         }
 
-    def send(self, way: Direction, frame: bytes, system: int, now_s: float) -> None:
+    def send(self, direction: Direction, frame: bytes, system: int, now_s: float) -> None:
         """Put a frame to or from this vehicle (0: all) on the air."""
-        channel = self._channels[way]
-        channel.faults = self._now(way, system, now_s)
+        channel = self._channels[direction]
+        channel.faults = self._now(direction, system, now_s)
         channel.send(frame, now_s)
 
-    def receive(self, way: Direction, now_s: float) -> list[bytes]:
+    def receive(self, direction: Direction, now_s: float) -> list[bytes]:
         """Return the frames that have arrived."""
-        return self._channels[way].receive(now_s)
+        return self._channels[direction].receive(now_s)
 
     def next_arrival(self) -> float:
         """When the next frame arrives, `NEVER` if none is on the air."""
-        up_s, down_s = (self._channels[way].next_arrival() for way in ("up", "down"))
+        up_s, down_s = (self._channels[direction].next_arrival() for direction in ("up", "down"))
         return min(NEVER if up_s is None else up_s, NEVER if down_s is None else down_s)
 
-    def _now(self, way: Direction, system: int, now_s: float) -> Faults:
+    def _now(self, direction: Direction, system: int, now_s: float) -> Faults:
         key = tuple(
             fault
-            for fault in self._faults[way]
+            for fault in self._faults[direction]
             if fault.vehicle in (None, system) and self._session.is_active(fault, None, now_s)
         )
         found = self._combined.get(key)
@@ -229,7 +234,7 @@ class FaultyComponent:
         self._left: dict[Fault, float] = {f: math.inf if f.times is None else f.times for f in self._messages}
         self._stuck = [fault for fault in self._broken if fault.kind == "stuck-camera"]
         self._failed: set[int] = set()
-        self._next_picture = 0
+        self._next_image = 0
         self._last_failed = False
         self._armed = self._flew = False
         self._now_s = -math.inf
@@ -283,7 +288,7 @@ class FaultyComponent:
         return True
 
     def _swallows(self, message: Message, now_s: float) -> bool:
-        """Whether a message to the component is not heard."""
+        """Whether a message to the component is not received."""
         number = type(message).id
         for fault in self._messages:
             if fault.kind == "drop":
@@ -291,7 +296,7 @@ class FaultyComponent:
             elif fault.kind == "no-request":
                 fits = wire.is_request(message) and message.seq == fault.number
             else:
-                fits = _UNHEARD.get(fault.kind) == number
+                fits = _IGNORED_REQUESTS.get(fault.kind) == number
             if fits and self._take(fault, now_s):
                 return True
         return False
@@ -311,21 +316,21 @@ class FaultyComponent:
                 spoiled = change(message, fault)
                 break
             if spoiled is not None and self._stuck:
-                spoiled = self._picture(spoiled)
+                spoiled = self._fail_image(spoiled)
             if spoiled is not None:
                 sent.append(spoiled)
         return sent
 
-    def _picture(self, message: Message) -> Message | None:
-        """Make a picture fail that is taken with a stuck shutter, also when it is asked for later."""
+    def _fail_image(self, message: Message) -> Message | None:
+        """Make an image fail that is taken with a stuck shutter, also when it is asked for later."""
         if is_a(message, m.MAVLink_debug_float_array_message):
             return None if self._last_failed else message
         if not is_a(message, m.MAVLink_camera_image_captured_message):
             return message
         index = message.image_index
-        if index >= self._next_picture:
-            self._next_picture = index + 1
-            if any(self._broken.values()) and len(self._failed) < _MOST_FAILED_PICTURES:
+        if index >= self._next_image:
+            self._next_image = index + 1
+            if any(self._broken.values()) and len(self._failed) < _MOST_FAILED_IMAGES:
                 self._failed.add(index)
         self._last_failed = index in self._failed
         if self._last_failed:
@@ -334,7 +339,7 @@ class FaultyComponent:
         return message
 
     def _watch(self, message: Message, now_s: float) -> None:
-        """Look for what triggers faults."""
+        """Check what triggers faults."""
         fire, system = self._session.fire, self.system_id
         if is_a(message, m.MAVLink_heartbeat_message) and self.component_id == _AUTOPILOT:
             armed = bool(message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)

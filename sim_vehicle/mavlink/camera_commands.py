@@ -74,7 +74,7 @@ class CameraOrders:
         return message
 
     def stop(self, now_s: float) -> list[Message]:
-        """End what `shooting` tells, so that the camera does not go on on the way home."""
+        """End what `shooting` tells, so that the camera does not go on during the return."""
         command = self._stop
         return [] if command is None else [self.command(command, (0.0,) * 7, now_s)]
 

@@ -29,7 +29,7 @@ class Order:
     command : int
         MAV_CMD.
     params : tuple of 7 floats
-        Parameters 1 to 7; a place's latitude and longitude are degrees.
+        Parameters 1 to 7; a position's latitude and longitude are degrees.
     frame : int
         MAV_FRAME, without the INT variants; COMMAND_LONG has GLOBAL.
     source : tuple of int
@@ -37,7 +37,7 @@ class Order:
     again : bool
         The sender repeats a command that it had no answer to.
     long : bool
-        It came as COMMAND_LONG, with places in 32-bit floats.
+        It came as COMMAND_LONG, with positions in 32-bit floats.
     """
 
     command: int
@@ -57,7 +57,7 @@ class Order:
         return self.command == other.command and repr(self.params) == repr(other.params)
 
     @property
-    def place(self) -> tuple[float, float] | None:
+    def position(self) -> tuple[float, float] | None:
         """Latitude and longitude, None when none is given."""
         latitude, longitude = self.params[4:6]
         if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0) or latitude == longitude == 0.0:

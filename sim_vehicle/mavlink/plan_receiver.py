@@ -140,7 +140,7 @@ class PlanReceiver:
         bad = next((i for i, item in enumerate(event.items) if isinstance(item, UncheckedItem)), None)
         if bad is not None:
             pilot.load(())
-            pilot.reject_mission(f"item {bad}: its place or its numbers make no sense")
+            pilot.reject_mission(f"item {bad}: its position or its numbers make no sense")
             pilot.note(Severity.CRITICAL, f"Mission rejected: item {bad} makes no sense")
             return
         self._reports.restart()

@@ -77,23 +77,23 @@ def setpoint_of(
         if kind not in _GLOBAL:
             raise RefusedError(f"Setpoint refused: frame {kind}", denied=True)
         x_m, y_m = frame.from_wgs84(message.lat_int / 1e7, message.lon_int / 1e7)
-        place = (x_m, y_m, message.alt - (0.0 if _GLOBAL[kind] else frame.altitude_m))
+        position = (x_m, y_m, message.alt - (0.0 if _GLOBAL[kind] else frame.altitude_m))
     elif kind in (_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET, _BODY_FRD):
         asked = mask & _IGNORE_POSITION != _IGNORE_POSITION
         if kind != _LOCAL and asked and not body_positions:
-            raise RefusedError(f"Setpoint refused: no places in frame {kind}", denied=True)
-        place = _enu(message.x, message.y, message.z, yaw if turned else 0.0)
+            raise RefusedError(f"Setpoint refused: no positions in frame {kind}", denied=True)
+        position = _enu(message.x, message.y, message.z, yaw if turned else 0.0)
         if kind != _LOCAL:
-            place = (x + place[0], y + place[1], z + place[2])
+            position = (x + position[0], y + position[1], z + position[2])
     else:
         raise RefusedError(f"Setpoint refused: frame {kind}", denied=True)
     heading = message.yaw + (yaw if turned else 0.0)
     if mask & _IGNORE_YAW or not math.isfinite(heading):
         heading = math.nan
     turn = math.nan if mask & _IGNORE_TURN else float(message.yaw_rate)
-    setpoint = Setpoint(_masked(place, mask), _masked(velocity, mask >> 3), heading, turn)
+    setpoint = Setpoint(_masked(position, mask), _masked(velocity, mask >> 3), heading, turn)
     if all(map(math.isnan, (*setpoint.position_m, *setpoint.velocity_m_s, heading, turn))):
-        msg = "Setpoint refused: neither place nor velocity"
+        msg = "Setpoint refused: neither position nor velocity"
         raise RefusedError(msg, denied=True)
     return setpoint
 

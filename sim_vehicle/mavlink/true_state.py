@@ -46,21 +46,21 @@ def int16(value: float) -> int:
 
 
 def _truth(source: WireState) -> tuple[tuple[int, int], float, tuple[float, float, float]]:
-    """Return the true place (1e-7 degree), its height above the sea, and the velocity (north, east, down)."""
+    """Return true position (1e-7 degree), height above the sea, and velocity (north, east, down)."""
     east_m, north_m, up_m = source.sensed.true_m
     latitude, longitude = source.pilot.frame.to_wgs84(east_m, north_m)
     east, north, up = (
         believed + drift
         for believed, drift in zip(source.pilot.state.velocity_m_s, source.sensed.drift_m_s, strict=True)
     )
-    place = (round(latitude * 1e7), round(longitude * 1e7))
-    return place, up_m + source.home.altitude_m, (north, east, -up)
+    position = (round(latitude * 1e7), round(longitude * 1e7))
+    return position, up_m + source.home.altitude_m, (north, east, -up)
 
 
 def hil_state_quaternion(source: WireState) -> Message:
     """HIL_STATE_QUATERNION, the true state as PX4's simulators send it."""
     state = source.pilot.state
-    place, height_m, velocity = _truth(source)
+    position, height_m, velocity = _truth(source)
     airspeed = min(65535, round(100.0 * state.airspeed_m_s))
     east, north, up = state.acceleration_m_s2
     force = to_body(state, north, east, -(up + GRAVITY_M_S2))
@@ -72,7 +72,7 @@ def hil_state_quaternion(source: WireState) -> Message:
         0.0,
         0.0,
         state.yaw_rate_rad_s,
-        *place,
+        *position,
         round(1000.0 * height_m),
         north_cm_s,
         east_cm_s,

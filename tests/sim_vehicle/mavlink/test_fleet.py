@@ -18,7 +18,7 @@ from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.host.server import Server, ServerUrl
 from sim_vehicle.host.simulation import Simulation
-from sim_vehicle.mavlink.fleet import Fleet, fleet_urls, start_places
+from sim_vehicle.mavlink.fleet import Fleet, fleet_urls, start_positions
 from sim_vehicle.weather.wind import Wind
 
 HOME = GeoPoint(28.05, -82.15, 20.0)
@@ -70,7 +70,7 @@ def hear(endpoint, seconds=1.6, systems=frozenset()):
 
 @pytest.mark.parametrize("count", [1, 2, 9, 26, 250])
 def test_places_are_apart_and_near(count):
-    places = start_places(HOME, count, 4.0)
+    places = start_positions(HOME, count, 4.0)
     frame = LocalFrame(HOME.latitude_deg, HOME.longitude_deg)
     xy = [frame.from_wgs84(place.latitude_deg, place.longitude_deg) for place in places]
     assert len(places) == count

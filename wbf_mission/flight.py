@@ -26,6 +26,7 @@ from sensors.observations import Observations
 from sensors.scoring.score import RunningScore, ScoreWeights
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
+from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
 from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.estimation import RunEstimate, estimator_of, require_run_memory, resolved, score_points
@@ -43,9 +44,6 @@ SMALL_FARM_CELLS = 2500
 SLICE_S = 1.0
 FLIGHT_LIMIT_FACTOR = 3.0
 FLIGHT_LIMIT_EXTRA_S = 600.0
-EPOCH_UNIX_S = (
-    1_780_315_200.0  # 2026-06-01T12:00:00Z: a fixed time of day, so that equal runs give equal logs
-)
 
 
 class FlightError(WbfMissionError, RuntimeError):
@@ -330,7 +328,6 @@ class _Run:
             model,
             observations,
             fields=self.fields,
-            probabilities=getattr(self.estimator, "class_probabilities", None),
             states_deviation=getattr(self.estimator, "states_deviation", False),
         )
         return maps, tuple(true_map(farm, one.field, self.truth[k]) for k, one in enumerate(maps))

@@ -12,10 +12,11 @@ from sensors.camera.leaf_camera import LeafCamera
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.component import Component
+from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.mavlink.fleet import SPACING_M, Fleet
 from sim_vehicle.prediction.compile_ahead import warm_up
-from wbf_mission.flight import EPOCH_UNIX_S, camera_options, make_environment
+from wbf_mission.flight import camera_options, make_environment
 from wbf_mission.planning import flown_vehicle
 from wbf_mission.scenario import Scenario, ScenarioError
 from wbf_mission.weather import noise_of, wind_of_run

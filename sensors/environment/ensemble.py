@@ -26,7 +26,7 @@ from geo.atomic import atomic_write
 from geo.memory import NotEnoughMemoryError, human_bytes, require_memory
 from geo.seeds import child_seed, root_seed
 from sensors.environment.environment import Environment, Provenance
-from sensors.environment.generate import generate_environment, kept_days, memory_needed
+from sensors.environment.generate import StoppedError, generate_environment, kept_days, memory_needed
 from sensors.environment.storage import load_environment
 from sensors.environment.store import fields_from_tables, fields_to_tables
 from sensors.errors import EnvironmentDataError
@@ -264,10 +264,6 @@ def _together(plan: _Plan, members: int, jobs: int, tell: Progress) -> list[int]
     return sorted(made)
 
 
-class _StoppedError(Exception):
-    """Ends a worker's current member."""
-
-
 _worker: tuple[_Plan, Event] | None = None
 
 
@@ -295,7 +291,7 @@ def _make(member: int) -> bool:
 
     def check(_done: int, _total: int) -> None:
         if stop.is_set():
-            raise _StoppedError
+            raise StoppedError
 
     check(0, 0)
     return plan.make(member, check)

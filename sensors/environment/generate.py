@@ -39,8 +39,8 @@ _POLL_S = 0.05
 _OUTBREAKS_AT_ONCE = 2
 
 
-class _StoppedError(Exception):
-    """Ends a thread whose result nobody waits for any more."""
+class StoppedError(Exception):
+    """Ends a thread or process whose result nobody waits for any more."""
 
 
 class _Steps:
@@ -54,7 +54,7 @@ class _Steps:
 
     def __call__(self, pieces: int = 1) -> None:
         if self.stopped.is_set():
-            raise _StoppedError
+            raise StoppedError
         with self._lock:
             self._done += pieces
         if threading.get_ident() == self._caller:

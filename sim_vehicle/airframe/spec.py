@@ -121,7 +121,7 @@ class VehicleSpec:
     acceptance_radius_m : float
         Distance at which a waypoint that sets none is passed.
     takeoff_altitude_m, return_altitude_m, max_altitude_m : float
-        Default take-off height, least height of the way home, and ceiling, all above home.
+        Default take-off height, least return altitude, and ceiling, all above home.
     max_distance_m : float
         Farthest allowed place from home.
     step_s : float

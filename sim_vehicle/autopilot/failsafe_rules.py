@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Protocol
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
 
-__all__ = ["Action", "ActionParameters", "FailsafeRules", "actions_by_value"]
+__all__ = ["Action", "ActionParameters", "FailsafeDefaults", "FailsafeRules", "actions_by_value"]
 
 _VOLTAGE_CELLS = 3
 
@@ -48,6 +48,42 @@ class ActionParameters(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
+class FailsafeDefaults:
+    """Values with which the safety parameters of a vehicle start.
+
+    Parameters
+    ----------
+    low_battery_action, critical_battery_action, fence_enable, fence_action : int
+        The firmware's own values.
+    fence_ceiling_m, fence_radius_m : float
+        Height above and distance from home; 0 is no limit.
+    link_timeout_s : float
+        Silence of the ground station after which it is lost.
+    setpoint_timeout_s : float
+        Age at which setpoints hold no more.
+    low_voltage_v : float
+        Voltage of the whole pack that is low, for batteries of three cells and more; 0 is none. ArduCopter's
+        default refuses to arm with fewer cells.
+    """
+
+    low_battery_action: int = 1
+    critical_battery_action: int = 1
+    fence_enable: int = 1
+    fence_action: int = 2
+    fence_ceiling_m: float = 0.0
+    fence_radius_m: float = 0.0
+    link_timeout_s: float = 10.0
+    setpoint_timeout_s: float = 1.0
+    low_voltage_v: float = 0.0
+
+    def low_voltage_for(self, spec: VehicleSpec) -> float:
+        """Voltage of a vehicle's pack that is low; 0 is none."""
+        if spec.battery is None or spec.battery.cells < _VOLTAGE_CELLS:
+            return 0.0
+        return self.low_voltage_v
+
+
+@dataclass(frozen=True, slots=True)
 class FailsafeRules:
     """The safety functions of one firmware.
 
@@ -70,17 +106,16 @@ class FailsafeRules:
         otherwise only velocities grow old (ArduPilot).
     pauses_in_mode : bool
         A pause stops the vehicle without leaving the mode (ArduPilot); otherwise it is the hold mode.
-    looks_ahead : bool
-        Without a heading, the nose turns to a setpoint's place.
+    yaws_to_setpoint : bool
+        Without a heading, the nose turns to a setpoint's position.
+    fences_setpoints : bool
+        A setpoint outside the fence is refused.
     preflight, arming : str
         Texts before the reason that arming is refused: the check's, and that of the order.
     fence_text, fence_clear, link_lost, link_regained, stream_lost : str
-        Texts for the operator; ``fence_text`` and ``stream_lost`` have a place for what follows.
-    defaults : mapping of str to float
-        Values of `RuntimeParameters` that are not those of its own defaults.
-    low_voltage_v : float
-        Voltage of the whole pack that is low, for batteries of three cells and more; 0 is none. ArduCopter's
-        default refuses to arm with fewer cells.
+        Texts for the operator; ``fence_text`` and ``stream_lost`` have a ``{}`` for what follows.
+    defaults : FailsafeDefaults
+        Values with which the safety parameters start.
     """
 
     fence_actions: Mapping[int, Action]
@@ -92,7 +127,8 @@ class FailsafeRules:
     keeps_item: bool
     needs_stream: bool
     pauses_in_mode: bool
-    looks_ahead: bool
+    yaws_to_setpoint: bool
+    fences_setpoints: bool
     preflight: str
     arming: str
     fence_text: str
@@ -100,14 +136,7 @@ class FailsafeRules:
     link_lost: str
     link_regained: str
     stream_lost: str
-    defaults: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
-    low_voltage_v: float = 0.0
-
-    def defaults_for(self, spec: VehicleSpec) -> Mapping[str, float]:
-        """Values of `RuntimeParameters` with which a vehicle starts, where its own defaults do not hold."""
-        if spec.battery is None or spec.battery.cells < _VOLTAGE_CELLS:
-            return self.defaults
-        return {**self.defaults, "low_voltage_v": self.low_voltage_v}
+    defaults: FailsafeDefaults = FailsafeDefaults()
 
     def fence_action(self, parameters: ActionParameters) -> Action:
         """Action after a breach of the fence."""

@@ -42,9 +42,9 @@ class FixedWingProcedures(ABC):
     takeoff_height: str
     """Parameter with the height of a take-off, in metres."""
     return_height: str
-    """Parameter with the height of the way home, in metres."""
-    placed_land_start: bool
-    """Whether DO_LAND_START has to have a place."""
+    """Parameter with the return altitude, in metres."""
+    land_start_needs_position: bool
+    """Whether DO_LAND_START has to have a position."""
     holds_at_waypoints: bool
     """Whether the hold time of a waypoint counts."""
 
@@ -70,7 +70,7 @@ class FixedWingProcedures(ABC):
     def return_legs(
         self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
     ) -> list[Leg]:
-        """Way home and what follows there."""
+        """Route home and what follows there."""
 
     def value(self, spec: VehicleSpec, name: str) -> float:
         """Value of a parameter for a vehicle, in the parameter's own unit."""
@@ -105,7 +105,7 @@ class FixedWingProcedures(ABC):
         last: Position,
         speed: float,  # noqa: ARG002
     ) -> list[Leg]:
-        """Straight approach from the place before; without one, a circle down to the ground."""
+        """Straight approach from the position before; without one, a circle down to the ground."""
         x, y, z = above
         landing = self.limits(spec).landing_airspeed
         if math.hypot(x - last[0], y - last[1]) >= _APPROACH_M:

@@ -1,4 +1,4 @@
-"""What an autopilot decides about a flight: its dynamics, the way up, home and down, its parameters."""
+"""What an autopilot decides about a flight: its dynamics, take-off, return and landing, its parameters."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class FlightProcedures(Protocol):
         """Return the legs from the ground to the end of a take-off item."""
 
     def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
-        """Return the legs from ``last`` to the height ``above[2]`` over a place and down to the ground."""
+        """Return the legs from ``last`` to the height ``above[2]`` over a position and down to the ground."""
 
     def return_legs(
         self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
@@ -47,6 +47,6 @@ class FlightProcedures(Protocol):
 
 
 def vertical_landing(spec: VehicleSpec, x_m: float, y_m: float) -> Leg:
-    """Return the last leg of a landing: straight down to the ground at a place (east, north)."""
+    """Return the last leg of a landing: straight down to the ground at a position (east, north)."""
     down = spec.landing_speed_m_s
     return Leg((x_m, y_m, 0.0), None, heading=KEEP, kind=LegKind.LAND, vertical_speed_m_s=down)

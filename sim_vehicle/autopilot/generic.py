@@ -44,7 +44,7 @@ class GenericProcedures:
     def takeoff_legs(
         self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
     ) -> list[Leg]:
-        """Return the legs of a take-off: straight up, then to its place if that is aside."""
+        """Return the legs of a take-off: straight up, then to its position if that is aside."""
         x, y, z = target
         radius = spec.acceptance_radius_m
         keep = KEEP if heading == ALONG else heading
@@ -55,7 +55,7 @@ class GenericProcedures:
         return legs
 
     def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
-        """Return the legs to a place and down to the ground there, the last 5 m slowly."""
+        """Return the legs to a position and down to the ground there, the last 5 m slowly."""
         x, y, z = above
         legs: list[Leg] = []
         if math.hypot(x - last[0], y - last[1]) > 0.05:

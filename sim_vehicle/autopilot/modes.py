@@ -17,13 +17,3 @@ class Mode(Enum):
     RTL = "return"
     LAND = "land"
     GUIDED = "guided"
-
-    @property
-    def is_pilot(self) -> bool:
-        """Whether a pilot's sticks would fly; without sticks the vehicle keeps its place."""
-        return self in (Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION)
-
-    @property
-    def is_automatic(self) -> bool:
-        """Whether the vehicle follows a plan of its own (not a pilot, not single orders)."""
-        return self in (Mode.TAKEOFF, Mode.MISSION, Mode.RTL, Mode.LAND)

@@ -132,7 +132,7 @@ class Persona:
     reached_repeats : int
         How often MISSION_ITEM_REACHED is sent again, once a second, after it happened.
     reached_merged : bool
-        Of items that end together (a place, the commands after it, and a return that follows) only the last
+        Of items that end together (a waypoint, the commands after it, a return that follows) only the last
         is reported.
     current_lag_s : float
         Time from an item's end to the MISSION_CURRENT that names the next one.

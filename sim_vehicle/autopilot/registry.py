@@ -93,7 +93,7 @@ def autopilot_of_number(mav_autopilot: int) -> Autopilot:
 
 
 def forget_autopilots() -> None:
-    """Look the installed autopilots up again, after a package was installed while the program runs."""
+    """Find the installed autopilots again, after a package was installed while the program runs."""
     autopilot_names.cache_clear()
     _load.cache_clear()
 
@@ -167,7 +167,7 @@ def with_autopilot(
 def adapt_vehicle(spec: VehicleSpec, autopilot: Autopilot) -> VehicleSpec:
     """Vehicle as it moves when ``autopilot`` shows itself to peers.
 
-    A multirotor stays as it is: its law of motion may be another autopilot's, or none's in particular.
+    A multirotor stays as it is: its dynamics may be another autopilot's, or none's in particular.
 
     Examples
     --------

@@ -63,7 +63,7 @@ class RoverProcedures(ABC):
         last: Position,  # noqa: ARG002
         speed: float,
     ) -> list[Leg]:
-        """Way to the place, where it stops."""
+        """Route to the position, where it stops."""
         return [Leg((above[0], above[1], 0.0), speed, kind=LegKind.HOME)]
 
     def return_legs(
@@ -73,5 +73,5 @@ class RoverProcedures(ABC):
         speed: float,
         return_point: Position,
     ) -> list[Leg]:
-        """Way home, where it stops."""
+        """Route home, where it stops."""
         return [Leg((return_point[0], return_point[1], 0.0), speed, kind=LegKind.HOME)]

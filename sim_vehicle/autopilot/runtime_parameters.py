@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.autopilot.failsafe_rules import FailsafeDefaults
 
 __all__ = ["RuntimeParameters"]
 
@@ -53,26 +54,26 @@ class RuntimeParameters:
     disarm_delay_s: float
     low_fraction: float
     critical_fraction: float
-    low_battery_action: int = 1
-    critical_battery_action: int = 1
+    low_battery_action: int
+    critical_battery_action: int
+    fence_enable: int
+    fence_action: int
+    fence_ceiling_m: float
+    fence_radius_m: float
+    link_timeout_s: float
+    setpoint_timeout_s: float
+    low_voltage_v: float
     emergency_fraction: float = 0.05
-    low_voltage_v: float = 0.0
     critical_voltage_v: float = 0.0
     low_voltage_timer_s: float = 10.0
     low_voltage_source: int = 0
-    fence_enable: int = 1
-    fence_action: int = 2
     fence_type: int = 7
-    fence_ceiling_m: float = 0.0
-    fence_radius_m: float = 0.0
     link_action: int = 0
-    link_timeout_s: float = 10.0
-    setpoint_timeout_s: float = 1.0
     settings: dict[str, float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, spec: VehicleSpec) -> RuntimeParameters:
-        """Take the values of a vehicle as built."""
+    def of(cls, spec: VehicleSpec, defaults: FailsafeDefaults) -> RuntimeParameters:
+        """Take the values of a vehicle as built, and of its firmware's safety functions."""
         battery = spec.battery
         return cls(
             spec.cruise_speed_m_s,
@@ -83,5 +84,14 @@ class RuntimeParameters:
             spec.disarm_delay_s,
             battery.reserve_fraction if battery else 0.0,
             battery.critical_fraction if battery else 0.0,
+            defaults.low_battery_action,
+            defaults.critical_battery_action,
+            defaults.fence_enable,
+            defaults.fence_action,
+            defaults.fence_ceiling_m,
+            defaults.fence_radius_m,
+            defaults.link_timeout_s,
+            defaults.setpoint_timeout_s,
+            defaults.low_voltage_for(spec),
             settings=dict(spec.parameters),
         )

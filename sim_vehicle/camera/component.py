@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from mission.link.codec.dialect import mavlink
+from mission.link.codec.dialect import Message, mavlink
+from mission.link.codec.typed import CommandMessage, is_a, is_command
 from sensors.camera.layout import ANNOUNCED_EVERY, FIELDS_NAME, LeafLayout
-from sim_vehicle.camera.trigger import CameraTrigger, Fix, Shot
+from sim_vehicle.camera.trigger import CameraTrigger, Exposure, Fix
 
 if TYPE_CHECKING:
     from geo.farm import Farm
     from sensors.camera.leaf_camera import LeafCamera
 
 CAMERA_COMPONENT_ID = 100
-RING_PICTURES = 4096
+RING_IMAGES = 4096
 MIN_DISTANCE_M = 0.01
 MIN_INTERVAL_S = 0.01
 MAX_INTERVAL_S = 86_400.0
@@ -23,7 +24,7 @@ _HEARTBEAT_S = 1.0
 _PATIENCE_S = 2.5
 _POSITION_US, _TIME_US = 100_000.0, 1_000_000.0
 _STORAGE_MIB = 1024.0
-_MIB_PER_PICTURE = 1e-4
+_MIB_PER_IMAGE = 1e-4
 _UNIX_US = 10**15
 _E7 = 1e7
 _PADDING = [0.0] * 58
@@ -33,13 +34,12 @@ _DENIED = mavlink.MAV_RESULT_DENIED
 _UNSUPPORTED = mavlink.MAV_RESULT_UNSUPPORTED
 _NOT_NOW = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 
-Message = Any
 Parameters = tuple[float, float, float, float]
 
 
-class _Picture(NamedTuple):
+class _Image(NamedTuple):
     number: int
-    shot: Shot
+    exposure: Exposure
     values: list[list[float]]
 
 
@@ -50,9 +50,8 @@ class LeafCameraComponent:
     (10 Hz is best, 1 Hz is enough); when none comes (an ArduPilot sends what was asked for) it asks for
     it. It fires by DO_SET_CAM_TRIGG_DIST, DO_SET_CAM_TRIGG_INTERVAL, IMAGE_START_CAPTURE and an
     autopilot's CAMERA_TRIGGER, stops when the vehicle disarms or its autopilot restarts, and reports each
-    picture by CAMERA_IMAGE_CAPTURED and DEBUG_FLOAT_ARRAY (see `sensors.camera.wire`). The cell that it
-    reads is the one under the vehicle: where the vehicle errs about its place, not under the position that
-    it reports.
+    image by CAMERA_IMAGE_CAPTURED and DEBUG_FLOAT_ARRAY (see `sensors.camera.wire`). The cell that it
+    reads is the one under the vehicle's true position, not under the position that the vehicle reports.
 
     Parameters
     ----------
@@ -100,7 +99,7 @@ class LeafCameraComponent:
         self._layout_name = self._layout.name.encode()
         self._farm = farm
         self._autopilot = (system_id, autopilot_component_id)
-        self._ring: list[_Picture | None] = [None] * RING_PICTURES
+        self._ring: list[_Image | None] = [None] * RING_IMAGES
         self._heartbeat_s: float | None = None
         self._position_s: float | None = None
         self._mode = mavlink.CAMERA_MODE_IMAGE_SURVEY
@@ -111,31 +110,23 @@ class LeafCameraComponent:
         self._sequences: dict[tuple[int, int], int] = {}
         self._heading = (-1, (1.0, 0.0, 0.0, 0.0))
 
-    @property
-    def capturing(self) -> bool:
-        """Whether a distance or interval trigger runs."""
-        return self.trigger.active
-
     def next_deadline(self) -> float:
         """Return when the next heartbeat is due."""
         return -math.inf if self._heartbeat_s is None else self._heartbeat_s
 
     def poll(self, now_s: float) -> list[Message]:
-        """Send the heartbeat when it is due; pictures are taken when telemetry arrives."""
+        """Send the heartbeat when it is due; images are taken when telemetry arrives."""
         due_s = self._heartbeat_s
         if due_s is not None and now_s < due_s:
             return []
         late = due_s is None or now_s - due_s > _HEARTBEAT_S
         self._heartbeat_s = (now_s if late or due_s is None else due_s) + _HEARTBEAT_S
-        heartbeat = mavlink.MAVLink_heartbeat_message(
-            mavlink.MAV_TYPE_CAMERA,
-            mavlink.MAV_AUTOPILOT_INVALID,
-            0,
-            0,
-            mavlink.MAV_STATE_ACTIVE if self.trigger.active else mavlink.MAV_STATE_STANDBY,
-            3,
-        )
-        return [heartbeat, *self._ask(now_s)]
+        state = mavlink.MAV_STATE_ACTIVE if self.trigger.active else mavlink.MAV_STATE_STANDBY
+        return [_heartbeat(state), *self._ask(now_s)]
+
+    def goodbye(self) -> list[Message]:
+        """A last HEARTBEAT, of a camera that is powered off."""
+        return [_heartbeat(mavlink.MAV_STATE_POWEROFF)]
 
     def _ask(self, now_s: float) -> list[Message]:
         """Ask an autopilot that is there for the telemetry that does not come."""
@@ -153,35 +144,34 @@ class LeafCameraComponent:
         ]
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Follow the telemetry, obey commands; return pictures and answers."""
-        kind = type(message).id
-        if kind == mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
+        """Follow the telemetry, obey commands; return images and answers."""
+        if is_a(message, mavlink.MAVLink_global_position_int_message):
             if not self._from_autopilot(message):
                 return []
             self._position_s = now_s
             return self._position(message)
-        if kind in (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT):
+        if is_command(message):
             return self._command(message)
         if not self._from_autopilot(message):
             return []
-        if kind == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+        if is_a(message, mavlink.MAVLink_heartbeat_message):
             if self._position_s is None:
                 self._position_s = now_s
             armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
             if self._armed and not armed:
                 self.trigger.stop()
             self._armed = armed
-        elif kind == mavlink.MAVLINK_MSG_ID_SYSTEM_TIME:
+        elif is_a(message, mavlink.MAVLink_system_time_message):
             known = _UNIX_US < message.time_unix_usec < 2**62
             self._utc_offset_us = message.time_unix_usec - message.time_boot_ms * 1000 if known else None
-        elif kind == mavlink.MAVLINK_MSG_ID_CAMERA_TRIGGER:
+        elif is_a(message, mavlink.MAVLink_camera_trigger_message):
             self._external_trigger(message)
         return []
 
     def _from_autopilot(self, message: Message) -> bool:
         return (message.get_srcSystem(), message.get_srcComponent()) == self._autopilot
 
-    def _position(self, message: Message) -> list[Message]:
+    def _position(self, message: mavlink.MAVLink_global_position_int_message) -> list[Message]:
         latitude_e7, longitude_e7 = message.lat, message.lon
         if (
             (latitude_e7 == 0 and longitude_e7 == 0)
@@ -190,7 +180,7 @@ class LeafCameraComponent:
         ):
             self.trigger.lost()
             return []
-        shots = self.trigger.add(
+        exposures = self.trigger.add(
             Fix(
                 message.time_boot_ms,
                 latitude_e7,
@@ -202,9 +192,9 @@ class LeafCameraComponent:
                 message.hdg,
             )
         )
-        return self._take(shots) if shots else []
+        return self._take(exposures) if exposures else []
 
-    def _external_trigger(self, message: Message) -> None:
+    def _external_trigger(self, message: mavlink.MAVLink_camera_trigger_message) -> None:
         self._external = True
         if message.seq == self._last_trigger_sequence:
             return
@@ -218,42 +208,42 @@ class LeafCameraComponent:
                 time_us -= self._utc_offset_us
         self.trigger.at(time_us)
 
-    def _take(self, shots: Sequence[Shot]) -> list[Message]:
-        """Read the cells under the shots and return the messages."""
-        cells = [self._cell_under(shot) for shot in shots]
+    def _take(self, exposures: Sequence[Exposure]) -> list[Message]:
+        """Read the cells under the exposures and return the messages."""
+        cells = [self._cell_under(exposure) for exposure in exposures]
         values = self._camera.capture([x for x, _ in cells], [y for _, y in cells]).tolist()
         messages: list[Message] = []
-        for number, (shot, seen) in enumerate(zip(shots, values, strict=True), self.image_count):
-            picture = self._ring[number % RING_PICTURES] = _Picture(number, shot, seen)
-            messages += self._report(picture)
-        self.image_count += len(shots)
+        for number, (exposure, seen) in enumerate(zip(exposures, values, strict=True), self.image_count):
+            image = self._ring[number % RING_IMAGES] = _Image(number, exposure, seen)
+            messages += self._report(image)
+        self.image_count += len(exposures)
         return messages
 
-    def _cell_under(self, shot: Shot) -> tuple[int, int]:
+    def _cell_under(self, exposure: Exposure) -> tuple[int, int]:
         """Return the cell that the camera looks at."""
         farm = self._farm
-        x_m, y_m = farm.frame.from_wgs84(shot.latitude_e7 / _E7, shot.longitude_e7 / _E7)
+        x_m, y_m = farm.frame.from_wgs84(exposure.latitude_e7 / _E7, exposure.longitude_e7 / _E7)
         if self._position_error is not None:
-            east_m, north_m = self._position_error(shot.time_us)
+            east_m, north_m = self._position_error(exposure.time_us)
             turn = math.radians(farm.frame.rotation_deg)
             x_m -= east_m * math.cos(turn) + north_m * math.sin(turn)
             y_m -= north_m * math.cos(turn) - east_m * math.sin(turn)
         return farm.cell_of(x_m, y_m)
 
-    def _report(self, picture: _Picture) -> list[Message]:
-        index, shot, values = picture
-        time_ms = shot.time_us // 1000
+    def _report(self, image: _Image) -> list[Message]:
+        index, exposure, values = image
+        time_ms = exposure.time_us // 1000
         offset = self._utc_offset_us
-        report = [
+        report: list[Message] = [
             mavlink.MAVLink_camera_image_captured_message(
                 time_ms & 0xFFFFFFFF,
-                0 if offset is None else shot.time_us + offset,
+                0 if offset is None else exposure.time_us + offset,
                 0,
-                shot.latitude_e7,
-                shot.longitude_e7,
-                shot.altitude_mm,
-                shot.relative_altitude_mm,
-                self._attitude(shot.heading_cdeg),
+                exposure.latitude_e7,
+                exposure.longitude_e7,
+                exposure.altitude_mm,
+                exposure.relative_altitude_mm,
+                self._attitude(exposure.heading_cdeg),
                 index,
                 1,
                 b"",
@@ -263,11 +253,11 @@ class LeafCameraComponent:
             data += _PADDING[len(data) :]
             report.append(
                 mavlink.MAVLink_debug_float_array_message(
-                    shot.time_us, self._layout_name, index & 0xFFFF, data
+                    exposure.time_us, self._layout_name, index & 0xFFFF, data
                 )
             )
         if index % ANNOUNCED_EVERY == 0:
-            report += self._announce(shot.time_us)
+            report += self._announce(exposure.time_us)
         return report
 
     def _announce(self, time_us: int) -> list[Message]:
@@ -289,7 +279,7 @@ class LeafCameraComponent:
 
     # Commands
 
-    def _command(self, message: Message) -> list[Message]:
+    def _command(self, message: CommandMessage) -> list[Message]:
         if message.target_system not in (0, self.system_id):
             return []
         if message.target_component not in (0, self.component_id):
@@ -306,7 +296,7 @@ class LeafCameraComponent:
         )
         return [answer, *extra]
 
-    def _obey(self, message: Message, command: int) -> tuple[int, list[Message]]:
+    def _obey(self, message: CommandMessage, command: int) -> tuple[int, list[Message]]:
         given = (message.param1, message.param2, message.param3, message.param4)
         if command in _TRIGGERS and math.isnan(given[0]):
             return _DENIED, []
@@ -335,7 +325,7 @@ class LeafCameraComponent:
             self._mode = int(p[1])
             return _ACCEPTED, []
         if command == mavlink.MAV_CMD_STORAGE_FORMAT:
-            self._ring = [None] * RING_PICTURES
+            self._ring = [None] * RING_IMAGES
             if p[2] == 1.0:
                 self.image_count = 0
             return _ACCEPTED, []
@@ -362,7 +352,7 @@ class LeafCameraComponent:
         return _ACCEPTED, self._take([here]) if here is not None else []
 
     def _by_interval(self, interval_s: float, count: int) -> tuple[int, list[Message]]:
-        """Start interval shots; 0 stops them, -1 asks for the default of one second."""
+        """Start exposures at an interval; 0 stops them, -1 asks for the default of one second."""
         if interval_s == 0.0:
             self.trigger.stop()
             return _ACCEPTED, []
@@ -374,7 +364,7 @@ class LeafCameraComponent:
         self.trigger.every_interval(round(interval_s * 1e6), count, start_us=start_us)
         return _ACCEPTED, []
 
-    def _start_capture(self, message: Message, p: Parameters) -> tuple[int, list[Message]]:
+    def _start_capture(self, message: CommandMessage, p: Parameters) -> tuple[int, list[Message]]:
         camera_id, interval_s, count, sequence = p
         if not self._mine(camera_id) or not (0.0 <= count < 2**24 and count % 1.0 == 0.0):
             return _DENIED, []
@@ -386,7 +376,7 @@ class LeafCameraComponent:
             return self._by_interval(interval_s, int(count)) if interval_s > 0.0 else (_DENIED, [])
         source = (message.get_srcSystem(), message.get_srcComponent())
         if self._external and source == self._autopilot:
-            return _ACCEPTED, []  # PX4 announces each shot by CAMERA_TRIGGER as well
+            return _ACCEPTED, []  # PX4 announces each exposure by CAMERA_TRIGGER as well
         here = self.trigger.here()
         if here is None:
             return _NOT_NOW, []
@@ -402,8 +392,8 @@ class LeafCameraComponent:
         fix = self.trigger.position
         time_ms = fix.time_ms if fix is not None else 0
         if message_id == mavlink.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED:
-            picture = self._remembered(index)
-            return (_ACCEPTED, self._report(picture)) if picture is not None else (_DENIED, [])
+            image = self._remembered(index)
+            return (_ACCEPTED, self._report(image)) if image is not None else (_DENIED, [])
         if message_id == mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION:
             return _ACCEPTED, [self._information(time_ms)]
         if message_id == mavlink.MAVLINK_MSG_ID_CAMERA_SETTINGS:
@@ -414,11 +404,11 @@ class LeafCameraComponent:
             return _ACCEPTED, [self._status(time_ms)]
         return _UNSUPPORTED, []
 
-    def _remembered(self, index: float) -> _Picture | None:
+    def _remembered(self, index: float) -> _Image | None:
         if not (0.0 <= index < 2**31 and index % 1.0 == 0.0):
             return None
-        picture = self._ring[int(index) % RING_PICTURES]
-        return picture if picture is not None and picture.number == int(index) else None
+        image = self._ring[int(index) % RING_IMAGES]
+        return image if image is not None and image.number == int(index) else None
 
     def _information(self, time_ms: int) -> Message:
         side = self._camera.options.footprint_cells
@@ -441,7 +431,7 @@ class LeafCameraComponent:
         )
 
     def _used_mib(self) -> float:
-        return min(self.image_count * _MIB_PER_PICTURE, _STORAGE_MIB)
+        return min(self.image_count * _MIB_PER_IMAGE, _STORAGE_MIB)
 
     def _storage(self, time_ms: int) -> Message:
         used = self._used_mib()
@@ -457,6 +447,12 @@ class LeafCameraComponent:
         return mavlink.MAVLink_camera_capture_status_message(
             time_ms, image_status, 0, trigger.interval_us / 1e6, 0, free, self.image_count
         )
+
+
+def _heartbeat(state: int) -> Message:
+    return mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_CAMERA, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, state, 3
+    )
 
 
 _TRIGGERS = (mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST, mavlink.MAV_CMD_DO_SET_CAM_TRIGG_INTERVAL)

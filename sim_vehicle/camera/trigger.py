@@ -42,8 +42,8 @@ class Fix(NamedTuple):
     heading_cdeg: int
 
 
-class Shot(NamedTuple):
-    """One release of the shutter, at a place rounded to 1e-7 degree."""
+class Exposure(NamedTuple):
+    """One exposure, at a position rounded to 1e-7 degree."""
 
     time_us: int
     latitude_e7: int
@@ -124,10 +124,10 @@ class CameraTrigger:
         self.interval_us, self.remaining = interval_us, count
         self._due_us = start_us
 
-    def here(self) -> Shot | None:
-        """Return a shot at the last reported position, None before the first report."""
+    def here(self) -> Exposure | None:
+        """Return an exposure at the last reported position, None before the first report."""
         fix = self._last
-        return None if fix is None else _shot(fix, fix, 1.0, fix.latitude_e7, fix.longitude_e7)
+        return None if fix is None else _exposure(fix, fix, 1.0, fix.latitude_e7, fix.longitude_e7)
 
     def at(self, time_us: int) -> None:
         """Fire at an instant of the vehicle's clock, as soon as the position there is known."""
@@ -138,8 +138,8 @@ class CameraTrigger:
         """Forget the track: the vehicle has no position."""
         self._last = self._anchor = None
 
-    def add(self, fix: Fix) -> list[Shot]:
-        """Take the next position report and return the shots since the last one, in order of time."""
+    def add(self, fix: Fix) -> list[Exposure]:
+        """Take the next position report and return the exposures since the last one, in order of time."""
         last = self._last
         if last is None:
             self._last = self._anchor = fix
@@ -164,16 +164,16 @@ class CameraTrigger:
             self._start_at(fix)
             self._external = [time_us for time_us in self._external if time_us >= fix.time_ms * 1000]
             return []
-        shots: list[Shot] = []
+        exposures: list[Exposure] = []
         if self.distance_m > 0.0:
-            self._along(fix, shots)
+            self._along(fix, exposures)
         elif self.interval_us > 0:
-            self._timed(last, fix, shots)
+            self._timed(last, fix, exposures)
         if self._external:
-            self._triggered(last, fix, shots)
-            shots.sort()
+            self._triggered(last, fix, exposures)
+            exposures.sort()
         self._last = fix
-        return shots
+        return exposures
 
     def _jumped(self, last: Fix, fix: Fix, step_ms: int) -> bool:
         _, per_north, per_east = self._scale(last.latitude_e7)
@@ -201,7 +201,7 @@ class CameraTrigger:
             self._metres = (latitude_e7, north, east)
         return self._metres
 
-    def _along(self, fix: Fix, shots: list[Shot]) -> None:
+    def _along(self, fix: Fix, exposures: list[Exposure]) -> None:
         anchor = self._anchor
         assert anchor is not None
         _, per_north, per_east = self._scale(anchor.latitude_e7)
@@ -209,7 +209,7 @@ class CameraTrigger:
         east = _turn(fix.longitude_e7 - anchor.longitude_e7) * per_east
         length = math.hypot(north, east)
         if length < STILL_M:
-            # The place stays, so that slow motion adds up and sway does not; the clock goes on.
+            # The position stays, so that slow motion adds up and sway does not; the clock goes on.
             if fix.time_ms - anchor.time_ms > _STEP_MS:
                 self._anchor = fix._replace(latitude_e7=anchor.latitude_e7, longitude_e7=anchor.longitude_e7)
             return
@@ -226,7 +226,9 @@ class CameraTrigger:
             while at <= length:
                 part = at / length
                 latitude_e7 = anchor.latitude_e7 + part * north_e7
-                shots.append(_shot(anchor, fix, part, latitude_e7, anchor.longitude_e7 + part * east_e7))
+                exposures.append(
+                    _exposure(anchor, fix, part, latitude_e7, anchor.longitude_e7 + part * east_e7)
+                )
                 at += distance
             self._since_m = length - (at - distance)
             return
@@ -242,28 +244,30 @@ class CameraTrigger:
                 place_east = from_east + part * (to_east - from_east)
                 latitude_e7 = anchor.latitude_e7 + place_north / per_north
                 longitude_e7 = anchor.longitude_e7 + place_east / per_east
-                shots.append(_shot(anchor, fix, (k + part) / steps, latitude_e7, longitude_e7))
+                exposures.append(_exposure(anchor, fix, (k + part) / steps, latitude_e7, longitude_e7))
                 at += distance
             since = length - (at - distance)
         self._since_m = since
 
-    def _timed(self, last: Fix, fix: Fix, shots: list[Shot]) -> None:
+    def _timed(self, last: Fix, fix: Fix, exposures: list[Exposure]) -> None:
         end_us = fix.time_ms * 1000
         while self.interval_us > 0 and self._due_us <= end_us:
-            shots.append(self._at_time(last, fix, self._due_us))
+            exposures.append(self._at_time(last, fix, self._due_us))
             self._due_us += self.interval_us
             if self.remaining:
                 self.remaining -= 1
                 if not self.remaining:
                     self.stop()
 
-    def _triggered(self, last: Fix, fix: Fix, shots: list[Shot]) -> None:
+    def _triggered(self, last: Fix, fix: Fix, exposures: list[Exposure]) -> None:
         end_us = fix.time_ms * 1000
         due = [time_us for time_us in self._external if time_us <= end_us]
         self._external = [time_us for time_us in self._external if time_us > end_us]
-        shots.extend(self._at_time(last, fix, max(time_us, last.time_ms * 1000)) for time_us in sorted(due))
+        exposures.extend(
+            self._at_time(last, fix, max(time_us, last.time_ms * 1000)) for time_us in sorted(due)
+        )
 
-    def _at_time(self, last: Fix, fix: Fix, time_us: float) -> Shot:
+    def _at_time(self, last: Fix, fix: Fix, time_us: float) -> Exposure:
         step_ms = fix.time_ms - last.time_ms
         part = min(max((time_us / 1000.0 - last.time_ms) / step_ms, 0.0), 1.0)
         _, per_north, per_east = self._scale(last.latitude_e7)
@@ -276,10 +280,10 @@ class CameraTrigger:
             rest = part * steps - k
             north = points[k][0] + rest * (points[k + 1][0] - points[k][0])
             east = points[k][1] + rest * (points[k + 1][1] - points[k][1])
-            place = (last.latitude_e7 + north / per_north, last.longitude_e7 + east / per_east)
+            position = (last.latitude_e7 + north / per_north, last.longitude_e7 + east / per_east)
         else:
-            place = (last.latitude_e7 + part * north_e7, last.longitude_e7 + part * east_e7)
-        return _shot(last, fix, part, *place)
+            position = (last.latitude_e7 + part * north_e7, last.longitude_e7 + part * east_e7)
+        return _exposure(last, fix, part, *position)
 
 
 def _turn(longitude_e7: int) -> int:
@@ -289,11 +293,11 @@ def _turn(longitude_e7: int) -> int:
     return longitude_e7 - _TURN_E7 if longitude_e7 > 0 else longitude_e7 + _TURN_E7
 
 
-def _shot(a: Fix, b: Fix, part: float, latitude_e7: float, longitude_e7: float) -> Shot:
+def _exposure(a: Fix, b: Fix, part: float, latitude_e7: float, longitude_e7: float) -> Exposure:
     longitude = round(longitude_e7)
     if not -180 * _E7 <= longitude <= 180 * _E7:
         longitude = _turn(longitude)
-    return Shot(
+    return Exposure(
         round((a.time_ms + part * (b.time_ms - a.time_ms)) * 1000.0),
         round(latitude_e7),
         longitude,

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot import fixed_wing_procedures, flight_procedures
 from sim_vehicle.energy.battery import remaining_fraction
+from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.fixed_wing_items import circle_leg, lands, must_circle
 from sim_vehicle.execution.items import MAX_TURNS
 from sim_vehicle.execution.leg_follower import LegFollower
 from sim_vehicle.execution.leg_plan import AfterLastLeg
 from sim_vehicle.execution.legs import circle_legs
-from sim_vehicle.execution.sequencer import EPOCH_UNIX_S, MissionSequencer
+from sim_vehicle.execution.sequencer import MissionSequencer
 from sim_vehicle.execution.state import FlightEvent, FlightPhase, LandedState, VehicleState
 from sim_vehicle.execution.state_reader import read_state
 from sim_vehicle.motion.legs import ALONG, KEEP, Heading, Leg, LegKind
@@ -123,13 +124,13 @@ class MissionExecutor:
         return self.sequencer.return_points
 
     def load(
-        self, items: Sequence[MissionItem], places: list[Position] | None = None, current: int = 0
+        self, items: Sequence[MissionItem], positions: list[Position] | None = None, current: int = 0
     ) -> None:
         """Replace the mission, to begin at an item; a vehicle that is flying one holds.
 
-        ``places`` are those of `sim_vehicle.execution.items.item_places`, when they are known already.
+        ``positions`` are those of `sim_vehicle.execution.items.item_positions`, when they are known already.
         """
-        self.sequencer.load(items, places, current)
+        self.sequencer.load(items, positions, current)
 
     def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults and limits; they hold from the next leg or order on.
@@ -243,7 +244,7 @@ class MissionExecutor:
             Not armed, too far from home, or out of the range of altitudes or speeds.
         """
         settings = self.sequencer.settings
-        self._ready("fly to a place")
+        self._ready("fly to a position")
         self._check_height(altitude_m)
         if not math.hypot(x_m, y_m) <= self.spec.max_distance_m:
             msg = f"cannot fly to ({x_m:g}, {y_m:g}): more than {self.spec.max_distance_m:g} m from home"
@@ -288,7 +289,7 @@ class MissionExecutor:
         self.follower.keep_velocity(velocity_m_s, height_m=height_m, heading=heading)
 
     def orbit(self, x_m: float, y_m: float, altitude_m: float, radius_m: float, speed_m_s: float) -> None:
-        """Fly circles about a place (clockwise with a positive radius), a hundred of them, then hold.
+        """Fly circles about a position (clockwise with a positive radius), a hundred of them, then hold.
 
         Raises
         ------

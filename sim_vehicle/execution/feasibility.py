@@ -11,10 +11,10 @@ from sim_vehicle.execution.items import (
     DO_COMMANDS,
     MAX_TURNS,
     NAV_COMMANDS,
-    PLACE_COMMANDS,
+    POSITION_COMMANDS,
     Settings,
     do_items,
-    item_places,
+    item_positions,
     number,
 )
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 # Plain numbers: the checks run over thousands of items in every prediction.
 _WAYPOINT = int(Command.NAV_WAYPOINT)
-_PLACED = PLACE_COMMANDS | {int(Command.NAV_TAKEOFF), int(Command.NAV_LAND)}
+_WITH_POSITION = POSITION_COMMANDS | {int(Command.NAV_TAKEOFF), int(Command.NAV_LAND)}
 _FRAMES = frozenset({int(Frame.GLOBAL), int(Frame.GLOBAL_RELATIVE_ALT)})
 _TIMED = frozenset({16, 19, 82, 93, 112})
 
@@ -54,10 +54,10 @@ def check_mission(
         About home.
     spec : VehicleSpec
     needs_takeoff : bool
-        Whether the vehicle does not take off by itself on the way to the first place.
+        Whether the vehicle does not take off by itself to reach the first position.
     outside : callable, optional
-        Tells why a fence does not allow a place (east, north, up), None when it does. Only the places are
-        looked at, not the ways between them, as autopilots do.
+        Tells why a fence does not allow a position (east, north, up), None when it does. Only positions are
+        checked, not the paths between them, as autopilots do.
 
     Examples
     --------
@@ -68,11 +68,13 @@ def check_mission(
     >>> check_mission(items, LocalFrame(28.05, -82.15), get_vehicle("quad"))
     ['item 0 (NAV_WAYPOINT): no take-off before it']
     """
-    places = item_places(items, frame)
-    problems = mission_problems(items, places, spec, needs_takeoff=needs_takeoff)
+    positions = item_positions(items, frame)
+    problems = mission_problems(items, positions, spec, needs_takeoff=needs_takeoff)
     if outside is not None and not problems:
-        for seq, (item, place) in enumerate(zip(items, places, strict=True)):
-            reason = outside(place) if item.command in _PLACED and not math.isnan(place[0]) else None
+        for seq, (item, position) in enumerate(zip(items, positions, strict=True)):
+            reason = (
+                outside(position) if item.command in _WITH_POSITION and not math.isnan(position[0]) else None
+            )
             if reason is not None:
                 problems.append(f"item {seq} ({_name(item.command)}): outside the fence, {reason}")
     return problems
@@ -80,33 +82,33 @@ def check_mission(
 
 def mission_problems(
     items: Sequence[MissionItem],
-    places: Sequence[tuple[float, float, float]],
+    positions: Sequence[tuple[float, float, float]],
     spec: VehicleSpec,
     *,
     needs_takeoff: bool = True,
 ) -> list[str]:
-    """As `check_mission`, with the places of the items known."""
+    """As `check_mission`, with the positions of the items known."""
     if not items:
         return ["the mission is empty"]
     problems: list[str] = []
     flying = not needs_takeoff or spec.kind == "rover"
-    for seq, (item, place) in enumerate(zip(items, places, strict=True)):
-        reasons = _item_problems(item, place, len(items), spec)
+    for seq, (item, position) in enumerate(zip(items, positions, strict=True)):
+        reasons = _item_problems(item, position, len(items), spec)
         if item.command == Command.NAV_TAKEOFF:
             flying = True
-        elif not flying and item.command in PLACE_COMMANDS:
+        elif not flying and item.command in POSITION_COMMANDS:
             reasons.append("no take-off before it")
             flying = True
         problems += [f"item {seq} ({_name(item.command)}): {reason}" for reason in reasons]
     if must_circle(spec):
-        problems += landing_problems(items, places, spec)
+        problems += landing_problems(items, positions, spec)
     if not any(item.command in NAV_COMMANDS for item in items):
-        problems.append("the mission has no place to fly to")
+        problems.append("the mission has no position to fly to")
     if not problems:
         settings = Settings(spec.cruise_speed_m_s)
         for seq in range(len(items)):
             if items[seq].command == Command.DO_JUMP and do_items(items, seq, settings.copy(), 1.0)[1] < 0:
-                problems.append(f"item {seq} (DO_JUMP): jumps never lead to a place")
+                problems.append(f"item {seq} (DO_JUMP): jumps never lead to a position")
                 break
     return problems
 
@@ -119,17 +121,17 @@ def _name(command: int) -> str:
 
 
 def _item_problems(
-    item: MissionItem, place: tuple[float, float, float], count: int, spec: VehicleSpec
+    item: MissionItem, position: tuple[float, float, float], count: int, spec: VehicleSpec
 ) -> list[str]:
     command = item.command
     if command not in NAV_COMMANDS and command not in DO_COMMANDS:
         return ["the vehicle does not know this command"]
     problems: list[str] = []
-    has_to_be_placed = command in _PLACED
+    has_to_be_placed = command in _WITH_POSITION
     if has_to_be_placed and item.frame not in _FRAMES:
         return [f"frame {item.frame} is not supported (use 0 or 3)"]
     if has_to_be_placed:
-        x, y, z = place
+        x, y, z = position
         high = 0.0 < z <= spec.max_altitude_m or spec.kind == "rover"
         if not high and command != Command.NAV_LAND:
             problems.append(f"altitude {z:.1f} m above home is outside 0..{spec.max_altitude_m:g}")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _WAYPOINT = int(Command.NAV_WAYPOINT)
 _SPLINE = int(Command.NAV_SPLINE_WAYPOINT)
-_PLACED = frozenset({16, 17, 18, 19, 21, 31, 82})
+_WITH_POSITION = frozenset({16, 17, 18, 19, 21, 31, 82})
 _LOOK_AHEAD = 20
 MAX_RADIUS_M = 5000.0
 
@@ -69,53 +69,53 @@ def circle_leg(
 
 
 def fixed_wing_leg(
-    item: MissionItem, place: Position, speed: float, spec: VehicleSpec, ahead: Position | None
+    item: MissionItem, position: Position, speed: float, spec: VehicleSpec, ahead: Position | None
 ) -> FixedWingLeg | None:
     """The leg of an item as a fixed wing flies it; None for an item that any other vehicle flies alike.
 
     Parameters
     ----------
     item : MissionItem
-    place : tuple of 3 floats
+    position : tuple of 3 floats
         Of the item: east, north, up about home.
     speed : float
         Airspeed.
     spec : VehicleSpec
     ahead : tuple of 3 floats, optional
-        The place after it, towards which a circle is left.
+        The position after it, towards which a circle is left.
     """
     command = item.command
     first, second, third = (value or 0.0 for value in (item.param1, item.param2, item.param3))
     if command == _SPLINE or (command == _WAYPOINT and first > 0.0):
         if command == _SPLINE or not fixed_wing_procedures(spec).holds_at_waypoints:
             radius = second if command == _WAYPOINT and second > 0.0 else spec.acceptance_radius_m
-            return FixedWingLeg(Leg(place, speed, radius, KEEP))
-        return FixedWingLeg(circle_leg(place, speed), wait_s=first)
+            return FixedWingLeg(Leg(position, speed, radius, KEEP))
+        return FixedWingLeg(circle_leg(position, speed), wait_s=first)
     leave = None if ahead is None else ahead[:2]
     if command == Command.NAV_LOITER_UNLIM:
-        return FixedWingLeg(circle_leg(place, speed, third), forever=True)
+        return FixedWingLeg(circle_leg(position, speed, third), forever=True)
     if command == Command.NAV_LOITER_TIME:
-        return FixedWingLeg(circle_leg(place, speed, third), wait_s=first)
+        return FixedWingLeg(circle_leg(position, speed, third), wait_s=first)
     if command == Command.NAV_LOITER_TURNS:
-        return FixedWingLeg(circle_leg(place, speed, third, first, leave))
+        return FixedWingLeg(circle_leg(position, speed, third, first, leave))
     if command == Command.NAV_LOITER_TO_ALT:
-        return FixedWingLeg(circle_leg(place, speed, second, leave_to_m=leave))
+        return FixedWingLeg(circle_leg(position, speed, second, leave_to_m=leave))
     return None
 
 
-def next_place(items: Sequence[MissionItem], places: Sequence[Position], seq: int) -> Position | None:
-    """Return the place of the item after ``seq`` that is flown to, None if that is not sure or far on."""
+def next_position(items: Sequence[MissionItem], positions: Sequence[Position], seq: int) -> Position | None:
+    """Return the position of the item after ``seq`` that is flown to, None if that is not sure or far on."""
     for following in range(seq + 1, min(seq + 1 + _LOOK_AHEAD, len(items))):
         command = items[following].command
-        if command in _PLACED:
-            return None if math.isnan(places[following][0]) else places[following]
+        if command in _WITH_POSITION:
+            return None if math.isnan(positions[following][0]) else positions[following]
         if command in (Command.DO_JUMP, Command.NAV_RETURN_TO_LAUNCH, Command.NAV_TAKEOFF):
             return None
     return None
 
 
 def landing_problems(
-    items: Sequence[MissionItem], places: Sequence[Position], spec: VehicleSpec
+    items: Sequence[MissionItem], positions: Sequence[Position], spec: VehicleSpec
 ) -> list[str]:
     """List what is wrong with the landings of a fixed wing; PX4 refuses an approach that is too steep.
 
@@ -127,18 +127,18 @@ def landing_problems(
     parameter, steepest = bound
     problems = []
     before: tuple[int, Position] | None = None
-    for seq, (item, place) in enumerate(zip(items, places, strict=True)):
+    for seq, (item, position) in enumerate(zip(items, positions, strict=True)):
         if item.command == Command.NAV_LAND:
             if before is None:
-                problems.append(f"item {seq} (NAV_LAND): no place before it to approach it from")
-            elif before[0] == _WAYPOINT and not math.isnan(place[0] + before[1][0]):
-                way = math.hypot(place[0] - before[1][0], place[1] - before[1][1])
-                slope = math.degrees(math.atan2(before[1][2], max(way, 1e-3)))
+                problems.append(f"item {seq} (NAV_LAND): no position before it to approach it from")
+            elif before[0] == _WAYPOINT and not math.isnan(position[0] + before[1][0]):
+                distance = math.hypot(position[0] - before[1][0], position[1] - before[1][1])
+                slope = math.degrees(math.atan2(before[1][2], max(distance, 1e-3)))
                 if slope > steepest + 0.05:
                     problems.append(
                         f"item {seq} (NAV_LAND): the approach of {slope:.1f} degrees is steeper than "
                         f"{parameter} {steepest:g}: begin it farther away or lower"
                     )
-        if item.command in _PLACED or item.command == Command.NAV_TAKEOFF:
-            before = (item.command, place)
+        if item.command in _WITH_POSITION or item.command == Command.NAV_TAKEOFF:
+            before = (item.command, position)
     return problems

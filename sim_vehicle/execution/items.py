@@ -10,7 +10,7 @@ import numpy as np
 
 from mission.model import Command, Frame, MissionItem
 from sim_vehicle.autopilot import flight_procedures
-from sim_vehicle.execution.fixed_wing_items import fixed_wing_leg, lands, must_circle, next_place
+from sim_vehicle.execution.fixed_wing_items import fixed_wing_leg, lands, must_circle, next_position
 from sim_vehicle.execution.leg_plan import AfterLastLeg, LegPlan
 from sim_vehicle.execution.legs import circle_legs, spline_legs
 from sim_vehicle.motion.legs import ALONG, KEEP, Heading, Leg
@@ -22,19 +22,19 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Position
 
-# Items that are executed between two places.
+# Items that are executed between two positions.
 DO_COMMANDS = frozenset(
     {112, 114, 115, 177, 178, 179, 189, 195, 197, 201, 203, 205, 206, 214, 530}
     | {1000, 1001, 2000, 2001, 2003, 2500, 2501}
 )
 CAMERA_COMMANDS = frozenset({203, 206, 214, 530, 2000, 2001, 2003})
 CONDITIONS = frozenset({int(Command.CONDITION_DELAY), int(Command.CONDITION_DISTANCE)})
-PLACE_COMMANDS = frozenset({16, 17, 18, 19, 31, 82})
-# Flown through to the next place without a pause.
+POSITION_COMMANDS = frozenset({16, 17, 18, 19, 31, 82})
+# Flown through to the next position without a pause.
 PASSED_COMMANDS = frozenset({16, 82})
 # What the vehicle does with them is known only when they are executed.
 SURPRISING_COMMANDS = frozenset({115, 179, 195, 197, 201})
-NAV_COMMANDS = PLACE_COMMANDS | {20, 21, 22, 93}
+NAV_COMMANDS = POSITION_COMMANDS | {20, 21, 22, 93}
 HERE_COMMANDS = frozenset({17, 18, 19, 21, 22, 31})
 MAX_TURNS = 100.0
 MAX_LEGS = 4096
@@ -52,7 +52,7 @@ class Settings:
     speed_m_s : float
         Ground speed.
     heading : Heading
-        On the way to the next place if that sets none.
+        Until the next position if that sets none.
     climb_m_s, descent_m_s : float or None
         Vertical speeds, None for the vehicle's own.
     jumps : dict
@@ -81,9 +81,9 @@ def number(value: float | None, default: float = 0.0) -> float:
     return default if value is None else value
 
 
-def item_places(items: Sequence[MissionItem], frame: LocalFrame) -> list[Position]:
-    """Return east, north, up about home of each item; NaN where it has no place of its own."""
-    places = np.full((len(items), 3), np.nan)
+def item_positions(items: Sequence[MissionItem], frame: LocalFrame) -> list[Position]:
+    """Return east, north, up about home of each item; NaN where it has no position of its own."""
+    positions = np.full((len(items), 3), np.nan)
     index = [i for i, item in enumerate(items) if item.has_place]
     if index:
         latitude = np.array([items[i].x for i in index])
@@ -94,21 +94,21 @@ def item_places(items: Sequence[MissionItem], frame: LocalFrame) -> list[Positio
         here = (latitude == 0.0) & (longitude == 0.0)
         if here.any():
             here &= np.array([items[i].command in HERE_COMMANDS for i in index])
-        places[index] = np.column_stack([np.where(here, np.nan, x), np.where(here, np.nan, y), height])
-    return [(x, y, z) for x, y, z in places.tolist()]
+        positions[index] = np.column_stack([np.where(here, np.nan, x), np.where(here, np.nan, y), height])
+    return [(x, y, z) for x, y, z in positions.tolist()]
 
 
 def do_items(
     items: Sequence[MissionItem], start: int, settings: Settings, top_speed_m_s: float
 ) -> tuple[list[int], int]:
-    """Execute the items before the next place on the settings.
+    """Execute the items before the next position on the settings.
 
     Returns
     -------
     done : list of int
         The items that were executed, in order.
     next : int
-        The next place item or condition; ``len(items)`` at the end, -1 if jumps never lead to a place.
+        The next item with a position or a condition; ``len(items)`` at the end, -1 when jumps go round.
     """
     done: list[int] = []
     seq = start
@@ -180,7 +180,7 @@ def time_of_day_wait_s(item: MissionItem, unix_s: float) -> float:
 
 
 def condition_items(items: Sequence[MissionItem], start: int) -> list[int]:
-    """Return the condition at ``start`` and the items that wait for it, up to the next place or jump."""
+    """Return the condition at ``start`` and the items that wait for it, up to the next position or jump."""
     group = []
     for seq in range(start, len(items)):
         command = items[seq].command
@@ -192,16 +192,16 @@ def condition_items(items: Sequence[MissionItem], start: int) -> list[int]:
 
 def plan_item_legs(
     items: Sequence[MissionItem],
-    places: Sequence[Position],
+    positions: Sequence[Position],
     seq: int,
     settings: Settings,
     spec: VehicleSpec,
     here: Position,
     return_point: Position = (0.0, 0.0, 0.0),
 ) -> LegPlan:
-    """Return the legs from the place item ``seq`` on, as far as they are flown without a pause.
+    """Return the legs from item ``seq``, which has a position,, as far as they are flown without a pause.
 
-    ``settings`` is a copy to look ahead with; ``here`` is where the vehicle is, ``return_point`` where it
+    ``settings`` is a copy to plan ahead with; ``here`` is where the vehicle is, ``return_point`` where it
     returns to and the least height of the path there.
     """
     plan = LegPlan()
@@ -212,23 +212,25 @@ def plan_item_legs(
         item = items[seq]
         circle = None
         if circling:
-            place = _placed(places[seq], last)
-            circle = fixed_wing_leg(item, place, settings.speed_m_s, spec, next_place(items, places, seq))
+            position = _position_or_last(positions[seq], last)
+            circle = fixed_wing_leg(
+                item, position, settings.speed_m_s, spec, next_position(items, positions, seq)
+            )
         if circle is not None:
-            last = place
+            last = position
             plan.add(circle.leg, seq, done=circle.goes_on)
             if circle.forever:
                 plan.after_last = AfterLastLeg.FOREVER
             elif circle.wait_s is not None:
                 plan.after_last, plan.wait_s = AfterLastLeg.WAIT, circle.wait_s
         elif item.command == _SPLINE:
-            end = _placed(places[seq], last)
-            ahead = _place_ahead(items, places, seq)
+            end = _position_or_last(positions[seq], last)
+            ahead = _position_ahead(items, positions, seq)
             tangent = _spline_legs(plan, item, seq, settings, spec, (last, end, ahead), tangent)
             last = end
         else:
             before = last
-            last = _item_legs(plan, item, places[seq], seq, settings, spec, last, return_point)
+            last = _item_legs(plan, item, positions[seq], seq, settings, spec, last, return_point)
             tangent = (0.0, 0.0, 0.0)
             if item.command == _WAYPOINT:
                 tangent = (last[0] - before[0], last[1] - before[1], last[2] - before[2])
@@ -258,12 +260,12 @@ def _surprises(item: MissionItem) -> bool:
     return vertical or item.command in SURPRISING_COMMANDS
 
 
-def _placed(place: Position, last: Position) -> Position:
-    return (last[0], last[1], place[2]) if math.isnan(place[0]) else place
+def _position_or_last(position: Position, last: Position) -> Position:
+    return (last[0], last[1], position[2]) if math.isnan(position[0]) else position
 
 
-def _place_ahead(items: Sequence[MissionItem], places: Sequence[Position], seq: int) -> Position | None:
-    """Return the place after a spline waypoint that is flown through to, None when it stops there."""
+def _position_ahead(items: Sequence[MissionItem], positions: Sequence[Position], seq: int) -> Position | None:
+    """Return the position after a spline waypoint that is flown through to, None when it stops there."""
     if number(items[seq].param1) > 0.0:
         return None
     following = seq + 1
@@ -273,7 +275,7 @@ def _place_ahead(items: Sequence[MissionItem], places: Sequence[Position], seq: 
         following += 1
     if following >= len(items) or items[following].command not in PASSED_COMMANDS:
         return None
-    return None if math.isnan(places[following][0]) else places[following]
+    return None if math.isnan(positions[following][0]) else positions[following]
 
 
 def _spline_legs(
@@ -300,7 +302,7 @@ def _spline_legs(
 def _item_legs(
     plan: LegPlan,
     item: MissionItem,
-    place: Position,
+    position: Position,
     seq: int,
     settings: Settings,
     spec: VehicleSpec,
@@ -309,7 +311,7 @@ def _item_legs(
 ) -> Position:
     """Append the legs of one item and return where they end."""
     command = item.command
-    x, y, z = _placed(place, last)
+    x, y, z = _position_or_last(position, last)
     speed = settings.speed_m_s
     radius = spec.acceptance_radius_m
     heading = settings.heading

@@ -1,4 +1,4 @@
-"""One plan of legs, or one velocity, as the motion flies it; the way to the ground, and contact with it."""
+"""One plan of legs, or one velocity, as the motion flies it; the descent, and contact with the ground."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _FALL_M_S3 = 90.0
 
 @dataclass(slots=True)
 class Waiting:
-    """What waits on the way for a condition; it goes with the plan that is flown.
+    """What waits in flight for a condition; it goes with the plan that is flown.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ class LegFollower:
             self.landed = LandedState.IN_AIR
 
     def descend(self) -> None:
-        """Note that the last part of the way down has begun."""
+        """Note that the last part of the descent has begun."""
         self.landed = LandedState.LANDING
         if self.phase is FlightPhase.RETURN:
             self.phase = FlightPhase.LAND

@@ -7,14 +7,15 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from mission.model import Command
+from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.execution.items import (
     CAMERA_COMMANDS,
     CONDITIONS,
-    PLACE_COMMANDS,
+    POSITION_COMMANDS,
     Settings,
     condition_items,
     do_items,
-    item_places,
+    item_positions,
     number,
     plan_item_legs,
     time_of_day_wait_s,
@@ -50,8 +51,6 @@ _GAVE_UP = -2
 _LANDING_COMMANDS = frozenset({16, 18, 19, 21, 31})
 _WAYPOINT = int(Command.NAV_WAYPOINT)
 ROI_COMMANDS = frozenset({195, 197, 201})
-EPOCH_UNIX_S = 1_780_315_200.0
-"""Time of day at time 0 unless another is given: 2026-06-01T12:00:00Z."""
 
 
 class MissionSequencer:
@@ -96,21 +95,21 @@ class MissionSequencer:
         self.current_seq = -1
         self.settings = self._default_settings()
         self.return_points = ReturnPoints()
-        self._places: list[Position] = []
+        self._positions: list[Position] = []
         self._replan = False
 
     def load(
-        self, items: Sequence[MissionItem], places: list[Position] | None = None, current: int = 0
+        self, items: Sequence[MissionItem], positions: list[Position] | None = None, current: int = 0
     ) -> None:
         """Replace the mission, to begin at an item; a vehicle that is flying one holds.
 
-        ``places`` are those of `sim_vehicle.execution.items.item_places`, when they are known already.
+        ``positions`` are those of `sim_vehicle.execution.items.item_positions`, when they are known already.
         """
         follower = self.follower
         if follower.phase is FlightPhase.MISSION:
             follower.hold()
         self.items = tuple(items)
-        self._places = item_places(self.items, self.frame) if places is None else places
+        self._positions = item_positions(self.items, self.frame) if positions is None else positions
         self.settings = self._default_settings()
         self.current_seq = min(current, len(self.items) - 1)
         follower.look_at(None)
@@ -172,7 +171,7 @@ class MissionSequencer:
             _, seq = do_items(self.items, seq, settings, spec.top_speed_m_s)
             if not 0 <= seq < len(self.items) or self.items[seq].command not in _LANDING_COMMANDS:
                 return []
-            plan = plan_item_legs(self.items, self._places, seq, settings, spec, here, self.return_point())
+            plan = plan_item_legs(self.items, self._positions, seq, settings, spec, here, self.return_point())
             legs += plan.legs
             here = legs[-1].end_m
             if plan.after_last is AfterLastLeg.TOUCHDOWN:
@@ -238,7 +237,7 @@ class MissionSequencer:
         )
 
     def _plan_needs_care(self) -> bool:
-        """Whether legs have to be looked at one by one even in a prediction."""
+        """Whether legs have to be handled one by one even in a prediction."""
         follower = self.follower
         plan = follower.plan
         return bool(follower.waiting.seqs) or (plan is not None and (plan.open or plan.unsure))
@@ -317,7 +316,7 @@ class MissionSequencer:
         self._fly_from(self._between(seq, time_s), time_s)
 
     def _between(self, seq: int, time_s: float) -> int:
-        """Execute the items from ``seq`` to the next place and return it; `_GAVE_UP` when there is none."""
+        """Execute the items up to the next one with a position; return it, or `_GAVE_UP`."""
         follower = self.follower
         self.settings.heading = ALONG
         if follower.waiting.seqs:
@@ -333,7 +332,7 @@ class MissionSequencer:
             for index in done:
                 self._announce(index, time_s)
             if following < 0:
-                self._give_up("jumps never lead to a place", seq)
+                self._give_up("jumps never lead to a position", seq)
                 return _GAVE_UP
             if following >= len(self.items) or self.items[following].command not in CONDITIONS:
                 break
@@ -352,10 +351,10 @@ class MissionSequencer:
         if command in CAMERA_COMMANDS:
             follower.tell(CameraCommand(time_s, seq, item))
         elif command in ROI_COMMANDS:
-            x, y, _ = self._places[seq]
+            x, y, _ = self._positions[seq]
             follower.look_at(None if math.isnan(x) else (x, y))
         elif command == Command.DO_SET_HOME:
-            here = follower.motion.position_m[:2] if number(item.param1) == 1.0 else self._places[seq][:2]
+            here = follower.motion.position_m[:2] if number(item.param1) == 1.0 else self._positions[seq][:2]
             if not math.isnan(here[0]):
                 self.return_points.home_m = here
                 follower.tell(HomeMoved(time_s, *here))
@@ -380,7 +379,7 @@ class MissionSequencer:
         before = self.settings.copy()
         follower.waiting.step = None
         self._execute(follower.waiting.seqs.pop(0), time_s)
-        # At the place itself, where a pause runs, there is no way left to wait on.
+        # At the position itself, where a pause runs, there is no path left on which to wait.
         while follower.waiting.seqs and (follower.timer is not None or not self._waits()):
             self._execute(follower.waiting.seqs.pop(0), time_s)
         if follower.timer is None and (follower.waiting.seqs or self.settings != before):
@@ -395,7 +394,7 @@ class MissionSequencer:
         return first in CONDITIONS if command is None else first == command
 
     def _fly_from(self, seq: int, time_s: float) -> None:
-        """Plan the legs from a place item on and begin to fly them."""
+        """Plan the legs from an item with a position on and begin to fly them."""
         follower = self.follower
         if seq == _GAVE_UP:
             return
@@ -406,14 +405,14 @@ class MissionSequencer:
         command = self.items[seq].command
         drives = follower.spec.kind == "rover"
         climbs = follower.landed is LandedState.ON_GROUND and command != Command.NAV_TAKEOFF and not drives
-        if climbs and not (self.takes_off and command in PLACE_COMMANDS):
+        if climbs and not (self.takes_off and command in POSITION_COMMANDS):
             self._on_ground(seq)
             return
         if self._waits(Command.CONDITION_DELAY):
             delay = number(self.items[follower.waiting.seqs[0]].param1)
             follower.waiting.step = follower.motion.step + max(1, round(delay / follower.motion.step_s))
         here = follower.motion.position_m
-        if math.isnan(self._places[seq][0]) and command not in (
+        if math.isnan(self._positions[seq][0]) and command not in (
             Command.NAV_TAKEOFF,
             Command.NAV_RETURN_TO_LAUNCH,
         ):
@@ -423,9 +422,9 @@ class MissionSequencer:
         if command in (Command.NAV_RETURN_TO_LAUNCH, Command.NAV_LAND):
             follower.look_at(None)
         if climbs:
-            here = (here[0], here[1], max(self._places[seq][2], follower.spec.takeoff_altitude_m))
+            here = (here[0], here[1], max(self._positions[seq][2], follower.spec.takeoff_altitude_m))
         plan = plan_item_legs(
-            self.items, self._places, seq, self.settings.copy(), follower.spec, here, self.return_point()
+            self.items, self._positions, seq, self.settings.copy(), follower.spec, here, self.return_point()
         )
         if climbs:
             plan.prepend(Leg(here, self.settings.speed_m_s, follower.spec.acceptance_radius_m, KEEP), seq)

@@ -27,7 +27,7 @@ class FlightPhase(Enum):
     TAKEOFF = "taking off"
     MISSION = "flying the mission"
     HOLD = "holding"
-    GOTO = "flying to a place"
+    GOTO = "flying to a position"
     RETURN = "returning home"
     LAND = "landing"
     STEERED = "flying as it is told"

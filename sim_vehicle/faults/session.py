@@ -7,30 +7,34 @@ seed and inputs give the same bytes.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from copy import copy
+from typing import Any
 
 from numpy.random import SeedSequence
 
 from geo.seeds import stream
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
+from mission.link.codec.typed import is_a
 from mission.link.faults import Faults, FaultyChannel
-from sim_vehicle.component import NEVER, Component
+from mission.transfer import wire
+from sim_vehicle.component import NEVER, Component, SaysGoodbye
 from sim_vehicle.faults.fault import Direction, Fault, FaultError, parse_fault
 from sim_vehicle.faults.vehicle import break_vehicle
 
-__all__ = ["FaultSession", "FaultyComponent", "FaultyLink"]
+__all__ = ["FaultSession", "FaultyComponent", "FaultyLink", "check_vehicles"]
 
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
-_REQUESTS = frozenset({m.MAVLINK_MSG_ID_MISSION_REQUEST, m.MAVLINK_MSG_ID_MISSION_REQUEST_INT})
-_ITEMS = frozenset({m.MAVLINK_MSG_ID_MISSION_ITEM, m.MAVLINK_MSG_ID_MISSION_ITEM_INT})
-_UNHEARD = {"no-list": m.MAVLINK_MSG_ID_MISSION_REQUEST_LIST, "no-count": m.MAVLINK_MSG_ID_MISSION_COUNT}
+_IGNORED_REQUESTS = {
+    "no-list": m.MAVLINK_MSG_ID_MISSION_REQUEST_LIST,
+    "no-count": m.MAVLINK_MSG_ID_MISSION_COUNT,
+}
 _REQUESTED = {
     m.MAVLINK_MSG_ID_MISSION_COUNT: "upload",
     m.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: "download",
 }
-_MOST_FAILED_PICTURES = 100_000
+_MOST_FAILED_IMAGES = 100_000
 _FEWEST_PORT = 1000
 
 
@@ -87,11 +91,7 @@ class FaultSession:
             If a fault names a vehicle that is not among them.
         """
         systems = {c.system_id for c in components if c.component_id == _AUTOPILOT}
-        for fault in self.faults:
-            if fault.vehicle is not None and fault.vehicle not in systems:
-                there = ", ".join(map(str, sorted(systems))) or "none"
-                msg = f"fault {fault}: there is no vehicle {fault.vehicle}; the systems are {there}"
-                raise FaultError(msg)
+        check_vehicles(self.faults, systems)
         wrapped: list[Component] = []
         triggered = any(fault.trigger != "start" for fault in self.faults)
         for component in components:
@@ -107,6 +107,28 @@ class FaultSession:
         """
         faults = [f for f in self.faults if f.group == "link" and _names(f.link, name, number)]
         return FaultyLink(faults, self, self._seed, f"{number}.{client}") if faults else None
+
+
+def check_vehicles(faults: Iterable[Fault], systems: Collection[int]) -> None:
+    """Check that the vehicles that faults name are there.
+
+    Parameters
+    ----------
+    faults : iterable of Fault
+        What is to go wrong.
+    systems : collection of int
+        MAVLink systems of the vehicles.
+
+    Raises
+    ------
+    FaultError
+        If a fault names a vehicle that is not among them.
+    """
+    for fault in faults:
+        if fault.vehicle is not None and fault.vehicle not in systems:
+            there = ", ".join(map(str, sorted(systems))) or "none"
+            msg = f"fault {fault}: there is no vehicle {fault.vehicle}; the systems are {there}"
+            raise FaultError(msg)
 
 
 def _names(wanted: str | None, name: str, number: int) -> bool:
@@ -149,32 +171,34 @@ class FaultyLink:
     ) -> None:
         self._session = session
         self._faults = {
-            way: [fault for fault in faults if fault.direction in (way, "both")] for way in ("up", "down")
+            direction: [fault for fault in faults if fault.direction in (direction, "both")]
+            for direction in ("up", "down")
         }
         self._combined: dict[tuple[Fault, ...], Faults] = {}
         self._channels = {
-            way: FaultyChannel(Faults(), stream(seed, "link", name, way)) for way in ("up", "down")
+            direction: FaultyChannel(Faults(), stream(seed, "link", name, direction))
+            for direction in ("up", "down")
         }
 
-    def send(self, way: Direction, frame: bytes, system: int, now_s: float) -> None:
+    def send(self, direction: Direction, frame: bytes, system: int, now_s: float) -> None:
         """Put a frame to or from this vehicle (0: all) on the air."""
-        channel = self._channels[way]
-        channel.faults = self._now(way, system, now_s)
+        channel = self._channels[direction]
+        channel.faults = self._now(direction, system, now_s)
         channel.send(frame, now_s)
 
-    def receive(self, way: Direction, now_s: float) -> list[bytes]:
+    def receive(self, direction: Direction, now_s: float) -> list[bytes]:
         """Return the frames that have arrived."""
-        return self._channels[way].receive(now_s)
+        return self._channels[direction].receive(now_s)
 
     def next_arrival(self) -> float:
         """When the next frame arrives, `NEVER` if none is on the air."""
-        up_s, down_s = (self._channels[way].next_arrival() for way in ("up", "down"))
+        up_s, down_s = (self._channels[direction].next_arrival() for direction in ("up", "down"))
         return min(NEVER if up_s is None else up_s, NEVER if down_s is None else down_s)
 
-    def _now(self, way: Direction, system: int, now_s: float) -> Faults:
+    def _now(self, direction: Direction, system: int, now_s: float) -> Faults:
         key = tuple(
             fault
-            for fault in self._faults[way]
+            for fault in self._faults[direction]
             if fault.vehicle in (None, system) and self._session.is_active(fault, None, now_s)
         )
         found = self._combined.get(key)
@@ -228,7 +252,7 @@ class FaultyComponent:
         self._left: dict[Fault, float] = {f: math.inf if f.times is None else f.times for f in self._messages}
         self._stuck = [fault for fault in self._broken if fault.kind == "stuck-camera"]
         self._failed: set[int] = set()
-        self._next_picture = 0
+        self._next_image = 0
         self._last_failed = False
         self._armed = self._flew = False
         self._now_s = -math.inf
@@ -261,6 +285,12 @@ class FaultyComponent:
         edge_s = min(edges, default=NEVER)
         return edge_s if self._silent(self._now_s) else min(edge_s, self.inner.next_deadline())
 
+    def goodbye(self) -> list[Message]:
+        """The component's last messages, unless it has none or a fault swallows them."""
+        if not isinstance(self.inner, SaysGoodbye) or self._silent(self._now_s):
+            return []
+        return self._spoil(self.inner.goodbye(), self._now_s)
+
     def _silent(self, now_s: float) -> bool:
         return any(self._session.is_active(fault, self.system_id, now_s) for fault in self._silences)
 
@@ -282,15 +312,15 @@ class FaultyComponent:
         return True
 
     def _swallows(self, message: Message, now_s: float) -> bool:
-        """Whether a message to the component is not heard."""
+        """Whether a message to the component is not received."""
         number = type(message).id
         for fault in self._messages:
             if fault.kind == "drop":
                 fits = number == fault.number and fault.direction in ("up", "both")
             elif fault.kind == "no-request":
-                fits = number in _REQUESTS and message.seq == fault.number
+                fits = wire.is_request(message) and message.seq == fault.number
             else:
-                fits = _UNHEARD.get(fault.kind) == number
+                fits = _IGNORED_REQUESTS.get(fault.kind) == number
             if fits and self._take(fault, now_s):
                 return True
         return False
@@ -310,22 +340,21 @@ class FaultyComponent:
                 spoiled = change(message, fault)
                 break
             if spoiled is not None and self._stuck:
-                spoiled = self._picture(spoiled)
+                spoiled = self._fail_image(spoiled)
             if spoiled is not None:
                 sent.append(spoiled)
         return sent
 
-    def _picture(self, message: Message) -> Message | None:
-        """Make a picture fail that is taken with a stuck shutter, also when it is asked for later."""
-        number = type(message).id
-        if number == m.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY:
+    def _fail_image(self, message: Message) -> Message | None:
+        """Make an image fail that is taken with a stuck shutter, also when it is asked for later."""
+        if is_a(message, m.MAVLink_debug_float_array_message):
             return None if self._last_failed else message
-        if number != m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED:
+        if not is_a(message, m.MAVLink_camera_image_captured_message):
             return message
         index = message.image_index
-        if index >= self._next_picture:
-            self._next_picture = index + 1
-            if any(self._broken.values()) and len(self._failed) < _MOST_FAILED_PICTURES:
+        if index >= self._next_image:
+            self._next_image = index + 1
+            if any(self._broken.values()) and len(self._failed) < _MOST_FAILED_IMAGES:
                 self._failed.add(index)
         self._last_failed = index in self._failed
         if self._last_failed:
@@ -334,21 +363,20 @@ class FaultyComponent:
         return message
 
     def _watch(self, message: Message, now_s: float) -> None:
-        """Look for what triggers faults."""
-        number = type(message).id
+        """Check what triggers faults."""
         fire, system = self._session.fire, self.system_id
-        if number == m.MAVLINK_MSG_ID_HEARTBEAT and self.component_id == _AUTOPILOT:
+        if is_a(message, m.MAVLink_heartbeat_message) and self.component_id == _AUTOPILOT:
             armed = bool(message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
             if armed and not self._armed:
                 fire(system, "armed", now_s)
             self._armed = armed
-        elif number == m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
+        elif is_a(message, m.MAVLink_extended_sys_state_message):
             if message.landed_state == m.MAV_LANDED_STATE_IN_AIR:
                 self._flew = True
                 fire(system, "airborne", now_s)
             elif message.landed_state == m.MAV_LANDED_STATE_ON_GROUND and self._flew:
                 fire(system, "landed", now_s)
-        elif number == m.MAVLINK_MSG_ID_MISSION_CURRENT and self._armed:
+        elif is_a(message, m.MAVLink_mission_current_message) and self._armed:
             fire(system, f"item:{message.seq}", now_s)
 
 
@@ -358,18 +386,18 @@ def _fits(fault: Fault, message: Message) -> bool:
     if kind == "drop":
         return bool(number == fault.number and fault.direction in ("down", "both"))
     if kind in ("no-final-ack", "final-ack-error"):
-        return bool(number == m.MAVLINK_MSG_ID_MISSION_ACK and message.type == m.MAV_MISSION_ACCEPTED)
-    if number in _REQUESTS:
-        return bool(message.seq == fault.number)
-    return bool(number in _ITEMS and kind != "early-final-ack" and message.seq == fault.number)
+        return is_a(message, m.MAVLink_mission_ack_message) and message.type == m.MAV_MISSION_ACCEPTED
+    if wire.is_request(message):
+        return message.seq == fault.number
+    return wire.is_item(message) and kind != "early-final-ack" and message.seq == fault.number
 
 
 def _gone(_message: Message, _fault: Fault) -> None:
     return None
 
 
-def _acknowledge(result: int) -> Callable[[Message, Fault], Message]:
-    def change(message: Message, _fault: Fault) -> Message:
+def _acknowledge(result: int) -> Callable[[wire.MissionMessage, Fault], Message]:
+    def change(message: wire.MissionMessage, _fault: Fault) -> Message:
         return m.MAVLink_mission_ack_message(
             message.target_system, message.target_component, result, message.mission_type
         )
@@ -377,19 +405,19 @@ def _acknowledge(result: int) -> Callable[[Message, Fault], Message]:
     return change
 
 
-def _next_item(message: Message, _fault: Fault) -> Message:
+def _next_item(message: wire.ItemMessage | wire.RequestMessage, _fault: Fault) -> Message:
     spoiled = copy(message)
     spoiled.seq += 1
     return spoiled
 
 
-def _other_result(message: Message, fault: Fault) -> Message:
+def _other_result(message: wire.AckMessage, fault: Fault) -> Message:
     spoiled = copy(message)
     spoiled.type = int(fault.number)
     return spoiled
 
 
-_CHANGES: dict[str, Callable[[Message, Fault], Message | None]] = {
+_CHANGES: dict[str, Callable[[Any, Fault], Message | None]] = {
     "drop": _gone,
     "no-request": _gone,
     "no-final-ack": _gone,

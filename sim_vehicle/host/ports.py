@@ -40,7 +40,7 @@ class ServerUrl:
 
 
 class Client:
-    """One peer: a stream of bytes each way.
+    """One peer: a stream of bytes in each direction.
 
     Frames to send are collected and go out together with `flush`, as autopilots do: fewer, larger datagrams.
 
@@ -64,7 +64,7 @@ class Client:
         self.system: int | None = None
         self.radio: FaultyLink | None = None
         self.alive = True
-        self.heard_s = time.monotonic()
+        self.last_received_s = time.monotonic()
         self._write = write
         self._outgoing = bytearray()
         self._frames: list[bytes] = []
@@ -76,11 +76,11 @@ class Client:
         frames = self._frames[:]
         self._frames.clear()
         if frames:
-            self.heard_s = time.monotonic()
+            self.last_received_s = time.monotonic()
         return frames
 
     def send(self, frame: bytes) -> None:
-        """Put a frame on the way."""
+        """Send a frame."""
         if len(self._outgoing) + len(frame) > _DATAGRAM_BYTES:
             self.flush()
         self._outgoing += frame
@@ -145,7 +145,7 @@ class _UdpPort:
         if len(self._peers) > (self._fixed is not None):
             oldest_s = time.monotonic() - _SILENCE_S
             for peer, client in list(self._peers.items()):
-                if client.heard_s < oldest_s and peer != self._fixed:
+                if client.last_received_s < oldest_s and peer != self._fixed:
                     client.alive = False
                     del self._peers[peer]
         return list(self._peers.values())

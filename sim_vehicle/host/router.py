@@ -1,8 +1,8 @@
 """Where frames go: what the virtual-clock host and the server share.
 
 The rules are those of mavlink-router: a frame for everybody goes to everybody but its sender; a frame for one
-address goes where that address was heard (or to the system's autopilot, which knows what to refuse), and
-nowhere when its system was never heard.
+address goes to the ports that the address has sent from (or to the system's autopilot, which knows what to
+refuse), and nowhere when its system never sent anything.
 """
 
 from __future__ import annotations
@@ -84,12 +84,12 @@ def _format_pieces(code: str) -> Iterable[str]:
 
 
 class RoutingTable(Generic[Port]):
-    """Which addresses were heard at which port.
+    """Which addresses have sent at which port.
 
     Examples
     --------
     >>> table = RoutingTable()
-    >>> table.heard("radio", (255, 190)), table.heard("bus", (1, 100)), table.heard("bus", (1, 100))
+    >>> table.learn("radio", (255, 190)), table.learn("bus", (1, 100)), table.learn("bus", (1, 100))
     (True, True, False)
     >>> table.destinations((1, 0), "radio", ["radio", "bus"])
     ['bus']
@@ -102,7 +102,7 @@ class RoutingTable(Generic[Port]):
     def __init__(self) -> None:
         self._known: dict[Port, set[Address]] = {}
 
-    def heard(self, port: Port, address: Address) -> bool:
+    def learn(self, port: Port, address: Address) -> bool:
         """Remember that this address lives behind this port (at most 256 for one port); True if it is new."""
         known = self._known.setdefault(port, set())
         if address in known or len(known) >= self._LIMIT:

@@ -10,7 +10,8 @@ from typing import Self
 
 from numpy.random import SeedSequence
 
-from mission.link.codec.frames import FrameReader, FrameWriter, Message, valid_frame_end
+from mission.link.codec.dialect import Message
+from mission.link.codec.frames import FrameReader, FrameWriter, valid_frame_end
 from mission.link.codec.signing import SETUP_SIGNING, Signing
 from sim_vehicle.component import NEVER, Component, SaysGoodbye
 from sim_vehicle.errors import VehicleError
@@ -68,7 +69,7 @@ class Server:
     seed : int or numpy.random.SeedSequence
         Of the faults.
     signing : Signing, optional
-        Signs what the components send; of clients only what it accepts is heard and passed on.
+        Signs what the components send; of clients only what it accepts is received and forwarded.
 
     Attributes
     ----------
@@ -117,7 +118,7 @@ class Server:
         self._locals = [_Local(component, signing) for component in session.wrap(components)]
         self._table: RoutingTable[_Port] = RoutingTable()
         for local, address in zip(self._locals, addresses, strict=True):
-            self._table.heard(local, address)
+            self._table.learn(local, address)
         self._reader = FrameReader()
         self._inbox: deque[tuple[bytes, _Port]] = deque()
         self._routes: dict[tuple[_Port, int, tuple[int, int]], _Route] = {}
@@ -219,7 +220,7 @@ class Server:
             if self.speed == NEVER:
                 return
             if time.monotonic() - began_s > _BURST_S:
-                # Behind the wall clock: look at the sockets, and let time stretch rather than pile up.
+                # Behind the wall clock: poll the sockets, and let time stretch rather than pile up.
                 lag_s = clock_s - self.now_s - _LARGEST_LAG_S * self.speed
                 self._origin_s -= max(0.0, lag_s)
                 return
@@ -254,7 +255,7 @@ class Server:
     def _take(self, client: Client, frame: bytes) -> None:
         if self._signing is not None and not self._signing.accepts(frame, frame_id(frame)):
             return
-        if self._table.heard(client, frame_source(frame)):
+        if self._table.learn(client, frame_source(frame)):
             self._routes.clear()
         self._inbox.append((frame, client))
 

@@ -37,7 +37,7 @@ class StopReason(Enum):
     TIME_LIMIT = "time limit"
     """The time limit passed first."""
     IDLE = "idle"
-    """Nothing can happen any more: no message is under way and no component has a deadline."""
+    """Nothing can happen any more: no message is in transit and no component has a deadline."""
     STALLED = "stalled"
     """The components keep each other busy and time does not go on."""
     STOPPED = "stopped"
@@ -51,7 +51,7 @@ class Impairment:
     Parameters
     ----------
     loss, duplication : float
-        Probabilities for one frame on one way, 0 to 1.
+        Probabilities for one frame in one direction, 0 to 1.
     delay_s, jitter_s : float
         Each frame is late by `delay_s` plus a uniform part of `jitter_s` (which reorders frames).
     seed : int or numpy.random.SeedSequence
@@ -105,7 +105,7 @@ class Simulation:
     seed : int or numpy.random.SeedSequence
         Of the faults (the impairment has its own).
     signing : Signing, optional
-        Signs what the components send; of `open_link` only what it accepts is heard and passed on.
+        Signs what the components send; of `open_link` only what it accepts is received and forwarded.
 
     Attributes
     ----------
@@ -158,7 +158,7 @@ class Simulation:
             if any((c.system_id, c.component_id) == address for c in components[:port]):
                 msg = f"simulation: two components have the address {address}; give each its own"
                 raise VehicleError(msg)
-            self._table.heard(port, address)
+            self._table.learn(port, address)
         self._routes: dict[tuple[int, int, int], tuple[int, ...]] = {}
         self._inbox: deque[tuple[tuple[int, ...], bytes]] = deque()
         self._links: list[VirtualLink] = []
@@ -268,7 +268,7 @@ class Simulation:
                 self._inbox.append(((port,), frame))
 
     def _send(self, source: int, messages: Iterable[mavlink.MAVLink_message]) -> None:
-        """Pack each message once and put its bytes on the way."""
+        """Pack each message once and send its bytes."""
         encode, tap, inbox, routes = self._writers[source].encode, self._tap, self._inbox, self._routes
         plain = not self._links and not self._radios
         for message in messages:
@@ -292,7 +292,7 @@ class Simulation:
                 self._forward(frame, ports)
 
     def _send_frame(self, source: int, frame: bytes) -> None:
-        """Put a whole frame of a virtual link on the way."""
+        """Send a whole frame of a virtual link."""
         self.frames += 1
         self.bytes_sent += len(frame)
         message_id = frame_id(frame)
@@ -300,7 +300,7 @@ class Simulation:
             return
         if self._tap is not None and message_id != SETUP_SIGNING:  # a key is never logged
             self._tap(frame, self.now_s)
-        if self._table.heard(source, frame_source(frame)):
+        if self._table.learn(source, frame_source(frame)):
             self._routes.clear()
         target = frame_target(frame)
         if source in self._radios:
@@ -328,7 +328,7 @@ class Simulation:
         return wanted is None or message_id in wanted
 
     def _forward(self, frame: bytes, ports: tuple[int, ...]) -> None:
-        """Put a frame on the way to ports of which some are links or behind radios."""
+        """Send a frame to ports of which some are links or behind radios."""
         near: list[int] = []
         system = frame_source(frame)[0]
         for port in ports:

@@ -6,8 +6,9 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
+from mission.link.codec.typed import CommandMessage
 from mission.model import RELATIVE_FRAMES, Command
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.mavlink.camera_commands import CAMERA_COMMANDS
@@ -71,7 +72,7 @@ class CommandReceiver:
         self._vehicle = vehicle
         self._last: dict[tuple[int, int], tuple[Order, int]] = {}
 
-    def receive(self, message: Message) -> list[Message]:
+    def receive(self, message: CommandMessage) -> list[Message]:
         """Take COMMAND_LONG or COMMAND_INT; the acknowledgement and what follows it."""
         order = order_of(message)
         last = self._last.get(order.source)
@@ -170,9 +171,9 @@ def _mode(mode: Mode) -> Handler:
 
 
 def _reposition(vehicle: CommandedVehicle, order: Order) -> Answer:
-    place = order.place
-    if place is None or order.frame not in (0, 3):
-        msg = "Reposition refused: no place"
+    position = order.position
+    if position is None or order.frame not in (0, 3):
+        msg = "Reposition refused: no position"
         raise RefusedError(msg, denied=True)
     pilot = vehicle.pilot
     altitude = order.params[6] - (0.0 if order.frame in RELATIVE_FRAMES else vehicle.state.home.altitude_m)
@@ -180,12 +181,12 @@ def _reposition(vehicle: CommandedVehicle, order: Order) -> Answer:
         altitude = pilot.state.position_m[2]
     # The heading is in radians here, other than in mission items.
     speed, yaw_rad = order.params[0], order.params[3]
-    looks = math.isfinite(yaw_rad) and vehicle.state.firmware.persona.reposition_turns
+    turns = math.isfinite(yaw_rad) and vehicle.state.firmware.persona.reposition_turns
     pilot.goto(
-        *place,
+        *position,
         altitude,
         mode=vehicle.state.firmware.persona.modes.after_command,
-        heading=Heading.fixed(yaw_rad) if looks else ALONG,
+        heading=Heading.fixed(yaw_rad) if turns else ALONG,
         speed_m_s=speed if speed > 0.0 and math.isfinite(speed) else None,
     )
     return ACCEPTED

@@ -12,21 +12,21 @@ from sim_vehicle.airframe.sensor_errors import SensorNoise
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.autopilot.autopilot import Autopilot
+from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.execution.sequencer import EPOCH_UNIX_S
 from sim_vehicle.host.ports import ServerUrl
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.weather.wind import Wind
 
-__all__ = ["MOST_VEHICLES", "SPACING_M", "Fleet", "fleet_urls", "start_places"]
+__all__ = ["MOST_VEHICLES", "SPACING_M", "Fleet", "fleet_urls", "start_positions"]
 
 MOST_VEHICLES = 250
 """System ids go to 255, and ground stations need some."""
 SPACING_M = 4.0
 
 
-def start_places(home: GeoPoint, count: int, spacing_m: float = SPACING_M) -> list[GeoPoint]:
-    """Return start places around home: the first at home, the others on a square spiral about it.
+def start_positions(home: GeoPoint, count: int, spacing_m: float = SPACING_M) -> list[GeoPoint]:
+    """Return start positions around home: the first at home, the others on a square spiral about it.
 
     Parameters
     ----------
@@ -42,24 +42,24 @@ def start_places(home: GeoPoint, count: int, spacing_m: float = SPACING_M) -> li
 
     Examples
     --------
-    >>> places = start_places(GeoPoint(28.05, -82.15, 10.0), 3)
-    >>> places[0], len({(p.latitude_deg, p.longitude_deg) for p in places})
+    >>> positions = start_positions(GeoPoint(28.05, -82.15, 10.0), 3)
+    >>> positions[0], len({(p.latitude_deg, p.longitude_deg) for p in positions})
     (GeoPoint(latitude_deg=28.05, longitude_deg=-82.15, altitude_m=10.0), 3)
     """
     if not 0.1 <= spacing_m <= 1000.0:
         msg = f"fleet: a spacing of {spacing_m} m is out of range; give 0.1 to 1000 m"
         raise VehicleError(msg)
     frame = LocalFrame(home.latitude_deg, home.longitude_deg, home.altitude_m)
-    places = [home]
+    positions = [home]
     column, row, dx, dy = 0, 0, 1, 0
-    while len(places) < count:
+    while len(positions) < count:
         column, row = column + dx, row + dy
         latitude, longitude = frame.to_wgs84(spacing_m * column, spacing_m * row)
-        places.append(GeoPoint(latitude, longitude, home.altitude_m))
+        positions.append(GeoPoint(latitude, longitude, home.altitude_m))
         # The corners of a square spiral that turns left.
         if column == row or (column < 0 and column == -row) or (column > 0 and column == 1 - row):
             dx, dy = -dy, dx
-    return places[:count]
+    return positions[:count]
 
 
 def fleet_urls(autopilot: Autopilot, count: int) -> tuple[ServerUrl, ...]:
@@ -82,9 +82,9 @@ class Fleet:
     ----------
     spec : VehicleSpec
     home : GeoPoint or sequence of (GeoPoint, heading in degrees)
-        One place for all (they stand `spacing_m` apart around it), or one for each.
+        One position for all (they stand `spacing_m` apart around it), or one for each.
     count : int or None
-        How many; not needed with several places.
+        How many; not needed with several positions.
     autopilot : Autopilot, optional
         Whom they show themselves as; the default autopilot without.
     wind : Wind, optional
@@ -102,7 +102,7 @@ class Fleet:
     Raises
     ------
     VehicleError
-        If the number is not 1 to 250 or does not fit the places.
+        If the number is not 1 to 250 or does not fit the positions.
 
     Examples
     --------
@@ -131,17 +131,17 @@ class Fleet:
             raise VehicleError(msg)
         if isinstance(home, GeoPoint) or given == 1:
             first, heading = (home, 0.0) if isinstance(home, GeoPoint) else home[0]
-            places = [(place, heading) for place in start_places(first, number, spacing_m)]
+            positions = [(position, heading) for position in start_positions(first, number, spacing_m)]
         else:
-            places = list(home)
-        if len(places) != number:
-            msg = f"fleet: {len(places)} homes for {number} vehicles; give one home, or one for each"
+            positions = list(home)
+        if len(positions) != number:
+            msg = f"fleet: {len(positions)} homes for {number} vehicles; give one home, or one for each"
             raise VehicleError(msg)
         self.autopilot = get_autopilot() if autopilot is None else autopilot
         self.vehicles = tuple(
             SimVehicle(
                 spec,
-                place,
+                position,
                 wind=_wind_of(wind, system),
                 noise=None if noise is None else noise.of_vehicle(system),
                 autopilot=self.autopilot,
@@ -149,7 +149,7 @@ class Fleet:
                 yaw_deg=heading,
                 epoch_unix_s=epoch_unix_s,
             )
-            for system, (place, heading) in enumerate(places, 1)
+            for system, (position, heading) in enumerate(positions, 1)
         )
 
     @property

@@ -41,7 +41,7 @@ def terminate(vehicle: CommandedVehicle, order: Order) -> None:
 
 
 def yaw(vehicle: CommandedVehicle, order: Order) -> None:
-    """CONDITION_YAW outside of a mission: turn on the place."""
+    """CONDITION_YAW outside of a mission: turn on the spot."""
     angle = math.radians(order.params[0])
     if not math.isfinite(angle):
         msg = "Yaw refused: no angle"
@@ -52,12 +52,12 @@ def yaw(vehicle: CommandedVehicle, order: Order) -> None:
 
 
 def region(vehicle: CommandedVehicle, order: Order) -> None:
-    """DO_SET_ROI_LOCATION and DO_SET_ROI: point the nose at a place; without one, no more."""
-    place = order.place if order.frame in (0, *RELATIVE_FRAMES) else None
-    if place is None:
+    """DO_SET_ROI_LOCATION and DO_SET_ROI: point the nose at a position; without one, no more."""
+    position = order.position if order.frame in (0, *RELATIVE_FRAMES) else None
+    if position is None:
         vehicle.pilot.look_at(None)
     else:
-        vehicle.pilot.look_at(*place)
+        vehicle.pilot.look_at(*position)
 
 
 def no_region(vehicle: CommandedVehicle, _order: Order) -> None:
@@ -66,12 +66,12 @@ def no_region(vehicle: CommandedVehicle, _order: Order) -> None:
 
 
 def orbit(vehicle: CommandedVehicle, order: Order) -> None:
-    """DO_ORBIT (PX4): radius, speed, -, -, place; what is not given is 10 m, the cruise speed, here."""
+    """DO_ORBIT (PX4): radius, speed, -, -, position; what is not given is 10 m, the cruise speed, here."""
     pilot = vehicle.pilot
     radius, speed = order.params[:2]
-    place = order.place or pilot.frame.to_wgs84(*pilot.state.position_m[:2])
+    position = order.position or pilot.frame.to_wgs84(*pilot.state.position_m[:2])
     pilot.orbit(
-        *place,
+        *position,
         _altitude(vehicle, order, order.params[6]),
         radius_m=radius if math.isfinite(radius) and radius else 10.0,
         speed_m_s=speed if math.isfinite(speed) and speed > 0.0 else pilot.spec.cruise_speed_m_s,
@@ -111,16 +111,16 @@ def land_start(vehicle: CommandedVehicle, _order: Order) -> None:
 
 
 def set_home(vehicle: CommandedVehicle, order: Order) -> None:
-    """DO_SET_HOME: here (1) or at a place; the altitude stays that of the ground."""
+    """DO_SET_HOME: here (1) or at a position; the altitude stays that of the ground."""
     pilot = vehicle.pilot
     if order.params[0] == 1.0:
-        place: tuple[float, float] | None = pilot.frame.to_wgs84(*pilot.state.position_m[:2])
+        position: tuple[float, float] | None = pilot.frame.to_wgs84(*pilot.state.position_m[:2])
     else:
-        place = order.place
-    if place is None:
-        msg = "Home refused: no place"
+        position = order.position
+    if position is None:
+        msg = "Home refused: no position"
         raise RefusedError(msg, denied=True)
-    pilot.set_home(*place)
+    pilot.set_home(*position)
     vehicle.on_home_moved()
 
 

@@ -6,8 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
+from mission.link.codec.typed import CommandMessage, is_a
 
 if TYPE_CHECKING:
     from sim_vehicle.mavlink.schedule import Schedule
@@ -28,7 +29,7 @@ class Order:
     command : int
         MAV_CMD.
     params : tuple of 7 floats
-        Parameters 1 to 7; a place's latitude and longitude are degrees.
+        Parameters 1 to 7; a position's latitude and longitude are degrees.
     frame : int
         MAV_FRAME, without the INT variants; COMMAND_LONG has GLOBAL.
     source : tuple of int
@@ -36,7 +37,7 @@ class Order:
     again : bool
         The sender repeats a command that it had no answer to.
     long : bool
-        It came as COMMAND_LONG, with places in 32-bit floats.
+        It came as COMMAND_LONG, with positions in 32-bit floats.
     """
 
     command: int
@@ -56,7 +57,7 @@ class Order:
         return self.command == other.command and repr(self.params) == repr(other.params)
 
     @property
-    def place(self) -> tuple[float, float] | None:
+    def position(self) -> tuple[float, float] | None:
         """Latitude and longitude, None when none is given."""
         latitude, longitude = self.params[4:6]
         if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0) or latitude == longitude == 0.0:
@@ -107,11 +108,11 @@ class CommandedVehicle(Protocol):
         """Tell the operator why something was refused."""
 
 
-def order_of(message: Message) -> Order:
+def order_of(message: CommandMessage) -> Order:
     """Read COMMAND_LONG or COMMAND_INT."""
     source = (message.get_srcSystem(), message.get_srcComponent())
     first = (message.param1, message.param2, message.param3, message.param4)
-    if type(message).id == m.MAVLINK_MSG_ID_COMMAND_LONG:
+    if is_a(message, m.MAVLink_command_long_message):
         params = (*first, message.param5, message.param6, message.param7)
         return Order(message.command, params, 0, source, message.confirmation > 0, True)
     frame = _INT_FRAMES.get(message.frame, message.frame)

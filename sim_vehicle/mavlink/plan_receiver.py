@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from mission.link.codec.frames import Message
+from mission.link.codec.dialect import Message
 from mission.model import Command, GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
 from mission.transfer.events import (
@@ -140,7 +140,7 @@ class PlanReceiver:
         bad = next((i for i, item in enumerate(event.items) if isinstance(item, UncheckedItem)), None)
         if bad is not None:
             pilot.load(())
-            pilot.reject_mission(f"item {bad}: its place or its numbers make no sense")
+            pilot.reject_mission(f"item {bad}: its position or its numbers make no sense")
             pilot.note(Severity.CRITICAL, f"Mission rejected: item {bad} makes no sense")
             return
         self._reports.restart()

@@ -7,10 +7,10 @@ ArduPilot "Copter commands in guided mode", PX4 "Offboard mode".
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
+from mission.link.codec.typed import is_a
 from sim_vehicle.pilot.notices import RefusedError
 from sim_vehicle.pilot.setpoints import Setpoint
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from sim_vehicle.execution.state import VehicleState
     from sim_vehicle.motion.legs import Position
 
-__all__ = ["MESSAGES", "setpoint_of"]
+__all__ = ["MESSAGES", "PositionTarget", "setpoint_of"]
 
 MESSAGES = frozenset(
     {
@@ -28,26 +28,29 @@ MESSAGES = frozenset(
         m.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET,
     }
 )
+PositionTarget: TypeAlias = (
+    m.MAVLink_set_position_target_local_ned_message | m.MAVLink_set_position_target_global_int_message
+)
 _IGNORE_POSITION, _FORCE, _IGNORE_YAW, _IGNORE_TURN = 7, 512, 1024, 2048
 _LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET, _BODY_FRD = 1, 7, 8, 9, 12
 _GLOBAL = {0: False, 5: False, 3: True, 6: True}
 
 
 def setpoint_of(
-    message: Message, state: VehicleState, frame: LocalFrame, *, body_positions: bool
+    message: PositionTarget, state: VehicleState, frame: LocalFrame, *, body_positions: bool
 ) -> Setpoint:
     """Read a setpoint message.
 
     Parameters
     ----------
-    message : Message
+    message : PositionTarget
         SET_POSITION_TARGET_LOCAL_NED or SET_POSITION_TARGET_GLOBAL_INT.
     state : VehicleState
         Where the vehicle is and where its nose points, for frames about it.
     frame : LocalFrame
         About the start.
     body_positions : bool
-        Whether places may be offsets from the vehicle (ArduPilot).
+        Whether positions may be offsets from the vehicle (ArduPilot).
 
     Raises
     ------
@@ -58,35 +61,39 @@ def setpoint_of(
     if mask & _FORCE:
         msg = "Setpoint refused: forces are not flown"
         raise RefusedError(msg, denied=True)
-    local = type(message).id == m.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
-    place_given = (message.x, message.y, message.z) if local else (message.alt,)
-    if any(map(math.isinf, (*place_given, message.vx, message.vy, message.vz))):
+    numbers = [message.vx, message.vy, message.vz]
+    numbers += (
+        [message.x, message.y, message.z]
+        if is_a(message, m.MAVLink_set_position_target_local_ned_message)
+        else [message.alt]
+    )
+    if any(map(math.isinf, numbers)):
         msg = "Setpoint refused: infinity is no number to fly"
         raise RefusedError(msg, denied=True)
     x, y, z, yaw = *state.position_m, state.yaw_rad
     turned = kind in (_BODY, _BODY_OFFSET, _BODY_FRD)
     velocity = _enu(message.vx, message.vy, message.vz, yaw if turned else 0.0)
-    if not local:
+    if not is_a(message, m.MAVLink_set_position_target_local_ned_message):
         if kind not in _GLOBAL:
             raise RefusedError(f"Setpoint refused: frame {kind}", denied=True)
         x_m, y_m = frame.from_wgs84(message.lat_int / 1e7, message.lon_int / 1e7)
-        place = (x_m, y_m, message.alt - (0.0 if _GLOBAL[kind] else frame.altitude_m))
+        position = (x_m, y_m, message.alt - (0.0 if _GLOBAL[kind] else frame.altitude_m))
     elif kind in (_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET, _BODY_FRD):
         asked = mask & _IGNORE_POSITION != _IGNORE_POSITION
         if kind != _LOCAL and asked and not body_positions:
-            raise RefusedError(f"Setpoint refused: no places in frame {kind}", denied=True)
-        place = _enu(message.x, message.y, message.z, yaw if turned else 0.0)
+            raise RefusedError(f"Setpoint refused: no positions in frame {kind}", denied=True)
+        position = _enu(message.x, message.y, message.z, yaw if turned else 0.0)
         if kind != _LOCAL:
-            place = (x + place[0], y + place[1], z + place[2])
+            position = (x + position[0], y + position[1], z + position[2])
     else:
         raise RefusedError(f"Setpoint refused: frame {kind}", denied=True)
     heading = message.yaw + (yaw if turned else 0.0)
     if mask & _IGNORE_YAW or not math.isfinite(heading):
         heading = math.nan
     turn = math.nan if mask & _IGNORE_TURN else float(message.yaw_rate)
-    setpoint = Setpoint(_masked(place, mask), _masked(velocity, mask >> 3), heading, turn)
+    setpoint = Setpoint(_masked(position, mask), _masked(velocity, mask >> 3), heading, turn)
     if all(map(math.isnan, (*setpoint.position_m, *setpoint.velocity_m_s, heading, turn))):
-        msg = "Setpoint refused: neither place nor velocity"
+        msg = "Setpoint refused: neither position nor velocity"
         raise RefusedError(msg, denied=True)
     return setpoint
 

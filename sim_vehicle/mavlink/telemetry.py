@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.airframe.sensor_errors import HDOP, VDOP
 from sim_vehicle.autopilot.modes import Mode
@@ -98,7 +98,7 @@ def _system_time(source: WireState) -> Message:
 
 def _gps_raw_int(source: WireState) -> Message:
     state = source.pilot.state
-    place = source.position_e7
+    position = source.position_e7
     if not source.pilot.controls.position_ok:
         return m.MAVLink_gps_raw_int_message(
             source.unix_us, 1, 0, 0, 0, _UNUSED_CELL, _UNUSED_CELL, _UNUSED_CELL, _UNUSED_CELL, 0
@@ -108,7 +108,7 @@ def _gps_raw_int(source: WireState) -> Message:
     eph, epv, horizontal_mm, vertical_mm = 70, 90, 500, 800
     if source.errors is not None:
         latitude, longitude = source.pilot.frame.to_wgs84(east_m, north_m)
-        place = (
+        position = (
             round(latitude * 1e7),
             round(longitude * 1e7),
             round(1000.0 * (up_m + source.home.altitude_m)),
@@ -121,15 +121,15 @@ def _gps_raw_int(source: WireState) -> Message:
     return m.MAVLink_gps_raw_int_message(
         source.unix_us,
         3,
-        place[0],
-        place[1],
-        place[2],
+        position[0],
+        position[1],
+        position[2],
         eph,
         epv,
         min(65534, round(100.0 * math.hypot(east, north))),
         _centidegrees(math.atan2(east, north)),
         16,
-        place[2],
+        position[2],
         horizontal_mm,
         vertical_mm,
         100,
@@ -138,13 +138,13 @@ def _gps_raw_int(source: WireState) -> Message:
 
 def _global_position_int(source: WireState) -> Message:
     state = source.pilot.state
-    place = source.position_e7
+    position = source.position_e7
     east, north, up = state.velocity_m_s
     return m.MAVLink_global_position_int_message(
         source.boot_ms,
-        place[0],
-        place[1],
-        place[2],
+        position[0],
+        position[1],
+        position[2],
         round(1000.0 * source.sensed.believed_m[2]),
         int16(100.0 * north),
         int16(100.0 * east),
@@ -314,7 +314,8 @@ def _ekf_status_report(source: WireState) -> Message:
 
 
 def _rc_channels(source: WireState) -> Message:
-    return m.MAVLink_rc_channels_message(source.boot_ms, 0, *[_UNUSED_CELL] * 18, 255)
+    channels_and_rssi = [_UNUSED_CELL] * 18 + [255]
+    return m.MAVLink_rc_channels_message(source.boot_ms, 0, *channels_and_rssi)
 
 
 def _vibration(source: WireState) -> Message:

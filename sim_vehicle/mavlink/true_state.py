@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.airframe.sensor_errors import SensorNoise
 from sim_vehicle.execution.state import VehicleState
@@ -46,36 +46,42 @@ def int16(value: float) -> int:
 
 
 def _truth(source: WireState) -> tuple[tuple[int, int], float, tuple[float, float, float]]:
-    """Return the true place (1e-7 degree), its height above the sea, and the velocity (north, east, down)."""
+    """Return true position (1e-7 degree), height above the sea, and velocity (north, east, down)."""
     east_m, north_m, up_m = source.sensed.true_m
     latitude, longitude = source.pilot.frame.to_wgs84(east_m, north_m)
     east, north, up = (
         believed + drift
         for believed, drift in zip(source.pilot.state.velocity_m_s, source.sensed.drift_m_s, strict=True)
     )
-    place = (round(latitude * 1e7), round(longitude * 1e7))
-    return place, up_m + source.home.altitude_m, (north, east, -up)
+    position = (round(latitude * 1e7), round(longitude * 1e7))
+    return position, up_m + source.home.altitude_m, (north, east, -up)
 
 
 def hil_state_quaternion(source: WireState) -> Message:
     """HIL_STATE_QUATERNION, the true state as PX4's simulators send it."""
     state = source.pilot.state
-    place, height_m, velocity = _truth(source)
+    position, height_m, velocity = _truth(source)
     airspeed = min(65535, round(100.0 * state.airspeed_m_s))
     east, north, up = state.acceleration_m_s2
     force = to_body(state, north, east, -(up + GRAVITY_M_S2))
+    north_cm_s, east_cm_s, down_cm_s = (int16(100.0 * part) for part in velocity)
+    x_mg, y_mg, z_mg = (int16(1000.0 * part / GRAVITY_M_S2) for part in force)
     return m.MAVLink_hil_state_quaternion_message(
         source.unix_us,
         list(quaternion(state)),
         0.0,
         0.0,
         state.yaw_rate_rad_s,
-        *place,
+        *position,
         round(1000.0 * height_m),
-        *(int16(100.0 * part) for part in velocity),
+        north_cm_s,
+        east_cm_s,
+        down_cm_s,
         airspeed,
         airspeed,
-        *(int16(1000.0 * part / GRAVITY_M_S2) for part in force),
+        x_mg,
+        y_mg,
+        z_mg,
     )
 
 

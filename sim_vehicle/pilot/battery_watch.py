@@ -52,7 +52,7 @@ class BatteryWatch:
         self.told = _ALMOST_EMPTY
 
     def check(self) -> int:
-        """Look at the battery; its level when that is higher than any before, else 0."""
+        """Check the battery; its level when that is higher than any before, else 0."""
         battery = self._controls.state.battery
         if battery is None:
             return 0

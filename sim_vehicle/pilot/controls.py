@@ -80,7 +80,7 @@ class Controls:
         self.refresh()
 
     def advance(self, now_s: float) -> list[FlightEvent]:
-        """Fly up to a time; the events of the way, in order."""
+        """Fly up to a time; the events until then, in order."""
         self.now_s = now_s
         events = self.executor.advance(now_s)
         self.refresh()

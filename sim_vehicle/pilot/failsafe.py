@@ -68,7 +68,7 @@ class Failsafe:
     battery : BatteryWatch
     fence : FenceWatch
     link_lost : bool
-        Whether the ground station was heard once and is no more.
+        Whether heartbeats of the ground station came once and come no more.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class Failsafe:
         self._parameters = parameters
         self._notices = notices
         self._position_lost = False
-        self._gcs_heard_s = -math.inf
+        self._last_gcs_s = -math.inf
         self.apply_parameters()
 
     @property
@@ -110,7 +110,7 @@ class Failsafe:
 
     def on_gcs_heartbeat(self, now_s: float) -> None:
         """Note a heartbeat of a ground station, whose silence is counted."""
-        self._gcs_heard_s = now_s
+        self._last_gcs_s = now_s
         if self.link_lost:
             self.link_lost = False
             self._notices.add(Severity.INFO, self.rules.link_regained)
@@ -143,7 +143,7 @@ class Failsafe:
         return None
 
     def check(self) -> Iterator[Reaction]:
-        """Look at everything while the vehicle is armed.
+        """Check everything while the vehicle is armed.
 
         Each reaction has to be carried out before the next is asked for: what follows is judged by the state
         that it leads to.
@@ -155,13 +155,13 @@ class Failsafe:
         if controls.position_ok is self._position_lost:
             yield from self._check_position()
         silent = self._silence_s() > parameters.link_timeout_s
-        if silent and not self.link_lost and self._gcs_heard_s >= 0.0:
+        if silent and not self.link_lost and self._last_gcs_s >= 0.0:
             yield from self._lose_link()
         if parameters.fence_enable:
             yield from self._check_fence()
 
     def _silence_s(self) -> float:
-        return self._controls.now_s - self._gcs_heard_s
+        return self._controls.now_s - self._last_gcs_s
 
     def _check_battery(self) -> Iterator[Reaction]:
         level = self.battery.check()

@@ -49,7 +49,7 @@ class _Zone:
     inclusion: bool
 
     def depth_m(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how far inside the zone's edge each place is, negative outside."""
+        """Return how far inside the zone's edge each position is, negative outside."""
         if self.radius_m > 0.0:
             away: NDArray[np.float64] = np.hypot(x - self.points_m[0, 0], y - self.points_m[0, 1])
             return self.radius_m - away
@@ -118,7 +118,7 @@ class Fence:
         return cls(tuple(zones), point, any_inclusion)
 
     def margins_m(self, x_m: ArrayLike, y_m: ArrayLike) -> NDArray[np.float64]:
-        """Return how far each place may move in any direction, negative where it is not allowed to be."""
+        """Return how far each position may move in any direction, negative where it is not allowed to be."""
         x, y = np.atleast_1d(np.asarray(x_m, float)), np.atleast_1d(np.asarray(y_m, float))
         margin = np.full(len(x), np.inf)
         inside = [zone.depth_m(x, y) for zone in self.zones if zone.inclusion]
@@ -130,7 +130,7 @@ class Fence:
         return np.asarray(margin)
 
     def margin_m(self, x_m: float, y_m: float) -> float:
-        """As `margins_m` for one place."""
+        """As `margins_m` for one position."""
         return float(self.margins_m(x_m, y_m)[0])
 
 
@@ -212,7 +212,7 @@ class FenceWatch:
         home_m: tuple[float, float],
         now_s: float,
     ) -> bool:
-        """Look at the vehicle after it has flown so far; True when it has just broken the fence."""
+        """Check a vehicle that has flown so far; True when it has just broken the fence."""
         if flown_m < self._free_until_m:
             return False
         breach, reason, free = self.judge(place_m, home_m)

@@ -13,10 +13,10 @@ from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
+from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
-from sim_vehicle.execution.items import item_places
-from sim_vehicle.execution.sequencer import EPOCH_UNIX_S
+from sim_vehicle.execution.items import item_positions
 from sim_vehicle.execution.state import (
     BatteryDepleted,
     CannotFly,
@@ -103,9 +103,7 @@ class Pilot:
         self.frame = frame
         self.outcome = Outcome.RUNNING
         self.outcome_text = ""
-        self.parameters = parameters = RuntimeParameters.of(spec)
-        for name, value in rules.defaults_for(spec).items():
-            setattr(parameters, name, value)
+        self.parameters = parameters = RuntimeParameters.of(spec, rules.defaults)
         self.executor = MissionExecutor(
             spec, frame, wind=wind, yaw_rad=yaw_rad, takes_off=takes_off, epoch_unix_s=epoch_unix_s
         )
@@ -201,8 +199,12 @@ class Pilot:
 
     def set_rally(self, items: Sequence[MissionItem]) -> None:
         """Replace the rally points, which are returned to when they are nearer than home."""
-        places = item_places([item for item in items if item.command == Command.NAV_RALLY_POINT], self.frame)
-        self.executor.return_points.rally_m = tuple(place for place in places if not math.isnan(place[0]))
+        positions = item_positions(
+            [item for item in items if item.command == Command.NAV_RALLY_POINT], self.frame
+        )
+        self.executor.return_points.rally_m = tuple(
+            position for position in positions if not math.isnan(position[0])
+        )
 
     def set_home(self, latitude_deg: float, longitude_deg: float) -> None:
         """Move home; its altitude stays that of the ground.
@@ -449,7 +451,7 @@ class Pilot:
     # Time, and what happens in it.
 
     def advance(self, now_s: float) -> list[FlightEvent]:
-        """Fly up to a time; the events of the way, in order."""
+        """Fly up to a time; the events until then, in order."""
         events = self.controls.advance(now_s)
         for event in events:
             self._on_event(event)

@@ -52,7 +52,7 @@ class Setpoint:
 
     @property
     def is_velocity(self) -> bool:
-        """Whether no horizontal place is asked for, but a velocity."""
+        """Whether no horizontal position is asked for, but a velocity."""
         return math.isnan(self.position_m[0]) and not all(math.isnan(v) for v in self.velocity_m_s)
 
 
@@ -158,11 +158,11 @@ class SetpointFollower:
             return
         here = executor.motion.stopping_point()
         if heading is None:
-            heading = ALONG if self._rules.looks_ahead and not math.isnan(x) else KEEP
+            heading = ALONG if self._rules.yaws_to_setpoint and not math.isnan(x) else KEEP
         target = (here[0], here[1]) if math.isnan(x) else (x, y)
         height = here[2] if math.isnan(z) else z
-        if self._rules.looks_ahead and (reason := self._failsafe.outside((*target, height))) is not None:
-            raise VehicleError(f"the place is outside the fence ({reason})")
+        if self._rules.fences_setpoints and (reason := self._failsafe.outside((*target, height))) is not None:
+            raise VehicleError(f"position outside the fence ({reason})")
         speed = math.nan if math.isnan(vx) else math.hypot(vx, vy)
         executor.goto(
             *target,

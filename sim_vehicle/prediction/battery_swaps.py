@@ -12,7 +12,7 @@ from mission.model import Command, MissionItem
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.feasibility import mission_problems
-from sim_vehicle.execution.items import item_places
+from sim_vehicle.execution.items import item_positions
 from sim_vehicle.execution.state import CannotFly, Disarmed, ItemReached, MissionComplete
 from sim_vehicle.prediction.predict import climbs_by_itself, home_frame, rehearsals, without_end
 
@@ -71,7 +71,7 @@ def batteries_needed(
     """Return how many full batteries, each used down to its reserve, fly a mission to its end.
 
     With more than one, the vehicle breaks off where what is left just takes it home, and comes back to that
-    place with the next one (see `battery_changes`).
+    position with the next one (see `battery_changes`).
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def batteries_needed(
     -------
     int or None
         0 for a vehicle without a battery; None when no number is enough: the mission cannot be flown, or one
-        of its places is too far for a battery.
+        of its positions is too far for a battery.
 
     Examples
     --------
@@ -113,7 +113,7 @@ def battery_changes(
 
     The mission is flown once without an end of the battery. Where it is broken off is found by flying there
     and home again, with the mission's own take-off, return and wind: what the battery gave since it was
-    changed, on the way out, over its part of the mission and on the way home, is what it has less its
+    changed, on the flight out, over its part of the mission and on the return, is what it has less its
     reserve. Of gusts one sample is flown.
     """
     battery = spec.battery
@@ -122,7 +122,9 @@ def battery_changes(
     home = frame if frame is not None else home_frame(mission)
     needs_takeoff = not climbs_by_itself(spec)
     if any(
-        mission_problems(mission.items, item_places(mission.items, home), spec, needs_takeoff=needs_takeoff)
+        mission_problems(
+            mission.items, item_positions(mission.items, home), spec, needs_takeoff=needs_takeoff
+        )
     ):
         return None
     ground = _Ground(mission, without_end(spec), home, rehearsals(wind)[0])
@@ -131,7 +133,7 @@ def battery_changes(
         return None
     usable = battery.capacity_wh * (1.0 - battery.reserve_fraction)
     used, track = whole.energy_wh, whole.place_m
-    # The way home is about so much; how much more it is, is seen by flying it.
+    # A first estimate of the return; what it takes beyond that is found by flying it.
     mean_w = used[-1] / max(whole.time_s[-1], 1.0)
     rough = mean_w * time_home_s(track, spec)
     changes: list[BatteryChange] = []
@@ -145,20 +147,20 @@ def battery_changes(
             if at in (begin, last):
                 break
             last = at
-            ways = ground.there_and_back(track[at], int(whole.seq[at]))
-            if ways is None:
+            transits = ground.there_and_back(track[at], int(whole.seq[at]))
+            if transits is None:
                 return None
-            next_out, back = ways
+            next_out, back = transits
             more = back - float(rough[at])
             if usable - _CLOSE * battery.capacity_wh <= spent[at] + back <= usable:
                 break
         while last > begin and spent[last] + back > usable:
-            # A way home that grew in between: a little earlier, by what it is too much.
+            # The return grew in between: turn back a little earlier, by what it takes too much.
             last -= max(1, math.ceil((spent[last] + back - usable) * 3600.0 / mean_w / _LOOK_S))
-            ways = ground.there_and_back(track[max(last, begin)], int(whole.seq[max(last, begin)]))
-            if ways is None:
+            transits = ground.there_and_back(track[max(last, begin)], int(whole.seq[max(last, begin)]))
+            if transits is None:
                 return None
-            next_out, back = ways
+            next_out, back = transits
         if last <= begin:
             return None
         x, y, z = track[last].tolist()
@@ -169,7 +171,7 @@ def battery_changes(
 
 
 def time_home_s(positions_m: NDArray[np.float64], spec: VehicleSpec) -> NDArray[np.float64]:
-    """Estimate how long the way home takes: straight at the cruise speed, then down.
+    """Estimate how long the return takes: straight at the cruise speed, then down.
 
     Parameters
     ----------
@@ -190,7 +192,7 @@ def time_home_s(positions_m: NDArray[np.float64], spec: VehicleSpec) -> NDArray[
 
 @dataclass(frozen=True, slots=True)
 class _Record:
-    """A flight, looked at again and again; ``reached`` are times at which items were complete."""
+    """A flight, sampled at short intervals; ``reached`` are times at which items were complete."""
 
     time_s: NDArray[np.float64]
     place_m: NDArray[np.float64]
@@ -200,7 +202,7 @@ class _Record:
 
 
 class _Ground:
-    """Who flies the mission and the ways to and from a place of it."""
+    """Flies the mission and the transits to and from a position of it."""
 
     def __init__(self, mission: Mission, spec: VehicleSpec, home: LocalFrame, wind: Wind | None) -> None:
         self._items = mission.items
@@ -214,7 +216,7 @@ class _Ground:
         self._end = mission.items[landing[0] :] if landing else (MissionItem(20, 2),)
 
     def there_and_back(self, place_m: NDArray[np.float64], seq: int) -> tuple[float, float] | None:
-        """Return the energy of the ways to a place and home from there; None if it cannot be flown."""
+        """Return the energy of the transits to a position and home from there; None if it cannot be flown."""
         x, y, z = place_m.tolist()
         speeds = [item for item in self._items[:seq] if item.command == Command.DO_CHANGE_SPEED][-1:]
         latitude, longitude = self._home.to_wgs84(x, y)
@@ -234,17 +236,17 @@ class _Ground:
         executor.load(items)
         executor.arm()
         executor.start()
-        looks: list[tuple[float, float, float, float, float, float]] = []
+        samples: list[tuple[float, float, float, float, float, float]] = []
         reached: dict[int, float] = {}
         end_s = math.inf
 
-        def look() -> None:
-            looks.append((motion.time_s, *motion.position_m, motion.energy_j / WH_J, executor.current_seq))
+        def sample() -> None:
+            samples.append((motion.time_s, *motion.position_m, motion.energy_j / WH_J, executor.current_seq))
 
-        look()
+        sample()
         while executor.armed and end_s == math.inf:
             events: list[FlightEvent] = executor.advance(executor.time_s + _LOOK_S)
-            look()
+            sample()
             for event in events:
                 if isinstance(event, ItemReached):
                     reached.setdefault(event.seq, event.time_s)
@@ -256,5 +258,5 @@ class _Ground:
                 return None
         if end_s == math.inf:
             return None
-        table = np.array(looks)
+        table = np.array(samples)
         return _Record(table[:, 0], table[:, 1:4], table[:, 4], table[:, 5].astype(np.int64), reached)

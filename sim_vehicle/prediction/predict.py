@@ -11,11 +11,11 @@ import numpy as np
 from geo.frame import LocalFrame
 from sim_vehicle.autopilot import firmware_of
 from sim_vehicle.energy.battery import WH_J
+from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.feasibility import mission_problems
-from sim_vehicle.execution.items import item_places
-from sim_vehicle.execution.sequencer import EPOCH_UNIX_S
+from sim_vehicle.execution.items import item_positions
 from sim_vehicle.execution.state import BatteryDepleted, CannotFly, MissionComplete
 from sim_vehicle.motion.model import MotionEvent
 
@@ -106,7 +106,7 @@ def predict_flight(
     spec : VehicleSpec
     wind : Wind, optional
     frame : LocalFrame, optional
-        About home; by default about the mission's home, otherwise about its first place.
+        About home; by default about the mission's home, otherwise about its first position.
     track_step_s : float
         Spacing of the track in time, rounded to tenths of a second (to steps for the ideal vehicle).
     epoch_unix_s : float
@@ -319,9 +319,9 @@ class _Flight:
         self.completed = False
         self._track_step_s = track_step_s
         home = frame if frame is not None else home_frame(mission)
-        places = item_places(mission.items, home)
+        positions = item_positions(mission.items, home)
         takes_off = climbs_by_itself(spec)
-        problems = mission_problems(mission.items, places, spec, needs_takeoff=not takes_off)
+        problems = mission_problems(mission.items, positions, spec, needs_takeoff=not takes_off)
         self._problem = next(iter(problems), None)
         if self._problem is not None:
             return
@@ -333,7 +333,7 @@ class _Flight:
         motion.track_every = max(1, round(track_step_s / tick_s))
         motion.track = np.empty((_TRACK_POINTS, 3))
         self._track_step_s = motion.track_every * tick_s
-        executor.load(mission.items, places)
+        executor.load(mission.items, positions)
         executor.arm()
         executor.start()
 
@@ -397,7 +397,7 @@ class _Flight:
 
 
 def home_frame(mission: Mission) -> LocalFrame:
-    """Return the frame about a mission's home, or about its first place.
+    """Return the frame about a mission's home, or about its first position.
 
     Raises
     ------
@@ -409,5 +409,5 @@ def home_frame(mission: Mission) -> LocalFrame:
     for item in mission.items:
         if item.has_place and (item.x, item.y) != (0.0, 0.0):
             return LocalFrame(item.x, item.y)
-    msg = "the mission has no home and no place: where does it begin?"
+    msg = "the mission has no home and no position: where does it begin?"
     raise VehicleError(msg)

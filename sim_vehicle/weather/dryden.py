@@ -124,7 +124,7 @@ class Turbulence:
 
     Examples
     --------
-    >>> Turbulence.of_level("light", height_m=20.0, airspeed_m_s=8.0).w20_m_s
+    >>> Turbulence(LEVELS_W20_M_S["light"], height_m=20.0, airspeed_m_s=8.0).w20_m_s
     7.716666666666667
     """
 
@@ -142,14 +142,6 @@ class Turbulence:
             if not (math.isfinite(value) and low <= value <= high):
                 msg = f"turbulence: {name} {value} is outside {low:g}..{high:g}"
                 raise VehicleError(msg)
-
-    @classmethod
-    def of_level(cls, level: str, *, height_m: float, airspeed_m_s: float) -> Turbulence:
-        """Return light, moderate or severe turbulence; VehicleError for another level."""
-        if level not in LEVELS_W20_M_S:
-            msg = f"turbulence {level!r} is no level: give {', '.join(LEVELS_W20_M_S)}"
-            raise VehicleError(msg)
-        return cls(LEVELS_W20_M_S[level], height_m, airspeed_m_s)
 
     def filters(self, step_s: float) -> NDArray[np.float64]:
         """Return the forming filters for a step (`sim_vehicle.weather.gust_kernel.forming_filters`)."""

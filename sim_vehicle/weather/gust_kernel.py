@@ -1,7 +1,6 @@
 """The compiled part of the wind: gusts from noise, and the wind that blows at a height.
 
-One row of a wind block tells everything about the air at one instant, so that a kernel needs nothing else:
-see `ROW`.
+One row of a wind block tells everything about the air at one instant, so that a kernel needs nothing else.
 """
 
 from __future__ import annotations
@@ -15,10 +14,9 @@ from geo.compiled import compiled
 
 Floats = NDArray[np.float64]
 
-# row: east 0, north 1 and up 2 of the whole wind at the reference height, mean wind there (east 3, north 4),
-# law of the mean wind over height 5, its parameter 6 (roughness length, exponent), reference height 7,
-# whether the gust is Dryden's 8
-ROW = 9
+# A row of a wind block: east 0, north 1 and up 2 of the whole wind at the reference height, mean wind there
+# (east 3, north 4), profile of the mean wind over height 5, its parameter 6 (roughness length, exponent),
+# reference height 7, whether the gust is Dryden's 8.
 CONSTANT, LOGARITHMIC, POWER = 0.0, 1.0, 2.0
 
 FOOT_M = 0.3048
@@ -34,7 +32,7 @@ def wind_at(row: Floats, height_m: float) -> tuple[float, float, float]:
 
     Parameters
     ----------
-    row : float64[ROW]
+    row : float64[9]
         Of a wind block.
     height_m : float
 

@@ -24,7 +24,7 @@ os.environ["MAVLINK20"] = "1"
 SPEED = 20.0
 
 
-def wait_until(condition, limit_s=20.0, what="the condition"):
+def wait_until(condition, limit_s=60.0, what="the condition"):
     """Poll until something holds and return it."""
     end_s = time.monotonic() + limit_s
     while True:
@@ -118,7 +118,7 @@ class Flying:
 
     def stop(self):
         self.server.stop()
-        self._thread.join(5.0)
+        self._thread.join(30.0)
         alive = self._thread.is_alive()
         self.server.close()
         assert not alive, "the server did not stop"

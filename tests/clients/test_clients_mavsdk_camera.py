@@ -71,7 +71,7 @@ def test_pictures_one_by_one_and_in_series(autopilot, shooting, tools):
     camera.start_photo_interval(CAMERA, 0.5)
     tools.wait_until(lambda: len(captures) >= 5, what="pictures of the series")
     camera.stop_photo_interval(CAMERA)
-    tools.wait_until(lambda: not flying.camera.capturing, what="the end of the series")
+    tools.wait_until(lambda: not flying.camera.trigger.active, what="the end of the series")
     number = flying.camera.image_count
     tools.wait_until(lambda: len(captures) >= number, what="the last picture")
     assert [info.index for info in captures] == list(range(number))

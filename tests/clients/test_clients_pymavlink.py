@@ -144,7 +144,7 @@ def test_a_mission_is_flown(autopilot, master, tools):
     connection.motors_armed_wait()
     connection.set_mode(mode)
     reached, seen = [], set()
-    end_s = time.monotonic() + 20.0
+    end_s = time.monotonic() + 60.0
     last = len(flying.mission) - 1
     while not (seen and not connection.motors_armed()):
         assert time.monotonic() < end_s, f"still flying after {reached}"
@@ -198,7 +198,7 @@ def test_every_mode_is_entered_by_its_name(autopilot, master):
     for name in names:
         assert name in connection.mode_mapping()
         connection.set_mode(name)
-        end_s = time.monotonic() + 5.0
+        end_s = time.monotonic() + 30.0
         while connection.flightmode != name:
             receive(connection, "HEARTBEAT")
             assert time.monotonic() < end_s, f"{name}: still {connection.flightmode}"

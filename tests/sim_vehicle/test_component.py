@@ -77,9 +77,9 @@ def test_target_offsets_of_every_message_agree_with_the_codec():
 
 def test_routing_follows_what_was_heard():
     table = RoutingTable()
-    table.heard("vehicle", (1, 1))
-    table.heard("camera", (1, 100))
-    table.heard("ground", (255, 190))
+    table.learn("vehicle", (1, 1))
+    table.learn("camera", (1, 100))
+    table.learn("ground", (255, 190))
     ports = ["vehicle", "camera", "ground", "unknown"]
     assert table.destinations((0, 0), "vehicle", ports) == ["camera", "ground", "unknown"]
     assert table.destinations((1, 0), "ground", ports) == ["vehicle", "camera"]
@@ -95,5 +95,5 @@ def test_routing_table_does_not_grow_without_end():
     table = RoutingTable()
     for system in range(256):
         for component in range(4):
-            table.heard("flood", (system, component))
+            table.learn("flood", (system, component))
     assert len(table._known["flood"]) == 256

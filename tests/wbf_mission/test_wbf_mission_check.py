@@ -171,7 +171,7 @@ class Serving:
 
     def __exit__(self, *_):
         self.server.stop()
-        self.thread.join(5.0)
+        self.thread.join(30.0)
         self.server.close()
 
 

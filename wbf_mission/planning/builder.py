@@ -105,7 +105,7 @@ class MissionBuilder:
             approach_m=1.1 * down_m / law.landing_slope,
             approach_altitude_m=down_m,
             radius_m=max(abs(law.loiter_radius), 1.2 * law.tightest_m(law.airspeed_trim)),
-            placed_start=procedures.placed_land_start,
+            placed_start=procedures.land_start_needs_position,
         )
 
     def predict(self, mission: Mission) -> Prediction:

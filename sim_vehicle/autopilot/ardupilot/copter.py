@@ -1,4 +1,4 @@
-"""ArduCopter: its take-off, landing and way home."""
+"""ArduCopter: its take-off, landing and return."""
 
 from __future__ import annotations
 
@@ -65,13 +65,13 @@ class ArduCopterProcedures:
         speed: float,
         heading: Heading,
     ) -> list[Leg]:
-        """Return the leg of a take-off: straight up, wherever its place is."""
+        """Return the leg of a take-off: straight up, wherever its position is."""
         keep = KEEP if heading == ALONG else heading
         top = (here[0], here[1], max(target[2], here[2]))
         return [Leg(top, speed, heading=keep, kind=LegKind.TAKEOFF)]
 
     def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
-        """Return the legs to a place and down to the ground there."""
+        """Return the legs to a position and down to the ground there."""
         x, y, z = above
         legs: list[Leg] = []
         if math.hypot(x - last[0], y - last[1]) > 0.05:
@@ -96,11 +96,11 @@ class ArduCopterProcedures:
         if slope >= _LEAST_CONE:
             height = min(height, max(slope * math.hypot(x - home_x, y - home_y), lowest))
         back = 0.01 * get("RTL_SPEED") or spec.cruise_speed_m_s
-        look = ALONG if get("WP_YAW_BEHAVIOR") in (1.0, 3.0) else KEEP
+        heading = ALONG if get("WP_YAW_BEHAVIOR") in (1.0, 3.0) else KEEP
         wait = 0.001 * get("RTL_LOIT_TIME")
         return [
             Leg((x, y, height), back, spec.acceptance_radius_m, KEEP, LegKind.CLIMB),
-            Leg((home_x, home_y, height), back, heading=look, kind=LegKind.HOME, pause_s=wait),
+            Leg((home_x, home_y, height), back, heading=heading, kind=LegKind.HOME, pause_s=wait),
             vertical_landing(spec, home_x, home_y),
         ]
 

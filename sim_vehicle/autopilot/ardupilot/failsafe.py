@@ -7,9 +7,8 @@ GUID_TIMEOUT).
 from __future__ import annotations
 
 from dataclasses import replace
-from types import MappingProxyType
 
-from sim_vehicle.autopilot.failsafe_rules import FailsafeRules, actions_by_value
+from sim_vehicle.autopilot.failsafe_rules import FailsafeDefaults, FailsafeRules, actions_by_value
 
 __all__ = ["COPTER_RULES", "PLANE_RULES", "ROVER_RULES"]
 
@@ -24,7 +23,8 @@ COPTER_RULES = FailsafeRules(
     keeps_item=True,
     needs_stream=False,
     pauses_in_mode=True,
-    looks_ahead=True,
+    yaws_to_setpoint=True,
+    fences_setpoints=True,
     preflight="PreArm",
     arming="Arm",
     fence_text="Fence breached: {}",
@@ -33,32 +33,30 @@ COPTER_RULES = FailsafeRules(
     link_regained="GCS Failsafe Cleared",
     stream_lost="Guided timeout: {}",
     # The simulated vehicle returns at a low and lands at a critical battery; ArduCopter itself only warns.
-    defaults=MappingProxyType(
-        {
-            "fence_enable": 0,
-            "fence_action": 1,
-            "fence_ceiling_m": 100.0,
-            "fence_radius_m": 300.0,
-            "link_timeout_s": 5.0,
-            "setpoint_timeout_s": 3.0,
-            "low_battery_action": 2,
-            "critical_battery_action": 1,
-        }
+    defaults=FailsafeDefaults(
+        fence_enable=0,
+        fence_action=1,
+        fence_ceiling_m=100.0,
+        fence_radius_m=300.0,
+        link_timeout_s=5.0,
+        setpoint_timeout_s=3.0,
+        low_battery_action=2,
+        critical_battery_action=1,
+        low_voltage_v=10.5,
     ),
-    low_voltage_v=10.5,
 )
 
 # ArduPlane's and Rover's own numbers; a low and a critical battery end the flight as the copter's do.
+_PLANE_ROVER_DEFAULTS = replace(
+    COPTER_RULES.defaults, low_battery_action=1, critical_battery_action=2, low_voltage_v=0.0
+)
 _PLANE_BATTERY = actions_by_value(WARN="0", RETURN="1 6", LAND="2 4 5", TERMINATE="3")
 PLANE_RULES = replace(
     COPTER_RULES,
     fence_actions=actions_by_value(WARN="0", RETURN="1 6 7", HOLD="8", LAND="9"),
     link_actions=actions_by_value(NONE="0", RETURN="1 2 3"),
     battery_actions=(_PLANE_BATTERY, _PLANE_BATTERY, actions_by_value(WARN="0 1 2 3 4 5 6 7")),
-    defaults=MappingProxyType(
-        {**COPTER_RULES.defaults, "low_battery_action": 1, "critical_battery_action": 2}
-    ),
-    low_voltage_v=0.0,
+    defaults=_PLANE_ROVER_DEFAULTS,
 )
 _ROVER_BATTERY = actions_by_value(WARN="0", RETURN="1 3 4", HOLD="2 6", TERMINATE="5")
 ROVER_RULES = replace(
@@ -66,8 +64,5 @@ ROVER_RULES = replace(
     fence_actions=actions_by_value(WARN="0", RETURN="1 3", HOLD="2 4 5"),
     link_actions=actions_by_value(NONE="0", RETURN="1 2"),
     battery_actions=(_ROVER_BATTERY, _ROVER_BATTERY, actions_by_value(WARN="0 1 2 3 4 5 6 7")),
-    defaults=MappingProxyType(
-        {**COPTER_RULES.defaults, "low_battery_action": 1, "critical_battery_action": 2}
-    ),
-    low_voltage_v=0.0,
+    defaults=_PLANE_ROVER_DEFAULTS,
 )

@@ -1,4 +1,4 @@
-"""ArduPlane: its parameters that move a fixed wing, its take-off and its way home.
+"""ArduPlane: its parameters that move a fixed wing, its take-off and its return.
 
 Names, defaults and ranges are those of ArduPlane 4.6 and 4.7 (``Parameters.cpp``, ``AP_TECS.cpp``,
 ``AP_L1_Control.cpp``, ``AP_Landing.cpp``).
@@ -78,7 +78,7 @@ class ArduPlane(FixedWingProcedures):
     parameters = PARAMETERS
     takeoff_height = "TKOFF_ALT"
     return_height = "RTL_ALTITUDE"
-    placed_land_start = True
+    land_start_needs_position = True
     holds_at_waypoints = False  # it does not store the time
 
     def limits(self, spec: VehicleSpec) -> WingLimits:
@@ -152,7 +152,7 @@ class ArduPlane(FixedWingProcedures):
     def return_legs(
         self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
     ) -> list[Leg]:
-        """Way home and the circle over it, for ever."""
+        """Route home and the circle over it, for ever."""
         home_x, home_y, least = return_point
         height = self.value(spec, "RTL_ALTITUDE")
         height = max(least, height if height > 0.0 else last[2], 5.0)

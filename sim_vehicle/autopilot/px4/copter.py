@@ -71,7 +71,7 @@ class Px4MultirotorProcedures:
     def takeoff_legs(
         self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
     ) -> list[Leg]:
-        """Return the legs of a take-off: straight up, then to its place if that is aside."""
+        """Return the legs of a take-off: straight up, then to its position if that is aside."""
         x, y, z = target
         radius = spec.acceptance_radius_m
         height = max(z, here[2], value_of(spec, "MIS_TAKEOFF_ALT"))
@@ -81,7 +81,7 @@ class Px4MultirotorProcedures:
         return legs
 
     def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
-        """Return the legs to a place, unless it is within the acceptance radius, and down to the ground."""
+        """Return the legs to a position, if not within the acceptance radius already, and down."""
         x, y, z = above
         legs: list[Leg] = []
         if math.hypot(x - last[0], y - last[1]) > spec.acceptance_radius_m:
@@ -116,7 +116,7 @@ class Px4MultirotorProcedures:
 
 
 def return_height_m(spec: VehicleSpec, distance_m: float, height_m: float, least_m: float = 0.0) -> float:
-    """Return the height of the way home: lower within a cone about home, never lower than the vehicle is.
+    """Return the return altitude: lower within a cone about home, never lower than the vehicle is.
 
     PX4 v1.17, ``RTL::calculate_return_alt_from_cone_half_angle``.
 

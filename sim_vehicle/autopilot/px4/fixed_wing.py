@@ -1,4 +1,4 @@
-"""PX4 with a fixed wing: its parameters, its take-off and its way home.
+"""PX4 with a fixed wing: its parameters, its take-off and its return.
 
 Names, defaults and ranges are those of PX4 1.16 and 1.17 (``fw_lat_long_params.yaml``,
 ``fw_mode_manager_params.yaml``, ``performance_model_params.c``, ``rc.fw_defaults``, navigator).
@@ -66,7 +66,7 @@ PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
             -1.0, -1.0, 3600.0, "s", "circling over home before landing, -1 for ever"
         ),
         "RTL_LOITER_RAD": ParameterSpec(80.0, 25.0, 1000.0, "m", "radius of the circle over home"),
-        "RTL_RETURN_ALT": ParameterSpec(100.0, 0.0, 500.0, "m", "height of the way home"),
+        "RTL_RETURN_ALT": ParameterSpec(100.0, 0.0, 500.0, "m", "return altitude"),
         "RTL_TYPE": ParameterSpec(0.0, 0.0, 5.0, "", "1, 2: land as the mission does", integer=True),
         "RWTO_TKOFF": ParameterSpec(0.0, 0.0, 1.0, "", "take-off from a runway", integer=True),
         "RWTO_ROT_AIRSPD": ParameterSpec(-1.0, -1.0, 100.0, "m/s", "airspeed at which the ground is left"),
@@ -81,7 +81,7 @@ class Px4FixedWing(FixedWingProcedures):
     parameters = PARAMETERS
     takeoff_height = "MIS_TAKEOFF_ALT"
     return_height = "RTL_RETURN_ALT"
-    placed_land_start = False
+    land_start_needs_position = False
     holds_at_waypoints = True
 
     def limits(self, spec: VehicleSpec) -> WingLimits:
@@ -149,14 +149,14 @@ class Px4FixedWing(FixedWingProcedures):
         speed: float,
         heading: Heading,  # noqa: ARG002
     ) -> list[Leg]:
-        """Climb-out towards the place, up to the height."""
+        """Climb-out towards the position, up to the height."""
         end = (target[0], target[1], max(target[2], 0.5))
         return [Leg(end, speed, heading=KEEP, kind=LegKind.TAKEOFF)]
 
     def return_legs(
         self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
     ) -> list[Leg]:
-        """Way home and the circle over it; it lands there when RTL_LAND_DELAY says so."""
+        """Route home and the circle over it; it lands there when RTL_LAND_DELAY says so."""
         x, y, z = last
         home_x, home_y, least = return_point
         legs: list[Leg] = []

@@ -32,16 +32,14 @@ PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
         "WP_YAW_BEHAVIOR": ParameterSpec(
             2.0, 0.0, 3.0, "", "0 keeps the heading, 1 ahead, 2 not on RTL", integer=True
         ),
-        "RTL_ALT": ParameterSpec(1500.0, 30.0, 300_000.0, "cm", "least height of the way home", integer=True),
+        "RTL_ALT": ParameterSpec(1500.0, 30.0, 300_000.0, "cm", "least return altitude", integer=True),
         "RTL_SPEED": ParameterSpec(
-            0.0, 0.0, 2000.0, "cm/s", "speed of the way home; 0 is WPNAV_SPEED", integer=True
+            0.0, 0.0, 2000.0, "cm/s", "speed of the return; 0 is WPNAV_SPEED", integer=True
         ),
         "RTL_CONE_SLOPE": ParameterSpec(
             3.0, 0.0, 10.0, "", "slope of the cone in which it climbs less; 0 is none"
         ),
-        "RTL_CLIMB_MIN": ParameterSpec(
-            0.0, 0.0, 3000.0, "cm", "least climb before the way home", integer=True
-        ),
+        "RTL_CLIMB_MIN": ParameterSpec(0.0, 0.0, 3000.0, "cm", "least climb before the return", integer=True),
         "RTL_LOIT_TIME": ParameterSpec(5000.0, 0.0, 60_000.0, "ms", "wait above home", integer=True),
         "LAND_SPEED": ParameterSpec(50.0, 30.0, 200.0, "cm/s", "last descent speed", integer=True),
         "LAND_SPEED_HIGH": ParameterSpec(

@@ -58,7 +58,7 @@ PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
         "NAV_MC_ALT_RAD": ParameterSpec(0.8, 0.05, 200.0, "m", "height within which a waypoint is reached"),
         "MIS_TAKEOFF_ALT": ParameterSpec(2.5, 0.0, 80.0, "m", "least height of a take-off"),
         "MIS_YAW_ERR": ParameterSpec(12.0, 0.0, 90.0, "deg", "heading within which a waypoint is reached"),
-        "RTL_RETURN_ALT": ParameterSpec(30.0, 0.0, 150.0, "m", "height of the way home"),
+        "RTL_RETURN_ALT": ParameterSpec(30.0, 0.0, 150.0, "m", "return altitude"),
         "RTL_DESCEND_ALT": ParameterSpec(10.0, 0.0, 100.0, "m", "height to wait at before the landing"),
         "RTL_LAND_DELAY": ParameterSpec(0.0, -1.0, 300.0, "s", "time to wait there; -1 is for ever"),
         "RTL_MIN_DIST": ParameterSpec(10.0, 0.5, 100.0, "m", "distance within which the return may be lower"),

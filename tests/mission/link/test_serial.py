@@ -14,7 +14,7 @@ from mission.link import MavlinkEndpoint, open_link, parse_link_url
 from mission.link.codec.dialect import mavlink
 
 
-def wait_for(condition, seconds=5.0):
+def wait_for(condition, seconds=30.0):
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         found = condition()

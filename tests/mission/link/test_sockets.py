@@ -15,7 +15,7 @@ from mission.link.codec.dialect import mavlink
 from mission.link.sockets import TcpListener, UdpSocket
 
 
-def until(condition, limit_s=2.0):
+def until(condition, limit_s=30.0):
     end_s = time.monotonic() + limit_s
     while time.monotonic() < end_s:
         value = condition()

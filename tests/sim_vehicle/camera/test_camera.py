@@ -15,7 +15,7 @@ from mission.link.codec.dialect import mavlink
 from sensors.camera.leaf_camera import LeafCamera, LeafCameraOptions
 from sensors.camera.wire import ObservationAssembler
 from sim_vehicle.camera.component import LeafCameraComponent
-from sim_vehicle.component import Component
+from sim_vehicle.component import Component, SaysGoodbye
 
 FARM = get_farm("miniberry-100")
 GROUND = (255, 190)
@@ -118,6 +118,13 @@ def test_it_is_a_component_with_a_heartbeat() -> None:
     assert camera.next_deadline() == 501.0
 
 
+def test_the_last_heartbeat_is_that_of_a_camera_that_is_off() -> None:
+    camera = ready()
+    assert isinstance(camera, SaysGoodbye)
+    (beat,) = camera.goodbye()
+    assert (beat.type, beat.system_status) == (mavlink.MAV_TYPE_CAMERA, mavlink.MAV_STATE_POWEROFF)
+
+
 def test_the_cell_read_is_that_of_the_reported_position() -> None:
     rotated = Farm(
         "r", LocalFrame(28.05, -82.15, 30.0, 33.0), 100, 100, FARM.patches, FARM.owner, FARM.home_m
@@ -151,7 +158,7 @@ def test_distance_trigger() -> None:
     camera = ready()
     assert ask(camera, 206, 0.3048, 0, 1, source=VEHICLE)[0] == mavlink.MAV_RESULT_ACCEPTED
     assert camera.image_count == 1
-    assert camera.capturing
+    assert camera.trigger.active
     pictures = images(fly(camera))
     assert len(pictures) in (81, 82, 83)
     assert [m.image_index for m in pictures] == list(range(1, len(pictures) + 1))
@@ -258,7 +265,7 @@ def test_refusals(number: int, p: tuple[float, ...]) -> None:
     result, rest = ask(camera, number, *p)
     assert result == mavlink.MAV_RESULT_DENIED
     assert rest == []
-    assert not camera.capturing
+    assert not camera.trigger.active
 
 
 def test_unknown_commands_and_messages() -> None:
@@ -274,9 +281,9 @@ def test_broadcast_commands_that_are_not_the_cameras_are_left_to_others() -> Non
     assert camera.receive(command(512, 148, target=(0, 0)), 0.0) == []
     assert camera.receive(command(206, 1, target=(1, 1)), 0.0) == []
     assert camera.receive(command(206, 1, target=(2, 100)), 0.0) == []
-    assert not camera.capturing
+    assert not camera.trigger.active
     assert len(camera.receive(command(206, 1, target=(1, 0)), 0.0)) == 1
-    assert camera.capturing
+    assert camera.trigger.active
 
 
 def test_command_int() -> None:
@@ -369,11 +376,11 @@ def test_disarming_stops_the_camera() -> None:
     camera.receive(heartbeat(False), 0.0)
     ask(camera, 206, 0.5)
     camera.receive(heartbeat(False), 0.0)
-    assert camera.capturing
+    assert camera.trigger.active
     camera.receive(heartbeat(True), 0.0)
     assert images(fly(camera))
     camera.receive(heartbeat(False), 5.0)
-    assert not camera.capturing
+    assert not camera.trigger.active
 
 
 def test_only_its_own_autopilot_is_followed() -> None:

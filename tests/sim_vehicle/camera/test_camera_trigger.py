@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from geo import LocalFrame
-from sim_vehicle.camera.trigger import CameraTrigger, Fix, Shot
+from sim_vehicle.camera.trigger import CameraTrigger, Exposure, Fix
 
 FRAME = LocalFrame(28.05, -82.15)
 Path = Callable[[float], tuple[float, float, float, float]]
@@ -50,11 +50,11 @@ def circle(radius_m: float, speed_m_s: float) -> Path:
 
 def fly(
     trigger: CameraTrigger, path: Path, times_s: Iterable[float], frame: LocalFrame = FRAME
-) -> list[Shot]:
+) -> list[Exposure]:
     return [shot for t in times_s for shot in trigger.add(fix(float(t), path, frame))]
 
 
-def metres(shots: list[Shot], frame: LocalFrame = FRAME) -> np.ndarray:
+def metres(shots: list[Exposure], frame: LocalFrame = FRAME) -> np.ndarray:
     e7 = np.array([(shot.latitude_e7, shot.longitude_e7) for shot in shots], float) / 1e7
     return np.column_stack(frame.from_wgs84(e7[:, 0].copy(), e7[:, 1].copy()))
 
@@ -198,7 +198,7 @@ def test_duplicates_and_late_reports_change_nothing() -> None:
     times = np.arange(0.1, 10.0, 0.1)
     clean = fly(started(path, 0.3048), path, times)
     noisy = started(path, 0.3048)
-    shots: list[Shot] = []
+    shots: list[Exposure] = []
     for k, t in enumerate(times):
         shots += noisy.add(fix(t, path))
         shots += noisy.add(fix(t, path))

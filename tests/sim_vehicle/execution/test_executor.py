@@ -427,7 +427,7 @@ def test_a_storm_ends_the_mission():
 
 def test_a_loop_without_a_place_is_refused_in_flight_too():
     items = [takeoff(), do(178, 1, 5), do(177, 1, -1)]
-    assert "never lead to a place" in check_mission(items, HOME, QUAD)[0]
+    assert "never lead to a position" in check_mission(items, HOME, QUAD)[0]
     vehicle = executor(items)
     vehicle.start()
     events = vehicle.advance(20.0)
@@ -478,7 +478,7 @@ BAD = [
     ([takeoff(), wp(0, 100_000.0)], "from home"),
     ([takeoff(), MissionItem.waypoint(0.0, 0.0, 10.0)], "from home"),
     ([wp(0, 0)], "no take-off"),
-    ([do(178, 1, 5)], "no place"),
+    ([do(178, 1, 5)], "no position"),
     ([takeoff(), do(177, 9, 1)], "jumps to item 9"),
     ([takeoff(), do(177, -1, 1)], "jumps to item -1"),
     ([takeoff(), wp(0, 0, hold_s=-1.0)], "time -1"),

@@ -34,7 +34,7 @@ class Serving:
 
     def __exit__(self, *_):
         self.server.stop()
-        self.thread.join(5.0)
+        self.thread.join(30.0)
         assert not self.thread.is_alive()
         self.server.close()
 
@@ -63,12 +63,12 @@ def test_a_tcp_host_that_goes_away_is_called_again():
         time.sleep(0.3)
         assert len(server.clients) == 1
         again = socket.create_server(("127.0.0.1", port))
-        again.settimeout(6.0)
+        again.settimeout(30.0)
         second, _ = again.accept()
         assert "ATTITUDE" in heard(second)
         codec = mavlink.MAVLink(None, 255, 190)
         second.send(mavlink.MAVLink_ping_message(1, 9, 0, 0).pack(codec))
-        names, end = [], time.monotonic() + 3.0
+        names, end = [], time.monotonic() + 30.0
         while "PING" not in names and time.monotonic() < end:
             names += heard(second, 0.3)
         assert "PING" in names
@@ -82,7 +82,7 @@ def test_a_serial_line_has_a_vehicle_at_its_end():
     codec.robust_parsing = True
     with Serving(f"serial:{os.ttyname(far)}:115200"):
         os.write(near, mavlink.MAVLink_ping_message(1, 9, 0, 0).pack(codec))
-        names, end = [], time.monotonic() + 3.0
+        names, end = [], time.monotonic() + 30.0
         while "PING" not in names and time.monotonic() < end:
             names += [message.get_type() for message in codec.parse_buffer(os.read(near, 4096)) or []]
     os.close(near), os.close(far)
@@ -96,7 +96,10 @@ def test_faults_at_a_socket():
         names = heard(connection, 0.8)
         assert "GLOBAL_POSITION_INT" in names and "BAD_DATA" in names
         assert "ATTITUDE" not in names
-        heard(connection, 1.6, most=100_000)
+        end_s = time.monotonic() + 60.0
+        while server.now_s < 32.0 and time.monotonic() < end_s:
+            heard(connection, 0.1, most=100_000)
+        heard(connection, 0.3, most=100_000)
         assert heard(connection, 0.3) == []
         connection.close()
 
@@ -107,7 +110,7 @@ def test_commands_cross_a_bad_socket_late():
         began = time.monotonic()
         connection.send(mavlink.MAVLink_ping_message(1, 9, 0, 0).pack(mavlink.MAVLink(None, 255, 190)))
         names = []
-        while "PING" not in names and time.monotonic() < began + 3.0:
+        while "PING" not in names and time.monotonic() < began + 30.0:
             names += heard(connection, 0.05)
         assert "PING" in names
         assert time.monotonic() - began > 0.15

@@ -18,7 +18,7 @@ from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.host.server import Server, ServerUrl
 from sim_vehicle.host.simulation import Simulation
-from sim_vehicle.mavlink.fleet import Fleet, fleet_urls, start_places
+from sim_vehicle.mavlink.fleet import Fleet, fleet_urls, start_positions
 from sim_vehicle.weather.wind import Wind
 
 HOME = GeoPoint(28.05, -82.15, 20.0)
@@ -52,14 +52,16 @@ class Serving:
 
     def __exit__(self, *_):
         self.server.stop()
-        self.thread.join(5.0)
+        self.thread.join(30.0)
         self.server.close()
 
 
-def hear(endpoint, seconds=1.6):
-    """What an endpoint hears, saying hello now and then."""
-    heard, end = [], time.monotonic() + seconds
-    while time.monotonic() < end:
+def hear(endpoint, seconds=1.6, systems=frozenset()):
+    """What an endpoint hears, saying hello now and then; longer if these systems are not yet among it."""
+    heard, began = [], time.monotonic()
+    while (waited := time.monotonic() - began) < seconds or (
+        waited < 30.0 and not {x.get_srcSystem() for x in heard} >= systems
+    ):
         endpoint.send(m.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
         heard += endpoint.receive()
         time.sleep(0.02)
@@ -68,7 +70,7 @@ def hear(endpoint, seconds=1.6):
 
 @pytest.mark.parametrize("count", [1, 2, 9, 26, 250])
 def test_places_are_apart_and_near(count):
-    places = start_places(HOME, count, 4.0)
+    places = start_positions(HOME, count, 4.0)
     frame = LocalFrame(HOME.latitude_deg, HOME.longitude_deg)
     xy = [frame.from_wgs84(place.latitude_deg, place.longitude_deg) for place in places]
     assert len(places) == count
@@ -118,9 +120,9 @@ def test_each_vehicle_at_its_own_door_and_all_at_the_router():
     doors = [ServerUrl("tcpin:127.0.0.1:0", system) for system in (1, 2, 3)]
     with Serving(fleet.vehicles, [*doors, "tcpin:127.0.0.1:0"]) as server:
         found = []
-        for url in server.urls:
+        for url, expected in zip(server.urls, [{1}, {2}, {3}, {1, 2, 3}], strict=True):
             endpoint = MavlinkEndpoint(open_link(url.replace("tcpin", "tcp")), 255, 190)
-            systems = {x.get_srcSystem() for x in hear(endpoint, 1.3)}
+            systems = {x.get_srcSystem() for x in hear(endpoint, 1.3, expected)}
             found.append(systems - {255})
             endpoint.close()
         assert found == [{1}, {2}, {3}, {1, 2, 3}]
@@ -133,8 +135,8 @@ def test_commands_reach_the_vehicle_that_is_meant_and_two_grounds_hear_each_othe
         one = MavlinkEndpoint(open_link(url), 255, 190)
         two = MavlinkEndpoint(open_link(url), 254, 190)
         one.send(m.MAVLink_command_long_message(2, 1, 400, 0, 1.0, *[0.0] * 6))
-        heard = hear(one, 0.5)
-        others = hear(two, 1.2)
+        heard = hear(one, 0.5, {2})
+        others = hear(two, 1.2, {255})
         hear(one, 0.2)
         acks = [x.get_srcSystem() for x in heard if x.get_type() == "COMMAND_ACK"]
         assert acks == [2]
@@ -165,9 +167,9 @@ def test_udp_ports_of_px4_with_a_common_ground_station():
     common = MavlinkEndpoint(open_link(f"udpin:127.0.0.1:{ground}"), 255, 190)
     own = MavlinkEndpoint(open_link(f"udpin:127.0.0.1:{api_2}"), 245, 190)
     with Serving(fleet.vehicles, urls):
-        heard = hear(common)
+        heard = hear(common, systems={1, 2})
         assert {x.get_srcSystem() for x in heard} >= {1, 2}
-        assert {x.get_srcSystem() for x in hear(own)} - {255} == {2}
+        assert {x.get_srcSystem() for x in hear(own, systems={2})} - {255} == {2}
     common.close(), own.close()
 
 

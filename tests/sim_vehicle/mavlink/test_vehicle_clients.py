@@ -51,12 +51,12 @@ class Flying:
 
     def __exit__(self, *_):
         self.server.stop()
-        self.thread.join(5.0)
+        self.thread.join(30.0)
         assert not self.thread.is_alive()
         self.server.close()
 
 
-def wait_until(condition, limit_s=20.0, what="condition"):
+def wait_until(condition, limit_s=60.0, what="condition"):
     end_s = time.monotonic() + limit_s
     while not condition():
         assert time.monotonic() < end_s, f"{what} took more than {limit_s} s"

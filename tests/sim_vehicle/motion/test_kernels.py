@@ -3,15 +3,24 @@
 ``NUMBA_DISABLE_JIT=1 python -m pytest -m kernel`` runs them as plain Python, for the coverage of the kernels.
 """
 
+import numpy as np
 import pytest
 
 from geo.frame import LocalFrame
 from mission.model import Command, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.autopilot import with_autopilot
+from sim_vehicle.autopilot import flight_procedures, with_autopilot
 from sim_vehicle.execution.executor import MissionExecutor
-from sim_vehicle.execution.state import ItemReached, LandedState
-from sim_vehicle.weather.wind import Wind
+from sim_vehicle.execution.state import (
+    BatteryDepleted,
+    FlightPhase,
+    ItemReached,
+    LandedState,
+    MissionComplete,
+)
+from sim_vehicle.motion.batch import VehicleBatch
+from sim_vehicle.motion.legs import KEEP, Circle, Heading, Leg, LegKind, Route
+from sim_vehicle.weather.wind import Turbulence, Wind, WindShear
 
 pytestmark = pytest.mark.kernel
 
@@ -58,3 +67,180 @@ def test_a_fixed_wing_climbs_out_and_circles(autopilot):
     events = executor.advance(60.0)
     assert [event.seq for event in events if isinstance(event, ItemReached)][:1] == [0]
     assert executor.motion.position_m[2] == pytest.approx(40.0, abs=12.0)
+
+
+MULTIROTORS = pytest.mark.parametrize("autopilot", ["generic", "px4", "ardupilot"])
+GUSTS = Wind(1.0, -0.5, gust_m_s=0.5, seed=1)
+DRYDEN = Wind(2.0, 1.0, seed=5, turbulence=Turbulence(3.0, 15.0, 8.0), shear=WindShear("log"))
+
+
+def flying(vehicle, autopilot, items=None, wind=None, height=6.0):
+    """A vehicle with a mission, or one that took off and holds."""
+    executor = MissionExecutor(with_autopilot(get_vehicle(vehicle), autopilot), HOME, wind=wind)
+    if items is not None:
+        executor.load(items)
+    executor.arm()
+    if items is not None:
+        executor.start()
+    else:
+        executor.takeoff(height)
+        executor.advance(30.0)
+    return executor
+
+
+@MULTIROTORS
+def test_turns_splines_delays_and_the_way_home(autopilot):
+    items = [
+        item(Command.NAV_TAKEOFF, 0.0, 0.0, 5.0),
+        MissionItem(Command.DO_CHANGE_SPEED, param1=1.0, param2=3.0, param3=-1.0),
+        item(Command.NAV_WAYPOINT, 8.0, 0.0, 5.0),
+        item(Command.NAV_SPLINE_WAYPOINT, 12.0, 8.0, 7.0),
+        item(Command.NAV_SPLINE_WAYPOINT, 2.0, 12.0, 5.0),
+        MissionItem(Command.CONDITION_YAW, param1=90.0, param2=30.0, param3=1.0, param4=0.0),
+        item(Command.NAV_WAYPOINT, 2.0, 9.0, 5.0, 1.0),
+        item(Command.DO_SET_ROI_LOCATION, 30.0, 0.0, 0.0),
+        item(Command.NAV_LOITER_TURNS, 4.0, 5.0, 5.0, 1.0),
+        MissionItem(Command.DO_SET_ROI_NONE),
+        item(Command.NAV_LOITER_TIME, 0.0, 6.0, 8.0, 1.0),
+        MissionItem(Command.NAV_RETURN_TO_LAUNCH),
+    ]
+    executor = flying("quad", autopilot, items, DRYDEN)
+    events = executor.advance(300.0)
+    reached = [event.seq for event in events if isinstance(event, ItemReached)]
+    assert reached == sorted(reached) and {0, 2, 3, 4, 6, 8, 10} <= set(reached)
+    assert any(isinstance(event, MissionComplete) for event in events)
+    assert executor.motion.position_m == pytest.approx((0.0, 0.0, 0.0), abs=1.5)
+
+
+@MULTIROTORS
+def test_orders_under_way(autopilot):
+    executor = flying("quad", autopilot)
+    x, y, z = executor.motion.position_m
+    assert z == pytest.approx(6.0, abs=0.5)
+    executor.steer((2.0, 1.0, 0.0))
+    executor.advance(executor.time_s + 4.0)
+    x, y, z = executor.motion.snapshot().velocity_m_s
+    assert (x, y, z) == pytest.approx((2.0, 1.0, 0.0), abs=0.3)
+    executor.steer((0.0, 0.0, 0.5), heading=Heading.turning(0.5))
+    executor.advance(executor.time_s + 4.0)
+    assert executor.motion.snapshot().velocity_m_s[2] == pytest.approx(0.5, abs=0.1)
+    assert executor.motion.snapshot().yaw_rate_rad_s == pytest.approx(0.5, abs=0.1)
+    executor.goto(10.0, 10.0, 9.0)
+    executor.advance(executor.time_s + 2.0)
+    executor.look_at((0.0, 30.0))
+    executor.goto(-5.0, 10.0, 4.0)
+    executor.advance(executor.time_s + 25.0)
+    assert executor.motion.position_m == pytest.approx((-5.0, 10.0, 4.0), abs=1.0)
+    executor.look_at(None)
+    executor.orbit(0.0, 10.0, 5.0, 5.0, 2.0)
+    executor.advance(executor.time_s + 15.0)
+    x, y, _ = executor.motion.position_m
+    assert np.hypot(x, y - 10.0) == pytest.approx(5.0, abs=1.0)
+    executor.hold()
+    executor.advance(executor.time_s + 5.0)
+    assert np.hypot(*executor.motion.snapshot().velocity_m_s[:2]) < 0.2
+    executor.land()
+    executor.advance(executor.time_s + 40.0)
+    assert executor.landed is LandedState.ON_GROUND
+
+
+@MULTIROTORS
+@pytest.mark.parametrize("order", ["fall", "drain"])
+def test_without_motors_and_without_a_battery_it_comes_down(autopilot, order):
+    executor = flying("quad", autopilot, wind=GUSTS)
+    executor.steer((3.0, 0.0, 0.0))
+    executor.advance(executor.time_s + 2.0)
+    if order == "fall":
+        executor.fall()
+    else:
+        executor.drain_battery(0.0)
+    executor.advance(executor.time_s + 0.5)
+    assert executor.phase is (FlightPhase.FALLING if order == "fall" else FlightPhase.DEPLETED)
+    executor.advance(executor.time_s + 30.0)
+    assert executor.landed is LandedState.ON_GROUND
+    assert executor.motion.position_m[2] == 0.0
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_fixed_wing_turns_circles_and_lands(autopilot):
+    items = [
+        item(Command.NAV_TAKEOFF, 0.0, 80.0, 40.0),
+        item(Command.NAV_WAYPOINT, 0.0, 220.0, 40.0),
+        item(Command.NAV_WAYPOINT, 150.0, 220.0, 50.0),
+        item(Command.NAV_WAYPOINT, 40.0, 180.0, 45.0),
+        MissionItem(Command.NAV_LOITER_TURNS, 3, 1.0, 0.0, -60.0, 0.0, *HOME.to_wgs84(0.0, 60.0), 40.0),
+        MissionItem(Command.DO_LAND_START, 3, 0, 0, 0, 0, *HOME.to_wgs84(0.0, -300.0), 20.0)
+        if autopilot == "ardupilot"
+        else MissionItem(Command.DO_LAND_START),
+        MissionItem(Command.NAV_LOITER_TO_ALT, 3, 1.0, 60.0, 0.0, 1.0, *HOME.to_wgs84(60.0, -300.0), 20.0),
+        item(Command.NAV_LAND, 0.0, 0.0, 0.0),
+    ]
+    executor = flying("fixed-wing", autopilot, items, GUSTS)
+    events = executor.advance(400.0)
+    reached = [event.seq for event in events if isinstance(event, ItemReached)]
+    assert reached == sorted(reached) and {0, 1, 2, 3, 4, 6} <= set(reached)
+    assert executor.landed is LandedState.ON_GROUND
+    assert np.hypot(*executor.motion.position_m[:2]) < 120.0
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_fixed_wing_glides_when_its_battery_is_empty(autopilot):
+    executor = flying("fixed-wing", autopilot, [item(Command.NAV_TAKEOFF, 0.0, 80.0, 30.0)])
+    executor.advance(40.0)
+    executor.goto(200.0, 100.0, 30.0)
+    executor.advance(50.0)
+    executor.drain_battery(0.0)
+    events = executor.advance(120.0)
+    assert any(isinstance(event, BatteryDepleted) for event in events)
+    assert executor.landed is LandedState.ON_GROUND
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_rover_is_steered_turned_and_comes_home(autopilot):
+    executor = flying("rover", autopilot, [item(Command.NAV_WAYPOINT, 30.0, 0.0, 0.0)], GUSTS)
+    executor.advance(5.0)
+    executor.goto(0.0, 12.0, 0.0)
+    executor.advance(15.0)
+    executor.steer((0.0, -1.0, 0.0))
+    executor.advance(22.0)
+    assert executor.motion.snapshot().velocity_m_s[1] == pytest.approx(-1.0, abs=0.3)
+    executor.return_home()
+    executor.advance(80.0)
+    assert executor.motion.position_m[:2] == pytest.approx((0.0, 0.0), abs=3.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "autopilot"),
+    [
+        ("quad", "generic"),
+        ("quad", "px4"),
+        ("quad", "ardupilot"),
+        ("fixed-wing", "px4"),
+        ("fixed-wing", "ardupilot"),
+        ("rover", "px4"),
+        ("rover", "ardupilot"),
+    ],
+)
+def test_a_batch_moves_as_its_vehicles_one_by_one(name, autopilot):
+    spec = with_autopilot(get_vehicle(name), autopilot)
+    singles, many = (
+        [flight_procedures(spec).motion(spec, wind, 0.3) for wind in (None, GUSTS, DRYDEN)] for _ in range(2)
+    )
+    for group in (singles, many):
+        for k, vehicle in enumerate(group):
+            vehicle.track, vehicle.track_every = np.zeros((20, 3)), 50
+            legs = [
+                Leg((0.0, 0.0, 8.0), 5.0, heading=KEEP, kind=LegKind.TAKEOFF),
+                Leg((20.0, 10.0 * k, 8.0), 4.0, radius_m=1.5, near_m=4.0, pause_s=0.5),
+            ]
+            if name == "fixed-wing":
+                legs.append(Leg((60.0, 60.0, 20.0), 14.0, kind=LegKind.LOITER, circle=Circle(50.0, 1.0)))
+            vehicle.fly(Route.through(legs))
+    batch = VehicleBatch(many)
+    for steps in (1, 150, 400):
+        events = batch.advance(steps, stop_each=False)
+        assert events.tolist() == [vehicle.advance(steps, stop_each=False) for vehicle in singles]
+        for one, other in zip(singles, many, strict=True):
+            np.testing.assert_array_equal(one.state, other.state)
+            assert one.snapshot() == other.snapshot()
+            assert one.track_points == other.track_points

@@ -151,7 +151,7 @@ def test_offsets_are_flown_by_ardupilot_and_refused_by_px4():
     assert rig.place == pytest.approx((0.0, 15.0, 22.0), abs=0.1)
     rig = Rig(PX4).guided(HERE)
     rig.run(1.0, stream=local(POSITION, 5.0, 0.0, -2.0, frame=9))
-    assert rig.texts.count("Setpoint refused: no places in frame 9") == 1
+    assert rig.texts.count("Setpoint refused: no positions in frame 9") == 1
 
 
 def test_px4_wants_a_stream_before_and_during_offboard():
@@ -222,7 +222,7 @@ def test_ardupilot_listens_in_guided_only():
 REFUSED = [
     (local(POSITION, 1.0, 1.0, -5.0, frame=20), "frame 20"),
     (world(POSITION, 1, 1, 5.0, frame=11), "frame 11"),
-    (local(0b110111111111), "neither place nor velocity"),
+    (local(0b110111111111), "neither position nor velocity"),
     (local(POSITION | 512, 1.0, 1.0, -5.0), "forces"),
     (local(POSITION, 1e7, 1.0, -5.0), "from home"),
     (local(POSITION, 1.0, 1.0, 5.0), "altitude"),
@@ -253,7 +253,7 @@ def test_setpoints_for_others_and_a_disarmed_vehicle():
     assert ground.place == (0.0, 0.0, 0.0)
 
 
-def test_ardupilot_keeps_guided_places_within_the_fence():
+def test_ardupilot_keeps_guided_positions_within_the_fence():
     rig = Rig(ARDUPILOT)
     rig.pilot.parameters.fence_enable = 1
     rig.pilot.parameters.fence_radius_m = 50.0

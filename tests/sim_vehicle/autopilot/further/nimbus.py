@@ -7,7 +7,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.transfer.profile import Profile
 from sim_vehicle.airframe.parameters import ParameterSpec
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
-from sim_vehicle.autopilot.failsafe_rules import FailsafeRules, actions_by_value
+from sim_vehicle.autopilot.failsafe_rules import FailsafeDefaults, FailsafeRules, actions_by_value
 from sim_vehicle.autopilot.generic import GenericProcedures
 from sim_vehicle.autopilot.mav_parameter import MavParameter
 from sim_vehicle.autopilot.modes import Mode
@@ -44,7 +44,8 @@ RULES = FailsafeRules(
     keeps_item=True,
     needs_stream=False,
     pauses_in_mode=True,
-    looks_ahead=False,
+    yaws_to_setpoint=False,
+    fences_setpoints=False,
     preflight="Nimbus check",
     arming="Nimbus arming",
     fence_text="Nimbus fence: {}",
@@ -52,7 +53,7 @@ RULES = FailsafeRules(
     link_lost="Nimbus link lost",
     link_regained="Nimbus link back",
     stream_lost="Nimbus setpoints lost: {}",
-    defaults=MappingProxyType({"link_timeout_s": 4.0}),
+    defaults=FailsafeDefaults(link_timeout_s=4.0),
 )
 PERSONA = Persona(
     identity=Identity(

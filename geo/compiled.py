@@ -80,9 +80,7 @@ def compiled(
         return partial(compiled, inline=inline, nogil=nogil, fastmath=fastmath)
     from numba import njit
 
-    # The wrapper for use as a C function pointer, which nothing needs, would be a tenth of the compiling.
-    options: Any = {"no_cfunc_wrapper": True}
-    dispatcher: Any = njit(inline=inline, nogil=nogil, fastmath=fastmath, **options)(function)
+    dispatcher: Any = njit(inline=inline, nogil=nogil, fastmath=fastmath)(function)
     if dispatcher is not function:
         _without_literals(dispatcher)
         # As numba's ``enable_caching`` does it.

@@ -82,6 +82,7 @@ from sim_vehicle.motion.arducopter.layout import (
     WP_RADIUS,
 )
 from sim_vehicle.motion.arducopter.scurve import (
+    LENGTH,
     MADE,
     TIME,
     UX,
@@ -285,20 +286,21 @@ def _lead_legs(guide: Floats, law: Floats, heads: Floats, curves: Floats) -> boo
         heads[0, TIME] = min(heads[0, TIME] + dt, last)
         if heads[0, TIME] >= last:
             heads[0, MADE] = 0.0
-    for k in range(3):
-        guide[PX + k] = guide[BEGIN + k]
-    clear(guide, VX, AX + 3)
+    x, y, z = guide[BEGIN], guide[BEGIN + 1], guide[BEGIN + 2]
+    vx = vy = vz = ax = ay = az = 0.0
     for i in range(3):
         if heads[i, MADE] == 0.0 or (i == 2 and not follows):
             continue
         p, v, a = state_at(heads[i], curves[i], heads[i, TIME])
         if i == 0:
-            p -= heads[0, 2]
-        for k in range(3):
-            u = heads[i, UX + k]
-            guide[PX + k] += u * p
-            guide[VX + k] += u * v
-            guide[AX + k] += u * a
+            p -= heads[0, LENGTH]
+        east, north, up = heads[i, UX], heads[i, UX + 1], heads[i, UX + 2]
+        x, y, z = x + east * p, y + north * p, z + up * p
+        vx, vy, vz = vx + east * v, vy + north * v, vz + up * v
+        ax, ay, az = ax + east * a, ay + north * a, az + up * a
+    guide[PX], guide[PX + 1], guide[PX + 2] = x, y, z
+    guide[VX], guide[VX + 1], guide[VX + 2] = vx, vy, vz
+    guide[AX], guide[AX + 1], guide[AX + 2] = ax, ay, az
     return done
 
 

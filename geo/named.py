@@ -54,8 +54,8 @@ def parse_named(text: str) -> tuple[str, dict[str, Parameter]]:
     --------
     >>> parse_named("spiral")
     ('spiral', {})
-    >>> parse_named("gp:learn_from=model,length_bounds=[1,10]")
-    ('gp', {'learn_from': 'model', 'length_bounds': (1, 10)})
+    >>> parse_named("gp:learn_from=observations,length_bounds=[1,10]")
+    ('gp', {'learn_from': 'observations', 'length_bounds': (1, 10)})
     """
     name, colon, rest = text.partition(":")
     name = name.strip()

@@ -7,24 +7,25 @@ seed and inputs give the same bytes.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from copy import copy
+from typing import Any
 
 from numpy.random import SeedSequence
 
 from geo.seeds import stream
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
+from mission.link.codec.typed import is_a
 from mission.link.faults import Faults, FaultyChannel
-from sim_vehicle.component import NEVER, Component
+from mission.transfer import wire
+from sim_vehicle.component import NEVER, Component, SaysGoodbye
 from sim_vehicle.faults.fault import Direction, Fault, FaultError, parse_fault
 from sim_vehicle.faults.vehicle import break_vehicle
 
-__all__ = ["FaultSession", "FaultyComponent", "FaultyLink"]
+__all__ = ["FaultSession", "FaultyComponent", "FaultyLink", "check_vehicles"]
 
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
-_REQUESTS = frozenset({m.MAVLINK_MSG_ID_MISSION_REQUEST, m.MAVLINK_MSG_ID_MISSION_REQUEST_INT})
-_ITEMS = frozenset({m.MAVLINK_MSG_ID_MISSION_ITEM, m.MAVLINK_MSG_ID_MISSION_ITEM_INT})
 _IGNORED_REQUESTS = {
     "no-list": m.MAVLINK_MSG_ID_MISSION_REQUEST_LIST,
     "no-count": m.MAVLINK_MSG_ID_MISSION_COUNT,
@@ -90,11 +91,7 @@ class FaultSession:
             If a fault names a vehicle that is not among them.
         """
         systems = {c.system_id for c in components if c.component_id == _AUTOPILOT}
-        for fault in self.faults:
-            if fault.vehicle is not None and fault.vehicle not in systems:
-                there = ", ".join(map(str, sorted(systems))) or "none"
-                msg = f"fault {fault}: there is no vehicle {fault.vehicle}; the systems are {there}"
-                raise FaultError(msg)
+        check_vehicles(self.faults, systems)
         wrapped: list[Component] = []
         triggered = any(fault.trigger != "start" for fault in self.faults)
         for component in components:
@@ -110,6 +107,28 @@ class FaultSession:
         """
         faults = [f for f in self.faults if f.group == "link" and _names(f.link, name, number)]
         return FaultyLink(faults, self, self._seed, f"{number}.{client}") if faults else None
+
+
+def check_vehicles(faults: Iterable[Fault], systems: Collection[int]) -> None:
+    """Check that the vehicles that faults name are there.
+
+    Parameters
+    ----------
+    faults : iterable of Fault
+        What is to go wrong.
+    systems : collection of int
+        MAVLink systems of the vehicles.
+
+    Raises
+    ------
+    FaultError
+        If a fault names a vehicle that is not among them.
+    """
+    for fault in faults:
+        if fault.vehicle is not None and fault.vehicle not in systems:
+            there = ", ".join(map(str, sorted(systems))) or "none"
+            msg = f"fault {fault}: there is no vehicle {fault.vehicle}; the systems are {there}"
+            raise FaultError(msg)
 
 
 def _names(wanted: str | None, name: str, number: int) -> bool:
@@ -266,6 +285,12 @@ class FaultyComponent:
         edge_s = min(edges, default=NEVER)
         return edge_s if self._silent(self._now_s) else min(edge_s, self.inner.next_deadline())
 
+    def goodbye(self) -> list[Message]:
+        """The component's last messages, unless it has none or a fault swallows them."""
+        if not isinstance(self.inner, SaysGoodbye) or self._silent(self._now_s):
+            return []
+        return self._spoil(self.inner.goodbye(), self._now_s)
+
     def _silent(self, now_s: float) -> bool:
         return any(self._session.is_active(fault, self.system_id, now_s) for fault in self._silences)
 
@@ -293,7 +318,7 @@ class FaultyComponent:
             if fault.kind == "drop":
                 fits = number == fault.number and fault.direction in ("up", "both")
             elif fault.kind == "no-request":
-                fits = number in _REQUESTS and message.seq == fault.number
+                fits = wire.is_request(message) and message.seq == fault.number
             else:
                 fits = _IGNORED_REQUESTS.get(fault.kind) == number
             if fits and self._take(fault, now_s):
@@ -322,10 +347,9 @@ class FaultyComponent:
 
     def _fail_image(self, message: Message) -> Message | None:
         """Make an image fail that is taken with a stuck shutter, also when it is asked for later."""
-        number = type(message).id
-        if number == m.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY:
+        if is_a(message, m.MAVLink_debug_float_array_message):
             return None if self._last_failed else message
-        if number != m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED:
+        if not is_a(message, m.MAVLink_camera_image_captured_message):
             return message
         index = message.image_index
         if index >= self._next_image:
@@ -340,20 +364,19 @@ class FaultyComponent:
 
     def _watch(self, message: Message, now_s: float) -> None:
         """Check what triggers faults."""
-        number = type(message).id
         fire, system = self._session.fire, self.system_id
-        if number == m.MAVLINK_MSG_ID_HEARTBEAT and self.component_id == _AUTOPILOT:
+        if is_a(message, m.MAVLink_heartbeat_message) and self.component_id == _AUTOPILOT:
             armed = bool(message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
             if armed and not self._armed:
                 fire(system, "armed", now_s)
             self._armed = armed
-        elif number == m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
+        elif is_a(message, m.MAVLink_extended_sys_state_message):
             if message.landed_state == m.MAV_LANDED_STATE_IN_AIR:
                 self._flew = True
                 fire(system, "airborne", now_s)
             elif message.landed_state == m.MAV_LANDED_STATE_ON_GROUND and self._flew:
                 fire(system, "landed", now_s)
-        elif number == m.MAVLINK_MSG_ID_MISSION_CURRENT and self._armed:
+        elif is_a(message, m.MAVLink_mission_current_message) and self._armed:
             fire(system, f"item:{message.seq}", now_s)
 
 
@@ -363,18 +386,18 @@ def _fits(fault: Fault, message: Message) -> bool:
     if kind == "drop":
         return bool(number == fault.number and fault.direction in ("down", "both"))
     if kind in ("no-final-ack", "final-ack-error"):
-        return bool(number == m.MAVLINK_MSG_ID_MISSION_ACK and message.type == m.MAV_MISSION_ACCEPTED)
-    if number in _REQUESTS:
-        return bool(message.seq == fault.number)
-    return bool(number in _ITEMS and kind != "early-final-ack" and message.seq == fault.number)
+        return is_a(message, m.MAVLink_mission_ack_message) and message.type == m.MAV_MISSION_ACCEPTED
+    if wire.is_request(message):
+        return message.seq == fault.number
+    return wire.is_item(message) and kind != "early-final-ack" and message.seq == fault.number
 
 
 def _gone(_message: Message, _fault: Fault) -> None:
     return None
 
 
-def _acknowledge(result: int) -> Callable[[Message, Fault], Message]:
-    def change(message: Message, _fault: Fault) -> Message:
+def _acknowledge(result: int) -> Callable[[wire.MissionMessage, Fault], Message]:
+    def change(message: wire.MissionMessage, _fault: Fault) -> Message:
         return m.MAVLink_mission_ack_message(
             message.target_system, message.target_component, result, message.mission_type
         )
@@ -382,19 +405,19 @@ def _acknowledge(result: int) -> Callable[[Message, Fault], Message]:
     return change
 
 
-def _next_item(message: Message, _fault: Fault) -> Message:
+def _next_item(message: wire.ItemMessage | wire.RequestMessage, _fault: Fault) -> Message:
     spoiled = copy(message)
     spoiled.seq += 1
     return spoiled
 
 
-def _other_result(message: Message, fault: Fault) -> Message:
+def _other_result(message: wire.AckMessage, fault: Fault) -> Message:
     spoiled = copy(message)
     spoiled.type = int(fault.number)
     return spoiled
 
 
-_CHANGES: dict[str, Callable[[Message, Fault], Message | None]] = {
+_CHANGES: dict[str, Callable[[Any, Fault], Message | None]] = {
     "drop": _gone,
     "no-request": _gone,
     "no-final-ack": _gone,

@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.airframe.sensor_errors import HDOP, VDOP
 from sim_vehicle.autopilot.modes import Mode
@@ -314,7 +314,8 @@ def _ekf_status_report(source: WireState) -> Message:
 
 
 def _rc_channels(source: WireState) -> Message:
-    return m.MAVLink_rc_channels_message(source.boot_ms, 0, *[_UNUSED_CELL] * 18, 255)
+    channels_and_rssi = [_UNUSED_CELL] * 18 + [255]
+    return m.MAVLink_rc_channels_message(source.boot_ms, 0, *channels_and_rssi)
 
 
 def _vibration(source: WireState) -> Message:

@@ -18,6 +18,7 @@ from geo.atomic import atomic_write
 from geo.errors import FarmError
 from geo.farm import MAX_CELLS, Crop, Farm, Patch
 from geo.frame import LocalFrame
+from geo.reading import UnreadableError, read_text
 from geo.units import FOOT_M
 
 MAX_FILE_BYTES = 32 * 2**20
@@ -98,7 +99,7 @@ def save_farm(farm: Farm, path: str | os.PathLike[str]) -> None:
         with atomic_write(path, "wb") as file:
             file.write(msgspec.json.format(msgspec.json.encode(document), indent=1))
     except (OSError, ValueError) as error:
-        msg = f"farm file {os.fspath(path)}: cannot be written ({_reason(error)})"
+        msg = f"farm file {os.fspath(path)}: cannot be written ({getattr(error, 'strerror', None) or error})"
         raise FarmError(msg) from None
 
 
@@ -117,29 +118,11 @@ def _feature(farm: Farm, polygon: shapely.Polygon, **properties: object) -> dict
     }
 
 
-def _reason(error: Exception) -> str:
-    return getattr(error, "strerror", None) or str(error)
-
-
 def _document(path: Path) -> dict[str, Any]:
     try:
-        if not path.is_file():
-            msg = "there is no such file"
-            raise FarmError(msg)
-        with path.open("rb") as file:
-            data = file.read(MAX_FILE_BYTES + 1)
-    except (OSError, ValueError) as error:
-        if isinstance(error, FarmError):
-            raise
-        msg = f"cannot be read ({_reason(error)})"
-        raise FarmError(msg) from None
-    if len(data) > MAX_FILE_BYTES:
-        msg = f"is larger than {MAX_FILE_BYTES // 2**20} MB"
-        raise FarmError(msg)
-    try:
-        document = msgspec.json.decode(data.decode("utf-8-sig"))
-    except UnicodeDecodeError as error:
-        msg = f"is not UTF-8 text (byte {error.start})"
+        document = msgspec.json.decode(read_text(path, MAX_FILE_BYTES))
+    except UnreadableError as error:
+        msg = f"cannot be read: {error}"
         raise FarmError(msg) from None
     except RecursionError:
         msg = "is nested too deeply"

@@ -10,7 +10,6 @@ FieldSet(soil, tylcv)
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, fields
 from importlib.metadata import entry_points
@@ -20,13 +19,13 @@ from typing import Any
 import msgspec
 
 from geo.errors import WbfMissionError
+from geo.reading import UnreadableError, read_toml
 from sensors.dynamics.epidemic import EpidemicParameters
 from sensors.dynamics.soil import SoilParameters
 from sensors.errors import FieldError
 from sensors.fields import PAPER_FIELDS, Dynamics, Field, FieldSet, Kind
 
 ENTRY_POINT_GROUP = "wbf_mission.fields"
-MAX_FILE_BYTES = 2**20
 
 _DYNAMICS: dict[Kind, type[Dynamics]] = {"disease": EpidemicParameters, "continuous": SoilParameters}
 _REQUIRED = ("name", "kind", "crops", "default")
@@ -87,7 +86,10 @@ def read_fields(path: str | Path) -> tuple[Field, ...]:
         If it cannot be read, is no field file, or a field cannot be used; the text names file and field.
     """
     path = Path(path)
-    table = _read_toml(path)
+    try:
+        table = read_toml(path)
+    except UnreadableError as error:
+        raise FieldError(f"{path}: cannot be read as a field file: {error}") from None
     unknown = [key for key in table if key != "field"]
     tables = table.get("field")
     if unknown or not isinstance(tables, list) or not tables:
@@ -183,26 +185,3 @@ def _registered(name: str) -> Field:
     if not isinstance(found, Field) or found.name != name:
         raise FieldError(f"field {name!r} ({points[0].value}) is not a sensors.fields.Field of this name")
     return found
-
-
-def _read_toml(path: Path) -> dict[str, Any]:
-    try:
-        if not path.is_file():
-            raise FieldError(f"{path}: there is no such field file")
-        with path.open("rb") as file:
-            data = file.read(MAX_FILE_BYTES + 1)
-    except (OSError, ValueError) as error:
-        if isinstance(error, FieldError):
-            raise
-        reason = getattr(error, "strerror", None) or error
-        raise FieldError(f"{path}: cannot be read as a field file ({reason})") from None
-    if len(data) > MAX_FILE_BYTES:
-        raise FieldError(f"{path}: larger than {MAX_FILE_BYTES // 2**20} MiB; no field file is so large")
-    try:
-        return tomllib.loads(data.decode("utf-8"))
-    except UnicodeDecodeError as error:
-        raise FieldError(f"{path}: not UTF-8 text (byte {error.start})") from None
-    except RecursionError:
-        raise FieldError(f"{path}: nested too deeply") from None
-    except tomllib.TOMLDecodeError as error:
-        raise FieldError(f"{path}: not TOML ({error})") from None

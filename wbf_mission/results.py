@@ -178,8 +178,10 @@ def _check_target(
 ) -> None:
     target = path.resolve()
     for one in inputs:
-        source = None if one is None else Path(one).resolve()
-        if source is not None and source.is_file() and source.parent == target and _is_ours(source.name):
+        if one is None or not Path(one).is_file():
+            continue
+        source = Path(one).resolve()
+        if source.parent == target and _is_ours(source.name):
             msg = f"{path}: holds {one}, which the run reads; give another folder"
             raise ResultError(msg)
     if not path.exists():

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from geo.atomic import atomic_write
+from geo.reading import UnreadableError, read_file
 from mission.errors import MissionFileError
 from mission.files import native, plan, views, waypoints
 from mission.files.common import MAX_BYTES, Firmware, one_line
@@ -109,20 +110,10 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
         values. The message is one line with the file, the line or item, what is wrong, and what to do.
     """
     loads = reader_for(path)
-    if Path(path).exists() and not Path(path).is_file():
-        msg = f"{path}: cannot be read: it is a directory or a device, no mission file"
-        raise MissionFileError(one_line(msg))
     try:
-        with Path(path).open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except (OSError, ValueError) as error:
-        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
-        raise MissionFileError(one_line(f"{path}: cannot be read: {reason}")) from error
-    if len(data) > MAX_BYTES:
-        msg = f"{path}: larger than {MAX_BYTES // 2**20} MiB; no mission of 65535 items is so large"
-        raise MissionFileError(one_line(msg))
-    try:
-        return loads(data)
+        return loads(read_file(Path(path), MAX_BYTES))
+    except UnreadableError as error:
+        raise MissionFileError(one_line(f"{path}: cannot be read as a mission: {error}")) from error
     except MissionFileError as error:
         raise MissionFileError(one_line(f"{path}: {error}")) from None
 

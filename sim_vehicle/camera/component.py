@@ -121,15 +121,12 @@ class LeafCameraComponent:
             return []
         late = due_s is None or now_s - due_s > _HEARTBEAT_S
         self._heartbeat_s = (now_s if late or due_s is None else due_s) + _HEARTBEAT_S
-        heartbeat = mavlink.MAVLink_heartbeat_message(
-            mavlink.MAV_TYPE_CAMERA,
-            mavlink.MAV_AUTOPILOT_INVALID,
-            0,
-            0,
-            mavlink.MAV_STATE_ACTIVE if self.trigger.active else mavlink.MAV_STATE_STANDBY,
-            3,
-        )
-        return [heartbeat, *self._ask(now_s)]
+        state = mavlink.MAV_STATE_ACTIVE if self.trigger.active else mavlink.MAV_STATE_STANDBY
+        return [_heartbeat(state), *self._ask(now_s)]
+
+    def goodbye(self) -> list[Message]:
+        """A last HEARTBEAT, of a camera that is powered off."""
+        return [_heartbeat(mavlink.MAV_STATE_POWEROFF)]
 
     def _ask(self, now_s: float) -> list[Message]:
         """Ask an autopilot that is there for the telemetry that does not come."""
@@ -451,6 +448,12 @@ class LeafCameraComponent:
         return mavlink.MAVLink_camera_capture_status_message(
             time_ms, image_status, 0, trigger.interval_us / 1e6, 0, free, self.image_count
         )
+
+
+def _heartbeat(state: int) -> Message:
+    return mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_CAMERA, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, state, 3
+    )
 
 
 _TRIGGERS = (mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST, mavlink.MAV_CMD_DO_SET_CAM_TRIGG_INTERVAL)

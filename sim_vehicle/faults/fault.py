@@ -15,8 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import msgspec
-
+from geo.reading import UnreadableError, read_toml
 from mission.link.codec.dialect import mavlink
 from sim_vehicle.errors import VehicleError
 
@@ -321,12 +320,9 @@ def load_faults(path: Path | str) -> tuple[Fault, ...]:
         If the file cannot be read, is not TOML, or a fault in it is wrong; names the file and the fault.
     """
     try:
-        table = msgspec.toml.decode(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        msg = f"{path}: cannot be read ({(error.strerror or str(error)).lower()}); give a TOML file"
-        raise FaultError(msg) from error
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        msg = f"{path}: not TOML ({' '.join(str(error).split())})"
+        table = read_toml(Path(path))
+    except UnreadableError as error:
+        msg = f"{path}: cannot be read as a table of faults: {error}; give a TOML file"
         raise FaultError(msg) from error
     return faults_of(table, str(path))
 

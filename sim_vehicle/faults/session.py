@@ -7,7 +7,7 @@ seed and inputs give the same bytes.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from copy import copy
 
 from numpy.random import SeedSequence
@@ -16,11 +16,11 @@ from geo.seeds import stream
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import Message
 from mission.link.faults import Faults, FaultyChannel
-from sim_vehicle.component import NEVER, Component
+from sim_vehicle.component import NEVER, Component, SaysGoodbye
 from sim_vehicle.faults.fault import Direction, Fault, FaultError, parse_fault
 from sim_vehicle.faults.vehicle import break_vehicle
 
-__all__ = ["FaultSession", "FaultyComponent", "FaultyLink"]
+__all__ = ["FaultSession", "FaultyComponent", "FaultyLink", "check_vehicles"]
 
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 _REQUESTS = frozenset({m.MAVLINK_MSG_ID_MISSION_REQUEST, m.MAVLINK_MSG_ID_MISSION_REQUEST_INT})
@@ -90,11 +90,7 @@ class FaultSession:
             If a fault names a vehicle that is not among them.
         """
         systems = {c.system_id for c in components if c.component_id == _AUTOPILOT}
-        for fault in self.faults:
-            if fault.vehicle is not None and fault.vehicle not in systems:
-                there = ", ".join(map(str, sorted(systems))) or "none"
-                msg = f"fault {fault}: there is no vehicle {fault.vehicle}; the systems are {there}"
-                raise FaultError(msg)
+        check_vehicles(self.faults, systems)
         wrapped: list[Component] = []
         triggered = any(fault.trigger != "start" for fault in self.faults)
         for component in components:
@@ -110,6 +106,28 @@ class FaultSession:
         """
         faults = [f for f in self.faults if f.group == "link" and _names(f.link, name, number)]
         return FaultyLink(faults, self, self._seed, f"{number}.{client}") if faults else None
+
+
+def check_vehicles(faults: Iterable[Fault], systems: Collection[int]) -> None:
+    """Check that the vehicles that faults name are there.
+
+    Parameters
+    ----------
+    faults : iterable of Fault
+        What is to go wrong.
+    systems : collection of int
+        MAVLink systems of the vehicles.
+
+    Raises
+    ------
+    FaultError
+        If a fault names a vehicle that is not among them.
+    """
+    for fault in faults:
+        if fault.vehicle is not None and fault.vehicle not in systems:
+            there = ", ".join(map(str, sorted(systems))) or "none"
+            msg = f"fault {fault}: there is no vehicle {fault.vehicle}; the systems are {there}"
+            raise FaultError(msg)
 
 
 def _names(wanted: str | None, name: str, number: int) -> bool:
@@ -265,6 +283,12 @@ class FaultyComponent:
         ]
         edge_s = min(edges, default=NEVER)
         return edge_s if self._silent(self._now_s) else min(edge_s, self.inner.next_deadline())
+
+    def goodbye(self) -> list[Message]:
+        """The component's last messages, unless it has none or a fault swallows them."""
+        if not isinstance(self.inner, SaysGoodbye) or self._silent(self._now_s):
+            return []
+        return self._spoil(self.inner.goodbye(), self._now_s)
 
     def _silent(self, now_s: float) -> bool:
         return any(self._session.is_active(fault, self.system_id, now_s) for fault in self._silences)

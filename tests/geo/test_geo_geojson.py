@@ -300,7 +300,7 @@ def test_absurd_sizes(tmp_path: Path) -> None:
         (b'{"type": "FeatureCollection"}', 'has no "features"'),
         (b'{"type": "FeatureCollection", "features": []}', 'has no "features"'),
         (b'{"type": "FeatureCollection", "features": {}}', 'has no "features"'),
-        (b" " * (33 * 2**20), "is larger than 32 MB"),
+        (b" " * (33 * 2**20), "it is larger than 32 MiB"),
     ],
 )
 def test_files_that_are_something_else(content: bytes, text: str, tmp_path: Path) -> None:

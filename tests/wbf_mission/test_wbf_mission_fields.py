@@ -131,7 +131,7 @@ def test_an_estimator_that_knows_only_the_benchmarks_fields_says_so(
     [
         ("tylcv,rust", "no field 'rust', expected one of tylcv, ccr, soil, or a field file"),
         ("soil,tylcv,soil", "'soil' is given twice"),
-        ("soil,missing.toml", "missing.toml: there is no such field file"),
+        ("soil,missing.toml", "missing.toml: cannot be read as a field file: no such file"),
     ],
 )
 def test_fields_that_cannot_be_used_are_one_line(

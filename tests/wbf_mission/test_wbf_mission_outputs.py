@@ -115,3 +115,48 @@ def test_the_wall_time_is_that_of_the_process(tmp_path: Path) -> None:
     assert parts["start-up"] > 0.5
     assert parts["results"] > 0.0
     assert sum(parts.values()) <= values["wall_time_s"] + 0.1
+
+
+@pytest.mark.parametrize("key", ["farm", "mission", "vehicle", "fields"])
+def test_a_nul_in_a_name_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], key: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    suffix = {"farm": "geojson", "mission": "plan"}.get(key, "toml")
+    name = f'"a\\u0000b.{suffix}"'
+    Path("nul.toml").write_text(f"{key} = {f'[{name}]' if key == 'fields' else name}\n")
+    Path("r").mkdir()
+    for out in ([], ["--out", "r"], ["--no-files"]):
+        assert "NUL" in refused(capsys, "fly", "--scenario", "nul.toml", *out)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["nul.toml", "r"]
+
+
+def test_only_files_of_missions_and_farms_are_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("package.json", "notes.txt", "farm.json", "rows.plan", "farm.geojson"):
+        Path(name).write_text("mine")
+    plan = ["plan", "--farm", "miniberry-10", "--budget", "60m", "-q", "--out"]
+    save = ["farm", "save", "miniberry-10", "-q", "--out"]
+    download = ["download", "--connect", "udpin:127.0.0.1:0", "--wait", "0.1", "-q", "--out"]
+    for arguments in ([*plan, "package.json"], [*save, "farm.json"], [*download, "notes.txt"]):
+        assert "--force" in refused(capsys, *arguments)
+        assert Path(arguments[-1]).read_text() == "mine"
+    for arguments in ([*plan, "rows.plan"], [*plan, "package.json", "--force"], [*save, "farm.geojson"]):
+        assert main(arguments) == 0
+        assert json.loads(Path([one for one in arguments if one != "--force"][-1]).read_text())
+    assert main([*download, "notes.txt", "--force"]) == 3
+    assert Path("notes.txt").read_text() == "mine"
+
+
+def test_a_fault_of_a_vehicle_that_is_not_there_is_refused_before_anything_is_made(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr("wbf_mission.simulator.make_components", never)
+    assert "there is no vehicle 9; the systems are 1, 2" in refused(
+        capsys, *SIM, "--count", "2", "--fault", "loss=0.1,vehicle=9"
+    )

@@ -11,7 +11,7 @@ import typer
 from wbf_mission.cli import options
 from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.output import Output, distance, duration
-from wbf_mission.cli.targets import refuse_overwrite
+from wbf_mission.cli.targets import Force, refuse_overwrite
 from wbf_mission.scenario import FarmOptions
 
 app = typer.Typer(
@@ -142,6 +142,7 @@ def draw_command(
 def save_command(
     farm: FarmArgument,
     out: Annotated[Path, typer.Option(help="GeoJSON file.")],
+    force: Force = False,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> None:
@@ -150,7 +151,7 @@ def save_command(
 
     _with_suffix(out, ".geojson", ".json")
     place = get_farm(farm)
-    refuse_overwrite(out, [farm])
+    refuse_overwrite(out, [farm], suffixes=(".geojson",), force=force)
     save_farm(place, out)
     Output(as_json=json, quiet=quiet).result({"file": str(out)}, title="Saved")
 

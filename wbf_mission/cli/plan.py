@@ -9,7 +9,7 @@ import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output, distance, duration
-from wbf_mission.cli.targets import refuse_overwrite
+from wbf_mission.cli.targets import MISSION_SUFFIXES, Force, refuse_overwrite
 from wbf_mission.scenario import CameraOptions, FarmOptions, MissionOptions, VehicleOptions, WeatherOptions
 
 EXAMPLES = """
@@ -51,6 +51,7 @@ def plan_command(
             show_default=False,
         ),
     ] = None,
+    force: Force = False,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> None:
@@ -62,7 +63,8 @@ def plan_command(
     if out is not None:
         writer_for(out)
     chosen = given.scenario()
-    refuse_overwrite(out, [given.file, chosen.farm.name, chosen.mission.file, chosen.vehicle.name])
+    inputs = [given.file, chosen.farm.name, *chosen.farm.fields, chosen.mission.file, chosen.vehicle.name]
+    refuse_overwrite(out, inputs, suffixes=MISSION_SUFFIXES, force=force)
     with output.progress() as progress:
         progress("planning", 0, 1)
         result = plan(chosen)

@@ -12,7 +12,7 @@ import typer
 
 from wbf_mission.cli import options, signals
 from wbf_mission.cli.output import Output
-from wbf_mission.cli.targets import refuse_overwrite
+from wbf_mission.cli.targets import Force, refuse_overwrite
 from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import CameraOptions, FarmOptions, VehicleOptions, WeatherOptions
 from wbf_mission.sim_options import LINKS, SimOptions, load_sim, parse_speed
@@ -74,14 +74,7 @@ def sim_command(
             show_default=False,
         ),
     ] = None,
-    force: Annotated[
-        bool,
-        typer.Option(
-            "--force",
-            help="Replace existing files of any kind with the log and the ready file.",
-            rich_help_panel="Output",
-        ),
-    ] = False,
+    force: Force = False,
     ready_file: Annotated[
         Path | None,
         typer.Option(
@@ -101,6 +94,7 @@ def sim_command(
     from mission.link.tlog import TlogWriter
     from sim_vehicle.epoch import EPOCH_UNIX_S
     from sim_vehicle.faults.fault import parse_fault
+    from sim_vehicle.faults.session import check_vehicles
     from sim_vehicle.host.server import Server
     from wbf_mission.scenario import Scenario
     from wbf_mission.simulator import make_components, parse_home
@@ -117,6 +111,7 @@ def sim_command(
     refuse_overwrite(tlog, inputs, suffixes=(".tlog",), force=force)
     refuse_overwrite(ready_file, [*inputs, tlog], suffixes=("", ".ready", ".txt"), force=force)
     homes = [parse_home(text) for text in chosen.home]
+    check_vehicles(faults, range(1, (chosen.count or len(homes) or 1) + 1))
     with output.progress() as progress:
         simulated = make_components(
             scenario,

@@ -4,10 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from geo.errors import WbfMissionError
 
-__all__ = ["TargetError", "refuse_overwrite"]
+__all__ = ["MISSION_SUFFIXES", "Force", "TargetError", "refuse_overwrite"]
+
+MISSION_SUFFIXES = (".plan", ".waypoints", ".wpl", ".kml")
+"""Of files that hold nothing but missions; a .json, .txt or .geojson may hold anything."""
+
+Force = Annotated[
+    bool,
+    typer.Option(
+        "--force", help="Replace an existing file of any kind, not only of ours.", rich_help_panel="Output"
+    ),
+]
 
 
 class TargetError(WbfMissionError, ValueError):
@@ -51,5 +64,6 @@ def refuse_overwrite(
             msg = f"{out}: this is the file that is read; give another name for the output"
             raise TargetError(msg)
     if not force and suffixes and out.is_file() and out.suffix.lower() not in suffixes:
-        msg = f"{out}: an existing file that is no {' or '.join(suffixes)}; give another name, or --force"
+        kinds = " or ".join(one for one in suffixes if one)
+        msg = f"{out}: a file that is already there and is no {kinds}; give another name, or --force"
         raise TargetError(msg)

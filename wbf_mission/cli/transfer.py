@@ -9,6 +9,7 @@ import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output, duration
+from wbf_mission.cli.targets import MISSION_SUFFIXES, Force, refuse_overwrite
 
 _CONNECT_HELP = "Link to the vehicle: udpin:, udpout:, tcp: or tcpin:HOST:PORT, or serial:DEVICE:BAUD."
 Connect = Annotated[str, typer.Option(help=_CONNECT_HELP)]
@@ -59,6 +60,7 @@ def download_command(
     out: Annotated[Path, typer.Option(help="Mission file to write: .plan, .waypoints or .json.")],
     connect: Connect = "udpin:127.0.0.1:14550",
     wait: Wait = 10.0,
+    force: Force = False,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> None:
@@ -68,6 +70,7 @@ def download_command(
 
     output = Output(as_json=json, quiet=quiet)
     writer_for(out)
+    refuse_overwrite(out, suffixes=MISSION_SUFFIXES, force=force)
     with output.progress() as progress:
         mission, report = download(connect, wait_s=wait, progress=progress, note=output.note)
     firmware = Firmware(report.autopilot) if report.autopilot in set(Firmware) else Firmware.GENERIC

@@ -144,7 +144,7 @@ def test_wrong_suffix_says_the_right_one(tmp_path, written, named):
 
 def test_files_that_cannot_be_read(tmp_path):
     (tmp_path / "folder.plan").mkdir()
-    for name, part in (("missing.plan", "No such file"), ("folder.plan", "directory"), ("n\0l.plan", "null")):
+    for name, part in (("missing.plan", "no such file"), ("folder.plan", "a folder"), ("n\0l.plan", "NUL")):
         with pytest.raises(MissionFileError, match="cannot be read") as caught:
             read_mission(tmp_path / name)
         assert part in str(caught.value)

@@ -422,3 +422,15 @@ def test_one_late_answer_moves_the_round_trip_by_an_eighth():
     assert trip.seconds == pytest.approx(0.3)
     assert trip.wait(0.25, 0.1, 1.5) == pytest.approx(1.2)
     assert trip.wait(0.25, 0.1, 0.7) == 0.7
+
+
+@pytest.mark.parametrize(("round_trip_s", "silence_s"), [(0.01, 10.0), (0.2, 16.0), (3.0, 30.0)])
+def test_silence_lasts_twenty_attempts_on_a_slow_link(round_trip_s, silence_s):
+    upload = start(MissionUpload((A, B)))
+    upload.receive(request(0), round_trip_s)
+    while not upload.done:
+        now_s = upload.next_deadline()
+        output = upload.poll(now_s)
+    assert now_s == pytest.approx(round_trip_s + silence_s)
+    (failed,) = output.events
+    assert (failed.reason, failed.vehicle_plan) == (FailureReason.TIMEOUT, PlanState.OLD)

@@ -15,7 +15,7 @@ from mission.link.codec.dialect import mavlink
 from sensors.camera.leaf_camera import LeafCamera, LeafCameraOptions
 from sensors.camera.wire import ObservationAssembler
 from sim_vehicle.camera.component import LeafCameraComponent
-from sim_vehicle.component import Component
+from sim_vehicle.component import Component, SaysGoodbye
 
 FARM = get_farm("miniberry-100")
 GROUND = (255, 190)
@@ -116,6 +116,13 @@ def test_it_is_a_component_with_a_heartbeat() -> None:
     assert camera.poll(now) == []
     camera.poll(500.0)
     assert camera.next_deadline() == 501.0
+
+
+def test_the_last_heartbeat_is_that_of_a_camera_that_is_off() -> None:
+    camera = ready()
+    assert isinstance(camera, SaysGoodbye)
+    (beat,) = camera.goodbye()
+    assert (beat.type, beat.system_status) == (mavlink.MAV_TYPE_CAMERA, mavlink.MAV_STATE_POWEROFF)
 
 
 def test_the_cell_read_is_that_of_the_reported_position() -> None:

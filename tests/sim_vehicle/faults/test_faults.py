@@ -14,7 +14,7 @@ from mission.transfer import RemoteTransferError
 from mission.transfer.driver import TransferDriver
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.faults.fault import KINDS, Fault, FaultError, load_faults, parse_fault
-from sim_vehicle.faults.session import FaultSession
+from sim_vehicle.faults.session import FaultSession, FaultyComponent
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
@@ -392,3 +392,20 @@ def test_a_fault_of_a_vehicle_that_is_not_there_is_refused(fault):
         Simulation([vehicle], faults=[fault])
     with pytest.raises(FaultError, match="no vehicle"):
         Server([vehicle], ["tcpin:127.0.0.1:0"], faults=[fault])
+
+
+@pytest.mark.parametrize(
+    ("fault", "states"),
+    [
+        ("gps-loss,from=2", [m.MAV_STATE_POWEROFF]),
+        ("drop=HEARTBEAT,direction=down,from=2", []),
+        ("silence,from=2", []),
+        ("silence,from=0,for=1", [m.MAV_STATE_POWEROFF]),
+    ],
+)
+def test_a_vehicle_with_faults_says_goodbye_unless_it_is_not_heard(fault, states):
+    (faulty,) = FaultSession([fault]).wrap([SimVehicle(get_vehicle("quad"), HOME)])
+    assert isinstance(faulty, FaultyComponent)
+    for now_s in np.arange(0.0, 4.0, 0.5):
+        faulty.poll(float(now_s))
+    assert [message.system_status for message in faulty.goodbye()] == states

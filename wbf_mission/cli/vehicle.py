@@ -116,14 +116,14 @@ def _add_endurance(spec: VehicleSpec, values: dict[str, Any], rows: dict[str, st
 
 
 def _least_airspeed_m_s(spec: VehicleSpec) -> float | None:
-    """Return the least airspeed of a fixed wing whose parameters for the default autopilot are known."""
+    """Return the least airspeed of a fixed wing by its own parameters for the default autopilot, if there."""
     from sim_vehicle.airframe.autopilot_names import DEFAULT_AUTOPILOT
-    from sim_vehicle.autopilot import fixed_wing_procedures, with_autopilot
+    from sim_vehicle.autopilot import fixed_wing_procedures
 
-    if spec.kind != "fixed-wing" or not spec.parameters_for(DEFAULT_AUTOPILOT):
+    if spec.kind != "fixed-wing":
         return None
-    flown = with_autopilot(spec, DEFAULT_AUTOPILOT)
-    return fixed_wing_procedures(flown).limits(flown).airspeed_min
+    own = dict(spec.parameters_for(DEFAULT_AUTOPILOT))
+    return own.get(fixed_wing_procedures(spec).least_airspeed)
 
 
 def _summary(spec: VehicleSpec) -> dict[str, Any]:

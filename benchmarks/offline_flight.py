@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 
 from geo.farms import get_farm
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
 from mission.link.tlog import TlogWriter
 from mission.model import Command, Frame, GeoPoint, MissionItem
 from mission.outcome import Outcome

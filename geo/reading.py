@@ -43,7 +43,7 @@ def read_file(path: Path, max_bytes: int) -> bytes:
     except UnreadableError:
         raise
     except ValueError as error:  # a NUL in the name
-        raise UnreadableError("its name holds a NUL character") from error
+        raise UnreadableError("there is a NUL character in its name") from error
     if len(data) > max_bytes:
         raise UnreadableError(f"it is larger than {max_bytes / 2**20:g} MiB")
     return data

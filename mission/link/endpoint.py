@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from mission.link.address import Link
-from mission.link.codec.dialect import mavlink
-from mission.link.codec.frames import FrameReader, FrameWriter, Message, SourceStatistics
+from mission.link.codec.dialect import Message, mavlink
+from mission.link.codec.frames import FrameReader, FrameWriter, SourceStatistics
 from mission.link.codec.signing import Signing
 
 Tap = Callable[[bytes, bool], None]

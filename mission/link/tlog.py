@@ -12,7 +12,8 @@ from types import TracebackType
 from typing import Self
 
 from mission.errors import LinkError
-from mission.link.codec.frames import FrameReader, Message, valid_frame_end
+from mission.link.codec.dialect import Message
+from mission.link.codec.frames import FrameReader, valid_frame_end
 
 _TIME = struct.Struct(">Q")
 _LATEST_US = 4_102_444_800_000_000  # the year 2100: later than that is not a time stamp

@@ -4,10 +4,12 @@
 
 from __future__ import annotations
 
+from mission.link.codec.dialect import Message, mavlink
+from mission.link.codec.typed import is_a
 from mission.transfer import wire
 from mission.transfer.client import ClientTransfer
 from mission.transfer.client_table import ClientInput
-from mission.transfer.events import ClearComplete, Message, Output, PlanState
+from mission.transfer.events import ClearComplete, Output, PlanState
 
 
 class MissionClear(ClientTransfer):
@@ -30,9 +32,11 @@ class MissionClear(ClientTransfer):
         return wire.clear_all(self.target, self.mission_type)
 
     def _judge(self, message: Message, now_s: float) -> ClientInput:
-        return self._judge_ack(message, accepted=True) if type(message).id == wire.ACK else ClientInput.STRAY
+        if is_a(message, mavlink.MAVLink_mission_ack_message):
+            return self._judge_ack(message, accepted=True)
+        return ClientInput.STRAY
 
-    def _complete(self, message: Message, now_s: float) -> Output:
+    def _complete(self, message: wire.AckMessage, now_s: float) -> Output:
         return Output(events=(ClearComplete(self.mission_type),))
 
     def _plan_state(self) -> PlanState:

@@ -1,13 +1,12 @@
 """What upload, download and clear have in common on the ground station's side, sans-IO."""
 
-# ruff: noqa: ARG002 - the actions of the transition table share one signature
-
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any, assert_never
 
+from mission.link.codec.dialect import Message
 from mission.model import MissionType
 from mission.transfer import wire
 from mission.transfer.client_table import (
@@ -23,7 +22,6 @@ from mission.transfer.errors import LocalTransferError
 from mission.transfer.events import (
     NOTHING,
     FailureReason,
-    Message,
     Output,
     PlanState,
     TransferFailed,
@@ -175,7 +173,7 @@ class ClientTransfer(ABC):
 
     def receive(self, message: Message, now_s: float) -> Output:
         """Take one message; what does not belong to this transfer is ignored."""
-        if type(message).id not in wire.CLIENT_MESSAGES or not self._is_ours(message):
+        if not wire.to_client(message) or not self._is_ours(message):
             return NOTHING
         self._messages_received += 1
         return self._step(_I.STRAY if self.done else self._judge(message, now_s), message, now_s)
@@ -232,8 +230,8 @@ class ClientTransfer(ABC):
         """Return the message that begins the transfer."""
 
     @abstractmethod
-    def _complete(self, message: Message, now_s: float) -> Output:
-        """Act on success."""
+    def _complete(self, message: Any, now_s: float) -> Output:
+        """Act on success; ``message`` is the one that completes this kind of transfer."""
 
     @abstractmethod
     def _item_count(self) -> int:
@@ -265,7 +263,7 @@ class ClientTransfer(ABC):
 
     # The machinery.
 
-    def _is_ours(self, message: Message) -> bool:
+    def _is_ours(self, message: wire.MissionMessage) -> bool:
         if message.target_system not in (self.source[0], 0):
             return False
         if message.target_component not in (self.source[1], 0):
@@ -274,12 +272,12 @@ class ClientTransfer(ABC):
             return False
         return self.target[1] in (0, message.get_srcComponent())
 
-    def _judge_ack(self, message: Message, *, accepted: bool) -> ClientInput:
+    def _judge_ack(self, message: wire.AckMessage, *, accepted: bool) -> ClientInput:
         if message.type == wire.ACCEPTED:
             return _I.ACK_ACCEPTED if accepted else _I.STRAY
         return _I.ACK_TROUBLE if message.type in _TROUBLE else _I.ACK_REFUSED
 
-    def _step(self, found: ClientInput, message: Message, now_s: float) -> Output:
+    def _step(self, found: ClientInput, message: Message | None, now_s: float) -> Output:
         action, following = CLIENT_TABLE[self._state, found]
         output = self._act(action, message, now_s)
         self._state = following
@@ -288,25 +286,28 @@ class ClientTransfer(ABC):
             self._ended_s = now_s
         return output
 
-    def _act(self, action: ClientAction, message: Message, now_s: float) -> Output:
-        """Do what a row of the table says; the kinds of transfer add their own actions."""
+    def _act(self, action: ClientAction, message: Any, now_s: float) -> Output:
+        """Do what a row of the table says; the kinds of transfer add their own actions.
+
+        Each input belongs to messages of one kind or to a timer (None); ``message`` fits the action.
+        """
         match action:
             case _A.SEND_OPENING:
-                return self._send_opening(message, now_s)
+                return self._send_opening(now_s)
             case _A.IGNORE:
-                return self._ignore(message, now_s)
+                return NOTHING
             case _A.FAIL_UNSTARTED:
-                return self._fail_unstarted(message, now_s)
+                return self._fail_unstarted()
             case _A.NOTE_TROUBLE:
                 return self._note_trouble(message, now_s)
             case _A.FAIL_REFUSED:
-                return self._fail_refused(message, now_s)
+                return self._fail_refused(message)
             case _A.REPEAT_OPENING:
-                return self._repeat_opening(message, now_s)
+                return self._repeat_opening(now_s)
             case _A.FAIL_SILENT:
-                return self._fail_silent(message, now_s)
+                return self._fail_silent()
             case _A.FAIL_CANCELLED:
-                return self._fail_cancelled(message, now_s)
+                return self._fail_cancelled()
             case _A.COMPLETE:
                 return self._complete(message, now_s)
             case (
@@ -324,21 +325,18 @@ class ClientTransfer(ABC):
             case _:
                 assert_never(action)
 
-    def _ignore(self, message: Message, now_s: float) -> Output:
-        return NOTHING
-
-    def _send_opening(self, message: Message, now_s: float) -> Output:
+    def _send_opening(self, now_s: float) -> Output:
         self._openings += 1
         self._sent_s = now_s
         if self._openings == 1:
             self._opened_s = now_s
         return Output((self._opening(),))
 
-    def _repeat_opening(self, message: Message, now_s: float) -> Output:
+    def _repeat_opening(self, now_s: float) -> Output:
         self._retries += 1
-        return self._send_opening(message, now_s)
+        return self._send_opening(now_s)
 
-    def _note_trouble(self, message: Message, now_s: float) -> Output:
+    def _note_trouble(self, message: wire.AckMessage, now_s: float) -> Output:
         self._trouble = (message.type, now_s)
         return NOTHING
 
@@ -347,11 +345,11 @@ class ClientTransfer(ABC):
         messages = (wire.ack(self.target, wire.OPERATION_CANCELLED, self.mission_type),) if tell else ()
         return Output(messages, (failed,))
 
-    def _fail_refused(self, message: Message, now_s: float) -> Output:
+    def _fail_refused(self, message: wire.AckMessage) -> Output:
         text = f"{self._what()} was refused: {wire.result_text(message.type)}"
         return self._failed(FailureReason.REFUSED, text, message.type, tell=False)
 
-    def _fail_silent(self, message: Message, now_s: float) -> Output:
+    def _fail_silent(self) -> Output:
         where = self._where()
         if self._trouble is not None:
             result = self._trouble[0]
@@ -360,11 +358,11 @@ class ClientTransfer(ABC):
         text = f"{self._what()} failed {where}: the vehicle did not answer; check the link and try again"
         return self._failed(FailureReason.TIMEOUT, text, None, tell=True)
 
-    def _fail_cancelled(self, message: Message, now_s: float) -> Output:
+    def _fail_cancelled(self) -> Output:
         text = f"{self._what()} was cancelled {self._where()}"
         return self._failed(FailureReason.CANCELLED, text, None, tell=True)
 
-    def _fail_unstarted(self, message: Message, now_s: float) -> Output:
+    def _fail_unstarted(self) -> Output:
         return self._failed(FailureReason.CANCELLED, f"{self._what()} was cancelled", None, tell=False)
 
     def _what(self) -> str:

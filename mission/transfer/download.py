@@ -7,13 +7,14 @@ from __future__ import annotations
 from typing import Any
 
 from mission.errors import MissionError
-from mission.link.codec.dialect import mavlink
+from mission.link.codec.dialect import Message, mavlink
+from mission.link.codec.typed import is_a
 from mission.model import MissionItem, MissionType
 from mission.transfer import wire
 from mission.transfer.client import ClientTransfer
 from mission.transfer.client_table import LISTING, ClientAction, ClientInput
 from mission.transfer.errors import LocalTransferError
-from mission.transfer.events import DownloadComplete, FailureReason, Message, Output, Progress
+from mission.transfer.events import DownloadComplete, FailureReason, Output, Progress
 from mission.transfer.profile import from_wire_order
 
 _I = ClientInput
@@ -66,13 +67,13 @@ class MissionDownload(ClientTransfer):
         return mavlink.MAVLink_mission_request_list_message(*self.target, self.mission_type)
 
     def _judge(self, message: Message, now_s: float) -> ClientInput:
-        if type(message).id == wire.ACK:
+        if is_a(message, mavlink.MAVLink_mission_ack_message):
             return self._judge_ack(message, accepted=False)
         if self._state is LISTING:
-            if type(message).id != wire.COUNT:
+            if not is_a(message, mavlink.MAVLink_mission_count_message):
                 return _I.STRAY
             return _I.COUNT if message.count else _I.COUNT_EMPTY
-        if type(message).id not in (wire.ITEM_INT, wire.ITEM):
+        if not wire.is_item(message):
             return _I.STRAY
         if message.seq >= len(self._items) or self._items[message.seq] is not None:
             return _I.STRAY
@@ -83,29 +84,29 @@ class MissionDownload(ClientTransfer):
             return _I.ITEM_BROKEN
         return _I.ITEM_LAST if self._missing == 1 else _I.ITEM
 
-    def _act(self, action: ClientAction, message: Message, now_s: float) -> Output:
+    def _act(self, action: ClientAction, message: Any, now_s: float) -> Output:
         match action:
             case ClientAction.ASK_FIRST:
                 return self._ask_first(message, now_s)
             case ClientAction.TAKE_ITEM:
-                return self._take_item(message, now_s)
+                return self._take_item(now_s)
             case ClientAction.FAIL_BROKEN:
-                return self._fail_broken(message, now_s)
+                return self._fail_broken()
             case ClientAction.ASK_AGAIN:
-                return self._ask_again(message, now_s)
+                return self._ask_again(now_s)
             case ClientAction.RESTART:
-                return self._restart(message, now_s)
+                return self._restart(now_s)
             case _:
                 return super()._act(action, message, now_s)
 
-    def _ask_first(self, message: Message, now_s: float) -> Output:
+    def _ask_first(self, message: wire.CountMessage, now_s: float) -> Output:
         if self._openings == 1:
             self.round_trip.sample(now_s - self._sent_s)
         if not self._restarts:
             self._progress_s = now_s
         self._items = [None] * message.count
         self._missing = message.count
-        self._opaque_id = int(getattr(message, "opaque_id", 0))
+        self._opaque_id = message.opaque_id
         self._asked, self._next, self._trouble = {}, 0, None
         return self._ask_more(now_s)
 
@@ -134,14 +135,14 @@ class MissionDownload(ClientTransfer):
         self._most = max(self._most, done)
         return Progress(self.mission_type, done, len(self._items))
 
-    def _take_item(self, message: Message, now_s: float) -> Output:
+    def _take_item(self, now_s: float) -> Output:
         progress = self._store(now_s)
         return Output(self._ask_more(now_s).messages, (progress,))
 
-    def _complete(self, message: Message, now_s: float) -> Output:
+    def _complete(self, message: wire.CountMessage | wire.ItemMessage, now_s: float) -> Output:
         events: tuple[Progress, ...] = ()
-        if type(message).id == wire.COUNT:
-            self._items, self._opaque_id = [], int(getattr(message, "opaque_id", 0))
+        if is_a(message, mavlink.MAVLink_mission_count_message):
+            self._items, self._opaque_id = [], message.opaque_id
         else:
             events = (self._store(now_s),)
         came = tuple(item for item in self._items if item is not None)
@@ -166,24 +167,24 @@ class MissionDownload(ClientTransfer):
         vain = any(times > 2 * self.timers.retries for _, times in self._asked.values())
         return _I.RESTART if vain or self._trouble is not None else _I.RETRY
 
-    def _ask_again(self, message: Message, now_s: float) -> Output:
+    def _ask_again(self, now_s: float) -> Output:
         wait_s = self._wait_s()
         asked = self._asked.items()
         late = [(number, times) for number, (asked_s, times) in asked if now_s >= asked_s + wait_s]
         self._retries += len(late)
         return Output(tuple(self._ask(sequence, now_s, times + 1) for sequence, times in late))
 
-    def _restart(self, message: Message, now_s: float) -> Output:
+    def _restart(self, now_s: float) -> Output:
         """Ask for the list again: the vehicle has left the transfer."""
         self._restarts += 1
         self._asked, self._openings = {}, 0
-        return self._repeat_opening(message, now_s)
+        return self._repeat_opening(now_s)
 
     def _give_up_s(self) -> float:
         limit_s = self._progress_s + self._silence_s()
         return min(limit_s, self._opening_limit_s()) if self._state is LISTING else limit_s
 
-    def _fail_broken(self, message: Message, now_s: float) -> Output:
+    def _fail_broken(self) -> Output:
         return self._failed(FailureReason.BROKEN, self._broken, None, tell=True)
 
     def _where(self) -> str:

@@ -10,7 +10,8 @@ from types import TracebackType
 from typing import Any, Protocol, Self
 
 from mission.link.address import Link
-from mission.link.codec.dialect import mavlink
+from mission.link.codec.dialect import Message, mavlink
+from mission.link.codec.typed import is_a
 from mission.link.endpoint import MavlinkEndpoint
 from mission.model import GeoPoint, Mission, MissionType
 from mission.transfer import wire
@@ -18,14 +19,7 @@ from mission.transfer.clear import MissionClear
 from mission.transfer.client import ClientTimers, RoundTrip
 from mission.transfer.download import MissionDownload
 from mission.transfer.errors import NoVehicleError, RemoteTransferError
-from mission.transfer.events import (
-    DownloadComplete,
-    Event,
-    Message,
-    Output,
-    TransferFailed,
-    TransferStatistics,
-)
+from mission.transfer.events import DownloadComplete, Event, Output, TransferFailed, TransferStatistics
 from mission.transfer.profile import Profile, profile_for
 from mission.transfer.verified import VerifiedUpload
 
@@ -330,7 +324,10 @@ class TransferDriver:
 
 def _vehicle_of(message: Message) -> Vehicle | None:
     """Return the vehicle whose autopilot's heartbeat this is, None if it is anything else."""
-    if type(message).id != _HEARTBEAT or message.autopilot == mavlink.MAV_AUTOPILOT_INVALID:
+    if (
+        not is_a(message, mavlink.MAVLink_heartbeat_message)
+        or message.autopilot == mavlink.MAV_AUTOPILOT_INVALID
+    ):
         return None
     if message.type == mavlink.MAV_TYPE_GCS or message.get_srcSystem() == 0:
         return None

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
 
+from mission.link.codec.dialect import Message
 from mission.model import GeoPoint, MissionItem, MissionType
-
-Message = Any
 
 
 class FailureReason(Enum):

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from mission.errors import MissionError
+from mission.link.codec.dialect import mavlink
+from mission.link.codec.typed import is_a
 from mission.model import Command, MissionItem, MissionType
 from mission.transfer import wire
-from mission.transfer.events import Message
 from mission.transfer.plan_store import PlanStore
 from mission.transfer.profile import Profile
 from mission.transfer.server_session import ServerSession
@@ -48,17 +49,17 @@ class ServerJudge:
         self._store = store
         self._session = session
 
-    def judge(self, message: Message, sender: tuple[int, int], now_s: float) -> ServerInput:
+    def judge(self, message: wire.MissionMessage, sender: tuple[int, int], now_s: float) -> ServerInput:
         """Return the input of the table that a message is in the session's state."""
-        number = type(message).id
-        if number in (wire.ITEM_INT, wire.ITEM):
+        if wire.is_item(message):
             return self._judge_item(message, sender)
-        if number in (wire.REQUEST_INT, wire.REQUEST):
+        if wire.is_request(message):
             return self._judge_request(message, sender)
-        if number == wire.ACK:
+        if is_a(message, mavlink.MAVLink_mission_ack_message):
             return self._judge_ack(message, sender)
-        if number in (wire.PARTIAL_LIST, wire.WRITE_PARTIAL):
+        if wire.is_partial(message):
             return self._judge_partial(message)
+        number = type(message).id
         mission_type = wire.plan_type(message.mission_type)
         everything = number == wire.CLEAR and message.mission_type == wire.ALL_TYPES
         if mission_type is None and not everything:
@@ -78,7 +79,7 @@ class ServerJudge:
                 return _I.CLEAR_BUSY
             locked = self.locked and mission_type == MissionType.MISSION
             return _I.CLEAR_LOCKED if locked else _I.CLEAR
-        assert mission_type is not None
+        assert mission_type is not None and is_a(message, mavlink.MAVLink_mission_count_message)
         return self._judge_count(message.count, mission_type, sender, now_s)
 
     def _judge_count(
@@ -98,15 +99,17 @@ class ServerJudge:
         again = not self._session.items or self._profile.restart_on_count
         return _I.COUNT_REPEATED if again and fits and number else _I.COUNT_BUSY
 
-    def _judge_partial(self, message: Message) -> ServerInput:
+    def _judge_partial(self, message: wire.PartialMessage) -> ServerInput:
         kind = wire.plan_type(message.mission_type)
-        if type(message).id != wire.WRITE_PARTIAL or not self._profile.partial_write or kind is None:
+        if not is_a(message, mavlink.MAVLink_mission_write_partial_list_message) or kind is None:
+            return _I.PARTIAL
+        if not self._profile.partial_write:
             return _I.PARTIAL
         number = len(self._store.wire_items(kind))
         within = 0 <= message.start_index <= message.end_index <= number
         return _I.WRITE if within else _I.PARTIAL
 
-    def _judge_item(self, message: Message, sender: tuple[int, int]) -> ServerInput:
+    def _judge_item(self, message: wire.ItemMessage, sender: tuple[int, int]) -> ServerInput:
         if self._session.state is not RECEIVING:
             return self._judge_late_item(message, sender)
         if sender != self._session.partner:
@@ -120,7 +123,7 @@ class ServerJudge:
             return _I.ITEM_REFUSED
         return _I.ITEM_LAST if message.seq == self._session.count - 1 else _I.ITEM_NEXT
 
-    def _judge_late_item(self, message: Message, sender: tuple[int, int]) -> ServerInput:
+    def _judge_late_item(self, message: wire.ItemMessage, sender: tuple[int, int]) -> ServerInput:
         """Tell an echo of the last upload from an item that makes no sense."""
         unexpected = _I.ITEM_UNEXPECTED if self._session.state is IDLE else _I.ITEM_FOREIGN
         ended = self._session.ended
@@ -146,7 +149,7 @@ class ServerJudge:
             return _I.LIST
         return _I.LIST_BUSY if self._session.items or self._profile.stateless_download else _I.ABANDONED
 
-    def _judge_request(self, message: Message, sender: tuple[int, int]) -> ServerInput:
+    def _judge_request(self, message: wire.RequestMessage, sender: tuple[int, int]) -> ServerInput:
         if self._session.state is IDLE:
             mission_type = wire.plan_type(message.mission_type)
             if not self._profile.stateless_download or mission_type is None:
@@ -165,7 +168,7 @@ class ServerJudge:
             return _I.REQUEST_CHANGED
         return _I.REQUEST if message.seq <= self._session.next else _I.REQUEST_JUMP
 
-    def _judge_ack(self, message: Message, sender: tuple[int, int]) -> ServerInput:
+    def _judge_ack(self, message: wire.AckMessage, sender: tuple[int, int]) -> ServerInput:
         if (
             self._session.state is IDLE
             or sender != self._session.partner
@@ -180,7 +183,7 @@ class ServerJudge:
             return _I.ACK_ERROR
         return _I.ACK_DONE if self._session.next >= len(self._session.outgoing) else _I.ACK_OTHER
 
-    def _read_item(self, message: Message) -> tuple[MissionItem | None, int]:
+    def _read_item(self, message: wire.ItemMessage) -> tuple[MissionItem | None, int]:
         """Return the item and the verdict on it."""
         if self._store.home_items(self._session.type) and message.seq == 0:
             return MissionItem(Command.NAV_WAYPOINT), int(wire.ACCEPTED)
@@ -203,7 +206,7 @@ class ServerJudge:
             verdict = int(self.validator(item))
         return as_stored(item, self._profile), verdict
 
-    def _item_of(self, message: Message) -> MissionItem | None:
+    def _item_of(self, message: wire.ItemMessage) -> MissionItem | None:
         """Read an item; None when its numbers make no sense and the autopilot would see that."""
         try:
             return wire.item_from_message(message)

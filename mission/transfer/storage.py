@@ -30,8 +30,8 @@ class UncheckedItem(MissionItem):
         object.__setattr__(self, "frame", {5: 0, 6: 3, 11: 10}.get(self.frame, self.frame))
 
     @classmethod
-    def of(cls, message: Any) -> UncheckedItem | None:
-        """Read an item message; None when its place does not even fit the 32 bits of a MISSION_ITEM_INT."""
+    def of(cls, message: wire.ItemMessage) -> UncheckedItem | None:
+        """Read an item message; None when its position does not fit the 32 bits of a MISSION_ITEM_INT."""
         placed = message.frame in (0, 3, 5, 6, 10, 11) and has_position(message.command)
         scale = 1e7 if placed and type(message).id == wire.ITEM_INT else 1.0
         x, y = message.x / scale, message.y / scale
@@ -45,7 +45,7 @@ class UncheckedItem(MissionItem):
         return cls(message.command, message.frame, first, second, third, fourth, x, y, message.z, carry_on)
 
 
-def judge_numbers(message: Any, profile: Profile) -> int:
+def judge_numbers(message: wire.ItemMessage, profile: Profile) -> int:
     """Return the MAV_MISSION_RESULT for the parameters of an item as they came (NaN where it may not be)."""
     if profile.nan_parameters is None:
         return int(wire.ACCEPTED)

@@ -7,12 +7,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from mission.link.codec.dialect import Message, mavlink
+from mission.link.codec.typed import is_a
 from mission.model import GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
 from mission.transfer.client import ClientTransfer
 from mission.transfer.client_table import CLEARING, CONFIRMING, COUNTING, UPLOADING, ClientAction, ClientInput
 from mission.transfer.errors import LocalTransferError
-from mission.transfer.events import NOTHING, Message, Output, PlanState, Progress, UploadComplete
+from mission.transfer.events import NOTHING, Output, PlanState, Progress, UploadComplete
 from mission.transfer.profile import to_wire_order
 from mission.transfer.storage import without_nan
 
@@ -122,7 +124,7 @@ class MissionUpload(ClientTransfer):
         return wire.clear_all(self.target, self.mission_type)
 
     def _judge(self, message: Message, now_s: float) -> ClientInput:
-        if type(message).id in (wire.REQUEST_INT, wire.REQUEST) and self._state is not CLEARING:
+        if wire.is_request(message) and self._state is not CLEARING:
             if message.seq >= len(self._wire):
                 return _I.STRAY
             answered_s = self._answered_s[message.seq]
@@ -130,22 +132,23 @@ class MissionUpload(ClientTransfer):
                 return _I.REQUEST_LAST if self._unsent == 1 else _I.REQUEST
             trip_s = min(max(self.round_trip.seconds or 0.0, _SHORTEST_TRIP_S), _LONGEST_TRIP_S)
             return _I.REQUEST_REPEATED if now_s < answered_s + trip_s else _I.REQUEST
-        if type(message).id == wire.ACK:
+        if is_a(message, mavlink.MAVLink_mission_ack_message):
             return self._judge_ack(message, accepted=self._state in (CONFIRMING, CLEARING))
         return _I.STRAY
 
-    def _act(self, action: ClientAction, message: Message, now_s: float) -> Output:
+    def _act(self, action: ClientAction, message: Any, now_s: float) -> Output:
         match action:
             case ClientAction.SEND_ITEM:
                 return self._send_item(message, now_s)
             case ClientAction.NOTE_REQUEST:
-                return self._note_request(message, now_s)
+                self._trouble = None
+                return NOTHING
             case ClientAction.REPEAT_ITEM:
-                return self._repeat_item(message, now_s)
+                return self._repeat_item(now_s)
             case _:
                 return super()._act(action, message, now_s)
 
-    def _send_item(self, message: Message, now_s: float) -> Output:
+    def _send_item(self, message: wire.RequestMessage, now_s: float) -> Output:
         sequence = message.seq
         self._trouble = None
         answered_s = self._answered_s[sequence]
@@ -161,10 +164,6 @@ class MissionUpload(ClientTransfer):
             self._highest = sequence
             self._progress_s = now_s
         return Output(self._item(sequence, now_s).messages, events)
-
-    def _note_request(self, message: Message, now_s: float) -> Output:
-        self._trouble = None
-        return NOTHING
 
     def _measure(self, sequence: int, now_s: float) -> None:
         """Take the round trip from messages that were sent once only (Karn's rule)."""
@@ -188,7 +187,7 @@ class MissionUpload(ClientTransfer):
         )
         return Output((message,))
 
-    def _repeat_item(self, message: Message, now_s: float) -> Output:
+    def _repeat_item(self, now_s: float) -> Output:
         """Send the item again that was sent last: the item, or the answer to it, was lost."""
         self._retries += 1
         self._repeated.add(self._last)
@@ -208,9 +207,8 @@ class MissionUpload(ClientTransfer):
             limit_s = min(limit_s, self._trouble[1] + 2.0 * (self.timers.reply_s + trip_s))
         return limit_s
 
-    def _complete(self, message: Message, now_s: float) -> Output:
-        opaque_id = int(getattr(message, "opaque_id", 0))
-        return Output(events=(UploadComplete(self.mission_type, len(self.items), opaque_id),))
+    def _complete(self, message: wire.AckMessage, now_s: float) -> Output:
+        return Output(events=(UploadComplete(self.mission_type, len(self.items), message.opaque_id),))
 
     def _plan_state(self) -> PlanState:
         if self._state is CONFIRMING or self._state is CLEARING:

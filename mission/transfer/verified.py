@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from mission.link.codec.dialect import Message
 from mission.model import GeoPoint, MissionItem, MissionType
 from mission.transfer.client import ClientTransfer, RoundTrip, common_options
 from mission.transfer.client_table import READY, ClientState
@@ -28,7 +29,6 @@ from mission.transfer.events import (
     DownloadComplete,
     Event,
     FailureReason,
-    Message,
     Output,
     PlanState,
     TransferFailed,

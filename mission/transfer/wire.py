@@ -1,6 +1,6 @@
 """Mission items to and from MAVLink messages.
 
-MISSION_ITEM_INT (73) carries places in 1e-7 degrees, MISSION_ITEM (39) in 32-bit floats (0.4 to 1.7 m);
+MISSION_ITEM_INT (73) carries positions in 1e-7 degrees, MISSION_ITEM (39) in 32-bit floats (0.4 to 1.7 m);
 fields as in https://mavlink.io/en/messages/common.html.
 """
 
@@ -10,12 +10,13 @@ import math
 import struct
 import zlib
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, TypeAlias
 
-from mission.link.codec.dialect import mavlink
+from mission.link.codec.dialect import Message, mavlink
 from mission.model import DEGREES_E7, FLOAT32_MAX, GLOBAL_FRAMES, MissionItem, MissionType, has_position
 
-Message = Any
+if TYPE_CHECKING:
+    from typing_extensions import TypeIs
 
 PARTIAL_LIST = mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_PARTIAL_LIST
 WRITE_PARTIAL = mavlink.MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST
@@ -30,6 +31,25 @@ ITEM_INT = mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT
 
 CLIENT_MESSAGES = frozenset({ITEM, REQUEST, COUNT, ACK, REQUEST_INT, ITEM_INT})
 SERVER_MESSAGES = CLIENT_MESSAGES | {PARTIAL_LIST, WRITE_PARTIAL, LIST, CLEAR}
+
+ItemMessage: TypeAlias = mavlink.MAVLink_mission_item_int_message | mavlink.MAVLink_mission_item_message
+RequestMessage: TypeAlias = (
+    mavlink.MAVLink_mission_request_int_message | mavlink.MAVLink_mission_request_message
+)
+PartialMessage: TypeAlias = (
+    mavlink.MAVLink_mission_request_partial_list_message | mavlink.MAVLink_mission_write_partial_list_message
+)
+CountMessage: TypeAlias = mavlink.MAVLink_mission_count_message
+AckMessage: TypeAlias = mavlink.MAVLink_mission_ack_message
+MissionMessage: TypeAlias = (
+    ItemMessage
+    | RequestMessage
+    | PartialMessage
+    | CountMessage
+    | AckMessage
+    | mavlink.MAVLink_mission_request_list_message
+    | mavlink.MAVLink_mission_clear_all_message
+)
 
 ALL_TYPES = 255
 INT32_MAX = 2147483647.0
@@ -67,6 +87,31 @@ _MEANINGS = {
 }
 
 
+def to_server(message: Message) -> TypeIs[MissionMessage]:
+    """Tell whether a vehicle has to look at the message."""
+    return type(message).id in SERVER_MESSAGES
+
+
+def to_client(message: Message) -> TypeIs[ItemMessage | RequestMessage | CountMessage | AckMessage]:
+    """Tell whether a ground station has to look at the message."""
+    return type(message).id in CLIENT_MESSAGES
+
+
+def is_item(message: Message) -> TypeIs[ItemMessage]:
+    """Tell whether it is a MISSION_ITEM_INT or MISSION_ITEM."""
+    return type(message).id in (ITEM_INT, ITEM)
+
+
+def is_request(message: Message) -> TypeIs[RequestMessage]:
+    """Tell whether it is a MISSION_REQUEST_INT or MISSION_REQUEST."""
+    return type(message).id in (REQUEST_INT, REQUEST)
+
+
+def is_partial(message: Message) -> TypeIs[PartialMessage]:
+    """Tell whether it is a MISSION_REQUEST_PARTIAL_LIST or MISSION_WRITE_PARTIAL_LIST."""
+    return type(message).id in (PARTIAL_LIST, WRITE_PARTIAL)
+
+
 def result_text(result: int) -> str:
     """Say in words what a MAV_MISSION_RESULT means.
 
@@ -80,14 +125,14 @@ def result_text(result: int) -> str:
     return f"{_MEANINGS.get(result, 'it answers with an unknown result')} ({name})"
 
 
-def ack(target: tuple[int, int], result: int, mission_type: int, opaque_id: int = 0) -> Message:
+def ack(target: tuple[int, int], result: int, mission_type: int, opaque_id: int = 0) -> AckMessage:
     """A MISSION_ACK, with the plan's id (0 for none)."""
     return mavlink.MAVLink_mission_ack_message(
         *target, result, mission_type=mission_type, opaque_id=opaque_id
     )
 
 
-def count(target: tuple[int, int], number: int, mission_type: int, opaque_id: int = 0) -> Message:
+def count(target: tuple[int, int], number: int, mission_type: int, opaque_id: int = 0) -> CountMessage:
     """A MISSION_COUNT, with the plan's id (0 for none)."""
     return mavlink.MAVLink_mission_count_message(
         *target, number, mission_type=mission_type, opaque_id=opaque_id
@@ -112,7 +157,7 @@ def item_to_message(
     current: bool = False,
     integer: bool = True,
     frame: int | None = None,
-) -> Message:
+) -> ItemMessage:
     """Build MISSION_ITEM_INT (or MISSION_ITEM with ``integer=False``) for an item.
 
     Parameters
@@ -120,7 +165,7 @@ def item_to_message(
     item : MissionItem
         The item; a parameter that is None goes out as NaN.
     sequence : int
-        Its place in the plan.
+        Its number in the plan.
     mission_type : int
         MAV_MISSION_TYPE.
     target : tuple of int
@@ -128,12 +173,11 @@ def item_to_message(
     current : bool
         Mark the item as the one to start with.
     integer : bool
-        Places in 1e-7 degrees (True) or in 32-bit floats.
+        Positions in 1e-7 degrees (True) or in 32-bit floats.
     frame : int, optional
         MAV_FRAME to write instead of the item's own (5 and 6 mean the same as 0 and 3).
     """
-    build = mavlink.MAVLink_mission_item_int_message if integer else mavlink.MAVLink_mission_item_message
-    return build(
+    common = (
         target[0],
         target[1],
         sequence,
@@ -145,30 +189,31 @@ def item_to_message(
         _number(item.param2),
         _number(item.param3),
         _number(item.param4),
-        item.wire_x() if integer else item.x,
-        item.wire_y() if integer else item.y,
-        item.z,
-        mission_type,
     )
+    if integer:
+        return mavlink.MAVLink_mission_item_int_message(
+            *common, item.wire_x(), item.wire_y(), item.z, mission_type
+        )
+    return mavlink.MAVLink_mission_item_message(*common, item.x, item.y, item.z, mission_type)
 
 
 def _parameter(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
-def item_from_message(message: Message) -> MissionItem:
+def item_from_message(message: ItemMessage) -> MissionItem:
     """Read a MISSION_ITEM_INT or MISSION_ITEM.
 
-    A NaN in parameters 5 to 7 of a command that has no place becomes 0 ("not used").
+    A NaN in parameters 5 to 7 of a command that has no position becomes 0 ("not used").
 
     Raises
     ------
     MissionError
-        If a number is infinite, or the place is none on the globe; `refusal` gives the answer to send.
+        If a number is infinite, or the position is none on the globe; `refusal` gives the answer to send.
     """
-    place = message.frame in GLOBAL_FRAMES and has_position(message.command)
+    placed = message.frame in GLOBAL_FRAMES and has_position(message.command)
     x, y, z = message.x, message.y, message.z
-    if place:
+    if placed:
         if type(message).id == ITEM_INT:
             x, y = x / DEGREES_E7, y / DEGREES_E7
     else:
@@ -187,14 +232,14 @@ def item_from_message(message: Message) -> MissionItem:
     )
 
 
-def refusal(message: Message) -> int:
+def refusal(message: ItemMessage) -> int:
     """Return the MAV_MISSION_RESULT that says why `item_from_message` refused the message."""
     for offset, value in enumerate((message.param1, message.param2, message.param3, message.param4)):
         if abs(value) > FLOAT32_MAX:
             return int(INVALID_PARAM1) + offset
-    place = message.frame in GLOBAL_FRAMES and has_position(message.command)
-    scale = DEGREES_E7 if place and message.id == ITEM_INT else 1.0
-    limits = (90.0, 180.0, 100_000.0) if place else (INT32_MAX, INT32_MAX, FLOAT32_MAX)
+    placed = message.frame in GLOBAL_FRAMES and has_position(message.command)
+    scale = DEGREES_E7 if placed and message.id == ITEM_INT else 1.0
+    limits = (90.0, 180.0, 100_000.0) if placed else (INT32_MAX, INT32_MAX, FLOAT32_MAX)
     for offset, value in enumerate((message.x / scale, message.y / scale, message.z)):
         if not abs(value) <= limits[offset]:
             return int(INVALID_PARAM5_X) + offset

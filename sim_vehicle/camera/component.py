@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from mission.link.codec.dialect import mavlink
+from mission.link.codec.dialect import Message, mavlink
+from mission.link.codec.typed import CommandMessage, is_a, is_command
 from sensors.camera.layout import ANNOUNCED_EVERY, FIELDS_NAME, LeafLayout
 from sim_vehicle.camera.trigger import CameraTrigger, Exposure, Fix
 
@@ -33,7 +34,6 @@ _DENIED = mavlink.MAV_RESULT_DENIED
 _UNSUPPORTED = mavlink.MAV_RESULT_UNSUPPORTED
 _NOT_NOW = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 
-Message = Any
 Parameters = tuple[float, float, float, float]
 
 
@@ -145,34 +145,33 @@ class LeafCameraComponent:
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
         """Follow the telemetry, obey commands; return images and answers."""
-        kind = type(message).id
-        if kind == mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
+        if is_a(message, mavlink.MAVLink_global_position_int_message):
             if not self._from_autopilot(message):
                 return []
             self._position_s = now_s
             return self._position(message)
-        if kind in (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT):
+        if is_command(message):
             return self._command(message)
         if not self._from_autopilot(message):
             return []
-        if kind == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+        if is_a(message, mavlink.MAVLink_heartbeat_message):
             if self._position_s is None:
                 self._position_s = now_s
             armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
             if self._armed and not armed:
                 self.trigger.stop()
             self._armed = armed
-        elif kind == mavlink.MAVLINK_MSG_ID_SYSTEM_TIME:
+        elif is_a(message, mavlink.MAVLink_system_time_message):
             known = _UNIX_US < message.time_unix_usec < 2**62
             self._utc_offset_us = message.time_unix_usec - message.time_boot_ms * 1000 if known else None
-        elif kind == mavlink.MAVLINK_MSG_ID_CAMERA_TRIGGER:
+        elif is_a(message, mavlink.MAVLink_camera_trigger_message):
             self._external_trigger(message)
         return []
 
     def _from_autopilot(self, message: Message) -> bool:
         return (message.get_srcSystem(), message.get_srcComponent()) == self._autopilot
 
-    def _position(self, message: Message) -> list[Message]:
+    def _position(self, message: mavlink.MAVLink_global_position_int_message) -> list[Message]:
         latitude_e7, longitude_e7 = message.lat, message.lon
         if (
             (latitude_e7 == 0 and longitude_e7 == 0)
@@ -195,7 +194,7 @@ class LeafCameraComponent:
         )
         return self._take(exposures) if exposures else []
 
-    def _external_trigger(self, message: Message) -> None:
+    def _external_trigger(self, message: mavlink.MAVLink_camera_trigger_message) -> None:
         self._external = True
         if message.seq == self._last_trigger_sequence:
             return
@@ -235,7 +234,7 @@ class LeafCameraComponent:
         index, exposure, values = image
         time_ms = exposure.time_us // 1000
         offset = self._utc_offset_us
-        report = [
+        report: list[Message] = [
             mavlink.MAVLink_camera_image_captured_message(
                 time_ms & 0xFFFFFFFF,
                 0 if offset is None else exposure.time_us + offset,
@@ -280,7 +279,7 @@ class LeafCameraComponent:
 
     # Commands
 
-    def _command(self, message: Message) -> list[Message]:
+    def _command(self, message: CommandMessage) -> list[Message]:
         if message.target_system not in (0, self.system_id):
             return []
         if message.target_component not in (0, self.component_id):
@@ -297,7 +296,7 @@ class LeafCameraComponent:
         )
         return [answer, *extra]
 
-    def _obey(self, message: Message, command: int) -> tuple[int, list[Message]]:
+    def _obey(self, message: CommandMessage, command: int) -> tuple[int, list[Message]]:
         given = (message.param1, message.param2, message.param3, message.param4)
         if command in _TRIGGERS and math.isnan(given[0]):
             return _DENIED, []
@@ -365,7 +364,7 @@ class LeafCameraComponent:
         self.trigger.every_interval(round(interval_s * 1e6), count, start_us=start_us)
         return _ACCEPTED, []
 
-    def _start_capture(self, message: Message, p: Parameters) -> tuple[int, list[Message]]:
+    def _start_capture(self, message: CommandMessage, p: Parameters) -> tuple[int, list[Message]]:
         camera_id, interval_s, count, sequence = p
         if not self._mine(camera_id) or not (0.0 <= count < 2**24 and count % 1.0 == 0.0):
             return _DENIED, []

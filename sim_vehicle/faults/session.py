@@ -9,13 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Sequence
 from copy import copy
+from typing import Any
 
 from numpy.random import SeedSequence
 
 from geo.seeds import stream
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
+from mission.link.codec.typed import is_a
 from mission.link.faults import Faults, FaultyChannel
+from mission.transfer import wire
 from sim_vehicle.component import NEVER, Component, SaysGoodbye
 from sim_vehicle.faults.fault import Direction, Fault, FaultError, parse_fault
 from sim_vehicle.faults.vehicle import break_vehicle
@@ -23,8 +26,6 @@ from sim_vehicle.faults.vehicle import break_vehicle
 __all__ = ["FaultSession", "FaultyComponent", "FaultyLink", "check_vehicles"]
 
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
-_REQUESTS = frozenset({m.MAVLINK_MSG_ID_MISSION_REQUEST, m.MAVLINK_MSG_ID_MISSION_REQUEST_INT})
-_ITEMS = frozenset({m.MAVLINK_MSG_ID_MISSION_ITEM, m.MAVLINK_MSG_ID_MISSION_ITEM_INT})
 _IGNORED_REQUESTS = {
     "no-list": m.MAVLINK_MSG_ID_MISSION_REQUEST_LIST,
     "no-count": m.MAVLINK_MSG_ID_MISSION_COUNT,
@@ -317,7 +318,7 @@ class FaultyComponent:
             if fault.kind == "drop":
                 fits = number == fault.number and fault.direction in ("up", "both")
             elif fault.kind == "no-request":
-                fits = number in _REQUESTS and message.seq == fault.number
+                fits = wire.is_request(message) and message.seq == fault.number
             else:
                 fits = _IGNORED_REQUESTS.get(fault.kind) == number
             if fits and self._take(fault, now_s):
@@ -346,10 +347,9 @@ class FaultyComponent:
 
     def _fail_image(self, message: Message) -> Message | None:
         """Make an image fail that is taken with a stuck shutter, also when it is asked for later."""
-        number = type(message).id
-        if number == m.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY:
+        if is_a(message, m.MAVLink_debug_float_array_message):
             return None if self._last_failed else message
-        if number != m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED:
+        if not is_a(message, m.MAVLink_camera_image_captured_message):
             return message
         index = message.image_index
         if index >= self._next_image:
@@ -364,20 +364,19 @@ class FaultyComponent:
 
     def _watch(self, message: Message, now_s: float) -> None:
         """Check what triggers faults."""
-        number = type(message).id
         fire, system = self._session.fire, self.system_id
-        if number == m.MAVLINK_MSG_ID_HEARTBEAT and self.component_id == _AUTOPILOT:
+        if is_a(message, m.MAVLink_heartbeat_message) and self.component_id == _AUTOPILOT:
             armed = bool(message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
             if armed and not self._armed:
                 fire(system, "armed", now_s)
             self._armed = armed
-        elif number == m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
+        elif is_a(message, m.MAVLink_extended_sys_state_message):
             if message.landed_state == m.MAV_LANDED_STATE_IN_AIR:
                 self._flew = True
                 fire(system, "airborne", now_s)
             elif message.landed_state == m.MAV_LANDED_STATE_ON_GROUND and self._flew:
                 fire(system, "landed", now_s)
-        elif number == m.MAVLINK_MSG_ID_MISSION_CURRENT and self._armed:
+        elif is_a(message, m.MAVLink_mission_current_message) and self._armed:
             fire(system, f"item:{message.seq}", now_s)
 
 
@@ -387,18 +386,18 @@ def _fits(fault: Fault, message: Message) -> bool:
     if kind == "drop":
         return bool(number == fault.number and fault.direction in ("down", "both"))
     if kind in ("no-final-ack", "final-ack-error"):
-        return bool(number == m.MAVLINK_MSG_ID_MISSION_ACK and message.type == m.MAV_MISSION_ACCEPTED)
-    if number in _REQUESTS:
-        return bool(message.seq == fault.number)
-    return bool(number in _ITEMS and kind != "early-final-ack" and message.seq == fault.number)
+        return is_a(message, m.MAVLink_mission_ack_message) and message.type == m.MAV_MISSION_ACCEPTED
+    if wire.is_request(message):
+        return message.seq == fault.number
+    return wire.is_item(message) and kind != "early-final-ack" and message.seq == fault.number
 
 
 def _gone(_message: Message, _fault: Fault) -> None:
     return None
 
 
-def _acknowledge(result: int) -> Callable[[Message, Fault], Message]:
-    def change(message: Message, _fault: Fault) -> Message:
+def _acknowledge(result: int) -> Callable[[wire.MissionMessage, Fault], Message]:
+    def change(message: wire.MissionMessage, _fault: Fault) -> Message:
         return m.MAVLink_mission_ack_message(
             message.target_system, message.target_component, result, message.mission_type
         )
@@ -406,19 +405,19 @@ def _acknowledge(result: int) -> Callable[[Message, Fault], Message]:
     return change
 
 
-def _next_item(message: Message, _fault: Fault) -> Message:
+def _next_item(message: wire.ItemMessage | wire.RequestMessage, _fault: Fault) -> Message:
     spoiled = copy(message)
     spoiled.seq += 1
     return spoiled
 
 
-def _other_result(message: Message, fault: Fault) -> Message:
+def _other_result(message: wire.AckMessage, fault: Fault) -> Message:
     spoiled = copy(message)
     spoiled.type = int(fault.number)
     return spoiled
 
 
-_CHANGES: dict[str, Callable[[Message, Fault], Message | None]] = {
+_CHANGES: dict[str, Callable[[Any, Fault], Message | None]] = {
     "drop": _gone,
     "no-request": _gone,
     "no-final-ack": _gone,

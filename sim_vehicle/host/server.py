@@ -10,7 +10,8 @@ from typing import Self
 
 from numpy.random import SeedSequence
 
-from mission.link.codec.frames import FrameReader, FrameWriter, Message, valid_frame_end
+from mission.link.codec.dialect import Message
+from mission.link.codec.frames import FrameReader, FrameWriter, valid_frame_end
 from mission.link.codec.signing import SETUP_SIGNING, Signing
 from sim_vehicle.component import NEVER, Component, SaysGoodbye
 from sim_vehicle.errors import VehicleError

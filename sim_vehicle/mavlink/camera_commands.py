@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
 from mission.model import Command
 from sim_vehicle.component import NEVER
 
@@ -35,7 +35,7 @@ _STOPPED_BY = {
 
 @dataclass(slots=True)
 class _Pending:
-    message: Message
+    message: m.MAVLink_command_long_message
     tries: int
     due_s: float
 

@@ -6,8 +6,9 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
+from mission.link.codec.typed import CommandMessage
 from mission.model import RELATIVE_FRAMES, Command
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.mavlink.camera_commands import CAMERA_COMMANDS
@@ -71,7 +72,7 @@ class CommandReceiver:
         self._vehicle = vehicle
         self._last: dict[tuple[int, int], tuple[Order, int]] = {}
 
-    def receive(self, message: Message) -> list[Message]:
+    def receive(self, message: CommandMessage) -> list[Message]:
         """Take COMMAND_LONG or COMMAND_INT; the acknowledgement and what follows it."""
         order = order_of(message)
         last = self._last.get(order.source)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
 from mission.model import Command
 from sim_vehicle.component import NEVER
 from sim_vehicle.execution.state import FlightEvent, ItemReached

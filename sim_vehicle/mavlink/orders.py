@@ -6,8 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
+from mission.link.codec.typed import CommandMessage, is_a
 
 if TYPE_CHECKING:
     from sim_vehicle.mavlink.schedule import Schedule
@@ -107,11 +108,11 @@ class CommandedVehicle(Protocol):
         """Tell the operator why something was refused."""
 
 
-def order_of(message: Message) -> Order:
+def order_of(message: CommandMessage) -> Order:
     """Read COMMAND_LONG or COMMAND_INT."""
     source = (message.get_srcSystem(), message.get_srcComponent())
     first = (message.param1, message.param2, message.param3, message.param4)
-    if type(message).id == m.MAVLINK_MSG_ID_COMMAND_LONG:
+    if is_a(message, m.MAVLink_command_long_message):
         params = (*first, message.param5, message.param6, message.param7)
         return Order(message.command, params, 0, source, message.confirmation > 0, True)
     frame = _INT_FRAMES.get(message.frame, message.frame)

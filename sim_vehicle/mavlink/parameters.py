@@ -9,13 +9,17 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable, Mapping
-from typing import Literal
+from typing import Literal, TypeAlias
 
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
+from mission.link.codec.typed import is_a
 from sim_vehicle.autopilot.mav_parameter import MavParameter
 from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
 
+ParameterMessage: TypeAlias = (
+    m.MAVLink_param_request_list_message | m.MAVLink_param_request_read_message | m.MAVLink_param_set_message
+)
 HASH = "_HASH_CHECK"
 """What a peer asks a PX4 for to learn whether it knows all parameters already."""
 _NO_INDEX = 65535
@@ -70,11 +74,11 @@ class ParameterSet:
         value = float(getattr(self._values, parameter.field)) * parameter.scale
         return float(round(value)) if parameter.integer else value
 
-    def handle(self, message: Message) -> list[Message]:
+    def handle(self, message: ParameterMessage) -> list[Message]:
         """Answer PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET."""
-        if type(message).id == m.MAVLINK_MSG_ID_PARAM_REQUEST_LIST:
+        if is_a(message, m.MAVLink_param_request_list_message):
             return [self._message(i) for i in range(len(self._table))]
-        if type(message).id == m.MAVLINK_MSG_ID_PARAM_REQUEST_READ and message.param_index >= 0:
+        if is_a(message, m.MAVLink_param_request_read_message) and message.param_index >= 0:
             index: int | None = message.param_index if message.param_index < len(self._table) else None
         else:
             index = self._index.get(str(message.param_id))
@@ -82,7 +86,7 @@ class ParameterSet:
                 return [self._hash()]
         if index is None:
             return []
-        if type(message).id == m.MAVLINK_MSG_ID_PARAM_SET:
+        if is_a(message, m.MAVLink_param_set_message):
             self._set(self._table[index], message)
         return [self._message(index)]
 
@@ -98,7 +102,7 @@ class ParameterSet:
             HASH.encode(), value, int(m.MAV_PARAM_TYPE_UINT32), len(self._table), _NO_INDEX
         )
 
-    def _set(self, parameter: MavParameter, message: Message) -> None:
+    def _set(self, parameter: MavParameter, message: m.MAVLink_param_set_message) -> None:
         value = self._decode(message.param_value, message.param_type)
         if parameter.field is None and not parameter.motion:
             self._refused(f"{parameter.name} cannot be changed")

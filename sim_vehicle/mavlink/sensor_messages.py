@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.airframe.sensor_errors import HDOP, VDOP
 from sim_vehicle.mavlink.true_state import to_body
@@ -101,7 +101,8 @@ def scaled_pressure(source: WireState) -> Message:
 
 def rc_channels(source: WireState) -> Message:
     """RC_CHANNELS of a vehicle without a radio control."""
-    return m.MAVLink_rc_channels_message(source.boot_ms, 0, *[UNUSED] * 18, 255)
+    channels_and_rssi = [UNUSED] * 18 + [255]
+    return m.MAVLink_rc_channels_message(source.boot_ms, 0, *channels_and_rssi)
 
 
 def vibration(source: WireState) -> Message:

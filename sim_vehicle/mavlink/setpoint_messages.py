@@ -7,10 +7,10 @@ ArduPilot "Copter commands in guided mode", PX4 "Offboard mode".
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
+from mission.link.codec.typed import is_a
 from sim_vehicle.pilot.notices import RefusedError
 from sim_vehicle.pilot.setpoints import Setpoint
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from sim_vehicle.execution.state import VehicleState
     from sim_vehicle.motion.legs import Position
 
-__all__ = ["MESSAGES", "setpoint_of"]
+__all__ = ["MESSAGES", "PositionTarget", "setpoint_of"]
 
 MESSAGES = frozenset(
     {
@@ -28,19 +28,22 @@ MESSAGES = frozenset(
         m.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET,
     }
 )
+PositionTarget: TypeAlias = (
+    m.MAVLink_set_position_target_local_ned_message | m.MAVLink_set_position_target_global_int_message
+)
 _IGNORE_POSITION, _FORCE, _IGNORE_YAW, _IGNORE_TURN = 7, 512, 1024, 2048
 _LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET, _BODY_FRD = 1, 7, 8, 9, 12
 _GLOBAL = {0: False, 5: False, 3: True, 6: True}
 
 
 def setpoint_of(
-    message: Message, state: VehicleState, frame: LocalFrame, *, body_positions: bool
+    message: PositionTarget, state: VehicleState, frame: LocalFrame, *, body_positions: bool
 ) -> Setpoint:
     """Read a setpoint message.
 
     Parameters
     ----------
-    message : Message
+    message : PositionTarget
         SET_POSITION_TARGET_LOCAL_NED or SET_POSITION_TARGET_GLOBAL_INT.
     state : VehicleState
         Where the vehicle is and where its nose points, for frames about it.
@@ -58,15 +61,19 @@ def setpoint_of(
     if mask & _FORCE:
         msg = "Setpoint refused: forces are not flown"
         raise RefusedError(msg, denied=True)
-    local = type(message).id == m.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
-    place_given = (message.x, message.y, message.z) if local else (message.alt,)
-    if any(map(math.isinf, (*place_given, message.vx, message.vy, message.vz))):
+    numbers = [message.vx, message.vy, message.vz]
+    numbers += (
+        [message.x, message.y, message.z]
+        if is_a(message, m.MAVLink_set_position_target_local_ned_message)
+        else [message.alt]
+    )
+    if any(map(math.isinf, numbers)):
         msg = "Setpoint refused: infinity is no number to fly"
         raise RefusedError(msg, denied=True)
     x, y, z, yaw = *state.position_m, state.yaw_rad
     turned = kind in (_BODY, _BODY_OFFSET, _BODY_FRD)
     velocity = _enu(message.vx, message.vy, message.vz, yaw if turned else 0.0)
-    if not local:
+    if not is_a(message, m.MAVLink_set_position_target_local_ned_message):
         if kind not in _GLOBAL:
             raise RefusedError(f"Setpoint refused: frame {kind}", denied=True)
         x_m, y_m = frame.from_wgs84(message.lat_int / 1e7, message.lon_int / 1e7)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
 
 __all__ = ["StatusTexts"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.airframe.sensor_errors import SensorNoise
 from sim_vehicle.execution.state import VehicleState
@@ -64,6 +64,8 @@ def hil_state_quaternion(source: WireState) -> Message:
     airspeed = min(65535, round(100.0 * state.airspeed_m_s))
     east, north, up = state.acceleration_m_s2
     force = to_body(state, north, east, -(up + GRAVITY_M_S2))
+    north_cm_s, east_cm_s, down_cm_s = (int16(100.0 * part) for part in velocity)
+    x_mg, y_mg, z_mg = (int16(1000.0 * part / GRAVITY_M_S2) for part in force)
     return m.MAVLink_hil_state_quaternion_message(
         source.unix_us,
         list(quaternion(state)),
@@ -72,10 +74,14 @@ def hil_state_quaternion(source: WireState) -> Message:
         state.yaw_rate_rad_s,
         *position,
         round(1000.0 * height_m),
-        *(int16(100.0 * part) for part in velocity),
+        north_cm_s,
+        east_cm_s,
+        down_cm_s,
         airspeed,
         airspeed,
-        *(int16(1000.0 * part / GRAVITY_M_S2) for part in force),
+        x_mg,
+        y_mg,
+        z_mg,
     )
 
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 from geo.frame import LocalFrame
 from mission.errors import LinkError
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
 from mission.link.codec.signing import Signing
+from mission.link.codec.typed import CommandMessage, handler, is_a
 from mission.model import GeoPoint
 from mission.outcome import Outcome
 from mission.transfer import wire
@@ -26,7 +28,7 @@ from sim_vehicle.mavlink.camera_commands import CAMERA, CameraOrders
 from sim_vehicle.mavlink.commands import CommandReceiver, set_custom_mode
 from sim_vehicle.mavlink.data_streams import STREAMS
 from sim_vehicle.mavlink.item_reports import ItemReports
-from sim_vehicle.mavlink.parameters import ParameterSet
+from sim_vehicle.mavlink.parameters import ParameterMessage, ParameterSet
 from sim_vehicle.mavlink.plan_receiver import PlanReceiver
 from sim_vehicle.mavlink.schedule import Schedule
 from sim_vehicle.mavlink.status_texts import StatusTexts
@@ -148,18 +150,22 @@ class SimVehicle:
             self.say_warning,
             self._plans.totals(),
         )
-        self._handlers: dict[int, Callable[[Message], None]] = {
+        self._handlers: dict[int, Callable[[Any], None]] = {
             **dict.fromkeys(_COMMAND_IDS, self._on_command),
             **dict.fromkeys(_PARAMETER_IDS, self._on_parameter),
             **dict.fromkeys(_MISSION_IDS, self._on_mission),
-            m.MAVLINK_MSG_ID_COMMAND_ACK: self._on_ack,
-            m.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
-            m.MAVLINK_MSG_ID_MISSION_SET_CURRENT: self._on_set_current,
-            m.MAVLINK_MSG_ID_PING: self._on_ping,
-            m.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: self._on_data_stream,
-            m.MAVLINK_MSG_ID_SET_MODE: self._on_set_mode,
-            m.MAVLINK_MSG_ID_SETUP_SIGNING: self._on_setup_signing,
-            m.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
+            **dict(
+                (
+                    handler(m.MAVLink_command_ack_message, self._on_ack),
+                    handler(m.MAVLink_heartbeat_message, self._on_heartbeat),
+                    handler(m.MAVLink_mission_set_current_message, self._on_set_current),
+                    handler(m.MAVLink_ping_message, self._on_ping),
+                    handler(m.MAVLink_request_data_stream_message, self._on_data_stream),
+                    handler(m.MAVLink_set_mode_message, self._on_set_mode),
+                    handler(m.MAVLink_setup_signing_message, self._on_setup_signing),
+                    handler(m.MAVLink_timesync_message, self._on_timesync),
+                )
+            ),
             **dict.fromkeys(setpoint_messages.MESSAGES, self._on_setpoint),
         }
         self.wanted: frozenset[int] | None = frozenset(self._handlers)
@@ -200,17 +206,17 @@ class SimVehicle:
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
         """Take a message and return the answers; what is not for this vehicle is ignored."""
-        handler = self._handlers.get(type(message).id)
-        if handler is None or not self._is_mine(message):
+        handle = self._handlers.get(type(message).id)
+        if handle is None or not self._is_mine(message):
             return []
-        if type(message).id != m.MAVLINK_MSG_ID_HEARTBEAT:
+        if not is_a(message, m.MAVLink_heartbeat_message):
             self._advance(now_s)
-            handler(message)
+            handle(message)
             self._show_changes()
             return self._sent()
         if message.type == m.MAV_TYPE_GCS:
             self.pilot.failsafe.on_gcs_heartbeat(now_s)
-        handler(message)
+        handle(message)
         return []
 
     def poll(self, now_s: float) -> list[Message]:
@@ -323,6 +329,7 @@ class SimVehicle:
     def goodbye(self) -> list[Message]:
         """A last HEARTBEAT, of a vehicle that is powered off."""
         (heartbeat,) = self.built(m.MAVLINK_MSG_ID_HEARTBEAT)
+        assert is_a(heartbeat, m.MAVLink_heartbeat_message)
         heartbeat.system_status = m.MAV_STATE_POWEROFF
         return [heartbeat]
 
@@ -348,31 +355,31 @@ class SimVehicle:
         """Send a command to the camera, until it is acknowledged or was sent three times."""
         self._outbox.append(self._camera.command(command, params, self.state.now_us / 1e6))
 
-    def _on_command(self, message: Message) -> None:
+    def _on_command(self, message: CommandMessage) -> None:
         # What a command makes the vehicle send goes before its acknowledgement.
         answers = self._commands.receive(message)
         self._outbox += answers
 
-    def _on_ack(self, message: Message) -> None:
+    def _on_ack(self, message: m.MAVLink_command_ack_message) -> None:
         if message.get_srcSystem() != self.system_id or message.get_srcComponent() != CAMERA:
             return
         self._camera.acknowledged(message.command, message.result)
 
-    def _on_heartbeat(self, message: Message) -> None:
+    def _on_heartbeat(self, message: m.MAVLink_heartbeat_message) -> None:
         if message.get_srcSystem() == self.system_id and message.get_srcComponent() == CAMERA:
             self.has_camera = True
 
-    def _on_parameter(self, message: Message) -> None:
+    def _on_parameter(self, message: ParameterMessage) -> None:
         self._outbox += self._parameters.handle(message)
-        if (banner := self.firmware.persona.identity.banner) and type(
-            message
-        ).id == m.MAVLINK_MSG_ID_PARAM_REQUEST_LIST:
+        if (banner := self.firmware.persona.identity.banner) and is_a(
+            message, m.MAVLink_param_request_list_message
+        ):
             self.pilot.note(Severity.INFO, banner)
 
     def _on_mission(self, message: Message) -> None:
         self._outbox += self._plans.receive(message, self.state.now_us / 1e6)
 
-    def _on_set_current(self, message: Message) -> None:
+    def _on_set_current(self, message: m.MAVLink_mission_set_current_message) -> None:
         try:
             self.pilot.set_current(self.state.own_seq(message.seq))
         except RefusedError as refusal:
@@ -380,9 +387,11 @@ class SimVehicle:
             return
         self._outbox += self.built(m.MAVLINK_MSG_ID_MISSION_CURRENT)
 
-    def _on_setpoint(self, message: Message) -> None:
+    def _on_setpoint(
+        self, message: setpoint_messages.PositionTarget | m.MAVLink_set_attitude_target_message
+    ) -> None:
         setpoints = self.pilot.setpoints
-        if type(message).id == m.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET:
+        if is_a(message, m.MAVLink_set_attitude_target_message):
             setpoints.complain("Setpoint refused: attitudes are not flown")
         elif setpoints.listens_in(self.pilot.mode):
             try:
@@ -397,22 +406,22 @@ class SimVehicle:
             except RefusedError as refusal:
                 setpoints.complain(str(refusal))
 
-    def _on_set_mode(self, message: Message) -> None:
+    def _on_set_mode(self, message: m.MAVLink_set_mode_message) -> None:
         try:
             set_custom_mode(self, message.custom_mode)
         except RefusedError as refusal:
             self.say_warning(str(refusal))
 
-    def _on_ping(self, message: Message) -> None:
+    def _on_ping(self, message: m.MAVLink_ping_message) -> None:
         if message.target_system == 0 and message.target_component == 0:
             source = (message.get_srcSystem(), message.get_srcComponent())
             self._outbox.append(m.MAVLink_ping_message(message.time_usec, message.seq, *source))
 
-    def _on_timesync(self, message: Message) -> None:
+    def _on_timesync(self, message: m.MAVLink_timesync_message) -> None:
         if message.tc1 == 0:
             self._outbox.append(m.MAVLink_timesync_message(self.state.unix_us * 1000, message.ts1))
 
-    def _on_setup_signing(self, message: Message) -> None:
+    def _on_setup_signing(self, message: m.MAVLink_setup_signing_message) -> None:
         if message.target_system != self.system_id:  # a key is never for everybody
             return
         if self.pilot.armed or self._signing is None:
@@ -424,7 +433,7 @@ class SimVehicle:
         except LinkError:
             self.say_warning("Signing setup refused: not over this link")
 
-    def _on_data_stream(self, message: Message) -> None:
+    def _on_data_stream(self, message: m.MAVLink_request_data_stream_message) -> None:
         if not self.firmware.persona.data_streams:
             return
         rate = message.req_message_rate if message.start_stop else 0

@@ -27,7 +27,7 @@ def unknown_long(peer: Peer) -> None:
 def unknown_int(peer: Peer) -> None:
     """Send a number that is no command."""
     question = m.MAVLink_command_int_message(*peer.address, 0, _UNKNOWN, 0, 0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0.0)
-    answer = peer.ask(question, m.MAVLINK_MSG_ID_COMMAND_ACK, where=lambda a: a.command == _UNKNOWN)
+    answer = peer.ask(question, m.MAVLink_command_ack_message, where=lambda a: a.command == _UNKNOWN)
     if answer is None:
         raise FailedError("no COMMAND_ACK")
     if answer.result != m.MAV_RESULT_UNSUPPORTED:
@@ -69,7 +69,7 @@ def repeated(peer: Peer) -> None:
     for confirmation in (0, 1):
         answer = peer.ask(
             m.MAVLink_command_long_message(*peer.address, command, confirmation, *values),
-            m.MAVLINK_MSG_ID_COMMAND_ACK,
+            m.MAVLink_command_ack_message,
             where=lambda a: a.command == command,
         )
         if answer is None:
@@ -82,7 +82,7 @@ def foreign_system(peer: Peer) -> None:
     other = 237 if peer.vehicle.system_id != 237 else 236
     peer.forget()
     peer.send(m.MAVLink_command_long_message(other, peer.address[1], _UNKNOWN, 0, *[0.0] * 7))
-    if peer.expect(m.MAVLINK_MSG_ID_COMMAND_ACK, 1.0, lambda a: a.command == _UNKNOWN) is not None:
+    if peer.expect(m.MAVLink_command_ack_message, 1.0, lambda a: a.command == _UNKNOWN) is not None:
         raise FailedError(f"it answers a command for system {other}")
 
 
@@ -90,7 +90,7 @@ def foreign_system(peer: Peer) -> None:
 def broadcast(peer: Peer) -> None:
     """Send one to everybody."""
     question = m.MAVLink_command_long_message(0, 0, _UNKNOWN, 0, *[0.0] * 7)
-    if peer.ask(question, m.MAVLINK_MSG_ID_COMMAND_ACK, where=lambda a: a.command == _UNKNOWN) is None:
+    if peer.ask(question, m.MAVLink_command_ack_message, where=lambda a: a.command == _UNKNOWN) is None:
         raise FailedError("no COMMAND_ACK")
 
 

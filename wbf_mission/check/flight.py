@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
+from mission.link.codec.typed import is_a
 from mission.model import Command, MissionItem
 from wbf_mission.check.errors import FailedError
 from wbf_mission.check.peer import Peer
@@ -45,15 +46,11 @@ def _wait(peer: Peer, what: str, seconds: float, done: Callable[[Message], bool]
 
 
 def _is_up(message: Message) -> bool:
-    if type(message).id != m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
-        return False
-    return bool(message.relative_alt > 700 * _ALTITUDE_M)
+    return is_a(message, m.MAVLink_global_position_int_message) and message.relative_alt > 700 * _ALTITUDE_M
 
 
 def _is_disarmed(message: Message) -> bool:
-    if type(message).id != m.MAVLINK_MSG_ID_HEARTBEAT:
-        return False
-    return not message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED
+    return is_a(message, m.MAVLink_heartbeat_message) and not message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED
 
 
 @check("fly.takeoff-land", "it arms, takes off, lands and disarms by command", flies=True)
@@ -63,11 +60,11 @@ def takeoff_land(peer: Peer) -> str:
     _ready_mode(peer)
     default = math.nan if peer.profile.nan_parameters is None else 0.0
     base_m = peer.home.altitude_m if peer.persona.takeoff_above_sea else 0.0
-    takeoff = (m.MAV_CMD_NAV_TAKEOFF, *[default] * 6, base_m + _ALTITUDE_M)
+    takeoff = (*[default] * 6, base_m + _ALTITUDE_M)
     if not peer.persona.takeoff_needs_arming:
-        peer.command(*takeoff)
+        peer.command(m.MAV_CMD_NAV_TAKEOFF, *takeoff)
     _arm(peer)
-    peer.must(*takeoff)
+    peer.must(m.MAV_CMD_NAV_TAKEOFF, *takeoff)
     _wait(peer, "it does not climb", _FLIGHT_S, _is_up)
     peer.must(m.MAV_CMD_NAV_LAND)
     _wait(peer, "it does not land and disarm", _FLIGHT_S, _is_disarmed)
@@ -95,7 +92,7 @@ def mission(peer: Peer) -> str:
     began_s = peer.now()
 
     def done(message: Message) -> bool:
-        if type(message).id == m.MAVLINK_MSG_ID_MISSION_ITEM_REACHED:
+        if is_a(message, m.MAVLink_mission_item_reached_message):
             reached.add(message.seq - first)
         return peer.now() > began_s + 5.0 and _is_disarmed(message)
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from itertools import pairwise
 
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from wbf_mission.check.errors import FailedError, SkippedError
+from wbf_mission.check.errors import FailedError
 from wbf_mission.check.peer import Peer
 from wbf_mission.check.registry import Checks
 
@@ -18,7 +19,7 @@ _GROUND_TYPES = frozenset({m.MAV_TYPE_GCS, m.MAV_TYPE_CAMERA, m.MAV_TYPE_GIMBAL,
 @check("identity.heartbeat", "HEARTBEAT comes at least each 1.5 s, as peers give up after 3 s")
 def heartbeat(peer: Peer) -> str:
     """Measure the longest gap."""
-    times = [now_s for now_s, _ in peer.collect(m.MAVLINK_MSG_ID_HEARTBEAT, _WATCH_S)]
+    times = [now_s for now_s, _ in peer.collect(m.MAVLink_heartbeat_message, _WATCH_S)]
     if len(times) < 2:
         raise FailedError(f"{len(times)} heartbeats in {_WATCH_S} s")
     gap_s = max(after - before for before, after in pairwise(times))
@@ -30,7 +31,7 @@ def heartbeat(peer: Peer) -> str:
 @check("identity.heartbeat-fields", "HEARTBEAT: a vehicle type, an autopilot, the custom mode bit, a state")
 def heartbeat_fields(peer: Peer) -> str:
     """Look into one heartbeat."""
-    message = peer.expect(m.MAVLINK_MSG_ID_HEARTBEAT, 3.0)
+    message = peer.expect(m.MAVLink_heartbeat_message, 3.0)
     if message is None:
         raise FailedError("no heartbeat")
     if message.type in _GROUND_TYPES or message.type == m.MAV_TYPE_GENERIC:
@@ -54,7 +55,7 @@ def component(peer: Peer) -> None:
 @check("identity.mavlink2", "it speaks MAVLink 2 to a peer that does")
 def mavlink2(peer: Peer) -> None:
     """Look at the frame of a heartbeat."""
-    message = peer.expect(m.MAVLINK_MSG_ID_HEARTBEAT, 3.0)
+    message = peer.expect(m.MAVLink_heartbeat_message, 3.0)
     if message is None:
         raise FailedError("no heartbeat")
     if message.get_msgbuf()[0] != 0xFD:
@@ -64,7 +65,7 @@ def mavlink2(peer: Peer) -> None:
 @check("identity.version", "AUTOPILOT_VERSION is sent on REQUEST_MESSAGE")
 def version(peer: Peer) -> str:
     """Ask for it."""
-    message = peer.request(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+    message = peer.request(m.MAVLink_autopilot_version_message)
     if message is None:
         raise FailedError("it does not come")
     number = message.flight_sw_version
@@ -78,14 +79,14 @@ def version_old(peer: Peer) -> None:
     question = m.MAVLink_command_long_message(
         *peer.address, m.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES, 0, 1.0, *[0.0] * 6
     )
-    if peer.ask(question, m.MAVLINK_MSG_ID_AUTOPILOT_VERSION) is None:
+    if peer.ask(question, m.MAVLink_autopilot_version_message) is None:
         raise FailedError("it does not come")
 
 
 @check("identity.capabilities", "capabilities: MISSION_INT, MAVLINK2, and one way to encode parameters")
 def capabilities(peer: Peer) -> str:
     """Look at the bits that clients test."""
-    message = peer.request(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+    message = peer.request(m.MAVLink_autopilot_version_message)
     if message is None:
         raise FailedError("no AUTOPILOT_VERSION")
     bits = message.capabilities
@@ -103,22 +104,19 @@ def capabilities(peer: Peer) -> str:
 
 @check("identity.protocol-version", "PROTOCOL_VERSION is sent on REQUEST_MESSAGE", required=False)
 def protocol_version(peer: Peer) -> str:
-    """Ask for it, where the dialect has it."""
-    number = getattr(m, "MAVLINK_MSG_ID_PROTOCOL_VERSION", None)
-    if number is None:
-        raise SkippedError("our dialect does not have this message")
-    message = peer.request(number)
+    """Ask for it."""
+    message = peer.request(m.MAVLink_protocol_version_message)
     if message is None:
         raise FailedError("it does not come")
     return f"{message.min_version} to {message.max_version}"
 
 
-def _streamed(peer: Peer, kind: int, name: str, interval_us: float = 500_000.0) -> str:
+def _streamed(peer: Peer, kind: type[Message], name: str, interval_us: float = 500_000.0) -> str:
     """Find a message in what comes; some autopilots have to be asked for their streams."""
     found = peer.collect(kind, 2.5)
     asked = ""
     if not found:
-        peer.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(kind), interval_us)
+        peer.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(kind.id), interval_us)
         found, asked = peer.collect(kind, 3.0), ", after SET_MESSAGE_INTERVAL"
     if not found:
         raise FailedError(f"no {name} in 3 s, also not after SET_MESSAGE_INTERVAL")
@@ -128,8 +126,8 @@ def _streamed(peer: Peer, kind: int, name: str, interval_us: float = 500_000.0) 
 @check("telemetry.position", "GLOBAL_POSITION_INT comes, with a place on the globe")
 def position(peer: Peer) -> str:
     """Look at the position."""
-    note = _streamed(peer, m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, "GLOBAL_POSITION_INT")
-    message = peer.expect(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 3.0)
+    note = _streamed(peer, m.MAVLink_global_position_int_message, "GLOBAL_POSITION_INT")
+    message = peer.expect(m.MAVLink_global_position_int_message, 3.0)
     if message is not None and (abs(message.lat) > 900_000_000 or abs(message.lon) > 1_800_000_000):
         raise FailedError(f"latitude {message.lat}, longitude {message.lon} are no place")
     return note
@@ -138,14 +136,14 @@ def position(peer: Peer) -> str:
 @check("telemetry.attitude", "ATTITUDE comes")
 def attitude(peer: Peer) -> str:
     """Look for it."""
-    return _streamed(peer, m.MAVLINK_MSG_ID_ATTITUDE, "ATTITUDE")
+    return _streamed(peer, m.MAVLink_attitude_message, "ATTITUDE")
 
 
 @check("telemetry.sys-status", "SYS_STATUS comes, with sensors and battery")
 def sys_status(peer: Peer) -> str:
     """Look for it and for the sensors."""
-    note = _streamed(peer, m.MAVLINK_MSG_ID_SYS_STATUS, "SYS_STATUS")
-    message = peer.expect(m.MAVLINK_MSG_ID_SYS_STATUS, 3.0)
+    note = _streamed(peer, m.MAVLink_sys_status_message, "SYS_STATUS")
+    message = peer.expect(m.MAVLink_sys_status_message, 3.0)
     if message is not None and not message.onboard_control_sensors_present:
         raise FailedError("no sensor is present")
     return note
@@ -154,14 +152,14 @@ def sys_status(peer: Peer) -> str:
 @check("telemetry.gps", "GPS_RAW_INT comes")
 def gps(peer: Peer) -> str:
     """Look for it."""
-    return _streamed(peer, m.MAVLINK_MSG_ID_GPS_RAW_INT, "GPS_RAW_INT")
+    return _streamed(peer, m.MAVLink_gps_raw_int_message, "GPS_RAW_INT")
 
 
 @check("telemetry.landed-state", "EXTENDED_SYS_STATE says that it is on the ground")
 def landed_state(peer: Peer) -> str:
     """Look for it and for the landed state."""
-    note = _streamed(peer, m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, "EXTENDED_SYS_STATE")
-    message = peer.expect(m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, 3.0)
+    note = _streamed(peer, m.MAVLink_extended_sys_state_message, "EXTENDED_SYS_STATE")
+    message = peer.expect(m.MAVLink_extended_sys_state_message, 3.0)
     if message is not None and message.landed_state == m.MAV_LANDED_STATE_UNDEFINED:
         raise FailedError("landed_state is undefined")
     return note
@@ -170,13 +168,13 @@ def landed_state(peer: Peer) -> str:
 @check("telemetry.mission-current", "MISSION_CURRENT comes at about 1 Hz")
 def mission_current(peer: Peer) -> str:
     """Look for it."""
-    return _streamed(peer, m.MAVLINK_MSG_ID_MISSION_CURRENT, "MISSION_CURRENT", 1e6)
+    return _streamed(peer, m.MAVLink_mission_current_message, "MISSION_CURRENT", 1e6)
 
 
 @check("telemetry.home", "HOME_POSITION is sent on REQUEST_MESSAGE or GET_HOME_POSITION")
 def home(peer: Peer) -> str:
     """Ask in both ways."""
-    kind = m.MAVLINK_MSG_ID_HOME_POSITION
+    kind = m.MAVLink_home_position_message
     message = peer.request(kind)
     if message is None:
         question = m.MAVLink_command_long_message(*peer.address, m.MAV_CMD_GET_HOME_POSITION, 0, *[0.0] * 7)
@@ -189,10 +187,10 @@ def home(peer: Peer) -> str:
 @check("telemetry.interval", "SET_MESSAGE_INTERVAL changes the rate: ATTITUDE at 5 Hz")
 def interval(peer: Peer) -> str:
     """Set it, measure by the vehicle's own clock, set it back."""
-    kind = m.MAVLINK_MSG_ID_ATTITUDE
-    peer.must(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(kind), 200_000.0)
+    kind = m.MAVLink_attitude_message
+    peer.must(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(kind.id), 200_000.0)
     found = [message.time_boot_ms for _, message in peer.collect(kind, 3.0)]
-    peer.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(kind), 0.0)
+    peer.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(kind.id), 0.0)
     if len(found) < 3 or found[-1] <= found[0]:
         raise FailedError(f"{len(found)} messages in 3 s")
     rate_hz = 1000.0 * (len(found) - 1) / (found[-1] - found[0])
@@ -204,11 +202,11 @@ def interval(peer: Peer) -> str:
 @check("telemetry.interval-off", "SET_MESSAGE_INTERVAL with -1 stops a message", required=False)
 def interval_off(peer: Peer) -> None:
     """Stop one and listen."""
-    kind = m.MAVLINK_MSG_ID_ATTITUDE
-    peer.must(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(kind), -1.0)
+    kind = m.MAVLink_attitude_message
+    peer.must(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(kind.id), -1.0)
     peer.sleep(0.5)
     found = peer.collect(kind, 2.0)
-    peer.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(kind), 0.0)
+    peer.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(kind.id), 0.0)
     if found:
         raise FailedError(f"{len(found)} messages in 2 s")
 
@@ -216,7 +214,7 @@ def interval_off(peer: Peer) -> None:
 @check("telemetry.interval-get", "GET_MESSAGE_INTERVAL is answered by MESSAGE_INTERVAL", required=False)
 def interval_get(peer: Peer) -> str:
     """Ask for the interval of the heartbeat."""
-    kind = m.MAVLINK_MSG_ID_MESSAGE_INTERVAL
+    kind = m.MAVLink_message_interval_message
     question = m.MAVLink_command_long_message(*peer.address, m.MAV_CMD_GET_MESSAGE_INTERVAL, 0, *[0.0] * 7)
     message = peer.ask(question, kind, where=lambda answer: answer.message_id == 0)
     if message is None:
@@ -228,7 +226,7 @@ def interval_get(peer: Peer) -> str:
 def timesync(peer: Peer) -> None:
     """Send one with a time that cannot be by chance."""
     own = 123_456_789_123
-    kind = m.MAVLINK_MSG_ID_TIMESYNC
+    kind = m.MAVLink_timesync_message
     answer = peer.ask(m.MAVLink_timesync_message(0, own), kind, where=lambda a: a.ts1 == own)
     if answer is None:
         raise FailedError("no answer with our time")
@@ -240,7 +238,7 @@ def timesync(peer: Peer) -> None:
 def ping(peer: Peer) -> None:
     """Send one."""
     answer = peer.ask(
-        m.MAVLink_ping_message(77, 4242, 0, 0), m.MAVLINK_MSG_ID_PING, where=lambda a: a.seq == 4242
+        m.MAVLink_ping_message(77, 4242, 0, 0), m.MAVLink_ping_message, where=lambda a: a.seq == 4242
     )
     if answer is None:
         raise FailedError("no answer")
@@ -251,4 +249,4 @@ def ping(peer: Peer) -> None:
 @check("telemetry.system-time", "SYSTEM_TIME comes", required=False)
 def system_time(peer: Peer) -> str:
     """Look for it."""
-    return _streamed(peer, m.MAVLINK_MSG_ID_SYSTEM_TIME, "SYSTEM_TIME", 1e6)
+    return _streamed(peer, m.MAVLink_system_time_message, "SYSTEM_TIME", 1e6)

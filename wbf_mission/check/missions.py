@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
+from mission.link.codec.typed import is_a
 from mission.model import MissionItem, MissionType
 from mission.transfer import result_text, wire
 from wbf_mission.check.errors import FailedError
@@ -14,8 +14,16 @@ from wbf_mission.check.registry import Checks
 
 check = Checks()
 
-_REQUESTS = frozenset({wire.REQUEST, wire.REQUEST_INT})
-_ANSWERS = _REQUESTS | {wire.ACK}
+_ACK = m.MAVLink_mission_ack_message
+_REQUESTS: tuple[type[wire.RequestMessage], ...] = (
+    m.MAVLink_mission_request_message,
+    m.MAVLink_mission_request_int_message,
+)
+_ANSWERS: tuple[type[wire.RequestMessage | wire.AckMessage], ...] = (*_REQUESTS, _ACK)
+_ITEMS: tuple[type[wire.ItemMessage], ...] = (
+    m.MAVLink_mission_item_int_message,
+    m.MAVLink_mission_item_message,
+)
 _RE_REQUEST_S = 4.0
 _GIVE_UP_S = 12.0
 _MISSION = int(MissionType.MISSION)
@@ -36,7 +44,7 @@ class Sender:
         question = m.MAVLink_mission_count_message(*self.peer.address, len(self.items), kind)
         for _ in range(4):
             answer = self.peer.ask(question, _ANSWERS, tries=2)
-            if answer is not None and type(answer).id in _REQUESTS and answer.seq == 0:
+            if answer is not None and wire.is_request(answer) and answer.seq == 0:
                 return
             # An earlier transfer may still be running out.
             self.peer.sleep(2.0)
@@ -44,7 +52,7 @@ class Sender:
             "COUNT is not answered by a request for item 0" if answer is None else _told(answer)
         )
 
-    def message(self, number: int, kind: int = _MISSION) -> Message:
+    def message(self, number: int, kind: int = _MISSION) -> wire.ItemMessage:
         """Return the message with one item."""
         return wire.item_to_message(self.items[number], number, kind, self.peer.address, current=number == 0)
 
@@ -52,7 +60,7 @@ class Sender:
         """Send one item."""
         self.peer.send(self.message(number))
 
-    def finish(self, first: int = 0) -> Message:
+    def finish(self, first: int = 0) -> wire.AckMessage:
         """Answer requests until the last ACK, and return that."""
         self.send(first)
         asked = first
@@ -60,7 +68,7 @@ class Sender:
             answer = self.peer.expect(_ANSWERS, _RE_REQUEST_S)
             if answer is None:
                 raise FailedError("the vehicle falls silent in the middle of the upload")
-            if type(answer).id == wire.ACK:
+            if is_a(answer, _ACK):
                 if answer.type == self.peer.profile.order_result:
                     continue
                 return answer
@@ -77,13 +85,13 @@ class Sender:
         self.peer.sleep(0.3)
 
 
-def _told(message: Message) -> str:
-    if type(message).id == wire.ACK:
+def _told(message: wire.RequestMessage | wire.AckMessage) -> str:
+    if is_a(message, _ACK):
         return f"the vehicle answers: {result_text(message.type)}"
     return f"the vehicle asks for item {message.seq}"
 
 
-def _accepted(answer: Message) -> None:
+def _accepted(answer: wire.AckMessage) -> None:
     if answer.type != wire.ACCEPTED:
         raise FailedError(_told(answer))
 
@@ -169,7 +177,7 @@ def out_of_order(peer: Peer) -> None:
     sender.begin()
     sender.send(2)
     answer = peer.expect(_ANSWERS, _RE_REQUEST_S)
-    if answer is not None and type(answer).id == wire.ACK:
+    if answer is not None and is_a(answer, _ACK):
         if answer.type == wire.ACCEPTED:
             raise FailedError("it is accepted")
         if peer.profile.order_result is None:
@@ -185,10 +193,10 @@ def wrong_type(peer: Peer) -> None:
     sender.begin()
     peer.send(sender.message(0, int(MissionType.FENCE)))
     answer = peer.expect(_ANSWERS, _RE_REQUEST_S)
-    if answer is not None and type(answer).id in _REQUESTS and answer.seq > 0:
+    if answer is not None and wire.is_request(answer) and answer.seq > 0:
         sender.cancel()
         raise FailedError(f"it is taken: the vehicle asks for item {answer.seq}")
-    if answer is not None and type(answer).id == wire.ACK and answer.type == wire.ACCEPTED:
+    if answer is not None and is_a(answer, _ACK) and answer.type == wire.ACCEPTED:
         raise FailedError("it is accepted")
     sender.cancel()
 
@@ -207,7 +215,7 @@ def cancel(peer: Peer) -> None:
 def cancel_download(peer: Peer) -> None:
     """Break off after COUNT."""
     peer.upload(peer.items(4))
-    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, _MISSION), wire.COUNT)
+    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, _MISSION), m.MAVLink_mission_count_message)
     peer.send(m.MAVLink_mission_ack_message(*peer.address, wire.OPERATION_CANCELLED, _MISSION))
     peer.upload(peer.items(3))
 
@@ -253,7 +261,7 @@ def last_ack_again(peer: Peer) -> None:
     _accepted(sender.finish())
     peer.forget()
     sender.send(len(sender.items) - 1)
-    if peer.expect(wire.ACK) is None:
+    if peer.expect(_ACK) is None:
         raise FailedError("no MISSION_ACK")
 
 
@@ -297,7 +305,7 @@ def nan(peer: Peer) -> str:
     answer = peer.expect(_ANSWERS, _RE_REQUEST_S)
     if answer is None:
         raise FailedError("the vehicle falls silent")
-    if type(answer).id == wire.ACK and answer.type != wire.ACCEPTED:
+    if is_a(answer, _ACK) and answer.type != wire.ACCEPTED:
         return f"refused: {result_text(answer.type)}"
     sender.cancel()
     return "taken"
@@ -311,7 +319,7 @@ def too_many(peer: Peer) -> str:
     Sender(peer, ()).cancel()
     if answer is None:
         raise FailedError("no answer")
-    if type(answer).id == wire.ACK and answer.type == wire.ACCEPTED:
+    if is_a(answer, _ACK) and answer.type == wire.ACCEPTED:
         raise FailedError("it is accepted")
     return _told(answer)
 
@@ -320,7 +328,7 @@ def too_many(peer: Peer) -> str:
 def count_zero(peer: Peer) -> None:
     """Announce nothing."""
     peer.upload(peer.items(4))
-    answer = peer.ask(m.MAVLink_mission_count_message(*peer.address, 0, _MISSION), wire.ACK)
+    answer = peer.ask(m.MAVLink_mission_count_message(*peer.address, 0, _MISSION), _ACK)
     if answer is None:
         raise FailedError("no MISSION_ACK")
     _accepted(answer)
@@ -336,7 +344,7 @@ def unknown_type(peer: Peer) -> str:
     Sender(peer, ()).cancel()
     if answer is None:
         raise FailedError("no answer")
-    if type(answer).id in _REQUESTS or answer.type == wire.ACCEPTED:
+    if wire.is_request(answer) or answer.type == wire.ACCEPTED:
         raise FailedError(_told(answer))
     return _told(answer)
 
@@ -345,10 +353,10 @@ def unknown_type(peer: Peer) -> str:
 def request_beyond(peer: Peer) -> None:
     """Ask for item 300 of 3."""
     peer.upload(peer.items(3))
-    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, _MISSION), wire.COUNT)
+    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, _MISSION), m.MAVLink_mission_count_message)
     peer.forget()
     peer.send(m.MAVLink_mission_request_int_message(*peer.address, 300, _MISSION))
-    answer = peer.expect({wire.ITEM_INT, wire.ITEM}, 1.0)
+    answer = peer.expect(_ITEMS, 1.0)
     peer.send(m.MAVLink_mission_ack_message(*peer.address, wire.OPERATION_CANCELLED, _MISSION))
     if answer is not None:
         raise FailedError(f"item {answer.seq} comes")
@@ -359,10 +367,10 @@ def request_beyond(peer: Peer) -> None:
 def re_read(peer: Peer) -> None:
     """Ask for item 0 twice, as after a loss."""
     peer.upload(peer.items(3))
-    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, _MISSION), wire.COUNT)
+    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, _MISSION), m.MAVLink_mission_count_message)
     question = m.MAVLink_mission_request_int_message(*peer.address, 0, _MISSION)
     for number in (1, 2):
-        if peer.ask(question, wire.ITEM_INT, where=lambda a: a.seq == 0) is None:
+        if peer.ask(question, m.MAVLink_mission_item_int_message, where=lambda a: a.seq == 0) is None:
             raise FailedError(f"request {number} of item 0 gives no MISSION_ITEM_INT")
     peer.send(m.MAVLink_mission_ack_message(*peer.address, wire.OPERATION_CANCELLED, _MISSION))
 
@@ -376,7 +384,7 @@ def _refused(peer: Peer, items: Sequence[MissionItem]) -> str:
     return result_text(answer.type)
 
 
-def _refused_message(sender: Sender, wrong: Message, number: int) -> str:
+def _refused_message(sender: Sender, wrong: wire.ItemMessage, number: int) -> str:
     """Send an upload in which one item is replaced, and return how it was refused."""
     peer = sender.peer
     sender.begin()
@@ -386,7 +394,7 @@ def _refused_message(sender: Sender, wrong: Message, number: int) -> str:
         if answer is None:
             sender.cancel()
             raise FailedError("the vehicle falls silent")
-        if type(answer).id == wire.ACK:
+        if is_a(answer, _ACK):
             if answer.type == wire.ACCEPTED:
                 raise FailedError("it is accepted")
             return result_text(answer.type)

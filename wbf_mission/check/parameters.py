@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import struct
+from typing import TypeAlias
 
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
 from wbf_mission.check.errors import FailedError, SkippedError
 from wbf_mission.check.peer import Peer
 from wbf_mission.check.registry import Checks
 
 check = Checks()
 
-_VALUE = m.MAVLINK_MSG_ID_PARAM_VALUE
+_Value: TypeAlias = m.MAVLink_param_value_message
 _NOBODYS = "NO_SUCH_THING_X"
 _QUIET_S = 1.5
 _LONGEST_S = 120.0
@@ -27,7 +27,7 @@ _HARMLESS = (
 )
 
 
-def _name(message: Message) -> str:
+def _name(message: _Value) -> str:
     return str(message.param_id).rstrip("\0")
 
 
@@ -35,19 +35,19 @@ def _bits(value: float) -> bytes:
     return struct.pack("<f", value)
 
 
-def _read(peer: Peer, name: str, tries: int = 3) -> Message | None:
+def _read(peer: Peer, name: str, tries: int = 3) -> _Value | None:
     question = m.MAVLink_param_request_read_message(*peer.address, name.encode(), -1)
-    return peer.ask(question, _VALUE, where=lambda answer: _name(answer) == name, tries=tries)
+    return peer.ask(question, _Value, where=lambda answer: _name(answer) == name, tries=tries)
 
 
-def _listed(peer: Peer) -> dict[int, Message]:
+def _listed(peer: Peer) -> dict[int, _Value]:
     """Return all parameters by index, asking again for those that got lost."""
-    found: dict[int, Message] = {}
+    found: dict[int, _Value] = {}
     peer.forget()
     peer.send(m.MAVLink_param_request_list_message(*peer.address))
     began_s = peer.now()
     while peer.now() - began_s < _LONGEST_S:
-        message = peer.expect(_VALUE, _QUIET_S)
+        message = peer.expect(_Value, _QUIET_S)
         if message is None:
             break
         if message.param_index < message.param_count:
@@ -58,13 +58,13 @@ def _listed(peer: Peer) -> dict[int, Message]:
     for _ in range(_ROUNDS):
         for index in [index for index in range(count) if index not in found][:200]:
             question = m.MAVLink_param_request_read_message(*peer.address, b"", index)
-            answer = peer.ask(question, _VALUE, where=lambda a, index=index: a.param_index == index, tries=1)  # type: ignore[misc]
+            answer = peer.ask(question, _Value, where=lambda a, index=index: a.param_index == index, tries=1)  # type: ignore[misc]
             if answer is not None:
                 found[index] = answer
     return found
 
 
-def _some(peer: Peer) -> Message:
+def _some(peer: Peer) -> _Value:
     """Return a parameter that may be changed on the ground."""
     for name in _HARMLESS:
         message = _read(peer, name)
@@ -78,7 +78,7 @@ def param_list(peer: Peer) -> str:
     """Read the list."""
     found = _listed(peer)
     if not found:
-        raise FailedError("no PARAM_VALUE")
+        raise FailedError("no PARAM_Value")
     counts = {message.param_count for message in found.values()}
     if len(counts) > 1:
         raise FailedError(f"the counts differ: {sorted(counts)}")
@@ -96,9 +96,9 @@ def param_list(peer: Peer) -> str:
 def read_index(peer: Peer) -> str:
     """Read the first."""
     question = m.MAVLink_param_request_read_message(*peer.address, b"", 0)
-    answer = peer.ask(question, _VALUE, where=lambda a: a.param_index == 0)
+    answer = peer.ask(question, _Value, where=lambda a: a.param_index == 0)
     if answer is None:
-        raise FailedError("no PARAM_VALUE")
+        raise FailedError("no PARAM_Value")
     return _name(answer)
 
 
@@ -106,13 +106,13 @@ def read_index(peer: Peer) -> str:
 def read_name(peer: Peer) -> str:
     """Read the first by its name."""
     question = m.MAVLink_param_request_read_message(*peer.address, b"", 0)
-    first = peer.ask(question, _VALUE, where=lambda a: a.param_index == 0)
+    first = peer.ask(question, _Value, where=lambda a: a.param_index == 0)
     if first is None:
         raise FailedError("the first parameter cannot be read by index")
     name = _name(first)
     answer = _read(peer, name)
     if answer is None:
-        raise FailedError(f"no PARAM_VALUE for {name}")
+        raise FailedError(f"no PARAM_Value for {name}")
     if answer.param_type != first.param_type or _bits(answer.param_value) != _bits(first.param_value):
         raise FailedError(f"{name} is {answer.param_value}, by index {first.param_value}")
     return name
@@ -137,7 +137,7 @@ def param_set(peer: Peer) -> str:
     try:
         answer = _set(peer, name, changed, before.param_type)
         if answer is None:
-            raise FailedError(f"no PARAM_VALUE for {name}")
+            raise FailedError(f"no PARAM_Value for {name}")
         if _bits(answer.param_value) != _bits(changed):
             raise FailedError(f"{name} set to {changed} is answered as {answer.param_value}")
         read = _read(peer, name)
@@ -148,9 +148,9 @@ def param_set(peer: Peer) -> str:
     return name
 
 
-def _set(peer: Peer, name: str, value: float, kind: int, tries: int = 3) -> Message | None:
+def _set(peer: Peer, name: str, value: float, kind: int, tries: int = 3) -> _Value | None:
     question = m.MAVLink_param_set_message(*peer.address, name.encode(), value, kind)
-    return peer.ask(question, _VALUE, where=lambda answer: _name(answer) == name, tries=tries)
+    return peer.ask(question, _Value, where=lambda answer: _name(answer) == name, tries=tries)
 
 
 @check("param.set-unknown", "PARAM_SET of a name that does not exist adds nothing", required=False)

@@ -7,11 +7,12 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TypeAlias, TypeVar
 
 from mission.link.address import Link
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import Message
+from mission.link.codec.typed import is_a
 from mission.link.endpoint import MavlinkEndpoint
 from mission.model import Command, GeoPoint, Mission, MissionItem, MissionType
 from mission.transfer import Profile
@@ -22,6 +23,8 @@ from wbf_mission.check.errors import FailedError
 
 __all__ = ["GROUND", "Peer"]
 
+M = TypeVar("M", bound=Message)
+Ack: TypeAlias = m.MAVLink_command_ack_message
 GROUND = (255, int(m.MAV_COMP_ID_MISSIONPLANNER))
 _LONGEST_WAIT_S = 0.1
 _ANSWER_S = 1.5
@@ -127,11 +130,13 @@ class Peer:
     def _receive(self) -> None:
         now_s = self.now()
         for message in self.endpoint.receive():
-            kind = type(message).id
             if message.get_srcSystem() == self.vehicle.system_id:
-                if kind == m.MAVLINK_MSG_ID_STATUSTEXT:
+                if is_a(message, m.MAVLink_statustext_message):
                     self.texts.append(str(message.text))
-                elif kind == m.MAVLINK_MSG_ID_HEARTBEAT and message.get_srcComponent() == self.address[1]:
+                elif (
+                    is_a(message, m.MAVLink_heartbeat_message)
+                    and message.get_srcComponent() == self.address[1]
+                ):
                     self.armed = bool(message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
             self._queue.append((now_s, message))
 
@@ -140,32 +145,33 @@ class Peer:
         for _ in self.heard(seconds):
             pass
 
-    def collect(self, kind: int, seconds: float) -> list[tuple[float, Message]]:
-        """Return the messages of one id in the next seconds, with their times."""
+    def collect(self, kind: type[M], seconds: float) -> list[tuple[float, M]]:
+        """Return the messages of one kind in the next seconds, with their times."""
         self.forget()
-        return [(now_s, message) for now_s, message in self.heard(seconds) if type(message).id == kind]
+        return [(now_s, message) for now_s, message in self.heard(seconds) if is_a(message, kind)]
 
     def expect(
         self,
-        kinds: int | Iterable[int],
+        kinds: type[M] | tuple[type[M], ...],
         seconds: float = _ANSWER_S,
-        where: Callable[[Message], bool] = lambda _: True,
-    ) -> Message | None:
-        """Wait for a message with one of these ids; None if it does not come."""
-        wanted = {kinds} if isinstance(kinds, int) else set(kinds)
+        where: Callable[[M], bool] = lambda _: True,
+    ) -> M | None:
+        """Wait for a message of one of these kinds; None if it does not come."""
+        wanted = kinds if isinstance(kinds, tuple) else (kinds,)
         for _, message in self.heard(seconds):
-            if type(message).id in wanted and where(message):
-                return message
+            for kind in wanted:
+                if is_a(message, kind) and where(message):
+                    return message
         return None
 
     def ask(
         self,
         question: Message,
-        kinds: int | Iterable[int],
+        kinds: type[M] | tuple[type[M], ...],
         *,
-        where: Callable[[Message], bool] = lambda _: True,
+        where: Callable[[M], bool] = lambda _: True,
         tries: int = _TRIES,
-    ) -> Message | None:
+    ) -> M | None:
         """Send a message until an answer comes, at most ``tries`` times."""
         for _ in range(tries):
             self.forget()
@@ -175,7 +181,9 @@ class Peer:
                 return answer
         return None
 
-    def command(self, command: int, *params: float, tries: int = _TRIES, seconds: float = _ANSWER_S) -> Any:
+    def command(
+        self, command: int, *params: float, tries: int = _TRIES, seconds: float = _ANSWER_S
+    ) -> Ack | None:
         """Send COMMAND_LONG and return its COMMAND_ACK (the last one, when it is long), None without one."""
         values = [*params, *[0.0] * (7 - len(params))]
         for number in range(tries):
@@ -186,13 +194,13 @@ class Peer:
                 return answer
         return None
 
-    def _acknowledgement(self, command: int, seconds: float) -> Any:
-        answer = self.expect(m.MAVLINK_MSG_ID_COMMAND_ACK, seconds, lambda a: a.command == command)
+    def _acknowledgement(self, command: int, seconds: float) -> Ack | None:
+        answer = self.expect(Ack, seconds, lambda a: a.command == command)
         while answer is not None and answer.result == m.MAV_RESULT_IN_PROGRESS:
-            answer = self.expect(m.MAVLINK_MSG_ID_COMMAND_ACK, 10.0, lambda a: a.command == command) or None
+            answer = self.expect(Ack, 10.0, lambda a: a.command == command)
         return answer
 
-    def must(self, command: int, *params: float) -> Any:
+    def must(self, command: int, *params: float) -> Ack:
         """Send a command that has to be accepted; FailedError otherwise."""
         answer = self.command(command, *params)
         name = command_name(command)
@@ -202,16 +210,16 @@ class Peer:
             raise FailedError(f"{name} was answered {result_name(answer.result)}{self.said()}")
         return answer
 
-    def request(self, message_id: int) -> Message | None:
+    def request(self, kind: type[M]) -> M | None:
         """Return a message that was asked for by REQUEST_MESSAGE, None if it does not come."""
         for _ in range(_TRIES):
             self.forget()
             self.send(
                 m.MAVLink_command_long_message(
-                    *self.address, m.MAV_CMD_REQUEST_MESSAGE, 0, float(message_id), *[0.0] * 6
+                    *self.address, m.MAV_CMD_REQUEST_MESSAGE, 0, float(kind.id), *[0.0] * 6
                 )
             )
-            message = self.expect(message_id)
+            message = self.expect(kind)
             if message is not None:
                 return message
         return None

@@ -6,13 +6,14 @@ import time
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 from geo.errors import WbfMissionError
 from mission.errors import LinkError
 from mission.link import open_link
 from mission.link.address import Link
 from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.typed import is_a
 from mission.model import GeoPoint
 from mission.transfer import RemoteTransferError
 from mission.transfer.driver import Vehicle, wait_readable
@@ -185,13 +186,19 @@ def _keep_plans(peer: Peer, stack: ExitStack) -> bool:
     return True
 
 
+_Where: TypeAlias = m.MAVLink_home_position_message | m.MAVLink_global_position_int_message
+
+
 def _find_home(peer: Peer) -> None:
     """Learn where the vehicle is, so that the missions are near it."""
-    for kind in (m.MAVLINK_MSG_ID_HOME_POSITION, m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT):
-        message = peer.expect(kind, 1.2) or peer.request(kind)
+    kinds: tuple[type[_Where], ...] = (m.MAVLink_home_position_message, m.MAVLink_global_position_int_message)
+    for kind in kinds:
+        message = peer.expect((kind,), 1.2)
+        if message is None:
+            message = peer.request(kind)
         if message is None:
             continue
-        if kind == m.MAVLINK_MSG_ID_HOME_POSITION:
+        if is_a(message, m.MAVLink_home_position_message):
             place = (message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1e3)
         else:
             place = (message.lat / 1e7, message.lon / 1e7, message.alt / 1e3)

@@ -93,7 +93,7 @@ def total(peer: Peer) -> str:
     """Compare with what was sent."""
     peer.upload(peer.items(7))
     peer.sleep(1.0)
-    message = peer.request(m.MAVLINK_MSG_ID_MISSION_CURRENT)
+    message = peer.request(m.MAVLink_mission_current_message)
     if message is None:
         raise FailedError("no MISSION_CURRENT")
     if message.total not in (6, 7, 8):
@@ -105,7 +105,7 @@ def total(peer: Peer) -> str:
 def set_current(peer: Peer) -> None:
     """Choose item 3, in both ways."""
     peer.upload(peer.items(7))
-    current = m.MAVLINK_MSG_ID_MISSION_CURRENT
+    current = m.MAVLink_mission_current_message
     for _ in range(2):
         peer.command(m.MAV_CMD_DO_SET_MISSION_CURRENT, 3.0, tries=1)
         if peer.expect(current, 2.5, lambda a: a.seq == 3) is not None:
@@ -122,12 +122,12 @@ def set_current_beyond(peer: Peer) -> None:
     peer.upload(peer.items(5))
     peer.command(m.MAV_CMD_DO_SET_MISSION_CURRENT, 999.0, tries=1)
     peer.send(m.MAVLink_mission_set_current_message(*peer.address, 999))
-    if peer.expect(m.MAVLINK_MSG_ID_MISSION_CURRENT, 2.5, lambda a: a.seq == 999) is not None:
+    if peer.expect(m.MAVLink_mission_current_message, 2.5, lambda a: a.seq == 999) is not None:
         raise FailedError("MISSION_CURRENT becomes 999")
 
 
 def _needs(peer: Peer, bit: int, what: str) -> None:
-    message = peer.request(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+    message = peer.request(m.MAVLink_autopilot_version_message)
     if message is not None and not message.capabilities & bit:
         raise SkippedError(f"its capabilities say that it has no {what}")
 

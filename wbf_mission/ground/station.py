@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from geo.frame import LocalFrame
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Mission, MissionType
 from mission.outcome import Outcome
@@ -245,7 +246,9 @@ class GroundStation:
         silent, self._silent = self._silent, True
         if not silent or not profile_for(self._autopilot).streams_on_request:
             return []
-        asked = [m.MAVLink_request_data_stream_message(*self._vehicle, m.MAV_DATA_STREAM_ALL, _STREAM_HZ, 1)]
+        asked: list[Message] = [
+            m.MAVLink_request_data_stream_message(*self._vehicle, m.MAV_DATA_STREAM_ALL, _STREAM_HZ, 1)
+        ]
         asked += [
             m.MAVLink_command_long_message(
                 *self._vehicle, int(m.MAV_CMD_SET_MESSAGE_INTERVAL), 0, message_id, _FAST_US, 0, 0, 0, 0, 0

@@ -13,5 +13,6 @@ from mission.link.codec.additions import extend
 
 extend(generated)
 mavlink: Any = generated
+Message = generated.MAVLink_message
 
-__all__ = ["mavlink"]
+__all__ = ["Message", "mavlink"]

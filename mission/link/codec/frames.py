@@ -21,10 +21,9 @@ from typing import Any
 
 from fastcrc import crc16
 
-from mission.link.codec.dialect import mavlink
+from mission.link.codec.dialect import Message, mavlink
 from mission.link.codec.signing import Signing
 
-Message = Any
 _crc: Callable[..., int] = crc16.mcrf4xx
 _MARKER = re.compile(rb"[\xfd\xfe]")
 _V2 = 0xFD
@@ -69,14 +68,14 @@ def _sorter(message_type: Any) -> Callable[[tuple[Any, ...]], Sequence[Any]]:
     pick = itemgetter(
         *(starts[k] if lengths[k] == 1 else slice(starts[k], starts[k] + lengths[k]) for k in orders)
     )
-    arrays = [place for place, k in enumerate(orders) if lengths[k] > 1]
+    arrays = [index for index, k in enumerate(orders) if lengths[k] > 1]
     if not arrays:
         return pick
 
     def gather(numbers: tuple[Any, ...]) -> list[Any]:
         values = list(pick(numbers))
-        for place in arrays:
-            values[place] = list(values[place])
+        for index in arrays:
+            values[index] = list(values[index])
         return values
 
     return gather
@@ -324,7 +323,7 @@ class FrameReader:
         if self.signing is not None and not self.signing.accepts(frame, number):
             self.bad_frames += 1
             return True
-        message = None
+        message: Message | None = None
         wanted = self.wanted is None or number in self.wanted
         if wanted:
             message = self._decode(frame, kind)
@@ -338,7 +337,7 @@ class FrameReader:
         self.frames += 1
         if self.tap is not None:
             self.tap(frame)
-        if wanted:
+        if message is not None:
             messages.append(message)
         return True
 
@@ -347,10 +346,10 @@ class FrameReader:
         in_order = kind.in_order
         if in_order is None or frame[0] != _V2 or frame[2]:
             try:
-                message = self.codec.decode(bytearray(frame))
+                decoded: Message = self.codec.decode(bytearray(frame))
             except (mavlink.MAVError, struct_error, ValueError):
                 return None
-            return message
+            return decoded
         size = kind.size
         payload = frame[10:-2]
         if len(payload) != size:
@@ -358,14 +357,15 @@ class FrameReader:
         values = in_order(kind.unpack(payload))
         if kind.text:
             values = [value.rstrip(b"\0") if isinstance(value, bytes) else value for value in values]
-        message = kind.make(*values)
+        message: Any = kind.make(*values)
         header = message._header
         header.mlen, header.incompat_flags, header.compat_flags = frame[1], 0, frame[3]
         header.seq, header.srcSystem, header.srcComponent = frame[4], frame[5], frame[6]
         message._msgbuf = frame
         message._payload = frame[10:-2]
         message._crc = frame[-2] | frame[-1] << 8
-        return message
+        made: Message = message
+        return made
 
 
 def _frame_end(data: bytes, at: int) -> int:

@@ -1,0 +1,182 @@
+"""The vehicle's side of an upload: asking for items, taking them, and what is in force at the end."""
+
+from __future__ import annotations
+
+from mission.link.codec.dialect import mavlink
+from mission.model import MissionItem, MissionType
+from mission.transfer import wire
+from mission.transfer.events import (
+    Event,
+    FailureReason,
+    Output,
+    PlanCleared,
+    PlanReplaced,
+    StatusText,
+    TransferFailed,
+    TransferStarted,
+)
+from mission.transfer.plan_store import PlanStore
+from mission.transfer.profile import Profile, from_wire_order, to_wire_order
+from mission.transfer.server_replies import ServerReplies
+from mission.transfer.server_session import EndedUpload, ServerSession
+from mission.transfer.server_table import RECEIVING
+
+_WARNING = mavlink.MAV_SEVERITY_WARNING
+_CRITICAL = mavlink.MAV_SEVERITY_CRITICAL
+_INFO = mavlink.MAV_SEVERITY_INFO
+_Sender = tuple[int, int]
+
+
+class IncomingPlan:
+    """Receives a plan and puts it in force.
+
+    Parameters
+    ----------
+    profile : Profile
+        Whose habits to follow.
+    store : PlanStore
+        Where the plan goes.
+    session : ServerSession
+        The transfer that runs; its upload fields are written here.
+    replies : ServerReplies
+        How to answer.
+    """
+
+    def __init__(
+        self, profile: Profile, store: PlanStore, session: ServerSession, replies: ServerReplies
+    ) -> None:
+        self._profile = profile
+        self._store = store
+        self._session = session
+        self._replies = replies
+
+    def ask_first(self, message: wire.CountMessage, sender: _Sender, now_s: float) -> Output:
+        """Begin the upload of a whole plan."""
+        session = self._session
+        session.partner, session.type, session.count = (
+            sender,
+            MissionType(message.mission_type),
+            message.count,
+        )
+        return self._begin(0, now_s)
+
+    def ask_part(
+        self, message: mavlink.MAVLink_mission_write_partial_list_message, sender: _Sender, now_s: float
+    ) -> Output:
+        """Begin the upload of a part of the plan."""
+        self._session.partner, self._session.type = sender, MissionType(message.mission_type)
+        self._session.count = message.end_index + 1
+        return self._begin(message.start_index, now_s, part=True)
+
+    def _begin(self, first: int, now_s: float, *, part: bool = False) -> Output:
+        session = self._session
+        session.items, session.start, session.ended = [], 0, None
+        session.first, session.part, session.warned = first, part, False
+        session.heard_s = now_s
+        started = TransferStarted(session.type, upload=True, count=session.count - first)
+        return self.ask(now_s) + Output(events=(started,))
+
+    def ask(self, now_s: float) -> Output:
+        """Ask for the item that is expected."""
+        session = self._session
+        session.asked_s = now_s
+        build = (
+            mavlink.MAVLink_mission_request_int_message
+            if self._profile.request_int
+            else mavlink.MAVLink_mission_request_message
+        )
+        return Output((build(*session.partner, session.expected, session.type),))
+
+    def take_item(self, message: wire.ItemMessage, now_s: float) -> Output:
+        """Keep the item and ask for the next one."""
+        said = self._take(message)
+        return self.ask(now_s) + Output(events=said)
+
+    def take_last_item(self, message: wire.ItemMessage, sender: _Sender) -> Output:
+        """Keep the item and put the plan in force."""
+        session = self._session
+        said = self._take(message)
+        last = session.candidate if message.seq or not self._store.home_items(session.type) else None
+        session.ended = EndedUpload(sender, session.type, message.seq, last, wire.ACCEPTED)
+        replaced = self._put(self._merged(), start=session.start)
+        return self._replies.ack(wire.ACCEPTED, session.type, sender, replaced, *said, *self._received())
+
+    def _take(self, message: wire.ItemMessage) -> tuple[Event, ...]:
+        """Keep the item that was judged; ArduPilot complains once about items of the old kind."""
+        session = self._session
+        assert session.candidate is not None
+        if message.current and message.seq:
+            session.start = message.seq - self._store.home_items(session.type)
+        session.items.append(session.candidate)
+        text = "got MISSION_ITEM; GCS should send MISSION_ITEM_INT"
+        return self._replies.warn_of_floats(text, message, wire.ITEM)
+
+    def refuse_item(self, message: wire.ItemMessage, sender: _Sender) -> Output:
+        """End the upload with the verdict on the item."""
+        session = self._session
+        session.ended = EndedUpload(sender, session.type, message.seq, None, session.verdict)
+        text = f"item {message.seq}: {wire.result_text(session.verdict)}"
+        failed = self._fail(FailureReason.REFUSED, text, session.verdict)
+        said = StatusText(session.type, _WARNING, f"Mission item {message.seq} rejected")
+        return self._replies.ack(session.verdict, session.type, sender, *failed, said)
+
+    def clear(self, message: wire.MissionMessage, sender: _Sender) -> Output:
+        """Empty one plan or all."""
+        everything = message.mission_type == wire.ALL_TYPES
+        kinds = tuple(MissionType) if everything else (MissionType(message.mission_type),)
+        self._store.clear(kinds)
+        self._session.ended = None
+        cleared = (PlanCleared(kind) for kind in kinds)
+        return self._replies.ack(wire.ACCEPTED, message.mission_type, sender, *cleared)
+
+    def clear_by_count(self, message: wire.CountMessage, sender: _Sender, now_s: float) -> Output:
+        """Empty a plan: a COUNT of 0."""
+        self._session.held_until_s = now_s + self._profile.empty_hold_s
+        self._session.type = MissionType(message.mission_type)
+        return self.clear(message, sender) + Output(events=self._received())
+
+    def cancelled(self) -> Output:
+        """End the transfer, an upload or a download, for the ground station wants no more of it."""
+        text = "the ground station cancelled the transfer"
+        return Output(events=self._fail(FailureReason.CANCELLED, text))
+
+    def abort(self, partner: _Sender) -> Output:
+        """End the upload, for nothing comes any more."""
+        session = self._session
+        item = f"item {session.expected} of {session.count}"
+        text = f"{item} did not come in {self._profile.abort_s:g} s"
+        said = StatusText(session.type, _CRITICAL, self._profile.timeout_text)
+        events = (*self._fail(FailureReason.TIMEOUT, text), said)
+        if self._profile.abort_result is None:
+            return Output(events=events)
+        return self._replies.ack(self._profile.abort_result, session.type, partner, *events)
+
+    def _received(self) -> tuple[Event, ...]:
+        texts = self._profile.received_texts
+        return () if texts is None else (StatusText(self._session.type, _INFO, texts[self._session.type]),)
+
+    def _merged(self) -> tuple[MissionItem, ...]:
+        """Return the plan after what has come: the whole new one, or the old one with a part replaced."""
+        session = self._session
+        came = tuple(session.items)
+        if session.first or session.part or len(came) < session.count:
+            old = self._store.wire_items(session.type)
+            if not old and came:
+                old = to_wire_order(came[:1], session.type, self._profile, self._store.home)[:1]
+            end = len(old) if session.part else session.count
+            came = old[: session.first] + came + old[session.first + len(came) : end]
+        return from_wire_order(came, session.type, self._profile)[0]
+
+    def _put(self, items: tuple[MissionItem, ...], *, start: int = 0, complete: bool = True) -> Event:
+        plan, changed = self._store.received(self._session.type, items)
+        self._session.items = []
+        return PlanReplaced(self._session.type, items, plan.opaque_id, changed, start, complete)
+
+    def _fail(self, reason: FailureReason, text: str, result: int | None = None) -> tuple[Event, ...]:
+        """End the transfer; a vehicle that overwrites in place now holds what has come, and the old rest."""
+        session = self._session
+        failed = TransferFailed(session.type, reason, text, result)
+        if session.state is not RECEIVING or self._profile.atomic or not session.items:
+            session.items = []
+            return (failed,)
+        return (failed, self._put(self._merged(), complete=False))

@@ -1,0 +1,146 @@
+"""Write the types of the MAVLink messages that the code uses: ``mission/link/codec/messages.pyi``.
+
+pymavlink's dialect is untyped to type checkers and lacks the fields that `mission.link.codec.additions`
+appends. This reads the sources for the names they use of ``mavlink`` and the dialect for what those are. Run
+it after using a message or constant for the first time::
+
+    python tools/write_message_stub.py
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from inspect import Parameter, signature
+from pathlib import Path
+from typing import Any
+
+from mission.link.codec.additions import EXTENSIONS, MESSAGES
+from mission.link.codec.dialect import mavlink
+
+ROOT = Path(__file__).parents[1]
+STUB = ROOT / "mission" / "link" / "codec" / "messages.pyi"
+_PACKAGES = ("geo", "sensors", "mission", "sim_vehicle", "wbf_mission")
+_USED = re.compile(r"\.([A-Z]\w+)")
+_ID = "MAVLINK_MSG_ID_"
+
+_HEAD = """# Written by tools/write_message_stub.py; do not edit.
+# The part of the MAVLink dialect that the code uses, for type checkers.
+
+from collections.abc import Sequence
+from struct import Struct
+from typing import Any, ClassVar, Final
+
+class MAVError(Exception): ...
+
+class EnumEntry:
+    name: str
+    description: str
+
+enums: Final[dict[str, dict[int, EnumEntry]]]
+
+class MAVLink_message:
+    id: int
+    msgname: ClassVar[str]
+    crc_extra: ClassVar[int]
+    fieldnames: ClassVar[list[str]]
+    ordered_fieldnames: ClassVar[list[str]]
+    unpacker: ClassVar[Struct]
+    def get_type(self) -> str: ...
+    def get_msgId(self) -> int: ...
+    def get_srcSystem(self) -> int: ...
+    def get_srcComponent(self) -> int: ...
+    def get_seq(self) -> int: ...
+    def get_msgbuf(self) -> bytes: ...
+    def to_dict(self) -> dict[str, Any]: ...
+    def pack(self, mav: MAVLink, force_mavlink1: bool = ...) -> bytes: ...
+
+class MAVLink:
+    seq: int
+    srcSystem: int
+    srcComponent: int
+    def __init__(self, file: None, srcSystem: int = ..., srcComponent: int = ...) -> None: ...
+    def decode(self, msgbuf: bytearray) -> MAVLink_message: ...
+
+mavlink_map: Final[dict[int, type[MAVLink_message]]]
+"""
+
+
+def used_names() -> list[str]:
+    """Return the messages and constants of the dialect that the sources use, sorted.
+
+    A message is used where its class or its id is.
+    """
+    names: set[str] = set()
+    for package in _PACKAGES:
+        for path in (ROOT / package).rglob("*.py"):
+            names.update(_USED.findall(path.read_text(encoding="utf-8")))
+    names |= {f"MAVLink_{name.removeprefix(_ID).lower()}_message" for name in names if name.startswith(_ID)}
+    described = set(re.findall(r"^class (\w+)", _HEAD, re.MULTILINE))
+    return sorted(name for name in names - described if hasattr(mavlink, name))
+
+
+def _is_message(name: str) -> bool:
+    return isinstance(getattr(mavlink, name), type)
+
+
+def _types(kind: str, length: int) -> tuple[str, str]:
+    """Return what a field is as an argument and as an attribute."""
+    if kind == "char":
+        return "bytes", "str"
+    number = "float" if kind in ("float", "double") else "int"
+    several = f"Sequence[{number}]"
+    return (several, several) if length else (number, number)
+
+
+def _fields(name: str) -> list[tuple[str, str, int, bool]]:
+    """Return the fields of a message class: name, C type, array length, and whether it may be left out."""
+    message_type: Any = getattr(mavlink, name)
+    lengths = dict(zip(message_type.ordered_fieldnames, message_type.array_lengths, strict=True))
+    title = message_type.msgname
+    if title in {definition.name for definition in MESSAGES}:
+        optional: set[str] = set()
+    else:
+        added = {field.name for field in EXTENSIONS.get(title, ())}
+        original = message_type if not added else message_type.__mro__[1]
+        parameters = signature(original.__init__).parameters.values()
+        optional = added | {one.name for one in parameters if one.default is not Parameter.empty}
+    return [
+        (field, kind, lengths[field], field in optional)
+        for field, kind in zip(message_type.fieldnames, message_type.fieldtypes, strict=True)
+    ]
+
+
+def _message(name: str) -> str:
+    fields = _fields(name)
+    arguments = [
+        f"{field}: {_types(kind, length)[0]}{' = ...' if optional else ''}"
+        for field, kind, length, optional in fields
+    ]
+    lines = [f"class {name}(MAVLink_message):"]
+    lines += [f"    {field}: {_types(kind, length)[1]}" for field, kind, length, _ in fields]
+    lines.append(f"    def __init__({', '.join(['self', *arguments])}) -> None: ...")
+    return "\n".join(lines)
+
+
+def _number(name: str) -> str:
+    value = getattr(mavlink, name)
+    if not isinstance(value, int):
+        msg = f"{name} of the dialect is neither a message nor a number: describe it in this script"
+        raise TypeError(msg)
+    return f"{name}: Final[int]"
+
+
+def stub() -> str:
+    """Return the stub module's text."""
+    names = used_names()
+    numbers = "\n".join(_number(name) for name in names if not _is_message(name))
+    messages = "\n\n".join(_message(name) for name in names if _is_message(name))
+    text = f"{_HEAD}\n{numbers}\n\n{messages}\n"
+    ruff = [sys.executable, "-m", "ruff", "format", "--stdin-filename", str(STUB), "-"]
+    return subprocess.run(ruff, input=text, capture_output=True, text=True, check=True, cwd=ROOT).stdout
+
+
+if __name__ == "__main__":
+    STUB.write_text(stub(), encoding="utf-8")

@@ -42,7 +42,8 @@ ESTIMATORS = ("adaptive-disk", "gp", "gp-zero", "epidemic")
 GPS = ("gp", "gp-zero")
 DAY = 6
 RESAMPLES = 4000
-ZERO_MEAN_GP = {"prior_mean": (0.0, 0.0, 0.0), "amplitude_bounds": (1.0, 1.0), "clip": False}
+FITTED_GP = {"learn_from": "observations"}
+ZERO_MEAN_GP = {**FITTED_GP, "prior_mean": (0.0, 0.0, 0.0), "amplitude_bounds": (1.0, 1.0), "clip": False}
 BARS = {"final / AD": 0.25, "final / best GP": 0.5, "run / AD": 0.6}
 # Columns of a result: the fields, and with the paper's weights the two diseases and all three together.
 COLUMNS = (*PAPER_FIELDS.names, "diseases", "all")
@@ -70,7 +71,8 @@ def make(name: str, seed: int) -> Estimator:
     random_state = child_seed(seed, "estimator")
     if name == "gp-zero":
         return make_estimator("gp", random_state=random_state, **ZERO_MEAN_GP)
-    return make_estimator(name, random_state=random_state)
+    params = FITTED_GP if name == "gp" else {}
+    return make_estimator(name, random_state=random_state, **params)
 
 
 def losses_of(score: Score, masks: NDArray[np.bool_]) -> list[float]:

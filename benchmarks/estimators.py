@@ -22,6 +22,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,10 +97,15 @@ def clock(work: Callable[[], object]) -> float:
 
 
 def fly(
-    estimator_name: str, grid: FarmGrid, truth: NDArray[np.float32], seen: Observations, steps: int
+    estimator_name: str,
+    grid: FarmGrid,
+    truth: NDArray[np.float32],
+    seen: Observations,
+    steps: int,
+    **params: Any,
 ) -> RunningScore:
     """Estimate and score after every step."""
-    estimator = make_estimator(estimator_name, random_state=1).fit(grid)
+    estimator = make_estimator(estimator_name, random_state=1, **params).fit(grid)
     running = RunningScore(truth, PAPER_FIELDS.masks(grid))
     for step in range(steps):
         running.add(estimator.partial_fit(seen[step : step + 1]).predict().value)
@@ -178,7 +184,7 @@ def updates_on_the_large_farm(grid: FarmGrid, seen: Observations, running: Runni
 def processes_on_the_small_farm(steps: int, samples: tuple[int, ...]) -> None:
     """The run that is scored at every step, scikit-learn sampled at some of the steps."""
     grid, truth, seen = run_of("miniberry-30", STEPS, 3)
-    ours = clock(lambda: fly("gp", grid, truth, seen, steps))
+    ours = clock(lambda: fly("gp", grid, truth, seen, steps, learn_from="observations"))
     times = []
     for n in samples:
         slow = make_estimator("gp-sklearn", random_state=1).fit(grid, seen[:n])

@@ -328,7 +328,6 @@ class _Run:
             model,
             observations,
             fields=self.fields,
-            probabilities=getattr(self.estimator, "class_probabilities", None),
             states_deviation=getattr(self.estimator, "states_deviation", False),
         )
         return maps, tuple(true_map(farm, one.field, self.truth[k]) for k, one in enumerate(maps))

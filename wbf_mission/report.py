@@ -16,7 +16,6 @@ distribution with the mean and variance of the plants that were not observed.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -30,7 +29,6 @@ from sensors.scoring.information import InformationModel
 from wbf_mission.blocks import COUNT, ILLNESS, SICK, SICK_BELOW, SPREAD, MapGrid, sum_pixels, sum_squares
 
 Floats = NDArray[np.float64]
-Probabilities = Callable[[str], NDArray[np.float32]]
 
 PLANTS_OF_AN_OUTBREAK = 60.0
 """Sum of squares by sum of the sick plants of outbreaks; TYLCV on Waterberry has 65 on day 6."""
@@ -178,7 +176,6 @@ def field_maps(
     observations: Observations,
     *,
     fields: FieldSet = PAPER_FIELDS,
-    probabilities: Probabilities | None = None,
     states_deviation: bool = True,
 ) -> tuple[FieldMap, ...]:
     """Sum an estimate by pixels.
@@ -187,26 +184,24 @@ def field_maps(
     ----------
     farm : Farm
     model : InformationModel
-        The estimate, float32[n, W, H].
+        The estimate, float32[n, W, H]. One whose values are not means needs its class probabilities.
     observations : Observations
         What was observed; the last reading of a cell counts.
     fields : FieldSet
         The fields of the model, in its order.
-    probabilities : callable, optional
-        ``probabilities(disease)`` gives float32[3, W, H], the probabilities of healthy, infected and lost. A
-        model whose values are not means needs them.
     states_deviation : bool
         Whether the model's uncertainty is a standard deviation.
     """
     grid, cells = MapGrid.of(farm), farm.grid()
     x, y, readings = _last_readings(observations, farm.height_cells)
+    probabilities = model.probabilities or {}
     maps = []
     for k, field in enumerate(fields):
         mask = field.mask(cells)
         known = np.isfinite(readings[:, k]) & mask[x, y]
         seen_x, seen_y, seen = x[known], y[known], readings[known, k]
-        if field.kind == "disease" and probabilities is not None:
-            made = _from_probabilities(grid, mask, probabilities(field.name)[0], model.value[k])
+        if field.name in probabilities:
+            made = _from_probabilities(grid, mask, probabilities[field.name][0], model.value[k])
         else:
             deviation = model.uncertainty[k] if states_deviation else None
             made = _from_values(field, grid, mask, model.value[k], deviation, seen_x, seen_y, seen)
@@ -238,7 +233,6 @@ def farm_report(
     observations: Observations,
     *,
     fields: FieldSet = PAPER_FIELDS,
-    probabilities: Probabilities | None = None,
     states_deviation: bool = True,
 ) -> FarmReport:
     """Tell what an estimate says of the farm; parameters as of `field_maps`."""
@@ -247,7 +241,6 @@ def farm_report(
         model,
         observations,
         fields=fields,
-        probabilities=probabilities,
         states_deviation=states_deviation,
     )
     return report_of_maps(farm, maps)

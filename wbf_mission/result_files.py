@@ -23,7 +23,7 @@ from sensors.camera.wire import AssemblerStatistics
 from sensors.field_files import field_from_table, field_to_table
 from sensors.fields import FieldSet
 from sensors.observations import Observations
-from sensors.scoring.information import InformationModel
+from sensors.scoring.information import CLASSES, InformationModel
 from sensors.scoring.score import Score
 from sim_vehicle.prediction.flight import Prediction
 from wbf_mission.arrays import SUFFIX, read_array, write_array
@@ -40,6 +40,7 @@ R = TypeVar("R", bound=RunRecord)
 FORMAT = 1
 MAX_JSON_BYTES = 64 * 2**20
 RECORD = "result.json"
+PROBABILITIES = "probabilities_"
 _TRACK = ("time_s", "latitude_deg", "longitude_deg", "relative_altitude_m", "x_m", "y_m")
 _MAP = ("cells", "total", "least", "variance", "seen", "seen_sick", "finds")
 _SCORE = ("field_loss", "field_mse", "field_mae", "field_weighted_mae")
@@ -71,7 +72,7 @@ class _Record(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def write_arrays(result: RunRecord, folder: Path, pool: Executor) -> dict[Path, Future[None]]:
-    """Begin to write truth, value and uncertainty, and return the files with what tells when they are done.
+    """Begin to write truth, value, uncertainty and class probabilities; return the files and what ends each.
 
     Compressing lets go of the interpreter's lock, so that the other files can be written meanwhile.
     """
@@ -82,11 +83,23 @@ def write_arrays(result: RunRecord, folder: Path, pool: Executor) -> dict[Path, 
         "uncertainty": None if model is None else model.uncertainty,
     }
     fields = result.observations.fields
-    return {
+    begun = {
         folder / f"{name}{SUFFIX}": pool.submit(write_array, folder / f"{name}{SUFFIX}", array, fields)
         for name, array in arrays.items()
         if array is not None
     }
+    probabilities = (model.probabilities if model is not None else None) or {}
+    for disease in probabilities:
+        path = _probabilities_path(folder, disease)
+        # One disease after the other, as they may be computed only now and are large on large farms.
+        begun[path] = pool.submit(
+            lambda path=path, disease=disease: write_array(path, probabilities[disease], CLASSES)  # type: ignore[misc]
+        )
+    return begun
+
+
+def _probabilities_path(folder: Path, disease: str) -> Path:
+    return folder / f"{PROBABILITIES}{disease}{SUFFIX}"
 
 
 def write_maps(path: Path, maps: dict[str, tuple[FieldMap, ...]]) -> None:
@@ -212,7 +225,12 @@ def read_result(folder: Path, kind: type[R]) -> R:
     )
     model = None
     if value is not None and uncertainty is not None:
-        model = InformationModel(value, uncertainty, fields=fields.names)
+        probabilities = {}
+        for field in fields.diseases:
+            array = _read_array(_probabilities_path(folder, field.name), CLASSES, plan.farm)
+            if array is not None:
+                probabilities[field.name] = array
+        model = InformationModel(value, uncertainty, fields=fields.names, probabilities=probabilities or None)
     true_track = folder / "true_track.parquet"
     return kind(
         scenario=scenario,

@@ -21,7 +21,7 @@ from mission.outcome import Outcome
 from wbf_mission.arrays import SUFFIX
 from wbf_mission.estimation import resolved
 from wbf_mission.progress import Progress, silent
-from wbf_mission.result_files import RECORD, ResultError, write_arrays, write_result
+from wbf_mission.result_files import PROBABILITIES, RECORD, ResultError, write_arrays, write_result
 from wbf_mission.run_record import RunRecord
 from wbf_mission.scenario import Scenario
 
@@ -209,7 +209,8 @@ def _scenario_in(path: Path) -> Any:
 
 
 def _is_ours(name: str) -> bool:
-    return name in _NAMES or (name.startswith("field_") and name.endswith(".png"))
+    many = (("field_", ".png"), (PROBABILITIES, SUFFIX))
+    return name in _NAMES or any(name.startswith(start) and name.endswith(end) for start, end in many)
 
 
 _NAMES = frozenset(

@@ -36,7 +36,13 @@ LEARNING = "training the estimator"
 """What progress is told of while an estimator learns beforehand."""
 
 Progress = Callable[[str, float, float], None]
+Step = Callable[[float], None]
+"""Takes the part that is learned, 0..1; not called where nothing has to be learned."""
 RandomState = np.random.Generator | np.random.SeedSequence | int | None
+
+
+def no_step(_part: float) -> None:
+    """Tell nobody."""
 
 
 @runtime_checkable
@@ -132,7 +138,7 @@ class BaseEstimator(ABC):
         day : int
             The day that will be observed.
         progress : callable, optional
-            ``progress(what, done, total)``.
+            ``progress(what, done, total)``; not called if all was learned before and kept.
 
         Raises
         ------

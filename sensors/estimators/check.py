@@ -20,7 +20,7 @@ from geo.grid import FarmGrid
 from sensors.errors import EstimatorError, ObservationError
 from sensors.estimators.base import Estimator, estimator_fields
 from sensors.observations import Observations
-from sensors.scoring.information import InformationModel
+from sensors.scoring.information import CLASSES, InformationModel
 from sensors.scoring.tiles import TILE_CELLS
 
 SHAPE = (12, 9)
@@ -104,6 +104,12 @@ class _Subject:
             self.require(bool(np.isfinite(array).all()), f"{name} {when} is not finite in every cell")
         self.require(model.fields == self.fields, f"fields {when} are {model.fields}, not {self.fields}")
         self.require(bool((model.uncertainty >= 0).all()), f"uncertainty {when} is negative in some cell")
+        for disease, array in (model.probabilities or {}).items():
+            shape = (len(CLASSES), *SHAPE)
+            good = array.shape == shape and array.dtype == np.float32 and bool((array >= 0).all())
+            good = good and np.allclose(array.sum(axis=0), 1.0, atol=1e-4)
+            text = f"probabilities of {disease} {when} must be float32{list(shape)} and add up to 1"
+            self.require(bool(good), text)
 
     def require_same(
         self, a: InformationModel, b: InformationModel, text: str, tolerance: float = 0.0

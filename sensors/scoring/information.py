@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,39 @@ from numpy.typing import NDArray
 from sensors.errors import EstimatorError
 from sensors.fields import PAPER_FIELDS
 from sensors.scoring.tiles import tile_shape
+
+CLASSES = ("healthy", "infected", "lost")
+"""What a plant may be, in the order of the class probabilities."""
+
+
+class LazyProbabilities(Mapping[str, NDArray[np.float32]]):
+    """Class probabilities that are computed when they are asked for, and not kept: large farms have many.
+
+    Parameters
+    ----------
+    diseases : tuple of str
+        The names of the diseases.
+    compute : callable
+        ``compute(disease)`` gives float32[3, W, H].
+    """
+
+    __slots__ = ("_compute", "_diseases")
+
+    def __init__(self, diseases: tuple[str, ...], compute: Callable[[str], NDArray[np.float32]]) -> None:
+        self._diseases = diseases
+        self._compute = compute
+
+    def __getitem__(self, disease: str) -> NDArray[np.float32]:
+        """Compute the probabilities of a disease."""
+        if disease not in self._diseases:
+            raise KeyError(disease)
+        return self._compute(disease)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._diseases)
+
+    def __len__(self) -> int:
+        return len(self._diseases)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,11 +65,15 @@ class InformationModel:
         model of the revision before: a consumer that skipped a revision must treat every tile as changed.
     fields : tuple of str
         The names of the n fields; those of the benchmark by default.
+    probabilities : mapping of str to float32[3, W, H], optional
+        The probabilities that the plants are healthy, infected and lost (`CLASSES`), by the name of the
+        disease; None if the estimator has none. An estimator may compute them when they are asked for, which
+        may take as long as an estimate, and only until it learns more; what is needed twice should be kept.
 
     Raises
     ------
     EstimatorError
-        If the arrays do not have the form above.
+        If the arrays do not have the form above, or there are probabilities of something that is no field.
 
     Examples
     --------
@@ -49,6 +87,7 @@ class InformationModel:
     changed: NDArray[np.bool_] | None = None
     revision: int = 0
     fields: tuple[str, ...] = PAPER_FIELDS.names
+    probabilities: Mapping[str, NDArray[np.float32]] | None = None
 
     def __post_init__(self) -> None:
         for name, array in (("value", self.value), ("uncertainty", self.uncertainty)):
@@ -59,6 +98,11 @@ class InformationModel:
         if self.value.shape != self.uncertainty.shape:
             shapes = f"value {self.value.shape} and uncertainty {self.uncertainty.shape}"
             msg = f"information model: {shapes} differ in shape"
+            raise EstimatorError(msg)
+        unknown = sorted(set(self.probabilities or ()) - set(self.fields))
+        if unknown:
+            known = ", ".join(self.fields)
+            msg = f"information model: probabilities of {unknown[0]!r}, expected some of {known}"
             raise EstimatorError(msg)
         if self.changed is not None:
             expected = tile_shape(self.shape)
@@ -89,7 +133,12 @@ class InformationModel:
 
     def copy(self) -> InformationModel:
         """Give a model in arrays of its own, which stays as it is when the estimator learns more."""
-        return InformationModel(self.value.copy(), self.uncertainty.copy(), fields=self.fields)
+        probabilities = None
+        if self.probabilities is not None:
+            probabilities = {name: np.array(array) for name, array in self.probabilities.items()}
+        return InformationModel(
+            self.value.copy(), self.uncertainty.copy(), fields=self.fields, probabilities=probabilities
+        )
 
     @classmethod
     def uniform(

@@ -27,6 +27,8 @@ FLY = [
     "ideal",
     "--planner",
     "lawnmower",
+    "--estimator",
+    "adaptive-disk",
     "--no-files",
     "--json",
 ]

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -86,7 +87,8 @@ def test_sick_plants_that_were_seen_are_counted_and_the_others_expected():
 def test_probabilities_are_taken_as_they_are():
     probabilities = np.zeros((3, *FARM.grid().shape), np.float32)
     probabilities[0], probabilities[1] = 0.75, 0.25
-    report = farm_report(FARM, model_of(healthy()), look([], []), probabilities=lambda _: probabilities)
+    model = replace(model_of(healthy()), probabilities={"tylcv": probabilities, "ccr": probabilities})
+    report = farm_report(FARM, model, look([], []))
     assert [field.expected for field in report.fields[:2]] == pytest.approx([0.25, 0.25])
 
 

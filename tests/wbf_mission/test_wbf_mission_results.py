@@ -59,6 +59,25 @@ def test_what_is_loaded_is_what_was_saved(result: Result, tmp_path: Path) -> Non
     assert again.summary() == result.summary()
 
 
+def test_class_probabilities_are_kept_where_the_estimator_has_them(result: Result, tmp_path: Path) -> None:
+    quick = {"name": "epidemic", "outbreaks": 20, "epochs": 1, "cache": str(tmp_path / "cache")}
+    flown = fly(scenario_with(SMALL, {"estimator": quick}))
+    flown.save(tmp_path / "run", plots=False)
+    again = load_result(tmp_path / "run")
+    assert flown.model is not None and again.model is not None
+    told, kept = flown.model.probabilities, again.model.probabilities
+    assert told is not None and kept is not None
+    assert list(kept) == ["tylcv", "ccr"]
+    for disease in kept:
+        assert kept[disease].shape == (3, 10, 10)
+        np.testing.assert_array_equal(kept[disease], told[disease])
+    assert again.summary() == flown.summary()
+    assert result.model is not None and result.model.probabilities is None
+    # An older result of the run is replaced by one without them.
+    fly(SMALL).save(tmp_path / "run", plots=False, force=True)
+    assert not list((tmp_path / "run").glob("probabilities_*"))
+
+
 def test_the_folder_holds_what_others_read(tmp_path: Path) -> None:
     with ResultFolder(tmp_path / "run") as folder:
         result = fly(scenario_with(SMALL, {"vehicle": "quad", "budget": "60m"}), tlog=folder.tlog)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.estimators.base import Step
 from sensors.estimators.epidemic.context import probabilities_of_field
 from sensors.estimators.epidemic.decision import CLASS_VALUES, least_loss_value, standard_deviation
 from sensors.estimators.epidemic.features import (
@@ -21,7 +22,7 @@ from sensors.estimators.epidemic.features import (
     set_overall,
 )
 from sensors.estimators.epidemic.network import Network
-from sensors.estimators.epidemic.training import WHOLE_FARM_CELLS, Step, TrainingTask, classes_of, network_for
+from sensors.estimators.epidemic.training import WHOLE_FARM_CELLS, TrainingTask, classes_of, network_for
 
 _EXACT = 1e-3
 _SOFT = 1e-3
@@ -76,10 +77,9 @@ class DiseaseBelief:
         self.uncertainty = np.zeros(hosts.shape, np.float32)
 
     def learn(self, day: int, step: Step) -> None:
-        """Train the network of a day if there is none yet."""
+        """Train the network of a day if there is none yet; `step` is called with the part that is done."""
         if self._host_count:
             network_for(replace(self._task, day=day), self._hosts, self._cache, step)
-        step(1.0)
 
     def update(self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats) -> None:
         """Bring value and uncertainty up to date.

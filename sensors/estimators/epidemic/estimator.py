@@ -15,7 +15,7 @@ from sensors.estimators.epidemic.belief import DiseaseBelief
 from sensors.estimators.epidemic.soil import SoilField
 from sensors.estimators.epidemic.training import TrainingTask
 from sensors.fields import PAPER_FIELDS, FieldSet
-from sensors.scoring.information import InformationModel
+from sensors.scoring.information import InformationModel, LazyProbabilities
 from sensors.scoring.score import PAPER_WEIGHTS, ScoreWeights
 
 if TYPE_CHECKING:
@@ -110,11 +110,14 @@ class EpidemicEstimator(BaseEstimator):
     def prepare(self, day: int, progress: Progress | None = None) -> Self:
         """Train the networks of a day, or read them; see `BaseEstimator.prepare`."""
         super().prepare(day)
-        tell = progress or (lambda _what, _done, _total: None)
         number = len(self._beliefs)
         for k, belief in enumerate(self._beliefs):
-            tell(LEARNING, k, number)
-            belief.learn(day, lambda part, before=k: tell(LEARNING, before + part, number))  # type: ignore[misc]
+
+            def step(part: float, before: int = k) -> None:
+                if progress is not None:
+                    progress(LEARNING, before + part, number)
+
+            belief.learn(day, step)
         return self
 
     def _start(self, grid: FarmGrid) -> None:
@@ -153,7 +156,12 @@ class EpidemicEstimator(BaseEstimator):
         noise = self._soil.fill(day, value[_SOIL], uncertainty[_SOIL])
         if noise < _EXACT_SOIL:
             self._take_soil_readings(day, value[_SOIL])
-        return InformationModel(value, uncertainty)
+        seen = self.n_observations_
+        probabilities = LazyProbabilities(
+            tuple(field.name for field in self.fields.diseases),
+            lambda disease: self._class_probabilities(disease, seen),
+        )
+        return InformationModel(value, uncertainty, probabilities=probabilities)
 
     def _take_soil_readings(self, day: int, value: NDArray[np.float32]) -> None:
         """Believe the readings of the soil themselves, of which the last of a cell counts."""
@@ -162,24 +170,15 @@ class EpidemicEstimator(BaseEstimator):
         x, y = self._cells.array[taken].T
         value[x, y] = np.clip(readings[taken], 0.0, 1.0)
 
-    def class_probabilities(self, disease: str) -> NDArray[np.float32]:
-        """Return the probabilities that the plants are healthy, infected and lost, float32[3, W, H].
-
-        Parameters
-        ----------
-        disease : {"tylcv", "ccr"}
-
-        Raises
-        ------
-        EstimatorError
-            If the disease is unknown, or there is no farm yet.
-        """
-        self._check_fitted("class_probabilities")
-        diseases = [field.name for field in self.fields.diseases]
-        if disease not in diseases:
-            msg = f"epidemic: unknown disease {disease!r}, expected one of {', '.join(diseases)}"
+    def _class_probabilities(self, disease: str, seen: int) -> NDArray[np.float32]:
+        """Return the class probabilities of a model that was made after `seen` observations."""
+        if seen != self.n_observations_:
+            msg = (
+                f"epidemic: the probabilities of a model of {seen} observations are gone, as"
+                f" {self.n_observations_} are learned; take model.copy() before"
+            )
             raise EstimatorError(msg)
-        k = diseases.index(disease)
+        k = self.fields.index(disease)
         return self._beliefs[k].probabilities(
             self.day_, self._cells.array, self._days.array, self._values.array[:, k]
         )

@@ -13,7 +13,7 @@ import itertools
 import json
 import os
 import zipfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -27,6 +27,7 @@ from geo.user_cache import user_cache_folder, warn_of_cache
 from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters
 from sensors.dynamics.outbreak import simulate_outbreak, value_table
 from sensors.errors import EstimatorError
+from sensors.estimators.base import Step, no_step
 from sensors.estimators.epidemic.context import N_CONTEXT, context_features, probabilities_of_field
 from sensors.estimators.epidemic.features import (
     N_FEATURES,
@@ -60,12 +61,6 @@ _FURTHER = 2
 _FURTHER_CELLS = 1_300_000
 
 _in_memory: dict[str, Network] = {}
-
-Step = Callable[[float], None]
-
-
-def _no_step(_part: float) -> None:
-    return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,12 +104,14 @@ def network_for(
     task: TrainingTask,
     hosts: NDArray[np.bool_],
     folder: str | os.PathLike[str] | None,
-    step: Step = _no_step,
+    step: Step = no_step,
 ) -> Network:
     """Return the network of a task: from memory, from its file, or trained now and kept in both.
 
     A file that cannot be read, or is not what its name claims, is replaced; a folder that cannot be written
     to costs a training in every process, not an error.
+
+    `step` is called with the part that is learned, 0..1, unless there is a network already.
 
     Raises
     ------
@@ -129,6 +126,7 @@ def network_for(
         path = cache_folder(folder) / f"{key}.npz"
         network = load_network(path)
         if network is None:
+            step(0.0)
             network = learn(task, hosts, step)
             save_network(network, path)
         _in_memory[key] = network
@@ -180,7 +178,7 @@ def _read(file: Mapping[str, NDArray[np.float32]], number: int, layers: Sequence
     return Network(tuple(weights), tuple(biases))
 
 
-def learn(task: TrainingTask, hosts: NDArray[np.bool_], step: Step = _no_step) -> Network:
+def learn(task: TrainingTask, hosts: NDArray[np.bool_], step: Step = no_step) -> Network:
     """Simulate, observe and train; `step` is called with the part that is done, 0..1."""
     from threadpoolctl import threadpool_limits
 

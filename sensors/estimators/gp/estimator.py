@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from geo.user_cache import user_cache_folder
 from sensors.errors import EstimatorError
-from sensors.estimators.base import LEARNING, BaseEstimator, Progress
+from sensors.estimators.base import LEARNING, BaseEstimator, Progress, Step, no_step
 from sensors.estimators.gp.field import FieldProcess
 from sensors.estimators.gp.posterior_exact import ExactPosterior
 from sensors.estimators.gp.rbf import RbfKernel, fit_kernel
@@ -25,9 +27,7 @@ if TYPE_CHECKING:
 
 ZERO_MEAN = (0.0, 0.0, 0.0)
 METHODS = ("auto", "exact", "local")
-PRIOR_SOURCES = ("auto", "observations", "model")
-SMALL_FARM_CELLS = 128 * 128
-"""On larger farms the prior is learned from the model of the environment unless something else is wanted."""
+PRIOR_SOURCES = ("model", "observations")
 
 _LOCAL_BYTES_A_CELL = 72
 _Values = NDArray[np.float32]
@@ -36,13 +36,13 @@ _Values = NDArray[np.float32]
 class GaussianProcessEstimator(BaseEstimator):
     """A Gaussian process per field with the paper's kernel: squared exponential plus white noise.
 
-    *Mean and kernel.* Learned from the observations, the kernel is fitted rarely, by marginal likelihood,
+    *Mean and kernel.* Learned from the model, mean and kernel are those of simulated environments of the
+    latest observed day on this farm (`sensors.estimators.gp.prior`); that takes one or two seconds, once, and
+    is kept in a folder. Learned from the observations, the kernel is fitted rarely, by marginal likelihood,
     when a field has 16, 32, 64, ..., 512, 2048, 8192, ... observations, and from those only; beyond 512, from
     eight runs of 64 consecutive ones, evenly spread. While they are all equal (nothing but healthy plants so
     far) there is nothing to fit, and the kernel stays what it was given as. (The paper fixes the amplitude to
-    1: ``amplitude_bounds=(1, 1)``.) Learned from the model, mean and kernel are those of simulated
-    environments of the latest observed day on this farm (`sensors.estimators.gp.prior`); that takes one or
-    two seconds, once, and is kept in a folder.
+    1: ``amplitude_bounds=(1, 1)``.)
 
     *Posterior.* Exact, an observation costs O(observations x cells) (`ExactPosterior`). When that would need
     more memory than allowed, it is computed tile by tile from the observations around, or, for kernels that
@@ -58,9 +58,9 @@ class GaussianProcessEstimator(BaseEstimator):
     prior_mean : sequence of (float or None), optional
         The value of each field far from all observations; None in it is the mean of its observations so far.
         By default what was learned from the model, or else healthy, healthy, and the running mean for soil;
-        ``(0, 0, 0)`` is the paper's.
+        ``(0, 0, 0)`` is the paper's. Given values are kept.
     kernel : RbfKernel
-        The kernel until the first fit.
+        The kernel until one is learned.
     optimise : bool
         Whether anything is learned; otherwise `prior_mean` and `kernel` are taken as they are.
     length_bounds, noise_bounds, amplitude_bounds : tuple of two floats
@@ -72,9 +72,10 @@ class GaussianProcessEstimator(BaseEstimator):
         See above.
     memory_limit_mb : float
         What the exact posterior may take, in MiB.
-    learn_from : {"auto", "observations", "model"}
-        What mean and kernel are learned from. "auto" is observations on farms of up to 128 x 128 cells, and
-        the model on larger ones, where few observations show a sick plant.
+    learn_from : {"model", "observations"}
+        What mean and kernel are learned from. A kernel fitted to one flight, which rarely meets a sick plant,
+        is too sure of what the flight has not seen (``docs/decisions/0009-gaussian-process-at-scale.md``);
+        take it where nothing is known of the diseases and the weather.
     fields : FieldSet
         What is observed, and what is assumed about diseases and weather; the benchmark's by default.
     day : int
@@ -96,7 +97,7 @@ class GaussianProcessEstimator(BaseEstimator):
     >>> seen = Observations([5], [5], [0.0], [6], [[0.5, 1.0, 0.25]])
     >>> model = GaussianProcessEstimator().fit(get_farm("miniberry-10").grid(), seen).predict()
     >>> [round(float(value), 3) for value in model.of("tylcv")[[5, 7, 9], 5]]
-    [0.667, 0.798, 0.955]
+    [0.553, 0.623, 0.681]
     """
 
     states_deviation = True
@@ -113,7 +114,7 @@ class GaussianProcessEstimator(BaseEstimator):
         clip: bool = True,
         method: str = "auto",
         memory_limit_mb: float = 256.0,
-        learn_from: str = "auto",
+        learn_from: str = "model",
         fields: FieldSet = PAPER_FIELDS,
         day: int = 6,
         training_seed: int = 0,
@@ -145,11 +146,9 @@ class GaussianProcessEstimator(BaseEstimator):
     def prepare(self, day: int, progress: Progress | None = None) -> Self:
         """Learn the priors of a day; see `BaseEstimator.prepare`."""
         super().prepare(day)
-        if self.optimise and self._prior_source == "model":
+        if self.optimise and self.learn_from == "model":
             tell = progress or (lambda _what, _done, _total: None)
-            tell(LEARNING, 0, 1)
-            self._take_priors(day)
-            tell(LEARNING, 1, 1)
+            self._take_priors(day, lambda part: tell(LEARNING, part, 1))
         return self
 
     def _start(self, grid: FarmGrid) -> None:
@@ -161,9 +160,6 @@ class GaussianProcessEstimator(BaseEstimator):
             for mean, before in zip(means, self.fields.defaults, strict=True)
         ]
         self.kernels_ = [self.kernel] * len(self.fields)
-        large = grid.shape[0] * grid.shape[1] > SMALL_FARM_CELLS
-        auto = "model" if large else "observations"
-        self._prior_source = auto if self.learn_from == "auto" else self.learn_from
         self._latest_day: int | None = None
         self._learned_day: int | None = None
         self._own: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
@@ -176,7 +172,7 @@ class GaussianProcessEstimator(BaseEstimator):
 
     def _estimate(self) -> InformationModel:
         if self.optimise:
-            if self._prior_source == "model":
+            if self.learn_from == "model":
                 self._take_priors(self.day if self._latest_day is None else self._latest_day)
             else:
                 for process in self._fields:
@@ -226,14 +222,13 @@ class GaussianProcessEstimator(BaseEstimator):
             self._published = value, uncertainty
         return self._published
 
-    def _take_priors(self, day: int) -> None:
+    def _take_priors(self, day: int, step: Step = no_step) -> None:
         if day == self._learned_day:
             return
-        from sensors.estimators.epidemic.training import cache_folder
         from sensors.estimators.gp.prior import learn_priors
 
-        folder = cache_folder(self.cache) if self.cache else cache_folder(None).with_name("gp")
-        priors = learn_priors(self.grid_, self.fields, day, self.training_seed, folder)
+        folder = Path(self.cache) if self.cache else user_cache_folder("gp")
+        priors = learn_priors(self.grid_, self.fields, day, self.training_seed, folder, step)
         for process, prior in zip(self._fields, priors, strict=True):
             process.kernel = prior.kernel
             if self.prior_mean is None:

@@ -25,6 +25,7 @@ from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters
 from sensors.dynamics.outbreak import simulate_outbreak, value_table
 from sensors.dynamics.soil import SoilParameters, simulate_coarse
 from sensors.errors import EstimatorError
+from sensors.estimators.base import Step, no_step
 from sensors.estimators.gp.rbf import Floats, RbfKernel
 from sensors.estimators.gp.threads import one_blas_thread
 from sensors.fields import Field, FieldSet
@@ -54,7 +55,7 @@ class FieldPrior:
 
 
 def learn_priors(
-    grid: FarmGrid, fields: FieldSet, day: int, seed: int, folder: Path
+    grid: FarmGrid, fields: FieldSet, day: int, seed: int, folder: Path, step: Step = no_step
 ) -> tuple[FieldPrior, ...]:
     """Give the priors of all fields on a day: from memory, from a file in the folder, or learned now.
 
@@ -71,6 +72,8 @@ def learn_priors(
     folder : Path
         Where what was learned is kept. A file that cannot be used is replaced; a folder that cannot be
         written to costs the simulations of one or two seconds in every process.
+    step : callable, optional
+        Called with the part that is learned, 0..1, unless the priors are known already.
 
     Raises
     ------
@@ -94,7 +97,12 @@ def learn_priors(
         path = folder / f"{key}.json"
         priors = _load(path, fields)
         if priors is None:
-            priors = tuple(_learn(field, grid, day, seed) for field in fields)
+            learned = []
+            for number, field in enumerate(fields):
+                step(number / len(fields))
+                learned.append(_learn(field, grid, day, seed))
+            priors = tuple(learned)
+            step(1.0)
             _save(priors, path, fields)
         _in_memory[key] = priors
     return _in_memory[key]

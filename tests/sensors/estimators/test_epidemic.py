@@ -382,13 +382,19 @@ def test_what_was_read_is_known_and_what_was_not_is_doubted(cache):
         assert (model.uncertainty[k][~read & crop] > 0).all()
         assert (model.value[k][~crop] == 1).all()
         assert (model.uncertainty[k][~crop] == 0).all()
-    found = estimator.class_probabilities("tylcv")
+    found = model.probabilities["tylcv"]
     assert np.allclose(found.sum(axis=0), 1.0, atol=1e-5)
     tomato = grid.tomato
     best = least_loss_value(np.moveaxis(found, 0, -1))[tomato]
     assert np.allclose(best, model.value[0][tomato], atol=1e-5)
-    with pytest.raises(EstimatorError, match="unknown disease 'soil'"):
-        estimator.class_probabilities("soil")
+    assert list(model.probabilities) == ["tylcv", "ccr"]
+    with pytest.raises(KeyError, match="soil"):
+        model.probabilities["soil"]
+    kept = model.copy()
+    estimator.partial_fit(seen[:1])
+    with pytest.raises(EstimatorError, match=r"are gone.*model\.copy\(\)"):
+        model.probabilities["tylcv"]
+    np.testing.assert_array_equal(kept.probabilities["tylcv"], found)
 
 
 def test_a_sick_plant_makes_its_neighbours_doubtful(cache):
@@ -564,6 +570,8 @@ def test_it_beats_disks_and_the_gaussian_process(cache):
         seen = rows_over(truth)
         for name in totals:
             given = {"cache": cache} if name == "epidemic" else {}
+            if name == "gp":  # as the paper fits it
+                given = {"learn_from": "observations"}
             totals[name] += paper_loss(
                 truth, make_estimator(name, **given).fit(grid, seen).predict().value, masks
             )
@@ -586,3 +594,23 @@ def test_training_beforehand_tells_its_progress_and_is_not_done_again(tmp_path, 
         10,
         10,
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "module", "quick"),
+    [("epidemic", "epidemic.training", {"outbreaks": 20, "epochs": 1}), ("gp", "gp.prior", {})],
+)
+def test_what_was_kept_is_no_training(name, module, quick, tmp_path, monkeypatch):
+    grid = get_farm("miniberry-10").grid()
+
+    def told_by_a_new_process():
+        monkeypatch.setattr(f"sensors.estimators.{module}._in_memory", {})
+        told = []
+        estimator = make_estimator(name, training_seed=78, cache=tmp_path, **quick).fit(grid)
+        estimator.prepare(5, lambda *what: told.append(what))
+        return told
+
+    first = told_by_a_new_process()
+    assert first[0][1] == 0
+    assert first[-1][1] == first[-1][2]
+    assert told_by_a_new_process() == []

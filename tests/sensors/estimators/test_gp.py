@@ -140,7 +140,7 @@ def test_the_fit_finds_the_kernel_of_the_data():
 def test_the_kernel_is_fitted_rarely_and_from_the_past_only():
     shape = (20, 15)
     seen = random_observations(80, shape)
-    estimator = GaussianProcessEstimator().fit(grid_of(*shape))
+    estimator = GaussianProcessEstimator(learn_from="observations").fit(grid_of(*shape))
     kernels = []
     for i in range(len(seen)):
         estimator.partial_fit(seen[i : i + 1]).predict()
@@ -148,7 +148,7 @@ def test_the_kernel_is_fitted_rarely_and_from_the_past_only():
     changes = [i + 1 for i in range(1, len(seen)) if kernels[i] != kernels[i - 1]]
     assert changes == [16, 32, 64]
     assert kernels[0] == (RbfKernel(),) * 3
-    again = GaussianProcessEstimator().fit(grid_of(*shape), seen[:64])
+    again = GaussianProcessEstimator(learn_from="observations").fit(grid_of(*shape), seen[:64])
     again.predict()
     assert tuple(again.kernels_) == kernels[-1]
 
@@ -157,14 +157,14 @@ def test_nothing_is_fitted_to_a_field_that_never_varied():
     shape = (20, 15)
     seen = random_observations(40, shape)
     values = np.concatenate([np.ones((40, 1)), seen.values[:, 1:]], axis=1)
-    estimator = GaussianProcessEstimator().fit(grid_of(*shape), observe(seen.x, seen.y, values))
-    model = estimator.predict()
+    estimator = GaussianProcessEstimator(learn_from="observations")
+    model = estimator.fit(grid_of(*shape), observe(seen.x, seen.y, values)).predict()
     assert estimator.kernels_[0] == RbfKernel()
     assert (model.of("tylcv") == 1.0).all()
 
 
 def test_without_observations_the_prior_is_the_answer():
-    model = GaussianProcessEstimator().fit(grid_of(8, 6)).predict()
+    model = GaussianProcessEstimator(learn_from="observations").fit(grid_of(8, 6)).predict()
     assert model.value[:, 0, 0].tolist() == [1.0, 1.0, 0.0]
     np.testing.assert_allclose(model.uncertainty, np.sqrt(1.5), rtol=1e-6)
 
@@ -266,7 +266,9 @@ def test_both_processes_agree_when_they_have_the_same_kernel():
     shape = (14, 12)
     seen = random_observations(16, shape, seed=5)
     slow = SklearnGaussianProcessEstimator(n_restarts=3, random_state=1).fit(grid_of(*shape), seen).predict()
-    paper = GaussianProcessEstimator(ZERO_MEAN, clip=False, amplitude_bounds=(1.0, 1.0))
+    paper = GaussianProcessEstimator(
+        ZERO_MEAN, clip=False, amplitude_bounds=(1.0, 1.0), learn_from="observations"
+    )
     fast = paper.fit(grid_of(*shape), seen).predict()
     np.testing.assert_allclose(fast.value[0], slow.value[0], atol=2e-3)
     np.testing.assert_allclose(fast.uncertainty[0], slow.uncertainty[0], atol=2e-3)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sensors.errors import EstimatorError
-from sensors.scoring.information import InformationModel
+from sensors.scoring.information import InformationModel, LazyProbabilities
 
 
 def test_uniform_model():
@@ -57,3 +57,21 @@ def test_a_copy_stays_as_it_is():
     model.value[:] = 0.25
     assert copy.value[0, 0, 0] == 1
     assert copy.value.flags.writeable
+
+
+def test_probabilities_are_of_fields_and_copied():
+    zeros = np.zeros((3, 4, 5), np.float32)
+    asked = []
+
+    def compute(disease):
+        asked.append(disease)
+        return zeros + len(asked)
+
+    lazy = LazyProbabilities(("tylcv", "ccr"), compute)
+    model = InformationModel(zeros, zeros, probabilities=lazy)
+    assert (asked, len(lazy), "soil" in lazy) == ([], 2, False)
+    copy = model.copy()
+    assert [copy.probabilities[name][0, 0, 0] for name in ("tylcv", "ccr")] == [1.0, 2.0]
+    assert model.probabilities["ccr"][0, 0, 0] == 3.0
+    with pytest.raises(EstimatorError, match="probabilities of 'rust', expected some of tylcv, ccr, soil"):
+        InformationModel(zeros, zeros, probabilities={"rust": zeros})

@@ -39,6 +39,8 @@ class FixedWingProcedures(ABC):
 
     name: str
     parameters: Mapping[str, ParameterSpec]
+    least_airspeed: str
+    """Parameter with the least airspeed, in m/s."""
     takeoff_height: str
     """Parameter with the height of a take-off, in metres."""
     return_height: str

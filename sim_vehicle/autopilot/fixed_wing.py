@@ -35,7 +35,7 @@ _APPROACH_M = 30.0
 
 
 class FixedWingProcedures(ABC):
-    """A firmware's procedures for fixed wings; see `sim_vehicle.autopilot.flight_procedures.FlightProcedures`."""
+    """Procedures for fixed wings; see `sim_vehicle.autopilot.flight_procedures.FlightProcedures`."""
 
     name: str
     parameters: Mapping[str, ParameterSpec]

@@ -25,7 +25,7 @@ from sensors.fields import FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import CLASSES, InformationModel
 from sensors.scoring.score import Score
-from sim_vehicle.prediction.predict import Prediction
+from sim_vehicle.prediction.flight import Prediction
 from wbf_mission.arrays import SUFFIX, read_array, write_array
 from wbf_mission.blocks import MapGrid
 from wbf_mission.estimation import ScoreHistory

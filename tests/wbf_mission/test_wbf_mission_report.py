@@ -36,6 +36,7 @@ def healthy():
     return value
 
 
+@pytest.mark.kernel
 @given(st.integers(1, 40), st.integers(1, 40), st.integers(1, 9), st.integers(0, 2**31))
 def test_sums_of_pixels_are_those_of_plain_loops(width, height, pixel, seed):
     rng = np.random.default_rng(seed)

@@ -80,14 +80,14 @@ def _fastest(spec: VehicleSpec) -> str:
 
 
 def _add_endurance(spec: VehicleSpec, values: dict[str, Any], rows: dict[str, str]) -> None:
-    """Add what the model tells about time and way on one battery, and what the maker tells."""
+    """Add time and distance on one battery by the model, and what the maker publishes."""
     from sim_vehicle.energy.endurance import best_speeds, endurance_s
     from sim_vehicle.energy.power import flight_power_w
 
     battery, power = spec.battery, spec.power
     assert battery is not None
     assert power is not None
-    best = best_speeds(spec)
+    best = best_speeds(spec, least_airspeed_m_s=_least_airspeed_m_s(spec))
     values["best_endurance_min"] = best.endurance_s / 60.0
     values["best_endurance_speed_m_s"] = best.endurance_speed_m_s
     values["best_range_m"] = best.range_m
@@ -113,6 +113,17 @@ def _add_endurance(spec: VehicleSpec, values: dict[str, Any], rows: dict[str, st
         values["model_endurance_min"] = model
         rows["published"] = f"{told.endurance_min:g} min ({told.condition}; {told.source})"
         rows["the model then"] = f"{model:.1f} min"
+
+
+def _least_airspeed_m_s(spec: VehicleSpec) -> float | None:
+    """Return the least airspeed of a fixed wing by its own parameters for the default autopilot, if there."""
+    from sim_vehicle.airframe.autopilot_names import DEFAULT_AUTOPILOT
+    from sim_vehicle.autopilot import fixed_wing_procedures
+
+    if spec.kind != "fixed-wing":
+        return None
+    own = dict(spec.parameters_for(DEFAULT_AUTOPILOT))
+    return own.get(fixed_wing_procedures(spec).least_airspeed)
 
 
 def _summary(spec: VehicleSpec) -> dict[str, Any]:

@@ -97,11 +97,11 @@ class PlanningRequest:
             raise PlanningError(msg)
 
     def cost(self, points_m: Points) -> float:
-        """Return what the budget charges for start, points and, if it counts it, the return."""
+        """Return the cost of start, points and, if the budget counts it, the return."""
         return float(self.budget.cost(self._flight(points_m)))
 
     def costs(self, paths_m: Sequence[Points]) -> list[float]:
-        """Return what the budget charges for each of several paths: see `cost`."""
+        """Return the `cost` of each of several paths."""
         flights = [self._flight(points) for points in paths_m]
         if len(flights) > 1 and isinstance(self.budget, BatchBudget):
             return [float(cost) for cost in self.budget.costs(flights)]

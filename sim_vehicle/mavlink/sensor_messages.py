@@ -1,4 +1,4 @@
-"""What the vehicle's sensors and its estimator tell: satellite navigation, barometer, IMU, radio control."""
+"""Messages of the sensors and the estimator: satellite navigation, barometer, IMU, radio control."""
 
 from __future__ import annotations
 

@@ -172,7 +172,7 @@ class SimVehicle:
 
     @property
     def firmware(self) -> Firmware:
-        """What the autopilot is for this kind of vehicle."""
+        """The autopilot's firmware for this kind of vehicle."""
         return self.state.firmware
 
     @property
@@ -191,7 +191,7 @@ class SimVehicle:
 
     @property
     def outcome(self) -> Outcome:
-        """How the run ended, or that it has not."""
+        """The outcome of the run; RUNNING while it goes on."""
         return self.pilot.outcome
 
     @property

@@ -39,7 +39,7 @@ _ENDLESS_WH = 1e6
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """What a mission takes, from the take-off to the end of its last item.
+    """Time, energy and path of a mission, from the take-off to the end of its last item.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a flight will take, without flying it: the same executor and the same motion, without telemetry."""
+"""Predicted time, energy and path of missions: the executor and motion of a flight, without telemetry."""
 
 from __future__ import annotations
 

@@ -11,6 +11,8 @@ from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.output import Output
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from sim_vehicle.airframe.spec import VehicleSpec
 
 app = typer.Typer(cls=HelpGroup, help="Look at vehicles: list them, show one with its endurance.")
@@ -54,9 +56,12 @@ def show_command(vehicle: VehicleArgument, json: options.Json = False, quiet: op
     rows = {
         "what": spec.description or "-",
         "kind": spec.kind,
-        "speeds": f"{spec.cruise_speed_m_s:g} m/s cruise, {_fastest(spec)} at most; "
+        "speeds": f"{spec.cruise_speed_m_s:g} m/s cruise, "
+        f"{_by_autopilot(spec, lambda flown: flown.fastest_m_s)} at most; "
         f"{spec.climb_speed_m_s:g} m/s up, {spec.descent_speed_m_s:g} m/s down",
     }
+    if not spec.is_ideal:
+        rows["wind"] = f"below {_by_autopilot(spec, lambda flown: flown.airspeed_limit_m_s)}"
     if spec.power is not None:
         rows["mass"] = f"{spec.power.mass_kg:g} kg"
     if spec.battery is not None and spec.power is not None:
@@ -67,13 +72,13 @@ def show_command(vehicle: VehicleArgument, json: options.Json = False, quiet: op
     Output(as_json=json, quiet=quiet).result(values, rows, title=spec.name)
 
 
-def _fastest(spec: VehicleSpec) -> str:
-    """Tell the greatest speed in still air, as each autopilot flies the vehicle."""
+def _by_autopilot(spec: VehicleSpec, speed: Callable[[VehicleSpec], float]) -> str:
+    """Tell a speed of the vehicle as each autopilot flies it."""
     from sim_vehicle.autopilot import autopilot_names, with_autopilot
 
     speeds: dict[str, list[str]] = {}
     for name in autopilot_names():
-        speeds.setdefault(f"{with_autopilot(spec, name).fastest_m_s:.3g} m/s", []).append(name)
+        speeds.setdefault(f"{speed(with_autopilot(spec, name)):.3g} m/s", []).append(name)
     if len(speeds) == 1:
         return next(iter(speeds))
     return ", ".join(f"{speed} ({', '.join(names)})" for speed, names in speeds.items())

@@ -121,7 +121,7 @@ def _run_planner(planner: Planner, request: PlanningRequest, name: str) -> Plann
 
 def check_wind(builder: MissionBuilder) -> None:
     """Raise ScenarioError if the mean wind at the height of the flight would blow the vehicle away."""
-    vehicle, limit = builder.vehicle, builder.vehicle.fastest_m_s
+    vehicle, limit = builder.vehicle, builder.vehicle.airspeed_limit_m_s
     wind = wind_of(builder.weather, builder.level, gusts=False)
     speed = math.hypot(*wind.mean_at(builder.level.altitude_m))
     if not vehicle.is_ideal and speed >= limit:

@@ -47,7 +47,7 @@ class LocalFrame:
     Raises
     ------
     FarmError
-        If a number is not finite, or the origin is no place on the globe.
+        If a number is not finite, or the origin is no position on the globe.
 
     Examples
     --------
@@ -107,9 +107,9 @@ class LocalFrame:
     ) -> tuple[NDArray[Any], NDArray[Any]]: ...
 
     def from_wgs84(self, latitude_deg: Any, longitude_deg: Any) -> tuple[Any, Any]:
-        """Return x and y, metres, of places in degrees (scalars or arrays).
+        """Return x and y, metres, of positions in degrees (scalars or arrays).
 
-        They are not finite where there is no such place.
+        They are not finite where there is no such position.
         """
         east_m, north_m = _projection(self.latitude_deg, self.longitude_deg).transform(
             longitude_deg, latitude_deg

@@ -290,7 +290,7 @@ def _place(position: object, where: str) -> tuple[float, float]:
 
 
 def _check_span(features: list[_Feature], home: tuple[float, float] | None) -> None:
-    """Refuse places too far from home, or else from the first feature."""
+    """Refuse positions too far from home, or else from the first feature."""
     longitude_deg, latitude_deg = home if home is not None else features[0].rings[0][0]
     reference = LocalFrame(float(latitude_deg), float(longitude_deg))
     anchor = 'the farm\'s "home"' if home is not None else "the first feature"

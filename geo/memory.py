@@ -36,7 +36,7 @@ class AvailableMemory:
 
 
 def available_memory(root: Path = Path("/")) -> AvailableMemory | None:
-    """Return what this process may still take, None where the system does not tell.
+    """Return how much memory this process may still take, None where the system does not tell.
 
     Parameters
     ----------

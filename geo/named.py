@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TypeAlias
 
 from geo.errors import WbfMissionError
@@ -73,6 +73,50 @@ def parse_named(text: str) -> tuple[str, dict[str, Parameter]]:
     return name, parameters
 
 
+def format_named(name: str, parameters: Mapping[str, object]) -> str:
+    """Write a name and its parameters as `parse_named` reads them.
+
+    Parameters
+    ----------
+    name : str
+    parameters : mapping
+        Values by key. Those that `parse_named` gives come back equal: finite numbers, true, false and none,
+        texts without quotation marks, and sequences of these.
+
+    Examples
+    --------
+    >>> format_named("gp", {"learn_from": "model", "length_bounds": (1, 10), "file": "a b"})
+    'gp:learn_from=model,length_bounds=[1,10],file="a b"'
+    >>> format_named("spiral", {})
+    'spiral'
+    """
+    pairs = ",".join(f"{key}={_format(value)}" for key, value in parameters.items())
+    return f"{name}:{pairs}" if pairs else name
+
+
+def split_named(text: str) -> list[str]:
+    """Cut several names with parameters, which have commas between them as their parameters do.
+
+    Raises
+    ------
+    ParameterError
+        If a quotation mark is not closed, or brackets do not pair.
+
+    Examples
+    --------
+    >>> split_named("lawnmower:direction=0.3,inset=1,spiral")
+    ['lawnmower:direction=0.3,inset=1', 'spiral']
+    """
+    found: list[str] = []
+    for part in (piece.strip() for piece in _split(text, text)):
+        # A further parameter has a value and no name in front of it.
+        if found and "=" in part and ":" not in part.partition("=")[0]:
+            found[-1] += f",{part}"
+        elif part:
+            found.append(part)
+    return found
+
+
 def check_parameters(owner: str, given: Iterable[str], known: Iterable[str]) -> None:
     """Refuse parameters that their owner does not have.
 
@@ -115,6 +159,17 @@ def _split(text: str, whole: str) -> list[str]:
     if inside:
         raise ParameterError(f"{whole!r}: brackets do not pair; a list is written [1, 10]")
     return parts
+
+
+def _format(value: object) -> str:
+    if isinstance(value, (list, tuple)):
+        return "[" + ",".join(_format(item) for item in value) + "]"
+    if value is None or isinstance(value, bool):
+        return str(value).lower()
+    if not isinstance(value, str):
+        return str(value)
+    plain = value.replace("_", "").replace("-", "").isalpha() and value.lower() not in _CONSTANTS
+    return value if plain else f'"{value}"'
 
 
 def _value(text: str, key: str, whole: str) -> Parameter:

@@ -85,13 +85,13 @@ _ALTITUDE_COMMANDS = frozenset({30})
 
 
 def has_position(command: int) -> bool:
-    """Tell whether the command's x, y, z are a place (otherwise they are parameters 5 to 7)."""
+    """Tell whether the command's x, y, z are a position (otherwise they are parameters 5 to 7)."""
     return command in _POSITION_COMMANDS
 
 
 @dataclass(frozen=True, slots=True)
 class GeoPoint:
-    """A place: degrees of WGS84 and metres above mean sea level."""
+    """A position: degrees of WGS84 and metres above mean sea level."""
 
     latitude_deg: float
     longitude_deg: float
@@ -102,7 +102,7 @@ class GeoPoint:
 
 
 def check_place(latitude_deg: float, longitude_deg: float, altitude_m: float, what: str) -> None:
-    """Raise MissionError unless the place is finite and on the globe."""
+    """Raise MissionError unless the position is finite and on the globe."""
     for name, value, limit in (
         ("latitude", latitude_deg, 90.0),
         ("longitude", longitude_deg, 180.0),
@@ -137,7 +137,7 @@ class MissionItem:
     Raises
     ------
     MissionError
-        If a number is not finite, out of its field's range, or no place on the globe.
+        If a number is not finite, out of its field's range, or no position on the globe.
 
     Examples
     --------
@@ -216,7 +216,7 @@ class MissionItem:
         )
 
     def in_standard_frame(self) -> MissionItem:
-        """Return the item in frame MISSION when its command has no place.
+        """Return the item in frame MISSION when its command has no position.
 
         ArduPilot's tools give such items frame 0 or 3, PX4 refuses that, and every autopilot takes MISSION.
 
@@ -228,11 +228,11 @@ class MissionItem:
         return replace(self, frame=Frame.MISSION)
 
     def wire_x(self) -> int:
-        """``x`` as MISSION_ITEM_INT carries it: degE7 for a place, otherwise the parameter itself."""
+        """``x`` as MISSION_ITEM_INT carries it: degE7 for a position, otherwise the parameter itself."""
         return round(self.x * DEGREES_E7) if self.has_place else int(self.x)
 
     def wire_y(self) -> int:
-        """``y`` as MISSION_ITEM_INT carries it: degE7 for a place, otherwise the parameter itself."""
+        """``y`` as MISSION_ITEM_INT carries it: degE7 for a position, otherwise the parameter itself."""
         return round(self.y * DEGREES_E7) if self.has_place else int(self.y)
 
 

@@ -1,1 +1,1 @@
-"""Who flies: motion, battery, mission execution, the MAVLink vehicle and its camera."""
+"""The simulated vehicle: motion, battery, mission execution, MAVLink, and its camera."""

@@ -1,4 +1,4 @@
-"""What every MAVLink component is: a state machine without sockets and without a clock.
+"""The interface of every MAVLink component: a state machine without sockets and without a clock.
 
 The vehicle, its camera and the ground station have this one shape, so the same object runs on the virtual
 clock (`sim_vehicle.host.simulation`) and over sockets (`sim_vehicle.host.server`).
@@ -13,7 +13,7 @@ from mission.link.codec.dialect import mavlink
 __all__ = ["NEVER", "Component", "SaysGoodbye"]
 
 NEVER = float("inf")
-"""What ``next_deadline`` returns when nothing is to be done until a message arrives."""
+"""Value of ``next_deadline`` when nothing is to be done until a message arrives."""
 
 
 @runtime_checkable

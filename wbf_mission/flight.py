@@ -139,7 +139,7 @@ def fly(
     scenario = resolved(scenario)
     learner = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
     tell("planning", 0, 1)
-    planned = plan(scenario)
+    planned = plan(scenario, progress=tell)
     tell("planning", 1, 1)
     watch.lap("plan")
     farm = planned.farm

@@ -92,8 +92,10 @@ def draw_farm(axes: Axes, farm: Farm) -> None:
     axes.legend(
         handles=[LegendPatch(color=CROP_COLOURS[crop], label=crop.name.lower()) for crop in present if crop],
         loc="upper left",
+        bbox_to_anchor=(0.0, -0.1),
+        ncols=2,
         fontsize=7,
-        framealpha=0.85,
+        frameon=False,
     )
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
@@ -112,6 +114,7 @@ def _outline(axes: Axes, farm: Farm) -> None:
 def plot_farm(farm: Farm, path: Path) -> Path:
     """Write a picture of the farm alone."""
     figure = _figure(7, 6)
+    figure.set_layout_engine("constrained")
     axes = figure.add_subplot()
     draw_farm(axes, farm)
     axes.set_title(farm.name)
@@ -127,6 +130,7 @@ def plot_paths(
 ) -> Path:
     """Write the farm with the planned and the flown path ([n, 2], metres in the farm frame)."""
     figure = _figure(7.5, 6.4)
+    figure.set_layout_engine("constrained")
     axes = figure.add_subplot()
     draw_farm(axes, farm)
     crops = axes.get_legend()
@@ -143,9 +147,10 @@ def plot_paths(
     if flown_m is not None and len(flown_m):
         axes.plot(flown_m[:, 0], flown_m[:, 1], color="#c8102e", linewidth=0.8, label="flown", zorder=4)
         axes.plot(*flown_m[0], marker="o", color="black", markersize=4, linestyle="", label="start", zorder=5)
-    axes.legend(loc="upper right", fontsize=7, framealpha=0.85)
+    axes.legend(loc="upper right", bbox_to_anchor=(1.0, -0.1), ncols=3, fontsize=7, frameon=False)
     if crops is not None:
         axes.add_artist(crops)
+        crops.set_clip_on(False)  # the layout leaves room only for what is not clipped
     axes.set_title(title)
     return _save(figure, path)
 

@@ -8,8 +8,8 @@ of their probabilities, if the estimator has them; else the sum of what its valu
 far a sick plant lies below it on average.
 
 *How sure.* Plants of an outbreak are sick together, so the variance of a sum of plants is larger than the sum
-of their variances, by about the number of plants in an outbreak, or in the part of it that no look tells of:
-where every tenth plant is looked at, ten. The 90 % intervals are those of a gamma
+of their variances, by about the number of plants in an outbreak (`wbf_mission.outbreaks`), or in the part of
+it that no look tells of: where every tenth plant is looked at, ten. The 90 % intervals are those of a gamma
 distribution with the mean and variance of the plants that were not observed.
 """
 
@@ -27,11 +27,10 @@ from sensors.fields import PAPER_FIELDS, Field, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from wbf_mission.blocks import COUNT, ILLNESS, SICK, SICK_BELOW, SPREAD, MapGrid, sum_pixels, sum_squares
+from wbf_mission.outbreaks import Outbreak, outbreak_of
 
 Floats = NDArray[np.float64]
 
-PLANTS_OF_AN_OUTBREAK = 60.0
-"""Sum of squares by sum of the sick plants of outbreaks; TYLCV on Waterberry has 65 on day 6."""
 SHARE_OF_A_HUMP = 0.05
 """Part of the farm over which the errors of a continuous field are one."""
 _INTERVAL = (0.05, 0.95)
@@ -40,7 +39,7 @@ _LEAST_SHAPE = 1e-6
 _TOLD_BLOCKS = 3
 _LEAST_PART_OF_A_BLOCK = 0.1
 _PRIOR_SICK = 10.0
-_PRIOR_ILLNESS = 0.6
+_DAY_BEFORE = 6  # that is assumed without observations, as estimators do
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,6 +62,8 @@ class FieldMap:
         Observed cells, and how many of them were sick.
     finds : int32[n, 2]
         The cells of the sick plants that were seen.
+    together : float
+        How many cells err as one.
     """
 
     field: Field
@@ -74,6 +75,7 @@ class FieldMap:
     seen: Floats
     seen_sick: Floats
     finds: NDArray[np.int32]
+    together: float = 1.0
 
     @property
     def share(self) -> Floats:
@@ -86,10 +88,9 @@ class FieldMap:
         """The standard deviation of `share`; None if nothing tells it, NaN where there is no cell."""
         if self.variance is None:
             return None
-        together = together_cells(self.field, float(self.cells.sum()), float(self.seen.sum()))
         cells = np.maximum(self.cells, 1.0)
         # A pixel smaller than an outbreak is sick or healthy as a whole.
-        deviation = np.sqrt(self.variance * np.minimum(together, cells)) / cells
+        deviation = np.sqrt(self.variance * np.minimum(self.together, cells)) / cells
         return np.where(self.cells > 0, deviation, np.nan)
 
 
@@ -163,11 +164,11 @@ class FarmReport:
         }
 
 
-def together_cells(field: Field, cells: float, seen: float) -> float:
+def together_cells(cells: float, seen: float, outbreak: Outbreak | None) -> float:
     """Return how many cells err as one, where so many of a field's cells were observed."""
-    if field.kind != "disease":
+    if outbreak is None:
         return max(1.0, SHARE_OF_A_HUMP * cells)
-    return max(1.0, min(PLANTS_OF_AN_OUTBREAK, cells / max(seen, 1.0)))
+    return max(1.0, min(outbreak.together, cells / max(seen, 1.0)))
 
 
 def field_maps(
@@ -193,18 +194,20 @@ def field_maps(
         Whether the model's uncertainty is a standard deviation.
     """
     grid, cells = MapGrid.of(farm), farm.grid()
+    day = int(observations.day.max()) if len(observations) else _DAY_BEFORE
     x, y, readings = _last_readings(observations, farm.height_cells)
     probabilities = model.probabilities or {}
     maps = []
     for k, field in enumerate(fields):
         mask = field.mask(cells)
+        outbreak = outbreak_of(field.epidemic, cells.shape, day) if field.kind == "disease" else None
         known = np.isfinite(readings[:, k]) & mask[x, y]
         seen_x, seen_y, seen = x[known], y[known], readings[known, k]
         if field.name in probabilities:
             made = _from_probabilities(grid, mask, probabilities[field.name][0], model.value[k])
         else:
             deviation = model.uncertainty[k] if states_deviation else None
-            made = _from_values(field, grid, mask, model.value[k], deviation, seen_x, seen_y, seen)
+            made = _from_values(grid, mask, model.value[k], deviation, seen_x, seen_y, seen, outbreak)
         total, variance, count, least = made
         sick = (seen < SICK_BELOW) & (field.kind == "disease")
         at = (seen_x // grid.pixel, seen_y // grid.pixel)
@@ -212,7 +215,10 @@ def field_maps(
         np.add.at(all_seen, at, 1.0)
         np.add.at(sick_seen, at, sick)
         finds = np.stack([seen_x[sick], seen_y[sick]], axis=1).astype(np.int32)
-        maps.append(FieldMap(field, grid, count, total, least, variance, all_seen, sick_seen, finds))
+        together = together_cells(float(count.sum()), float(all_seen.sum()), outbreak)
+        maps.append(
+            FieldMap(field, grid, count, total, least, variance, all_seen, sick_seen, finds, together)
+        )
     return tuple(maps)
 
 
@@ -302,8 +308,7 @@ def _interval(
     """Return the expected share or mean value, and its 90 % interval."""
     if variance is None:
         return total / cells, None, None
-    together = together_cells(of.field, float(of.cells.sum()), float(of.seen.sum()))
-    spread = variance * min(together, cells)
+    spread = variance * min(of.together, cells)
     if of.field.kind == "disease":
         low, high = gamma_interval(max(total - sick, 0.0), spread)
         low, high = sick + low, sick + high
@@ -345,7 +350,6 @@ def _from_probabilities(
 
 
 def _from_values(
-    field: Field,
     grid: MapGrid,
     mask: NDArray[np.bool_],
     value: NDArray[np.float32],
@@ -353,6 +357,7 @@ def _from_values(
     x: NDArray[np.int64],
     y: NDArray[np.int64],
     seen: Floats,
+    outbreak: Outbreak | None,
 ) -> tuple[Floats, Floats | None, Floats, Floats]:
     """Return sick plants or the sum of values, its variance, the cells and the least value."""
     sums, least = _sums(grid, mask, value)
@@ -360,14 +365,14 @@ def _from_values(
     if deviation is not None:
         squares = np.zeros(grid.pixels)
         sum_squares(mask, deviation, grid.pixel, squares)
-    if field.kind != "disease":
+    if outbreak is None:
         return sums[..., COUNT] - sums[..., ILLNESS], squares, sums[..., COUNT], least
     # Plants that were looked at are counted, the others are expected.
     at = (x // grid.pixel, y // grid.pixel)
     illness = sums[..., ILLNESS].copy()
     np.subtract.at(illness, at, 1.0 - value[x, y].astype(np.float64))
     sick = seen < SICK_BELOW
-    a_plant = (_PRIOR_SICK * _PRIOR_ILLNESS + float((1.0 - seen[sick]).sum())) / (_PRIOR_SICK + sick.sum())
+    a_plant = (_PRIOR_SICK * outbreak.illness + float((1.0 - seen[sick]).sum())) / (_PRIOR_SICK + sick.sum())
     total = np.clip(illness / a_plant, 0.0, sums[..., COUNT])
     np.add.at(total, at, sick.astype(np.float64))
     if squares is not None and deviation is not None:

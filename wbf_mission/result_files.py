@@ -25,7 +25,7 @@ from sensors.fields import FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import CLASSES, InformationModel
 from sensors.scoring.score import Score
-from sim_vehicle.prediction.predict import Prediction
+from sim_vehicle.prediction.flight import Prediction
 from wbf_mission.arrays import SUFFIX, read_array, write_array
 from wbf_mission.blocks import MapGrid
 from wbf_mission.estimation import ScoreHistory
@@ -42,7 +42,7 @@ MAX_JSON_BYTES = 64 * 2**20
 RECORD = "result.json"
 PROBABILITIES = "probabilities_"
 _TRACK = ("time_s", "latitude_deg", "longitude_deg", "relative_altitude_m", "x_m", "y_m")
-_MAP = ("cells", "total", "least", "variance", "seen", "seen_sick", "finds")
+_MAP = ("cells", "total", "least", "variance", "seen", "seen_sick", "finds", "together")
 _SCORE = ("field_loss", "field_mse", "field_mae", "field_weighted_mae")
 
 
@@ -124,6 +124,7 @@ def read_maps(path: Path, kind: str, farm: Farm, fields: FieldSet) -> tuple[Fiel
         there = [name.split(".")[1] for name in arrays if name.startswith(f"{kind}.")]
         for field in dict.fromkeys(there):
             of_field: dict[str, Any] = {name: arrays.get(f"{kind}.{field}.{name}") for name in _MAP}
+            of_field["together"] = float(of_field["together"])
             maps.append(FieldMap(fields[field], MapGrid.of(farm), **of_field))
     return tuple(maps)
 

@@ -139,7 +139,7 @@ def make_item(
     """Build an item in its standard frame, or say where in the file its values are impossible.
 
     ``None`` in `place` is a number that the file leaves out: nothing (0) for a command without a place, an
-    error for one with a place.
+    error for one with a position.
     """
     try:
         x, y, z = (0.0 if value is None else value for value in place)
@@ -185,7 +185,7 @@ def check_jumps(mission: Mission) -> None:
 def home_for_file(mission: Mission) -> GeoPoint:
     """Return the home for a format that requires one.
 
-    An unknown home becomes the mission's first place at 0 m; without any place 0, 0, 0, which is read as
+    An unknown home becomes the mission's first position at 0 m; without any, 0, 0, 0, which is read as
     unknown.
     """
     if mission.home is not None:

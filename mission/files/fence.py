@@ -55,7 +55,7 @@ def items_of(fence: GeoFence) -> tuple[MissionItem, ...]:
     Raises
     ------
     MissionFileError
-        If a polygon has fewer than three vertices, a radius is not positive, a place is impossible, or the
+        If a polygon has fewer than three vertices, a radius is not positive, a position is impossible, or the
         fence is of the old version 1.
     """
     if bytes(fence.polygon) not in (b"[]", b"null"):

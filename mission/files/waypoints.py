@@ -73,7 +73,7 @@ def loads(data: bytes) -> Mission:
     """Read a mission, a fence or rally points from the content of a file.
 
     Read are also: comments (``#``), any white space between columns, CRLF, the header of version 100, files
-    with and without a home row, gaps in seq, a home row with command 0, and commands without a place in
+    with and without a home row, gaps in seq, a home row with command 0, and commands without a position in
     frame 0 or 3. The first row is home when its seq is 0 and it is a waypoint in frame 0 (or has command 0).
 
     Parameters

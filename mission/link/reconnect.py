@@ -76,7 +76,7 @@ class TcpClientLink:
             self._lose()
 
     def receive(self) -> list[bytes]:
-        """Return what has arrived; nothing while nobody is there."""
+        """Return the pieces that have arrived; nothing while nobody is there."""
         link = self._link or self._try()
         if link is None:
             return []

@@ -74,7 +74,7 @@ class SerialLink:
         return LinkLostError(f"{self.name}: the device has gone; plug it in and start again")
 
     def receive(self) -> list[bytes]:
-        """Return what has arrived; LinkError once the device has gone."""
+        """Return the bytes that have arrived; LinkError once the device has gone."""
         if self._backlog:
             self._flush()
         try:

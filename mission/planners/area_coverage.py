@@ -23,7 +23,7 @@ def coverage(path_xy_m: PlannedPath | ArrayLike, area: Area, footprint_m: float)
     """Return the fraction of the area that lies within half a footprint of the path.
 
     Paths of up to 256 legs are measured exactly (round ends as 16-gons). For longer ones the fraction of
-    5000 or more evenly spread places that are within half a footprint is counted; it is within 1 % of the
+    5000 or more evenly spread positions that are within half a footprint is counted; it is within 1 % of the
     area.
 
     Parameters
@@ -70,7 +70,7 @@ def coverage(path_xy_m: PlannedPath | ArrayLike, area: Area, footprint_m: float)
 
 
 def _counted(points: Points, area: Area, reach_m: float) -> float:
-    """Return the fraction of evenly spread places of the area that are within the reach of the path."""
+    """Return the fraction of evenly spread positions of the area that are within the reach of the path."""
     starts, ways = points[:-1], np.diff(points, axis=0)
     lengths = np.hypot(ways[:, 0], ways[:, 1])
     along = ways / np.maximum(lengths, 1e-12)[:, None]
@@ -95,7 +95,7 @@ def _counted(points: Points, area: Area, reach_m: float) -> float:
 
 
 def _spread(area: Area, count: int) -> NDArray[np.float64]:
-    """Return about so many places of the area: the additive recurrence R2 (M. Roberts, 2018) over its bounds.
+    """Return about so many positions of the area: the recurrence R2 (M. Roberts, 2018) over its bounds.
 
     Unlike a lattice it keeps no step with the rows of a path.
     """

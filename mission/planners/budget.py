@@ -49,7 +49,7 @@ class Budget(Protocol):
         """The unit of `limit` and `cost`: ``m``, ``s``, ``Wh`` or ``steps``."""
 
     def cost(self, path_xy_m: NDArray[np.float64]) -> float:
-        """Return what it costs to fly ``path_xy_m``, float64[n, 2] in metres of the farm frame, n >= 1.
+        """Return the cost of flying ``path_xy_m``, float64[n, 2] in metres of the farm frame, n >= 1.
 
         The first row is the start of the flight, the others are the points of the planned path. The way
         home, if the budget has to pay for it, is the budget's own matter: it is not in the path.
@@ -61,7 +61,7 @@ class BatchBudget(Budget, Protocol):
     """A budget that prices many paths at once."""
 
     def costs(self, paths_xy_m: Sequence[NDArray[np.float64]]) -> list[float]:
-        """Return what `cost` returns for each of the paths, to the last bit."""
+        """Return the `cost` of each of the paths, to the last bit."""
 
 
 @runtime_checkable
@@ -119,7 +119,7 @@ class StepBudget:
     """A budget of timesteps of the paper's robot, which moves at most one cell in a timestep.
 
     The robot takes a new step at every waypoint, so a leg costs its length in cells rounded up, and a
-    waypoint at the robot's own place costs one step too.
+    waypoint at the robot's own position costs one step too.
 
     Parameters
     ----------

@@ -29,13 +29,13 @@ class WingPattern:
     heading_rad : float
         Compass heading of take-off and landing, best into the wind.
     climb_out_m : float
-        Distance of the take-off item's place from home.
+        Distance of the take-off item's position from home.
     approach_m, approach_altitude_m : float
         Length and height above home of the beginning of the final approach.
     radius_m : float
         Of the circle on which it comes down to that height.
     placed_start : bool
-        Whether ``DO_LAND_START`` has a place, as ArduPilot wants it; PX4 wants none.
+        Whether ``DO_LAND_START`` has a position, as ArduPilot wants it; PX4 wants none.
     """
 
     heading_rad: float
@@ -66,14 +66,14 @@ def build_mission(
     1. ``NAV_TAKEOFF`` to the altitude, above home;
     2. ``DO_CHANGE_SPEED`` to the ground speed;
     3. ``NAV_WAYPOINT`` at the first point of the path;
-    4. camera start: ``DO_SET_CAM_TRIGG_DIST`` (param1 metres, param3 1: one picture at once) or
+    4. camera start: ``DO_SET_CAM_TRIGG_DIST`` (param1 metres, param3 1: one image at once) or
        ``DO_SET_CAM_TRIGG_INTERVAL`` (param1 milliseconds); left out when neither distance nor interval is
        given;
     5. ``NAV_WAYPOINT`` at each further point;
     6. camera stop: the camera command again with param1 0;
     7. ``NAV_RETURN_TO_LAUNCH``, which also lands; left out without `return_home`: the vehicle then holds.
 
-    An aeroplane, which has a `pattern`, takes off towards a place ahead, keeps an airspeed, and lands in
+    A fixed wing, which has a `pattern`, takes off towards a position ahead, keeps an airspeed, and lands in
     place of the return: ``DO_LAND_START``, ``NAV_LOITER_TO_ALT`` on a circle that touches the final approach,
     ``NAV_LAND`` at home.
 
@@ -92,7 +92,7 @@ def build_mission(
     speed_m_s : float
         Ground speed.
     camera_distance_m, camera_interval_s : float, optional
-        Distance or time between two pictures; at most one of them.
+        Distance or time between two images; at most one of them.
     acceptance_radius_m : float, optional
         How near counts as reached. Default: a quarter of the path's shortest leg, at least 0.5 m and at
         most 2 m.

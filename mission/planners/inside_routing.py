@@ -209,7 +209,7 @@ def reflex_corners(polygon: Polygon) -> Points:
 
 
 class _Regions:
-    """The parts of an area as regions, found by place."""
+    """The parts of an area as regions, found by position."""
 
     def __init__(self, area: Area) -> None:
         self._regions: tuple[Region, ...] = tuple(Region(part) for part in parts_of(area))

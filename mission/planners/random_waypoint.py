@@ -1,4 +1,4 @@
-"""The random waypoint planner: straight to one random place after the other until the budget is used."""
+"""The random waypoint planner: straight to one random position after the other until the budget is used."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ _ATTEMPTS = 1000
 
 
 def random_waypoint(request: PlanningRequest, /, *, waypoints: int | None = None) -> PlannedPath:
-    """Plan straight legs between uniformly distributed random places of the area.
+    """Plan straight legs between uniformly distributed random positions of the area.
 
     Where the straight leg would leave the area, the leg is the shortest way inside. The last leg is cut so
-    that the budget is used up. The same seed gives the same places in the same order whatever the budget.
+    that the budget is used up. The same seed gives the same positions in the same order whatever the budget.
 
     The path begins at the start, or, if that is outside, at the nearest place of the (inset) area.
 
     Parameters
     ----------
     request : PlanningRequest
-        The problem; `seed` decides the places.
+        The problem; `seed` decides the positions.
     waypoints : int, optional
-        How many places are drawn at most. Default: as many as the budget allows.
+        How many positions are drawn at most. Default: as many as the budget allows.
 
     Returns
     -------
@@ -45,7 +45,7 @@ def random_waypoint(request: PlanningRequest, /, *, waypoints: int | None = None
     ------
     PlanningError
         If the budget does not suffice to reach the area (and return); the text says what would. If the
-        number of places is out of its range.
+        number of positions is out of its range.
 
     Examples
     --------
@@ -114,9 +114,9 @@ class _Walk:
 
 
 def _draw(area: Area, count: int, rng: np.random.Generator) -> Points:
-    """Return one or more uniformly distributed places of the area, about `count`, drawn from its bounds.
+    """Return one or more uniformly distributed positions of the area, about `count`, drawn from its bounds.
 
-    The rejected draws are part of the stream, so the places do not depend on how many are asked for at
+    The rejected draws are part of the stream, so the positions do not depend on how many are asked for at
     once.
     """
     x_min, y_min, x_max, y_max = area.bounds

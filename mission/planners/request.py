@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import numpy as np
 import shapely
@@ -36,9 +36,17 @@ class CropArea:
         check_area(self.area, f"area of the {self.crop.name.lower()} crop")
 
 
+SearchProgress: TypeAlias = Callable[[int, int], None]
+"""Takes how many rounds of a search are done, and how many there will be as far as can be told."""
+
+
+def _untold(_done: int, _total: int) -> None:
+    """Tell nobody."""
+
+
 @dataclass(frozen=True, slots=True)
 class PlanningRequest:
-    """One planning problem. Places are in metres of the farm frame.
+    """One planning problem. Positions are in metres of the farm frame.
 
     Parameters
     ----------
@@ -56,6 +64,8 @@ class PlanningRequest:
         The land of the crops, for planners that treat them differently.
     seed : int or numpy.random.SeedSequence
         Seed of the planners that draw.
+    progress : callable
+        Told by planners that search for long, see `SearchProgress`.
 
     Raises
     ------
@@ -69,6 +79,7 @@ class PlanningRequest:
     footprint_m: float = FOOT_M
     crop_areas: tuple[CropArea, ...] = ()
     seed: int | np.random.SeedSequence = 0
+    progress: SearchProgress = _untold
 
     def __post_init__(self) -> None:
         check_area(self.area, "area")
@@ -86,11 +97,11 @@ class PlanningRequest:
             raise PlanningError(msg)
 
     def cost(self, points_m: Points) -> float:
-        """Return what the budget charges for start, points and, if it counts it, the return."""
+        """Return the cost of start, points and, if the budget counts it, the return."""
         return float(self.budget.cost(self._flight(points_m)))
 
     def costs(self, paths_m: Sequence[Points]) -> list[float]:
-        """Return what the budget charges for each of several paths: see `cost`."""
+        """Return the `cost` of each of several paths."""
         flights = [self._flight(points) for points in paths_m]
         if len(flights) > 1 and isinstance(self.budget, BatchBudget):
             return [float(cost) for cost in self.budget.costs(flights)]

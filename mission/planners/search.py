@@ -82,12 +82,13 @@ def densest_feasible(
     bound = request.budget.limit if limit is None else limit
     seen: dict[int, float] = {}
     best: Found | None = None
+    rounds = 0
 
     at_once = isinstance(request.budget, BatchBudget)
 
     def feasible(*indices: int) -> bool:
         """Tell whether any is feasible; prices what is not priced yet, in one round if the budget can."""
-        nonlocal best
+        nonlocal best, rounds
         for some in [indices] if at_once else [(index,) for index in indices]:
             new = [index for index in dict.fromkeys(some) if index not in seen]
             paths = [build(index) for index in new]
@@ -95,6 +96,9 @@ def densest_feasible(
                 seen[index] = cost
                 if cost <= bound and (best is None or index > best.index):
                     best = Found(index, points, cost)
+            if new:
+                rounds += 1
+                request.progress(rounds, rounds + _rounds_left(best, seen, highest))
             if any(seen[index] <= bound for index in some):
                 return True
         return False
@@ -128,6 +132,14 @@ def densest_feasible(
             break
     assert best is not None
     return best
+
+
+def _rounds_left(best: Found | None, seen: dict[int, float], highest: int) -> int:
+    """Return how many rounds bisection would take from here, and one for those beyond."""
+    if best is None:
+        return 1
+    bad = min((index for index in seen if index > best.index), default=highest + 1)
+    return (bad - best.index - 1).bit_length() + 1
 
 
 def _guess(

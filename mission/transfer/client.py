@@ -373,14 +373,6 @@ class ClientTransfer(ABC):
         return "at the start"
 
 
-def check_target(target: tuple[int, int], source: tuple[int, int]) -> None:
-    """Raise LocalTransferError unless both are ids that MAVLink allows."""
-    for name, (system_id, component_id) in (("target", target), ("source", source)):
-        if not 1 <= system_id <= 255 or not 0 <= component_id <= 255:
-            msg = f"{name} ids {system_id}, {component_id}: a system is 1..255 and a component 0..255"
-            raise LocalTransferError(msg)
-
-
 def common_options(transfer: ClientTransfer) -> dict[str, Any]:
     """Return the keyword arguments that make another transfer of the same kind of link and vehicle."""
     return {

@@ -67,13 +67,13 @@ class Profile:
     keeps_default : bool
         A NaN parameter reads back as NaN (otherwise as 0).
     keeps_frame : bool
-        The frame of an item without a place is kept (otherwise it reads back as GLOBAL).
+        The frame of an item without a position is kept (otherwise it reads back as GLOBAL).
     int_frames : bool
         MISSION_ITEM_INT carries the frames 5 and 6 for 0 and 3.
     strict_frames : bool
-        ``frames`` is also asked of items without a place.
+        ``frames`` is also asked of items without a position.
     range_checked : bool
-        Items with places and numbers out of range are refused (otherwise stored as they came).
+        Items with positions and numbers out of range are refused (otherwise stored as they came).
     nan_parameters : mapping of int to frozenset of str, or None
         Per command, the parameters that may be NaN; None for all of all commands.
     placed, unplaced : frozenset of int or None

@@ -111,7 +111,7 @@ def judge_item(item: MissionItem, count: int, profile: Profile) -> int:
 
 
 def as_stored(item: MissionItem, profile: Profile) -> MissionItem:
-    """Return what the autopilot keeps of an item, and so reads back and flies.
+    """Return the item as the autopilot keeps it, and so reads it back and flies it.
 
     Examples
     --------

@@ -222,5 +222,8 @@ class VehicleSpec:
 
     @property
     def fastest_m_s(self) -> float:
-        """Greatest speed in still air: the most that a mission can command and the airframe reaches."""
+        """Greatest speed in still air: the most that a mission can command and the airframe reaches.
+
+        A wind is withstood up to ``airspeed_limit_m_s``, which a commanded ground speed does not bound.
+        """
         return self.top_speed_m_s if self.is_ideal else min(self.top_speed_m_s, self.airspeed_limit_m_s)

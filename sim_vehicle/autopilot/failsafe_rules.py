@@ -1,4 +1,4 @@
-"""What a firmware does when something goes wrong, and how it says so: data only."""
+"""Failsafe rules of a firmware as data: actions by parameter value, texts, and default values."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _VOLTAGE_CELLS = 3
 
 
 class Action(Enum):
-    """What a failsafe does."""
+    """Action of a failsafe."""
 
     NONE = "nothing"
     WARN = "warning"

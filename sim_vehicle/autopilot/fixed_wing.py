@@ -1,4 +1,4 @@
-"""What fixed wings have in common under any autopilot: the compiled motion, the approach of a landing."""
+"""Flight procedures common to fixed wings under any autopilot: the compiled motion, the approach."""
 
 from __future__ import annotations
 
@@ -35,10 +35,12 @@ _APPROACH_M = 30.0
 
 
 class FixedWingProcedures(ABC):
-    """How a firmware flies fixed wings; see `sim_vehicle.autopilot.flight_procedures.FlightProcedures`."""
+    """Procedures for fixed wings; see `sim_vehicle.autopilot.flight_procedures.FlightProcedures`."""
 
     name: str
     parameters: Mapping[str, ParameterSpec]
+    least_airspeed: str
+    """Parameter with the least airspeed, in m/s."""
     takeoff_height: str
     """Parameter with the height of a take-off, in metres."""
     return_height: str

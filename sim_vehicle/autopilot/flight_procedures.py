@@ -1,4 +1,4 @@
-"""What an autopilot decides about a flight: its dynamics, take-off, return and landing, its parameters."""
+"""The part of a flight that the autopilot decides: dynamics, take-off, return, landing, and parameters."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class FlightProcedures(Protocol):
-    """How a firmware moves vehicles. One object for all of them: what differs is in their spec."""
+    """The flight procedures of a firmware. One object serves all vehicles; they differ by their spec."""
 
     name: str
     parameters: Mapping[str, ParameterSpec]

@@ -1,4 +1,4 @@
-"""What a vehicle can be told to do, whatever number an autopilot gives it."""
+"""Flight modes, independent of the numbers that autopilots give them."""
 
 from __future__ import annotations
 

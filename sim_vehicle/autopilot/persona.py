@@ -1,4 +1,4 @@
-"""How an autopilot shows itself on MAVLink: identity, mode numbers, message rates, habits."""
+"""An autopilot as MAVLink peers see it: identity, mode numbers, message rates, peculiarities."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ COMMON_CAPABILITIES = int(
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Who it is.
+    """The identity that HEARTBEAT and AUTOPILOT_VERSION give.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What rovers have in common under any autopilot: the compiled motion; they drive straight and stop."""
+"""Procedures common to rovers under any autopilot: the compiled motion; they drive straight and stop."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["RoverProcedures"]
 
 
 class RoverProcedures(ABC):
-    """How a firmware drives rovers; see `sim_vehicle.autopilot.flight_procedures.FlightProcedures`."""
+    """Procedures of a firmware for rovers; see `sim_vehicle.autopilot.flight_procedures.FlightProcedures`."""
 
     name: str
     parameters: Mapping[str, ParameterSpec]

@@ -1,4 +1,4 @@
-"""What can be changed on a vehicle after it was built, whatever an autopilot calls it."""
+"""Values of a vehicle that parameters change while it runs, independent of their names in an autopilot."""
 
 from __future__ import annotations
 

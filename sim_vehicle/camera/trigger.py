@@ -55,7 +55,7 @@ class Exposure(NamedTuple):
 
 @dataclass(slots=True)
 class TrackStatistics:
-    """What was wrong with the telemetry."""
+    """Counts of faulty telemetry."""
 
     gaps: int = 0
     jumps: int = 0

@@ -1,1 +1,1 @@
-"""What flying costs: power, battery, endurance."""
+"""Energy of a flight: power, battery, endurance."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["Best", "best_speeds", "endurance_s"]
 
 _STEP_M_S = 0.1
-# Of the cruise speed, where no autopilot's parameter tells how slowly a wing may fly.
+# Of the cruise speed, where nothing tells how slowly a fixed wing may fly.
 _SLOWEST = 0.8
 
 
@@ -31,7 +31,7 @@ class Best:
     endurance_s, endurance_speed_m_s : float
         The longest time, and the speed at which it goes on so long.
     range_m, range_speed_m_s : float
-        The longest way, and its speed.
+        The longest distance, and its speed.
     """
 
     endurance_s: float
@@ -69,8 +69,14 @@ def endurance_s(spec: VehicleSpec, airspeed_m_s: float, *, used_fraction: float 
     return used_fraction * spec.battery.capacity_wh * WH_J / power_w
 
 
-def best_speeds(spec: VehicleSpec) -> Best:
-    """Return the longest time and the longest way of a vehicle, with their speeds.
+def best_speeds(spec: VehicleSpec, *, least_airspeed_m_s: float | None = None) -> Best:
+    """Return the longest time and the longest distance of a vehicle, with their speeds.
+
+    Parameters
+    ----------
+    spec : VehicleSpec
+    least_airspeed_m_s : float, optional
+        How slowly a fixed wing may fly, as its autopilot limits it; 0.8 of the cruise speed without.
 
     Raises
     ------
@@ -79,12 +85,14 @@ def best_speeds(spec: VehicleSpec) -> Best:
     """
     slowest, fastest = 0.0, spec.fastest_m_s
     if isinstance(spec.power, FixedWingPowerSpec):
-        slowest = dict(spec.parameters_for("px4")).get("FW_AIRSPD_MIN", _SLOWEST * spec.cruise_speed_m_s)
+        slowest = _SLOWEST * spec.cruise_speed_m_s if least_airspeed_m_s is None else least_airspeed_m_s
         fastest = spec.airspeed_limit_m_s
     elif spec.kind == "rover":
         slowest = _STEP_M_S
     speeds = np.arange(slowest, fastest + 0.5 * _STEP_M_S, _STEP_M_S)
     times = np.array([endurance_s(spec, float(speed)) for speed in speeds])
-    ways = times * speeds
-    longest, farthest = int(np.argmax(times)), int(np.argmax(ways))
-    return Best(float(times[longest]), float(speeds[longest]), float(ways[farthest]), float(speeds[farthest]))
+    distances = times * speeds
+    longest, farthest = int(np.argmax(times)), int(np.argmax(distances))
+    return Best(
+        float(times[longest]), float(speeds[longest]), float(distances[farthest]), float(speeds[farthest])
+    )

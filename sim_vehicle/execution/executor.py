@@ -85,7 +85,7 @@ class MissionExecutor:
 
     @property
     def motion(self) -> MotionModel:
-        """What moves."""
+        """The motion model of the vehicle."""
         return self.follower.motion
 
     @property
@@ -100,7 +100,7 @@ class MissionExecutor:
 
     @property
     def phase(self) -> FlightPhase:
-        """What the vehicle is doing."""
+        """The current phase of the flight."""
         return self.follower.phase
 
     @property

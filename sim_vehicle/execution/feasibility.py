@@ -1,4 +1,4 @@
-"""What a vehicle could not fly in a mission, found before it arms."""
+"""Checks before arming whether a vehicle can fly the items of a mission."""
 
 from __future__ import annotations
 

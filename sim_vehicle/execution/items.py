@@ -45,7 +45,7 @@ _SPLINE = int(Command.NAV_SPLINE_WAYPOINT)
 
 @dataclass(slots=True)
 class Settings:
-    """What items change for the items after them.
+    """Settings that items change for the items after them.
 
     Parameters
     ----------

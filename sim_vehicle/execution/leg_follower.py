@@ -36,7 +36,7 @@ _FALL_M_S3 = 90.0
 
 @dataclass(slots=True)
 class Waiting:
-    """What waits in flight for a condition; it goes with the plan that is flown.
+    """Items that wait in flight for a condition; they are dropped with the plan that is flown.
 
     Parameters
     ----------

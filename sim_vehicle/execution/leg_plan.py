@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class AfterLastLeg(Enum):
-    """What follows the last leg."""
+    """Continuation after the last leg of a plan."""
 
     NEXT = "the next item"
     WAIT = "a pause"

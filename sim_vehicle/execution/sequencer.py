@@ -1,4 +1,4 @@
-"""What follows from what in a mission: legs, pauses, conditions, jumps, landing, an empty battery."""
+"""The order of events in a mission: legs, pauses, conditions, jumps, landing, an empty battery."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ ROI_COMMANDS = frozenset({195, 197, 201})
 
 
 class MissionSequencer:
-    """Flies the items of a mission one after the other: what follows from what.
+    """Flies the items of a mission one after the other.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a flight shows from outside: the vehicle's state, its phases, and the events of a mission."""
+"""The observable side of a flight: the vehicle's state, its phases, and the events of a mission."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class LandedState(IntEnum):
 
 
 class FlightPhase(Enum):
-    """What the vehicle is doing."""
+    """Phase of a flight."""
 
     GROUND = "on the ground"
     TAKEOFF = "taking off"

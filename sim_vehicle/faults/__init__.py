@@ -1,1 +1,1 @@
-"""What goes wrong on demand."""
+"""Faults that are injected on demand: links, protocol, vehicle."""

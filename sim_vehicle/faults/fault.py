@@ -84,7 +84,7 @@ KINDS: dict[str, Kind] = {
 """Every kind of fault by name."""
 
 TRIGGERS = ("start", "armed", "airborne", "landed", "upload", "download", "item:N")
-"""What ``at`` can be; a trigger counts when it happens for the first time."""
+"""Values of ``at``; a trigger counts when it happens for the first time."""
 
 _ITEM = re.compile(r"item:[0-9]{1,5}")
 _DIRECTIONS = ("up", "down", "both")
@@ -205,7 +205,7 @@ class Fault:
 
     @property
     def group(self) -> Group:
-        """What it spoils."""
+        """The part that the fault affects."""
         return KINDS[self.kind].group
 
     @property

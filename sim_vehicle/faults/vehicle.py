@@ -1,4 +1,4 @@
-"""What breaks in a vehicle: one table, fault to what is switched."""
+"""Faults of the vehicle: one table, from the fault to the switch that it sets."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Who runs components: simulation, server, routing."""
+"""Hosts of components: simulation on a virtual clock, server on sockets, routing."""

@@ -98,7 +98,7 @@ class Client:
 
 
 class ReadyCallback(NamedTuple):
-    """What to do when a descriptor is ready."""
+    """Callback for a descriptor that is ready."""
 
     owner: object
     """Whose descriptor it is; numbers are used again."""

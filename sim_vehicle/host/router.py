@@ -32,7 +32,7 @@ def frame_id(frame: bytes) -> int:
 
 
 def frame_source(frame: bytes) -> Address:
-    """Who sent a whole frame."""
+    """Return the address that a whole frame was sent from."""
     return (frame[5], frame[6]) if frame[0] == MAGIC_2 else (frame[3], frame[4])
 
 

@@ -314,7 +314,7 @@ class Server:
         inbox.clear()
 
     def _route(self, source: _Port, message_id: int, target: tuple[int, int]) -> _Route:
-        """Who gets such a message: ours that care for it, and clients."""
+        """Receivers of such a message: our components that want it, and clients."""
         ports: list[_Port] = [*self._locals, *self._clients]
         found = [port for port in self._table.destinations(target, source, ports) if _meet(source, port)]
         return (

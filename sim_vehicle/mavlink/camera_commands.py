@@ -1,4 +1,4 @@
-"""What the vehicle tells its camera: mission items and commands, repeated until they are acknowledged."""
+"""Commands of the vehicle to its camera, from mission items and peers, repeated until acknowledged."""
 
 from __future__ import annotations
 

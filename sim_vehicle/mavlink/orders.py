@@ -67,7 +67,7 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What follows a command.
+    """Result of a command.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class CommandedVehicle(Protocol):
 
     @property
     def state(self) -> WireState:
-        """What it tells of itself."""
+        """Its state for messages."""
 
     def command_camera(self, command: int, params: tuple[float, ...]) -> None:
         """Send a command to the camera."""

@@ -21,7 +21,7 @@ ParameterMessage: TypeAlias = (
     m.MAVLink_param_request_list_message | m.MAVLink_param_request_read_message | m.MAVLink_param_set_message
 )
 HASH = "_HASH_CHECK"
-"""What a peer asks a PX4 for to learn whether it knows all parameters already."""
+"""Pseudo-parameter with the checksum of all parameters; a peer of PX4 reads it to reuse its cached values."""
 _NO_INDEX = 65535
 
 __all__ = ["ParameterSet"]

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 SHORTEST_US = 5_000
 """A peer cannot ask for more than 200 messages a second."""
 LONGEST_US = 2**31 - 1
-"""What MESSAGE_INTERVAL can tell."""
+"""Longest interval that MESSAGE_INTERVAL can hold, in microseconds."""
 
 
 class Schedule:

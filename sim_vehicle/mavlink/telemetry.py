@@ -8,28 +8,33 @@ from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.airframe.sensor_errors import HDOP, VDOP
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.state import FlightPhase, LandedState
-from sim_vehicle.mavlink.true_state import hil_state_quaternion, int16, quaternion, sim_state, to_body
+from sim_vehicle.mavlink.sensor_messages import (
+    UNUSED,
+    centidegrees,
+    ekf_status_report,
+    estimator_status,
+    gps_raw_int,
+    highres_imu,
+    rc_channels,
+    scaled_pressure,
+    vibration,
+)
+from sim_vehicle.mavlink.true_state import hil_state_quaternion, int16, quaternion, sim_state
 from sim_vehicle.pilot.fence import Breach
 
 if TYPE_CHECKING:
     from sim_vehicle.mavlink.wire_state import WireState
 
-__all__ = ["BUILDERS", "STREAMS", "built"]
+__all__ = ["BUILDERS", "built"]
 
-_UNUSED_CELL = 65535
 _GPS = 32
 _FENCE = 1 << 20
 _PREARM = 1 << 28
 # gyro, accelerometer, magnetometer, barometer, GPS, motors, radio control, geofence, AHRS, battery, arming
 # checks; without the geofence bit MAVProxy reports a breach, without the last one MAVSDK says not armable.
 _SENSORS = 1 | 2 | 4 | 8 | _GPS | 1 << 15 | 1 << 16 | 1 << 20 | 1 << 21 | 1 << 25 | _PREARM
-# attitude, velocities, positions and height above ground; without a position only what the sensors give
-_ESTIMATES_OK = 1 | 2 | 4 | 8 | 16 | 32 | 256 | 512
-_ESTIMATES_BLIND = 1 | 4 | 32
 # by the level of the battery: fine, low, critical, almost empty
 _CHARGE_STATES = (
     m.MAV_BATTERY_CHARGE_STATE_OK,
@@ -83,7 +88,7 @@ def _sys_status(source: WireState) -> Message:
     if not pilot.armed and pilot.arming.health_problem() is not None:
         health &= ~_PREARM
     battery = pilot.state.battery
-    millivolts, centiamps, percent = _UNUSED_CELL, -1, -1
+    millivolts, centiamps, percent = UNUSED, -1, -1
     if battery is not None:
         millivolts, centiamps = round(1000.0 * battery.voltage_v), int16(100.0 * battery.current_a)
         percent = math.ceil(100.0 * battery.fraction)
@@ -94,46 +99,6 @@ def _sys_status(source: WireState) -> Message:
 
 def _system_time(source: WireState) -> Message:
     return m.MAVLink_system_time_message(source.unix_us, source.boot_ms)
-
-
-def _gps_raw_int(source: WireState) -> Message:
-    state = source.pilot.state
-    position = source.position_e7
-    if not source.pilot.controls.position_ok:
-        return m.MAVLink_gps_raw_int_message(
-            source.unix_us, 1, 0, 0, 0, _UNUSED_CELL, _UNUSED_CELL, _UNUSED_CELL, _UNUSED_CELL, 0
-        )
-    east, north, _ = state.velocity_m_s
-    east_m, north_m, up_m = source.sensed.gps_m
-    eph, epv, horizontal_mm, vertical_mm = 70, 90, 500, 800
-    if source.errors is not None:
-        latitude, longitude = source.pilot.frame.to_wgs84(east_m, north_m)
-        position = (
-            round(latitude * 1e7),
-            round(longitude * 1e7),
-            round(1000.0 * (up_m + source.home.altitude_m)),
-        )
-        noise = source.errors.noise
-        if noise.gps_m > 0.0:
-            eph, epv = round(100.0 * HDOP), round(100.0 * VDOP)
-            horizontal_mm = round(1000.0 * noise.horizontal_accuracy_m)
-            vertical_mm = round(1000.0 * noise.vertical_accuracy_m)
-    return m.MAVLink_gps_raw_int_message(
-        source.unix_us,
-        3,
-        position[0],
-        position[1],
-        position[2],
-        eph,
-        epv,
-        min(65534, round(100.0 * math.hypot(east, north))),
-        _centidegrees(math.atan2(east, north)),
-        16,
-        position[2],
-        horizontal_mm,
-        vertical_mm,
-        100,
-    )
 
 
 def _global_position_int(source: WireState) -> Message:
@@ -149,7 +114,7 @@ def _global_position_int(source: WireState) -> Message:
         int16(100.0 * north),
         int16(100.0 * east),
         int16(-100.0 * up),
-        _centidegrees(state.yaw_rad),
+        centidegrees(state.yaw_rad),
     )
 
 
@@ -209,9 +174,9 @@ def _fence_status(source: WireState) -> Message:
 def _battery_status(source: WireState) -> Message:
     battery = source.pilot.state.battery
     if battery is None:
-        return m.MAVLink_battery_status_message(0, 1, 1, 32767, [_UNUSED_CELL] * 10, -1, -1, -1, -1, 0, 0)
+        return m.MAVLink_battery_status_message(0, 1, 1, 32767, [UNUSED] * 10, -1, -1, -1, -1, 0, 0)
     cell = min(65534, round(1000.0 * battery.voltage_v / battery.cells))
-    cells = [cell] * min(10, battery.cells) + [_UNUSED_CELL] * max(0, 10 - battery.cells)
+    cells = [cell] * min(10, battery.cells) + [UNUSED] * max(0, 10 - battery.cells)
     return m.MAVLink_battery_status_message(
         0,
         m.MAV_BATTERY_FUNCTION_ALL,
@@ -300,67 +265,6 @@ def _modes_monitor(_state: WireState) -> Message:
     return m.MAVLink_available_modes_monitor_message(0)
 
 
-def _estimator_status(source: WireState) -> Message:
-    ok = source.pilot.controls.position_ok
-    return m.MAVLink_estimator_status_message(
-        source.unix_us, _ESTIMATES_OK if ok else _ESTIMATES_BLIND, 0.1, 0.1, 0.1, 0.1, 0.0, 0.0, 0.5, 0.8
-    )
-
-
-def _ekf_status_report(source: WireState) -> Message:
-    ok = source.pilot.controls.position_ok
-    flags = _ESTIMATES_OK if ok else _ESTIMATES_BLIND
-    return m.MAVLink_ekf_status_report_message(flags, 0.1, 0.1, 0.1, 0.1, 0.0)
-
-
-def _rc_channels(source: WireState) -> Message:
-    channels_and_rssi = [_UNUSED_CELL] * 18 + [255]
-    return m.MAVLink_rc_channels_message(source.boot_ms, 0, *channels_and_rssi)
-
-
-def _vibration(source: WireState) -> Message:
-    return m.MAVLink_vibration_message(source.unix_us, 0.0, 0.0, 0.0, 0, 0, 0)
-
-
-def _scaled_pressure(source: WireState) -> Message:
-    pressure_hpa = _pressure_hpa(source)
-    return m.MAVLink_scaled_pressure_message(source.boot_ms, pressure_hpa, 0.0, 2500)
-
-
-def _pressure_hpa(source: WireState) -> float:
-    """Pressure of the ICAO standard atmosphere at the vehicle's height above the sea."""
-    height_m = min(11_000.0, _barometer_m(source))
-    return float(1013.25 * (1.0 - 2.25577e-5 * height_m) ** 5.25588)
-
-
-def _barometer_m(source: WireState) -> float:
-    """Return the barometer's height above the sea."""
-    if source.errors is None:
-        return source.position_e7[2] / 1000.0
-    return source.sensed.barometer_m + source.home.altitude_m
-
-
-def _highres_imu(source: WireState) -> Message:
-    """Tell what the sensors would read: specific force and magnetic field along forward, right, down."""
-    state = source.pilot.state
-    east, north, up = state.acceleration_m_s2
-    force = to_body(state, north, east, -(up + GRAVITY_M_S2))
-    field = to_body(state, 0.25, 0.0, 0.41)
-    return m.MAVLink_highres_imu_message(
-        source.unix_us,
-        *force,
-        0.0,
-        0.0,
-        state.yaw_rate_rad_s,
-        *field,
-        _pressure_hpa(source),
-        0.0,
-        _barometer_m(source),
-        25.0,
-        0x1FFF,
-    )
-
-
 def _gps_global_origin(source: WireState) -> Message:
     return m.MAVLink_gps_global_origin_message(*source.home_e7, source.unix_us)
 
@@ -370,15 +274,11 @@ def _current_mode(source: WireState) -> Message:
     return m.MAVLink_current_mode_message(0, number, number)
 
 
-def _centidegrees(angle_rad: float) -> int:
-    return round(math.degrees(angle_rad) * 100.0) % 36000
-
-
 BUILDERS: dict[int, Callable[[WireState], Message]] = {
     m.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
     m.MAVLINK_MSG_ID_SYS_STATUS: _sys_status,
     m.MAVLINK_MSG_ID_SYSTEM_TIME: _system_time,
-    m.MAVLINK_MSG_ID_GPS_RAW_INT: _gps_raw_int,
+    m.MAVLINK_MSG_ID_GPS_RAW_INT: gps_raw_int,
     m.MAVLINK_MSG_ID_ATTITUDE: _attitude,
     m.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: _attitude_quaternion,
     m.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _local_position_ned,
@@ -398,12 +298,12 @@ BUILDERS: dict[int, Callable[[WireState], Message]] = {
     m.MAVLINK_MSG_ID_CURRENT_MODE: _current_mode,
     m.MAVLINK_MSG_ID_AVAILABLE_MODES_MONITOR: _modes_monitor,
     m.MAVLINK_MSG_ID_PROTOCOL_VERSION: _protocol_version,
-    m.MAVLINK_MSG_ID_ESTIMATOR_STATUS: _estimator_status,
-    m.MAVLINK_MSG_ID_EKF_STATUS_REPORT: _ekf_status_report,
-    m.MAVLINK_MSG_ID_RC_CHANNELS: _rc_channels,
-    m.MAVLINK_MSG_ID_VIBRATION: _vibration,
-    m.MAVLINK_MSG_ID_SCALED_PRESSURE: _scaled_pressure,
-    m.MAVLINK_MSG_ID_HIGHRES_IMU: _highres_imu,
+    m.MAVLINK_MSG_ID_ESTIMATOR_STATUS: estimator_status,
+    m.MAVLINK_MSG_ID_EKF_STATUS_REPORT: ekf_status_report,
+    m.MAVLINK_MSG_ID_RC_CHANNELS: rc_channels,
+    m.MAVLINK_MSG_ID_VIBRATION: vibration,
+    m.MAVLINK_MSG_ID_SCALED_PRESSURE: scaled_pressure,
+    m.MAVLINK_MSG_ID_HIGHRES_IMU: highres_imu,
     m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: _gps_global_origin,
 }
 
@@ -412,40 +312,3 @@ def built(message_id: int, source: WireState) -> tuple[Message, ...]:
     """The message with this id from the state now; none when there is none such."""
     builder = BUILDERS.get(message_id)
     return () if builder is None else (builder(source),)
-
-
-_POSITION = (m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, m.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
-_STATUS = (
-    m.MAVLINK_MSG_ID_SYS_STATUS,
-    m.MAVLINK_MSG_ID_MISSION_CURRENT,
-    m.MAVLINK_MSG_ID_GPS_RAW_INT,
-    m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
-)
-_EXTRA_3 = (
-    m.MAVLINK_MSG_ID_SYSTEM_TIME,
-    m.MAVLINK_MSG_ID_BATTERY_STATUS,
-    m.MAVLINK_MSG_ID_VIBRATION,
-    m.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
-    m.MAVLINK_MSG_ID_WIND,
-)
-_SENSOR = (m.MAVLINK_MSG_ID_SCALED_PRESSURE,)
-_RADIO = (m.MAVLINK_MSG_ID_RC_CHANNELS,)
-STREAMS: dict[int, tuple[int, ...]] = {
-    m.MAV_DATA_STREAM_ALL: (
-        *_POSITION,
-        *_STATUS,
-        *_SENSOR,
-        *_RADIO,
-        m.MAVLINK_MSG_ID_ATTITUDE,
-        m.MAVLINK_MSG_ID_VFR_HUD,
-        *_EXTRA_3,
-    ),
-    m.MAV_DATA_STREAM_RAW_SENSORS: _SENSOR,
-    m.MAV_DATA_STREAM_EXTENDED_STATUS: _STATUS,
-    m.MAV_DATA_STREAM_RC_CHANNELS: _RADIO,
-    m.MAV_DATA_STREAM_POSITION: _POSITION,
-    m.MAV_DATA_STREAM_EXTRA1: (m.MAVLINK_MSG_ID_ATTITUDE,),
-    m.MAV_DATA_STREAM_EXTRA2: (m.MAVLINK_MSG_ID_VFR_HUD,),
-    m.MAV_DATA_STREAM_EXTRA3: _EXTRA_3,
-}
-"""What REQUEST_DATA_STREAM switches on an ArduPilot."""

@@ -26,12 +26,13 @@ from sim_vehicle.execution.state import CameraCommand, FlightEvent, HomeMoved, I
 from sim_vehicle.mavlink import setpoint_messages
 from sim_vehicle.mavlink.camera_commands import CAMERA, CameraOrders
 from sim_vehicle.mavlink.commands import CommandReceiver, set_custom_mode
+from sim_vehicle.mavlink.data_streams import STREAMS
 from sim_vehicle.mavlink.item_reports import ItemReports
 from sim_vehicle.mavlink.parameters import ParameterMessage, ParameterSet
 from sim_vehicle.mavlink.plan_receiver import PlanReceiver
 from sim_vehicle.mavlink.schedule import Schedule
 from sim_vehicle.mavlink.status_texts import StatusTexts
-from sim_vehicle.mavlink.telemetry import BUILDERS, STREAMS, built
+from sim_vehicle.mavlink.telemetry import BUILDERS, built
 from sim_vehicle.mavlink.wire_state import WireState
 from sim_vehicle.pilot.notices import RefusedError, Severity
 from sim_vehicle.pilot.pilot import Pilot
@@ -171,7 +172,7 @@ class SimVehicle:
 
     @property
     def firmware(self) -> Firmware:
-        """What the autopilot is for this kind of vehicle."""
+        """The autopilot's firmware for this kind of vehicle."""
         return self.state.firmware
 
     @property
@@ -190,7 +191,7 @@ class SimVehicle:
 
     @property
     def outcome(self) -> Outcome:
-        """How the run ended, or that it has not."""
+        """The outcome of the run; RUNNING while it goes on."""
         return self.pilot.outcome
 
     @property

@@ -1,4 +1,4 @@
-"""What a vehicle tells of itself besides its pilot's state: clocks, where it believes to be, plans."""
+"""State of a vehicle for its messages besides its pilot's: clocks, estimated position, plan ids."""
 
 from __future__ import annotations
 

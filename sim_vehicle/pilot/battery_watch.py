@@ -1,4 +1,4 @@
-"""How low the battery is: by its charge and, where the autopilot watches it, by its voltage."""
+"""Level of the battery: by its charge and, where the autopilot watches it, by its voltage."""
 
 from __future__ import annotations
 

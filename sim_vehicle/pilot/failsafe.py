@@ -29,7 +29,7 @@ _CEILING, _RADIUS, _AREAS = 1, 2, 4
 
 @dataclass(frozen=True, slots=True)
 class Reaction:
-    """What a safety function makes the pilot do.
+    """Reaction that a safety function demands of the pilot.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ class Failsafe:
         return None if breach is Breach.NONE else reason
 
     def why_not_arm(self) -> str | None:
-        """What a safety function has against arming; None for nothing."""
+        """Reason of a safety function to refuse arming; None without one."""
         reason = self.outside(self._controls.state.position_m)
         if reason is not None:
             return f"fence: {reason}"

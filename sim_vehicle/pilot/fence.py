@@ -33,7 +33,7 @@ _CIRCLES = frozenset({int(Command.NAV_FENCE_CIRCLE_INCLUSION), int(Command.NAV_F
 
 
 class Breach(IntEnum):
-    """What was broken, as FENCE_BREACH numbers it."""
+    """Limit that was broken, numbered as FENCE_BREACH."""
 
     NONE = 0
     MAX_ALTITUDE = 2

@@ -18,7 +18,7 @@ __all__ = ["MissionStatus"]
 
 
 class MissionStatus:
-    """What is known of the loaded mission.
+    """Status of the loaded mission.
 
     Parameters
     ----------

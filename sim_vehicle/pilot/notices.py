@@ -1,4 +1,4 @@
-"""What a pilot tells: notices to the operator, progress of the mission, refusals."""
+"""Reports of the pilot: notices to the operator, progress of the mission, refusals."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ _SLOWEST_M_S = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
-    """What is asked for; NaN is not asked for.
+    """A setpoint of position, velocity and heading; NaN marks a component that is not set.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class Setpoint:
 
     @property
     def heading(self) -> Heading | None:
-        """What is asked of the heading, None for nothing; a rate of turning comes first."""
+        """The heading that is asked for, None without one; a turn rate takes precedence."""
         if not math.isnan(self.turn_rad_s):
             return Heading.turning(self.turn_rad_s)
         return None if math.isnan(self.yaw_rad) else Heading.fixed(self.yaw_rad)

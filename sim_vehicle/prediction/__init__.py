@@ -1,1 +1,1 @@
-"""What a mission will take, without telemetry."""
+"""Predicted time, energy and path of a mission, without telemetry."""

@@ -14,7 +14,8 @@ from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.feasibility import mission_problems
 from sim_vehicle.execution.items import item_positions
 from sim_vehicle.execution.state import CannotFly, Disarmed, ItemReached, MissionComplete
-from sim_vehicle.prediction.predict import climbs_by_itself, home_frame, rehearsals, without_end
+from sim_vehicle.prediction.flight import climbs_by_itself, home_frame, without_end
+from sim_vehicle.prediction.predict import rehearsals
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from mission.model import Mission
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.execution.state import FlightEvent
-    from sim_vehicle.prediction.predict import Prediction
+    from sim_vehicle.prediction.flight import Prediction
     from sim_vehicle.weather.wind import Wind
 
 __all__ = ["BatteryChange", "batteries_needed", "battery_changes"]

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
+from sim_vehicle.airframe.autopilot_names import NO_AUTOPILOT
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.autopilot import with_autopilot
+from sim_vehicle.autopilot import autopilot_names, flight_procedures, get_autopilot, with_autopilot
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.prediction.predict import predict_flights
 from sim_vehicle.weather.wind import Wind
@@ -20,14 +21,8 @@ if TYPE_CHECKING:
 __all__ = ["compile_all", "warm_up"]
 
 _WIND = Wind(1.0, gust_m_s=0.5)
-# One vehicle for each compiled dynamics, with the autopilot that has it.
-_DYNAMICS = (
-    ("multirotor", "quad", "generic"),
-    ("multirotor under PX4", "quad", "px4"),
-    ("multirotor under ArduPilot", "quad", "ardupilot"),
-    ("fixed wing", "fixed-wing", "px4"),
-    ("rover", "rover", "px4"),
-)
+# One vehicle of each kind whose motion is compiled.
+_VEHICLES = ("quad", "fixed-wing", "rover")
 
 
 def warm_up(spec: VehicleSpec) -> None:
@@ -70,10 +65,10 @@ def compile_all(progress: Callable[[str, int, int], None] | None = None) -> None
     progress : callable, optional
         Is told before each of them its name, how many are done, and of how many.
     """
-    for done, (name, vehicle, autopilot) in enumerate(_DYNAMICS):
+    dynamics = _dynamics()
+    for done, (name, spec) in enumerate(dynamics):
         if progress is not None:
-            progress(name, done, len(_DYNAMICS))
-        spec = with_autopilot(get_vehicle(vehicle), autopilot)
+            progress(name, done, len(dynamics))
         warm_up(spec)
         items = (
             MissionItem(22, 3, 0, 0, 0, None, 0.0, 0.0, 2.0),
@@ -82,3 +77,20 @@ def compile_all(progress: Callable[[str, int, int], None] | None = None) -> None
         )
         short = Mission(items, GeoPoint(0.0, 0.0))
         predict_flights([short, short], spec, wind=_WIND)
+
+
+def _dynamics() -> list[tuple[str, VehicleSpec]]:
+    """One vehicle for each class of motion that the installed autopilots use, with a name for readers."""
+    found: dict[type, tuple[str, VehicleSpec]] = {}
+    for vehicle in _VEHICLES:
+        bare = get_vehicle(vehicle)
+        kind = bare.kind.replace("-", " ")
+        flown = {kind: with_autopilot(bare, NO_AUTOPILOT)}
+        for name in autopilot_names():
+            autopilot = get_autopilot(name)
+            if bare.kind in autopilot.firmwares:
+                flown[f"{kind} under {autopilot.title}"] = with_autopilot(bare, name)
+        for title, spec in flown.items():
+            motion = flight_procedures(spec).motion(spec, None, 0.0)
+            found.setdefault(type(motion), (title, spec))
+    return list(found.values())

@@ -1,88 +1,28 @@
-"""What a flight will take, without flying it: the same executor and the same motion, without telemetry."""
+"""Predicted time, energy and path of missions: the executor and motion of a flight, without telemetry."""
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geo.frame import LocalFrame
-from sim_vehicle.autopilot import firmware_of
-from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.epoch import EPOCH_UNIX_S
-from sim_vehicle.errors import VehicleError
-from sim_vehicle.execution.executor import MissionExecutor
-from sim_vehicle.execution.feasibility import mission_problems
-from sim_vehicle.execution.items import item_positions
-from sim_vehicle.execution.state import BatteryDepleted, CannotFly, MissionComplete
-from sim_vehicle.motion.model import MotionEvent
+from sim_vehicle.prediction.flight import PredictedFlight, Prediction, fly_all
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from geo.frame import LocalFrame
     from mission.model import Mission
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.execution.state import FlightEvent
     from sim_vehicle.weather.wind import Wind
 
-__all__ = [
-    "Prediction",
-    "climbs_by_itself",
-    "expected_flights",
-    "home_frame",
-    "predict_flight",
-    "predict_flights",
-    "rehearsals",
-    "without_end",
-]
+__all__ = ["expected_flights", "predict_flight", "predict_flights", "rehearsals"]
 
-_LONGEST_S = 86_400.0
-# Each step of the ideal vehicle is cheap, whatever time it stands for.
-_LONGEST_IDEAL_S = 3e8
-_TRACK_POINTS = 20_000
-# The kernels of all vehicles but the ideal one write their tracks on this grid.
-_GRID_STEPS = 5
-_ENDLESS_WH = 1e6
 _REHEARSAL_SEED = 0x1D8F
 REHEARSAL_PAIRS = 2
 """In how many other gusts, and in as many that blow the other way, `expected_flights` tries a flight."""
-
-
-@dataclass(frozen=True, slots=True)
-class Prediction:
-    """What a mission takes, from the take-off to the end of its last item.
-
-    Parameters
-    ----------
-    duration_s : float
-        Until the mission is complete (on the ground if it ends with a landing), or until it failed.
-    energy_wh : float
-        0 for a vehicle without a power model.
-    battery_fraction : float
-        What is left at the end, 0 to 1.
-    path_length_m : float
-        Flown, climbs included.
-    track_m : float64[n, 3]
-        East, north, up about home, every ``track_step_s`` and at the end.
-    track_step_s : float
-    feasible : bool
-        Whether the vehicle completes the mission with the battery's reserve left.
-    reason : str
-        Why not; empty when feasible.
-    """
-
-    duration_s: float
-    energy_wh: float
-    battery_fraction: float
-    path_length_m: float
-    track_m: NDArray[np.float64]
-    track_step_s: float
-    feasible: bool
-    reason: str
 
 
 def predict_flight(
@@ -129,7 +69,7 @@ def predict_flight(
     >>> flight.feasible, 115.0 < flight.path_length_m < 122.0
     (True, True)
     """
-    flight = _Flight(
+    flight = PredictedFlight(
         mission, spec, wind, frame, track_step_s=track_step_s, epoch_unix_s=epoch_unix_s, endless=endless
     )
     return flight.prediction()
@@ -164,10 +104,12 @@ def predict_flights(
         As `predict_flight`.
     """
     flights = [
-        _Flight(one, spec, wind, frame, track_step_s=track_step_s, epoch_unix_s=epoch_unix_s, endless=endless)
+        PredictedFlight(
+            one, spec, wind, frame, track_step_s=track_step_s, epoch_unix_s=epoch_unix_s, endless=endless
+        )
         for one in missions
     ]
-    _fly_all(flights, threads)
+    fly_all(flights, threads)
     return [flight.prediction() for flight in flights]
 
 
@@ -200,15 +142,17 @@ def expected_flights(
     """
     winds = rehearsals(wind)
     flights = [
-        _Flight(one, spec, air, frame, track_step_s=track_step_s, epoch_unix_s=EPOCH_UNIX_S, endless=endless)
+        PredictedFlight(
+            one, spec, air, frame, track_step_s=track_step_s, epoch_unix_s=EPOCH_UNIX_S, endless=endless
+        )
         for one in missions
         for air in winds
     ]
-    _fly_all(flights, threads)
+    fly_all(flights, threads)
     return [_mean(flights[k : k + len(winds)]) for k in range(0, len(flights), len(winds))]
 
 
-def _mean(flights: list[_Flight]) -> Prediction:
+def _mean(flights: list[PredictedFlight]) -> Prediction:
     """The expected result of a mission that was flown in several winds."""
     predictions = [flight.prediction() for flight in flights]
     done = [one for one, flight in zip(predictions, flights, strict=True) if flight.completed]
@@ -242,172 +186,3 @@ def rehearsals(wind: Wind | None) -> list[Wind | None]:
         return [wind]
     seeds = [np.random.SeedSequence(_REHEARSAL_SEED, spawn_key=(k,)) for k in range(REHEARSAL_PAIRS)]
     return [replace(wind, seed=seed, mirrored=mirrored) for seed in seeds for mirrored in (False, True)]
-
-
-def climbs_by_itself(spec: VehicleSpec) -> bool:
-    """Whether a vehicle climbs first when its mission begins on the ground without a take-off: PX4 does."""
-    firmware = firmware_of(spec)
-    return spec.kind == "multirotor" and firmware is not None and firmware.takes_off
-
-
-def without_end(spec: VehicleSpec) -> VehicleSpec:
-    """Return a vehicle whose battery is never empty."""
-    if spec.battery is None:
-        return spec
-    return replace(spec, battery=replace(spec.battery, capacity_wh=_ENDLESS_WH))
-
-
-def _fly_all(flights: list[_Flight], threads: int) -> None:
-    """Fly together what has something to fly."""
-    flown = [flight for flight in flights if flight.executor is not None]
-    if len(flown) > 1 and not flown[0].spec.is_ideal:
-        if threads > 1:
-            with ThreadPoolExecutor(threads) as pool:
-                _fly_together(flown, pool)
-        else:
-            _fly_together(flown, None)
-
-
-def _fly_together(flights: list[_Flight], pool: ThreadPoolExecutor | None) -> None:
-    # Imported here: the ideal vehicle needs no compiler.
-    from sim_vehicle.motion.batch import VehicleBatch
-
-    executors = [flight.executor for flight in flights if flight.executor is not None]
-    batch = VehicleBatch([executor.motion for executor in executors], pool=pool)
-    courses = [
-        executor.course_through(flight.longest_s) for flight, executor in zip(flights, executors, strict=True)
-    ]
-    steps = np.zeros(len(flights), dtype=np.int64)
-    stops = np.zeros(len(flights), dtype=np.bool_)
-    events: list[MotionEvent | None] = [None] * len(flights)
-    under_way = list(range(len(flights)))
-    while under_way:
-        for k in tuple(under_way):
-            try:
-                event = events[k]
-                steps[k], stops[k] = next(courses[k]) if event is None else courses[k].send(event)
-            except StopIteration as end:
-                flights[k].events = end.value
-                steps[k] = 0
-                under_way.remove(k)
-        found = batch.advance(steps, stop_each=stops)
-        for k in under_way:
-            events[k] = MotionEvent(int(found[k]))
-
-
-class _Flight:
-    """One flight of a mission from home that is predicted."""
-
-    def __init__(
-        self,
-        mission: Mission,
-        spec: VehicleSpec,
-        wind: Wind | None,
-        frame: LocalFrame | None,
-        *,
-        track_step_s: float,
-        epoch_unix_s: float,
-        endless: bool,
-    ) -> None:
-        if not track_step_s > 0.0:
-            msg = f"track_step_s {track_step_s} must be positive"
-            raise VehicleError(msg)
-        self.spec = spec = without_end(spec) if endless else spec
-        self.longest_s = _LONGEST_IDEAL_S if spec.is_ideal else _LONGEST_S
-        self.executor: MissionExecutor | None = None
-        self.events: list[FlightEvent] | None = None
-        self.completed = False
-        self._track_step_s = track_step_s
-        home = frame if frame is not None else home_frame(mission)
-        positions = item_positions(mission.items, home)
-        takes_off = climbs_by_itself(spec)
-        problems = mission_problems(mission.items, positions, spec, needs_takeoff=not takes_off)
-        self._problem = next(iter(problems), None)
-        if self._problem is not None:
-            return
-        self.executor = executor = MissionExecutor(
-            spec, home, wind=wind, takes_off=takes_off, epoch_unix_s=epoch_unix_s
-        )
-        motion = executor.motion
-        tick_s = motion.step_s if spec.is_ideal else motion.step_s * _GRID_STEPS
-        motion.track_every = max(1, round(track_step_s / tick_s))
-        motion.track = np.empty((_TRACK_POINTS, 3))
-        self._track_step_s = motion.track_every * tick_s
-        executor.load(mission.items, positions)
-        executor.arm()
-        executor.start()
-
-    def prediction(self) -> Prediction:
-        """The result of the flight, which is flown now if it was not yet."""
-        executor, spec = self.executor, self.spec
-        if executor is None:
-            assert self._problem is not None
-            track = np.zeros((1, 3))
-            return Prediction(
-                0.0, 0.0, 1.0, 0.0, track, self._track_step_s, feasible=False, reason=self._problem
-            )
-        if self.events is None:
-            self.events = executor.fly_through(self.longest_s)
-        motion, state = executor.motion, executor.state()
-        end_s, reason = self._end(executor, self.events)
-        # What the idling motors take between touch-down and disarming is no part of the mission.
-        energy_j = motion.energy_j
-        if executor.time_s > end_s and spec.power is not None and not reason:
-            idle_w = spec.power.avionics_w + spec.power.camera_w + spec.power.idle_w
-            energy_j -= idle_w * (executor.time_s - end_s)
-        self.completed = not reason
-        fraction, too_little = self.left(energy_j / WH_J)
-        reason = reason or too_little
-        return Prediction(
-            duration_s=end_s,
-            energy_wh=energy_j / WH_J,
-            battery_fraction=fraction,
-            path_length_m=state.path_length_m,
-            track_m=np.vstack([motion.track[: motion.track_points], np.array([state.position_m])]),
-            track_step_s=self._track_step_s,
-            feasible=not reason,
-            reason=reason,
-        )
-
-    def left(self, energy_wh: float) -> tuple[float, str]:
-        """Return the fraction of the battery that is left after so much, and why it is too little."""
-        battery = self.spec.battery
-        if battery is None:
-            return 1.0, ""
-        fraction = min(1.0, max(0.0, 1.0 - energy_wh / battery.capacity_wh))
-        if fraction >= battery.reserve_fraction:
-            return fraction, ""
-        reserve = 100.0 * battery.reserve_fraction
-        left = 100.0 * fraction
-        return fraction, f"{left:.0f} % of the battery is left at the end, the reserve is {reserve:.0f} %"
-
-    @staticmethod
-    def _end(executor: MissionExecutor, events: list[FlightEvent]) -> tuple[float, str]:
-        """Return when the flight ended, and why it did not end well."""
-        for event in events:
-            if isinstance(event, CannotFly):
-                return event.time_s, f"item {event.seq}: {event.reason}"
-            if isinstance(event, BatteryDepleted):
-                item = executor.current_seq
-                return event.time_s, f"the battery is empty after {event.time_s:.0f} s, at item {item}"
-        for event in reversed(events):
-            if isinstance(event, MissionComplete):
-                return event.time_s, ""
-        return executor.time_s, f"item {executor.current_seq} never ends"
-
-
-def home_frame(mission: Mission) -> LocalFrame:
-    """Return the frame about a mission's home, or about its first position.
-
-    Raises
-    ------
-    VehicleError
-        If the mission has neither.
-    """
-    if mission.home is not None:
-        return LocalFrame(mission.home.latitude_deg, mission.home.longitude_deg, mission.home.altitude_m)
-    for item in mission.items:
-        if item.has_place and (item.x, item.y) != (0.0, 0.0):
-            return LocalFrame(item.x, item.y)
-    msg = "the mission has no home and no position: where does it begin?"
-    raise VehicleError(msg)

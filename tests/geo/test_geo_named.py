@@ -3,11 +3,18 @@ from __future__ import annotations
 import string
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from geo.errors import WbfMissionError
-from geo.named import Parameter, ParameterError, check_parameters, parse_named
+from geo.named import (
+    Parameter,
+    ParameterError,
+    check_parameters,
+    format_named,
+    parse_named,
+    split_named,
+)
 
 SCALARS = st.one_of(
     st.booleans(),
@@ -38,6 +45,25 @@ def test_every_value_comes_back(parameters: dict[str, Parameter]) -> None:
     for key, value in parameters.items():
         assert read[key] == value
         assert type(read[key]) is type(value)
+
+
+@given(PARAMETERS)
+@example({"a": "None", "b": "", "c": "-", "d": "1", "e": "a,b]", "f": ("true", None), "g": 1e300})
+def test_what_is_written_is_read_back(parameters: dict[str, Parameter]) -> None:
+    text = format_named("gp", parameters)
+    assert repr(parse_named(text)) == repr(("gp", parameters))
+    assert format_named(*parse_named(text)) == text
+
+
+@given(st.lists(st.tuples(st.sampled_from(["gp", "point", "disk"]), PARAMETERS), min_size=1, max_size=4))
+def test_several_names_in_one_text_are_cut_apart(named: list[tuple[str, dict[str, Parameter]]]) -> None:
+    texts = [format_named(*one) for one in named]
+    assert split_named(", ".join(texts)) == texts
+
+
+def test_a_text_that_cannot_be_cut_is_refused() -> None:
+    with pytest.raises(ParameterError, match="not closed"):
+        split_named('gp:a="b, point')
 
 
 @pytest.mark.parametrize(

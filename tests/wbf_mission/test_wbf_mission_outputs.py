@@ -9,7 +9,9 @@ import pytest
 
 from geo import get_farm, save_farm
 from mission.link.tlog import read_tlog
+from wbf_mission import Scenario, plan
 from wbf_mission.cli.app import main
+from wbf_mission.cli.output import Output
 from wbf_mission.result import load_result
 
 SIM = ["sim", "--no-camera", "--listen", "udpin:127.0.0.1:0", "--speed", "max", "--duration", "2", "-q"]
@@ -160,3 +162,27 @@ def test_a_fault_of_a_vehicle_that_is_not_there_is_refused_before_anything_is_ma
     assert "there is no vehicle 9; the systems are 1, 2" in refused(
         capsys, *SIM, "--count", "2", "--fault", "loss=0.1,vehicle=9"
     )
+
+
+def test_long_planning_is_told_once_where_stderr_is_no_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    now_s = 100.0
+    monkeypatch.setattr("wbf_mission.cli.output.time.monotonic", lambda: now_s)
+    with Output(as_json=False, quiet=False).progress() as progress:
+        progress("planning", 0, 9)
+        progress("planning", 3, 9)
+        assert capsys.readouterr().err == ""
+        now_s += 5.5
+        progress("planning", 4, 9)
+        progress("planning", 5, 9)
+        progress("planning", 9, 9)
+    assert capsys.readouterr().err == "planning ...\n"
+
+
+def test_plan_shows_how_far_the_search_is() -> None:
+    told: list[tuple[str, float, float]] = []
+    plan(Scenario(farm="miniberry-10"), progress=lambda *given: told.append(given))
+    assert len(told) > 1
+    assert {what for what, _, _ in told} == {"planning"}
+    assert all(0 < done <= total for _, done, total in told)

@@ -185,7 +185,8 @@ def test_a_flight_says_what_it_still_does_and_ends_at_the_second_ctrl_c(tmp_path
 
 
 def test_sigterm_in_a_flight_saves_it(tmp_path):
-    arguments = ["--farm", "miniberry-30", "--speed", "2", "--out", "run", "--json", "--no-plots"]
+    arguments = ["--farm", "miniberry-30", "--estimator", "adaptive-disk", "--speed", "2", "--out", "run"]
+    arguments += ["--json", "--no-plots"]
     process = start("fly", *arguments, cwd=tmp_path)
     wait_for(lambda: any(path.stat().st_size > 5_000 for path in tmp_path.rglob("*.tlog")), process)
     process.send_signal(signal.SIGTERM)

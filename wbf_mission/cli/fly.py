@@ -147,7 +147,7 @@ def fly_command(
         else f"{summary['score']:.5f} over the run, {summary['final_score']:.5f} at the end (0 is perfect)",
         "loss a cell at the end": losses or "-",
         **(result.report.rows() if result.report is not None else {}),
-        "observations": f"{summary['observations']} of {summary['cells_observed']} cells",
+        "observations": f"{summary['observations']} of {summary['cells_observed']} different cells",
         "flown": f"{distance(summary['path_length_m'])} in {duration(summary['flight_time_s'])} "
         f"(predicted {duration(summary['predicted_time_s'])})",
         "battery used": "-" if summary["battery_used"] is None else f"{summary['battery_used']:.1%}",

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import math
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -12,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.table import Table
 
-_LONG = ("training the estimator",)
+_TELL_AFTER_S = {"training the estimator": 0.0, "planning": 5.0}
 FILE_WIDTH = 140  # columns of a table that goes to a file or a pipe
 ProgressCallback = Callable[[str, float, float], None]
 
@@ -112,17 +114,21 @@ class Output:
     def progress(self) -> Iterator[ProgressCallback]:
         """Show bars; the callback takes (what is being done, done, total).
 
-        Without a terminal, only what may take a minute is told, in a line when it begins.
+        Without a terminal, only what may take a minute is told, in a line: training when it begins, planning
+        when it is not over after some seconds.
         """
         if self.quiet:
             yield _ignore
             return
         if not self._stderr.is_terminal:
-            told: set[str] = set()
+            due_s: dict[str, float] = {}
 
             def announce(what: str, done: float, total: float) -> None:
-                if what in _LONG and done < total and what not in told:
-                    told.add(what)
+                if what not in _TELL_AFTER_S or done >= total:
+                    return
+                now_s = time.monotonic()
+                if now_s >= due_s.setdefault(what, now_s + _TELL_AFTER_S[what]):
+                    due_s[what] = math.inf
                     self.note(f"{what} ...")
 
             yield announce

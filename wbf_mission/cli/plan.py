@@ -67,7 +67,8 @@ def plan_command(
     refuse_overwrite(out, inputs, suffixes=MISSION_SUFFIXES, force=force)
     with output.progress() as progress:
         progress("planning", 0, 1)
-        result = plan(chosen)
+        result = plan(chosen, progress=progress)
+        progress("planning", 1, 1)
     for warning in result.warnings:
         output.warn(warning)
     if out is not None:

@@ -11,6 +11,8 @@ from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.output import Output
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from sim_vehicle.airframe.spec import VehicleSpec
 
 app = typer.Typer(cls=HelpGroup, help="Look at vehicles: list them, show one with its endurance.")
@@ -54,9 +56,12 @@ def show_command(vehicle: VehicleArgument, json: options.Json = False, quiet: op
     rows = {
         "what": spec.description or "-",
         "kind": spec.kind,
-        "speeds": f"{spec.cruise_speed_m_s:g} m/s cruise, {_fastest(spec)} at most; "
+        "speeds": f"{spec.cruise_speed_m_s:g} m/s cruise, "
+        f"{_by_autopilot(spec, lambda flown: flown.fastest_m_s)} at most; "
         f"{spec.climb_speed_m_s:g} m/s up, {spec.descent_speed_m_s:g} m/s down",
     }
+    if not spec.is_ideal:
+        rows["wind"] = f"below {_by_autopilot(spec, lambda flown: flown.airspeed_limit_m_s)}"
     if spec.power is not None:
         rows["mass"] = f"{spec.power.mass_kg:g} kg"
     if spec.battery is not None and spec.power is not None:
@@ -67,27 +72,27 @@ def show_command(vehicle: VehicleArgument, json: options.Json = False, quiet: op
     Output(as_json=json, quiet=quiet).result(values, rows, title=spec.name)
 
 
-def _fastest(spec: VehicleSpec) -> str:
-    """Tell the greatest speed in still air, as each autopilot flies the vehicle."""
+def _by_autopilot(spec: VehicleSpec, speed: Callable[[VehicleSpec], float]) -> str:
+    """Tell a speed of the vehicle as each autopilot flies it."""
     from sim_vehicle.autopilot import autopilot_names, with_autopilot
 
     speeds: dict[str, list[str]] = {}
     for name in autopilot_names():
-        speeds.setdefault(f"{with_autopilot(spec, name).fastest_m_s:.3g} m/s", []).append(name)
+        speeds.setdefault(f"{speed(with_autopilot(spec, name)):.3g} m/s", []).append(name)
     if len(speeds) == 1:
         return next(iter(speeds))
     return ", ".join(f"{speed} ({', '.join(names)})" for speed, names in speeds.items())
 
 
 def _add_endurance(spec: VehicleSpec, values: dict[str, Any], rows: dict[str, str]) -> None:
-    """Add what the model tells about time and way on one battery, and what the maker tells."""
+    """Add time and distance on one battery by the model, and what the maker publishes."""
     from sim_vehicle.energy.endurance import best_speeds, endurance_s
     from sim_vehicle.energy.power import flight_power_w
 
     battery, power = spec.battery, spec.power
     assert battery is not None
     assert power is not None
-    best = best_speeds(spec)
+    best = best_speeds(spec, least_airspeed_m_s=_least_airspeed_m_s(spec))
     values["best_endurance_min"] = best.endurance_s / 60.0
     values["best_endurance_speed_m_s"] = best.endurance_speed_m_s
     values["best_range_m"] = best.range_m
@@ -113,6 +118,17 @@ def _add_endurance(spec: VehicleSpec, values: dict[str, Any], rows: dict[str, st
         values["model_endurance_min"] = model
         rows["published"] = f"{told.endurance_min:g} min ({told.condition}; {told.source})"
         rows["the model then"] = f"{model:.1f} min"
+
+
+def _least_airspeed_m_s(spec: VehicleSpec) -> float | None:
+    """Return the least airspeed of a fixed wing by its own parameters for the default autopilot, if there."""
+    from sim_vehicle.airframe.autopilot_names import DEFAULT_AUTOPILOT
+    from sim_vehicle.autopilot import fixed_wing_procedures
+
+    if spec.kind != "fixed-wing":
+        return None
+    own = dict(spec.parameters_for(DEFAULT_AUTOPILOT))
+    return own.get(fixed_wing_procedures(spec).least_airspeed)
 
 
 def _summary(spec: VehicleSpec) -> dict[str, Any]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from mission.link.codec.dialect import mavlink as m
 from mission.outcome import Outcome
@@ -102,17 +101,17 @@ class FailureWatch:
     empty_battery: bool = False
     unhealthy: int = 0
 
-    def on_heartbeat(self, message: Any, texts_heard: int) -> None:
+    def on_heartbeat(self, message: m.MAVLink_heartbeat_message, texts_heard: int) -> None:
         """Take a HEARTBEAT of the vehicle, after so many texts."""
         before, self.failsafe = self.failsafe, message.system_status in _FAILSAFE_STATES
         if self.failsafe and not before:
             self.began.append(texts_heard)
 
-    def on_sys_status(self, message: Any) -> None:
+    def on_sys_status(self, message: m.MAVLink_sys_status_message) -> None:
         """Take a SYS_STATUS of the vehicle."""
         self.unhealthy |= message.onboard_control_sensors_enabled & ~message.onboard_control_sensors_health
 
-    def on_battery_status(self, message: Any) -> None:
+    def on_battery_status(self, message: m.MAVLink_battery_status_message) -> None:
         """Take a BATTERY_STATUS of the vehicle."""
         self.low_battery = message.charge_state in _LOW_CHARGE_STATES
         self.empty_battery = message.battery_remaining == 0

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from sensors.camera.wire import ObservationAssembler
 
@@ -40,7 +40,7 @@ class ImageFetch:
         self.due_s = now_s
         return bool(self._assembler.missing())
 
-    def ask(self, now_s: float) -> list[Any]:
+    def ask(self, now_s: float) -> list[Message]:
         """The next requests; none when nothing is missing any more, or it was asked for often enough."""
         missing = self._assembler.missing()[:_AT_ONCE]
         self._rounds += 1

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from enum import Enum
-from typing import Any
 
+from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 
 __all__ = ["Answer", "Order", "result_name"]
@@ -52,14 +52,14 @@ class Order:
         """Whether it was sent as often as it is worth."""
         return self._tries >= _TRIES
 
-    def send(self, now_s: float) -> list[Any]:
+    def send(self, now_s: float) -> list[Message]:
         """Send it, with the number of the try as confirmation."""
         confirmation = self._tries
         self._tries += 1
         self.due_s = now_s + _RETRY_S
         return [m.MAVLink_command_long_message(*self._target, self._command, confirmation, *self._params)]
 
-    def answer(self, message: Any, now_s: float) -> Answer:
+    def answer(self, message: m.MAVLink_command_ack_message, now_s: float) -> Answer:
         """Take a COMMAND_ACK of the vehicle."""
         if message.command != self._command:
             return Answer.NONE

@@ -11,6 +11,7 @@ from typing import Any
 from geo.frame import LocalFrame
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.typed import handler
 from mission.model import Command, Mission, MissionType
 from mission.outcome import Outcome
 from mission.transfer import (
@@ -28,7 +29,7 @@ from wbf_mission.ground.failures import FailureWatch
 from wbf_mission.ground.images import ImageFetch
 from wbf_mission.ground.orders import Answer, Order, result_name
 from wbf_mission.ground.texts import TextLog
-from wbf_mission.ground.tracks import TrackRecorder
+from wbf_mission.ground.tracks import TrackRecorder, TrueState
 from wbf_mission.outcome import Phase, Track
 
 GROUND_SYSTEM_ID = 255
@@ -123,17 +124,21 @@ class GroundStation:
         self._returns = any(item.command in _RETURNS for item in mission.items)
         self._lands = any(item.command == Command.NAV_LAND for item in mission.items)
         self._is_wing = self._is_rover = False
-        self._handlers: dict[int, Callable[[Any, float], list[Any]]] = {
-            m.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
-            m.MAVLINK_MSG_ID_COMMAND_ACK: self._on_ack,
-            m.MAVLINK_MSG_ID_STATUSTEXT: self._on_text,
-            m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._on_position,
-            m.MAVLINK_MSG_ID_BATTERY_STATUS: self._on_battery,
-            m.MAVLINK_MSG_ID_SYS_STATUS: self._on_sys_status,
-            m.MAVLINK_MSG_ID_MISSION_CURRENT: self._on_mission_current,
-            m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._on_landed,
-            m.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: self._on_truth,
-            m.MAVLINK_MSG_ID_SIM_STATE: self._on_truth,
+        self._handlers: dict[int, Callable[[Any, float], list[Message]]] = {
+            **dict(
+                (
+                    handler(m.MAVLink_heartbeat_message, self._on_heartbeat),
+                    handler(m.MAVLink_command_ack_message, self._on_ack),
+                    handler(m.MAVLink_statustext_message, self._on_text),
+                    handler(m.MAVLink_global_position_int_message, self._on_position),
+                    handler(m.MAVLink_battery_status_message, self._on_battery),
+                    handler(m.MAVLink_sys_status_message, self._on_sys_status),
+                    handler(m.MAVLink_mission_current_message, self._on_mission_current),
+                    handler(m.MAVLink_extended_sys_state_message, self._on_landed),
+                    handler(m.MAVLink_hil_state_quaternion_message, self._on_truth),
+                    handler(m.MAVLink_sim_state_message, self._on_truth),
+                )
+            ),
             **dict.fromkeys(CLIENT_MESSAGES, self._on_transfer),
         }
         if assembler is not None:
@@ -158,14 +163,14 @@ class GroundStation:
             return 0.0
         return max(0.0, self._tracks.aloft_ms / 1e3 - self.started_s)
 
-    def receive(self, message: Any, now_s: float) -> list[Any]:
+    def receive(self, message: Message, now_s: float) -> list[Message]:
         """Take one message and return the answers."""
-        handler = self._handlers.get(type(message).id)
-        return handler(message, now_s) if handler is not None else []
+        handle = self._handlers.get(type(message).id)
+        return handle(message, now_s) if handle is not None else []
 
-    def poll(self, now_s: float) -> list[Any]:
+    def poll(self, now_s: float) -> list[Message]:
         """Send what is due: heartbeat, repeated commands, transfer timers, requests for lost images."""
-        out: list[Any] = []
+        out: list[Message] = []
         if self._first_s is None:
             self._first_s = now_s
         if now_s >= self._heartbeat_s:
@@ -222,7 +227,7 @@ class GroundStation:
 
     # What arrives.
 
-    def _on_heartbeat(self, message: Any, now_s: float) -> list[Any]:
+    def _on_heartbeat(self, message: m.MAVLink_heartbeat_message, now_s: float) -> list[Message]:
         if not self._is_vehicle(message):
             return []
         self._is_wing = message.type == m.MAV_TYPE_FIXED_WING
@@ -241,7 +246,7 @@ class GroundStation:
                 self._land(Outcome.COMPLETED, "", now_s)
         return self._ask_for_streams()
 
-    def _ask_for_streams(self) -> list[Any]:
+    def _ask_for_streams(self) -> list[Message]:
         """Ask for telemetry until it comes, where the autopilot sends it to nobody who does not ask."""
         silent, self._silent = self._silent, True
         if not silent or not profile_for(self._autopilot).streams_on_request:
@@ -257,7 +262,7 @@ class GroundStation:
         ]
         return asked
 
-    def _on_mission_current(self, message: Any, now_s: float) -> list[Any]:
+    def _on_mission_current(self, message: m.MAVLink_mission_current_message, now_s: float) -> list[Message]:
         if self._is_vehicle(message):
             self._mission_state = message.mission_state
             self._progress = f" at item {message.seq} of {message.total}"
@@ -268,7 +273,7 @@ class GroundStation:
                 self._land(Outcome.COMPLETED, "", now_s)
         return []
 
-    def _on_position(self, message: Any, now_s: float) -> list[Any]:  # noqa: ARG002
+    def _on_position(self, message: m.MAVLink_global_position_int_message, now_s: float) -> list[Message]:  # noqa: ARG002
         if not self._is_vehicle(message):
             return []
         self._silent = False
@@ -276,22 +281,22 @@ class GroundStation:
             self._tracks.on_position(message, is_rover=self._is_rover)
         return []
 
-    def _on_landed(self, message: Any, now_s: float) -> list[Any]:  # noqa: ARG002
+    def _on_landed(self, message: m.MAVLink_extended_sys_state_message, now_s: float) -> list[Message]:  # noqa: ARG002
         if self._is_vehicle(message):
             self._tracks.on_landed_state(message)
         return []
 
-    def _on_truth(self, message: Any, now_s: float) -> list[Any]:
+    def _on_truth(self, message: TrueState, now_s: float) -> list[Message]:
         if self._is_vehicle(message):
             self._tracks.on_truth(message, now_s, flying=self.phase is Phase.FLIGHT)
         return []
 
-    def _on_sys_status(self, message: Any, now_s: float) -> list[Any]:  # noqa: ARG002
+    def _on_sys_status(self, message: m.MAVLink_sys_status_message, now_s: float) -> list[Message]:  # noqa: ARG002
         if self._is_vehicle(message) and self.phase is Phase.FLIGHT:
             self._failures.on_sys_status(message)
         return []
 
-    def _on_battery(self, message: Any, now_s: float) -> list[Any]:  # noqa: ARG002
+    def _on_battery(self, message: m.MAVLink_battery_status_message, now_s: float) -> list[Message]:  # noqa: ARG002
         if self._is_vehicle(message):
             self._failures.on_battery_status(message)
             if message.battery_remaining >= 0:
@@ -300,22 +305,22 @@ class GroundStation:
                 self.battery.consumed_wh = message.energy_consumed * 100.0 / 3600.0
         return []
 
-    def _on_text(self, message: Any, now_s: float) -> list[Any]:
+    def _on_text(self, message: m.MAVLink_statustext_message, now_s: float) -> list[Message]:
         if self._is_vehicle(message):
             self._texts.on_text(message, now_s)
         return []
 
-    def _on_image(self, message: Any, now_s: float) -> list[Any]:  # noqa: ARG002
+    def _on_image(self, message: Message, now_s: float) -> list[Message]:  # noqa: ARG002
         assert self._assembler is not None
         self._assembler.add(message)
         return []
 
-    def _on_transfer(self, message: Any, now_s: float) -> list[Any]:
+    def _on_transfer(self, message: Message, now_s: float) -> list[Message]:
         if self._transfer is None or self.phase is not Phase.UPLOAD:
             return []
         return self._take(self._transfer.receive(message, now_s), now_s)
 
-    def _on_ack(self, message: Any, now_s: float) -> list[Any]:
+    def _on_ack(self, message: m.MAVLink_command_ack_message, now_s: float) -> list[Message]:
         if self._order is None or not self._is_vehicle(message):
             return []
         answer = self._order.answer(message, now_s)
@@ -334,7 +339,7 @@ class GroundStation:
 
     # What follows.
 
-    def _next_upload(self, now_s: float) -> list[Any]:
+    def _next_upload(self, now_s: float) -> list[Message]:
         if not self._plans:
             return self._give_order(Phase.ARM, m.MAV_CMD_COMPONENT_ARM_DISARM, now_s, 1.0)
         kind = self._plans.popleft()
@@ -349,7 +354,7 @@ class GroundStation:
         )
         return self._take(self._transfer.start(now_s), now_s)
 
-    def _take(self, output: Output, now_s: float) -> list[Any]:
+    def _take(self, output: Output, now_s: float) -> list[Message]:
         out = list(output.messages)
         for event in output.events:
             if isinstance(event, Progress) and self._on_progress is not None:
@@ -367,12 +372,12 @@ class GroundStation:
             self.transfers.append(self._transfer.statistics(now_s))
             self._transfer = None
 
-    def _give_order(self, phase: Phase, command: int, now_s: float, *params: float) -> list[Any]:
+    def _give_order(self, phase: Phase, command: int, now_s: float, *params: float) -> list[Message]:
         self.phase = phase
         self._order = Order(self._vehicle, command, *params)
         return self._order.send(now_s)
 
-    def _repeat_order(self, order: Order, now_s: float) -> list[Any]:
+    def _repeat_order(self, order: Order, now_s: float) -> list[Message]:
         if order.is_given_up:
             self._refused("no answer", now_s)
             return []
@@ -399,5 +404,5 @@ class GroundStation:
         if self.ended_s is None:
             self.ended_s = now_s
 
-    def _is_vehicle(self, message: Any) -> bool:
+    def _is_vehicle(self, message: Message) -> bool:
         return (message.get_srcSystem(), message.get_srcComponent()) == self._vehicle

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from mission.link.codec.dialect import mavlink as m
 
 __all__ = ["TextLog"]
 
@@ -23,7 +23,7 @@ class TextLog:
         self.texts: list[tuple[float, int, str]] = []
         self._chunk = (0, -1)
 
-    def on_text(self, message: Any, now_s: float) -> None:
+    def on_text(self, message: m.MAVLink_statustext_message, now_s: float) -> None:
         """Take a STATUSTEXT: a new text, or the next piece of the last one."""
         number, chunk = message.id, message.chunk_seq
         if self.texts and number and (number, chunk - 1) == self._chunk:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
 
 from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.typed import is_a
 from wbf_mission.outcome import Track
+
+TrueState: TypeAlias = m.MAVLink_hil_state_quaternion_message | m.MAVLink_sim_state_message
 
 __all__ = ["TrackRecorder"]
 
@@ -34,7 +37,7 @@ class TrackRecorder:
         self._ground_mm: int | None = None
         self._grounded = False
 
-    def on_position(self, message: Any, *, is_rover: bool) -> None:
+    def on_position(self, message: m.MAVLink_global_position_int_message, *, is_rover: bool) -> None:
         """Note a GLOBAL_POSITION_INT of the flight."""
         self._fixes.append((message.time_boot_ms, message.lat, message.lon, message.relative_alt))
         off_ground = message.relative_alt > _GROUND_MM or is_rover
@@ -42,13 +45,13 @@ class TrackRecorder:
         if (off_ground or self.aloft_ms > 0) and not self._grounded:
             self.aloft_ms = message.time_boot_ms
 
-    def on_landed_state(self, message: Any) -> None:
+    def on_landed_state(self, message: m.MAVLink_extended_sys_state_message) -> None:
         """Note an EXTENDED_SYS_STATE."""
         self._grounded = message.landed_state == _ON_GROUND
 
-    def on_truth(self, message: Any, now_s: float, *, flying: bool) -> None:
+    def on_truth(self, message: TrueState, now_s: float, *, flying: bool) -> None:
         """Note a HIL_STATE_QUATERNION or SIM_STATE; its height counts from where the vehicle stood first."""
-        if type(message).id == m.MAVLINK_MSG_ID_SIM_STATE:
+        if is_a(message, m.MAVLink_sim_state_message):
             latitude_e7, longitude_e7 = message.lat_int, message.lon_int
             altitude_mm = round(1000.0 * message.alt)
         else:

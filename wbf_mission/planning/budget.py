@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mission.model import Mission
 from mission.planners import Budget, PlannedPath, StepBudget, parse_budget
 from mission.planners.budget import LengthBudget
-from sim_vehicle.prediction.predict import Prediction
+from sim_vehicle.prediction.flight import Prediction
 from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.scenario import ScenarioError
 

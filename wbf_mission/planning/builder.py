@@ -15,7 +15,8 @@ from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import fixed_wing_procedures, with_autopilot
 from sim_vehicle.execution.fixed_wing_items import must_circle
 from sim_vehicle.prediction.battery_swaps import batteries_needed
-from sim_vehicle.prediction.predict import Prediction, expected_flights
+from sim_vehicle.prediction.flight import Prediction
+from sim_vehicle.prediction.predict import expected_flights
 from wbf_mission.scenario import CameraOptions, MissionOptions, Scenario, VehicleOptions, WeatherOptions
 from wbf_mission.weather import FlightLevel, flight_level, wind_of
 

@@ -21,12 +21,19 @@ from sim_vehicle.airframe.spec import VehicleSpec
 from wbf_mission.planning.budget import make_budget
 from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.planning.result import PlanResult
+from wbf_mission.progress import Progress, silent
 from wbf_mission.scenario import Choice, MissionOptions, Scenario, ScenarioError
 from wbf_mission.weather import wind_of
 
 
-def plan(scenario: Scenario) -> PlanResult:
+def plan(scenario: Scenario, *, progress: Progress = silent) -> PlanResult:
     """Plan a scenario, or read the mission that it names.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    progress : callable
+        Told how far the planner's search is: see `wbf_mission.progress.Progress`.
 
     Raises
     ------
@@ -57,6 +64,7 @@ def plan(scenario: Scenario) -> PlanResult:
             if not (land := farm.crop_area(crop)).is_empty
         ),
         seed=sealed_seed(scenario.seed, "planner"),
+        progress=lambda done, total: progress("planning", done, total),
     )
     path = _run_planner(planner, request, str(mission.planner))
     planned = builder.mission(path)
@@ -113,7 +121,7 @@ def _run_planner(planner: Planner, request: PlanningRequest, name: str) -> Plann
 
 def check_wind(builder: MissionBuilder) -> None:
     """Raise ScenarioError if the mean wind at the height of the flight would blow the vehicle away."""
-    vehicle, limit = builder.vehicle, builder.vehicle.fastest_m_s
+    vehicle, limit = builder.vehicle, builder.vehicle.airspeed_limit_m_s
     wind = wind_of(builder.weather, builder.level, gusts=False)
     speed = math.hypot(*wind.mean_at(builder.level.altitude_m))
     if not vehicle.is_ideal and speed >= limit:

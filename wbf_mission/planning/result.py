@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from geo import Farm
 from mission.model import Mission
 from sim_vehicle.airframe.spec import VehicleSpec
-from sim_vehicle.prediction.predict import Prediction
+from sim_vehicle.prediction.flight import Prediction
 
 _CAMERA_STARTS = frozenset({206, 214, 2000})
 

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from geo.named import ParameterError, parse_named
+from geo.named import ParameterError, format_named, parse_named, split_named
 from wbf_mission.scenario.option import ScenarioError
-
-# Commas within quotation marks or brackets part nothing.
-_BETWEEN_COMMAS = re.compile(r'(?:"[^"]*"|\[(?:"[^"]*"|[^\]"])*\]|[^,"\[])+')
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +29,7 @@ class Choice:
     made: Any = None
 
     def __str__(self) -> str:
-        texts = ",".join(f"{key}={_written(value)}" for key, value in self.params.items())
-        return f"{self.name}:{texts}" if texts else self.name
+        return format_named(self.name, self.params)
 
     @property
     def value(self) -> str | dict[str, Any]:
@@ -86,19 +81,6 @@ def choose(value: Any, what: str) -> Choice:
     return Choice(getattr(value, "__name__", type(value).__name__), {}, value)
 
 
-def _written(value: Any) -> str:
-    """Write a parameter's value as `geo.named.parse_named` reads it."""
-    if isinstance(value, (list, tuple)):
-        return "[" + ",".join(_written(one) for one in value) + "]"
-    if value is None or isinstance(value, bool):
-        return str(value).lower()
-    if not isinstance(value, str):
-        return str(value)
-    plain = value.replace("_", "").replace("-", "").isalpha() and value.lower() not in _CONSTANTS
-    return value if plain else f'"{value}"'
-
-
-_CONSTANTS = ("true", "false", "none")
 _EXAMPLE = {"planner": "lawnmower", "estimator": "gp"}
 _OBJECT = {"planner": "a function that plans", "estimator": "an estimator (an object, not its class)"}
 
@@ -111,13 +93,11 @@ def choices_in(text: str, what: str) -> list[Choice]:
     >>> [str(one) for one in choices_in("lawnmower:direction=0.3,inset=1,spiral", "planner")]
     ['lawnmower:direction=0.3,inset=1', 'spiral']
     """
-    found: list[str] = []
-    for part in (word.strip() for word in _BETWEEN_COMMAS.findall(text)):
-        # A further parameter has a value and no name in front of it.
-        if found and "=" in part and ":" not in part.partition("=")[0]:
-            found[-1] += f",{part}"
-        elif part:
-            found.append(part)
+    try:
+        found = split_named(text)
+    except ParameterError as error:
+        msg = f"{what}s: {error}"
+        raise ScenarioError(msg) from None
     if not found:
         msg = f"{what}s {text!r} name nothing: give names separated by commas"
         raise ScenarioError(msg)

@@ -44,7 +44,7 @@ def _codes(message_type: Any) -> list[str]:
 
 
 def _reader(message_type: Any) -> Callable[[Any], Sequence[Any]]:
-    """Return what lists a message's fields in the order of its struct: arrays spread out, text as bytes."""
+    """Return a function that lists a message's fields in struct order: arrays spread out, text as bytes."""
     names = message_type.ordered_fieldnames
     arrays = [k for k, length in enumerate(message_type.lengths) if length > 1]
     texts = {name for name, code in zip(names, _codes(message_type), strict=True) if code.endswith("s")}
@@ -62,7 +62,7 @@ def _reader(message_type: Any) -> Callable[[Any], Sequence[Any]]:
 
 
 def _sorter(message_type: Any) -> Callable[[tuple[Any, ...]], Sequence[Any]]:
-    """Return what brings a struct's numbers into the order of the message's fields, arrays as lists."""
+    """Return a function that brings a struct's numbers into field order, arrays as lists."""
     lengths, orders = message_type.lengths, message_type.orders
     starts = [sum(lengths[:k]) for k in range(len(lengths))]
     pick = itemgetter(

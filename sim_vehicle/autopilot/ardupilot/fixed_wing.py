@@ -76,6 +76,7 @@ class ArduPlane(FixedWingProcedures):
 
     name = "ardupilot"
     parameters = PARAMETERS
+    least_airspeed = "AIRSPEED_MIN"
     takeoff_height = "TKOFF_ALT"
     return_height = "RTL_ALTITUDE"
     land_start_needs_position = True

@@ -79,6 +79,7 @@ class Px4FixedWing(FixedWingProcedures):
 
     name = "px4"
     parameters = PARAMETERS
+    least_airspeed = "FW_AIRSPD_MIN"
     takeoff_height = "MIS_TAKEOFF_ALT"
     return_height = "RTL_RETURN_ALT"
     land_start_needs_position = False

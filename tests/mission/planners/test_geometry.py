@@ -235,3 +235,21 @@ def test_the_work_grows_with_the_parts_of_an_area_and_not_with_their_square(name
     path = make_planner(name)(PlanningRequest(shapely.MultiPolygon(parts), (0, 0), budget, 2.0, seed=3))
     assert len(path.points_m) > 100
     assert sum(calls.values()) <= 2 * sum(len(points) for points in budget.paths)
+
+
+@given(st.integers(1, 3000), st.floats(1.0, 1.2))
+def test_a_search_tells_how_far_it_is(most, exponent):
+    told = []
+    request = PlanningRequest(
+        shapely.box(0, 0, 1, 1),
+        (0, 0),
+        LengthBudget(1000.0),
+        progress=lambda done, total: told.append((done, total)),
+    )
+
+    def build(index):
+        return np.array([[float(index**exponent), 0.0]])
+
+    densest_feasible(request, build, 1, most, what="test")
+    assert [done for done, _ in told] == list(range(1, len(told) + 1))
+    assert all(done <= total <= done + 1 + most.bit_length() for done, total in told)

@@ -183,6 +183,16 @@ def test_nothing_is_fired_in_a_gap() -> None:
     assert [shot.time_us for shot in shots] == [8_000_000, 12_500_000]
 
 
+def test_an_external_trigger_within_a_gap_is_lost_and_one_after_it_is_not() -> None:
+    path = line(5.0)
+    trigger = CameraTrigger()
+    fly(trigger, path, np.arange(0.1, 1.01, 0.1))
+    for time_us in (3_000_000, 6_000_000, 6_050_000):
+        trigger.at(time_us)
+    shots = fly(trigger, path, np.arange(6.0, 8.01, 0.1))
+    assert [shot.time_us for shot in shots] == [6_000_000, 6_050_000]
+
+
 def test_jumps_are_gaps() -> None:
     trigger = started(line(5.0), 0.1)
     far = fix(0.1, lambda t: (50_000.0, 0.0, 0.0, 0.0))

@@ -140,7 +140,7 @@ def test_leaving_the_fence_has_its_action(autopilot, action, mode):
     if mode is Mode.RTL:
         assert rig.pilot.failsafe.fence.breach is Breach.NONE
         assert not rig.pilot.armed
-        assert any("cleared" in text for text in rig.texts)
+        assert sum("cleared" in text for text in rig.texts) == 1
 
 
 @BOTH
@@ -195,6 +195,21 @@ def test_an_exclusion_zone_is_not_entered_for_long():
     rig.run(30.0)
     assert 40.0 < rig.place[0] < 56.0
     assert rig.pilot.mode is Mode.HOLD
+
+
+@pytest.mark.parametrize(("action", "mode"), [(1, None), (2, Mode.HOLD), (5, Mode.LAND)])
+def test_the_fences_own_return_point_is_for_the_action_return_only(action, mode):
+    rig = Rig(PX4, fence_action=action)
+    latitude, longitude = FRAME.to_wgs84(0.0, -20.0)
+    point = MissionItem(5000, 3, x=float(latitude), y=float(longitude), z=15.0)
+    rig.pilot.set_fence([*zone(5001, SQUARE), point])
+    rig.aloft()
+    rig.drift(6.0, 0.0)
+    before = rig.pilot.mode
+    rig.run(30.0)
+    assert rig.place[0] > 50.0
+    assert rig.pilot.mode is (mode or before)
+    assert rig.pilot.failsafe.active is (mode is not None)
 
 
 def test_the_fences_own_return_point():

@@ -67,7 +67,7 @@ def test_it_is_recognised(autopilot, ready, tools):
 def test_plans_come_back_as_they_were_sent_and_changes_are_told(autopilot, ready, tools):
     from mavsdk.plugins.mission_raw import MissionRawError
 
-    flying, _, _, _, raw = ready(autopilot)
+    flying, _, _, _, raw = ready(autopilot, speed=2.0)
     changes = []
     raw.subscribe_mission_changed(lambda changed, _: changes.append(changed))
     mission = tools.raw_items(flying.mission)

@@ -93,7 +93,7 @@ def download(connection, mission_type=0):
 
 
 def test_all_three_plans_up_and_down(autopilot, master, tools):
-    flying, connection = master(autopilot)
+    flying, connection = master(autopilot, speed=2.0)
     ardupilot = autopilot == "ardupilot"
     plans = (flying.mission, tools.fence_about(flying.home), tools.rally_about(flying.home))
     for mission_type, items in enumerate(plans):
@@ -114,7 +114,7 @@ def test_all_three_plans_up_and_down(autopilot, master, tools):
 def test_old_scripts_with_float_items_and_the_waypoint_loader(autopilot, master, tmp_path, tools):
     from pymavlink import mavwp
 
-    flying, connection = master(autopilot)
+    flying, connection = master(autopilot, speed=2.0)
     result, _ = upload(connection, flying.mission, integer=False)
     assert result == 0
     connection.waypoint_request_list_send()

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import argparse
 import functools
-import importlib
 import json
 import math
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from types import ModuleType
 from typing import Any
 
 import numba
@@ -35,24 +34,9 @@ LAWS = {
     "generic": ("quad", "generic"),
     "px4": ("quad", "px4"),
     "arducopter": ("quad", "ardupilot"),
-    "wing": ("wing", "px4"),
+    "fixed wing": ("fixed-wing", "px4"),
     "rover": ("rover", "px4"),
 }
-# Modules with compiled functions, by what they are built on.
-COMPILED = (
-    "power_kernels",
-    "air",
-    "kernel",
-    "px4_smoothing",
-    "px4_kernel",
-    "scurve",
-    "arducopter_control",
-    "arducopter_guidance",
-    "arducopter_kernel",
-    "guidance",
-    "fixed_wing_kernel",
-    "rover_kernel",
-)
 BATCH = 100
 CHUNK = 50
 
@@ -88,7 +72,7 @@ def set_out(law: str, aside_m: float = 0.0) -> MotionModel:
     """Return a vehicle that begins a lawnmower flight."""
     spec = vehicle_of(law)
     motion = flight_procedures(spec).motion(spec, None, 0.0)
-    far = 6.0 if law == "wing" else 1.0
+    far = 6.0 if law == "fixed wing" else 1.0
     legs = [Leg((0.0, 50.0, 30.0), 5.0, heading=KEEP, kind=LegKind.TAKEOFF)]
     legs += [
         Leg((far * x + aside_m, far * y, 30.0), 5.0, radius_m=1.0, kind=LegKind.WAYPOINT)
@@ -120,20 +104,24 @@ def batch_s_per_step(law: str) -> float:
 @contextmanager
 def plain_python() -> Iterator[None]:
     """Run the kernels' sources uncompiled."""
-    modules: list[ModuleType] = [importlib.import_module(f"sim_vehicle.motion.{name}") for name in COMPILED]
-    compiled = [
-        (module, name, value)
-        for module in modules
-        for name, value in vars(module).items()
-        if isinstance(value, numba.core.dispatcher.Dispatcher)
-    ]
+    modules = [module for name, module in sys.modules.items() if name.startswith("sim_vehicle.")]
+    classes = [value for module in modules for value in vars(module).values() if isinstance(value, type)]
+    compiled: list[tuple[Any, str, Any]] = []
+    for holder in (*modules, *dict.fromkeys(classes)):
+        for name, value in vars(holder).items():
+            function = value.__func__ if isinstance(value, staticmethod) else value
+            if isinstance(function, numba.core.dispatcher.Dispatcher):
+                compiled.append((holder, name, value))
     try:
-        for module, name, value in compiled:
-            setattr(module, name, value.py_func)
+        for holder, name, value in compiled:
+            if isinstance(value, staticmethod):
+                setattr(holder, name, staticmethod(value.__func__.py_func))
+            else:
+                setattr(holder, name, value.py_func)
         yield
     finally:
-        for module, name, value in compiled:
-            setattr(module, name, value)
+        for holder, name, value in compiled:
+            setattr(holder, name, value)
 
 
 def executor_rate(plan: Mission, spec: VehicleSpec, look_s: float) -> float:

@@ -82,9 +82,22 @@ def compiled(
 
     dispatcher: Any = njit(inline=inline, nogil=nogil, fastmath=fastmath)(function)
     if dispatcher is not function:
+        _without_literals(dispatcher)
         # As numba's ``enable_caching`` does it.
         dispatcher._cache = _cache_class()(function)
     return dispatcher
+
+
+def _without_literals(dispatcher: Any) -> None:
+    """Compile a function once for all integers; numba would anew for each constant it is called with."""
+    types: Any = import_module("numba.core.types")
+    template = dispatcher.get_call_template
+
+    def get_call_template(args: Any, kws: Any) -> Any:
+        plain = tuple(types.unliteral(one) for one in args)
+        return template(plain, {name: types.unliteral(one) for name, one in kws.items()})
+
+    dispatcher.get_call_template = get_call_template
 
 
 @cache

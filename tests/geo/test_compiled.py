@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import sim_vehicle
-from geo.compiled import _imported, sources_digest
+from geo.compiled import _imported, compiled, sources_digest
 
 OUTER = """
 from geo.compiled import compile_notices, compiled
@@ -91,3 +91,19 @@ def test_the_key_of_a_kernel_covers_what_it_calls():
     assert sources_digest(room / "motion" / "px4" / "kernel.py") != sources_digest(
         room / "motion" / "model.py"
     )
+
+
+def test_a_constant_integer_is_compiled_for_as_any_integer():
+    @compiled
+    def power(x, exponent):
+        value = 1.0
+        for _ in range(exponent):
+            value *= x
+        return value
+
+    @compiled
+    def some(x):
+        return power(x, 2) + power(x, 3) + power(x, int(x))
+
+    assert some(2.0) == 4.0 + 8.0 + 4.0
+    assert len(power.signatures) == 1

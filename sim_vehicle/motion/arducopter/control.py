@@ -60,7 +60,9 @@ from sim_vehicle.motion.arducopter.layout import (
     YAW_ACCEL,
     YAW_RATE,
 )
+from sim_vehicle.motion.columns import HEADING, POSITION
 from sim_vehicle.motion.multirotor.kernel import ROI_NEAR
+from sim_vehicle.motion.rows import clear, copy
 
 Floats = NDArray[np.float64]
 
@@ -242,8 +244,8 @@ def turn(state: Floats, guide: Floats, law: Floats, heading: float, turning: flo
 @compiled
 def stand(state: Floats, guide: Floats) -> None:
     """Stand on the ground with the motors running."""
-    state[2:9] = 0.0
-    guide[PX : PX + 3] = state[0:3]
-    guide[VX : AX + 3] = 0.0
-    guide[INTEGRAL : LEAN + 2] = 0.0
+    clear(state, POSITION + 2, HEADING)
+    copy(guide, PX, state, POSITION, 3)
+    clear(guide, VX, AX + 3)
+    clear(guide, INTEGRAL, LEAN + 2)
     guide[RESET] = 1.0

@@ -82,16 +82,20 @@ from sim_vehicle.motion.arducopter.layout import (
     WP_RADIUS,
 )
 from sim_vehicle.motion.arducopter.scurve import (
+    LENGTH,
     MADE,
     TIME,
     UX,
     change_speed,
     clear_leg,
+    copy_leg,
     end_time,
     make_leg,
     may_turn,
     state_at,
 )
+from sim_vehicle.motion.columns import POSITION
+from sim_vehicle.motion.rows import clear, copy
 
 Floats = NDArray[np.float64]
 
@@ -119,9 +123,9 @@ def _stop_here(state: Floats, guide: Floats, law: Floats) -> None:
         min(abs(vz), law[SPEED_UP] if vz > 0.0 else law[SPEED_DOWN]), law[POS_Z_P], law[ACCEL_Z]
     )
     guide[PX + 2] = max(state[2] + (way if vz > 0.0 else -way), 0.0)
-    guide[VX : AX + 3] = 0.0
-    guide[BEGIN : BEGIN + 3] = guide[PX : PX + 3]
-    guide[END : END + 3] = guide[PX : PX + 3]
+    clear(guide, VX, AX + 3)
+    copy(guide, BEGIN, guide, PX, 3)
+    copy(guide, END, guide, PX, 3)
     guide[INTEGRAL], guide[INTEGRAL + 1] = guide[ASKED], guide[ASKED + 1]
     guide[THRUST_I] = guide[THRUST]
     guide[RESET] = 1.0
@@ -131,8 +135,8 @@ def _stop_here(state: Floats, guide: Floats, law: Floats) -> None:
 @compiled
 def _take_velocity(state: Floats, guide: Floats) -> None:
     """Begin anew from the present place and velocity."""
-    guide[PX : PX + 6] = state[0:6]
-    guide[AX : AX + 3] = 0.0
+    copy(guide, PX, state, POSITION, 6)
+    clear(guide, AX, AX + 3)
     guide[INTEGRAL], guide[INTEGRAL + 1] = guide[ASKED], guide[ASKED + 1]
     guide[THRUST_I] = guide[THRUST]
     guide[RESET] = 1.0
@@ -211,8 +215,8 @@ def begin(
         guide[MODE] = CHORDS
         if before != CHORDS:
             guide[PACE_ARC] = 0.0
-        guide[BEGIN : BEGIN + 3] = guide[END : END + 3]
-        guide[END : END + 3] = row[RX : RZ + 1]
+        copy(guide, BEGIN, guide, END, 3)
+        copy(guide, END, row, RX, 3)
         return
     guide[MODE] = LEGS
     if before == LEGS and faster:
@@ -220,16 +224,16 @@ def begin(
             change_speed(heads[i], curves[i], guide[LEVEL], guide[UP], guide[DOWN])
     if how != SAME:
         if before == LEGS:
-            heads[0], curves[0] = heads[1], curves[1]
+            copy_leg(heads, curves, 0, 1)
         else:
             clear_leg(heads[0])
             guide[FAST] = 0.0
-        guide[BEGIN : BEGIN + 3] = guide[END : END + 3]
-        guide[END : END + 3] = row[RX : RZ + 1]
+        copy(guide, BEGIN, guide, END, 3)
+        copy(guide, END, row, RX, 3)
         if before != LEGS:
             _apart(guide)
         if guide[FAST] != 0.0 and heads[2, TIME] < end_time(heads[2], curves[2]):
-            heads[1], curves[1] = heads[2], curves[2]
+            copy_leg(heads, curves, 1, 2)
         else:
             _make(1, guide[BEGIN : BEGIN + 3], guide[END : END + 3], guide, law, heads, curves)
         clear_leg(heads[2])
@@ -282,20 +286,21 @@ def _lead_legs(guide: Floats, law: Floats, heads: Floats, curves: Floats) -> boo
         heads[0, TIME] = min(heads[0, TIME] + dt, last)
         if heads[0, TIME] >= last:
             heads[0, MADE] = 0.0
-    for k in range(3):
-        guide[PX + k] = guide[BEGIN + k]
-    guide[VX : AX + 3] = 0.0
+    x, y, z = guide[BEGIN], guide[BEGIN + 1], guide[BEGIN + 2]
+    vx = vy = vz = ax = ay = az = 0.0
     for i in range(3):
         if heads[i, MADE] == 0.0 or (i == 2 and not follows):
             continue
         p, v, a = state_at(heads[i], curves[i], heads[i, TIME])
         if i == 0:
-            p -= heads[0, 2]
-        for k in range(3):
-            u = heads[i, UX + k]
-            guide[PX + k] += u * p
-            guide[VX + k] += u * v
-            guide[AX + k] += u * a
+            p -= heads[0, LENGTH]
+        east, north, up = heads[i, UX], heads[i, UX + 1], heads[i, UX + 2]
+        x, y, z = x + east * p, y + north * p, z + up * p
+        vx, vy, vz = vx + east * v, vy + north * v, vz + up * v
+        ax, ay, az = ax + east * a, ay + north * a, az + up * a
+    guide[PX], guide[PX + 1], guide[PX + 2] = x, y, z
+    guide[VX], guide[VX + 1], guide[VX + 2] = vx, vy, vz
+    guide[AX], guide[AX + 1], guide[AX + 2] = ax, ay, az
     return done
 
 
@@ -414,7 +419,7 @@ def lead(
         if done:
             guide[DONE] = 1.0
             if leg + 1 >= len(route) or route[leg + 1, KIND] != ARC:
-                guide[VX : AX + 3] = 0.0
+                clear(guide, VX, AX + 3)
                 guide[PACE_ARC] = 0.0
                 gap = 0.0
                 for k in range(3):
@@ -425,7 +430,7 @@ def lead(
         done = _lead_up(guide, law)
         if done:
             guide[PX + 2] = guide[END + 2]
-            guide[VX : AX + 3] = 0.0
+            clear(guide, VX, AX + 3)
             guide[END], guide[END + 1] = guide[PX], guide[PX + 1]
     elif mode == LANDING:
         _lead_level(guide, law)

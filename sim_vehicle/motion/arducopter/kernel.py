@@ -33,8 +33,9 @@ from sim_vehicle.motion.arducopter.layout import (
     UNTIL,
     UP,
 )
-from sim_vehicle.motion.columns import ENERGY, GRID, NEAR, RAN, REACHED, STALLED, WIND
+from sim_vehicle.motion.columns import ENERGY, GRID, NEAR, POSITION, RAN, REACHED, STALLED, WIND
 from sim_vehicle.motion.multirotor.kernel import SLOWEST, STALL_S
+from sim_vehicle.motion.rows import copy
 from sim_vehicle.weather.gust_kernel import wind_at
 
 Floats = NDArray[np.float64]
@@ -106,7 +107,7 @@ def advance(
                 climb = state[5] - rising
                 state[13] = multirotor_power(power, ux, uy, climb, state[6], state[7], state[8])
             if track_every > 0 and (step // GRID) % track_every == 0 and counters[5] < track.shape[0]:
-                track[counters[5]] = state[0:3]
+                copy(track[counters[5]], 0, state, POSITION, 3)
                 counters[5] += 1
             if counters[3] == 0 and guide[DONE] == 0.0 and not grounded and guide[MODE] != LANDING:
                 if state[14] == inf:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
+from sim_vehicle.motion.rows import clear, copy
 
 Floats = NDArray[np.float64]
 
@@ -175,6 +176,14 @@ def clear_leg(head: Floats) -> None:
 
 
 @compiled
+def copy_leg(heads: Floats, curves: Floats, to: int, source: int) -> None:
+    """Put the leg ``source`` of three in the place of the leg ``to``."""
+    copy(heads[to], 0, heads[source], 0, HEAD)
+    for i in range(SEGMENTS):
+        copy(curves[to, i], 0, curves[source, i], 0, COLUMNS)
+
+
+@compiled
 def make_leg(
     head: Floats,
     curve: Floats,
@@ -212,7 +221,7 @@ def make_leg(
 
 @compiled
 def _make_profile(head: Floats, curve: Floats) -> None:
-    curve[_START, :] = 0.0
+    clear(curve[_START], 0, COLUMNS)
     half = 0.5 * head[LENGTH]
     jerk, ramp, full, middle = _speed_change(head[SNAP], head[JERK], 0.0, head[ACCEL], head[SPEED], half)
     _put_change(curve, _START + 1, jerk, ramp, full, middle)
@@ -239,7 +248,7 @@ def change_speed(head: Floats, curve: Floats, level: float, up: float, down: flo
         # Under way to another speed already: that change takes the place of the first one.
         _put_nothing(curve, _START, _START, _ACCEL_END)
         for i in range(_START + 1, _ACCEL_END + 1):
-            curve[i] = curve[i + 7]
+            copy(curve[i], 0, curve[i + 7], 0, COLUMNS)
     elif curve[_CHANGE_END, 0] < time:
         here = curve[_CHANGE_END, 5] + (time - curve[_CHANGE_END, 0]) * curve[_CHANGE_END, 4]
         _put_nothing(curve, _START, _START, _CHANGE_END)

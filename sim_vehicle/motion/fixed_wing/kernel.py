@@ -13,7 +13,7 @@ from math import atan, atan2, cos, inf, isnan, pi, sin, sqrt, tan
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.energy.power_kernels import wing_power
-from sim_vehicle.motion.columns import ENERGY, GRID, NEAR, RAN, REACHED, STALLED, WIND
+from sim_vehicle.motion.columns import ENERGY, GRID, NEAR, POSITION, RAN, REACHED, STALLED, WIND
 from sim_vehicle.motion.fixed_wing.guidance import (
     NPFG,
     Floats,
@@ -24,6 +24,7 @@ from sim_vehicle.motion.fixed_wing.guidance import (
     switch_distance,
 )
 from sim_vehicle.motion.multirotor.kernel import Integers
+from sim_vehicle.motion.rows import copy
 from sim_vehicle.weather.gust_kernel import wind_at
 
 # beyond the first 19: bank 19, true airspeed 20, climb through the air 21, throttle 22 (0 to 1), pitch 23,
@@ -393,9 +394,9 @@ def _enter(state: Floats, route: Floats, leg: int, step: int, limits: Floats) ->
     state[TURNED], state[BEARING], state[PAUSE_END] = 0.0, float("nan"), inf
     state[GUIDANCE] = 0.0
     if leg > 0 and route[leg - 1, 3] == LINE:
-        state[BEGIN : BEGIN + 3] = route[leg - 1, :3]
+        copy(state, BEGIN, route[leg - 1], 0, 3)
     elif leg > 0 or isnan(state[BEGIN]):
-        state[BEGIN : BEGIN + 3] = state[0:3]
+        copy(state, BEGIN, state, POSITION, 3)
     landing = row[3] in (LANDING, CIRCULAR_LANDING)
     if state[DOING] == FLARE or (state[DOING] == ROLLING and not landing):
         state[DOING] = FLYING if state[DOING] == FLARE else ON_GROUND
@@ -633,7 +634,7 @@ def advance(
 @compiled
 def _settle(state: Floats, row: Floats, limits: Floats) -> None:
     """Choose the circle that is flown after the end of a route."""
-    state[CENTRE : CENTRE + 3] = row[:3]
+    copy(state, CENTRE, row, 0, 3)
     state[CENTRE_RADIUS] = row[7] if row[3] == CIRCLE else limits[LOITER_RADIUS]
     if row[3] == TAKEOFF:
         state[CENTRE], state[CENTRE + 1] = state[0], state[1]

@@ -1,4 +1,4 @@
-"""What a vehicle believes about its place: errors of satellite positions and of the barometer.
+"""What a vehicle believes about its position: errors of satellite positions and of the barometer.
 
 A receiver's error along an axis is a first-order Gauss-Markov process, from the atmosphere and the orbits,
 and white noise, from the receiver; so has it Rankin (*An error model for sensor simulation: GPS and
@@ -91,7 +91,7 @@ class Sensed(NamedTuple):
 
     @classmethod
     def exact(cls, place_m: tuple[float, float, float]) -> Sensed:
-        """Return what sensors without errors tell."""
+        """Return the readings of sensors without errors."""
         return cls(place_m, place_m, place_m, place_m[2])
 
 
@@ -191,7 +191,7 @@ class NavigationErrors:
         )
 
     def sense(self, position_m: tuple[float, float, float], time_s: float) -> Sensed:
-        """Return what the sensors tell of a vehicle that believes to be at a place.
+        """Return the readings of a vehicle that believes to be at a position.
 
         Parameters
         ----------
@@ -219,7 +219,7 @@ class NavigationErrors:
         )
 
     def _row(self, place: float) -> list[float]:
-        """Return the row at a place of the grid, in between that of the straight line."""
+        """Return the row at a position of the grid, in between that of the straight line."""
         index = int(place)
         part = place - index
         first: list[float] = self._at_index(index).tolist()

@@ -123,7 +123,7 @@ class VehicleSpec:
     takeoff_altitude_m, return_altitude_m, max_altitude_m : float
         Default take-off height, least return altitude, and ceiling, all above home.
     max_distance_m : float
-        Farthest allowed place from home.
+        Farthest allowed position from home.
     step_s : float
         Time step of the motion model.
     disarm_delay_s : float

@@ -41,7 +41,7 @@ class Best:
 
 
 def endurance_s(spec: VehicleSpec, airspeed_m_s: float, *, used_fraction: float = 1.0) -> float:
-    """Return how long a vehicle moves steadily until it has used a share of its battery, seconds.
+    """Return the time of steady motion until a vehicle has used a share of its battery, seconds.
 
     Parameters
     ----------

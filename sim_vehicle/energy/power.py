@@ -1,4 +1,4 @@
-"""Electric power by flight state, of rotorcraft, aeroplanes and ground vehicles.
+"""Electric power by flight state, of rotorcraft, fixed wings and ground vehicles.
 
 **Rotorcraft** (`multirotor_power`). Momentum and blade-element theory as in Leishman, *Principles of
 Helicopter Aerodynamics* (2nd ed., 2006, ch. 2 and 5), for a disc that is tilted so that its thrust T carries
@@ -14,7 +14,7 @@ give more thrust by turning faster, hence the power 1.5 of the profile power. Mo
 for a disc that sinks into its own wake; of the power that sinking and braking give back (Vn < 0), `REGAINED`
 is counted, which is what Leishman's measured curve for the vortex ring state (eq. 2.96) gives near hover.
 
-**Aeroplanes** (`wing_power`). Drag from the parabolic polar, with n the load factor of a turn (Anderson,
+**Fixed wings** (`wing_power`). Drag from the parabolic polar, with n the load factor of a turn (Anderson,
 *Aircraft Performance and Design*, 1999, ch. 5)::
 
     D = q S (CD0 + CL^2 / (pi e AR))     CL = n W / (q S)     q = rho V^2 / 2
@@ -51,37 +51,45 @@ if TYPE_CHECKING:
 
     from sim_vehicle.airframe.power_spec import AnyPowerSpec, BatterySpec
 
+# The constants of a power model. All have the mass (kg), the constant power (W), 1 / efficiency and the loss
+# in the battery (1/W). DRAG is drag over V^2; that of a rotorcraft is rho f / 2, and its others are
+# 1 / (2 rho A), k, P0 / W^1.5 and 3 / Utip^2.
 COEFFICIENTS = 9
+MASS, DRAG, INDUCED_FLOW, INDUCED_FACTOR, PROFILE, TIP_SPEED, CONSTANT_POWER, PER_EFFICIENCY, BATTERY_LOSS = (
+    range(COEFFICIENTS)
+)
+# In the same column, of a fixed wing the induced drag times V^2, of a ground vehicle the rolling drag.
+INDUCED_DRAG = ROLLING_DRAG = INDUCED_FLOW
 REGAINED = 0.2
 
 
 def power_coefficients(power: AnyPowerSpec | None, battery: BatterySpec | None = None) -> NDArray[np.float64]:
     """Return the constants of a power model, float64[COEFFICIENTS].
 
-    Of all: mass 0 (kg), constant power 6 (W), 1 / efficiency 7, loss in the battery 8 (1/W). Of a rotorcraft:
-    rho f / 2 1, 1 / (2 rho A) 2, k 3, P0 / W^1.5 4, 3 / Utip^2 5. Of an aeroplane: drag over V^2 1, induced
-    drag times V^2 2. Of a ground vehicle: drag over V^2 1, rolling drag 2. Zeros without a power model.
+    Zeros without a power model.
     """
     numbers = np.zeros(COEFFICIENTS)
     if power is None:
         return numbers
     weight = power.mass_kg * GRAVITY_M_S2
-    numbers[0] = power.mass_kg
-    numbers[1] = 0.5 * AIR_DENSITY_KG_M3 * power.drag_area_m2
-    numbers[6] = power.avionics_w + power.camera_w
-    numbers[7] = 1.0 / power.efficiency
+    numbers[MASS] = power.mass_kg
+    numbers[DRAG] = 0.5 * AIR_DENSITY_KG_M3 * power.drag_area_m2
+    numbers[CONSTANT_POWER] = power.avionics_w + power.camera_w
+    numbers[PER_EFFICIENCY] = 1.0 / power.efficiency
     if battery is not None:
         resistance = battery.resistance_ohm + battery.polarization_ohm
-        numbers[8] = resistance / battery.nominal_voltage_v**2
+        numbers[BATTERY_LOSS] = resistance / battery.nominal_voltage_v**2
     if isinstance(power, PowerSpec):
-        numbers[2] = 0.5 / (AIR_DENSITY_KG_M3 * power.disc_area_m2)
-        numbers[3] = power.induced_factor
-        numbers[4] = profile_power_w(power) / weight**1.5
-        numbers[5] = 3.0 / power.tip_speed_m_s**2
+        numbers[INDUCED_FLOW] = 0.5 / (AIR_DENSITY_KG_M3 * power.disc_area_m2)
+        numbers[INDUCED_FACTOR] = power.induced_factor
+        numbers[PROFILE] = profile_power_w(power) / weight**1.5
+        numbers[TIP_SPEED] = 3.0 / power.tip_speed_m_s**2
     elif isinstance(power, FixedWingPowerSpec):
-        numbers[2] = weight**2 / (0.5 * AIR_DENSITY_KG_M3 * math.pi * power.oswald * power.wing_span_m**2)
+        numbers[INDUCED_DRAG] = weight**2 / (
+            0.5 * AIR_DENSITY_KG_M3 * math.pi * power.oswald * power.wing_span_m**2
+        )
     else:
-        numbers[2] = power.rolling_resistance * weight
+        numbers[ROLLING_DRAG] = power.rolling_resistance * weight
     return numbers
 
 
@@ -112,21 +120,21 @@ def multirotor_power(
     acc_x, acc_y, acc_z : float
         Acceleration.
     """
-    mass = power[0]
+    mass = power[MASS]
     if mass == 0.0:
         return 0.0
     air2 = air_x * air_x + air_y * air_y
     air = sqrt(air2)
-    force_x = power[1] * air * air_x + mass * acc_x
-    force_y = power[1] * air * air_y + mass * acc_y
+    force_x = power[DRAG] * air * air_x + mass * acc_x
+    force_y = power[DRAG] * air * air_y + mass * acc_y
     lift = max(mass * (GRAVITY_M_S2 + acc_z), 0.0)
     thrust2 = force_x * force_x + force_y * force_y + lift * lift
     if thrust2 < 1e-9:
-        return float(power[6])
+        return float(power[CONSTANT_POWER])
     thrust = sqrt(thrust2)
     normal = (force_x * air_x + force_y * air_y + lift * climb) / thrust
     within2 = max(air2 + climb * climb - normal * normal, 0.0)
-    hover2 = thrust * power[2]
+    hover2 = thrust * power[INDUCED_FLOW]
     into = max(normal, 0.0)
     # From above, Newton's steps approach the root without passing it.
     induced = sqrt(hover2)
@@ -137,14 +145,14 @@ def multirotor_power(
         induced -= step
         if step < 1e-6 * induced:
             break
-    shaft = thrust * (power[3] * induced + (normal if normal > 0.0 else REGAINED * normal))
-    shaft += power[4] * thrust * sqrt(thrust) * (1.0 + power[5] * within2)
-    total = power[6] + power[7] * max(shaft, 0.0)
-    return float(total * (1.0 + power[8] * total))
+    shaft = thrust * (power[INDUCED_FACTOR] * induced + (normal if normal > 0.0 else REGAINED * normal))
+    shaft += power[PROFILE] * thrust * sqrt(thrust) * (1.0 + power[TIP_SPEED] * within2)
+    total = power[CONSTANT_POWER] + power[PER_EFFICIENCY] * max(shaft, 0.0)
+    return float(total * (1.0 + power[BATTERY_LOSS] * total))
 
 
 def wing_power(power: NDArray[np.float64], airspeed: float, climb: float, load: float) -> float:
-    """Return the power of an aeroplane, watts from the cells of its battery.
+    """Return the power of a fixed wing, watts from the cells of its battery.
 
     Parameters
     ----------
@@ -158,11 +166,11 @@ def wing_power(power: NDArray[np.float64], airspeed: float, climb: float, load: 
     """
     speed2 = airspeed * airspeed
     if speed2 < 1.0:
-        return float(power[6])
-    drag = power[1] * speed2 + power[2] * load * load / speed2
-    needed = drag * airspeed + power[0] * GRAVITY_M_S2 * climb
-    total = power[6] + power[7] * max(needed, 0.0)
-    return float(total * (1.0 + power[8] * total))
+        return float(power[CONSTANT_POWER])
+    drag = power[DRAG] * speed2 + power[INDUCED_DRAG] * load * load / speed2
+    needed = drag * airspeed + power[MASS] * GRAVITY_M_S2 * climb
+    total = power[CONSTANT_POWER] + power[PER_EFFICIENCY] * max(needed, 0.0)
+    return float(total * (1.0 + power[BATTERY_LOSS] * total))
 
 
 def rover_power(power: NDArray[np.float64], speed: float, airspeed: float, acceleration: float) -> float:
@@ -178,9 +186,9 @@ def rover_power(power: NDArray[np.float64], speed: float, airspeed: float, accel
     acceleration : float
         Along the direction of travel.
     """
-    pull = power[2] + power[1] * airspeed * abs(airspeed) + power[0] * acceleration
-    total = power[6] + power[7] * max(pull * speed, 0.0)
-    return float(total * (1.0 + power[8] * total))
+    pull = power[ROLLING_DRAG] + power[DRAG] * airspeed * abs(airspeed) + power[MASS] * acceleration
+    total = power[CONSTANT_POWER] + power[PER_EFFICIENCY] * max(pull * speed, 0.0)
+    return float(total * (1.0 + power[BATTERY_LOSS] * total))
 
 
 def flight_power_w(
@@ -198,11 +206,11 @@ def flight_power_w(
     ----------
     power : PowerSpec, FixedWingPowerSpec or RoverPowerSpec
     airspeed_m_s : float
-        Horizontal (rotorcraft), along the path (aeroplane) or over ground without wind.
+        Horizontal (rotorcraft), along the path (fixed wing) or over ground without wind.
     climb_m_s : float
         Upward; a ground vehicle does not climb.
     load_factor : float
-        Lift over weight: of an aeroplane in a turn, of a rotorcraft in a vertical acceleration.
+        Lift over weight: of a fixed wing in a turn, of a rotorcraft in a vertical acceleration.
     acceleration_m_s2 : float
         Along the direction of motion.
     battery : BatterySpec, optional

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion.arducopter.model import ArduCopter
 from sim_vehicle.motion.batch_loops import CALL, EVENT, EVERY, FIRST, LOOPS, STEPS, STOPS, WIND_ROWS
-from sim_vehicle.motion.columns import WIND
+from sim_vehicle.motion.columns import STEP, WIND
 from sim_vehicle.motion.fixed_wing.model import FixedWing
 from sim_vehicle.motion.multirotor.model import Multirotor
 from sim_vehicle.motion.px4.model import Px4Multirotor
@@ -69,7 +69,7 @@ class VehicleBatch:
     ----------
     vehicles : sequence of MotionModel
         One or more of the same class. Their arrays become views of the batch's. Of a class that has no loop
-        here (`IdealRobot`), and a multirotor that is not flown by its autopilot's law at the moment, each is
+        here (`IdealRobot`), and a multirotor that is not flown by its autopilot at the moment, each is
         advanced on its own.
     pool : concurrent.futures.Executor, optional
         Threads that share the vehicles; they do not change the result.
@@ -153,9 +153,9 @@ class VehicleBatch:
             return events
         self._adopt()
         members = np.array(together, dtype=np.int64)
-        ends = self.counters[:, 0] + calls[:, STEPS]
+        ends = self.counters[:, STEP] + calls[:, STEPS]
         while len(members):
-            calls[members, STEPS] = ends[members] - self.counters[members, 0]
+            calls[members, STEPS] = ends[members] - self.counters[members, STEP]
             self._call(members)
             events[members] = calls[members, EVENT]
             members = members[events[members] == WIND]
@@ -252,7 +252,7 @@ class VehicleBatch:
         routes = [getattr(self._vehicle(k), self._law.route) for k in range(len(self.vehicles))]
         lengths = [0 if route is None else len(route) for route in routes]
         np.cumsum(lengths, out=self._offsets[1:])
-        # A route of another law has other columns: it is not flown here.
+        # A route of other dynamics has other columns: it is not flown here.
         columns = max((route.shape[1] for k, route in enumerate(routes) if self._is_lawful(k)), default=1)
         self._routes = np.zeros((int(self._offsets[-1]), columns))
         self._arrivals = np.zeros(int(self._offsets[-1]), dtype=np.int64)

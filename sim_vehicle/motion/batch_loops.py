@@ -12,6 +12,7 @@ from geo.compiled import compiled
 from sim_vehicle.motion.arducopter import kernel as arducopter_kernel
 from sim_vehicle.motion.fixed_wing import kernel as fixed_wing_kernel
 from sim_vehicle.motion.multirotor import kernel
+from sim_vehicle.motion.multirotor.kernel import ENERGY_LIMIT
 from sim_vehicle.motion.px4 import kernel as px4_kernel
 from sim_vehicle.motion.rover import kernel as rover_kernel
 
@@ -93,7 +94,7 @@ def _px4(
             guide[k],
             routes[begin:end],
             law[k],
-            limits[k, 11],
+            limits[k, ENERGY_LIMIT],
             power[k],
             wind[k, : call[k, WIND_ROWS]],
             call[k, FIRST],

@@ -2,17 +2,40 @@
 
 from __future__ import annotations
 
-# State, float64: position 0-2, velocity 3-5, acceleration 6-8 (east, north, up), heading and its rate, energy
-# used (J), path length, power (W), step at which the leg is given up (infinity: a new leg), wind, and the
-# position that the nose points at (NaN: none).
-POSITION, VELOCITY, ACCELERATION = 0, 3, 6
-HEADING, YAW_RATE, ENERGY_USED, PATH, POWER, GIVE_UP_STEP, WIND_EAST, WIND_NORTH, LOOK_EAST, LOOK_NORTH = (
-    range(9, 19)
-)
+# State, float64; positions, velocities and accelerations are east, north, up.
+(
+    POSITION_X,
+    POSITION_Y,
+    POSITION_Z,
+    VELOCITY_X,
+    VELOCITY_Y,
+    VELOCITY_Z,
+    ACCELERATION_X,
+    ACCELERATION_Y,
+    ACCELERATION_Z,
+    HEADING,
+    HEADING_RATE,  # Clockwise.
+    ENERGY_USED,  # J.
+    PATH_LENGTH,
+    POWER,  # W.
+    GIVE_UP_STEP,  # Step at which the leg is given up; infinity: a new leg.
+    WIND_EAST,
+    WIND_NORTH,
+    LOOK_EAST,  # Position that the nose points at; NaN: none.
+    LOOK_NORTH,
+) = range(19)
 STATE = 19
-# Counters, int64: steps flown, leg, step of the last motion, whether the end was reached, whether nearness
-# was told, and points of the track.
-STEP, LEG, MOVED_STEP, ARRIVED, NEAR_TOLD, TRACK_POINTS = range(6)
+# Where the three numbers of each begin.
+POSITION, VELOCITY, ACCELERATION = POSITION_X, VELOCITY_X, ACCELERATION_X
+# Counters, int64.
+(
+    STEP,  # Steps flown.
+    LEG_INDEX,
+    MOVED_STEP,  # Step of the last motion.
+    ARRIVED,  # Whether the end was reached.
+    NEAR_TOLD,  # Whether nearness was told.
+    TRACK_POINTS,  # Points of the track.
+) = range(6)
 COUNTERS = 6
 # Why a kernel returns; WIND: its block of the wind is used up.
 RAN, REACHED, WIND, STALLED, ENERGY, NEAR = range(6)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from sim_vehicle.energy.power import power_coefficients
+from sim_vehicle.energy.power import CONSTANT_POWER, power_coefficients
 from sim_vehicle.motion.columns import (
     ARRIVED,
     COUNTERS,
@@ -16,7 +16,8 @@ from sim_vehicle.motion.columns import (
     GIVE_UP_STEP,
     GRID,
     HEADING,
-    LEG,
+    HEADING_RATE,
+    LEG_INDEX,
     MOVED_STEP,
     NEAR_TOLD,
     POSITION,
@@ -27,7 +28,6 @@ from sim_vehicle.motion.columns import (
     WIND,
     WIND_EAST,
     WIND_NORTH,
-    YAW_RATE,
 )
 from sim_vehicle.motion.model import MotionEvent, MotionState
 from sim_vehicle.weather.wind import Wind
@@ -68,7 +68,7 @@ class CompiledMotion(ABC):
         self.state: NDArray[np.float64] = np.zeros(self._state_size)
         self.state[HEADING] = yaw_rad % (2.0 * math.pi)
         self.state[GIVE_UP_STEP] = math.inf
-        self.state[POWER] = self._power[6]
+        self.state[POWER] = self._power[CONSTANT_POWER]
         self.state[WIND_EAST : WIND_NORTH + 1] = self._wind.at(0, 0.0)[:2]
         self.counters: NDArray[np.int64] = np.zeros(COUNTERS, dtype=np.int64)
         self.arrivals: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
@@ -98,7 +98,7 @@ class CompiledMotion(ABC):
     @property
     def leg(self) -> int:
         """Index of the leg that is being flown."""
-        return int(self.counters[LEG])
+        return int(self.counters[LEG_INDEX])
 
     @property
     def position_m(self) -> Position:
@@ -112,9 +112,9 @@ class CompiledMotion(ABC):
         return float(self.state[ENERGY_USED])
 
     def snapshot(self) -> MotionState:
-        """Return how the vehicle moves now."""
+        """Return the motion state now."""
         x, y, z, vx, vy, vz, ax, ay, az, heading, rate, energy, length, power, _, east, north = self.state[
-            :17
+            : WIND_NORTH + 1
         ].tolist()
         return MotionState(
             (x, y, z), (vx, vy, vz), (ax, ay, az), heading, rate, energy, length, power, (east, north)
@@ -124,7 +124,7 @@ class CompiledMotion(ABC):
         assert self._route is not None
         self.arrivals = np.full(len(self._route), -1, dtype=np.int64)
         self.state[GIVE_UP_STEP] = math.inf
-        self.counters[LEG] = 0
+        self.counters[LEG_INDEX] = 0
         self.counters[MOVED_STEP] = self.counters[STEP]
         self.counters[ARRIVED] = self.counters[NEAR_TOLD] = 0
 
@@ -155,7 +155,7 @@ class CompiledMotion(ABC):
 
     def rest(self, steps: int, *, armed: bool) -> None:
         """Stand on the ground for a number of steps: no motion, only the idle power."""
-        power = float(self._power[6]) + (self._idle_w if armed else 0.0)
+        power = float(self._power[CONSTANT_POWER]) + (self._idle_w if armed else 0.0)
         self.state[POWER] = power
         self.state[ENERGY_USED] += power * steps * self.step_s
         self.counters[STEP] += steps
@@ -180,5 +180,5 @@ class CompiledMotion(ABC):
     def touch_down(self) -> None:
         """Stand still on the ground."""
         self.state[POSITION + 2 : HEADING] = 0.0
-        self.state[YAW_RATE] = 0.0
+        self.state[HEADING_RATE] = 0.0
         self._route = None

@@ -2,7 +2,7 @@
 
 The rule (the paper's robot, docs/vehicle-model.md): a robot whose waypoint is at most one step away jumps
 exactly there, and the shortened step still costs a whole time step; otherwise it moves one step along the
-straight line. A waypoint at the place where the robot already is costs a time step, too.
+straight line. A waypoint at the position where the robot already is costs a time step, too.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def ideal_positions(
     velocity: float = 1.0,
     repeat: bool = True,
 ) -> NDArray[np.float64]:
-    """Return where the paper's robot is after each time step.
+    """Return the positions of the paper's robot after each time step.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def ideal_positions(
     steps : int
         Number of time steps.
     start : tuple of float
-        Place before the first step.
+        Position before the first step.
     velocity : float
         Cells a step.
     repeat : bool
@@ -52,7 +52,7 @@ def ideal_positions(
     Returns
     -------
     float64[steps, 2]
-        Places in cells; the observed cell is the place truncated.
+        Positions in cells; the observed cell is the position truncated.
 
     Examples
     --------
@@ -121,7 +121,7 @@ class IdealRobot:
         return self._place
 
     def snapshot(self) -> MotionState:
-        """Return how the vehicle moves now."""
+        """Return the motion state now."""
         return MotionState(
             position_m=self._place,
             velocity_m_s=(*self._velocity, 0.0),
@@ -162,15 +162,15 @@ class IdealRobot:
         height_m: float = math.nan,  # noqa: ARG002
         heading: Heading = KEEP,  # noqa: ARG002
     ) -> None:
-        """Refuse: it only knows places."""
+        """Refuse: it only knows positions."""
         msg = f"vehicle {self.spec.name}: the ideal robot has no velocity control, give it places"
         raise VehicleError(msg)
 
     def look_at(self, position_m: tuple[float, float] | None) -> None:
-        """Nothing: it looks along its way."""
+        """Nothing: it looks along its path."""
 
     def stopping_point(self) -> Position:
-        """Return the place: it stops at once."""
+        """Return the position: it stops at once."""
         return self._place
 
     def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
@@ -219,7 +219,7 @@ class IdealRobot:
         return MotionEvent.RAN
 
     def _record(self, begun: int, moved: int) -> None:
-        """Write the places between ``self.step`` and ``begun + moved`` into the track."""
+        """Write the positions between ``self.step`` and ``begun + moved`` into the track."""
         if not self.track_every or not len(self._legs):
             return
         tx, ty, tz, _ = self._legs[self.leg]

@@ -92,7 +92,7 @@ class MotionModel(Protocol):
         """Energy used since the start."""
 
     def snapshot(self) -> MotionState:
-        """Return how the vehicle moves now."""
+        """Return the motion state now."""
 
     def attitude(self) -> tuple[float, float, float, float] | None:
         """Return roll, pitch, airspeed and throttle; None where they follow from the acceleration."""
@@ -122,7 +122,7 @@ class MotionModel(Protocol):
         """Point the nose at a position (east, north) whatever is flown, None for no more."""
 
     def stopping_point(self) -> Position:
-        """Return where the vehicle comes to rest if it brakes now."""
+        """Return the position of rest if it brakes now."""
 
     def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
         """Fly up to a number of steps, less when something happens."""

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sim_vehicle.errors import VehicleError
+from sim_vehicle.weather.columns import DECAY, LEAK, NOISE_FIRST, NOISE_MIXED, NOISE_SECOND
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -149,13 +150,13 @@ class Turbulence:
         for row, length_m in zip(table, length_scales_m(self.height_m), strict=True):
             part = step_s * self.airspeed_m_s / length_m
             decay = math.exp(-part)
-            row[0], row[1] = decay, decay * part
+            row[DECAY], row[LEAK] = decay, decay * part
             first = -math.expm1(-2.0 * part)
             mixed = 0.5 - decay * decay * (part + 0.5)
             second = 0.5 - decay * decay * (part * part + part + 0.5)
-            row[2] = math.sqrt(first)
-            row[3] = mixed / row[2]
-            row[4] = math.sqrt(max(0.0, second - row[3] * row[3]))
+            row[NOISE_FIRST] = math.sqrt(first)
+            row[NOISE_MIXED] = mixed / row[NOISE_FIRST]
+            row[NOISE_SECOND] = math.sqrt(max(0.0, second - row[NOISE_MIXED] * row[NOISE_MIXED]))
         return table
 
     @staticmethod

@@ -11,6 +11,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
+from sim_vehicle.weather.columns import (
+    AIR_EAST,
+    AIR_NORTH,
+    AIR_UP,
+    DECAY,
+    HAS_DRYDEN,
+    LEAK,
+    MEAN_EAST,
+    MEAN_NORTH,
+    NOISE_FIRST,
+    NOISE_MIXED,
+    NOISE_SECOND,
+    REFERENCE_HEIGHT,
+    SHEAR_LAW,
+    SHEAR_NUMBER,
+)
 
 Floats = NDArray[np.float64]
 
@@ -41,23 +57,27 @@ def wind_at(row: Floats, height_m: float) -> tuple[float, float, float]:
     The mean wind follows its law, between 3 and 1000 ft. Of Dryden's gusts the horizontal ones have the
     intensity of MIL-F-8785C at the height, the vertical one does not depend on it above 10 ft.
     """
-    law = row[5]
-    if law == CONSTANT and row[8] == 0.0:
-        return row[0], row[1], row[2]
+    law = row[SHEAR_LAW]
+    if law == CONSTANT and row[HAS_DRYDEN] == 0.0:
+        return row[AIR_EAST], row[AIR_NORTH], row[AIR_UP]
     mean = 1.0
     height = min(max(height_m, LOWEST_M), HIGHEST_M)
     if law == LOGARITHMIC:
-        mean = log(height / row[6]) / log(row[7] / row[6])
+        mean = log(height / row[SHEAR_NUMBER]) / log(row[REFERENCE_HEIGHT] / row[SHEAR_NUMBER])
     elif law == POWER:
-        mean = (height / row[7]) ** row[6]
+        mean = (height / row[REFERENCE_HEIGHT]) ** row[SHEAR_NUMBER]
     side, rise = 1.0, 1.0
-    if row[8] != 0.0:
+    if row[HAS_DRYDEN] != 0.0:
         height = min(max(height_m, LOWEST_GUST_M), HIGHEST_M)
-        reference = min(max(row[7], LOWEST_GUST_M), HIGHEST_M)
+        reference = min(max(row[REFERENCE_HEIGHT], LOWEST_GUST_M), HIGHEST_M)
         side = (reference_term(reference) / reference_term(height)) ** 0.4
         if height_m < LOWEST_GUST_M:
             rise = max(height_m, 0.0) / LOWEST_GUST_M
-    return row[3] * mean + (row[0] - row[3]) * side, row[4] * mean + (row[1] - row[4]) * side, row[2] * rise
+    return (
+        row[MEAN_EAST] * mean + (row[AIR_EAST] - row[MEAN_EAST]) * side,
+        row[MEAN_NORTH] * mean + (row[AIR_NORTH] - row[MEAN_NORTH]) * side,
+        row[AIR_UP] * rise,
+    )
 
 
 @compiled(inline="always")
@@ -100,18 +120,18 @@ def forming_filters(noise: Floats, filters: Floats, state: Floats) -> Floats:
     direct = sqrt(1.5)
     delayed = (1.0 - sqrt(3.0)) / sqrt(2.0)
     for i in range(noise.shape[0]):
-        state[0] = filters[0, 0] * state[0] + filters[0, 2] * noise[i, 0]
+        state[0] = filters[0, DECAY] * state[0] + filters[0, NOISE_FIRST] * noise[i, 0]
         gust[i, 0] = state[0]
         for k in range(1, 3):
             at = 2 * k - 1
-            decay, leak = filters[k, 0], filters[k, 1]
+            decay, leak = filters[k, DECAY], filters[k, LEAK]
             first, second = state[at], state[at + 1]
-            state[at] = decay * first + filters[k, 2] * noise[i, at]
+            state[at] = decay * first + filters[k, NOISE_FIRST] * noise[i, at]
             state[at + 1] = (
                 decay * second
                 + leak * first
-                + filters[k, 3] * noise[i, at]
-                + filters[k, 4] * noise[i, at + 1]
+                + filters[k, NOISE_MIXED] * noise[i, at]
+                + filters[k, NOISE_SECOND] * noise[i, at + 1]
             )
             gust[i, k] = direct * state[at] + delayed * state[at + 1]
     return gust

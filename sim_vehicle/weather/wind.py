@@ -13,6 +13,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sim_vehicle.errors import VehicleError
+from sim_vehicle.weather.columns import (
+    AIR_EAST,
+    AIR_NORTH,
+    HAS_DRYDEN,
+    MEAN_EAST,
+    MEAN_NORTH,
+    REFERENCE_HEIGHT,
+    SHEAR_LAW,
+    SHEAR_NUMBER,
+    WIND_ROW,
+)
 from sim_vehicle.weather.dryden import Turbulence, intensities_m_s
 
 if TYPE_CHECKING:
@@ -23,7 +34,6 @@ __all__ = ["BLOCK", "GRID_S", "Turbulence", "Wind", "WindSeries", "WindShear"]
 GRID_S = 0.1
 BLOCK = 1024
 # As in sim_vehicle.weather.gust_kernel, which needs the compiler.
-_ROW = 9
 _LAWS = {"log": 1.0, "power": 2.0}
 _LOWEST_M, _HIGHEST_M = 3.0 * 0.3048, 1000.0 * 0.3048
 
@@ -199,15 +209,15 @@ class WindSeries:
         if wind.is_gusty:
             random = np.random.Generator(np.random.PCG64(seed))
             self._gusts = _GaussMarkov(wind, random) if wind.gust_m_s > 0.0 else _Dryden(wind, random)
-        self._rows = np.zeros((BLOCK if wind.is_gusty else 1, _ROW))
-        self._rows[:, 0] = self._rows[:, 3] = wind.east_m_s
-        self._rows[:, 1] = self._rows[:, 4] = wind.north_m_s
+        self._rows = np.zeros((BLOCK if wind.is_gusty else 1, WIND_ROW))
+        self._rows[:, AIR_EAST] = self._rows[:, MEAN_EAST] = wind.east_m_s
+        self._rows[:, AIR_NORTH] = self._rows[:, MEAN_NORTH] = wind.north_m_s
         if wind.shear is not None:
             shear = wind.shear
-            self._rows[:, 5] = _LAWS[shear.law]
-            self._rows[:, 6] = shear.roughness_m if shear.law == "log" else shear.exponent
-        self._rows[:, 7] = wind.height_m
-        self._rows[:, 8] = isinstance(self._gusts, _Dryden)
+            self._rows[:, SHEAR_LAW] = _LAWS[shear.law]
+            self._rows[:, SHEAR_NUMBER] = shear.roughness_m if shear.law == "log" else shear.exponent
+        self._rows[:, REFERENCE_HEIGHT] = wind.height_m
+        self._rows[:, HAS_DRYDEN] = isinstance(self._gusts, _Dryden)
         self._sign = -1.0 if wind.mirrored else 1.0
         self.first = 0
         self.block: NDArray[np.float64] = self._draw()

@@ -60,7 +60,24 @@ from sim_vehicle.motion.arducopter.layout import (
     YAW_ACCEL,
     YAW_RATE,
 )
-from sim_vehicle.motion.columns import HEADING, POSITION
+from sim_vehicle.motion.columns import (
+    ACCELERATION_X,
+    ACCELERATION_Y,
+    ACCELERATION_Z,
+    HEADING,
+    HEADING_RATE,
+    LOOK_EAST,
+    LOOK_NORTH,
+    POSITION,
+    POSITION_X,
+    POSITION_Y,
+    POSITION_Z,
+    VELOCITY_X,
+    VELOCITY_Y,
+    VELOCITY_Z,
+    WIND_EAST,
+    WIND_NORTH,
+)
 from sim_vehicle.motion.multirotor.kernel import ROI_NEAR
 from sim_vehicle.motion.rows import clear, copy
 
@@ -80,7 +97,7 @@ def rooted(error: float, gain: float, limit: float) -> float:
 
 @compiled(inline="always")
 def stopping_way(speed: float, gain: float, limit: float) -> float:
-    """Return the error for which `_rooted` gives a speed: the way in which the controller stops."""
+    """Return the error for which `_rooted` gives a speed: the path in which the controller stops."""
     if speed < limit / gain:
         return speed / gain
     return 0.5 * limit / (gain * gain) + 0.5 * speed * speed / limit
@@ -90,18 +107,18 @@ def stopping_way(speed: float, gain: float, limit: float) -> float:
 def command(state: Floats, guide: Floats, law: Floats) -> None:
     """Position and velocity control: the acceleration that is asked for and the thrust."""
     dt = law[DT]
-    ex, ey = guide[PX] - state[0], guide[PX + 1] - state[1]
+    ex, ey = guide[PX] - state[POSITION_X], guide[PX + 1] - state[POSITION_Y]
     size = sqrt(ex * ex + ey * ey)
     if size > 0.0:
         most = stopping_way(guide[LEVEL], law[POS_P], law[ACCEL])
         if size > most:
             ex, ey, size = ex * most / size, ey * most / size, most
             if guide[MODE] != LEGS:
-                guide[PX], guide[PX + 1] = state[0] + ex, state[1] + ey
+                guide[PX], guide[PX + 1] = state[POSITION_X] + ex, state[POSITION_Y] + ey
         gain = rooted(size, law[POS_P], law[ACCEL]) / size
     else:
         gain = 0.0
-    ez = guide[PX + 2] - state[2]
+    ez = guide[PX + 2] - state[POSITION_Z]
     most = stopping_way(guide[UP] if ez > 0.0 else guide[DOWN], law[POS_Z_P], law[ACCEL_Z])
     ez = min(max(ez, -most), most)
     wx, wy, wz = guide[VX], guide[VX + 1], guide[VX + 2]
@@ -109,9 +126,9 @@ def command(state: Floats, guide: Floats, law: Floats) -> None:
     guide[LAG] = guide[ALONG] = 0.0
     if wanted > 1e-6:
         guide[LAG] = (ex * wx + ey * wy + ez * wz) / wanted
-        guide[ALONG] = (state[3] * wx + state[4] * wy + state[5] * wz) / wanted
-    ux, uy = gain * ex + wx - state[3], gain * ey + wy - state[4]
-    uz = rooted(ez, law[POS_Z_P], law[ACCEL_Z]) + wz - state[5]
+        guide[ALONG] = (state[VELOCITY_X] * wx + state[VELOCITY_Y] * wy + state[VELOCITY_Z] * wz) / wanted
+    ux, uy = gain * ex + wx - state[VELOCITY_X], gain * ey + wy - state[VELOCITY_Y]
+    uz = rooted(ez, law[POS_Z_P], law[ACCEL_Z]) + wz - state[VELOCITY_Z]
     fx, fy, fz = guide[ERROR], guide[ERROR + 1], guide[ERROR_Z]
     if guide[RESET] != 0.0:
         guide[RESET] = 0.0
@@ -169,7 +186,7 @@ def _across_first(ax: float, ay: float, vx: float, vy: float, most: float) -> tu
 
 @compiled
 def move(state: Floats, guide: Floats, law: Floats, rising: float) -> float:
-    """Fly a step: the attitude follows, thrust and drag move the airframe. Returns the way that was flown."""
+    """Fly a step: the attitude follows, thrust and drag move the airframe. Returns the length of the path."""
     dt = law[DT]
     for k in range(2):
         guide[TARGET + k] += law[TARGET_FILTER] * (guide[ASKED + k] - guide[TARGET + k])
@@ -179,7 +196,11 @@ def move(state: Floats, guide: Floats, law: Floats, rising: float) -> float:
     lx, ly = guide[LEAN], guide[LEAN + 1]
     stretch = sqrt(lx * lx + ly * ly + GRAVITY_M_S2 * GRAVITY_M_S2)
     nx, ny, nz = lx / stretch, ly / stretch, GRAVITY_M_S2 / stretch
-    ux, uy, uz = state[3] - state[15], state[4] - state[16], state[5] - rising
+    ux, uy, uz = (
+        state[VELOCITY_X] - state[WIND_EAST],
+        state[VELOCITY_Y] - state[WIND_NORTH],
+        state[VELOCITY_Z] - rising,
+    )
     through = ux * nx + uy * ny + uz * nz
     ux, uy, uz = ux - through * nx, uy - through * ny, uz - through * nz
     drag = law[DRAG] * sqrt(max(share, 0.0) / nz) + law[DRAG_2] * sqrt(ux * ux + uy * uy + uz * uz)
@@ -188,36 +209,36 @@ def move(state: Floats, guide: Floats, law: Floats, rising: float) -> float:
     ay = share * ly - drag * uy - through * ny
     guide[LIFT] = -drag * uz - through * nz
     az = guide[THRUST] + guide[LIFT]
-    mx = dt * (state[3] + 0.5 * dt * ax)
-    my = dt * (state[4] + 0.5 * dt * ay)
-    mz = dt * (state[5] + 0.5 * dt * az)
-    state[0] += mx
-    state[1] += my
-    state[2] += mz
-    state[3] += dt * ax
-    state[4] += dt * ay
-    state[5] += dt * az
-    state[6], state[7], state[8] = ax, ay, az
-    if state[2] < 0.0:
-        mz -= state[2]
-        state[2] = 0.0
-        state[5] = max(state[5], 0.0)
-        state[8] = max(state[8], 0.0)
+    mx = dt * (state[VELOCITY_X] + 0.5 * dt * ax)
+    my = dt * (state[VELOCITY_Y] + 0.5 * dt * ay)
+    mz = dt * (state[VELOCITY_Z] + 0.5 * dt * az)
+    state[POSITION_X] += mx
+    state[POSITION_Y] += my
+    state[POSITION_Z] += mz
+    state[VELOCITY_X] += dt * ax
+    state[VELOCITY_Y] += dt * ay
+    state[VELOCITY_Z] += dt * az
+    state[ACCELERATION_X], state[ACCELERATION_Y], state[ACCELERATION_Z] = ax, ay, az
+    if state[POSITION_Z] < 0.0:
+        mz -= state[POSITION_Z]
+        state[POSITION_Z] = 0.0
+        state[VELOCITY_Z] = max(state[VELOCITY_Z], 0.0)
+        state[ACCELERATION_Z] = max(state[ACCELERATION_Z], 0.0)
     return sqrt(mx * mx + my * my + mz * mz)
 
 
 @compiled
 def turn(state: Floats, guide: Floats, law: Floats, heading: float, turning: float) -> None:
-    """Turn the nose: to a place, at a rate, to a heading, or to where the target goes."""
-    yaw, rate, change = state[9], state[10], law[YAW_ACCEL] * law[DT]
+    """Turn the nose: to a position, at a rate, to a heading, or to where the target goes."""
+    yaw, rate, change = state[HEADING], state[HEADING_RATE], law[YAW_ACCEL] * law[DT]
     wanted = np.nan
-    if not isnan(state[17]):
-        east, north = state[17] - state[0], state[18] - state[1]
+    if not isnan(state[LOOK_EAST]):
+        east, north = state[LOOK_EAST] - state[POSITION_X], state[LOOK_NORTH] - state[POSITION_Y]
         if east * east + north * north > ROI_NEAR * ROI_NEAR:
             wanted = atan2(east, north)
     elif not isnan(turning):
         rate += min(max(min(max(turning, -law[YAW_RATE]), law[YAW_RATE]) - rate, -change), change)
-        state[9], state[10] = (yaw + rate * law[DT]) % (2.0 * pi), rate
+        state[HEADING], state[HEADING_RATE] = (yaw + rate * law[DT]) % (2.0 * pi), rate
         return
     elif not isnan(heading):
         wanted = np.nan if isinf(heading) else heading
@@ -228,17 +249,17 @@ def turn(state: Floats, guide: Floats, law: Floats, heading: float, turning: flo
     if isnan(wanted):
         if rate != 0.0:
             rate -= min(max(rate, -change), change)
-            state[9], state[10] = (yaw + rate * law[DT]) % (2.0 * pi), rate
+            state[HEADING], state[HEADING_RATE] = (yaw + rate * law[DT]) % (2.0 * pi), rate
         return
     error = (wanted - yaw + pi) % (2.0 * pi) - pi
     size = abs(error)
     if size < 1e-6 and abs(rate) < 1e-4:
-        state[9], state[10] = wanted % (2.0 * pi), 0.0
+        state[HEADING], state[HEADING_RATE] = wanted % (2.0 * pi), 0.0
         return
     aim = min(law[YAW_RATE], 2.0 * size, 0.8 * sqrt(2.0 * law[YAW_ACCEL] * size))
     aim = aim if error > 0.0 else -aim
     rate += min(max(aim - rate, -change), change)
-    state[9], state[10] = (yaw + rate * law[DT]) % (2.0 * pi), rate
+    state[HEADING], state[HEADING_RATE] = (yaw + rate * law[DT]) % (2.0 * pi), rate
 
 
 @compiled

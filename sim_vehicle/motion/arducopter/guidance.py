@@ -94,7 +94,15 @@ from sim_vehicle.motion.arducopter.scurve import (
     may_turn,
     state_at,
 )
-from sim_vehicle.motion.columns import POSITION
+from sim_vehicle.motion.columns import (
+    POSITION,
+    POSITION_X,
+    POSITION_Y,
+    POSITION_Z,
+    VELOCITY_X,
+    VELOCITY_Y,
+    VELOCITY_Z,
+)
 from sim_vehicle.motion.rows import clear, copy
 
 Floats = NDArray[np.float64]
@@ -102,7 +110,7 @@ Floats = NDArray[np.float64]
 
 @compiled
 def _shape(change: float, acceleration: float, limit: float, jerk: float, dt: float) -> float:
-    """Return the next acceleration on the way to a change of speed, within limits of it and of its jerk."""
+    """Return the next acceleration of a change of speed, within limits of it and of its jerk."""
     wanted = rooted(change, jerk / limit, jerk)
     most = abs(change) / dt
     wanted = min(max(wanted, -most, -limit), most, limit)
@@ -111,10 +119,10 @@ def _shape(change: float, acceleration: float, limit: float, jerk: float, dt: fl
 
 @compiled
 def _stop_here(state: Floats, guide: Floats, law: Floats) -> None:
-    """Begin anew from the place where the vehicle comes to rest."""
-    vx, vy, vz = state[3], state[4], state[5]
+    """Begin anew from the position where the vehicle comes to rest."""
+    vx, vy, vz = state[VELOCITY_X], state[VELOCITY_Y], state[VELOCITY_Z]
     speed = sqrt(vx * vx + vy * vy)
-    guide[PX], guide[PX + 1] = state[0], state[1]
+    guide[PX], guide[PX + 1] = state[POSITION_X], state[POSITION_Y]
     if speed > 0.0:
         way = stopping_way(min(speed, guide[LEVEL]), law[POS_P], law[ACCEL]) / speed
         guide[PX] += vx * way
@@ -122,7 +130,7 @@ def _stop_here(state: Floats, guide: Floats, law: Floats) -> None:
     way = stopping_way(
         min(abs(vz), law[SPEED_UP] if vz > 0.0 else law[SPEED_DOWN]), law[POS_Z_P], law[ACCEL_Z]
     )
-    guide[PX + 2] = max(state[2] + (way if vz > 0.0 else -way), 0.0)
+    guide[PX + 2] = max(state[POSITION_Z] + (way if vz > 0.0 else -way), 0.0)
     clear(guide, VX, AX + 3)
     copy(guide, BEGIN, guide, PX, 3)
     copy(guide, END, guide, PX, 3)
@@ -134,7 +142,7 @@ def _stop_here(state: Floats, guide: Floats, law: Floats) -> None:
 
 @compiled
 def _take_velocity(state: Floats, guide: Floats) -> None:
-    """Begin anew from the present place and velocity."""
+    """Begin anew from the present position and velocity."""
     copy(guide, PX, state, POSITION, 6)
     clear(guide, AX, AX + 3)
     guide[INTEGRAL], guide[INTEGRAL + 1] = guide[ASKED], guide[ASKED + 1]
@@ -199,7 +207,7 @@ def begin(
         if kind == TAKEOFF:
             guide[MODE] = CLIMBING
             guide[END], guide[END + 1], guide[END + 2] = row[RX], row[RY], row[RZ]
-            if state[2] <= 0.0:
+            if state[POSITION_Z] <= 0.0:
                 guide[UNTIL] = step + law[SPOOL_STEPS]
         else:
             guide[MODE] = LANDING
@@ -312,7 +320,7 @@ def _lead_chord(guide: Floats, law: Floats, route: Floats, leg: int) -> bool:
     for k in range(3):
         left += (guide[END + k] - guide[PX + k]) ** 2
     left = sqrt(left)
-    # What lies ahead within the way that braking takes.
+    # What lies ahead within the braking distance.
     accel = 0.5 * law[ACCEL]
     speed = guide[PACE_ARC]
     top = route[leg, SPEED]
@@ -434,17 +442,21 @@ def lead(
             guide[END], guide[END + 1] = guide[PX], guide[PX + 1]
     elif mode == LANDING:
         _lead_level(guide, law)
-        _lead_down(guide, law, state[2])
+        _lead_down(guide, law, state[POSITION_Z])
         done = False
-        if state[2] <= 0.0:
+        if state[POSITION_Z] <= 0.0:
             guide[MODE] = LANDED
             guide[UNTIL] = step + law[DETECT_STEPS]
             stand(state, guide)
     elif mode == HOLDING:
         if leg + 1 < len(route):
             return True
-        gap = (guide[PX] - state[0]) ** 2 + (guide[PX + 1] - state[1]) ** 2 + (guide[PX + 2] - state[2]) ** 2
-        done = gap < 0.04 and state[3] ** 2 + state[4] ** 2 + state[5] ** 2 < 0.01
+        gap = (
+            (guide[PX] - state[POSITION_X]) ** 2
+            + (guide[PX + 1] - state[POSITION_Y]) ** 2
+            + (guide[PX + 2] - state[POSITION_Z]) ** 2
+        )
+        done = gap < 0.04 and state[VELOCITY_X] ** 2 + state[VELOCITY_Y] ** 2 + state[VELOCITY_Z] ** 2 < 0.01
     else:
         done = mode == LANDED and step >= guide[UNTIL]
     return done

@@ -33,7 +33,35 @@ from sim_vehicle.motion.arducopter.layout import (
     UNTIL,
     UP,
 )
-from sim_vehicle.motion.columns import ENERGY, GRID, NEAR, POSITION, RAN, REACHED, STALLED, WIND
+from sim_vehicle.motion.columns import (
+    ACCELERATION_X,
+    ACCELERATION_Y,
+    ACCELERATION_Z,
+    ARRIVED,
+    ENERGY,
+    ENERGY_USED,
+    GIVE_UP_STEP,
+    GRID,
+    LEG_INDEX,
+    MOVED_STEP,
+    NEAR,
+    NEAR_TOLD,
+    PATH_LENGTH,
+    POSITION,
+    POSITION_Z,
+    POWER,
+    RAN,
+    REACHED,
+    STALLED,
+    STEP,
+    TRACK_POINTS,
+    VELOCITY_X,
+    VELOCITY_Y,
+    VELOCITY_Z,
+    WIND,
+    WIND_EAST,
+    WIND_NORTH,
+)
 from sim_vehicle.motion.multirotor.kernel import SLOWEST, STALL_S
 from sim_vehicle.motion.rows import copy
 from sim_vehicle.weather.gust_kernel import wind_at
@@ -86,10 +114,10 @@ def advance(
     event = RAN
     rising = guide[RISING]
     for _ in range(max_steps):
-        step, leg = counters[0], counters[1]
+        step, leg = counters[STEP], counters[LEG_INDEX]
         if guide[BEGINS] != NOTHING:
             begin(state, guide, law, heads, curves, route, leg, step)
-            state[14] = inf
+            state[GIVE_UP_STEP] = inf
         row = route[leg]
         if step % GRID == 0:
             index = 0
@@ -98,28 +126,36 @@ def advance(
                 if index >= wind.shape[0]:
                     event = WIND
                     break
-            state[15], state[16], rising = wind_at(wind[index], state[2])
-            ux, uy = state[3] - state[15], state[4] - state[16]
+            state[WIND_EAST], state[WIND_NORTH], rising = wind_at(wind[index], state[POSITION_Z])
+            ux, uy = state[VELOCITY_X] - state[WIND_EAST], state[VELOCITY_Y] - state[WIND_NORTH]
             grounded = guide[MODE] == LANDED or (guide[MODE] == CLIMBING and step < guide[UNTIL] < inf)
             if grounded:
-                state[13] = law[STAND_BY]
+                state[POWER] = law[STAND_BY]
             else:
-                climb = state[5] - rising
-                state[13] = multirotor_power(power, ux, uy, climb, state[6], state[7], state[8])
-            if track_every > 0 and (step // GRID) % track_every == 0 and counters[5] < track.shape[0]:
-                copy(track[counters[5]], 0, state, POSITION, 3)
-                counters[5] += 1
-            if counters[3] == 0 and guide[DONE] == 0.0 and not grounded and guide[MODE] != LANDING:
-                if state[14] == inf:
+                climb = state[VELOCITY_Z] - rising
+                state[POWER] = multirotor_power(
+                    power, ux, uy, climb, state[ACCELERATION_X], state[ACCELERATION_Y], state[ACCELERATION_Z]
+                )
+            if (
+                track_every > 0
+                and (step // GRID) % track_every == 0
+                and counters[TRACK_POINTS] < track.shape[0]
+            ):
+                copy(track[counters[TRACK_POINTS]], 0, state, POSITION, 3)
+                counters[TRACK_POINTS] += 1
+            if counters[ARRIVED] == 0 and guide[DONE] == 0.0 and not grounded and guide[MODE] != LANDING:
+                if state[GIVE_UP_STEP] == inf:
                     left = 0.0
                     for k in range(3):
                         left += (row[k] - state[k]) ** 2
                     slowest = min(guide[LEVEL], guide[UP], guide[DOWN], SLOWEST)
-                    state[14] = step + (STALL_S + 1.5 * sqrt(left) / slowest) / dt
-                    counters[2] = step
-                if state[3] ** 2 + state[4] ** 2 + state[5] ** 2 > 0.0025 * min(guide[LEVEL] ** 2, 1.0):
-                    counters[2] = step
-                if (step - counters[2]) * dt > STALL_S or step > state[14]:
+                    state[GIVE_UP_STEP] = step + (STALL_S + 1.5 * sqrt(left) / slowest) / dt
+                    counters[MOVED_STEP] = step
+                if state[VELOCITY_X] ** 2 + state[VELOCITY_Y] ** 2 + state[VELOCITY_Z] ** 2 > 0.0025 * min(
+                    guide[LEVEL] ** 2, 1.0
+                ):
+                    counters[MOVED_STEP] = step
+                if (step - counters[MOVED_STEP]) * dt > STALL_S or step > state[GIVE_UP_STEP]:
                     event = STALLED
                     break
         waits = guide[MODE] == CLIMBING and step < guide[UNTIL] < inf
@@ -127,15 +163,15 @@ def advance(
             stand(state, guide)
         else:
             command(state, guide, law)
-            state[12] += move(state, guide, law, rising)
+            state[PATH_LENGTH] += move(state, guide, law, rising)
         turn(state, guide, law, row[HEADING], row[TURNING])
-        state[11] += state[13] * dt
+        state[ENERGY_USED] += state[POWER] * dt
         step += 1
-        counters[0] = step
+        counters[STEP] = step
         done = False
         if not waits:
             done = lead(state, guide, law, heads, curves, route, leg, step)
-        if counters[3] == 0:
+        if counters[ARRIVED] == 0:
             if done and row[PAUSE] > 0.0 and guide[DONE] != 2.0:
                 guide[DONE] = 2.0
                 guide[UNTIL] = step + round(row[PAUSE] / dt)
@@ -143,23 +179,23 @@ def advance(
                 done = step >= guide[UNTIL]
             if done:
                 arrivals[leg] = step
-                counters[4] = 0
+                counters[NEAR_TOLD] = 0
                 if leg == last:
-                    counters[3] = 1
+                    counters[ARRIVED] = 1
                     event = REACHED
                 else:
-                    counters[1] = leg + 1
+                    counters[LEG_INDEX] = leg + 1
                     guide[BEGINS] = CHAINED
                     if stop_each:
                         event = REACHED
-            elif counters[4] == 0 and row[DISTANCE] > 0.0:
+            elif counters[NEAR_TOLD] == 0 and row[DISTANCE] > 0.0:
                 left = 0.0
                 for k in range(3):
                     left += (row[k] - state[k]) ** 2
                 if left < row[DISTANCE] ** 2:
-                    counters[4] = 1
+                    counters[NEAR_TOLD] = 1
                     event = NEAR
-        if state[11] >= law[CAPACITY]:
+        if state[ENERGY_USED] >= law[CAPACITY]:
             event = ENERGY
         if event != RAN:
             break

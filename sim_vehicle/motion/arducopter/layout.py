@@ -5,29 +5,29 @@ from __future__ import annotations
 # Columns of a route.
 LEG = 10
 RX, RY, RZ, RADIUS, SPEED, HEADING, DISTANCE, KIND, PAUSE, TURNING = range(LEG)
-# Kinds of legs that have a law of their own (`sim_vehicle.motion.legs.LegKind`).
+# Kinds of legs that are flown differently (`sim_vehicle.motion.legs.LegKind`).
 TAKEOFF, HOME, LAND, STAY, ARC = 1, 3, 5, 6, 8
 
-# The guide: desired position 0-2, velocity 3-5 and acceleration 6-8; begin 9-11 and end 12-14 of the leg
+# The guide: desired position, velocity and acceleration, begin and end of the leg, three numbers each
 GUIDE = 45
 PX, VX, AX, BEGIN, END = 0, 3, 6, 9, 12
-# pace of the target 15, error along the track 16 and speed along it 17
+# pace of the target, error along the track and speed along it
 PACE, LAG, ALONG = 15, 16, 17
-# velocity loop: integrator 18-19, filtered error 20-21, its filtered rate 22-23; vertical: filtered error 24,
-# integrator of the thrust 25, thrust over weight 26; whether the filters begin anew 27
+# velocity loop: integrator, filtered error and its filtered rate, two numbers each; vertical: filtered error,
+# integrator of the thrust, thrust over weight; whether the filters begin anew
 INTEGRAL, ERROR, RATE, ERROR_Z, THRUST_I, THRUST, RESET = 18, 20, 22, 24, 25, 26, 27
-# acceleration that is asked for 28-29, that of the attitude target 30-31, and that of the attitude 32-33
+# horizontal acceleration that is asked for, that of the attitude target, and that of the attitude
 ASKED, TARGET, LEAN = 28, 30, 32
-# mode 34, whether the next leg is known 35, speed in use 36-38 (level, up, down), what to begin 39
+# mode, whether the next leg is known, speed in use (level, up, down), what to begin
 MODE, FAST, LEVEL, UP, DOWN, BEGINS = 34, 35, 36, 37, 38, 39
-# step until which it waits 40 (infinity: it does not), whether the way is done 41 (2: the pause runs), speed
-# along chords 42, vertical wind 43, vertical acceleration by drag 44
+# step until which it waits (infinity: it does not), whether the path is done (2: the pause runs), speed along
+# chords, vertical wind, vertical acceleration by drag
 UNTIL, DONE, PACE_ARC, RISING, LIFT = 40, 41, 42, 43, 44
 
 NO_MODE, HOLDING, LEGS, CLIMBING, LANDING, LANDED, CHORDS = range(7)
 NOTHING, CHAINED, SAME, ANEW = range(4)
 
-# The law: what parameters and the airframe decide.
+# The law: constants of control and dynamics that parameters and the airframe decide.
 LAW = 40
 (
     DT,

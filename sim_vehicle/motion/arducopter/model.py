@@ -9,13 +9,27 @@ import numpy as np
 
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.energy.battery import WH_J
+from sim_vehicle.energy.power import CONSTANT_POWER
 from sim_vehicle.motion.arducopter import kernel, scurve
 from sim_vehicle.motion.arducopter import layout as at
 from sim_vehicle.motion.arducopter.control import stopping_way
 from sim_vehicle.motion.arducopter.parameters import drag_of, lookup
-from sim_vehicle.motion.columns import WIND
+from sim_vehicle.motion.columns import (
+    ACCELERATION,
+    ARRIVED,
+    HEADING,
+    POSITION,
+    POSITION_Z,
+    STEP,
+    VELOCITY_X,
+    VELOCITY_Y,
+    WIND,
+    WIND_EAST,
+    WIND_NORTH,
+)
 from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.motion.model import MotionEvent
+from sim_vehicle.motion.multirotor.kernel import ENERGY_LIMIT
 from sim_vehicle.motion.multirotor.model import Multirotor
 
 if TYPE_CHECKING:
@@ -53,7 +67,7 @@ class ArduCopter(Multirotor):
         self.guide: NDArray[np.float64] = np.zeros(at.GUIDE)
         self.heads: NDArray[np.float64] = np.zeros((3, scurve.HEAD))
         self.curves: NDArray[np.float64] = np.zeros((3, scurve.SEGMENTS, scurve.COLUMNS))
-        self.law = _law(spec, self._idle_w + float(self._power[6]))
+        self.law = _law(spec, self._idle_w + float(self._power[CONSTANT_POWER]))
         self.guide[at.LEVEL] = spec.cruise_speed_m_s
         self._rows: NDArray[np.float64] | None = None
 
@@ -78,18 +92,18 @@ class ArduCopter(Multirotor):
         self._begin()
 
     def _follows(self, row: NDArray[np.float64]) -> int:
-        """Return how a leg follows from what is flown now."""
+        """Return the transition to a leg from what is flown now."""
         guide = self.guide
         if self._rows is None or row[at.KIND] == LegKind.CLIMB:
             return at.ANEW
-        target = row[:3]
+        target = row[: at.RZ + 1]
         arrived = guide[at.BEGINS] == at.CHAINED
         end = guide[at.END : at.END + 3]
         if arrived and guide[at.FAST] != 0.0:
             head = self.heads[2]
             ahead = end + head[scurve.LENGTH] * head[scurve.UX : scurve.UZ + 1]
             return at.CHAINED if np.allclose(ahead, target, rtol=0.0, atol=1e-3) else at.ANEW
-        if arrived or self.counters[3]:
+        if arrived or self.counters[ARRIVED]:
             return at.CHAINED
         if guide[at.MODE] == at.LEGS and np.allclose(end, target, rtol=0.0, atol=1e-3):
             return at.SAME
@@ -107,8 +121,8 @@ class ArduCopter(Multirotor):
         super().steer(velocity_m_s, height_m=height_m, heading=heading)
 
     def stopping_point(self) -> Position:
-        """Return where the vehicle comes to rest if it brakes now."""
-        x, y, z, vx, vy, vz = self.state[0:6].tolist()
+        """Return the position of rest if it brakes now."""
+        x, y, z, vx, vy, vz = self.state[POSITION:ACCELERATION].tolist()
         law, guide = self.law, self.guide
         speed = math.hypot(vx, vy)
         if speed > 0.0:
@@ -121,13 +135,13 @@ class ArduCopter(Multirotor):
 
     def attitude(self) -> tuple[float, float, float, float] | None:
         """Return roll, pitch, airspeed and throttle; None where they follow from the acceleration."""
-        if self._rows is None or self.state[2] <= 0.0:
+        if self._rows is None or self.state[POSITION_Z] <= 0.0:
             return None
         state, (east, north) = self.state, self.guide[at.LEAN : at.LEAN + 2].tolist()
-        sine, cosine = math.sin(state[9]), math.cos(state[9])
+        sine, cosine = math.sin(state[HEADING]), math.cos(state[HEADING])
         pitch = -math.atan2(east * sine + north * cosine, GRAVITY_M_S2)
         roll = math.atan2((east * cosine - north * sine) * math.cos(pitch), GRAVITY_M_S2)
-        airspeed = math.hypot(state[3] - state[15], state[4] - state[16])
+        airspeed = math.hypot(state[VELOCITY_X] - state[WIND_EAST], state[VELOCITY_Y] - state[WIND_NORTH])
         stretch = math.sqrt(1.0 + (east * east + north * north) / GRAVITY_M_S2**2)
         thrust = (1.0 + float(self.guide[at.THRUST]) / GRAVITY_M_S2) * stretch
         return roll, pitch, airspeed, min(max(_HOVER_THROTTLE * thrust, 0.0), 1.0)
@@ -137,7 +151,7 @@ class ArduCopter(Multirotor):
         rows = self._rows
         if rows is None:
             return super().advance(max_steps, stop_each=stop_each)
-        end = int(self.counters[0]) + max_steps
+        end = int(self.counters[STEP]) + max_steps
         while True:
             event = kernel.advance(
                 self.state,
@@ -150,7 +164,7 @@ class ArduCopter(Multirotor):
                 self._power,
                 self._wind.block,
                 self._wind.first,
-                end - int(self.counters[0]),
+                end - int(self.counters[STEP]),
                 stop_each,
                 self.arrivals,
                 self.track,
@@ -168,7 +182,7 @@ class ArduCopter(Multirotor):
     def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults, limits and parameters; they hold from the next leg on."""
         super().update_spec(spec)
-        capacity = self._limits[11]
+        capacity = self._limits[ENERGY_LIMIT]
         self.law = _law(spec, float(self.law[at.STAND_BY]))
         self.law[at.CAPACITY] = capacity
 
@@ -187,7 +201,7 @@ class ArduCopter(Multirotor):
 
 
 def _law(spec: VehicleSpec, stand_by_w: float) -> NDArray[np.float64]:
-    """Return the law of motion in the order of the kernel."""
+    """Return the constants of control and dynamics in the order of the kernel."""
     get = lookup(spec)
     dt = spec.step_s
     law = np.zeros(at.LAW)
@@ -244,5 +258,5 @@ def _law(spec: VehicleSpec, stand_by_w: float) -> NDArray[np.float64]:
 
 
 def _share(dt: float, frequency_hz: float) -> float:
-    """Return what a low-pass filter takes over in a step; a frequency of 0 is no filter."""
+    """Return the share that a low-pass filter takes over in a step; a frequency of 0 is no filter."""
     return 1.0 - math.exp(-2.0 * math.pi * frequency_hz * dt) if frequency_hz > 0.0 else 1.0

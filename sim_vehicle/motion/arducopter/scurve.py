@@ -20,13 +20,19 @@ from sim_vehicle.motion.rows import clear, copy
 
 Floats = NDArray[np.float64]
 
-# head: time 0, whether there is a profile 1, length 2, direction 3-5, length of its horizontal 6 and rise 7,
-# snap 8, jerk 9, speed 10, acceleration 11, vertical acceleration 12
+# Head of a profile: the time along it, whether there is one (MADE), its length and direction, the horizontal
+# part of the length and its rise, and the limits along it.
 HEAD = 13
 TIME, MADE, LENGTH, UX, UY, UZ, FLAT, RISE, SNAP, JERK, SPEED, ACCEL, ACCEL_Z = range(HEAD)
-# segment: time at its end 0, shape of its jerk 1 (0 constant, 1 rising, -1 falling), jerk 2, and at its end
-# acceleration 3, speed 4, place 5
 SEGMENTS, COLUMNS = 23, 6
+(
+    SEGMENT_TIME,  # At its end, as acceleration, speed and position.
+    SEGMENT_SHAPE,  # Of its jerk: 0 constant, 1 rising, -1 falling.
+    SEGMENT_JERK,
+    SEGMENT_ACCELERATION,
+    SEGMENT_SPEED,
+    SEGMENT_POSITION,
+) = range(COLUMNS)
 _START, _ACCEL_TOP, _ACCEL_END, _CHANGE_END, _CRUISE, _END = 0, 4, 7, 14, 15, 22
 # What a number must reach to count as positive (single precision, as the autopilot computes).
 _TINY = 1.1920929e-7
@@ -105,7 +111,7 @@ def _peak_acceleration(jerk: float, ramp: float, v0: float, length: float) -> fl
 def _within(
     shape: float, jerk: float, whole: float, t: float, a: float, v: float, p: float
 ) -> tuple[float, float, float]:
-    """Return acceleration, speed and place a time after the begin of a segment that lasts ``whole``."""
+    """Return acceleration, speed and position a time after the begin of a segment that lasts ``whole``."""
     if shape == 0.0 or whole <= 0.0:
         return (
             a + jerk * t,
@@ -130,8 +136,23 @@ def _put(curve: Floats, i: int, shape: float, lasts: float, jerk: float) -> None
     before, row = curve[i - 1], curve[i]
     if lasts < _TINY:
         shape, lasts = 0.0, 0.0
-    a, v, p = _within(shape, jerk, lasts, lasts, before[3], before[4], before[5])
-    row[0], row[1], row[2], row[3], row[4], row[5] = before[0] + lasts, shape, jerk, a, v, p
+    a, v, p = _within(
+        shape,
+        jerk,
+        lasts,
+        lasts,
+        before[SEGMENT_ACCELERATION],
+        before[SEGMENT_SPEED],
+        before[SEGMENT_POSITION],
+    )
+    (
+        row[SEGMENT_TIME],
+        row[SEGMENT_SHAPE],
+        row[SEGMENT_JERK],
+        row[SEGMENT_ACCELERATION],
+        row[SEGMENT_SPEED],
+        row[SEGMENT_POSITION],
+    ) = before[SEGMENT_TIME] + lasts, shape, jerk, a, v, p
 
 
 @compiled
@@ -144,29 +165,37 @@ def _put_change(curve: Floats, i: int, jerk: float, ramp: float, full: float, mi
     _put(curve, i + 4, 1.0, ramp, -jerk)
     _put(curve, i + 5, 0.0, full, -jerk)
     _put(curve, i + 6, -1.0, ramp, -jerk)
-    curve[i + 6, 3] = 0.0
-    curve[i + 6, 4] = max(curve[i + 6, 4], 0.0)
+    curve[i + 6, SEGMENT_ACCELERATION] = 0.0
+    curve[i + 6, SEGMENT_SPEED] = max(curve[i + 6, SEGMENT_SPEED], 0.0)
 
 
 @compiled
 def _put_nothing(curve: Floats, first: int, last: int, source: int) -> None:
     """Make the segments ``first`` to ``last`` empty ones after the segment ``source``."""
     for i in range(first, last + 1):
-        curve[i, 0], curve[i, 1], curve[i, 2], curve[i, 3] = curve[source, 0], 0.0, 0.0, 0.0
-        curve[i, 4], curve[i, 5] = curve[source, 4], curve[source, 5]
+        (
+            curve[i, SEGMENT_TIME],
+            curve[i, SEGMENT_SHAPE],
+            curve[i, SEGMENT_JERK],
+            curve[i, SEGMENT_ACCELERATION],
+        ) = curve[source, SEGMENT_TIME], 0.0, 0.0, 0.0
+        curve[i, SEGMENT_SPEED], curve[i, SEGMENT_POSITION] = (
+            curve[source, SEGMENT_SPEED],
+            curve[source, SEGMENT_POSITION],
+        )
 
 
 @compiled
 def _put_end(head: Floats, curve: Floats, length: float) -> None:
     """Brake from the cruise within a length, and cruise so long that the profile ends where the leg ends."""
-    speed = curve[_CRUISE, 4]
+    speed = curve[_CRUISE, SEGMENT_SPEED]
     jerk, ramp, full, middle = _speed_change(head[SNAP], head[JERK], 0.0, head[ACCEL], speed, length)
     _put_change(curve, _CRUISE + 1, -jerk, ramp, full, middle)
-    left = max(0.0, head[LENGTH] - curve[_END, 5])
+    left = max(0.0, head[LENGTH] - curve[_END, SEGMENT_POSITION])
     lasts = left / speed if speed > _TINY else 0.0
     for i in range(_CRUISE, _END + 1):
-        curve[i, 0] += lasts
-        curve[i, 5] += left
+        curve[i, SEGMENT_TIME] += lasts
+        curve[i, SEGMENT_POSITION] += left
 
 
 @compiled
@@ -239,46 +268,49 @@ def change_speed(head: Floats, curve: Floats, level: float, up: float, down: flo
         return
     head[SPEED] = speed
     time = head[TIME]
-    if time >= curve[_CRUISE, 0]:
+    if time >= curve[_CRUISE, SEGMENT_TIME]:
         return
     if time < _TINY:
         _make_profile(head, curve)
         return
-    if curve[_ACCEL_END, 0] <= time <= curve[_CHANGE_END, 0]:
+    if curve[_ACCEL_END, SEGMENT_TIME] <= time <= curve[_CHANGE_END, SEGMENT_TIME]:
         # Under way to another speed already: that change takes the place of the first one.
         _put_nothing(curve, _START, _START, _ACCEL_END)
         for i in range(_START + 1, _ACCEL_END + 1):
             copy(curve[i], 0, curve[i + 7], 0, COLUMNS)
-    elif curve[_CHANGE_END, 0] < time:
-        here = curve[_CHANGE_END, 5] + (time - curve[_CHANGE_END, 0]) * curve[_CHANGE_END, 4]
+    elif curve[_CHANGE_END, SEGMENT_TIME] < time:
+        here = (
+            curve[_CHANGE_END, SEGMENT_POSITION]
+            + (time - curve[_CHANGE_END, SEGMENT_TIME]) * curve[_CHANGE_END, SEGMENT_SPEED]
+        )
         _put_nothing(curve, _START, _START, _CHANGE_END)
         _put_nothing(curve, _START + 1, _START + 1, _START)
-        curve[_START + 1, 0], curve[_START + 1, 5] = time, here
+        curve[_START + 1, SEGMENT_TIME], curve[_START + 1, SEGMENT_POSITION] = time, here
         _put_nothing(curve, _START + 2, _ACCEL_END, _START + 1)
-    brakes = curve[_CRUISE, 5]
-    top, before = curve[_ACCEL_TOP, 0], curve[_ACCEL_TOP - 1, 0]
-    accel = curve[_ACCEL_TOP, 3]
+    brakes = curve[_CRUISE, SEGMENT_POSITION]
+    top, before = curve[_ACCEL_TOP, SEGMENT_TIME], curve[_ACCEL_TOP - 1, SEGMENT_TIME]
+    accel = curve[_ACCEL_TOP, SEGMENT_ACCELERATION]
     half = 0.5 * head[LENGTH]
-    if time <= top and top - before >= _TINY and speed < curve[_ACCEL_END, 4] and accel >= _TINY:
+    if time <= top and top - before >= _TINY and speed < curve[_ACCEL_END, SEGMENT_SPEED] and accel >= _TINY:
         # Still at full acceleration: cut that short.
-        least = curve[_ACCEL_END, 4] - accel * (top - max(time, before))
+        least = curve[_ACCEL_END, SEGMENT_SPEED] - accel * (top - max(time, before))
         jerk, ramp, full, middle = _speed_change(
-            head[SNAP], head[JERK], curve[_START, 4], head[ACCEL], max(least, speed), half
+            head[SNAP], head[JERK], curve[_START, SEGMENT_SPEED], head[ACCEL], max(least, speed), half
         )
         _put_change(curve, _START + 1, jerk, ramp, full, middle)
         _put_nothing(curve, _ACCEL_END + 1, _CRUISE, _ACCEL_END)
         _put_end(head, curve, half)
-        brakes = curve[_CRUISE, 5]
+        brakes = curve[_CRUISE, SEGMENT_POSITION]
     _put_nothing(curve, _ACCEL_END + 1, _CHANGE_END, _ACCEL_END)
-    _change_under_way(head, curve, speed, brakes - curve[_ACCEL_END, 5])
+    _change_under_way(head, curve, speed, brakes - curve[_ACCEL_END, SEGMENT_POSITION])
     _put_nothing(curve, _CRUISE, _CRUISE, _CHANGE_END)
-    _put_end(head, curve, head[LENGTH] - curve[_CRUISE, 5])
+    _put_end(head, curve, head[LENGTH] - curve[_CRUISE, SEGMENT_POSITION])
 
 
 @compiled
 def _change_under_way(head: Floats, curve: Floats, speed: float, room: float) -> None:
     """Change the speed after the first acceleration, if what is left before the braking is long enough."""
-    now = curve[_ACCEL_END, 4]
+    now = curve[_ACCEL_END, SEGMENT_SPEED]
     snap, limit, accel = head[SNAP], head[JERK], head[ACCEL]
     if abs(speed - now) < _TINY or room <= 0.0 or now < _TINY:
         return
@@ -290,31 +322,39 @@ def _change_under_way(head: Floats, curve: Floats, speed: float, room: float) ->
         sign, low, high = -1.0, speed, now
     jerk, ramp, full, middle = _speed_change(snap, limit, low, accel, high, 0.5 * room)
     _put_change(curve, _ACCEL_END + 1, sign * jerk, ramp, full, middle)
-    if curve[_CHANGE_END, 5] - curve[_ACCEL_END, 5] > room:
+    if curve[_CHANGE_END, SEGMENT_POSITION] - curve[_ACCEL_END, SEGMENT_POSITION] > room:
         _put_nothing(curve, _ACCEL_END + 1, _CHANGE_END, _ACCEL_END)
 
 
 @compiled
 def state_at(head: Floats, curve: Floats, time: float) -> tuple[float, float, float]:
-    """Return place along the leg, speed and acceleration at a time."""
+    """Return position along the leg, speed and acceleration at a time."""
     if head[MADE] == 0.0:
         return 0.0, 0.0, 0.0
-    if time >= curve[_END, 0]:
-        return curve[_END, 5], curve[_END, 4], curve[_END, 3]
+    if time >= curve[_END, SEGMENT_TIME]:
+        return curve[_END, SEGMENT_POSITION], curve[_END, SEGMENT_SPEED], curve[_END, SEGMENT_ACCELERATION]
     i = 0
-    while time >= curve[i, 0]:
+    while time >= curve[i, SEGMENT_TIME]:
         i += 1
     if i == 0:
-        return curve[0, 5], curve[0, 4], curve[0, 3]
+        return curve[0, SEGMENT_POSITION], curve[0, SEGMENT_SPEED], curve[0, SEGMENT_ACCELERATION]
     before, row = curve[i - 1], curve[i]
-    a, v, p = _within(row[1], row[2], row[0] - before[0], time - before[0], before[3], before[4], before[5])
+    a, v, p = _within(
+        row[SEGMENT_SHAPE],
+        row[SEGMENT_JERK],
+        row[SEGMENT_TIME] - before[SEGMENT_TIME],
+        time - before[SEGMENT_TIME],
+        before[SEGMENT_ACCELERATION],
+        before[SEGMENT_SPEED],
+        before[SEGMENT_POSITION],
+    )
     return max(p, 0.0), v, a
 
 
 @compiled(inline="always")
 def end_time(head: Floats, curve: Floats) -> float:
     """Return the duration of a leg."""
-    return float(curve[_END, 0]) if head[MADE] != 0.0 else 0.0
+    return float(curve[_END, SEGMENT_TIME]) if head[MADE] != 0.0 else 0.0
 
 
 @compiled
@@ -330,8 +370,8 @@ def may_turn(heads: Floats, curves: Floats, radius: float, corner: float) -> boo
     if (
         this[MADE] == 0.0
         or after[MADE] == 0.0
-        or this[TIME] < here[_CRUISE, 0]
-        or left > ahead[_ACCEL_END, 0]
+        or this[TIME] < here[_CRUISE, SEGMENT_TIME]
+        or left > ahead[_ACCEL_END, SEGMENT_TIME]
     ):
         return False
     p, v, a = state_at(this, here, this[TIME] + 0.5 * left)

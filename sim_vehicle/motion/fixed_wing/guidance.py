@@ -32,7 +32,7 @@ _DECIDED = 0.9 * pi
 
 @compiled
 def switch_distance(ground: float, period: float, damping: float, share: float) -> float:
-    """Return how near to a waypoint NPFG turns to the next leg."""
+    """Return the distance to a waypoint at which NPFG turns to the next leg."""
     constant = period * damping
     bound = ground * constant if ground > 1.0 else 0.5 * constant * (ground * ground + 1.0)
     return float(min(share * bound, 500.0))
@@ -152,7 +152,7 @@ def l1_line(
     Parameters
     ----------
     rx, ry : float
-        Place, from the beginning of the leg.
+        Position, from the beginning of the leg.
     te, tn, length : float
         Direction and length of the leg.
     ve, vn : float
@@ -212,7 +212,7 @@ def l1_circle(
     Parameters
     ----------
     rx, ry : float
-        Place, from the centre.
+        Position, from the centre.
     radius, sense : float
         Positive radius; 1 is clockwise.
     ve, vn : float

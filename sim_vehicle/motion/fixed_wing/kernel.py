@@ -13,7 +13,38 @@ from math import atan, atan2, cos, inf, isnan, pi, sin, sqrt, tan
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.energy.power_kernels import wing_power
-from sim_vehicle.motion.columns import ENERGY, GRID, NEAR, POSITION, RAN, REACHED, STALLED, WIND
+from sim_vehicle.motion.columns import (
+    ACCELERATION_X,
+    ACCELERATION_Y,
+    ACCELERATION_Z,
+    ARRIVED,
+    ENERGY,
+    ENERGY_USED,
+    GIVE_UP_STEP,
+    GRID,
+    HEADING,
+    HEADING_RATE,
+    LEG_INDEX,
+    NEAR,
+    NEAR_TOLD,
+    PATH_LENGTH,
+    POSITION,
+    POSITION_X,
+    POSITION_Y,
+    POSITION_Z,
+    POWER,
+    RAN,
+    REACHED,
+    STALLED,
+    STEP,
+    TRACK_POINTS,
+    VELOCITY_X,
+    VELOCITY_Y,
+    VELOCITY_Z,
+    WIND,
+    WIND_EAST,
+    WIND_NORTH,
+)
 from sim_vehicle.motion.fixed_wing.guidance import (
     NPFG,
     Floats,
@@ -27,29 +58,49 @@ from sim_vehicle.motion.multirotor.kernel import Integers
 from sim_vehicle.motion.rows import copy
 from sim_vehicle.weather.gust_kernel import wind_at
 
-# beyond the first 19: bank 19, true airspeed 20, climb through the air 21, throttle 22 (0 to 1), pitch 23,
-# bank that is commanded 24, beginning of the leg 25-27, course on the ground 28, turned about the centre 29,
-# bearing from the centre 30 (NaN: not circling yet), step at which a pause ends 31, what it does 32, guidance
-# 33-34 (last angle, integral), place that is circled after the end of a route 35-37, radius there 38
-BANK, AIRSPEED, CLIMB, THROTTLE, PITCH, COMMAND = range(19, 25)
-BEGIN, COURSE, TURNED, BEARING, PAUSE_END, DOING, GUIDANCE, CENTRE, CENTRE_RADIUS = (
-    25,
-    28,
-    29,
-    30,
-    31,
-    32,
-    33,
-    35,
-    38,
-)
+# The state: the shared numbers, where the vertical wind takes the column of LOOK_EAST, and then these.
+WIND_UP = 17
+(
+    BANK,
+    AIRSPEED,  # True airspeed.
+    CLIMB,  # Through the air.
+    THROTTLE,  # 0 to 1.
+    PITCH,
+    COMMAND,  # Bank that is commanded.
+) = range(19, 25)
+BEGIN = 25  # Beginning of the leg, three numbers.
+(
+    COURSE,  # On the ground.
+    TURNED,  # About the centre.
+    BEARING,  # From the centre; NaN: not circling yet.
+    PAUSE_END,  # Step at which a pause ends.
+    DOING,  # ON_GROUND, FLYING, FLARE or ROLLING.
+    GUIDANCE,  # Two numbers: last angle, integral.
+) = range(28, 34)
+# Position that is circled after the end of a route, three numbers, and the radius.
+CENTRE, CENTRE_RADIUS = 35, 38
 STATE = 39
 ON_GROUND, FLYING, FLARE, ROLLING = 0.0, 1.0, 2.0, 3.0
 
-# leg: target 0-2, kind 3, acceptance radius 4 (0: the autopilot's), airspeed 5, distance to notify at 6,
-# radius of the circle 7 (positive: clockwise), turns 8, where to leave the circle to 9-10 (NaN: anywhere),
-# pause 11, whether the height changes along the leg 12, tolerance of the height 13, angle to the next leg 14,
-# slope of a circular landing 15
+# One leg.
+(
+    LEG_X,
+    LEG_Y,
+    LEG_Z,
+    LEG_KIND,
+    LEG_RADIUS,  # Acceptance radius; 0: the autopilot's.
+    LEG_AIRSPEED,
+    LEG_NEAR,  # Distance to notify at.
+    LEG_CIRCLE_RADIUS,  # Positive: clockwise.
+    LEG_TURNS,
+    LEG_EXIT_X,  # Where to leave the circle to; NaN: anywhere.
+    LEG_EXIT_Y,
+    LEG_PAUSE,
+    LEG_CLIMBS_ALONG,  # Whether the height changes along the leg.
+    LEG_HEIGHT_TOLERANCE,
+    LEG_TURN_ANGLE,  # Angle to the next leg.
+    LEG_SLOPE,  # Of a circular landing.
+) = range(16)
 LEG = 16
 LINE, CIRCLE, TAKEOFF, LANDING, CIRCULAR_LANDING, FALL = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
 
@@ -112,7 +163,7 @@ SLOW_SHARE = 0.15
 
 @compiled
 def excess_sink(limits: Floats, airspeed: float, load: float) -> float:
-    """Return how much faster than in trimmed level flight the drag takes energy, over the weight, m/s."""
+    """Return the loss of energy to drag beyond that of trimmed level flight, over the weight, m/s."""
     v, trim = max(airspeed, 3.0), limits[AIRSPEED_TRIM]
     drag = limits[PARASITIC] * v * v * v + limits[INDUCED] * load * load / v
     return float((drag - limits[PARASITIC] * trim * trim * trim - limits[INDUCED] / trim) / GRAVITY_M_S2)
@@ -120,12 +171,17 @@ def excess_sink(limits: Floats, airspeed: float, load: float) -> float:
 
 @compiled
 def _patience_steps(state: Floats, row: Floats, limits: Floats) -> float:
-    """Return how many steps a leg may take."""
-    east, north = row[0] - state[0], row[1] - state[1]
+    """Return the number of steps that a leg may take."""
+    east, north = row[LEG_X] - state[POSITION_X], row[LEG_Y] - state[POSITION_Y]
     way = sqrt(east * east + north * north)
     trim = limits[AIRSPEED_TRIM]
-    seconds = PATIENCE_S + way / (SLOW_SHARE * trim) + abs(row[2] - state[2]) / 0.2 + 2.0 * row[11]
-    seconds += (row[8] + 2.0) * 2.0 * pi * abs(row[7]) / (0.2 * trim)
+    seconds = (
+        PATIENCE_S
+        + way / (SLOW_SHARE * trim)
+        + abs(row[LEG_Z] - state[POSITION_Z]) / 0.2
+        + 2.0 * row[LEG_PAUSE]
+    )
+    seconds += (row[LEG_TURNS] + 2.0) * 2.0 * pi * abs(row[LEG_CIRCLE_RADIUS]) / (0.2 * trim)
     return float(seconds / limits[STEP_S])
 
 
@@ -134,34 +190,37 @@ def _steer_line(
     state: Floats, row: Floats, limits: Floats, wx: float, wy: float
 ) -> tuple[float, float, float]:
     """Return the lateral acceleration along a leg, and its bearing."""
-    ve, vn = state[3], state[4]
+    ve, vn = state[VELOCITY_X], state[VELOCITY_Y]
     period, damping = limits[PERIOD], limits[DAMPING]
-    dx, dy = row[0] - state[BEGIN], row[1] - state[BEGIN + 1]
+    dx, dy = row[LEG_X] - state[BEGIN], row[LEG_Y] - state[BEGIN + 1]
     length = sqrt(dx * dx + dy * dy)
-    rx, ry = state[0] - state[BEGIN], state[1] - state[BEGIN + 1]
-    goal_x, goal_y = row[0] - state[0], row[1] - state[1]
+    rx, ry = state[POSITION_X] - state[BEGIN], state[POSITION_Y] - state[BEGIN + 1]
+    goal_x, goal_y = row[LEG_X] - state[POSITION_X], row[LEG_Y] - state[POSITION_Y]
     if limits[LAW] != NPFG:
         if length < SHORT:
             dx, dy, length, rx, ry = goal_x, goal_y, sqrt(goal_x * goal_x + goal_y * goal_y), 0.0, 0.0
             if length < 1e-6:
-                dx, dy, length = sin(state[9]), cos(state[9]), 1.0
+                dx, dy, length = sin(state[HEADING]), cos(state[HEADING]), 1.0
         return l1_line(
             rx, ry, dx / length, dy / length, length, ve, vn, period, damping, limits[INTEGRAL],
             limits[STEP_S], state, GUIDANCE,
         )  # fmt: skip
     ground = sqrt(ve * ve + vn * vn)
-    if length >= SHORT and row[3] != TAKEOFF:
+    if length >= SHORT and row[LEG_KIND] != TAKEOFF:
         behind = dx * rx + dy * ry < 0.0
         near = switch_distance(ground, period, damping, limits[SWITCH_SHARE])
         if behind and rx * rx + ry * ry > near * near:
             dx, dy, length = -rx, -ry, sqrt(rx * rx + ry * ry)
             rx = ry = 0.0
-        elif row[3] == LINE and (state[0] - row[0]) * dx + (state[1] - row[1]) * dy > 0.0:
+        elif (
+            row[LEG_KIND] == LINE
+            and (state[POSITION_X] - row[LEG_X]) * dx + (state[POSITION_Y] - row[LEG_Y]) * dy > 0.0
+        ):
             length = 0.0
     if length < SHORT:
         dx, dy, length, rx, ry = goal_x, goal_y, sqrt(goal_x * goal_x + goal_y * goal_y), 0.0, 0.0
         if length < 1e-6:
-            dx, dy, length = sin(state[9]), cos(state[9]), 1.0
+            dx, dy, length = sin(state[HEADING]), cos(state[HEADING]), 1.0
     te, tn = dx / length, dy / length
     return npfg(rx * tn - ry * te, te, tn, 0.0, ve, vn, wx, wy, period, damping)
 
@@ -171,8 +230,8 @@ def _steer_circle(
     state: Floats, x: float, y: float, radius: float, limits: Floats, wx: float, wy: float
 ) -> float:
     """Return the lateral acceleration to follow a circle."""
-    ve, vn = state[3], state[4]
-    rx, ry = state[0] - x, state[1] - y
+    ve, vn = state[VELOCITY_X], state[VELOCITY_Y]
+    rx, ry = state[POSITION_X] - x, state[POSITION_Y] - y
     sense = 1.0 if radius > 0.0 else -1.0
     radius = abs(radius)
     period, damping = limits[PERIOD], limits[DAMPING]
@@ -204,7 +263,7 @@ def _energy(
     extra = excess_sink(limits, v, load)
     most = limits[CLIMB_MAX] - extra
     least = -limits[SINK_MIN] - extra
-    climb = (height - state[2]) / limits[HEIGHT_S]
+    climb = (height - state[POSITION_Z]) / limits[HEIGHT_S]
     climb = min(max(climb, -limits[SINK_RATE]), limits[CLIMB_RATE])
     # Rates of the kinetic energy over the weight.
     fast = (airspeed - v) / limits[SPEED_S] * v / GRAVITY_M_S2
@@ -226,26 +285,26 @@ def _energy(
 
 @compiled
 def _acceptance(state: Floats, row: Floats, limits: Floats) -> float:
-    """Return how near to a waypoint counts as reached."""
-    ground = sqrt(state[3] * state[3] + state[4] * state[4])
+    """Return the distance at which a waypoint counts as reached."""
+    ground = sqrt(state[VELOCITY_X] * state[VELOCITY_X] + state[VELOCITY_Y] * state[VELOCITY_Y])
     if limits[LAW] == NPFG:
         near = switch_distance(ground, limits[PERIOD], limits[DAMPING], limits[SWITCH_SHARE])
         return float(max(limits[ACCEPTANCE], near))
-    if row[4] > 0.0:
-        return float(row[4])
+    if row[LEG_RADIUS] > 0.0:
+        return float(row[LEG_RADIUS])
     near = min(limits[ACCEPTANCE], l1_distance(ground, limits[PERIOD], limits[DAMPING]))
-    return float(near * min(row[14] / (0.5 * pi), 1.0))
+    return float(near * min(row[LEG_TURN_ANGLE] / (0.5 * pi), 1.0))
 
 
 @compiled
 def _circled(state: Floats, row: Floats, limits: Floats, step: int) -> bool:
     """Keep count on a circle and tell whether it may be left."""
-    rx, ry = state[0] - row[0], state[1] - row[1]
+    rx, ry = state[POSITION_X] - row[LEG_X], state[POSITION_Y] - row[LEG_Y]
     away = sqrt(rx * rx + ry * ry)
-    radius = abs(row[7])
-    sense = 1.0 if row[7] > 0.0 else -1.0
+    radius = abs(row[LEG_CIRCLE_RADIUS])
+    sense = 1.0 if row[LEG_CIRCLE_RADIUS] > 0.0 else -1.0
     if isnan(state[BEARING]):
-        ground = sqrt(state[3] * state[3] + state[4] * state[4])
+        ground = sqrt(state[VELOCITY_X] * state[VELOCITY_X] + state[VELOCITY_Y] * state[VELOCITY_Y])
         room = radius + min(limits[ACCEPTANCE], 0.5 * radius)
         if limits[LAW] == NPFG:
             near = switch_distance(ground, limits[PERIOD], limits[DAMPING], limits[SWITCH_SHARE])
@@ -253,22 +312,24 @@ def _circled(state: Floats, row: Floats, limits: Floats, step: int) -> bool:
         # An airspeed that is too high for the circle leads round it outside.
         tight = ground * ground / (GRAVITY_M_S2 * tan(limits[BANK_LIMIT]))
         room = max(room, 2.2 * tight)
-        if away > room or abs(row[2] - state[2]) > row[13]:
+        if away > room or abs(row[LEG_Z] - state[POSITION_Z]) > row[LEG_HEIGHT_TOLERANCE]:
             return False
         state[BEARING] = atan2(rx, ry)
         state[TURNED] = 0.0
-        state[PAUSE_END] = step + row[11] / limits[STEP_S]
+        state[PAUSE_END] = step + row[LEG_PAUSE] / limits[STEP_S]
     bearing = atan2(rx, ry)
     change = (bearing - state[BEARING] + pi) % (2.0 * pi) - pi
     state[TURNED] += sense * change
     state[BEARING] = bearing
-    if step < state[PAUSE_END] or state[TURNED] < 2.0 * pi * row[8]:
+    if step < state[PAUSE_END] or state[TURNED] < 2.0 * pi * row[LEG_TURNS]:
         return False
-    if isnan(row[9]) or state[TURNED] > 2.0 * pi * (row[8] + 2.0):
+    if isnan(row[LEG_EXIT_X]) or state[TURNED] > 2.0 * pi * (row[LEG_TURNS] + 2.0):
         return True
-    ex, ey = row[9] - state[0], row[10] - state[1]
-    size = sqrt(ex * ex + ey * ey) * sqrt(state[3] * state[3] + state[4] * state[4])
-    return size < 1.0 or ex * state[3] + ey * state[4] > ALIGNED * size
+    ex, ey = row[LEG_EXIT_X] - state[POSITION_X], row[LEG_EXIT_Y] - state[POSITION_Y]
+    size = sqrt(ex * ex + ey * ey) * sqrt(
+        state[VELOCITY_X] * state[VELOCITY_X] + state[VELOCITY_Y] * state[VELOCITY_Y]
+    )
+    return size < 1.0 or ex * state[VELOCITY_X] + ey * state[VELOCITY_Y] > ALIGNED * size
 
 
 @compiled
@@ -276,15 +337,19 @@ def _roll_on_ground(state: Floats, limits: Floats, rate: float, wx: float, wy: f
     """Change the speed over ground by ``rate`` along the course on the ground."""
     dt = limits[STEP_S]
     ce, cn = sin(state[COURSE]), cos(state[COURSE])
-    before = state[3] * ce + state[4] * cn
+    before = state[VELOCITY_X] * ce + state[VELOCITY_Y] * cn
     speed = max(before + rate * dt, 0.0)
-    state[0] += 0.5 * (before + speed) * dt * ce
-    state[1] += 0.5 * (before + speed) * dt * cn
-    state[2] = 0.0
-    state[12] += 0.5 * (before + speed) * dt
-    state[6], state[7], state[8] = (speed - before) / dt * ce, (speed - before) / dt * cn, 0.0
-    state[3], state[4], state[5] = speed * ce, speed * cn, 0.0
-    state[9], state[10] = state[COURSE] % (2.0 * pi), 0.0
+    state[POSITION_X] += 0.5 * (before + speed) * dt * ce
+    state[POSITION_Y] += 0.5 * (before + speed) * dt * cn
+    state[POSITION_Z] = 0.0
+    state[PATH_LENGTH] += 0.5 * (before + speed) * dt
+    state[ACCELERATION_X], state[ACCELERATION_Y], state[ACCELERATION_Z] = (
+        (speed - before) / dt * ce,
+        (speed - before) / dt * cn,
+        0.0,
+    )
+    state[VELOCITY_X], state[VELOCITY_Y], state[VELOCITY_Z] = speed * ce, speed * cn, 0.0
+    state[HEADING], state[HEADING_RATE] = state[COURSE] % (2.0 * pi), 0.0
     state[AIRSPEED] = max(speed - wx * ce - wy * cn, 0.0)
     state[CLIMB] = state[BANK] = state[COMMAND] = state[PITCH] = 0.0
 
@@ -320,18 +385,22 @@ def _fly(
     w = min(max(w, -0.8 * v), 0.8 * v)
     forward = sqrt(v * v - w * w)
     turn = GRAVITY_M_S2 * tan(bank) / forward
-    middle = state[9] + 0.5 * turn * dt
-    yaw = (state[9] + turn * dt) % (2.0 * pi)
+    middle = state[HEADING] + 0.5 * turn * dt
+    yaw = (state[HEADING] + turn * dt) % (2.0 * pi)
     ve, vn, vz = forward * sin(yaw) + wx, forward * cos(yaw) + wy, w + rising
     east, north = (forward * sin(middle) + wx) * dt, (forward * cos(middle) + wy) * dt
-    up = 0.5 * (state[5] + vz) * dt
-    state[0] += east
-    state[1] += north
-    state[2] += up
-    state[12] += sqrt(east * east + north * north + up * up)
-    state[6], state[7], state[8] = (ve - state[3]) / dt, (vn - state[4]) / dt, (vz - state[5]) / dt
-    state[3], state[4], state[5] = ve, vn, vz
-    state[9], state[10] = yaw, turn
+    up = 0.5 * (state[VELOCITY_Z] + vz) * dt
+    state[POSITION_X] += east
+    state[POSITION_Y] += north
+    state[POSITION_Z] += up
+    state[PATH_LENGTH] += sqrt(east * east + north * north + up * up)
+    state[ACCELERATION_X], state[ACCELERATION_Y], state[ACCELERATION_Z] = (
+        (ve - state[VELOCITY_X]) / dt,
+        (vn - state[VELOCITY_Y]) / dt,
+        (vz - state[VELOCITY_Z]) / dt,
+    )
+    state[VELOCITY_X], state[VELOCITY_Y], state[VELOCITY_Z] = ve, vn, vz
+    state[HEADING], state[HEADING_RATE] = yaw, turn
     state[AIRSPEED], state[CLIMB] = v, w
     load = 1.0 / cos(bank)
     state[PITCH] = atan2(w, forward) + ALPHA * load * (limits[AIRSPEED_TRIM] / v) ** 2
@@ -343,16 +412,20 @@ def _drop(state: Floats, limits: Floats, wx: float, wy: float) -> None:
     """Fall a step."""
     dt = limits[STEP_S]
     keep = 1.0 - dt / FALL_S
-    ve, vn = wx + (state[3] - wx) * keep, wy + (state[4] - wy) * keep
-    vz = max(state[5] - GRAVITY_M_S2 * dt, -FALL_M_S)
-    state[0] += ve * dt
-    state[1] += vn * dt
-    state[2] = max(state[2] + vz * dt, 0.0)
-    state[12] += sqrt(ve * ve + vn * vn + vz * vz) * dt
-    state[6], state[7], state[8] = (ve - state[3]) / dt, (vn - state[4]) / dt, (vz - state[5]) / dt
-    state[3], state[4], state[5] = ve, vn, vz
-    state[10] = 2.0
-    state[9] = (state[9] + 2.0 * dt) % (2.0 * pi)
+    ve, vn = wx + (state[VELOCITY_X] - wx) * keep, wy + (state[VELOCITY_Y] - wy) * keep
+    vz = max(state[VELOCITY_Z] - GRAVITY_M_S2 * dt, -FALL_M_S)
+    state[POSITION_X] += ve * dt
+    state[POSITION_Y] += vn * dt
+    state[POSITION_Z] = max(state[POSITION_Z] + vz * dt, 0.0)
+    state[PATH_LENGTH] += sqrt(ve * ve + vn * vn + vz * vz) * dt
+    state[ACCELERATION_X], state[ACCELERATION_Y], state[ACCELERATION_Z] = (
+        (ve - state[VELOCITY_X]) / dt,
+        (vn - state[VELOCITY_Y]) / dt,
+        (vz - state[VELOCITY_Z]) / dt,
+    )
+    state[VELOCITY_X], state[VELOCITY_Y], state[VELOCITY_Z] = ve, vn, vz
+    state[HEADING_RATE] = 2.0
+    state[HEADING] = (state[HEADING] + 2.0 * dt) % (2.0 * pi)
     state[AIRSPEED] = sqrt((ve - wx) ** 2 + (vn - wy) ** 2 + vz * vz)
     state[CLIMB] = vz
 
@@ -361,17 +434,17 @@ def _drop(state: Floats, limits: Floats, wx: float, wy: float) -> None:
 def _blow(state: Floats, wx: float, wy: float, rising: float) -> None:
     """Change the wind: the velocity over ground stays, that through the air changes."""
     if state[DOING] == FLYING or state[DOING] == FLARE:
-        ae, an, up = state[3] - wx, state[4] - wy, state[5] - rising
+        ae, an, up = state[VELOCITY_X] - wx, state[VELOCITY_Y] - wy, state[VELOCITY_Z] - rising
         state[AIRSPEED] = max(sqrt(ae * ae + an * an + up * up), SHORT)
         state[CLIMB] = up
-        state[9] = atan2(ae, an) % (2.0 * pi)
+        state[HEADING] = atan2(ae, an) % (2.0 * pi)
 
 
 @compiled
 def _near_ground(state: Floats, limits: Floats, level: bool) -> float:
-    """Return the bank limit: a wing tip must not touch the ground, and some keep level on their way up."""
+    """Return the bank limit: a wing tip must not touch the ground, and some keep level while they climb."""
     bank = limits[BANK_LIMIT]
-    height = state[2]
+    height = state[POSITION_Z]
     if level and height < limits[LEVEL_HEIGHT]:
         bank = min(bank, limits[LEVEL_BANK])
     tip = atan(max(2.0 * height, 0.0) / limits[WING_SPAN])
@@ -380,9 +453,9 @@ def _near_ground(state: Floats, limits: Floats, level: bool) -> float:
 
 @compiled
 def _lift_off(state: Floats, wx: float, wy: float) -> None:
-    ae, an = state[3] - wx, state[4] - wy
+    ae, an = state[VELOCITY_X] - wx, state[VELOCITY_Y] - wy
     state[AIRSPEED] = max(sqrt(ae * ae + an * an), SHORT)
-    state[9] = atan2(ae, an) % (2.0 * pi)
+    state[HEADING] = atan2(ae, an) % (2.0 * pi)
     state[DOING] = FLYING
 
 
@@ -390,23 +463,23 @@ def _lift_off(state: Floats, wx: float, wy: float) -> None:
 def _enter(state: Floats, route: Floats, leg: int, step: int, limits: Floats) -> None:
     """Begin a leg."""
     row = route[leg]
-    state[14] = step + _patience_steps(state, row, limits)
+    state[GIVE_UP_STEP] = step + _patience_steps(state, row, limits)
     state[TURNED], state[BEARING], state[PAUSE_END] = 0.0, float("nan"), inf
     state[GUIDANCE] = 0.0
-    if leg > 0 and route[leg - 1, 3] == LINE:
-        copy(state, BEGIN, route[leg - 1], 0, 3)
+    if leg > 0 and route[leg - 1, LEG_KIND] == LINE:
+        copy(state, BEGIN, route[leg - 1], LEG_X, 3)
     elif leg > 0 or isnan(state[BEGIN]):
         copy(state, BEGIN, state, POSITION, 3)
-    landing = row[3] in (LANDING, CIRCULAR_LANDING)
+    landing = row[LEG_KIND] in (LANDING, CIRCULAR_LANDING)
     if state[DOING] == FLARE or (state[DOING] == ROLLING and not landing):
         state[DOING] = FLYING if state[DOING] == FLARE else ON_GROUND
     if state[DOING] == ON_GROUND:
-        east, north = row[0] - state[0], row[1] - state[1]
-        if row[3] == TAKEOFF and east * east + north * north > 25.0:
-            state[9] = atan2(east, north) % (2.0 * pi)
-        state[COURSE] = state[9]
-    elif row[3] == TAKEOFF:
-        state[COURSE] = atan2(state[3], state[4])
+        east, north = row[LEG_X] - state[POSITION_X], row[LEG_Y] - state[POSITION_Y]
+        if row[LEG_KIND] == TAKEOFF and east * east + north * north > 25.0:
+            state[HEADING] = atan2(east, north) % (2.0 * pi)
+        state[COURSE] = state[HEADING]
+    elif row[LEG_KIND] == TAKEOFF:
+        state[COURSE] = atan2(state[VELOCITY_X], state[VELOCITY_Y])
 
 
 @compiled
@@ -414,15 +487,17 @@ def _tick(
     state: Floats, row: Floats, arrived: bool, limits: Floats, step: int, wx: float, wy: float, rising: float
 ) -> bool:
     """Move one step and tell whether the leg is done."""
-    kind = row[3]
+    kind = row[LEG_KIND]
     doing = state[DOING]
     if kind == FALL:
         _drop(state, limits, wx, wy)
-        return bool(state[2] <= 0.0)
+        return bool(state[POSITION_Z] <= 0.0)
     if doing == ROLLING:
         state[THROTTLE] = 0.0
         _roll_on_ground(state, limits, -limits[BRAKING], wx, wy)
-        return bool(state[3] * state[3] + state[4] * state[4] < STOPPED * STOPPED)
+        return bool(
+            state[VELOCITY_X] * state[VELOCITY_X] + state[VELOCITY_Y] * state[VELOCITY_Y] < STOPPED * STOPPED
+        )
     if doing == ON_GROUND:
         state[THROTTLE] = limits[THROTTLE_LIMIT]
         _roll_on_ground(state, limits, limits[LAUNCH], wx, wy)
@@ -430,8 +505,8 @@ def _tick(
             _lift_off(state, wx, wy)
         return False
     # What to follow.
-    height, airspeed = row[2], row[5]
-    x, y, radius = row[0], row[1], row[7]
+    height, airspeed = row[LEG_Z], row[LEG_AIRSPEED]
+    x, y, radius = row[LEG_X], row[LEG_Y], row[LEG_CIRCLE_RADIUS]
     circling = kind in (CIRCLE, CIRCULAR_LANDING)
     landing = kind in (LANDING, CIRCULAR_LANDING)
     if arrived and not landing:
@@ -449,15 +524,24 @@ def _tick(
         lateral = _steer_circle(state, x, y, radius, limits, wx, wy)
     elif kind == TAKEOFF:
         ce, cn = sin(state[COURSE]), cos(state[COURSE])
-        rx, ry = state[0] - state[BEGIN], state[1] - state[BEGIN + 1]
+        rx, ry = state[POSITION_X] - state[BEGIN], state[POSITION_Y] - state[BEGIN + 1]
         if limits[LAW] == NPFG:
             error = rx * cn - ry * ce
             lateral, be, bn = npfg(
-                error, ce, cn, 0.0, state[3], state[4], wx, wy, limits[PERIOD], limits[DAMPING]
+                error,
+                ce,
+                cn,
+                0.0,
+                state[VELOCITY_X],
+                state[VELOCITY_Y],
+                wx,
+                wy,
+                limits[PERIOD],
+                limits[DAMPING],
             )
         else:
             rate = sqrt(2.0) * pi / limits[PERIOD]
-            error = (state[COURSE] - state[9] + pi) % (2.0 * pi) - pi
+            error = (state[COURSE] - state[HEADING] + pi) % (2.0 * pi) - pi
             error = min(max(error, -0.5 * pi), 0.5 * pi)
             lateral = 2.0 * sin(error) * rate * state[AIRSPEED]
     else:
@@ -468,7 +552,7 @@ def _tick(
     full = kind == TAKEOFF and not arrived
     if full:
         airspeed = limits[TAKEOFF_AIRSPEED]
-        height = row[2] + 10.0 * limits[HEIGHT_S]
+        height = row[LEG_Z] + 10.0 * limits[HEIGHT_S]
     elif landing:
         airspeed = limits[LANDING_AIRSPEED]
     ground2 = limits[GROUND_MIN]
@@ -479,60 +563,62 @@ def _tick(
     airspeed = min(max(airspeed, min(limits[AIRSPEED_MIN], limits[LANDING_AIRSPEED])), limits[AIRSPEED_MAX])
     sink = 0.0
     if landing:
-        ground = sqrt(state[3] * state[3] + state[4] * state[4])
+        ground = sqrt(state[VELOCITY_X] * state[VELOCITY_X] + state[VELOCITY_Y] * state[VELOCITY_Y])
         if kind == LANDING:
-            dx, dy = row[0] - state[BEGIN], row[1] - state[BEGIN + 1]
+            dx, dy = row[LEG_X] - state[BEGIN], row[LEG_Y] - state[BEGIN + 1]
             length = max(sqrt(dx * dx + dy * dy), 1e-3)
-            to_go = ((row[0] - state[0]) * dx + (row[1] - state[1]) * dy) / length
+            to_go = ((row[LEG_X] - state[POSITION_X]) * dx + (row[LEG_Y] - state[POSITION_Y]) * dy) / length
             slope = max(state[BEGIN + 2], 1.0) / length
             height = min(max(slope * to_go, 0.0), max(state[BEGIN + 2], 0.0))
             if to_go < length:
                 sink = slope * ground
         else:
-            sink = row[15] * ground
-            height = state[2]
+            sink = row[LEG_SLOPE] * ground
+            height = state[POSITION_Z]
         # The height follows the slope without lag: what the error asks for comes on top of the slope.
         height -= sink * limits[HEIGHT_S]
-        if state[2] <= max(limits[FLARE_HEIGHT], limits[FLARE_S] * max(-state[5], 0.0)):
+        if state[POSITION_Z] <= max(limits[FLARE_HEIGHT], limits[FLARE_S] * max(-state[VELOCITY_Z], 0.0)):
             state[DOING] = FLARE
-    elif row[12] > 0.0 and not circling:
-        dx, dy = row[0] - state[BEGIN], row[1] - state[BEGIN + 1]
+    elif row[LEG_CLIMBS_ALONG] > 0.0 and not circling:
+        dx, dy = row[LEG_X] - state[BEGIN], row[LEG_Y] - state[BEGIN + 1]
         length2 = dx * dx + dy * dy
         if length2 > 1.0:
-            part = ((state[0] - state[BEGIN]) * dx + (state[1] - state[BEGIN + 1]) * dy) / length2
-            height = state[BEGIN + 2] + (row[2] - state[BEGIN + 2]) * min(max(part, 0.0), 1.0)
+            part = (
+                (state[POSITION_X] - state[BEGIN]) * dx + (state[POSITION_Y] - state[BEGIN + 1]) * dy
+            ) / length2
+            height = state[BEGIN + 2] + (row[LEG_Z] - state[BEGIN + 2]) * min(max(part, 0.0), 1.0)
     if state[DOING] == FLARE:
         throttle = 0.0
         _, _, rate = _energy(state, limits, 0.0, airspeed, load, False)
-        # The sink dies away on the way down to that of the touch.
-        climb = -limits[FLARE_SINK] - max(state[2], 0.0) / max(limits[FLARE_S], SHORT)
+        # The sink dies away towards that of the touch.
+        climb = -limits[FLARE_SINK] - max(state[POSITION_Z], 0.0) / max(limits[FLARE_S], SHORT)
     else:
         throttle, climb, rate = _energy(state, limits, height, airspeed, load, full)
     dt = limits[STEP_S]
     state[THROTTLE] += (throttle - state[THROTTLE]) * dt / THROTTLE_S
     load = _fly(state, limits, bank, climb, rate, wx, wy, rising)
-    if state[2] <= 0.0:
-        state[2] = 0.0
+    if state[POSITION_Z] <= 0.0:
+        state[POSITION_Z] = 0.0
         if landing:
             state[DOING] = ROLLING
-            state[COURSE] = atan2(state[3], state[4])
-            state[5] = state[CLIMB] = 0.0
+            state[COURSE] = atan2(state[VELOCITY_X], state[VELOCITY_Y])
+            state[VELOCITY_Z] = state[CLIMB] = 0.0
             return False
-        state[5] = max(state[5], 0.0)
+        state[VELOCITY_Z] = max(state[VELOCITY_Z], 0.0)
         state[CLIMB] = max(state[CLIMB], 0.0)
     if landing or arrived:
         return False
     if kind == TAKEOFF:
-        return bool(state[2] >= row[2])
+        return bool(state[POSITION_Z] >= row[LEG_Z])
     if kind == CIRCLE:
         return _circled(state, row, limits, step)
-    east, north = state[0] - row[0], state[1] - row[1]
+    east, north = state[POSITION_X] - row[LEG_X], state[POSITION_Y] - row[LEG_Y]
     near = _acceptance(state, row, limits)
     close = east * east + north * north <= near * near
     if not close:
-        dx, dy = row[0] - state[BEGIN], row[1] - state[BEGIN + 1]
+        dx, dy = row[LEG_X] - state[BEGIN], row[LEG_Y] - state[BEGIN + 1]
         close = dx * dx + dy * dy > 1e-6 and east * dx + north * dy > 0.0
-    if abs(row[2] - state[2]) <= row[13]:
+    if abs(row[LEG_Z] - state[POSITION_Z]) <= row[LEG_HEIGHT_TOLERANCE]:
         return close or not isnan(state[BEARING])
     if close:
         # The height is still to come: it is reached on a circle about the waypoint.
@@ -571,9 +657,9 @@ def advance(
     last = route.shape[0] - 1
     event = RAN
     for _ in range(max_steps):
-        step, leg = counters[0], counters[1]
+        step, leg = counters[STEP], counters[LEG_INDEX]
         row = route[leg]
-        if state[14] == inf:
+        if state[GIVE_UP_STEP] == inf:
             _enter(state, route, leg, step, limits)
         if step % GRID == 0:
             index = 0
@@ -582,49 +668,70 @@ def advance(
                 if index >= wind.shape[0]:
                     event = WIND
                     break
-            wx, wy, up = wind_at(wind[index], state[2])
-            if wx != state[15] or wy != state[16] or up != state[17]:
+            wx, wy, up = wind_at(wind[index], state[POSITION_Z])
+            if wx != state[WIND_EAST] or wy != state[WIND_NORTH] or up != state[WIND_UP]:
                 _blow(state, wx, wy, up)
-                state[15], state[16], state[17] = wx, wy, up
+                state[WIND_EAST], state[WIND_NORTH], state[WIND_UP] = wx, wy, up
             if state[DOING] == FLYING or state[DOING] == FLARE:
                 load = 1.0 / cos(state[BANK])
                 v = state[AIRSPEED]
                 rate = state[THROTTLE] * (limits[CLIMB_MAX] + limits[SINK_MIN]) - limits[SINK_MIN]
                 rate -= excess_sink(limits, v, load)
-                state[13] = wing_power(power, v if state[THROTTLE] > 1e-3 else 0.0, rate, load)
+                state[POWER] = wing_power(power, v if state[THROTTLE] > 1e-3 else 0.0, rate, load)
             elif state[DOING] == ON_GROUND:
-                state[13] = wing_power(power, limits[AIRSPEED_TRIM], limits[CLIMB_MAX], 1.0)
+                state[POWER] = wing_power(power, limits[AIRSPEED_TRIM], limits[CLIMB_MAX], 1.0)
             else:
-                state[13] = wing_power(power, 0.0, 0.0, 1.0)
-            if track_every > 0 and (step // GRID) % track_every == 0 and counters[5] < track.shape[0]:
-                point = counters[5]
-                track[point, 0], track[point, 1], track[point, 2] = state[0], state[1], state[2]
-                counters[5] = point + 1
-            if counters[3] == 0 and step > state[14]:
+                state[POWER] = wing_power(power, 0.0, 0.0, 1.0)
+            if (
+                track_every > 0
+                and (step // GRID) % track_every == 0
+                and counters[TRACK_POINTS] < track.shape[0]
+            ):
+                point = counters[TRACK_POINTS]
+                track[point, 0], track[point, 1], track[point, 2] = (
+                    state[POSITION_X],
+                    state[POSITION_Y],
+                    state[POSITION_Z],
+                )
+                counters[TRACK_POINTS] = point + 1
+            if counters[ARRIVED] == 0 and step > state[GIVE_UP_STEP]:
                 event = STALLED
                 break
-        done = _tick(state, row, counters[3] != 0, limits, step, state[15], state[16], state[17])
-        state[11] += state[13] * limits[STEP_S]
-        counters[0] = step + 1
-        if counters[3] == 0:
+        done = _tick(
+            state,
+            row,
+            counters[ARRIVED] != 0,
+            limits,
+            step,
+            state[WIND_EAST],
+            state[WIND_NORTH],
+            state[WIND_UP],
+        )
+        state[ENERGY_USED] += state[POWER] * limits[STEP_S]
+        counters[STEP] = step + 1
+        if counters[ARRIVED] == 0:
             if done:
                 arrivals[leg] = step + 1
-                counters[4] = 0
+                counters[NEAR_TOLD] = 0
                 if leg == last:
-                    counters[3] = 1
+                    counters[ARRIVED] = 1
                     event = REACHED
                     _settle(state, row, limits)
                 else:
-                    counters[1] = leg + 1
-                    state[14] = inf
+                    counters[LEG_INDEX] = leg + 1
+                    state[GIVE_UP_STEP] = inf
                     if stop_each:
                         event = REACHED
-            elif counters[4] == 0 and row[6] > 0.0:
-                rx, ry, rz = row[0] - state[0], row[1] - state[1], row[2] - state[2]
-                if rx * rx + ry * ry + rz * rz < row[6] * row[6]:
-                    counters[4] = 1
+            elif counters[NEAR_TOLD] == 0 and row[LEG_NEAR] > 0.0:
+                rx, ry, rz = (
+                    row[LEG_X] - state[POSITION_X],
+                    row[LEG_Y] - state[POSITION_Y],
+                    row[LEG_Z] - state[POSITION_Z],
+                )
+                if rx * rx + ry * ry + rz * rz < row[LEG_NEAR] * row[LEG_NEAR]:
+                    counters[NEAR_TOLD] = 1
                     event = NEAR
-        if state[11] >= limits[ENERGY_LIMIT]:
+        if state[ENERGY_USED] >= limits[ENERGY_LIMIT]:
             event = ENERGY
         if event != RAN:
             break
@@ -635,6 +742,6 @@ def advance(
 def _settle(state: Floats, row: Floats, limits: Floats) -> None:
     """Choose the circle that is flown after the end of a route."""
     copy(state, CENTRE, row, 0, 3)
-    state[CENTRE_RADIUS] = row[7] if row[3] == CIRCLE else limits[LOITER_RADIUS]
-    if row[3] == TAKEOFF:
-        state[CENTRE], state[CENTRE + 1] = state[0], state[1]
+    state[CENTRE_RADIUS] = row[LEG_CIRCLE_RADIUS] if row[LEG_KIND] == CIRCLE else limits[LOITER_RADIUS]
+    if row[LEG_KIND] == TAKEOFF:
+        state[CENTRE], state[CENTRE + 1] = state[POSITION_X], state[POSITION_Y]

@@ -12,6 +12,7 @@ from sim_vehicle.airframe.power_spec import GRAVITY_M_S2, FixedWingPowerSpec
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.energy.power import power_coefficients
 from sim_vehicle.errors import VehicleError
+from sim_vehicle.motion.columns import ARRIVED, POSITION, POSITION_Z, VELOCITY
 from sim_vehicle.motion.compiled_motion import CompiledMotion
 from sim_vehicle.motion.fixed_wing import kernel as wing
 from sim_vehicle.motion.legs import KEEP, LegKind
@@ -31,7 +32,7 @@ TYPICAL = FixedWingPowerSpec(mass_kg=1.9, wing_area_m2=0.42, wing_span_m=1.8, pa
 
 @dataclass(frozen=True, slots=True)
 class WingLimits:
-    """What an autopilot's parameters decide about the flight of a wing; SI units, radians.
+    """What an autopilot's parameters decide about the flight of a fixed wing; SI units, radians.
 
     Parameters
     ----------
@@ -65,7 +66,7 @@ class WingLimits:
         Approach speed; the flare begins at a height or a time above the ground; sink rate in it; deceleration
         on the ground.
     landing_slope : float
-        Sink over way on a circle down to the ground.
+        Sink over path length on a circle down to the ground.
     loiter_radius : float
         Of circles without a radius; positive is clockwise.
     """
@@ -159,13 +160,13 @@ class FixedWing(CompiledMotion):
     def fly(self, route: Route) -> None:
         """Begin a route, from where the vehicle is and as it moves now."""
         before = self._route
-        target = None if before is None else before[self.leg, :2].copy()
+        target = None if before is None else before[self.leg, : wing.LEG_Z].copy()
         rows = self._rows(route)
         follows = (
             target is not None
-            and rows[0, 3] == wing.LINE
-            and math.hypot(rows[0, 0] - target[0], rows[0, 1] - target[1]) < 1.0
-            and self.counters[3] == 0
+            and rows[0, wing.LEG_KIND] == wing.LINE
+            and math.hypot(rows[0, wing.LEG_X] - target[0], rows[0, wing.LEG_Y] - target[1]) < 1.0
+            and self.counters[ARRIVED] == 0
         )
         # A leg that is only planned again keeps its line.
         if not follows:
@@ -176,41 +177,41 @@ class FixedWing(CompiledMotion):
     def _begin_at(self, before: NDArray[np.float64] | None) -> None:
         """The first leg begins at the waypoint that was reached last, otherwise here."""
         self.state[wing.BEGIN] = math.nan
-        if before is not None and self.counters[3] and before[-1, 3] == wing.LINE:
-            self.state[wing.BEGIN : wing.BEGIN + 3] = before[-1, :3]
+        if before is not None and self.counters[ARRIVED] and before[-1, wing.LEG_KIND] == wing.LINE:
+            self.state[wing.BEGIN : wing.BEGIN + 3] = before[-1, : wing.LEG_KIND]
 
     def _rows(self, route: Route) -> NDArray[np.float64]:
         law = self.law
         n = len(route.points_m)
         rows = np.zeros((n, wing.LEG))
-        rows[:, :3] = route.points_m
-        # What is the vehicle's default is left to the law; ArduPlane keeps radii in one byte.
+        rows[:, : wing.LEG_KIND] = route.points_m
+        # What is the vehicle's default is left to the autopilot; ArduPlane keeps radii in one byte.
         radius = np.where(route.radius_m == self.spec.acceptance_radius_m, 0.0, route.radius_m)
-        rows[:, 4] = np.floor(np.minimum(radius, 255.0))
+        rows[:, wing.LEG_RADIUS] = np.floor(np.minimum(radius, 255.0))
         speed = np.where(np.isnan(route.speed_m_s), law.airspeed_trim, route.speed_m_s)
-        rows[:, 5] = np.clip(speed, law.airspeed_min, law.airspeed_max)
-        rows[:, 6] = route.near_m
+        rows[:, wing.LEG_AIRSPEED] = np.clip(speed, law.airspeed_min, law.airspeed_max)
+        rows[:, wing.LEG_NEAR] = route.near_m
         circle = route.circle
-        rows[:, 8] = circle[:, 1]
-        rows[:, 9:11] = circle[:, 2:]
-        rows[:, 11] = route.pause_s
-        rows[:, 13] = law.height_acceptance
-        rows[:, 14] = 0.5 * math.pi
+        rows[:, wing.LEG_TURNS] = circle[:, 1]
+        rows[:, wing.LEG_EXIT_X : wing.LEG_PAUSE] = circle[:, 2:]
+        rows[:, wing.LEG_PAUSE] = route.pause_s
+        rows[:, wing.LEG_HEIGHT_TOLERANCE] = law.height_acceptance
+        rows[:, wing.LEG_TURN_ANGLE] = 0.5 * math.pi
         for i in range(n):
             stops = not route.radius_m[i] > 0.0
-            rows[i, 3] = kind = self._kind(int(route.kind[i]), stops, float(circle[i, 0]))
+            rows[i, wing.LEG_KIND] = kind = self._kind(int(route.kind[i]), stops, float(circle[i, 0]))
             wanted = float(circle[i, 0])
             if not abs(wanted) > 0.0:
                 wanted = law.loiter_radius
-            least = 1.05 * law.tightest_m(float(rows[i, 5]))
-            rows[i, 7] = math.copysign(max(abs(wanted), least), wanted)
+            least = 1.05 * law.tightest_m(float(rows[i, wing.LEG_AIRSPEED]))
+            rows[i, wing.LEG_CIRCLE_RADIUS] = math.copysign(max(abs(wanted), least), wanted)
             if kind == wing.CIRCLE:
-                rows[i, 13] = min(law.height_acceptance, 10.0)
+                rows[i, wing.LEG_HEIGHT_TOLERANCE] = min(law.height_acceptance, 10.0)
             elif kind == wing.CIRCULAR_LANDING:
-                rows[i, 15] = law.landing_slope
+                rows[i, wing.LEG_SLOPE] = law.landing_slope
             elif kind == wing.LINE:
-                climbs = i > 0 and rows[i, 2] > rows[i - 1, 2]
-                rows[i, 12] = law.along_leg or not climbs
+                climbs = i > 0 and rows[i, wing.LEG_Z] > rows[i - 1, wing.LEG_Z]
+                rows[i, wing.LEG_CLIMBS_ALONG] = law.along_leg or not climbs
         self._corners(rows)
         return rows
 
@@ -225,12 +226,12 @@ class FixedWing(CompiledMotion):
 
     def _corners(self, rows: NDArray[np.float64]) -> None:
         """Note the angle between each leg and the next one."""
-        ends = np.vstack([self.state[None, 0:2], rows[:, :2]])
+        ends = np.vstack([self.state[None, POSITION:POSITION_Z], rows[:, : wing.LEG_Z]])
         ways = np.diff(ends, axis=0)
         for i in range(len(rows) - 1):
             (ax, ay), (bx, by) = ways[i].tolist(), ways[i + 1].tolist()
             if math.hypot(ax, ay) > 0.1 and math.hypot(bx, by) > 0.1:
-                rows[i, 14] = abs(math.atan2(ax * by - ay * bx, ax * bx + ay * by))
+                rows[i, wing.LEG_TURN_ANGLE] = abs(math.atan2(ax * by - ay * bx, ax * bx + ay * by))
 
     def steer(
         self,
@@ -251,9 +252,9 @@ class FixedWing(CompiledMotion):
             msg = f"vehicle {self.spec.name}: a fixed wing keeps no velocity over ground, give it places"
             raise VehicleError(msg)
         row = np.zeros((1, wing.LEG))
-        row[0, :3] = self.state[0:3]
-        row[0, 3] = wing.FALL
-        row[0, 7] = self.law.loiter_radius
+        row[0, : wing.LEG_KIND] = self.state[POSITION:VELOCITY]
+        row[0, wing.LEG_KIND] = wing.FALL
+        row[0, wing.LEG_CIRCLE_RADIUS] = self.law.loiter_radius
         self._route = row
         self._begin()
 
@@ -261,15 +262,15 @@ class FixedWing(CompiledMotion):
         """Nothing: the nose is where it flies to."""
 
     def stopping_point(self) -> Position:
-        """Return what it circles when it is told to stay: the circle that it flies, otherwise here."""
+        """Return the centre that it circles when told to stay: that of its circle, otherwise here."""
         route = self._route
         if route is not None and self.state[wing.DOING] == wing.FLYING:
-            if self.counters[3] and route[-1, 3] in (wing.CIRCLE, wing.LINE, wing.TAKEOFF):
+            if self.counters[ARRIVED] and route[-1, wing.LEG_KIND] in (wing.CIRCLE, wing.LINE, wing.TAKEOFF):
                 x, y, z = self.state[wing.CENTRE : wing.CENTRE + 3].tolist()
                 return x, y, z
             row = route[self.leg]
-            if row[3] == wing.CIRCLE and not math.isnan(self.state[wing.BEARING]):
-                x, y, z = row[:3].tolist()
+            if row[wing.LEG_KIND] == wing.CIRCLE and not math.isnan(self.state[wing.BEARING]):
+                x, y, z = row[: wing.LEG_KIND].tolist()
                 return x, y, z
         return self.position_m
 

@@ -16,28 +16,99 @@ from numpy.typing import NDArray
 
 from geo.compiled import compiled
 from sim_vehicle.energy.power_kernels import multirotor_power
-from sim_vehicle.motion.columns import ENERGY, GRID, NEAR, RAN, REACHED, STALLED, WIND
+from sim_vehicle.motion.columns import (
+    ACCELERATION_X,
+    ACCELERATION_Y,
+    ACCELERATION_Z,
+    ARRIVED,
+    ENERGY,
+    ENERGY_USED,
+    GIVE_UP_STEP,
+    GRID,
+    HEADING,
+    HEADING_RATE,
+    LEG_INDEX,
+    LOOK_EAST,
+    LOOK_NORTH,
+    MOVED_STEP,
+    NEAR,
+    NEAR_TOLD,
+    PATH_LENGTH,
+    POSITION_X,
+    POSITION_Y,
+    POSITION_Z,
+    POWER,
+    RAN,
+    REACHED,
+    STALLED,
+    STEP,
+    TRACK_POINTS,
+    VELOCITY_X,
+    VELOCITY_Y,
+    VELOCITY_Z,
+    WIND,
+    WIND_EAST,
+    WIND_NORTH,
+)
+from sim_vehicle.weather.columns import AIR_EAST, AIR_NORTH
 from sim_vehicle.weather.gust_kernel import wind_at
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Vector = tuple[float, float, float]
 
-# state: position 0-2, velocity 3-5, acceleration 6-8, heading 9, its rate 10, energy used (J) 11, path
-# length 12, power (W) 13, step at which the leg is given up 14 (infinity: a new leg), wind 15-16, place that
-# the nose points at 17-18 (NaN: none)
-# counters: step 0, leg 1, step of the last motion 2, arrived at the end 3, notified of nearness 4,
-# points 5
-# leg: target 0-2, along 3-5, across 6-8, aslant 9-11, cruise speed 12, speed to brake to 13, acceptance
-# radius 14 (0: stop; VELOCITY, AT_HEIGHT), heading 15 (NaN: keep), acceleration and jerk of the three axes
-# 16-21, speeds of the last two 22-23, braking distance 24, distance to notify at 25, horizontal part of the
-# leg 26, way beyond this leg to brake in 27, rate of turning 28 (NaN: by the heading), vertical speed 29
+# One leg: its target, the directions along, across and normal to it, and the limits on these axes.
+(
+    LEG_X,
+    LEG_Y,
+    LEG_Z,
+    LEG_ALONG_X,
+    LEG_ALONG_Y,
+    LEG_ALONG_Z,
+    LEG_ACROSS_X,
+    LEG_ACROSS_Y,
+    LEG_ACROSS_Z,
+    LEG_NORMAL_X,
+    LEG_NORMAL_Y,
+    LEG_NORMAL_Z,
+    LEG_SPEED,  # Cruise speed.
+    LEG_END_SPEED,  # Speed to brake to.
+    LEG_RADIUS,  # Acceptance radius; 0: stop; or VELOCITY, AT_HEIGHT.
+    LEG_HEADING,  # NaN: keep.
+    LEG_ACCELERATION_ALONG,
+    LEG_JERK_ALONG,
+    LEG_ACCELERATION_ACROSS,
+    LEG_JERK_ACROSS,
+    LEG_ACCELERATION_NORMAL,
+    LEG_JERK_NORMAL,
+    LEG_SPEED_ACROSS,
+    LEG_SPEED_NORMAL,
+    LEG_BRAKING_DISTANCE,
+    LEG_NEAR,  # Distance to notify at.
+    LEG_HORIZONTAL,  # Horizontal part of the leg.
+    LEG_BEYOND,  # Path beyond this leg to brake in.
+    LEG_TURN_RATE,  # NaN: by the heading.
+    LEG_CLIMB,  # Vertical speed.
+) = range(30)
 LEG = 30
 # Radii of legs that have no end: a velocity is kept, or a horizontal velocity at the height of the target.
 VELOCITY, AT_HEIGHT = -1.0, -2.0
-# limits: step 0, speed 1, airspeed 2, climb 3, descent 4, acceleration 5, jerk 6, vertical acceleration 7,
-# vertical jerk 8, yaw rate 9, yaw acceleration 10, energy that ends the flight (J) 11, speed of touching down
-# 12
+# Limits.
+(
+    STEP_S,
+    SPEED_MAX,
+    AIRSPEED_MAX,
+    CLIMB_MAX,
+    DESCENT_MAX,
+    ACCELERATION_MAX,
+    JERK_MAX,
+    VERTICAL_ACCELERATION,
+    VERTICAL_JERK,
+    TURN_RATE,
+    TURN_ACCELERATION,
+    ENERGY_LIMIT,  # Energy that ends the flight, J.
+    TOUCH_DOWN_SPEED,
+) = range(13)
 LIMITS = 13
 
 STOP_RADIUS = 0.05
@@ -46,7 +117,7 @@ STOP_SPEED = 0.1
 # the detour with which it begins, take at the slowest speed.
 STALL_S = 30.0
 SLOWEST = 0.3
-# Nearer than this to the place that it points at, the nose keeps its direction.
+# Nearer than this to the position that it points at, the nose keeps its direction.
 ROI_NEAR = 0.5
 CREEP = 3.0
 
@@ -162,17 +233,17 @@ def velocity_acceleration(v: float, a: float, wanted: float, limit: float, jerk:
 @compiled
 def _climb_acceleration(row: Floats, height: float, v: float, a: float, limits: Floats) -> float:
     """Return the vertical acceleration of a leg that keeps a velocity, slow enough to touch down."""
-    dt, limit, jerk = limits[0], row[20], row[21]
-    if row[14] == AT_HEIGHT:
-        d = row[2] - height
+    dt, limit, jerk = limits[STEP_S], row[LEG_ACCELERATION_NORMAL], row[LEG_JERK_NORMAL]
+    if row[LEG_RADIUS] == AT_HEIGHT:
+        d = row[LEG_Z] - height
         if abs(d) + abs(v) + abs(a) <= 1e-9:
             return 0.0
-        speed = 0.999 * (limits[3] if d > 0.0 else limits[4])
+        speed = 0.999 * (limits[CLIMB_MAX] if d > 0.0 else limits[DESCENT_MAX])
         return float(axis_acceleration(d, v, a, 0.0, speed, limit, jerk, dt))
-    wanted = row[29]
+    wanted = row[LEG_CLIMB]
     if wanted >= 0.0:
         return float(velocity_acceleration(v, a, wanted, limit, jerk, dt))
-    end = min(-wanted, limits[12])
+    end = min(-wanted, limits[TOUCH_DOWN_SPEED])
     return -float(axis_acceleration(max(height, 0.0), -v, -a, end, -wanted, limit, jerk, dt))
 
 
@@ -186,17 +257,19 @@ def _below_top_speed(
     can be too much. A quarter of the jerk is left for the turning of the velocity itself.
     """
     speed2 = vx * vx + vy * vy
-    if speed2 < 0.25 * limits[1] * limits[1]:
+    if speed2 < 0.25 * limits[SPEED_MAX] * limits[SPEED_MAX]:
         return bx, by
-    dt, speed = limits[0], sqrt(speed2)
+    dt, speed = limits[STEP_S], sqrt(speed2)
     ux, uy = vx / speed, vy / speed
     now = ax * ux + ay * uy
     outward = bx * ux + by * uy
-    most = _gentle_acceleration(0.999 * limits[1] - speed - 0.5 * now * dt, 0.75 * limits[6], dt)
+    most = _gentle_acceleration(
+        0.999 * limits[SPEED_MAX] - speed - 0.5 * now * dt, 0.75 * limits[JERK_MAX], dt
+    )
     if outward <= most:
         return bx, by
-    change = limits[6] * dt
-    radial = max(most, now - change, -limits[5]) - now
+    change = limits[JERK_MAX] * dt
+    radial = max(most, now - change, -limits[ACCELERATION_MAX]) - now
     tangential = (by - ay) * ux - (bx - ax) * uy
     room = change * change - radial * radial
     free = sqrt(room) if room > 0.0 else 0.0
@@ -215,11 +288,11 @@ def _detour(row: Floats, velocity: Vector, acceleration: Vector) -> float:
     for axis in range(3):
         v = a = 0.0
         for k in range(3):
-            v += velocity[k] * row[3 + 3 * axis + k]
-            a += acceleration[k] * row[3 + 3 * axis + k]
+            v += velocity[k] * row[LEG_ALONG_X + 3 * axis + k]
+            a += acceleration[k] * row[LEG_ALONG_X + 3 * axis + k]
         if axis == 0 or v < 0.0:
             v, a = -v, -a
-        limit, jerk = row[16 + 2 * axis], row[17 + 2 * axis]
+        limit, jerk = row[LEG_ACCELERATION_ALONG + 2 * axis], row[LEG_JERK_ALONG + 2 * axis]
         if a > 0.0:
             v += 0.5 * a * a / jerk
         if v > 0.0:
@@ -267,28 +340,39 @@ def advance(
     int
         RAN, REACHED, WIND (the wind block is used up), STALLED (no progress), ENERGY or NEAR.
     """
-    dt = limits[0]
+    dt = limits[STEP_S]
     last = route.shape[0] - 1
-    windy = wind.shape[0] > 1 or wind[0, 0] != 0.0 or wind[0, 1] != 0.0
-    px, py, pz = state[0], state[1], state[2]
-    vx, vy, vz = state[3], state[4], state[5]
-    ax, ay, az = state[6], state[7], state[8]
-    yaw, yaw_rate, energy, length = state[9], state[10], state[11], state[12]
-    step, leg = counters[0], counters[1]
+    windy = wind.shape[0] > 1 or wind[0, AIR_EAST] != 0.0 or wind[0, AIR_NORTH] != 0.0
+    px, py, pz = state[POSITION_X], state[POSITION_Y], state[POSITION_Z]
+    vx, vy, vz = state[VELOCITY_X], state[VELOCITY_Y], state[VELOCITY_Z]
+    ax, ay, az = state[ACCELERATION_X], state[ACCELERATION_Y], state[ACCELERATION_Z]
+    yaw, yaw_rate, energy, length = (
+        state[HEADING],
+        state[HEADING_RATE],
+        state[ENERGY_USED],
+        state[PATH_LENGTH],
+    )
+    step, leg = counters[STEP], counters[LEG_INDEX]
     event = RAN
     fresh = True
-    accel2 = limits[5] * limits[5]
-    top2 = limits[1] * limits[1]
+    accel2 = limits[ACCELERATION_MAX] * limits[ACCELERATION_MAX]
+    top2 = limits[SPEED_MAX] * limits[SPEED_MAX]
     tx = ty = tz = ux = uy = uz = nx = ny = wx = wy = wz = 0.0
     cruise = leave = radius = heading = horizontal = 0.0
     for _ in range(max_steps):
         if fresh:
             row = route[leg]
-            tx, ty, tz = row[0], row[1], row[2]
-            ux, uy, uz = row[3], row[4], row[5]
-            nx, ny = row[6], row[7]
-            wx, wy, wz = row[9], row[10], row[11]
-            cruise, leave, radius, heading, horizontal = row[12], row[13], row[14], row[15], row[26]
+            tx, ty, tz = row[LEG_X], row[LEG_Y], row[LEG_Z]
+            ux, uy, uz = row[LEG_ALONG_X], row[LEG_ALONG_Y], row[LEG_ALONG_Z]
+            nx, ny = row[LEG_ACROSS_X], row[LEG_ACROSS_Y]
+            wx, wy, wz = row[LEG_NORMAL_X], row[LEG_NORMAL_Y], row[LEG_NORMAL_Z]
+            cruise, leave, radius, heading, horizontal = (
+                row[LEG_SPEED],
+                row[LEG_END_SPEED],
+                row[LEG_RADIUS],
+                row[LEG_HEADING],
+                row[LEG_HORIZONTAL],
+            )
             fresh = False
         rx, ry, rz = tx - px, ty - py, tz - pz
         if step % GRID == 0:
@@ -298,25 +382,29 @@ def advance(
                 if index >= wind.shape[0]:
                     event = WIND
                     break
-            state[15], state[16], rising = wind_at(wind[index], pz)
-            airx, airy = vx - state[15], vy - state[16]
-            state[13] = multirotor_power(power, airx, airy, vz - rising, ax, ay, az)
-            if track_every > 0 and (step // GRID) % track_every == 0 and counters[5] < track.shape[0]:
-                point = counters[5]
+            state[WIND_EAST], state[WIND_NORTH], rising = wind_at(wind[index], pz)
+            airx, airy = vx - state[WIND_EAST], vy - state[WIND_NORTH]
+            state[POWER] = multirotor_power(power, airx, airy, vz - rising, ax, ay, az)
+            if (
+                track_every > 0
+                and (step // GRID) % track_every == 0
+                and counters[TRACK_POINTS] < track.shape[0]
+            ):
+                point = counters[TRACK_POINTS]
                 track[point, 0], track[point, 1], track[point, 2] = px, py, pz
-                counters[5] = point + 1
-            if counters[3] == 0 and radius >= 0.0:
-                if state[14] == inf:
+                counters[TRACK_POINTS] = point + 1
+            if counters[ARRIVED] == 0 and radius >= 0.0:
+                if state[GIVE_UP_STEP] == inf:
                     left = sqrt(rx * rx + ry * ry + rz * rz)
                     left += _detour(row, (vx, vy, vz), (ax, ay, az))
-                    state[14] = step + (STALL_S + 1.5 * left / min(cruise, SLOWEST)) / dt
-                    counters[2] = step
+                    state[GIVE_UP_STEP] = step + (STALL_S + 1.5 * left / min(cruise, SLOWEST)) / dt
+                    counters[MOVED_STEP] = step
                 if vx * vx + vy * vy + vz * vz > 0.0025 * min(cruise * cruise, 1.0):
-                    counters[2] = step
-                if (step - counters[2]) * dt > STALL_S or step > state[14]:
+                    counters[MOVED_STEP] = step
+                if (step - counters[MOVED_STEP]) * dt > STALL_S or step > state[GIVE_UP_STEP]:
                     event = STALLED
                     break
-        # Along the leg, across it, and aslant: the state in the frame of the leg.
+        # Along the leg, across it, and normal to both: the state in the frame of the leg.
         ds = rx * ux + ry * uy + rz * uz
         vs = vx * ux + vy * uy + vz * uz
         accs = ax * ux + ay * uy + az * uz
@@ -334,40 +422,62 @@ def advance(
                 speed = most
             if windy and horizontal > 0.05:
                 ex, ey = ux / horizontal, uy / horizontal
-                tail = state[15] * ex + state[16] * ey
-                side = state[15] * ey - state[16] * ex
-                free = limits[2] * limits[2] - side * side
+                tail = state[WIND_EAST] * ex + state[WIND_NORTH] * ey
+                side = state[WIND_EAST] * ey - state[WIND_NORTH] * ex
+                free = limits[AIRSPEED_MAX] * limits[AIRSPEED_MAX] - side * side
                 most = (tail + sqrt(free)) / horizontal if free > 0.0 else 0.0
                 # Without this a vehicle that brakes against a storm could never finish to stop.
                 if most < speed and (most > SLOWEST or ds > CREEP):
                     speed = most if most > SLOWEST else 0.0
         row = route[leg]
-        if abs(vw) > row[23] and uz != 0.0:
-            most = 0.999 * (limits[3] if uz > 0.0 else limits[4]) - horizontal * abs(vw)
+        if abs(vw) > row[LEG_SPEED_NORMAL] and uz != 0.0:
+            most = 0.999 * (limits[CLIMB_MAX] if uz > 0.0 else limits[DESCENT_MAX]) - horizontal * abs(vw)
             most = most / abs(uz) if most > 0.0 else 0.0
             if most < speed:
                 speed = most
         if radius < 0.0:
-            s1 = velocity_acceleration(vs, accs, speed, row[16], row[17], dt)
+            s1 = velocity_acceleration(vs, accs, speed, row[LEG_ACCELERATION_ALONG], row[LEG_JERK_ALONG], dt)
         elif radius > 0.0 and ds >= 0.0:
-            ahead = row[27] + (ds - radius if ds > radius else 0.0)
+            ahead = row[LEG_BEYOND] + (ds - radius if ds > radius else 0.0)
             if ahead == 0.0 and vs <= leave and leave < speed:
                 speed = leave
-            if ahead > row[24] and vs <= speed:
+            if ahead > row[LEG_BRAKING_DISTANCE] and vs <= speed:
                 ahead = 1e9
-            s1 = axis_acceleration(ahead, vs, accs, leave, speed, row[16], row[17], dt)
+            s1 = axis_acceleration(
+                ahead, vs, accs, leave, speed, row[LEG_ACCELERATION_ALONG], row[LEG_JERK_ALONG], dt
+            )
         else:
-            s1 = axis_acceleration(ds, vs, accs, 0.0, speed, row[16], row[17], dt)
+            s1 = axis_acceleration(
+                ds, vs, accs, 0.0, speed, row[LEG_ACCELERATION_ALONG], row[LEG_JERK_ALONG], dt
+            )
         n1 = accn
         if radius < 0.0:
-            n1 = velocity_acceleration(vn, accn, 0.0, row[18], row[19], dt)
+            n1 = velocity_acceleration(vn, accn, 0.0, row[LEG_ACCELERATION_ACROSS], row[LEG_JERK_ACROSS], dt)
         elif abs(dn) + abs(vn) + abs(accn) > 1e-9:
-            n1 = axis_acceleration(dn, vn, accn, 0.0, row[22], row[18], row[19], dt)
+            n1 = axis_acceleration(
+                dn,
+                vn,
+                accn,
+                0.0,
+                row[LEG_SPEED_ACROSS],
+                row[LEG_ACCELERATION_ACROSS],
+                row[LEG_JERK_ACROSS],
+                dt,
+            )
         w1 = accw
         if radius < 0.0:
             w1 = _climb_acceleration(row, pz, vz, az, limits)
         elif abs(dw) + abs(vw) + abs(accw) > 1e-9:
-            w1 = axis_acceleration(dw, vw, accw, 0.0, row[23], row[20], row[21], dt)
+            w1 = axis_acceleration(
+                dw,
+                vw,
+                accw,
+                0.0,
+                row[LEG_SPEED_NORMAL],
+                row[LEG_ACCELERATION_NORMAL],
+                row[LEG_JERK_NORMAL],
+                dt,
+            )
         bx = s1 * ux + n1 * nx + w1 * wx
         by = s1 * uy + n1 * ny + w1 * wy
         bz = s1 * uz + w1 * wz
@@ -378,14 +488,14 @@ def advance(
             scale = sqrt(accel2 / norm2)
             bx *= scale
             by *= scale
-        bz = min(max(bz, -limits[7]), limits[7])
+        bz = min(max(bz, -limits[VERTICAL_ACCELERATION]), limits[VERTICAL_ACCELERATION])
         # A new leg may give the vertical axis less jerk than it needs to end what the leg before had begun.
-        if vz > 0.5 * limits[3]:
-            most = _gentle_acceleration(limits[3] - vz - 0.5 * az * dt, limits[8], dt)
-            bz = max(min(bz, most), az - limits[8] * dt, -limits[7])
-        elif vz < -0.5 * limits[4]:
-            most = _gentle_acceleration(limits[4] + vz + 0.5 * az * dt, limits[8], dt)
-            bz = min(max(bz, -most), az + limits[8] * dt, limits[7])
+        if vz > 0.5 * limits[CLIMB_MAX]:
+            most = _gentle_acceleration(limits[CLIMB_MAX] - vz - 0.5 * az * dt, limits[VERTICAL_JERK], dt)
+            bz = max(min(bz, most), az - limits[VERTICAL_JERK] * dt, -limits[VERTICAL_ACCELERATION])
+        elif vz < -0.5 * limits[DESCENT_MAX]:
+            most = _gentle_acceleration(limits[DESCENT_MAX] + vz + 0.5 * az * dt, limits[VERTICAL_JERK], dt)
+            bz = min(max(bz, -most), az + limits[VERTICAL_JERK] * dt, limits[VERTICAL_ACCELERATION])
         third = dt * dt / 6.0
         mx = vx * dt + third * (2.0 * ax + bx)
         my = vy * dt + third * (2.0 * ay + by)
@@ -398,15 +508,15 @@ def advance(
         vy += 0.5 * dt * (ay + by)
         vz += 0.5 * dt * (az + bz)
         ax, ay, az = bx, by, bz
-        energy += state[13] * dt
+        energy += state[POWER] * dt
         step += 1
-        if not isnan(state[17]):
-            east, north = state[17] - px, state[18] - py
+        if not isnan(state[LOOK_EAST]):
+            east, north = state[LOOK_EAST] - px, state[LOOK_NORTH] - py
             if east * east + north * north > ROI_NEAR * ROI_NEAR:
                 heading = atan2(east, north) % (2.0 * pi)
-        if not isnan(row[28]):
-            change = limits[10] * dt
-            rate = min(max(row[28], -limits[9]), limits[9])
+        if not isnan(row[LEG_TURN_RATE]):
+            change = limits[TURN_ACCELERATION] * dt
+            rate = min(max(row[LEG_TURN_RATE], -limits[TURN_RATE]), limits[TURN_RATE])
             yaw_rate += min(max(rate - yaw_rate, -change), change)
             yaw = (yaw + yaw_rate * dt) % (2.0 * pi)
         elif not isnan(heading) and (heading != yaw or yaw_rate != 0.0):
@@ -415,20 +525,20 @@ def advance(
             if size < 1e-6 and abs(yaw_rate) < 1e-4:
                 yaw, yaw_rate = heading, 0.0
             else:
-                rate = min(limits[9], 2.0 * size, 0.8 * sqrt(2.0 * limits[10] * size))
+                rate = min(limits[TURN_RATE], 2.0 * size, 0.8 * sqrt(2.0 * limits[TURN_ACCELERATION] * size))
                 rate = rate if error > 0.0 else -rate
-                change = limits[10] * dt
+                change = limits[TURN_ACCELERATION] * dt
                 yaw_rate += min(max(rate - yaw_rate, -change), change)
                 yaw = (yaw + yaw_rate * dt) % (2.0 * pi)
         elif yaw_rate != 0.0:
-            change = limits[10] * dt
+            change = limits[TURN_ACCELERATION] * dt
             yaw_rate -= min(max(yaw_rate, -change), change)
             yaw = (yaw + yaw_rate * dt) % (2.0 * pi)
-        if counters[3] == 0:
+        if counters[ARRIVED] == 0:
             rx, ry, rz = tx - px, ty - py, tz - pz
             left2 = rx * rx + ry * ry + rz * rz
             if radius < 0.0:
-                reached = radius == VELOCITY and row[29] < 0.0 and pz <= 0.0
+                reached = radius == VELOCITY and row[LEG_CLIMB] < 0.0 and pz <= 0.0
             elif radius > 0.0:
                 reached = left2 <= radius * radius
             else:
@@ -438,26 +548,31 @@ def advance(
                 )
             if reached:
                 arrivals[leg] = step
-                state[14] = inf
-                counters[4] = 0
+                state[GIVE_UP_STEP] = inf
+                counters[NEAR_TOLD] = 0
                 if leg == last:
-                    counters[3] = 1
+                    counters[ARRIVED] = 1
                     event = REACHED
                 else:
                     leg += 1
                     fresh = True
                     if stop_each:
                         event = REACHED
-            elif counters[4] == 0 and left2 < row[25] * row[25]:
-                counters[4] = 1
+            elif counters[NEAR_TOLD] == 0 and left2 < row[LEG_NEAR] * row[LEG_NEAR]:
+                counters[NEAR_TOLD] = 1
                 event = NEAR
-        if energy >= limits[11]:
+        if energy >= limits[ENERGY_LIMIT]:
             event = ENERGY
         if event != RAN:
             break
-    state[0], state[1], state[2] = px, py, pz
-    state[3], state[4], state[5] = vx, vy, vz
-    state[6], state[7], state[8] = ax, ay, az
-    state[9], state[10], state[11], state[12] = yaw, yaw_rate, energy, length
-    counters[0], counters[1] = step, leg
+    state[POSITION_X], state[POSITION_Y], state[POSITION_Z] = px, py, pz
+    state[VELOCITY_X], state[VELOCITY_Y], state[VELOCITY_Z] = vx, vy, vz
+    state[ACCELERATION_X], state[ACCELERATION_Y], state[ACCELERATION_Z] = ax, ay, az
+    state[HEADING], state[HEADING_RATE], state[ENERGY_USED], state[PATH_LENGTH] = (
+        yaw,
+        yaw_rate,
+        energy,
+        length,
+    )
+    counters[STEP], counters[LEG_INDEX] = step, leg
     return event

@@ -7,9 +7,47 @@ from math import inf, isnan, pi, sqrt
 import numpy as np
 
 from geo.compiled import compiled
-from sim_vehicle.motion.multirotor.kernel import AT_HEIGHT, LEG, VELOCITY, Floats
+from sim_vehicle.motion.multirotor.kernel import (
+    ACCELERATION_MAX,
+    AT_HEIGHT,
+    CLIMB_MAX,
+    DESCENT_MAX,
+    JERK_MAX,
+    LEG,
+    LEG_ACCELERATION_ALONG,
+    LEG_ACROSS_X,
+    LEG_ACROSS_Y,
+    LEG_ACROSS_Z,
+    LEG_ALONG_X,
+    LEG_ALONG_Y,
+    LEG_ALONG_Z,
+    LEG_BEYOND,
+    LEG_BRAKING_DISTANCE,
+    LEG_CLIMB,
+    LEG_END_SPEED,
+    LEG_HEADING,
+    LEG_HORIZONTAL,
+    LEG_JERK_ALONG,
+    LEG_NEAR,
+    LEG_NORMAL_X,
+    LEG_NORMAL_Y,
+    LEG_NORMAL_Z,
+    LEG_RADIUS,
+    LEG_SPEED,
+    LEG_SPEED_ACROSS,
+    LEG_SPEED_NORMAL,
+    LEG_TURN_RATE,
+    LEG_X,
+    LEG_Y,
+    LEG_Z,
+    SPEED_MAX,
+    VELOCITY,
+    VERTICAL_ACCELERATION,
+    VERTICAL_JERK,
+    Floats,
+)
 
-# How the horizontal limits are shared: along the leg and across it (0.8^2 + 0.6^2 = 1), and aslant.
+# How the horizontal limits are shared: along the leg and across it (0.8^2 + 0.6^2 = 1), and normal to both.
 ALONG = 0.8
 ACROSS = 0.6
 ASLANT = 0.25
@@ -65,34 +103,45 @@ def prepare_route(
         row = route[i]
         for k in range(3):
             row[k] = points[i, k]
-        dx, dy, dz = row[0] - bx, row[1] - by, row[2] - bz
+        dx, dy, dz = row[LEG_X] - bx, row[LEG_Y] - by, row[LEG_Z] - bz
         flat = sqrt(dx * dx + dy * dy)
         length = sqrt(flat * flat + dz * dz)
         lengths[i] = length
         if length > 1e-6:
-            row[3], row[4], row[5] = dx / length, dy / length, dz / length
+            row[LEG_ALONG_X], row[LEG_ALONG_Y], row[LEG_ALONG_Z] = dx / length, dy / length, dz / length
             flat /= length
         elif i > 0:
-            row[3], row[4], row[5] = route[i - 1, 3], route[i - 1, 4], route[i - 1, 5]
-            flat = route[i - 1, 26]
+            row[LEG_ALONG_X], row[LEG_ALONG_Y], row[LEG_ALONG_Z] = (
+                route[i - 1, LEG_ALONG_X],
+                route[i - 1, LEG_ALONG_Y],
+                route[i - 1, LEG_ALONG_Z],
+            )
+            flat = route[i - 1, LEG_HORIZONTAL]
         else:
-            row[3], row[4], row[5] = 1.0, 0.0, 0.0
+            row[LEG_ALONG_X], row[LEG_ALONG_Y], row[LEG_ALONG_Z] = 1.0, 0.0, 0.0
             flat = 1.0
         if flat < 1e-6:
-            row[3], row[4], row[5] = 0.0, 0.0, 1.0 if row[5] > 0.0 else -1.0
+            row[LEG_ALONG_X], row[LEG_ALONG_Y], row[LEG_ALONG_Z] = (
+                0.0,
+                0.0,
+                1.0 if row[LEG_ALONG_Z] > 0.0 else -1.0,
+            )
             flat = 0.0
-        rise = abs(row[5])
-        row[26] = flat
+        rise = abs(row[LEG_ALONG_Z])
+        row[LEG_HORIZONTAL] = flat
         if flat > 0.0:
-            row[6], row[7] = -row[4] / flat, row[3] / flat
+            row[LEG_ACROSS_X], row[LEG_ACROSS_Y] = -row[LEG_ALONG_Y] / flat, row[LEG_ALONG_X] / flat
         else:
-            row[6], row[7] = 0.0, 1.0
-        row[9] = row[4] * row[8] - row[5] * row[7]
-        row[10] = row[5] * row[6] - row[3] * row[8]
-        row[11] = row[3] * row[7] - row[4] * row[6]
+            row[LEG_ACROSS_X], row[LEG_ACROSS_Y] = 0.0, 1.0
+        row[LEG_NORMAL_X] = row[LEG_ALONG_Y] * row[LEG_ACROSS_Z] - row[LEG_ALONG_Z] * row[LEG_ACROSS_Y]
+        row[LEG_NORMAL_Y] = row[LEG_ALONG_Z] * row[LEG_ACROSS_X] - row[LEG_ALONG_X] * row[LEG_ACROSS_Z]
+        row[LEG_NORMAL_Z] = row[LEG_ALONG_X] * row[LEG_ACROSS_Y] - row[LEG_ALONG_Y] * row[LEG_ACROSS_X]
         # A thousandth is kept for what the time step adds.
-        up = 0.999 * (limits[3] if row[5] > 0.0 else limits[4])
-        for k, across, vertical in ((16, limits[5], limits[7]), (17, limits[6], limits[8])):
+        up = 0.999 * (limits[CLIMB_MAX] if row[LEG_ALONG_Z] > 0.0 else limits[DESCENT_MAX])
+        for k, across, vertical in (
+            (LEG_ACCELERATION_ALONG, limits[ACCELERATION_MAX], limits[VERTICAL_ACCELERATION]),
+            (LEG_JERK_ALONG, limits[JERK_MAX], limits[VERTICAL_JERK]),
+        ):
             row[k + 2] = ACROSS * across
             aslant = min(ALONG * across / rise if rise > 0.0 else inf, vertical / flat if flat > 0.0 else inf)
             row[k + 4] = ASLANT * aslant
@@ -100,61 +149,74 @@ def prepare_route(
                 (ALONG * across - rise * row[k + 4]) / flat if flat > 0.0 else inf,
                 (vertical - flat * row[k + 4]) / rise if rise > 0.0 else inf,
             )
-        row[22] = 0.3 * limits[1]
-        lesser = min(limits[3], limits[4])
-        row[23] = ASLANT * min(limits[1] / rise if rise > 0.0 else inf, lesser / flat if flat > 0.0 else inf)
+        row[LEG_SPEED_ACROSS] = 0.3 * limits[SPEED_MAX]
+        lesser = min(limits[CLIMB_MAX], limits[DESCENT_MAX])
+        row[LEG_SPEED_NORMAL] = ASLANT * min(
+            limits[SPEED_MAX] / rise if rise > 0.0 else inf, lesser / flat if flat > 0.0 else inf
+        )
         wanted = inf if isnan(speed[i]) else speed[i]
         if not isnan(climbing[i]) and flat == 0.0:
             up = min(up, climbing[i])
-        row[12] = min(
-            min(wanted, 0.95 * limits[1] - rise * row[23]) / flat if flat > 0.0 else inf,
-            (up - flat * row[23]) / rise if rise > 0.0 else inf,
+        row[LEG_SPEED] = min(
+            min(wanted, 0.95 * limits[SPEED_MAX] - rise * row[LEG_SPEED_NORMAL]) / flat
+            if flat > 0.0
+            else inf,
+            (up - flat * row[LEG_SPEED_NORMAL]) / rise if rise > 0.0 else inf,
         )
-        row[14] = radius[i] if i < n - 1 else 0.0
+        row[LEG_RADIUS] = radius[i] if i < n - 1 else 0.0
         if heading[i] == inf or (isnan(heading[i]) and flat * length < 0.05):
-            row[15] = np.nan
+            row[LEG_HEADING] = np.nan
         elif isnan(heading[i]):
-            row[15] = np.arctan2(row[3], row[4]) % (2.0 * pi)
+            row[LEG_HEADING] = np.arctan2(row[LEG_ALONG_X], row[LEG_ALONG_Y]) % (2.0 * pi)
         else:
-            row[15] = heading[i] % (2.0 * pi)
-        row[25] = near[i]
-        row[28] = turning[i]
-        bx, by, bz = row[0], row[1], row[2]
-    # Backwards: the speed at each corner, and the next place that the vehicle has to brake for. A corner
-    # that is slower than what braking for that place allows becomes such a place itself.
+            row[LEG_HEADING] = heading[i] % (2.0 * pi)
+        row[LEG_NEAR] = near[i]
+        row[LEG_TURN_RATE] = turning[i]
+        bx, by, bz = row[LEG_X], row[LEG_Y], row[LEG_Z]
+    # Backwards: the speed at each corner, and the next position that the vehicle has to brake for. A corner
+    # that is slower than what braking for that position allows becomes such a position itself.
     slow, way = 0.0, 0.0
     for i in range(n - 1, -1, -1):
         row = route[i]
-        if row[14] > 0.0:
+        if row[LEG_RADIUS] > 0.0:
             after = route[i + 1]
-            corner = min(row[12], after[12])
+            corner = min(row[LEG_SPEED], after[LEG_SPEED])
             turn = 1.0
             for axis in range(3):
                 part = 0.0
                 for k in range(3):
-                    part += row[3 + k] * after[3 + 3 * axis + k]
+                    part += row[LEG_ALONG_X + k] * after[LEG_ALONG_X + 3 * axis + k]
                 if axis == 0:
                     turn = part
                     if part >= 0.0:
                         continue
                 part = abs(part)
                 if part > 1e-9:
-                    room = max(part, 0.3) * row[14]
+                    room = max(part, 0.3) * row[LEG_RADIUS]
                     corner = min(
-                        corner, _speed_within(room, after[16 + 2 * axis], after[17 + 2 * axis]) / part
+                        corner,
+                        _speed_within(
+                            room, after[LEG_ACCELERATION_ALONG + 2 * axis], after[LEG_JERK_ALONG + 2 * axis]
+                        )
+                        / part,
                     )
-            way = max(way + lengths[i + 1] + max(turn, 0.0) * row[14] - after[14], 0.0)
-            limit = after[16] if turn > 0.9 else 0.9 * after[16]
-            ramp = limit * limit / after[17]
+            way = max(way + lengths[i + 1] + max(turn, 0.0) * row[LEG_RADIUS] - after[LEG_RADIUS], 0.0)
+            limit = after[LEG_ACCELERATION_ALONG] if turn > 0.9 else 0.9 * after[LEG_ACCELERATION_ALONG]
+            ramp = limit * limit / after[LEG_JERK_ALONG]
             reach = 0.5 * (sqrt((ramp - 2.0 * slow) ** 2 + 8.0 * limit * way) - ramp)
-            reach = max(slow, reach, _speed_within(way, limit, after[17]))
+            reach = max(slow, reach, _speed_within(way, limit, after[LEG_JERK_ALONG]))
             if corner < reach or turn < 0.9:
                 slow, way = min(corner, reach), 0.0
         else:
             slow, way = 0.0, 0.0
-        row[13], row[27] = slow, way
-        v = row[12] + 0.5 * row[16] * row[16] / row[17]
-        row[24] = v * (v / row[16] + 2.0 * row[16] / row[17])
+        row[LEG_END_SPEED], row[LEG_BEYOND] = slow, way
+        v = (
+            row[LEG_SPEED]
+            + 0.5 * row[LEG_ACCELERATION_ALONG] * row[LEG_ACCELERATION_ALONG] / row[LEG_JERK_ALONG]
+        )
+        row[LEG_BRAKING_DISTANCE] = v * (
+            v / row[LEG_ACCELERATION_ALONG] + 2.0 * row[LEG_ACCELERATION_ALONG] / row[LEG_JERK_ALONG]
+        )
     return route
 
 
@@ -185,28 +247,33 @@ def prepare_velocity(
     speed = np.hypot(east, north)
     ux, uy = (east / speed, north / speed) if speed > 0.0 else (1.0, 0.0)
     row = np.zeros(LEG)
-    row[:3] = position
+    row[:LEG_ALONG_X] = position
     # So far that it is never reached; the wind's limit looks at what is left of the leg.
-    row[0] += 1e6 * ux
-    row[1] += 1e6 * uy
-    row[3:12] = ux, uy, 0.0, -uy, ux, 0.0, 0.0, 0.0, 1.0
-    row[12] = min(speed, 0.95 * limits[1])
-    row[14] = VELOCITY if np.isnan(height_m) else AT_HEIGHT
-    row[15] = np.nan
+    row[LEG_X] += 1e6 * ux
+    row[LEG_Y] += 1e6 * uy
+    row[LEG_ALONG_X:LEG_SPEED] = ux, uy, 0.0, -uy, ux, 0.0, 0.0, 0.0, 1.0
+    row[LEG_SPEED] = min(speed, 0.95 * limits[SPEED_MAX])
+    row[LEG_RADIUS] = VELOCITY if np.isnan(height_m) else AT_HEIGHT
+    row[LEG_HEADING] = np.nan
     if np.isfinite(heading_rad):
-        row[15] = heading_rad % (2.0 * np.pi)
+        row[LEG_HEADING] = heading_rad % (2.0 * np.pi)
     elif np.isnan(heading_rad) and speed > 0.1:
-        row[15] = np.arctan2(ux, uy) % (2.0 * np.pi)
-    row[16:22] = (
-        ALONG * limits[5],
-        ALONG * limits[6],
-        ACROSS * limits[5],
-        ACROSS * limits[6],
-        limits[7],
-        limits[8],
+        row[LEG_HEADING] = np.arctan2(ux, uy) % (2.0 * np.pi)
+    row[LEG_ACCELERATION_ALONG:LEG_SPEED_ACROSS] = (
+        ALONG * limits[ACCELERATION_MAX],
+        ALONG * limits[JERK_MAX],
+        ACROSS * limits[ACCELERATION_MAX],
+        ACROSS * limits[JERK_MAX],
+        limits[VERTICAL_ACCELERATION],
+        limits[VERTICAL_JERK],
     )
-    row[22], row[23], row[26], row[28] = limits[1], limits[3], 1.0, turn_rad_s
-    row[29] = min(max(up, -0.999 * limits[4]), 0.999 * limits[3])
+    row[LEG_SPEED_ACROSS], row[LEG_SPEED_NORMAL], row[LEG_HORIZONTAL], row[LEG_TURN_RATE] = (
+        limits[SPEED_MAX],
+        limits[CLIMB_MAX],
+        1.0,
+        turn_rad_s,
+    )
+    row[LEG_CLIMB] = min(max(up, -0.999 * limits[DESCENT_MAX]), 0.999 * limits[CLIMB_MAX])
     if not np.isnan(height_m):
-        row[2] = height_m
+        row[LEG_Z] = height_m
     return row[np.newaxis]

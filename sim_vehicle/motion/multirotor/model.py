@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sim_vehicle.energy.battery import WH_J
-from sim_vehicle.motion.columns import LOOK_EAST, LOOK_NORTH, STATE
+from sim_vehicle.motion.columns import HEADING, LOOK_EAST, LOOK_NORTH, POSITION, STATE, VELOCITY
 from sim_vehicle.motion.compiled_motion import CompiledMotion
 from sim_vehicle.motion.legs import KEEP
 from sim_vehicle.motion.multirotor import kernel
@@ -48,7 +48,7 @@ class Multirotor(CompiledMotion):
 
     _kernel = staticmethod(kernel.advance)
     _state_size = STATE
-    _energy_limit = 11
+    _energy_limit = kernel.ENERGY_LIMIT
 
     def __init__(self, spec: VehicleSpec, wind: Wind | None = None, yaw_rad: float = 0.0) -> None:
         super().__init__(spec, wind, yaw_rad)
@@ -64,7 +64,7 @@ class Multirotor(CompiledMotion):
     def fly(self, route: Route) -> None:
         """Begin a route, from where the vehicle is and as it moves now."""
         self._route = prepare_route(
-            self.state[0:3].copy(),
+            self.state[POSITION:VELOCITY].copy(),
             route.points_m,
             route.radius_m,
             route.speed_m_s,
@@ -85,7 +85,7 @@ class Multirotor(CompiledMotion):
     ) -> None:
         """Keep a velocity, or its horizontal part at a height; downward it goes on to the ground."""
         self._route = prepare_velocity(
-            self.state[0:3], velocity_m_s, height_m, *heading.numbers, self._limits
+            self.state[POSITION:VELOCITY], velocity_m_s, height_m, *heading.numbers, self._limits
         )
         self._begin()
 
@@ -94,24 +94,28 @@ class Multirotor(CompiledMotion):
         self.state[LOOK_EAST : LOOK_NORTH + 1] = math.nan if position_m is None else position_m
 
     def stopping_point(self) -> Position:
-        """Return where the vehicle comes to rest if it brakes now."""
-        x, y, z, vx, vy, vz, ax, ay, az = self.state[0:9].tolist()
+        """Return the position of rest if it brakes now."""
+        x, y, z, vx, vy, vz, ax, ay, az = self.state[POSITION:HEADING].tolist()
         speed = math.sqrt(vx * vx + vy * vy + vz * vz)
         if speed < 1e-3:
             return x, y, z
         ux, uy, uz = vx / speed, vy / speed, vz / speed
         probe = np.array([[x + ux, y + uy, z + uz]])
         one = np.ones(1)
-        row = prepare_route(self.state[0:3].copy(), probe, one, one, one, one, one, one, self._limits)[0]
+        row = prepare_route(
+            self.state[POSITION:VELOCITY].copy(), probe, one, one, one, one, one, one, self._limits
+        )[0]
         along = ax * ux + ay * uy + az * uz
-        distance = kernel.stopping_distance(speed, along, 0.0, row[16], row[17])
+        distance = kernel.stopping_distance(
+            speed, along, 0.0, row[kernel.LEG_ACCELERATION_ALONG], row[kernel.LEG_JERK_ALONG]
+        )
         return x + ux * distance, y + uy * distance, max(z + uz * distance, 0.0)
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
         """Climb and sink no faster than this, from the next route on; None is the vehicle's own limit."""
         spec = self.spec
-        self._limits[3] = min(climb_m_s or math.inf, spec.climb_speed_m_s)
-        self._limits[4] = min(descent_m_s or math.inf, spec.descent_speed_m_s)
+        self._limits[kernel.CLIMB_MAX] = min(climb_m_s or math.inf, spec.climb_speed_m_s)
+        self._limits[kernel.DESCENT_MAX] = min(descent_m_s or math.inf, spec.descent_speed_m_s)
 
     def lose_power(self) -> None:
         """Nothing: it comes down with what is left."""

@@ -16,7 +16,39 @@ from math import atan2, cos, exp, inf, isnan, pi, sin, sqrt
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.energy.power_kernels import multirotor_power
-from sim_vehicle.motion.columns import ENERGY, GRID, NEAR, RAN, REACHED, STALLED, WIND
+from sim_vehicle.motion.columns import (
+    ACCELERATION_X,
+    ACCELERATION_Y,
+    ACCELERATION_Z,
+    ARRIVED,
+    ENERGY,
+    ENERGY_USED,
+    GRID,
+    HEADING,
+    HEADING_RATE,
+    LEG_INDEX,
+    LOOK_EAST,
+    LOOK_NORTH,
+    MOVED_STEP,
+    NEAR,
+    NEAR_TOLD,
+    PATH_LENGTH,
+    POSITION_X,
+    POSITION_Y,
+    POSITION_Z,
+    POWER,
+    RAN,
+    REACHED,
+    STALLED,
+    STEP,
+    TRACK_POINTS,
+    VELOCITY_X,
+    VELOCITY_Y,
+    VELOCITY_Z,
+    WIND,
+    WIND_EAST,
+    WIND_NORTH,
+)
 from sim_vehicle.motion.multirotor.kernel import ROI_NEAR, STALL_S, Floats, Integers
 from sim_vehicle.motion.px4.smoothing import (
     Vector,
@@ -31,21 +63,66 @@ from sim_vehicle.motion.px4.smoothing import (
 )
 from sim_vehicle.weather.gust_kernel import wind_at
 
-# leg: target 0-2, place before 3-5, place after 6-8, acceptance radius 9, speed 10, heading 11 (NaN: to the
-# target, infinity: keep), distance to notify at 12, kind 13 (`LegKind`), pause 14, rate of turning 15 (NaN:
-# by the heading)
+# One leg: its target, the positions before and after it, and how it is flown.
+(
+    LEG_X,
+    LEG_Y,
+    LEG_Z,
+    LEG_BEFORE_X,
+    LEG_BEFORE_Y,
+    LEG_BEFORE_Z,
+    LEG_AFTER_X,
+    LEG_AFTER_Y,
+    LEG_AFTER_Z,
+    LEG_RADIUS,  # Acceptance radius.
+    LEG_SPEED,
+    LEG_HEADING,  # NaN: to the target, infinity: keep.
+    LEG_NEAR,  # Distance to notify at.
+    LEG_KIND,  # `LegKind`.
+    LEG_PAUSE,
+    LEG_TURN_RATE,  # NaN: by the heading.
+) = range(16)
 LEG = 16
 _TAKEOFF, _CLIMB, _DESCEND, _LAND = 1, 2, 4, 5
 
-# guide: trajectory 0-8 (place, velocity, acceleration), velocity integrals 9-11, thrust direction 12-13, its
-# rate 14-15, thrust (m/s^2) 16, filtered acceleration 17-19, speed before a turn 20, vertical speed wanted
-# 21, waypoints that are followed 22-30 (target, before, after), state against the track 31, a new leg 32,
-# time since the motors started 33 (negative: off, infinity: in flight), wanted heading 34, nearest so far 35,
-# in the acceptance radius since step 36 (negative: not yet), time on the ground 37, taking off from the
-# ground 38
+# What the autopilot remembers.
 GUIDE = 39
-G_TURN, G_CLIMB, G_TARGET, G_BEFORE, G_AFTER, G_STATE, G_FRESH = 20, 21, 22, 25, 28, 31, 32
-G_CLOCK, G_HEADING, G_BEST, G_INSIDE, G_GROUND, G_LAUNCH = 33, 34, 35, 36, 37, 38
+(
+    G_X,  # The trajectory: position, velocity, acceleration.
+    G_Y,
+    G_Z,
+    G_VX,
+    G_VY,
+    G_VZ,
+    G_AX,
+    G_AY,
+    G_AZ,
+    G_INTEGRAL_X,  # Integrals of the velocity controller.
+    G_INTEGRAL_Y,
+    G_INTEGRAL_Z,
+    G_THRUST_X,  # Direction of the thrust.
+    G_THRUST_Y,
+    G_THRUST_RATE_X,
+    G_THRUST_RATE_Y,
+    G_THRUST,  # m/s^2.
+    G_FILTERED_AX,  # Filtered acceleration.
+    G_FILTERED_AY,
+    G_FILTERED_AZ,
+    G_TURN,  # Speed before a turn.
+    G_CLIMB,  # Vertical speed wanted.
+) = range(22)
+# Where the positions of the waypoints that are followed begin, three numbers each.
+G_TARGET, G_BEFORE, G_AFTER = 22, 25, 28
+(
+    G_STATE,  # State against the track.
+    G_FRESH,  # Whether the leg is new.
+    G_CLOCK,  # Time since the motors started; negative: off, infinity: in flight.
+    G_HEADING,  # Wanted heading.
+    G_BEST,  # Nearest so far.
+    G_INSIDE,  # Step of entering the acceptance radius; negative: not yet.
+    G_GROUND,  # Time on the ground.
+    G_LAUNCH,  # Whether it takes off from the ground.
+) = range(31, GUIDE)
 
 # law: the parameters as `sim_vehicle.motion.px4.model.law_of` puts them, SI units.
 (
@@ -108,15 +185,23 @@ PROGRESS = 0.98
 @compiled
 def _choose_waypoints(g: Floats, row: Floats, px: float, py: float, pz: float, radius: float) -> None:
     """Follow the leg, or fly back to it when the vehicle is off it, before it or past its end."""
-    dx, dy, dz = row[0] - row[3], row[1] - row[4], row[2] - row[5]
+    dx, dy, dz = (
+        row[LEG_X] - row[LEG_BEFORE_X],
+        row[LEG_Y] - row[LEG_BEFORE_Y],
+        row[LEG_Z] - row[LEG_BEFORE_Z],
+    )
     size = sqrt(dx * dx + dy * dy + dz * dz)
     state = 0.0
-    nearx, neary, nearz = row[3], row[4], row[5]
-    if size > 1e-6 and row[13] != _LAND:
+    nearx, neary, nearz = row[LEG_BEFORE_X], row[LEG_BEFORE_Y], row[LEG_BEFORE_Z]
+    if size > 1e-6 and row[LEG_KIND] != _LAND:
         dx, dy, dz = dx / size, dy / size, dz / size
-        qx, qy, qz = px - row[3], py - row[4], pz - row[5]
+        qx, qy, qz = px - row[LEG_BEFORE_X], py - row[LEG_BEFORE_Y], pz - row[LEG_BEFORE_Z]
         along = qx * dx + qy * dy + qz * dz
-        nearx, neary, nearz = row[3] + along * dx, row[4] + along * dy, row[5] + along * dz
+        nearx, neary, nearz = (
+            row[LEG_BEFORE_X] + along * dx,
+            row[LEG_BEFORE_Y] + along * dy,
+            row[LEG_BEFORE_Z] + along * dz,
+        )
         if along > size:
             state = 1.0
         elif along < 0.0 and qx * qx + qy * qy + qz * qz > radius * radius:
@@ -127,12 +212,12 @@ def _choose_waypoints(g: Floats, row: Floats, px: float, py: float, pz: float, r
         return
     g[G_FRESH], g[G_STATE] = 0.0, state
     for k in range(3):
-        g[G_TARGET + k], g[G_BEFORE + k], g[G_AFTER + k] = row[k], row[3 + k], row[6 + k]
+        g[G_TARGET + k], g[G_BEFORE + k], g[G_AFTER + k] = row[k], row[LEG_BEFORE_X + k], row[LEG_AFTER_X + k]
     if state > 0.0:
         g[G_BEFORE], g[G_BEFORE + 1], g[G_BEFORE + 2] = px, py, pz
     if state == 2.0:
         for k in range(3):
-            g[G_TARGET + k], g[G_AFTER + k] = row[3 + k], row[k]
+            g[G_TARGET + k], g[G_AFTER + k] = row[LEG_BEFORE_X + k], row[k]
     elif state == 3.0:
         g[G_TARGET], g[G_TARGET + 1], g[G_TARGET + 2] = nearx, neary, nearz
         for k in range(3):
@@ -142,28 +227,28 @@ def _choose_waypoints(g: Floats, row: Floats, px: float, py: float, pz: float, r
 @compiled
 def _guide(g: Floats, row: Floats, law: Floats, px: float, py: float, pz: float) -> None:
     """Move the trajectory by one step."""
-    dt, jerk, accel, radius = law[DT], law[JERK], law[ACC_HOR], row[9]
+    dt, jerk, accel, radius = law[DT], law[JERK], law[ACC_HOR], row[LEG_RADIUS]
     # With less, a wind that shakes the vehicle off its track could keep it going to and fro between states.
     _choose_waypoints(g, row, px, py, pz, max(radius, LEAST_TRACK_M))
-    kind = row[13]
+    kind = row[LEG_KIND]
     if g[G_CLIMB] > 0.0:
         limit, top = law[ACC_UP], law[AUTO_UP]
         if kind == _TAKEOFF and g[G_LAUNCH] > 0.0 and pz < law[LAND_ALT1]:
             top = law[TAKEOFF_SPEED]
             if law[TAKEOFF_RAMP] > 0.0:
                 limit = min(limit, top / law[TAKEOFF_RAMP])
-            g[2] = pz
+            g[G_Z] = pz
     else:
         limit, top = law[ACC_DOWN], law[AUTO_DOWN]
-    place = (g[0], g[1], g[2])
-    target = (g[22], g[23], g[24])
-    after = (g[28], g[29], g[30])
-    level = level_speed(place, target, after, radius, row[10], accel, jerk, law[TRAJ_P])
-    tx, ty = target[0] - g[0], target[1] - g[1]
+    place = (g[G_X], g[G_Y], g[G_Z])
+    target = (g[G_TARGET], g[G_TARGET + 1], g[G_TARGET + 2])
+    after = (g[G_AFTER], g[G_AFTER + 1], g[G_AFTER + 2])
+    level = level_speed(place, target, after, radius, row[LEG_SPEED], accel, jerk, law[TRAJ_P])
+    tx, ty = target[0] - g[G_X], target[1] - g[G_Y]
     turning = (
-        g[3] * g[3] + g[4] * g[4] > BRISK * BRISK
+        g[G_VX] * g[G_VX] + g[G_VY] * g[G_VY] > BRISK * BRISK
         and tx * tx + ty * ty > radius * radius
-        and unit_dot(g[3], g[4], tx, ty) < 0.98
+        and unit_dot(g[G_VX], g[G_VY], tx, ty) < 0.98
     )
     if turning:
         level = min(level, g[G_TURN])
@@ -182,8 +267,10 @@ def _guide(g: Floats, row: Floats, law: Floats, px: float, py: float, pz: float)
         climb = climb_speed(place, target, after, law[ALT_RAD], top, limit, jerk)
         aim = target
         if turning:
-            aim = lookahead(place, (g[25], g[26], g[27]), target, max(radius, LOOKAHEAD_M))
-        dx, dy, dz = aim[0] - g[0], aim[1] - g[1], aim[2] - g[2]
+            aim = lookahead(
+                place, (g[G_BEFORE], g[G_BEFORE + 1], g[G_BEFORE + 2]), target, max(radius, LOOKAHEAD_M)
+            )
+        dx, dy, dz = aim[0] - g[G_X], aim[1] - g[G_Y], aim[2] - g[G_Z]
         size = sqrt(dx * dx + dy * dy + dz * dz)
         scale = sqrt(level * level + climb * climb) / size if size > 1e-9 else 0.0
         wx, wy, wz = clamped((dx * scale, dy * scale, dz * scale), level, climb)
@@ -193,23 +280,23 @@ def _guide(g: Floats, row: Floats, law: Floats, px: float, py: float, pz: float)
     wz = min(max(wz, -top), top)
     # The trajectory waits for a vehicle that is behind it; on the average of a noisy estimate, half so for
     # one that is beside it.
-    ex, ey = g[0] - px, g[1] - py
-    speed2 = g[3] * g[3] + g[4] * g[4]
-    lead = (ex * g[3] + ey * g[4]) / sqrt(speed2) if speed2 > 0.0 else 0.0
+    ex, ey = g[G_X] - px, g[G_Y] - py
+    speed2 = g[G_VX] * g[G_VX] + g[G_VY] * g[G_VY]
+    lead = (ex * g[G_VX] + ey * g[G_VY]) / sqrt(speed2) if speed2 > 0.0 else 0.0
     behind = 0.5 * (1.0 + lead / sqrt(lead * lead + NOISE_M * NOISE_M))
     error = behind * sqrt(ex * ex + ey * ey + NOISE_M * NOISE_M)
     t = dt * (1.0 - min(error / law[ERR_MAX], 1.0))
-    a = profile(g[3], g[6], wx, accel, jerk)
-    b = profile(g[4], g[7], wy, accel, jerk)
-    c = profile(g[5], g[8], wz, limit, jerk)
+    a = profile(g[G_VX], g[G_AX], wx, accel, jerk)
+    b = profile(g[G_VY], g[G_AY], wy, accel, jerk)
+    c = profile(g[G_VZ], g[G_AZ], wz, limit, jerk)
     total = max(a[1] + a[2] + a[3], b[1] + b[2] + b[3], c[1] + c[2] + c[3])
     if total > 0.0:
-        a = stretched(a, g[3], g[6], wx, accel, jerk, total)
-        b = stretched(b, g[4], g[7], wy, accel, jerk, total)
-        c = stretched(c, g[5], g[8], wz, limit, jerk, total)
-    g[0], g[3], g[6] = follow(a, g[0], g[3], g[6], jerk, t)
-    g[1], g[4], g[7] = follow(b, g[1], g[4], g[7], jerk, t)
-    g[2], g[5], g[8] = follow(c, g[2], g[5], g[8], jerk, t)
+        a = stretched(a, g[G_VX], g[G_AX], wx, accel, jerk, total)
+        b = stretched(b, g[G_VY], g[G_AY], wy, accel, jerk, total)
+        c = stretched(c, g[G_VZ], g[G_AZ], wz, limit, jerk, total)
+    g[G_X], g[G_VX], g[G_AX] = follow(a, g[G_X], g[G_VX], g[G_AX], jerk, t)
+    g[G_Y], g[G_VY], g[G_AY] = follow(b, g[G_Y], g[G_VY], g[G_AY], jerk, t)
+    g[G_Z], g[G_VZ], g[G_AZ] = follow(c, g[G_Z], g[G_VZ], g[G_AZ], jerk, t)
 
 
 @compiled
@@ -218,17 +305,17 @@ def _control(
 ) -> tuple[float, float, float]:
     """Return the thrust vector (m/s^2) that the position and velocity controllers want."""
     dt = law[DT]
-    vx = g[3] + law[XY_P] * (g[0] - state[0])
-    vy = g[4] + law[XY_P] * (g[1] - state[1])
+    vx = g[G_VX] + law[XY_P] * (g[G_X] - state[POSITION_X])
+    vy = g[G_VY] + law[XY_P] * (g[G_Y] - state[POSITION_Y])
     size = sqrt(vx * vx + vy * vy)
     if size > law[XY_VEL_MAX]:
         vx, vy = vx * law[XY_VEL_MAX] / size, vy * law[XY_VEL_MAX] / size
     down = max(law[MAX_DOWN], 1.2 * law[AUTO_DOWN])
-    vz = min(max(g[5] + law[Z_P] * (g[2] - state[2]), -down), climb_limit)
-    ex, ey, ez = vx - state[3], vy - state[4], vz - state[5]
-    ax = g[6] + law[XY_VEL_P] * ex + g[9] - law[XY_VEL_D] * g[17]
-    ay = g[7] + law[XY_VEL_P] * ey + g[10] - law[XY_VEL_D] * g[18]
-    az = (g[8] if flying else 0.0) + law[Z_VEL_P] * ez + g[11] - law[Z_VEL_D] * g[19]
+    vz = min(max(g[G_VZ] + law[Z_P] * (g[G_Z] - state[POSITION_Z]), -down), climb_limit)
+    ex, ey, ez = vx - state[VELOCITY_X], vy - state[VELOCITY_Y], vz - state[VELOCITY_Z]
+    ax = g[G_AX] + law[XY_VEL_P] * ex + g[G_INTEGRAL_X] - law[XY_VEL_D] * g[G_FILTERED_AX]
+    ay = g[G_AY] + law[XY_VEL_P] * ey + g[G_INTEGRAL_Y] - law[XY_VEL_D] * g[G_FILTERED_AY]
+    az = (g[G_AZ] if flying else 0.0) + law[Z_VEL_P] * ez + g[G_INTEGRAL_Z] - law[Z_VEL_D] * g[G_FILTERED_AZ]
     wanted2 = ax * ax + ay * ay
     size = sqrt(wanted2 + GRAVITY_M_S2 * GRAVITY_M_S2)
     upright = GRAVITY_M_S2 / size
@@ -256,39 +343,39 @@ def _control(
         lostx, losty = ax - tx, ay - ty
     ex -= 2.0 / law[XY_VEL_P] * lostx
     ey -= 2.0 / law[XY_VEL_P] * losty
-    g[9] += law[XY_VEL_I] * ex * dt
-    g[10] += law[XY_VEL_I] * ey * dt
-    g[11] = min(max(g[11] + law[Z_VEL_I] * ez * dt, -GRAVITY_M_S2), GRAVITY_M_S2)
+    g[G_INTEGRAL_X] += law[XY_VEL_I] * ex * dt
+    g[G_INTEGRAL_Y] += law[XY_VEL_I] * ey * dt
+    g[G_INTEGRAL_Z] = min(max(g[G_INTEGRAL_Z] + law[Z_VEL_I] * ez * dt, -GRAVITY_M_S2), GRAVITY_M_S2)
     return tx, ty, tz
 
 
 @compiled
 def _turn(g: Floats, row: Floats, law: Floats, state: Floats) -> None:
-    """Turn the heading: to the target, as the leg says, or to the place that the nose points at."""
-    yaw, rate, dt = state[9], state[10], law[DT]
-    if not isnan(row[15]) and isnan(state[17]):
-        wanted = min(max(row[15], -law[YAW_RATE]), law[YAW_RATE])
+    """Turn the heading: to the target, as the leg says, or to the position that the nose points at."""
+    yaw, rate, dt = state[HEADING], state[HEADING_RATE], law[DT]
+    if not isnan(row[LEG_TURN_RATE]) and isnan(state[LOOK_EAST]):
+        wanted = min(max(row[LEG_TURN_RATE], -law[YAW_RATE]), law[YAW_RATE])
         change = law[YAW_ACC] * dt
         rate += min(max(wanted - rate, -change), change)
-        state[9], state[10] = (yaw + rate * dt) % (2.0 * pi), rate
-        g[G_HEADING] = state[9]
+        state[HEADING], state[HEADING_RATE] = (yaw + rate * dt) % (2.0 * pi), rate
+        g[G_HEADING] = state[HEADING]
         return
-    if not isnan(state[17]):
-        dx, dy = state[17] - state[0], state[18] - state[1]
+    if not isnan(state[LOOK_EAST]):
+        dx, dy = state[LOOK_EAST] - state[POSITION_X], state[LOOK_NORTH] - state[POSITION_Y]
         if dx * dx + dy * dy > ROI_NEAR * ROI_NEAR:
             g[G_HEADING] = atan2(dx, dy)
-    elif isnan(row[11]):
-        dx, dy = g[22] - state[0], g[23] - state[1]
-        if dx * dx + dy * dy > row[9] * row[9]:
+    elif isnan(row[LEG_HEADING]):
+        dx, dy = g[G_TARGET] - state[POSITION_X], g[G_TARGET + 1] - state[POSITION_Y]
+        if dx * dx + dy * dy > row[LEG_RADIUS] * row[LEG_RADIUS]:
             g[G_HEADING] = atan2(dx, dy)
-    elif row[11] != inf:
-        g[G_HEADING] = row[11]
+    elif row[LEG_HEADING] != inf:
+        g[G_HEADING] = row[LEG_HEADING]
     gap = (g[G_HEADING] - yaw + pi) % (2.0 * pi) - pi
     if gap == 0.0 and rate == 0.0:
         return
     p = profile(yaw, rate, yaw + gap, law[YAW_RATE], law[YAW_ACC])
     _, yaw, rate = follow(p, 0.0, yaw, rate, law[YAW_ACC], dt)
-    state[9], state[10] = yaw % (2.0 * pi), rate
+    state[HEADING], state[HEADING_RATE] = yaw % (2.0 * pi), rate
 
 
 @compiled
@@ -301,19 +388,19 @@ def _fly(g: Floats, law: Floats, state: Floats, wanted: Vector, lag: float, flyi
     dt = law[DT]
     size = sqrt(wanted[0] ** 2 + wanted[1] ** 2 + wanted[2] ** 2)
     scale = 1.0 / size if size > 1e-6 else 0.0
-    g[14] += (law[ATTITUDE] * (wanted[0] * scale - g[12]) - g[14]) * lag
-    g[15] += (law[ATTITUDE] * (wanted[1] * scale - g[13]) - g[15]) * lag
-    g[12] += g[14] * dt
-    g[13] += g[15] * dt
-    g[16] += (size - g[16]) * lag
-    flat2 = g[12] * g[12] + g[13] * g[13]
+    g[G_THRUST_RATE_X] += (law[ATTITUDE] * (wanted[0] * scale - g[G_THRUST_X]) - g[G_THRUST_RATE_X]) * lag
+    g[G_THRUST_RATE_Y] += (law[ATTITUDE] * (wanted[1] * scale - g[G_THRUST_Y]) - g[G_THRUST_RATE_Y]) * lag
+    g[G_THRUST_X] += g[G_THRUST_RATE_X] * dt
+    g[G_THRUST_Y] += g[G_THRUST_RATE_Y] * dt
+    g[G_THRUST] += (size - g[G_THRUST]) * lag
+    flat2 = g[G_THRUST_X] * g[G_THRUST_X] + g[G_THRUST_Y] * g[G_THRUST_Y]
     if flat2 > 0.9:
         shrink = sqrt(0.9 / flat2)
-        g[12], g[13], flat2 = g[12] * shrink, g[13] * shrink, 0.9
-    ax = g[16] * g[12] - law[DRAG] * (state[3] - state[15])
-    ay = g[16] * g[13] - law[DRAG] * (state[4] - state[16])
-    az = g[16] * sqrt(1.0 - flat2) - GRAVITY_M_S2 - law[DRAG] * state[5]
-    if state[2] <= 0.0 and (az <= 0.0 or state[5] < 0.0):
+        g[G_THRUST_X], g[G_THRUST_Y], flat2 = g[G_THRUST_X] * shrink, g[G_THRUST_Y] * shrink, 0.9
+    ax = g[G_THRUST] * g[G_THRUST_X] - law[DRAG] * (state[VELOCITY_X] - state[WIND_EAST])
+    ay = g[G_THRUST] * g[G_THRUST_Y] - law[DRAG] * (state[VELOCITY_Y] - state[WIND_NORTH])
+    az = g[G_THRUST] * sqrt(1.0 - flat2) - GRAVITY_M_S2 - law[DRAG] * state[VELOCITY_Z]
+    if state[POSITION_Z] <= 0.0 and (az <= 0.0 or state[VELOCITY_Z] < 0.0):
         if not flying:
             for k in range(12, 16):
                 g[k] = 0.0
@@ -321,56 +408,58 @@ def _fly(g: Floats, law: Floats, state: Floats, wanted: Vector, lag: float, flyi
                 state[k] = 0.0
             return 0.0
         # A waypoint so low that the vehicle grazes the ground: it slides.
-        az, state[5] = max(az, 0.0), max(state[5], 0.0)
-    mx = dt * (state[3] + 0.5 * ax * dt)
-    my = dt * (state[4] + 0.5 * ay * dt)
-    mz = dt * (state[5] + 0.5 * az * dt)
-    state[0] += mx
-    state[1] += my
-    state[2] = max(state[2] + mz, 0.0)
-    state[3] += ax * dt
-    state[4] += ay * dt
-    state[5] += az * dt
-    state[6], state[7], state[8] = ax, ay, az
+        az, state[VELOCITY_Z] = max(az, 0.0), max(state[VELOCITY_Z], 0.0)
+    mx = dt * (state[VELOCITY_X] + 0.5 * ax * dt)
+    my = dt * (state[VELOCITY_Y] + 0.5 * ay * dt)
+    mz = dt * (state[VELOCITY_Z] + 0.5 * az * dt)
+    state[POSITION_X] += mx
+    state[POSITION_Y] += my
+    state[POSITION_Z] = max(state[POSITION_Z] + mz, 0.0)
+    state[VELOCITY_X] += ax * dt
+    state[VELOCITY_Y] += ay * dt
+    state[VELOCITY_Z] += az * dt
+    state[ACCELERATION_X], state[ACCELERATION_Y], state[ACCELERATION_Z] = ax, ay, az
     blend = dt / (dt + DERIVATIVE_S)
-    g[17] += (ax - g[17]) * blend
-    g[18] += (ay - g[18]) * blend
-    g[19] += (az - g[19]) * blend
+    g[G_FILTERED_AX] += (ax - g[G_FILTERED_AX]) * blend
+    g[G_FILTERED_AY] += (ay - g[G_FILTERED_AY]) * blend
+    g[G_FILTERED_AZ] += (az - g[G_FILTERED_AZ]) * blend
     return sqrt(mx * mx + my * my + mz * mz)
 
 
 @compiled
 def _inside(row: Floats, law: Floats, state: Floats) -> bool:
     """Tell whether the navigator takes a waypoint as reached, its heading and pause aside."""
-    kind, rise = row[13], row[2] - state[2]
+    kind, rise = row[LEG_KIND], row[LEG_Z] - state[POSITION_Z]
     if kind == _TAKEOFF:
-        return bool(rise < (law[ALT_RAD] if row[2] >= law[ALT_RAD] else 0.5 * row[2]))
+        return bool(rise < (law[ALT_RAD] if row[LEG_Z] >= law[ALT_RAD] else 0.5 * row[LEG_Z]))
     if kind in (_CLIMB, _DESCEND):
         return bool(abs(rise) <= law[ALT_RAD])
-    flat2 = (row[0] - state[0]) ** 2 + (row[1] - state[1]) ** 2
-    return bool(flat2 <= row[9] * row[9] and abs(rise) <= law[ALT_RAD])
+    flat2 = (row[LEG_X] - state[POSITION_X]) ** 2 + (row[LEG_Y] - state[POSITION_Y]) ** 2
+    return bool(flat2 <= row[LEG_RADIUS] * row[LEG_RADIUS] and abs(rise) <= law[ALT_RAD])
 
 
 @compiled
 def _left(row: Floats, state: Floats) -> float:
-    """Return what is left of a leg; only the height counts where only the height ends it."""
-    rise, kind = row[2] - state[2], row[13]
+    """Return the distance left of a leg; only the height counts where only the height ends it."""
+    rise, kind = row[LEG_Z] - state[POSITION_Z], row[LEG_KIND]
     if kind in (_TAKEOFF, _CLIMB, _DESCEND, _LAND):
         return float(abs(rise))
-    return float(sqrt((row[0] - state[0]) ** 2 + (row[1] - state[1]) ** 2 + rise * rise))
+    return float(
+        sqrt((row[LEG_X] - state[POSITION_X]) ** 2 + (row[LEG_Y] - state[POSITION_Y]) ** 2 + rise * rise)
+    )
 
 
 @compiled
 def begin_leg(g: Floats, route: Floats, leg: int, state: Floats) -> None:
     """Make a leg the current one; a leg of a return or a landing begins where the vehicle is."""
     row = route[leg]
-    if row[13] >= _CLIMB:
+    if row[LEG_KIND] >= _CLIMB:
         for k in range(3):
-            row[3 + k] = state[k]
-    if row[13] != _TAKEOFF:
+            row[LEG_BEFORE_X + k] = state[k]
+    if row[LEG_KIND] != _TAKEOFF:
         g[G_LAUNCH] = 0.0
-    if row[11] == inf:
-        g[G_HEADING] = state[9]
+    if row[LEG_HEADING] == inf:
+        g[G_HEADING] = state[HEADING]
     g[G_FRESH], g[G_BEST], g[G_INSIDE], g[G_GROUND] = 1.0, inf, -1.0, 0.0
 
 
@@ -407,39 +496,45 @@ def advance(
     dt = law[DT]
     last = route.shape[0] - 1
     lag = 1.0 - exp(-dt / MOTOR_S)
-    leg = counters[1]
+    leg = counters[LEG_INDEX]
     row = route[leg]
     event = RAN
     for _ in range(max_steps):
-        step = counters[0]
+        step = counters[STEP]
         if step % GRID == 0:
             index = 0
             if wind.shape[0] > 1:
                 index = step // GRID - first_wind
                 if index >= wind.shape[0]:
                     return WIND
-            state[15], state[16], rising = wind_at(wind[index], state[2])
-            airx, airy = state[3] - state[15], state[4] - state[16]
-            climb = state[5] - rising
-            state[13] = multirotor_power(power, airx, airy, climb, state[6], state[7], state[8])
-            if track_every > 0 and (step // GRID) % track_every == 0 and counters[5] < track.shape[0]:
+            state[WIND_EAST], state[WIND_NORTH], rising = wind_at(wind[index], state[POSITION_Z])
+            airx, airy = state[VELOCITY_X] - state[WIND_EAST], state[VELOCITY_Y] - state[WIND_NORTH]
+            climb = state[VELOCITY_Z] - rising
+            state[POWER] = multirotor_power(
+                power, airx, airy, climb, state[ACCELERATION_X], state[ACCELERATION_Y], state[ACCELERATION_Z]
+            )
+            if (
+                track_every > 0
+                and (step // GRID) % track_every == 0
+                and counters[TRACK_POINTS] < track.shape[0]
+            ):
                 for k in range(3):
-                    track[counters[5], k] = state[k]
-                counters[5] += 1
-            if counters[3] == 0 and g[G_INSIDE] < 0.0:
+                    track[counters[TRACK_POINTS], k] = state[k]
+                counters[TRACK_POINTS] += 1
+            if counters[ARRIVED] == 0 and g[G_INSIDE] < 0.0:
                 left = _left(row, state)
                 if left < PROGRESS * g[G_BEST] or g[G_CLOCK] < law[SPOOLUP] or g[G_GROUND] > 0.0:
                     g[G_BEST] = left
-                    counters[2] = step
-                elif (step - counters[2]) * dt > STALL_S:
+                    counters[MOVED_STEP] = step
+                elif (step - counters[MOVED_STEP]) * dt > STALL_S:
                     return STALLED
-        kind = row[13]
-        state[11] += state[13] * dt
-        counters[0] = step = step + 1
-        if kind == _LAND and state[2] <= 0.0:
+        kind = row[LEG_KIND]
+        state[ENERGY_USED] += state[POWER] * dt
+        counters[STEP] = step = step + 1
+        if kind == _LAND and state[POSITION_Z] <= 0.0:
             for k in range(3, 9):
                 state[k] = 0.0
-            state[10] = 0.0
+            state[HEADING_RATE] = 0.0
             g[G_GROUND] += dt
         else:
             g[G_CLOCK] += dt
@@ -449,7 +544,7 @@ def advance(
                     g[k] = state[k]
                 for k in range(3, 20):
                     g[k] = 0.0
-                g[5], g[G_CLIMB] = -0.7, 1.0
+                g[G_VZ], g[G_CLIMB] = -0.7, 1.0
             else:
                 climb_limit, flying = law[MAX_UP], True
                 ramp = law[TAKEOFF_RAMP]
@@ -457,11 +552,11 @@ def advance(
                     flying = False
                     low = -GRAVITY_M_S2 / law[Z_VEL_P]
                     climb_limit = low + (g[G_CLOCK] - law[SPOOLUP]) / ramp * (climb_limit - low)
-                _guide(g, row, law, state[0], state[1], state[2])
+                _guide(g, row, law, state[POSITION_X], state[POSITION_Y], state[POSITION_Z])
                 wanted = _control(g, law, state, climb_limit, flying)
-                state[12] += _fly(g, law, state, wanted, lag, flying)
+                state[PATH_LENGTH] += _fly(g, law, state, wanted, lag, flying)
                 _turn(g, row, law, state)
-        if counters[3] == 0:
+        if counters[ARRIVED] == 0:
             # The navigator looks twenty times a second.
             if g[G_INSIDE] < 0.0:
                 if kind == _LAND:
@@ -469,30 +564,40 @@ def advance(
                         g[G_INSIDE] = step
                 elif (2 * step) % 5 < 2 and g[G_CLOCK] >= law[SPOOLUP] and _inside(row, law, state):
                     g[G_INSIDE] = step
-            reached = g[G_INSIDE] >= 0.0 and (step - g[G_INSIDE]) * dt >= row[14]
-            if reached and kind == 0.0 and row[11] < inf and isnan(state[17]) and isnan(row[15]):
-                gap = (row[11] - state[9] + pi) % (2.0 * pi) - pi
+            reached = g[G_INSIDE] >= 0.0 and (step - g[G_INSIDE]) * dt >= row[LEG_PAUSE]
+            if (
+                reached
+                and kind == 0.0
+                and row[LEG_HEADING] < inf
+                and isnan(state[LOOK_EAST])
+                and isnan(row[LEG_TURN_RATE])
+            ):
+                gap = (row[LEG_HEADING] - state[HEADING] + pi) % (2.0 * pi) - pi
                 reached = abs(gap) < law[YAW_ERROR]
             if reached:
                 arrivals[leg] = step
-                counters[4] = 0
-                counters[2] = step
+                counters[NEAR_TOLD] = 0
+                counters[MOVED_STEP] = step
                 if leg == last:
-                    counters[3] = 1
+                    counters[ARRIVED] = 1
                     event = REACHED
                 else:
                     leg += 1
-                    counters[1] = leg
+                    counters[LEG_INDEX] = leg
                     row = route[leg]
                     begin_leg(g, route, leg, state)
                     if stop_each:
                         event = REACHED
-            elif counters[4] == 0 and row[12] > 0.0:
-                dx, dy, dz = row[0] - state[0], row[1] - state[1], row[2] - state[2]
-                if dx * dx + dy * dy + dz * dz < row[12] * row[12]:
-                    counters[4] = 1
+            elif counters[NEAR_TOLD] == 0 and row[LEG_NEAR] > 0.0:
+                dx, dy, dz = (
+                    row[LEG_X] - state[POSITION_X],
+                    row[LEG_Y] - state[POSITION_Y],
+                    row[LEG_Z] - state[POSITION_Z],
+                )
+                if dx * dx + dy * dy + dz * dz < row[LEG_NEAR] * row[LEG_NEAR]:
+                    counters[NEAR_TOLD] = 1
                     event = NEAR
-        if state[11] >= capacity:
+        if state[ENERGY_USED] >= capacity:
             event = ENERGY
         if event != RAN:
             break

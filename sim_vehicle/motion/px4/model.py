@@ -8,9 +8,27 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.motion.columns import WIND
+from sim_vehicle.motion.columns import (
+    ACCELERATION,
+    ACCELERATION_X,
+    ACCELERATION_Y,
+    ACCELERATION_Z,
+    HEADING,
+    LEG_INDEX,
+    POSITION,
+    POSITION_Z,
+    STEP,
+    VELOCITY,
+    VELOCITY_X,
+    VELOCITY_Y,
+    VELOCITY_Z,
+    WIND,
+    WIND_EAST,
+    WIND_NORTH,
+)
 from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.motion.model import MotionEvent
+from sim_vehicle.motion.multirotor.kernel import ENERGY_LIMIT
 from sim_vehicle.motion.multirotor.model import Multirotor
 from sim_vehicle.motion.px4 import kernel
 from sim_vehicle.motion.px4.parameters import drag_of, value_of
@@ -100,7 +118,7 @@ def law_of(spec: VehicleSpec, value: Callable[[str], float]) -> NDArray[np.float
 class Px4Multirotor(Multirotor):
     """A multirotor under PX4 that flies routes.
 
-    Velocities (`steer`) and falling follow the law of no autopilot in particular.
+    Velocities (`steer`) and falling follow the generic dynamics of `Multirotor`.
 
     Parameters
     ----------
@@ -129,7 +147,7 @@ class Px4Multirotor(Multirotor):
         self._home_yaw_rad = yaw_rad
         self._guided = False
         self.guide: NDArray[np.float64] = np.zeros(kernel.GUIDE)
-        self.guide[kernel.G_HEADING] = self.state[9]
+        self.guide[kernel.G_HEADING] = self.state[HEADING]
         self.guide[kernel.G_CLOCK] = -1.0
 
     def fly(self, route: Route) -> None:
@@ -137,81 +155,91 @@ class Px4Multirotor(Multirotor):
         table = np.zeros((len(route.points_m), kernel.LEG))
         # PX4 knows no curves: their chords are flown as any legs.
         kind = np.where(route.kind == LegKind.ARC, int(LegKind.WAYPOINT), route.kind)
-        table[:, 0:3] = route.points_m
-        table[1:, 3:6] = route.points_m[:-1]
+        table[:, kernel.LEG_X : kernel.LEG_BEFORE_X] = route.points_m
+        table[1:, kernel.LEG_BEFORE_X : kernel.LEG_AFTER_X] = route.points_m[:-1]
         stops = route.pause_s > 0.0
         stops[-1] = True
         ahead = np.vstack([route.points_m[1:], route.points_m[-1:]])
-        table[:, 6:9] = np.where(
+        table[:, kernel.LEG_AFTER_X : kernel.LEG_RADIUS] = np.where(
             stops[:, np.newaxis] | (kind >= LegKind.CLIMB)[:, np.newaxis], route.points_m, ahead
         )
-        table[:, 9] = np.where(route.radius_m > 0.0, route.radius_m, self._radius_m)
-        table[:, 10] = np.where(route.speed_m_s > 0.0, route.speed_m_s, self.spec.cruise_speed_m_s)
-        table[:, 10] = np.minimum(table[:, 10], self._law[kernel.XY_VEL_MAX])
-        table[:, 11] = route.heading_rad
-        table[:, 12] = route.near_m
-        table[:, 13] = kind
-        table[:, 14] = route.pause_s
-        table[:, 15] = route.turn_rad_s
+        table[:, kernel.LEG_RADIUS] = np.where(route.radius_m > 0.0, route.radius_m, self._radius_m)
+        table[:, kernel.LEG_SPEED] = np.where(
+            route.speed_m_s > 0.0, route.speed_m_s, self.spec.cruise_speed_m_s
+        )
+        table[:, kernel.LEG_SPEED] = np.minimum(table[:, kernel.LEG_SPEED], self._law[kernel.XY_VEL_MAX])
+        table[:, kernel.LEG_HEADING] = route.heading_rad
+        table[:, kernel.LEG_NEAR] = route.near_m
+        table[:, kernel.LEG_KIND] = kind
+        table[:, kernel.LEG_PAUSE] = route.pause_s
+        table[:, kernel.LEG_TURN_RATE] = route.turn_rad_s
         self._settle(table)
-        before = self._place_before(table[0, 0:3])
+        before = self._place_before(table[0, kernel.LEG_X : kernel.LEG_BEFORE_X])
         self._route = table
         self._begin()
         kernel.begin_leg(self.guide, table, 0, self.state)
-        if table[0, 13] < LegKind.CLIMB:
-            table[0, 3:6] = before
+        if table[0, kernel.LEG_KIND] < LegKind.CLIMB:
+            table[0, kernel.LEG_BEFORE_X : kernel.LEG_AFTER_X] = before
         self._guided = True
 
     def _settle(self, table: NDArray[np.float64]) -> None:
-        """Let the autopilot take over from the ground or another law, and a return begin here and now."""
+        """Let the autopilot take over from the ground or the generic dynamics, and a return begin now."""
         g, state = self.guide, self.state
-        kinds = table[:, 13]
-        if g[kernel.G_CLOCK] < 0.0 and state[2] <= 0.0:
+        kinds = table[:, kernel.LEG_KIND]
+        if g[kernel.G_CLOCK] < 0.0 and state[POSITION_Z] <= 0.0:
             if kinds[0] != LegKind.LAND:
                 g[kernel.G_CLOCK] = 0.0
             g[kernel.G_LAUNCH] = 1.0
-            if kinds[0] == LegKind.WAYPOINT and math.dist(table[0, :2], state[:2]) < self._radius_m:
+            if (
+                kinds[0] == LegKind.WAYPOINT
+                and math.dist(table[0, : kernel.LEG_Z], state[:POSITION_Z]) < self._radius_m
+            ):
                 kinds[0] = LegKind.TAKEOFF
         elif not self._guided:
             self._adopt()
         first = 0
         if len(table) > 1 and kinds[0] == LegKind.STAY:
             # PX4 does not brake before it turns home.
-            table[0, 0:3] = state[0:3]
-            table[0, 9] = math.inf
+            table[0, kernel.LEG_X : kernel.LEG_BEFORE_X] = state[POSITION:VELOCITY]
+            table[0, kernel.LEG_RADIUS] = math.inf
             first = 1
         if kinds[first] == LegKind.CLIMB:
-            table[first, :2] = state[:2] + MODE_SWITCH_S * state[3:5]
+            table[first, : kernel.LEG_Z] = state[:POSITION_Z] + MODE_SWITCH_S * state[VELOCITY:VELOCITY_Z]
         if (kinds == LegKind.HOME).any() and kinds[-1] == LegKind.LAND:
-            table[-1, 11] = self._home_yaw_rad % (2.0 * math.pi)
+            table[-1, kernel.LEG_HEADING] = self._home_yaw_rad % (2.0 * math.pi)
 
     def _adopt(self) -> None:
         """Take over a vehicle in flight: trajectory and controllers begin as it moves."""
         g, state = self.guide, self.state
-        g[0:9] = state[0:9]
-        thrust = state[6:9] + self._law[kernel.DRAG] * (state[3:6] - (state[15], state[16], 0.0))
-        g[9:11] = thrust[:2] - state[6:8]
-        g[11] = 0.0
+        g[kernel.G_X : kernel.G_INTEGRAL_X] = state[POSITION:HEADING]
+        thrust = state[ACCELERATION:HEADING] + self._law[kernel.DRAG] * (
+            state[VELOCITY:ACCELERATION] - (state[WIND_EAST], state[WIND_NORTH], 0.0)
+        )
+        g[kernel.G_INTEGRAL_X : kernel.G_INTEGRAL_Z] = thrust[:2] - state[ACCELERATION:ACCELERATION_Z]
+        g[kernel.G_INTEGRAL_Z] = 0.0
         thrust[2] += GRAVITY_M_S2
-        g[16] = max(float(np.linalg.norm(thrust)), 1e-3)
-        g[12:14] = thrust[:2] / g[16]
-        g[14:16] = 0.0
-        g[17:20] = state[6:9]
+        g[kernel.G_THRUST] = max(float(np.linalg.norm(thrust)), 1e-3)
+        g[kernel.G_THRUST_X : kernel.G_THRUST_RATE_X] = thrust[:2] / g[kernel.G_THRUST]
+        g[kernel.G_THRUST_RATE_X : kernel.G_THRUST] = 0.0
+        g[kernel.G_FILTERED_AX : kernel.G_TURN] = state[ACCELERATION:HEADING]
         g[kernel.G_TURN] = g[kernel.G_CLIMB] = 0.0
         g[kernel.G_CLOCK] = math.inf
-        g[kernel.G_HEADING] = state[9]
+        g[kernel.G_HEADING] = state[HEADING]
 
     def _place_before(self, target: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return where the first leg of a new route begins: at the waypoint before, or here."""
-        old, leg = self._route, int(self.counters[1])
+        """Return the position where the first leg of a new route begins: at the waypoint before, or here."""
+        old, leg = self._route, int(self.counters[LEG_INDEX])
         if old is not None and self._guided and old.shape[1] == kernel.LEG:
-            if np.abs(old[leg, 0:3] - target).max() < _SAME_M and self.arrivals[leg] < 0:
-                return old[leg, 3:6].copy()
+            if (
+                np.abs(old[leg, kernel.LEG_X : kernel.LEG_BEFORE_X] - target).max() < _SAME_M
+                and self.arrivals[leg] < 0
+            ):
+                return old[leg, kernel.LEG_BEFORE_X : kernel.LEG_AFTER_X].copy()
             if self.arrivals[leg] >= 0:
-                return old[leg, 0:3].copy()
-            if leg > 0 and self.arrivals[leg - 1] == self.counters[0]:
-                return old[leg - 1, 0:3].copy()
-        return self.state[0:3].copy()
+                return old[leg, kernel.LEG_X : kernel.LEG_BEFORE_X].copy()
+            if leg > 0 and self.arrivals[leg - 1] == self.counters[STEP]:
+                return old[leg - 1, kernel.LEG_X : kernel.LEG_BEFORE_X].copy()
+        return self.state[POSITION:VELOCITY].copy()
 
     def steer(
         self,
@@ -225,18 +253,18 @@ class Px4Multirotor(Multirotor):
         super().steer(velocity_m_s, height_m=height_m, heading=heading)
 
     def _leave(self) -> None:
-        """Hand the vehicle over to the law of no autopilot, which begins within its own limits."""
+        """Hand the vehicle over to the generic dynamics, which begin within their own limits."""
         if self._guided:
-            size = math.hypot(self.state[6], self.state[7])
+            size = math.hypot(self.state[ACCELERATION_X], self.state[ACCELERATION_Y])
             if size > self.spec.acceleration_m_s2:
-                self.state[6:8] *= self.spec.acceleration_m_s2 / size
+                self.state[ACCELERATION:ACCELERATION_Z] *= self.spec.acceleration_m_s2 / size
             most = self.spec.vertical_acceleration_m_s2
-            self.state[8] = min(max(self.state[8], -most), most)
+            self.state[ACCELERATION_Z] = min(max(self.state[ACCELERATION_Z], -most), most)
         self._guided = False
 
     def stopping_point(self) -> Position:
-        """Return where PX4 would hold if it were told to now."""
-        x, y, z, vx, vy = self.state[0:5].tolist()
+        """Return the position that PX4 would hold if it were told to now."""
+        x, y, z, vx, vy = self.state[POSITION:VELOCITY_Z].tolist()
         speed = math.hypot(vx, vy)
         if speed < 1e-3:
             return x, y, max(z, 0.0)
@@ -245,21 +273,21 @@ class Px4Multirotor(Multirotor):
 
     def attitude(self) -> tuple[float, float, float, float] | None:
         """Return roll, pitch, airspeed and throttle; None where they follow from the acceleration."""
-        if not self._guided or self.state[2] <= 0.0:
+        if not self._guided or self.state[POSITION_Z] <= 0.0:
             return None
-        state, (east, north) = self.state, self.guide[12:14].tolist()
-        sine, cosine = math.sin(state[9]), math.cos(state[9])
+        state, (east, north) = self.state, self.guide[kernel.G_THRUST_X : kernel.G_THRUST_RATE_X].tolist()
+        sine, cosine = math.sin(state[HEADING]), math.cos(state[HEADING])
         up = math.sqrt(1.0 - east * east - north * north)
         pitch = -math.atan2(east * sine + north * cosine, up)
         roll = math.atan2((east * cosine - north * sine) * math.cos(pitch), up)
-        airspeed = math.hypot(state[3] - state[15], state[4] - state[16])
-        return roll, pitch, airspeed, min(self.guide[16] / SIH_THRUST_M_S2, 1.0)
+        airspeed = math.hypot(state[VELOCITY_X] - state[WIND_EAST], state[VELOCITY_Y] - state[WIND_NORTH])
+        return roll, pitch, airspeed, min(self.guide[kernel.G_THRUST] / SIH_THRUST_M_S2, 1.0)
 
     def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
         """Fly up to ``max_steps`` steps, less when something happens (see `MotionEvent`)."""
         if not self._guided:
             return super().advance(max_steps, stop_each=stop_each)
-        end = int(self.counters[0]) + max_steps
+        end = int(self.counters[STEP]) + max_steps
         route = self._route
         if route is None:
             return MotionEvent.RAN
@@ -270,11 +298,11 @@ class Px4Multirotor(Multirotor):
                 self.guide,
                 route,
                 self._law,
-                self._limits[11],
+                self._limits[ENERGY_LIMIT],
                 self._power,
                 self._wind.block,
                 self._wind.first,
-                end - int(self.counters[0]),
+                end - int(self.counters[STEP]),
                 stop_each,
                 self.arrivals,
                 self.track,
@@ -301,7 +329,7 @@ class Px4Multirotor(Multirotor):
         """Stand still on the ground."""
         super().touch_down()
         self.guide[:] = 0.0
-        self.guide[kernel.G_HEADING] = self.state[9]
+        self.guide[kernel.G_HEADING] = self.state[HEADING]
         self.guide[kernel.G_CLOCK] = -1.0
         self._guided = False
 

@@ -33,7 +33,7 @@ def brakeable_speed(jerk: float, accel: float, distance: float, final: float) ->
 def turn_speed(cosine: float, accel: float, radius: float) -> float:
     """Return the speed through a corner on the circle that touches both legs at ``radius`` from it.
 
-    ``cosine`` is that of the angle between the ways back and on: -1 is straight on.
+    ``cosine`` is that of the angle between the paths back and on: -1 is straight on.
     """
     c = min(max(cosine, -1.0 + 1e-12), 1.0)
     return sqrt(accel * radius * sqrt((1.0 - c) / (1.0 + c)))
@@ -91,7 +91,7 @@ def stretched(
 
 @compiled
 def follow(p: Profile, x: float, v: float, a: float, jerk: float, t: float) -> Vector:
-    """Return place, speed and acceleration on a profile after a time."""
+    """Return position, speed and acceleration on a profile after a time."""
     sign, t1, t2, t3 = p
     j = sign * jerk
     s = min(t, t1)
@@ -118,7 +118,7 @@ def follow(p: Profile, x: float, v: float, a: float, jerk: float, t: float) -> V
 
 @compiled
 def unit_dot(ax: float, ay: float, bx: float, by: float) -> float:
-    """Return the cosine of the angle between two vectors of the plane, 0 when one has no length."""
+    """Return the cosine of the angle between two horizontal vectors, 0 when one has no length."""
     size = sqrt((ax * ax + ay * ay) * (bx * bx + by * by))
     return (ax * bx + ay * by) / size if size > _TINY * _TINY else 0.0
 

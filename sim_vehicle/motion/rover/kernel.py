@@ -11,17 +11,54 @@ from math import atan2, cos, inf, pi, sin, sqrt
 
 from geo.compiled import compiled
 from sim_vehicle.energy.power_kernels import rover_power
-from sim_vehicle.motion.columns import ENERGY, GRID, NEAR, RAN, REACHED, STALLED, WIND
+from sim_vehicle.motion.columns import (
+    ACCELERATION_X,
+    ACCELERATION_Y,
+    ARRIVED,
+    ENERGY,
+    ENERGY_USED,
+    GIVE_UP_STEP,
+    GRID,
+    HEADING,
+    HEADING_RATE,
+    LEG_INDEX,
+    NEAR,
+    NEAR_TOLD,
+    PATH_LENGTH,
+    POSITION_X,
+    POSITION_Y,
+    POWER,
+    RAN,
+    REACHED,
+    STALLED,
+    STEP,
+    TRACK_POINTS,
+    VELOCITY_X,
+    VELOCITY_Y,
+    WIND,
+    WIND_EAST,
+    WIND_NORTH,
+)
 from sim_vehicle.motion.multirotor.kernel import Floats, Integers
 from sim_vehicle.weather.gust_kernel import wind_at
 
-# beyond the first 19: speed over ground 19, throttle 20 (0 to 1), whether it turns on the spot 21, beginning
-# of the leg 22-23, step at which a pause ends 24 (infinity: none runs)
+# The state beyond the shared numbers: speed over ground, throttle (0 to 1), whether it turns on the spot,
+# beginning of the leg (two numbers), step at which a pause ends (infinity: none runs).
 SPEED, THROTTLE, PIVOTING, BEGIN, PAUSE_END = 19, 20, 21, 22, 24
 STATE = 25
 
-# leg: target 0-1, kind 2, acceptance radius 3, speed 4, distance to notify at 5, speed at its end 6, pause 7,
-# heading to keep 8
+# One leg.
+(
+    LEG_X,
+    LEG_Y,
+    LEG_KIND,
+    LEG_RADIUS,  # Acceptance radius.
+    LEG_SPEED,
+    LEG_NEAR,  # Distance to notify at.
+    LEG_END_SPEED,  # Speed at its end.
+    LEG_PAUSE,
+    LEG_HEADING,  # Heading to keep.
+) = range(9)
 LEG = 9
 THROUGH, STOP, AT_ONCE, VELOCITY, BRAKE = 0.0, 1.0, 2.0, 3.0, 4.0
 
@@ -57,10 +94,10 @@ PIVOT_GAIN = 2.0
 @compiled
 def _bearing(state: Floats, row: Floats, limits: Floats) -> float:
     """Return the bearing to the point that is pursued: on the leg, a look-ahead away."""
-    x, y = state[0], state[1]
+    x, y = state[POSITION_X], state[POSITION_Y]
     ahead = min(max(limits[AHEAD_GAIN] * state[SPEED], limits[AHEAD_MIN]), limits[AHEAD_MAX])
-    gx, gy = row[0] - x, row[1] - y
-    dx, dy = row[0] - state[BEGIN], row[1] - state[BEGIN + 1]
+    gx, gy = row[LEG_X] - x, row[LEG_Y] - y
+    dx, dy = row[LEG_X] - state[BEGIN], row[LEG_Y] - state[BEGIN + 1]
     length = sqrt(dx * dx + dy * dy)
     if gx * gx + gy * gy <= ahead * ahead or length < 1e-3:
         return atan2(gx, gy)
@@ -77,11 +114,11 @@ def _bearing(state: Floats, row: Floats, limits: Floats) -> float:
 
 @compiled
 def _may_turn(state: Floats, row: Floats, sense: float, radius: float) -> bool:
-    """Whether a place is not inside the tightest turn, round which the vehicle would circle for ever."""
-    cx = state[0] + sense * radius * cos(state[9])
-    cy = state[1] - sense * radius * sin(state[9])
-    dx, dy = row[0] - cx, row[1] - cy
-    inner = max(radius - row[3], 0.0)
+    """Whether a position is not inside the tightest turn, round which the vehicle would circle for ever."""
+    cx = state[POSITION_X] + sense * radius * cos(state[HEADING])
+    cy = state[POSITION_Y] - sense * radius * sin(state[HEADING])
+    dx, dy = row[LEG_X] - cx, row[LEG_Y] - cy
+    inner = max(radius - row[LEG_RADIUS], 0.0)
     return bool(dx * dx + dy * dy > inner * inner)
 
 
@@ -89,23 +126,23 @@ def _may_turn(state: Floats, row: Floats, sense: float, radius: float) -> bool:
 def _tick(state: Floats, row: Floats, arrived: bool, limits: Floats, step: int) -> bool:
     """Move one step and tell whether the leg is done."""
     dt = limits[STEP_S]
-    kind = row[2]
+    kind = row[LEG_KIND]
     if kind == AT_ONCE and not arrived:
         return True
-    speed, yaw = state[SPEED], state[9]
-    gx, gy = row[0] - state[0], row[1] - state[1]
+    speed, yaw = state[SPEED], state[HEADING]
+    gx, gy = row[LEG_X] - state[POSITION_X], row[LEG_Y] - state[POSITION_Y]
     left = sqrt(gx * gx + gy * gy)
     wanted, rate = 0.0, 0.0
     if not arrived and kind != BRAKE and state[PAUSE_END] == inf:
         if kind == VELOCITY:
-            bearing, wanted = row[8], row[4]
+            bearing, wanted = row[LEG_HEADING], row[LEG_SPEED]
         else:
             bearing = _bearing(state, row, limits)
-            wanted = row[4]
-            way = max(left - (row[3] if kind == THROUGH else 0.0), 0.0)
-            end = row[6] if kind == THROUGH else 0.0
+            wanted = row[LEG_SPEED]
+            way = max(left - (row[LEG_RADIUS] if kind == THROUGH else 0.0), 0.0)
+            end = row[LEG_END_SPEED] if kind == THROUGH else 0.0
             wanted = min(wanted, sqrt(end * end + 2.0 * 0.9 * limits[DECELERATION] * way))
-            wanted = max(wanted, min(CREEP, row[4]))
+            wanted = max(wanted, min(CREEP, row[LEG_SPEED]))
         wanted = min(wanted, limits[SPEED_MAX])
         error = (bearing - yaw + pi) % (2.0 * pi) - pi
         if limits[PIVOT_BEGIN] > 0.0:
@@ -137,34 +174,39 @@ def _tick(state: Floats, row: Floats, arrived: bool, limits: Floats, step: int) 
     speed += min(max(wanted - speed, -change * dt), change * dt)
     if speed < 1e-6:
         speed = 0.0
-    state[10] += (rate - state[10]) * min(dt / limits[STEERING_S], 1.0)
+    state[HEADING_RATE] += (rate - state[HEADING_RATE]) * min(dt / limits[STEERING_S], 1.0)
     if speed == 0.0 and state[PIVOTING] == 0.0:
-        state[10] = 0.0
-    middle = yaw + 0.5 * state[10] * dt
-    state[9] = (yaw + state[10] * dt) % (2.0 * pi)
+        state[HEADING_RATE] = 0.0
+    middle = yaw + 0.5 * state[HEADING_RATE] * dt
+    state[HEADING] = (yaw + state[HEADING_RATE] * dt) % (2.0 * pi)
     way = 0.5 * (before + speed) * dt
-    state[0] += way * sin(middle)
-    state[1] += way * cos(middle)
-    state[12] += way
-    ve, vn = speed * sin(state[9]), speed * cos(state[9])
-    state[6], state[7] = (ve - state[3]) / dt, (vn - state[4]) / dt
-    state[3], state[4] = ve, vn
+    state[POSITION_X] += way * sin(middle)
+    state[POSITION_Y] += way * cos(middle)
+    state[PATH_LENGTH] += way
+    ve, vn = speed * sin(state[HEADING]), speed * cos(state[HEADING])
+    state[ACCELERATION_X], state[ACCELERATION_Y] = (
+        (ve - state[VELOCITY_X]) / dt,
+        (vn - state[VELOCITY_Y]) / dt,
+    )
+    state[VELOCITY_X], state[VELOCITY_Y] = ve, vn
     state[SPEED] = speed
     state[THROTTLE] = speed / limits[SPEED_MAX]
     if arrived or kind == VELOCITY:
         return False
     if kind == BRAKE:
         return bool(speed < STOPPED)
-    gx, gy = row[0] - state[0], row[1] - state[1]
+    gx, gy = row[LEG_X] - state[POSITION_X], row[LEG_Y] - state[POSITION_Y]
     left2 = gx * gx + gy * gy
-    dx, dy = row[0] - state[BEGIN], row[1] - state[BEGIN + 1]
+    dx, dy = row[LEG_X] - state[BEGIN], row[LEG_Y] - state[BEGIN + 1]
     past = gx * dx + gy * dy < 0.0 and dx * dx + dy * dy > 1e-4
     if kind == THROUGH:
-        return bool(left2 <= row[3] * row[3] or (past and limits[PASSES] > 0.0))
+        return bool(left2 <= row[LEG_RADIUS] * row[LEG_RADIUS] or (past and limits[PASSES] > 0.0))
     if state[PAUSE_END] == inf:
-        if left2 > row[3] * row[3] and not (past and left2 < 4.0 * row[3] * row[3]):
+        if left2 > row[LEG_RADIUS] * row[LEG_RADIUS] and not (
+            past and left2 < 4.0 * row[LEG_RADIUS] * row[LEG_RADIUS]
+        ):
             return False
-        state[PAUSE_END] = step + row[7] / limits[STEP_S]
+        state[PAUSE_END] = step + row[LEG_PAUSE] / limits[STEP_S]
         return False
     return bool(speed < STOPPED and step >= state[PAUSE_END])
 
@@ -197,19 +239,21 @@ def advance(
     last = route.shape[0] - 1
     event = RAN
     for _ in range(max_steps):
-        step, leg = counters[0], counters[1]
+        step, leg = counters[STEP], counters[LEG_INDEX]
         row = route[leg]
-        if state[14] == inf:
+        if state[GIVE_UP_STEP] == inf:
             state[PAUSE_END] = inf
             state[PIVOTING] = 0.0
-            state[BEGIN], state[BEGIN + 1] = state[0], state[1]
+            state[BEGIN], state[BEGIN + 1] = state[POSITION_X], state[POSITION_Y]
             if leg > 0:
-                state[BEGIN], state[BEGIN + 1] = route[leg - 1, 0], route[leg - 1, 1]
-            rx, ry = row[0] - state[0], row[1] - state[1]
-            slow = SLOW_SHARE * min(max(row[4], CREEP), limits[SPEED_MAX])
-            state[14] = step + (PATIENCE_S + row[7] + sqrt(rx * rx + ry * ry) / slow) / limits[STEP_S]
-            if row[2] == VELOCITY:
-                state[14] = 1e300
+                state[BEGIN], state[BEGIN + 1] = route[leg - 1, LEG_X], route[leg - 1, LEG_Y]
+            rx, ry = row[LEG_X] - state[POSITION_X], row[LEG_Y] - state[POSITION_Y]
+            slow = SLOW_SHARE * min(max(row[LEG_SPEED], CREEP), limits[SPEED_MAX])
+            state[GIVE_UP_STEP] = (
+                step + (PATIENCE_S + row[LEG_PAUSE] + sqrt(rx * rx + ry * ry) / slow) / limits[STEP_S]
+            )
+            if row[LEG_KIND] == VELOCITY:
+                state[GIVE_UP_STEP] = 1e300
         if step % GRID == 0:
             index = 0
             if wind.shape[0] > 1:
@@ -217,39 +261,43 @@ def advance(
                 if index >= wind.shape[0]:
                     event = WIND
                     break
-            state[15], state[16], _ = wind_at(wind[index], 0.0)
+            state[WIND_EAST], state[WIND_NORTH], _ = wind_at(wind[index], 0.0)
             speed = state[SPEED]
-            head = speed - state[15] * sin(state[9]) - state[16] * cos(state[9])
-            pull = state[6] * sin(state[9]) + state[7] * cos(state[9])
-            state[13] = rover_power(power, speed, head, pull)
-            if track_every > 0 and (step // GRID) % track_every == 0 and counters[5] < track.shape[0]:
-                point = counters[5]
-                track[point, 0], track[point, 1], track[point, 2] = state[0], state[1], 0.0
-                counters[5] = point + 1
-            if counters[3] == 0 and step > state[14]:
+            head = speed - state[WIND_EAST] * sin(state[HEADING]) - state[WIND_NORTH] * cos(state[HEADING])
+            pull = state[ACCELERATION_X] * sin(state[HEADING]) + state[ACCELERATION_Y] * cos(state[HEADING])
+            state[POWER] = rover_power(power, speed, head, pull)
+            if (
+                track_every > 0
+                and (step // GRID) % track_every == 0
+                and counters[TRACK_POINTS] < track.shape[0]
+            ):
+                point = counters[TRACK_POINTS]
+                track[point, 0], track[point, 1], track[point, 2] = state[POSITION_X], state[POSITION_Y], 0.0
+                counters[TRACK_POINTS] = point + 1
+            if counters[ARRIVED] == 0 and step > state[GIVE_UP_STEP]:
                 event = STALLED
                 break
-        done = _tick(state, row, counters[3] != 0, limits, step)
-        state[11] += state[13] * limits[STEP_S]
-        counters[0] = step + 1
-        if counters[3] == 0:
+        done = _tick(state, row, counters[ARRIVED] != 0, limits, step)
+        state[ENERGY_USED] += state[POWER] * limits[STEP_S]
+        counters[STEP] = step + 1
+        if counters[ARRIVED] == 0:
             if done:
                 arrivals[leg] = step + 1
-                counters[4] = 0
+                counters[NEAR_TOLD] = 0
                 if leg == last:
-                    counters[3] = 1
+                    counters[ARRIVED] = 1
                     event = REACHED
                 else:
-                    counters[1] = leg + 1
-                    state[14] = inf
+                    counters[LEG_INDEX] = leg + 1
+                    state[GIVE_UP_STEP] = inf
                     if stop_each:
                         event = REACHED
-            elif counters[4] == 0 and row[5] > 0.0:
-                rx, ry = row[0] - state[0], row[1] - state[1]
-                if rx * rx + ry * ry < row[5] * row[5]:
-                    counters[4] = 1
+            elif counters[NEAR_TOLD] == 0 and row[LEG_NEAR] > 0.0:
+                rx, ry = row[LEG_X] - state[POSITION_X], row[LEG_Y] - state[POSITION_Y]
+                if rx * rx + ry * ry < row[LEG_NEAR] * row[LEG_NEAR]:
+                    counters[NEAR_TOLD] = 1
                     event = NEAR
-        if state[11] >= limits[ENERGY_LIMIT]:
+        if state[ENERGY_USED] >= limits[ENERGY_LIMIT]:
             event = ENERGY
         if event != RAN:
             break

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sim_vehicle.energy.battery import WH_J
+from sim_vehicle.motion.columns import HEADING, POSITION, POSITION_Z
 from sim_vehicle.motion.compiled_motion import CompiledMotion
 from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.motion.rover import kernel as wheels
@@ -107,22 +108,22 @@ class Rover(CompiledMotion):
         law = self.law
         n = len(route.points_m)
         rows = np.zeros((n, wheels.LEG))
-        rows[:, :2] = route.points_m[:, :2]
+        rows[:, : wheels.LEG_KIND] = route.points_m[:, :2]
         speed = np.where(np.isnan(route.speed_m_s), self.spec.cruise_speed_m_s, route.speed_m_s)
-        rows[:, 4] = np.clip(speed, 0.1, law.speed_max)
-        rows[:, 5] = route.near_m
-        rows[:, 7] = route.pause_s
-        x, y = self.state[0:2].tolist()
+        rows[:, wheels.LEG_SPEED] = np.clip(speed, 0.1, law.speed_max)
+        rows[:, wheels.LEG_NEAR] = route.near_m
+        rows[:, wheels.LEG_PAUSE] = route.pause_s
+        x, y = self.state[POSITION:POSITION_Z].tolist()
         for i in range(n):
             radius = float(route.radius_m[i])
             stops = i == n - 1 or radius <= 0.0 or route.pause_s[i] > 0.0
-            rows[i, 2] = wheels.STOP if stops else wheels.THROUGH
+            rows[i, wheels.LEG_KIND] = wheels.STOP if stops else wheels.THROUGH
             # Neither autopilot takes the radius of an item on wheels.
-            rows[i, 3] = law.acceptance
+            rows[i, wheels.LEG_RADIUS] = law.acceptance
             if int(route.kind[i]) in _NOT_DRIVEN:
-                rows[i, 2] = wheels.AT_ONCE
-                rows[i, :2] = x, y
-            x, y = rows[i, :2].tolist()
+                rows[i, wheels.LEG_KIND] = wheels.AT_ONCE
+                rows[i, : wheels.LEG_KIND] = x, y
+            x, y = rows[i, : wheels.LEG_KIND].tolist()
         self._corners(rows)
         self._route = rows
         self._begin()
@@ -130,15 +131,15 @@ class Rover(CompiledMotion):
     def _corners(self, rows: NDArray[np.float64]) -> None:
         """Find the radius and the speed of each corner, and of those before it that have to brake for it."""
         law = self.law
-        ends = np.vstack([self.state[None, 0:2], rows[:, :2]])
+        ends = np.vstack([self.state[None, POSITION:POSITION_Z], rows[:, : wheels.LEG_KIND]])
         ways = np.diff(ends, axis=0)
         lengths = np.hypot(ways[:, 0], ways[:, 1])
         leave = 0.0
         for i in range(len(rows) - 1, -1, -1):
             row = rows[i]
-            if row[2] != wheels.THROUGH:
-                leave = float(row[4]) if row[2] == wheels.AT_ONCE else 0.0
-                row[6] = leave
+            if row[wheels.LEG_KIND] != wheels.THROUGH:
+                leave = float(row[wheels.LEG_SPEED]) if row[wheels.LEG_KIND] == wheels.AT_ONCE else 0.0
+                row[wheels.LEG_END_SPEED] = leave
                 continue
             turn = 0.0
             if lengths[i] > 1e-3 and lengths[i + 1] > 1e-3:
@@ -147,16 +148,16 @@ class Rover(CompiledMotion):
             tangent = math.tan(0.5 * min(turn, 0.9 * math.pi))
             if law.corner_gain > 0.0 and law.turn_radius > 0.0:
                 needed = law.corner_gain * law.turn_radius * tangent
-                row[3] = max(row[3], min(needed, law.corner_max))
-            speed = float(rows[i + 1, 4])
+                row[wheels.LEG_RADIUS] = max(row[wheels.LEG_RADIUS], min(needed, law.corner_max))
+            speed = float(rows[i + 1, wheels.LEG_SPEED])
             if turn > 1e-3:
-                bend = max(float(row[3]) / max(tangent, 1e-6), law.turn_radius, 0.1)
+                bend = max(float(row[wheels.LEG_RADIUS]) / max(tangent, 1e-6), law.turn_radius, 0.1)
                 speed = min(speed, math.sqrt(law.lateral * bend), law.turn_rate * bend)
             if 0.0 < law.pivot_begin < turn:
                 speed = 0.0
             reach = math.sqrt(leave * leave + 2.0 * law.deceleration * float(lengths[i + 1]))
-            leave = min(speed, reach, float(row[4]))
-            row[6] = leave
+            leave = min(speed, reach, float(row[wheels.LEG_SPEED]))
+            row[wheels.LEG_END_SPEED] = leave
 
     def steer(
         self,
@@ -169,10 +170,10 @@ class Rover(CompiledMotion):
         east, north, up = velocity_m_s
         speed = math.hypot(east, north)
         row = np.zeros((1, wheels.LEG))
-        row[0, :2] = self.state[0:2]
-        row[0, 2] = wheels.BRAKE if up < 0.0 and speed == 0.0 else wheels.VELOCITY
-        row[0, 4] = min(speed, self.law.speed_max)
-        row[0, 8] = math.atan2(east, north) if speed > 0.0 else self.state[9]
+        row[0, : wheels.LEG_KIND] = self.state[POSITION:POSITION_Z]
+        row[0, wheels.LEG_KIND] = wheels.BRAKE if up < 0.0 and speed == 0.0 else wheels.VELOCITY
+        row[0, wheels.LEG_SPEED] = min(speed, self.law.speed_max)
+        row[0, wheels.LEG_HEADING] = math.atan2(east, north) if speed > 0.0 else self.state[HEADING]
         self._route = row
         self._begin()
 
@@ -180,9 +181,9 @@ class Rover(CompiledMotion):
         """Nothing: the nose is where it drives to."""
 
     def stopping_point(self) -> Position:
-        """Return where the vehicle comes to rest if it brakes now."""
-        x, y = self.state[0:2].tolist()
-        speed, yaw = float(self.state[wheels.SPEED]), float(self.state[9])
+        """Return the position of rest if it brakes now."""
+        x, y = self.state[POSITION:POSITION_Z].tolist()
+        speed, yaw = float(self.state[wheels.SPEED]), float(self.state[HEADING])
         way = 0.5 * speed * speed / self.law.deceleration
         return x + way * math.sin(yaw), y + way * math.cos(yaw), 0.0
 

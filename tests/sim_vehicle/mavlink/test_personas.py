@@ -140,7 +140,7 @@ def test_mavsdk_notices_a_new_plan():
         assert sdk.add_any_connection(f"tcpout://127.0.0.1:{port}") == 0
         changes = []
         mission = MissionRaw(sdk.first_autopilot(5.0))
-        mission.subscribe_mission_changed(lambda *_: changes.append(1))
+        handle = mission.subscribe_mission_changed(lambda *_: changes.append(1))
         time.sleep(1.2)  # let it see the id of the plan before
         with TransferDriver(MavlinkEndpoint(open_link(f"tcp:127.0.0.1:{port}"), 245, 190)) as driver:
             driver.wait_for_vehicle(5.0)
@@ -149,6 +149,9 @@ def test_mavsdk_notices_a_new_plan():
         while not changes:
             assert time.monotonic() < end_s, "MAVSDK did not notice"
             time.sleep(0.01)
+        # Before its owner: a callback that is under way then aborts the process.
+        mission.unsubscribe_mission_changed(handle)
+        mission.destroy()
     finally:
         sdk.destroy()
         server.stop()

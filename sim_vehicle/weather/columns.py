@@ -1,0 +1,27 @@
+"""Columns of a block of the wind, and of the filters that form Dryden's gusts."""
+
+from __future__ import annotations
+
+# One row of a wind block: the wind and its mean at the reference height (m/s), and how they depend on the
+# height.
+(
+    AIR_EAST,
+    AIR_NORTH,
+    AIR_UP,
+    MEAN_EAST,
+    MEAN_NORTH,
+    SHEAR_LAW,  # CONSTANT, LOGARITHMIC or POWER of the gust kernel.
+    SHEAR_NUMBER,  # Roughness length (m) or exponent.
+    REFERENCE_HEIGHT,
+    HAS_DRYDEN,  # Whether the gusts are Dryden's.
+) = range(9)
+WIND_ROW = 9
+# One filter: decay of one step, what of the first state goes into the second, and the lower triangle of the
+# square root of the noise's covariance.
+(
+    DECAY,
+    LEAK,
+    NOISE_FIRST,
+    NOISE_MIXED,
+    NOISE_SECOND,
+) = range(5)

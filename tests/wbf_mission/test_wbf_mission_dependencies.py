@@ -20,12 +20,24 @@ def names(requirements):
     return {re.match(r"[A-Za-z0-9._-]+", text)[0].lower().replace("_", "-") for text in requirements}
 
 
+def executed(tree):
+    """The nodes that are executed: not those for type checkers only."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
+            for one in node.orelse:
+                yield one
+                yield from executed(one)
+            continue
+        yield node
+        yield from executed(node)
+
+
 def imported(folders):
-    """Top-level modules that the files import, at any place in them."""
+    """Top-level modules that the files import when they run, at any place in them."""
     found = {}
     for folder in folders:
         for path in (ROOT / folder).rglob("*.py"):
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            for node in executed(ast.parse(path.read_text(encoding="utf-8"))):
                 modules = []
                 if isinstance(node, ast.Import):
                     modules = [alias.name for alias in node.names]

@@ -162,8 +162,15 @@ def test_a_full_disk_names_the_file_and_leaves_the_old_one(tmp_path, arguments):
     limit = "import resource, signal; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))"
     start = f"{limit}; signal.signal(signal.SIGXFSZ, signal.SIG_IGN)"
     code = f"{start}; from wbf_mission.__main__ import main; main()"
+    # Coverage, where it is measured, would write its own file into the limit.
+    env = {name: value for name, value in os.environ.items() if not name.startswith("COVERAGE_")}
     done = subprocess.run(
-        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, cwd=tmp_path, check=False
+        [sys.executable, "-c", code, *arguments],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        check=False,
+        env=env,
     )
     assert done.returncode == 2, done.stderr
     assert done.stdout == ""

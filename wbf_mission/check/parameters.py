@@ -78,7 +78,7 @@ def param_list(peer: Peer) -> str:
     """Read the list."""
     found = _listed(peer)
     if not found:
-        raise FailedError("no PARAM_Value")
+        raise FailedError("no PARAM_VALUE")
     counts = {message.param_count for message in found.values()}
     if len(counts) > 1:
         raise FailedError(f"the counts differ: {sorted(counts)}")
@@ -98,7 +98,7 @@ def read_index(peer: Peer) -> str:
     question = m.MAVLink_param_request_read_message(*peer.address, b"", 0)
     answer = peer.ask(question, _Value, where=lambda a: a.param_index == 0)
     if answer is None:
-        raise FailedError("no PARAM_Value")
+        raise FailedError("no PARAM_VALUE")
     return _name(answer)
 
 
@@ -112,7 +112,7 @@ def read_name(peer: Peer) -> str:
     name = _name(first)
     answer = _read(peer, name)
     if answer is None:
-        raise FailedError(f"no PARAM_Value for {name}")
+        raise FailedError(f"no PARAM_VALUE for {name}")
     if answer.param_type != first.param_type or _bits(answer.param_value) != _bits(first.param_value):
         raise FailedError(f"{name} is {answer.param_value}, by index {first.param_value}")
     return name
@@ -137,7 +137,7 @@ def param_set(peer: Peer) -> str:
     try:
         answer = _set(peer, name, changed, before.param_type)
         if answer is None:
-            raise FailedError(f"no PARAM_Value for {name}")
+            raise FailedError(f"no PARAM_VALUE for {name}")
         if _bits(answer.param_value) != _bits(changed):
             raise FailedError(f"{name} set to {changed} is answered as {answer.param_value}")
         read = _read(peer, name)

@@ -323,7 +323,7 @@ def gamma_interval(mean: float, variance: float) -> tuple[float, float]:
     Examples
     --------
     >>> [round(end, 2) for end in gamma_interval(100.0, 25.0)], gamma_interval(3.0, 0.0)
-    ([91.93, 108.37], (3.0, 3.0))
+    ([91.92, 108.36], (3.0, 3.0))
     """
     if mean <= 0.0 or variance <= 0.0:
         return max(mean, 0.0), max(mean, 0.0)

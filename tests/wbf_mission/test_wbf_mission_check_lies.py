@@ -62,6 +62,12 @@ class Liar(SimVehicle):
         ("COMMAND_ACK", {"target_system": 77}, {"command.ack-address", "command.repeated"}),
         ("MISSION_CURRENT", {"seq": 200}, {"mission.set-current"}),
         ("EXTENDED_SYS_STATE", {"landed_state": 0}, {"telemetry.landed-state"}),
+        ("GLOBAL_POSITION_INT", {"lat": 950_000_000}, {"telemetry.position"}),
+        ("SYS_STATUS", {"onboard_control_sensors_present": 0}, {"telemetry.sys-status"}),
+        ("TIMESYNC", {"tc1": 0}, {"telemetry.timesync"}),
+        ("TIMESYNC", {"target_system": 77}, {"telemetry.timesync"}),
+        ("PARAM_VALUE", {"param_count": lambda count: count + 1}, {"param.list"}),
+        ("MISSION_CURRENT", {"total": 3}, {"mission.total"}),
     ],
 )
 def test_a_vehicle_that_tells_something_else_fails_there(name, changes, expected):
@@ -70,3 +76,22 @@ def test_a_vehicle_that_tells_something_else_fails_there(name, changes, expected
     failed = {result.check.id for result in report.results if result.verdict.value == "failed"}
     assert expected <= failed
     assert "identity.heartbeat" not in failed
+
+
+class Pretender(SimVehicle):
+    """Says yes to some orders and does nothing."""
+
+    def receive(self, message, now_s):
+        kind = message.get_type()
+        if kind == "MISSION_CLEAR_ALL":
+            return [m.MAVLink_mission_ack_message(255, 190, m.MAV_MISSION_ACCEPTED, message.mission_type)]
+        if kind == "COMMAND_LONG" and message.command == m.MAV_CMD_SET_MESSAGE_INTERVAL:
+            return [m.MAVLink_command_ack_message(message.command, m.MAV_RESULT_ACCEPTED, 0, 0, 255, 190)]
+        return super().receive(message, now_s)
+
+
+def test_a_vehicle_that_says_yes_and_does_nothing_is_found_out():
+    link = Simulation([Pretender(get_vehicle("quad"), HOME)]).open_link()
+    report = check_link(link, clock=link.clock, wait=link.wait, only=GROUPS)
+    failed = {result.check.id for result in report.results if result.verdict.value == "failed"}
+    assert {"mission.clear", "telemetry.interval", "telemetry.interval-off"} <= failed

@@ -158,3 +158,23 @@ def test_an_ardupilot_is_asked_for_telemetry_until_it_comes() -> None:
     ground.receive(from_vehicle(m.MAVLink_global_position_int_message(0, 0, 0, 0, 0, 0, 0, 0, 0)), 1.5)
     assert asks(2.0) == []
     assert asks(3.0) == asked
+
+
+def test_another_vehicle_on_the_link_changes_nothing():
+    ground = GroundStation(MISSION)
+    uploaded(ground)
+    before = (ground.phase, ground.battery.remaining, ground.texts)
+    for message in (
+        m.MAVLink_heartbeat_message(2, m.MAV_AUTOPILOT_PX4, 128, 0, 4, 3),
+        m.MAVLink_mission_current_message(3, 3, 5, 1),
+        m.MAVLink_global_position_int_message(0, 0, 0, 0, 0, 0, 0, 0, 0),
+        m.MAVLink_extended_sys_state_message(0, 2),
+        m.MAVLink_hil_state_quaternion_message(0, [1.0, 0, 0, 0], 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0),
+        m.MAVLink_sys_status_message(0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0),
+        m.MAVLink_battery_status_message(0, 0, 0, 0, [65535] * 10, -1, -1, 500, 1),
+        m.MAVLink_statustext_message(3, b"Crash"),
+        m.MAVLink_command_ack_message(m.MAV_CMD_COMPONENT_ARM_DISARM, m.MAV_RESULT_DENIED),
+    ):
+        message.pack(m.MAVLink(None, 9, 1))
+        assert ground.receive(message, 2.0) == []
+    assert (ground.phase, ground.battery.remaining, ground.texts) == before

@@ -1,0 +1,35 @@
+"""How commands speak: text that cannot be encoded, bars on a terminal; obstacles in the picture of a farm."""
+
+import json
+from dataclasses import replace
+
+import shapely
+from rich.console import Console
+
+from geo import get_farm
+from wbf_mission.cli.output import Output
+from wbf_mission.plots import plot_farm
+
+
+def test_json_spells_out_what_no_reader_could_decode(capsys):
+    values = {"file": "a\udcff.plan", "rows": [{"name": "b\udc80"}, 3], "pair": ("c", 1.5)}
+    Output(as_json=True).raw_json(values)
+    told = json.loads(capsys.readouterr().out)
+    assert told == {"file": "a\\udcff.plan", "rows": [{"name": "b\\udc80"}, 3], "pair": ["c", 1.5]}
+
+
+def test_a_terminal_has_one_bar_for_each_thing():
+    output = Output()
+    output._stderr = Console(stderr=True, force_terminal=True, width=90)
+    with output.progress() as progress:
+        for done in (0.0, 1.0, 2.0):
+            progress("flying", done, 2.0)
+        progress("saving [bold]x[/nope]", 1.0, 1.0)
+
+
+def test_obstacles_are_in_the_picture_of_a_farm(tmp_path):
+    farm = replace(get_farm("miniberry-10"), obstacles=(shapely.box(1.0, 1.0, 1.6, 1.6),))
+    bare = plot_farm(get_farm("miniberry-10"), tmp_path / "bare.png").read_bytes()
+    drawn = plot_farm(farm, tmp_path / "farm.png").read_bytes()
+    assert drawn.startswith(b"\x89PNG")
+    assert drawn != bare

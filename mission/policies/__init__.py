@@ -1,0 +1,1 @@
+"""Policies: who decides in flight, for one or several vehicles, where to go next."""

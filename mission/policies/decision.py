@@ -1,0 +1,89 @@
+"""What a policy answers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+from mission.errors import PlanningError
+from mission.planners.path import Points
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Alternative:
+    """A path that was thought of, for the record of a run.
+
+    Parameters
+    ----------
+    system_id : int
+        For which vehicle.
+    points_m : float64[n, 2]
+        Metres of the farm frame.
+    value : float
+        What it promises, in the policy's own measure; more is better.
+    cost : float
+        What it costs, in the unit of the vehicle's budget.
+    """
+
+    system_id: int
+    points_m: Points
+    value: float
+    cost: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Decision:
+    """New rests of the paths of one or several vehicles, or to go on.
+
+    Parameters
+    ----------
+    paths : mapping of int to float64[n, 2]
+        By system id the points to fly through from now on, in metres of the farm frame; the vehicle then
+        flies home. No points: fly home now. Vehicles that are not named go on.
+    reason : str
+        Why, in a few words, for the record.
+    alternatives : tuple of Alternative
+        What else was thought of, the chosen ones among them; the best first.
+
+    Raises
+    ------
+    PlanningError
+        If points are no finite pairs.
+
+    Examples
+    --------
+    >>> GO_ON.changes
+    False
+    >>> Decision({1: [[0.0, 0.0], [5.0, 0.0]]}).paths[1].shape
+    (2, 2)
+    """
+
+    paths: Mapping[int, Points] = field(default_factory=dict)
+    reason: str = ""
+    alternatives: tuple[Alternative, ...] = ()
+
+    def __post_init__(self) -> None:
+        taken = {}
+        for system_id, points in self.paths.items():
+            array = np.array(points, dtype=np.float64)
+            if array.size == 0:
+                array = np.empty((0, 2))
+            if array.ndim != 2 or array.shape[1] != 2 or not np.isfinite(array).all():
+                shape = array.shape
+                msg = f"vehicle {system_id}: a path is finite (x, y) points, not an array of shape {shape}"
+                raise PlanningError(msg)
+            array.flags.writeable = False
+            taken[int(system_id)] = array
+        object.__setattr__(self, "paths", MappingProxyType(taken))
+
+    @property
+    def changes(self) -> bool:
+        """Whether any vehicle gets another path."""
+        return bool(self.paths)
+
+
+GO_ON = Decision()
+"""Everybody flies on as before."""

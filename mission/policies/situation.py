@@ -1,0 +1,193 @@
+"""What a policy is told when it is asked: all that a computer on the ground can know, and nothing else."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geo import Farm
+from mission.errors import PlanningError
+from mission.planners.path import Points
+from mission.planners.request import PlanningRequest
+from sensors.fields import FieldSet
+from sensors.observations import Observations
+from sensors.scoring.information import InformationModel
+from sensors.scoring.score import ScoreWeights
+
+
+class Event(Enum):
+    """Why a policy is asked."""
+
+    START = "start"
+    """Nothing flies yet: every vehicle needs its first path."""
+    OBSERVATIONS = "observations"
+    """The camera told something new."""
+    WAYPOINT = "waypoint"
+    """A vehicle reached a waypoint of its path."""
+    PERIOD = "period"
+    """The time between two questions has passed."""
+    LOST = "lost"
+    """A vehicle failed, or was heard of no more; its part of the farm is left."""
+
+
+class Status(Enum):
+    """What a vehicle is doing."""
+
+    READY = "ready"
+    """On the ground at its start, before its flight."""
+    FLYING = "flying"
+    """On its path; the path can be changed."""
+    RETURNING = "returning"
+    """On its way home, or landing; its path cannot be changed any more."""
+    ENDED = "ended"
+    """Back, as it was meant to be."""
+    LOST = "lost"
+    """Failed, or silent for so long that nobody counts on it."""
+
+
+class Fares(Protocol):
+    """What flying costs one vehicle from where it is now, in the unit of its budget."""
+
+    def rest(self, paths_m: Sequence[Points]) -> list[float]:
+        """Return what each of several rests of the path costs, from here through its points and home.
+
+        Each is float64[n, 2] in metres of the farm frame; n = 0 is the way home. Whether the way home is
+        paid for is the budget's matter. Infinite for a path that the vehicle cannot fly. This is what a
+        decision is held to.
+        """
+
+    def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
+        """Return roughly what straight legs cost, float64[n, m], from n points to m others.
+
+        Cheap, for choosing among many: wind counts, turns count as a mean one.
+        """
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VehicleReport:
+    """One vehicle, as its telemetry told of it last.
+
+    Parameters
+    ----------
+    system_id : int
+        Its MAVLink system id, the name by which decisions speak of it.
+    request : PlanningRequest
+        Its task: area, start, whole budget, footprint, seed.
+    status : Status
+    position_m : tuple of float
+        x and y in metres of the farm frame.
+    velocity_m_s : tuple of float
+        Over ground, along x and y.
+    age_s : float
+        How old position and velocity are.
+    spent : float
+        What the flight has cost so far, in the unit of the budget.
+    rest_m : float64[n, 2]
+        The points of its path that are still to be reached, the present target first; read-only.
+    fares : Fares
+        What rests of the path cost from here.
+    battery : float or None
+        Fraction of the battery that is left; None if nobody told.
+    delay_s : float
+        Seconds from an answer until the vehicle turns, as measured so far.
+    """
+
+    system_id: int
+    request: PlanningRequest
+    status: Status
+    position_m: tuple[float, float]
+    velocity_m_s: tuple[float, float]
+    age_s: float
+    spent: float
+    rest_m: Points
+    fares: Fares
+    battery: float | None = None
+    delay_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        rest = np.array(self.rest_m, dtype=np.float64).reshape(-1, 2)
+        if not np.isfinite(rest).all():
+            msg = f"vehicle {self.system_id}: the rest of its path has a point that is not finite"
+            raise PlanningError(msg)
+        rest.flags.writeable = False
+        object.__setattr__(self, "rest_m", rest)
+
+    @property
+    def left(self) -> float:
+        """What is left of the budget, in its unit; never below zero."""
+        return max(0.0, self.request.budget.limit - self.spent)
+
+    @property
+    def steerable(self) -> bool:
+        """Whether a decision may change its path."""
+        return self.status in (Status.READY, Status.FLYING)
+
+    @property
+    def heading_rad(self) -> float:
+        """Direction of its motion over ground, from the x-axis towards y; 0 at rest."""
+        return math.atan2(self.velocity_m_s[1], self.velocity_m_s[0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Situation:
+    """What is known when a policy is asked.
+
+    Parameters
+    ----------
+    event : Event
+        Why it is asked.
+    time_s : float
+        Seconds since the mission began; 0 before.
+    day : int
+        Day of the environment.
+    farm : Farm
+    fields : FieldSet
+        What is sensed and scored.
+    weights : ScoreWeights
+        What errors cost.
+    model : InformationModel
+        What is believed of the farm. Its arrays are read-only and hold until the answer.
+    observations : Observations
+        All that arrived so far, in their order.
+    vehicles : tuple of VehicleReport
+        In the order of their system ids.
+    compute_s : float
+        Seconds that the answer may take. What comes later is not flown.
+    """
+
+    event: Event
+    time_s: float
+    day: int
+    farm: Farm
+    fields: FieldSet
+    weights: ScoreWeights
+    model: InformationModel
+    observations: Observations
+    vehicles: tuple[VehicleReport, ...]
+    compute_s: float
+
+    @property
+    def steerable(self) -> tuple[VehicleReport, ...]:
+        """The vehicles whose paths may be changed."""
+        return tuple(vehicle for vehicle in self.vehicles if vehicle.steerable)
+
+    def vehicle(self, system_id: int) -> VehicleReport:
+        """Return the vehicle of this system id.
+
+        Raises
+        ------
+        PlanningError
+            If there is none.
+        """
+        for vehicle in self.vehicles:
+            if vehicle.system_id == system_id:
+                return vehicle
+        known = ", ".join(str(vehicle.system_id) for vehicle in self.vehicles)
+        msg = f"no vehicle has the system id {system_id}; there are {known}"
+        raise PlanningError(msg)

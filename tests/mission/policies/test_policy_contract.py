@@ -1,0 +1,79 @@
+import numpy as np
+import pytest
+import shapely
+
+from geo import get_farm
+from geo.named import ParameterError
+from mission.errors import PlanningError
+from mission.planners import PlanningRequest, StepBudget
+from mission.policies.decision import GO_ON, Decision
+from mission.policies.policy import NEVER_AGAIN, FixedPlan, Policy
+from mission.policies.registry import make_policy
+from mission.policies.situation import Event, Situation, Status, VehicleReport
+from sensors.fields import PAPER_FIELDS
+from sensors.observations import Observations
+from sensors.scoring.information import InformationModel
+from sensors.scoring.score import PAPER_WEIGHTS
+
+
+class _Free:
+    def rest(self, paths_m):
+        return [0.0] * len(paths_m)
+
+    def legs(self, from_m, to_m):
+        return np.zeros((len(from_m), len(to_m)))
+
+
+def _situation(event=Event.START, status=Status.READY, spent=0.0):
+    farm = get_farm("miniberry-10")
+    request = PlanningRequest(farm.owner_area, (0.0, 0.0), StepBudget(60.0), seed=3)
+    vehicle = VehicleReport(1, request, status, (0.0, 0.0), (0.0, 0.0), 0.1, spent, np.empty((0, 2)), _Free())
+    model = InformationModel.uniform(farm.grid().shape, value=(1, 1, 0.4), uncertainty=1)
+    seen = Observations.concatenate([], PAPER_FIELDS.names)
+    return Situation(event, 0.0, 6, farm, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, (vehicle,), 0.5)
+
+
+def test_a_planner_is_a_policy_that_never_changes_its_mind():
+    policy = FixedPlan("spiral")
+    assert isinstance(policy, Policy) and policy.asking == NEVER_AGAIN
+    policy.start()
+    first = policy.decide(_situation())
+    area = get_farm("miniberry-10").owner_area
+    assert len(first.paths[1]) > 3 and area.buffer(1e-6).covers(shapely.LineString(first.paths[1]))
+    for event in set(Event) - {Event.START}:
+        assert policy.decide(_situation(event, Status.FLYING)) is GO_ON
+
+
+def test_paths_of_a_decision_are_checked_copied_and_read_only():
+    mine = np.array([[0.0, 1.0], [2.0, 3.0]])
+    decision = Decision({7: mine, 8: []})
+    mine[0] = 9.0
+    assert decision.paths[7][0].tolist() == [0.0, 1.0] and decision.paths[8].shape == (0, 2)
+    with pytest.raises(ValueError, match="read-only"):
+        decision.paths[7][0] = 5.0
+    for bad in ([[0.0, np.nan]], [1.0, 2.0], [[1.0, 2.0, 3.0]]):
+        with pytest.raises(PlanningError, match="vehicle 3: a path is finite"):
+            Decision({3: bad})
+
+
+def test_what_is_left_and_who_can_be_steered():
+    situation = _situation(status=Status.FLYING, spent=45.0)
+    assert situation.vehicle(1).left == 15.0 and situation.steerable == situation.vehicles
+    assert _situation(status=Status.FLYING, spent=90.0).vehicle(1).left == 0.0
+    for status in (Status.RETURNING, Status.ENDED, Status.LOST):
+        assert not _situation(status=status).steerable
+    with pytest.raises(PlanningError, match="no vehicle has the system id 4; there are 1"):
+        situation.vehicle(4)
+
+
+def test_policies_are_made_by_name_or_taken_as_they_are():
+    policy = FixedPlan("spiral")
+    assert make_policy(policy) is policy
+    with pytest.raises(PlanningError, match="no policy is named 'nosuch'"):
+        make_policy("nosuch")
+    with pytest.raises(PlanningError, match="FixedPlan is a class; give an object of it"):
+        make_policy(FixedPlan)
+    with pytest.raises(PlanningError, match="policy object is no policy"):
+        make_policy(object())
+    with pytest.raises(ParameterError, match="has its parameters already"):
+        make_policy(policy, planner="lawnmower")

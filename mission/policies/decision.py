@@ -47,6 +47,8 @@ class Decision:
         Why, in a few words, for the record.
     alternatives : tuple of Alternative
         What else was thought of, the chosen ones among them; the best first.
+    spacing_m : mapping of int to float
+        Distance between neighbouring rows of a path, where it has such a thing; for reports.
 
     Raises
     ------
@@ -64,6 +66,7 @@ class Decision:
     paths: Mapping[int, Points] = field(default_factory=dict)
     reason: str = ""
     alternatives: tuple[Alternative, ...] = ()
+    spacing_m: Mapping[int, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         taken = {}
@@ -78,6 +81,7 @@ class Decision:
             array.flags.writeable = False
             taken[int(system_id)] = array
         object.__setattr__(self, "paths", MappingProxyType(taken))
+        object.__setattr__(self, "spacing_m", MappingProxyType(dict(self.spacing_m)))
 
     @property
     def changes(self) -> bool:

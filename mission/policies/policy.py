@@ -97,6 +97,11 @@ class FixedPlan:
         if situation.event is not Event.START:
             return GO_ON
         planner = make_planner(self.planner)
+        planned = {one.system_id: planner(one.request) for one in situation.steerable}
         return Decision(
-            {one.system_id: planner(one.request).points_m for one in situation.steerable}, reason="plan"
+            {system_id: path.points_m for system_id, path in planned.items()},
+            reason="plan",
+            spacing_m={
+                system_id: path.spacing_m for system_id, path in planned.items() if path.spacing_m is not None
+            },
         )

@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-import shapely
 
-from geo import Crop, Farm, get_farm
+from geo import Farm, get_farm
 from geo.errors import WbfMissionError
-from geo.seeds import sealed_seed
 from mission.errors import PlanningError
 from mission.files import read_mission
 from mission.model import Command, GeoPoint, Mission
-from mission.planners import CropArea, PlannedPath, Planner, PlanningRequest, coverage, make_planner
+from mission.planners import PlannedPath, Planner, PlanningRequest, coverage, make_planner
 from mission.planners.budget import LengthBudget
 from sim_vehicle.airframe.spec import VehicleSpec
-from wbf_mission.planning.budget import make_budget
 from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.planning.result import PlanResult
+from wbf_mission.planning.task import FlightTask, free_area
 from wbf_mission.progress import Progress, silent
 from wbf_mission.scenario import Choice, MissionOptions, Scenario, ScenarioError
 from wbf_mission.weather import wind_of
@@ -40,50 +37,26 @@ def plan(scenario: Scenario, *, progress: Progress = silent) -> PlanResult:
     WbfMissionError
         If a name is unknown, a value is out of range, or no path fits the budget.
     """
-    farm = get_farm(scenario.farm.name)
-    builder = MissionBuilder.of(scenario, farm)
+    builder = flight_builder(scenario)
+    if scenario.mission.file is not None:
+        return _read(scenario, builder)
+    task = FlightTask.of(scenario, builder, progress=progress)
+    choice = scenario.mission.planner
+    return task.plan(_run_planner(planner_of(choice), task.request, str(choice)), str(choice))
+
+
+def flight_builder(scenario: Scenario) -> MissionBuilder:
+    """Return what makes the missions of a run.
+
+    Raises
+    ------
+    WbfMissionError
+        If farm or vehicle are unknown, or the vehicle cannot fly in that wind or at that speed.
+    """
+    builder = MissionBuilder.of(scenario, get_farm(scenario.farm.name))
     check_wind(builder)
     check_speed(scenario.mission, builder.vehicle)
-    area = farm.owner_area
-    if farm.obstacles:
-        area = shapely.difference(area, shapely.union_all(list(farm.obstacles)))
-    footprint_m = scenario.camera.footprint * farm.cell_size_m
-    mission = scenario.mission
-    if mission.file is not None:
-        return _read(mission.file, scenario.seed, builder, area, footprint_m)
-    planner = planner_of(mission.planner)
-    budget, text = make_budget(mission.budget, builder)
-    request = PlanningRequest(
-        area=area,
-        start_xy_m=farm.home_m,
-        budget=budget,
-        footprint_m=footprint_m,
-        crop_areas=tuple(
-            CropArea(crop, land)
-            for crop in (Crop.TOMATO, Crop.STRAWBERRY)
-            if not (land := farm.crop_area(crop)).is_empty
-        ),
-        seed=sealed_seed(scenario.seed, "planner"),
-        progress=lambda done, total: progress("planning", done, total),
-    )
-    path = _run_planner(planner, request, str(mission.planner))
-    planned = builder.mission(path)
-    prediction = builder.predict(planned)
-    home = None if builder.vehicle.is_ideal else farm.home_m
-    return PlanResult(
-        farm=farm,
-        vehicle=builder.vehicle,
-        planner=str(mission.planner),
-        seed=scenario.seed,
-        mission=planned,
-        path_m=path.points_m,
-        spacing_m=path.spacing_m,
-        budget_text=text,
-        length_m=LengthBudget(1.0, home).cost(np.vstack((farm.home_m, path.points_m))),
-        coverage=coverage(path, area, footprint_m),
-        prediction=prediction,
-        batteries=builder.batteries(planned, prediction),
-    )
+    return builder
 
 
 def planner_of(choice: Choice) -> Planner:
@@ -146,8 +119,9 @@ def home_of(mission: Mission, farm: Farm) -> GeoPoint:
     return mission.home or GeoPoint(latitude_deg, longitude_deg, farm.frame.altitude_m)
 
 
-def _read(path: str, seed: int, builder: MissionBuilder, area: Any, footprint_m: float) -> PlanResult:
+def _read(scenario: Scenario, builder: MissionBuilder) -> PlanResult:
     """Take the mission from a file; the farm only says where its waypoints lie."""
+    path = str(scenario.mission.file)
     mission = read_mission(path)
     places = [item for item in mission.items if item.has_place and (item.x or item.y)]
     if not places:
@@ -157,6 +131,7 @@ def _read(path: str, seed: int, builder: MissionBuilder, area: Any, footprint_m:
         np.array([item.x for item in places]), np.array([item.y for item in places])
     )
     points = np.column_stack((x, y))
+    footprint_m = scenario.camera.footprint * builder.farm.cell_size_m
     route = PlannedPath(points, None, "file")
     # The flight of a mission without a home begins at the farm's.
     home = home_of(mission, builder.farm)
@@ -168,13 +143,15 @@ def _read(path: str, seed: int, builder: MissionBuilder, area: Any, footprint_m:
         farm=builder.farm,
         vehicle=builder.vehicle,
         planner=None,
-        seed=seed,
+        seed=scenario.seed,
         mission=mission,
         path_m=points,
         spacing_m=None,
         budget_text="none (mission file)",
         length_m=LengthBudget(1.0, home_m if returns else None).cost(np.vstack((home_m, points))),
-        coverage=coverage(route, area, footprint_m),
+        coverage=coverage(
+            route, free_area(builder.farm), scenario.camera.footprint * builder.farm.cell_size_m
+        ),
         prediction=prediction,
         batteries=builder.batteries(placed, prediction),
     )

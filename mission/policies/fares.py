@@ -1,0 +1,49 @@
+"""What flying on costs where the budget counts metres or steps: the same from everywhere, at any speed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.planners.budget import LengthBudget, StepBudget
+from mission.planners.path import Points
+
+
+@dataclass(frozen=True, slots=True)
+class GeometricFares:
+    """Fares of a budget that counts metres or steps.
+
+    Parameters
+    ----------
+    budget : LengthBudget or StepBudget
+        Its limit does not matter here.
+    position_m : tuple of float
+        Where the vehicle is, in metres of the farm frame.
+
+    Examples
+    --------
+    >>> fares = GeometricFares(LengthBudget(50.0, return_to=(0.0, 0.0)), (3.0, 4.0))
+    >>> fares.rest([np.empty((0, 2)), np.array([[3.0, 0.0]])])
+    [5.0, 7.0]
+    >>> fares.legs(np.array([[0.0, 0.0]]), np.array([[3.0, 4.0], [0.0, 2.0]])).tolist()
+    [[5.0, 2.0]]
+    """
+
+    budget: LengthBudget | StepBudget
+    position_m: tuple[float, float]
+
+    def rest(self, paths_m: Sequence[Points]) -> list[float]:
+        """Return what rests of the path cost, from here through their points and home if that is paid for."""
+        here = np.asarray(self.position_m, dtype=np.float64)
+        return [self.budget.cost(np.vstack((here, np.reshape(path, (-1, 2))))) for path in paths_m]
+
+    def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
+        """Return what straight legs cost, float64[n, m], from n points to m others."""
+        steps = np.asarray(from_m)[:, None, :] - np.asarray(to_m)[None, :, :]
+        length_m: NDArray[np.float64] = np.hypot(steps[..., 0], steps[..., 1])
+        if isinstance(self.budget, LengthBudget):
+            return length_m
+        return np.maximum(np.ceil(length_m / self.budget.step_m - 1e-6), 1.0)

@@ -1,0 +1,110 @@
+"""What one vehicle may do: where, from where, for how much; and from its path to the plan."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from geo import Crop, Farm
+from geo.seeds import sealed_seed
+from mission.planners import CropArea, PlannedPath, PlanningRequest, coverage
+from mission.planners.budget import LengthBudget
+from mission.planners.path import Area
+from wbf_mission.planning.budget import make_budget
+from wbf_mission.planning.builder import MissionBuilder
+from wbf_mission.planning.result import PlanResult
+from wbf_mission.progress import Progress, silent
+from wbf_mission.scenario import Scenario
+
+
+@dataclass(frozen=True, slots=True)
+class FlightTask:
+    """One vehicle's task.
+
+    Parameters
+    ----------
+    system_id : int
+        The vehicle's MAVLink system id.
+    builder : MissionBuilder
+        Makes its missions and predicts them.
+    request : PlanningRequest
+        What its planner is asked.
+    budget_text : str
+        The budget in words.
+    seed : int
+        The run's, for the record.
+    """
+
+    system_id: int
+    builder: MissionBuilder
+    request: PlanningRequest
+    budget_text: str
+    seed: int
+
+    @classmethod
+    def of(
+        cls, scenario: Scenario, builder: MissionBuilder, *, system_id: int = 1, progress: Progress = silent
+    ) -> FlightTask:
+        """Return the task of a vehicle.
+
+        Raises
+        ------
+        PlanningError, ScenarioError
+            If the budget is not understood, or does not fit the vehicle.
+        """
+        farm = builder.farm
+        budget, text = make_budget(scenario.mission.budget, builder)
+        names = ("planner",) if system_id == 1 else ("planner", f"vehicle-{system_id}")
+        request = PlanningRequest(
+            area=free_area(farm),
+            start_xy_m=farm.home_m,
+            budget=budget,
+            footprint_m=scenario.camera.footprint * farm.cell_size_m,
+            crop_areas=tuple(
+                CropArea(crop, land)
+                for crop in (Crop.TOMATO, Crop.STRAWBERRY)
+                if not (land := farm.crop_area(crop)).is_empty
+            ),
+            seed=sealed_seed(scenario.seed, *names),
+            progress=lambda done, total: progress("planning", done, total),
+        )
+        return cls(system_id, builder, request, text, scenario.seed)
+
+    def plan(self, path: PlannedPath, decided_by: str) -> PlanResult:
+        """Return the plan that flies a path.
+
+        Parameters
+        ----------
+        path : PlannedPath
+        decided_by : str
+            Planner or policy, with its parameters.
+        """
+        builder = self.builder
+        farm = builder.farm
+        mission = builder.mission(path)
+        prediction = builder.predict(mission)
+        home = None if builder.vehicle.is_ideal else farm.home_m
+        return PlanResult(
+            farm=farm,
+            vehicle=builder.vehicle,
+            planner=decided_by,
+            seed=self.seed,
+            mission=mission,
+            path_m=path.points_m,
+            spacing_m=path.spacing_m,
+            budget_text=self.budget_text,
+            length_m=LengthBudget(1.0, home).cost(np.vstack((farm.home_m, path.points_m))),
+            coverage=coverage(path, self.request.area, self.request.footprint_m),
+            prediction=prediction,
+            batteries=builder.batteries(mission, prediction),
+        )
+
+
+def free_area(farm: Farm) -> Area:
+    """Return the owner's land without what must not be flown over."""
+    area = farm.owner_area
+    if farm.obstacles:
+        area = shapely.difference(area, shapely.union_all(list(farm.obstacles)))
+    return area

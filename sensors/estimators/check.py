@@ -104,6 +104,12 @@ class _Subject:
             self.require(bool(np.isfinite(array).all()), f"{name} {when} is not finite in every cell")
         self.require(model.fields == self.fields, f"fields {when} are {model.fields}, not {self.fields}")
         self.require(bool((model.uncertainty >= 0).all()), f"uncertainty {when} is negative in some cell")
+        loss = model.expected_loss
+        if loss is not None:
+            good = loss.shape == (len(self.fields), *SHAPE) and loss.dtype == np.float32
+            good = good and bool((loss >= 0).all()) and bool(np.isfinite(loss).all())
+            text = f"expected_loss {when} must be float32[n, W, H] and never negative"
+            self.require(good, text)
         for disease, array in (model.probabilities or {}).items():
             shape = (len(CLASSES), *SHAPE)
             good = array.shape == shape and array.dtype == np.float32 and bool((array >= 0).all())

@@ -67,8 +67,11 @@ class InformationModel:
         The names of the n fields; those of the benchmark by default.
     probabilities : mapping of str to float32[3, W, H], optional
         The probabilities that the plants are healthy, infected and lost (`CLASSES`), by the name of the
-        disease; None if the estimator has none. An estimator may compute them when they are asked for, which
-        may take as long as an estimate, and only until it learns more; what is needed twice should be kept.
+        disease; None if the estimator has none. On large farms an estimator may compute them when they are
+        asked for, which may take as long as an estimate, and only until it learns more; what is needed twice
+        should be kept.
+    loss_map : float32[n, W, H], or a callable that gives it, optional
+        See `expected_loss`; a callable is asked at each access.
 
     Raises
     ------
@@ -88,6 +91,7 @@ class InformationModel:
     revision: int = 0
     fields: tuple[str, ...] = PAPER_FIELDS.names
     probabilities: Mapping[str, NDArray[np.float32]] | None = None
+    loss_map: NDArray[np.float32] | Callable[[], NDArray[np.float32]] | None = None
 
     def __post_init__(self) -> None:
         for name, array in (("value", self.value), ("uncertainty", self.uncertainty)):
@@ -111,6 +115,34 @@ class InformationModel:
                 found = f"{self.changed.dtype}{list(self.changed.shape)}"
                 msg = f"information model: changed is {found}, expected bool{list(expected)}"
                 raise EstimatorError(msg)
+
+        if self.loss_map is not None and not callable(self.loss_map):
+            self._check_loss(self.loss_map)
+
+    @property
+    def expected_loss(self) -> NDArray[np.float32] | None:
+        """What the score is expected to charge for `value`, cell by cell; None if the estimator does not say.
+
+        float32[n, W, H]: squared errors times the costs of estimates that are too healthy or too sick,
+        without the weights of the fields, and in every cell, whether it is scored or not. The mean over a
+        field's mask is the field's loss that the estimator itself expects. It holds as long as `value` does.
+
+        Raises
+        ------
+        EstimatorError
+            If the estimator gives something of another form, or has learned more since.
+        """
+        if callable(self.loss_map):
+            loss: NDArray[np.float32] = self.loss_map()
+            self._check_loss(loss)
+            return loss
+        return self.loss_map
+
+    def _check_loss(self, loss: NDArray[np.float32]) -> None:
+        if loss.shape != self.value.shape or loss.dtype != np.float32:
+            found, expected = f"{loss.dtype}{list(loss.shape)}", f"float32{list(self.value.shape)}"
+            msg = f"information model: expected_loss is {found}, expected {expected}"
+            raise EstimatorError(msg)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -136,8 +168,13 @@ class InformationModel:
         probabilities = None
         if self.probabilities is not None:
             probabilities = {name: np.array(array) for name, array in self.probabilities.items()}
+        loss = self.expected_loss
         return InformationModel(
-            self.value.copy(), self.uncertainty.copy(), fields=self.fields, probabilities=probabilities
+            self.value.copy(),
+            self.uncertainty.copy(),
+            fields=self.fields,
+            probabilities=probabilities,
+            loss_map=None if loss is None else loss.copy(),
         )
 
     @classmethod

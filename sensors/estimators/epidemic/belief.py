@@ -10,7 +10,12 @@ from numpy.typing import NDArray
 
 from sensors.estimators.base import Step
 from sensors.estimators.epidemic.context import probabilities_of_field
-from sensors.estimators.epidemic.decision import CLASS_VALUES, least_loss_value, standard_deviation
+from sensors.estimators.epidemic.decision import (
+    CLASS_VALUES,
+    expected_loss,
+    least_loss_value,
+    standard_deviation,
+)
 from sensors.estimators.epidemic.features import (
     N_FEATURES,
     REACH,
@@ -30,6 +35,7 @@ _TINY = 1e-12
 _CHUNK_CELLS = 1 << 16
 
 Floats = NDArray[np.float64]
+_Place = tuple[NDArray[np.intp], NDArray[np.intp]] | tuple[NDArray[np.bool_]]
 
 
 class DiseaseBelief:
@@ -41,8 +47,8 @@ class DiseaseBelief:
         Cells with the disease's crop.
     task : TrainingTask
         The disease and the training; its day is replaced by the day of the estimate.
-    asymmetry : float
-        How much worse an estimate that is too healthy is.
+    too_healthy, too_sick : float
+        Cost of a squared error where the estimate is above the truth, and where it is below.
     misreading_rate : float
         Probability that a reading shows another class than the plant's.
     cache : path-like or None
@@ -52,6 +58,8 @@ class DiseaseBelief:
     ----------
     value, uncertainty : float32[W, H]
         The estimate of least loss, and the standard deviation of the truth.
+    whole : bool
+        Whether every update judges all cells, as on farms of at most `WHOLE_FARM_CELLS`.
     """
 
     def __init__(
@@ -59,22 +67,26 @@ class DiseaseBelief:
         hosts: NDArray[np.bool_],
         task: TrainingTask,
         *,
-        asymmetry: float,
+        too_healthy: float,
+        too_sick: float,
         misreading_rate: float,
         cache: str | os.PathLike[str] | None,
     ) -> None:
         self._hosts = hosts
         self._task = task
-        self._asymmetry = asymmetry
+        self._costs = too_healthy, too_sick
         self._misreading_rate = misreading_rate
         self._cache = cache
         self._host_count = int(np.count_nonzero(hosts))
         self._seeds = task.parameters.seed_count(hosts.shape)
-        self._whole = hosts.size <= WHOLE_FARM_CELLS
+        self.whole = hosts.size <= WHOLE_FARM_CELLS
         self._day: int | None = None
         self._seen = 0
         self.value = np.ones(hosts.shape, np.float32)
         self.uncertainty = np.zeros(hosts.shape, np.float32)
+        # Large farms pay for these two only when they are asked for.
+        self._probabilities = self._certain() if self.whole else None
+        self._loss = np.zeros(hosts.shape, np.float32) if self.whole else None
 
     def learn(self, day: int, step: Step) -> None:
         """Train the network of a day if there is none yet; `step` is called with the part that is done."""
@@ -98,29 +110,69 @@ class DiseaseBelief:
         if not self._host_count or (day == self._day and len(values) == self._seen):
             return
         x, y, probabilities = self._changed(day, cells, days, values)
-        self.value[x, y] = least_loss_value(probabilities, self._asymmetry)
-        self.uncertainty[x, y] = standard_deviation(probabilities)
+        if self.whole:
+            # New arrays, so that those handed out before stay as they are.
+            self._probabilities, self._loss = self._certain(), np.zeros(self._hosts.shape, np.float32)
+        self._take((x, y), probabilities)
         self._seen = len(values)
+
+    def _take(self, place: _Place, probabilities: Floats) -> None:
+        """Write what follows from class probabilities of some cells into the maps."""
+        too_healthy, too_sick = self._costs
+        best = least_loss_value(probabilities, too_healthy / too_sick)
+        self.value[place] = best
+        self.uncertainty[place] = standard_deviation(probabilities)
+        if self._probabilities is not None:
+            self._probabilities[:, *place] = probabilities.T
+        if self._loss is not None:
+            self._loss[place] = expected_loss(probabilities, best, too_healthy, too_sick)
 
     def probabilities(
         self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats
     ) -> NDArray[np.float32]:
-        """Return the class probabilities of all cells, float32[3, W, H]; land without the crop is healthy."""
+        """Return the class probabilities of all cells, float32[3, W, H]; land without the crop is healthy.
+
+        The arguments are those of the last `update`. On large farms this takes as long as an update with all
+        that was ever seen.
+        """
+        if self._probabilities is not None:
+            return self._probabilities
+        again = self._again()
+        again._probabilities = self._certain()
+        again.update(day, cells, days, values)
+        return again._probabilities
+
+    def expected_loss(
+        self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats
+    ) -> NDArray[np.float32]:
+        """Return what the score is expected to charge for `value`, float32[W, H]; nothing without the crop.
+
+        The arguments are those of the last `update`. On large farms the array is made at the first call, and
+        changed in place by updates from then on.
+        """
+        if self._loss is None:
+            again = self._again()
+            again._loss = np.zeros(self._hosts.shape, np.float32)
+            again.update(day, cells, days, values)
+            self._loss = again._loss
+        return self._loss
+
+    def _certain(self) -> NDArray[np.float32]:
+        """Return probabilities by which every plant is healthy."""
         out = np.zeros((len(CLASS_VALUES), *self._hosts.shape), np.float32)
         out[0] = 1.0
-        if self._host_count:
-            fresh = DiseaseBelief(
-                self._hosts,
-                self._task,
-                asymmetry=self._asymmetry,
-                misreading_rate=self._misreading_rate,
-                cache=self._cache,
-            )
-            fresh._begin(day)
-            out[:, self._hosts] = fresh._prior[:, None]
-            x, y, probabilities = fresh._changed(day, cells, days, values)
-            out[:, x, y] = probabilities.T
         return out
+
+    def _again(self) -> DiseaseBelief:
+        too_healthy, too_sick = self._costs
+        return DiseaseBelief(
+            self._hosts,
+            self._task,
+            too_healthy=too_healthy,
+            too_sick=too_sick,
+            misreading_rate=self._misreading_rate,
+            cache=self._cache,
+        )
 
     def _begin(self, day: int) -> None:
         """Forget everything for a new day."""
@@ -129,7 +181,7 @@ class DiseaseBelief:
         self._day = day
         nothing = np.zeros((1, N_FEATURES), np.float32)
         self._prior = self._network.probabilities(nothing)[0]
-        if self._whole:
+        if self.whole:
             x, y = np.nonzero(self._hosts)
             self._x, self._y = x, y
             self._row = np.full(self._hosts.shape, -1, np.intp)
@@ -137,8 +189,7 @@ class DiseaseBelief:
             self._features = np.zeros((len(x), N_FEATURES), np.float32)
             local_features(self._codes, x, y, self._features)
             return
-        self.value[self._hosts] = least_loss_value(self._prior, self._asymmetry)
-        self.uncertainty[self._hosts] = standard_deviation(self._prior)
+        self._take((self._hosts,), self._prior[None, :].astype(np.float64))
 
     def _changed(
         self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats
@@ -152,7 +203,7 @@ class DiseaseBelief:
         x, y = cells_in_reach(new_x, new_y, shape)
         kept = self._hosts[x, y]
         x, y = x[kept], y[kept]
-        if self._whole:
+        if self.whole:
             rows = self._row[x, y]
             part = self._features[rows]
             local_features(self._codes, x, y, part)

@@ -42,6 +42,34 @@ def least_loss_value(
     return value
 
 
+def expected_loss(
+    probabilities: NDArray[np.floating], value: NDArray[np.floating], too_healthy: float, too_sick: float
+) -> NDArray[np.float64]:
+    """Return what the score is expected to charge for values: the mean over the three classes.
+
+    Parameters
+    ----------
+    probabilities : float[..., 3]
+        Of the classes susceptible, infected, removed.
+    value : float[...]
+        The estimate, 0..1.
+    too_healthy, too_sick : float
+        Cost of a squared error where the estimate is above the truth, and where it is below.
+
+    Examples
+    --------
+    >>> p = np.array([[0.0, 1, 0], [0.5, 0, 0.5]])
+    >>> expected_loss(p, np.array([0.7, 0.1]), 10.0, 1.0).round(3).tolist()
+    [0.4, 0.455]
+    """
+    susceptible, infected, removed = np.moveaxis(np.asarray(probabilities, np.float64), -1, 0)
+    of_infected = np.where(value > CLASS_VALUES[1], too_healthy, too_sick)
+    loss: NDArray[np.float64] = too_sick * susceptible * (value - CLASS_VALUES[0]) ** 2
+    loss += of_infected * infected * (value - CLASS_VALUES[1]) ** 2
+    loss += too_healthy * removed * (value - CLASS_VALUES[2]) ** 2
+    return loss
+
+
 def standard_deviation(probabilities: NDArray[np.floating]) -> NDArray[np.float64]:
     """Return the standard deviation of the cell's value, for float[..., 3] probabilities of the classes.
 

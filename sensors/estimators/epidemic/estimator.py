@@ -15,6 +15,7 @@ from sensors.estimators.epidemic.belief import DiseaseBelief
 from sensors.estimators.epidemic.soil import SoilField
 from sensors.estimators.epidemic.training import TrainingTask
 from sensors.fields import PAPER_FIELDS, FieldSet
+from sensors.scoring.expected import loss_of_deviation
 from sensors.scoring.information import InformationModel, LazyProbabilities
 from sensors.scoring.score import PAPER_WEIGHTS, ScoreWeights
 
@@ -131,7 +132,8 @@ class EpidemicEstimator(BaseEstimator):
             DiseaseBelief(
                 field.hosts(grid),
                 TrainingTask(field.epidemic, self.day, self.outbreaks, self.epochs, self.training_seed),
-                asymmetry=self.weights.too_healthy[k] / self.weights.too_sick[k],
+                too_healthy=self.weights.too_healthy[k],
+                too_sick=self.weights.too_sick[k],
                 misreading_rate=self.misreading_rate,
                 cache=self.cache,
             )
@@ -151,17 +153,25 @@ class EpidemicEstimator(BaseEstimator):
         uncertainty = np.empty_like(value)
         day = self.day_
         for k, belief in enumerate(self._beliefs):
-            belief.update(day, self._cells.array, self._days.array, self._values.array[:, k])
+            belief.update(*self._told(k))
             value[k], uncertainty[k] = belief.value, belief.uncertainty
         noise = self._soil.fill(day, value[_SOIL], uncertainty[_SOIL])
         if noise < _EXACT_SOIL:
             self._take_soil_readings(day, value[_SOIL])
         seen = self.n_observations_
-        probabilities = LazyProbabilities(
-            tuple(field.name for field in self.fields.diseases),
-            lambda disease: self._class_probabilities(disease, seen),
+        names = tuple(field.name for field in self.fields.diseases)
+        if all(belief.whole for belief in self._beliefs):
+            # They are there already: arrays that stay as they are cost nothing.
+            kept = {name: _read_only(self._class_probabilities(name, seen)) for name in names}
+            loss = _read_only(self._expected_loss(uncertainty, seen))
+            return InformationModel(value, uncertainty, probabilities=kept, loss_map=loss)
+        probabilities = LazyProbabilities(names, lambda disease: self._class_probabilities(disease, seen))
+        return InformationModel(
+            value,
+            uncertainty,
+            probabilities=probabilities,
+            loss_map=lambda: self._expected_loss(uncertainty, seen),
         )
-        return InformationModel(value, uncertainty, probabilities=probabilities)
 
     def _take_soil_readings(self, day: int, value: NDArray[np.float32]) -> None:
         """Believe the readings of the soil themselves, of which the last of a cell counts."""
@@ -172,16 +182,30 @@ class EpidemicEstimator(BaseEstimator):
 
     def _class_probabilities(self, disease: str, seen: int) -> NDArray[np.float32]:
         """Return the class probabilities of a model that was made after `seen` observations."""
+        self._check_present("probabilities", seen)
+        k = self.fields.index(disease)
+        return self._beliefs[k].probabilities(*self._told(k))
+
+    def _expected_loss(self, uncertainty: NDArray[np.float32], seen: int) -> NDArray[np.float32]:
+        """Return the expected loss of a model that was made after `seen` observations."""
+        self._check_present("expected_loss", seen)
+        loss = np.empty_like(uncertainty)
+        for k, belief in enumerate(self._beliefs):
+            loss[k] = belief.expected_loss(*self._told(k))
+        loss[_SOIL] = loss_of_deviation(uncertainty, self.weights)[_SOIL]
+        return loss
+
+    def _told(self, k: int) -> tuple[int, NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
+        """Return all that is known of one field: the day, and cells, days and values of the readings."""
+        return self.day_, self._cells.array, self._days.array, self._values.array[:, k]
+
+    def _check_present(self, what: str, seen: int) -> None:
         if seen != self.n_observations_:
             msg = (
-                f"epidemic: the probabilities of a model of {seen} observations are gone, as"
+                f"epidemic: the {what} of a model of {seen} observations are gone, as"
                 f" {self.n_observations_} are learned; take model.copy() before"
             )
             raise EstimatorError(msg)
-        k = self.fields.index(disease)
-        return self._beliefs[k].probabilities(
-            self.day_, self._cells.array, self._days.array, self._values.array[:, k]
-        )
 
     def _check_parameters(self) -> None:
         require_paper_fields("epidemic", self.fields)
@@ -199,3 +223,9 @@ class EpidemicEstimator(BaseEstimator):
             if not good:
                 msg = f"epidemic: {name} cannot be {getattr(self, name)!r}"
                 raise EstimatorError(msg)
+
+
+def _read_only(array: NDArray[np.float32]) -> NDArray[np.float32]:
+    view = array.view()
+    view.flags.writeable = False
+    return view

@@ -18,7 +18,9 @@ from sensors.estimators.gp.posterior_exact import ExactPosterior
 from sensors.estimators.gp.rbf import RbfKernel, fit_kernel
 from sensors.estimators.gp.threads import one_blas_thread
 from sensors.fields import PAPER_FIELDS, FieldSet
+from sensors.scoring.expected import loss_of_deviation
 from sensors.scoring.information import InformationModel
+from sensors.scoring.score import ScoreWeights
 from sensors.scoring.tiles import tile_shape
 
 if TYPE_CHECKING:
@@ -195,7 +197,7 @@ class GaussianProcessEstimator(BaseEstimator):
         uncertainty = np.empty_like(value)
         for k, process in enumerate(self._fields):
             process.write_all(value[k], uncertainty[k], clip=self.clip)
-        return InformationModel(value, uncertainty, revision=self._revision, fields=self.fields.names)
+        return self._model(value, uncertainty, None)
 
     def _local_model(self) -> InformationModel:
         shape = self.grid_.shape
@@ -209,8 +211,19 @@ class GaussianProcessEstimator(BaseEstimator):
         changed = np.zeros((len(self.fields), *tile_shape(shape)), np.bool_)
         for k, process in enumerate(self._fields):
             changed[k] = process.write_changes(self._own[0][k], self._own[1][k], clip=self.clip)
+        return self._model(*self._views(self._own), None if first else changed)
+
+    def _model(
+        self, value: _Values, uncertainty: _Values, changed: NDArray[np.bool_] | None
+    ) -> InformationModel:
+        weights = ScoreWeights.of(self.fields)
         return InformationModel(
-            *self._views(self._own), None if first else changed, self._revision, self.fields.names
+            value,
+            uncertainty,
+            changed,
+            self._revision,
+            self.fields.names,
+            loss_map=lambda: loss_of_deviation(uncertainty, weights),
         )
 
     def _views(self, own: tuple[_Values, _Values]) -> tuple[_Values, _Values]:

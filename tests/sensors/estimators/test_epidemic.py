@@ -13,7 +13,12 @@ from sensors.estimators import check_estimator, make_estimator
 from sensors.estimators.epidemic import belief as belief_module
 from sensors.estimators.epidemic import training
 from sensors.estimators.epidemic.context import N_CONTEXT, context_features, probabilities_of_field
-from sensors.estimators.epidemic.decision import CLASS_VALUES, least_loss_value, standard_deviation
+from sensors.estimators.epidemic.decision import (
+    CLASS_VALUES,
+    expected_loss,
+    least_loss_value,
+    standard_deviation,
+)
 from sensors.estimators.epidemic.estimator import EpidemicEstimator
 from sensors.estimators.epidemic.features import (
     N_FEATURES,
@@ -74,6 +79,14 @@ def test_no_value_has_a_smaller_expected_loss(p, asymmetry):
     best = float(least_loss_value(p, asymmetry))
     assert 0.0 <= best <= 1.0
     assert expected(best) <= min(expected(value) for value in np.linspace(0, 1, 201)) + 1e-9
+
+
+@given(probabilities, st.floats(0.0, 1.0), st.floats(0.1, 20.0), st.floats(0.1, 20.0))
+@settings(deadline=None)
+def test_the_expected_loss_is_the_mean_of_what_the_score_charges(p, value, above, below):
+    error = value - CLASS_VALUES
+    charged = float(p @ (np.where(error > 0, above, below) * error**2))
+    assert float(expected_loss(p, np.float64(value), above, below)) == pytest.approx(charged, abs=1e-9)
 
 
 @given(probabilities)
@@ -391,10 +404,46 @@ def test_what_was_read_is_known_and_what_was_not_is_doubted(cache):
     with pytest.raises(KeyError, match="soil"):
         model.probabilities["soil"]
     kept = model.copy()
-    estimator.partial_fit(seen[:1])
-    with pytest.raises(EstimatorError, match=r"are gone.*model\.copy\(\)"):
-        model.probabilities["tylcv"]
+    estimator.partial_fit(observe([4], [7], [0.0, 0.0, 0.2])).predict()
     np.testing.assert_array_equal(kept.probabilities["tylcv"], found)
+    np.testing.assert_array_equal(kept.expected_loss, model.expected_loss)
+    assert np.shares_memory(model.probabilities["tylcv"], found)
+
+
+def test_on_large_farms_probabilities_and_loss_are_made_when_asked_for(cache, monkeypatch):
+    monkeypatch.setattr(belief_module, "WHOLE_FARM_CELLS", 50)
+    monkeypatch.setattr(training, "WHOLE_FARM_CELLS", 50)
+    monkeypatch.setattr(training, "_in_memory", {})
+    grid = get_farm("miniberry-10").grid()
+    seen = rows_over(truth_of(grid, 3))
+    estimator = EpidemicEstimator(**SMALL, cache=cache / "large").fit(grid, seen[:5])
+    early = estimator.predict()
+    assert early.expected_loss is not None
+    estimator.partial_fit(seen[5:])
+    for what in (lambda: early.probabilities["tylcv"], lambda: early.expected_loss):
+        with pytest.raises(EstimatorError, match=r"are gone.*model\.copy\(\)"):
+            what()
+    late = estimator.predict()
+    found = late.expected_loss
+    for k, name in enumerate(("tylcv", "ccr")):
+        p = np.moveaxis(late.probabilities[name], 0, -1)
+        again = expected_loss(p, late.value[k].astype(float), 10.0, 1.0)
+        np.testing.assert_allclose(found[k], again, atol=1e-5)
+
+
+def test_the_expected_loss_is_none_where_the_class_is_known(cache):
+    grid = get_farm("miniberry-10").grid()
+    seen = rows_over(truth_of(grid, 3))
+    model = EpidemicEstimator(**SMALL, cache=cache).fit(grid, seen).predict()
+    found = model.expected_loss
+    assert found.shape == model.value.shape
+    for k, crop in enumerate((grid.tomato, grid.strawberry)):
+        assert (found[k][seen.x, seen.y] < 1e-6).all()
+        assert (found[k][~crop] == 0).all()
+        p = np.moveaxis(model.probabilities[("tylcv", "ccr")[k]], 0, -1)
+        again = expected_loss(p, model.value[k].astype(float), 10.0, 1.0)
+        np.testing.assert_allclose(found[k], again, atol=1e-5)
+    np.testing.assert_allclose(found[2], model.uncertainty[2] ** 2, rtol=1e-6)
 
 
 def test_a_sick_plant_makes_its_neighbours_doubtful(cache):

@@ -282,3 +282,12 @@ def test_scikit_learn_variant_refuses_what_it_cannot_finish():
         SklearnGaussianProcessEstimator(max_entries=1000).fit(grid_of(20, 20), many).predict()
     with pytest.raises(EstimatorError, match="n_restarts cannot be -1"):
         SklearnGaussianProcessEstimator(n_restarts=-1).fit(grid_of(20, 20))
+
+
+@pytest.mark.parametrize("method", ["exact", "local"])
+def test_the_expected_loss_is_the_variance_times_the_mean_cost(method):
+    shape = (12, 9)
+    estimator = GaussianProcessEstimator(learn_from="observations", optimise=False, method=method)
+    model = estimator.fit(grid_of(*shape), random_observations(10, shape)).predict()
+    expected = np.array([5.5, 5.5, 1.0])[:, None, None] * model.uncertainty**2
+    np.testing.assert_allclose(model.expected_loss, expected, rtol=1e-5)

@@ -75,3 +75,19 @@ def test_probabilities_are_of_fields_and_copied():
     assert model.probabilities["ccr"][0, 0, 0] == 3.0
     with pytest.raises(EstimatorError, match="probabilities of 'rust', expected some of tylcv, ccr, soil"):
         InformationModel(zeros, zeros, probabilities={"rust": zeros})
+
+
+def test_the_expected_loss_is_made_when_asked_for_and_copied():
+    zeros = np.zeros((3, 4, 5), np.float32)
+    assert InformationModel(zeros, zeros).expected_loss is None
+    asked = []
+    model = InformationModel(zeros, zeros, loss_map=lambda: asked.append(1) or zeros + len(asked))
+    assert asked == []
+    copy = model.copy()
+    assert [model.expected_loss[0, 0, 0], copy.expected_loss[0, 0, 0]] == [2.0, 1.0]
+    assert copy.expected_loss is copy.expected_loss
+    wrong = r"expected_loss is float32\[3, 4, 4\], expected float32\[3, 4, 5\]"
+    with pytest.raises(EstimatorError, match=wrong):
+        InformationModel(zeros, zeros, loss_map=zeros[..., 1:])
+    with pytest.raises(EstimatorError, match=wrong):
+        _ = InformationModel(zeros, zeros, loss_map=lambda: zeros[..., 1:]).expected_loss

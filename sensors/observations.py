@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from geo.atomic import atomic_write
+from geo.texts import parse_number
 from sensors.errors import ObservationError
 from sensors.fields import PAPER_FIELDS
 
@@ -287,7 +288,7 @@ def _read_row(row: list[str], positions: dict[str, int], columns: dict[str, list
         try:
             if text is None:
                 raise ValueError
-            columns[name].append(float("nan") if text == "" and name not in COLUMNS else float(text))
+            columns[name].append(float("nan") if text == "" and name not in COLUMNS else parse_number(text))
         except ValueError:
             found = "is missing" if text is None else f"is {text[:40]!r}, expected a number"
             msg = f"{where}: {name} {found}"

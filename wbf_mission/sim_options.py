@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from geo.texts import parse_number
 from wbf_mission.scenario import Scenario, ScenarioError, read_table, scenario_from_table
 from wbf_mission.scenario.option import Part, option, options_of
 from wbf_mission.scenario.parts import CAMERA, VEHICLE
@@ -92,7 +93,7 @@ def parse_speed(speed: float | str) -> float:
     if isinstance(speed, str) and speed.strip().lower() == "max":
         return math.inf
     try:
-        number = float(speed)
+        number = parse_number(speed) if isinstance(speed, str) else float(speed)
     except ValueError:
         number = math.nan
     if not _SLOWEST <= number <= _FASTEST:

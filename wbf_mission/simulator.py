@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from geo import get_farm
 from geo.seeds import stream
+from geo.texts import parse_number
 from mission.model import GeoPoint
 from sensors.camera.leaf_camera import LeafCamera
 from sim_vehicle.autopilot import get_autopilot
@@ -81,7 +82,7 @@ def parse_home(text: str) -> tuple[GeoPoint, float]:
     (GeoPoint(latitude_deg=28.05, longitude_deg=-82.15, altitude_m=30.0), 90.0)
     """
     try:
-        numbers = [float(part) for part in text.split(",")]
+        numbers = [parse_number(part) for part in text.split(",")]
         latitude, longitude, altitude, heading = [*numbers, *(0.0, 0.0)[len(numbers) - 2 :]]
         if not 0.0 <= heading <= 360.0:
             raise ValueError

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from geo.texts import one_line
 from mission.errors import MissionError, MissionFileError
 from mission.model import Command, GeoPoint, Mission, MissionItem
 
@@ -38,13 +39,6 @@ class _Header(msgspec.Struct):
 
 
 _HEADER = msgspec.json.Decoder(_Header)
-
-
-def one_line(text: str) -> str:
-    """Make a text printable in one line of at most 500 characters."""
-    text = "".join(char if char.isprintable() else " " for char in text[:2000])
-    text = " ".join(text.split())
-    return text if len(text) <= 500 else text[:497] + "..."
 
 
 def is_json(data: bytes) -> bool:

@@ -9,9 +9,10 @@ from pathlib import Path
 
 from geo.atomic import atomic_write
 from geo.reading import UnreadableError, read_file
+from geo.texts import one_line
 from mission.errors import MissionFileError
 from mission.files import native, plan, views, waypoints
-from mission.files.common import MAX_BYTES, Firmware, one_line
+from mission.files.common import MAX_BYTES, Firmware
 from mission.model import Mission
 
 

@@ -30,7 +30,6 @@ from mission.files.common import (
     kind_of,
     make_item,
     make_mission,
-    one_line,
     wrong_kind,
 )
 from mission.model import MAX_ITEMS, Command, Frame, GeoPoint, Mission, MissionItem
@@ -160,7 +159,7 @@ def _flat(items: list[_Simple | _Complex]) -> Iterator[tuple[str, _Simple]]:
             inner, path = transect.items, f"{where}.TransectStyleComplexItem.Items"
         if inner is None:
             msg = (
-                f"{where}: the complex item {one_line(item.kind)[:60]!r} holds no commands; "
+                f"{where}: the complex item {item.kind[:60]!r} holds no commands; "
                 "replace it by simple items in QGroundControl"
             )
             raise MissionFileError(msg)

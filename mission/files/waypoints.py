@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from geo.texts import parse_number
 from mission.errors import MissionFileError
 from mission.files.common import (
     WAYPOINTS_KIND,
@@ -31,7 +32,6 @@ from mission.files.common import (
     kind_of,
     make_item,
     make_mission,
-    one_line,
     wrong_kind,
 )
 from mission.model import MAX_ITEMS, Command, Frame, GeoPoint, Mission, MissionItem
@@ -129,9 +129,7 @@ def _rows(text: str) -> list[_Row]:
         if not version:
             version = words[2] if len(words) == 3 else ""
             if version not in ("100", "110"):
-                msg = (
-                    f"line {number}: version {one_line(' '.join(words))!r}; only QGC WPL 110 and 100 are read"
-                )
+                msg = f"line {number}: version {' '.join(words)[:40]!r}; only QGC WPL 110 and 100 are read"
                 raise MissionFileError(msg)
             continue
         if len(rows) > MAX_ITEMS:
@@ -185,18 +183,16 @@ def _row(words: list[str], line: int) -> _Row:
 def _number(word: str, line: int, column: str) -> float | None:
     """Read a number; NaN is None."""
     try:
-        if "_" in word or not word.isascii():
-            raise ValueError
-        value = float(word)
+        value = parse_number(word)
     except ValueError:
-        raise MissionFileError(f"line {line}: {column} is {one_line(word)[:40]!r}; give a number") from None
+        raise MissionFileError(f"line {line}: {column} is {word[:40]!r}; give a number") from None
     return None if math.isnan(value) else value
 
 
 def _whole(word: str, line: int, column: str) -> int:
     value = _number(word, line, column)
     if value is None or not value.is_integer() or abs(value) > 1e9:
-        raise MissionFileError(f"line {line}: {column} is {one_line(word)[:40]!r}; give a whole number")
+        raise MissionFileError(f"line {line}: {column} is {word[:40]!r}; give a whole number")
     return int(value)
 
 

@@ -11,10 +11,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from geo.reading import UnreadableError, read_file
 from mission.errors import LinkError
 from mission.link.codec.dialect import Message
 from mission.link.codec.frames import FrameReader, valid_frame_end
 
+MAX_LOG_BYTES = 2**30
 _TIME = struct.Struct(">Q")
 _LATEST_US = 4_102_444_800_000_000  # the year 2100: later than that is not a time stamp
 
@@ -69,12 +71,13 @@ def read_tlog(path: Path | str) -> Iterator[tuple[float, Message]]:
     Raises
     ------
     LinkError
-        If the file cannot be read.
+        If the file cannot be read, is no regular file, or is larger than 1 GiB (about 20 hours of a vehicle's
+        telemetry at full rate).
     """
     try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        msg = f"{path}: the log cannot be read: {(error.strerror or str(error)).lower()}"
+        data = read_file(Path(path), MAX_LOG_BYTES)
+    except UnreadableError as error:
+        msg = f"{path}: the log cannot be read: {error}"
         raise LinkError(msg) from error
     reader = FrameReader()
     at = 0

@@ -18,6 +18,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from geo.texts import one_line
 from sensors.dynamics.outbreak import NO_HOST
 from sensors.environment.environment import Environment, Provenance
 from sensors.environment.layers import ArrayLayer, ChunkCache, ChunkedLayer
@@ -170,7 +171,7 @@ class EnvironmentStore:
             known = bool(inner) and all(isinstance(c, BytesCodec | BloscCodec | Crc32cCodec) for c in inner)
             found = (array.shape, array.dtype.str, array.chunks)
         except Exception as error:  # what zarr raises on hostile metadata is not bounded
-            msg = f"{path}: not the description of a Zarr array: {one_line(error)}"
+            msg = f"{path}: not the description of a Zarr array: {_reason(error)}"
             raise EnvironmentDataError(msg) from error
         width, height = self.header.shape
         chunk = self._chunk()
@@ -239,7 +240,7 @@ class EnvironmentStore:
         except EnvironmentDataError:
             raise
         except Exception as error:  # a codec's error on damaged data is not bounded either
-            msg = f"{path}: damaged: {one_line(error)}; generate the environment again"
+            msg = f"{path}: damaged: {_reason(error)}; generate the environment again"
             raise EnvironmentDataError(msg) from error
 
     def check(self) -> None:
@@ -314,7 +315,7 @@ def read_header(folder: Path) -> Header:
         msg = f"{path}: cannot be read: {error.strerror}; an environment is a folder with this file"
         raise EnvironmentDataError(msg) from error
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise EnvironmentDataError(f"{path}: not the header of an environment: {one_line(error)}") from error
+        raise EnvironmentDataError(f"{path}: not the header of an environment: {_reason(error)}") from error
     header = group.attributes
     if (group.zarr_format, group.node_type) != (3, "group"):
         raise EnvironmentDataError(f"{path}: not a group of Zarr format 3")
@@ -337,6 +338,5 @@ def open_store(path: str | os.PathLike[str]) -> EnvironmentStore:
     return store
 
 
-def one_line(error: Exception) -> str:
-    """Give the text of an error as one line of bounded length."""
-    return (" ".join(str(error).split()) or type(error).__name__)[:200]
+def _reason(error: Exception) -> str:
+    return one_line(str(error) or type(error).__name__, 200)

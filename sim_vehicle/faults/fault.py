@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from geo.reading import UnreadableError, read_toml
+from geo.texts import parse_number, parse_whole
 from mission.link.codec.dialect import mavlink
 from sim_vehicle.errors import VehicleError
 
@@ -232,7 +233,7 @@ def _shortest(value: object) -> str:
 
 def _number(value: float | str | None) -> float:
     try:
-        return float(value)  # type: ignore[arg-type]
+        return parse_number(value) if isinstance(value, str) else float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         return math.nan
 
@@ -296,9 +297,9 @@ def fault_from(table: Mapping[str, Any]) -> Fault:
             raise FaultError(msg)
         try:
             if name in ("start_s", "duration_s"):
-                values[name] = float(value)
+                values[name] = parse_number(value) if isinstance(value, str) else float(value)
             elif name in ("vehicle", "times"):
-                values[name] = int(value)
+                values[name] = parse_whole(value) if isinstance(value, str) else int(value)
             else:
                 values[name] = str(value)
         except (TypeError, ValueError):

@@ -85,3 +85,24 @@ def test_a_command_must_not_have_an_option_twice() -> None:
 
     with pytest.raises(TypeError, match="turbulence"):
         scenario_options(WeatherOptions)(command)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["fly", "--seed", "1_0"], "'--seed': '1_0' is not a whole number"),
+        (["fly", "--speed", "1_0"], "'--speed': '1_0' is not a number"),
+        (["fly", "--altitude", "1_0"], "'--altitude': '1_0' is not a number"),
+        (["plan", "--wind", "1_0,270"], "--wind '1_0,270' is not SPEED,FROM"),
+        (["plan", "--wind", "5,270", "--wind-shear", "log,0_1"], "--wind-shear 'log,0_1'"),
+        (["plan", "--param", "NAV_ACC_RAD=1_0"], "--param 'NAV_ACC_RAD=1_0'"),
+        (["benchmark", "--seeds", "1_0"], "'--seeds': '1_0' is not a whole number"),
+        (["benchmark", "--seeds", "0"], "0 is out of range: give 1 to 100000"),
+        (["benchmark", "--jobs", "-2"], "-2 is out of range: give -1 to 1024"),
+        (["farm", "generate", "miniberry-10", "--count", "1_0"], "'--count': '1_0' is not a whole number"),
+        (["farm", "generate", "miniberry-10", "--days", "127"], "127 is out of range: give 0 to 126"),
+    ],
+)
+def test_numbers_are_digits(capsys: pytest.CaptureFixture[str], arguments: list[str], says: str) -> None:
+    assert main(arguments) == 2
+    assert says in capsys.readouterr().err

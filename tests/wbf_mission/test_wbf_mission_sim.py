@@ -88,6 +88,13 @@ def test_the_list_of_faults(capsys):
         (["--listen", "udpout:no.such.host.invalid:14550"], "no.such.host"),
         (["--autopilot", "betaflight"], "betaflight"),
         (["--home", "91,0"], "home"),
+        (["--home", "1_0,0"], "home '1_0,0'"),
+        (["--speed", "1_0"], "speed 1_0"),
+        (["--count", "1_0"], "'--count': '1_0' is not a whole number"),
+        (["--fault", "loss=0.1,from=1_0"], "from '1_0' is not a number"),
+        (["--fault", "loss=0_0.1"], "0_0.1 is not"),
+        (["--camera-noise", "0.1"], "--camera-noise has no effect without the camera"),
+        (["--camera-footprint", "3"], "--camera-footprint has no effect without the camera"),
     ],
 )
 def test_bad_input_is_one_line_and_code_2(arguments, text, capsys):
@@ -95,6 +102,24 @@ def test_bad_input_is_one_line_and_code_2(arguments, text, capsys):
     error = capsys.readouterr().err.strip()
     assert text in error
     assert len(error.splitlines()) == 1
+
+
+def test_the_final_table_reads_as_those_of_other_commands(tmp_path, capsys):
+    log = tmp_path / "sim.tlog"
+    arguments = [one for one in QUICK if one not in ("--json", "--listen", "udpin:127.0.0.1:0")]
+    arguments += ["--duration", "75", "--tlog", str(log)]
+    for _ in range(9):
+        arguments += ["--listen", "udpin:127.0.0.1:0"]
+    assert main([*arguments, "--count", "2"]) == 0
+    rows = [line.split("│")[1:3] for line in capsys.readouterr().out.splitlines() if "│" in line]
+    named = {name.strip(): text.strip() for name, text in rows if name.strip()}
+    links = [text.strip() for name, text in rows if text.strip().startswith("udpin:")]
+    assert list(named) == ["simulated time", "end", "images", "links", "log", "vehicle 1", "vehicle 2"]
+    assert named["simulated time"] == "1 min 15 s"
+    assert (named["end"], named["images"], named["log"]) == ("time limit", "0", str(log))
+    assert (named["vehicle 1"], named["vehicle 2"]) == ("running", "running")
+    assert len(links) == 7
+    assert "2 more" in [text.strip() for _, text in rows]
 
 
 def test_nobody_at_the_other_end_has_a_code_of_its_own(capsys):

@@ -12,9 +12,10 @@ from typing import Annotated
 import typer
 
 from geo.errors import WbfMissionError
+from geo.texts import printable
 from wbf_mission.cli import benchmark, check, farm, fly, plan, signals, sim, transfer, vehicle, warm_up
 from wbf_mission.cli.help import HelpCommand, HelpGroup
-from wbf_mission.cli.output import StdoutError, plain, to_stdout
+from wbf_mission.cli.output import StdoutError, to_stdout
 from wbf_mission.exit_codes import ExitCode, exit_code_of
 
 EXIT_CODES = """
@@ -114,11 +115,11 @@ def _run(arguments: list[str]) -> int:
 
 
 def _one_line_warning(message: Warning | str, *_where: object, **_also: object) -> str:
-    return f"warning: {' '.join(plain(str(message)).split())}\n"
+    return f"warning: {' '.join(printable(str(message)).split())}\n"
 
 
 def _complain(text: str, code: int) -> int:
-    one_line = " ".join(plain(text).split())
+    one_line = " ".join(printable(text).split())
     if one_line:
         with contextlib.suppress(OSError):
             sys.stderr.write(f"error: {one_line}\n")

@@ -54,10 +54,23 @@ def benchmark_command(
     ] = "adaptive-disk,gp",
     seeds: Annotated[
         int,
-        typer.Option(help="How many environments: seeds 0, 1, ...", min=1, max=100_000, rich_help_panel=_RUN),
+        typer.Option(
+            help="How many environments: seeds 0, 1, ...",
+            parser=options.whole_number_in(1, 100_000),
+            min=1,
+            max=100_000,
+            rich_help_panel=_RUN,
+        ),
     ] = 10,
     jobs: Annotated[
-        int, typer.Option(help="Processes at once; -1: one per core.", min=-1, max=1024, rich_help_panel=_RUN)
+        int,
+        typer.Option(
+            help="Processes at once; -1: one per core.",
+            parser=options.whole_number_in(-1, 1024),
+            min=-1,
+            max=1024,
+            rich_help_panel=_RUN,
+        ),
     ] = 1,
     json: options.Json = False,
     quiet: options.Quiet = False,

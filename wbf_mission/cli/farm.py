@@ -169,13 +169,31 @@ wbf-mission farm generate --farm waterberry --keep 6 --count 8 --jobs 2 --out en
 @options.scenario_options(FarmOptions, without=("day",))
 def generate_command(
     given: options.Given,
-    count: Annotated[int, typer.Option(help="How many environments.", min=1, max=100_000)] = 1,
-    days: Annotated[int, typer.Option(help="Days after the first one.", min=0, max=126)] = 15,
+    count: Annotated[
+        int,
+        typer.Option(
+            help="How many environments.", parser=options.whole_number_in(1, 100_000), min=1, max=100_000
+        ),
+    ] = 1,
+    days: Annotated[
+        int,
+        typer.Option(
+            help="Days after the first one.", parser=options.whole_number_in(0, 126), min=0, max=126
+        ),
+    ] = 15,
     keep: Annotated[
         str | None,
         typer.Option(help="Days to keep, such as 6 or 1-15 or 0,6,15.  [default: all]", show_default=False),
     ] = None,
-    jobs: Annotated[int, typer.Option(help="Processes at once; -1: one per core.", min=-1, max=1024)] = 1,
+    jobs: Annotated[
+        int,
+        typer.Option(
+            help="Processes at once; -1: one per core.",
+            parser=options.whole_number_in(-1, 1024),
+            min=-1,
+            max=1024,
+        ),
+    ] = 1,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder.  [default: environments/ and the farm's name]", show_default=False),

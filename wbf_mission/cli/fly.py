@@ -45,6 +45,7 @@ def fly_command(
         float | None,
         typer.Option(
             help="Pace: simulated seconds per second of wall time.  [default: as fast as possible]",
+            parser=options.number,
             rich_help_panel="What to run",
         ),
     ] = None,

@@ -18,6 +18,7 @@ from typing import Annotated, Any
 
 import typer
 
+from geo.texts import parse_number, parse_whole
 from wbf_mission.scenario import Scenario, ScenarioError, load_scenario, scenario_with
 from wbf_mission.scenario.option import CompoundFlag, Option, Part, default_of, options_of
 from wbf_mission.scenario.parts import RUN
@@ -36,6 +37,37 @@ def complete(kind: str) -> Callable[[str], list[str]]:
 
     return names
 
+
+def whole_number(text: str) -> int:
+    """Return the whole number that an option's text is; typer's own reader takes ``1_0`` for 10."""
+    try:
+        return parse_whole(str(text))
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
+
+
+def number(text: str) -> float:
+    """Return the number that an option's text is, as `whole_number`."""
+    try:
+        return parse_number(str(text))
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
+
+
+def whole_number_in(low: int, high: int) -> Callable[[str], int]:
+    """Return a reader of whole numbers from `low` to `high`."""
+
+    def read(text: str) -> int:
+        value = whole_number(text)
+        if not low <= value <= high:
+            msg = f"{value} is out of range: give {low} to {high}"
+            raise typer.BadParameter(msg)
+        return value
+
+    return read
+
+
+_READERS: Mapping[Any, Callable[[str], Any]] = {int: whole_number, float: number}
 
 ScenarioFile = Annotated[
     Path | None,
@@ -217,6 +249,7 @@ def _annotation(
         *names,
         help=_help(flag, defaults.get(flag.key, default_of(part, name)), flags),
         metavar=flag.metavar,
+        parser=_READERS.get(wanted),
         rich_help_panel=flag.panel,
         autocompletion=complete(flag.kind) if flag.kind else None,
         show_default=False,

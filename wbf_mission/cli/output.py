@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from geo.texts import printable
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -65,7 +67,7 @@ class Output:
 
     def _say(self, text: str, style: str | None = None) -> None:
         with contextlib.suppress(OSError):  # a note that cannot be shown does not end the command
-            self._stderr.print(plain(text), style=style)
+            self._stderr.print(printable(text), style=style)
 
     def result(
         self, values: Mapping[str, Any], rows: Mapping[str, str] | None = None, title: str = ""
@@ -76,11 +78,13 @@ class Output:
             return
         from rich.table import Table
 
-        table = Table(title=plain(title) or None, show_header=False, title_justify="left", title_style="bold")
+        table = Table(
+            title=printable(title) or None, show_header=False, title_justify="left", title_style="bold"
+        )
         table.add_column(style="cyan", no_wrap=True)
         table.add_column(overflow="fold")
         for name, text in (rows or {key: str(value) for key, value in values.items()}).items():
-            table.add_row(plain(name), plain(text))
+            table.add_row(printable(name), printable(text))
         _print_table(table)
 
     def table(
@@ -92,11 +96,11 @@ class Output:
             return
         from rich.table import Table
 
-        table = Table(title=plain(title) or None, title_justify="left", title_style="bold")
+        table = Table(title=printable(title) or None, title_justify="left", title_style="bold")
         for column, name in enumerate(header):
             table.add_column(name, justify="left" if left or column == 0 else "right", no_wrap=column == 0)
         for row in rows:
-            table.add_row(*map(plain, row))
+            table.add_row(*map(printable, row))
         _print_table(table)
 
     def raw_json(self, values: Any) -> None:
@@ -146,30 +150,16 @@ class Output:
 
             def update(what: str, done: float, total: float) -> None:
                 if what not in tasks:
-                    tasks[what] = bars.add_task(plain(what), total=max(total, 1e-9))
+                    tasks[what] = bars.add_task(printable(what), total=max(total, 1e-9))
                 bars.update(tasks[what], completed=done, total=max(total, 1e-9))
 
             yield update
 
 
-def plain(text: str) -> str:
-    r"""The text with control characters and undecodable bytes spelled out.
-
-    >>> plain("a\x1b[31mred\x07 farm")
-    'a\\x1b[31mred\\x07 farm'
-    """
-    if text.isprintable():
-        return text
-    return "".join(
-        char if char.isprintable() or char == "\n" else char.encode("unicode_escape").decode()
-        for char in text
-    )
-
-
 def _encodable(value: Any) -> Any:
-    """Plain values with every text as `plain` gives it."""
+    """Plain values with every text as `printable` gives it."""
     if isinstance(value, str):
-        return plain(value)
+        return printable(value)
     if isinstance(value, Mapping):
         return {_encodable(key): _encodable(entry) for key, entry in value.items()}
     return [_encodable(entry) for entry in value] if isinstance(value, list | tuple) else value

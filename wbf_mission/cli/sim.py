@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from wbf_mission.cli import options, signals
-from wbf_mission.cli.output import Output
+from wbf_mission.cli.output import Output, duration
 from wbf_mission.cli.targets import Force, refuse_overwrite
 from wbf_mission.exit_codes import ExitCode
-from wbf_mission.scenario import CameraOptions, FarmOptions, VehicleOptions, WeatherOptions
+from wbf_mission.scenario import CameraOptions, FarmOptions, ScenarioError, VehicleOptions, WeatherOptions
+from wbf_mission.scenario.option import options_of
 from wbf_mission.sim_options import LINKS, SimOptions, load_sim, parse_speed
 
 if TYPE_CHECKING:
     from mission.link.codec.signing import Signing
     from wbf_mission.simulator import Simulated
+
+_SHOWN_LINKS = 8
 
 EXAMPLES = """
 Examples
@@ -106,6 +110,7 @@ def sim_command(
     base, in_file, planned = (Scenario(), SimOptions(), ()) if given.file is None else load_sim(given.file)
     faults = [*planned, *(parse_fault(text) for text in fault or ())]
     chosen = replace(in_file, **given.others)
+    _check_camera(given, camera=chosen.camera)
     scenario = given.change(base)
     inputs = [given.file, scenario.farm.name, scenario.vehicle.name]
     refuse_overwrite(tlog, inputs, suffixes=(".tlog",), force=force)
@@ -166,12 +171,38 @@ def sim_command(
         "urls": list(server.urls),
         "tlog": str(tlog) if tlog else None,
     }
-    rows = {key: str(value) for key, value in values.items() if key != "vehicles"}
-    for one in simulated.vehicles[1:]:
-        rows[f"vehicle {one.system_id}"] = f"{one.outcome.value} {one.outcome_text}".strip()
-    output.result(values, rows, title="Simulator stopped")
+    output.result(values, _rows(simulated, values), title="Simulator stopped")
     code = signals.exit_code(ExitCode.GOOD)
     return ExitCode.GOOD if code == ExitCode.INTERRUPTED else code  # Ctrl-C is how it is ended by hand
+
+
+def _check_camera(given: options.Given, *, camera: bool) -> None:
+    """Refuse options of the camera where there is none."""
+    if camera:
+        return
+    for one in options_of(CameraOptions).values():
+        if one.key in given.changes:
+            msg = f"{one.flag} has no effect without the camera: leave it or --no-camera out"
+            raise ScenarioError(msg)
+
+
+def _rows(simulated: Simulated, values: Mapping[str, Any]) -> dict[str, str]:
+    """Return the result as a table's rows."""
+    rows = {
+        "simulated time": duration(values["simulated_s"]),
+        "end": values["stopped"],
+        "images": f"{values['pictures']:,}",
+        "links": "\n".join(_some(values["urls"])),
+        "log": values["tlog"] or "not written (give --tlog FILE)",
+    }
+    for one in simulated.vehicles:
+        rows[f"vehicle {one.system_id}"] = ": ".join(filter(None, (one.outcome.value, one.outcome_text)))
+    return rows
+
+
+def _some(urls: Sequence[str]) -> list[str]:
+    """Return the first links, and how many more there are."""
+    return list(urls) if len(urls) <= _SHOWN_LINKS else [*urls[:7], f"{len(urls) - 7} more"]
 
 
 def _signing(key: str | None) -> Signing | None:
@@ -208,10 +239,8 @@ def _greeting(simulated: Simulated, vehicle: str, urls: tuple[str, ...]) -> str:
         if number == 1
         else f"{number} x {vehicle} as {simulated.autopilot}"
     )
-    shown = urls if len(urls) <= 8 else (*urls[:7], f"{len(urls) - 7} more")
-    return (
-        f"{who} at {point.latitude_deg:.6f}, {point.longitude_deg:.6f} on {', '.join(shown)}; Ctrl-C ends it"
-    )
+    where = f"{point.latitude_deg:.6f}, {point.longitude_deg:.6f}"
+    return f"{who} at {where} on {', '.join(_some(urls))}; Ctrl-C ends it"
 
 
 def _list_faults(output: Output) -> None:

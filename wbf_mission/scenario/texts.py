@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from geo.texts import parse_number
 from wbf_mission.scenario.option import ScenarioError
 
 
@@ -14,7 +15,7 @@ def wind_values(text: str) -> dict[str, Any]:
     {'wind_speed_m_s': 5.0, 'wind_direction_deg': 270.0}
     """
     try:
-        numbers = [float(part) for part in text.split(",")]
+        numbers = [parse_number(part) for part in text.split(",")]
     except ValueError:
         numbers = []
     if len(numbers) not in (2, 3):
@@ -31,7 +32,7 @@ def shear_values(text: str) -> dict[str, Any]:
     """
     law, *rest = (part.strip() for part in text.split(","))
     try:
-        numbers = [float(part) for part in rest]
+        numbers = [parse_number(part) for part in rest]
     except ValueError:
         numbers = [0.0] * 3
     if law not in ("log", "power") or len(numbers) > 2:
@@ -51,7 +52,7 @@ def turbulence_value(text: str) -> str | float:
     ('light', 6.5)
     """
     try:
-        return float(text)
+        return parse_number(text)
     except ValueError:
         return text
 
@@ -66,7 +67,7 @@ def parameter_values(texts: list[str]) -> dict[str, float]:
     for text in texts:
         name, _, value = text.partition("=")
         try:
-            values[name.strip().upper()] = float(value)
+            values[name.strip().upper()] = parse_number(value)
         except ValueError:
             msg = f"--param {text!r} is not NAME=VALUE; give one such as MPC_ACC_HOR=4"
             raise ScenarioError(msg) from None

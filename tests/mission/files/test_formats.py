@@ -179,6 +179,10 @@ def test_error_of_a_strange_name_is_one_line(tmp_path):
     with pytest.raises(MissionFileError) as caught:
         read_mission(tmp_path / "a\nb\x1b[31m.plan")
     assert str(caught.value).isprintable()
+    with pytest.raises(
+        MissionFileError, match=r"^a\\x00b\.plan: cannot be read as a mission: there is a NUL"
+    ):
+        read_mission("a\0b.plan")
 
 
 def test_geojson(tmp_path):

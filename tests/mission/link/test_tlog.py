@@ -10,6 +10,7 @@ from pymavlink import mavutil
 from mission.errors import LinkError
 from mission.link import FrameWriter, TlogWriter, read_tlog
 from mission.link.codec.dialect import mavlink
+from mission.link.tlog import MAX_LOG_BYTES
 
 START_S = 1_800_000_000.25
 
@@ -62,6 +63,16 @@ def test_errors(tmp_path):
         TlogWriter(tmp_path / "missing" / "flight.tlog")
     with pytest.raises(LinkError, match="cannot be read"):
         list(read_tlog(tmp_path / "none.tlog"))
+    with pytest.raises(LinkError, match="cannot be read: it is a folder, a pipe or a device"):
+        list(read_tlog("/dev/zero"))
     empty = tmp_path / "empty.tlog"
     empty.write_bytes(b"")
     assert list(read_tlog(empty)) == []
+
+
+def test_a_log_beyond_the_limit_is_refused_before_it_fills_the_memory(tmp_path):
+    path = tmp_path / "huge.tlog"
+    with path.open("wb") as file:
+        file.truncate(MAX_LOG_BYTES + 1)
+    with pytest.raises(LinkError, match=r"huge\.tlog: the log cannot be read: it is larger than 1024 MiB"):
+        list(read_tlog(path))

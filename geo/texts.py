@@ -1,0 +1,75 @@
+"""Texts from outside, made fit to be shown; numbers in texts, read strictly."""
+
+from __future__ import annotations
+
+__all__ = ["one_line", "parse_number", "parse_whole", "printable"]
+
+MAX_SHOWN = 500
+
+
+def printable(text: str) -> str:
+    r"""Return the text with control characters and undecodable bytes spelled out; line ends stay.
+
+    >>> printable("a\x1b[31mred\x07 farm")
+    'a\\x1b[31mred\\x07 farm'
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        char if char.isprintable() or char == "\n" else char.encode("unicode_escape").decode()
+        for char in text
+    )
+
+
+def one_line(text: str, max_characters: int = MAX_SHOWN) -> str:
+    r"""Return the text as `printable` gives it, in one line of bounded length.
+
+    >>> one_line("a\x00b.plan:\n  damaged")
+    'a\\x00b.plan: damaged'
+    """
+    line = " ".join(printable(text[: 4 * max_characters]).split())
+    return line if len(line) <= max_characters else line[: max_characters - 3] + "..."
+
+
+def parse_number(text: str) -> float:
+    """Return the number that a text is, infinity and NaN among them.
+
+    Unlike ``float`` it takes no grouped digits (``1_000``) and no digits of other scripts: no ground
+    station and no autopilot reads such numbers, so they are slips of the keyboard.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+
+    Examples
+    --------
+    >>> parse_number(" 2.5e3 ")
+    2500.0
+    >>> parse_number("1_0")
+    Traceback (most recent call last):
+        ...
+    ValueError: '1_0' is not a number
+    """
+    try:
+        if not text.isascii() or "_" in text:
+            raise ValueError
+        return float(text)
+    except ValueError:
+        msg = f"{text[:40]!r} is not a number"
+        raise ValueError(msg) from None
+
+
+def parse_whole(text: str) -> int:
+    """Return the whole number that a text is; ValueError as of `parse_number`.
+
+    >>> parse_whole("-12")
+    -12
+    """
+    try:
+        if not text.isascii() or "_" in text:
+            raise ValueError
+        return int(text)
+    except ValueError:
+        msg = f"{text[:40]!r} is not a whole number"
+        raise ValueError(msg) from None

@@ -1,0 +1,46 @@
+"""Texts from outside: shown in one printable line; numbers in them are read strictly."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from geo.texts import one_line, parse_number, parse_whole, printable
+
+
+@given(st.text(), st.integers(4, 60))
+def test_any_text_becomes_one_printable_line(text: str, length: int) -> None:
+    line = one_line(text, length)
+    assert line.isprintable()
+    assert len(line) <= length
+    assert all(part.isprintable() for part in printable(text).split("\n"))
+
+
+def test_control_characters_are_spelled_out() -> None:
+    assert one_line("a\0b\nc\x1b[31m") == "a\\x00b c\\x1b[31m"
+    assert one_line("x" * 30, 10) == "xxxxxxx..."
+
+
+@given(st.floats(allow_nan=False))
+def test_numbers_as_programs_write_them_are_read(value: float) -> None:
+    assert parse_number(repr(value)) == value
+
+
+@given(st.integers())
+def test_whole_numbers_as_programs_write_them_are_read(value: int) -> None:
+    assert parse_whole(f" {value} ") == value
+
+
+@pytest.mark.parametrize("text", ["1_0", "", "ten", "\u0661", "\uff11", "1,5", "0x10"])
+def test_other_spellings_are_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="is not a number"):
+        parse_number(text)
+    with pytest.raises(ValueError, match="is not a whole number"):
+        parse_whole(text)
+
+
+def test_what_only_a_whole_number_is_not() -> None:
+    assert math.isnan(parse_number("nan"))
+    with pytest.raises(ValueError, match=r"'1\.5' is not a whole number"):
+        parse_whole("1.5")

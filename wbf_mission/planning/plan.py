@@ -131,7 +131,6 @@ def _read(scenario: Scenario, builder: MissionBuilder) -> PlanResult:
         np.array([item.x for item in places]), np.array([item.y for item in places])
     )
     points = np.column_stack((x, y))
-    footprint_m = scenario.camera.footprint * builder.farm.cell_size_m
     route = PlannedPath(points, None, "file")
     # The flight of a mission without a home begins at the farm's.
     home = home_of(mission, builder.farm)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from geo.errors import WbfMissionError
 from wbf_mission.result_files import ResultError, history_table, read_result, track_table
 from wbf_mission.results import ResultFolder
 from wbf_mission.run_record import RunRecord
@@ -86,7 +87,7 @@ def load_result(path: str | Path) -> Result:
     """
     try:
         return read_result(Path(path), Result)
-    except (OSError, TypeError, KeyError, ValueError) as error:
+    except (WbfMissionError, OSError, TypeError, KeyError, ValueError) as error:
         if isinstance(error, ResultError):
             raise
         msg = f"{path}: the result is damaged ({' '.join(str(error).split())})"

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterable
 from concurrent.futures import Executor, Future
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -16,7 +16,6 @@ from geo import Farm, farm_names, get_farm, load_farm, save_farm
 from geo.atomic import atomic_write
 from geo.errors import WbfMissionError
 from mission.files import read_mission, write_mission
-from mission.model import MissionType
 from mission.outcome import Outcome
 from mission.transfer.events import TransferStatistics
 from sensors.camera.wire import AssemblerStatistics
@@ -27,27 +26,50 @@ from sensors.scoring.information import CLASSES, InformationModel
 from sensors.scoring.score import Score
 from sim_vehicle.prediction.flight import Prediction
 from wbf_mission.arrays import SUFFIX, read_array, write_array
-from wbf_mission.blocks import MapGrid
 from wbf_mission.estimation import ScoreHistory
+from wbf_mission.map_files import read_maps, write_maps
 from wbf_mission.outcome import Track
 from wbf_mission.planning import PlanResult, flown_vehicle
-from wbf_mission.report import FieldMap
 from wbf_mission.run_record import RunRecord
 from wbf_mission.scenario import Scenario, VehicleOptions
 
 R = TypeVar("R", bound=RunRecord)
 
-FORMAT = 1
+FORMAT = 2
 MAX_JSON_BYTES = 64 * 2**20
 RECORD = "result.json"
 PROBABILITIES = "probabilities_"
 _TRACK = ("time_s", "latitude_deg", "longitude_deg", "relative_altitude_m", "x_m", "y_m")
-_MAP = ("cells", "total", "least", "variance", "seen", "seen_sick", "finds", "together")
 _SCORE = ("field_loss", "field_mse", "field_mae", "field_weighted_mae")
 
 
 class ResultError(WbfMissionError, ValueError):
     """A folder that holds no result, or one that cannot be read or must not be replaced."""
+
+
+class _Plan(msgspec.Struct, forbid_unknown_fields=True):
+    """The parts of a `PlanResult` that have no file of their own."""
+
+    planner: str | None
+    path_m: list[tuple[float, float]]
+    spacing_m: float | None
+    budget_text: str
+    length_m: float
+    coverage: float
+    batteries: int | None
+
+
+class _Prediction(msgspec.Struct, forbid_unknown_fields=True):
+    """A `Prediction` in plain values."""
+
+    duration_s: float
+    energy_wh: float
+    battery_fraction: float
+    path_length_m: float
+    track_m: list[tuple[float, float, float]]
+    track_step_s: float
+    feasible: bool
+    reason: str
 
 
 class _Record(msgspec.Struct, forbid_unknown_fields=True):
@@ -57,10 +79,10 @@ class _Record(msgspec.Struct, forbid_unknown_fields=True):
     scenario: dict[str, Any]
     outcome: str
     reason: str
-    plan: dict[str, Any]
-    prediction: dict[str, Any]
-    camera: dict[str, int]
-    transfers: list[dict[str, Any]]
+    plan: _Plan
+    prediction: _Prediction
+    camera: AssemblerStatistics
+    transfers: list[TransferStatistics]
     battery_used: float | None
     flight_time_s: float
     simulated_s: float
@@ -69,6 +91,8 @@ class _Record(msgspec.Struct, forbid_unknown_fields=True):
     texts: list[tuple[float, int, str]]
     environment_cached: bool
     fields: tuple[dict[str, Any], ...]
+    files: tuple[str, ...]
+    """Without which the result is not whole."""
 
 
 def write_arrays(result: RunRecord, folder: Path, pool: Executor) -> dict[Path, Future[None]]:
@@ -100,33 +124,6 @@ def write_arrays(result: RunRecord, folder: Path, pool: Executor) -> dict[Path, 
 
 def _probabilities_path(folder: Path, disease: str) -> Path:
     return folder / f"{PROBABILITIES}{disease}{SUFFIX}"
-
-
-def write_maps(path: Path, maps: dict[str, tuple[FieldMap, ...]]) -> None:
-    """Write maps in blocks of cells: an array for each, named KIND.FIELD.ARRAY."""
-    arrays = {
-        f"{kind}.{one.field.name}.{name}": getattr(one, name)
-        for kind, of_kind in maps.items()
-        for one in of_kind
-        for name in _MAP
-        if getattr(one, name) is not None
-    }
-    with atomic_write(path, "wb") as stream:
-        np.savez_compressed(stream, **arrays)
-
-
-def read_maps(path: Path, kind: str, farm: Farm, fields: FieldSet) -> tuple[FieldMap, ...]:
-    """Return the maps of a kind; none without a file."""
-    if not path.is_file():
-        return ()
-    maps = []
-    with np.load(path, allow_pickle=False) as arrays:
-        there = [name.split(".")[1] for name in arrays if name.startswith(f"{kind}.")]
-        for field in dict.fromkeys(there):
-            of_field: dict[str, Any] = {name: arrays.get(f"{kind}.{field}.{name}") for name in _MAP}
-            of_field["together"] = float(of_field["together"])
-            maps.append(FieldMap(fields[field], MapGrid.of(farm), **of_field))
-    return tuple(maps)
 
 
 def write_table(path: Path, table: Any) -> None:
@@ -172,10 +169,13 @@ def history_table(history: ScoreHistory, fields: tuple[str, ...]) -> Any:
     return pa.table(columns)
 
 
-def write_result(result: RunRecord, folder: Path) -> list[Path]:
-    """Write a result without its arrays and pictures into a folder, and return the files."""
-    written = [folder / RECORD, folder / "summary.json", folder / "plan.plan", folder / "plan.json"]
-    write_json(written[0], _record(result))
+def write_result(result: RunRecord, folder: Path, arrays: Iterable[Path]) -> list[Path]:
+    """Write a result without its pictures into a folder, and return the files.
+
+    The arrays are those that `write_arrays` writes; the record names them with the other files that make the
+    result whole.
+    """
+    written = [folder / name for name in (RECORD, "summary.json", "plan.plan", "plan.json")]
     write_json(written[1], result.summary())
     write_mission(result.plan.mission, written[2])
     write_mission(result.plan.mission, written[3])
@@ -196,27 +196,32 @@ def write_result(result: RunRecord, folder: Path) -> list[Path]:
     if vehicle.is_file():
         shutil.copyfile(vehicle, folder / "vehicle.toml")
         written.append(folder / "vehicle.toml")
+    needed = tuple(path.name for path in (*written[3:], *arrays))
+    write_json(written[0], _record(result, needed))
     return written
 
 
 def read_result(folder: Path, kind: type[R]) -> R:
     """Read what `write_result` wrote; see `wbf_mission.result.load_result`."""
     record = _read_record(folder / RECORD)
+    for name in record.files:
+        if not (folder / name).is_file():
+            msg = f"{folder / name}: is missing, so the result is not whole; save or fly it again"
+            raise ResultError(msg)
     fields = FieldSet(tuple(field_from_table(one, str(folder / RECORD)) for one in record.fields))
     scenario = Scenario(**record.scenario)
     own_farm, own_vehicle = folder / "farm.geojson", folder / "vehicle.toml"
     vehicle = scenario.vehicle
     if own_vehicle.is_file():
         vehicle = VehicleOptions(str(own_vehicle), vehicle.autopilot, vehicle.parameters)
-    prediction = dict(record.prediction)
-    prediction["track_m"] = np.asarray(prediction["track_m"], np.float64).reshape(-1, 3)
-    planned = dict(record.plan)
+    planned, predicted = msgspec.structs.asdict(record.plan), msgspec.structs.asdict(record.prediction)
+    track_m = np.asarray(predicted.pop("track_m"), np.float64).reshape(-1, 3)
     plan = PlanResult(
         farm=load_farm(own_farm) if own_farm.is_file() else get_farm(scenario.farm.name),
         vehicle=flown_vehicle(vehicle),
         mission=read_mission(folder / "plan.json"),
         path_m=np.asarray(planned.pop("path_m"), np.float64).reshape(-1, 2),
-        prediction=Prediction(**prediction),
+        prediction=Prediction(track_m=track_m, **predicted),
         seed=scenario.seed,
         **planned,
     )
@@ -241,11 +246,8 @@ def read_result(folder: Path, kind: type[R]) -> R:
         track=_read_track(folder / "track.parquet"),
         true_track=_read_track(true_track) if true_track.is_file() else None,
         observations=Observations.load(folder / "observations.parquet", fields.names),
-        camera=AssemblerStatistics(**record.camera),
-        transfers=[
-            TransferStatistics(**{**one, "mission_type": MissionType(one["mission_type"])})
-            for one in record.transfers
-        ],
+        camera=record.camera,
+        transfers=record.transfers,
         truth=truth,
         model=model,
         history=_read_history(folder / "scores.parquet", fields.names),
@@ -262,25 +264,25 @@ def read_result(folder: Path, kind: type[R]) -> R:
     )
 
 
-def _record(result: RunRecord) -> _Record:
+def _record(result: RunRecord, files: tuple[str, ...]) -> _Record:
     plan, prediction = result.plan, result.plan.prediction
     return _Record(
         format=FORMAT,
         scenario=result.scenario.to_dict(),
         outcome=result.outcome.value,
         reason=result.reason,
-        plan={
-            "planner": plan.planner,
-            "path_m": plan.path_m.tolist(),
-            "spacing_m": plan.spacing_m,
-            "budget_text": plan.budget_text,
-            "length_m": plan.length_m,
-            "coverage": plan.coverage,
-            "batteries": plan.batteries,
-        },
-        prediction={**_fields_of(prediction), "track_m": prediction.track_m.tolist()},
-        camera=asdict(result.camera),
-        transfers=[{**asdict(one), "mission_type": int(one.mission_type)} for one in result.transfers],
+        plan=_Plan(
+            planner=plan.planner,
+            path_m=plan.path_m.tolist(),
+            spacing_m=plan.spacing_m,
+            budget_text=plan.budget_text,
+            length_m=plan.length_m,
+            coverage=plan.coverage,
+            batteries=plan.batteries,
+        ),
+        prediction=_Prediction(**{**_fields_of(prediction), "track_m": prediction.track_m.tolist()}),
+        camera=result.camera,
+        transfers=result.transfers,
         battery_used=result.battery_used,
         flight_time_s=result.flight_time_s,
         simulated_s=result.simulated_s,
@@ -289,6 +291,7 @@ def _record(result: RunRecord) -> _Record:
         texts=[(time_s, int(severity), text) for time_s, severity, text in result.texts],
         environment_cached=result.environment_cached,
         fields=tuple(field_to_table(field) for field in result.fields),
+        files=files,
     )
 
 

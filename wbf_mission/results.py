@@ -101,7 +101,7 @@ class ResultFolder:
         interrupted = None
         with ThreadPoolExecutor(1) as pool:
             arrays = write_arrays(result, self._staging, pool)
-            written = write_result(result, self._staging)
+            written = write_result(result, self._staging, arrays)
             try:
                 for number, (name, job) in enumerate(jobs):
                     tell("writing results", number + 1, len(jobs) + 1)

@@ -250,7 +250,7 @@ def test_damaged_results_are_refused_in_one_line(result: Result, tmp_path: Path,
     if damage == "record":
         (folder / "result.json").write_bytes(b"[" * 100_000)
     if damage == "format":
-        text = (folder / "result.json").read_text().replace('"format": 1', '"format": 99')
+        text = (folder / "result.json").read_text().replace('"format": 2', '"format": 99')
         (folder / "result.json").write_text(text)
     if damage == "array":
         (folder / "value.zarr.zip").write_bytes(b"\x80\x04pickle")

@@ -1,0 +1,188 @@
+"""Results that were damaged, cut short, half deleted or made by somebody hostile: refused in one line."""
+
+import json
+import shutil
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from wbf_mission.flight import fly
+from wbf_mission.result import load_result
+from wbf_mission.result_files import MAX_JSON_BYTES, ResultError
+from wbf_mission.scenario import Scenario
+
+NEEDED = {
+    "plan.json",
+    "observations.parquet",
+    "track.parquet",
+    "true_track.parquet",
+    "scores.parquet",
+    "maps.npz",
+    "truth.zarr.zip",
+    "value.zarr.zip",
+    "uncertainty.zarr.zip",
+    "probabilities_tylcv.zarr.zip",
+    "probabilities_ccr.zarr.zip",
+}
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A result with every kind of file."""
+    folder = tmp_path_factory.mktemp("results")
+    quick = {"name": "epidemic", "outbreaks": 20, "epochs": 1, "cache": str(folder / "cache")}
+    scenario = Scenario(farm="miniberry-10", planner="spiral", budget="60s", gps_noise_m=0.5, estimator=quick)
+    fly(scenario).save(folder / "run", plots=False)
+    assert {path.name for path in (folder / "run").iterdir()} >= NEEDED
+    return folder / "run"
+
+
+def refusal(folder: Path) -> str:
+    with pytest.raises(ResultError) as caught:
+        load_result(folder).summary()
+    text = str(caught.value)
+    assert "\n" not in text
+    assert str(folder) in text
+    return text
+
+
+@pytest.mark.parametrize("name", sorted(NEEDED))
+def test_a_file_that_is_gone_empty_or_cut_short_is_named(saved: Path, tmp_path: Path, name: str) -> None:
+    shutil.copytree(saved, tmp_path / "run")
+    file = tmp_path / "run" / name
+    whole = file.read_bytes()
+    for damaged in (b"", whole[: len(whole) // 2], b"\x00" * len(whole)):
+        file.write_bytes(damaged)
+        assert name in refusal(file.parent)
+    file.unlink()
+    assert f"{name}: is missing" in refusal(file.parent)
+    file.write_bytes(whole)
+    load_result(file.parent)
+
+
+def test_what_only_people_and_other_programs_read_may_go(saved: Path, tmp_path: Path) -> None:
+    shutil.copytree(saved, tmp_path / "run")
+    for name in ("summary.json", "plan.plan"):
+        (tmp_path / "run" / name).unlink()
+    assert load_result(tmp_path / "run").score == load_result(saved).score
+
+
+def paths_in(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """The ways to all values of a JSON document; of long lists the first three."""
+    below = (
+        value.items() if isinstance(value, dict) else enumerate(value[:3]) if isinstance(value, list) else ()
+    )
+    return [path, *(way for key, one in below for way in paths_in(one, (*path, key)))]
+
+
+HOSTILE = st.sampled_from(
+    [None, True, -1, 2**63, 1e308, "", "x" * 300, "../..", "\x00", [], [[]], {}, {"a": 1}]
+)
+
+
+@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(data=st.data())
+def test_any_value_of_the_record_may_be_another(saved: Path, tmp_path: Path, data: st.DataObject) -> None:
+    folder = tmp_path / "run"
+    if not folder.exists():
+        shutil.copytree(saved, folder)
+    record = json.loads((saved / "result.json").read_bytes())
+    way = data.draw(st.sampled_from(paths_in(record)[1:]))
+    inner = record
+    for key in way[:-1]:
+        inner = inner[key]
+    if isinstance(inner, dict) and data.draw(st.booleans()):
+        del inner[way[-1]]
+    else:
+        inner[way[-1]] = data.draw(HOSTILE)
+    (folder / "result.json").write_text(json.dumps(record))
+    try:
+        load_result(folder).summary()
+    except ResultError as error:
+        assert "\n" not in str(error)
+
+
+@pytest.mark.filterwarnings("ignore:overflow")
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(
+    name=st.sampled_from(sorted(NEEDED)),
+    where=st.floats(0, 1),
+    bits=st.integers(1, 255),
+    count=st.integers(1, 8),
+)
+def test_flipped_bits_are_refused_or_harmless(
+    saved: Path, tmp_path: Path, name: str, where: float, bits: int, count: int
+) -> None:
+    folder = tmp_path / "run"
+    if not folder.exists():
+        shutil.copytree(saved, folder)
+    whole = (saved / name).read_bytes()
+    begin = int(where * (len(whole) - count))
+    changed = bytes(byte ^ bits for byte in whole[begin : begin + count])
+    (folder / name).write_bytes(whole[:begin] + changed + whole[begin + count :])
+    try:
+        load_result(folder).summary()
+    except ResultError as error:
+        assert "\n" not in str(error)
+    finally:
+        (folder / name).write_bytes(whole)
+
+
+def change_maps(folder: Path, changes: dict[str, Any]) -> None:
+    with np.load(folder / "maps.npz") as archive:
+        arrays = {**archive, **changes}
+    np.savez_compressed(folder / "maps.npz", **{key: one for key, one in arrays.items() if one is not None})
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"estimate.tylcv.total": np.zeros((3, 3))}, r"estimate.tylcv.total is float64\[3, 3\]"),
+        ({"estimate.tylcv.cells": None}, "estimate.tylcv.cells is nothing"),
+        ({"estimate.tylcv.seen": np.zeros((10, 10), np.int8)}, "estimate.tylcv.seen is int8"),
+        ({"estimate.ccr.finds": np.zeros((4, 3), np.int32)}, "estimate.ccr.finds"),
+        ({"truth.soil.together": np.zeros(2)}, "truth.soil.together"),
+        ({"truth.nitrogen.cells": np.zeros((10, 10))}, "nitrogen"),
+        ({"estimate.tylcv.total": np.array([{}], dtype=object)}, "pickle"),
+    ],
+)
+def test_maps_of_another_shape_are_refused(
+    saved: Path, tmp_path: Path, changes: dict[str, Any], text: str
+) -> None:
+    shutil.copytree(saved, tmp_path / "run")
+    change_maps(tmp_path / "run", changes)
+    with pytest.raises(ResultError, match=text):
+        load_result(tmp_path / "run")
+
+
+def test_an_archive_that_would_fill_the_memory_is_not_unpacked(saved: Path, tmp_path: Path) -> None:
+    shutil.copytree(saved, tmp_path / "run")
+    with (
+        zipfile.ZipFile(tmp_path / "run" / "maps.npz", "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("estimate.tylcv.cells.npy", "w") as stream,
+    ):
+        for _ in range(65):
+            stream.write(bytes(2**20))
+    assert (tmp_path / "run" / "maps.npz").stat().st_size < 2**20
+    assert "larger than 64 MiB" in refusal(tmp_path / "run")
+
+
+def test_a_record_of_any_length_is_not_read(saved: Path, tmp_path: Path) -> None:
+    shutil.copytree(saved, tmp_path / "run")
+    with (tmp_path / "run" / "result.json").open("r+b") as file:
+        file.truncate(MAX_JSON_BYTES + 1)
+    assert "larger than 64 MiB" in refusal(tmp_path / "run")
+
+
+def test_a_table_without_a_column_names_it(saved: Path, tmp_path: Path) -> None:
+    import pyarrow.parquet as pq
+
+    shutil.copytree(saved, tmp_path / "run")
+    table = pq.read_table(saved / "track.parquet")
+    pq.write_table(table.drop_columns(["x_m"]), tmp_path / "run" / "track.parquet")
+    assert "track.parquet: no column x_m" in refusal(tmp_path / "run")

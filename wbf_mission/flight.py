@@ -88,6 +88,20 @@ def camera_options(camera: CameraOptions, fields: FieldSet) -> LeafCameraOptions
     )
 
 
+def check_flight(scenario: Scenario) -> None:
+    """Check what a scenario says of fields, camera and estimator, which planning alone does not use.
+
+    Raises
+    ------
+    WbfMissionError
+        If `fly` would refuse it.
+    """
+    fields = load_field_set(scenario.farm.fields)
+    camera_options(scenario.camera, fields)
+    if scenario.estimate.estimator is not None:
+        estimator_of(scenario.estimate.estimator, scenario.seed, fields)
+
+
 def fly(
     scenario: Scenario,
     *,
@@ -313,6 +327,7 @@ class _Run:
             frames=simulation.frames if simulation is not None else 0,
             timings_s=self.watch.seconds,
             texts=ground.texts,
+            warnings=[*self.planned.warnings, *filter(None, [self.assembler.mismatch()])],
             fields=self.fields,
             maps=maps,
             true_maps=true_maps,

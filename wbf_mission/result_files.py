@@ -89,6 +89,7 @@ class _Record(msgspec.Struct, forbid_unknown_fields=True):
     frames: int
     timings_s: dict[str, float]
     texts: list[tuple[float, int, str]]
+    warnings: list[str]
     environment_cached: bool
     fields: tuple[dict[str, Any], ...]
     files: tuple[str, ...]
@@ -257,6 +258,7 @@ def read_result(folder: Path, kind: type[R]) -> R:
         frames=record.frames,
         timings_s=record.timings_s,
         texts=record.texts,
+        warnings=record.warnings,
         environment_cached=record.environment_cached,
         fields=fields,
         maps=read_maps(folder / "maps.npz", "estimate", plan.farm, fields),
@@ -289,6 +291,7 @@ def _record(result: RunRecord, files: tuple[str, ...]) -> _Record:
         frames=result.frames,
         timings_s=result.timings_s,
         texts=[(time_s, int(severity), text) for time_s, severity, text in result.texts],
+        warnings=list(result.warnings),
         environment_cached=result.environment_cached,
         fields=tuple(field_to_table(field) for field in result.fields),
         files=files,

@@ -55,6 +55,8 @@ class RunRecord:
         Wall seconds of each part.
     texts : list
         What the vehicle said (time, severity, text).
+    warnings : list of str
+        What the user should know, each in one line; those of the plan come first.
     environment_cached : bool
         Whether the environment came from the user's cache.
     fields : FieldSet
@@ -80,6 +82,7 @@ class RunRecord:
     frames: int
     timings_s: dict[str, float] = field(default_factory=dict)
     texts: list[tuple[float, int, str]] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
     environment_cached: bool = False
     true_track: Track | None = None
     fields: FieldSet = PAPER_FIELDS
@@ -135,6 +138,7 @@ class RunRecord:
             "day": self.scenario.farm.day,
             "outcome": self.outcome.value,
             "reason": self.reason,
+            "warnings": list(self.warnings),
             "score": self.history.score,
             "final_score": final.score if final else None,
             "scored_times": len(self.history.entries),

@@ -8,7 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from geo import Farm
+from sensors.camera.leaf_camera import LeafCamera
 from sensors.field_files import load_field_set
+from sim_vehicle.camera.component import LeafCameraComponent
+from wbf_mission import flight
 from wbf_mission.cli.app import main
 from wbf_mission.flight import fly
 from wbf_mission.result import load_result
@@ -146,3 +150,49 @@ def test_a_field_that_the_camera_measures_twice_is_refused(
 ) -> None:
     assert main([*FLY, "--camera-fields", "soil,tylcv,soil", "--out", str(tmp_path / "run")]) == 2
     assert "camera: field 'soil' is given twice" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_vehicle_that_senses_other_fields_is_warned_of(
+    nitrogen: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = Scenario(farm="miniberry-10", fields=("tylcv", "ccr", "soil", str(nitrogen)), day=6)
+
+    def carry(_camera: LeafCamera, farm: Farm, **more: object) -> LeafCameraComponent:
+        fields = load_field_set(other.farm.fields)
+        environment = flight.make_environment(other, farm, use_cache=False)
+        options = flight.camera_options(other.camera, fields)
+        camera = LeafCamera(environment, farm.grid().shape, 6, options, np.random.default_rng(1))
+        return LeafCameraComponent(camera, farm, **more)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(flight, "LeafCameraComponent", carry)
+    out = tmp_path / "run"
+    assert main([*FLY, "--out", str(out), "--no-plots", "-q"]) == 1
+    told = "the camera senses tylcv, ccr, soil, nitrogen, expected tylcv, ccr, soil; give both sides the same"
+    assert f"warning: {told}" in " ".join(capsys.readouterr().err.split())
+    (warning,) = json.loads((out / "summary.json").read_text())["warnings"]
+    assert warning.startswith(told)
+    assert load_result(out).warnings == [warning]
+
+
+@pytest.mark.parametrize(
+    ("lines", "says"),
+    [
+        ('fields = ["tylcv", "no-such-field"]', "no-such-field"),
+        ('estimator = "no-such-estimator"', "no-such-estimator"),
+        ('estimator = "gp:no_such=1"', "no_such"),
+        ('camera_fields = ["rust"]', "rust"),
+        ('fields = ["tylcv", "nitrogen.toml"]', "nitrogen.toml"),
+    ],
+)
+def test_plan_refuses_what_fly_refuses(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], lines: str, says: str
+) -> None:
+    path = tmp_path / "run.toml"
+    path.write_text(f'farm = "miniberry-10"\nplanner = "lawnmower"\nbudget = "60m"\n{lines}\n')
+    out = tmp_path / "rows.plan"
+    assert main(["plan", "--scenario", str(path), "--out", str(out), "-q"]) == 2
+    planned = capsys.readouterr().err
+    assert says in planned
+    assert not out.exists()
+    assert main(["fly", "--scenario", str(path), "--no-files", "-q"]) == 2
+    assert capsys.readouterr().err == planned

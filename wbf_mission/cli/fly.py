@@ -124,7 +124,7 @@ def fly_command(
                 folder.write(result, plots=plots, progress=progress)
         except KeyboardInterrupt:
             interrupted = True
-    for warning in result.plan.warnings:
+    for warning in result.warnings:
         output.warn(warning)
     if interrupted:
         output.warn("interrupted while the results were written: pictures or more are missing")

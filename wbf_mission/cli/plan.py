@@ -57,12 +57,15 @@ def plan_command(
 ) -> None:
     """Plan a mission within a budget and say what it takes: length, time, coverage, battery."""
     from mission.files import write_mission, writer_for
+    from wbf_mission.flight import check_flight
     from wbf_mission.planning import plan
 
     output = Output(as_json=json, quiet=quiet)
     if out is not None:
         writer_for(out)
     chosen = given.scenario()
+    if given.file is not None or chosen.farm.fields:
+        check_flight(chosen)
     inputs = [given.file, chosen.farm.name, *chosen.farm.fields, chosen.mission.file, chosen.vehicle.name]
     refuse_overwrite(out, inputs, suffixes=MISSION_SUFFIXES, force=force)
     with output.progress() as progress:

@@ -10,6 +10,7 @@ import numpy as np
 
 from sim_vehicle.energy.power import CONSTANT_POWER, power_coefficients
 from sim_vehicle.motion.columns import (
+    ACCELERATION,
     ARRIVED,
     COUNTERS,
     ENERGY_USED,
@@ -119,6 +120,15 @@ class CompiledMotion(ABC):
         return MotionState(
             (x, y, z), (vx, vy, vz), (ax, ay, az), heading, rate, energy, length, power, (east, north)
         )
+
+    def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
+        """Be in steady flight at time 0, with nothing used yet, as if it had flown there."""
+        self.counters[:] = 0
+        self.state[POSITION:ACCELERATION] = (*position_m, *velocity_m_s)
+        self.state[ACCELERATION:GIVE_UP_STEP] = 0.0
+        self.state[HEADING] = heading_rad % (2.0 * math.pi)
+        self.state[WIND_EAST : WIND_NORTH + 1] = self._wind.at(self._wind.first, position_m[2])[:2]
+        self._route = None
 
     def _begin(self) -> None:
         assert self._route is not None

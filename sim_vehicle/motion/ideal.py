@@ -138,6 +138,15 @@ class IdealRobot:
         """None: it has none."""
         return None
 
+    def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
+        """Be at a position at time 0, as if it had come there."""
+        self.step = self.leg = self.track_points = 0
+        self._place = position_m
+        self._velocity = velocity_m_s[:2]
+        self._yaw = heading_rad % (2.0 * math.pi)
+        self._length = 0.0
+        self._legs = []
+
     def fly(self, route: Route) -> None:
         """Begin a route."""
         self._legs = np.column_stack([route.points_m, route.heading_rad]).tolist()

@@ -97,6 +97,17 @@ class MotionModel(Protocol):
     def attitude(self) -> tuple[float, float, float, float] | None:
         """Return roll, pitch, airspeed and throttle; None where they follow from the acceleration."""
 
+    def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
+        """Be in steady flight at time 0, with nothing used yet, as if it had flown there.
+
+        Parameters
+        ----------
+        position_m, velocity_m_s : tuple of 3 floats
+            East, north, up about home.
+        heading_rad : float
+            Compass heading.
+        """
+
     def fly(self, route: Route) -> None:
         """Begin a route."""
 

@@ -21,6 +21,7 @@ from sim_vehicle.motion.columns import (
     POSITION,
     POSITION_Z,
     STEP,
+    VELOCITY,
     VELOCITY_X,
     VELOCITY_Y,
     WIND,
@@ -44,6 +45,14 @@ _HOVER_THROTTLE = 0.39
 _ATTITUDE_S = 0.05
 # On the ground the throttle runs down for a second before the land detector begins its own.
 _LAND_DETECTOR_S = 2.0
+# A vehicle that is put into flight goes on along its first leg when so much of its speed points there; the
+# leg began at most so far behind, and the speed of its profile is that of the vehicle within so much.
+_STEADY = 0.2
+_FAR_M = 200.0
+_SAME_M_S = 0.3
+_HALVINGS = 24
+# What `scurve.state_at` returns first.
+_POSITION, _SPEED = 0, 1
 
 
 class ArduCopter(Multirotor):
@@ -69,7 +78,26 @@ class ArduCopter(Multirotor):
         self.curves: NDArray[np.float64] = np.zeros((3, scurve.SEGMENTS, scurve.COLUMNS))
         self.law = _law(spec, self._idle_w + float(self._power[CONSTANT_POWER]))
         self.guide[at.LEVEL] = spec.cruise_speed_m_s
+        self._under_way = False
         self._rows: NDArray[np.float64] | None = None
+
+    def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
+        """Be in steady flight at time 0, with nothing used yet, as if it had flown there.
+
+        A first leg that lies ahead is then gone on with, as far along its profile as the speed tells.
+        """
+        super().place_in_flight(position_m, velocity_m_s, heading_rad)
+        guide, law = self.guide, self.law
+        guide[:] = 0.0
+        guide[at.LEVEL] = self.spec.cruise_speed_m_s
+        self.heads[:] = 0.0
+        # The attitude and the integrators that balance the drag.
+        air = self.state[VELOCITY:ACCELERATION][:2] - self.state[WIND_EAST : WIND_NORTH + 1]
+        lean = (law[at.DRAG] + law[at.DRAG_2] * float(np.hypot(*air))) * air
+        for first in (at.INTEGRAL, at.ASKED, at.TARGET, at.LEAN):
+            guide[first : first + 2] = lean
+        self._rows = None
+        self._under_way = True
 
     def fly(self, route: Route) -> None:
         """Begin a route, from where the vehicle is and as it moves now."""
@@ -87,9 +115,68 @@ class ArduCopter(Multirotor):
                 route.turn_rad_s,
             )
         )
-        self.guide[at.BEGINS] = self._follows(rows[0])
+        under_way, self._under_way = self._under_way, False
+        self.guide[at.BEGINS] = self._join(rows[0]) if under_way else self._follows(rows[0])
         self._rows, self._route = np.ascontiguousarray(rows), rows
         self._begin()
+
+    def _join(self, row: NDArray[np.float64]) -> int:
+        """Be on a leg that began somewhere behind; return how it is gone on with."""
+        guide, law, head, curve = self.guide, self.law, self.heads[1], self.curves[1]
+        here, velocity = self.state[POSITION:VELOCITY], self.state[VELOCITY:ACCELERATION]
+        end = row[: at.RZ + 1]
+        left = float(np.linalg.norm(end - here))
+        speed = float(np.linalg.norm(velocity))
+        along = float(velocity @ (end - here)) / left if left > 0.0 else 0.0
+        if int(row[at.KIND]) not in (LegKind.WAYPOINT, LegKind.HOME) or along < _STEADY * max(speed, 0.5):
+            return at.ANEW
+        guide[at.LEVEL] = row[at.SPEED] if row[at.SPEED] >= at.LEAST_SPEED else guide[at.LEVEL]
+        guide[at.UP], guide[at.DOWN] = law[at.SPEED_UP], law[at.SPEED_DOWN]
+        ahead = (end - here) / left
+        self._make_leg(ahead * (_FAR_M + left))
+        at_s = self._time_of(_POSITION, _FAR_M, scurve.end_time(head, curve))
+        behind = _FAR_M
+        if scurve.state_at(head, curve, at_s)[1] > along + _SAME_M_S:
+            # It speeds up still: the leg began as far behind as that takes.
+            at_s = self._time_of(_SPEED, along, 0.5 * scurve.end_time(head, curve))
+            behind = scurve.state_at(head, curve, at_s)[0]
+            self._make_leg(ahead * (behind + left))
+            at_s = self._time_of(_POSITION, behind, scurve.end_time(head, curve))
+        _, speed, acceleration = scurve.state_at(head, curve, at_s)
+        head[scurve.TIME] = at_s
+        guide[at.BEGIN : at.BEGIN + 3] = here - ahead * behind
+        guide[at.END : at.END + 3] = end
+        guide[at.PX : at.PX + 3] = here
+        guide[at.VX : at.VX + 3] = ahead * speed
+        guide[at.AX : at.AX + 3] = ahead * acceleration
+        guide[at.MODE] = at.LEGS
+        guide[at.RESET] = guide[at.PACE] = 1.0
+        return at.SAME
+
+    def _make_leg(self, way: NDArray[np.float64]) -> None:
+        """Make the profile of a leg at the speeds in use."""
+        guide, law = self.guide, self.law
+        east, north, up = way.tolist()
+        scurve.make_leg(
+            self.heads[1],
+            self.curves[1],
+            (east, north, up),
+            (float(guide[at.LEVEL]), float(guide[at.UP]), float(guide[at.DOWN])),
+            (float(law[at.ACCEL]), float(law[at.ACCEL_Z])),
+            law[at.SNAP],
+            law[at.JERK],
+        )
+
+    def _time_of(self, which: int, value: float, end_s: float) -> float:
+        """Return when position or speed of the profile, which rise until ``end_s``, reach a value."""
+        low, high = 0.0, end_s
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            if scurve.state_at(self.heads[1], self.curves[1], middle)[which] < value:
+                low = middle
+            else:
+                high = middle
+        return 0.5 * (low + high)
 
     def _follows(self, row: NDArray[np.float64]) -> int:
         """Return the transition to a leg from what is flown now."""

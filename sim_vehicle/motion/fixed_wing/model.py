@@ -12,7 +12,7 @@ from sim_vehicle.airframe.power_spec import GRAVITY_M_S2, FixedWingPowerSpec
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.energy.power import power_coefficients
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.motion.columns import ARRIVED, POSITION, POSITION_Z, VELOCITY
+from sim_vehicle.motion.columns import ARRIVED, POSITION, POSITION_Z, VELOCITY, WIND_EAST, WIND_NORTH
 from sim_vehicle.motion.compiled_motion import CompiledMotion
 from sim_vehicle.motion.fixed_wing import kernel as wing
 from sim_vehicle.motion.legs import KEEP, LegKind
@@ -156,6 +156,19 @@ class FixedWing(CompiledMotion):
             float(state[wing.AIRSPEED]),
             float(state[wing.THROTTLE]),
         )
+
+    def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
+        """Be in steady flight at time 0, with nothing used yet, as if it had flown there."""
+        super().place_in_flight(position_m, velocity_m_s, heading_rad)
+        state = self.state
+        east, north, up = velocity_m_s
+        wind_east, wind_north = state[WIND_EAST : WIND_NORTH + 1].tolist()
+        state[wing.BANK : wing.STATE] = 0.0
+        state[wing.AIRSPEED] = math.hypot(east - wind_east, north - wind_north, up)
+        state[wing.CLIMB] = up
+        state[wing.COURSE] = math.atan2(east, north)
+        state[wing.BEGIN] = state[wing.BEARING] = math.nan
+        state[wing.DOING] = wing.FLYING
 
     def fly(self, route: Route) -> None:
         """Begin a route, from where the vehicle is and as it moves now."""

@@ -150,6 +150,12 @@ class Px4Multirotor(Multirotor):
         self.guide[kernel.G_HEADING] = self.state[HEADING]
         self.guide[kernel.G_CLOCK] = -1.0
 
+    def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
+        """Be in steady flight at time 0, with nothing used yet, as if it had flown there."""
+        super().place_in_flight(position_m, velocity_m_s, heading_rad)
+        self.guide[:] = 0.0
+        self._guided = False
+
     def fly(self, route: Route) -> None:
         """Begin a route, from where the vehicle is and as it moves now."""
         table = np.zeros((len(route.points_m), kernel.LEG))

@@ -103,6 +103,13 @@ class Rover(CompiledMotion):
         """Return roll and pitch, which are none, speed in place of an airspeed, and throttle."""
         return 0.0, 0.0, float(self.state[wheels.SPEED]), float(self.state[wheels.THROTTLE])
 
+    def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
+        """Be under way at time 0, with nothing used yet, as if it had driven there."""
+        super().place_in_flight(position_m, velocity_m_s, heading_rad)
+        self.state[wheels.SPEED : wheels.PIVOTING + 1] = 0.0
+        self.state[wheels.SPEED] = math.hypot(*velocity_m_s[:2])
+        self.state[wheels.PAUSE_END] = math.inf
+
     def fly(self, route: Route) -> None:
         """Begin a route, from where the vehicle is and as it moves now."""
         law = self.law

@@ -122,8 +122,8 @@ class PlanReplaced(Event):
         Its checksum; equal plans have equal ids.
     changed : bool
         False if the same plan was sent again: progress along it should be kept.
-    start_sequence : int
-        The item that was marked as current, 0 if none was.
+    start_sequence : int or None
+        The item that was marked as current, None if none was.
     complete : bool
         False if the upload was broken off on a vehicle that overwrites its plan in place.
     """
@@ -131,8 +131,13 @@ class PlanReplaced(Event):
     items: tuple[MissionItem, ...]
     opaque_id: int
     changed: bool = True
-    start_sequence: int = 0
+    start_sequence: int | None = None
     complete: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class PlanPart(Event):
+    """Vehicle: a part of a plan has come and is in force already (`MissionServer.live_plan`)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -127,6 +127,10 @@ class MissionServer:
         """Return the plan in force, without home."""
         return self._store.plan(mission_type)
 
+    def live_plan(self, mission_type: MissionType) -> tuple[MissionItem, ...]:
+        """Return what a vehicle that overwrites in place would fly now, in the middle of an upload too."""
+        return self._incoming.live(mission_type)
+
     def count(self, mission_type: MissionType) -> int:
         """Return how many items a download has (with home, where the autopilot counts it)."""
         return len(self._store.wire_items(mission_type))

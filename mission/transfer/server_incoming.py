@@ -10,6 +10,7 @@ from mission.transfer.events import (
     FailureReason,
     Output,
     PlanCleared,
+    PlanPart,
     PlanReplaced,
     StatusText,
     TransferFailed,
@@ -51,14 +52,18 @@ class IncomingPlan:
         self._replies = replies
 
     def ask_first(self, message: wire.CountMessage, sender: _Sender, now_s: float) -> Output:
-        """Begin the upload of a whole plan."""
-        session = self._session
+        """Begin the upload of a whole plan; a vehicle that overwrites in place forgets what is beyond it."""
+        session, before = self._session, self._kept()
         session.partner, session.type, session.count = (
             sender,
             MissionType(message.mission_type),
             message.count,
         )
-        return self._begin(0, now_s)
+        if not self._profile.atomic and message.count < len(self._store.wire_items(session.type)):
+            session.items, session.first, session.part = [], 0, False
+            self._store.put(session.type, self._merged())
+            before = (*before, PlanPart(session.type))
+        return Output(events=before) + self._begin(0, now_s)
 
     def ask_part(
         self, message: mavlink.MAVLink_mission_write_partial_list_message, sender: _Sender, now_s: float
@@ -70,7 +75,7 @@ class IncomingPlan:
 
     def _begin(self, first: int, now_s: float, *, part: bool = False) -> Output:
         session = self._session
-        session.items, session.start, session.ended = [], 0, None
+        session.items, session.start, session.ended = [], None, None
         session.first, session.part, session.warned = first, part, False
         session.heard_s = now_s
         started = TransferStarted(session.type, upload=True, count=session.count - first)
@@ -90,7 +95,8 @@ class IncomingPlan:
     def take_item(self, message: wire.ItemMessage, now_s: float) -> Output:
         """Keep the item and ask for the next one."""
         said = self._take(message)
-        return self.ask(now_s) + Output(events=said)
+        part = () if self._profile.atomic else (PlanPart(self._session.type),)
+        return self.ask(now_s) + Output(events=(*said, *part))
 
     def take_last_item(self, message: wire.ItemMessage, sender: _Sender) -> Output:
         """Keep the item and put the plan in force."""
@@ -105,7 +111,7 @@ class IncomingPlan:
         """Keep the item that was judged; ArduPilot complains once about items of the old kind."""
         session = self._session
         assert session.candidate is not None
-        if message.current and message.seq:
+        if message.current and message.seq >= self._store.home_items(session.type):
             session.start = message.seq - self._store.home_items(session.type)
         session.items.append(session.candidate)
         text = "got MISSION_ITEM; GCS should send MISSION_ITEM_INT"
@@ -167,16 +173,30 @@ class IncomingPlan:
             came = old[: session.first] + came + old[session.first + len(came) : end]
         return from_wire_order(came, session.type, self._profile)[0]
 
-    def _put(self, items: tuple[MissionItem, ...], *, start: int = 0, complete: bool = True) -> Event:
+    def live(self, mission_type: MissionType) -> tuple[MissionItem, ...]:
+        """Return the plan in force, with what has come of an upload that overwrites it in place."""
+        session = self._session
+        if session.state is not RECEIVING or session.type is not mission_type or self._profile.atomic:
+            return self._store.plan(mission_type).items
+        return self._merged()
+
+    def _put(
+        self, items: tuple[MissionItem, ...], *, start: int | None = None, complete: bool = True
+    ) -> Event:
         plan, changed = self._store.received(self._session.type, items)
         self._session.items = []
         return PlanReplaced(self._session.type, items, plan.opaque_id, changed, start, complete)
 
     def _fail(self, reason: FailureReason, text: str, result: int | None = None) -> tuple[Event, ...]:
         """End the transfer; a vehicle that overwrites in place now holds what has come, and the old rest."""
+        failed = TransferFailed(self._session.type, reason, text, result)
+        kept = self._kept()
+        self._session.items = []
+        return (failed, *kept)
+
+    def _kept(self) -> tuple[Event, ...]:
+        """Put in force what has come of an upload that is given up, where it overwrites in place."""
         session = self._session
-        failed = TransferFailed(session.type, reason, text, result)
         if session.state is not RECEIVING or self._profile.atomic or not session.items:
-            session.items = []
-            return (failed,)
-        return (failed, self._put(self._merged(), complete=False))
+            return ()
+        return (self._put(self._merged(), complete=False),)

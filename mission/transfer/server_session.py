@@ -52,7 +52,7 @@ class ServerSession:
         Upload: whether it replaces a part of the plan.
     items : list of MissionItem
         Upload: what has come.
-    start : int
+    start : int or None
         Upload: the item marked as current.
     candidate, verdict : MissionItem or None, int
         Upload: the item judged last, and the MAV_MISSION_RESULT for it.
@@ -79,7 +79,7 @@ class ServerSession:
     first: int = 0
     part: bool = False
     items: list[MissionItem] = field(default_factory=list)
-    start: int = 0
+    start: int | None = None
     candidate: MissionItem | None = None
     verdict: int = int(wire.ACCEPTED)
     outgoing: tuple[MissionItem, ...] = ()

@@ -72,8 +72,8 @@ class MissionUpload(ClientTransfer):
         Which plan it is.
     home : GeoPoint, optional
         Home position for autopilots that want it as item 0.
-    start_sequence : int
-        The item to mark as current.
+    start_sequence : int or None
+        The item to mark as current, None for none.
     **options
         See `mission.transfer.client.ClientTransfer`.
 
@@ -97,7 +97,7 @@ class MissionUpload(ClientTransfer):
         mission_type: MissionType = MissionType.MISSION,
         *,
         home: GeoPoint | None = None,
-        start_sequence: int = 0,
+        start_sequence: int | None = 0,
         **options: Any,
     ) -> None:
         super().__init__(mission_type, **options)
@@ -107,7 +107,7 @@ class MissionUpload(ClientTransfer):
             without_nan(item, self.profile)
             for item in to_wire_order(self.items, mission_type, self.profile, home)
         )
-        self._current = start_sequence + len(self._wire) - len(self.items)
+        self._current = None if start_sequence is None else start_sequence + len(self._wire) - len(self.items)
         self._answered_s: list[float | None] = [None] * len(self._wire)
         self._repeated: set[int] = set()
         self._unsent = len(self._wire)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot.mav_parameter import MavParameter
+from sim_vehicle.autopilot.mission_habits import MissionHabits
 from sim_vehicle.errors import VehicleError
 
 if TYPE_CHECKING:
@@ -39,6 +40,8 @@ class Firmware:
         How it moves the vehicle: parameters of the motion, take-off, return, landing.
     takes_off : bool
         A mission that begins on the ground needs no take-off item.
+    habits : MissionHabits
+        How it takes a mission that is changed while it flies.
     """
 
     title: str
@@ -48,6 +51,7 @@ class Firmware:
     parameter_table: Callable[[VehicleSpec, int], Sequence[MavParameter]]
     procedures: FlightProcedures
     takes_off: bool = False
+    habits: MissionHabits = field(default_factory=MissionHabits)
 
     def parameters(self, spec: VehicleSpec, system_id: int) -> tuple[MavParameter, ...]:
         """Parameters of a vehicle over MAVLink, sorted by name.

@@ -99,10 +99,8 @@ class FailsafeRules:
         A voltage that stays too low is a low battery, too (ArduPilot).
     any_inclusion : bool
         Being in one of the inclusion zones of a fence is enough.
-    keeps_item : bool
-        A mission that is changed in flight goes on with the item of the same number.
     needs_stream : bool
-        Setpoints have to flow before their mode is taken, and the mode is left when they stop (PX4);
+        Setpoints have to flow before their mode is taken, and the vehicle returns home when they stop (PX4);
         otherwise only velocities grow old (ArduPilot).
     pauses_in_mode : bool
         A pause stops the vehicle without leaving the mode (ArduPilot); otherwise it is the hold mode.
@@ -124,7 +122,6 @@ class FailsafeRules:
     critical_apart: bool
     watches_voltage: bool
     any_inclusion: bool
-    keeps_item: bool
     needs_stream: bool
     pauses_in_mode: bool
     yaws_to_setpoint: bool

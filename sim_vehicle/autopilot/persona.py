@@ -153,8 +153,6 @@ class Persona:
         DO_REPOSITION's yaw is followed (PX4).
     tells_remaining_time : bool
         BATTERY_STATUS tells how long the battery lasts (PX4).
-    mission_changed_text : str
-        Status text after a mission was replaced in flight; empty for none.
     """
 
     identity: Identity
@@ -174,4 +172,3 @@ class Persona:
     takeoff_above_sea: bool = False
     reposition_turns: bool = False
     tells_remaining_time: bool = False
-    mission_changed_text: str = ""

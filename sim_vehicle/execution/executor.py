@@ -124,13 +124,32 @@ class MissionExecutor:
         return self.sequencer.return_points
 
     def load(
-        self, items: Sequence[MissionItem], positions: list[Position] | None = None, current: int = 0
+        self,
+        items: Sequence[MissionItem],
+        positions: list[Position] | None = None,
+        current: int = 0,
+        *,
+        keeps_settings: bool = False,
     ) -> None:
         """Replace the mission, to begin at an item; a vehicle that is flying one holds.
 
-        ``positions`` are those of `sim_vehicle.execution.items.item_positions`, when they are known already.
+        ``positions`` are those of `sim_vehicle.execution.items.item_positions`, when they are known already;
+        with ``keeps_settings`` speeds stay as they are.
         """
-        self.sequencer.load(items, positions, current)
+        self.sequencer.load(items, positions, current, keeps_settings=keeps_settings)
+
+    def change(
+        self, items: Sequence[MissionItem], seq: int, *, at_waypoints: bool = False, keeps_jumps: bool = False
+    ) -> bool:
+        """Replace the mission that is flown, and go on at an item: see `MissionSequencer.change`.
+
+        Raises
+        ------
+        VehicleError
+            When not armed, or the battery is empty.
+        """
+        self._ready("change the mission")
+        return self.sequencer.change(items, seq, at_waypoints=at_waypoints, keeps_jumps=keeps_jumps)
 
     def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults and limits; they hold from the next leg or order on.

@@ -11,6 +11,7 @@ from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.execution.items import (
     CAMERA_COMMANDS,
     CONDITIONS,
+    PASSED_COMMANDS,
     POSITION_COMMANDS,
     Settings,
     condition_items,
@@ -20,6 +21,7 @@ from sim_vehicle.execution.items import (
     plan_item_legs,
     time_of_day_wait_s,
 )
+from sim_vehicle.execution.leg_follower import Waiting
 from sim_vehicle.execution.leg_plan import AfterLastLeg
 from sim_vehicle.execution.return_points import ReturnPoints
 from sim_vehicle.execution.state import (
@@ -97,22 +99,77 @@ class MissionSequencer:
         self.return_points = ReturnPoints()
         self._positions: list[Position] = []
         self._replan = False
+        self._goes_on_at: int | None = None
 
     def load(
-        self, items: Sequence[MissionItem], positions: list[Position] | None = None, current: int = 0
+        self,
+        items: Sequence[MissionItem],
+        positions: list[Position] | None = None,
+        current: int = 0,
+        *,
+        keeps_settings: bool = False,
     ) -> None:
         """Replace the mission, to begin at an item; a vehicle that is flying one holds.
 
-        ``positions`` are those of `sim_vehicle.execution.items.item_positions`, when they are known already.
+        ``positions`` are those of `sim_vehicle.execution.items.item_positions`, when they are known already;
+        with ``keeps_settings`` speeds stay as they are.
         """
         follower = self.follower
         if follower.phase is FlightPhase.MISSION:
             follower.hold()
+        self._take(items, positions)
+        self.current_seq = min(current, len(self.items) - 1)
+        if not keeps_settings:
+            self.settings = self._default_settings()
+            follower.look_at(None)
+
+    def change(
+        self, items: Sequence[MissionItem], seq: int, *, at_waypoints: bool = False, keeps_jumps: bool = False
+    ) -> bool:
+        """Replace the mission that is flown, and go on at an item; speeds stay as they are.
+
+        A take-off is flown to its height first. A return home is flown to its end, and with it the mission.
+
+        Parameters
+        ----------
+        items : sequence of MissionItem
+        seq : int
+            May be beyond the end: the mission is over then.
+        at_waypoints : bool
+            Turn to the item at once only from a waypoint, and if the item exists; otherwise the item that is
+            flown is completed, and the one after it follows.
+        keeps_jumps : bool
+            Whether to go on counting how often jumps were taken.
+
+        Returns
+        -------
+        bool
+            Whether the vehicle has turned to the item at once.
+        """
+        follower = self.follower
+        flown = self.items[self.current_seq].command if self.current_seq < len(self.items) else _WAYPOINT
+        self._take(items)
+        if not keeps_jumps:
+            self.settings.jumps.clear()
+        if follower.phase is FlightPhase.MISSION and follower.landed is not LandedState.ON_GROUND:
+            completes = at_waypoints and (flown not in PASSED_COMMANDS or seq >= len(self.items))
+            if flown == Command.NAV_RETURN_TO_LAUNCH:
+                self._goes_on_at = len(self.items)
+            elif not completes and follower.landed is LandedState.TAKEOFF:
+                self._goes_on_at = seq
+            if completes or self._goes_on_at is not None:
+                # The plan of the old mission is left at the end of what is flown now.
+                follower.waiting = Waiting()
+                self._replan = True
+                return False
+        follower.motion.interrupt()
+        self.start(seq)
+        return True
+
+    def _take(self, items: Sequence[MissionItem], positions: list[Position] | None = None) -> None:
         self.items = tuple(items)
         self._positions = item_positions(self.items, self.frame) if positions is None else positions
-        self.settings = self._default_settings()
-        self.current_seq = min(current, len(self.items) - 1)
-        follower.look_at(None)
+        self._goes_on_at = None
 
     def return_point(self) -> Position:
         """Where the vehicle would return to from here, and the least height of the path."""
@@ -133,6 +190,7 @@ class MissionSequencer:
         follower = self.follower
         follower.disarm_step = None
         follower.drop_plan(FlightPhase.MISSION)
+        self._goes_on_at = None
         self._continue(seq)
 
     def set_current(self, seq: int) -> None:
@@ -141,8 +199,20 @@ class MissionSequencer:
         self.settings.jumps.clear()
         self._set_current(seq)
         if follower.phase is FlightPhase.MISSION:
-            follower.drop_plan(FlightPhase.MISSION)
-            self._continue(seq)
+            follower.motion.interrupt()
+            self.start(seq)
+
+    def reset_speed(self) -> None:
+        """Take the vehicle's own ground speed for the legs to come."""
+        self.settings.speed_m_s = self.follower.spec.cruise_speed_m_s
+
+    def replay_speed(self) -> None:
+        """Take the ground speed that the items before the current one set, for the legs to come."""
+        settings = self._default_settings()
+        for seq, item in enumerate(self.items[: max(self.current_seq, 0)]):
+            if item.command == Command.DO_CHANGE_SPEED:
+                do_items(self.items[: seq + 1], seq, settings, self.follower.spec.top_speed_m_s)
+        self.settings.speed_m_s = settings.speed_m_s
 
     def apply_speed(self) -> None:
         """Let a ground speed that was set hold for what is being flown."""
@@ -151,7 +221,8 @@ class MissionSequencer:
         if follower.phase is FlightPhase.STEERED or plan is None or follower.timer is not None:
             return
         if follower.phase is FlightPhase.MISSION:
-            self._fly_from(self.current_seq, follower.time_s)
+            if self._goes_on_at is None and self.current_seq < len(self.items):
+                self._fly_from(self.current_seq, follower.time_s)
         elif follower.phase in (FlightPhase.GOTO, FlightPhase.RETURN):
             left = plan.legs[follower.flown :]
             legs = [leg if leg.descends else replace(leg, speed_m_s=speed_m_s) for leg in left]
@@ -270,8 +341,12 @@ class MissionSequencer:
         follower = self.follower
         final = leg == len(plan.legs) - 1
         seq = plan.seqs[leg]
-        if follower.landed is LandedState.TAKEOFF:
+        climbed = follower.landed is LandedState.TAKEOFF
+        if climbed:
             follower.landed = LandedState.IN_AIR
+        if climbed and self._goes_on_at is not None and not plan.done[leg] and seq >= 0:
+            self._continue(self._following(seq - 1))
+            return
         if not final:
             if plan.after_last is AfterLastLeg.TOUCHDOWN and plan.legs[leg + 1].descends:
                 follower.descend()
@@ -296,7 +371,7 @@ class MissionSequencer:
         """Go on to the next item of the plan, unless what lies between changes the plan."""
         follower = self.follower
         follower.tell(ItemReached(time_s, plan.seqs[leg]))
-        following = self._between(plan.seqs[leg] + 1, time_s)
+        following = self._between(self._following(plan.seqs[leg]), time_s)
         nearly_out = plan.open and leg >= len(plan.legs) - _REPLAN_BEFORE
         same = following == plan.seqs[leg + 1] and plan.speeds[leg + 1] == self.settings.speed_m_s
         if same and not nearly_out and not follower.waiting.seqs and not self._replan:
@@ -309,7 +384,15 @@ class MissionSequencer:
         follower = self.follower
         seq = self.current_seq
         follower.tell(ItemReached(follower.time_s, seq))
-        self._fly_from(self._between(seq + 1, follower.time_s), follower.time_s)
+        self._fly_from(self._between(self._following(seq), follower.time_s), follower.time_s)
+
+    def _following(self, seq: int) -> int:
+        """Where to go on after an item: at the one after it, unless the mission was changed on the way."""
+        at, self._goes_on_at = self._goes_on_at, None
+        if at is None:
+            return seq + 1
+        took_off = at == seq and at < len(self.items) and self.items[at].command == Command.NAV_TAKEOFF
+        return seq + 1 if took_off else at
 
     def _continue(self, seq: int) -> None:
         time_s = self.follower.time_s

@@ -198,9 +198,7 @@ def _mission_start(vehicle: CommandedVehicle, order: Order) -> Answer:
     if reason is not None:
         msg = f"Mission start refused: {reason}"
         raise RefusedError(msg)
-    if first > 0:
-        vehicle.pilot.set_current(vehicle.state.own_seq(first))
-    vehicle.pilot.set_mode(Mode.MISSION)
+    vehicle.pilot.start_mission(vehicle.state.own_seq(first) if first > 0 else None)
     return ACCEPTED
 
 

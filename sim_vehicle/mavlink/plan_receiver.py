@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -14,6 +13,7 @@ from mission.transfer.events import (
     FailureReason,
     Output,
     PlanCleared,
+    PlanPart,
     PlanReplaced,
     StatusText,
     TransferFailed,
@@ -24,7 +24,8 @@ from mission.transfer.storage import UncheckedItem
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.component import NEVER
 from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS
-from sim_vehicle.pilot.notices import RefusedError, Severity
+from sim_vehicle.pilot.mission_status import MissionChange
+from sim_vehicle.pilot.notices import Severity
 
 if TYPE_CHECKING:
     from sim_vehicle.mavlink.item_reports import ItemReports
@@ -65,6 +66,7 @@ class PlanReceiver:
         self._texts = texts
         self._reports = reports
         self._uploading = False
+        self._part_s = NEVER
         self.server = MissionServer(
             state.system_id,
             component_id,
@@ -80,11 +82,13 @@ class PlanReceiver:
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
         """Take a message of the mission protocol; the answers."""
-        return self._take(self.server.receive(message, now_s))
+        self._take_part(now_s)
+        return self._take(self.server.receive(message, now_s), now_s)
 
     def poll(self, now_s: float) -> list[Message]:
         """Do what is due; the messages to send."""
-        return self._take(self.server.poll(now_s)) if self.next_deadline() <= now_s else []
+        self._take_part(now_s)
+        return self._take(self.server.poll(now_s), now_s) if self.next_deadline() <= now_s else []
 
     def next_deadline(self) -> float:
         """When `poll` has something to do."""
@@ -103,16 +107,39 @@ class PlanReceiver:
             "RALLY_TOTAL": lambda: self.server.count(MissionType.RALLY),
         }
 
-    def _take(self, output: Output) -> list[Message]:
+    def _take_part(self, now_s: float) -> None:
+        """Fly by what has come of a mission that holds item by item; what came at one time is one change."""
+        if now_s <= self._part_s or not self._flies:
+            return
+        self._part_s = NEVER
+        change = self._pilot.load(self.server.live_plan(MissionType.MISSION), whole=False)
+        self._tell(change)
+
+    @property
+    def _flies(self) -> bool:
+        return self._pilot.armed and self._pilot.mode is Mode.MISSION
+
+    def _tell(self, change: MissionChange) -> None:
+        """Say what a change means to the flight, as far as the autopilot does."""
+        pilot = self._pilot
+        habits = pilot.habits
+        if change is MissionChange.TURNED:
+            seq = self._state.wire_seq(pilot.mission.current_seq)
+            for text in habits.changed_texts:
+                pilot.note(Severity.INFO, text.format(seq))
+        elif change is MissionChange.LOST and habits.restart_failed_text:
+            pilot.note(Severity.CRITICAL, habits.restart_failed_text)
+
+    def _take(self, output: Output, now_s: float) -> list[Message]:
         sent = list(output.messages)
         for event in output.events:
             if isinstance(event, StatusText):
                 sent += self._texts.messages(event.severity, event.text)
             else:
-                self._on_transfer(event)
+                self._on_transfer(event, now_s)
         return sent
 
-    def _on_transfer(self, event: Event) -> None:
+    def _on_transfer(self, event: Event, now_s: float) -> None:
         if isinstance(event, PlanReplaced | PlanCleared):
             mission, fence, rally = (self.server.plan(kind).opaque_id for kind in MissionType)
             self._state.plan_ids = (mission, fence, rally)
@@ -120,8 +147,11 @@ class PlanReceiver:
                 self._take_area(event)
         if event.mission_type is not MissionType.MISSION:
             return
-        if isinstance(event, PlanReplaced) and event.changed:
-            self._take_mission(event)
+        if isinstance(event, PlanPart):
+            self._part_s = now_s
+        elif isinstance(event, PlanReplaced):
+            self._part_s = NEVER
+            self._replace_mission(event, now_s)
         elif isinstance(event, PlanCleared):
             self._pilot.load(())
         elif isinstance(event, TransferStarted):
@@ -135,8 +165,14 @@ class PlanReceiver:
         is_fence = event.mission_type is MissionType.FENCE
         (self._pilot.set_fence if is_fence else self._pilot.set_rally)(sound)
 
-    def _take_mission(self, event: PlanReplaced) -> None:
-        pilot = self._pilot
+    def _replace_mission(self, event: PlanReplaced, now_s: float) -> None:
+        pilot, habits = self._pilot, self._pilot.habits
+        marked = event.start_sequence if habits.obeys_mark else None
+        flies = self._flies
+        if not event.changed and not (flies and habits.restarts_leg):
+            if flies and marked is not None and marked != pilot.mission.current_seq:
+                pilot.set_current(marked)
+            return
         bad = next((i for i, item in enumerate(event.items) if isinstance(item, UncheckedItem)), None)
         if bad is not None:
             pilot.load(())
@@ -144,13 +180,9 @@ class PlanReceiver:
             pilot.note(Severity.CRITICAL, f"Mission rejected: item {bad} makes no sense")
             return
         self._reports.restart()
-        flying = pilot.armed and pilot.mode is Mode.MISSION
-        pilot.load(event.items)
-        if flying and (text := self._state.firmware.persona.mission_changed_text):
-            pilot.note(Severity.INFO, text)
-        if event.start_sequence and not pilot.mission.why_not:
-            with contextlib.suppress(RefusedError):
-                pilot.set_current(event.start_sequence)
+        self._tell(pilot.load(event.items, marked=marked))
+        if flies:
+            self._state.forget_item(now_s + habits.unknown_current_s)
 
 
 def _check_item(item: MissionItem) -> int:

@@ -23,6 +23,7 @@ from sim_vehicle.mavlink.sensor_messages import (
 )
 from sim_vehicle.mavlink.true_state import hil_state_quaternion, int16, quaternion, sim_state
 from sim_vehicle.pilot.fence import Breach
+from sim_vehicle.pilot.notices import MissionState
 
 if TYPE_CHECKING:
     from sim_vehicle.mavlink.wire_state import WireState
@@ -215,13 +216,21 @@ def _home_position(source: WireState) -> Message:
 def _mission_current(source: WireState) -> Message:
     pilot = source.pilot
     size = pilot.mission.size
-    in_mode = 1 if pilot.mode is Mode.MISSION else 2
+    in_mode = pilot.mode is Mode.MISSION
     seq = source.wire_seq(pilot.mission.current_seq) if size else 0
     state = pilot.mission_state
-    if state == m.MISSION_STATE_COMPLETE:
+    hovers = pilot.habits.stays_after_last and pilot.landed is not LandedState.ON_GROUND
+    if state is MissionState.COMPLETE and not hovers:
         seq = 0
+    if not source.item_known:
+        seq = UNUSED
+    mode = 1 if in_mode else 2
+    if pilot.habits.stopped_state and (not in_mode or pilot.mission.waits):
+        mode = int(in_mode)
+        if state is MissionState.PAUSED:
+            state = MissionState.NOT_STARTED
     return m.MAVLink_mission_current_message(
-        seq, size or source.firmware.persona.no_mission_total, int(state), in_mode, *source.plan_ids
+        seq, size or source.firmware.persona.no_mission_total, int(state), mode, *source.plan_ids
     )
 
 

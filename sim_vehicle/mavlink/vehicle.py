@@ -124,6 +124,7 @@ class SimVehicle:
             takes_off=firmware.takes_off,
             after_takeoff=persona.modes.after_takeoff,
             rules=firmware.rules,
+            habits=firmware.habits,
             epoch_unix_s=epoch_unix_s,
         )
         self.state = WireState(
@@ -306,7 +307,8 @@ class SimVehicle:
             m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
             m.MAVLINK_MSG_ID_MISSION_CURRENT,
         )
-        self._plans.server.locked = pilot.armed and pilot.mode is Mode.MISSION
+        guarded = not pilot.habits.clears_in_flight
+        self._plans.server.locked = guarded and pilot.armed and pilot.mode is Mode.MISSION
         steps_on = self._progress[1:] == shown[2][1:]
         self._progress = shown[2]
         for message_id, old, new in zip(kinds, before, shown, strict=True):

@@ -74,6 +74,16 @@ class WireState:
         self.unix_us = round(epoch_unix_s * 1e6)
         self._epoch_us = self.unix_us
         self._boot_us = 0
+        self._unknown_until_us = 0
+
+    def forget_item(self, until_s: float) -> None:
+        """Tell no item in MISSION_CURRENT until a time."""
+        self._unknown_until_us = round(until_s * 1e6)
+
+    @property
+    def item_known(self) -> bool:
+        """Whether MISSION_CURRENT tells an item."""
+        return self.now_us >= self._unknown_until_us
 
     def set_time(self, now_us: int) -> None:
         """Set the clocks."""

@@ -241,6 +241,9 @@ class IdealRobot:
             self.track[self.track_points] = (x + (tx - x) * part, y + (ty - y) * part, tz)
             self.track_points += 1
 
+    def interrupt(self) -> None:
+        """Nothing: a route begins as the robot moves."""
+
     def rest(self, steps: int, *, armed: bool) -> None:  # noqa: ARG002 (the ideal robot uses no energy)
         """Stand on the ground for a number of steps."""
         self._velocity = (0.0, 0.0)

@@ -111,6 +111,9 @@ class MotionModel(Protocol):
     def fly(self, route: Route) -> None:
         """Begin a route."""
 
+    def interrupt(self) -> None:
+        """Give up the leg that is flown: the next route begins anew, where the autopilot does it so."""
+
     def steer(
         self,
         velocity_m_s: tuple[float, float, float],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import Enum
 from typing import TYPE_CHECKING
 
 from sim_vehicle.execution.feasibility import check_mission
@@ -14,7 +15,16 @@ if TYPE_CHECKING:
     from sim_vehicle.pilot.controls import Controls
     from sim_vehicle.pilot.failsafe import Failsafe
 
-__all__ = ["MissionStatus"]
+__all__ = ["MissionChange", "MissionStatus"]
+
+
+class MissionChange(Enum):
+    """Consequence of another mission for a vehicle."""
+
+    STORED = "it is not flown now"
+    TURNED = "the vehicle turned to the present item of the new one"
+    LATER = "the present item is flown to its end first"
+    LOST = "the present item is not there any more: it is flown to its end, then the mission is over"
 
 
 class MissionStatus:
@@ -39,8 +49,25 @@ class MissionStatus:
         self.problems: tuple[str, ...] = ()
         self.started = False
         self.complete = False
+        self._chosen = False
+        self._in_air = False
         self._controls = controls
         self._failsafe = failsafe
+
+    @property
+    def waits(self) -> bool:
+        """Whether it is over, even if an item to begin again with was chosen since."""
+        return self.complete or self._chosen
+
+    def choose(self) -> None:
+        """Note that the current item was chosen, with which a mission that is over may begin again."""
+        self._chosen = self.waits
+        self.complete = False
+
+    def begin(self) -> None:
+        """Note that the mission is begun, or gone on with."""
+        self.complete = self._chosen = False
+        self.started = True
 
     @property
     def items(self) -> tuple[MissionItem, ...]:
@@ -64,9 +91,10 @@ class MissionStatus:
             return "no mission"
         return self.problems[0] if self.problems else None
 
-    def judge(self, items: Sequence[MissionItem]) -> None:
-        """Find what in a mission cannot be flown."""
+    def judge(self, items: Sequence[MissionItem], *, in_air: bool = False) -> None:
+        """Find what in a mission cannot be flown; in the air it needs no take-off."""
         self.problems = ()
+        self._in_air = in_air
         if items:
             executor, failsafe = self._controls.executor, self._failsafe
             self.problems = tuple(
@@ -74,17 +102,22 @@ class MissionStatus:
                     items,
                     executor.frame,
                     executor.spec,
-                    needs_takeoff=not executor.sequencer.takes_off,
+                    needs_takeoff=not in_air and not executor.sequencer.takes_off,
                     outside=failsafe.outside if failsafe.fence_enabled else None,
                 )
             )
+
+    def judge_on_ground(self) -> None:
+        """Judge a mission that came in the air as one that begins on the ground."""
+        if self._in_air:
+            self.judge(self.items)
 
     def judge_again(self) -> str | None:
         """Judge the mission after fence or parameters have changed; a problem that is new, None for none."""
         if not self.items:
             return None
         before = self.problems
-        self.judge(self.items)
+        self.judge(self.items, in_air=self._in_air)
         return self.problems[0] if self.problems and self.problems != before else None
 
     def progress(self, *, in_mode: bool) -> MissionState:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from sim_vehicle.autopilot.mission_habits import MissionHabits
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.pilot.notices import RefusedError
@@ -27,6 +28,8 @@ class ModeControl:
         Begun in the mission mode.
     setpoints : SetpointFollower
         Flown in the guided mode.
+    habits : MissionHabits
+        At which speed a mode begins.
     mode : Mode
         At the start.
     after_takeoff : Mode
@@ -44,6 +47,7 @@ class ModeControl:
         controls: Controls,
         mission: MissionStatus,
         setpoints: SetpointFollower,
+        habits: MissionHabits,
         *,
         mode: Mode,
         after_takeoff: Mode,
@@ -53,6 +57,7 @@ class ModeControl:
         self._controls = controls
         self._mission = mission
         self._setpoints = setpoints
+        self._habits = habits
         self._after_takeoff = after_takeoff
 
     def change(self, mode: Mode) -> bool:
@@ -81,6 +86,12 @@ class ModeControl:
     def override(self, mode: Mode) -> None:
         """Take a mode in which something else is flown than the mode's own."""
         self._setpoints.forget()
+        if mode is not self.mode and self._controls.landed is not LandedState.ON_GROUND:
+            sequencer = self._controls.executor.sequencer
+            if mode in self._habits.forgets_speed_in:
+                sequencer.reset_speed()
+            elif mode is Mode.MISSION and self._habits.replays_speed:
+                sequencer.replay_speed()
         self.mode = mode
 
     def on_target_reached(self) -> None:
@@ -112,6 +123,5 @@ class ModeControl:
         mission, executor = self._mission, self._controls.executor
         if mission.complete:
             executor.set_current(0)
-        mission.complete = False
-        mission.started = True
+        mission.begin()
         self._controls.order(executor.start)

@@ -11,6 +11,7 @@ from mission.model import Command, MissionItem
 from mission.outcome import Outcome
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.failsafe_rules import Action, FailsafeRules
+from sim_vehicle.autopilot.mission_habits import MissionHabits
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
 from sim_vehicle.epoch import EPOCH_UNIX_S
@@ -33,7 +34,7 @@ from sim_vehicle.pilot.arming import ArmingChecks
 from sim_vehicle.pilot.controls import Controls
 from sim_vehicle.pilot.failsafe import Failsafe, Reaction
 from sim_vehicle.pilot.fence import Fence
-from sim_vehicle.pilot.mission_status import MissionStatus
+from sim_vehicle.pilot.mission_status import MissionChange, MissionStatus
 from sim_vehicle.pilot.mode_control import ModeControl
 from sim_vehicle.pilot.notices import MissionState, Notice, NoticeLog, RefusedError, Severity
 from sim_vehicle.pilot.setpoints import Setpoint, SetpointFollower
@@ -67,6 +68,8 @@ class Pilot:
         The mode that follows an ordered take-off.
     rules : FailsafeRules
         What the autopilot does when something goes wrong.
+    habits : MissionHabits, optional
+        How it takes a mission that is changed while it flies.
     epoch_unix_s : float
         Time of day at time 0.
 
@@ -98,6 +101,7 @@ class Pilot:
         takes_off: bool = False,
         after_takeoff: Mode = Mode.HOLD,
         rules: FailsafeRules,
+        habits: MissionHabits | None = None,
         epoch_unix_s: float = EPOCH_UNIX_S,
     ) -> None:
         self.frame = frame
@@ -109,13 +113,14 @@ class Pilot:
         )
         self._notices = NoticeLog()
         self._rules = rules
+        self.habits = habits = MissionHabits() if habits is None else habits
         self.controls = Controls(self.executor)
         self.failsafe = Failsafe(self.controls, parameters, rules, self._notices)
         self.arming = ArmingChecks(self.controls, parameters, self.failsafe)
         self.mission = MissionStatus(self.controls, self.failsafe)
         self.setpoints = SetpointFollower(self.controls, parameters, self.failsafe, self._notices)
         self.modes = ModeControl(
-            self.controls, self.mission, self.setpoints, mode=mode, after_takeoff=after_takeoff
+            self.controls, self.mission, self.setpoints, habits, mode=mode, after_takeoff=after_takeoff
         )
 
     # What is known of the vehicle.
@@ -165,18 +170,65 @@ class Pilot:
 
     # Plans and parameters.
 
-    def load(self, items: Sequence[MissionItem]) -> None:
+    def load(
+        self, items: Sequence[MissionItem], *, marked: int | None = None, whole: bool = True
+    ) -> MissionChange:
         """Replace the mission; one that cannot be flown is kept, but not flown.
 
-        In flight, ArduPilot goes on with the item of the same number, PX4 begins anew.
+        Parameters
+        ----------
+        items : sequence of MissionItem
+        marked : int, optional
+            The item to go on with; in flight, without it, the one of the same number.
+        whole : bool
+            Whether it is judged; the beginning of an upload that overwrites in place is not.
+
+        Returns
+        -------
+        MissionChange
+            What that means to a vehicle that flies the mission.
         """
-        mission = self.mission
-        mission.judge(items)
+        mission, habits = self.mission, self.habits
         flying = self.mode is Mode.MISSION and self.armed
         airborne = self.armed and self.landed is not LandedState.ON_GROUND
-        keeps = self._rules.keeps_item and airborne and 0 < mission.current_seq < len(items)
-        self.executor.load(items, current=mission.current_seq if keeps else 0)
-        mission.started = mission.complete = False
+        seq = marked or 0
+        if marked is None and airborne:
+            seq = mission.current_seq
+            if seq >= len(items) and (habits.clamps_item or not flying):
+                seq = max(len(items) - 1, 0) if habits.clamps_item else 0
+        if whole:
+            mission.judge(items, in_air=airborne)
+        ended = habits.stays_after_last and mission.complete and flying and airborne
+        change = MissionChange.STORED
+        if flying and items and not mission.problems and not ended:
+            change = self._change(items, seq)
+        else:
+            self.executor.load(items, current=seq, keeps_settings=airborne)
+            self.controls.refresh()
+        mission.complete = ended
+        mission.started &= airborne
+        if whole:
+            self._judged(items)
+        if flying and (not items or mission.problems):
+            self._turn_to(Mode.HOLD)
+            if not items and habits.no_mission_text:
+                self.note(Severity.CRITICAL, habits.no_mission_text)
+        return change
+
+    def _change(self, items: Sequence[MissionItem], seq: int) -> MissionChange:
+        """Go on with another mission in flight."""
+        habits, executor = self.habits, self.executor
+        is_beyond = seq >= len(items)
+        turned = executor.change(items, seq, at_waypoints=habits.restarts_leg, keeps_jumps=habits.keeps_jumps)
+        self.mission.started = True
+        self.controls.refresh()
+        if turned:
+            return MissionChange.TURNED
+        return MissionChange.LOST if is_beyond else MissionChange.LATER
+
+    def _judged(self, items: Sequence[MissionItem]) -> None:
+        """Tell what is wrong with a mission."""
+        mission = self.mission
         if self.spec.kind == "rover" and any(item.command == Command.NAV_TAKEOFF for item in items):
             self.note(Severity.INFO, "Take-off items have no effect on a rover")
         if mission.problems:
@@ -184,8 +236,6 @@ class Pilot:
             self.note(Severity.CRITICAL, f"Mission rejected: {mission.problems[0]}")
         elif self.outcome in (Outcome.MISSION_REJECTED, Outcome.COMPLETED, Outcome.FLIGHT_ABORTED):
             self._end(Outcome.RUNNING, "")
-        if flying:
-            self._turn_to(Mode.MISSION if items and not mission.problems else Mode.HOLD)
 
     def reject_mission(self, reason: str) -> None:
         """Note that a mission was refused in its transfer; the old one stays in force."""
@@ -301,6 +351,13 @@ class Pilot:
         RefusedError
             When the mode is not possible now.
         """
+        self._check_mode(mode)
+        if self.habits.stays_after_last and mode is self.mode is Mode.MISSION and self.mission.waits:
+            return
+        self._change_mode(mode)
+
+    def _check_mode(self, mode: Mode) -> None:
+        """Raise RefusedError for a mode that is not possible now."""
         if mode is Mode.MISSION and self.mission.why_not is not None:
             raise RefusedError(f"Mission mode refused: {self.mission.why_not}")
         if mode is not Mode.MANUAL and not self.controls.position_ok:
@@ -311,7 +368,6 @@ class Pilot:
         if mode is Mode.GUIDED and self._rules.needs_stream and not self.setpoints.is_fresh:
             msg = "Mode guided refused: no setpoints"
             raise RefusedError(msg)
-        self._change_mode(mode)
 
     def takeoff(self, altitude_m: float) -> None:
         """Climb to an altitude above home; disarmed, as soon as it is armed."""
@@ -394,14 +450,27 @@ class Pilot:
             return
         if self._rules.pauses_in_mode and self.mode is not Mode.MISSION:
             raise RefusedError(f"Resume refused: mode {self.mode.value}")
-        self.set_mode(Mode.MISSION)
+        self.start_mission()
+
+    def start_mission(self, first: int | None = None) -> None:
+        """Begin the mission or go on with it, at an item; one that is over begins again.
+
+        Raises
+        ------
+        RefusedError
+            When it is not possible now, or there is no such item.
+        """
+        self._check_mode(Mode.MISSION)
+        if first is not None:
+            self.set_current(first)
+        self._change_mode(Mode.MISSION)
 
     def set_current(self, seq: int) -> None:
         """Go on with this mission item; RefusedError when there is none."""
         size = self.mission.size
         if not 0 <= seq < size:
             raise RefusedError(f"Mission item {seq} refused: there are {size}", denied=True)
-        self.mission.complete = False
+        self.mission.choose()
         self.controls.order(lambda: self.executor.set_current(seq))
 
     def set_speed(self, speed_m_s: float) -> None:
@@ -469,7 +538,7 @@ class Pilot:
         elif isinstance(event, MissionComplete):
             self.mission.complete = True
             self.note(Severity.INFO, "Mission complete")
-            if self.armed and self.landed is LandedState.IN_AIR:
+            if self.armed and self.landed is LandedState.IN_AIR and not self.habits.stays_after_last:
                 self._turn_to(Mode.HOLD)
         elif isinstance(event, CannotFly):
             self._give_up_mission(event)
@@ -499,6 +568,7 @@ class Pilot:
                 where = f"disarmed at item {mission.current_seq} of {mission.size}"
                 self._end(Outcome.FLIGHT_ABORTED, where)
         mission.started = False
+        mission.judge_on_ground()
 
     def _carry_out(self, reaction: Reaction) -> None:
         """Do what a safety function asks for."""

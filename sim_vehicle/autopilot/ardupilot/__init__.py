@@ -10,6 +10,7 @@ from mission.transfer import profile
 from sim_vehicle.autopilot.ardupilot.copter import ARDUCOPTER
 from sim_vehicle.autopilot.ardupilot.failsafe import COPTER_RULES, PLANE_RULES, ROVER_RULES
 from sim_vehicle.autopilot.ardupilot.fixed_wing import ARDUPLANE
+from sim_vehicle.autopilot.ardupilot.habits import HABITS
 from sim_vehicle.autopilot.ardupilot.parameters import copter_parameters, vehicle_parameters
 from sim_vehicle.autopilot.ardupilot.persona import COPTER_PERSONA, PLANE_PERSONA, ROVER_PERSONA
 from sim_vehicle.autopilot.ardupilot.rover import ARDUROVER
@@ -44,6 +45,7 @@ ARDUPILOT = Autopilot(
                 profile=profile.ARDUPILOT,
                 parameter_table=copter_parameters,
                 procedures=ARDUCOPTER,
+                habits=HABITS,
             ),
             "fixed-wing": Firmware(
                 title="ArduPlane",
@@ -52,6 +54,7 @@ ARDUPILOT = Autopilot(
                 profile=_PLANE_PROFILE,
                 parameter_table=vehicle_parameters,
                 procedures=ARDUPLANE,
+                habits=HABITS,
             ),
             "rover": Firmware(
                 title="Rover",
@@ -60,6 +63,7 @@ ARDUPILOT = Autopilot(
                 profile=profile.ARDUPILOT,
                 parameter_table=vehicle_parameters,
                 procedures=ARDUROVER,
+                habits=HABITS,
                 takes_off=True,
             ),
         }

@@ -20,7 +20,6 @@ COPTER_RULES = FailsafeRules(
     critical_apart=True,
     watches_voltage=True,
     any_inclusion=False,
-    keeps_item=True,
     needs_stream=False,
     pauses_in_mode=True,
     yaws_to_setpoint=True,

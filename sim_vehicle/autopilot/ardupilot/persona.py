@@ -48,7 +48,6 @@ COPTER_PERSONA = Persona(
     unsupported=frozenset({int(m.MAV_CMD_DO_ORBIT), int(m.MAV_CMD_DO_CHANGE_ALTITUDE)}),
     int_only=frozenset({int(m.MAV_CMD_DO_REPOSITION)}),
     takeoff_needs_arming=True,
-    mission_changed_text="Auto mission changed, restarted command",
 )
 PLANE_PERSONA = replace(
     COPTER_PERSONA,

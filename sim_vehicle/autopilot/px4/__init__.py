@@ -11,6 +11,7 @@ from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.px4.copter import PX4_MULTIROTOR
 from sim_vehicle.autopilot.px4.failsafe import RULES
 from sim_vehicle.autopilot.px4.fixed_wing import PX4_FIXED_WING
+from sim_vehicle.autopilot.px4.habits import HABITS
 from sim_vehicle.autopilot.px4.parameters import copter_parameters, fixed_wing_parameters, rover_parameters
 from sim_vehicle.autopilot.px4.persona import persona_of
 from sim_vehicle.autopilot.px4.rover import PX4_ROVER
@@ -34,6 +35,7 @@ _COPTER = Firmware(
     parameter_table=copter_parameters,
     procedures=PX4_MULTIROTOR,
     takes_off=True,
+    habits=HABITS,
 )
 PX4 = Autopilot(
     name="px4",

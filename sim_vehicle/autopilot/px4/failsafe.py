@@ -21,7 +21,6 @@ RULES = FailsafeRules(
     critical_apart=False,
     watches_voltage=False,
     any_inclusion=True,
-    keeps_item=False,
     needs_stream=True,
     pauses_in_mode=False,
     yaws_to_setpoint=False,

@@ -80,6 +80,7 @@ class ArduCopter(Multirotor):
         self.guide[at.LEVEL] = spec.cruise_speed_m_s
         self._under_way = False
         self._rows: NDArray[np.float64] | None = None
+        self._interrupted = False
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
         """Be in steady flight at time 0, with nothing used yet, as if it had flown there.
@@ -178,13 +179,20 @@ class ArduCopter(Multirotor):
                 high = middle
         return 0.5 * (low + high)
 
+    def interrupt(self) -> None:
+        """Give up the leg that is flown: the next one begins where the vehicle could stop, as in AC_WPNav."""
+        self._interrupted = True
+
     def _follows(self, row: NDArray[np.float64]) -> int:
         """Return the transition to a leg from what is flown now."""
         guide = self.guide
+        interrupted, self._interrupted = self._interrupted, False
         if self._rows is None or row[at.KIND] == LegKind.CLIMB:
             return at.ANEW
         target = row[: at.RZ + 1]
         arrived = guide[at.BEGINS] == at.CHAINED
+        if interrupted and not (arrived or self.counters[ARRIVED]):
+            return at.ANEW
         end = guide[at.END : at.END + 3]
         if arrived and guide[at.FAST] != 0.0:
             head = self.heads[2]

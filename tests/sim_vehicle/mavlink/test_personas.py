@@ -219,7 +219,8 @@ def test_ardupilot_streams_nothing_unasked():
 def test_ardupilot_guards_the_mission_that_it_flies():
     peer = Peer(ARDUPILOT)
     peer.start()
-    peer.wait(2.0)
+    peer.wait(6.0)
+    assert peer.vehicle.pilot.mission.current_seq == 1
     (ack,) = (
         a for a in peer.tell(m.MAVLink_mission_clear_all_message(1, 1, 0)) if a.get_type() == "MISSION_ACK"
     )

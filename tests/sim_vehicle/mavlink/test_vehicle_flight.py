@@ -427,9 +427,10 @@ def test_replacing_the_mission_in_flight():
     vehicle = SimVehicle(get_vehicle("quad"), HOME)
     ground = Ground(SURVEY, [(2.0, ARM), (2.2, START)])
     simulation = Simulation([vehicle, ground])
-    simulation.run(limit_s=12.0)
-    ground.items = (TAKEOFF, waypoint(-10, 0), RTL)
-    ground.orders = [(12.5, m.MAVLink_mission_count_message(1, 1, 3, 0))]
+    simulation.run(limit_s=8.0)
+    # Item 2 is flown to, and stays the present one.
+    ground.items = (TAKEOFF, waypoint(0, 5), waypoint(-10, 0), RTL)
+    ground.orders = [(8.5, m.MAVLink_mission_count_message(1, 1, 4, 0))]
     assert simulation.run(lambda now_s: vehicle.outcome.is_over, 200.0) is StopReason.FINISHED
     assert vehicle.outcome is Outcome.COMPLETED
     west = min(FRAME.from_wgs84(p.lat / 1e7, p.lon / 1e7)[0] for p in ground.of("GLOBAL_POSITION_INT"))

@@ -41,7 +41,6 @@ RULES = FailsafeRules(
     critical_apart=False,
     watches_voltage=False,
     any_inclusion=True,
-    keeps_item=True,
     needs_stream=False,
     pauses_in_mode=True,
     yaws_to_setpoint=False,

@@ -1,0 +1,67 @@
+"""How an autopilot takes a mission that is changed while it flies, and what it does around a mission."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sim_vehicle.autopilot.modes import Mode
+
+__all__ = ["MissionHabits"]
+
+
+@dataclass(frozen=True, slots=True)
+class MissionHabits:
+    """Habits of one firmware with a mission in flight; the defaults are PX4's, as far as nothing is said.
+
+    The item that is flown keeps its number when a mission is changed, under any autopilot.
+
+    Parameters
+    ----------
+    restarts_leg : bool
+        Each item holds as soon as it arrives, and the leg to the present waypoint begins anew (ArduPilot).
+        Otherwise a mission holds as a whole, with its acknowledgement.
+    clamps_item : bool
+        Of a mission that is shorter than the number of the present item the last item is flown (PX4).
+        Otherwise the old leg is flown to its end, which ends the mission (ArduPilot).
+    obeys_mark : bool
+        The item with ``current`` = 1 is the present one from the acknowledgement on (PX4).
+    keeps_jumps : bool
+        How often a jump was taken is remembered over a change (ArduPilot).
+    clears_in_flight : bool
+        MISSION_CLEAR_ALL is accepted while the mission is flown, and ends it (PX4).
+    stays_after_last : bool
+        After the last item the vehicle stays in the mission mode; only MISSION_START goes on (ArduPilot).
+        Otherwise it holds.
+    forgets_speed_in : frozenset of Mode
+        Modes that begin at the vehicle's own speed (ArduPilot).
+    replays_speed : bool
+        A mission that is gone on with has the speed that its items before the present one set (PX4); a
+        single order has its own.
+    rewinds_survey : bool
+        A mission that was left while its camera was shooting is gone on with at the position before the one
+        it came from (PX4).
+    changed_texts : tuple of str
+        What is said when a leg begins anew; ``{}`` is the number of the item.
+    restart_failed_text, no_mission_text : str
+        What is said when the present item is gone, and when the mission was cleared; empty for nothing.
+    unknown_current_s : float
+        So long after a change MISSION_CURRENT names no item, 65535 (PX4).
+    stopped_state : bool
+        Outside its mode a mission is not started (2) and MISSION_CURRENT's mode unknown (0), as ArduPilot
+        says; otherwise it is paused (4) and suspended (2).
+    """
+
+    restarts_leg: bool = False
+    clamps_item: bool = True
+    obeys_mark: bool = True
+    keeps_jumps: bool = False
+    clears_in_flight: bool = True
+    stays_after_last: bool = False
+    forgets_speed_in: frozenset[Mode] = frozenset()
+    replays_speed: bool = False
+    rewinds_survey: bool = False
+    changed_texts: tuple[str, ...] = ()
+    restart_failed_text: str = ""
+    no_mission_text: str = ""
+    unknown_current_s: float = 0.0
+    stopped_state: bool = False

@@ -1,0 +1,17 @@
+"""How PX4 takes a mission that is changed while it flies.
+
+Sources: PX4 v1.17 ``mission_base.cpp``, ``mission.cpp``, ``mavlink_mission.cpp``, and what PX4 1.17 (SIH) was
+seen to do.
+"""
+
+from __future__ import annotations
+
+from sim_vehicle.autopilot.mission_habits import MissionHabits
+
+__all__ = ["HABITS"]
+
+HABITS = MissionHabits(
+    replays_speed=True,
+    no_mission_text="No valid mission available, loitering",
+    unknown_current_s=0.5,
+)

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.estimators.base import Step
-from sensors.estimators.epidemic.context import probabilities_of_field
 from sensors.estimators.epidemic.decision import (
     CLASS_VALUES,
     expected_loss,
@@ -18,15 +17,14 @@ from sensors.estimators.epidemic.decision import (
 )
 from sensors.estimators.epidemic.features import (
     N_FEATURES,
-    REACH,
     cells_in_reach,
     inner,
     local_features,
-    overall_features,
     padded_codes,
-    set_overall,
 )
+from sensors.estimators.epidemic.judge import FieldJudge
 from sensors.estimators.epidemic.network import Network
+from sensors.estimators.epidemic.rings import REACH
 from sensors.estimators.epidemic.training import WHOLE_FARM_CELLS, TrainingTask, classes_of, network_for
 
 _EXACT = 1e-3
@@ -107,7 +105,11 @@ class DiseaseBelief:
         values : float64[n]
             The readings; NaN where the disease was not sensed.
         """
-        if not self._host_count or (day == self._day and len(values) == self._seen):
+        if not self._host_count:
+            return
+        told = np.isfinite(values[self._seen :]) & self._hosts[tuple(cells[self._seen :].T)]
+        if day == self._day and not told.any():
+            self._seen = len(values)
             return
         x, y, probabilities = self._changed(day, cells, days, values)
         if self.whole:
@@ -186,8 +188,7 @@ class DiseaseBelief:
             self._x, self._y = x, y
             self._row = np.full(self._hosts.shape, -1, np.intp)
             self._row[x, y] = np.arange(len(x))
-            self._features = np.zeros((len(x), N_FEATURES), np.float32)
-            local_features(self._codes, x, y, self._features)
+            self._judge = FieldJudge(self._network, self._codes, x, y, self._seeds)
             return
         self._take((self._hosts,), self._prior[None, :].astype(np.float64))
 
@@ -204,13 +205,9 @@ class DiseaseBelief:
         kept = self._hosts[x, y]
         x, y = x[kept], y[kept]
         if self.whole:
-            rows = self._row[x, y]
-            part = self._features[rows]
-            local_features(self._codes, x, y, part)
-            self._features[rows] = part
-            set_overall(self._features, overall_features(self._codes, self._host_count, self._seeds))
+            self._judge.touch(self._row[x, y])
             x, y = self._x, self._y
-            around = probabilities_of_field(self._network, self._codes, x, y, self._features, self._seeds)
+            around = self._judge.probabilities()
         else:
             if not exact:
                 # How noisy the readings are has been learned anew, which concerns all cells that were read.

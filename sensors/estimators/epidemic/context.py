@@ -11,29 +11,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.estimators.epidemic.features import (
-    N_FEATURES,
-    REACH,
-    SEEN_INFECTED,
-    SEEN_REMOVED,
-    UNKNOWN,
-    around_cells,
-    ring_weights,
-)
-from sensors.estimators.epidemic.network import Network
+from sensors.estimators.epidemic.features import SEEN_INFECTED, SEEN_REMOVED, UNKNOWN
+from sensors.estimators.epidemic.rings import REACH, Rings
 
 Cells = NDArray[np.intp]
 Floats32 = NDArray[np.float32]
 
-_RING_ENDS = (1, 2, 4, 5, 8, 10, 18, 32, 64, 2 * REACH**2)  # squared distances
-_WEIGHTS = ring_weights(_RING_ENDS)
+_RINGS = Rings.that_end_at((1, 2, 4, 5, 8, 10, 18, 32, 64, 2 * REACH**2))
 _SICK = (SEEN_INFECTED, SEEN_REMOVED)
 _OWN_AND_OVERALL = 5
 _LEAST = 1e-5
 _LOG_SCALE = 1.0 / 3.0
-_CHUNK_CELLS = 1 << 13
 
-N_CONTEXT = len(_SICK) * len(_RING_ENDS) + _OWN_AND_OVERALL
+N_CONTEXT = len(_SICK) * len(_RINGS.scales) + _OWN_AND_OVERALL
 
 
 def context_features(
@@ -66,50 +56,17 @@ def context_features(
     -------
     float32[m, N_CONTEXT]
     """
-    rows = np.arange(len(x)) if rows is None else rows
-    out = np.empty((len(rows), N_CONTEXT), np.float32)
-    width = len(_RING_ENDS)
-    totals = []
-    for number, code in enumerate(_SICK):
-        expected = (codes == code).astype(np.float32)
-        unknown = codes[x + REACH, y + REACH] == UNKNOWN
-        expected[x[unknown] + REACH, y[unknown] + REACH] = probabilities[unknown, number + 1]
-        totals.append(float(expected.sum(dtype=np.float64)))
-        for start in range(0, len(rows), _CHUNK_CELLS):
-            part = rows[start : start + _CHUNK_CELLS]
-            rings = around_cells(expected, x[part], y[part]) @ _WEIGHTS
-            out[start : start + _CHUNK_CELLS, number * width : (number + 1) * width] = rings
+    expected = np.stack([codes == code for code in _SICK]).astype(np.float32)
+    unknown = codes[x + REACH, y + REACH] == UNKNOWN
+    expected[:, x[unknown] + REACH, y[unknown] + REACH] = probabilities[unknown, 1:].T
+    totals = expected.sum(axis=(1, 2), dtype=np.float64)
+    if rows is not None:
+        x, y, probabilities = x[rows], y[rows], probabilities[rows]
+    out = np.empty((len(x), N_CONTEXT), np.float32)
+    out[:, :-_OWN_AND_OVERALL] = _RINGS.sums(expected, x, y).T
     own = out[:, -_OWN_AND_OVERALL:]
-    own[:, :2] = _LOG_SCALE * np.log(probabilities[rows, 1:] + np.float32(_LEAST))
-    own[:, 2] = totals[0] / max(len(x), 1)
+    own[:, :2] = _LOG_SCALE * np.log(probabilities[:, 1:] + np.float32(_LEAST))
+    own[:, 2] = totals[0] / max(len(unknown), 1)
     own[:, 3] = totals[1] / max(seeds, 1)
     own[:, 4] = np.count_nonzero(codes == SEEN_REMOVED) / max(seeds, 1)
     return out
-
-
-def probabilities_of_field(
-    network: Network, codes: NDArray[np.uint8], x: Cells, y: Cells, features: Floats32, seeds: int
-) -> Floats32:
-    """Return the class probabilities of all cells that can carry the disease, after all further looks.
-
-    Parameters
-    ----------
-    network : Network
-        With its `further` networks.
-    codes, x, y, seeds
-        See `context_features`.
-    features : float32[n, N_FEATURES]
-        Of the cells.
-
-    Returns
-    -------
-    float32[n, 3]
-    """
-    found = network.probabilities(features)
-    if network.further:
-        both = np.empty((len(features), N_FEATURES + N_CONTEXT), np.float32)
-        both[:, :N_FEATURES] = features
-        for further in network.further:
-            both[:, N_FEATURES:] = context_features(codes, x, y, found, seeds)
-            found = further.probabilities(both)
-    return found

@@ -8,71 +8,21 @@ follow.
 
 from __future__ import annotations
 
-from typing import TypeVar
-
 import numpy as np
 from numpy.typing import NDArray
 
-_Value = TypeVar("_Value", bound=np.generic)
+from sensors.estimators.epidemic.rings import REACH, Rings
 
-REACH = 8
 UNKNOWN, SEEN_SUSCEPTIBLE, SEEN_INFECTED, SEEN_REMOVED, NO_HOST_CODE = range(5)
 """Codes of cells: not observed, three classes, and land without the crop (or beside the farm)."""
 
-_CODES = (SEEN_SUSCEPTIBLE, SEEN_INFECTED, SEEN_REMOVED, NO_HOST_CODE)
-_RING_ENDS = (1, 2, 4, 5, 8, 9, 10, 13, 18, 20, 26, 36, 50, 65, 90, 2 * REACH**2)  # squared distances
+RINGS = Rings.that_end_at((1, 2, 4, 5, 8, 9, 10, 13, 18, 20, 26, 36, 50, 65, 90, 2 * REACH**2))
 _OVERALL = 3
 _CHUNK_CELLS = 1 << 14
 _CLUSTER_LINK = 5
 
-N_FEATURES = len(_RING_ENDS) * len(_CODES) + _OVERALL
-
-
-def _neighbours() -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    axis = np.arange(-REACH, REACH + 1)
-    dx, dy = (grid.ravel() for grid in np.meshgrid(axis, axis, indexing="ij"))
-    near = (dx != 0) | (dy != 0)
-    return dx[near], dy[near]
-
-
-_DX, _DY = _neighbours()
-
-
-def ring_weights(ends: tuple[int, ...]) -> NDArray[np.float32]:
-    """Return what sums the cells of `around_cells` over rings that end at these squared distances.
-
-    Counts are scaled by the root of the ring's size, so that features have similar variances.
-
-    Returns
-    -------
-    float32[288, rings]
-    """
-    member = np.searchsorted(ends, _DX**2 + _DY**2)[:, None] == np.arange(len(ends))
-    weights: NDArray[np.float32] = (member / np.sqrt(member.sum(axis=0))).astype(np.float32)
-    return weights
-
-
-_RING_WEIGHTS = ring_weights(_RING_ENDS)
-
-
-def around_cells(padded: NDArray[_Value], x: NDArray[np.intp], y: NDArray[np.intp]) -> NDArray[_Value]:
-    """Return the cells at most `REACH` away from some cells along each axis, these themselves left out.
-
-    Parameters
-    ----------
-    padded : [W + 2 REACH, H + 2 REACH]
-        Any map of the farm with a margin.
-    x, y : intp[n]
-        Cells of the farm.
-
-    Returns
-    -------
-    array[n, 288]
-    """
-    stride = padded.shape[1]
-    centres = (x + REACH) * stride + (y + REACH)
-    around: NDArray[_Value] = padded.reshape(-1)[centres[:, None] + (_DX * stride + _DY)]
-    return around
+N_LOCAL = len(RINGS.scales) * NO_HOST_CODE
+N_FEATURES = N_LOCAL + _OVERALL
 
 
 def padded_codes(hosts: NDArray[np.bool_]) -> NDArray[np.uint8]:
@@ -111,13 +61,7 @@ def local_features(
     out : float32[n, N_FEATURES]
         The last columns, for `overall_features`, are left as they are.
     """
-    width = len(_RING_ENDS)
-    for start in range(0, len(x), _CHUNK_CELLS):
-        part = slice(start, start + _CHUNK_CELLS)
-        around = around_cells(codes, x[part], y[part])
-        for number, code in enumerate(_CODES):
-            seen = (around == code).astype(np.float32)
-            out[part, number * width : (number + 1) * width] = seen @ _RING_WEIGHTS
+    out[:, :N_LOCAL] = RINGS.counts(codes, NO_HOST_CODE, x, y).T
 
 
 def overall_features(codes: NDArray[np.uint8], hosts: int, seeds: int) -> tuple[float, ...]:
@@ -134,7 +78,7 @@ def overall_features(codes: NDArray[np.uint8], hosts: int, seeds: int) -> tuple[
     seeds : int
         Number of outbreaks that the model lets begin.
     """
-    counts = np.bincount(codes.ravel(), minlength=len(_CODES) + 1)
+    counts = np.bincount(codes.ravel(), minlength=NO_HOST_CODE + 1)
     sick = int(counts[SEEN_INFECTED] + counts[SEEN_REMOVED])
     observed = sick + int(counts[SEEN_SUSCEPTIBLE])
     outbreaks = 0

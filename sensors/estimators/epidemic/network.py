@@ -62,19 +62,30 @@ class Network:
             out[part] = self._forward(inputs[part])[-1]
         return out
 
+    def after_first(self, values: Floats32) -> Floats32:
+        """Return the probabilities that follow from the first layer's sums with its biases, [rows, classes].
+
+        The sums are changed in place.
+        """
+        return self._continue([values])[-1]
+
     def _forward(self, inputs: Floats32) -> list[Floats32]:
         """Return what goes into each layer, and the probabilities last."""
-        layers = [inputs]
-        for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True), start=1):
+        values = inputs @ self.weights[0]
+        values += self.biases[0]
+        return [inputs, *self._continue([values])]
+
+    def _continue(self, layers: list[Floats32]) -> list[Floats32]:
+        """Go on from the sums of the first layer, in place."""
+        for weight, bias in zip(self.weights[1:], self.biases[1:], strict=True):
+            np.maximum(layers[-1], 0.0, out=layers[-1])
             values = layers[-1] @ weight
             values += bias
-            if number < len(self.weights):
-                np.maximum(values, 0.0, out=values)
             layers.append(values)
         scores = layers[-1]
-        scores -= scores.max(axis=1, keepdims=True)
+        scores -= np.maximum.reduce(list(scores.T))[:, None]
         np.exp(scores, out=scores)
-        scores /= scores.sum(axis=1, keepdims=True)
+        scores /= (scores @ np.ones(scores.shape[1], scores.dtype))[:, None]
         return layers
 
     def _gradients(

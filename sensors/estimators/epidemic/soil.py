@@ -13,7 +13,7 @@ third of the length. This share was chosen on simulated fields, where it made th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -38,6 +38,8 @@ _FIRST_NOISE = 1e-4
 _LEAST_NOISE = 1e-7
 _NOISE_ROUNDS = 3
 _LEAST_FOR_NOISE = 30
+_NOISE_GROWTH = 1.2
+_MOST_AT_ONCE = 128
 _SMALLEST_VARIANCE = 1e-4
 
 
@@ -95,6 +97,7 @@ class SoilField:
         smooth, rough = (np.outer(axes[0].spectrum[i], axes[1].spectrum[i]).ravel() for i in range(2))
         self._spectrum = (1.0 - _ROUGH_PART) * smooth + _ROUGH_PART * rough
         self._sums: dict[int, _Sums] = {}
+        self._posterior: _Posterior | None = None
 
     def learn(
         self, x: NDArray[np.integer], y: NDArray[np.integer], days: NDArray[np.integer], values: Floats
@@ -103,9 +106,13 @@ class SoilField:
         for day in np.unique(days).tolist():
             now = np.flatnonzero(days == day)
             sums = self._sums.setdefault(day, _Sums(1 + self._functions_an_axis**2))
-            for start in range(0, len(now), _BATCH):
-                part = now[start : start + _BATCH]
-                sums.add(self._functions(x[part], y[part]), values[part] - self._prior(day).mean)
+            while len(now):
+                part, now = np.split(now, [min(_BATCH, sums.until_due)])
+                functions = self._functions(x[part], y[part])
+                readings = values[part] - self._prior(day).mean
+                sums.add(functions, readings)
+                if self._posterior is not None:
+                    self._posterior.learn(day, functions, readings)
 
     def fill(self, day: int, value: NDArray[np.float32], uncertainty: NDArray[np.float32]) -> float:
         """Write the posterior mean, within 0 .. 1, and standard deviation of a day into arrays [W, H].
@@ -116,19 +123,19 @@ class SoilField:
             The standard deviation of the noise: what a reading differs from the smooth field by.
         """
         prior = self._prior(day)
-        weights, covariance, noise = self._solve(day, prior)
+        posterior = self._posterior
+        if posterior is None or posterior.day != day or posterior.noise_from != self._noise_from(day):
+            posterior = self._posterior = self._solve(day, prior)
+        weights = posterior.weights
         table = (self._x.functions @ weights[1:].reshape(2 * (self._functions_an_axis,))).astype(np.float32)
         np.matmul(table, self._y.functions.T.astype(np.float32), out=value)
         value += np.float32(prior.mean + weights[0])
         np.clip(value, 0.0, 1.0, out=value)
-        nodes_x, nodes_y = self._x.nodes, self._y.nodes
-        columns, rows = (part.ravel() for part in np.meshgrid(nodes_x, nodes_y, indexing="ij"))
-        at_nodes = self._functions(columns, rows)
-        variance = np.einsum("ij,ij->i", at_nodes @ covariance, at_nodes).reshape(len(nodes_x), len(nodes_y))
-        deviation = np.sqrt(np.maximum(variance, 0.0) + noise)
+        shape = len(self._x.nodes), len(self._y.nodes)
+        deviation = np.sqrt(np.maximum(posterior.variance, 0.0) + posterior.noise).reshape(shape)
         between = (self._x.between @ deviation).astype(np.float32)
         np.matmul(between, self._y.between.T.astype(np.float32), out=uncertainty)
-        return float(np.sqrt(noise))
+        return float(np.sqrt(posterior.noise))
 
     def _prior(self, day: int) -> SoilPrior:
         return soil_prior(self._parameters, self._shape, day, self._seed)
@@ -138,29 +145,104 @@ class SoilField:
         products = self._x.functions[x][:, :, None] * self._y.functions[y][:, None, :]
         return np.concatenate([np.ones((len(x), 1)), products.reshape(len(x), -1)], axis=1)
 
-    def _solve(self, day: int, prior: SoilPrior) -> tuple[Floats, Floats, float]:
-        """Return mean and covariance of the functions' weights, and the variance of the noise of this day."""
-        before = np.concatenate([[prior.level], prior.shape * self._spectrum])
+    def _noise_from(self, day: int) -> int:
+        """Return from how many readings of a day its noise is estimated now; 0 if they are too few."""
+        return self._sums[day].due.count if day in self._sums else 0
+
+    def _solve(self, day: int, prior: SoilPrior) -> _Posterior:
+        """Estimate the noise of a day, and the functions' weights from all readings."""
+        noise = self._noise(day, prior)
+        precision, response = self._precision(day, prior, noise, {})
+        covariance = _inverse(precision)
+        columns, rows = (part.ravel() for part in np.meshgrid(self._x.nodes, self._y.nodes, indexing="ij"))
+        return _Posterior(
+            day,
+            noise,
+            self._noise_from(day),
+            covariance,
+            covariance @ response,
+            self._functions(columns, rows),
+        )
+
+    def _noise(self, day: int, prior: SoilPrior) -> float:
+        """Estimate the variance of the noise, from the readings up to the last count that was due."""
         noise = _FIRST_NOISE
-        rain = (self._parameters.mean_rain**2) * self._parameters.rain_probability
-        for _ in range(_NOISE_ROUNDS):
-            precision, response = np.diag(1.0 / before), np.zeros(len(before))
-            for seen, sums in sorted(self._sums.items()):
-                share = 1.0 / (noise + rain * abs(day - seen))
-                precision += share * sums.squares
-                response += share * sums.response
+        count = self._noise_from(day)
+        if not count:
+            return noise
+        today = self._sums[day].due
+        for _ in range(_NOISE_ROUNDS - 1):
+            precision, response = self._precision(day, prior, noise, {day: today})
             covariance = _inverse(precision)
             weights = covariance @ response
-            today = self._sums.get(day)
-            if today is None or today.count < _LEAST_FOR_NOISE:
-                break
-            fitted = np.sum(covariance * today.squares) / noise
-            if today.count - fitted < 0.1 * today.count:
+            fitted = float(np.vdot(covariance, today.squares)) / noise
+            if count - fitted < 0.1 * count:
                 break
             left = today.power - 2.0 * weights @ today.response + weights @ today.squares @ weights
             # MacKay's rule: the data that the functions did not use up tell the noise.
-            noise = max(_LEAST_NOISE, float(left) / (today.count - fitted))
-        return weights, covariance, noise
+            noise = max(_LEAST_NOISE, float(left / (count - fitted)))
+        return noise
+
+    def _precision(
+        self, day: int, prior: SoilPrior, noise: float, instead: dict[int, _Totals]
+    ) -> tuple[Floats, Floats]:
+        """Return the weights' precision matrix, and it times their mean, from the totals of all days."""
+        before = np.concatenate([[prior.level], prior.shape * self._spectrum])
+        rain = (self._parameters.mean_rain**2) * self._parameters.rain_probability
+        precision, response = np.diag(1.0 / before), np.zeros(len(before))
+        for seen, sums in sorted(self._sums.items()):
+            totals = instead.get(seen, sums.now)
+            share = 1.0 / (noise + rain * abs(day - seen))
+            precision += share * totals.squares
+            response += share * totals.response
+        return precision, response
+
+
+class _Posterior:
+    """Mean and covariance of the functions' weights on a day, for a noise that stays.
+
+    Parameters
+    ----------
+    day : int
+    noise : float
+        Variance of the noise.
+    noise_from : int
+        From how many readings it was estimated.
+    covariance : float64[functions, functions]
+    weights : float64[functions]
+        Their mean.
+    at_nodes : float64[nodes, functions]
+        The functions where the variance is asked for.
+
+    Attributes
+    ----------
+    variance : float64[nodes]
+    """
+
+    def __init__(
+        self, day: int, noise: float, noise_from: int, covariance: Floats, weights: Floats, at_nodes: Floats
+    ) -> None:
+        self.day = day
+        self.noise = noise
+        self.noise_from = noise_from
+        self.weights = weights
+        self._covariance = covariance
+        self._at_nodes = at_nodes
+        self.variance: Floats = np.einsum("ij,ij->i", at_nodes @ covariance, at_nodes)
+
+    def learn(self, day: int, functions: Floats, readings: Floats) -> None:
+        """Take further readings; those of another day, or very many, make this posterior out of date."""
+        if day != self.day or len(readings) > _MOST_AT_ONCE:
+            self.day = -1
+            return
+        # Woodbury's identity.
+        moved = self._covariance @ functions.T
+        within = functions @ moved
+        within[np.diag_indices_from(within)] += self.noise
+        gain = np.linalg.solve(within, moved.T)
+        self.weights = self.weights + gain.T @ (readings - functions @ self.weights)
+        self.variance -= np.einsum("ij,ji->i", self._at_nodes @ moved, gain @ self._at_nodes.T)
+        self._covariance -= moved @ gain
 
 
 def _inverse(positive: Floats) -> Floats:
@@ -172,25 +254,48 @@ def _inverse(positive: Floats) -> Floats:
         general: Floats = np.linalg.inv(positive).astype(np.float64)
         return general
     half, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
-    lower = np.tril(half)
-    inverse: Floats = lower + np.tril(half, -1).T
+    inverse: Floats = np.tril(half, -1)
+    inverse += inverse.T
+    inverse[np.diag_indices_from(inverse)] = half.diagonal()
     return inverse
 
 
-class _Sums:
+@dataclass(frozen=True, slots=True)
+class _Totals:
     """The sums of a linear regression."""
 
+    squares: Floats
+    response: Floats
+    power: float = 0.0
+    count: int = 0
+
+
+class _Sums:
+    """The sums of the readings of a day: all of them, and those at the last count at which its noise was due.
+
+    The noise is estimated from 30, 36, 43, 51, ... readings, whatever the parts in which they came.
+    """
+
     def __init__(self, functions: int) -> None:
-        self.squares = np.zeros((functions, functions))
-        self.response = np.zeros(functions)
-        self.power = 0.0
-        self.count = 0
+        self.now = _Totals(np.zeros((functions, functions)), np.zeros(functions))
+        self.due = _Totals(np.zeros((0, 0)), np.zeros(0))
+
+    @property
+    def until_due(self) -> int:
+        """How many readings may be added before the noise is due."""
+        following = max(_LEAST_FOR_NOISE, int(_NOISE_GROWTH * self.due.count))
+        return following - self.now.count
 
     def add(self, functions: Floats, values: Floats) -> None:
-        self.squares += functions.T @ functions
-        self.response += functions.T @ values
-        self.power += float(values @ values)
-        self.count += len(values)
+        """Add at most `until_due` readings."""
+        due = len(values) == self.until_due
+        self.now.squares.__iadd__(functions.T @ functions)
+        self.now.response.__iadd__(functions.T @ values)
+        self.now = replace(
+            self.now, power=self.now.power + float(values @ values), count=self.now.count + len(values)
+        )
+        if due:
+            self.due = replace(self.now, squares=self.now.squares.copy(), response=self.now.response.copy())
 
 
 class _Axis:

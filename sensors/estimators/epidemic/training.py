@@ -28,10 +28,9 @@ from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters
 from sensors.dynamics.outbreak import simulate_outbreak, value_table
 from sensors.errors import EstimatorError
 from sensors.estimators.base import Step, no_step
-from sensors.estimators.epidemic.context import N_CONTEXT, context_features, probabilities_of_field
+from sensors.estimators.epidemic.context import N_CONTEXT, context_features
 from sensors.estimators.epidemic.features import (
     N_FEATURES,
-    REACH,
     UNKNOWN,
     inner,
     local_features,
@@ -39,8 +38,10 @@ from sensors.estimators.epidemic.features import (
     padded_codes,
     set_overall,
 )
+from sensors.estimators.epidemic.judge import FieldJudge
 from sensors.estimators.epidemic.network import Network, train
 from sensors.estimators.epidemic.paths import random_path
+from sensors.estimators.epidemic.rings import REACH
 
 VERSION = 3
 """Part of the names of files; it has to grow with every change of the training."""
@@ -296,15 +297,15 @@ def _refine_samples(
     x, y = np.nonzero(hosts)
     row = np.zeros(hosts.shape, np.intp)
     row[x, y] = np.arange(len(x))
-    features = np.zeros((len(x), N_FEATURES), np.float32)
     samples = []
     for look in looks:
-        local_features(look.codes, x, y, features)
-        set_overall(features, overall_features(look.codes, len(x), seeds))
-        believed = probabilities_of_field(network, look.codes, x, y, features, seeds)
+        believed = FieldJudge(network, look.codes, x, y, seeds).probabilities()
         rows = row[look.chosen[:, 0], look.chosen[:, 1]]
+        features = np.zeros((len(rows), N_FEATURES), np.float32)
+        local_features(look.codes, x[rows], y[rows], features)
+        set_overall(features, overall_features(look.codes, len(x), seeds))
         context = context_features(look.codes, x, y, believed, seeds, rows)
-        samples.append(np.concatenate([features[rows], context], axis=1))
+        samples.append(np.concatenate([features, context], axis=1))
     classes = np.concatenate([look.classes for look in looks])
     return np.concatenate(samples), classes, _with_mean_one([look.weights for look in looks])
 

@@ -1,5 +1,7 @@
 """The estimator that knows the score and the diseases, and its parts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,8 +13,9 @@ from sensors.environment import CCR, TYLCV, SoilParameters, generate_environment
 from sensors.errors import EstimatorError
 from sensors.estimators import check_estimator, make_estimator
 from sensors.estimators.epidemic import belief as belief_module
+from sensors.estimators.epidemic import judge as judge_module
 from sensors.estimators.epidemic import training
-from sensors.estimators.epidemic.context import N_CONTEXT, context_features, probabilities_of_field
+from sensors.estimators.epidemic.context import N_CONTEXT, context_features
 from sensors.estimators.epidemic.decision import (
     CLASS_VALUES,
     expected_loss,
@@ -22,15 +25,16 @@ from sensors.estimators.epidemic.decision import (
 from sensors.estimators.epidemic.estimator import EpidemicEstimator
 from sensors.estimators.epidemic.features import (
     N_FEATURES,
-    REACH,
     cells_in_reach,
     inner,
     local_features,
     overall_features,
     padded_codes,
 )
+from sensors.estimators.epidemic.judge import FieldJudge
 from sensors.estimators.epidemic.network import Network, train
 from sensors.estimators.epidemic.paths import random_path
+from sensors.estimators.epidemic.rings import REACH, Rings
 from sensors.estimators.epidemic.soil import SoilField
 from sensors.estimators.epidemic.training import TrainingTask, classes_of, load_network, network_for
 from sensors.fields import PAPER_FIELDS
@@ -133,6 +137,50 @@ def test_features_do_not_change_when_the_field_is_turned_or_mirrored():
     for row, (turned, i, j) in enumerate(places):
         local_features(turned, np.array([i]), np.array([j]), seen[row : row + 1])
     assert np.allclose(seen, seen[0], atol=1e-6)
+
+
+@given(st.integers(0, 2**32), st.integers(1, 12), st.integers(1, 12))
+@settings(deadline=None, max_examples=25)
+def test_rings_sum_what_lies_at_their_distances(seed, width, height):
+    rng = np.random.default_rng(seed)
+    ends = (1, 2, 8, 20, 2 * REACH**2)
+    rings = Rings.that_end_at(ends)
+    planes = rng.integers(0, 5, (2, width + 2 * REACH, height + 2 * REACH)).astype(np.float32)
+    x, y = np.nonzero(rng.random((width, height)) < 0.6)
+    sums = rings.sums(planes, x, y)
+    counts = rings.counts(planes[0].astype(np.uint8), 3, x, y)
+    axis = np.arange(-REACH, REACH + 1)
+    squares = axis[:, None] ** 2 + axis**2
+    for n, (i, j) in enumerate(zip(x, y, strict=True)):
+        around = planes[:, i : i + 2 * REACH + 1, j : j + 2 * REACH + 1]
+        for ring, end in enumerate(ends):
+            within = (squares <= end) & (squares > (0, *ends)[ring])
+            root = np.sqrt(within.sum())
+            for plane in range(2):
+                assert sums[plane * 5 + ring, n] == pytest.approx(
+                    around[plane, within].sum() / root, abs=1e-3
+                )
+            for code in (1, 2, 3):
+                found = counts[(code - 1) * 5 + ring, n]
+                assert found == pytest.approx((around[0, within] == code).sum() / root, abs=1e-3)
+
+
+def test_only_what_was_touched_is_looked_at_anew():
+    hosts = np.random.default_rng(4).random((26, 30)) < 0.8
+    rng = np.random.default_rng(5)
+    network = Network.draw(training.LAYERS, rng)
+    network = replace(network, further=(Network.draw(training.FURTHER_LAYERS, rng),))
+    codes = padded_codes(hosts)
+    x, y = np.nonzero(hosts)
+    judge = FieldJudge(network, codes, x, y, 3)
+    row = np.full(hosts.shape, -1)
+    row[x, y] = np.arange(len(x))
+    for place, code in (((4, 5), 2), ((20, 7), 1), ((21, 8), 3)):
+        codes[place[0] + REACH, place[1] + REACH] = code
+        near = cells_in_reach(np.array([place[0]]), np.array([place[1]]), hosts.shape)
+        judge.touch(row[near][row[near] >= 0])
+    afresh = FieldJudge(network, codes, x, y, 3).probabilities()
+    np.testing.assert_allclose(judge.probabilities(), afresh, atol=1e-6)
 
 
 def test_only_cells_in_reach_change_their_features():
@@ -304,7 +352,7 @@ def test_a_second_look_judges_better(cache):
         known = {(int(i), int(j)): row for row, (i, j) in enumerate(zip(x, y, strict=True))}
         rows = [known[int(i), int(j)] for i, j in look.chosen]
         first = network.probabilities(features)
-        last = probabilities_of_field(network, look.codes, x, y, features, 3)
+        last = FieldJudge(network, look.codes, x, y, 3).probabilities()
         for k, found in enumerate((first, last)):
             losses[k] -= np.log(found[rows, look.classes] + 1e-6).sum()
     assert losses[1] < losses[0]
@@ -521,7 +569,7 @@ def test_whole_and_large_farms_agree_away_from_what_only_small_ones_use(cache, m
     seen = rows_over(truth)
     reference = EpidemicEstimator(**SMALL, cache=cache).fit(grid, seen)
     monkeypatch.setattr(belief_module, "WHOLE_FARM_CELLS", 50)
-    monkeypatch.setattr(belief_module, "set_overall", lambda features, overall: None)
+    monkeypatch.setattr(judge_module, "overall_features", lambda codes, hosts, seeds: (0.0, 0.0, 0.0))
     monkeypatch.setattr(belief_module, "network_for", lambda task, hosts, folder: network)
     network = Network.draw(training.LAYERS, np.random.default_rng(0))
     large = EpidemicEstimator().fit(grid)
@@ -663,3 +711,24 @@ def test_what_was_kept_is_no_training(name, module, quick, tmp_path, monkeypatch
     assert first[0][1] == 0
     assert first[-1][1] == first[-1][2]
     assert told_by_a_new_process() == []
+
+
+def test_the_soil_is_the_same_in_whatever_parts_it_is_learned():
+    """Readings one by one change the posterior; all at once, it is solved from their sums."""
+    truth = soil_of(5)
+    rng = np.random.default_rng(6)
+    x, y = rng.integers(0, 30, (2, 140))
+    days = np.where(np.arange(140) < 20, 5, 6)
+    results = []
+    for size in (1, 7, 140):
+        field = SoilField((30, 30), SoilParameters(), 0)
+        value, uncertainty = np.empty((2, 30, 30), np.float32)
+        for start in range(0, 140, size):
+            part = slice(start, start + size)
+            field.learn(x[part], y[part], days[part], truth[x[part], y[part]].astype(float))
+            noise = field.fill(int(days[part][-1]), value, uncertainty)
+        results.append((value, uncertainty, noise))
+    for value, uncertainty, noise in results[:2]:
+        np.testing.assert_allclose(value, results[2][0], atol=1e-4)
+        np.testing.assert_allclose(uncertainty, results[2][1], atol=1e-4)
+        assert noise == pytest.approx(results[2][2], rel=1e-6)

@@ -327,11 +327,11 @@ def _frame(document: dict[str, Any], patches: list[_Feature]) -> tuple[LocalFram
             msg = f'{patches[0].where}: lies more than {2 * MAX_SPAN_M / 1000:g} km from the farm\'s "origin"'
             raise FarmError(msg)
         return frame, True
-    places = np.concatenate([patch.rings[0] for patch in patches])
-    frame = LocalFrame(float(places[0, 1]), float(places[0, 0]), altitude_m, rotation_deg)
+    points = np.concatenate([patch.rings[0] for patch in patches])
+    frame = LocalFrame(float(points[0, 1]), float(points[0, 0]), altitude_m, rotation_deg)
     # North turns with the origin (meridian convergence), so the corner is sought again from each better one.
     for _ in range(4):
-        x_m, y_m = frame.from_wgs84(places[:, 1].copy(), places[:, 0].copy())
+        x_m, y_m = frame.from_wgs84(points[:, 1].copy(), points[:, 0].copy())
         latitude_deg, longitude_deg = frame.to_wgs84(float(x_m.min()), float(y_m.min()))
         frame = LocalFrame(latitude_deg, longitude_deg, altitude_m, rotation_deg)
     return frame, False

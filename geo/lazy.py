@@ -36,7 +36,7 @@ def attach(
     homes = {name: module for module, names in modules.items() for name in names}
     public = sorted(homes)
 
-    def __getattr__(name: str) -> object:  # noqa: N807 (takes its place in the package)
+    def __getattr__(name: str) -> object:  # noqa: N807 (is put into the package)
         if name not in homes:
             msg = f"module {package!r} has no attribute {name!r}"
             raise AttributeError(msg, name=name, obj=sys.modules[package])

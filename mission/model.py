@@ -175,7 +175,7 @@ class MissionItem:
             elif not math.isfinite(value) or abs(value) > FLOAT32_MAX:
                 msg = f"mission item (command {self.command}): {name} {value} does not fit a 32-bit float"
                 raise MissionError(msg)
-        if self.has_place:
+        if self.has_position:
             check_place(self.x, self.y, self.z, f"mission item (command {self.command})")
             object.__setattr__(self, "x", round(self.x * DEGREES_E7) / DEGREES_E7)
             object.__setattr__(self, "y", round(self.y * DEGREES_E7) / DEGREES_E7)
@@ -187,7 +187,7 @@ class MissionItem:
                 raise MissionError(msg)
 
     @property
-    def has_place(self) -> bool:
+    def has_position(self) -> bool:
         """Whether x, y, z are a latitude, a longitude and an altitude."""
         return self.frame in GLOBAL_FRAMES and has_position(self.command)
 
@@ -223,17 +223,17 @@ class MissionItem:
         >>> MissionItem(Command.DO_CHANGE_SPEED, frame=3, param2=5.0).in_standard_frame().frame
         2
         """
-        if self.frame not in GLOBAL_FRAMES or self.has_place or self.command in _ALTITUDE_COMMANDS:
+        if self.frame not in GLOBAL_FRAMES or self.has_position or self.command in _ALTITUDE_COMMANDS:
             return self
         return replace(self, frame=Frame.MISSION)
 
     def wire_x(self) -> int:
         """``x`` as MISSION_ITEM_INT carries it: degE7 for a position, otherwise the parameter itself."""
-        return round(self.x * DEGREES_E7) if self.has_place else int(self.x)
+        return round(self.x * DEGREES_E7) if self.has_position else int(self.x)
 
     def wire_y(self) -> int:
         """``y`` as MISSION_ITEM_INT carries it: degE7 for a position, otherwise the parameter itself."""
-        return round(self.y * DEGREES_E7) if self.has_place else int(self.y)
+        return round(self.y * DEGREES_E7) if self.has_position else int(self.y)
 
 
 @dataclass(frozen=True, slots=True)

@@ -110,7 +110,7 @@ def field_from_table(table: Mapping[str, Any], where: str) -> Field:
         which a disease needs ``likelihood`` and ``duration_days``) or
         `sensors.dynamics.soil.SoilParameters`.
     where : str
-        File and place, which begin the text of an error.
+        File and position in it, which begin the text of an error.
 
     Raises
     ------

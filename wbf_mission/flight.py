@@ -350,8 +350,8 @@ class _Run:
 
 def _expected_observations(camera: CameraOptions, planned: PlanResult) -> float:
     if planned.vehicle.is_ideal:
-        pictures = planned.prediction.duration_s / planned.vehicle.step_s
+        images = planned.prediction.duration_s / planned.vehicle.step_s
     else:
         spacing_m = camera.spacing_m or planned.farm.cell_size_m * camera.footprint
-        pictures = planned.prediction.path_length_m / spacing_m
-    return pictures * camera.footprint**2
+        images = planned.prediction.path_length_m / spacing_m
+    return images * camera.footprint**2

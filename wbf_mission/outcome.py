@@ -17,7 +17,7 @@ class Phase(Enum):
     ARM = "arming"
     START = "starting the mission"
     FLIGHT = "flying"
-    FETCH = "fetching lost pictures"
+    FETCH = "fetching lost images"
     DONE = "done"
 
 

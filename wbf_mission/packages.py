@@ -21,16 +21,16 @@ def require_packages() -> None:
             spec = importlib.util.find_spec(name)
         except ValueError:  # a module of that name that was made by hand
             spec = None
-        place = None if spec is None else _place(spec)
-        if place is None or place != _HERE / name:
-            found = "is not there" if place is None else f"is hidden by {place}"
+        location = None if spec is None else _location(spec)
+        if location is None or location != _HERE / name:
+            found = "is not there" if location is None else f"is hidden by {location}"
             msg = f"wbf_mission: its package {name!r} {found}; rename that, or run from another folder"
             # With this name, ``python -m wbf_mission`` says it in one line.
-            raise ImportError(msg, name="wbf_mission", path=str(place))
+            raise ImportError(msg, name="wbf_mission", path=str(location))
 
 
-def _place(spec: ModuleSpec) -> Path | None:
-    places = list(spec.submodule_search_locations or ())
-    if not places:
+def _location(spec: ModuleSpec) -> Path | None:
+    locations = list(spec.submodule_search_locations or ())
+    if not locations:
         return None if spec.origin is None else Path(spec.origin).resolve()
-    return Path(places[0]).resolve()
+    return Path(locations[0]).resolve()

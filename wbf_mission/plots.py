@@ -334,12 +334,12 @@ def _mark_finds(axes: Axes, of: FieldMap) -> None:
     finds = of.finds
     if of.field.kind != "disease" or not len(finds):
         return
-    places = (finds + 0.5) * of.grid.cell_size_m
+    positions = (finds + 0.5) * of.grid.cell_size_m
     size = float(np.clip(6000.0 / len(finds), 6.0, 60.0))
     plants = "plant" if len(finds) == 1 else "plants"
     axes.scatter(
-        places[:, 0],
-        places[:, 1],
+        positions[:, 0],
+        positions[:, 1],
         s=size,
         facecolors="none",
         edgecolors=FINDS,

@@ -36,11 +36,11 @@ class RunRecord:
     track : Track
         What was flown, as the vehicle believed.
     true_track : Track or None
-        What was flown; None when the vehicle made no errors about its place.
+        What was flown; None when the vehicle made no errors about its position.
     observations : Observations
         What arrived from the camera.
     camera : AssemblerStatistics
-        Pictures received, lost, fetched again.
+        Images received, lost, fetched again.
     transfers : list
         Statistics of the mission transfers.
     truth, model : float32[n, W, H] and InformationModel, or None

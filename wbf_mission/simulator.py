@@ -58,8 +58,8 @@ class Simulated:
         return [*self.vehicles, *self.cameras]
 
     @property
-    def pictures(self) -> int:
-        """How many pictures were taken."""
+    def images(self) -> int:
+        """How many images were taken."""
         return sum(camera.image_count for camera in self.cameras)
 
 
@@ -69,12 +69,12 @@ def parse_home(text: str) -> tuple[GeoPoint, float]:
     Returns
     -------
     tuple of GeoPoint and float
-        The place and the compass heading in degrees.
+        The position and the compass heading in degrees.
 
     Raises
     ------
     ScenarioError
-        If it is not two to four numbers, or no place on the globe.
+        If it is not two to four numbers, or no position on the globe.
 
     Examples
     --------

@@ -140,7 +140,7 @@ def make_item(
         item = MissionItem(command, frame, *parameters, x, y, z, autocontinue)
     except MissionError as error:
         raise MissionFileError(f"{where}: {error}; correct the value") from None
-    if item.has_place and None in place:
+    if item.has_position and None in place:
         missing = ("latitude", "longitude", "altitude")[place.index(None)]
         msg = f"{where}: {missing} of command {command} is missing (null or NaN); give a number"
         raise MissionFileError(msg)
@@ -184,7 +184,7 @@ def home_for_file(mission: Mission) -> GeoPoint:
     """
     if mission.home is not None:
         return mission.home
-    first = next((item for item in mission.items if item.has_place), None)
+    first = next((item for item in mission.items if item.has_position), None)
     return GeoPoint(0.0, 0.0) if first is None else GeoPoint(first.x, first.y)
 
 

@@ -258,7 +258,7 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
     """
     check_jumps(mission)
     home = home_for_file(mission)
-    modes = {_ALTITUDE_MODES.get(Frame(item.frame), _MIXED) for item in mission.items if item.has_place}
+    modes = {_ALTITUDE_MODES.get(Frame(item.frame), _MIXED) for item in mission.items if item.has_position}
     plan = {
         "fileType": "Plan",
         "geoFence": fences.geo_fence(mission.fence),
@@ -299,7 +299,7 @@ def _simple(index: int, item: MissionItem, firmware: Firmware) -> dict[str, Any]
         "params": [*parameters, float(item.x), float(item.y), float(item.z)],
         "type": "SimpleItem",
     }
-    if item.has_place:
+    if item.has_position:
         # All three or none: QGroundControl refuses an item with only some of them.
         simple |= {
             "AMSLAltAboveTerrain": None,

@@ -33,7 +33,7 @@ def _path(mission: Mission) -> list[tuple[int, MissionItem]]:
         (index, item)
         for index, item in enumerate(mission.items)
         # Some autopilots take 0, 0 as "here".
-        if item.has_place and item.command not in _NOT_FLOWN and (item.x, item.y) != (0.0, 0.0)
+        if item.has_position and item.command not in _NOT_FLOWN and (item.x, item.y) != (0.0, 0.0)
     ]
 
 
@@ -110,7 +110,7 @@ def geojson_dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> st
     for kind, ring in _polygons(mission):
         add("Polygon", [ring], role="fence", kind=kind)
     for index, item in enumerate(mission.rally):
-        if item.has_place:
+        if item.has_position:
             add_point("rally", index, item)
     collection = {"type": "FeatureCollection", "features": features}
     return msgspec.json.format(msgspec.json.encode(collection), indent=1).decode() + "\n"

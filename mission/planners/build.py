@@ -22,7 +22,7 @@ _THROTTLE_UNCHANGED = -1.0
 
 @dataclass(frozen=True, slots=True)
 class WingPattern:
-    """How an aeroplane takes off and lands.
+    """How a fixed wing takes off and lands.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def build_mission(
     return_home : bool
         End with a return to launch.
     pattern : WingPattern, optional
-        For an aeroplane.
+        For a fixed wing.
 
     Returns
     -------
@@ -155,7 +155,7 @@ def build_mission(
 def _pattern_items(
     pattern: WingPattern, frame: LocalFrame, home_xy_m: tuple[float, float], altitude_m: float
 ) -> tuple[MissionItem, tuple[MissionItem, ...]]:
-    """Return the take-off and the landing of an aeroplane."""
+    """Return the take-off and the landing of a fixed wing."""
     # The compass heading in the farm frame, whose x-axis may be turned from east.
     angle = 0.5 * math.pi - pattern.heading_rad - math.radians(frame.rotation_deg)
     ahead = (math.cos(angle), math.sin(angle))

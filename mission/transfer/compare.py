@@ -45,16 +45,16 @@ class Difference:
 def _equal(name: str, one: MissionItem, other: MissionItem, profile: Profile) -> bool:
     sent: float | None = getattr(one, name)
     received: float | None = getattr(other, name)
-    if name == "frame" and not profile.keeps_frame and not one.has_place:
+    if name == "frame" and not profile.keeps_frame and not one.has_position:
         return True
     if sent is None or received is None:
         return sent is received or (sent is None and received == 0.0 and not profile.keeps_default)
     difference = abs(float(sent) - float(received))
     if name in ("command", "frame", "autocontinue"):
         return difference == 0.0
-    if one.has_place and name in ("x", "y"):
+    if one.has_position and name in ("x", "y"):
         return difference <= _PLACE_DEG
-    if one.has_place and name == "z":
+    if one.has_position and name == "z":
         return difference <= max(_ALTITUDE_M, _RELATIVE * abs(sent))
     if difference <= _RELATIVE * max(1.0, abs(sent)):
         return True

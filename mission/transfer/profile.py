@@ -297,5 +297,5 @@ def from_wire_order(
     """Undo `to_wire_order`: return the items and the home position, if there was one in front."""
     if not profile.home_at_zero or mission_type != MissionType.MISSION or not items:
         return items, None
-    home = GeoPoint(items[0].x, items[0].y, items[0].z) if items[0].has_place else None
+    home = GeoPoint(items[0].x, items[0].y, items[0].z) if items[0].has_position else None
     return tuple(_shift_jump(item, -1) for item in items[1:]), home

@@ -125,7 +125,7 @@ def as_stored(item: MissionItem, profile: Profile) -> MissionItem:
         value = getattr(item, name)
         if (name in lost and value != 0.0) or (value is None and not profile.keeps_default):
             changes[name] = 0.0
-    if not item.has_place:
+    if not item.has_position:
         if not profile.keeps_frame and item.frame != Frame.GLOBAL:
             changes["frame"] = Frame.GLOBAL
         changes |= {name: 0.0 for name in ("x", "y", "z") if name in lost and getattr(item, name) != 0.0}

@@ -207,27 +207,27 @@ def generate_ensemble(
     if jobs < 1:
         raise EnvironmentDataError(f"ensemble: {jobs} jobs are less than 1")
     root = root_seed(seed)
-    place = Path(folder).resolve()
+    target = Path(folder).resolve()
     kept = kept_days(days, keep_days)
     jobs = min(jobs, members)
-    plan = _Plan(grid, place, kept, root, fields, farm_name, threads=1 if jobs > 1 else None)
+    plan = _Plan(grid, target, kept, root, fields, farm_name, threads=1 if jobs > 1 else None)
     header = _header(plan, members)
-    if place.exists() and any(place.iterdir() if place.is_dir() else [place]):
-        older = _read_header(place)
+    if target.exists() and any(target.iterdir() if target.is_dir() else [target]):
+        older = _read_header(target)
         if msgspec.structs.replace(older, members=members) != header:
-            msg = f"{place}: this folder holds another ensemble; give another one"
+            msg = f"{target}: this folder holds another ensemble; give another one"
             raise EnvironmentDataError(msg)
         header = msgspec.structs.replace(header, members=max(members, older.members))
     _check_resources(plan, members, jobs)
     try:
-        place.mkdir(parents=True, exist_ok=True)
-        with atomic_write(place / HEADER, "wb") as file:
+        target.mkdir(parents=True, exist_ok=True)
+        with atomic_write(target / HEADER, "wb") as file:
             file.write(msgspec.json.format(msgspec.json.encode(header), indent=2) + b"\n")
     except OSError as error:
-        raise EnvironmentDataError(f"{place}: cannot be written: {error.strerror or error}") from error
+        raise EnvironmentDataError(f"{target}: cannot be written: {error.strerror or error}") from error
     tell = progress or (lambda _done, _total: None)
     made = _alone(plan, members, tell) if jobs == 1 else _together(plan, members, jobs, tell)
-    return Ensemble(place, header, tuple(made), tuple(sorted(set(range(members)) - set(made))))
+    return Ensemble(target, header, tuple(made), tuple(sorted(set(range(members)) - set(made))))
 
 
 def _alone(plan: _Plan, members: int, tell: Progress) -> list[int]:
@@ -350,6 +350,6 @@ def _check_resources(plan: _Plan, members: int, jobs: int) -> None:
     if needed > free:
         msg = (
             f"{plan.folder}: {missing} members of {len(plan.days)} days need about {human_bytes(needed)} "
-            f"of disk, {human_bytes(free)} are free; keep fewer days or members, or choose another place"
+            f"of disk, {human_bytes(free)} are free; keep fewer days or members, or choose another folder"
         )
         raise EnvironmentDataError(msg)

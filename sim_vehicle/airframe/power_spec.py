@@ -142,7 +142,7 @@ class PowerSpec:
 
 @dataclass(frozen=True, slots=True)
 class FixedWingPowerSpec:
-    """Parameters of the power model of a fixed wing (see `sim_vehicle.energy.power.wing_power`).
+    """Parameters of the power model of a fixed wing (see `sim_vehicle.energy.power.fixed_wing_power`).
 
     Parameters
     ----------

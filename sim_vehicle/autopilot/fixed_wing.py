@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from sim_vehicle.airframe.parameters import ParameterSpec
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.fixed_wing.model import WingLimits
+    from sim_vehicle.motion.fixed_wing.model import FixedWingLimits
     from sim_vehicle.motion.legs import Heading, Position
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.weather.wind import Wind
@@ -51,7 +51,7 @@ class FixedWingProcedures(ABC):
     """Whether the hold time of a waypoint counts."""
 
     @abstractmethod
-    def limits(self, spec: VehicleSpec) -> WingLimits:
+    def limits(self, spec: VehicleSpec) -> FixedWingLimits:
         """Limits of a vehicle's flight."""
 
     @abstractmethod

@@ -14,7 +14,7 @@ give more thrust by turning faster, hence the power 1.5 of the profile power. Mo
 for a disc that sinks into its own wake; of the power that sinking and braking give back (Vn < 0), `REGAINED`
 is counted, which is what Leishman's measured curve for the vortex ring state (eq. 2.96) gives near hover.
 
-**Fixed wings** (`wing_power`). Drag from the parabolic polar, with n the load factor of a turn (Anderson,
+**Fixed wings** (`fixed_wing_power`). Drag from the parabolic polar, n the load factor of a turn (Anderson,
 *Aircraft Performance and Design*, 1999, ch. 5)::
 
     D = q S (CD0 + CL^2 / (pi e AR))     CL = n W / (q S)     q = rho V^2 / 2
@@ -151,7 +151,7 @@ def multirotor_power(
     return float(total * (1.0 + power[BATTERY_LOSS] * total))
 
 
-def wing_power(power: NDArray[np.float64], airspeed: float, climb: float, load: float) -> float:
+def fixed_wing_power(power: NDArray[np.float64], airspeed: float, climb: float, load: float) -> float:
     """Return the power of a fixed wing, watts from the cells of its battery.
 
     Parameters
@@ -229,5 +229,5 @@ def flight_power_w(
         return multirotor_power(numbers, airspeed_m_s, 0.0, climb_m_s, acceleration_m_s2, 0.0, up)
     if isinstance(power, FixedWingPowerSpec):
         energy_climb = climb_m_s + airspeed_m_s * acceleration_m_s2 / GRAVITY_M_S2
-        return wing_power(numbers, airspeed_m_s, energy_climb, load_factor)
+        return fixed_wing_power(numbers, airspeed_m_s, energy_climb, load_factor)
     return rover_power(numbers, airspeed_m_s, airspeed_m_s, acceleration_m_s2)

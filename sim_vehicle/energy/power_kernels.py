@@ -5,8 +5,8 @@ from __future__ import annotations
 from geo.compiled import compiled
 from sim_vehicle.energy import power
 
-__all__ = ["multirotor_power", "rover_power", "wing_power"]
+__all__ = ["fixed_wing_power", "multirotor_power", "rover_power"]
 
 multirotor_power = compiled(power.multirotor_power)
-wing_power = compiled(power.wing_power)
+fixed_wing_power = compiled(power.fixed_wing_power)
 rover_power = compiled(power.rover_power)

@@ -84,7 +84,7 @@ def number(value: float | None, default: float = 0.0) -> float:
 def item_positions(items: Sequence[MissionItem], frame: LocalFrame) -> list[Position]:
     """Return east, north, up about home of each item; NaN where it has no position of its own."""
     positions = np.full((len(items), 3), np.nan)
-    index = [i for i, item in enumerate(items) if item.has_place]
+    index = [i for i, item in enumerate(items) if item.has_position]
     if index:
         latitude = np.array([items[i].x for i in index])
         longitude = np.array([items[i].y for i in index])

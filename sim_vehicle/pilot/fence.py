@@ -101,7 +101,7 @@ class Fence:
         point: tuple[float, float, float] | None = None
         vertices: list[tuple[float, float]] = []
         for item in items:
-            if not item.has_place:
+            if not item.has_position:
                 continue
             x, y = frame.from_wgs84(item.x, item.y)
             first = item.param1 or 0.0

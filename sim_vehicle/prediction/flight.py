@@ -233,7 +233,7 @@ def home_frame(mission: Mission) -> LocalFrame:
     if mission.home is not None:
         return LocalFrame(mission.home.latitude_deg, mission.home.longitude_deg, mission.home.altitude_m)
     for item in mission.items:
-        if item.has_place and (item.x, item.y) != (0.0, 0.0):
+        if item.has_position and (item.x, item.y) != (0.0, 0.0):
             return LocalFrame(item.x, item.y)
     msg = "the mission has no home and no position: where does it begin?"
     raise VehicleError(msg)

@@ -83,7 +83,7 @@ def test_nan_is_none():
 
 def test_parameters_five_and_six_are_no_degrees():
     item = MissionItem(Command.DO_JUMP, Frame.MISSION, 1.0, 2.0, x=123.7, y=-5.0)
-    assert not item.has_place
+    assert not item.has_position
     assert (item.wire_x(), item.wire_y()) == (123, -5)
 
 

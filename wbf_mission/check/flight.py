@@ -73,7 +73,7 @@ def takeoff_land(peer: Peer) -> str:
 
 @check("fly.mission", "it flies a mission, reports each item reached, returns and disarms", flies=True)
 def mission(peer: Peer) -> str:
-    """Take-off, three places, return."""
+    """Take-off, three waypoints, return."""
     home = peer.home
     items = (
         MissionItem(Command.NAV_TAKEOFF, 3, x=home.latitude_deg, y=home.longitude_deg, z=_ALTITUDE_M),

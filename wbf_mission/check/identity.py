@@ -123,13 +123,13 @@ def _streamed(peer: Peer, kind: type[Message], name: str, interval_us: float = 5
     return f"{len(found)} in 3 s{asked}"
 
 
-@check("telemetry.position", "GLOBAL_POSITION_INT comes, with a place on the globe")
+@check("telemetry.position", "GLOBAL_POSITION_INT comes, with a position on the globe")
 def position(peer: Peer) -> str:
     """Look at the position."""
     note = _streamed(peer, m.MAVLink_global_position_int_message, "GLOBAL_POSITION_INT")
     message = peer.expect(m.MAVLink_global_position_int_message, 3.0)
     if message is not None and (abs(message.lat) > 900_000_000 or abs(message.lon) > 1_800_000_000):
-        raise FailedError(f"latitude {message.lat}, longitude {message.lon} are no place")
+        raise FailedError(f"latitude {message.lat}, longitude {message.lon} are no position")
     return note
 
 

@@ -283,7 +283,7 @@ def unknown_frame(peer: Peer) -> str:
 
 @check("transfer.bad-latitude", "a latitude of 95 degrees is refused", required=False)
 def bad_latitude(peer: Peer) -> str:
-    """Send a place that is none."""
+    """Send a position that is none."""
     sender = Sender(peer, peer.items(3))
     wrong = sender.message(1)
     wrong.x = 950_000_000
@@ -295,11 +295,11 @@ def nan(peer: Peer) -> str:
     """Send it by hand, read it back."""
     sender = Sender(peer, peer.items(4))
     sender.begin()
-    place = 2 if peer.profile.home_at_zero else 1
-    for number in range(place):
+    index = 2 if peer.profile.home_at_zero else 1
+    for number in range(index):
         sender.send(number)
         peer.expect(_REQUESTS, _RE_REQUEST_S, lambda a, number=number: a.seq == number + 1)  # type: ignore[misc]
-    item = sender.message(place)
+    item = sender.message(index)
     item.param4 = float("nan")
     peer.send(item)
     answer = peer.expect(_ANSWERS, _RE_REQUEST_S)

@@ -229,14 +229,14 @@ class Peer:
         return f" ({self.texts[-1]!r})" if self.texts else ""
 
     def items(self, number: int) -> tuple[MissionItem, ...]:
-        """Return a harmless mission: a take-off, places within 100 m of home, a return."""
+        """Return a harmless mission: a take-off, waypoints within 100 m of home, a return."""
         home = self.home
         takeoff = MissionItem(
             Command.NAV_TAKEOFF, 3, param1=0.0, x=home.latitude_deg, y=home.longitude_deg, z=10.0
         )
         if number == 1:
             return (MissionItem.waypoint(home.latitude_deg, home.longitude_deg, 10.0),)
-        places = [
+        waypoints = [
             MissionItem.waypoint(
                 home.latitude_deg + 5e-4 * math.sin(0.7 * k),
                 home.longitude_deg + 5e-4 * math.cos(0.7 * k),
@@ -244,7 +244,7 @@ class Peer:
             )
             for k in range(number - 2)
         ]
-        return (takeoff, *places, MissionItem(Command.NAV_RETURN_TO_LAUNCH))
+        return (takeoff, *waypoints, MissionItem(Command.NAV_RETURN_TO_LAUNCH))
 
     def upload(self, items: Iterable[MissionItem], kind: MissionType = MissionType.MISSION) -> None:
         """Send a plan, read it back and compare; RemoteTransferError if that fails."""

@@ -199,11 +199,11 @@ def _find_home(peer: Peer) -> None:
         if message is None:
             continue
         if is_a(message, m.MAVLink_home_position_message):
-            place = (message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1e3)
+            position = (message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1e3)
         else:
-            place = (message.lat / 1e7, message.lon / 1e7, message.alt / 1e3)
-        if abs(place[0]) < 89.0 and abs(place[1]) < 179.0 and any(place[:2]):
-            peer.home = GeoPoint(*place)
+            position = (message.lat / 1e7, message.lon / 1e7, message.alt / 1e3)
+        if abs(position[0]) < 89.0 and abs(position[1]) < 179.0 and any(position[:2]):
+            peer.home = GeoPoint(*position)
             return
 
 

@@ -27,7 +27,8 @@ def one_item(peer: Peer) -> str:
 
 
 @check(
-    "mission.ten-items", "a mission of 10 items (take-off, places, return) goes up, comes down and is equal"
+    "mission.ten-items",
+    "a mission of 10 items (take-off, waypoints, return) goes up and comes down equal",
 )
 def ten_items(peer: Peer) -> str:
     """A usual one."""
@@ -152,9 +153,9 @@ def fence(peer: Peer) -> None:
 def rally(peer: Peer) -> None:
     """Two of them."""
     _needs(peer, _RALLY_BIT, "rally points")
-    places = [_corner(peer, 0.3, 0.3), _corner(peer, -0.3, 0.2)]
+    corners = [_corner(peer, 0.3, 0.3), _corner(peer, -0.3, 0.2)]
     items = [
-        MissionItem(Command.NAV_RALLY_POINT, Frame.GLOBAL_RELATIVE_ALT, x=x, y=y, z=20.0) for x, y in places
+        MissionItem(Command.NAV_RALLY_POINT, Frame.GLOBAL_RELATIVE_ALT, x=x, y=y, z=20.0) for x, y in corners
     ]
     peer.upload(items, MissionType.RALLY)
     peer.driver.clear([MissionType.RALLY])

@@ -55,13 +55,13 @@ def list_command(json: options.Json = False, quiet: options.Quiet = False) -> No
 
 @app.command("show", cls=HelpCommand, epilog="Example\n\nwbf-mission farm show waterberry")
 def show_command(farm: FarmArgument, json: options.Json = False, quiet: options.Quiet = False) -> None:
-    """Show a farm's size, place, patches and crops."""
+    """Show a farm's size, position, patches and crops."""
     import numpy as np
 
     from geo import Crop, get_farm
 
-    place = get_farm(farm)
-    grid = place.grid()
+    shown = get_farm(farm)
+    grid = shown.grid()
     counts = {
         crop.name.lower(): {
             "cells": int(np.count_nonzero(grid.crop == crop)),
@@ -69,20 +69,20 @@ def show_command(farm: FarmArgument, json: options.Json = False, quiet: options.
         }
         for crop in Crop
     }
-    area = place.owner_area
+    area = shown.owner_area
     values = {
-        "name": place.name,
-        "width_cells": place.width_cells,
-        "height_cells": place.height_cells,
-        "cell_size_m": place.cell_size_m,
-        "latitude_deg": place.frame.latitude_deg,
-        "longitude_deg": place.frame.longitude_deg,
-        "altitude_m": place.frame.altitude_m,
-        "rotation_deg": place.frame.rotation_deg,
-        "owner": place.owner,
-        "owner_cells": place.owner_cells,
+        "name": shown.name,
+        "width_cells": shown.width_cells,
+        "height_cells": shown.height_cells,
+        "cell_size_m": shown.cell_size_m,
+        "latitude_deg": shown.frame.latitude_deg,
+        "longitude_deg": shown.frame.longitude_deg,
+        "altitude_m": shown.frame.altitude_m,
+        "rotation_deg": shown.frame.rotation_deg,
+        "owner": shown.owner,
+        "owner_cells": shown.owner_cells,
         "owner_area_m2": float(area.area),
-        "home_m": list(place.home_m),
+        "home_m": list(shown.home_m),
         "crops": counts,
         "patches": [
             {
@@ -91,16 +91,16 @@ def show_command(farm: FarmArgument, json: options.Json = False, quiet: options.
                 "owner": patch.owner,
                 "area_m2": patch.polygon.area,
             }
-            for patch in place.patches
+            for patch in shown.patches
         ],
     }
     rows = {
-        "size": f"{place.width_cells} x {place.height_cells} cells of {place.cell_size_m:g} m",
-        "origin": f"{place.frame.latitude_deg:.6f}, {place.frame.longitude_deg:.6f}, "
-        f"{place.frame.altitude_m:g} m AMSL",
-        "rotation": f"{place.frame.rotation_deg:g} degrees anticlockwise from east",
-        "owner": f"{place.owner}: {place.owner_cells} cells, {area.area / 10_000:.2f} ha",
-        "home": f"{distance(place.home_m[0])} east, {distance(place.home_m[1])} north of the origin",
+        "size": f"{shown.width_cells} x {shown.height_cells} cells of {shown.cell_size_m:g} m",
+        "origin": f"{shown.frame.latitude_deg:.6f}, {shown.frame.longitude_deg:.6f}, "
+        f"{shown.frame.altitude_m:g} m AMSL",
+        "rotation": f"{shown.frame.rotation_deg:g} degrees anticlockwise from east",
+        "owner": f"{shown.owner}: {shown.owner_cells} cells, {area.area / 10_000:.2f} ha",
+        "home": f"{distance(shown.home_m[0])} east, {distance(shown.home_m[1])} north of the origin",
         **{
             f"crop: {name}": f"{count['cells']} cells, {count['owner_cells']} of them the owner's"
             for name, count in counts.items()
@@ -108,10 +108,10 @@ def show_command(farm: FarmArgument, json: options.Json = False, quiet: options.
         },
         **{
             f"patch {i}": f"{patch.name} ({patch.crop.name.lower()}, {patch.owner})"
-            for i, patch in enumerate(place.patches, 1)
+            for i, patch in enumerate(shown.patches, 1)
         },
     }
-    Output(as_json=json, quiet=quiet).result(values, rows, title=place.name)
+    Output(as_json=json, quiet=quiet).result(values, rows, title=shown.name)
 
 
 @app.command(
@@ -129,10 +129,10 @@ def draw_command(
     from geo import get_farm
     from wbf_mission.plots import plot_farm
 
-    place = get_farm(farm)
-    target = _with_suffix(out or _file_name(place.name), ".png")
+    shown = get_farm(farm)
+    target = _with_suffix(out or _file_name(shown.name), ".png")
     refuse_overwrite(target, [farm])
-    plot_farm(place, target)
+    plot_farm(shown, target)
     Output(as_json=json, quiet=quiet).result({"file": str(target)}, title="Drawn")
 
 
@@ -150,9 +150,9 @@ def save_command(
     from geo import get_farm, save_farm
 
     _with_suffix(out, ".geojson", ".json")
-    place = get_farm(farm)
+    shown = get_farm(farm)
     refuse_overwrite(out, [farm], suffixes=(".geojson",), force=force)
-    save_farm(place, out)
+    save_farm(shown, out)
     Output(as_json=json, quiet=quiet).result({"file": str(out)}, title="Saved")
 
 
@@ -217,20 +217,20 @@ def generate_command(
         msg = "--jobs 0 runs nothing: give a number of processes, or -1 for one per core"
         raise ScenarioError(msg)
     scenario = given.scenario()
-    place = get_farm(scenario.farm.name)
+    shown = get_farm(scenario.farm.name)
     kept = None if keep is None else _days(keep)
-    folder = out or Path("environments") / place.name.lower()
+    folder = out or Path("environments") / shown.name.lower()
     begin = time.perf_counter()
     try:
         with output.progress() as progress:
             ensemble = generate_ensemble(
-                place.grid(),
+                shown.grid(),
                 folder,
                 members=count,
                 seed=scenario.seed,
                 days=days if kept is None else max(kept),
                 keep_days=kept,
-                farm_name=place.name,
+                farm_name=shown.name,
                 jobs=len(os.sched_getaffinity(0)) if jobs < 0 else jobs,
                 progress=lambda done, total: progress("environments", done, total),
             )
@@ -241,7 +241,7 @@ def generate_command(
     size = sum(path.stat().st_size for path in ensemble.folder.rglob("*") if path.is_file())
     values = {
         "folder": str(folder),
-        "farm": place.name,
+        "farm": shown.name,
         "members": len(ensemble),
         "generated": len(ensemble.made),
         "found": len(ensemble.found),
@@ -256,7 +256,7 @@ def generate_command(
         "size": f"{size / 1e6:.1f} MB",
         "wall time": duration(seconds),
     }
-    output.result(values, rows, title=f"{place.name}: environments")
+    output.result(values, rows, title=f"{shown.name}: environments")
     return 0
 
 

@@ -167,7 +167,7 @@ def sim_command(
             {"system": v.system_id, "outcome": v.outcome.value, "outcome_text": v.outcome_text}
             for v in simulated.vehicles
         ],
-        "pictures": simulated.pictures,
+        "pictures": simulated.images,
         "urls": list(server.urls),
         "tlog": str(tlog) if tlog else None,
     }

@@ -123,12 +123,12 @@ def _read(scenario: Scenario, builder: MissionBuilder) -> PlanResult:
     """Take the mission from a file; the farm only says where its waypoints lie."""
     path = str(scenario.mission.file)
     mission = read_mission(path)
-    places = [item for item in mission.items if item.has_place and (item.x or item.y)]
-    if not places:
-        msg = f"{path}: no item of the mission has a place; give a mission with waypoints"
+    positioned = [item for item in mission.items if item.has_position and (item.x or item.y)]
+    if not positioned:
+        msg = f"{path}: no item of the mission has a position; give a mission with waypoints"
         raise ScenarioError(msg)
     x, y = builder.farm.frame.from_wgs84(
-        np.array([item.x for item in places]), np.array([item.y for item in places])
+        np.array([item.x for item in positioned]), np.array([item.y for item in positioned])
     )
     points = np.column_stack((x, y))
     route = PlannedPath(points, None, "file")

@@ -61,10 +61,10 @@ class PlanResult:
 
     @property
     def crosses_obstacles(self) -> bool:
-        """Whether the way from home through the waypoints, and back, leads over an obstacle of the farm."""
+        """Whether the path from home through the waypoints, and back, leads over an obstacle of the farm."""
         home = np.array(self.farm.home_m)
-        way = shapely.LineString(np.vstack((home, self.path_m, home)))
-        return any(way.intersects(obstacle) for obstacle in self.farm.obstacles)
+        path = shapely.LineString(np.vstack((home, self.path_m, home)))
+        return any(path.intersects(obstacle) for obstacle in self.farm.obstacles)
 
     @property
     def misses_farm(self) -> bool:
@@ -80,7 +80,7 @@ class PlanResult:
         if not self.prediction.feasible:
             found.append(f"the vehicle cannot fly this mission: {self.prediction.reason}")
         if self.crosses_obstacles:
-            found.append("the path or the way home crosses an obstacle: keep the flight height above it")
+            found.append("the path or the return crosses an obstacle: keep the flight height above it")
         if not any(item.command in _CAMERA_STARTS for item in self.mission.items):
             found.append("the mission never starts the camera: there will be no observations")
         if self.misses_farm:

@@ -33,7 +33,7 @@ _TINY = 1e-12
 _CHUNK_CELLS = 1 << 16
 
 Floats = NDArray[np.float64]
-_Place = tuple[NDArray[np.intp], NDArray[np.intp]] | tuple[NDArray[np.bool_]]
+_Index = tuple[NDArray[np.intp], NDArray[np.intp]] | tuple[NDArray[np.bool_]]
 
 
 class DiseaseBelief:
@@ -118,16 +118,16 @@ class DiseaseBelief:
         self._take((x, y), probabilities)
         self._seen = len(values)
 
-    def _take(self, place: _Place, probabilities: Floats) -> None:
+    def _take(self, index: _Index, probabilities: Floats) -> None:
         """Write what follows from class probabilities of some cells into the maps."""
         too_healthy, too_sick = self._costs
         best = least_loss_value(probabilities, too_healthy / too_sick)
-        self.value[place] = best
-        self.uncertainty[place] = standard_deviation(probabilities)
+        self.value[index] = best
+        self.uncertainty[index] = standard_deviation(probabilities)
         if self._probabilities is not None:
-            self._probabilities[:, *place] = probabilities.T
+            self._probabilities[:, *index] = probabilities.T
         if self._loss is not None:
-            self._loss[place] = expected_loss(probabilities, best, too_healthy, too_sick)
+            self._loss[index] = expected_loss(probabilities, best, too_healthy, too_sick)
 
     def probabilities(
         self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats
@@ -217,9 +217,9 @@ class DiseaseBelief:
         probabilities = around.astype(np.float64)
         at = x * shape[1] + y
         if len(flat) and len(at):
-            place = np.minimum(np.searchsorted(flat, at), len(flat) - 1)
-            read = flat[place] == at
-            product = (probabilities[read] + _TINY) * likelihood[place[read]]
+            found = np.minimum(np.searchsorted(flat, at), len(flat) - 1)
+            read = flat[found] == at
+            product = (probabilities[read] + _TINY) * likelihood[found[read]]
             probabilities[read] = product / product.sum(axis=1, keepdims=True)
         return x, y, probabilities
 

@@ -1,6 +1,6 @@
 """Soil humidity as a smooth random field: the showers of the model, seen as a Gaussian process.
 
-A shower is a sum of normal densities at random places. Such a field has a squared exponential covariance
+A shower is a sum of normal densities at random positions. Such a field has a squared exponential covariance
 whose length is the square root of two times the humps' standard deviation. Its mean, its level's and its
 shape's variance on a day come from simulated weather. The process is written in a few smooth functions of x
 and of y (Solin & Särkkä 2020, "Hilbert space methods for reduced-rank Gaussian process regression"), so that
@@ -305,9 +305,9 @@ class _Axis:
         half = 0.5 * cells
         reach = max(_REACH * half, 3.2 * length)
         order = np.arange(1, functions + 1)
-        place = np.arange(cells) + 0.5 - half
+        position = np.arange(cells) + 0.5 - half
         frequency = np.pi * order / (2.0 * reach)
-        self.functions: Floats = np.sin(frequency * (place[:, None] + reach)) / np.sqrt(reach)
+        self.functions: Floats = np.sin(frequency * (position[:, None] + reach)) / np.sqrt(reach)
         # Spectral density of the squared exponential covariance, for the smooth and the rough part.
         scales = length * np.array([[1.0], [_ROUGH_LENGTH]])
         self.spectrum: Floats = np.sqrt(2.0 * np.pi) * scales * np.exp(-0.5 * (scales * frequency) ** 2)

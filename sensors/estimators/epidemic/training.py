@@ -1,6 +1,6 @@
 """Learning class probabilities from simulated outbreaks, and keeping what was learned.
 
-Outbreaks of the disease's own model are drawn, observed along random ways that end at random times, and a
+Outbreaks of the disease's own model are drawn, observed along random paths that end at random times, and a
 small network learns the class of cells that were not observed from what is known around them. The seeds of
 these outbreaks are streams of their own: no environment that is flown is ever among them, except by a chance
 of 2^-128.
@@ -245,12 +245,12 @@ def draw_samples(
 
 
 def _looks(land: NDArray[np.bool_], truth: NDArray[np.int8], rng: Generator) -> Iterator[NDArray[np.uint8]]:
-    """Yield what is known of a field (codes) at some times along random ways."""
+    """Yield what is known of a field (codes) at some times along random paths."""
     for _way in range(_WAYS):
         cells = random_path(land.shape, max(1, int(_LONGEST_SHARE * land.size)), rng)
         cells = cells[land[cells[:, 0], cells[:, 1]]]
         for look in range(_LOOKS):
-            # The first looks are spread over the whole way, the later ones lie towards its end.
+            # The first looks are spread over the whole path, the later ones lie towards its end.
             count = int(np.ceil(len(cells) * rng.random() ** (1.0 if look == 0 else 0.3)))
             codes = padded_codes(land)
             x, y = cells[:count].T
@@ -378,8 +378,8 @@ class _Fields:
         row = np.flatnonzero(self._land[x])
         y = int(row[self._rng.integers(0, len(row))])
         corner = [
-            int(np.clip(place - self._rng.integers(0, _WINDOW), 0, max(0, side - _WINDOW)))
-            for place, side in zip((x, y), self._land.shape, strict=True)
+            int(np.clip(centre - self._rng.integers(0, _WINDOW), 0, max(0, side - _WINDOW)))
+            for centre, side in zip((x, y), self._land.shape, strict=True)
         ]
         return self._land[corner[0] : corner[0] + _WINDOW, corner[1] : corner[1] + _WINDOW]
 

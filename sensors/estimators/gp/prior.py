@@ -192,7 +192,7 @@ def _window_moments(covariance: Floats) -> tuple[NDArray[np.intp], NDArray[np.in
 def _nearest_kernel(
     x: NDArray[np.integer], y: NDArray[np.integer], moments: Floats, length_bounds: tuple[float, float]
 ) -> RbfKernel:
-    """Return the kernel whose process at some places is nearest to one with given moments."""
+    """Return the kernel whose process at some positions is nearest to one with given moments."""
     from scipy.optimize import minimize
 
     variance = float(np.trace(moments)) / len(moments)

@@ -26,7 +26,7 @@ class SklearnGaussianProcessEstimator(BaseEstimator):
     """The paper's Gaussian process, for comparison: slow, zero prior mean, fitted anew at every estimate.
 
     Per field ``RBF([2, 2], bounds 1..10) + WhiteKernel(0.5, bounds 1e-5..1e5)`` in
-    `sklearn.gaussian_process.GaussianProcessRegressor` with ``alpha=1e-10`` and restarts from random places.
+    `sklearn.gaussian_process.GaussianProcessRegressor` with ``alpha=1e-10`` and random restarts.
     The uncertainty is the standard deviation of an observation, noise included. Use ``gp`` for anything else.
 
     Parameters
@@ -96,8 +96,8 @@ class SklearnGaussianProcessEstimator(BaseEstimator):
         value, uncertainty = model.value[k].reshape(-1), model.uncertainty[k].reshape(-1)
         for start in range(0, len(value), _CHUNK_CELLS):
             cells = np.arange(start, min(start + _CHUNK_CELLS, len(value)))
-            places = np.stack([cells // height, cells % height], axis=1)
-            value[cells], uncertainty[cells] = regressor.predict(places, return_std=True)
+            positions = np.stack([cells // height, cells % height], axis=1)
+            value[cells], uncertainty[cells] = regressor.predict(positions, return_std=True)
 
     def _fit_regressor(self, k: int) -> Any:
         from sklearn.exceptions import ConvergenceWarning

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.fixed_wing.model import WingLimits
+    from sim_vehicle.motion.fixed_wing.model import FixedWingLimits
     from sim_vehicle.motion.legs import Heading, Position
 
 __all__ = ["ARDUPLANE"]
@@ -82,16 +82,16 @@ class ArduPlane(FixedWingProcedures):
     land_start_needs_position = True
     holds_at_waypoints = False  # it does not store the time
 
-    def limits(self, spec: VehicleSpec) -> WingLimits:
+    def limits(self, spec: VehicleSpec) -> FixedWingLimits:
         """Limits of a vehicle's flight."""
         from sim_vehicle.motion.fixed_wing.guidance import L1
-        from sim_vehicle.motion.fixed_wing.model import WingLimits
+        from sim_vehicle.motion.fixed_wing.model import FixedWingLimits
 
         value = {name: self.value(spec, name) for name in self.parameters}
         least, trim, most = in_order(value["AIRSPEED_MIN"], value["AIRSPEED_CRUISE"], value["AIRSPEED_MAX"])
         rotation = value["TKOFF_ROTATE_SPD"]
         landing = value["TECS_LAND_ARSPD"]
-        return WingLimits(
+        return FixedWingLimits(
             law=L1,
             airspeed_min=least,
             airspeed_trim=trim,

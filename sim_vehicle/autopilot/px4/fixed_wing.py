@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.fixed_wing.model import WingLimits
+    from sim_vehicle.motion.fixed_wing.model import FixedWingLimits
     from sim_vehicle.motion.legs import Heading, Position
 
 __all__ = ["PX4_FIXED_WING"]
@@ -85,17 +85,17 @@ class Px4FixedWing(FixedWingProcedures):
     land_start_needs_position = False
     holds_at_waypoints = True
 
-    def limits(self, spec: VehicleSpec) -> WingLimits:
+    def limits(self, spec: VehicleSpec) -> FixedWingLimits:
         """Limits of a vehicle's flight."""
         from sim_vehicle.motion.fixed_wing.guidance import NPFG
-        from sim_vehicle.motion.fixed_wing.model import WingLimits
+        from sim_vehicle.motion.fixed_wing.model import FixedWingLimits
 
         value = {name: self.value(spec, name) for name in self.parameters}
         least, trim, most = in_order(value["FW_AIRSPD_MIN"], value["FW_AIRSPD_TRIM"], value["FW_AIRSPD_MAX"])
         takeoff = value["FW_TKO_AIRSPD"] if value["FW_TKO_AIRSPD"] > 0.0 else least
         runway = value["RWTO_TKOFF"] > 0.0
         rotation = value["RWTO_ROT_AIRSPD"] if value["RWTO_ROT_AIRSPD"] > 0.0 else takeoff
-        return WingLimits(
+        return FixedWingLimits(
             law=NPFG,
             airspeed_min=least,
             airspeed_trim=trim,

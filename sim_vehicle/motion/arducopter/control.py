@@ -96,7 +96,7 @@ def rooted(error: float, gain: float, limit: float) -> float:
 
 
 @compiled(inline="always")
-def stopping_way(speed: float, gain: float, limit: float) -> float:
+def stopping_distance(speed: float, gain: float, limit: float) -> float:
     """Return the error for which `_rooted` gives a speed: the path in which the controller stops."""
     if speed < limit / gain:
         return speed / gain
@@ -110,7 +110,7 @@ def command(state: Floats, guide: Floats, law: Floats) -> None:
     ex, ey = guide[PX] - state[POSITION_X], guide[PX + 1] - state[POSITION_Y]
     size = sqrt(ex * ex + ey * ey)
     if size > 0.0:
-        most = stopping_way(guide[LEVEL], law[POS_P], law[ACCEL])
+        most = stopping_distance(guide[LEVEL], law[POS_P], law[ACCEL])
         if size > most:
             ex, ey, size = ex * most / size, ey * most / size, most
             if guide[MODE] != LEGS:
@@ -119,7 +119,7 @@ def command(state: Floats, guide: Floats, law: Floats) -> None:
     else:
         gain = 0.0
     ez = guide[PX + 2] - state[POSITION_Z]
-    most = stopping_way(guide[UP] if ez > 0.0 else guide[DOWN], law[POS_Z_P], law[ACCEL_Z])
+    most = stopping_distance(guide[UP] if ez > 0.0 else guide[DOWN], law[POS_Z_P], law[ACCEL_Z])
     ez = min(max(ez, -most), most)
     wx, wy, wz = guide[VX], guide[VX + 1], guide[VX + 2]
     wanted = sqrt(wx * wx + wy * wy + wz * wz)

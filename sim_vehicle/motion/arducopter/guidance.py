@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
-from sim_vehicle.motion.arducopter.control import rooted, stand, stopping_way
+from sim_vehicle.motion.arducopter.control import rooted, stand, stopping_distance
 from sim_vehicle.motion.arducopter.layout import (
     ACCEL,
     ACCEL_Z,
@@ -124,13 +124,13 @@ def _stop_here(state: Floats, guide: Floats, law: Floats) -> None:
     speed = sqrt(vx * vx + vy * vy)
     guide[PX], guide[PX + 1] = state[POSITION_X], state[POSITION_Y]
     if speed > 0.0:
-        way = stopping_way(min(speed, guide[LEVEL]), law[POS_P], law[ACCEL]) / speed
-        guide[PX] += vx * way
-        guide[PX + 1] += vy * way
-    way = stopping_way(
+        seconds = stopping_distance(min(speed, guide[LEVEL]), law[POS_P], law[ACCEL]) / speed
+        guide[PX] += vx * seconds
+        guide[PX + 1] += vy * seconds
+    distance = stopping_distance(
         min(abs(vz), law[SPEED_UP] if vz > 0.0 else law[SPEED_DOWN]), law[POS_Z_P], law[ACCEL_Z]
     )
-    guide[PX + 2] = max(state[POSITION_Z] + (way if vz > 0.0 else -way), 0.0)
+    guide[PX + 2] = max(state[POSITION_Z] + (distance if vz > 0.0 else -distance), 0.0)
     clear(guide, VX, AX + 3)
     copy(guide, BEGIN, guide, PX, 3)
     copy(guide, END, guide, PX, 3)

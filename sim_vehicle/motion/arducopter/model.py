@@ -12,7 +12,7 @@ from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.energy.power import CONSTANT_POWER
 from sim_vehicle.motion.arducopter import kernel, scurve
 from sim_vehicle.motion.arducopter import layout as at
-from sim_vehicle.motion.arducopter.control import stopping_way
+from sim_vehicle.motion.arducopter.control import stopping_distance
 from sim_vehicle.motion.arducopter.parameters import drag_of, lookup
 from sim_vehicle.motion.columns import (
     ACCELERATION,
@@ -222,11 +222,11 @@ class ArduCopter(Multirotor):
         speed = math.hypot(vx, vy)
         if speed > 0.0:
             most = min(speed, float(guide[at.LEVEL]))
-            way = stopping_way(most, law[at.POS_P], law[at.ACCEL]) / speed
-            x, y = x + vx * way, y + vy * way
+            seconds = stopping_distance(most, law[at.POS_P], law[at.ACCEL]) / speed
+            x, y = x + vx * seconds, y + vy * seconds
         most = float(law[at.SPEED_UP if vz > 0.0 else at.SPEED_DOWN])
-        way = stopping_way(min(abs(vz), most), law[at.POS_Z_P], law[at.ACCEL_Z])
-        return x, y, max(z + math.copysign(way, vz), 0.0)
+        distance = stopping_distance(min(abs(vz), most), law[at.POS_Z_P], law[at.ACCEL_Z])
+        return x, y, max(z + math.copysign(distance, vz), 0.0)
 
     def attitude(self) -> tuple[float, float, float, float] | None:
         """Return roll, pitch, airspeed and throttle; None where they follow from the acceleration."""

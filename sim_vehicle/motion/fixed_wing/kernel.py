@@ -12,7 +12,7 @@ from math import atan, atan2, cos, inf, isnan, pi, sin, sqrt, tan
 
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.energy.power_kernels import wing_power
+from sim_vehicle.energy.power_kernels import fixed_wing_power
 from sim_vehicle.motion.columns import (
     ACCELERATION_X,
     ACCELERATION_Y,
@@ -677,11 +677,11 @@ def advance(
                 v = state[AIRSPEED]
                 rate = state[THROTTLE] * (limits[CLIMB_MAX] + limits[SINK_MIN]) - limits[SINK_MIN]
                 rate -= excess_sink(limits, v, load)
-                state[POWER] = wing_power(power, v if state[THROTTLE] > 1e-3 else 0.0, rate, load)
+                state[POWER] = fixed_wing_power(power, v if state[THROTTLE] > 1e-3 else 0.0, rate, load)
             elif state[DOING] == ON_GROUND:
-                state[POWER] = wing_power(power, limits[AIRSPEED_TRIM], limits[CLIMB_MAX], 1.0)
+                state[POWER] = fixed_wing_power(power, limits[AIRSPEED_TRIM], limits[CLIMB_MAX], 1.0)
             else:
-                state[POWER] = wing_power(power, 0.0, 0.0, 1.0)
+                state[POWER] = fixed_wing_power(power, 0.0, 0.0, 1.0)
             if (
                 track_every > 0
                 and (step // GRID) % track_every == 0

@@ -31,7 +31,7 @@ TYPICAL = FixedWingPowerSpec(mass_kg=1.9, wing_area_m2=0.42, wing_span_m=1.8, pa
 
 
 @dataclass(frozen=True, slots=True)
-class WingLimits:
+class FixedWingLimits:
     """What an autopilot's parameters decide about the flight of a fixed wing; SI units, radians.
 
     Parameters
@@ -138,7 +138,7 @@ class FixedWing(CompiledMotion):
     def __init__(
         self,
         spec: VehicleSpec,
-        limits_of: Callable[[VehicleSpec], WingLimits],
+        limits_of: Callable[[VehicleSpec], FixedWingLimits],
         wind: Wind | None = None,
         yaw_rad: float = 0.0,
     ) -> None:

@@ -50,7 +50,7 @@ from sim_vehicle.motion.multirotor.kernel import (
 # How the horizontal limits are shared: along the leg and across it (0.8^2 + 0.6^2 = 1), and normal to both.
 ALONG = 0.8
 ACROSS = 0.6
-ASLANT = 0.25
+NORMAL = 0.25
 
 
 @compiled
@@ -143,15 +143,15 @@ def prepare_route(
             (LEG_JERK_ALONG, limits[JERK_MAX], limits[VERTICAL_JERK]),
         ):
             row[k + 2] = ACROSS * across
-            aslant = min(ALONG * across / rise if rise > 0.0 else inf, vertical / flat if flat > 0.0 else inf)
-            row[k + 4] = ASLANT * aslant
+            normal = min(ALONG * across / rise if rise > 0.0 else inf, vertical / flat if flat > 0.0 else inf)
+            row[k + 4] = NORMAL * normal
             row[k] = min(
                 (ALONG * across - rise * row[k + 4]) / flat if flat > 0.0 else inf,
                 (vertical - flat * row[k + 4]) / rise if rise > 0.0 else inf,
             )
         row[LEG_SPEED_ACROSS] = 0.3 * limits[SPEED_MAX]
         lesser = min(limits[CLIMB_MAX], limits[DESCENT_MAX])
-        row[LEG_SPEED_NORMAL] = ASLANT * min(
+        row[LEG_SPEED_NORMAL] = NORMAL * min(
             limits[SPEED_MAX] / rise if rise > 0.0 else inf, lesser / flat if flat > 0.0 else inf
         )
         wanted = inf if isnan(speed[i]) else speed[i]

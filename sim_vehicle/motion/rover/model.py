@@ -191,8 +191,8 @@ class Rover(CompiledMotion):
         """Return the position of rest if it brakes now."""
         x, y = self.state[POSITION:POSITION_Z].tolist()
         speed, yaw = float(self.state[wheels.SPEED]), float(self.state[HEADING])
-        way = 0.5 * speed * speed / self.law.deceleration
-        return x + way * math.sin(yaw), y + way * math.cos(yaw), 0.0
+        distance = 0.5 * speed * speed / self.law.deceleration
+        return x + distance * math.sin(yaw), y + distance * math.cos(yaw), 0.0
 
     def lose_power(self) -> None:
         """Stop: without power it cannot go anywhere."""

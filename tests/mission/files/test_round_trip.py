@@ -109,7 +109,7 @@ def filed(mission, firmware=Firmware.PX4):
     """Return the mission as a file of another program keeps it."""
     home = mission.home
     if home is None:
-        first = next((item for item in mission.items if item.has_place), None)
+        first = next((item for item in mission.items if item.has_position), None)
         if first is not None and (first.x, first.y) != (0.0, 0.0):
             home = GeoPoint(first.x, first.y)
     items = tuple(item.in_standard_frame() for item in mission.items)

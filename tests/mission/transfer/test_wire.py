@@ -67,12 +67,12 @@ def cross(item, **options):
 
 
 def as_received(item):
-    """The item in the numbers of the wire: 32-bit floats, integer x and y where they are no place."""
+    """The item in the numbers of the wire: 32-bit floats, integer x and y where they are no position."""
     numbers = {
         name: None if getattr(item, name) is None else float(np.float32(getattr(item, name)))
         for name in ("param1", "param2", "param3", "param4", "z")
     }
-    whole = {} if item.has_place else {"x": float(int(item.x)), "y": float(int(item.y))}
+    whole = {} if item.has_position else {"x": float(int(item.x)), "y": float(int(item.y))}
     return replace(item, **numbers, **whole)
 
 

@@ -17,12 +17,12 @@ from sim_vehicle.airframe.spec import (
 from sim_vehicle.energy import power_kernels
 from sim_vehicle.energy.power import (
     REGAINED,
+    fixed_wing_power,
     flight_power_w,
     multirotor_power,
     power_coefficients,
     profile_power_w,
     rover_power,
-    wing_power,
 )
 
 QUAD = get_vehicle("quad")
@@ -87,8 +87,8 @@ def test_the_compiled_rotor_has_the_same_power(x, y, climb, ax, ay, az):
 @given(st.floats(0.0, 40.0), st.floats(-10.0, 10.0), st.floats(0.0, 3.0))
 def test_the_compiled_wing_and_rover_have_the_same_power(speed, climb, load):
     numbers = power_coefficients(WING.power, WING.battery)
-    compiled = power_kernels.wing_power(numbers, speed, climb, load)
-    assert compiled == pytest.approx(wing_power(numbers, speed, climb, load), rel=1e-12)
+    compiled = power_kernels.fixed_wing_power(numbers, speed, climb, load)
+    assert compiled == pytest.approx(fixed_wing_power(numbers, speed, climb, load), rel=1e-12)
     numbers = power_coefficients(ROVER.power, ROVER.battery)
     compiled = power_kernels.rover_power(numbers, speed, climb, load)
     assert compiled == pytest.approx(rover_power(numbers, speed, climb, load), rel=1e-12)
@@ -98,8 +98,8 @@ def test_the_compiled_wing_and_rover_have_the_same_power(speed, climb, load):
 def test_the_direction_of_the_wind_does_not_matter(speed, angle):
     numbers = power_coefficients(QUAD.power)
     along = multirotor_power(numbers, speed, 0.0, 1.0, 0.0, 0.0, 0.0)
-    aslant = multirotor_power(numbers, speed * math.cos(angle), speed * math.sin(angle), 1.0, 0.0, 0.0, 0.0)
-    assert aslant == pytest.approx(along, rel=1e-6)
+    diagonal = multirotor_power(numbers, speed * math.cos(angle), speed * math.sin(angle), 1.0, 0.0, 0.0, 0.0)
+    assert diagonal == pytest.approx(along, rel=1e-6)
 
 
 @given(st.floats(0.0, 16.0), st.floats(0.0, 5.0), st.floats(0.01, 2.0))

@@ -1,4 +1,4 @@
-"""Aeroplanes and rovers over MAVLink: type, modes, telemetry, parameters, refusals."""
+"""Fixed wings and rovers over MAVLink: type, modes, telemetry, parameters, refusals."""
 
 import math
 
@@ -53,7 +53,7 @@ def of(heard, kind):
 
 
 @BOTH
-def test_an_aeroplane_flies_a_mission_and_tells_what_it_does(autopilot):
+def test_a_fixed_wing_flies_a_mission_and_tells_what_it_does(autopilot):
     items = (
         item(22, 0.0, 150.0, 40.0, 10.0),
         item(16, 0.0, 600.0, 50.0),
@@ -96,7 +96,7 @@ def test_a_mission_that_only_returns_ends_over_home_or_on_the_ground(autopilot):
 
 
 @BOTH
-def test_an_aeroplane_without_a_take_off_does_not_arm(autopilot):
+def test_a_fixed_wing_without_a_take_off_does_not_arm(autopilot):
     _, ground, _ = flight("fixed-wing", (item(16, 0.0, 600.0, 50.0), MissionItem(20, 2)), autopilot)
     assert ground.outcome in (Outcome.MISSION_REJECTED, Outcome.ARMING_REFUSED)
     assert "no take-off before it" in ground.reason

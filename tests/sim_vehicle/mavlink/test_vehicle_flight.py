@@ -149,7 +149,7 @@ def test_a_mission_from_upload_to_disarming(autopilot):
     if autopilot is ARDUPILOT:
         assert reached == list(range(first, first + len(SURVEY)))
     else:  # of a place and the commands after it the last one, and the return instead of the last place
-        ends = [i for i, item in enumerate(SURVEY[:-1]) if item.has_place]
+        ends = [i for i, item in enumerate(SURVEY[:-1]) if item.has_position]
         merged = [after - 1 for after in ends[1:]]
         assert reached == [*merged, len(SURVEY) - 1]
     currents = list(dict.fromkeys(message.seq for message in ground.of("MISSION_CURRENT")))

@@ -254,8 +254,11 @@ class MissionExecutor:
         *,
         heading: Heading = ALONG,
         speed_m_s: float | None = None,
+        as_setpoint: bool = False,
     ) -> None:
         """Fly to a position about home and hold there; TargetReached tells when.
+
+        As a setpoint, a multirotor in the air goes there without a path.
 
         Raises
         ------
@@ -271,8 +274,10 @@ class MissionExecutor:
         if speed_m_s is not None:
             settings.speed_m_s = self._checked_speed(speed_m_s)
         self.follower.disarm_step = None
+        direct = as_setpoint and self.spec.kind == "multirotor" and self.landed is not LandedState.ON_GROUND
+        kind = LegKind.SETPOINT if direct else LegKind.WAYPOINT
         self.follower.fly(
-            [Leg((x_m, y_m, altitude_m), settings.speed_m_s, heading=heading)], FlightPhase.GOTO
+            [Leg((x_m, y_m, altitude_m), settings.speed_m_s, heading=heading, kind=kind)], FlightPhase.GOTO
         )
 
     def steer(

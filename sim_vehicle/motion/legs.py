@@ -19,7 +19,11 @@ Position = tuple[float, float, float]
 
 
 class LegKind(IntEnum):
-    """What a leg is flown for; an autopilot treats some kinds in its own way."""
+    """What a leg is flown for; an autopilot treats some kinds in its own way.
+
+    SETPOINT is a position that a companion or ground station asks for, again and again: multirotors fly to it
+    as their position control does, without a path.
+    """
 
     WAYPOINT = 0
     TAKEOFF = 1
@@ -30,6 +34,7 @@ class LegKind(IntEnum):
     STAY = 6
     LOITER = 7
     ARC = 8
+    SETPOINT = 9
 
 
 class HeadingMode(Enum):

@@ -401,9 +401,19 @@ class Pilot:
         outside = self.failsafe.outside((x_m, y_m, altitude_m))
         if outside is not None:
             raise RefusedError(f"Reposition refused by the fence: {outside}", denied=True)
-        self._hold_in(mode)
+        guided = mode is Mode.GUIDED
+        if guided:
+            self._check_mode(Mode.HOLD)
+            self.modes.override(mode)
+        else:
+            self._hold_in(mode)
+        if speed_m_s is None and self.habits.replays_speed:
+            # The speed of the mission comes back with it.
+            speed_m_s = self.spec.cruise_speed_m_s
         self.controls.order(
-            lambda: self.executor.goto(x_m, y_m, altitude_m, heading=heading, speed_m_s=speed_m_s)
+            lambda: self.executor.goto(
+                x_m, y_m, altitude_m, heading=heading, speed_m_s=speed_m_s, as_setpoint=guided
+            )
         )
 
     def orbit(

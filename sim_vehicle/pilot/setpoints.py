@@ -109,9 +109,9 @@ class SetpointFollower:
         if self.is_fresh:
             return None
         if self._rules.needs_stream:
-            self._notices.add(Severity.WARNING, self._rules.stream_lost.format("holding"))
+            self._notices.add(Severity.WARNING, self._rules.stream_lost.format("returning"))
             self._flown = None
-            return Mode.HOLD
+            return Mode.RTL
         if self._flown is not None and self._flown.is_velocity:
             self._notices.add(Severity.WARNING, self._rules.stream_lost.format("stopping"))
             self._flown = None
@@ -169,4 +169,5 @@ class SetpointFollower:
             height,
             heading=heading,
             speed_m_s=min(speed, executor.spec.top_speed_m_s) if speed > _SLOWEST_M_S else None,
+            as_setpoint=True,
         )

@@ -32,6 +32,7 @@ from sim_vehicle.motion.arducopter.layout import (
     DT,
     END,
     FAST,
+    GUIDED,
     HOLDING,
     HOME,
     INTEGRAL,
@@ -64,6 +65,7 @@ from sim_vehicle.motion.arducopter.layout import (
     RY,
     RZ,
     SAME,
+    SETPOINT,
     SHAKE,
     SHAPE_JERK,
     SHAPE_JERK_Z,
@@ -215,6 +217,12 @@ def begin(
     if kind == STAY:
         _stop_here(state, guide, law)
         guide[MODE] = HOLDING
+        return
+    if kind == SETPOINT:
+        if before != GUIDED:
+            _take_velocity(state, guide)
+        guide[MODE] = GUIDED
+        copy(guide, END, row, RX, 3)
         return
     if how == ANEW or before not in (LEGS, CLIMBING, CHORDS):
         _stop_here(state, guide, law)
@@ -370,6 +378,57 @@ def _lead_up(guide: Floats, law: Floats) -> bool:
 
 
 @compiled
+def _lead_to(guide: Floats, law: Floats) -> bool:
+    """Move the target to the position asked for in guided mode; tell whether it is there.
+
+    `AC_PosControl::input_pos_xyz`: speed and acceleration are those from which it can still stop there.
+    """
+    dt, limit, jerk = law[DT], law[ACCEL], law[SHAPE_JERK]
+    for k in range(3):
+        guide[PX + k] += dt * (guide[VX + k] + 0.5 * dt * guide[AX + k])
+        guide[VX + k] += dt * guide[AX + k]
+    dx, dy, dz = guide[END] - guide[PX], guide[END + 1] - guide[PX + 1], guide[END + 2] - guide[PX + 2]
+    flat = sqrt(dx * dx + dy * dy)
+    way = sqrt(flat * flat + dz * dz)
+    most = guide[LEVEL] * way / flat if flat > 0.0 else inf
+    if dz != 0.0:
+        most = min(most, (guide[UP] if dz > 0.0 else guide[DOWN]) * way / abs(dz))
+    wx = wy = wz = 0.0
+    if flat > 0.0:
+        rate = min(rooted(flat, jerk / limit, limit), most * flat / way)
+        wx, wy = rate * dx / flat, rate * dy / flat
+    cx, cy = wx - guide[VX], wy - guide[VX + 1]
+    change = sqrt(cx * cx + cy * cy)
+    ax = ay = 0.0
+    if change > 0.0:
+        size = min(rooted(change, jerk / limit, jerk), change / dt) / change
+        ax, ay = cx * size, cy * size
+    speed = sqrt(guide[VX] ** 2 + guide[VX + 1] ** 2)
+    if ax * ax + ay * ay > limit * limit and speed > 0.0:
+        # What turns comes before what speeds up.
+        ux, uy = guide[VX] / speed, guide[VX + 1] / speed
+        along, across = ax * ux + ay * uy, ay * ux - ax * uy
+        across = min(max(across, -limit), limit)
+        room = sqrt(limit * limit - across * across)
+        along = min(max(along, -room), room)
+        ax, ay = along * ux - across * uy, along * uy + across * ux
+    elif ax * ax + ay * ay > limit * limit:
+        size = limit / sqrt(ax * ax + ay * ay)
+        ax, ay = ax * size, ay * size
+    cx, cy = ax - guide[AX], ay - guide[AX + 1]
+    change = sqrt(cx * cx + cy * cy)
+    share = min(1.0, jerk * dt / change) if change > 0.0 else 0.0
+    guide[AX] += cx * share
+    guide[AX + 1] += cy * share
+    limit, jerk = law[ACCEL_Z], law[SHAPE_JERK_Z]
+    if dz != 0.0:
+        top = most * abs(dz) / way
+        wz = min(max(rooted(dz, jerk / limit, limit), -top), top)
+    guide[AX + 2] = _shape(wz - guide[VX + 2], guide[AX + 2], limit, jerk, dt)
+    return bool(way < 0.05 and speed < 0.05)
+
+
+@compiled
 def _lead_down(guide: Floats, law: Floats, height: float) -> None:
     """Sink, slowly near the ground."""
     dt = law[DT]
@@ -448,6 +507,8 @@ def lead(
             guide[MODE] = LANDED
             guide[UNTIL] = step + law[DETECT_STEPS]
             stand(state, guide)
+    elif mode == GUIDED:
+        done = _lead_to(guide, law)
     elif mode == HOLDING:
         if leg + 1 < len(route):
             return True

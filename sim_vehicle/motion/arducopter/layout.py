@@ -6,7 +6,7 @@ from __future__ import annotations
 LEG = 10
 RX, RY, RZ, RADIUS, SPEED, HEADING, DISTANCE, KIND, PAUSE, TURNING = range(LEG)
 # Kinds of legs that are flown differently (`sim_vehicle.motion.legs.LegKind`).
-TAKEOFF, HOME, LAND, STAY, ARC = 1, 3, 5, 6, 8
+TAKEOFF, HOME, LAND, STAY, ARC, SETPOINT = 1, 3, 5, 6, 8, 9
 
 # The guide: desired position, velocity and acceleration, begin and end of the leg, three numbers each
 GUIDE = 45
@@ -24,7 +24,7 @@ MODE, FAST, LEVEL, UP, DOWN, BEGINS = 34, 35, 36, 37, 38, 39
 # chords, vertical wind, vertical acceleration by drag
 UNTIL, DONE, PACE_ARC, RISING, LIFT = 40, 41, 42, 43, 44
 
-NO_MODE, HOLDING, LEGS, CLIMBING, LANDING, LANDED, CHORDS = range(7)
+NO_MODE, HOLDING, LEGS, CLIMBING, LANDING, LANDED, CHORDS, GUIDED = range(8)
 NOTHING, CHAINED, SAME, ANEW = range(4)
 
 # The law: constants of control and dynamics that parameters and the airframe decide.

@@ -83,7 +83,7 @@ from sim_vehicle.weather.gust_kernel import wind_at
     LEG_TURN_RATE,  # NaN: by the heading.
 ) = range(16)
 LEG = 16
-_TAKEOFF, _CLIMB, _DESCEND, _LAND = 1, 2, 4, 5
+_TAKEOFF, _CLIMB, _DESCEND, _LAND, _SETPOINT = 1, 2, 4, 5, 9
 
 # What the autopilot remembers.
 GUIDE = 39
@@ -226,7 +226,13 @@ def _choose_waypoints(g: Floats, row: Floats, px: float, py: float, pz: float, r
 
 @compiled
 def _guide(g: Floats, row: Floats, law: Floats, px: float, py: float, pz: float) -> None:
-    """Move the trajectory by one step."""
+    """Move the trajectory by one step; a setpoint has none, the controller goes straight for it."""
+    if row[LEG_KIND] == _SETPOINT:
+        for k in range(3):
+            g[k], g[G_TARGET + k] = row[k], row[k]
+        for k in range(G_VX, G_INTEGRAL_X):
+            g[k] = 0.0
+        return
     dt, jerk, accel, radius = law[DT], law[JERK], law[ACC_HOR], row[LEG_RADIUS]
     # With less, a wind that shakes the vehicle off its track could keep it going to and fro between states.
     _choose_waypoints(g, row, px, py, pz, max(radius, LEAST_TRACK_M))

@@ -201,7 +201,7 @@ class Px4Multirotor(Multirotor):
                 and math.dist(table[0, : kernel.LEG_Z], state[:POSITION_Z]) < self._radius_m
             ):
                 kinds[0] = LegKind.TAKEOFF
-        elif not self._guided:
+        elif not self._guided or self._leaves_setpoint(kinds[0]):
             self._adopt()
         first = 0
         if len(table) > 1 and kinds[0] == LegKind.STAY:
@@ -213,6 +213,15 @@ class Px4Multirotor(Multirotor):
             table[first, : kernel.LEG_Z] = state[:POSITION_Z] + MODE_SWITCH_S * state[VELOCITY:VELOCITY_Z]
         if (kinds == LegKind.HOME).any() and kinds[-1] == LegKind.LAND:
             table[-1, kernel.LEG_HEADING] = self._home_yaw_rad % (2.0 * math.pi)
+
+    def _leaves_setpoint(self, kind: float) -> bool:
+        """Whether the trajectory has to begin anew, because a setpoint was flown without one."""
+        old = self._route
+        return (
+            old is not None
+            and kind != LegKind.SETPOINT
+            and old[int(self.counters[LEG_INDEX]), kernel.LEG_KIND] == LegKind.SETPOINT
+        )
 
     def _adopt(self) -> None:
         """Take over a vehicle in flight: trajectory and controllers begin as it moves."""

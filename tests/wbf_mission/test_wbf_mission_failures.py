@@ -14,6 +14,7 @@ from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.weather.wind import Wind
 from wbf_mission.ground.failures import FailureWatch
+from wbf_mission.ground.orders import Answer, Order
 from wbf_mission.ground.station import GroundStation
 
 HOME = GeoPoint(28.05, -82.15, 10.0)
@@ -136,3 +137,41 @@ def test_what_an_earlier_safety_function_told_is_not_taken_for_the_last():
     early.on_heartbeat(beat, 1)
     assert early.cause(texts[:1]) == (Outcome.FENCE_BREACHED, "fence: 3.0 m outside the area")
     assert FailureWatch().cause(texts[:1]) is None
+
+
+@pytest.mark.parametrize(
+    ("battery", "unhealthy", "expected"),
+    [
+        (None, 0, None),
+        (None, m.MAV_SYS_STATUS_SENSOR_GPS, Outcome.POSITION_LOST),
+        (None, m.MAV_SYS_STATUS_GEOFENCE, Outcome.FENCE_BREACHED),
+        (None, m.MAV_SYS_STATUS_GEOFENCE | m.MAV_SYS_STATUS_SENSOR_GPS, Outcome.POSITION_LOST),
+        ((m.MAV_BATTERY_CHARGE_STATE_LOW, 20), m.MAV_SYS_STATUS_SENSOR_GPS, Outcome.BATTERY_LOW),
+        ((m.MAV_BATTERY_CHARGE_STATE_EMERGENCY, 0), 0, Outcome.BATTERY_DEPLETED),
+    ],
+)
+def test_without_its_texts_a_vehicle_is_known_by_its_state(battery, unhealthy, expected):
+    watch = FailureWatch()
+    enabled = m.MAV_SYS_STATUS_SENSOR_GPS | m.MAV_SYS_STATUS_GEOFENCE
+    status = m.MAVLink_sys_status_message(enabled, enabled, enabled & ~unhealthy, *[0] * 10)
+    watch.on_sys_status(status)
+    if battery is not None:
+        state, remaining = battery
+        told = m.MAVLink_battery_status_message(0, 1, 1, 0, [0] * 10, -1, 0, 0, remaining, 0, state)
+        watch.on_battery_status(told)
+    assert watch.cause([]) is None  # without a failsafe it is no cause
+    watch.on_heartbeat(m.MAVLink_heartbeat_message(2, 12, 128, 0, m.MAV_STATE_CRITICAL, 3), 0)
+    cause = watch.cause([])
+    assert (cause[0] if cause else None) is expected
+
+
+def test_an_order_waits_longer_while_the_vehicle_works_on_it():
+    order = Order((1, 1), m.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+    order.send(10.0)
+    usual_s = order.due_s
+    another = m.MAVLink_command_ack_message(m.MAV_CMD_MISSION_START, m.MAV_RESULT_DENIED)
+    assert order.answer(another, 10.1) is Answer.NONE and order.due_s == usual_s
+    working = m.MAVLink_command_ack_message(m.MAV_CMD_COMPONENT_ARM_DISARM, m.MAV_RESULT_IN_PROGRESS)
+    assert order.answer(working, 10.1) is Answer.NONE and order.due_s > usual_s + 1.0
+    done = m.MAVLink_command_ack_message(m.MAV_CMD_COMPONENT_ARM_DISARM, m.MAV_RESULT_ACCEPTED)
+    assert order.answer(done, 10.2) is Answer.ACCEPTED

@@ -186,3 +186,25 @@ def test_plan_shows_how_far_the_search_is() -> None:
     assert len(told) > 1
     assert {what for what, _, _ in told} == {"planning"}
     assert all(0 < done <= total for _, done, total in told)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["plan", "--farm", "miniberry-10", "--budget", "60m", "--out"],
+        ["download", "--connect", "tcp:127.0.0.1:1", "--out"],
+        ["farm", "draw", "miniberry-10", "--out"],
+        ["farm", "save", "miniberry-10", "--out"],
+        [*SIM, "--tlog"],
+        [*SIM, "--ready-file"],
+    ],
+    ids=lambda words: " ".join(words[:2]),
+)
+def test_a_folder_and_a_file_in_none_are_refused_before_anything_is_done(
+    command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    error = refused(capsys, *command, str(tmp_path))
+    assert f"{tmp_path}: is a folder; give the name of a file" in error
+    error = refused(capsys, *command, str(tmp_path / "new" / "file.plan"))
+    assert f"there is no folder {tmp_path / 'new'}; make it" in error
+    assert list(tmp_path.iterdir()) == []

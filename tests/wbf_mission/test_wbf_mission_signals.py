@@ -16,6 +16,7 @@ import pytest
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import read_tlog
 from wbf_mission.cli import signals
+from wbf_mission.cli.app import main
 
 LONG_S = 120.0  # a limit against hanging, not a measure
 
@@ -246,3 +247,18 @@ def test_an_announcement_is_said_at_once_and_once(capfd):
             with pytest.raises(KeyboardInterrupt):
                 signal.raise_signal(signal.SIGINT)
     assert capfd.readouterr().err == "saving the run\n"
+
+
+@pytest.mark.usefixtures("installed")
+def test_what_is_not_true_yet_is_not_announced(capfd):
+    with signals.announcing("saving the run", when=lambda: False), pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+    assert capfd.readouterr().err == ""
+
+
+def test_ctrl_c_while_planning_does_not_promise_a_result(tmp_path, monkeypatch, capfd):
+    """Nothing was flown yet, so nothing is saved."""
+    monkeypatch.setattr("wbf_mission.flight.plan", lambda *_, **__: signal.raise_signal(signal.SIGINT))
+    assert main(["fly", "--farm", "miniberry-10", "--out", str(tmp_path / "run")]) == 130
+    assert capfd.readouterr().err == "error: interrupted\n"
+    assert list(tmp_path.iterdir()) == []

@@ -130,8 +130,9 @@ def draw_command(
     from wbf_mission.plots import plot_farm
 
     shown = get_farm(farm)
-    target = _with_suffix(out or _file_name(shown.name), ".png")
+    target = out or _file_name(shown.name)
     refuse_overwrite(target, [farm])
+    _require_suffix(target, ".png")
     plot_farm(shown, target)
     Output(as_json=json, quiet=quiet).result({"file": str(target)}, title="Drawn")
 
@@ -149,9 +150,9 @@ def save_command(
     """Save a farm as GeoJSON, a start for a farm file of your own."""
     from geo import get_farm, save_farm
 
-    _with_suffix(out, ".geojson", ".json")
-    shown = get_farm(farm)
     refuse_overwrite(out, [farm], suffixes=(".geojson",), force=force)
+    _require_suffix(out, ".geojson", ".json")
+    shown = get_farm(farm)
     save_farm(shown, out)
     Output(as_json=json, quiet=quiet).result({"file": str(out)}, title="Saved")
 
@@ -305,10 +306,9 @@ def _file_name(farm: str) -> Path:
     return Path(f"{'-'.join(words)[:100] or 'farm'}.png")
 
 
-def _with_suffix(path: Path, *suffixes: str) -> Path:
+def _require_suffix(path: Path, *suffixes: str) -> None:
     from geo import FarmError
 
     if path.suffix.lower() not in suffixes:
         msg = f"{path}: the file's name has to end in {' or '.join(suffixes)}"
         raise FarmError(msg)
-    return path

@@ -110,7 +110,8 @@ def fly_command(
             )
             stack.enter_context(
                 signals.announcing(
-                    f"interrupted: what was flown is estimated and saved in {path}; again ends at once"
+                    f"interrupted: what was flown is estimated and saved in {path}; again ends at once",
+                    when=folder.tlog.exists,  # from the flight's beginning
                 )
             )
         started_s = process_age_s()

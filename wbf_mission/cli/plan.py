@@ -61,13 +61,13 @@ def plan_command(
     from wbf_mission.planning import plan
 
     output = Output(as_json=json, quiet=quiet)
-    if out is not None:
-        writer_for(out)
     chosen = given.scenario()
     if given.file is not None or chosen.farm.fields:
         check_flight(chosen)
     inputs = [given.file, chosen.farm.name, *chosen.farm.fields, chosen.mission.file, chosen.vehicle.name]
     refuse_overwrite(out, inputs, suffixes=MISSION_SUFFIXES, force=force)
+    if out is not None:
+        writer_for(out)
     with output.progress() as progress:
         progress("planning", 0, 1)
         result = plan(chosen, progress=progress)

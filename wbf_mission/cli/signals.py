@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import FrameType
 
 __all__ = ["announcing", "exit_code", "install", "restore"]
@@ -14,7 +14,7 @@ __all__ = ["announcing", "exit_code", "install", "restore"]
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _before: dict[int, object] = {}
 _received: list[int] = []
-_announced: list[str] = []
+_announced: list[tuple[str, Callable[[], bool]]] = []
 
 
 def install() -> None:
@@ -44,9 +44,17 @@ def exit_code(otherwise: int) -> int:
 
 
 @contextlib.contextmanager
-def announcing(text: str) -> Iterator[None]:
-    """Say `text` on stderr at once when a signal comes, because what follows it takes a while."""
-    _announced.append(text)
+def announcing(text: str, when: Callable[[], bool] = lambda: True) -> Iterator[None]:
+    """Say `text` on stderr at once when a signal comes, because what follows it takes a while.
+
+    Parameters
+    ----------
+    text : str
+        One line.
+    when : callable
+        Asked when the signal comes: whether `text` is true by then.
+    """
+    _announced.append((text, when))
     try:
         yield
     finally:
@@ -55,10 +63,11 @@ def announcing(text: str) -> Iterator[None]:
 
 def _interrupt(number: int, _frame: FrameType | None) -> None:
     _received.append(number)
-    if len(_received) == 1 and _announced:
+    text, when = _announced[-1] if _announced else ("", lambda: False)
+    if len(_received) == 1 and when():
         with contextlib.suppress(OSError):
             # Not through sys.stderr: it may be in the middle of a line.
-            os.write(2, ("\n" * os.isatty(2) + _announced[-1] + "\n").encode(errors="backslashreplace"))
+            os.write(2, ("\n" * os.isatty(2) + text + "\n").encode(errors="backslashreplace"))
     if len(_received) > 1:
         for other in _before:
             signal.signal(other, signal.SIG_DFL)

@@ -24,7 +24,7 @@ Force = Annotated[
 
 
 class TargetError(WbfMissionError, ValueError):
-    """An output that would destroy a file."""
+    """An output that would destroy a file, or that cannot be one."""
 
 
 def refuse_overwrite(
@@ -34,7 +34,7 @@ def refuse_overwrite(
     suffixes: tuple[str, ...] = (),
     force: bool = False,
 ) -> None:
-    """Refuse an output that is one of the inputs, or an existing file of another kind.
+    """Refuse an output that is one of the inputs, a file of another kind, a folder, or in no folder.
 
     Parameters
     ----------
@@ -51,13 +51,21 @@ def refuse_overwrite(
     Raises
     ------
     TargetError
-        If the output would destroy a file.
+        If the output would destroy a file, or cannot be written as a file there.
 
     Examples
     --------
     >>> refuse_overwrite(Path("/dev/null"), ["miniberry-30", None])
     """
-    if out is None or not out.exists():
+    if out is None:
+        return
+    if out.is_dir():
+        msg = f"{out}: is a folder; give the name of a file"
+        raise TargetError(msg)
+    if not out.parent.is_dir():
+        msg = f"{out}: there is no folder {out.parent}; make it, or give another name"
+        raise TargetError(msg)
+    if not out.exists():
         return
     for given in inputs:
         if given is not None and Path(given).exists() and out.samefile(given):

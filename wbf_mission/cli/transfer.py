@@ -69,8 +69,8 @@ def download_command(
     from wbf_mission.ground.link import download
 
     output = Output(as_json=json, quiet=quiet)
-    writer_for(out)
     refuse_overwrite(out, suffixes=MISSION_SUFFIXES, force=force)
+    writer_for(out)
     with output.progress() as progress:
         mission, report = download(connect, wait_s=wait, progress=progress, note=output.note)
     firmware = Firmware(report.autopilot) if report.autopilot in set(Firmware) else Firmware.GENERIC

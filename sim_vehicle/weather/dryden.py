@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from geo.units import FOOT_M
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.weather.columns import DECAY, LEAK, NOISE_FIRST, NOISE_MIXED, NOISE_SECOND
 
@@ -34,17 +35,16 @@ if TYPE_CHECKING:
 
 __all__ = ["LEVELS_W20_M_S", "Turbulence", "intensities_m_s", "length_scales_m", "spectrum"]
 
-_FOOT_M = 0.3048
 _KNOT_M_S = 1852.0 / 3600.0
 _LOWEST_FT, _HIGHEST_FT = 10.0, 1000.0
-REFERENCE_M = 20.0 * _FOOT_M
+REFERENCE_M = 20.0 * FOOT_M
 """Height of the wind W20."""
 LEVELS_W20_M_S = {"light": 15.0 * _KNOT_M_S, "moderate": 30.0 * _KNOT_M_S, "severe": 45.0 * _KNOT_M_S}
 """W20 of the three levels of MIL-F-8785C: 15, 30 and 45 knots."""
 
 
 def _term(height_m: float) -> tuple[float, float]:
-    feet = min(max(height_m / _FOOT_M, _LOWEST_FT), _HIGHEST_FT)
+    feet = min(max(height_m / FOOT_M, _LOWEST_FT), _HIGHEST_FT)
     return feet, 0.177 + 0.000823 * feet
 
 
@@ -59,8 +59,8 @@ def length_scales_m(height_m: float) -> tuple[float, float, float]:
     [67.4, 67.4, 10.0]
     """
     feet, term = _term(height_m)
-    side = feet / term**1.2 * _FOOT_M
-    return side, side, feet * _FOOT_M
+    side = feet / term**1.2 * FOOT_M
+    return side, side, feet * FOOT_M
 
 
 def intensities_m_s(height_m: float, w20_m_s: float) -> tuple[float, float, float]:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
+from geo.units import FOOT_M
 from sim_vehicle.weather.columns import (
     AIR_EAST,
     AIR_NORTH,
@@ -35,7 +36,6 @@ Floats = NDArray[np.float64]
 # reference height 7, whether the gust is Dryden's 8.
 CONSTANT, LOGARITHMIC, POWER = 0.0, 1.0, 2.0
 
-FOOT_M = 0.3048
 LOWEST_M, HIGHEST_M = 3.0 * FOOT_M, 1000.0 * FOOT_M
 """Between these heights MIL-F-8785C has its mean wind profile; beyond, the wind is that of the end."""
 LOWEST_GUST_M = 10.0 * FOOT_M

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from geo.units import FOOT_M
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.weather.columns import (
     AIR_EAST,
@@ -35,7 +36,7 @@ GRID_S = 0.1
 BLOCK = 1024
 # As in sim_vehicle.weather.gust_kernel, which needs the compiler.
 _LAWS = {"log": 1.0, "power": 2.0}
-_LOWEST_M, _HIGHEST_M = 3.0 * 0.3048, 1000.0 * 0.3048
+_LOWEST_M, _HIGHEST_M = 3.0 * FOOT_M, 1000.0 * FOOT_M
 
 
 @dataclass(frozen=True, slots=True)

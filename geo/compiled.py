@@ -69,6 +69,8 @@ def compiled(
     Parameters
     ----------
     function : callable
+        One that is made inside another function, over compiled functions only, needs a ``__qualname__`` of
+        its own: by it numba tells its code from that of the others that are made there.
     inline : {"never", "always"}
         Whether it becomes part of its callers.
     nogil : bool
@@ -142,6 +144,14 @@ def _cache_class() -> Any:
 
     class KernelCache(caching.FunctionCache):  # type: ignore[misc]
         _impl_class = Implementation
+
+        def _index_key(self, signature: Any, codegen: Any) -> Any:
+            cells = [cell.cell_contents for cell in self._py_func.__closure__ or ()]
+            if not any(isinstance(one, numba.core.dispatcher.Dispatcher) for one in cells):
+                return super()._index_key(signature, codegen)
+            # numba tells a compiled function by a number, which is another in each process.
+            names = tuple(f"{one.__module__}.{one.__qualname__}" for one in cells)
+            return signature, codegen.magic_tuple(), names
 
         def load_overload(self, signature: Any, context: Any) -> Any:
             try:

@@ -9,27 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from sim_vehicle.energy.power import CONSTANT_POWER, power_coefficients
-from sim_vehicle.motion.columns import (
-    ACCELERATION,
-    ARRIVED,
-    COUNTERS,
-    ENERGY_USED,
-    GIVE_UP_STEP,
-    GRID,
-    HEADING,
-    HEADING_RATE,
-    LEG_INDEX,
-    MOVED_STEP,
-    NEAR_TOLD,
-    POSITION,
-    POWER,
-    STEP,
-    TRACK_POINTS,
-    VELOCITY,
-    WIND,
-    WIND_EAST,
-    WIND_NORTH,
-)
+from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.model import MotionEvent, MotionState
 from sim_vehicle.weather.wind import Wind
 
@@ -67,11 +47,11 @@ class CompiledMotion(ABC):
         self._power = power_coefficients(spec.power, spec.battery)
         self._idle_w = spec.power.idle_w if spec.power is not None else 0.0
         self.state: NDArray[np.float64] = np.zeros(self._state_size)
-        self.state[HEADING] = yaw_rad % (2.0 * math.pi)
-        self.state[GIVE_UP_STEP] = math.inf
-        self.state[POWER] = self._power[CONSTANT_POWER]
-        self.state[WIND_EAST : WIND_NORTH + 1] = self._wind.at(0, 0.0)[:2]
-        self.counters: NDArray[np.int64] = np.zeros(COUNTERS, dtype=np.int64)
+        self.state[col.HEADING] = yaw_rad % (2.0 * math.pi)
+        self.state[col.GIVE_UP_STEP] = math.inf
+        self.state[col.POWER] = self._power[CONSTANT_POWER]
+        self.state[col.WIND_EAST : col.WIND_NORTH + 1] = self._wind.at(0, 0.0)[:2]
+        self.counters: NDArray[np.int64] = np.zeros(col.COUNTERS, dtype=np.int64)
         self.arrivals: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
         self._route: NDArray[np.float64] | None = None
         self.track: NDArray[np.float64] = _NO_TRACK
@@ -84,38 +64,38 @@ class CompiledMotion(ABC):
     @property
     def time_s(self) -> float:
         """Time since the start."""
-        return int(self.counters[STEP]) * self.step_s
+        return int(self.counters[col.STEP]) * self.step_s
 
     @property
     def track_points(self) -> int:
         """Points of the track that were written."""
-        return int(self.counters[TRACK_POINTS])
+        return int(self.counters[col.TRACK_POINTS])
 
     @property
     def step(self) -> int:
         """Steps since the start."""
-        return int(self.counters[STEP])
+        return int(self.counters[col.STEP])
 
     @property
     def leg(self) -> int:
         """Index of the leg that is being flown."""
-        return int(self.counters[LEG_INDEX])
+        return int(self.counters[col.LEG_INDEX])
 
     @property
     def position_m(self) -> Position:
         """East, north, up about home."""
-        x, y, z = self.state[POSITION:VELOCITY].tolist()
+        x, y, z = self.state[col.POSITION : col.VELOCITY].tolist()
         return x, y, z
 
     @property
     def energy_j(self) -> float:
         """Energy used since the start."""
-        return float(self.state[ENERGY_USED])
+        return float(self.state[col.ENERGY_USED])
 
     def snapshot(self) -> MotionState:
         """Return the motion state now."""
         x, y, z, vx, vy, vz, ax, ay, az, heading, rate, energy, length, power, _, east, north = self.state[
-            : WIND_NORTH + 1
+            : col.WIND_NORTH + 1
         ].tolist()
         return MotionState(
             (x, y, z), (vx, vy, vz), (ax, ay, az), heading, rate, energy, length, power, (east, north)
@@ -124,28 +104,38 @@ class CompiledMotion(ABC):
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
         """Be in steady flight at time 0, with nothing used yet, as if it had flown there."""
         self.counters[:] = 0
-        self.state[POSITION:ACCELERATION] = (*position_m, *velocity_m_s)
-        self.state[ACCELERATION:GIVE_UP_STEP] = 0.0
-        self.state[HEADING] = heading_rad % (2.0 * math.pi)
-        self.state[WIND_EAST : WIND_NORTH + 1] = self._wind.at(self._wind.first, position_m[2])[:2]
+        self.state[col.POSITION : col.ACCELERATION] = (*position_m, *velocity_m_s)
+        self.state[col.ACCELERATION : col.GIVE_UP_STEP] = 0.0
+        self.state[col.HEADING] = heading_rad % (2.0 * math.pi)
+        self.state[col.WIND_EAST : col.WIND_NORTH + 1] = self._wind.at(self._wind.first, position_m[2])[:2]
         self._route = None
 
     def _begin(self) -> None:
         assert self._route is not None
         self.arrivals = np.full(len(self._route), -1, dtype=np.int64)
-        self.state[GIVE_UP_STEP] = math.inf
-        self.counters[LEG_INDEX] = 0
-        self.counters[MOVED_STEP] = self.counters[STEP]
-        self.counters[ARRIVED] = self.counters[NEAR_TOLD] = 0
+        self.state[col.GIVE_UP_STEP] = math.inf
+        self.counters[col.LEG_INDEX] = 0
+        self.counters[col.MOVED_STEP] = self.counters[col.STEP]
+        self.counters[col.ARRIVED] = self.counters[col.NEAR_TOLD] = 0
 
     def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
         """Fly up to ``max_steps`` steps, less when something happens (see `MotionEvent`)."""
-        end = int(self.counters[STEP]) + max_steps
-        route = self._route
+        return self._run(self._kernel, self._route, (), max_steps, stop_each)
+
+    def _run(
+        self,
+        kernel: Callable[..., int],
+        route: NDArray[np.float64] | None,
+        own: tuple[NDArray[np.float64], ...],
+        max_steps: int,
+        stop_each: bool,
+    ) -> MotionEvent:
+        """Call a kernel, with the arrays that are its own, until an event that is not the wind's."""
+        end = int(self.counters[col.STEP]) + max_steps
         if route is None:
             return MotionEvent.RAN
         while True:
-            event = self._kernel(
+            event = kernel(
                 self.state,
                 self.counters,
                 route,
@@ -153,13 +143,14 @@ class CompiledMotion(ABC):
                 self._power,
                 self._wind.block,
                 self._wind.first,
-                end - int(self.counters[STEP]),
+                end - int(self.counters[col.STEP]),
                 stop_each,
                 self.arrivals,
                 self.track,
                 self.track_every,
+                *own,
             )
-            if event != WIND:
+            if event != col.WIND:
                 return MotionEvent(event)
             self._wind.forward()
 
@@ -169,10 +160,10 @@ class CompiledMotion(ABC):
     def rest(self, steps: int, *, armed: bool) -> None:
         """Stand on the ground for a number of steps: no motion, only the idle power."""
         power = float(self._power[CONSTANT_POWER]) + (self._idle_w if armed else 0.0)
-        self.state[POWER] = power
-        self.state[ENERGY_USED] += power * steps * self.step_s
-        self.counters[STEP] += steps
-        self.state[WIND_EAST : WIND_NORTH + 1] = self._wind.at(self.step // GRID, 0.0)[:2]
+        self.state[col.POWER] = power
+        self.state[col.ENERGY_USED] += power * steps * self.step_s
+        self.counters[col.STEP] += steps
+        self.state[col.WIND_EAST : col.WIND_NORTH + 1] = self._wind.at(self.step // col.GRID, 0.0)[:2]
 
     def ignore_energy(self) -> None:
         """Tell no more that the battery is empty."""
@@ -188,10 +179,10 @@ class CompiledMotion(ABC):
 
     def use_energy(self, joules: float) -> None:
         """Take energy out of the battery."""
-        self.state[ENERGY_USED] += joules
+        self.state[col.ENERGY_USED] += joules
 
     def touch_down(self) -> None:
         """Stand still on the ground."""
-        self.state[POSITION + 2 : HEADING] = 0.0
-        self.state[HEADING_RATE] = 0.0
+        self.state[col.POSITION + 2 : col.HEADING] = 0.0
+        self.state[col.HEADING_RATE] = 0.0
         self._route = None

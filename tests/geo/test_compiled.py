@@ -40,10 +40,10 @@ def package(tmp_path):
     return folder
 
 
-def run(package, **environment):
+def run(package, arguments=(), **environment):
     environment = {"NUMBA_CACHE_DIR": str(package.parent / "cache")} | environment
     done = subprocess.run(
-        [sys.executable, "-m", "kernels.outer"],
+        [sys.executable, "-m", "kernels.outer", *arguments],
         cwd=package.parent,
         env=os.environ | environment,
         capture_output=True,
@@ -107,3 +107,33 @@ def test_a_constant_integer_is_compiled_for_as_any_integer():
 
     assert some(2.0) == 4.0 + 8.0 + 4.0
     assert len(power.signatures) == 1
+
+
+FACTORY = """
+import sys
+from geo.compiled import compile_notices, compiled
+from kernels.inner import rate
+
+@compiled
+def half(x):
+    return 0.5 * x
+
+def made(name, function):
+    def calls(x):
+        return 1.0 + function(x)
+
+    calls.__qualname__ = name
+    return compiled(calls)
+
+made_of = {"rate": made("calls_rate", rate), "half": made("calls_half", half)}
+with compile_notices(lambda name: print("compiles", name)):
+    print(sum(made_of[name](2.0) for name in sys.argv[1].split("+")))
+"""
+
+
+def test_functions_made_over_different_ones_are_kept_apart_and_found_again(package):
+    (package / "outer.py").write_text(FACTORY)
+    # Each is compiled in a process of its own, where numba gives both the same number.
+    assert run(package, arguments=["rate"])[:2] == (7.0, True)
+    assert run(package, arguments=["half"])[:2] == (2.0, True)
+    assert run(package, arguments=["half+rate"])[:2] == (9.0, False)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
+from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.arducopter.layout import (
     ACC_Z_I,
     ACC_Z_IMAX,
@@ -60,24 +61,6 @@ from sim_vehicle.motion.arducopter.layout import (
     YAW_ACCEL,
     YAW_RATE,
 )
-from sim_vehicle.motion.columns import (
-    ACCELERATION_X,
-    ACCELERATION_Y,
-    ACCELERATION_Z,
-    HEADING,
-    HEADING_RATE,
-    LOOK_EAST,
-    LOOK_NORTH,
-    POSITION,
-    POSITION_X,
-    POSITION_Y,
-    POSITION_Z,
-    VELOCITY_X,
-    VELOCITY_Y,
-    VELOCITY_Z,
-    WIND_EAST,
-    WIND_NORTH,
-)
 from sim_vehicle.motion.multirotor.kernel import ROI_NEAR
 from sim_vehicle.motion.rows import clear, copy
 
@@ -107,18 +90,18 @@ def stopping_distance(speed: float, gain: float, limit: float) -> float:
 def command(state: Floats, guide: Floats, law: Floats) -> None:
     """Position and velocity control: the acceleration that is asked for and the thrust."""
     dt = law[DT]
-    ex, ey = guide[PX] - state[POSITION_X], guide[PX + 1] - state[POSITION_Y]
+    ex, ey = guide[PX] - state[col.POSITION_X], guide[PX + 1] - state[col.POSITION_Y]
     size = sqrt(ex * ex + ey * ey)
     if size > 0.0:
         most = stopping_distance(guide[LEVEL], law[POS_P], law[ACCEL])
         if size > most:
             ex, ey, size = ex * most / size, ey * most / size, most
             if guide[MODE] != LEGS:
-                guide[PX], guide[PX + 1] = state[POSITION_X] + ex, state[POSITION_Y] + ey
+                guide[PX], guide[PX + 1] = state[col.POSITION_X] + ex, state[col.POSITION_Y] + ey
         gain = rooted(size, law[POS_P], law[ACCEL]) / size
     else:
         gain = 0.0
-    ez = guide[PX + 2] - state[POSITION_Z]
+    ez = guide[PX + 2] - state[col.POSITION_Z]
     most = stopping_distance(guide[UP] if ez > 0.0 else guide[DOWN], law[POS_Z_P], law[ACCEL_Z])
     ez = min(max(ez, -most), most)
     wx, wy, wz = guide[VX], guide[VX + 1], guide[VX + 2]
@@ -126,9 +109,11 @@ def command(state: Floats, guide: Floats, law: Floats) -> None:
     guide[LAG] = guide[ALONG] = 0.0
     if wanted > 1e-6:
         guide[LAG] = (ex * wx + ey * wy + ez * wz) / wanted
-        guide[ALONG] = (state[VELOCITY_X] * wx + state[VELOCITY_Y] * wy + state[VELOCITY_Z] * wz) / wanted
-    ux, uy = gain * ex + wx - state[VELOCITY_X], gain * ey + wy - state[VELOCITY_Y]
-    uz = rooted(ez, law[POS_Z_P], law[ACCEL_Z]) + wz - state[VELOCITY_Z]
+        guide[ALONG] = (
+            state[col.VELOCITY_X] * wx + state[col.VELOCITY_Y] * wy + state[col.VELOCITY_Z] * wz
+        ) / wanted
+    ux, uy = gain * ex + wx - state[col.VELOCITY_X], gain * ey + wy - state[col.VELOCITY_Y]
+    uz = rooted(ez, law[POS_Z_P], law[ACCEL_Z]) + wz - state[col.VELOCITY_Z]
     fx, fy, fz = guide[ERROR], guide[ERROR + 1], guide[ERROR_Z]
     if guide[RESET] != 0.0:
         guide[RESET] = 0.0
@@ -197,9 +182,9 @@ def move(state: Floats, guide: Floats, law: Floats, rising: float) -> float:
     stretch = sqrt(lx * lx + ly * ly + GRAVITY_M_S2 * GRAVITY_M_S2)
     nx, ny, nz = lx / stretch, ly / stretch, GRAVITY_M_S2 / stretch
     ux, uy, uz = (
-        state[VELOCITY_X] - state[WIND_EAST],
-        state[VELOCITY_Y] - state[WIND_NORTH],
-        state[VELOCITY_Z] - rising,
+        state[col.VELOCITY_X] - state[col.WIND_EAST],
+        state[col.VELOCITY_Y] - state[col.WIND_NORTH],
+        state[col.VELOCITY_Z] - rising,
     )
     through = ux * nx + uy * ny + uz * nz
     ux, uy, uz = ux - through * nx, uy - through * ny, uz - through * nz
@@ -209,36 +194,39 @@ def move(state: Floats, guide: Floats, law: Floats, rising: float) -> float:
     ay = share * ly - drag * uy - through * ny
     guide[LIFT] = -drag * uz - through * nz
     az = guide[THRUST] + guide[LIFT]
-    mx = dt * (state[VELOCITY_X] + 0.5 * dt * ax)
-    my = dt * (state[VELOCITY_Y] + 0.5 * dt * ay)
-    mz = dt * (state[VELOCITY_Z] + 0.5 * dt * az)
-    state[POSITION_X] += mx
-    state[POSITION_Y] += my
-    state[POSITION_Z] += mz
-    state[VELOCITY_X] += dt * ax
-    state[VELOCITY_Y] += dt * ay
-    state[VELOCITY_Z] += dt * az
-    state[ACCELERATION_X], state[ACCELERATION_Y], state[ACCELERATION_Z] = ax, ay, az
-    if state[POSITION_Z] < 0.0:
-        mz -= state[POSITION_Z]
-        state[POSITION_Z] = 0.0
-        state[VELOCITY_Z] = max(state[VELOCITY_Z], 0.0)
-        state[ACCELERATION_Z] = max(state[ACCELERATION_Z], 0.0)
+    mx = dt * (state[col.VELOCITY_X] + 0.5 * dt * ax)
+    my = dt * (state[col.VELOCITY_Y] + 0.5 * dt * ay)
+    mz = dt * (state[col.VELOCITY_Z] + 0.5 * dt * az)
+    state[col.POSITION_X] += mx
+    state[col.POSITION_Y] += my
+    state[col.POSITION_Z] += mz
+    state[col.VELOCITY_X] += dt * ax
+    state[col.VELOCITY_Y] += dt * ay
+    state[col.VELOCITY_Z] += dt * az
+    state[col.ACCELERATION_X], state[col.ACCELERATION_Y], state[col.ACCELERATION_Z] = ax, ay, az
+    if state[col.POSITION_Z] < 0.0:
+        mz -= state[col.POSITION_Z]
+        state[col.POSITION_Z] = 0.0
+        state[col.VELOCITY_Z] = max(state[col.VELOCITY_Z], 0.0)
+        state[col.ACCELERATION_Z] = max(state[col.ACCELERATION_Z], 0.0)
     return sqrt(mx * mx + my * my + mz * mz)
 
 
 @compiled
 def turn(state: Floats, guide: Floats, law: Floats, heading: float, turning: float) -> None:
     """Turn the nose: to a position, at a rate, to a heading, or to where the target goes."""
-    yaw, rate, change = state[HEADING], state[HEADING_RATE], law[YAW_ACCEL] * law[DT]
+    yaw, rate, change = state[col.HEADING], state[col.HEADING_RATE], law[YAW_ACCEL] * law[DT]
     wanted = np.nan
-    if not isnan(state[LOOK_EAST]):
-        east, north = state[LOOK_EAST] - state[POSITION_X], state[LOOK_NORTH] - state[POSITION_Y]
+    if not isnan(state[col.LOOK_EAST]):
+        east, north = (
+            state[col.LOOK_EAST] - state[col.POSITION_X],
+            state[col.LOOK_NORTH] - state[col.POSITION_Y],
+        )
         if east * east + north * north > ROI_NEAR * ROI_NEAR:
             wanted = atan2(east, north)
     elif not isnan(turning):
         rate += min(max(min(max(turning, -law[YAW_RATE]), law[YAW_RATE]) - rate, -change), change)
-        state[HEADING], state[HEADING_RATE] = (yaw + rate * law[DT]) % (2.0 * pi), rate
+        state[col.HEADING], state[col.HEADING_RATE] = (yaw + rate * law[DT]) % (2.0 * pi), rate
         return
     elif not isnan(heading):
         wanted = np.nan if isinf(heading) else heading
@@ -249,24 +237,24 @@ def turn(state: Floats, guide: Floats, law: Floats, heading: float, turning: flo
     if isnan(wanted):
         if rate != 0.0:
             rate -= min(max(rate, -change), change)
-            state[HEADING], state[HEADING_RATE] = (yaw + rate * law[DT]) % (2.0 * pi), rate
+            state[col.HEADING], state[col.HEADING_RATE] = (yaw + rate * law[DT]) % (2.0 * pi), rate
         return
     error = (wanted - yaw + pi) % (2.0 * pi) - pi
     size = abs(error)
     if size < 1e-6 and abs(rate) < 1e-4:
-        state[HEADING], state[HEADING_RATE] = wanted % (2.0 * pi), 0.0
+        state[col.HEADING], state[col.HEADING_RATE] = wanted % (2.0 * pi), 0.0
         return
     aim = min(law[YAW_RATE], 2.0 * size, 0.8 * sqrt(2.0 * law[YAW_ACCEL] * size))
     aim = aim if error > 0.0 else -aim
     rate += min(max(aim - rate, -change), change)
-    state[HEADING], state[HEADING_RATE] = (yaw + rate * law[DT]) % (2.0 * pi), rate
+    state[col.HEADING], state[col.HEADING_RATE] = (yaw + rate * law[DT]) % (2.0 * pi), rate
 
 
 @compiled
 def stand(state: Floats, guide: Floats) -> None:
     """Stand on the ground with the motors running."""
-    clear(state, POSITION + 2, HEADING)
-    copy(guide, PX, state, POSITION, 3)
+    clear(state, col.POSITION + 2, col.HEADING)
+    copy(guide, PX, state, col.POSITION, 3)
     clear(guide, VX, AX + 3)
     clear(guide, INTEGRAL, LEAN + 2)
     guide[RESET] = 1.0

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
+from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.arducopter.control import rooted, stand, stopping_distance
 from sim_vehicle.motion.arducopter.layout import (
     ACCEL,
@@ -96,15 +97,6 @@ from sim_vehicle.motion.arducopter.scurve import (
     may_turn,
     state_at,
 )
-from sim_vehicle.motion.columns import (
-    POSITION,
-    POSITION_X,
-    POSITION_Y,
-    POSITION_Z,
-    VELOCITY_X,
-    VELOCITY_Y,
-    VELOCITY_Z,
-)
 from sim_vehicle.motion.rows import clear, copy
 
 Floats = NDArray[np.float64]
@@ -122,9 +114,9 @@ def _shape(change: float, acceleration: float, limit: float, jerk: float, dt: fl
 @compiled
 def _stop_here(state: Floats, guide: Floats, law: Floats) -> None:
     """Begin anew from the position where the vehicle comes to rest."""
-    vx, vy, vz = state[VELOCITY_X], state[VELOCITY_Y], state[VELOCITY_Z]
+    vx, vy, vz = state[col.VELOCITY_X], state[col.VELOCITY_Y], state[col.VELOCITY_Z]
     speed = sqrt(vx * vx + vy * vy)
-    guide[PX], guide[PX + 1] = state[POSITION_X], state[POSITION_Y]
+    guide[PX], guide[PX + 1] = state[col.POSITION_X], state[col.POSITION_Y]
     if speed > 0.0:
         seconds = stopping_distance(min(speed, guide[LEVEL]), law[POS_P], law[ACCEL]) / speed
         guide[PX] += vx * seconds
@@ -132,7 +124,7 @@ def _stop_here(state: Floats, guide: Floats, law: Floats) -> None:
     distance = stopping_distance(
         min(abs(vz), law[SPEED_UP] if vz > 0.0 else law[SPEED_DOWN]), law[POS_Z_P], law[ACCEL_Z]
     )
-    guide[PX + 2] = max(state[POSITION_Z] + (distance if vz > 0.0 else -distance), 0.0)
+    guide[PX + 2] = max(state[col.POSITION_Z] + (distance if vz > 0.0 else -distance), 0.0)
     clear(guide, VX, AX + 3)
     copy(guide, BEGIN, guide, PX, 3)
     copy(guide, END, guide, PX, 3)
@@ -145,7 +137,7 @@ def _stop_here(state: Floats, guide: Floats, law: Floats) -> None:
 @compiled
 def _take_velocity(state: Floats, guide: Floats) -> None:
     """Begin anew from the present position and velocity."""
-    copy(guide, PX, state, POSITION, 6)
+    copy(guide, PX, state, col.POSITION, 6)
     clear(guide, AX, AX + 3)
     guide[INTEGRAL], guide[INTEGRAL + 1] = guide[ASKED], guide[ASKED + 1]
     guide[THRUST_I] = guide[THRUST]
@@ -209,7 +201,7 @@ def begin(
         if kind == TAKEOFF:
             guide[MODE] = CLIMBING
             guide[END], guide[END + 1], guide[END + 2] = row[RX], row[RY], row[RZ]
-            if state[POSITION_Z] <= 0.0:
+            if state[col.POSITION_Z] <= 0.0:
                 guide[UNTIL] = step + law[SPOOL_STEPS]
         else:
             guide[MODE] = LANDING
@@ -501,9 +493,9 @@ def lead(
             guide[END], guide[END + 1] = guide[PX], guide[PX + 1]
     elif mode == LANDING:
         _lead_level(guide, law)
-        _lead_down(guide, law, state[POSITION_Z])
+        _lead_down(guide, law, state[col.POSITION_Z])
         done = False
-        if state[POSITION_Z] <= 0.0:
+        if state[col.POSITION_Z] <= 0.0:
             guide[MODE] = LANDED
             guide[UNTIL] = step + law[DETECT_STEPS]
             stand(state, guide)
@@ -513,11 +505,14 @@ def lead(
         if leg + 1 < len(route):
             return True
         gap = (
-            (guide[PX] - state[POSITION_X]) ** 2
-            + (guide[PX + 1] - state[POSITION_Y]) ** 2
-            + (guide[PX + 2] - state[POSITION_Z]) ** 2
+            (guide[PX] - state[col.POSITION_X]) ** 2
+            + (guide[PX + 1] - state[col.POSITION_Y]) ** 2
+            + (guide[PX + 2] - state[col.POSITION_Z]) ** 2
         )
-        done = gap < 0.04 and state[VELOCITY_X] ** 2 + state[VELOCITY_Y] ** 2 + state[VELOCITY_Z] ** 2 < 0.01
+        done = (
+            gap < 0.04
+            and state[col.VELOCITY_X] ** 2 + state[col.VELOCITY_Y] ** 2 + state[col.VELOCITY_Z] ** 2 < 0.01
+        )
     else:
         done = mode == LANDED and step >= guide[UNTIL]
     return done

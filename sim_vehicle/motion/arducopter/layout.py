@@ -28,7 +28,7 @@ NO_MODE, HOLDING, LEGS, CLIMBING, LANDING, LANDED, CHORDS, GUIDED = range(8)
 NOTHING, CHAINED, SAME, ANEW = range(4)
 
 # The law: constants of control and dynamics that parameters and the airframe decide.
-LAW = 40
+LAW = 39
 (
     DT,
     DRAG,
@@ -68,7 +68,6 @@ LAW = 40
     YAW_RATE,
     YAW_ACCEL,
     LOOKS_AHEAD,
-    CAPACITY,
     STAND_BY,
 ) = range(LAW)
 

@@ -8,29 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.energy.power import CONSTANT_POWER
+from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.arducopter import kernel, scurve
 from sim_vehicle.motion.arducopter import layout as at
 from sim_vehicle.motion.arducopter.control import stopping_distance
 from sim_vehicle.motion.arducopter.parameters import drag_of, lookup
-from sim_vehicle.motion.columns import (
-    ACCELERATION,
-    ARRIVED,
-    HEADING,
-    POSITION,
-    POSITION_Z,
-    STEP,
-    VELOCITY,
-    VELOCITY_X,
-    VELOCITY_Y,
-    WIND,
-    WIND_EAST,
-    WIND_NORTH,
-)
 from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.motion.model import MotionEvent
-from sim_vehicle.motion.multirotor.kernel import ENERGY_LIMIT
 from sim_vehicle.motion.multirotor.model import Multirotor
 
 if TYPE_CHECKING:
@@ -93,7 +78,7 @@ class ArduCopter(Multirotor):
         guide[at.LEVEL] = self.spec.cruise_speed_m_s
         self.heads[:] = 0.0
         # The attitude and the integrators that balance the drag.
-        air = self.state[VELOCITY:ACCELERATION][:2] - self.state[WIND_EAST : WIND_NORTH + 1]
+        air = self.state[col.VELOCITY : col.ACCELERATION][:2] - self.state[col.WIND_EAST : col.WIND_NORTH + 1]
         lean = (law[at.DRAG] + law[at.DRAG_2] * float(np.hypot(*air))) * air
         for first in (at.INTEGRAL, at.ASKED, at.TARGET, at.LEAN):
             guide[first : first + 2] = lean
@@ -124,7 +109,7 @@ class ArduCopter(Multirotor):
     def _join(self, row: NDArray[np.float64]) -> int:
         """Be on a leg that began somewhere behind; return how it is gone on with."""
         guide, law, head, curve = self.guide, self.law, self.heads[1], self.curves[1]
-        here, velocity = self.state[POSITION:VELOCITY], self.state[VELOCITY:ACCELERATION]
+        here, velocity = self.state[col.POSITION : col.VELOCITY], self.state[col.VELOCITY : col.ACCELERATION]
         end = row[: at.RZ + 1]
         left = float(np.linalg.norm(end - here))
         speed = float(np.linalg.norm(velocity))
@@ -191,14 +176,14 @@ class ArduCopter(Multirotor):
             return at.ANEW
         target = row[: at.RZ + 1]
         arrived = guide[at.BEGINS] == at.CHAINED
-        if interrupted and not (arrived or self.counters[ARRIVED]):
+        if interrupted and not (arrived or self.counters[col.ARRIVED]):
             return at.ANEW
         end = guide[at.END : at.END + 3]
         if arrived and guide[at.FAST] != 0.0:
             head = self.heads[2]
             ahead = end + head[scurve.LENGTH] * head[scurve.UX : scurve.UZ + 1]
             return at.CHAINED if np.allclose(ahead, target, rtol=0.0, atol=1e-3) else at.ANEW
-        if arrived or self.counters[ARRIVED]:
+        if arrived or self.counters[col.ARRIVED]:
             return at.CHAINED
         if guide[at.MODE] == at.LEGS and np.allclose(end, target, rtol=0.0, atol=1e-3):
             return at.SAME
@@ -217,7 +202,7 @@ class ArduCopter(Multirotor):
 
     def stopping_point(self) -> Position:
         """Return the position of rest if it brakes now."""
-        x, y, z, vx, vy, vz = self.state[POSITION:ACCELERATION].tolist()
+        x, y, z, vx, vy, vz = self.state[col.POSITION : col.ACCELERATION].tolist()
         law, guide = self.law, self.guide
         speed = math.hypot(vx, vy)
         if speed > 0.0:
@@ -230,56 +215,30 @@ class ArduCopter(Multirotor):
 
     def attitude(self) -> tuple[float, float, float, float] | None:
         """Return roll, pitch, airspeed and throttle; None where they follow from the acceleration."""
-        if self._rows is None or self.state[POSITION_Z] <= 0.0:
+        if self._rows is None or self.state[col.POSITION_Z] <= 0.0:
             return None
         state, (east, north) = self.state, self.guide[at.LEAN : at.LEAN + 2].tolist()
-        sine, cosine = math.sin(state[HEADING]), math.cos(state[HEADING])
+        sine, cosine = math.sin(state[col.HEADING]), math.cos(state[col.HEADING])
         pitch = -math.atan2(east * sine + north * cosine, GRAVITY_M_S2)
         roll = math.atan2((east * cosine - north * sine) * math.cos(pitch), GRAVITY_M_S2)
-        airspeed = math.hypot(state[VELOCITY_X] - state[WIND_EAST], state[VELOCITY_Y] - state[WIND_NORTH])
+        airspeed = math.hypot(
+            state[col.VELOCITY_X] - state[col.WIND_EAST], state[col.VELOCITY_Y] - state[col.WIND_NORTH]
+        )
         stretch = math.sqrt(1.0 + (east * east + north * north) / GRAVITY_M_S2**2)
         thrust = (1.0 + float(self.guide[at.THRUST]) / GRAVITY_M_S2) * stretch
         return roll, pitch, airspeed, min(max(_HOVER_THROTTLE * thrust, 0.0), 1.0)
 
     def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
         """Fly up to ``max_steps`` steps, less when something happens (see `MotionEvent`)."""
-        rows = self._rows
-        if rows is None:
+        if self._rows is None:
             return super().advance(max_steps, stop_each=stop_each)
-        end = int(self.counters[STEP]) + max_steps
-        while True:
-            event = kernel.advance(
-                self.state,
-                self.counters,
-                self.guide,
-                self.law,
-                self.heads,
-                self.curves,
-                rows,
-                self._power,
-                self._wind.block,
-                self._wind.first,
-                end - int(self.counters[STEP]),
-                stop_each,
-                self.arrivals,
-                self.track,
-                self.track_every,
-            )
-            if event != WIND:
-                return MotionEvent(event)
-            self._wind.forward()
-
-    def ignore_energy(self) -> None:
-        """Tell no more that the battery is empty."""
-        super().ignore_energy()
-        self.law[at.CAPACITY] = math.inf
+        own = self.guide, self.law, self.heads, self.curves
+        return self._run(kernel.advance, self._rows, own, max_steps, stop_each)
 
     def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults, limits and parameters; they hold from the next leg on."""
         super().update_spec(spec)
-        capacity = self._limits[ENERGY_LIMIT]
         self.law = _law(spec, float(self.law[at.STAND_BY]))
-        self.law[at.CAPACITY] = capacity
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
         """Climb and sink at this speed, from the next route on; None is the vehicle's own."""
@@ -347,7 +306,6 @@ def _law(spec: VehicleSpec, stand_by_w: float) -> NDArray[np.float64]:
     law[at.YAW_RATE] = spec.yaw_rate_rad_s
     law[at.YAW_ACCEL] = spec.yaw_acceleration_rad_s2
     law[at.LOOKS_AHEAD] = get("WP_YAW_BEHAVIOR") > 0.0
-    law[at.CAPACITY] = spec.battery.capacity_wh * WH_J if spec.battery is not None else math.inf
     law[at.STAND_BY] = stand_by_w
     return law
 

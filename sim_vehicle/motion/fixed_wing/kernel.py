@@ -13,38 +13,7 @@ from math import atan, atan2, cos, inf, isnan, pi, sin, sqrt, tan
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.energy.power_kernels import fixed_wing_power
-from sim_vehicle.motion.columns import (
-    ACCELERATION_X,
-    ACCELERATION_Y,
-    ACCELERATION_Z,
-    ARRIVED,
-    ENERGY,
-    ENERGY_USED,
-    GIVE_UP_STEP,
-    GRID,
-    HEADING,
-    HEADING_RATE,
-    LEG_INDEX,
-    NEAR,
-    NEAR_TOLD,
-    PATH_LENGTH,
-    POSITION,
-    POSITION_X,
-    POSITION_Y,
-    POSITION_Z,
-    POWER,
-    RAN,
-    REACHED,
-    STALLED,
-    STEP,
-    TRACK_POINTS,
-    VELOCITY_X,
-    VELOCITY_Y,
-    VELOCITY_Z,
-    WIND,
-    WIND_EAST,
-    WIND_NORTH,
-)
+from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.fixed_wing.guidance import (
     NPFG,
     Floats,
@@ -56,6 +25,7 @@ from sim_vehicle.motion.fixed_wing.guidance import (
 )
 from sim_vehicle.motion.multirotor.kernel import Integers
 from sim_vehicle.motion.rows import copy
+from sim_vehicle.motion.rules import complete_leg, mark_track, wind_row
 from sim_vehicle.weather.gust_kernel import wind_at
 
 # The state: the shared numbers, where the vertical wind takes the column of LOOK_EAST, and then these.
@@ -172,13 +142,13 @@ def excess_sink(limits: Floats, airspeed: float, load: float) -> float:
 @compiled
 def _patience_steps(state: Floats, row: Floats, limits: Floats) -> float:
     """Return the number of steps that a leg may take."""
-    east, north = row[LEG_X] - state[POSITION_X], row[LEG_Y] - state[POSITION_Y]
+    east, north = row[LEG_X] - state[col.POSITION_X], row[LEG_Y] - state[col.POSITION_Y]
     way = sqrt(east * east + north * north)
     trim = limits[AIRSPEED_TRIM]
     seconds = (
         PATIENCE_S
         + way / (SLOW_SHARE * trim)
-        + abs(row[LEG_Z] - state[POSITION_Z]) / 0.2
+        + abs(row[LEG_Z] - state[col.POSITION_Z]) / 0.2
         + 2.0 * row[LEG_PAUSE]
     )
     seconds += (row[LEG_TURNS] + 2.0) * 2.0 * pi * abs(row[LEG_CIRCLE_RADIUS]) / (0.2 * trim)
@@ -190,17 +160,17 @@ def _steer_line(
     state: Floats, row: Floats, limits: Floats, wx: float, wy: float
 ) -> tuple[float, float, float]:
     """Return the lateral acceleration along a leg, and its bearing."""
-    ve, vn = state[VELOCITY_X], state[VELOCITY_Y]
+    ve, vn = state[col.VELOCITY_X], state[col.VELOCITY_Y]
     period, damping = limits[PERIOD], limits[DAMPING]
     dx, dy = row[LEG_X] - state[BEGIN], row[LEG_Y] - state[BEGIN + 1]
     length = sqrt(dx * dx + dy * dy)
-    rx, ry = state[POSITION_X] - state[BEGIN], state[POSITION_Y] - state[BEGIN + 1]
-    goal_x, goal_y = row[LEG_X] - state[POSITION_X], row[LEG_Y] - state[POSITION_Y]
+    rx, ry = state[col.POSITION_X] - state[BEGIN], state[col.POSITION_Y] - state[BEGIN + 1]
+    goal_x, goal_y = row[LEG_X] - state[col.POSITION_X], row[LEG_Y] - state[col.POSITION_Y]
     if limits[LAW] != NPFG:
         if length < SHORT:
             dx, dy, length, rx, ry = goal_x, goal_y, sqrt(goal_x * goal_x + goal_y * goal_y), 0.0, 0.0
             if length < 1e-6:
-                dx, dy, length = sin(state[HEADING]), cos(state[HEADING]), 1.0
+                dx, dy, length = sin(state[col.HEADING]), cos(state[col.HEADING]), 1.0
         return l1_line(
             rx, ry, dx / length, dy / length, length, ve, vn, period, damping, limits[INTEGRAL],
             limits[STEP_S], state, GUIDANCE,
@@ -214,13 +184,13 @@ def _steer_line(
             rx = ry = 0.0
         elif (
             row[LEG_KIND] == LINE
-            and (state[POSITION_X] - row[LEG_X]) * dx + (state[POSITION_Y] - row[LEG_Y]) * dy > 0.0
+            and (state[col.POSITION_X] - row[LEG_X]) * dx + (state[col.POSITION_Y] - row[LEG_Y]) * dy > 0.0
         ):
             length = 0.0
     if length < SHORT:
         dx, dy, length, rx, ry = goal_x, goal_y, sqrt(goal_x * goal_x + goal_y * goal_y), 0.0, 0.0
         if length < 1e-6:
-            dx, dy, length = sin(state[HEADING]), cos(state[HEADING]), 1.0
+            dx, dy, length = sin(state[col.HEADING]), cos(state[col.HEADING]), 1.0
     te, tn = dx / length, dy / length
     return npfg(rx * tn - ry * te, te, tn, 0.0, ve, vn, wx, wy, period, damping)
 
@@ -230,8 +200,8 @@ def _steer_circle(
     state: Floats, x: float, y: float, radius: float, limits: Floats, wx: float, wy: float
 ) -> float:
     """Return the lateral acceleration to follow a circle."""
-    ve, vn = state[VELOCITY_X], state[VELOCITY_Y]
-    rx, ry = state[POSITION_X] - x, state[POSITION_Y] - y
+    ve, vn = state[col.VELOCITY_X], state[col.VELOCITY_Y]
+    rx, ry = state[col.POSITION_X] - x, state[col.POSITION_Y] - y
     sense = 1.0 if radius > 0.0 else -1.0
     radius = abs(radius)
     period, damping = limits[PERIOD], limits[DAMPING]
@@ -263,7 +233,7 @@ def _energy(
     extra = excess_sink(limits, v, load)
     most = limits[CLIMB_MAX] - extra
     least = -limits[SINK_MIN] - extra
-    climb = (height - state[POSITION_Z]) / limits[HEIGHT_S]
+    climb = (height - state[col.POSITION_Z]) / limits[HEIGHT_S]
     climb = min(max(climb, -limits[SINK_RATE]), limits[CLIMB_RATE])
     # Rates of the kinetic energy over the weight.
     fast = (airspeed - v) / limits[SPEED_S] * v / GRAVITY_M_S2
@@ -286,7 +256,9 @@ def _energy(
 @compiled
 def _acceptance(state: Floats, row: Floats, limits: Floats) -> float:
     """Return the distance at which a waypoint counts as reached."""
-    ground = sqrt(state[VELOCITY_X] * state[VELOCITY_X] + state[VELOCITY_Y] * state[VELOCITY_Y])
+    ground = sqrt(
+        state[col.VELOCITY_X] * state[col.VELOCITY_X] + state[col.VELOCITY_Y] * state[col.VELOCITY_Y]
+    )
     if limits[LAW] == NPFG:
         near = switch_distance(ground, limits[PERIOD], limits[DAMPING], limits[SWITCH_SHARE])
         return float(max(limits[ACCEPTANCE], near))
@@ -299,12 +271,14 @@ def _acceptance(state: Floats, row: Floats, limits: Floats) -> float:
 @compiled
 def _circled(state: Floats, row: Floats, limits: Floats, step: int) -> bool:
     """Keep count on a circle and tell whether it may be left."""
-    rx, ry = state[POSITION_X] - row[LEG_X], state[POSITION_Y] - row[LEG_Y]
+    rx, ry = state[col.POSITION_X] - row[LEG_X], state[col.POSITION_Y] - row[LEG_Y]
     away = sqrt(rx * rx + ry * ry)
     radius = abs(row[LEG_CIRCLE_RADIUS])
     sense = 1.0 if row[LEG_CIRCLE_RADIUS] > 0.0 else -1.0
     if isnan(state[BEARING]):
-        ground = sqrt(state[VELOCITY_X] * state[VELOCITY_X] + state[VELOCITY_Y] * state[VELOCITY_Y])
+        ground = sqrt(
+            state[col.VELOCITY_X] * state[col.VELOCITY_X] + state[col.VELOCITY_Y] * state[col.VELOCITY_Y]
+        )
         room = radius + min(limits[ACCEPTANCE], 0.5 * radius)
         if limits[LAW] == NPFG:
             near = switch_distance(ground, limits[PERIOD], limits[DAMPING], limits[SWITCH_SHARE])
@@ -312,7 +286,7 @@ def _circled(state: Floats, row: Floats, limits: Floats, step: int) -> bool:
         # An airspeed that is too high for the circle leads round it outside.
         tight = ground * ground / (GRAVITY_M_S2 * tan(limits[BANK_LIMIT]))
         room = max(room, 2.2 * tight)
-        if away > room or abs(row[LEG_Z] - state[POSITION_Z]) > row[LEG_HEIGHT_TOLERANCE]:
+        if away > room or abs(row[LEG_Z] - state[col.POSITION_Z]) > row[LEG_HEIGHT_TOLERANCE]:
             return False
         state[BEARING] = atan2(rx, ry)
         state[TURNED] = 0.0
@@ -325,11 +299,11 @@ def _circled(state: Floats, row: Floats, limits: Floats, step: int) -> bool:
         return False
     if isnan(row[LEG_EXIT_X]) or state[TURNED] > 2.0 * pi * (row[LEG_TURNS] + 2.0):
         return True
-    ex, ey = row[LEG_EXIT_X] - state[POSITION_X], row[LEG_EXIT_Y] - state[POSITION_Y]
+    ex, ey = row[LEG_EXIT_X] - state[col.POSITION_X], row[LEG_EXIT_Y] - state[col.POSITION_Y]
     size = sqrt(ex * ex + ey * ey) * sqrt(
-        state[VELOCITY_X] * state[VELOCITY_X] + state[VELOCITY_Y] * state[VELOCITY_Y]
+        state[col.VELOCITY_X] * state[col.VELOCITY_X] + state[col.VELOCITY_Y] * state[col.VELOCITY_Y]
     )
-    return size < 1.0 or ex * state[VELOCITY_X] + ey * state[VELOCITY_Y] > ALIGNED * size
+    return size < 1.0 or ex * state[col.VELOCITY_X] + ey * state[col.VELOCITY_Y] > ALIGNED * size
 
 
 @compiled
@@ -337,19 +311,19 @@ def _roll_on_ground(state: Floats, limits: Floats, rate: float, wx: float, wy: f
     """Change the speed over ground by ``rate`` along the course on the ground."""
     dt = limits[STEP_S]
     ce, cn = sin(state[COURSE]), cos(state[COURSE])
-    before = state[VELOCITY_X] * ce + state[VELOCITY_Y] * cn
+    before = state[col.VELOCITY_X] * ce + state[col.VELOCITY_Y] * cn
     speed = max(before + rate * dt, 0.0)
-    state[POSITION_X] += 0.5 * (before + speed) * dt * ce
-    state[POSITION_Y] += 0.5 * (before + speed) * dt * cn
-    state[POSITION_Z] = 0.0
-    state[PATH_LENGTH] += 0.5 * (before + speed) * dt
-    state[ACCELERATION_X], state[ACCELERATION_Y], state[ACCELERATION_Z] = (
+    state[col.POSITION_X] += 0.5 * (before + speed) * dt * ce
+    state[col.POSITION_Y] += 0.5 * (before + speed) * dt * cn
+    state[col.POSITION_Z] = 0.0
+    state[col.PATH_LENGTH] += 0.5 * (before + speed) * dt
+    state[col.ACCELERATION_X], state[col.ACCELERATION_Y], state[col.ACCELERATION_Z] = (
         (speed - before) / dt * ce,
         (speed - before) / dt * cn,
         0.0,
     )
-    state[VELOCITY_X], state[VELOCITY_Y], state[VELOCITY_Z] = speed * ce, speed * cn, 0.0
-    state[HEADING], state[HEADING_RATE] = state[COURSE] % (2.0 * pi), 0.0
+    state[col.VELOCITY_X], state[col.VELOCITY_Y], state[col.VELOCITY_Z] = speed * ce, speed * cn, 0.0
+    state[col.HEADING], state[col.HEADING_RATE] = state[COURSE] % (2.0 * pi), 0.0
     state[AIRSPEED] = max(speed - wx * ce - wy * cn, 0.0)
     state[CLIMB] = state[BANK] = state[COMMAND] = state[PITCH] = 0.0
 
@@ -385,22 +359,22 @@ def _fly(
     w = min(max(w, -0.8 * v), 0.8 * v)
     forward = sqrt(v * v - w * w)
     turn = GRAVITY_M_S2 * tan(bank) / forward
-    middle = state[HEADING] + 0.5 * turn * dt
-    yaw = (state[HEADING] + turn * dt) % (2.0 * pi)
+    middle = state[col.HEADING] + 0.5 * turn * dt
+    yaw = (state[col.HEADING] + turn * dt) % (2.0 * pi)
     ve, vn, vz = forward * sin(yaw) + wx, forward * cos(yaw) + wy, w + rising
     east, north = (forward * sin(middle) + wx) * dt, (forward * cos(middle) + wy) * dt
-    up = 0.5 * (state[VELOCITY_Z] + vz) * dt
-    state[POSITION_X] += east
-    state[POSITION_Y] += north
-    state[POSITION_Z] += up
-    state[PATH_LENGTH] += sqrt(east * east + north * north + up * up)
-    state[ACCELERATION_X], state[ACCELERATION_Y], state[ACCELERATION_Z] = (
-        (ve - state[VELOCITY_X]) / dt,
-        (vn - state[VELOCITY_Y]) / dt,
-        (vz - state[VELOCITY_Z]) / dt,
+    up = 0.5 * (state[col.VELOCITY_Z] + vz) * dt
+    state[col.POSITION_X] += east
+    state[col.POSITION_Y] += north
+    state[col.POSITION_Z] += up
+    state[col.PATH_LENGTH] += sqrt(east * east + north * north + up * up)
+    state[col.ACCELERATION_X], state[col.ACCELERATION_Y], state[col.ACCELERATION_Z] = (
+        (ve - state[col.VELOCITY_X]) / dt,
+        (vn - state[col.VELOCITY_Y]) / dt,
+        (vz - state[col.VELOCITY_Z]) / dt,
     )
-    state[VELOCITY_X], state[VELOCITY_Y], state[VELOCITY_Z] = ve, vn, vz
-    state[HEADING], state[HEADING_RATE] = yaw, turn
+    state[col.VELOCITY_X], state[col.VELOCITY_Y], state[col.VELOCITY_Z] = ve, vn, vz
+    state[col.HEADING], state[col.HEADING_RATE] = yaw, turn
     state[AIRSPEED], state[CLIMB] = v, w
     load = 1.0 / cos(bank)
     state[PITCH] = atan2(w, forward) + ALPHA * load * (limits[AIRSPEED_TRIM] / v) ** 2
@@ -412,20 +386,20 @@ def _drop(state: Floats, limits: Floats, wx: float, wy: float) -> None:
     """Fall a step."""
     dt = limits[STEP_S]
     keep = 1.0 - dt / FALL_S
-    ve, vn = wx + (state[VELOCITY_X] - wx) * keep, wy + (state[VELOCITY_Y] - wy) * keep
-    vz = max(state[VELOCITY_Z] - GRAVITY_M_S2 * dt, -FALL_M_S)
-    state[POSITION_X] += ve * dt
-    state[POSITION_Y] += vn * dt
-    state[POSITION_Z] = max(state[POSITION_Z] + vz * dt, 0.0)
-    state[PATH_LENGTH] += sqrt(ve * ve + vn * vn + vz * vz) * dt
-    state[ACCELERATION_X], state[ACCELERATION_Y], state[ACCELERATION_Z] = (
-        (ve - state[VELOCITY_X]) / dt,
-        (vn - state[VELOCITY_Y]) / dt,
-        (vz - state[VELOCITY_Z]) / dt,
+    ve, vn = wx + (state[col.VELOCITY_X] - wx) * keep, wy + (state[col.VELOCITY_Y] - wy) * keep
+    vz = max(state[col.VELOCITY_Z] - GRAVITY_M_S2 * dt, -FALL_M_S)
+    state[col.POSITION_X] += ve * dt
+    state[col.POSITION_Y] += vn * dt
+    state[col.POSITION_Z] = max(state[col.POSITION_Z] + vz * dt, 0.0)
+    state[col.PATH_LENGTH] += sqrt(ve * ve + vn * vn + vz * vz) * dt
+    state[col.ACCELERATION_X], state[col.ACCELERATION_Y], state[col.ACCELERATION_Z] = (
+        (ve - state[col.VELOCITY_X]) / dt,
+        (vn - state[col.VELOCITY_Y]) / dt,
+        (vz - state[col.VELOCITY_Z]) / dt,
     )
-    state[VELOCITY_X], state[VELOCITY_Y], state[VELOCITY_Z] = ve, vn, vz
-    state[HEADING_RATE] = 2.0
-    state[HEADING] = (state[HEADING] + 2.0 * dt) % (2.0 * pi)
+    state[col.VELOCITY_X], state[col.VELOCITY_Y], state[col.VELOCITY_Z] = ve, vn, vz
+    state[col.HEADING_RATE] = 2.0
+    state[col.HEADING] = (state[col.HEADING] + 2.0 * dt) % (2.0 * pi)
     state[AIRSPEED] = sqrt((ve - wx) ** 2 + (vn - wy) ** 2 + vz * vz)
     state[CLIMB] = vz
 
@@ -434,17 +408,17 @@ def _drop(state: Floats, limits: Floats, wx: float, wy: float) -> None:
 def _blow(state: Floats, wx: float, wy: float, rising: float) -> None:
     """Change the wind: the velocity over ground stays, that through the air changes."""
     if state[DOING] == FLYING or state[DOING] == FLARE:
-        ae, an, up = state[VELOCITY_X] - wx, state[VELOCITY_Y] - wy, state[VELOCITY_Z] - rising
+        ae, an, up = state[col.VELOCITY_X] - wx, state[col.VELOCITY_Y] - wy, state[col.VELOCITY_Z] - rising
         state[AIRSPEED] = max(sqrt(ae * ae + an * an + up * up), SHORT)
         state[CLIMB] = up
-        state[HEADING] = atan2(ae, an) % (2.0 * pi)
+        state[col.HEADING] = atan2(ae, an) % (2.0 * pi)
 
 
 @compiled
 def _near_ground(state: Floats, limits: Floats, level: bool) -> float:
     """Return the bank limit: a wing tip must not touch the ground, and some keep level while they climb."""
     bank = limits[BANK_LIMIT]
-    height = state[POSITION_Z]
+    height = state[col.POSITION_Z]
     if level and height < limits[LEVEL_HEIGHT]:
         bank = min(bank, limits[LEVEL_BANK])
     tip = atan(max(2.0 * height, 0.0) / limits[WING_SPAN])
@@ -453,9 +427,9 @@ def _near_ground(state: Floats, limits: Floats, level: bool) -> float:
 
 @compiled
 def _lift_off(state: Floats, wx: float, wy: float) -> None:
-    ae, an = state[VELOCITY_X] - wx, state[VELOCITY_Y] - wy
+    ae, an = state[col.VELOCITY_X] - wx, state[col.VELOCITY_Y] - wy
     state[AIRSPEED] = max(sqrt(ae * ae + an * an), SHORT)
-    state[HEADING] = atan2(ae, an) % (2.0 * pi)
+    state[col.HEADING] = atan2(ae, an) % (2.0 * pi)
     state[DOING] = FLYING
 
 
@@ -463,23 +437,23 @@ def _lift_off(state: Floats, wx: float, wy: float) -> None:
 def _enter(state: Floats, route: Floats, leg: int, step: int, limits: Floats) -> None:
     """Begin a leg."""
     row = route[leg]
-    state[GIVE_UP_STEP] = step + _patience_steps(state, row, limits)
+    state[col.GIVE_UP_STEP] = step + _patience_steps(state, row, limits)
     state[TURNED], state[BEARING], state[PAUSE_END] = 0.0, float("nan"), inf
     state[GUIDANCE] = 0.0
     if leg > 0 and route[leg - 1, LEG_KIND] == LINE:
         copy(state, BEGIN, route[leg - 1], LEG_X, 3)
     elif leg > 0 or isnan(state[BEGIN]):
-        copy(state, BEGIN, state, POSITION, 3)
+        copy(state, BEGIN, state, col.POSITION, 3)
     landing = row[LEG_KIND] in (LANDING, CIRCULAR_LANDING)
     if state[DOING] == FLARE or (state[DOING] == ROLLING and not landing):
         state[DOING] = FLYING if state[DOING] == FLARE else ON_GROUND
     if state[DOING] == ON_GROUND:
-        east, north = row[LEG_X] - state[POSITION_X], row[LEG_Y] - state[POSITION_Y]
+        east, north = row[LEG_X] - state[col.POSITION_X], row[LEG_Y] - state[col.POSITION_Y]
         if row[LEG_KIND] == TAKEOFF and east * east + north * north > 25.0:
-            state[HEADING] = atan2(east, north) % (2.0 * pi)
-        state[COURSE] = state[HEADING]
+            state[col.HEADING] = atan2(east, north) % (2.0 * pi)
+        state[COURSE] = state[col.HEADING]
     elif row[LEG_KIND] == TAKEOFF:
-        state[COURSE] = atan2(state[VELOCITY_X], state[VELOCITY_Y])
+        state[COURSE] = atan2(state[col.VELOCITY_X], state[col.VELOCITY_Y])
 
 
 @compiled
@@ -491,12 +465,13 @@ def _tick(
     doing = state[DOING]
     if kind == FALL:
         _drop(state, limits, wx, wy)
-        return bool(state[POSITION_Z] <= 0.0)
+        return bool(state[col.POSITION_Z] <= 0.0)
     if doing == ROLLING:
         state[THROTTLE] = 0.0
         _roll_on_ground(state, limits, -limits[BRAKING], wx, wy)
         return bool(
-            state[VELOCITY_X] * state[VELOCITY_X] + state[VELOCITY_Y] * state[VELOCITY_Y] < STOPPED * STOPPED
+            state[col.VELOCITY_X] * state[col.VELOCITY_X] + state[col.VELOCITY_Y] * state[col.VELOCITY_Y]
+            < STOPPED * STOPPED
         )
     if doing == ON_GROUND:
         state[THROTTLE] = limits[THROTTLE_LIMIT]
@@ -524,7 +499,7 @@ def _tick(
         lateral = _steer_circle(state, x, y, radius, limits, wx, wy)
     elif kind == TAKEOFF:
         ce, cn = sin(state[COURSE]), cos(state[COURSE])
-        rx, ry = state[POSITION_X] - state[BEGIN], state[POSITION_Y] - state[BEGIN + 1]
+        rx, ry = state[col.POSITION_X] - state[BEGIN], state[col.POSITION_Y] - state[BEGIN + 1]
         if limits[LAW] == NPFG:
             error = rx * cn - ry * ce
             lateral, be, bn = npfg(
@@ -532,8 +507,8 @@ def _tick(
                 ce,
                 cn,
                 0.0,
-                state[VELOCITY_X],
-                state[VELOCITY_Y],
+                state[col.VELOCITY_X],
+                state[col.VELOCITY_Y],
                 wx,
                 wy,
                 limits[PERIOD],
@@ -541,7 +516,7 @@ def _tick(
             )
         else:
             rate = sqrt(2.0) * pi / limits[PERIOD]
-            error = (state[COURSE] - state[HEADING] + pi) % (2.0 * pi) - pi
+            error = (state[COURSE] - state[col.HEADING] + pi) % (2.0 * pi) - pi
             error = min(max(error, -0.5 * pi), 0.5 * pi)
             lateral = 2.0 * sin(error) * rate * state[AIRSPEED]
     else:
@@ -563,62 +538,68 @@ def _tick(
     airspeed = min(max(airspeed, min(limits[AIRSPEED_MIN], limits[LANDING_AIRSPEED])), limits[AIRSPEED_MAX])
     sink = 0.0
     if landing:
-        ground = sqrt(state[VELOCITY_X] * state[VELOCITY_X] + state[VELOCITY_Y] * state[VELOCITY_Y])
+        ground = sqrt(
+            state[col.VELOCITY_X] * state[col.VELOCITY_X] + state[col.VELOCITY_Y] * state[col.VELOCITY_Y]
+        )
         if kind == LANDING:
             dx, dy = row[LEG_X] - state[BEGIN], row[LEG_Y] - state[BEGIN + 1]
             length = max(sqrt(dx * dx + dy * dy), 1e-3)
-            to_go = ((row[LEG_X] - state[POSITION_X]) * dx + (row[LEG_Y] - state[POSITION_Y]) * dy) / length
+            to_go = (
+                (row[LEG_X] - state[col.POSITION_X]) * dx + (row[LEG_Y] - state[col.POSITION_Y]) * dy
+            ) / length
             slope = max(state[BEGIN + 2], 1.0) / length
             height = min(max(slope * to_go, 0.0), max(state[BEGIN + 2], 0.0))
             if to_go < length:
                 sink = slope * ground
         else:
             sink = row[LEG_SLOPE] * ground
-            height = state[POSITION_Z]
+            height = state[col.POSITION_Z]
         # The height follows the slope without lag: what the error asks for comes on top of the slope.
         height -= sink * limits[HEIGHT_S]
-        if state[POSITION_Z] <= max(limits[FLARE_HEIGHT], limits[FLARE_S] * max(-state[VELOCITY_Z], 0.0)):
+        if state[col.POSITION_Z] <= max(
+            limits[FLARE_HEIGHT], limits[FLARE_S] * max(-state[col.VELOCITY_Z], 0.0)
+        ):
             state[DOING] = FLARE
     elif row[LEG_CLIMBS_ALONG] > 0.0 and not circling:
         dx, dy = row[LEG_X] - state[BEGIN], row[LEG_Y] - state[BEGIN + 1]
         length2 = dx * dx + dy * dy
         if length2 > 1.0:
             part = (
-                (state[POSITION_X] - state[BEGIN]) * dx + (state[POSITION_Y] - state[BEGIN + 1]) * dy
+                (state[col.POSITION_X] - state[BEGIN]) * dx + (state[col.POSITION_Y] - state[BEGIN + 1]) * dy
             ) / length2
             height = state[BEGIN + 2] + (row[LEG_Z] - state[BEGIN + 2]) * min(max(part, 0.0), 1.0)
     if state[DOING] == FLARE:
         throttle = 0.0
         _, _, rate = _energy(state, limits, 0.0, airspeed, load, False)
         # The sink dies away towards that of the touch.
-        climb = -limits[FLARE_SINK] - max(state[POSITION_Z], 0.0) / max(limits[FLARE_S], SHORT)
+        climb = -limits[FLARE_SINK] - max(state[col.POSITION_Z], 0.0) / max(limits[FLARE_S], SHORT)
     else:
         throttle, climb, rate = _energy(state, limits, height, airspeed, load, full)
     dt = limits[STEP_S]
     state[THROTTLE] += (throttle - state[THROTTLE]) * dt / THROTTLE_S
     load = _fly(state, limits, bank, climb, rate, wx, wy, rising)
-    if state[POSITION_Z] <= 0.0:
-        state[POSITION_Z] = 0.0
+    if state[col.POSITION_Z] <= 0.0:
+        state[col.POSITION_Z] = 0.0
         if landing:
             state[DOING] = ROLLING
-            state[COURSE] = atan2(state[VELOCITY_X], state[VELOCITY_Y])
-            state[VELOCITY_Z] = state[CLIMB] = 0.0
+            state[COURSE] = atan2(state[col.VELOCITY_X], state[col.VELOCITY_Y])
+            state[col.VELOCITY_Z] = state[CLIMB] = 0.0
             return False
-        state[VELOCITY_Z] = max(state[VELOCITY_Z], 0.0)
+        state[col.VELOCITY_Z] = max(state[col.VELOCITY_Z], 0.0)
         state[CLIMB] = max(state[CLIMB], 0.0)
     if landing or arrived:
         return False
     if kind == TAKEOFF:
-        return bool(state[POSITION_Z] >= row[LEG_Z])
+        return bool(state[col.POSITION_Z] >= row[LEG_Z])
     if kind == CIRCLE:
         return _circled(state, row, limits, step)
-    east, north = state[POSITION_X] - row[LEG_X], state[POSITION_Y] - row[LEG_Y]
+    east, north = state[col.POSITION_X] - row[LEG_X], state[col.POSITION_Y] - row[LEG_Y]
     near = _acceptance(state, row, limits)
     close = east * east + north * north <= near * near
     if not close:
         dx, dy = row[LEG_X] - state[BEGIN], row[LEG_Y] - state[BEGIN + 1]
         close = dx * dx + dy * dy > 1e-6 and east * dx + north * dy > 0.0
-    if abs(row[LEG_Z] - state[POSITION_Z]) <= row[LEG_HEIGHT_TOLERANCE]:
+    if abs(row[LEG_Z] - state[col.POSITION_Z]) <= row[LEG_HEIGHT_TOLERANCE]:
         return close or not isnan(state[BEARING])
     if close:
         # The height is still to come: it is reached on a circle about the waypoint.
@@ -654,86 +635,74 @@ def advance(
     limits, power : float64[LIMITS], float64[9]
     wind : float64[m, 9]
     """
-    last = route.shape[0] - 1
-    event = RAN
+    event = col.RAN
     for _ in range(max_steps):
-        step, leg = counters[STEP], counters[LEG_INDEX]
+        step, leg = counters[col.STEP], counters[col.LEG_INDEX]
         row = route[leg]
-        if state[GIVE_UP_STEP] == inf:
+        if state[col.GIVE_UP_STEP] == inf:
             _enter(state, route, leg, step, limits)
-        if step % GRID == 0:
-            index = 0
-            if wind.shape[0] > 1:
-                index = step // GRID - first_wind
-                if index >= wind.shape[0]:
-                    event = WIND
-                    break
-            wx, wy, up = wind_at(wind[index], state[POSITION_Z])
-            if wx != state[WIND_EAST] or wy != state[WIND_NORTH] or up != state[WIND_UP]:
+        if step % col.GRID == 0:
+            index = wind_row(step, first_wind, len(wind))
+            if index < 0:
+                event = col.WIND
+                break
+            wx, wy, up = wind_at(wind[index], state[col.POSITION_Z])
+            if wx != state[col.WIND_EAST] or wy != state[col.WIND_NORTH] or up != state[WIND_UP]:
                 _blow(state, wx, wy, up)
-                state[WIND_EAST], state[WIND_NORTH], state[WIND_UP] = wx, wy, up
+                state[col.WIND_EAST], state[col.WIND_NORTH], state[WIND_UP] = wx, wy, up
             if state[DOING] == FLYING or state[DOING] == FLARE:
                 load = 1.0 / cos(state[BANK])
                 v = state[AIRSPEED]
                 rate = state[THROTTLE] * (limits[CLIMB_MAX] + limits[SINK_MIN]) - limits[SINK_MIN]
                 rate -= excess_sink(limits, v, load)
-                state[POWER] = fixed_wing_power(power, v if state[THROTTLE] > 1e-3 else 0.0, rate, load)
+                state[col.POWER] = fixed_wing_power(power, v if state[THROTTLE] > 1e-3 else 0.0, rate, load)
             elif state[DOING] == ON_GROUND:
-                state[POWER] = fixed_wing_power(power, limits[AIRSPEED_TRIM], limits[CLIMB_MAX], 1.0)
+                state[col.POWER] = fixed_wing_power(power, limits[AIRSPEED_TRIM], limits[CLIMB_MAX], 1.0)
             else:
-                state[POWER] = fixed_wing_power(power, 0.0, 0.0, 1.0)
-            if (
-                track_every > 0
-                and (step // GRID) % track_every == 0
-                and counters[TRACK_POINTS] < track.shape[0]
-            ):
-                point = counters[TRACK_POINTS]
-                track[point, 0], track[point, 1], track[point, 2] = (
-                    state[POSITION_X],
-                    state[POSITION_Y],
-                    state[POSITION_Z],
-                )
-                counters[TRACK_POINTS] = point + 1
-            if counters[ARRIVED] == 0 and step > state[GIVE_UP_STEP]:
-                event = STALLED
+                state[col.POWER] = fixed_wing_power(power, 0.0, 0.0, 1.0)
+            mark_track(
+                counters,
+                step,
+                track,
+                track_every,
+                state[col.POSITION_X],
+                state[col.POSITION_Y],
+                state[col.POSITION_Z],
+            )
+            if counters[col.ARRIVED] == 0 and step > state[col.GIVE_UP_STEP]:
+                event = col.STALLED
                 break
         done = _tick(
             state,
             row,
-            counters[ARRIVED] != 0,
+            counters[col.ARRIVED] != 0,
             limits,
             step,
-            state[WIND_EAST],
-            state[WIND_NORTH],
+            state[col.WIND_EAST],
+            state[col.WIND_NORTH],
             state[WIND_UP],
         )
-        state[ENERGY_USED] += state[POWER] * limits[STEP_S]
-        counters[STEP] = step + 1
-        if counters[ARRIVED] == 0:
+        state[col.ENERGY_USED] += state[col.POWER] * limits[STEP_S]
+        counters[col.STEP] = step + 1
+        if counters[col.ARRIVED] == 0:
             if done:
-                arrivals[leg] = step + 1
-                counters[NEAR_TOLD] = 0
-                if leg == last:
-                    counters[ARRIVED] = 1
-                    event = REACHED
-                    _settle(state, row, limits)
+                event = complete_leg(counters, arrivals, step + 1, stop_each)
+                if counters[col.ARRIVED] == 0:
+                    state[col.GIVE_UP_STEP] = inf
                 else:
-                    counters[LEG_INDEX] = leg + 1
-                    state[GIVE_UP_STEP] = inf
-                    if stop_each:
-                        event = REACHED
-            elif counters[NEAR_TOLD] == 0 and row[LEG_NEAR] > 0.0:
+                    _settle(state, row, limits)
+            elif counters[col.NEAR_TOLD] == 0 and row[LEG_NEAR] > 0.0:
                 rx, ry, rz = (
-                    row[LEG_X] - state[POSITION_X],
-                    row[LEG_Y] - state[POSITION_Y],
-                    row[LEG_Z] - state[POSITION_Z],
+                    row[LEG_X] - state[col.POSITION_X],
+                    row[LEG_Y] - state[col.POSITION_Y],
+                    row[LEG_Z] - state[col.POSITION_Z],
                 )
                 if rx * rx + ry * ry + rz * rz < row[LEG_NEAR] * row[LEG_NEAR]:
-                    counters[NEAR_TOLD] = 1
-                    event = NEAR
-        if state[ENERGY_USED] >= limits[ENERGY_LIMIT]:
-            event = ENERGY
-        if event != RAN:
+                    counters[col.NEAR_TOLD] = 1
+                    event = col.NEAR
+        if state[col.ENERGY_USED] >= limits[ENERGY_LIMIT]:
+            event = col.ENERGY
+        if event != col.RAN:
             break
     return event
 
@@ -744,4 +713,4 @@ def _settle(state: Floats, row: Floats, limits: Floats) -> None:
     copy(state, CENTRE, row, 0, 3)
     state[CENTRE_RADIUS] = row[LEG_CIRCLE_RADIUS] if row[LEG_KIND] == CIRCLE else limits[LOITER_RADIUS]
     if row[LEG_KIND] == TAKEOFF:
-        state[CENTRE], state[CENTRE + 1] = state[POSITION_X], state[POSITION_Y]
+        state[CENTRE], state[CENTRE + 1] = state[col.POSITION_X], state[col.POSITION_Y]

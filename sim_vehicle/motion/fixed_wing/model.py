@@ -12,7 +12,7 @@ from sim_vehicle.airframe.power_spec import GRAVITY_M_S2, FixedWingPowerSpec
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.energy.power import power_coefficients
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.motion.columns import ARRIVED, POSITION, POSITION_Z, VELOCITY, WIND_EAST, WIND_NORTH
+from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.compiled_motion import CompiledMotion
 from sim_vehicle.motion.fixed_wing import kernel as wing
 from sim_vehicle.motion.legs import KEEP, LegKind
@@ -162,7 +162,7 @@ class FixedWing(CompiledMotion):
         super().place_in_flight(position_m, velocity_m_s, heading_rad)
         state = self.state
         east, north, up = velocity_m_s
-        wind_east, wind_north = state[WIND_EAST : WIND_NORTH + 1].tolist()
+        wind_east, wind_north = state[col.WIND_EAST : col.WIND_NORTH + 1].tolist()
         state[wing.BANK : wing.STATE] = 0.0
         state[wing.AIRSPEED] = math.hypot(east - wind_east, north - wind_north, up)
         state[wing.CLIMB] = up
@@ -179,7 +179,7 @@ class FixedWing(CompiledMotion):
             target is not None
             and rows[0, wing.LEG_KIND] == wing.LINE
             and math.hypot(rows[0, wing.LEG_X] - target[0], rows[0, wing.LEG_Y] - target[1]) < 1.0
-            and self.counters[ARRIVED] == 0
+            and self.counters[col.ARRIVED] == 0
         )
         # A leg that is only planned again keeps its line.
         if not follows:
@@ -190,7 +190,7 @@ class FixedWing(CompiledMotion):
     def _begin_at(self, before: NDArray[np.float64] | None) -> None:
         """The first leg begins at the waypoint that was reached last, otherwise here."""
         self.state[wing.BEGIN] = math.nan
-        if before is not None and self.counters[ARRIVED] and before[-1, wing.LEG_KIND] == wing.LINE:
+        if before is not None and self.counters[col.ARRIVED] and before[-1, wing.LEG_KIND] == wing.LINE:
             self.state[wing.BEGIN : wing.BEGIN + 3] = before[-1, : wing.LEG_KIND]
 
     def _rows(self, route: Route) -> NDArray[np.float64]:
@@ -239,7 +239,7 @@ class FixedWing(CompiledMotion):
 
     def _corners(self, rows: NDArray[np.float64]) -> None:
         """Note the angle between each leg and the next one."""
-        ends = np.vstack([self.state[None, POSITION:POSITION_Z], rows[:, : wing.LEG_Z]])
+        ends = np.vstack([self.state[None, col.POSITION : col.POSITION_Z], rows[:, : wing.LEG_Z]])
         ways = np.diff(ends, axis=0)
         for i in range(len(rows) - 1):
             (ax, ay), (bx, by) = ways[i].tolist(), ways[i + 1].tolist()
@@ -265,7 +265,7 @@ class FixedWing(CompiledMotion):
             msg = f"vehicle {self.spec.name}: a fixed wing keeps no velocity over ground, give it places"
             raise VehicleError(msg)
         row = np.zeros((1, wing.LEG))
-        row[0, : wing.LEG_KIND] = self.state[POSITION:VELOCITY]
+        row[0, : wing.LEG_KIND] = self.state[col.POSITION : col.VELOCITY]
         row[0, wing.LEG_KIND] = wing.FALL
         row[0, wing.LEG_CIRCLE_RADIUS] = self.law.loiter_radius
         self._route = row
@@ -278,7 +278,11 @@ class FixedWing(CompiledMotion):
         """Return the centre that it circles when told to stay: that of its circle, otherwise here."""
         route = self._route
         if route is not None and self.state[wing.DOING] == wing.FLYING:
-            if self.counters[ARRIVED] and route[-1, wing.LEG_KIND] in (wing.CIRCLE, wing.LINE, wing.TAKEOFF):
+            if self.counters[col.ARRIVED] and route[-1, wing.LEG_KIND] in (
+                wing.CIRCLE,
+                wing.LINE,
+                wing.TAKEOFF,
+            ):
                 x, y, z = self.state[wing.CENTRE : wing.CENTRE + 3].tolist()
                 return x, y, z
             row = route[self.leg]

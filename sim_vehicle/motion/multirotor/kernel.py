@@ -16,40 +16,8 @@ from numpy.typing import NDArray
 
 from geo.compiled import compiled
 from sim_vehicle.energy.power_kernels import multirotor_power
-from sim_vehicle.motion.columns import (
-    ACCELERATION_X,
-    ACCELERATION_Y,
-    ACCELERATION_Z,
-    ARRIVED,
-    ENERGY,
-    ENERGY_USED,
-    GIVE_UP_STEP,
-    GRID,
-    HEADING,
-    HEADING_RATE,
-    LEG_INDEX,
-    LOOK_EAST,
-    LOOK_NORTH,
-    MOVED_STEP,
-    NEAR,
-    NEAR_TOLD,
-    PATH_LENGTH,
-    POSITION_X,
-    POSITION_Y,
-    POSITION_Z,
-    POWER,
-    RAN,
-    REACHED,
-    STALLED,
-    STEP,
-    TRACK_POINTS,
-    VELOCITY_X,
-    VELOCITY_Y,
-    VELOCITY_Z,
-    WIND,
-    WIND_EAST,
-    WIND_NORTH,
-)
+from sim_vehicle.motion import columns as col
+from sim_vehicle.motion.rules import complete_leg, mark_track, wind_row
 from sim_vehicle.weather.columns import AIR_EAST, AIR_NORTH
 from sim_vehicle.weather.gust_kernel import wind_at
 
@@ -341,19 +309,18 @@ def advance(
         RAN, REACHED, WIND (the wind block is used up), STALLED (no progress), ENERGY or NEAR.
     """
     dt = limits[STEP_S]
-    last = route.shape[0] - 1
     windy = wind.shape[0] > 1 or wind[0, AIR_EAST] != 0.0 or wind[0, AIR_NORTH] != 0.0
-    px, py, pz = state[POSITION_X], state[POSITION_Y], state[POSITION_Z]
-    vx, vy, vz = state[VELOCITY_X], state[VELOCITY_Y], state[VELOCITY_Z]
-    ax, ay, az = state[ACCELERATION_X], state[ACCELERATION_Y], state[ACCELERATION_Z]
+    px, py, pz = state[col.POSITION_X], state[col.POSITION_Y], state[col.POSITION_Z]
+    vx, vy, vz = state[col.VELOCITY_X], state[col.VELOCITY_Y], state[col.VELOCITY_Z]
+    ax, ay, az = state[col.ACCELERATION_X], state[col.ACCELERATION_Y], state[col.ACCELERATION_Z]
     yaw, yaw_rate, energy, length = (
-        state[HEADING],
-        state[HEADING_RATE],
-        state[ENERGY_USED],
-        state[PATH_LENGTH],
+        state[col.HEADING],
+        state[col.HEADING_RATE],
+        state[col.ENERGY_USED],
+        state[col.PATH_LENGTH],
     )
-    step, leg = counters[STEP], counters[LEG_INDEX]
-    event = RAN
+    step, leg = counters[col.STEP], counters[col.LEG_INDEX]
+    event = col.RAN
     fresh = True
     accel2 = limits[ACCELERATION_MAX] * limits[ACCELERATION_MAX]
     top2 = limits[SPEED_MAX] * limits[SPEED_MAX]
@@ -375,34 +342,25 @@ def advance(
             )
             fresh = False
         rx, ry, rz = tx - px, ty - py, tz - pz
-        if step % GRID == 0:
-            index = 0
-            if wind.shape[0] > 1:
-                index = step // GRID - first_wind
-                if index >= wind.shape[0]:
-                    event = WIND
-                    break
-            state[WIND_EAST], state[WIND_NORTH], rising = wind_at(wind[index], pz)
-            airx, airy = vx - state[WIND_EAST], vy - state[WIND_NORTH]
-            state[POWER] = multirotor_power(power, airx, airy, vz - rising, ax, ay, az)
-            if (
-                track_every > 0
-                and (step // GRID) % track_every == 0
-                and counters[TRACK_POINTS] < track.shape[0]
-            ):
-                point = counters[TRACK_POINTS]
-                track[point, 0], track[point, 1], track[point, 2] = px, py, pz
-                counters[TRACK_POINTS] = point + 1
-            if counters[ARRIVED] == 0 and radius >= 0.0:
-                if state[GIVE_UP_STEP] == inf:
+        if step % col.GRID == 0:
+            index = wind_row(step, first_wind, len(wind))
+            if index < 0:
+                event = col.WIND
+                break
+            state[col.WIND_EAST], state[col.WIND_NORTH], rising = wind_at(wind[index], pz)
+            airx, airy = vx - state[col.WIND_EAST], vy - state[col.WIND_NORTH]
+            state[col.POWER] = multirotor_power(power, airx, airy, vz - rising, ax, ay, az)
+            mark_track(counters, step, track, track_every, px, py, pz)
+            if counters[col.ARRIVED] == 0 and radius >= 0.0:
+                if state[col.GIVE_UP_STEP] == inf:
                     left = sqrt(rx * rx + ry * ry + rz * rz)
                     left += _detour(row, (vx, vy, vz), (ax, ay, az))
-                    state[GIVE_UP_STEP] = step + (STALL_S + 1.5 * left / min(cruise, SLOWEST)) / dt
-                    counters[MOVED_STEP] = step
+                    state[col.GIVE_UP_STEP] = step + (STALL_S + 1.5 * left / min(cruise, SLOWEST)) / dt
+                    counters[col.MOVED_STEP] = step
                 if vx * vx + vy * vy + vz * vz > 0.0025 * min(cruise * cruise, 1.0):
-                    counters[MOVED_STEP] = step
-                if (step - counters[MOVED_STEP]) * dt > STALL_S or step > state[GIVE_UP_STEP]:
-                    event = STALLED
+                    counters[col.MOVED_STEP] = step
+                if (step - counters[col.MOVED_STEP]) * dt > STALL_S or step > state[col.GIVE_UP_STEP]:
+                    event = col.STALLED
                     break
         # Along the leg, across it, and normal to both: the state in the frame of the leg.
         ds = rx * ux + ry * uy + rz * uz
@@ -422,8 +380,8 @@ def advance(
                 speed = most
             if windy and horizontal > 0.05:
                 ex, ey = ux / horizontal, uy / horizontal
-                tail = state[WIND_EAST] * ex + state[WIND_NORTH] * ey
-                side = state[WIND_EAST] * ey - state[WIND_NORTH] * ex
+                tail = state[col.WIND_EAST] * ex + state[col.WIND_NORTH] * ey
+                side = state[col.WIND_EAST] * ey - state[col.WIND_NORTH] * ex
                 free = limits[AIRSPEED_MAX] * limits[AIRSPEED_MAX] - side * side
                 most = (tail + sqrt(free)) / horizontal if free > 0.0 else 0.0
                 # Without this a vehicle that brakes against a storm could never finish to stop.
@@ -508,10 +466,10 @@ def advance(
         vy += 0.5 * dt * (ay + by)
         vz += 0.5 * dt * (az + bz)
         ax, ay, az = bx, by, bz
-        energy += state[POWER] * dt
+        energy += state[col.POWER] * dt
         step += 1
-        if not isnan(state[LOOK_EAST]):
-            east, north = state[LOOK_EAST] - px, state[LOOK_NORTH] - py
+        if not isnan(state[col.LOOK_EAST]):
+            east, north = state[col.LOOK_EAST] - px, state[col.LOOK_NORTH] - py
             if east * east + north * north > ROI_NEAR * ROI_NEAR:
                 heading = atan2(east, north) % (2.0 * pi)
         if not isnan(row[LEG_TURN_RATE]):
@@ -534,7 +492,7 @@ def advance(
             change = limits[TURN_ACCELERATION] * dt
             yaw_rate -= min(max(yaw_rate, -change), change)
             yaw = (yaw + yaw_rate * dt) % (2.0 * pi)
-        if counters[ARRIVED] == 0:
+        if counters[col.ARRIVED] == 0:
             rx, ry, rz = tx - px, ty - py, tz - pz
             left2 = rx * rx + ry * ry + rz * rz
             if radius < 0.0:
@@ -547,32 +505,25 @@ def advance(
                     and vx * vx + vy * vy + vz * vz <= STOP_SPEED * STOP_SPEED
                 )
             if reached:
-                arrivals[leg] = step
-                state[GIVE_UP_STEP] = inf
-                counters[NEAR_TOLD] = 0
-                if leg == last:
-                    counters[ARRIVED] = 1
-                    event = REACHED
-                else:
-                    leg += 1
-                    fresh = True
-                    if stop_each:
-                        event = REACHED
-            elif counters[NEAR_TOLD] == 0 and left2 < row[LEG_NEAR] * row[LEG_NEAR]:
-                counters[NEAR_TOLD] = 1
-                event = NEAR
+                event = complete_leg(counters, arrivals, step, stop_each)
+                state[col.GIVE_UP_STEP] = inf
+                fresh = leg != counters[col.LEG_INDEX]
+                leg = counters[col.LEG_INDEX]
+            elif counters[col.NEAR_TOLD] == 0 and left2 < row[LEG_NEAR] * row[LEG_NEAR]:
+                counters[col.NEAR_TOLD] = 1
+                event = col.NEAR
         if energy >= limits[ENERGY_LIMIT]:
-            event = ENERGY
-        if event != RAN:
+            event = col.ENERGY
+        if event != col.RAN:
             break
-    state[POSITION_X], state[POSITION_Y], state[POSITION_Z] = px, py, pz
-    state[VELOCITY_X], state[VELOCITY_Y], state[VELOCITY_Z] = vx, vy, vz
-    state[ACCELERATION_X], state[ACCELERATION_Y], state[ACCELERATION_Z] = ax, ay, az
-    state[HEADING], state[HEADING_RATE], state[ENERGY_USED], state[PATH_LENGTH] = (
+    state[col.POSITION_X], state[col.POSITION_Y], state[col.POSITION_Z] = px, py, pz
+    state[col.VELOCITY_X], state[col.VELOCITY_Y], state[col.VELOCITY_Z] = vx, vy, vz
+    state[col.ACCELERATION_X], state[col.ACCELERATION_Y], state[col.ACCELERATION_Z] = ax, ay, az
+    state[col.HEADING], state[col.HEADING_RATE], state[col.ENERGY_USED], state[col.PATH_LENGTH] = (
         yaw,
         yaw_rate,
         energy,
         length,
     )
-    counters[STEP], counters[LEG_INDEX] = step, leg
+    counters[col.STEP] = step
     return event

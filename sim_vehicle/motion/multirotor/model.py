@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sim_vehicle.energy.battery import WH_J
-from sim_vehicle.motion.columns import HEADING, LOOK_EAST, LOOK_NORTH, POSITION, STATE, VELOCITY
+from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.compiled_motion import CompiledMotion
 from sim_vehicle.motion.legs import KEEP
 from sim_vehicle.motion.multirotor import kernel
@@ -47,12 +47,12 @@ class Multirotor(CompiledMotion):
     """
 
     _kernel = staticmethod(kernel.advance)
-    _state_size = STATE
+    _state_size = col.STATE
     _energy_limit = kernel.ENERGY_LIMIT
 
     def __init__(self, spec: VehicleSpec, wind: Wind | None = None, yaw_rad: float = 0.0) -> None:
         super().__init__(spec, wind, yaw_rad)
-        self.state[LOOK_EAST : LOOK_NORTH + 1] = math.nan
+        self.state[col.LOOK_EAST : col.LOOK_NORTH + 1] = math.nan
 
     def _numbers(self, spec: VehicleSpec) -> NDArray[np.float64]:
         return _limits(spec)
@@ -64,7 +64,7 @@ class Multirotor(CompiledMotion):
     def fly(self, route: Route) -> None:
         """Begin a route, from where the vehicle is and as it moves now."""
         self._route = prepare_route(
-            self.state[POSITION:VELOCITY].copy(),
+            self.state[col.POSITION : col.VELOCITY].copy(),
             route.points_m,
             route.radius_m,
             route.speed_m_s,
@@ -85,17 +85,17 @@ class Multirotor(CompiledMotion):
     ) -> None:
         """Keep a velocity, or its horizontal part at a height; downward it goes on to the ground."""
         self._route = prepare_velocity(
-            self.state[POSITION:VELOCITY], velocity_m_s, height_m, *heading.numbers, self._limits
+            self.state[col.POSITION : col.VELOCITY], velocity_m_s, height_m, *heading.numbers, self._limits
         )
         self._begin()
 
     def look_at(self, position_m: tuple[float, float] | None) -> None:
         """Point the nose at a position (east, north) whatever is flown, None for no more."""
-        self.state[LOOK_EAST : LOOK_NORTH + 1] = math.nan if position_m is None else position_m
+        self.state[col.LOOK_EAST : col.LOOK_NORTH + 1] = math.nan if position_m is None else position_m
 
     def stopping_point(self) -> Position:
         """Return the position of rest if it brakes now."""
-        x, y, z, vx, vy, vz, ax, ay, az = self.state[POSITION:HEADING].tolist()
+        x, y, z, vx, vy, vz, ax, ay, az = self.state[col.POSITION : col.HEADING].tolist()
         speed = math.sqrt(vx * vx + vy * vy + vz * vz)
         if speed < 1e-3:
             return x, y, z
@@ -103,7 +103,7 @@ class Multirotor(CompiledMotion):
         probe = np.array([[x + ux, y + uy, z + uz]])
         one = np.ones(1)
         row = prepare_route(
-            self.state[POSITION:VELOCITY].copy(), probe, one, one, one, one, one, one, self._limits
+            self.state[col.POSITION : col.VELOCITY].copy(), probe, one, one, one, one, one, one, self._limits
         )[0]
         along = ax * ux + ay * uy + az * uz
         distance = kernel.stopping_distance(

@@ -16,40 +16,8 @@ from math import atan2, cos, exp, inf, isnan, pi, sin, sqrt
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.energy.power_kernels import multirotor_power
-from sim_vehicle.motion.columns import (
-    ACCELERATION_X,
-    ACCELERATION_Y,
-    ACCELERATION_Z,
-    ARRIVED,
-    ENERGY,
-    ENERGY_USED,
-    GRID,
-    HEADING,
-    HEADING_RATE,
-    LEG_INDEX,
-    LOOK_EAST,
-    LOOK_NORTH,
-    MOVED_STEP,
-    NEAR,
-    NEAR_TOLD,
-    PATH_LENGTH,
-    POSITION_X,
-    POSITION_Y,
-    POSITION_Z,
-    POWER,
-    RAN,
-    REACHED,
-    STALLED,
-    STEP,
-    TRACK_POINTS,
-    VELOCITY_X,
-    VELOCITY_Y,
-    VELOCITY_Z,
-    WIND,
-    WIND_EAST,
-    WIND_NORTH,
-)
-from sim_vehicle.motion.multirotor.kernel import ROI_NEAR, STALL_S, Floats, Integers
+from sim_vehicle.motion import columns as col
+from sim_vehicle.motion.multirotor.kernel import ENERGY_LIMIT, ROI_NEAR, STALL_S, Floats, Integers
 from sim_vehicle.motion.px4.smoothing import (
     Vector,
     clamped,
@@ -61,6 +29,7 @@ from sim_vehicle.motion.px4.smoothing import (
     stretched,
     unit_dot,
 )
+from sim_vehicle.motion.rules import complete_leg, mark_track, wind_row
 from sim_vehicle.weather.gust_kernel import wind_at
 
 # One leg: its target, the positions before and after it, and how it is flown.
@@ -311,14 +280,14 @@ def _control(
 ) -> tuple[float, float, float]:
     """Return the thrust vector (m/s^2) that the position and velocity controllers want."""
     dt = law[DT]
-    vx = g[G_VX] + law[XY_P] * (g[G_X] - state[POSITION_X])
-    vy = g[G_VY] + law[XY_P] * (g[G_Y] - state[POSITION_Y])
+    vx = g[G_VX] + law[XY_P] * (g[G_X] - state[col.POSITION_X])
+    vy = g[G_VY] + law[XY_P] * (g[G_Y] - state[col.POSITION_Y])
     size = sqrt(vx * vx + vy * vy)
     if size > law[XY_VEL_MAX]:
         vx, vy = vx * law[XY_VEL_MAX] / size, vy * law[XY_VEL_MAX] / size
     down = max(law[MAX_DOWN], 1.2 * law[AUTO_DOWN])
-    vz = min(max(g[G_VZ] + law[Z_P] * (g[G_Z] - state[POSITION_Z]), -down), climb_limit)
-    ex, ey, ez = vx - state[VELOCITY_X], vy - state[VELOCITY_Y], vz - state[VELOCITY_Z]
+    vz = min(max(g[G_VZ] + law[Z_P] * (g[G_Z] - state[col.POSITION_Z]), -down), climb_limit)
+    ex, ey, ez = vx - state[col.VELOCITY_X], vy - state[col.VELOCITY_Y], vz - state[col.VELOCITY_Z]
     ax = g[G_AX] + law[XY_VEL_P] * ex + g[G_INTEGRAL_X] - law[XY_VEL_D] * g[G_FILTERED_AX]
     ay = g[G_AY] + law[XY_VEL_P] * ey + g[G_INTEGRAL_Y] - law[XY_VEL_D] * g[G_FILTERED_AY]
     az = (g[G_AZ] if flying else 0.0) + law[Z_VEL_P] * ez + g[G_INTEGRAL_Z] - law[Z_VEL_D] * g[G_FILTERED_AZ]
@@ -358,20 +327,20 @@ def _control(
 @compiled
 def _turn(g: Floats, row: Floats, law: Floats, state: Floats) -> None:
     """Turn the heading: to the target, as the leg says, or to the position that the nose points at."""
-    yaw, rate, dt = state[HEADING], state[HEADING_RATE], law[DT]
-    if not isnan(row[LEG_TURN_RATE]) and isnan(state[LOOK_EAST]):
+    yaw, rate, dt = state[col.HEADING], state[col.HEADING_RATE], law[DT]
+    if not isnan(row[LEG_TURN_RATE]) and isnan(state[col.LOOK_EAST]):
         wanted = min(max(row[LEG_TURN_RATE], -law[YAW_RATE]), law[YAW_RATE])
         change = law[YAW_ACC] * dt
         rate += min(max(wanted - rate, -change), change)
-        state[HEADING], state[HEADING_RATE] = (yaw + rate * dt) % (2.0 * pi), rate
-        g[G_HEADING] = state[HEADING]
+        state[col.HEADING], state[col.HEADING_RATE] = (yaw + rate * dt) % (2.0 * pi), rate
+        g[G_HEADING] = state[col.HEADING]
         return
-    if not isnan(state[LOOK_EAST]):
-        dx, dy = state[LOOK_EAST] - state[POSITION_X], state[LOOK_NORTH] - state[POSITION_Y]
+    if not isnan(state[col.LOOK_EAST]):
+        dx, dy = state[col.LOOK_EAST] - state[col.POSITION_X], state[col.LOOK_NORTH] - state[col.POSITION_Y]
         if dx * dx + dy * dy > ROI_NEAR * ROI_NEAR:
             g[G_HEADING] = atan2(dx, dy)
     elif isnan(row[LEG_HEADING]):
-        dx, dy = g[G_TARGET] - state[POSITION_X], g[G_TARGET + 1] - state[POSITION_Y]
+        dx, dy = g[G_TARGET] - state[col.POSITION_X], g[G_TARGET + 1] - state[col.POSITION_Y]
         if dx * dx + dy * dy > row[LEG_RADIUS] * row[LEG_RADIUS]:
             g[G_HEADING] = atan2(dx, dy)
     elif row[LEG_HEADING] != inf:
@@ -381,7 +350,7 @@ def _turn(g: Floats, row: Floats, law: Floats, state: Floats) -> None:
         return
     p = profile(yaw, rate, yaw + gap, law[YAW_RATE], law[YAW_ACC])
     _, yaw, rate = follow(p, 0.0, yaw, rate, law[YAW_ACC], dt)
-    state[HEADING], state[HEADING_RATE] = yaw % (2.0 * pi), rate
+    state[col.HEADING], state[col.HEADING_RATE] = yaw % (2.0 * pi), rate
 
 
 @compiled
@@ -403,10 +372,10 @@ def _fly(g: Floats, law: Floats, state: Floats, wanted: Vector, lag: float, flyi
     if flat2 > 0.9:
         shrink = sqrt(0.9 / flat2)
         g[G_THRUST_X], g[G_THRUST_Y], flat2 = g[G_THRUST_X] * shrink, g[G_THRUST_Y] * shrink, 0.9
-    ax = g[G_THRUST] * g[G_THRUST_X] - law[DRAG] * (state[VELOCITY_X] - state[WIND_EAST])
-    ay = g[G_THRUST] * g[G_THRUST_Y] - law[DRAG] * (state[VELOCITY_Y] - state[WIND_NORTH])
-    az = g[G_THRUST] * sqrt(1.0 - flat2) - GRAVITY_M_S2 - law[DRAG] * state[VELOCITY_Z]
-    if state[POSITION_Z] <= 0.0 and (az <= 0.0 or state[VELOCITY_Z] < 0.0):
+    ax = g[G_THRUST] * g[G_THRUST_X] - law[DRAG] * (state[col.VELOCITY_X] - state[col.WIND_EAST])
+    ay = g[G_THRUST] * g[G_THRUST_Y] - law[DRAG] * (state[col.VELOCITY_Y] - state[col.WIND_NORTH])
+    az = g[G_THRUST] * sqrt(1.0 - flat2) - GRAVITY_M_S2 - law[DRAG] * state[col.VELOCITY_Z]
+    if state[col.POSITION_Z] <= 0.0 and (az <= 0.0 or state[col.VELOCITY_Z] < 0.0):
         if not flying:
             for k in range(12, 16):
                 g[k] = 0.0
@@ -414,17 +383,17 @@ def _fly(g: Floats, law: Floats, state: Floats, wanted: Vector, lag: float, flyi
                 state[k] = 0.0
             return 0.0
         # A waypoint so low that the vehicle grazes the ground: it slides.
-        az, state[VELOCITY_Z] = max(az, 0.0), max(state[VELOCITY_Z], 0.0)
-    mx = dt * (state[VELOCITY_X] + 0.5 * ax * dt)
-    my = dt * (state[VELOCITY_Y] + 0.5 * ay * dt)
-    mz = dt * (state[VELOCITY_Z] + 0.5 * az * dt)
-    state[POSITION_X] += mx
-    state[POSITION_Y] += my
-    state[POSITION_Z] = max(state[POSITION_Z] + mz, 0.0)
-    state[VELOCITY_X] += ax * dt
-    state[VELOCITY_Y] += ay * dt
-    state[VELOCITY_Z] += az * dt
-    state[ACCELERATION_X], state[ACCELERATION_Y], state[ACCELERATION_Z] = ax, ay, az
+        az, state[col.VELOCITY_Z] = max(az, 0.0), max(state[col.VELOCITY_Z], 0.0)
+    mx = dt * (state[col.VELOCITY_X] + 0.5 * ax * dt)
+    my = dt * (state[col.VELOCITY_Y] + 0.5 * ay * dt)
+    mz = dt * (state[col.VELOCITY_Z] + 0.5 * az * dt)
+    state[col.POSITION_X] += mx
+    state[col.POSITION_Y] += my
+    state[col.POSITION_Z] = max(state[col.POSITION_Z] + mz, 0.0)
+    state[col.VELOCITY_X] += ax * dt
+    state[col.VELOCITY_Y] += ay * dt
+    state[col.VELOCITY_Z] += az * dt
+    state[col.ACCELERATION_X], state[col.ACCELERATION_Y], state[col.ACCELERATION_Z] = ax, ay, az
     blend = dt / (dt + DERIVATIVE_S)
     g[G_FILTERED_AX] += (ax - g[G_FILTERED_AX]) * blend
     g[G_FILTERED_AY] += (ay - g[G_FILTERED_AY]) * blend
@@ -435,23 +404,27 @@ def _fly(g: Floats, law: Floats, state: Floats, wanted: Vector, lag: float, flyi
 @compiled
 def _inside(row: Floats, law: Floats, state: Floats) -> bool:
     """Tell whether the navigator takes a waypoint as reached, its heading and pause aside."""
-    kind, rise = row[LEG_KIND], row[LEG_Z] - state[POSITION_Z]
+    kind, rise = row[LEG_KIND], row[LEG_Z] - state[col.POSITION_Z]
     if kind == _TAKEOFF:
         return bool(rise < (law[ALT_RAD] if row[LEG_Z] >= law[ALT_RAD] else 0.5 * row[LEG_Z]))
     if kind in (_CLIMB, _DESCEND):
         return bool(abs(rise) <= law[ALT_RAD])
-    flat2 = (row[LEG_X] - state[POSITION_X]) ** 2 + (row[LEG_Y] - state[POSITION_Y]) ** 2
+    flat2 = (row[LEG_X] - state[col.POSITION_X]) ** 2 + (row[LEG_Y] - state[col.POSITION_Y]) ** 2
     return bool(flat2 <= row[LEG_RADIUS] * row[LEG_RADIUS] and abs(rise) <= law[ALT_RAD])
 
 
 @compiled
 def _left(row: Floats, state: Floats) -> float:
     """Return the distance left of a leg; only the height counts where only the height ends it."""
-    rise, kind = row[LEG_Z] - state[POSITION_Z], row[LEG_KIND]
+    rise, kind = row[LEG_Z] - state[col.POSITION_Z], row[LEG_KIND]
     if kind in (_TAKEOFF, _CLIMB, _DESCEND, _LAND):
         return float(abs(rise))
     return float(
-        sqrt((row[LEG_X] - state[POSITION_X]) ** 2 + (row[LEG_Y] - state[POSITION_Y]) ** 2 + rise * rise)
+        sqrt(
+            (row[LEG_X] - state[col.POSITION_X]) ** 2
+            + (row[LEG_Y] - state[col.POSITION_Y]) ** 2
+            + rise * rise
+        )
     )
 
 
@@ -465,7 +438,7 @@ def begin_leg(g: Floats, route: Floats, leg: int, state: Floats) -> None:
     if row[LEG_KIND] != _TAKEOFF:
         g[G_LAUNCH] = 0.0
     if row[LEG_HEADING] == inf:
-        g[G_HEADING] = state[HEADING]
+        g[G_HEADING] = state[col.HEADING]
     g[G_FRESH], g[G_BEST], g[G_INSIDE], g[G_GROUND] = 1.0, inf, -1.0, 0.0
 
 
@@ -473,10 +446,8 @@ def begin_leg(g: Floats, route: Floats, leg: int, state: Floats) -> None:
 def advance(
     state: Floats,
     counters: Integers,
-    g: Floats,
     route: Floats,
-    law: Floats,
-    capacity: float,
+    limits: Floats,
     power: Floats,
     wind: Floats,
     first_wind: int,
@@ -485,6 +456,8 @@ def advance(
     arrivals: Integers,
     track: Floats,
     track_every: int,
+    g: Floats,
+    law: Floats,
 ) -> int:
     """Fly up to ``max_steps`` steps along the route; return early, with the event, when something happens.
 
@@ -492,55 +465,62 @@ def advance(
 
     Parameters
     ----------
+    route : float64[n, LEG]
+    limits : float64[LIMITS]
+        Of the multirotor: only the energy that ends the flight is used.
     g : float64[GUIDE]
         What the autopilot remembers, changed in place.
-    route : float64[n, LEG]
     law : float64[LAW]
-    capacity : float
-        Energy that ends the flight (J).
     """
     dt = law[DT]
-    last = route.shape[0] - 1
     lag = 1.0 - exp(-dt / MOTOR_S)
-    leg = counters[LEG_INDEX]
+    leg = counters[col.LEG_INDEX]
     row = route[leg]
-    event = RAN
+    event = col.RAN
     for _ in range(max_steps):
-        step = counters[STEP]
-        if step % GRID == 0:
-            index = 0
-            if wind.shape[0] > 1:
-                index = step // GRID - first_wind
-                if index >= wind.shape[0]:
-                    return WIND
-            state[WIND_EAST], state[WIND_NORTH], rising = wind_at(wind[index], state[POSITION_Z])
-            airx, airy = state[VELOCITY_X] - state[WIND_EAST], state[VELOCITY_Y] - state[WIND_NORTH]
-            climb = state[VELOCITY_Z] - rising
-            state[POWER] = multirotor_power(
-                power, airx, airy, climb, state[ACCELERATION_X], state[ACCELERATION_Y], state[ACCELERATION_Z]
+        step = counters[col.STEP]
+        if step % col.GRID == 0:
+            index = wind_row(step, first_wind, len(wind))
+            if index < 0:
+                return col.WIND
+            state[col.WIND_EAST], state[col.WIND_NORTH], rising = wind_at(wind[index], state[col.POSITION_Z])
+            airx, airy = (
+                state[col.VELOCITY_X] - state[col.WIND_EAST],
+                state[col.VELOCITY_Y] - state[col.WIND_NORTH],
             )
-            if (
-                track_every > 0
-                and (step // GRID) % track_every == 0
-                and counters[TRACK_POINTS] < track.shape[0]
-            ):
-                for k in range(3):
-                    track[counters[TRACK_POINTS], k] = state[k]
-                counters[TRACK_POINTS] += 1
-            if counters[ARRIVED] == 0 and g[G_INSIDE] < 0.0:
+            climb = state[col.VELOCITY_Z] - rising
+            state[col.POWER] = multirotor_power(
+                power,
+                airx,
+                airy,
+                climb,
+                state[col.ACCELERATION_X],
+                state[col.ACCELERATION_Y],
+                state[col.ACCELERATION_Z],
+            )
+            mark_track(
+                counters,
+                step,
+                track,
+                track_every,
+                state[col.POSITION_X],
+                state[col.POSITION_Y],
+                state[col.POSITION_Z],
+            )
+            if counters[col.ARRIVED] == 0 and g[G_INSIDE] < 0.0:
                 left = _left(row, state)
                 if left < PROGRESS * g[G_BEST] or g[G_CLOCK] < law[SPOOLUP] or g[G_GROUND] > 0.0:
                     g[G_BEST] = left
-                    counters[MOVED_STEP] = step
-                elif (step - counters[MOVED_STEP]) * dt > STALL_S:
-                    return STALLED
+                    counters[col.MOVED_STEP] = step
+                elif (step - counters[col.MOVED_STEP]) * dt > STALL_S:
+                    return col.STALLED
         kind = row[LEG_KIND]
-        state[ENERGY_USED] += state[POWER] * dt
-        counters[STEP] = step = step + 1
-        if kind == _LAND and state[POSITION_Z] <= 0.0:
+        state[col.ENERGY_USED] += state[col.POWER] * dt
+        counters[col.STEP] = step = step + 1
+        if kind == _LAND and state[col.POSITION_Z] <= 0.0:
             for k in range(3, 9):
                 state[k] = 0.0
-            state[HEADING_RATE] = 0.0
+            state[col.HEADING_RATE] = 0.0
             g[G_GROUND] += dt
         else:
             g[G_CLOCK] += dt
@@ -558,11 +538,11 @@ def advance(
                     flying = False
                     low = -GRAVITY_M_S2 / law[Z_VEL_P]
                     climb_limit = low + (g[G_CLOCK] - law[SPOOLUP]) / ramp * (climb_limit - low)
-                _guide(g, row, law, state[POSITION_X], state[POSITION_Y], state[POSITION_Z])
+                _guide(g, row, law, state[col.POSITION_X], state[col.POSITION_Y], state[col.POSITION_Z])
                 wanted = _control(g, law, state, climb_limit, flying)
-                state[PATH_LENGTH] += _fly(g, law, state, wanted, lag, flying)
+                state[col.PATH_LENGTH] += _fly(g, law, state, wanted, lag, flying)
                 _turn(g, row, law, state)
-        if counters[ARRIVED] == 0:
+        if counters[col.ARRIVED] == 0:
             # The navigator looks twenty times a second.
             if g[G_INSIDE] < 0.0:
                 if kind == _LAND:
@@ -575,36 +555,29 @@ def advance(
                 reached
                 and kind == 0.0
                 and row[LEG_HEADING] < inf
-                and isnan(state[LOOK_EAST])
+                and isnan(state[col.LOOK_EAST])
                 and isnan(row[LEG_TURN_RATE])
             ):
-                gap = (row[LEG_HEADING] - state[HEADING] + pi) % (2.0 * pi) - pi
+                gap = (row[LEG_HEADING] - state[col.HEADING] + pi) % (2.0 * pi) - pi
                 reached = abs(gap) < law[YAW_ERROR]
             if reached:
-                arrivals[leg] = step
-                counters[NEAR_TOLD] = 0
-                counters[MOVED_STEP] = step
-                if leg == last:
-                    counters[ARRIVED] = 1
-                    event = REACHED
-                else:
-                    leg += 1
-                    counters[LEG_INDEX] = leg
+                event = complete_leg(counters, arrivals, step, stop_each)
+                counters[col.MOVED_STEP] = step
+                if counters[col.ARRIVED] == 0:
+                    leg = counters[col.LEG_INDEX]
                     row = route[leg]
                     begin_leg(g, route, leg, state)
-                    if stop_each:
-                        event = REACHED
-            elif counters[NEAR_TOLD] == 0 and row[LEG_NEAR] > 0.0:
+            elif counters[col.NEAR_TOLD] == 0 and row[LEG_NEAR] > 0.0:
                 dx, dy, dz = (
-                    row[LEG_X] - state[POSITION_X],
-                    row[LEG_Y] - state[POSITION_Y],
-                    row[LEG_Z] - state[POSITION_Z],
+                    row[LEG_X] - state[col.POSITION_X],
+                    row[LEG_Y] - state[col.POSITION_Y],
+                    row[LEG_Z] - state[col.POSITION_Z],
                 )
                 if dx * dx + dy * dy + dz * dz < row[LEG_NEAR] * row[LEG_NEAR]:
-                    counters[NEAR_TOLD] = 1
-                    event = NEAR
-        if state[ENERGY_USED] >= capacity:
-            event = ENERGY
-        if event != RAN:
+                    counters[col.NEAR_TOLD] = 1
+                    event = col.NEAR
+        if state[col.ENERGY_USED] >= limits[ENERGY_LIMIT]:
+            event = col.ENERGY
+        if event != col.RAN:
             break
     return event

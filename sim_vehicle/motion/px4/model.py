@@ -8,27 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.motion.columns import (
-    ACCELERATION,
-    ACCELERATION_X,
-    ACCELERATION_Y,
-    ACCELERATION_Z,
-    HEADING,
-    LEG_INDEX,
-    POSITION,
-    POSITION_Z,
-    STEP,
-    VELOCITY,
-    VELOCITY_X,
-    VELOCITY_Y,
-    VELOCITY_Z,
-    WIND,
-    WIND_EAST,
-    WIND_NORTH,
-)
+from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.motion.model import MotionEvent
-from sim_vehicle.motion.multirotor.kernel import ENERGY_LIMIT
 from sim_vehicle.motion.multirotor.model import Multirotor
 from sim_vehicle.motion.px4 import kernel
 from sim_vehicle.motion.px4.parameters import drag_of, value_of
@@ -147,7 +129,7 @@ class Px4Multirotor(Multirotor):
         self._home_yaw_rad = yaw_rad
         self._guided = False
         self.guide: NDArray[np.float64] = np.zeros(kernel.GUIDE)
-        self.guide[kernel.G_HEADING] = self.state[HEADING]
+        self.guide[kernel.G_HEADING] = self.state[col.HEADING]
         self.guide[kernel.G_CLOCK] = -1.0
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
@@ -192,13 +174,13 @@ class Px4Multirotor(Multirotor):
         """Let the autopilot take over from the ground or the generic dynamics, and a return begin now."""
         g, state = self.guide, self.state
         kinds = table[:, kernel.LEG_KIND]
-        if g[kernel.G_CLOCK] < 0.0 and state[POSITION_Z] <= 0.0:
+        if g[kernel.G_CLOCK] < 0.0 and state[col.POSITION_Z] <= 0.0:
             if kinds[0] != LegKind.LAND:
                 g[kernel.G_CLOCK] = 0.0
             g[kernel.G_LAUNCH] = 1.0
             if (
                 kinds[0] == LegKind.WAYPOINT
-                and math.dist(table[0, : kernel.LEG_Z], state[:POSITION_Z]) < self._radius_m
+                and math.dist(table[0, : kernel.LEG_Z], state[: col.POSITION_Z]) < self._radius_m
             ):
                 kinds[0] = LegKind.TAKEOFF
         elif not self._guided or self._leaves_setpoint(kinds[0]):
@@ -206,11 +188,13 @@ class Px4Multirotor(Multirotor):
         first = 0
         if len(table) > 1 and kinds[0] == LegKind.STAY:
             # PX4 does not brake before it turns home.
-            table[0, kernel.LEG_X : kernel.LEG_BEFORE_X] = state[POSITION:VELOCITY]
+            table[0, kernel.LEG_X : kernel.LEG_BEFORE_X] = state[col.POSITION : col.VELOCITY]
             table[0, kernel.LEG_RADIUS] = math.inf
             first = 1
         if kinds[first] == LegKind.CLIMB:
-            table[first, : kernel.LEG_Z] = state[:POSITION_Z] + MODE_SWITCH_S * state[VELOCITY:VELOCITY_Z]
+            table[first, : kernel.LEG_Z] = (
+                state[: col.POSITION_Z] + MODE_SWITCH_S * state[col.VELOCITY : col.VELOCITY_Z]
+            )
         if (kinds == LegKind.HOME).any() and kinds[-1] == LegKind.LAND:
             table[-1, kernel.LEG_HEADING] = self._home_yaw_rad % (2.0 * math.pi)
 
@@ -226,24 +210,26 @@ class Px4Multirotor(Multirotor):
     def _adopt(self) -> None:
         """Take over a vehicle in flight: trajectory and controllers begin as it moves."""
         g, state = self.guide, self.state
-        g[kernel.G_X : kernel.G_INTEGRAL_X] = state[POSITION:HEADING]
-        thrust = state[ACCELERATION:HEADING] + self._law[kernel.DRAG] * (
-            state[VELOCITY:ACCELERATION] - (state[WIND_EAST], state[WIND_NORTH], 0.0)
+        g[kernel.G_X : kernel.G_INTEGRAL_X] = state[col.POSITION : col.HEADING]
+        thrust = state[col.ACCELERATION : col.HEADING] + self._law[kernel.DRAG] * (
+            state[col.VELOCITY : col.ACCELERATION] - (state[col.WIND_EAST], state[col.WIND_NORTH], 0.0)
         )
-        g[kernel.G_INTEGRAL_X : kernel.G_INTEGRAL_Z] = thrust[:2] - state[ACCELERATION:ACCELERATION_Z]
+        g[kernel.G_INTEGRAL_X : kernel.G_INTEGRAL_Z] = (
+            thrust[:2] - state[col.ACCELERATION : col.ACCELERATION_Z]
+        )
         g[kernel.G_INTEGRAL_Z] = 0.0
         thrust[2] += GRAVITY_M_S2
         g[kernel.G_THRUST] = max(float(np.linalg.norm(thrust)), 1e-3)
         g[kernel.G_THRUST_X : kernel.G_THRUST_RATE_X] = thrust[:2] / g[kernel.G_THRUST]
         g[kernel.G_THRUST_RATE_X : kernel.G_THRUST] = 0.0
-        g[kernel.G_FILTERED_AX : kernel.G_TURN] = state[ACCELERATION:HEADING]
+        g[kernel.G_FILTERED_AX : kernel.G_TURN] = state[col.ACCELERATION : col.HEADING]
         g[kernel.G_TURN] = g[kernel.G_CLIMB] = 0.0
         g[kernel.G_CLOCK] = math.inf
-        g[kernel.G_HEADING] = state[HEADING]
+        g[kernel.G_HEADING] = state[col.HEADING]
 
     def _place_before(self, target: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the position where the first leg of a new route begins: at the waypoint before, or here."""
-        old, leg = self._route, int(self.counters[LEG_INDEX])
+        old, leg = self._route, int(self.counters[col.LEG_INDEX])
         if old is not None and self._guided and old.shape[1] == kernel.LEG:
             if (
                 np.abs(old[leg, kernel.LEG_X : kernel.LEG_BEFORE_X] - target).max() < _SAME_M
@@ -252,9 +238,9 @@ class Px4Multirotor(Multirotor):
                 return old[leg, kernel.LEG_BEFORE_X : kernel.LEG_AFTER_X].copy()
             if self.arrivals[leg] >= 0:
                 return old[leg, kernel.LEG_X : kernel.LEG_BEFORE_X].copy()
-            if leg > 0 and self.arrivals[leg - 1] == self.counters[STEP]:
+            if leg > 0 and self.arrivals[leg - 1] == self.counters[col.STEP]:
                 return old[leg - 1, kernel.LEG_X : kernel.LEG_BEFORE_X].copy()
-        return self.state[POSITION:VELOCITY].copy()
+        return self.state[col.POSITION : col.VELOCITY].copy()
 
     def steer(
         self,
@@ -270,16 +256,16 @@ class Px4Multirotor(Multirotor):
     def _leave(self) -> None:
         """Hand the vehicle over to the generic dynamics, which begin within their own limits."""
         if self._guided:
-            size = math.hypot(self.state[ACCELERATION_X], self.state[ACCELERATION_Y])
+            size = math.hypot(self.state[col.ACCELERATION_X], self.state[col.ACCELERATION_Y])
             if size > self.spec.acceleration_m_s2:
-                self.state[ACCELERATION:ACCELERATION_Z] *= self.spec.acceleration_m_s2 / size
+                self.state[col.ACCELERATION : col.ACCELERATION_Z] *= self.spec.acceleration_m_s2 / size
             most = self.spec.vertical_acceleration_m_s2
-            self.state[ACCELERATION_Z] = min(max(self.state[ACCELERATION_Z], -most), most)
+            self.state[col.ACCELERATION_Z] = min(max(self.state[col.ACCELERATION_Z], -most), most)
         self._guided = False
 
     def stopping_point(self) -> Position:
         """Return the position that PX4 would hold if it were told to now."""
-        x, y, z, vx, vy = self.state[POSITION:VELOCITY_Z].tolist()
+        x, y, z, vx, vy = self.state[col.POSITION : col.VELOCITY_Z].tolist()
         speed = math.hypot(vx, vy)
         if speed < 1e-3:
             return x, y, max(z, 0.0)
@@ -288,44 +274,23 @@ class Px4Multirotor(Multirotor):
 
     def attitude(self) -> tuple[float, float, float, float] | None:
         """Return roll, pitch, airspeed and throttle; None where they follow from the acceleration."""
-        if not self._guided or self.state[POSITION_Z] <= 0.0:
+        if not self._guided or self.state[col.POSITION_Z] <= 0.0:
             return None
         state, (east, north) = self.state, self.guide[kernel.G_THRUST_X : kernel.G_THRUST_RATE_X].tolist()
-        sine, cosine = math.sin(state[HEADING]), math.cos(state[HEADING])
+        sine, cosine = math.sin(state[col.HEADING]), math.cos(state[col.HEADING])
         up = math.sqrt(1.0 - east * east - north * north)
         pitch = -math.atan2(east * sine + north * cosine, up)
         roll = math.atan2((east * cosine - north * sine) * math.cos(pitch), up)
-        airspeed = math.hypot(state[VELOCITY_X] - state[WIND_EAST], state[VELOCITY_Y] - state[WIND_NORTH])
+        airspeed = math.hypot(
+            state[col.VELOCITY_X] - state[col.WIND_EAST], state[col.VELOCITY_Y] - state[col.WIND_NORTH]
+        )
         return roll, pitch, airspeed, min(self.guide[kernel.G_THRUST] / SIH_THRUST_M_S2, 1.0)
 
     def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
         """Fly up to ``max_steps`` steps, less when something happens (see `MotionEvent`)."""
         if not self._guided:
             return super().advance(max_steps, stop_each=stop_each)
-        end = int(self.counters[STEP]) + max_steps
-        route = self._route
-        if route is None:
-            return MotionEvent.RAN
-        while True:
-            event = kernel.advance(
-                self.state,
-                self.counters,
-                self.guide,
-                route,
-                self._law,
-                self._limits[ENERGY_LIMIT],
-                self._power,
-                self._wind.block,
-                self._wind.first,
-                end - int(self.counters[STEP]),
-                stop_each,
-                self.arrivals,
-                self.track,
-                self.track_every,
-            )
-            if event != WIND:
-                return MotionEvent(event)
-            self._wind.forward()
+        return self._run(kernel.advance, self._route, (self.guide, self._law), max_steps, stop_each)
 
     def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults and limits."""
@@ -344,7 +309,7 @@ class Px4Multirotor(Multirotor):
         """Stand still on the ground."""
         super().touch_down()
         self.guide[:] = 0.0
-        self.guide[kernel.G_HEADING] = self.state[HEADING]
+        self.guide[kernel.G_HEADING] = self.state[col.HEADING]
         self.guide[kernel.G_CLOCK] = -1.0
         self._guided = False
 

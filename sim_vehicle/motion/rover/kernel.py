@@ -11,35 +11,9 @@ from math import atan2, cos, inf, pi, sin, sqrt
 
 from geo.compiled import compiled
 from sim_vehicle.energy.power_kernels import rover_power
-from sim_vehicle.motion.columns import (
-    ACCELERATION_X,
-    ACCELERATION_Y,
-    ARRIVED,
-    ENERGY,
-    ENERGY_USED,
-    GIVE_UP_STEP,
-    GRID,
-    HEADING,
-    HEADING_RATE,
-    LEG_INDEX,
-    NEAR,
-    NEAR_TOLD,
-    PATH_LENGTH,
-    POSITION_X,
-    POSITION_Y,
-    POWER,
-    RAN,
-    REACHED,
-    STALLED,
-    STEP,
-    TRACK_POINTS,
-    VELOCITY_X,
-    VELOCITY_Y,
-    WIND,
-    WIND_EAST,
-    WIND_NORTH,
-)
+from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.multirotor.kernel import Floats, Integers
+from sim_vehicle.motion.rules import complete_leg, mark_track, wind_row
 from sim_vehicle.weather.gust_kernel import wind_at
 
 # The state beyond the shared numbers: speed over ground, throttle (0 to 1), whether it turns on the spot,
@@ -94,7 +68,7 @@ PIVOT_GAIN = 2.0
 @compiled
 def _bearing(state: Floats, row: Floats, limits: Floats) -> float:
     """Return the bearing to the point that is pursued: on the leg, a look-ahead away."""
-    x, y = state[POSITION_X], state[POSITION_Y]
+    x, y = state[col.POSITION_X], state[col.POSITION_Y]
     ahead = min(max(limits[AHEAD_GAIN] * state[SPEED], limits[AHEAD_MIN]), limits[AHEAD_MAX])
     gx, gy = row[LEG_X] - x, row[LEG_Y] - y
     dx, dy = row[LEG_X] - state[BEGIN], row[LEG_Y] - state[BEGIN + 1]
@@ -115,8 +89,8 @@ def _bearing(state: Floats, row: Floats, limits: Floats) -> float:
 @compiled
 def _may_turn(state: Floats, row: Floats, sense: float, radius: float) -> bool:
     """Whether a position is not inside the tightest turn, round which the vehicle would circle for ever."""
-    cx = state[POSITION_X] + sense * radius * cos(state[HEADING])
-    cy = state[POSITION_Y] - sense * radius * sin(state[HEADING])
+    cx = state[col.POSITION_X] + sense * radius * cos(state[col.HEADING])
+    cy = state[col.POSITION_Y] - sense * radius * sin(state[col.HEADING])
     dx, dy = row[LEG_X] - cx, row[LEG_Y] - cy
     inner = max(radius - row[LEG_RADIUS], 0.0)
     return bool(dx * dx + dy * dy > inner * inner)
@@ -129,8 +103,8 @@ def _tick(state: Floats, row: Floats, arrived: bool, limits: Floats, step: int) 
     kind = row[LEG_KIND]
     if kind == AT_ONCE and not arrived:
         return True
-    speed, yaw = state[SPEED], state[HEADING]
-    gx, gy = row[LEG_X] - state[POSITION_X], row[LEG_Y] - state[POSITION_Y]
+    speed, yaw = state[SPEED], state[col.HEADING]
+    gx, gy = row[LEG_X] - state[col.POSITION_X], row[LEG_Y] - state[col.POSITION_Y]
     left = sqrt(gx * gx + gy * gy)
     wanted, rate = 0.0, 0.0
     if not arrived and kind != BRAKE and state[PAUSE_END] == inf:
@@ -174,28 +148,28 @@ def _tick(state: Floats, row: Floats, arrived: bool, limits: Floats, step: int) 
     speed += min(max(wanted - speed, -change * dt), change * dt)
     if speed < 1e-6:
         speed = 0.0
-    state[HEADING_RATE] += (rate - state[HEADING_RATE]) * min(dt / limits[STEERING_S], 1.0)
+    state[col.HEADING_RATE] += (rate - state[col.HEADING_RATE]) * min(dt / limits[STEERING_S], 1.0)
     if speed == 0.0 and state[PIVOTING] == 0.0:
-        state[HEADING_RATE] = 0.0
-    middle = yaw + 0.5 * state[HEADING_RATE] * dt
-    state[HEADING] = (yaw + state[HEADING_RATE] * dt) % (2.0 * pi)
+        state[col.HEADING_RATE] = 0.0
+    middle = yaw + 0.5 * state[col.HEADING_RATE] * dt
+    state[col.HEADING] = (yaw + state[col.HEADING_RATE] * dt) % (2.0 * pi)
     way = 0.5 * (before + speed) * dt
-    state[POSITION_X] += way * sin(middle)
-    state[POSITION_Y] += way * cos(middle)
-    state[PATH_LENGTH] += way
-    ve, vn = speed * sin(state[HEADING]), speed * cos(state[HEADING])
-    state[ACCELERATION_X], state[ACCELERATION_Y] = (
-        (ve - state[VELOCITY_X]) / dt,
-        (vn - state[VELOCITY_Y]) / dt,
+    state[col.POSITION_X] += way * sin(middle)
+    state[col.POSITION_Y] += way * cos(middle)
+    state[col.PATH_LENGTH] += way
+    ve, vn = speed * sin(state[col.HEADING]), speed * cos(state[col.HEADING])
+    state[col.ACCELERATION_X], state[col.ACCELERATION_Y] = (
+        (ve - state[col.VELOCITY_X]) / dt,
+        (vn - state[col.VELOCITY_Y]) / dt,
     )
-    state[VELOCITY_X], state[VELOCITY_Y] = ve, vn
+    state[col.VELOCITY_X], state[col.VELOCITY_Y] = ve, vn
     state[SPEED] = speed
     state[THROTTLE] = speed / limits[SPEED_MAX]
     if arrived or kind == VELOCITY:
         return False
     if kind == BRAKE:
         return bool(speed < STOPPED)
-    gx, gy = row[LEG_X] - state[POSITION_X], row[LEG_Y] - state[POSITION_Y]
+    gx, gy = row[LEG_X] - state[col.POSITION_X], row[LEG_Y] - state[col.POSITION_Y]
     left2 = gx * gx + gy * gy
     dx, dy = row[LEG_X] - state[BEGIN], row[LEG_Y] - state[BEGIN + 1]
     past = gx * dx + gy * dy < 0.0 and dx * dx + dy * dy > 1e-4
@@ -236,69 +210,58 @@ def advance(
     limits, power : float64[LIMITS], float64[9]
     wind : float64[m, 9]
     """
-    last = route.shape[0] - 1
-    event = RAN
+    event = col.RAN
     for _ in range(max_steps):
-        step, leg = counters[STEP], counters[LEG_INDEX]
+        step, leg = counters[col.STEP], counters[col.LEG_INDEX]
         row = route[leg]
-        if state[GIVE_UP_STEP] == inf:
+        if state[col.GIVE_UP_STEP] == inf:
             state[PAUSE_END] = inf
             state[PIVOTING] = 0.0
-            state[BEGIN], state[BEGIN + 1] = state[POSITION_X], state[POSITION_Y]
+            state[BEGIN], state[BEGIN + 1] = state[col.POSITION_X], state[col.POSITION_Y]
             if leg > 0:
                 state[BEGIN], state[BEGIN + 1] = route[leg - 1, LEG_X], route[leg - 1, LEG_Y]
-            rx, ry = row[LEG_X] - state[POSITION_X], row[LEG_Y] - state[POSITION_Y]
+            rx, ry = row[LEG_X] - state[col.POSITION_X], row[LEG_Y] - state[col.POSITION_Y]
             slow = SLOW_SHARE * min(max(row[LEG_SPEED], CREEP), limits[SPEED_MAX])
-            state[GIVE_UP_STEP] = (
+            state[col.GIVE_UP_STEP] = (
                 step + (PATIENCE_S + row[LEG_PAUSE] + sqrt(rx * rx + ry * ry) / slow) / limits[STEP_S]
             )
             if row[LEG_KIND] == VELOCITY:
-                state[GIVE_UP_STEP] = 1e300
-        if step % GRID == 0:
-            index = 0
-            if wind.shape[0] > 1:
-                index = step // GRID - first_wind
-                if index >= wind.shape[0]:
-                    event = WIND
-                    break
-            state[WIND_EAST], state[WIND_NORTH], _ = wind_at(wind[index], 0.0)
-            speed = state[SPEED]
-            head = speed - state[WIND_EAST] * sin(state[HEADING]) - state[WIND_NORTH] * cos(state[HEADING])
-            pull = state[ACCELERATION_X] * sin(state[HEADING]) + state[ACCELERATION_Y] * cos(state[HEADING])
-            state[POWER] = rover_power(power, speed, head, pull)
-            if (
-                track_every > 0
-                and (step // GRID) % track_every == 0
-                and counters[TRACK_POINTS] < track.shape[0]
-            ):
-                point = counters[TRACK_POINTS]
-                track[point, 0], track[point, 1], track[point, 2] = state[POSITION_X], state[POSITION_Y], 0.0
-                counters[TRACK_POINTS] = point + 1
-            if counters[ARRIVED] == 0 and step > state[GIVE_UP_STEP]:
-                event = STALLED
+                state[col.GIVE_UP_STEP] = 1e300
+        if step % col.GRID == 0:
+            index = wind_row(step, first_wind, len(wind))
+            if index < 0:
+                event = col.WIND
                 break
-        done = _tick(state, row, counters[ARRIVED] != 0, limits, step)
-        state[ENERGY_USED] += state[POWER] * limits[STEP_S]
-        counters[STEP] = step + 1
-        if counters[ARRIVED] == 0:
+            state[col.WIND_EAST], state[col.WIND_NORTH], _ = wind_at(wind[index], 0.0)
+            speed = state[SPEED]
+            head = (
+                speed
+                - state[col.WIND_EAST] * sin(state[col.HEADING])
+                - state[col.WIND_NORTH] * cos(state[col.HEADING])
+            )
+            pull = state[col.ACCELERATION_X] * sin(state[col.HEADING]) + state[col.ACCELERATION_Y] * cos(
+                state[col.HEADING]
+            )
+            state[col.POWER] = rover_power(power, speed, head, pull)
+            mark_track(counters, step, track, track_every, state[col.POSITION_X], state[col.POSITION_Y], 0.0)
+            if counters[col.ARRIVED] == 0 and step > state[col.GIVE_UP_STEP]:
+                event = col.STALLED
+                break
+        done = _tick(state, row, counters[col.ARRIVED] != 0, limits, step)
+        state[col.ENERGY_USED] += state[col.POWER] * limits[STEP_S]
+        counters[col.STEP] = step + 1
+        if counters[col.ARRIVED] == 0:
             if done:
-                arrivals[leg] = step + 1
-                counters[NEAR_TOLD] = 0
-                if leg == last:
-                    counters[ARRIVED] = 1
-                    event = REACHED
-                else:
-                    counters[LEG_INDEX] = leg + 1
-                    state[GIVE_UP_STEP] = inf
-                    if stop_each:
-                        event = REACHED
-            elif counters[NEAR_TOLD] == 0 and row[LEG_NEAR] > 0.0:
-                rx, ry = row[LEG_X] - state[POSITION_X], row[LEG_Y] - state[POSITION_Y]
+                event = complete_leg(counters, arrivals, step + 1, stop_each)
+                if counters[col.ARRIVED] == 0:
+                    state[col.GIVE_UP_STEP] = inf
+            elif counters[col.NEAR_TOLD] == 0 and row[LEG_NEAR] > 0.0:
+                rx, ry = row[LEG_X] - state[col.POSITION_X], row[LEG_Y] - state[col.POSITION_Y]
                 if rx * rx + ry * ry < row[LEG_NEAR] * row[LEG_NEAR]:
-                    counters[NEAR_TOLD] = 1
-                    event = NEAR
-        if state[ENERGY_USED] >= limits[ENERGY_LIMIT]:
-            event = ENERGY
-        if event != RAN:
+                    counters[col.NEAR_TOLD] = 1
+                    event = col.NEAR
+        if state[col.ENERGY_USED] >= limits[ENERGY_LIMIT]:
+            event = col.ENERGY
+        if event != col.RAN:
             break
     return event

@@ -1,0 +1,56 @@
+"""What every kernel does in the same way: the wind of a step, points of the track, the end of a leg."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geo.compiled import compiled
+from sim_vehicle.motion import columns as col
+
+__all__ = ["complete_leg", "mark_track", "wind_row"]
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@compiled
+def wind_row(step: int, first: int, rows: int) -> int:
+    """Return the row of the wind's block for a step on its grid; -1: the block is used up.
+
+    Parameters
+    ----------
+    step : int
+    first : int
+        Grid index of the first row.
+    rows : int
+        One row is a steady wind.
+    """
+    if rows == 1:
+        return 0
+    index = step // col.GRID - first
+    return index if index < rows else -1
+
+
+@compiled
+def mark_track(
+    counters: Integers, step: int, track: Floats, every: int, x: float, y: float, z: float
+) -> None:
+    """Write the position into the track at every so many grid points (0: never), until it is full."""
+    point = counters[col.TRACK_POINTS]
+    if every > 0 and (step // col.GRID) % every == 0 and point < track.shape[0]:
+        track[point, 0], track[point, 1], track[point, 2] = x, y, z
+        counters[col.TRACK_POINTS] = point + 1
+
+
+@compiled
+def complete_leg(counters: Integers, arrivals: Integers, step: int, stop_each: bool) -> int:
+    """Enter the arrival at the end of the current leg and go on to the next; return the event."""
+    leg = counters[col.LEG_INDEX]
+    arrivals[leg] = step
+    counters[col.NEAR_TOLD] = 0
+    if leg == len(arrivals) - 1:
+        counters[col.ARRIVED] = 1
+        return col.REACHED
+    counters[col.LEG_INDEX] = leg + 1
+    return col.REACHED if stop_each else col.RAN

@@ -47,11 +47,11 @@ if TYPE_CHECKING:
     from wbf_mission.planning import plan as plan
     from wbf_mission.result import Result as Result
     from wbf_mission.result import load_result as load_result
-    from wbf_mission.result_files import ResultError as ResultError
     from wbf_mission.scenario import Scenario as Scenario
     from wbf_mission.scenario import ScenarioError as ScenarioError
     from wbf_mission.scenario import load_scenario as load_scenario
     from wbf_mission.scenario import scenario_with as scenario_with
+    from wbf_mission.tables import ResultError as ResultError
     from wbf_mission.version import __version__ as __version__
 else:
     from geo.lazy import attach
@@ -82,7 +82,7 @@ else:
             "wbf_mission.ground.link": ("download", "upload"),
             "mission.outcome": ("Outcome",),
             "wbf_mission.planning": ("plan",),
-            "wbf_mission.result_files": ("ResultError",),
+            "wbf_mission.tables": ("ResultError",),
             "wbf_mission.result": ("Result", "load_result"),
             "wbf_mission.scenario": ("Scenario", "ScenarioError", "load_scenario", "scenario_with"),
             "wbf_mission.version": ("__version__",),

@@ -135,11 +135,12 @@ class RunEstimate:
         Already fitted to the farm.
     score : RunningScore
         Knows the truth, which the estimator does not.
-    every : int
-        Score after each `every` observations.
 
     Attributes
     ----------
+    estimator : Estimator
+    every : int
+        The estimate is scored after each `every` observations.
     history : ScoreHistory
         The scores so far; complete after `finish`.
     model : InformationModel or None
@@ -149,46 +150,70 @@ class RunEstimate:
         Wall seconds that estimator and score took.
     """
 
-    def __init__(self, estimator: Estimator, score: RunningScore, every: int) -> None:
+    def __init__(self, estimator: Estimator, score: RunningScore, every: int = 1) -> None:
         self.history = ScoreHistory()
         self.model: InformationModel | None = None
         self.estimate_s = 0.0
         self.score_s = 0.0
-        self._estimator = estimator
+        self.estimator = estimator
         self._score = score
-        self._every = max(1, every)
+        self.every = max(1, every)
         self._seen = 0
         self._worker = ThreadPoolExecutor(1, "estimate")
         self._waiting: deque[Future[None]] = deque()
 
-    def add(self, observations: Observations) -> None:
-        """Begin to learn from observations, and to score as often as is due."""
+    def add(self, observations: Observations, offset_s: float = 0.0) -> None:
+        """Begin to learn from observations, and to score as often as is due.
+
+        Parameters
+        ----------
+        observations : Observations
+        offset_s : float
+            Seconds from the beginning of the run to their time 0.
+        """
         while self._waiting and self._waiting[0].done():
             self._waiting.popleft().result()
-        self._waiting.append(self._worker.submit(self._learn, observations))
+        self._waiting.append(self._worker.submit(self._learn, observations, offset_s))
+
+    def current(self) -> InformationModel:
+        """Wait for all that was added, and return what is believed then, in the estimator's own arrays."""
+        self._catch_up()
+        begin = time.perf_counter()
+        with attribute_errors_to(self.estimator):
+            model = self.estimator.predict()
+        self.estimate_s += time.perf_counter() - begin
+        return model
+
+    def begin_day(self, truth: NDArray[np.float32]) -> None:
+        """Score what follows against the truth of another day."""
+        self._catch_up()
+        self._score.advance(truth)
+
+    def _catch_up(self) -> None:
+        while self._waiting:
+            self._waiting.popleft().result()
 
     def close(self) -> None:
         """End the thread; what was added and not learned yet is dropped."""
         self._worker.shutdown(wait=False, cancel_futures=True)
 
-    def _learn(self, observations: Observations) -> None:
+    def _learn(self, observations: Observations, offset_s: float) -> None:
         start = 0
         while start < len(observations):
-            due = self._every - self._seen % self._every
+            due = self.every - self._seen % self.every
             part = observations[start : start + due]
             begin = time.perf_counter()
-            with attribute_errors_to(self._estimator):
-                self._estimator.partial_fit(part)
+            with attribute_errors_to(self.estimator):
+                self.estimator.partial_fit(part)
             self.estimate_s += time.perf_counter() - begin
             self._seen += len(part)
             start += len(part)
-            if self._seen % self._every == 0:
-                self._evaluate(float(part.time_s[-1]))
+            if self._seen % self.every == 0:
+                self._evaluate(offset_s + float(part.time_s[-1]))
 
     def finish(self, time_s: float) -> None:
         """Wait for all that was added, and score it unless that was done already or nothing was seen."""
-        while self._waiting:
-            self._waiting.popleft().result()
+        self._catch_up()
         self.close()
         if not self._seen:
             return
@@ -198,8 +223,8 @@ class RunEstimate:
 
     def _evaluate(self, time_s: float) -> None:
         begin = time.perf_counter()
-        with attribute_errors_to(self._estimator):
-            self.model = self._estimator.predict()
+        with attribute_errors_to(self.estimator):
+            self.model = self.estimator.predict()
         middle = time.perf_counter()
         self.history.entries.append(self._score.add(self.model))
         self.history.times_s.append(time_s)

@@ -6,13 +6,15 @@ from importlib.metadata import entry_points
 
 
 def names_of(kind: str) -> tuple[str, ...]:
-    """Return the known names of a ``kind``: farm, planner, estimator, autopilot or vehicle."""
+    """Return the known names of a ``kind``: farm, planner, policy, estimator, autopilot or vehicle."""
     if kind == "farm":
         from geo.built_in import farm_names
 
         return farm_names()
     if kind == "planner":
         return _entry_points("wbf_mission.planners")
+    if kind == "policy":
+        return _entry_points("wbf_mission.policies")
     if kind == "estimator":
         return _entry_points("wbf_mission.estimators")
     if kind == "autopilot":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -23,7 +24,9 @@ class Phase(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Where the vehicle was, by its own GLOBAL_POSITION_INT or in truth.
+    """Where a vehicle was, by its own GLOBAL_POSITION_INT or in truth.
+
+    Of several flights in one track, each ends with a row of NaN, so that lines drawn along it break there.
 
     Parameters
     ----------
@@ -45,7 +48,7 @@ class Track:
     @property
     def length_m(self) -> float:
         """Length over ground."""
-        return float(np.hypot(np.diff(self.x_m), np.diff(self.y_m)).sum())
+        return float(np.nansum(np.hypot(np.diff(self.x_m), np.diff(self.y_m))))
 
     def at(self, time_s: NDArray[np.float64]) -> Track:
         """Return the track at other times, straight between its fixes."""
@@ -56,3 +59,16 @@ class Track:
         """Return the horizontal distance from another track at the times of this one."""
         there = other.at(self.time_s)
         return np.hypot(self.x_m - there.x_m, self.y_m - there.y_m)
+
+
+def joined(tracks: Sequence[Track]) -> Track:
+    """Return several tracks as one, with a row of NaN between them; a single one as it is."""
+    if len(tracks) == 1:
+        return tracks[0]
+    names = ("time_s", "latitude_deg", "longitude_deg", "altitude_m", "x_m", "y_m")
+    gap = np.array([np.nan])
+    columns = []
+    for name in names:
+        parts = [part for one in tracks for part in (getattr(one, name), gap)]
+        columns.append(np.concatenate(parts[:-1]) if parts else np.empty(0))
+    return Track(*columns)

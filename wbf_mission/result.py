@@ -9,9 +9,12 @@ from typing import Any
 import numpy as np
 
 from geo.errors import WbfMissionError
-from wbf_mission.result_files import ResultError, history_table, read_result, track_table
+from wbf_mission.deciding.files import decision_table
+from wbf_mission.flight_files import track_table
+from wbf_mission.result_files import history_table, read_result
 from wbf_mission.results import ResultFolder
 from wbf_mission.run_record import RunRecord
+from wbf_mission.tables import ResultError
 
 __all__ = ["Result", "load_result"]
 
@@ -21,10 +24,11 @@ class Result(RunRecord):
     """What a run gave (`wbf_mission.run_record.RunRecord` tells its parts), to be shown and saved."""
 
     def tables(self) -> dict[str, Any]:
-        """Return track, observations and history as pyarrow tables."""
+        """Return tracks, observations, decisions and history as pyarrow tables."""
         return {
-            "track": track_table(self.track, self.true_track),
+            "track": track_table(self.flights),
             "observations": self.observations.to_table(),
+            "decisions": decision_table(self.decisions),
             "history": history_table(self.history, self.observations.fields),
         }
 

@@ -21,9 +21,10 @@ from mission.outcome import Outcome
 from wbf_mission.arrays import SUFFIX
 from wbf_mission.estimation import resolved
 from wbf_mission.progress import Progress, silent
-from wbf_mission.result_files import PROBABILITIES, RECORD, ResultError, write_arrays, write_result
+from wbf_mission.result_files import DECISIONS, PROBABILITIES, RECORD, write_arrays, write_result
 from wbf_mission.run_record import RunRecord
 from wbf_mission.scenario import Scenario
+from wbf_mission.tables import ResultError
 
 if TYPE_CHECKING:
     from wbf_mission.report import FieldMap
@@ -209,7 +210,13 @@ def _scenario_in(path: Path) -> Any:
 
 
 def _is_ours(name: str) -> bool:
-    many = (("field_", ".png"), (PROBABILITIES, SUFFIX))
+    many = (
+        ("field_", ".png"),
+        (PROBABILITIES, SUFFIX),
+        ("plan-day", ".plan"),
+        ("plan-day", ".json"),
+        ("vehicle-", ".toml"),
+    )
     return name in _NAMES or any(name.startswith(start) and name.endswith(end) for start, end in many)
 
 
@@ -222,6 +229,7 @@ _NAMES = frozenset(
         "flight.tlog",
         "observations.parquet",
         "track.parquet",
+        DECISIONS,
         "true_track.parquet",
         "scores.parquet",
         f"truth{SUFFIX}",

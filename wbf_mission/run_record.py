@@ -14,8 +14,10 @@ from sensors.camera.wire import AssemblerStatistics
 from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
+from wbf_mission.deciding.record import DecisionRecord
 from wbf_mission.estimation import ScoreHistory
-from wbf_mission.outcome import Track
+from wbf_mission.flight_record import FlightRecord
+from wbf_mission.outcome import Track, joined
 from wbf_mission.planning import PlanResult
 from wbf_mission.report import FarmReport, FieldMap, report_of_maps
 from wbf_mission.scenario import Scenario
@@ -28,66 +30,113 @@ class RunRecord:
     Parameters
     ----------
     scenario : Scenario
-    plan : PlanResult
-    outcome : Outcome
-        How the flight ended.
-    reason : str
-        Why it ended so, empty when it went well.
-    track : Track
-        What was flown, as the vehicle believed.
-    true_track : Track or None
-        What was flown; None when the vehicle made no errors about its position.
+    flights : tuple of FlightRecord
+        Of each vehicle in each flight of each day, at least one, in that order.
     observations : Observations
-        What arrived from the camera.
-    camera : AssemblerStatistics
-        Images received, lost, fetched again.
-    transfers : list
-        Statistics of the mission transfers.
+        What arrived from the cameras.
     truth, model : float32[n, W, H] and InformationModel, or None
-        The environment of the flight's day, and the last estimate.
+        The environment of the last day that was flown, and the last estimate.
     history : ScoreHistory
         Scores over time.
-    battery_used : float or None
-        Fraction of the battery, from the vehicle's telemetry.
-    flight_time_s : float
-        Simulated seconds from the mission's start to its end.
+    simulated_s : float
+        Seconds on the virtual clock, of all flights together.
+    frames : int
+        MAVLink frames that were sent.
     timings_s : dict
         Wall seconds of each part.
-    texts : list
-        What the vehicle said (time, severity, text).
-    warnings : list of str
-        What the user should know, each in one line; those of the plan come first.
     environment_cached : bool
         Whether the environment came from the user's cache.
     fields : FieldSet
         What was sensed and scored.
     maps, true_maps : tuple of FieldMap
         Estimate and truth in blocks of cells; empty without an estimate.
+    decisions : list of DecisionRecord
+        Every question that the policy was asked.
     """
 
     scenario: Scenario
-    plan: PlanResult
-    outcome: Outcome
-    reason: str
-    track: Track
+    flights: tuple[FlightRecord, ...]
     observations: Observations
-    camera: AssemblerStatistics
-    transfers: list[Any]
     truth: NDArray[np.float32] | None
     model: InformationModel | None
     history: ScoreHistory
-    battery_used: float | None
-    flight_time_s: float
     simulated_s: float
     frames: int
     timings_s: dict[str, float] = field(default_factory=dict)
-    texts: list[tuple[float, int, str]] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
     environment_cached: bool = False
-    true_track: Track | None = None
     fields: FieldSet = PAPER_FIELDS
     maps: tuple[FieldMap, ...] = ()
     true_maps: tuple[FieldMap, ...] = ()
+    decisions: list[DecisionRecord] = field(default_factory=list)
+
+    @property
+    def plan(self) -> PlanResult:
+        """What the first vehicle's first flight was planned to be."""
+        return self.flights[0].plan
+
+    @property
+    def outcome(self) -> Outcome:
+        """How the run ended: of several flights the first outcome that is not good."""
+        return self._decisive.outcome
+
+    @property
+    def reason(self) -> str:
+        """Why it ended so, empty when it went well."""
+        one = self._decisive
+        if not one.reason or len(self.flights) == 1:
+            return one.reason
+        return f"day {one.day}, flight {one.flight}, vehicle {one.system_id}: {one.reason}"
+
+    @property
+    def _decisive(self) -> FlightRecord:
+        return next((one for one in self.flights if not one.outcome.is_good), self.flights[0])
+
+    @property
+    def track(self) -> Track:
+        """What was flown, as the vehicles believed; flights are parted by a row without a position."""
+        return joined([one.track for one in self.flights])
+
+    @property
+    def true_track(self) -> Track | None:
+        """What was flown; None unless every vehicle made errors about its position."""
+        true = [one.true_track for one in self.flights]
+        known = [one for one in true if one is not None]
+        return joined(known) if len(known) == len(true) else None
+
+    @property
+    def camera(self) -> AssemblerStatistics:
+        """Images of all flights."""
+        each = [asdict(one.camera) for one in self.flights]
+        return AssemblerStatistics(**{name: sum(one[name] for one in each) for name in each[0]})
+
+    @property
+    def transfers(self) -> list[Any]:
+        """Statistics of all mission transfers."""
+        return [transfer for one in self.flights for transfer in one.transfers]
+
+    @property
+    def texts(self) -> list[tuple[float, int, str]]:
+        """What the vehicles said (time, severity, text)."""
+        return [text for one in self.flights for text in one.texts]
+
+    @property
+    def warnings(self) -> list[str]:
+        """What the user should know, each in one line."""
+        return list(dict.fromkeys(warning for one in self.flights for warning in one.warnings))
+
+    @property
+    def battery_used(self) -> float | None:
+        """Fraction of a battery, of the flight that took most; None if no vehicle told."""
+        return max((one.battery_used for one in self.flights if one.battery_used is not None), default=None)
+
+    @property
+    def flight_time_s(self) -> float:
+        """Simulated seconds in the air; of vehicles that fly together the longest time counts."""
+        longest: dict[tuple[int, int], float] = {}
+        for one in self.flights:
+            key = (one.day, one.flight)
+            longest[key] = max(longest.get(key, 0.0), one.flight_time_s)
+        return sum(longest.values())
 
     @property
     def report(self) -> FarmReport | None:
@@ -131,11 +180,14 @@ class RunRecord:
         return {
             "seed": self.scenario.seed,
             "farm": self.farm.name,
-            "planner": self.plan.planner,
+            "planner": None if self.scenario.mission.policy is not None else self.plan.planner,
+            "policy": None if self.scenario.mission.policy is None else str(self.scenario.mission.policy),
             "mission": self.scenario.mission.file,
             "estimator": self.estimator,
             "vehicle": self.plan.vehicle.name,
+            "vehicles": len({one.system_id for one in self.flights}),
             "day": self.scenario.farm.day,
+            "days": self.scenario.farm.days,
             "outcome": self.outcome.value,
             "reason": self.reason,
             "warnings": list(self.warnings),
@@ -150,7 +202,7 @@ class RunRecord:
             "observations": len(seen),
             "cells_observed": cells,
             "path_length_m": self.track.length_m,
-            "position_error_m": self._position_error(),
+            "position_error_m": self.flights[0].position_error,
             "planned_length_m": self.plan.length_m,
             "flight_time_s": self.flight_time_s,
             "predicted_time_s": self.plan.prediction.duration_s,
@@ -159,6 +211,8 @@ class RunRecord:
             "coverage": self.plan.coverage,
             "spacing_m": self.plan.spacing_m,
             "budget": self.plan.budget_text,
+            "flights": [one.summary() for one in self.flights],
+            "decisions": [one.summary() for one in self.decisions],
             "transfer": _transfer_summary(self.transfers),
             "camera": asdict(self.camera),
             "mavlink_frames": self.frames,
@@ -168,13 +222,6 @@ class RunRecord:
             "environment_cached": self.environment_cached,
             "scenario": self.scenario.to_dict(),
         }
-
-    def _position_error(self) -> dict[str, float] | None:
-        """Return how far the vehicle was from where it believed to be: root of the mean square, and most."""
-        if self.true_track is None or not len(self.track.time_s):
-            return None
-        error_m = self.track.distance_m(self.true_track)
-        return {"rms": float(np.sqrt(np.mean(error_m**2))), "max": float(error_m.max())}
 
 
 def _by_field(names: tuple[str, ...], values: tuple[float, ...] | None) -> dict[str, float | None]:

@@ -49,11 +49,10 @@ def flight_level(mission: MissionOptions, vehicle: VehicleOptions) -> FlightLeve
     )
 
 
-def wind_of_run(scenario: Scenario) -> Wind:
-    """Return the wind that a run's vehicles meet, gusts included."""
-    return wind_of(
-        scenario.weather, flight_level(scenario.mission, scenario.vehicle), child_seed(scenario.seed, "wind")
-    )
+def wind_of_run(scenario: Scenario, names: tuple[str, ...] = ("wind",)) -> Wind:
+    """Return the wind that a run's vehicle meets, gusts included; `names` are those of its random stream."""
+    level = flight_level(scenario.mission, scenario.vehicle)
+    return wind_of(scenario.weather, level, child_seed(scenario.seed, *names))
 
 
 def wind_of(
@@ -111,6 +110,8 @@ def _w20_m_s(given: str | float, mean: Wind) -> float:
     return LEVELS_W20_M_S[given] if isinstance(given, str) else given
 
 
-def noise_of(vehicle: VehicleOptions, seed: SeedSequence | int) -> SensorNoise:
-    """Return how wrong a run's vehicles are about their position."""
-    return SensorNoise(vehicle.gps_noise_m, vehicle.baro_noise_m, child_seed(seed, "navigation"))
+def noise_of(
+    vehicle: VehicleOptions, seed: SeedSequence | int, names: tuple[str, ...] = ("navigation",)
+) -> SensorNoise:
+    """Return how wrong a run's vehicle is about its position; `names` are those of its random stream."""
+    return SensorNoise(vehicle.gps_noise_m, vehicle.baro_noise_m, child_seed(seed, *names))

@@ -43,6 +43,8 @@ class Status(Enum):
     """On the ground at its start, before its flight."""
     FLYING = "flying"
     """On its path; the path can be changed."""
+    CHANGING = "changing"
+    """On its path, while another one is on its way to it; that one has to arrive first."""
     RETURNING = "returning"
     """On its way home, or landing; its path cannot be changed any more."""
     ENDED = "ended"

@@ -257,6 +257,11 @@ class ObservationAssembler:
         waiting = (image.index for image in self._pending.values() if image.index >= 0)
         return sorted({*self._missing, *waiting})
 
+    @property
+    def waiting(self) -> int:
+        """How many observations `take` would give."""
+        return len(self._single) + sum(image.footprint_cells**2 for image in self._wide)
+
     def take(self) -> Observations:
         """Take the observations completed since the last call, in order of time."""
         single, wide = self._single, self._wide

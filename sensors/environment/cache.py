@@ -84,12 +84,13 @@ class EnvironmentCache:
         grid: FarmGrid,
         *,
         day: int,
+        last_day: int | None = None,
         seed: SeedSequence | int,
         fields: FieldSet = PAPER_FIELDS,
         farm_name: str = "",
         progress: Progress | None = None,
     ) -> tuple[Environment, bool]:
-        """Give the environment of one day, from the cache or generated now and kept.
+        """Give the environment of a day or some, from the cache or generated now and kept.
 
         A folder that cannot be written to, or a full disk, costs a generation in every run and a
         `geo.user_cache.CacheWarning`, not an error.
@@ -98,8 +99,8 @@ class EnvironmentCache:
         ----------
         grid, seed, fields, farm_name, progress
             As for `generate_environment`.
-        day : int
-            The day to keep.
+        day, last_day : int
+            The days to keep, from the first to the last; one day without `last_day`.
 
         Returns
         -------
@@ -113,21 +114,23 @@ class EnvironmentCache:
         EnvironmentDataError, geo.memory.NotEnoughMemoryError
             As `generate_environment`.
         """
+        last = day if last_day is None else last_day
+        kept = range(day, last + 1)
 
         def generate() -> Environment:
             return generate_environment(
                 grid,
-                days=day,
+                days=last,
                 seed=seed,
                 fields=fields,
-                keep_days=[day],
+                keep_days=kept,
                 farm_name=farm_name,
                 progress=progress,
             )
 
         if self.limit_bytes <= 0 or grid.crop.size < CACHED_FROM_CELLS:
             return generate(), False
-        task = make_task(grid, days=day, seed=seed, fields=fields, keep_days=[day], farm_name=farm_name)
+        task = make_task(grid, days=last, seed=seed, fields=fields, keep_days=kept, farm_name=farm_name)
         header = task.header()
         path = self.folder / hashlib.sha256(msgspec.json.encode(header)).hexdigest()[:32]
         try:

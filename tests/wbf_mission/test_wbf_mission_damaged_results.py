@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 
 from wbf_mission.flight import fly
 from wbf_mission.result import load_result
-from wbf_mission.result_files import MAX_JSON_BYTES, ResultError
+from wbf_mission.result_files import MAX_JSON_BYTES
 from wbf_mission.scenario import Scenario
+from wbf_mission.tables import ResultError
 
 NEEDED = {
     "plan.json",

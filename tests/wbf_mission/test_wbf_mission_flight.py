@@ -12,7 +12,6 @@ from mission.outcome import Outcome
 from sensors.errors import EstimatorError
 from sensors.observations import Observations
 from sim_vehicle.host.simulation import Impairment
-from wbf_mission import flight as flight_module
 from wbf_mission.estimation import RunEstimate
 from wbf_mission.exit_codes import exit_code_of_flight
 from wbf_mission.flight import fly, make_environment
@@ -115,13 +114,13 @@ def test_ctrl_c_keeps_what_was_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     learned = []
     original = RunEstimate.add
 
-    def add(self: RunEstimate, observations: Observations) -> None:
-        original(self, observations)
+    def add(self: RunEstimate, observations: Observations, offset_s: float = 0.0) -> None:
+        original(self, observations, offset_s)
         learned.append(len(observations))
         if sum(learned) > 100:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(flight_module.RunEstimate, "add", add)
+    monkeypatch.setattr(RunEstimate, "add", add)
     result = fly(QUAD)
     assert result.outcome is Outcome.INTERRUPTED
     assert len(result.observations) >= 100

@@ -55,7 +55,7 @@ def test_shared_options_read_the_same(capsys: pytest.CaptureFixture[str], comman
     ("arguments", "says"),
     [
         (["--wind-shear", "log"], "--wind-shear has an effect only with --wind"),
-        (["--mission", "x.plan", "--budget", "5min"], "--budget has no effect on the mission in x.plan"),
+        (["--mission", "x.plan", "--budget", "5min"], "--budget has no effect with --mission x.plan"),
         (["--mission", "x.plan", "--camera-spacing", "2"], "--camera-spacing has no effect"),
         (["--param", "MPC_ACC_HOR"], "NAME=VALUE"),
         (["--day", "127"], "0 to 126"),

@@ -139,7 +139,7 @@ def test_options_are_unique_and_told() -> None:
     for key, (part, name, one) in all_options().items():
         assert one.help and one.panel, key
         assert name in {field.name for field in dataclasses.fields(part)}
-        for other in (one.needs, one.not_with):
+        for other in (one.needs, *one.not_with):
             assert not other or other in all_options(), key
 
 

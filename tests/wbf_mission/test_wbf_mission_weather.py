@@ -13,10 +13,10 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.weather.dryden import LEVELS_W20_M_S
 from wbf_mission.flight import fly
+from wbf_mission.flight_files import track_table
 from wbf_mission.planning import MissionBuilder, plan
 from wbf_mission.planning.plan import check_speed, check_wind
 from wbf_mission.result import Result
-from wbf_mission.result_files import track_table
 from wbf_mission.scenario import Scenario, ScenarioError, load_scenario
 from wbf_mission.scenario.texts import shear_values, turbulence_value
 from wbf_mission.simulator import make_components
@@ -141,8 +141,8 @@ def test_errors_of_place_cost_score_and_put_leaves_into_wrong_cells(
 
 
 def test_the_table_of_the_track_has_both(flights: tuple[Result, Result]) -> None:
-    for result, columns in zip(flights, (6, 11), strict=True):
-        table = track_table(result.track, result.true_track)
+    for result, columns in zip(flights, (9, 14), strict=True):
+        table = track_table(result.flights)
         assert table.shape == (len(result.track.time_s), columns)
 
 

@@ -129,11 +129,11 @@ class Given:
             if needs and values[needs] == default_of(known[needs][0], known[needs][1]):
                 msg = f"{flag} has an effect only with {_flag_of(needs)}: give that, too"
                 raise ScenarioError(msg)
-            if one.not_with and values[one.not_with] is not None:
-                msg = (
-                    f"{flag} has no effect on the mission in {values[one.not_with]}: leave one of the two out"
-                )
-                raise ScenarioError(msg)
+            for other in one.not_with:
+                if values[other] is not None:
+                    with_what = f"{_flag_of(other)} {values[other]}"
+                    msg = f"{flag} has no effect with {with_what}: leave one of the two out"
+                    raise ScenarioError(msg)
 
 
 def scenario_options(
@@ -272,9 +272,10 @@ def _help(one: Option, default: Any, flags: set[str]) -> str:
     scale = one.allowed if not (one.choices or one.read) else ""
     choices = f": {one.allowed}" if one.choices else ""
     depends = ""
-    for word, key in (("only", one.needs), ("not", one.not_with)):
-        if key and _flag_of(key) in flags:
-            depends = f" ({word} with {_flag_of(key)})"
+    for word, keys in (("only", (one.needs,) if one.needs else ()), ("not", one.not_with)):
+        there = [_flag_of(key) for key in keys if _flag_of(key) in flags]
+        if there:
+            depends = f" ({word} with {' or '.join(there)})"
     told = one.default or (
         "" if default is None else f"{default:g}" if isinstance(default, float) else default
     )

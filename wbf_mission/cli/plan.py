@@ -31,6 +31,9 @@ wbf-mission plan --farm my-farm.geojson --planner adaptive-lawnmower --json
     CameraOptions,
     without=(
         "day",
+        "days",
+        "flights_per_day",
+        "vehicles",
         "mission",
         "turbulence",
         "gps_noise_m",

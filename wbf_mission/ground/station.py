@@ -62,6 +62,8 @@ class GroundStation:
     assembler : ObservationAssembler or None
         Turns the camera's messages into observations.
     vehicle_system_id : int
+    system_id : int
+        Its own.
     on_progress : callable, optional
         ``on_progress(phase, done, total)`` as items cross.
 
@@ -78,7 +80,6 @@ class GroundStation:
         When the mission began, and when the run was over.
     """
 
-    system_id = GROUND_SYSTEM_ID
     component_id = GROUND_COMPONENT_ID
 
     def __init__(
@@ -87,9 +88,11 @@ class GroundStation:
         assembler: ObservationAssembler | None = None,
         *,
         vehicle_system_id: int = 1,
+        system_id: int = GROUND_SYSTEM_ID,
         on_progress: Callable[[Phase, int, int], None] | None = None,
     ) -> None:
         self.mission = mission
+        self.system_id = system_id
         self.phase = Phase.CONTACT
         self.outcome = Outcome.RUNNING
         self.reason = ""
@@ -312,7 +315,8 @@ class GroundStation:
 
     def _on_image(self, message: Message, now_s: float) -> list[Message]:  # noqa: ARG002
         assert self._assembler is not None
-        self._assembler.add(message)
+        if message.get_srcSystem() == self._vehicle[0]:
+            self._assembler.add(message)
         return []
 
     def _on_transfer(self, message: Message, now_s: float) -> list[Message]:

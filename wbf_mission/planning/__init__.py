@@ -1,7 +1,17 @@
 """From a scenario to a mission: budget, path, and what it will take."""
 
 from wbf_mission.planning.builder import MissionBuilder, flown_vehicle
-from wbf_mission.planning.plan import home_of, plan
+from wbf_mission.planning.plan import flight_builder, home_of, plan, planner_of
 from wbf_mission.planning.result import PlanResult
+from wbf_mission.planning.task import FlightTask
 
-__all__ = ["MissionBuilder", "PlanResult", "flown_vehicle", "home_of", "plan"]
+__all__ = [
+    "FlightTask",
+    "MissionBuilder",
+    "PlanResult",
+    "flight_builder",
+    "flown_vehicle",
+    "home_of",
+    "plan",
+    "planner_of",
+]

@@ -104,7 +104,7 @@ def make_budget(text: str | None, builder: MissionBuilder) -> tuple[Budget, str]
         If the budget's unit does not fit the vehicle.
     """
     farm, vehicle = builder.farm, builder.vehicle
-    home = None if vehicle.is_ideal else farm.home_m
+    home = None if vehicle.is_ideal else builder.home_m
     if text is None:
         if vehicle.is_ideal:
             steps = float(round(PAPER_STEPS_PER_CELL * farm.owner_cells))

@@ -43,6 +43,8 @@ class MissionBuilder:
         Distance between images.
     acceptance_radius_m : float or None
         Of the waypoints; None: from their spacing.
+    home_m : tuple of float
+        Where the vehicle takes off and lands, in metres of the farm frame.
     """
 
     farm: Farm
@@ -51,10 +53,11 @@ class MissionBuilder:
     weather: WeatherOptions
     image_spacing_m: float
     acceptance_radius_m: float | None
+    home_m: tuple[float, float]
 
     @classmethod
-    def of(cls, scenario: Scenario, farm: Farm) -> MissionBuilder:
-        """Return the builder of a run.
+    def of(cls, scenario: Scenario, farm: Farm, home_m: tuple[float, float] | None = None) -> MissionBuilder:
+        """Return the builder of a run's vehicle, which starts at the farm's home if nothing else is said.
 
         Raises
         ------
@@ -71,6 +74,7 @@ class MissionBuilder:
             scenario.weather,
             camera.spacing_m or farm.cell_size_m * camera.footprint,
             mission.acceptance_radius_m,
+            farm.home_m if home_m is None else home_m,
         )
 
     def mission(self, path: PlannedPath) -> Mission:
@@ -79,7 +83,7 @@ class MissionBuilder:
         return build_mission(
             path,
             frame=farm.frame,
-            home_xy_m=farm.home_m,
+            home_xy_m=self.home_m,
             altitude_m=self.level.altitude_m,
             speed_m_s=min(self.level.speed_m_s, vehicle.top_speed_m_s),
             camera_distance_m=None if vehicle.is_ideal else self.image_spacing_m,

@@ -8,13 +8,17 @@ from dataclasses import replace
 import numpy as np
 
 from geo import Farm, get_farm
-from geo.errors import WbfMissionError
-from mission.errors import PlanningError
 from mission.files import read_mission
 from mission.model import Command, GeoPoint, Mission
-from mission.planners import PlannedPath, Planner, PlanningRequest, coverage, make_planner
+from mission.planners import PlannedPath, Planner, coverage, make_planner
 from mission.planners.budget import LengthBudget
+from mission.policies.policy import FixedPlan
+from sensors.field_files import load_field_set
+from sensors.observations import Observations
+from sensors.scoring.score import ScoreWeights
 from sim_vehicle.airframe.spec import VehicleSpec
+from wbf_mission.deciding.loop import DecisionLoop, Knowledge
+from wbf_mission.evidence import unknown_model
 from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.planning.result import PlanResult
 from wbf_mission.planning.task import FlightTask, free_area
@@ -42,18 +46,27 @@ def plan(scenario: Scenario, *, progress: Progress = silent) -> PlanResult:
         return _read(scenario, builder)
     task = FlightTask.of(scenario, builder, progress=progress)
     choice = scenario.mission.planner
-    return task.plan(_run_planner(planner_of(choice), task.request, str(choice)), str(choice))
+    knowledge = Knowledge(
+        builder.farm,
+        scenario.farm.day,
+        (fields := load_field_set(scenario.farm.fields)),
+        ScoreWeights.of(fields),
+        lambda: unknown_model(builder.farm, fields),
+        lambda: Observations.empty(fields.names),
+    )
+    loop = DecisionLoop(FixedPlan(planner_of(choice)), f"planner {choice}", knowledge, records=[])
+    return task.plan_of(loop.start([task.report()]).decision, str(choice))
 
 
-def flight_builder(scenario: Scenario) -> MissionBuilder:
-    """Return what makes the missions of a run.
+def flight_builder(scenario: Scenario, home_m: tuple[float, float] | None = None) -> MissionBuilder:
+    """Return what makes the missions of a run's vehicle, which starts at the farm's home without `home_m`.
 
     Raises
     ------
     WbfMissionError
         If farm or vehicle are unknown, or the vehicle cannot fly in that wind or at that speed.
     """
-    builder = MissionBuilder.of(scenario, get_farm(scenario.farm.name))
+    builder = MissionBuilder.of(scenario, get_farm(scenario.farm.name), home_m)
     check_wind(builder)
     check_speed(scenario.mission, builder.vehicle)
     return builder
@@ -70,26 +83,6 @@ def planner_of(choice: Choice) -> Planner:
         If it does not have one of the parameters.
     """
     return make_planner(choice.name if choice.made is None else choice.made, **choice.params)
-
-
-def _run_planner(planner: Planner, request: PlanningRequest, name: str) -> PlannedPath:
-    """Run a planner, whoever wrote it, and hold it to its budget."""
-    try:
-        path = planner(request)
-        cost = request.cost(path.points_m)
-    except (WbfMissionError, MemoryError):
-        raise
-    except Exception as error:
-        msg = f"planner {name} failed: {type(error).__name__}: {error}"
-        raise PlanningError(msg) from error
-    budget = request.budget
-    if not cost <= budget.limit * (1.0 + 1e-9):
-        msg = (
-            f"planner {name} returned a path that takes {cost:.6g} {budget.unit}, "
-            f"over the budget of {budget.limit:g} {budget.unit}"
-        )
-        raise PlanningError(msg)
-    return path
 
 
 def check_wind(builder: MissionBuilder) -> None:

@@ -12,8 +12,11 @@ from geo.seeds import sealed_seed
 from mission.planners import CropArea, PlannedPath, PlanningRequest, coverage
 from mission.planners.budget import LengthBudget
 from mission.planners.path import Area
+from mission.policies.decision import Decision
+from mission.policies.situation import Status, VehicleReport
 from wbf_mission.planning.budget import make_budget
 from wbf_mission.planning.builder import MissionBuilder
+from wbf_mission.planning.fares import StartFares
 from wbf_mission.planning.result import PlanResult
 from wbf_mission.progress import Progress, silent
 from wbf_mission.scenario import Scenario
@@ -59,7 +62,7 @@ class FlightTask:
         names = ("planner",) if system_id == 1 else ("planner", f"vehicle-{system_id}")
         request = PlanningRequest(
             area=free_area(farm),
-            start_xy_m=farm.home_m,
+            start_xy_m=builder.home_m,
             budget=budget,
             footprint_m=scenario.camera.footprint * farm.cell_size_m,
             crop_areas=tuple(
@@ -72,20 +75,37 @@ class FlightTask:
         )
         return cls(system_id, builder, request, text, scenario.seed)
 
-    def plan(self, path: PlannedPath, decided_by: str) -> PlanResult:
-        """Return the plan that flies a path.
+    def report(self) -> VehicleReport:
+        """Return the vehicle as it stands at its start, ready for its first path."""
+        return VehicleReport(
+            self.system_id,
+            self.request,
+            Status.READY,
+            self.request.start_xy_m,
+            (0.0, 0.0),
+            age_s=0.0,
+            spent=0.0,
+            rest_m=np.empty((0, 2)),
+            fares=StartFares(self.request, self.builder),
+            battery=None if self.builder.vehicle.battery is None else 1.0,
+        )
+
+    def plan_of(self, decision: Decision, decided_by: str) -> PlanResult:
+        """Return the plan that flies the path of this vehicle in a decision.
 
         Parameters
         ----------
-        path : PlannedPath
+        decision : Decision
         decided_by : str
             Planner or policy, with its parameters.
         """
+        spacing_m = decision.spacing_m.get(self.system_id)
+        path = PlannedPath(decision.paths[self.system_id], spacing_m, decided_by)
         builder = self.builder
         farm = builder.farm
         mission = builder.mission(path)
         prediction = builder.predict(mission)
-        home = None if builder.vehicle.is_ideal else farm.home_m
+        home = None if builder.vehicle.is_ideal else builder.home_m
         return PlanResult(
             farm=farm,
             vehicle=builder.vehicle,
@@ -95,7 +115,7 @@ class FlightTask:
             path_m=path.points_m,
             spacing_m=path.spacing_m,
             budget_text=self.budget_text,
-            length_m=LengthBudget(1.0, home).cost(np.vstack((farm.home_m, path.points_m))),
+            length_m=LengthBudget(1.0, home).cost(np.vstack((builder.home_m, path.points_m))),
             coverage=coverage(path, self.request.area, self.request.footprint_m),
             prediction=prediction,
             batteries=builder.batteries(mission, prediction),

@@ -12,7 +12,7 @@ from wbf_mission.scenario.option import ScenarioError
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A planner or an estimator.
+    """A planner, a policy or an estimator.
 
     Parameters
     ----------
@@ -81,8 +81,12 @@ def choose(value: Any, what: str) -> Choice:
     return Choice(getattr(value, "__name__", type(value).__name__), {}, value)
 
 
-_EXAMPLE = {"planner": "lawnmower", "estimator": "gp"}
-_OBJECT = {"planner": "a function that plans", "estimator": "an estimator (an object, not its class)"}
+_EXAMPLE = {"planner": "lawnmower", "policy": "greedy", "estimator": "gp"}
+_OBJECT = {
+    "planner": "a function that plans",
+    "policy": "a policy (an object, not its class)",
+    "estimator": "an estimator (an object, not its class)",
+}
 
 
 def choices_in(text: str, what: str) -> list[Choice]:

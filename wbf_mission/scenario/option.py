@@ -48,11 +48,11 @@ class Option:
     metavar : str or None
         What stands for its value in ``--help``.
     kind : str
-        Of what it is a name, for completion: farm, planner, estimator, vehicle, autopilot or empty.
+        Of what it is a name, for completion: farm, planner, policy, estimator, vehicle, autopilot or empty.
     needs : str
         The key of the option without which it has no effect.
-    not_with : str
-        The key of the option that leaves it without effect.
+    not_with : tuple of str
+        The keys of the options that leave it without effect.
     read : callable or None
         Reads its text of the command line; None where the command line's own types do.
     """
@@ -68,7 +68,7 @@ class Option:
     metavar: str | None = None
     kind: str = ""
     needs: str = ""
-    not_with: str = ""
+    not_with: tuple[str, ...] = ()
     read: Callable[[str], Any] | None = None
 
     @property

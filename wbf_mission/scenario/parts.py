@@ -16,6 +16,7 @@ CAMERA = "Leaf camera"
 _SPIRAL = Choice("spiral")
 LAST_DAY = 126
 """The last day of an environment."""
+MOST_VEHICLES = 10
 LEVELS = ("light", "moderate", "severe", "wind")
 """The words for turbulence; wind: as strong as the mean wind makes it."""
 
@@ -31,7 +32,13 @@ class FarmOptions(Part):
         key="farm",
         kind="farm",
     )
-    day: int = option(6, "Day of the environment that is flown", RUN, low=0, high=LAST_DAY)
+    day: int = option(
+        6, "Day of the environment that is flown, or the first of them", RUN, low=0, high=LAST_DAY
+    )
+    days: int = option(1, "How many days are flown, one after the other", RUN, low=1, high=LAST_DAY)
+    flights_per_day: int = option(
+        1, "Flights a day, each with full batteries and the whole budget", RUN, low=1, high=100
+    )
     fields: tuple[str, ...] = option(
         ("tylcv", "ccr", "soil"),
         "What there is to sense and to score: tylcv, ccr, soil, and field files (.toml)",
@@ -42,7 +49,12 @@ class FarmOptions(Part):
     )
 
     def check(self) -> None:
-        """Refuse a farm on which nothing is sensed."""
+        """Refuse a farm on which nothing is sensed, and days beyond the last."""
+        if self.day + self.days - 1 > LAST_DAY:
+            msg = (
+                f"days {self.days} from day {self.day} on: the environment ends at day {LAST_DAY}; give fewer"
+            )
+            raise ScenarioError(msg)
         if not self.fields:
             msg = "fields are empty: give at least one, such as tylcv, or leave the option out"
             raise ScenarioError(msg)
@@ -63,15 +75,25 @@ class MissionOptions(Part):
         " yours",
         RUN,
         kind="planner",
-        not_with="mission",
+        not_with=("mission", "policy"),
         metavar="NAME",
+    )
+    policy: Any = option(
+        None,
+        "Policy that decides in flight where to go next, NAME[:KEY=VALUE,...]: greedy,"
+        " orienteering, rolling-horizon, refining-lawnmower, or one of yours",
+        RUN,
+        kind="policy",
+        not_with=("mission",),
+        metavar="NAME",
+        default="none: the planner's path is flown as it is",
     )
     budget: str | None = option(
         None,
-        "How much may be flown: 8000m, 2.5km, 25min, 1500s, 50Wh or 360steps",
+        "How much each vehicle may fly in each flight: 8000m, 2.5km, 25min, 1500s, 50Wh or 360steps",
         RUN,
         default="the battery less its reserve; ideal: 0.4 x the owner's cells in steps",
-        not_with="mission",
+        not_with=("mission",),
     )
     file: str | None = option(
         None,
@@ -87,10 +109,10 @@ class MissionOptions(Part):
         low=0.5,
         high=120.0,
         default="the vehicle's",
-        not_with="mission",
+        not_with=("mission",),
     )
     cruise_speed_m_s: float | None = option(
-        None, "Flight speed", VEHICLE, low=0.1, high=30.0, default="the vehicle's", not_with="mission"
+        None, "Flight speed", VEHICLE, low=0.1, high=30.0, default="the vehicle's", not_with=("mission",)
     )
     acceptance_radius_m: float | None = option(
         None,
@@ -99,24 +121,35 @@ class MissionOptions(Part):
         low=0.05,
         high=50.0,
         default="from the spacing",
-        not_with="mission",
+        not_with=("mission",),
     )
 
     def check(self) -> None:
-        """Take the planner as a `Choice`."""
+        """Take planner and policy as `Choice`."""
         object.__setattr__(self, "planner", choose(self.planner, "planner"))
+        if self.policy is not None:
+            object.__setattr__(self, "policy", choose(self.policy, "policy"))
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleOptions(Part):
-    """Who flies, and how wrong it is about its position."""
+    """Who flies, and how wrong they are about their position."""
 
     name: str = option(
         "quad",
-        "One of 'wbf-mission vehicle list', such as quad or ideal (the paper's robot), or a .toml file",
+        "One of 'wbf-mission vehicle list', such as quad or ideal (the paper's robot), or a .toml file;"
+        " several, separated by commas, fly together",
         VEHICLE,
         key="vehicle",
         kind="vehicle",
+    )
+    vehicles: int | None = option(
+        None,
+        "How many such vehicles fly together",
+        VEHICLE,
+        low=1,
+        high=MOST_VEHICLES,
+        default="as many as --vehicle names",
     )
     autopilot: str = option(
         DEFAULT_AUTOPILOT,
@@ -140,6 +173,36 @@ class VehicleOptions(Part):
     baro_noise_m: float = option(
         0.0, "Slow error of the barometer's height, one sigma", VEHICLE, low=0.0, high=5.0
     )
+
+    def check(self) -> None:
+        """Refuse an empty name among several, and more vehicles than named or fewer."""
+        names = self.names
+        if not all(names):
+            msg = (
+                f"vehicle {self.name!r} has an empty name: give names separated by commas, such as quad,quad"
+            )
+            raise ScenarioError(msg)
+        if len(names) > MOST_VEHICLES:
+            msg = f"vehicle names {len(names)} vehicles: at most {MOST_VEHICLES} fly together"
+            raise ScenarioError(msg)
+        if self.vehicles is not None and len(names) not in (1, self.vehicles):
+            msg = f"vehicles {self.vehicles}, but vehicle names {len(names)}: give one name, or as many"
+            raise ScenarioError(msg)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names in `name`."""
+        return tuple(part.strip() for part in self.name.split(","))
+
+    @property
+    def fleet(self) -> tuple[str, ...]:
+        """The name of each vehicle that flies, in the order of their system ids.
+
+        >>> VehicleOptions("quad", vehicles=2).fleet, VehicleOptions("quad,ideal").fleet
+        (('quad', 'quad'), ('quad', 'ideal'))
+        """
+        names = self.names
+        return names if self.vehicles is None or len(names) > 1 else names * self.vehicles
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +284,7 @@ class CameraOptions(Part):
         low=0.05,
         high=1000.0,
         default="one footprint",
-        not_with="mission",
+        not_with=("mission",),
     )
     footprint: int = option(
         1, "Cells on a side of the footprint", CAMERA, key="camera_footprint", low=1, high=15

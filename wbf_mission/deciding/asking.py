@@ -1,0 +1,96 @@
+"""Asking a policy, whoever wrote it, and holding its answer to the rules."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import shapely
+from shapely.geometry import LineString, MultiPolygon, Point
+
+from geo.errors import WbfMissionError
+from mission.errors import PlanningError
+from mission.planners.path import Points
+from mission.policies.decision import Decision
+from mission.policies.policy import Policy
+from mission.policies.situation import Situation, VehicleReport
+
+_INSIDE_M = 1e-6
+_OF_LIMIT = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a policy answered.
+
+    Parameters
+    ----------
+    decision : Decision
+    costs : dict of int to float
+        What each new rest of a path costs, in the unit of the vehicle's budget.
+    compute_s : float
+        Wall seconds that it took.
+    """
+
+    decision: Decision
+    costs: dict[int, float]
+    compute_s: float
+
+
+def ask(policy: Policy, name: str, situation: Situation) -> Answer:
+    """Ask a policy.
+
+    Parameters
+    ----------
+    policy : Policy
+    name : str
+        What messages call it.
+    situation : Situation
+
+    Raises
+    ------
+    PlanningError
+        If it fails, or its answer breaks a rule; the text names the policy and the vehicle.
+    """
+    begin = time.perf_counter()
+    try:
+        decision = policy.decide(situation)
+    except (WbfMissionError, MemoryError):
+        raise
+    except Exception as error:
+        msg = f"{name} failed: {type(error).__name__}: {error}"
+        raise PlanningError(msg) from error
+    compute_s = time.perf_counter() - begin
+    if not isinstance(decision, Decision):
+        msg = f"{name} answered with a {type(decision).__name__}, not a Decision"
+        raise PlanningError(msg)
+    costs = {}
+    for system_id, points in decision.paths.items():
+        vehicle = situation.vehicle(system_id)
+        costs[system_id] = _checked_cost(name, vehicle, points)
+    return Answer(decision, costs, compute_s)
+
+
+def _checked_cost(name: str, vehicle: VehicleReport, points: Points) -> float:
+    """Return what a new path costs; PlanningError if the vehicle must not fly it."""
+    who = name if vehicle.system_id == 1 else f"{name}, vehicle {vehicle.system_id},"
+    if not vehicle.steerable:
+        msg = f"{who} changes the path of a vehicle that is {vehicle.status.value}"
+        raise PlanningError(msg)
+    cost = vehicle.fares.rest([points])[0]
+    budget = vehicle.request.budget
+    if not cost <= vehicle.left + budget.limit * _OF_LIMIT:
+        over = f"the budget of {budget.limit:g} {budget.unit}"
+        if vehicle.spent > 0.0:
+            over = f"the {vehicle.left:.6g} {budget.unit} that are left of {budget.limit:g}"
+        msg = f"{who} returned a path that takes {cost:.6g} {budget.unit}, over {over}"
+        raise PlanningError(msg)
+    area = vehicle.request.area
+    # Between parts that do not hang together the path may take the straight way.
+    room = area.convex_hull if isinstance(area, MultiPolygon) else area
+    if len(points):
+        line = LineString(points) if len(points) > 1 else Point(points[0])
+        if not shapely.covers(shapely.buffer(room, _INSIDE_M), line):
+            msg = f"{who} returned a path that leaves its area"
+            raise PlanningError(msg)
+    return cost

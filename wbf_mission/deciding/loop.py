@@ -1,0 +1,213 @@
+"""The loop of decisions: who is asked when, and what is done with the answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from geo import Farm
+from mission.errors import PlanningError
+from mission.planners.path import Points
+from mission.policies.policy import Policy
+from mission.policies.situation import Event, Situation, Status, VehicleReport
+from sensors.fields import FieldSet
+from sensors.observations import Observations
+from sensors.scoring.information import InformationModel
+from sensors.scoring.score import ScoreWeights
+from wbf_mission.deciding.asking import Answer, ask
+from wbf_mission.deciding.record import DecisionRecord, PathChange
+
+
+class Steered(Protocol):
+    """A vehicle whose path can be changed in flight, as its ground station knows it."""
+
+    @property
+    def waypoints_reached(self) -> int:
+        """How many waypoints it has passed since its mission began."""
+
+    def report(self, now_s: float) -> VehicleReport:
+        """Return what is known of it."""
+
+    def steer(self, points_m: Points, now_s: float) -> PathChange:
+        """Send it a new rest of its path; what becomes of that is noted in the result."""
+
+
+@dataclass(frozen=True, slots=True)
+class Knowledge:
+    """What the ground knows of the farm, beside the vehicles.
+
+    Parameters
+    ----------
+    farm : Farm
+    day : int
+    fields : FieldSet
+    weights : ScoreWeights
+    model : callable
+        What is believed after all observations so far.
+    observations : callable
+        These.
+    """
+
+    farm: Farm
+    day: int
+    fields: FieldSet
+    weights: ScoreWeights
+    model: Callable[[], InformationModel]
+    observations: Callable[[], Observations]
+
+    def situation(
+        self, event: Event, time_s: float, vehicles: Sequence[VehicleReport], compute_s: float
+    ) -> Situation:
+        """Return what a policy is told."""
+        return Situation(
+            event=event,
+            time_s=time_s,
+            day=self.day,
+            farm=self.farm,
+            fields=self.fields,
+            weights=self.weights,
+            model=self.model(),
+            observations=self.observations(),
+            vehicles=tuple(vehicles),
+            compute_s=compute_s,
+        )
+
+
+class DecisionLoop:
+    """Asks a policy during one flight of one or several vehicles.
+
+    Parameters
+    ----------
+    policy : Policy
+    name : str
+        What messages call it.
+    knowledge : Knowledge
+    records : list of DecisionRecord
+        Takes every question.
+    flight : int
+        The number of the flight on its day, from 1.
+    compute_s : float
+        Seconds that an answer may take.
+    """
+
+    def __init__(
+        self,
+        policy: Policy,
+        name: str,
+        knowledge: Knowledge,
+        *,
+        records: list[DecisionRecord],
+        flight: int = 1,
+        compute_s: float = 1.0,
+    ) -> None:
+        self._records = records
+        self._policy = policy
+        self._name = name
+        self._knowledge = knowledge
+        self._flight = flight
+        self._compute_s = compute_s
+        self._asked_s = 0.0
+        self._observations = 0
+        self._reached = 0
+        self._lost: frozenset[int] = frozenset()
+
+    def start(self, vehicles: Sequence[VehicleReport]) -> Answer:
+        """Ask for the first paths.
+
+        Raises
+        ------
+        PlanningError
+            If the policy fails, breaks a rule, or has no path for a vehicle.
+        """
+        situation = self._knowledge.situation(Event.START, 0.0, vehicles, self._compute_s)
+        answer = ask(self._policy, self._name, situation)
+        for vehicle in situation.steerable:
+            if not len(answer.decision.paths.get(vehicle.system_id, ())):
+                msg = f"{self._name} has no path for vehicle {vehicle.system_id}"
+                raise PlanningError(msg)
+        record = self._note(Event.START, 0.0, situation, answer)
+        for vehicle in situation.steerable:
+            points = answer.decision.paths[vehicle.system_id]
+            cost = answer.costs[vehicle.system_id]
+            record.changes.append(PathChange(vehicle.system_id, vehicle.position_m, points, cost, "planned"))
+        return answer
+
+    def due(self, vehicles: Sequence[Steered], time_s: float, observations: int) -> Event | None:
+        """Return why the policy has to be asked now; None if there is no reason.
+
+        Parameters
+        ----------
+        vehicles : sequence of Steered
+        time_s : float
+            Since the mission began.
+        observations : int
+            How many there are so far.
+        """
+        asking = self._policy.asking
+        if asking.observations is not None and observations - self._observations >= asking.observations:
+            return Event.OBSERVATIONS
+        if asking.waypoints and sum(one.waypoints_reached for one in vehicles) > self._reached:
+            return Event.WAYPOINT
+        if asking.period_s is not None and time_s - self._asked_s >= asking.period_s - 1e-9:
+            return Event.PERIOD
+        return None
+
+    def lost(self, vehicles: Sequence[Steered], now_s: float) -> bool:
+        """Return whether a vehicle was lost since the last question; of a single one nobody needs to know."""
+        return len(vehicles) > 1 and bool(self._lost_of([one.report(now_s) for one in vehicles]) - self._lost)
+
+    def decide(self, event: Event, vehicles: Sequence[Steered], time_s: float, now_s: float) -> None:
+        """Ask, and send what is answered.
+
+        An answer that breaks a rule is noted and not flown: the vehicles fly on as before.
+
+        Parameters
+        ----------
+        event : Event
+        vehicles : sequence of Steered
+        time_s : float
+            Since the mission began.
+        now_s : float
+            The host's clock.
+        """
+        reports = [vehicle.report(now_s) for vehicle in vehicles]
+        self._asked_s = time_s
+        self._reached = sum(one.waypoints_reached for one in vehicles)
+        self._lost = self._lost_of(reports)
+        situation = self._knowledge.situation(event, time_s, reports, self._compute_s)
+        self._observations = len(situation.observations)
+        if not situation.steerable:
+            return
+        try:
+            answer = ask(self._policy, self._name, situation)
+        except PlanningError as error:
+            record = DecisionRecord(
+                situation.day, self._flight, time_s, event.value, self._observations, refused=str(error)
+            )
+            self._records.append(record)
+            return
+        record = self._note(event, time_s, situation, answer)
+        by_id = {report.system_id: vehicle for report, vehicle in zip(reports, vehicles, strict=True)}
+        for system_id, points in answer.decision.paths.items():
+            change = by_id[system_id].steer(points, now_s)
+            change.cost = answer.costs[system_id]
+            record.changes.append(change)
+
+    def _note(self, event: Event, time_s: float, situation: Situation, answer: Answer) -> DecisionRecord:
+        record = DecisionRecord(
+            situation.day,
+            self._flight,
+            time_s,
+            event.value,
+            len(situation.observations),
+            reason=answer.decision.reason,
+            compute_s=answer.compute_s,
+            alternatives=answer.decision.alternatives,
+        )
+        self._records.append(record)
+        return record
+
+    @staticmethod
+    def _lost_of(reports: Sequence[VehicleReport]) -> frozenset[int]:
+        return frozenset(one.system_id for one in reports if one.status is Status.LOST)

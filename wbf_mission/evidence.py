@@ -1,0 +1,57 @@
+"""What was seen in a run so far, and what is believed of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from geo import Farm
+from sensors.fields import FieldSet
+from sensors.observations import Observations
+from sensors.scoring.information import InformationModel
+from wbf_mission.estimation import RunEstimate
+
+
+class Evidence:
+    """Observations of all flights, and the estimate that learns from them.
+
+    Parameters
+    ----------
+    farm : Farm
+    fields : FieldSet
+    """
+
+    def __init__(self, farm: Farm, fields: FieldSet) -> None:
+        self.estimate: RunEstimate | None = None
+        self._farm = farm
+        self._fields = fields
+        self._parts: list[Observations] = []
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def add(self, part: Observations, *, offset_s: float) -> None:
+        """Take observations, made `offset_s` after the beginning of the run by the time they tell."""
+        if not len(part):
+            return
+        self._parts.append(part)
+        self._count += len(part)
+        if self.estimate is not None:
+            self.estimate.add(part, offset_s)
+
+    def observations(self) -> Observations:
+        """Return all observations, in the order in which they arrived."""
+        whole = Observations.concatenate(self._parts, self._fields.names)
+        self._parts = [whole]
+        return whole
+
+    def model(self) -> InformationModel:
+        """Return what is believed after all observations so far; without an estimate: nothing is known."""
+        return unknown_model(self._farm, self._fields) if self.estimate is None else self.estimate.current()
+
+
+def unknown_model(farm: Farm, fields: FieldSet) -> InformationModel:
+    """Return the model of somebody who knows nothing: the fields' defaults, in arrays that take no memory."""
+    shape = (len(fields), farm.width_cells, farm.height_cells)
+    value = np.broadcast_to(np.array(fields.defaults, np.float32)[:, None, None], shape)
+    return InformationModel(value, np.broadcast_to(np.float32(1.0), shape), fields=fields.names)

@@ -1,0 +1,162 @@
+"""One flight of one or several vehicles on one virtual clock, with decisions on the way."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+from mission.link.tlog import TlogWriter
+from mission.outcome import Outcome
+from mission.policies.situation import Event
+from sim_vehicle.epoch import EPOCH_UNIX_S
+from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
+from wbf_mission.deciding.loop import DecisionLoop
+from wbf_mission.evidence import Evidence
+from wbf_mission.outcome import Phase
+from wbf_mission.progress import Progress
+from wbf_mission.sortie import Sortie
+from wbf_mission.stopwatch import Stopwatch
+
+SLICE_S = 1.0
+FLIGHT_LIMIT_FACTOR = 3.0
+FLIGHT_LIMIT_EXTRA_S = 600.0
+
+
+class JointFlight:
+    """Flies sorties together, from the first heartbeat to the last landing.
+
+    Parameters
+    ----------
+    sorties : sequence of Sortie
+    decisions : DecisionLoop
+        Already asked for the first paths.
+    evidence : Evidence
+        Takes what is seen.
+    offset_s : float
+        When the flight begins, in seconds since the beginning of the run.
+    impairment : Impairment or None
+        A bad radio between the ground and the vehicles.
+    writer : TlogWriter or None
+        Takes every frame.
+    pace : float or None
+        Simulated seconds per wall second.
+    tell : callable
+        Progress.
+    watch : Stopwatch
+    """
+
+    def __init__(
+        self,
+        sorties: Sequence[Sortie],
+        decisions: DecisionLoop,
+        evidence: Evidence,
+        *,
+        offset_s: float = 0.0,
+        impairment: Impairment | None = None,
+        writer: TlogWriter | None = None,
+        pace: float | None = None,
+        tell: Progress,
+        watch: Stopwatch,
+    ) -> None:
+        self.sorties = tuple(sorties)
+        self._decisions = decisions
+        self._evidence = evidence
+        self._offset_s = offset_s
+        self._pace = pace
+        self._tell, self._watch = tell, watch
+        self._simulation = Simulation(
+            [part for sortie in self.sorties for part in sortie.components],
+            tap=_tap_of(writer, offset_s),
+            impairment=impairment,
+            remote=[sortie.ground for sortie in self.sorties],
+        )
+        self._predicted_s = max(sortie.plan.prediction.duration_s for sortie in self.sorties)
+        self._event: Event | None = None
+
+    @property
+    def now_s(self) -> float:
+        """Simulated seconds since the flight's first heartbeat."""
+        return self._simulation.now_s
+
+    @property
+    def frames(self) -> int:
+        """How many MAVLink frames were sent."""
+        return self._simulation.frames
+
+    def fly(self) -> None:
+        """Fly until every vehicle is down."""
+        limit_s = FLIGHT_LIMIT_FACTOR * self._predicted_s + FLIGHT_LIMIT_EXTRA_S
+        begin = time.perf_counter()
+        while not self._is_over():
+            stop = self._simulation.run(until=self._stops, limit_s=SLICE_S)
+            self._watch.lap("flight")
+            if self._pace is not None:
+                self._keep_pace(begin, self._pace)
+            if self.now_s > limit_s or stop in (StopReason.IDLE, StopReason.STALLED):
+                self._give_up()
+            self.learn()
+            self._decide()
+            if any(sortie.ground.phase is Phase.FLIGHT for sortie in self.sorties):
+                longest_s = max(sortie.ground.flight_time_s for sortie in self.sorties)
+                self._tell("flying", longest_s, self._predicted_s)
+
+    def interrupt(self) -> None:
+        """Stop where we are; what was seen so far is kept."""
+        for sortie in self.sorties:
+            sortie.ground.interrupt(
+                Outcome.INTERRUPTED, f"stopped after {self.now_s:.0f} simulated seconds", self.now_s
+            )
+        self.learn()
+
+    def learn(self) -> None:
+        """Hand on what was seen since the last call."""
+        for sortie in self.sorties:
+            self._evidence.add(sortie.take(), offset_s=self._offset_s)
+        self._watch.lap("estimate and score")
+
+    @property
+    def _mission_s(self) -> float:
+        """Seconds since the first vehicle's mission began; 0 before."""
+        started = [one.ground.started_s for one in self.sorties if one.ground.started_s is not None]
+        return self.now_s - min(started) if started else 0.0
+
+    def _stops(self, _now_s: float) -> bool:
+        """Return whether there is something to do before the slice is over."""
+        waiting = sum(sortie.assembler.waiting for sortie in self.sorties)
+        self._event = self._decisions.due(self.sorties, self._mission_s, len(self._evidence) + waiting)
+        return self._event is not None or self._is_over()
+
+    def _decide(self) -> None:
+        event, self._event = self._event, None
+        if self._decisions.lost(self.sorties, self.now_s):
+            event = Event.LOST
+        if event is not None and any(sortie.ground.phase is Phase.FLIGHT for sortie in self.sorties):
+            self._decisions.decide(event, self.sorties, self._mission_s, self.now_s)
+            self._watch.lap("decide")
+
+    def _is_over(self) -> bool:
+        return all(sortie.done for sortie in self.sorties)
+
+    def _give_up(self) -> None:
+        for sortie in self.sorties:
+            phase = sortie.ground.phase
+            why = f"not over after {self.now_s:.0f} simulated seconds ({phase.value})"
+            sortie.ground.interrupt(Outcome.TIME_LIMIT, why, self.now_s)
+
+    def _keep_pace(self, begin: float, pace: float) -> None:
+        ahead_s = self.now_s / pace - (time.perf_counter() - begin)
+        if ahead_s > 0.0:
+            time.sleep(ahead_s)
+        self._watch.lap("waiting")
+
+
+def _tap_of(writer: TlogWriter | None, offset_s: float) -> Callable[[bytes, float], None] | None:
+    """Return what writes each frame with the time of day at which it is sent."""
+    if writer is None:
+        return None
+    write, epoch_s = writer.write, EPOCH_UNIX_S + offset_s
+
+    def tap(frame: bytes, now_s: float) -> None:
+        write(frame, epoch_s + now_s)
+
+    return tap

@@ -1,0 +1,106 @@
+"""What flying costs a vehicle, in the unit of its budget."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.planners.budget import LengthBudget, StepBudget
+from mission.planners.path import Points
+from mission.planners.request import PlanningRequest
+from mission.policies.fares import GeometricFares
+from sim_vehicle.airframe.spec import VehicleSpec
+from sim_vehicle.energy.endurance import endurance_s
+from wbf_mission.planning.builder import MissionBuilder
+from wbf_mission.weather import wind_of
+
+# Of the time to brake from cruise speed to rest: what a turn costs on average, braking and speeding up again.
+_TURN_SHARE = 1.0
+_SLOWEST_M_S = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class LegFares:
+    """Roughly what straight legs cost: their length by the speed over ground in the mean wind, and a turn.
+
+    Parameters
+    ----------
+    speed_m_s : float
+        Through the air.
+    acceleration_m_s2 : float
+        With which the vehicle brakes and speeds up.
+    wind_m_s : tuple of float
+        Mean wind, the velocity of the air along x and y of the farm frame.
+    a_second : float
+        What a second of flight costs, in the unit of the budget.
+    """
+
+    speed_m_s: float
+    acceleration_m_s2: float
+    wind_m_s: tuple[float, float]
+    a_second: float
+
+    def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
+        """Return what the legs cost, float64[n, m], from n points to m others."""
+        steps = np.asarray(to_m, np.float64)[None, :, :] - np.asarray(from_m, np.float64)[:, None, :]
+        length_m = np.hypot(steps[..., 0], steps[..., 1])
+        along = steps / np.maximum(length_m, 1e-9)[..., None]
+        wind_along = along[..., 0] * self.wind_m_s[0] + along[..., 1] * self.wind_m_s[1]
+        wind_across = along[..., 1] * self.wind_m_s[0] - along[..., 0] * self.wind_m_s[1]
+        through_air = np.sqrt(np.maximum(self.speed_m_s**2 - wind_across**2, 0.0))
+        ground_m_s = np.maximum(np.minimum(through_air + wind_along, self.speed_m_s), _SLOWEST_M_S)
+        turn_s = _TURN_SHARE * self.speed_m_s / self.acceleration_m_s2
+        seconds: NDArray[np.float64] = length_m / ground_m_s + turn_s
+        return seconds * self.a_second
+
+
+@dataclass(frozen=True, slots=True)
+class StartFares:
+    """Fares of a vehicle that stands at its start: whole flights, as its budget prices them.
+
+    Parameters
+    ----------
+    request : PlanningRequest
+    builder : MissionBuilder
+    """
+
+    request: PlanningRequest
+    builder: MissionBuilder
+
+    def rest(self, paths_m: Sequence[Points]) -> list[float]:
+        """Return what whole flights cost; one without points costs nothing."""
+        flown = [path for path in paths_m if len(path)]
+        costs = iter(self.request.costs(flown) if flown else ())
+        return [next(costs) if len(path) else 0.0 for path in paths_m]
+
+    def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
+        """Return roughly what straight legs cost, float64[n, m]."""
+        return leg_fares(self.request, self.builder).legs(from_m, to_m)
+
+
+def leg_fares(request: PlanningRequest, builder: MissionBuilder) -> LegFares | GeometricFares:
+    """Return what tells roughly what legs cost, in the unit of the request's budget."""
+    budget, vehicle = request.budget, builder.vehicle
+    if isinstance(budget, LengthBudget | StepBudget):
+        return GeometricFares(budget, request.start_xy_m)
+    wind = wind_of(builder.weather, builder.level, gusts=False).mean_at(builder.level.altitude_m)
+    rotation = np.radians(builder.farm.frame.rotation_deg)
+    east, north = wind[0], wind[1]
+    along_x = east * np.cos(rotation) + north * np.sin(rotation)
+    along_y = -east * np.sin(rotation) + north * np.cos(rotation)
+    return LegFares(
+        min(builder.level.speed_m_s, vehicle.top_speed_m_s),
+        vehicle.acceleration_m_s2,
+        (float(along_x), float(along_y)),
+        1.0 if budget.unit == "s" else _watt_hours_a_second(vehicle, builder.level.speed_m_s),
+    )
+
+
+def _watt_hours_a_second(vehicle: VehicleSpec, speed_m_s: float) -> float:
+    """Return what steady flight takes."""
+    if vehicle.battery is None or vehicle.power is None:
+        return 0.0
+    return vehicle.battery.capacity_wh / endurance_s(vehicle, speed_m_s)

@@ -204,7 +204,7 @@ class Px4Multirotor(Multirotor):
         return (
             old is not None
             and kind != LegKind.SETPOINT
-            and old[int(self.counters[col.LEG_INDEX]), col.LEG_KIND] == LegKind.SETPOINT
+            and old[int(self.counters[col.LEG_INDEX]), kernel.LEG_KIND] == LegKind.SETPOINT
         )
 
     def _adopt(self) -> None:

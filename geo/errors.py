@@ -26,6 +26,7 @@
     |   +-- sim_vehicle.faults.fault.FaultError           a fault to be injected
     |   +-- sim_vehicle.pilot.notices.RefusedError        a command that the vehicle refuses
     +-- wbf_mission.scenario.option.ScenarioError         a scenario or one of its options
+    +-- wbf_mission.ground.station.NotFlyingError         a mission that cannot be changed now
     +-- wbf_mission.flight.FlightError                    a flight that cannot go on
     +-- wbf_mission.arrays.ArrayFileError                 arrays of a result
     +-- wbf_mission.result_files.ResultError              the folder of a result

@@ -98,6 +98,10 @@ class Profile:
         Before what it says about refusals.
     streams_on_request : bool
         It sends nothing but heartbeats until a ground station asks for its streams.
+    change_modes : mapping of int to tuple of int, or None
+        How a mission that is being flown is replaced most safely. None: in the mission mode, by the whole
+        plan at once with the item to go on with marked as current. Otherwise aside from the mission, by a
+        position in the guided mode: by MAV_TYPE the custom modes of the guided and of the mission mode.
     """
 
     name: str
@@ -137,6 +141,7 @@ class Profile:
     timeout_text: str = "Operation timeout"
     text_prefix: str = ""
     streams_on_request: bool = False
+    change_modes: Mapping[int, tuple[int, int]] | None = None
 
 
 # After PX4's parse_mavlink_mission_item: commands in a global frame, and in the frame MISSION.
@@ -148,6 +153,8 @@ _PX4_UNPLACED = frozenset(
     | {260, 530, 531, 532, 1000, 1001, 2000, 2001, 2003, 2500, 2501, 3000, 42600}
 )
 _YAW = frozenset({"param4"})
+# MAV_TYPEs of ArduCopter: quadrotor, coaxial, helicopter, hexa-, octo-, tri-, dodecarotor, decarotor.
+_COPTERS = (2, 3, 4, 13, 14, 15, 29, 35)
 
 GENERIC = Profile("the vehicle", mavlink.MAV_AUTOPILOT_GENERIC)
 
@@ -216,6 +223,11 @@ ARDUPILOT = Profile(
     whole_seconds=True,
     keeps_default=False,
     streams_on_request=True,
+    change_modes={
+        **dict.fromkeys(_COPTERS, (4, 3)),
+        mavlink.MAV_TYPE_FIXED_WING: (15, 10),
+        mavlink.MAV_TYPE_GROUND_ROVER: (15, 10),
+    },
 )
 
 

@@ -59,6 +59,10 @@ class VerifiedUpload:
     ----------
     differences : tuple of Difference
         What differed in the last reading.
+    confirmed_s : float or None
+        When the vehicle confirmed the plan.
+    opaque_id : int
+        The plan's id, as the vehicle confirmed it; 0 for none.
     """
 
     def __init__(
@@ -80,7 +84,8 @@ class VerifiedUpload:
         self._parts: list[ClientTransfer] = [upload]
         self._readings = readings
         self._verified = False
-        self._confirmed = False
+        self.confirmed_s: float | None = None
+        self.opaque_id = 0
 
     @property
     def state(self) -> ClientState:
@@ -143,7 +148,9 @@ class VerifiedUpload:
 
     def _after(self, end: Event, now_s: float) -> Output:
         if isinstance(end, UploadComplete | ClearComplete):
-            self._confirmed = True
+            self.confirmed_s = now_s
+            if isinstance(end, UploadComplete):
+                self.opaque_id = end.opaque_id
             return self._read_back(now_s)
         if isinstance(end, DownloadComplete):
             return self._compare(end, now_s)
@@ -178,5 +185,9 @@ class VerifiedUpload:
         text = f"the vehicle does not hold the {plan} that was sent: {self.differences[0]}"
         if number > 1:
             text += f" (and {number - 1} more)"
-        state = PlanState.UNKNOWN if self._confirmed or not self._upload.profile.atomic else PlanState.OLD
+        state = (
+            PlanState.UNKNOWN
+            if self.confirmed_s is not None or not self._upload.profile.atomic
+            else PlanState.OLD
+        )
         return Output(events=(TransferFailed(self.mission_type, FailureReason.DIFFERENT, text, None, state),))

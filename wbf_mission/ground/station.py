@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+from geo.errors import WbfMissionError
 from geo.frame import LocalFrame
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
@@ -25,11 +26,15 @@ from mission.transfer import (
     profile_for,
 )
 from sensors.camera.wire import ObservationAssembler
+from wbf_mission.ground.change import ChangeRecord, ChangeRequest, ChangeSession, check_change
+from wbf_mission.ground.change_aside import AsideChange
+from wbf_mission.ground.change_whole import WholeListChange
 from wbf_mission.ground.failures import FailureWatch
 from wbf_mission.ground.images import ImageFetch
 from wbf_mission.ground.orders import Answer, Order, result_name
 from wbf_mission.ground.texts import TextLog
 from wbf_mission.ground.tracks import TrackRecorder, TrueState
+from wbf_mission.ground.vehicle_state import VehicleMonitor, VehicleState
 from wbf_mission.outcome import Phase, Track
 
 GROUND_SYSTEM_ID = 255
@@ -42,6 +47,14 @@ _STREAM_HZ = 4
 _FAST = (int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT), int(m.MAVLINK_MSG_ID_ATTITUDE))
 _FAST_US = 100_000
 _RETURNS = frozenset({int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_LAND)})
+
+
+_WAYS = {False: WholeListChange, True: AsideChange}
+_AN_ITEM_S = 0.1
+
+
+class NotFlyingError(WbfMissionError, RuntimeError):
+    """A mission cannot be changed now: the vehicle does not fly one, or is being changed already."""
 
 
 @dataclass(slots=True)
@@ -76,6 +89,8 @@ class GroundStation:
     transfers : list of TransferStatistics
     battery : Battery
         As the vehicle told last.
+    changes : list of ChangeRecord
+        What came of each change of the mission in flight.
     started_s, ended_s : float or None
         When the mission began, and when the run was over.
     """
@@ -98,6 +113,7 @@ class GroundStation:
         self.reason = ""
         self.transfers: list[TransferStatistics] = []
         self.battery = Battery()
+        self.changes: list[ChangeRecord] = []
         self.started_s: float | None = None
         self.ended_s: float | None = None
         self._assembler = assembler
@@ -116,6 +132,8 @@ class GroundStation:
         self._heartbeat_s = -math.inf
         self._order: Order | None = None
         self._transfer: VerifiedUpload | None = None
+        self._monitor = VehicleMonitor()
+        self._change: ChangeSession | None = None
         self._plans = deque(
             kind
             for kind in (MissionType.FENCE, MissionType.RALLY, MissionType.MISSION)
@@ -124,8 +142,7 @@ class GroundStation:
         self._tracks = TrackRecorder()
         self._texts = TextLog()
         self._fetch = None if assembler is None else ImageFetch(assembler, vehicle_system_id)
-        self._returns = any(item.command in _RETURNS for item in mission.items)
-        self._lands = any(item.command == Command.NAV_LAND for item in mission.items)
+        self._hold(mission)
         self._is_wing = self._is_rover = False
         self._handlers: dict[int, Callable[[Any, float], list[Message]]] = {
             **dict(
@@ -166,10 +183,76 @@ class GroundStation:
             return 0.0
         return max(0.0, self._tracks.aloft_ms / 1e3 - self.started_s)
 
+    @property
+    def vehicle_state(self) -> VehicleState:
+        """What the vehicle told of itself last."""
+        return self._monitor.state
+
+    @property
+    def changing(self) -> bool:
+        """Whether the mission is being changed."""
+        return self._change is not None and not self._change.done
+
+    def change(self, mission: Mission, resume_at: int, now_s: float) -> list[Message]:
+        """Begin to change the mission that is being flown, by the safest way of the autopilot.
+
+        `changes` tells what came of it, when it is over; `mission` is then what the vehicle holds.
+
+        Parameters
+        ----------
+        mission : Mission
+            Its items replace those that are flown; fence, rally points and home stay.
+        resume_at : int
+            The item of it to fly to next. DO items directly before it are carried out where they set
+            something else than what holds.
+        now_s : float
+
+        Returns
+        -------
+        list of messages
+            To be sent.
+
+        Raises
+        ------
+        NotFlyingError
+            Before or after the flight, or while it is being changed.
+        MissionError, LocalTransferError
+            If the mission must not be sent to a vehicle in flight (`wbf_mission.ground.change.check_change`).
+        """
+        if self.phase is not Phase.FLIGHT or self._disarmed_s is not None:
+            msg = f"the mission cannot be changed now: the ground station is at {self.phase.value!r}"
+            raise NotFlyingError(msg)
+        if self.changing:
+            msg = "the mission is being changed; wait until that is over"
+            raise NotFlyingError(msg)
+        profile = profile_for(self._autopilot)
+        check_change(mission, resume_at, self.mission, profile)
+        item = self._monitor.state.item
+        request = ChangeRequest(
+            old=self.mission,
+            new=replace(mission, home=self.mission.home, fence=self.mission.fence, rally=self.mission.rally),
+            item=0 if item is None else min(item, len(self.mission.items) - 1),
+            resume_at=resume_at,
+            vehicle=self._vehicle,
+            ground=(self.system_id, self.component_id),
+            profile=profile,
+            monitor=self._monitor,
+            texts=self._texts,
+            seconds_an_item=self._seconds_an_item(),
+        )
+        aside = profile.change_modes is not None and self._monitor.vehicle_type in profile.change_modes
+        self._change = _WAYS[aside](request)
+        return self._after_change(self._change.start(now_s))
+
     def receive(self, message: Message, now_s: float) -> list[Message]:
         """Take one message and return the answers."""
         handle = self._handlers.get(type(message).id)
-        return handle(message, now_s) if handle is not None else []
+        if handle is None:
+            return []
+        out = handle(message, now_s)
+        if self._change is not None and self.phase is Phase.FLIGHT and self._is_vehicle(message):
+            out = out + self._after_change(self._change.receive(message, now_s))
+        return out
 
     def poll(self, now_s: float) -> list[Message]:
         """Send what is due: heartbeat, repeated commands, transfer timers, requests for lost images."""
@@ -189,6 +272,8 @@ class GroundStation:
                 out += self._take(self._transfer.poll(now_s), now_s)
         if self._order is not None and now_s >= self._order.due_s:
             out += self._repeat_order(self._order, now_s)
+        if self._change is not None and self.phase is Phase.FLIGHT and now_s >= self._change.next_deadline():
+            out += self._after_change(self._change.poll(now_s))
         if (
             self.phase is Phase.FLIGHT
             and self._disarmed_s is not None
@@ -211,6 +296,8 @@ class GroundStation:
             deadline_s = min(deadline_s, self._order.due_s)
         if self._transfer is not None and (transfer_s := self._transfer.next_deadline()) is not None:
             deadline_s = min(deadline_s, transfer_s)
+        if self._change is not None and self.phase is Phase.FLIGHT:
+            deadline_s = min(deadline_s, self._change.next_deadline())
         if self._fetch is not None and self.phase is Phase.FETCH:
             deadline_s = min(deadline_s, self._fetch.due_s)
         return deadline_s
@@ -228,11 +315,35 @@ class GroundStation:
         """Where the vehicle truly was; None if its simulator did not tell."""
         return self._tracks.true_track(frame)
 
+    def _after_change(self, out: list[Message]) -> list[Message]:
+        """Take what a change came to."""
+        change = self._change
+        if change is not None and change.record is not None and change.record not in self.changes[-1:]:
+            self.changes.append(change.record)
+            self._hold(change.held)
+        return out
+
+    def _hold(self, mission: Mission) -> None:
+        """Note the mission that the vehicle holds."""
+        self.mission = mission
+        self._returns = any(item.command in _RETURNS for item in mission.items)
+        self._lands = any(item.command == Command.NAV_LAND for item in mission.items)
+
+    def _seconds_an_item(self) -> float:
+        """Return what an item of the mission took to send and read back before the flight."""
+        times = [
+            one.duration_s / one.items
+            for one in self.transfers
+            if one.mission_type is MissionType.MISSION and one.items
+        ]
+        return times[-1] if times else _AN_ITEM_S
+
     # What arrives.
 
     def _on_heartbeat(self, message: m.MAVLink_heartbeat_message, now_s: float) -> list[Message]:
         if not self._is_vehicle(message):
             return []
+        self._monitor.on_heartbeat(message, now_s)
         self._is_wing = message.type == m.MAV_TYPE_FIXED_WING
         self._is_rover = message.type == m.MAV_TYPE_GROUND_ROVER
         self._armed = bool(message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
@@ -267,6 +378,7 @@ class GroundStation:
 
     def _on_mission_current(self, message: m.MAVLink_mission_current_message, now_s: float) -> list[Message]:
         if self._is_vehicle(message):
+            self._monitor.on_mission_current(message, now_s)
             self._mission_state = message.mission_state
             self._progress = f" at item {message.seq} of {message.total}"
             # A wing whose mission ends with a return may circle over home for ever.
@@ -276,10 +388,11 @@ class GroundStation:
                 self._land(Outcome.COMPLETED, "", now_s)
         return []
 
-    def _on_position(self, message: m.MAVLink_global_position_int_message, now_s: float) -> list[Message]:  # noqa: ARG002
+    def _on_position(self, message: m.MAVLink_global_position_int_message, now_s: float) -> list[Message]:
         if not self._is_vehicle(message):
             return []
         self._silent = False
+        self._monitor.on_position(message, now_s)
         if self.phase is Phase.FLIGHT:
             self._tracks.on_position(message, is_rover=self._is_rover)
         return []
@@ -306,6 +419,7 @@ class GroundStation:
                 self.battery.remaining = message.battery_remaining / 100.0
             if message.energy_consumed >= 0:
                 self.battery.consumed_wh = message.energy_consumed * 100.0 / 3600.0
+            self._monitor.on_battery(self.battery.remaining, self.battery.consumed_wh)
         return []
 
     def _on_text(self, message: m.MAVLink_statustext_message, now_s: float) -> list[Message]:

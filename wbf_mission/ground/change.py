@@ -1,0 +1,326 @@
+"""A mission that is changed while it is flown: what is asked for, what came of it, how a session is used."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from enum import Enum
+
+from mission.errors import MissionError
+from mission.link.codec.dialect import Message
+from mission.model import Command, Mission, MissionItem, MissionType
+from mission.transfer import MissionDownload, Profile, VerifiedUpload
+from mission.transfer.client import RoundTrip
+from mission.transfer.upload import check_plan
+from wbf_mission.ground.texts import TextLog
+from wbf_mission.ground.vehicle_state import VehicleMonitor
+
+__all__ = ["ChangeOutcome", "ChangeRecord", "ChangeRequest", "ChangeSession", "check_change"]
+
+_RETURNS = frozenset({int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_LAND)})
+CAMERA = frozenset({int(Command.DO_SET_CAM_TRIGG_DIST), int(Command.DO_SET_CAM_TRIGG_INTERVAL)})
+_DO = frozenset({178, 195, 197, 201, 203, 205, 206, 214, 530, 2000, 2001})
+_FLOWN_TO = frozenset({16, 17, 18, 19, 31, 82})
+_FARTHEST_DEG = 1.0
+_HIGHEST_M = 10_000.0
+
+
+class ChangeOutcome(Enum):
+    """How a change ended."""
+
+    DONE = "done"
+    """The new mission is flown."""
+    REFUSED = "refused"
+    """The autopilot did not take it; the old mission is flown."""
+    GIVEN_UP = "given up"
+    """It did not come about, and the vehicle flies on without it."""
+    ROLLED_BACK = "rolled back"
+    """The new mission had come in part; the old one was put back and is flown."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeRecord:
+    """One change of a mission in flight. Times are seconds of the run, None for what did not happen.
+
+    Parameters
+    ----------
+    asked_s : float
+        When it was asked for.
+    sent_s : float or None
+        When the first message went out.
+    turned_s : float or None
+        When the vehicle took the new target: with its confirmation of the whole mission, or before that where
+        it is flown to aside from the mission.
+    acknowledged_s : float or None
+        When the vehicle confirmed the whole mission.
+    in_effect_s : float or None
+        When its id, item or mode showed that it flies it.
+    ended_s : float
+        When the session was over.
+    outcome : ChangeOutcome
+    text : str
+        Why it did not come about, in the autopilot's own words where it said any.
+    items, resume_at : int
+        Length of the new mission, and the item to go on with.
+    retries : int
+        Messages that were sent again.
+    """
+
+    asked_s: float
+    sent_s: float | None
+    turned_s: float | None
+    acknowledged_s: float | None
+    in_effect_s: float | None
+    ended_s: float
+    outcome: ChangeOutcome
+    text: str
+    items: int
+    resume_at: int
+    retries: int
+
+    @property
+    def delay_s(self) -> float | None:
+        """From the first message to the turn.
+
+        A change that goes on to the present target may be sent later than asked for, when that is near.
+        """
+        return None if self.turned_s is None or self.sent_s is None else self.turned_s - self.sent_s
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeRequest:
+    """What a session needs to know.
+
+    Parameters
+    ----------
+    old, new : Mission
+        What the vehicle holds, and what it is to hold.
+    item : int
+        The item of the old mission that is flown.
+    resume_at : int
+        The item of the new mission to fly to next.
+    vehicle, ground : tuple of int
+        System and component ids.
+    profile : Profile
+        The autopilot's habits.
+    monitor : VehicleMonitor
+        What the vehicle tells of itself.
+    texts : TextLog
+        What it says.
+    seconds_an_item : float
+        What an item took to send and read back.
+    """
+
+    old: Mission
+    new: Mission
+    item: int
+    resume_at: int
+    vehicle: tuple[int, int]
+    ground: tuple[int, int]
+    profile: Profile
+    monitor: VehicleMonitor
+    texts: TextLog
+    seconds_an_item: float
+
+
+class ChangeSession(ABC):
+    """Brings a vehicle in flight from one mission to another, sans-IO.
+
+    Feed it with `start`, `receive` (after the monitor took the message) and `poll` (at `next_deadline`);
+    send what comes out. `record` is there when it is over.
+
+    Attributes
+    ----------
+    record : ChangeRecord or None
+        What came of it.
+    held : Mission
+        The mission that the vehicle holds, as far as is known.
+    """
+
+    def __init__(self, request: ChangeRequest) -> None:
+        self.request = request
+        self.record: ChangeRecord | None = None
+        self.held = request.old
+        self._round_trip = RoundTrip()
+        self._asked_s = 0.0
+        self._sent_s: float | None = None
+        self._turned_s: float | None = None
+        self._acknowledged_s: float | None = None
+        self._in_effect_s: float | None = None
+        self._retries = 0
+        self._texts_before = len(request.texts.texts)
+
+    @property
+    def done(self) -> bool:
+        """Whether it is over."""
+        return self.record is not None
+
+    @abstractmethod
+    def start(self, now_s: float) -> list[Message]:
+        """Begin."""
+
+    @abstractmethod
+    def receive(self, message: Message, now_s: float) -> list[Message]:
+        """Take a message of the vehicle."""
+
+    @abstractmethod
+    def poll(self, now_s: float) -> list[Message]:
+        """Do what is due."""
+
+    @abstractmethod
+    def next_deadline(self) -> float:
+        """When `poll` has something to do; infinity for never."""
+
+    def _end(self, outcome: ChangeOutcome, text: str, now_s: float) -> None:
+        """Note how it ended."""
+        request = self.request
+        if outcome is ChangeOutcome.DONE:
+            self.held = request.new
+        self.record = ChangeRecord(
+            self._asked_s,
+            self._sent_s,
+            self._turned_s,
+            self._acknowledged_s,
+            self._in_effect_s,
+            now_s,
+            outcome,
+            text,
+            len(request.new.items),
+            request.resume_at,
+            self._retries,
+        )
+
+    def _upload(self, items: tuple[MissionItem, ...], start_sequence: int | None) -> VerifiedUpload:
+        """Return an upload of a mission."""
+        request = self.request
+        return VerifiedUpload(
+            items,
+            MissionType.MISSION,
+            home=request.old.home,
+            start_sequence=start_sequence,
+            target=request.vehicle,
+            source=request.ground,
+            profile=request.profile,
+            round_trip=self._round_trip,
+        )
+
+    def _download(self) -> MissionDownload:
+        """Return a reading of the mission."""
+        request = self.request
+        return MissionDownload(
+            MissionType.MISSION,
+            target=request.vehicle,
+            source=request.ground,
+            profile=request.profile,
+            round_trip=self._round_trip,
+        )
+
+    def _said(self, otherwise: str) -> str:
+        """Return the latest warning since the beginning, which says more than a result code."""
+        warnings = [
+            text for _, severity, text in self.request.texts.texts[self._texts_before :] if severity <= 4
+        ]
+        return warnings[-1] if warnings else otherwise
+
+
+def check_change(new: Mission, resume_at: int, old: Mission, profile: Profile) -> None:
+    """Refuse a mission that must not be sent to a vehicle in flight; PX4 itself checks no ranges.
+
+    Raises
+    ------
+    MissionError
+        If the item to go on with is no position to fly to, the mission does not lead home although the old
+        one did, or a position is far from home or too high.
+    LocalTransferError
+        If the plan cannot be sent at all.
+
+    Examples
+    --------
+    >>> from mission.transfer import PX4
+    >>> there = Mission((MissionItem.waypoint(28.05, -82.15, 10.0),))
+    >>> check_change(there, 1, there, PX4)
+    Traceback (most recent call last):
+        ...
+    mission.errors.MissionError: mission: item 1 to go on with does not exist; there are 1 items
+    """
+    items = new.items
+    check_plan(items, MissionType.MISSION)
+    if not 0 <= resume_at < len(items):
+        msg = f"mission: item {resume_at} to go on with does not exist; there are {len(items)} items"
+        raise MissionError(msg)
+    if items[resume_at].command not in _FLOWN_TO | _RETURNS or not (
+        items[resume_at].has_place or items[resume_at].command in _RETURNS
+    ):
+        msg = f"mission: item {resume_at} to go on with (command {items[resume_at].command}) is no position"
+        raise MissionError(msg)
+    if leads_home(old.items, 0) and not leads_home(items, resume_at):
+        msg = f"mission: nothing after item {resume_at} leads home; end with NAV_RETURN_TO_LAUNCH or NAV_LAND"
+        raise MissionError(msg)
+    home = old.home
+    for k, item in enumerate(items):
+        if not item.has_place or item.x == item.y == 0.0:
+            continue
+        if abs(item.z) > _HIGHEST_M:
+            msg = f"mission: item {k} is {item.z:g} m high; more than {_HIGHEST_M:g} m is not sent in flight"
+            raise MissionError(msg)
+        if (
+            home is not None
+            and max(abs(item.x - home.latitude_deg), abs(item.y - home.longitude_deg)) > _FARTHEST_DEG
+        ):
+            msg = f"mission: item {k} is more than {_FARTHEST_DEG:g} degree from home; is it in degrees?"
+            raise MissionError(msg)
+        if profile.frames is not None and item.frame not in profile.frames:
+            msg = f"mission: item {k} is in frame {item.frame}, which {profile.name} does not take"
+            raise MissionError(msg)
+
+
+def leads_home(items: tuple[MissionItem, ...], begin: int) -> bool:
+    """Tell whether a return or a landing comes from an item on."""
+    return any(item.command in _RETURNS for item in items[begin:])
+
+
+def is_return(item: MissionItem) -> bool:
+    """Tell whether an item is the return or the landing."""
+    return item.command in _RETURNS
+
+
+def first_command(items: tuple[MissionItem, ...], index: int) -> int:
+    """Return the first of the DO items that lie directly before an item; the item itself without any."""
+    while index > 0 and items[index - 1].command in _DO:
+        index -= 1
+    return index
+
+
+def speed_before(items: tuple[MissionItem, ...], index: int) -> float | None:
+    """Return the ground speed that was set before an item, None for the vehicle's own."""
+    for item in reversed(items[:index]):
+        if item.command == Command.DO_CHANGE_SPEED and (item.param1 or 0.0) <= 1.0:
+            speed = item.param2
+            return speed if speed is not None and speed > 0.0 else None
+    return None
+
+
+def item_to_mark(old: Mission, item: int, new: Mission, resume_at: int) -> int:
+    """Return the item that goes on without a gap: the target, or the first DO item before it that is needed.
+
+    DO items that would set what holds already are left out: a camera that is told its distance again may
+    take an image at once.
+    """
+    first = first_command(new.items, resume_at)
+    for k in range(first, resume_at):
+        one = new.items[k]
+        if one.command == Command.DO_CHANGE_SPEED:
+            if speed_before(new.items, k + 1) != speed_before(old.items, item):
+                return k
+        elif one.command not in CAMERA or _camera_before(new.items, k + 1) != _camera_before(old.items, item):
+            return k
+    return resume_at
+
+
+def _camera_before(items: tuple[MissionItem, ...], index: int) -> tuple[int, float]:
+    """Return command and distance or interval of the camera before an item; (0, 0) when it is off."""
+    for item in reversed(items[:index]):
+        if item.command in CAMERA:
+            value = item.param1 or 0.0
+            return (item.command, value) if value > 0.0 else (0, 0.0)
+    return 0, 0.0

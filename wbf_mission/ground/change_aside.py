@@ -1,0 +1,428 @@
+"""Replacing a mission in flight where it is overwritten in place (ArduPilot): aside, in the guided mode.
+
+The vehicle is sent to the target by a position in the guided mode, so that nothing is flown from the list
+while that is a mixture. It comes back to the mission only when the whole list was confirmed and read back.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import Enum
+
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.model import Command, Mission
+from mission.transfer import (
+    CLIENT_MESSAGES,
+    FailureReason,
+    Output,
+    TransferFailed,
+    UploadVerified,
+    VerifiedUpload,
+)
+from wbf_mission.ground.change import (
+    ChangeOutcome,
+    ChangeRequest,
+    ChangeSession,
+    first_command,
+    is_return,
+    speed_before,
+)
+from wbf_mission.ground.orders import Answer, Order, result_name
+
+__all__ = ["AsideChange"]
+
+_FRESH_S = 1.0
+_PATIENCE_S = 20.0
+_TRIES = 3
+# The window ends with the reading back and the choice of the item.
+_SPARE_S = 1.0
+_CHAIN_M = 10.0
+_CHAIN_S = 1.5
+_LONGEST_S = 8.0
+# Half of WPNAV_ACCEL and the inverse of twice PSC_POSXY_P: ArduCopter's stopping distance.
+_STOP_M, _STOP_PER_V2 = 1.25, 0.2
+_LEAVE_M = (6.0, 12.0)
+_SAME_M = 2.0
+_FOREVER = 1_000_000
+_EARTH_M = 6_371_008.8
+_SILENT_S = 2.0
+_GUIDED_FLAG = float(m.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
+
+
+class _Step(Enum):
+    WAITING = "waiting for the moment to begin"
+    TURNING = "leaving the mission"
+    SENDING = "sending the mission"
+    PAUSING = "waiting for the link"
+    CHOOSING = "choosing the item"
+    NEARING = "nearing the target"
+    RESUMING = "going back to the mission"
+    LEAVING = "returning home"
+    OVER = "over"
+
+
+class AsideChange(ChangeSession):
+    """Guided to the target; upload; read back; the item chosen; back to the mission just before the target.
+
+    While the upload lasts, further waypoints of the new mission are flown to one by one, as far as it takes.
+    A failed upload is repeated; then the old mission is put back; what cannot be put back is flown home from
+    (RTL). Nothing but a complete list, confirmed and read back, is flown.
+    """
+
+    def __init__(self, request: ChangeRequest) -> None:
+        super().__init__(request)
+        modes = request.profile.change_modes or {}
+        self._guided, self._auto = modes[request.monitor.vehicle_type]
+        self._step = _Step.WAITING
+        self._plan: Mission = request.new
+        self._leg = request.resume_at
+        self._orders: dict[int, Order] = {}
+        self._transfer: VerifiedUpload | None = None
+        self._failures = 0
+        self._heard_s = -math.inf
+        self._wake_s = math.inf
+        self._verified_s = math.inf
+        self._resumed_s = math.inf
+        self._item = request.item
+        self._why = ""
+        self._refused = False
+
+    # What the station calls.
+
+    def start(self, now_s: float) -> list[Message]:
+        """Begin, at once or when the target is near enough for a short window."""
+        self._asked_s = self._heard_s = now_s
+        return self._begin(now_s)
+
+    def receive(self, message: Message, now_s: float) -> list[Message]:
+        """Take a message of the vehicle; after the end, watch that it stays in its mission."""
+        self._heard_s = now_s
+        if self._step is _Step.PAUSING:
+            return self._fly_to(now_s) + self._send(now_s)
+        if isinstance(message, m.MAVLink_command_ack_message):
+            return self._on_ack(message, now_s)
+        if isinstance(message, m.MAVLink_heartbeat_message):
+            return self._on_mode(now_s)
+        if self._transfer is not None and type(message).id in CLIENT_MESSAGES:
+            return self._take(self._transfer.receive(message, now_s), now_s)
+        if isinstance(message, m.MAVLink_global_position_int_message):
+            return self._on_position(now_s)
+        return []
+
+    def poll(self, now_s: float) -> list[Message]:
+        """Do what is due."""
+        out: list[Message] = []
+        for command, order in tuple(self._orders.items()):
+            if now_s >= order.due_s:
+                out += self._give_up(command, now_s) if order.is_given_up else order.send(now_s)
+        transfer = self._transfer
+        if transfer is not None:
+            deadline_s = transfer.next_deadline()
+            if deadline_s is not None and deadline_s <= now_s:
+                out += self._take(transfer.poll(now_s), now_s)
+        if now_s >= self._wake_s:
+            self._wake_s = math.inf
+            if self._step is _Step.WAITING:
+                out += self._begin(now_s)
+            elif self._step is _Step.NEARING:
+                out += self._resume(now_s)
+        return out
+
+    def next_deadline(self) -> float:
+        """When `poll` has something to do."""
+        deadlines = [order.due_s for order in self._orders.values()]
+        if self._transfer is not None and (transfer_s := self._transfer.next_deadline()) is not None:
+            deadlines.append(transfer_s)
+        return min([self._wake_s, *deadlines])
+
+    # Leaving the mission.
+
+    def _begin(self, now_s: float) -> list[Message]:
+        request = self.request
+        state = request.monitor.state
+        if now_s - self._asked_s > _PATIENCE_S:
+            return self._finish(ChangeOutcome.GIVEN_UP, "no good moment came", now_s)
+        self._wake_s = now_s + 0.5 * _FRESH_S
+        item = request.item if state.item is None else state.item
+        if item >= len(request.old.items) or is_return(request.old.items[item]):
+            return self._finish(ChangeOutcome.GIVEN_UP, "it is on its way home", now_s)
+        climbs = request.old.items[item].command == Command.NAV_TAKEOFF
+        if now_s - state.heard_s > _FRESH_S or climbs or request.monitor.custom_mode != self._auto:
+            return []
+        window_s = 1.5 * request.seconds_an_item * len(request.new.items) + _SPARE_S
+        if self._same_target(item):
+            left_s = (self._distance() - self._leave_m()) / max(state.ground_speed_m_s, 0.5)
+            if left_s > window_s:
+                self._wake_s = min(self._wake_s, now_s + left_s - window_s)
+                return []
+        self._wake_s = math.inf
+        self._step = _Step.TURNING
+        self._sent_s = now_s
+        self._item = item
+        return self._fly_to(now_s)
+
+    def _same_target(self, item: int) -> bool:
+        """Whether the new mission goes on with the position that is flown to now."""
+        old, new = self.request.old.items[item], self._plan.items[self._leg]
+        return old.has_place and new.has_place and _apart_m((old.x, old.y), (new.x, new.y)) < _SAME_M
+
+    def _fly_to(self, now_s: float) -> list[Message]:
+        """Fly to the target in the guided mode."""
+        return self._order(
+            int(m.MAV_CMD_DO_REPOSITION), now_s, -1.0, _GUIDED_FLAG, 0.0, math.nan, position=self._target()
+        )
+
+    def _set_speed(self, now_s: float) -> list[Message]:
+        """Give the mission's speed to what is flown in the guided mode, which forgets it with its target."""
+        speed = speed_before(self._plan.items, self._leg)
+        if speed is None:
+            return []
+        return self._order(int(Command.DO_CHANGE_SPEED), now_s, 1.0, speed, -1.0)
+
+    # Answers to commands.
+
+    def _order(
+        self,
+        command: int,
+        now_s: float,
+        *params: float,
+        position: tuple[float, float, float] | None = None,
+        tries: int = 4,
+    ) -> list[Message]:
+        order = Order(self.request.vehicle, command, *params, position=position, tries=tries)
+        self._orders[command] = order
+        return order.send(now_s)
+
+    def _on_ack(self, message: m.MAVLink_command_ack_message, now_s: float) -> list[Message]:
+        order = self._orders.get(message.command)
+        if order is None:
+            return []
+        answer = order.answer(message, now_s)
+        if answer is Answer.NONE:
+            return []
+        del self._orders[message.command]
+        self._retries += order.repeats
+        if answer is Answer.REFUSED:
+            return self._on_refused(message, order, now_s)
+        return self._on_accepted(message.command, now_s)
+
+    def _on_accepted(self, command: int, now_s: float) -> list[Message]:
+        if command == m.MAV_CMD_DO_REPOSITION:
+            out = self._set_speed(now_s)
+            if self._step is _Step.TURNING:
+                if self._turned_s is None:
+                    self._turned_s = now_s
+                out += self._send(now_s)
+            return out
+        if command == m.MAV_CMD_DO_SET_MISSION_CURRENT and self._step is _Step.CHOOSING:
+            self._step = _Step.NEARING
+            self._wake_s = now_s + _LONGEST_S
+            return self._on_position(now_s) if self._has_target() else self._resume(now_s)
+        if command == m.MAV_CMD_DO_SET_MODE and self._step is _Step.RESUMING:
+            return self._on_back(now_s)
+        return []
+
+    def _on_refused(
+        self, message: m.MAVLink_command_ack_message, order: Order, now_s: float
+    ) -> list[Message]:
+        text = self._said(result_name(message.result))
+        if message.command == m.MAV_CMD_DO_REPOSITION and self._step is _Step.TURNING:
+            self._why, self._refused = text, True
+            return self._back_to_old(now_s)
+        if message.command == m.MAV_CMD_DO_SET_MISSION_CURRENT and self._step is _Step.CHOOSING:
+            return self._on_failure(text, now_s, refused=True)
+        if message.command in (m.MAV_CMD_DO_SET_MODE, Command.NAV_RETURN_TO_LAUNCH):
+            # It must not stay where it is: a mode that is refused now is asked for again.
+            order.due_s = now_s + _FRESH_S
+            self._orders[message.command] = order
+        return []
+
+    def _give_up(self, command: int, now_s: float) -> list[Message]:
+        """An order was sent as often as it is worth, without an answer."""
+        self._retries += self._orders.pop(command).repeats
+        if command == m.MAV_CMD_DO_REPOSITION and self._step is _Step.TURNING:
+            self._why = "no answer"
+            return self._back_to_old(now_s)
+        if command == m.MAV_CMD_DO_SET_MISSION_CURRENT and self._step is _Step.CHOOSING:
+            return self._choose(now_s)
+        return []
+
+    # The list.
+
+    def _send(self, now_s: float) -> list[Message]:
+        self._step = _Step.SENDING
+        self._transfer = self._upload(self._plan.items, None)
+        return self._take(self._transfer.start(now_s), now_s)
+
+    def _take(self, output: Output, now_s: float) -> list[Message]:
+        out = list(output.messages)
+        for event in output.events:
+            if not isinstance(event, UploadVerified | TransferFailed):
+                continue
+            assert self._transfer is not None
+            self._retries += self._transfer.statistics(now_s).retries
+            confirmed_s, self._transfer = self._transfer.confirmed_s, None
+            if isinstance(event, UploadVerified):
+                if self._plan is self.request.new:
+                    self._acknowledged_s = confirmed_s
+                self._verified_s = now_s
+                self.held = self._plan
+                out += self._choose(now_s)
+            else:
+                refused = event.reason is FailureReason.REFUSED
+                out += self._on_failure(self._said(event.text), now_s, refused=refused)
+        return out
+
+    def _on_failure(self, text: str, now_s: float, *, refused: bool) -> list[Message]:
+        """Try again; then put the old mission back; then go home."""
+        if self._plan is self.request.new:
+            self._why, self._refused = text, refused
+        if now_s - self._heard_s > _SILENT_S:
+            # A dead link is no failure of the list.
+            self._step = _Step.PAUSING
+            return []
+        self._failures += 1
+        if not refused and self._failures < _TRIES:
+            return self._send(now_s)
+        if self._plan is self.request.new:
+            self._plan, self._leg, self._failures = self.request.old, self._item, 0
+            return self._fly_to(now_s) + self._send(now_s)
+        if self._failures < 2 * _TRIES:
+            return self._send(now_s)
+        self._step = _Step.LEAVING
+        self._why += "; the old mission could not be put back: it returns home"
+        return self._order(int(Command.NAV_RETURN_TO_LAUNCH), now_s, tries=_FOREVER)
+
+    def _has_target(self) -> bool:
+        """Whether the leg ends at a waypoint, to be flown through."""
+        item = self._plan.items[self._leg]
+        return item.has_place and not is_return(item)
+
+    def _choose(self, now_s: float) -> list[Message]:
+        """Let the vehicle go on with the DO items before the target."""
+        self._step = _Step.CHOOSING
+        home = 1 if self.request.profile.home_at_zero else 0
+        seq = first_command(self._plan.items, self._leg) + home
+        return self._order(int(m.MAV_CMD_DO_SET_MISSION_CURRENT), now_s, float(seq), 0.0)
+
+    # On the way.
+
+    def _on_position(self, now_s: float) -> list[Message]:
+        if self._step is _Step.WAITING:
+            return self._begin(now_s)
+        if self._step not in (_Step.SENDING, _Step.CHOOSING, _Step.NEARING) or not self._has_target():
+            return []
+        distance, speed = self._distance(), self.request.monitor.state.ground_speed_m_s
+        if self._step is _Step.NEARING:
+            # Far from the target the way to it is not worth the time aside from the mission.
+            far = distance - self._leave_m() > _LONGEST_S * max(speed, 0.5)
+            near = distance <= self._leave_m() + speed * (self._round_trip.seconds or 0.0)
+            return self._resume(now_s) if near or far else []
+        if self._step is _Step.SENDING and distance < max(_CHAIN_M, _CHAIN_S * speed):
+            following = self._leg + 1
+            while (
+                following < len(self._plan.items)
+                and self._plan.items[following].command != Command.NAV_WAYPOINT
+            ):
+                if is_return(self._plan.items[following]):
+                    return []
+                following += 1
+            if following < len(self._plan.items):
+                self._leg = following
+                return self._fly_to(now_s)
+        return []
+
+    def _distance(self) -> float:
+        """Return how far the target is, over ground."""
+        state = self.request.monitor.state
+        latitude, longitude, _ = self._target()
+        if not math.isfinite(state.latitude_deg):
+            return math.inf
+        return _apart_m((state.latitude_deg, state.longitude_deg), (latitude, longitude))
+
+    def _target(self) -> tuple[float, float, float]:
+        """Return where to fly in the guided mode: to the item, over home when that is the return."""
+        item, state, home = self._plan.items[self._leg], self.request.monitor.state, self.request.old.home
+        if item.has_place and not is_return(item):
+            return item.x, item.y, item.z
+        if home is not None:
+            return home.latitude_deg, home.longitude_deg, state.height_m
+        return state.latitude_deg, state.longitude_deg, state.height_m
+
+    def _leave_m(self) -> float:
+        """Return from how far before the target the mission is gone on with: where it would stop there."""
+        speed = self.request.monitor.state.ground_speed_m_s
+        return min(max(_STOP_M + _STOP_PER_V2 * speed * speed, _LEAVE_M[0]), _LEAVE_M[1])
+
+    # Back to the mission.
+
+    def _back_to_old(self, now_s: float) -> list[Message]:
+        """Go back to the old mission, of which nothing was changed."""
+        self._plan, self._leg = self.request.old, self._item
+        return self._resume(now_s)
+
+    def _resume(self, now_s: float) -> list[Message]:
+        self._step = _Step.RESUMING
+        self._wake_s = math.inf
+        self._resumed_s = now_s
+        self._orders.pop(int(m.MAV_CMD_DO_REPOSITION), None)
+        return self._order(int(m.MAV_CMD_DO_SET_MODE), now_s, *self._mode_parameters(), tries=_FOREVER)
+
+    def _mode_parameters(self) -> tuple[float, float]:
+        return float(m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(self._auto)
+
+    def _on_back(self, now_s: float) -> list[Message]:
+        """It is in its mission again."""
+        request = self.request
+        first = first_command(self._plan.items, self._leg)
+        between = self._plan.items[first : self._leg]
+        out: list[Message] = []
+        if not any(item.command == Command.DO_CHANGE_SPEED for item in between):
+            out = self._set_speed(now_s)
+        if self._plan is request.new and self._acknowledged_s is not None:
+            self._in_effect_s = now_s
+            return out + self._finish(ChangeOutcome.DONE, "", now_s)
+        if self._plan is request.old and self._verified_s < math.inf:
+            return out + self._finish(ChangeOutcome.ROLLED_BACK, self._why, now_s)
+        outcome = ChangeOutcome.REFUSED if self._refused else ChangeOutcome.GIVEN_UP
+        return out + self._finish(outcome, self._why, now_s)
+
+    def _on_mode(self, now_s: float) -> list[Message]:
+        """Take the mode of a heartbeat."""
+        mode = self.request.monitor.custom_mode
+        if self._step is _Step.RESUMING and mode == self._auto and now_s > self._resumed_s:
+            order = self._orders.pop(int(m.MAV_CMD_DO_SET_MODE), None)
+            self._retries += 0 if order is None else order.repeats
+            return self._on_back(now_s)
+        if self._step is _Step.OVER:
+            # A command that came late, or twice, may have called it out of its mission again.
+            if mode == self._guided and self._sent_s is not None and not self._orders:
+                return self._order(int(m.MAV_CMD_DO_SET_MODE), now_s, *self._mode_parameters())
+            return []
+        if self._step is _Step.WAITING:
+            return []
+        if mode not in (self._guided, self._auto):
+            self._transfer = None
+            why = self._why if self._step is _Step.LEAVING else self._said("it has left the guided mode")
+            return self._finish(ChangeOutcome.GIVEN_UP, why, now_s)
+        back = mode == self._auto and now_s - (self._turned_s or now_s) > _SILENT_S
+        if back and self._step in (_Step.SENDING, _Step.CHOOSING, _Step.NEARING):
+            # It must not fly from a list of which only a part has come.
+            return self._fly_to(now_s)
+        return []
+
+    def _finish(self, outcome: ChangeOutcome, text: str, now_s: float) -> list[Message]:
+        self._step = _Step.OVER
+        self._wake_s = math.inf
+        speed = self._orders.get(int(Command.DO_CHANGE_SPEED))
+        self._orders = {} if speed is None else {int(Command.DO_CHANGE_SPEED): speed}
+        if self.record is None:
+            self._end(outcome, text, now_s)
+        return []
+
+
+def _apart_m(a: tuple[float, float], b: tuple[float, float]) -> float:
+    """Return the distance of two positions that are near each other, on a sphere."""
+    north, east = b[0] - a[0], (b[1] - a[1]) * math.cos(math.radians(a[0]))
+    return _EARTH_M * math.radians(math.hypot(north, east))

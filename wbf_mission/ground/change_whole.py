@@ -1,0 +1,169 @@
+"""Replacing a mission in flight where it is taken as a whole (PX4): sent while the vehicle flies on."""
+
+from __future__ import annotations
+
+import math
+
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.transfer import (
+    CLIENT_MESSAGES,
+    DownloadComplete,
+    FailureReason,
+    MissionDownload,
+    Output,
+    PlanState,
+    TransferFailed,
+    UploadVerified,
+    VerifiedUpload,
+    compare_plans,
+)
+from wbf_mission.ground.change import ChangeOutcome, ChangeRequest, ChangeSession, item_to_mark
+
+__all__ = ["WholeListChange"]
+
+_SHOWN_S = 1.5
+_MARKS = 4
+_AGAIN_S = 2.0
+
+
+class WholeListChange(ChangeSession):
+    """The new mission with the item to go on with marked as current; the vehicle never leaves its mission.
+
+    Until the last item has come the vehicle flies the old mission, from then on the new one: the id in its
+    confirmation and in MISSION_CURRENT proves which. It is read back while it is flown. When the end of the
+    upload is lost, the mission is read until it is known which one the vehicle holds.
+    """
+
+    def __init__(self, request: ChangeRequest) -> None:
+        super().__init__(request)
+        self._mark = item_to_mark(request.old, request.item, request.new, request.resume_at)
+        self._transfer: VerifiedUpload | MissionDownload | None = None
+        self._verified = False
+        self._due_s = math.inf
+        self._marks = 0
+        self._why = ""
+        self._id = 0
+
+    def start(self, now_s: float) -> list[Message]:
+        """Begin the upload."""
+        self._asked_s = self._sent_s = now_s
+        self._transfer = self._upload(self.request.new.items, self._mark)
+        return self._take(self._transfer.start(now_s), now_s)
+
+    def receive(self, message: Message, now_s: float) -> list[Message]:
+        """Take a message of the mission protocol."""
+        if self.done:
+            return []
+        out: list[Message] = []
+        if self._transfer is not None and type(message).id in CLIENT_MESSAGES:
+            out = self._take(self._transfer.receive(message, now_s), now_s)
+        if isinstance(message, m.MAVLink_mission_current_message):
+            self._look(now_s)
+        return out
+
+    def poll(self, now_s: float) -> list[Message]:
+        """Act on the timers that are due."""
+        if self.done:
+            return []
+        out: list[Message] = []
+        transfer = self._transfer
+        if transfer is not None:
+            deadline_s = transfer.next_deadline()
+            if deadline_s is not None and deadline_s <= now_s:
+                out += self._take(transfer.poll(now_s), now_s)
+        if now_s >= self._due_s:
+            out += self._insist(now_s) if self._verified else self._read(now_s)
+        return out
+
+    def next_deadline(self) -> float:
+        """When `poll` has something to do."""
+        if self.done:
+            return math.inf
+        deadline_s = None if self._transfer is None else self._transfer.next_deadline()
+        return min(self._due_s, math.inf if deadline_s is None else deadline_s)
+
+    def _take(self, output: Output, now_s: float) -> list[Message]:
+        out = list(output.messages)
+        if isinstance(self._transfer, VerifiedUpload) and self._acknowledged_s is None:
+            self._acknowledged_s = self._transfer.confirmed_s
+        for event in output.events:
+            if isinstance(event, UploadVerified):
+                self._finish_transfer(now_s)
+                self._verified = True
+                self._due_s = now_s + _SHOWN_S
+                self._look(now_s)
+            elif isinstance(event, DownloadComplete):
+                self._finish_transfer(now_s)
+                self._compare(event, now_s)
+            elif isinstance(event, TransferFailed):
+                reading = isinstance(self._transfer, MissionDownload)
+                self._finish_transfer(now_s)
+                if not reading:
+                    self._why = self._said(event.text)
+                self._after_failure(event, now_s, reading=reading)
+        return out
+
+    def _finish_transfer(self, now_s: float) -> None:
+        if self._transfer is not None:
+            self._retries += self._transfer.statistics(now_s).retries
+            if isinstance(self._transfer, VerifiedUpload):
+                self._id = self._transfer.opaque_id
+            self._transfer = None
+
+    def _after_failure(self, failed: TransferFailed, now_s: float, *, reading: bool) -> None:
+        if not reading and failed.vehicle_plan is PlanState.OLD:
+            refused = failed.reason is FailureReason.REFUSED
+            self._end(ChangeOutcome.REFUSED if refused else ChangeOutcome.GIVEN_UP, self._why, now_s)
+        else:
+            self._due_s = now_s + _AGAIN_S
+
+    def _read(self, now_s: float) -> list[Message]:
+        """Find out which mission the vehicle holds."""
+        self._due_s = math.inf
+        self._transfer = self._download()
+        return self._take(self._transfer.start(now_s), now_s)
+
+    def _compare(self, read: DownloadComplete, now_s: float) -> None:
+        request = self.request
+        if not compare_plans(request.new.items, read.items, request.profile):
+            if self._acknowledged_s is None:
+                self._acknowledged_s = now_s
+            self._verified, self._id = True, read.opaque_id
+            self._due_s = now_s + _SHOWN_S
+            self._look(now_s)
+        elif not compare_plans(request.old.items, read.items, request.profile):
+            self._end(ChangeOutcome.GIVEN_UP, self._why, now_s)
+        else:
+            self._end(ChangeOutcome.GIVEN_UP, f"{self._why}; the vehicle holds another mission", now_s)
+
+    def _look(self, now_s: float) -> None:
+        """See whether the new mission is flown, and end when it is proved."""
+        state = self.request.monitor.state
+        transfer = self._transfer
+        known_id = transfer.opaque_id if isinstance(transfer, VerifiedUpload) else self._id
+        confirmed_s = self._acknowledged_s
+        if self._in_effect_s is None and confirmed_s is not None:
+            heard = self.request.monitor.item_heard_s >= confirmed_s
+            same = known_id in (0, state.mission_id)
+            if heard and same and state.item is not None and state.item >= self._mark:
+                self._in_effect_s, self._turned_s = now_s, confirmed_s
+        if self._verified and self._in_effect_s is not None:
+            self._end(ChangeOutcome.DONE, "", now_s)
+
+    def _insist(self, now_s: float) -> list[Message]:
+        """The vehicle holds the mission, but shows another item: name the one to go on with."""
+        monitor = self.request.monitor
+        self._due_s = now_s + _SHOWN_S
+        state = monitor.state
+        told = monitor.item_heard_s > now_s - _SHOWN_S and self._id in (0, state.mission_id)
+        # Of a vehicle that is not heard nobody knows how far it is.
+        if not told or state.item is None:
+            return []
+        self._marks += 1
+        if self._marks > _MARKS:
+            self.held = self.request.new
+            self._end(ChangeOutcome.GIVEN_UP, f"the vehicle stays at item {state.item}", now_s)
+            return []
+        home = 1 if self.request.profile.home_at_zero else 0
+        return [m.MAVLink_mission_set_current_message(*self.request.vehicle, self._mark + home)]

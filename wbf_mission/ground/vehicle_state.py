@@ -1,0 +1,147 @@
+"""What the vehicle told of itself last: position, velocity, battery, item, mode."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from geo.frame import LocalFrame
+from mission.link.codec.dialect import mavlink as m
+from mission.model import DEGREES_E7
+from mission.transfer import profile_for
+
+__all__ = ["VehicleMonitor", "VehicleState"]
+
+_UNKNOWN_ITEM = 65535
+_NO_HEADING = 65535
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleState:
+    """A vehicle as its telemetry told of it last.
+
+    Parameters
+    ----------
+    heard_s : float
+        When the position was heard; -inf for never.
+    latitude_deg, longitude_deg, height_m : float
+        Position; height above home.
+    velocity_m_s : tuple of 3 floats
+        Over ground: east, north, up.
+    heading_rad : float or None
+        Compass heading.
+    battery : float or None
+        Fraction that is left.
+    consumed_wh : float or None
+        Used since the start.
+    armed : bool
+    custom_mode : int
+        The flight mode, in the autopilot's own number.
+    item : int or None
+        The item that is flown or comes next, counted as `Mission.items` is; None when it is not told.
+    total : int or None
+        Items of the mission that the vehicle holds, without home.
+    mission_id : int
+        Opaque id of that mission; 0 when the autopilot gives none.
+    """
+
+    heard_s: float = -math.inf
+    latitude_deg: float = math.nan
+    longitude_deg: float = math.nan
+    height_m: float = 0.0
+    velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    heading_rad: float | None = None
+    battery: float | None = None
+    consumed_wh: float | None = None
+    armed: bool = False
+    custom_mode: int = 0
+    item: int | None = None
+    total: int | None = None
+    mission_id: int = 0
+
+    def position_m(self, frame: LocalFrame) -> tuple[float, float]:
+        """Return x and y in metres of a frame."""
+        return frame.from_wgs84(self.latitude_deg, self.longitude_deg)
+
+    def velocity_in(self, frame: LocalFrame) -> tuple[float, float]:
+        """Return the horizontal velocity along x and y of a frame."""
+        angle = math.radians(frame.rotation_deg)
+        east, north, _ = self.velocity_m_s
+        cosine, sine = math.cos(angle), math.sin(angle)
+        return east * cosine + north * sine, north * cosine - east * sine
+
+    @property
+    def ground_speed_m_s(self) -> float:
+        """Horizontal speed over ground."""
+        return math.hypot(*self.velocity_m_s[:2])
+
+
+class VehicleMonitor:
+    """Keeps what a vehicle tells of itself.
+
+    Attributes
+    ----------
+    vehicle_type, autopilot : int
+        MAV_TYPE and MAV_AUTOPILOT of its heartbeat.
+    mode_heard_s, item_heard_s, position_heard_s : float
+        When mode, item and position were heard; -inf for never.
+    """
+
+    def __init__(self) -> None:
+        self.vehicle_type = 0
+        self.autopilot = 0
+        self.mode_heard_s = self.item_heard_s = self.position_heard_s = -math.inf
+        self._heartbeat: m.MAVLink_heartbeat_message | None = None
+        self._position: m.MAVLink_global_position_int_message | None = None
+        self._current: m.MAVLink_mission_current_message | None = None
+        self._remaining: float | None = None
+        self._consumed_wh: float | None = None
+
+    def on_heartbeat(self, message: m.MAVLink_heartbeat_message, now_s: float) -> None:
+        """Take type, autopilot, mode and whether it is armed."""
+        self.vehicle_type, self.autopilot = message.type, message.autopilot
+        self._heartbeat, self.mode_heard_s = message, now_s
+
+    def on_position(self, message: m.MAVLink_global_position_int_message, now_s: float) -> None:
+        """Take position, velocity and heading."""
+        self._position, self.position_heard_s = message, now_s
+
+    def on_mission_current(self, message: m.MAVLink_mission_current_message, now_s: float) -> None:
+        """Take the item and the mission's id."""
+        self._current, self.item_heard_s = message, now_s
+
+    def on_battery(self, remaining: float | None, consumed_wh: float | None) -> None:
+        """Take what is left of the battery."""
+        self._remaining, self._consumed_wh = remaining, consumed_wh
+
+    @property
+    def custom_mode(self) -> int:
+        """The flight mode, in the autopilot's own number; 0 before any heartbeat."""
+        return 0 if self._heartbeat is None else int(self._heartbeat.custom_mode)
+
+    @property
+    def state(self) -> VehicleState:
+        """All of it."""
+        values: dict[str, Any] = {"battery": self._remaining, "consumed_wh": self._consumed_wh}
+        heartbeat, position, current = self._heartbeat, self._position, self._current
+        if heartbeat is not None:
+            values["armed"] = bool(heartbeat.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
+            values["custom_mode"] = heartbeat.custom_mode
+        if position is not None:
+            values |= {
+                "heard_s": self.position_heard_s,
+                "latitude_deg": position.lat / DEGREES_E7,
+                "longitude_deg": position.lon / DEGREES_E7,
+                "height_m": position.relative_alt / 1e3,
+                "velocity_m_s": (position.vy / 100.0, position.vx / 100.0, -position.vz / 100.0),
+            }
+            if position.hdg != _NO_HEADING:
+                values["heading_rad"] = math.radians(position.hdg / 100.0)
+        if current is not None:
+            home = 1 if profile_for(self.autopilot).home_at_zero else 0
+            known = current.seq != _UNKNOWN_ITEM and current.seq >= home
+            values["item"] = current.seq - home if known else None
+            values["total"] = None if current.total == _UNKNOWN_ITEM else current.total
+            values["mission_id"] = current.mission_id
+        return VehicleState(**values)

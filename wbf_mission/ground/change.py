@@ -249,7 +249,7 @@ def check_change(new: Mission, resume_at: int, old: Mission, profile: Profile) -
         msg = f"mission: item {resume_at} to go on with does not exist; there are {len(items)} items"
         raise MissionError(msg)
     if items[resume_at].command not in _FLOWN_TO | _RETURNS or not (
-        items[resume_at].has_place or items[resume_at].command in _RETURNS
+        items[resume_at].has_position or items[resume_at].command in _RETURNS
     ):
         msg = f"mission: item {resume_at} to go on with (command {items[resume_at].command}) is no position"
         raise MissionError(msg)
@@ -258,7 +258,7 @@ def check_change(new: Mission, resume_at: int, old: Mission, profile: Profile) -
         raise MissionError(msg)
     home = old.home
     for k, item in enumerate(items):
-        if not item.has_place or item.x == item.y == 0.0:
+        if not item.has_position or item.x == item.y == 0.0:
             continue
         if abs(item.z) > _HIGHEST_M:
             msg = f"mission: item {k} is {item.z:g} m high; more than {_HIGHEST_M:g} m is not sent in flight"

@@ -165,7 +165,7 @@ class AsideChange(ChangeSession):
     def _same_target(self, item: int) -> bool:
         """Whether the new mission goes on with the position that is flown to now."""
         old, new = self.request.old.items[item], self._plan.items[self._leg]
-        return old.has_place and new.has_place and _apart_m((old.x, old.y), (new.x, new.y)) < _SAME_M
+        return old.has_position and new.has_position and _apart_m((old.x, old.y), (new.x, new.y)) < _SAME_M
 
     def _fly_to(self, now_s: float) -> list[Message]:
         """Fly to the target in the guided mode."""
@@ -297,7 +297,7 @@ class AsideChange(ChangeSession):
     def _has_target(self) -> bool:
         """Whether the leg ends at a waypoint, to be flown through."""
         item = self._plan.items[self._leg]
-        return item.has_place and not is_return(item)
+        return item.has_position and not is_return(item)
 
     def _choose(self, now_s: float) -> list[Message]:
         """Let the vehicle go on with the DO items before the target."""
@@ -344,7 +344,7 @@ class AsideChange(ChangeSession):
     def _target(self) -> tuple[float, float, float]:
         """Return where to fly in the guided mode: to the item, over home when that is the return."""
         item, state, home = self._plan.items[self._leg], self.request.monitor.state, self.request.old.home
-        if item.has_place and not is_return(item):
+        if item.has_position and not is_return(item):
             return item.x, item.y, item.z
         if home is not None:
             return home.latitude_deg, home.longitude_deg, state.height_m

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import re
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,38 +15,27 @@ from shapely.geometry.polygon import orient
 
 from geo.atomic import atomic_write
 from geo.errors import FarmError
-from geo.farm import MAX_CELLS, Crop, Farm, Patch
+from geo.farm import MAX_CELLS, Farm, Patch
 from geo.frame import LocalFrame
-from geo.reading import UnreadableError, read_text
+from geo.geojson_features import (
+    MAX_VERTICES,
+    Feature,
+    check_crs,
+    number_member,
+    position_of,
+    read_document,
+    read_feature,
+    shortened,
+    text_member,
+)
 from geo.units import FOOT_M
 
-MAX_FILE_BYTES = 32 * 2**20
-MAX_VERTICES = 100_000
 MAX_RASTER_STEPS = 20_000_000
 MAX_SPAN_M = 20_000.0
-MAX_LATITUDE_DEG = 75.0
 _MIN_CELL_M = 0.01
 _MAX_CELL_M = 1000.0
-_NAMES = {crop.name.lower(): crop for crop in Crop}
 _COUNT_SLACK = 1e-6
 _THIN_M = 1e-3
-_WGS84 = re.compile(
-    r"(urn:ogc:def:crs:|https?://www\.opengis\.net/def/crs/)?"
-    r"(OGC[:/]+(1\.3[:/])?CRS84|EPSG[:/]+(0[:/])?4326|WGS ?84)",
-    re.IGNORECASE,
-)
-
-
-@dataclass(frozen=True, slots=True)
-class _Feature:
-    """A feature as the file has it: rings of float64[n, 2] longitude, latitude."""
-
-    where: str
-    name: str
-    crop: Crop
-    owner: str
-    obstacle: bool
-    rings: tuple[np.ndarray[Any, np.dtype[np.float64]], ...]
 
 
 def load_farm(path: str | os.PathLike[str]) -> Farm:
@@ -60,7 +48,7 @@ def load_farm(path: str | os.PathLike[str]) -> Farm:
     """
     text = os.fspath(path)
     try:
-        return _farm_of(_document(Path(text)), default_name=Path(text).stem)
+        return _farm_of(read_document(Path(text)), default_name=Path(text).stem)
     except FarmError as error:
         msg = f"farm file {text}: {error}"
         raise FarmError(" ".join(msg.split())) from None
@@ -118,43 +106,9 @@ def _feature(farm: Farm, polygon: shapely.Polygon, **properties: object) -> dict
     }
 
 
-def _document(path: Path) -> dict[str, Any]:
-    try:
-        document = msgspec.json.decode(read_text(path, MAX_FILE_BYTES))
-    except UnreadableError as error:
-        msg = f"cannot be read: {error}"
-        raise FarmError(msg) from None
-    except RecursionError:
-        msg = "is nested too deeply"
-        raise FarmError(msg) from None
-    except msgspec.DecodeError as error:
-        msg = f"is not JSON ({error})"
-        raise FarmError(msg) from None
-    if not isinstance(document, dict) or document.get("type") != "FeatureCollection":
-        msg = 'is not a GeoJSON "FeatureCollection"'
-        raise FarmError(msg)
-    return document
-
-
-def _check_crs(holder: dict[str, Any], where: str) -> None:
-    """Refuse what GeoJSON of 2008 could say and RFC 7946 cannot: coordinates that are not WGS 84."""
-    crs = holder.get("crs")
-    if crs is None:
-        return
-    properties = crs.get("properties") if isinstance(crs, dict) else None
-    name = properties.get("name") if isinstance(properties, dict) else None
-    if not (isinstance(name, str) and _WGS84.fullmatch(name.strip())):
-        shown = _short(name if isinstance(name, str) else crs)
-        msg = (
-            f'{where}: member "crs" is {shown!r}, but a farm file holds longitudes and latitudes of WGS 84: '
-            "convert it (ogr2ogr -t_srs EPSG:4326)"
-        )
-        raise FarmError(msg)
-
-
 def _farm_of(document: dict[str, Any], default_name: str) -> Farm:
-    _check_crs(document, "the file")
-    name = _text(document, "name", default_name, "the farm")
+    check_crs(document, "the file")
+    name = text_member(document, "name", default_name, "the farm")
     raw = document.get("features")
     if not isinstance(raw, list) or not raw:
         msg = 'has no "features"'
@@ -162,7 +116,7 @@ def _farm_of(document: dict[str, Any], default_name: str) -> Farm:
     features = []
     vertices = 0
     for index, entry in enumerate(raw):
-        features.append(_read_feature(entry, index))
+        features.append(read_feature(entry, index))
         vertices += sum(len(ring) for ring in features[-1].rings)
         if vertices > MAX_VERTICES:
             msg = f"{features[-1].where}: more than {MAX_VERTICES} vertices up to here; simplify the polygons"
@@ -171,9 +125,9 @@ def _farm_of(document: dict[str, Any], default_name: str) -> Farm:
     if not patches:
         msg = "has obstacles only, no patch with a crop"
         raise FarmError(msg)
-    owner = _text(document, "owner", patches[0].owner, "the farm")
-    cell_size_m = _number(document, "cell_size_m", FOOT_M, _MIN_CELL_M, _MAX_CELL_M)
-    home = _place(document["home"], 'member "home"') if document.get("home") is not None else None
+    owner = text_member(document, "owner", patches[0].owner, "the farm")
+    cell_size_m = number_member(document, "cell_size_m", FOOT_M, _MIN_CELL_M, _MAX_CELL_M)
+    home = position_of(document["home"], 'member "home"') if document.get("home") is not None else None
     _check_span(features, home)
     frame, origin_given = _frame(document, patches)
     polygons = [_polygon(feature, frame) for feature in features]
@@ -208,88 +162,7 @@ def _farm_of(document: dict[str, Any], default_name: str) -> Farm:
     return Farm(name, frame, width, height, kept, owner, home_m, cell_size_m, obstacles)
 
 
-def _read_feature(entry: object, index: int) -> _Feature:
-    where = f"feature {index}"
-    if not isinstance(entry, dict) or entry.get("type") != "Feature":
-        msg = f'{where}: is not a GeoJSON "Feature"'
-        raise FarmError(msg)
-    properties = entry.get("properties")
-    if not isinstance(properties, dict):
-        msg = f'{where}: has no "properties" with crop and owner'
-        raise FarmError(msg)
-    name = _text(properties, "name", f"patch {index}", where)
-    where = f"feature {index} ({name!r})"
-    _check_crs(entry, where)
-    obstacle = properties.get("obstacle", False)
-    if not isinstance(obstacle, bool):
-        msg = f'{where}: property "obstacle" is not true or false'
-        raise FarmError(msg)
-    crop, owner = Crop.NONE, ""
-    if not obstacle:
-        for key in ("crop", "owner"):
-            if properties.get(key) is None:
-                msg = f'{where}: property "{key}" is missing'
-                raise FarmError(msg)
-        label = _text(properties, "crop", "", where).lower()
-        if label not in _NAMES:
-            msg = f"{where}: unknown crop {label!r}; crops are {', '.join(_NAMES)}"
-            raise FarmError(msg)
-        crop, owner = _NAMES[label], _text(properties, "owner", "", where)
-    geometry = entry.get("geometry")
-    kind = geometry.get("type") if isinstance(geometry, dict) else None
-    if not isinstance(geometry, dict) or kind != "Polygon":
-        kind = kind if isinstance(kind, str) else "nothing"
-        advice = "; make each part a feature of its own" if kind == "MultiPolygon" else ""
-        msg = f"{where}: geometry is {_short(kind)!r}, not a Polygon{advice}"
-        raise FarmError(msg)
-    _check_crs(geometry, where)
-    rings = geometry.get("coordinates")
-    if not isinstance(rings, list) or not rings or not rings[0]:
-        msg = f"{where}: the polygon is empty"
-        raise FarmError(msg)
-    return _Feature(where, name, crop, owner, obstacle, tuple(_ring(ring, where) for ring in rings))
-
-
-def _ring(ring: object, where: str) -> np.ndarray[Any, np.dtype[np.float64]]:
-    if not isinstance(ring, list) or len(ring) < 4:
-        msg = f"{where}: a ring has fewer than four positions"
-        raise FarmError(msg)
-    if len(ring) > MAX_VERTICES:
-        msg = f"{where}: a ring of {len(ring)} positions is longer than {MAX_VERTICES}; simplify it"
-        raise FarmError(msg)
-    positions = np.array([_place(position, where) for position in ring])
-    if not np.array_equal(positions[0], positions[-1]):
-        msg = f"{where}: a ring is not closed (its last position must repeat the first)"
-        raise FarmError(msg)
-    return positions
-
-
-def _place(position: object, where: str) -> tuple[float, float]:
-    """Return longitude and latitude of a GeoJSON position."""
-    if (
-        not isinstance(position, list)
-        or not 2 <= len(position) <= 4
-        or not all(type(value) in (int, float) and abs(value) < 1e300 for value in position)
-    ):
-        msg = f"{where}: {_short(position)} is not a position [longitude, latitude] of finite numbers"
-        raise FarmError(msg)
-    longitude_deg, latitude_deg = float(position[0]), float(position[1])
-    if abs(latitude_deg) > 90.0:
-        msg = f"{where}: latitude {latitude_deg:g} is outside -90..90; positions are [longitude, latitude]"
-        raise FarmError(msg)
-    if abs(longitude_deg) > 180.0:
-        msg = f"{where}: longitude {longitude_deg:g} is outside -180..180"
-        raise FarmError(msg)
-    if abs(latitude_deg) > MAX_LATITUDE_DEG:
-        msg = (
-            f"{where}: nothing grows at latitude {latitude_deg:g}; "
-            "are latitude and longitude swapped? positions are [longitude, latitude]"
-        )
-        raise FarmError(msg)
-    return longitude_deg, latitude_deg
-
-
-def _check_span(features: list[_Feature], home: tuple[float, float] | None) -> None:
+def _check_span(features: list[Feature], home: tuple[float, float] | None) -> None:
     """Refuse positions too far from home, or else from the first feature."""
     longitude_deg, latitude_deg = home if home is not None else features[0].rings[0][0]
     reference = LocalFrame(float(latitude_deg), float(longitude_deg))
@@ -316,12 +189,12 @@ def _reach_m(frame: LocalFrame, latitude_deg: Any, longitude_deg: Any) -> float:
     return float(np.max(np.hypot(x_m, y_m)))
 
 
-def _frame(document: dict[str, Any], patches: list[_Feature]) -> tuple[LocalFrame, bool]:
+def _frame(document: dict[str, Any], patches: list[Feature]) -> tuple[LocalFrame, bool]:
     """Return the frame, and whether the file gives its origin (otherwise it is the corner of the patches)."""
-    altitude_m = _number(document, "ground_altitude_m", 0.0, -1000.0, 9000.0)
-    rotation_deg = _number(document, "rotation_deg", 0.0, -360.0, 360.0)
+    altitude_m = number_member(document, "ground_altitude_m", 0.0, -1000.0, 9000.0)
+    rotation_deg = number_member(document, "rotation_deg", 0.0, -360.0, 360.0)
     if document.get("origin") is not None:
-        longitude_deg, latitude_deg = _place(document["origin"], 'member "origin"')
+        longitude_deg, latitude_deg = position_of(document["origin"], 'member "origin"')
         frame = LocalFrame(latitude_deg, longitude_deg, altitude_m, rotation_deg)
         if _reach_m(frame, patches[0].rings[0][:, 1], patches[0].rings[0][:, 0]) > 2 * MAX_SPAN_M:
             msg = f'{patches[0].where}: lies more than {2 * MAX_SPAN_M / 1000:g} km from the farm\'s "origin"'
@@ -337,7 +210,7 @@ def _frame(document: dict[str, Any], patches: list[_Feature]) -> tuple[LocalFram
     return frame, False
 
 
-def _polygon(feature: _Feature, frame: LocalFrame) -> shapely.Polygon:
+def _polygon(feature: Feature, frame: LocalFrame) -> shapely.Polygon:
     rings = []
     for ring in feature.rings:
         x_m, y_m = frame.from_wgs84(ring[:, 1].copy(), ring[:, 0].copy())
@@ -370,7 +243,7 @@ def _size(document: dict[str, Any], right: float, top: float, cell_size_m: float
             and len(size) == 2
             and all(type(value) is int and 0 < value <= MAX_CELLS for value in size)
         ):
-            msg = f'member "size_cells": {_short(size)} is not a usable [width, height]'
+            msg = f'member "size_cells": {shortened(size)} is not a usable [width, height]'
             raise FarmError(msg)
         wanted = f"{needed[0]} x {needed[1]}"
         if size[0] < needed[0] or size[1] < needed[1]:
@@ -395,28 +268,3 @@ def _check_detail(polygons: list[shapely.Polygon], cell_size_m: float) -> None:
     if steps > MAX_RASTER_STEPS:
         msg = f"the polygons are too detailed: their edges cross {steps:.3g} columns of cells; simplify them"
         raise FarmError(msg)
-
-
-def _text(members: dict[str, Any], key: str, default: str, where: str) -> str:
-    value = members.get(key)
-    if value is None:
-        return default
-    if not isinstance(value, str) or not value.strip() or len(value) > 200 or not value.isprintable():
-        msg = f'{where}: "{key}" is {_short(value)}, not a short line of text'
-        raise FarmError(msg)
-    return value.strip()
-
-
-def _number(document: dict[str, Any], key: str, default: float, low: float, high: float) -> float:
-    value = document.get(key)
-    if value is None:
-        return default
-    if type(value) not in (int, float) or not low <= value <= high:
-        msg = f'member "{key}": {_short(value)} is not a number in {low:g}..{high:g}'
-        raise FarmError(msg)
-    return float(value)
-
-
-def _short(value: object) -> str:
-    text = value if isinstance(value, str) else repr(value)[:200]
-    return text if len(text) <= 60 else text[:57] + "..."

@@ -28,7 +28,6 @@ from wbf_mission.campaign import Campaign, Decider, Host, Vehicle
 from wbf_mission.estimation import estimator_of, require_run_memory, resolved
 from wbf_mission.planning import FlightTask, flight_builder, plan, planner_of
 from wbf_mission.progress import Progress, silent
-from wbf_mission.report import FieldMap, field_maps, true_map
 from wbf_mission.result import Result
 from wbf_mission.scenario import CameraOptions, Scenario, scenario_with
 from wbf_mission.scenario.scenario import PARTS

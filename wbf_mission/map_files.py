@@ -13,7 +13,7 @@ from geo import Farm
 from geo.atomic import atomic_write
 from sensors.fields import FieldSet
 from wbf_mission.blocks import MapGrid
-from wbf_mission.report import FieldMap
+from wbf_mission.field_maps import FieldMap
 
 __all__ = ["read_maps", "write_maps"]
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from wbf_mission.report import FieldMap
+    from wbf_mission.field_maps import FieldMap
 
 CROP_COLOURS = {
     Crop.NONE: "#f4f1ea",
@@ -170,11 +170,11 @@ def plot_field(
     ----------
     farm : Farm
     estimate : FieldMap
-        `wbf_mission.report.field_maps`.
+        `wbf_mission.field_maps.field_maps`.
     path : Path
         The PNG file.
     truth : FieldMap, optional
-        `wbf_mission.report.true_map`, where somebody knows it.
+        `wbf_mission.field_maps.true_map`, where somebody knows it.
     flown_m : float64[n, 2], optional
         The path over ground, metres of the farm's frame.
     about : str

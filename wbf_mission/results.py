@@ -27,7 +27,7 @@ from wbf_mission.scenario import Scenario
 from wbf_mission.tables import ResultError
 
 if TYPE_CHECKING:
-    from wbf_mission.report import FieldMap
+    from wbf_mission.field_maps import FieldMap
 
 __all__ = ["ResultFolder", "run_name"]
 

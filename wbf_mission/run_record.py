@@ -16,10 +16,11 @@ from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from wbf_mission.deciding.record import DecisionRecord
 from wbf_mission.estimation import ScoreHistory
+from wbf_mission.field_maps import FieldMap
 from wbf_mission.flight_record import FlightRecord
 from wbf_mission.outcome import Track, joined
 from wbf_mission.planning import PlanResult
-from wbf_mission.report import FarmReport, FieldMap, report_of_maps
+from wbf_mission.report import FarmReport, report_of_maps
 from wbf_mission.scenario import Scenario
 
 

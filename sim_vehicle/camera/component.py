@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import Message, mavlink
 from mission.link.codec.typed import CommandMessage, is_a, is_command
-from sensors.camera.layout import ANNOUNCED_EVERY, FIELDS_NAME, LeafLayout
+from sim_vehicle.camera.image_memory import STORAGE_MIB, ImageMemory
 from sim_vehicle.camera.trigger import CameraTrigger, Exposure, Fix
 
 if TYPE_CHECKING:
@@ -16,18 +16,14 @@ if TYPE_CHECKING:
     from sensors.camera.leaf_camera import LeafCamera
 
 CAMERA_COMPONENT_ID = 100
-RING_IMAGES = 4096
 MIN_DISTANCE_M = 0.01
 MIN_INTERVAL_S = 0.01
 MAX_INTERVAL_S = 86_400.0
 _HEARTBEAT_S = 1.0
 _PATIENCE_S = 2.5
 _POSITION_US, _TIME_US = 100_000.0, 1_000_000.0
-_STORAGE_MIB = 1024.0
-_MIB_PER_IMAGE = 1e-4
 _UNIX_US = 10**15
 _E7 = 1e7
-_PADDING = [0.0] * 58
 
 _ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
 _DENIED = mavlink.MAV_RESULT_DENIED
@@ -35,12 +31,6 @@ _UNSUPPORTED = mavlink.MAV_RESULT_UNSUPPORTED
 _NOT_NOW = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 
 Parameters = tuple[float, float, float, float]
-
-
-class _Image(NamedTuple):
-    number: int
-    exposure: Exposure
-    values: list[list[float]]
 
 
 class LeafCameraComponent:
@@ -93,13 +83,10 @@ class LeafCameraComponent:
         self.system_id = system_id
         self.component_id = component_id
         self.trigger = CameraTrigger()
-        self.image_count = 0
         self._camera = camera
-        self._layout = LeafLayout.of(camera.options.fields.names)
-        self._layout_name = self._layout.name.encode()
+        self._memory = ImageMemory(camera.options.fields.names, camera.options.footprint_cells)
         self._farm = farm
         self._autopilot = (system_id, autopilot_component_id)
-        self._ring: list[_Image | None] = [None] * RING_IMAGES
         self._heartbeat_s: float | None = None
         self._position_s: float | None = None
         self._mode = mavlink.CAMERA_MODE_IMAGE_SURVEY
@@ -108,7 +95,11 @@ class LeafCameraComponent:
         self._external = False
         self._last_trigger_sequence = -1
         self._sequences: dict[tuple[int, int], int] = {}
-        self._heading = (-1, (1.0, 0.0, 0.0, 0.0))
+
+    @property
+    def image_count(self) -> int:
+        """How many images were taken."""
+        return self._memory.count
 
     def next_deadline(self) -> float:
         """Return when the next heartbeat is due."""
@@ -213,10 +204,9 @@ class LeafCameraComponent:
         cells = [self._cell_under(exposure) for exposure in exposures]
         values = self._camera.capture([x for x, _ in cells], [y for _, y in cells]).tolist()
         messages: list[Message] = []
-        for number, (exposure, seen) in enumerate(zip(exposures, values, strict=True), self.image_count):
-            image = self._ring[number % RING_IMAGES] = _Image(number, exposure, seen)
-            messages += self._report(image)
-        self.image_count += len(exposures)
+        for exposure, seen in zip(exposures, values, strict=True):
+            image = self._memory.add(exposure, seen)
+            messages += self._memory.report(image, self._utc_offset_us)
         return messages
 
     def _cell_under(self, exposure: Exposure) -> tuple[int, int]:
@@ -229,53 +219,6 @@ class LeafCameraComponent:
             x_m -= east_m * math.cos(turn) + north_m * math.sin(turn)
             y_m -= north_m * math.cos(turn) - east_m * math.sin(turn)
         return farm.cell_of(x_m, y_m)
-
-    def _report(self, image: _Image) -> list[Message]:
-        index, exposure, values = image
-        time_ms = exposure.time_us // 1000
-        offset = self._utc_offset_us
-        report: list[Message] = [
-            mavlink.MAVLink_camera_image_captured_message(
-                time_ms & 0xFFFFFFFF,
-                0 if offset is None else exposure.time_us + offset,
-                0,
-                exposure.latitude_e7,
-                exposure.longitude_e7,
-                exposure.altitude_mm,
-                exposure.relative_altitude_mm,
-                self._attitude(exposure.heading_cdeg),
-                index,
-                1,
-                b"",
-            )
-        ]
-        for data in self._layout.pack(index, self._camera.options.footprint_cells, values):
-            data += _PADDING[len(data) :]
-            report.append(
-                mavlink.MAVLink_debug_float_array_message(
-                    exposure.time_us, self._layout_name, index & 0xFFFF, data
-                )
-            )
-        if index % ANNOUNCED_EVERY == 0:
-            report += self._announce(exposure.time_us)
-        return report
-
-    def _announce(self, time_us: int) -> list[Message]:
-        """Tell the names of the fields, unless they are the benchmark's."""
-        return [
-            mavlink.MAVLink_debug_float_array_message(
-                time_us, FIELDS_NAME.encode(), number, data + _PADDING[len(data) :]
-            )
-            for number, data in enumerate(self._layout.announcement())
-        ]
-
-    def _attitude(self, heading_cdeg: int) -> tuple[float, float, float, float]:
-        """Return the camera's attitude, looking straight down: yaw, then pitch -90 degrees."""
-        if heading_cdeg != self._heading[0]:
-            half = math.radians(heading_cdeg / 200.0) if heading_cdeg != 65535 else 0.0
-            c, s = math.cos(half) * math.sqrt(0.5), math.sin(half) * math.sqrt(0.5)
-            self._heading = (heading_cdeg, (c, s, -c, s))
-        return self._heading[1]
 
     # Commands
 
@@ -325,9 +268,7 @@ class LeafCameraComponent:
             self._mode = int(p[1])
             return _ACCEPTED, []
         if command == mavlink.MAV_CMD_STORAGE_FORMAT:
-            self._ring = [None] * RING_IMAGES
-            if p[2] == 1.0:
-                self.image_count = 0
+            self._memory.clear(count_anew=p[2] == 1.0)
             return _ACCEPTED, []
         if command == mavlink.MAV_CMD_RESET_CAMERA_SETTINGS:
             self._mode = mavlink.CAMERA_MODE_IMAGE_SURVEY
@@ -392,8 +333,10 @@ class LeafCameraComponent:
         fix = self.trigger.position
         time_ms = fix.time_ms if fix is not None else 0
         if message_id == mavlink.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED:
-            image = self._remembered(index)
-            return (_ACCEPTED, self._report(image)) if image is not None else (_DENIED, [])
+            image = self._memory.find(index)
+            if image is None:
+                return _DENIED, []
+            return _ACCEPTED, self._memory.report(image, self._utc_offset_us)
         if message_id == mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION:
             return _ACCEPTED, [self._information(time_ms)]
         if message_id == mavlink.MAVLINK_MSG_ID_CAMERA_SETTINGS:
@@ -403,12 +346,6 @@ class LeafCameraComponent:
         if message_id == mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS:
             return _ACCEPTED, [self._status(time_ms)]
         return _UNSUPPORTED, []
-
-    def _remembered(self, index: float) -> _Image | None:
-        if not (0.0 <= index < 2**31 and index % 1.0 == 0.0):
-            return None
-        image = self._ring[int(index) % RING_IMAGES]
-        return image if image is not None and image.number == int(index) else None
 
     def _information(self, time_ms: int) -> Message:
         side = self._camera.options.footprint_cells
@@ -430,20 +367,17 @@ class LeafCameraComponent:
             b"",
         )
 
-    def _used_mib(self) -> float:
-        return min(self.image_count * _MIB_PER_IMAGE, _STORAGE_MIB)
-
     def _storage(self, time_ms: int) -> Message:
-        used = self._used_mib()
+        used = self._memory.used_mib
         ready = mavlink.STORAGE_STATUS_READY
         return mavlink.MAVLink_storage_information_message(
-            time_ms, 1, 1, ready, _STORAGE_MIB, used, _STORAGE_MIB - used, math.nan, math.nan
+            time_ms, 1, 1, ready, STORAGE_MIB, used, STORAGE_MIB - used, math.nan, math.nan
         )
 
     def _status(self, time_ms: int) -> Message:
         trigger = self.trigger
         image_status = (2 if trigger.interval_us else 0) + (1 if trigger.active else 0)
-        free = _STORAGE_MIB - self._used_mib()
+        free = STORAGE_MIB - self._memory.used_mib
         return mavlink.MAVLink_camera_capture_status_message(
             time_ms, image_status, 0, trigger.interval_us / 1e6, 0, free, self.image_count
         )

@@ -12,8 +12,9 @@ from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from wbf_mission import plots
 from wbf_mission.blocks import MapGrid, sum_pixels, sum_squares
+from wbf_mission.field_maps import field_maps, true_map
 from wbf_mission.outbreaks import outbreak_of
-from wbf_mission.report import farm_report, field_maps, gamma_interval, report_of_maps, true_map
+from wbf_mission.report import farm_report, gamma_interval, report_of_maps
 
 FARM = get_farm("miniberry-30")
 

@@ -11,89 +11,24 @@ from mission.transfer import result_text, wire
 from wbf_mission.check.errors import FailedError
 from wbf_mission.check.peer import Peer
 from wbf_mission.check.registry import Checks
+from wbf_mission.check.sender import (
+    ACK,
+    ANSWERS,
+    MISSION,
+    RE_REQUEST_S,
+    REQUESTS,
+    Sender,
+    require_accepted,
+    told,
+)
 
 check = Checks()
 
-_ACK = m.MAVLink_mission_ack_message
-_REQUESTS: tuple[type[wire.RequestMessage], ...] = (
-    m.MAVLink_mission_request_message,
-    m.MAVLink_mission_request_int_message,
-)
-_ANSWERS: tuple[type[wire.RequestMessage | wire.AckMessage], ...] = (*_REQUESTS, _ACK)
 _ITEMS: tuple[type[wire.ItemMessage], ...] = (
     m.MAVLink_mission_item_int_message,
     m.MAVLink_mission_item_message,
 )
-_RE_REQUEST_S = 4.0
 _GIVE_UP_S = 12.0
-_MISSION = int(MissionType.MISSION)
-
-
-class Sender:
-    """An upload by hand: each message is ours to send, to leave out, or to send wrong."""
-
-    def __init__(self, peer: Peer, items: Sequence[MissionItem]) -> None:
-        home = [
-            MissionItem(16, 0, x=peer.home.latitude_deg, y=peer.home.longitude_deg, z=peer.home.altitude_m)
-        ]
-        self.peer = peer
-        self.items = [*home, *items] if peer.profile.home_at_zero else list(items)
-
-    def begin(self, kind: int = _MISSION) -> None:
-        """Send COUNT until item 0 is asked for; FailedError if it is not."""
-        question = m.MAVLink_mission_count_message(*self.peer.address, len(self.items), kind)
-        for _ in range(4):
-            answer = self.peer.ask(question, _ANSWERS, tries=2)
-            if answer is not None and wire.is_request(answer) and answer.seq == 0:
-                return
-            # An earlier transfer may still be running out.
-            self.peer.sleep(2.0)
-        raise FailedError(
-            "COUNT is not answered by a request for item 0" if answer is None else _told(answer)
-        )
-
-    def message(self, number: int, kind: int = _MISSION) -> wire.ItemMessage:
-        """Return the message with one item."""
-        return wire.item_to_message(self.items[number], number, kind, self.peer.address, current=number == 0)
-
-    def send(self, number: int) -> None:
-        """Send one item."""
-        self.peer.send(self.message(number))
-
-    def finish(self, first: int = 0) -> wire.AckMessage:
-        """Answer requests until the last ACK, and return that."""
-        self.send(first)
-        asked = first
-        for _ in range(4 * len(self.items) + 20):
-            answer = self.peer.expect(_ANSWERS, _RE_REQUEST_S)
-            if answer is None:
-                raise FailedError("the vehicle falls silent in the middle of the upload")
-            if is_a(answer, _ACK):
-                if answer.type == self.peer.profile.order_result:
-                    continue
-                return answer
-            if answer.seq >= len(self.items):
-                raise FailedError(f"item {answer.seq} of {len(self.items)} is asked for")
-            asked = answer.seq
-            self.send(asked)
-        self.cancel()
-        raise FailedError(f"the vehicle does not come to an end; it asks for item {asked}")
-
-    def cancel(self) -> None:
-        """Break off, and wait until the vehicle has."""
-        self.peer.send(m.MAVLink_mission_ack_message(*self.peer.address, wire.OPERATION_CANCELLED, _MISSION))
-        self.peer.sleep(0.3)
-
-
-def _told(message: wire.RequestMessage | wire.AckMessage) -> str:
-    if is_a(message, _ACK):
-        return f"the vehicle answers: {result_text(message.type)}"
-    return f"the vehicle asks for item {message.seq}"
-
-
-def _accepted(answer: wire.AckMessage) -> None:
-    if answer.type != wire.ACCEPTED:
-        raise FailedError(_told(answer))
 
 
 def _holds(peer: Peer, number: int) -> None:
@@ -108,7 +43,7 @@ def final_ack(peer: Peer) -> None:
     sender = Sender(peer, peer.items(3))
     sender.begin()
     answer = sender.finish()
-    _accepted(answer)
+    require_accepted(answer)
     if answer.target_system not in (0, peer.endpoint.system_id):
         raise FailedError(f"it is addressed to system {answer.target_system}")
 
@@ -118,7 +53,7 @@ def asks_first(peer: Peer) -> str:
     """Look at the request."""
     sender = Sender(peer, peer.items(4))
     sender.begin()
-    answer = peer.expect(_REQUESTS, _RE_REQUEST_S)
+    answer = peer.expect(REQUESTS, RE_REQUEST_S)
     sender.cancel()
     if answer is None:
         return "asked once"
@@ -138,14 +73,14 @@ def asks_again(peer: Peer) -> str:
     sender.send(0)
     seen = 0
     began_s = peer.now()
-    while peer.now() - began_s < _RE_REQUEST_S and seen < 2:
-        answer = peer.expect(_REQUESTS, _RE_REQUEST_S)
+    while peer.now() - began_s < RE_REQUEST_S and seen < 2:
+        answer = peer.expect(REQUESTS, RE_REQUEST_S)
         seen += answer is not None and answer.seq == 1
     after_s = peer.now() - began_s
     if seen < 2:
         sender.cancel()
-        raise FailedError(f"it is not asked for again in {_RE_REQUEST_S} s")
-    _accepted(sender.finish(1))
+        raise FailedError(f"it is not asked for again in {RE_REQUEST_S} s")
+    require_accepted(sender.finish(1))
     return f"after {after_s:.2f} s"
 
 
@@ -154,8 +89,8 @@ def duplicate_count(peer: Peer) -> None:
     """Send it again before item 0."""
     sender = Sender(peer, peer.items(4))
     sender.begin()
-    peer.send(m.MAVLink_mission_count_message(*peer.address, len(sender.items), _MISSION))
-    _accepted(sender.finish())
+    peer.send(m.MAVLink_mission_count_message(*peer.address, len(sender.items), MISSION))
+    require_accepted(sender.finish())
     _holds(peer, 4)
 
 
@@ -165,7 +100,7 @@ def duplicate_item(peer: Peer) -> None:
     sender = Sender(peer, peer.items(4))
     sender.begin()
     sender.send(0)
-    _accepted(sender.finish())
+    require_accepted(sender.finish())
     peer.sleep(0.5)
     _holds(peer, 4)
 
@@ -176,13 +111,13 @@ def out_of_order(peer: Peer) -> None:
     sender = Sender(peer, peer.items(5))
     sender.begin()
     sender.send(2)
-    answer = peer.expect(_ANSWERS, _RE_REQUEST_S)
-    if answer is not None and is_a(answer, _ACK):
+    answer = peer.expect(ANSWERS, RE_REQUEST_S)
+    if answer is not None and is_a(answer, ACK):
         if answer.type == wire.ACCEPTED:
             raise FailedError("it is accepted")
         if peer.profile.order_result is None:
             return
-    _accepted(sender.finish())
+    require_accepted(sender.finish())
     _holds(peer, 5)
 
 
@@ -192,11 +127,11 @@ def wrong_type(peer: Peer) -> None:
     sender = Sender(peer, peer.items(4))
     sender.begin()
     peer.send(sender.message(0, int(MissionType.FENCE)))
-    answer = peer.expect(_ANSWERS, _RE_REQUEST_S)
+    answer = peer.expect(ANSWERS, RE_REQUEST_S)
     if answer is not None and wire.is_request(answer) and answer.seq > 0:
         sender.cancel()
         raise FailedError(f"it is taken: the vehicle asks for item {answer.seq}")
-    if answer is not None and is_a(answer, _ACK) and answer.type == wire.ACCEPTED:
+    if answer is not None and is_a(answer, ACK) and answer.type == wire.ACCEPTED:
         raise FailedError("it is accepted")
     sender.cancel()
 
@@ -215,8 +150,8 @@ def cancel(peer: Peer) -> None:
 def cancel_download(peer: Peer) -> None:
     """Break off after COUNT."""
     peer.upload(peer.items(4))
-    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, _MISSION), m.MAVLink_mission_count_message)
-    peer.send(m.MAVLink_mission_ack_message(*peer.address, wire.OPERATION_CANCELLED, _MISSION))
+    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, MISSION), m.MAVLink_mission_count_message)
+    peer.send(m.MAVLink_mission_ack_message(*peer.address, wire.OPERATION_CANCELLED, MISSION))
     peer.upload(peer.items(3))
 
 
@@ -227,7 +162,7 @@ def old_plan_kept(peer: Peer) -> None:
     sender = Sender(peer, peer.items(9))
     sender.begin()
     sender.send(0)
-    peer.expect(_REQUESTS)
+    peer.expect(REQUESTS)
     sender.cancel()
     peer.sleep(1.0)
     _holds(peer, 5)
@@ -258,10 +193,10 @@ def last_ack_again(peer: Peer) -> None:
     """Do as if the last ACK had been lost."""
     sender = Sender(peer, peer.items(4))
     sender.begin()
-    _accepted(sender.finish())
+    require_accepted(sender.finish())
     peer.forget()
     sender.send(len(sender.items) - 1)
-    if peer.expect(_ACK) is None:
+    if peer.expect(ACK) is None:
         raise FailedError("no MISSION_ACK")
 
 
@@ -298,14 +233,14 @@ def nan(peer: Peer) -> str:
     index = 2 if peer.profile.home_at_zero else 1
     for number in range(index):
         sender.send(number)
-        peer.expect(_REQUESTS, _RE_REQUEST_S, lambda a, number=number: a.seq == number + 1)  # type: ignore[misc]
+        peer.expect(REQUESTS, RE_REQUEST_S, lambda a, number=number: a.seq == number + 1)  # type: ignore[misc]
     item = sender.message(index)
     item.param4 = float("nan")
     peer.send(item)
-    answer = peer.expect(_ANSWERS, _RE_REQUEST_S)
+    answer = peer.expect(ANSWERS, RE_REQUEST_S)
     if answer is None:
         raise FailedError("the vehicle falls silent")
-    if is_a(answer, _ACK) and answer.type != wire.ACCEPTED:
+    if is_a(answer, ACK) and answer.type != wire.ACCEPTED:
         return f"refused: {result_text(answer.type)}"
     sender.cancel()
     return "taken"
@@ -314,24 +249,24 @@ def nan(peer: Peer) -> str:
 @check("transfer.too-many", "a COUNT of 65535 is refused or can be broken off", required=False)
 def too_many(peer: Peer) -> str:
     """Announce more than anybody holds."""
-    question = m.MAVLink_mission_count_message(*peer.address, 65535, _MISSION)
-    answer = peer.ask(question, _ANSWERS)
+    question = m.MAVLink_mission_count_message(*peer.address, 65535, MISSION)
+    answer = peer.ask(question, ANSWERS)
     Sender(peer, ()).cancel()
     if answer is None:
         raise FailedError("no answer")
-    if is_a(answer, _ACK) and answer.type == wire.ACCEPTED:
+    if is_a(answer, ACK) and answer.type == wire.ACCEPTED:
         raise FailedError("it is accepted")
-    return _told(answer)
+    return told(answer)
 
 
 @check("transfer.count-zero", "COUNT 0 clears the mission")
 def count_zero(peer: Peer) -> None:
     """Announce nothing."""
     peer.upload(peer.items(4))
-    answer = peer.ask(m.MAVLink_mission_count_message(*peer.address, 0, _MISSION), _ACK)
+    answer = peer.ask(m.MAVLink_mission_count_message(*peer.address, 0, MISSION), ACK)
     if answer is None:
         raise FailedError("no MISSION_ACK")
-    _accepted(answer)
+    require_accepted(answer)
     # PX4 refuses the next uploads for some seconds.
     peer.sleep(6.0)
     _holds(peer, 0)
@@ -340,24 +275,24 @@ def count_zero(peer: Peer) -> None:
 @check("transfer.unknown-type", "a COUNT with a plan type that does not exist is refused", required=False)
 def unknown_type(peer: Peer) -> str:
     """Announce plan type 77."""
-    answer = peer.ask(m.MAVLink_mission_count_message(*peer.address, 3, 77), _ANSWERS)
+    answer = peer.ask(m.MAVLink_mission_count_message(*peer.address, 3, 77), ANSWERS)
     Sender(peer, ()).cancel()
     if answer is None:
         raise FailedError("no answer")
     if wire.is_request(answer) or answer.type == wire.ACCEPTED:
-        raise FailedError(_told(answer))
-    return _told(answer)
+        raise FailedError(told(answer))
+    return told(answer)
 
 
 @check("transfer.request-beyond", "a request beyond the mission is not answered by an item")
 def request_beyond(peer: Peer) -> None:
     """Ask for item 300 of 3."""
     peer.upload(peer.items(3))
-    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, _MISSION), m.MAVLink_mission_count_message)
+    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, MISSION), m.MAVLink_mission_count_message)
     peer.forget()
-    peer.send(m.MAVLink_mission_request_int_message(*peer.address, 300, _MISSION))
+    peer.send(m.MAVLink_mission_request_int_message(*peer.address, 300, MISSION))
     answer = peer.expect(_ITEMS, 1.0)
-    peer.send(m.MAVLink_mission_ack_message(*peer.address, wire.OPERATION_CANCELLED, _MISSION))
+    peer.send(m.MAVLink_mission_ack_message(*peer.address, wire.OPERATION_CANCELLED, MISSION))
     if answer is not None:
         raise FailedError(f"item {answer.seq} comes")
     peer.upload(peer.items(2))
@@ -367,12 +302,12 @@ def request_beyond(peer: Peer) -> None:
 def re_read(peer: Peer) -> None:
     """Ask for item 0 twice, as after a loss."""
     peer.upload(peer.items(3))
-    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, _MISSION), m.MAVLink_mission_count_message)
-    question = m.MAVLink_mission_request_int_message(*peer.address, 0, _MISSION)
+    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, MISSION), m.MAVLink_mission_count_message)
+    question = m.MAVLink_mission_request_int_message(*peer.address, 0, MISSION)
     for number in (1, 2):
         if peer.ask(question, m.MAVLink_mission_item_int_message, where=lambda a: a.seq == 0) is None:
             raise FailedError(f"request {number} of item 0 gives no MISSION_ITEM_INT")
-    peer.send(m.MAVLink_mission_ack_message(*peer.address, wire.OPERATION_CANCELLED, _MISSION))
+    peer.send(m.MAVLink_mission_ack_message(*peer.address, wire.OPERATION_CANCELLED, MISSION))
 
 
 def _refused(peer: Peer, items: Sequence[MissionItem]) -> str:
@@ -390,11 +325,11 @@ def _refused_message(sender: Sender, wrong: wire.ItemMessage, number: int) -> st
     sender.begin()
     sender.send(0)
     for _ in range(4 * len(sender.items) + 20):
-        answer = peer.expect(_ANSWERS, _RE_REQUEST_S)
+        answer = peer.expect(ANSWERS, RE_REQUEST_S)
         if answer is None:
             sender.cancel()
             raise FailedError("the vehicle falls silent")
-        if is_a(answer, _ACK):
+        if is_a(answer, ACK):
             if answer.type == wire.ACCEPTED:
                 raise FailedError("it is accepted")
             return result_text(answer.type)

@@ -1,0 +1,121 @@
+"""The images that a leaf camera took: kept for a while, and told in MAVLink messages."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from mission.link.codec.dialect import Message, mavlink
+from sensors.camera.layout import ANNOUNCED_EVERY, FIELDS_NAME, LeafLayout
+from sim_vehicle.camera.trigger import Exposure
+
+__all__ = ["RING_IMAGES", "STORAGE_MIB", "Image", "ImageMemory"]
+
+RING_IMAGES = 4096
+STORAGE_MIB = 1024.0
+_MIB_PER_IMAGE = 1e-4
+_PADDING = [0.0] * 58
+
+
+class Image(NamedTuple):
+    """An image: its number, when and where it was taken, and its readings[cell][field]."""
+
+    number: int
+    exposure: Exposure
+    values: list[list[float]]
+
+
+class ImageMemory:
+    """Numbers images, keeps the last 4096 of them, and makes the messages that tell one.
+
+    Parameters
+    ----------
+    fields : tuple of str
+        Names of the fields that the camera senses, in order.
+    footprint_cells : int
+        Cells along a side of an image.
+
+    Attributes
+    ----------
+    count : int
+        Images taken; the number of the next one.
+    """
+
+    def __init__(self, fields: tuple[str, ...], footprint_cells: int) -> None:
+        self.count = 0
+        self._footprint_cells = footprint_cells
+        self._layout = LeafLayout.of(fields)
+        self._layout_name = self._layout.name.encode()
+        self._ring: list[Image | None] = [None] * RING_IMAGES
+        self._heading = (-1, (1.0, 0.0, 0.0, 0.0))
+
+    @property
+    def used_mib(self) -> float:
+        """How much of the storage the images take, MiB."""
+        return min(self.count * _MIB_PER_IMAGE, STORAGE_MIB)
+
+    def add(self, exposure: Exposure, values: list[list[float]]) -> Image:
+        """Number an image and keep it."""
+        image = self._ring[self.count % RING_IMAGES] = Image(self.count, exposure, values)
+        self.count += 1
+        return image
+
+    def find(self, index: float) -> Image | None:
+        """Return the image of a number, as a command's parameter gives it; None if it is not kept."""
+        if not (0.0 <= index < 2**31 and index % 1.0 == 0.0):
+            return None
+        image = self._ring[int(index) % RING_IMAGES]
+        return image if image is not None and image.number == int(index) else None
+
+    def clear(self, *, count_anew: bool) -> None:
+        """Forget all images."""
+        self._ring = [None] * RING_IMAGES
+        if count_anew:
+            self.count = 0
+
+    def report(self, image: Image, utc_offset_us: int | None) -> list[Message]:
+        """Return the messages of an image; `utc_offset_us` is UTC less the time since boot, if known."""
+        index, exposure, values = image
+        time_ms = exposure.time_us // 1000
+        report: list[Message] = [
+            mavlink.MAVLink_camera_image_captured_message(
+                time_ms & 0xFFFFFFFF,
+                0 if utc_offset_us is None else exposure.time_us + utc_offset_us,
+                0,
+                exposure.latitude_e7,
+                exposure.longitude_e7,
+                exposure.altitude_mm,
+                exposure.relative_altitude_mm,
+                self._attitude(exposure.heading_cdeg),
+                index,
+                1,
+                b"",
+            )
+        ]
+        for data in self._layout.pack(index, self._footprint_cells, values):
+            data += _PADDING[len(data) :]
+            report.append(
+                mavlink.MAVLink_debug_float_array_message(
+                    exposure.time_us, self._layout_name, index & 0xFFFF, data
+                )
+            )
+        if index % ANNOUNCED_EVERY == 0:
+            report += self._announce(exposure.time_us)
+        return report
+
+    def _announce(self, time_us: int) -> list[Message]:
+        """Tell the names of the fields, unless they are the benchmark's."""
+        return [
+            mavlink.MAVLink_debug_float_array_message(
+                time_us, FIELDS_NAME.encode(), number, data + _PADDING[len(data) :]
+            )
+            for number, data in enumerate(self._layout.announcement())
+        ]
+
+    def _attitude(self, heading_cdeg: int) -> tuple[float, float, float, float]:
+        """Return the camera's attitude, looking straight down: yaw, then pitch -90 degrees."""
+        if heading_cdeg != self._heading[0]:
+            half = math.radians(heading_cdeg / 200.0) if heading_cdeg != 65535 else 0.0
+            c, s = math.cos(half) * math.sqrt(0.5), math.sin(half) * math.sqrt(0.5)
+            self._heading = (heading_cdeg, (c, s, -c, s))
+        return self._heading[1]

@@ -26,6 +26,7 @@ from sim_vehicle.host.simulation import Impairment
 from sim_vehicle.mavlink.fleet import start_positions
 from wbf_mission.campaign import Campaign, Decider, Host, Vehicle
 from wbf_mission.estimation import estimator_of, require_run_memory, resolved
+from wbf_mission.field_maps import FieldMap, field_maps, true_map
 from wbf_mission.planning import FlightTask, flight_builder, plan, planner_of
 from wbf_mission.progress import Progress, silent
 from wbf_mission.result import Result

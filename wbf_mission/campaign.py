@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from geo import Farm
 from mission.link.tlog import TlogWriter
-from mission.policies.policy import Policy
+from mission.policies.policy import FixedPlan, Policy
 from sensors.camera.leaf_camera import LeafCameraOptions
 from sensors.environment import Environment
 from sensors.estimators import Estimator
@@ -165,7 +165,11 @@ class Campaign:
             return self._next[1]
         decision = loop.start([one.task.report() for one in self.vehicles]).decision
         label = self._decider.label
-        self._next = loop, tuple(one.task.plan_of(decision, label) for one in self.vehicles)
+        steers = not isinstance(self._decider.policy, FixedPlan)
+        self._next = (
+            loop,
+            tuple(one.task.plan_of(decision, label, camera_on_approach=steers) for one in self.vehicles),
+        )
         return self._next[1]
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from mission.link.tlog import TlogWriter
 from mission.outcome import Outcome
@@ -70,6 +71,8 @@ class JointFlight:
             impairment=impairment,
             remote=[sortie.ground for sortie in self.sorties],
         )
+        for sortie in self.sorties:
+            sortie.send = partial(self._simulation.send, sortie.ground)
         self._predicted_s = max(sortie.plan.prediction.duration_s for sortie in self.sorties)
         self._event: Event | None = None
 
@@ -95,6 +98,8 @@ class JointFlight:
             if self.now_s > limit_s or stop in (StopReason.IDLE, StopReason.STALLED):
                 self._give_up()
             self.learn()
+            for sortie in self.sorties:
+                sortie.note_changes()
             self._decide()
             if any(sortie.ground.phase is Phase.FLIGHT for sortie in self.sorties):
                 longest_s = max(sortie.ground.flight_time_s for sortie in self.sorties)

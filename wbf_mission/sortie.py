@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
+from geo.errors import WbfMissionError
 from geo.seeds import stream
+from mission.link.codec.dialect import Message
+from mission.model import Command
 from mission.planners.path import Points
-from mission.policies.situation import VehicleReport
+from mission.policies.situation import Status, VehicleReport
 from sensors.camera.leaf_camera import LeafCamera, LeafCameraOptions
 from sensors.camera.wire import ObservationAssembler
 from sensors.environment import Environment
@@ -17,13 +23,19 @@ from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.component import Component
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.mavlink import SimVehicle
+from sim_vehicle.prediction.onward import InFlight
 from wbf_mission.deciding.record import PathChange
 from wbf_mission.flight_record import FlightRecord
+from wbf_mission.ground.change import ChangeOutcome
+from wbf_mission.ground.revision import revised_mission
 from wbf_mission.ground.station import GROUND_SYSTEM_ID, GroundStation
 from wbf_mission.outcome import Phase
 from wbf_mission.planning import FlightTask, PlanResult, home_of
 from wbf_mission.scenario import Scenario
 from wbf_mission.weather import noise_of, wind_of_run
+
+SILENT_S = 30.0
+"""A vehicle that is not heard of for so long is lost, as far as decisions go."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +85,11 @@ class Sortie:
     options : LeafCameraOptions
     on_transfer : callable, optional
         ``on_transfer(phase, done, total)`` as mission items cross.
+
+    Attributes
+    ----------
+    send : callable
+        Sends messages of the ground station; the host sets it.
     """
 
     def __init__(
@@ -87,6 +104,7 @@ class Sortie:
     ) -> None:
         farm, seed = plan.farm, scenario.seed
         self.number, self.task, self.plan = number, task, plan
+        self.send: Callable[[list[Message]], None] = _nobody_sends
         camera = LeafCamera(
             environment,
             farm.grid().shape,
@@ -111,6 +129,10 @@ class Sortie:
             epoch_unix_s=EPOCH_UNIX_S,
             noise=noise_of(scenario.vehicle, seed, number.stream_names("navigation")),
         )
+        self._fares = task.fares_in_flight()
+        self._passed = 0
+        self._on_path = len(self._rest)
+        self._open: list[tuple[int, PathChange]] = []
         self.camera = LeafCameraComponent(
             camera,
             farm,
@@ -133,17 +155,113 @@ class Sortie:
         return self.assembler.take()
 
     @property
+    def _rest(self) -> list[int]:
+        """The items of the waypoints that are still to be reached."""
+        item = self.ground.vehicle_state.item or 0
+        items = self.ground.mission.items
+        return [k for k in range(item, len(items)) if items[k].command == Command.NAV_WAYPOINT]
+
+    @property
     def waypoints_reached(self) -> int:
-        """How many waypoints the vehicle has passed."""
-        return 0
+        """How many waypoints the vehicle has passed on the paths that it was given."""
+        return self._passed + self._on_path - len(self._rest)
 
     def report(self, now_s: float) -> VehicleReport:
         """Return what is known of the vehicle from its telemetry."""
-        raise NotImplementedError
+        state, frame = self.ground.vehicle_state, self.plan.farm.frame
+        task, items = self.task, self.ground.mission.items
+        heard = state.heard_s > -math.inf
+        position_m = state.position_m(frame) if heard else task.request.start_xy_m
+        velocity_m_s = state.velocity_in(frame) if heard else (0.0, 0.0)
+        points = [(items[k].x, items[k].y) for k in self._rest]
+        rest = np.array(points).reshape(-1, 2)
+        in_flight = InFlight(
+            position_m, max(state.height_m, 0.0), velocity_m_s, state.velocity_m_s[2], state.heading_rad
+        )
+        return VehicleReport(
+            system_id=self.number.system_id,
+            request=task.request,
+            status=self._status(now_s),
+            position_m=position_m,
+            velocity_m_s=velocity_m_s,
+            age_s=now_s - state.heard_s if heard else 0.0,
+            spent=self._spent(now_s),
+            rest_m=np.column_stack(frame.from_wgs84(rest[:, 0], rest[:, 1])),
+            fares=self._fares(in_flight),
+            battery=state.battery,
+            delay_s=self._delay_s,
+        )
+
+    def _status(self, now_s: float) -> Status:
+        ground, state = self.ground, self.ground.vehicle_state
+        if ground.phase in (Phase.DONE, Phase.FETCH):
+            return Status.ENDED if ground.outcome.is_good else Status.LOST
+        if ground.phase is not Phase.FLIGHT:
+            return Status.READY
+        if now_s - state.heard_s > SILENT_S:
+            return Status.LOST
+        if ground.changing:
+            return Status.CHANGING
+        return Status.FLYING if self._rest else Status.RETURNING
+
+    def _spent(self, now_s: float) -> float:
+        """Return what the flight has cost so far, in the unit of the budget."""
+        ground, budget, vehicle = self.ground, self.task.request.budget, self.plan.vehicle
+        if ground.started_s is None:
+            return 0.0
+        flown_s = now_s - ground.started_s
+        if budget.unit == "m":
+            return ground.track(self.plan.farm.frame).length_m
+        if budget.unit == "steps":
+            return math.floor(flown_s / vehicle.step_s + 1e-6)
+        if budget.unit == "Wh":
+            return ground.vehicle_state.consumed_wh or 0.0
+        return flown_s
+
+    @property
+    def _delay_s(self) -> float:
+        known = [one.delay_s for one in self.ground.changes if one.delay_s is not None]
+        return float(np.median(known)) if known else 0.0
 
     def steer(self, points_m: Points, now_s: float) -> PathChange:
-        """Send the vehicle a new rest of its path."""
-        raise NotImplementedError
+        """Begin to change the path of the vehicle; what becomes of it is noted in what is returned."""
+        ground, frame = self.ground, self.plan.farm.frame
+        started_s = ground.started_s or 0.0
+        position_m = ground.vehicle_state.position_m(frame)
+        change = PathChange(self.number.system_id, position_m, points_m, math.nan, sent_s=now_s - started_s)
+        latitude, longitude = frame.to_wgs84(points_m[:, 0], points_m[:, 1])
+        builder = self.task.builder
+        mission, resume_at = revised_mission(
+            ground.mission,
+            ground.vehicle_state.item or 0,
+            list(zip(latitude.tolist(), longitude.tolist(), strict=True)),
+            altitude_m=builder.level.altitude_m,
+            acceptance_radius_m=builder.acceptance_radius_of(points_m),
+        )
+        try:
+            messages = ground.change(mission, resume_at, now_s)
+        except WbfMissionError as error:
+            change.outcome = str(error)
+            return change
+        self._passed, self._on_path = self.waypoints_reached, len(points_m)
+        self._open.append((len(ground.changes), change))
+        self.send(messages)
+        return change
+
+    def note_changes(self) -> None:
+        """Note what became of the changes that were under way."""
+        started_s = self.ground.started_s or 0.0
+        still = []
+        for number, change in self._open:
+            if number >= len(self.ground.changes):
+                still.append((number, change))
+                continue
+            record = self.ground.changes[number]
+            done = record.outcome is ChangeOutcome.DONE
+            change.outcome = "flown" if done else f"{record.outcome.value}: {record.text}"
+            turned = record.turned_s if record.turned_s is not None else record.in_effect_s
+            change.effect_s = None if turned is None else turned - started_s
+        self._open = still
 
     def record(self) -> FlightRecord:
         """Return what the flight gave."""
@@ -168,3 +286,8 @@ class Sortie:
             texts=ground.texts,
             warnings=[*self.plan.warnings, *filter(None, [self.assembler.mismatch()])],
         )
+
+
+def _nobody_sends(_messages: list[Message]) -> None:
+    msg = "the sortie is not flown by a host"
+    raise RuntimeError(msg)

@@ -56,6 +56,7 @@ def build_mission(
     camera_distance_m: float | None = None,
     camera_interval_s: float | None = None,
     acceptance_radius_m: float | None = None,
+    camera_on_approach: bool = False,
     return_home: bool = True,
     pattern: WingPattern | None = None,
 ) -> Mission:
@@ -96,6 +97,8 @@ def build_mission(
     acceptance_radius_m : float, optional
         How near counts as reached. Default: a quarter of the path's shortest leg, at least 0.5 m and at
         most 2 m.
+    camera_on_approach : bool
+        Start the camera before the first point of the path, not there: item 4 comes before item 3.
     return_home : bool
         End with a return to launch.
     pattern : WingPattern, optional
@@ -115,7 +118,7 @@ def build_mission(
     _check_positive("speed", speed_m_s, "m/s")
     camera = _camera_command(camera_distance_m, camera_interval_s)
     points = drop_coincident(path.points_m)
-    radius = _default_radius(points) if acceptance_radius_m is None else acceptance_radius_m
+    radius = default_radius(points) if acceptance_radius_m is None else acceptance_radius_m
     _check_positive("acceptance radius", radius, "m")
     ending = 3 if pattern is not None else 1
     count = len(points) + 2 + (2 if camera else 0) + (ending if return_home else 0)
@@ -144,8 +147,9 @@ def build_mission(
         takeoff, end = _pattern_items(pattern, frame, home_xy_m, altitude_m)
     if not return_home:
         end = ()
+    first = (*start, waypoints[0]) if camera_on_approach else (waypoints[0], *start)
     return Mission(
-        items=(takeoff, speed, waypoints[0], *start, *waypoints[1:], *stop, *end),
+        items=(takeoff, speed, *first, *waypoints[1:], *stop, *end),
         home=GeoPoint(home_latitude, home_longitude, frame.altitude_m),
         cruise_speed_m_s=speed_m_s,
         hover_speed_m_s=speed_m_s,
@@ -205,7 +209,7 @@ def _camera_command(
     return None
 
 
-def _default_radius(points: Points) -> float:
+def default_radius(points: Points) -> float:
     """Return a quarter of the shortest leg, the distance of rows; no vehicle holds less than 0.5 m."""
     steps = np.diff(points, axis=0)
     shortest = float(np.hypot(steps[:, 0], steps[:, 1]).min(initial=8.0))

@@ -152,6 +152,7 @@ class Simulation:
         self._writers = [FrameWriter(c.system_id, c.component_id, signing=signing) for c in components]
         self._reader = FrameReader()
         self._wanted = [c.wanted for c in components]
+        self._addresses = [(c.system_id, c.component_id) for c in components]
         self._table: RoutingTable[int] = RoutingTable()
         for port, component in enumerate(components):
             address = (component.system_id, component.component_id)
@@ -245,6 +246,20 @@ class Simulation:
             if steps > _STEPS_AT_ONE_INSTANT:
                 return StopReason.STALLED
             self._step(deadlines)
+
+    def send(self, component: Component, messages: Iterable[mavlink.MAVLink_message]) -> None:
+        """Send messages of a component now, which nothing that it received or a deadline made it send.
+
+        Raises
+        ------
+        VehicleError
+            If it is none of the simulation's.
+        """
+        address = (component.system_id, component.component_id)
+        if address not in self._addresses:
+            msg = f"simulation: no component has the address {address}"
+            raise VehicleError(msg)
+        self._send(self._addresses.index(address), messages)
 
     def _step(self, deadlines: Iterable[float]) -> None:
         now_s = self.now_s

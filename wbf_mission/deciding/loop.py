@@ -30,7 +30,7 @@ class Steered(Protocol):
         """Return what is known of it."""
 
     def steer(self, points_m: Points, now_s: float) -> PathChange:
-        """Send it a new rest of its path; what becomes of that is noted in the result."""
+        """Send it a new rest of its path; what becomes of that is noted in what is returned."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ def revised_mission(
     """Return the mission that goes on through other waypoints, and its item to go on with.
 
     It keeps take-off, speed and camera of the held mission and ends as that does. A camera that takes images
-    already goes on without one of its own at the change; otherwise it begins at the first waypoint.
+    already goes on without one of its own at the change; otherwise it begins at the change.
 
     Parameters
     ----------
@@ -64,11 +64,10 @@ def revised_mission(
     ]
     if on and waypoints:
         begin.append(replace(taking[-1], param3=0.0))
+    elif waypoints:
+        begin += starts[:1]
     resume_at = len(begin)
-    start = starts[:1] if starts and not on and waypoints else []
     stop = [MissionItem(starts[0].command)] if starts else []
     if not waypoints:
         resume_at += len(stop)
-    return replace(
-        held, items=(*begin, *waypoints[:1], *start, *waypoints[1:], *stop, *items[end:])
-    ), resume_at
+    return replace(held, items=(*begin, *waypoints, *stop, *items[end:])), resume_at

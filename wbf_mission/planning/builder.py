@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from geo import Farm
 from mission.model import Mission
 from mission.planners import PlannedPath, WingPattern, build_mission
+from mission.planners.build import default_radius
+from mission.planners.path import Points, drop_coincident
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import fixed_wing_procedures, with_autopilot
@@ -77,9 +79,9 @@ class MissionBuilder:
             farm.home_m if home_m is None else home_m,
         )
 
-    def mission(self, path: PlannedPath) -> Mission:
-        """Return the mission that flies ``path``."""
-        vehicle, farm, radius = self.vehicle, self.farm, self.acceptance_radius_m
+    def mission(self, path: PlannedPath, *, camera_on_approach: bool = False) -> Mission:
+        """Return the mission that flies ``path``, with the camera on from its first point or before."""
+        vehicle, farm = self.vehicle, self.farm
         return build_mission(
             path,
             frame=farm.frame,
@@ -88,11 +90,20 @@ class MissionBuilder:
             speed_m_s=min(self.level.speed_m_s, vehicle.top_speed_m_s),
             camera_distance_m=None if vehicle.is_ideal else self.image_spacing_m,
             camera_interval_s=vehicle.step_s if vehicle.is_ideal else None,
-            acceptance_radius_m=vehicle.acceptance_radius_m
-            if vehicle.is_ideal and radius is None
-            else radius,
+            acceptance_radius_m=self.acceptance_radius_of(path.points_m),
+            camera_on_approach=camera_on_approach,
             return_home=not vehicle.is_ideal,
             pattern=self._pattern(),
+        )
+
+    def acceptance_radius_of(self, points_m: Points) -> float:
+        """Return the acceptance radius of a path's waypoints: as asked for, else as their spacing allows."""
+        if self.acceptance_radius_m is not None:
+            return self.acceptance_radius_m
+        return (
+            self.vehicle.acceptance_radius_m
+            if self.vehicle.is_ideal
+            else default_radius(drop_coincident(points_m))
         )
 
     def _pattern(self) -> WingPattern | None:

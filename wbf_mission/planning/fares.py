@@ -14,6 +14,7 @@ from mission.planners.request import PlanningRequest
 from mission.policies.fares import GeometricFares
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.energy.endurance import endurance_s
+from sim_vehicle.prediction.onward import InFlight, OnwardPredictor
 from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.weather import wind_of
 
@@ -79,6 +80,49 @@ class StartFares:
     def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
         """Return roughly what straight legs cost, float64[n, m]."""
         return leg_fares(self.request, self.builder).legs(from_m, to_m)
+
+
+@dataclass(frozen=True, slots=True)
+class FlightFares:
+    """Fares of a vehicle in flight, where the budget counts seconds or watt hours.
+
+    Parameters
+    ----------
+    state : InFlight
+        The vehicle, as its telemetry tells it.
+    predictor : OnwardPredictor
+    rough : LegFares
+    unit : {"s", "Wh"}
+    """
+
+    state: InFlight
+    predictor: OnwardPredictor
+    rough: LegFares | GeometricFares
+    unit: str
+
+    def rest(self, paths_m: Sequence[Points]) -> list[float]:
+        """Return what rests of the path take, the way home and the landing included."""
+        seconds, watt_hours = self.predictor.rest(self.state, paths_m)
+        taken: list[float] = (seconds if self.unit == "s" else watt_hours).tolist()
+        return taken
+
+    def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
+        """Return roughly what straight legs cost, float64[n, m]."""
+        return self.rough.legs(from_m, to_m)
+
+
+def onward_predictor(builder: MissionBuilder) -> OnwardPredictor:
+    """Return what prices rests of a vehicle's paths."""
+    vehicle = builder.vehicle
+    return OnwardPredictor(
+        vehicle,
+        builder.farm.frame,
+        builder.home_m,
+        altitude_m=builder.level.altitude_m,
+        speed_m_s=min(builder.level.speed_m_s, vehicle.top_speed_m_s),
+        acceptance_radius_m=builder.acceptance_radius_m,
+        wind=wind_of(builder.weather, builder.level, gusts=False),
+    )
 
 
 def leg_fares(request: PlanningRequest, builder: MissionBuilder) -> LegFares | GeometricFares:

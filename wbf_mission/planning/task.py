@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,10 +14,12 @@ from mission.planners import CropArea, PlannedPath, PlanningRequest, coverage
 from mission.planners.budget import LengthBudget
 from mission.planners.path import Area
 from mission.policies.decision import Decision
-from mission.policies.situation import Status, VehicleReport
+from mission.policies.fares import GeometricFares
+from mission.policies.situation import Fares, Status, VehicleReport
+from sim_vehicle.prediction.onward import InFlight
 from wbf_mission.planning.budget import make_budget
 from wbf_mission.planning.builder import MissionBuilder
-from wbf_mission.planning.fares import StartFares
+from wbf_mission.planning.fares import FlightFares, StartFares, leg_fares, onward_predictor
 from wbf_mission.planning.result import PlanResult
 from wbf_mission.progress import Progress, silent
 from wbf_mission.scenario import Scenario
@@ -90,7 +93,16 @@ class FlightTask:
             battery=None if self.builder.vehicle.battery is None else 1.0,
         )
 
-    def plan_of(self, decision: Decision, decided_by: str) -> PlanResult:
+    def fares_in_flight(self) -> Callable[[InFlight], Fares]:
+        """Return what tells what flying on costs the vehicle from a state in flight."""
+        rough = leg_fares(self.request, self.builder)
+        if isinstance(rough, GeometricFares):
+            budget = rough.budget
+            return lambda state: GeometricFares(budget, state.position_m)
+        predictor, unit = onward_predictor(self.builder), self.request.budget.unit
+        return lambda state: FlightFares(state, predictor, rough, unit)
+
+    def plan_of(self, decision: Decision, decided_by: str, *, camera_on_approach: bool = False) -> PlanResult:
         """Return the plan that flies the path of this vehicle in a decision.
 
         Parameters
@@ -98,12 +110,14 @@ class FlightTask:
         decision : Decision
         decided_by : str
             Planner or policy, with its parameters.
+        camera_on_approach : bool
+            Whether the way to the first point is looked at, too: who changes paths in flight wants that.
         """
         spacing_m = decision.spacing_m.get(self.system_id)
         path = PlannedPath(decision.paths[self.system_id], spacing_m, decided_by)
         builder = self.builder
         farm = builder.farm
-        mission = builder.mission(path)
+        mission = builder.mission(path, camera_on_approach=camera_on_approach)
         prediction = builder.predict(mission)
         home = None if builder.vehicle.is_ideal else builder.home_m
         return PlanResult(

@@ -1,4 +1,4 @@
-"""What wind and errors of place cost: one plan flown in several winds, and with worse and worse receivers.
+"""What wind and position errors cost: one plan flown in several winds, and with worse and worse receivers.
 
 Run ``python benchmarks/weather.py [--farm miniberry-30] [--seeds 3]``.
 """

@@ -61,7 +61,7 @@ def _to_disk(path: Path) -> None:
 
 @contextlib.contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Give a temporary path with the same suffix, for writers that open files by name.
+    """Yield a temporary path with the same suffix, for writers that open files by name.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ class SeedError(WbfMissionError, ValueError):
 
 
 def root_seed(seed: SeedSequence | int) -> SeedSequence:
-    """Give the seed sequence of a seed; a ``SeedSequence`` is returned as it is.
+    """Return the seed sequence of a seed; a ``SeedSequence`` is returned as it is.
 
     Raises
     ------

@@ -48,7 +48,7 @@ class _Table(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
 
 
 def load_field_set(names_or_paths: Iterable[str], folder: str | Path = ".") -> FieldSet:
-    """Give a field set by names and files.
+    """Return a field set by names and files.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def load_field_set(names_or_paths: Iterable[str], folder: str | Path = ".") -> F
 
 
 def field_names() -> tuple[str, ...]:
-    """Give the names of all registered fields: the benchmark's first, then those of packages, sorted."""
+    """Return the names of all registered fields: the benchmark's first, then those of packages, sorted."""
     others = {point.name for point in entry_points(group=ENTRY_POINT_GROUP)} - set(PAPER_FIELDS.names)
     return (*PAPER_FIELDS.names, *sorted(others))
 
@@ -144,7 +144,7 @@ def field_from_table(table: Mapping[str, Any], where: str) -> Field:
 
 
 def field_to_table(field: Field) -> dict[str, Any]:
-    """Give a field as plain values, from which `field_from_table` makes an equal one.
+    """Return a field as plain values, from which `field_from_table` makes an equal one.
 
     Parameters of its dynamics that have no value are left out, as TOML has none for them.
     """

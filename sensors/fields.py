@@ -209,11 +209,11 @@ class FieldSet:
         return name in self.names
 
     def __getitem__(self, key: str | int) -> Field:
-        """Give a field by its name or number."""
+        """Return a field by its name or number."""
         return self.fields[self.index(key) if isinstance(key, str) else key]
 
     def index(self, name: str) -> int:
-        """Give the number of a field by its name; FieldError if it is not there."""
+        """Return the number of a field by its name; FieldError if it is not there."""
         if name not in self.names:
             msg = f"no field {name!r}, expected one of {', '.join(self.names)}"
             raise FieldError(msg)
@@ -254,7 +254,7 @@ class FieldSet:
         return masks
 
     def with_dynamics(self, **dynamics: Dynamics) -> FieldSet:
-        """Give the same fields, of which some develop otherwise.
+        """Return the same fields, of which some develop otherwise.
 
         Examples
         --------

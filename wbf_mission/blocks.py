@@ -52,7 +52,7 @@ class MapGrid:
 
     @classmethod
     def of(cls, farm: Farm) -> MapGrid:
-        """Give the blocks of a farm: at most 24 along its longer side."""
+        """Return the blocks of a farm: at most 24 along its longer side."""
         longest = max(farm.width_cells, farm.height_cells)
         pixel = -(-longest // CELL_BY_CELL)
         side = max(-(-longest // (_BLOCKS * pixel)), -(-_LEAST_BLOCK_CELLS // pixel))

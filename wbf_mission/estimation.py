@@ -56,7 +56,7 @@ def resolved(scenario: Scenario) -> Scenario:
 
 
 def estimator_of(choice: Choice, seed: int, fields: FieldSet) -> Estimator:
-    """Give the estimator of a choice for these fields, with a seed that does not tell the run's.
+    """Return the estimator of a choice for these fields, with a seed that does not tell the run's.
 
     Raises
     ------

@@ -42,14 +42,14 @@ class FlightError(WbfMissionError, RuntimeError):
 def make_environment(
     scenario: Scenario, farm: Farm, progress: Progress | None = None, *, use_cache: bool = True
 ) -> Environment:
-    """Give the environment of the scenario's seed on its days; large farms' are kept in the user's cache."""
+    """Return the environment of the scenario's seed on its days; large ones are kept in the user's cache."""
     return _find_environment(scenario, farm, progress, use_cache=use_cache)[0]
 
 
 def _find_environment(
     scenario: Scenario, farm: Farm, progress: Progress | None, *, use_cache: bool
 ) -> tuple[Environment, bool]:
-    """Give the environment, and whether it came from the cache."""
+    """Return the environment, and whether it came from the cache."""
 
     def tell(done: int, total: int) -> None:
         if progress is not None:
@@ -67,7 +67,7 @@ def _find_environment(
 
 
 def camera_options(camera: CameraOptions, fields: FieldSet) -> LeafCameraOptions:
-    """Give the leaf camera's own options, on a farm with these fields."""
+    """Return the leaf camera's own options, on a farm with these fields."""
     return LeafCameraOptions(
         footprint_cells=camera.footprint,
         noise_std=camera.noise,

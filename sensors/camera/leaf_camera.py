@@ -24,7 +24,7 @@ class Sampled(Protocol):
     """What a leaf camera looks at, such as `sensors.environment.Environment`."""
 
     def sample(self, day: int, ix: NDArray[np.int64], iy: NDArray[np.int64], /) -> NDArray[np.float32]:
-        """Give float32[n, k], the fields at cells that lie on the farm."""
+        """Return float32[n, k], the fields at cells that lie on the farm."""
         ...
 
 
@@ -225,7 +225,7 @@ class LeafCamera:
 
 
 def footprint_offsets(footprint_cells: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Give the offsets of a footprint's cells from the cell under the camera, column by column.
+    """Return the offsets of a footprint's cells from the cell under the camera, column by column.
 
     Examples
     --------

@@ -58,7 +58,7 @@ class DistanceKernel:
         return tuple(offset for _, ring in self.rings for offset in ring)
 
     def weights(self) -> NDArray[np.float64]:
-        """Give the kernel as an array.
+        """Return the kernel as an array.
 
         Returns
         -------

@@ -160,7 +160,7 @@ def draw_weather(shape: tuple[int, int], days: int, parameters: SoilParameters, 
 
 
 def _profiles(corners: NDArray[np.int64], cells: int, side: int, spread: float) -> NDArray[np.float64]:
-    """Give the normal density of each hump along one axis, cut to the farm: float64[cells, k]."""
+    """Return the normal density of each hump along one axis, cut to the farm: float64[cells, k]."""
     deviation = side * spread
     offset = np.linspace(0.0, side, side) - side / 2.0
     density = np.exp(-0.5 * (offset / deviation) ** 2) / (math.sqrt(2.0 * math.pi) * deviation)

@@ -90,7 +90,7 @@ class EnvironmentCache:
         farm_name: str = "",
         progress: Progress | None = None,
     ) -> tuple[Environment, bool]:
-        """Give the environment of a day or some, from the cache or generated now and kept.
+        """Return the environment of a day or some, from the cache or generated now and kept.
 
         A folder that cannot be written to, or a full disk, costs a generation in every run and a
         `geo.user_cache.CacheWarning`, not an error.

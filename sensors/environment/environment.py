@@ -223,7 +223,7 @@ class Environment:
         return self._levels[name, day].whole()
 
     def values(self, day: int, out: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
-        """Give E on a day.
+        """Return E on a day.
 
         Parameters
         ----------
@@ -249,7 +249,7 @@ class Environment:
         return values
 
     def window(self, day: int, x: slice, y: slice) -> NDArray[np.float32]:
-        """Give E on a part of the farm; of a stored environment only the chunks there are decoded.
+        """Return E on a part of the farm; of a stored environment only the chunks there are decoded.
 
         Parameters
         ----------
@@ -305,7 +305,7 @@ class Environment:
             values[index] = read(level)
 
     def sample(self, day: int, ix: ArrayLike, iy: ArrayLike) -> NDArray[np.float32]:
-        """Give E at some cells on a day, without building the whole day.
+        """Return E at some cells on a day, without building the whole day.
 
         Parameters
         ----------

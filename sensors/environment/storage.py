@@ -59,7 +59,7 @@ def load_environment(path: str | os.PathLike[str], *, lazy: bool = True) -> Envi
 
 
 def stored_environment(path: str | os.PathLike[str], header: Header) -> Environment | None:
-    """Give the environment at `path` if it is the one of this header, and whole; otherwise None."""
+    """Return the environment at `path` if it is the one of this header, and whole; otherwise None."""
     try:
         store = open_store(path)
         if store.header != header:
@@ -74,7 +74,7 @@ def stored_environment(path: str | os.PathLike[str], header: Header) -> Environm
 def unfinished_store(
     path: str | os.PathLike[str], header: Header, *, resume: bool = False
 ) -> Iterator[EnvironmentStore]:
-    """Give a store beside `path` that takes its place when the block ends well.
+    """Yield a store beside `path` that takes its place when the block ends well.
 
     When the block ends with an exception, Ctrl-C included, an older environment at `path` stays as it was,
     and what was finished of the new one is kept for the next time.

@@ -75,7 +75,7 @@ class _AnyGroup(msgspec.Struct, frozen=True):
 
 
 def fields_to_tables(fields: FieldSet) -> tuple[dict[str, Any], ...]:
-    """Give fields as plain values for a header."""
+    """Return fields as plain values for a header."""
     return tuple(field_to_table(field) for field in fields)
 
 
@@ -151,7 +151,7 @@ class EnvironmentStore:
         days[:] = np.array(header.days, np.int16)
 
     def file(self, name: str, day: int | None = None) -> Path:
-        """Give the file that holds a disease, or a continuous field of a day."""
+        """Return the file that holds a disease, or a continuous field of a day."""
         if day is None:
             return self.folder / name / "c" / "0" / "0"
         return self.folder / name / "c" / str(self.header.days.index(day)) / "0" / "0"
@@ -216,14 +216,14 @@ class EnvironmentStore:
         return level
 
     def saved_onset(self, disease: str) -> NDArray[np.int8] | None:
-        """Give the days of infection if they were written and are good."""
+        """Return the days of infection if they were written and are good."""
         width, height = self.header.shape
         with contextlib.suppress(EnvironmentDataError):
             return self.read_onset(disease, slice(0, width), slice(0, height))
         return None
 
     def saved_level(self, name: str, day: int) -> NDArray[np.float32] | None:
-        """Give a continuous field of a day if it was written and is good."""
+        """Return a continuous field of a day if it was written and is good."""
         width, height = self.header.shape
         with contextlib.suppress(EnvironmentDataError):
             return self.read_level(name, day, slice(0, width), slice(0, height))
@@ -259,7 +259,7 @@ class EnvironmentStore:
                 self.read_level(field.name, day, *corner)
 
     def environment(self, *, lazy: bool = True) -> Environment:
-        """Give the environment; the group has to be finished."""
+        """Return the environment; the group has to be finished."""
         header = self.header
         cache = ChunkCache(CACHED_BYTES)
         onset = {field.name: self._onset_layer(field, cache) for field in self.fields.diseases}

@@ -58,7 +58,7 @@ class Estimator(Protocol):
         ...
 
     def predict(self) -> InformationModel:
-        """Give what is believed now.
+        """Return what is believed now.
 
         The arrays may be the estimator's own, changed in place and therefore read-only for the caller: they
         hold until the next ``fit`` or ``partial_fit``. Who needs them longer takes `InformationModel.copy`.
@@ -149,7 +149,7 @@ class BaseEstimator(ABC):
         return self
 
     def predict(self) -> InformationModel:
-        """Give what is believed now, in arrays that hold until the next `fit` or `partial_fit`.
+        """Return what is believed now, in arrays that hold until the next `fit` or `partial_fit`.
 
         Raises
         ------
@@ -169,7 +169,7 @@ class BaseEstimator(ABC):
         return tuple(inspect.signature(cls).parameters)
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:  # noqa: ARG002 (scikit-learn's signature)
-        """Give the parameters of ``__init__`` by name; none of them is nested, so `deep` changes nothing."""
+        """Return the parameters of ``__init__`` by name; none is nested, so `deep` changes nothing."""
         return {name: getattr(self, name) for name in self._param_names()}
 
     def set_params(self, **params: Any) -> Self:
@@ -229,7 +229,7 @@ def estimator_memory(estimator: Estimator, shape: tuple[int, int], n_observation
 
 
 def estimator_fields(estimator: Estimator) -> FieldSet:
-    """Give the fields that an estimator works with."""
+    """Return the fields that an estimator works with."""
     fields = getattr(estimator, "fields", PAPER_FIELDS)
     return fields if isinstance(fields, FieldSet) else PAPER_FIELDS
 

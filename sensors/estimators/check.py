@@ -82,7 +82,7 @@ class _Subject:
         )
 
     def readings(self, *of_fields: float) -> list[float]:
-        """Give one reading for each field, beginning anew when the given ones are used up."""
+        """Return one reading for each field, beginning anew when the given ones are used up."""
         return [of_fields[k % len(of_fields)] for k in range(len(self.fields))]
 
     def fresh(self) -> Estimator:

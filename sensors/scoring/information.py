@@ -150,7 +150,7 @@ class InformationModel:
         return int(self.value.shape[1]), int(self.value.shape[2])
 
     def of(self, field: str) -> NDArray[np.float32]:
-        """Give the value array [W, H] of one field by its name."""
+        """Return the value array [W, H] of one field by its name."""
         if field not in self.fields:
             msg = f"information model: no field {field!r}, expected one of {', '.join(self.fields)}"
             raise EstimatorError(msg)
@@ -164,7 +164,7 @@ class InformationModel:
         return self.changed if self.changed.ndim == 2 else self.changed[k]
 
     def copy(self) -> InformationModel:
-        """Give a model in arrays of its own, which stays as it is when the estimator learns more."""
+        """Return a model in arrays of its own, which stays as it is when the estimator learns more."""
         probabilities = None
         if self.probabilities is not None:
             probabilities = {name: np.array(array) for name, array in self.probabilities.items()}

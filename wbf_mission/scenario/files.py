@@ -51,7 +51,7 @@ def scenario_from_table(table: dict[str, Any], path: Path) -> Scenario:
 
 
 def _beside(path: Path, item: object) -> object:
-    """Give the path of a field file that lies beside the scenario, anything else as it is."""
+    """Return the path of a field file that lies beside the scenario, anything else as it is."""
     if isinstance(item, str) and item.endswith(".toml") and (path.parent / item).is_file():
         return str(path.parent / item)
     return item

@@ -150,7 +150,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
         )
 
     def _views(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Give the caller's read-only views of value and uncertainty, the same ones every time."""
+        """Return the caller's read-only views of value and uncertainty, the same ones every time."""
         # They are others after a new fit, when fields have parted, and in a copy of the estimator.
         own = (self._value, self._uncertainty)
         if any(view.base is not array for view, array in zip(self._published, own, strict=True)):

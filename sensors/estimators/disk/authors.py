@@ -12,7 +12,7 @@ from sensors.estimators.disk.disks import Disk, half_widths
 
 
 def misplaced_disk(radius: int) -> Disk:
-    """Give the authors' disk: last row and column are missing, the mask's *corner* is at the observation.
+    """Return the authors' disk: last row and column are missing, the mask's *corner* is at the observation.
 
     The disk is therefore centred at (x + radius, y + radius) and does not cover the observed cell.
 

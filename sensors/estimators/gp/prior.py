@@ -57,7 +57,7 @@ class FieldPrior:
 def learn_priors(
     grid: FarmGrid, fields: FieldSet, day: int, seed: int, folder: Path, step: Step = no_step
 ) -> tuple[FieldPrior, ...]:
-    """Give the priors of all fields on a day: from memory, from a file in the folder, or learned now.
+    """Return the priors of all fields on a day: from memory, from a file in the folder, or learned now.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def disease_prior(
 def continuous_prior(
     parameters: SoilParameters, shape: tuple[int, int], day: int, seed: int, name: str = "soil"
 ) -> FieldPrior:
-    """Give the prior of a continuous field; it is simulated on few cells, as its humps grow with the farm."""
+    """Return the prior of a continuous field, simulated on few cells: its humps grow with the farm."""
     rngs = [stream(seed, "gp", name, str(number)) for number in range(_SOIL_SIMULATIONS)]
     fields = simulate_coarse(parameters, shape, day, _SOIL_CELLS, rngs)
     coarse = fields.shape[1:]

@@ -1,5 +1,6 @@
 """From scenarios to missions within their budgets."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,11 +9,14 @@ import pytest
 import shapely
 
 from geo import get_farm, save_farm
+from geo.farm import Crop, Farm, Patch
 from mission.errors import PlanningError
 from mission.files import write_mission
 from mission.model import Command, GeoPoint
 from mission.planners import PlannedPath, PlanningRequest
 from sim_vehicle.autopilot import fixed_wing_procedures
+from wbf_mission.cli import output
+from wbf_mission.cli.app import main
 from wbf_mission.planning import plan
 from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
 
@@ -163,3 +167,73 @@ def test_a_planner_is_held_to_its_budget() -> None:
         plan(Scenario(budget="200m", planner=generous))
     with pytest.raises(PlanningError, match="planner broken failed: KeyError"):
         plan(Scenario(budget="200m", planner=broken))
+
+
+@pytest.fixture
+def thousand_patches(tmp_path: Path) -> str:
+    """A farm file of 1000 patches that do not touch, 7 x 7 cells each."""
+    like = get_farm("miniberry-10")
+    cell_m = like.cell_size_m
+    patches = tuple(
+        Patch(
+            f"p{number}",
+            Crop.TOMATO if number % 2 else Crop.STRAWBERRY,
+            like.owner,
+            shapely.box(
+                (10 * (number % 32) + 1) * cell_m,
+                (10 * (number // 32) + 1) * cell_m,
+                (10 * (number % 32) + 8) * cell_m,
+                (10 * (number // 32) + 8) * cell_m,
+            ),
+        )
+        for number in range(1000)
+    )
+    file = tmp_path / "many.geojson"
+    save_farm(Farm("many", like.frame, 320, 320, patches, like.owner, (0.0, 0.0), cell_m), file)
+    return str(file)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("planner", "vehicle", "budget"),
+    [
+        ("lawnmower", "ideal", "60000steps"),
+        ("adaptive-lawnmower", "ideal", "60000steps"),
+        ("spiral", "ideal", "60000steps"),
+        ("random-waypoint", "quad", None),
+    ],
+)
+def test_a_farm_of_a_thousand_patches_is_planned(
+    thousand_patches: str, planner: str, vehicle: str, budget: str | None
+) -> None:
+    told: list[tuple[str, float, float]] = []
+    scenario = Scenario(farm=thousand_patches, planner=planner, vehicle=vehicle, budget=budget)
+    result = plan(scenario, progress=lambda *given: told.append(given))
+    assert {what for what, _, _ in told} == {"planning"}
+    assert len(told) > 1
+    assert all(0 < done <= total for _, done, total in told)
+    assert result.prediction.feasible
+    if planner == "random-waypoint":
+        return
+    path = shapely.LineString(result.path_m)
+    assert all(path.intersects(patch.polygon) for patch in result.farm.patches)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("planner", ["lawnmower", "adaptive-lawnmower", "spiral"])
+def test_a_battery_that_is_too_small_for_a_thousand_patches_is_told_as_that(
+    thousand_patches: str, planner: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(output._TELL_AFTER_S, "planning", 0.0)
+    command = ["plan", "--farm", thousand_patches, "--planner", planner]
+    assert main(command) == 2
+    progress, error = capsys.readouterr().err.splitlines()
+    assert progress == "planning ..."
+    # The battery holds 89.2 Wh: it is empty before the flight is over.
+    told = re.fullmatch(
+        rf"error: budget of 71\.36 Wh is too small: {planner} with .* needs at least (\S+) Wh .*", error
+    )
+    assert told is not None and float(told[1]) > 89.2, error
+    assert main([*command, "--budget", "400Wh"]) == 2
+    _, error = capsys.readouterr().err.splitlines()
+    assert re.search(r"cannot be flown: the battery is empty after \d+ s, at item \d+", error), error

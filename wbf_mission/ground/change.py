@@ -284,9 +284,19 @@ def is_return(item: MissionItem) -> bool:
     return item.command in _RETURNS
 
 
+def is_command(item: MissionItem) -> bool:
+    """Tell whether an item is one of the DO commands between positions."""
+    return item.command in _DO
+
+
+def is_flown_to(item: MissionItem) -> bool:
+    """Tell whether an item is flown to."""
+    return item.command in _FLOWN_TO | _RETURNS
+
+
 def first_command(items: tuple[MissionItem, ...], index: int) -> int:
     """Return the first of the DO items that lie directly before an item; the item itself without any."""
-    while index > 0 and items[index - 1].command in _DO:
+    while index > 0 and is_command(items[index - 1]):
         index -= 1
     return index
 

@@ -25,7 +25,10 @@ from wbf_mission.ground.change import (
     ChangeRequest,
     ChangeSession,
     first_command,
+    is_command,
+    is_flown_to,
     is_return,
+    item_to_mark,
     speed_before,
 )
 from wbf_mission.ground.orders import Answer, Order, result_name
@@ -79,6 +82,7 @@ class AsideChange(ChangeSession):
         self._leg = request.resume_at
         self._orders: dict[int, Order] = {}
         self._transfer: VerifiedUpload | None = None
+        self._flown_next = request.resume_at
         self._failures = 0
         self._heard_s = -math.inf
         self._wake_s = math.inf
@@ -173,9 +177,9 @@ class AsideChange(ChangeSession):
             int(m.MAV_CMD_DO_REPOSITION), now_s, -1.0, _GUIDED_FLAG, 0.0, math.nan, position=self._target()
         )
 
-    def _set_speed(self, now_s: float) -> list[Message]:
-        """Give the mission's speed to what is flown in the guided mode, which forgets it with its target."""
-        speed = speed_before(self._plan.items, self._leg)
+    def _set_speed(self, now_s: float, index: int) -> list[Message]:
+        """Set the speed of the mission's item; the guided mode forgets it with every target."""
+        speed = speed_before(self._plan.items, index)
         if speed is None:
             return []
         return self._order(int(Command.DO_CHANGE_SPEED), now_s, 1.0, speed, -1.0)
@@ -209,7 +213,7 @@ class AsideChange(ChangeSession):
 
     def _on_accepted(self, command: int, now_s: float) -> list[Message]:
         if command == m.MAV_CMD_DO_REPOSITION:
-            out = self._set_speed(now_s)
+            out = self._set_speed(now_s, self._leg)
             if self._step is _Step.TURNING:
                 if self._turned_s is None:
                     self._turned_s = now_s
@@ -300,11 +304,34 @@ class AsideChange(ChangeSession):
         return item.has_position and not is_return(item)
 
     def _choose(self, now_s: float) -> list[Message]:
-        """Let the vehicle go on with the DO items before the target."""
+        """Name the item that the mission goes on with."""
         self._step = _Step.CHOOSING
         home = 1 if self.request.profile.home_at_zero else 0
-        seq = first_command(self._plan.items, self._leg) + home
+        self._flown_next = self._leg
+        seq = self._item_to_choose() + home
         return self._order(int(m.MAV_CMD_DO_SET_MISSION_CURRENT), now_s, float(seq), 0.0)
+
+    def _item_to_choose(self) -> int:
+        """Return the first DO item before the waypoint after the target, which is reached aside.
+
+        A mission that is gone on with begins its leg where the vehicle would stop: there the target is, and
+        a leg to the target itself would be a stop. That is put up with where the target is one, or where DO
+        items before it are needed that no command of their own replaces.
+        """
+        items, leg = self._plan.items, self._leg
+        first = first_command(items, leg)
+        target = items[leg]
+        passed = target.command == Command.NAV_WAYPOINT and not (target.param1 or 0.0) > 0.0
+        request = self.request
+        marked = item_to_mark(request.old, self._item, self._plan, leg)
+        needed = any(item.command != Command.DO_CHANGE_SPEED for item in items[marked:leg])
+        following = leg + 1
+        while following < len(items) and is_command(items[following]):
+            following += 1
+        if not passed or needed or following >= len(items) or not is_flown_to(items[following]):
+            return first
+        self._flown_next = following
+        return leg + 1
 
     # On the way.
 
@@ -359,7 +386,8 @@ class AsideChange(ChangeSession):
 
     def _back_to_old(self, now_s: float) -> list[Message]:
         """Go back to the old mission, of which nothing was changed."""
-        self._plan, self._leg = self.request.old, self._item
+        self._plan = self.request.old
+        self._leg = self._flown_next = self._item
         return self._resume(now_s)
 
     def _resume(self, now_s: float) -> list[Message]:
@@ -375,11 +403,8 @@ class AsideChange(ChangeSession):
     def _on_back(self, now_s: float) -> list[Message]:
         """It is in its mission again."""
         request = self.request
-        first = first_command(self._plan.items, self._leg)
-        between = self._plan.items[first : self._leg]
-        out: list[Message] = []
-        if not any(item.command == Command.DO_CHANGE_SPEED for item in between):
-            out = self._set_speed(now_s)
+        # The mission's speed is lost with the guided mode, unless DO items have just set it.
+        out = self._set_speed(now_s, self._flown_next)
         if self._plan is request.new and self._acknowledged_s is not None:
             self._in_effect_s = now_s
             return out + self._finish(ChangeOutcome.DONE, "", now_s)

@@ -83,6 +83,7 @@ class AsideChange(ChangeSession):
         self._orders: dict[int, Order] = {}
         self._transfer: VerifiedUpload | None = None
         self._flown_next = request.resume_at
+        self._is_far = False
         self._failures = 0
         self._heard_s = -math.inf
         self._wake_s = math.inf
@@ -130,7 +131,9 @@ class AsideChange(ChangeSession):
             if self._step is _Step.WAITING:
                 out += self._begin(now_s)
             elif self._step is _Step.NEARING:
-                out += self._resume(now_s)
+                # It comes nearer more slowly than was thought.
+                self._is_far = True
+                out += self._choose(now_s)
         return out
 
     def next_deadline(self) -> float:
@@ -222,7 +225,7 @@ class AsideChange(ChangeSession):
         if command == m.MAV_CMD_DO_SET_MISSION_CURRENT and self._step is _Step.CHOOSING:
             self._step = _Step.NEARING
             self._wake_s = now_s + _LONGEST_S
-            return self._on_position(now_s) if self._has_target() else self._resume(now_s)
+            return self._on_position(now_s)
         if command == m.MAV_CMD_DO_SET_MODE and self._step is _Step.RESUMING:
             return self._on_back(now_s)
         return []
@@ -308,7 +311,10 @@ class AsideChange(ChangeSession):
         self._step = _Step.CHOOSING
         home = 1 if self.request.profile.home_at_zero else 0
         self._flown_next = self._leg
-        seq = self._item_to_choose() + home
+        left_m, speed = self._distance() - self._leave_m(), self.request.monitor.state.ground_speed_m_s
+        # Far from the target the way to it is not worth the time aside from the mission.
+        self._is_far |= not self._has_target() or left_m > _LONGEST_S * max(speed, 0.5)
+        seq = home + (first_command(self._plan.items, self._leg) if self._is_far else self._item_to_choose())
         return self._order(int(m.MAV_CMD_DO_SET_MISSION_CURRENT), now_s, float(seq), 0.0)
 
     def _item_to_choose(self) -> int:
@@ -338,15 +344,13 @@ class AsideChange(ChangeSession):
     def _on_position(self, now_s: float) -> list[Message]:
         if self._step is _Step.WAITING:
             return self._begin(now_s)
-        if self._step not in (_Step.SENDING, _Step.CHOOSING, _Step.NEARING) or not self._has_target():
+        if self._step not in (_Step.SENDING, _Step.NEARING):
             return []
         distance, speed = self._distance(), self.request.monitor.state.ground_speed_m_s
         if self._step is _Step.NEARING:
-            # Far from the target the way to it is not worth the time aside from the mission.
-            far = distance - self._leave_m() > _LONGEST_S * max(speed, 0.5)
             near = distance <= self._leave_m() + speed * (self._round_trip.seconds or 0.0)
-            return self._resume(now_s) if near or far else []
-        if self._step is _Step.SENDING and distance < max(_CHAIN_M, _CHAIN_S * speed):
+            return self._resume(now_s) if near or self._is_far else []
+        if self._has_target() and distance < max(_CHAIN_M, _CHAIN_S * speed):
             following = self._leg + 1
             while (
                 following < len(self._plan.items)

@@ -1,0 +1,338 @@
+"""A mission that is changed in flight, over good, bad, dead links and by ground computers that die."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+from geo.frame import LocalFrame
+from mission.errors import MissionError
+from mission.link.codec.dialect import mavlink as m
+from mission.model import Command, GeoPoint, Mission, MissionItem
+from mission.outcome import Outcome
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot import get_autopilot, with_autopilot
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.host.simulation import Impairment, Simulation
+from sim_vehicle.mavlink import SimVehicle
+from wbf_mission import outcome
+from wbf_mission.ground.change import ChangeOutcome
+from wbf_mission.ground.revision import revised_mission
+from wbf_mission.ground.station import GroundStation, NotFlyingError
+
+HOME = GeoPoint(28.05, -82.15)
+FRAME = LocalFrame(28.05, -82.15)
+HEIGHT_M, SPEED_M_S = 12.0, 5.0
+OLD = [(0.0, 20.0), (60.0, 20.0), (60.0, 35.0), (0.0, 35.0), (0.0, 50.0), (60.0, 50.0)]
+NEW = [(40.0, 70.0), (-20.0, 70.0), (-20.0, 30.0)]
+AUTOPILOTS = ["px4", "ardupilot"]
+# Guided and dead for good, a real ArduCopter hovers: so long may the ground take at most on a good link.
+LONGEST_ASIDE_S = 12.0
+
+
+def degrees(points):
+    return [FRAME.to_wgs84(float(x), float(y)) for x, y in points]
+
+
+def planned(points=OLD, camera_m=4.0):
+    through = [MissionItem.waypoint(*one, HEIGHT_M, acceptance_radius_m=1.0) for one in degrees(points)]
+    items = (
+        MissionItem(22, 3, 0, 0, 0, None, HOME.latitude_deg, HOME.longitude_deg, HEIGHT_M),
+        MissionItem(178, param1=1.0, param2=SPEED_M_S, param3=-1.0),
+        through[0],
+        MissionItem(206, param1=camera_m, param3=1.0),
+        *through[1:],
+        MissionItem(206),
+        MissionItem(20),
+    )
+    return Mission(items, HOME)
+
+
+class Far:
+    """The ground station behind a link that may be dead for a while, or on a computer that dies."""
+
+    wanted = None
+
+    def __init__(self, station, dead=(math.inf, math.inf)):
+        self.station, self.dead = station, dead
+        self.system_id, self.component_id = station.system_id, station.component_id
+
+    def is_dead(self, now_s):
+        return self.dead[0] <= now_s < self.dead[1]
+
+    def receive(self, message, now_s):
+        return [] if self.is_dead(now_s) else self.station.receive(message, now_s)
+
+    def poll(self, now_s):
+        out = self.station.poll(now_s)
+        return [] if self.is_dead(now_s) else out
+
+    def next_deadline(self):
+        return self.station.next_deadline()
+
+
+class Shots:
+    """Hears where images are taken: on the way, as the autopilot's own trigger tells."""
+
+    system_id, component_id = 200, 1
+
+    def __init__(self):
+        self.times_s = []
+        self.wanted = frozenset({m.MAVLINK_MSG_ID_CAMERA_TRIGGER, m.MAVLINK_MSG_ID_CAMERA_FEEDBACK})
+
+    def receive(self, message, now_s):
+        self.times_s.append(now_s)
+        return []
+
+    def poll(self, now_s):
+        return []
+
+    def next_deadline(self):
+        return math.inf
+
+
+class Flight:
+    """One flight whose mission is changed; the vehicle itself is looked at after every step."""
+
+    def __init__(self, autopilot, change=None, when=None, impairment=None, dead=None, forever=False):
+        spec = with_autopilot(get_vehicle("quad"), autopilot)
+        self.vehicle = SimVehicle(spec, HOME, autopilot=get_autopilot(autopilot))
+        self.station = GroundStation(planned())
+        self.far = Far(self.station)
+        self.simulation = Simulation(
+            [self.vehicle, self.far], impairment=impairment, remote=[self.far] if impairment else ()
+        )
+        self.new = None
+        self.asked_s = None
+        self.modes = []
+        self.track = []
+        self.lists = set()
+        self.outbox = []
+        self._change, self._when, self._dead, self._forever = change, when, dead, forever
+
+    def fly(self, limit_s=600.0):
+        receive = self.far.receive
+
+        def receive_and_ask(message, now_s):
+            return receive(message, now_s) + self._ask(now_s)
+
+        self.far.receive = receive_and_ask
+        self.reason = self.simulation.run(until=self._look, limit_s=limit_s)
+        return self
+
+    def _ask(self, now_s):
+        station = self.station
+        if self._change is None or self.asked_s is not None or station.phase is not outcome.Phase.FLIGHT:
+            return []
+        state = station.vehicle_state
+        if state.item is None or not self._when(state, now_s - station.started_s):
+            return []
+        self.asked_s = now_s
+        if self._dead is not None:
+            begin_s = now_s + self._dead[0]
+            self.far.dead = (begin_s, math.inf if self._forever else begin_s + self._dead[1])
+        self.new, resume_at = self._change(station.mission, state.item)
+        return station.change(self.new, resume_at, now_s)
+
+    def _look(self, now_s):
+        pilot = self.vehicle.pilot
+        if not self.modes or self.modes[-1][1] is not pilot.mode:
+            self.modes.append((now_s, pilot.mode))
+        if not self.track or now_s - self.track[-1][0] >= 0.1:
+            self.track.append((now_s, *pilot.state.position_m))
+        if pilot.armed and pilot.mode is Mode.MISSION:
+            self.lists.add(tuple((item.command, item.x, item.y) for item in pilot.mission.items))
+        if self._forever and self.far.is_dead(now_s):
+            return not pilot.armed
+        return self.station.done
+
+    def aside_s(self, until_s):
+        """Longest time in another mode than the mission's between the question and a time."""
+        ends = [time for time, _ in self.modes[1:]] + [until_s]
+        spans = [
+            end - begin
+            for (begin, mode), end in zip(self.modes, ends, strict=True)
+            if mode is Mode.GUIDED and begin >= self.asked_s
+        ]
+        return max(spans, default=0.0)
+
+    def misses(self, points):
+        """The greatest of the least distances between the track and points, metres."""
+        track = np.array(self.track)[:, 1:3]
+        return max(
+            (float(np.hypot(*(track - point).T).min()) for point in np.array(points).reshape(-1, 2)),
+            default=0.0,
+        )
+
+    def is_home(self):
+        x, y, z = self.vehicle.pilot.state.position_m
+        return math.hypot(x, y) < 3.0 and z < 0.2 and not self.vehicle.pilot.armed
+
+
+def keys(mission):
+    return tuple((item.command, item.x, item.y) for item in mission.items)
+
+
+def other_path(points):
+    def change(held, item):
+        return revised_mission(held, item, degrees(points), altitude_m=HEIGHT_M, acceptance_radius_m=1.0)
+
+    return change
+
+
+def at_item(item, after_s=2.0):
+    begun = []
+
+    def when(state, _):
+        if state.item == item and not begun:
+            begun.append(state.heard_s)
+        return bool(begun) and state.heard_s - begun[0] >= after_s
+
+    return when
+
+
+def check_safe(flight):
+    """No mixture is ever flown, and it comes home by the old mission or the new one."""
+    assert flight.lists <= {keys(planned()), keys(flight.new)} if flight.new else {keys(planned())}
+    assert flight.is_home(), (flight.modes, flight.station.changes, flight.reason)
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+def test_another_path_is_flown_from_where_the_vehicle_is(autopilot):
+    flight = Flight(autopilot, other_path(NEW), at_item(5), Impairment(delay_s=0.02)).fly()
+    [record] = flight.station.changes
+    assert record.outcome is ChangeOutcome.DONE
+    assert flight.station.outcome is Outcome.COMPLETED
+    assert flight.station.mission.items == flight.new.items
+    check_safe(flight)
+    assert flight.misses(NEW) < 2.5
+    assert flight.misses(OLD[3:]) > 10.0
+    assert record.asked_s <= record.sent_s <= record.turned_s <= record.in_effect_s <= record.ended_s
+    assert record.acknowledged_s <= record.in_effect_s
+    assert 0.0 <= record.delay_s <= 1.0
+    assert (Mode.GUIDED in {mode for _, mode in flight.modes}) == (autopilot == "ardupilot")
+
+
+@pytest.mark.parametrize(("autopilot", "most_s"), [("px4", 0.5), ("ardupilot", 1.5)])
+def test_a_change_to_the_same_path_costs_next_to_nothing(autopilot, most_s):
+    undisturbed = Flight(autopilot).fly()
+    flight = Flight(autopilot, other_path(OLD[2:]), at_item(5, 0.5)).fly()
+    assert flight.station.changes[0].outcome is ChangeOutcome.DONE
+    check_safe(flight)
+    assert flight.misses(OLD) < 2.5
+    assert abs(flight.station.flight_time_s - undisturbed.station.flight_time_s) <= most_s
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+def test_it_flies_home_at_once_when_no_waypoint_is_left(autopilot):
+    flight = Flight(autopilot, other_path([]), at_item(5)).fly()
+    assert flight.station.changes[0].outcome is ChangeOutcome.DONE
+    assert flight.station.outcome is Outcome.COMPLETED
+    check_safe(flight)
+    assert flight.misses(OLD[3:]) > 10.0
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+def test_a_change_asked_for_in_the_climb_is_flown_after_it(autopilot):
+    flight = Flight(autopilot, other_path(NEW), lambda state, s: state.height_m > 3.0).fly()
+    assert flight.station.changes[0].outcome is ChangeOutcome.DONE
+    check_safe(flight)
+    assert flight.misses(NEW) < 2.5
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+@pytest.mark.parametrize("begin_s", [0.05, 0.4, 1.0])
+def test_a_link_that_is_dead_for_a_minute_leaves_the_old_mission_or_the_new_one(autopilot, begin_s):
+    impairment = Impairment(delay_s=0.05, seed=3)
+    flight = Flight(autopilot, other_path(NEW), at_item(5), impairment, dead=(begin_s, 60.0)).fly()
+    check_safe(flight)
+    done = [one.outcome for one in flight.station.changes] == [ChangeOutcome.DONE]
+    assert flight.misses(NEW if done else OLD) < 2.5
+
+
+def test_under_px4_a_ground_computer_that_dies_leaves_the_old_mission_or_the_new_one():
+    for begin_s in (0.05, 0.3, 0.7, 1.5):
+        impairment = Impairment(delay_s=0.05, seed=3)
+        flight = Flight("px4", other_path(NEW), at_item(5), impairment, dead=(begin_s, 0.0), forever=True)
+        flight.fly()
+        check_safe(flight)
+        assert min(flight.misses(NEW), flight.misses(OLD)) < 2.5
+
+
+def test_under_ardupilot_the_window_in_which_the_ground_must_live_is_short():
+    flight = Flight("ardupilot", other_path(OLD[3:]), at_item(5, 0.0), Impairment(delay_s=0.05, seed=3)).fly()
+    check_safe(flight)
+    assert 0.0 < flight.aside_s(flight.simulation.now_s) < LONGEST_ASIDE_S
+    undisturbed = Flight("ardupilot", other_path(NEW), at_item(5, 0.0)).fly()
+    assert undisturbed.aside_s(undisturbed.simulation.now_s) < LONGEST_ASIDE_S
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+def test_a_mission_that_must_not_be_flown_is_refused_before_anything_is_sent(autopilot):
+    flight = Flight(autopilot).fly(limit_s=20.0)
+    station = flight.station
+    home, there = MissionItem(Command.NAV_RETURN_TO_LAUNCH), MissionItem.waypoint(28.0502, -82.15, 12.0)
+    bad = [
+        ((there,), 0, "leads home"),
+        ((there, home), 2, "item 2 to go on with does not exist"),
+        ((MissionItem(178), there, home), 0, "is no position"),
+        ((there, MissionItem.waypoint(30.0, -82.15, 12.0), home), 0, "from home"),
+        ((there, MissionItem.waypoint(28.05, -82.15, 20_000.0), home), 0, "20000 m high"),
+    ]
+    for items, resume_at, text in bad:
+        with pytest.raises(MissionError, match=text):
+            station.change(Mission(items, HOME), resume_at, flight.simulation.now_s)
+    assert not station.changing
+    assert station.changes == []
+    station.change(Mission((there, home), HOME), 0, flight.simulation.now_s)
+    with pytest.raises(NotFlyingError, match="is being changed"):
+        station.change(Mission((there, home), HOME), 0, flight.simulation.now_s)
+
+
+def test_on_the_ground_nothing_is_changed():
+    with pytest.raises(NotFlyingError, match="waiting for the vehicle"):
+        GroundStation(planned()).change(planned(), 2, 0.0)
+
+
+def check_any_moment(autopilot, moment_s, loss, delay_s, jitter_s, duplication, dead, same, seed):
+    impairment = Impairment(loss, duplication, delay_s, jitter_s, seed)
+    path = OLD[3:] if same else NEW
+    flight = Flight(autopilot, other_path(path), lambda _, s: s >= moment_s, impairment, dead=dead).fly(
+        limit_s=900.0
+    )
+    check_safe(flight)
+    assert flight.station.outcome in (Outcome.COMPLETED, Outcome.FLIGHT_ABORTED, Outcome.LINK_LOST)
+
+
+MOMENTS = {
+    "autopilot": st.sampled_from(AUTOPILOTS),
+    "moment_s": st.floats(1.0, 110.0),
+    "loss": st.floats(0.0, 0.3),
+    "delay_s": st.floats(0.0, 0.4),
+    "jitter_s": st.floats(0.0, 0.3),
+    "duplication": st.floats(0.0, 0.3),
+    "dead": st.none() | st.tuples(st.floats(0.0, 6.0), st.floats(1.0, 60.0)),
+    "same": st.booleans(),
+    "seed": st.integers(0, 1000),
+}
+# A flight takes too long for shrinking.
+ONCE = {
+    "deadline": None,
+    "phases": (Phase.explicit, Phase.reuse, Phase.generate),
+    "suppress_health_check": list(HealthCheck),
+}
+
+
+@settings(max_examples=12, **ONCE)
+@given(**MOMENTS)
+def test_at_any_moment_over_any_link_one_whole_mission_is_flown_to_its_end(**values):
+    check_any_moment(**values)
+
+
+@pytest.mark.slow
+@settings(max_examples=300, **ONCE)
+@given(**MOMENTS)
+def test_at_any_moment_over_any_link_one_whole_mission_is_flown_to_its_end_many_times(**values):
+    check_any_moment(**values)

@@ -11,14 +11,16 @@ Soil humidity has no worse side. The score is -L: 0 is perfect, lower is worse.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import EstimatorError
 from sensors.fields import PAPER_FIELDS, FieldSet
+from sensors.scoring import small_sums
 from sensors.scoring.information import InformationModel
-from sensors.scoring.score_sums import SUMS, count_cells, find_extremes, sum_errors
+from sensors.scoring.small_sums import SUMS
 from sensors.scoring.tiles import tile_shape
 
 _PerField = tuple[float, ...]
@@ -287,6 +289,15 @@ class _Errors:
     axis_max: float = 0.0
 
 
+def _sums(tile_cells: NDArray[np.int64]) -> ModuleType:
+    """Choose what sums: loading compiled code takes longer than all sums over a farm of one tile."""
+    if tile_cells.size == 1:
+        return small_sums
+    from sensors.scoring import score_sums
+
+    return score_sums
+
+
 class _ScoredField:
     """One field's relevant cells, and the sums over them of the estimate that was scored last."""
 
@@ -296,7 +307,7 @@ class _ScoredField:
         self._mask = mask
         self._low, self._high = weights.too_sick[k], weights.too_healthy[k]
         self._tile_cells = np.zeros((columns, rows), np.int64)
-        count_cells(mask, self._tile_cells)
+        _sums(self._tile_cells).count_cells(mask, self._tile_cells)
         self.cells = int(self._tile_cells.sum())
         self._sums = np.zeros((columns, rows, SUMS))
         self._line_cells = np.count_nonzero(mask, axis=0)
@@ -311,7 +322,8 @@ class _ScoredField:
         out = _Errors()
         if not self.cells:
             return out
-        sum_errors(tiles, self._tile_cells, self._mask, truth, estimate, self._sums)
+        sums = _sums(self._tile_cells)
+        sums.sum_errors(tiles, self._tile_cells, self._mask, truth, estimate, self._sums)
         squares, worse_squares, absolute, worse_absolute = (
             self._sums.reshape(-1, SUMS).sum(axis=0) / self.cells
         ).tolist()
@@ -321,7 +333,7 @@ class _ScoredField:
         out.weighted_mae = low * (absolute - worse_absolute) + high * worse_absolute
         out.axis_max = -out.mae
         if low != high:
-            find_extremes(tiles, self._line_cells, self._mask, truth, estimate, self._above, self._below)
+            sums.find_extremes(tiles, self._line_cells, self._mask, truth, estimate, self._above, self._below)
             worst = low * self._below.max(axis=0) + high * self._above.max(axis=0)
             # A line without relevant cells may have no number at all.
             worst[self._line_cells == 0] = 0.0

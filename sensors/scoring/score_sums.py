@@ -6,10 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
+from sensors.scoring.small_sums import ABSOLUTE, SQUARES, WORSE_ABSOLUTE, WORSE_SQUARES
 from sensors.scoring.tiles import TILE_CELLS
-
-SQUARES, WORSE_SQUARES, ABSOLUTE, WORSE_ABSOLUTE = range(4)
-SUMS = 4
 
 
 @compiled(nogil=True)

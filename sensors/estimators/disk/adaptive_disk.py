@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from sensors.errors import EstimatorError
 from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.base import BaseEstimator, check_default_values
+from sensors.estimators.disk import small_painting
 from sensors.estimators.disk.disks import Disk, DiskMap, centred_disk
-from sensors.estimators.disk.painting import paint
 from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.scoring.information import InformationModel
 from sensors.scoring.tiles import tile_shape
@@ -20,6 +20,15 @@ from sensors.scoring.tiles import tile_shape
 if TYPE_CHECKING:
     from geo.grid import FarmGrid
     from sensors.observations import Observations
+
+
+def _painter(tiles: tuple[int, ...]) -> Callable[..., None]:
+    """Choose what paints: loading compiled code takes longer than all disks of a farm of one tile."""
+    if tiles == (1, 1):
+        return small_painting.paint
+    from sensors.estimators.disk.painting import paint
+
+    return paint
 
 
 class AdaptiveDiskEstimator(BaseEstimator):
@@ -125,6 +134,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
         maps = list(dict.fromkeys(self.maps_))
         if len(maps) > 1 and len(self._uncertainty) == 1:
             self._uncertainty = np.repeat(self._uncertainty, len(self.fields), axis=0)
+        paint = _painter(changed.shape)
         for disks in maps:
             painting = disks.outstanding()
             fields = [k for k in range(len(self.fields)) if self.maps_[k] is disks]

@@ -1,0 +1,75 @@
+"""Farms of one tile are painted and summed in numpy: to the last bit as compiled code does it."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sensors.estimators.disk import painting, small_painting
+from sensors.estimators.disk.authors import misplaced_disk
+from sensors.estimators.disk.disks import centred_disk
+from sensors.scoring import score_sums, small_sums
+
+
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([(1, 1), (30, 30), (5, 64), (64, 17), (64, 64)]),
+    st.integers(0, 40),
+    st.integers(1, 80),
+    st.sampled_from([centred_disk, misplaced_disk]),
+    st.booleans(),
+    st.booleans(),
+)
+def test_disks_are_painted_alike(seed, shape, n, radius, stamp, reset, of_one_field):
+    rng = np.random.default_rng(seed)
+    fields = np.array([1] if of_one_field else [0, 1, 2])
+    planes = fields if of_one_field else np.array([0])
+    disk = stamp(radius)
+    x, y = (rng.integers(0, side, n).astype(np.int32) for side in shape)
+    table = rng.choice([0.0, 0.5, 1.0], (len(fields), n)).astype(np.float32)
+    value = rng.choice([0.0, 0.5, 1.0], (3, *shape)).astype(np.float32)
+    doubt = rng.choice([0.0, 1.0], (3 if of_one_field else 1, *shape)).astype(np.float32)
+    defaults = np.ones(len(fields), np.float32)
+    found = []
+    for paint in (painting.paint, small_painting.paint):
+        arrays = value.copy(), doubt.copy(), np.zeros((1, 1), np.bool_)
+        tiles = np.ones((1, 1), np.bool_)
+        paint(
+            tiles, reset, x, y, disk.first, disk.low, disk.high, table, defaults, fields,
+            arrays[0], planes, arrays[1], arrays[2],
+        )  # fmt: skip
+        found.append(arrays)
+    for compiled, plain in zip(*found, strict=True):
+        np.testing.assert_array_equal(compiled, plain)
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([(1, 1), (30, 30), (64, 17)]), st.floats(0.0, 1.0))
+def test_errors_are_summed_alike(seed, shape, share):
+    rng = np.random.default_rng(seed)
+    mask = rng.random(shape) < share
+    truth, estimate = rng.random((2, *shape)).astype(np.float32)
+    estimate[rng.random(shape) < 0.02] = np.nan
+    tiles, lines = np.ones((1, 1), np.bool_), np.count_nonzero(mask, axis=0)
+    found = []
+    for module in (score_sums, small_sums):
+        cells, sums = np.zeros((1, 1), np.int64), np.zeros((1, 1, small_sums.SUMS))
+        above, below = np.zeros((2, 1, shape[1]))
+        module.count_cells(mask, cells)
+        module.sum_errors(tiles, cells, mask, truth, estimate, sums)
+        with np.errstate(invalid="ignore"):
+            module.find_extremes(tiles, lines, mask, truth, estimate, above, below)
+        found.append((cells, sums, above, below))
+    for compiled, plain in zip(*found, strict=True):
+        assert np.array_equal(compiled, plain, equal_nan=True)
+
+
+@pytest.mark.parametrize("module", [painting, small_painting])
+def test_nothing_is_painted_where_nothing_is_to_be(module):
+    disk, value = centred_disk(2), np.zeros((3, 4, 4), np.float32)
+    tiles = np.zeros((1, 1), np.bool_)
+    module.paint(
+        tiles, True, np.ones(1, np.int32), np.ones(1, np.int32), disk.first, disk.low, disk.high,
+        np.ones((3, 1), np.float32), np.ones(3, np.float32), np.arange(3),
+        value, np.array([0]), np.zeros((1, 4, 4), np.float32), np.zeros((1, 1), np.bool_),
+    )  # fmt: skip
+    assert not value.any()

@@ -29,7 +29,7 @@
     +-- wbf_mission.ground.station.NotFlyingError         a mission that cannot be changed now
     +-- wbf_mission.flight.FlightError                    a flight that cannot go on
     +-- wbf_mission.arrays.ArrayFileError                 arrays of a result
-    +-- wbf_mission.result_files.ResultError              the folder of a result
+    +-- wbf_mission.tables.ResultError                    the folder of a result
     +-- wbf_mission.cli.targets.TargetError               a file or folder to be written
     +-- wbf_mission.check.errors.CheckError               a check that does not exist
     +-- wbf_mission.check.errors.FailedError              a check that failed

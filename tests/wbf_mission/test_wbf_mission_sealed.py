@@ -9,6 +9,9 @@ import pytest
 from geo import FarmGrid, get_farm
 from geo.seeds import child_seed
 from mission.planners import PlannedPath, PlanningRequest, make_planner
+from mission.policies.decision import GO_ON, Decision
+from mission.policies.policy import Asking
+from mission.policies.situation import Event, Situation
 from sensors.camera.leaf_camera import LeafCamera
 from sensors.environment import Environment
 from sensors.environment.cache import EnvironmentCache
@@ -152,3 +155,34 @@ def test_an_estimator_that_draws_gets_a_sealed_seed(name: str) -> None:
     seen = reachable(estimator_of(Choice(name), RUN.seed, PAPER_FIELDS))
     assert RUN.seed not in [one for one in seen if isinstance(one, int)]
     assert not finds_truth(seen, *true_state(RUN))
+
+
+class CheatingPolicy:
+    """Keeps every situation that it is told, and goes on along its first path."""
+
+    def __init__(self) -> None:
+        self.situations: list[Situation] = []
+
+    @property
+    def asking(self) -> Asking:
+        return Asking(period_s=4.0)
+
+    def start(self) -> None:
+        pass
+
+    def decide(self, situation: Situation) -> Decision:
+        self.situations.append(situation)
+        if situation.event is Event.START:
+            return Decision({1: [[0.5, 0.5], [2.5, 0.5], [2.5, 2.5]]})
+        return GO_ON
+
+
+def test_a_policy_that_cheats_finds_nothing() -> None:
+    policy = CheatingPolicy()
+    fly(RUN, policy=policy)
+    assert len(policy.situations) > 3
+    objects = reachable(*policy.situations)
+    assert not [one for one in objects if isinstance(one, FORBIDDEN)]
+    assert RUN.seed not in [one for one in objects if isinstance(one, int)]
+    grid, truth = true_state(RUN)
+    assert not finds_truth(objects, grid, truth)

@@ -1,0 +1,176 @@
+"""Policies in flight: whole runs of one vehicle, of several, over days; what they see and what is noted."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mission.errors import PlanningError
+from mission.outcome import Outcome
+from mission.policies.decision import GO_ON, Alternative, Decision
+from mission.policies.policy import Asking
+from mission.policies.situation import Event, Situation, Status
+from wbf_mission.flight import fly
+from wbf_mission.result import Result, load_result
+from wbf_mission.scenario import Scenario
+
+IDEAL = Scenario(farm="miniberry-30", vehicle="ideal", budget="80steps", estimator="adaptive-disk", seed=4)
+QUAD = Scenario(farm="miniberry-30", vehicle="quad", budget="60s", estimator="adaptive-disk", seed=4)
+
+
+class Wanderer:
+    """Goes to random points that its budget allows; with a hook that may answer something else."""
+
+    def __init__(self, asking: Asking, answer: Callable[[Situation], Decision | None] | None = None) -> None:
+        self._asking = asking
+        self._answer = answer
+        self.situations: list[Situation] = []
+        self.start()
+
+    @property
+    def asking(self) -> Asking:
+        return self._asking
+
+    def start(self) -> None:
+        self._random = np.random.default_rng(1)
+
+    def decide(self, situation: Situation) -> Decision:
+        self.situations.append(situation)
+        answer = self._answer(situation) if self._answer is not None else None
+        if answer is not None:
+            return answer
+        paths, alternatives = {}, []
+        for vehicle in situation.steerable:
+            x0, y0, x1, y1 = vehicle.request.area.bounds
+            for _ in range(20):
+                path = self._random.uniform((x0 + 0.2, y0 + 0.2), (x1 - 0.2, y1 - 0.2), (2, 2))
+                cost = vehicle.fares.rest([path])[0]
+                if cost <= vehicle.left:
+                    paths[vehicle.system_id] = path
+                    alternatives.append(Alternative(vehicle.system_id, path, 1.0, cost))
+                    break
+        return Decision(paths, reason="wander", alternatives=tuple(alternatives))
+
+
+def changes_of(result: Result) -> list[tuple[str, float | None]]:
+    return [(one.outcome, one.effect_s) for record in result.decisions for one in record.changes]
+
+
+def test_an_ideal_robot_follows_and_misses_no_cell() -> None:
+    policy = Wanderer(Asking(period_s=7.0))
+    result = fly(IDEAL, policy=policy)
+    assert result.outcome is Outcome.COMPLETED
+    steps = np.diff(result.observations.time_s)
+    assert np.allclose(steps, 1.0), "an image in every step, changes of the path or not"
+    assert 60 < len(result.observations) <= 81
+    flown = [outcome for outcome, _ in changes_of(result)]
+    assert flown.count("flown") >= 8 and set(flown) <= {"planned", "flown"}
+    asked = [record.time_s for record in result.decisions]
+    assert np.allclose(np.diff(asked[1:]), 7.0)
+    assert policy.situations[0].event is Event.START and policy.situations[1].event is Event.PERIOD
+    assert [len(one.observations) for one in policy.situations[1:]] == [
+        record.observations for record in result.decisions[1:]
+    ]
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_quad_follows_within_its_budget(autopilot: str) -> None:
+    scenario = Scenario(**{**QUAD.to_dict(), "autopilot": autopilot})
+    policy = Wanderer(Asking(period_s=8.0))
+    result = fly(scenario, policy=policy)
+    assert result.outcome is Outcome.COMPLETED, result.reason
+    assert result.flight_time_s < 60.0 * 1.05
+    outcomes = changes_of(result)
+    assert outcomes[0][0] == "planned" and sum(outcome == "flown" for outcome, _ in outcomes) >= 2
+    assert all(effect_s is not None for outcome, effect_s in outcomes if outcome == "flown")
+    # A policy knows from telemetry where the vehicle is, how fast, and what is left.
+    for situation in policy.situations[1:]:
+        vehicle = situation.vehicles[0]
+        assert vehicle.age_s < 0.5 and 0.0 < vehicle.spent < 62.0
+        assert vehicle.battery is not None and 0.5 < vehicle.battery <= 1.0
+    flying = [one.vehicles[0] for one in policy.situations[1:] if one.vehicles[0].status is Status.FLYING]
+    assert max(np.hypot(*one.velocity_m_s) for one in flying) > 0.2
+
+
+def test_equal_runs_are_equal_to_the_bit_and_load_again(tmp_path: Path) -> None:
+    one, other = (fly(IDEAL, policy=Wanderer(Asking(observations=9))) for _ in range(2))
+    for name in ("x", "y", "time_s", "values"):
+        np.testing.assert_array_equal(getattr(one.observations, name), getattr(other.observations, name))
+    assert one.history.scores == other.history.scores
+    one.save(tmp_path / "run", plots=False)
+    again = load_result(tmp_path / "run")
+    assert [record.summary() for record in again.decisions] == [record.summary() for record in one.decisions]
+    for mine, theirs in zip(one.decisions, again.decisions, strict=True):
+        for left, right in zip(mine.alternatives, theirs.alternatives, strict=True):
+            np.testing.assert_array_equal(left.points_m, right.points_m)
+    table = one.tables()["decisions"]
+    kinds = table.column("kind").to_pylist()
+    assert kinds.count("change") == len(changes_of(one)) == kinds.count("alternative")
+
+
+@pytest.mark.parametrize(
+    ("answer", "why"),
+    [
+        (lambda s: Decision({1: [[-1.0, 0.0]]}), "leaves its area"),
+        (lambda s: Decision({1: np.tile([[0.5, 0.5], [8.0, 8.0]], (20, 1))}), "that are left of 80"),
+        (lambda s: Decision({9: [[1.0, 1.0]]}), "no vehicle has the system id 9"),
+        (lambda s: 1 / 0, "failed: ZeroDivisionError"),
+        (lambda s: "west", "answered with a str"),
+    ],
+)
+def test_a_wrong_answer_is_noted_and_the_old_path_flown(answer: Callable[..., Decision], why: str) -> None:
+    first = Decision({1: [[0.5, 0.5], [5.0, 5.0]]})
+    policy = Wanderer(Asking(period_s=5.0), lambda s: first if s.event is Event.START else answer(s))
+    result = fly(IDEAL, policy=policy)
+    assert result.outcome is Outcome.COMPLETED
+    assert len(result.decisions) > 2
+    for record in result.decisions[1:]:
+        assert why in record.refused and not record.changes
+    assert np.hypot(result.track.x_m[-1] - 5.0, result.track.y_m[-1] - 5.0) < 0.3
+
+
+def test_without_a_first_path_nothing_flies() -> None:
+    with pytest.raises(PlanningError, match=r"policy Wanderer has no path for vehicle 1"):
+        fly(IDEAL, policy=Wanderer(Asking(), lambda s: GO_ON))
+
+
+def test_home_at_once_is_flown() -> None:
+    def homewards(situation: Situation) -> Decision | None:
+        if situation.event is Event.START:
+            return Decision({1: [[8.0, 8.0], [1.0, 8.0]]})
+        return Decision({1: []}) if situation.time_s < 12.0 else GO_ON
+
+    result = fly(QUAD, policy=Wanderer(Asking(period_s=9.0), homewards))
+    assert result.outcome is Outcome.COMPLETED
+    assert result.flight_time_s < 40.0
+    assert changes_of(result)[1][0] == "flown"
+
+
+def test_vehicles_fly_together_and_share_what_they_see() -> None:
+    policy = Wanderer(Asking(period_s=6.0))
+    result = fly(Scenario(**{**IDEAL.to_dict(), "vehicles": 3, "budget": "40steps"}), policy=policy)
+    assert result.outcome is Outcome.COMPLETED
+    assert [one.system_id for one in result.flights] == [1, 2, 3]
+    assert [len(one.vehicles) for one in policy.situations] == [3] * len(policy.situations)
+    assert len(result.observations) > 90
+    assert len({tuple(one.track.x_m) for one in result.flights}) == 3
+
+
+def test_days_go_on_with_one_estimate() -> None:
+    policy = Wanderer(Asking(period_s=10.0))
+    options = {**IDEAL.to_dict(), "days": 3, "day": 5, "budget": "30steps", "flights_per_day": 2}
+    result = fly(Scenario(**options), policy=policy)
+    assert [(one.day, one.flight) for one in result.flights] == [
+        (5, 1),
+        (5, 2),
+        (6, 1),
+        (6, 2),
+        (7, 1),
+        (7, 2),
+    ]
+    assert np.unique(result.observations.day).tolist() == [5, 6, 7]
+    starts = [one for one in policy.situations if one.event is Event.START]
+    assert [len(one.observations) > 0 for one in starts] == [False, *[True] * 5]
+    assert [one.day for one in starts] == [5, 5, 6, 6, 7, 7]
+    assert np.all(np.diff(result.history.times_s) >= 0.0)

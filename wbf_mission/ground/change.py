@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from enum import Enum
@@ -23,6 +24,8 @@ _DO = frozenset({178, 195, 197, 201, 203, 205, 206, 214, 530, 2000, 2001})
 _FLOWN_TO = frozenset({16, 17, 18, 19, 31, 82})
 _FARTHEST_DEG = 1.0
 _HIGHEST_M = 10_000.0
+_SAME_M = 2.0
+_EARTH_M = 6_371_008.8
 
 
 class ChangeOutcome(Enum):
@@ -289,9 +292,26 @@ def is_command(item: MissionItem) -> bool:
     return item.command in _DO
 
 
-def is_flown_to(item: MissionItem) -> bool:
-    """Tell whether an item is flown to."""
-    return item.command in _FLOWN_TO | _RETURNS
+def next_flown_to(items: tuple[MissionItem, ...], index: int) -> int:
+    """Return the next item that is flown to after DO items; the item itself when there is none."""
+    following = index + 1
+    while following < len(items) and is_command(items[following]):
+        following += 1
+    known = following < len(items) and items[following].command in _FLOWN_TO | _RETURNS
+    return following if known else index
+
+
+def same_position(a: MissionItem, b: MissionItem) -> bool:
+    """Tell whether two items lead to the same position."""
+    if not a.has_position or not b.has_position:
+        return False
+    return apart_m((a.x, a.y), (b.x, b.y)) < _SAME_M
+
+
+def apart_m(a: tuple[float, float], b: tuple[float, float]) -> float:
+    """Return the distance of two positions (latitude, longitude) that are near each other, on a sphere."""
+    north, east = b[0] - a[0], (b[1] - a[1]) * math.cos(math.radians(a[0]))
+    return _EARTH_M * math.radians(math.hypot(north, east))
 
 
 def first_command(items: tuple[MissionItem, ...], index: int) -> int:

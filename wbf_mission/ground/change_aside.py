@@ -24,11 +24,12 @@ from wbf_mission.ground.change import (
     ChangeOutcome,
     ChangeRequest,
     ChangeSession,
+    apart_m,
     first_command,
-    is_command,
-    is_flown_to,
     is_return,
     item_to_mark,
+    next_flown_to,
+    same_position,
     speed_before,
 )
 from wbf_mission.ground.orders import Answer, Order, result_name
@@ -46,9 +47,7 @@ _LONGEST_S = 8.0
 # Half of WPNAV_ACCEL and the inverse of twice PSC_POSXY_P: ArduCopter's stopping distance.
 _STOP_M, _STOP_PER_V2 = 1.25, 0.2
 _LEAVE_M = (6.0, 12.0)
-_SAME_M = 2.0
 _FOREVER = 1_000_000
-_EARTH_M = 6_371_008.8
 _SILENT_S = 2.0
 _GUIDED_FLAG = float(m.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
 
@@ -84,6 +83,7 @@ class AsideChange(ChangeSession):
         self._transfer: VerifiedUpload | None = None
         self._flown_next = request.resume_at
         self._is_far = False
+        self._near = -1
         self._failures = 0
         self._heard_s = -math.inf
         self._wake_s = math.inf
@@ -158,7 +158,17 @@ class AsideChange(ChangeSession):
         if now_s - state.heard_s > _FRESH_S or climbs or request.monitor.custom_mode != self._auto:
             return []
         window_s = 1.5 * request.seconds_an_item * len(request.new.items) + _SPARE_S
-        if self._same_target(item):
+        if item != self._near and self._near >= 0:
+            # The target that was too near is behind it.
+            self._near, self._leg = -1, next_flown_to(request.new.items, self._leg)
+        if same_position(request.old.items[item], request.new.items[self._leg]):
+            trip_s = self._round_trip.seconds or 0.5 * request.seconds_an_item
+            near_m = state.ground_speed_m_s * (trip_s + _SPARE_S)
+            goes_on = not is_return(request.old.items[next_flown_to(request.old.items, item)])
+            follows = next_flown_to(request.new.items, self._leg) != self._leg
+            if self._distance() < near_m and follows and goes_on:
+                self._near = item
+                return []
             left_s = (self._distance() - self._leave_m()) / max(state.ground_speed_m_s, 0.5)
             if left_s > window_s:
                 self._wake_s = min(self._wake_s, now_s + left_s - window_s)
@@ -168,11 +178,6 @@ class AsideChange(ChangeSession):
         self._sent_s = now_s
         self._item = item
         return self._fly_to(now_s)
-
-    def _same_target(self, item: int) -> bool:
-        """Whether the new mission goes on with the position that is flown to now."""
-        old, new = self.request.old.items[item], self._plan.items[self._leg]
-        return old.has_position and new.has_position and _apart_m((old.x, old.y), (new.x, new.y)) < _SAME_M
 
     def _fly_to(self, now_s: float) -> list[Message]:
         """Fly to the target in the guided mode."""
@@ -331,10 +336,8 @@ class AsideChange(ChangeSession):
         request = self.request
         marked = item_to_mark(request.old, self._item, self._plan, leg)
         needed = any(item.command != Command.DO_CHANGE_SPEED for item in items[marked:leg])
-        following = leg + 1
-        while following < len(items) and is_command(items[following]):
-            following += 1
-        if not passed or needed or following >= len(items) or not is_flown_to(items[following]):
+        following = next_flown_to(items, leg)
+        if not passed or needed or following == leg:
             return first
         self._flown_next = following
         return leg + 1
@@ -370,7 +373,7 @@ class AsideChange(ChangeSession):
         latitude, longitude, _ = self._target()
         if not math.isfinite(state.latitude_deg):
             return math.inf
-        return _apart_m((state.latitude_deg, state.longitude_deg), (latitude, longitude))
+        return apart_m((state.latitude_deg, state.longitude_deg), (latitude, longitude))
 
     def _target(self) -> tuple[float, float, float]:
         """Return where to fly in the guided mode: to the item, over home when that is the return."""
@@ -449,9 +452,3 @@ class AsideChange(ChangeSession):
         if self.record is None:
             self._end(outcome, text, now_s)
         return []
-
-
-def _apart_m(a: tuple[float, float], b: tuple[float, float]) -> float:
-    """Return the distance of two positions that are near each other, on a sphere."""
-    north, east = b[0] - a[0], (b[1] - a[1]) * math.cos(math.radians(a[0]))
-    return _EARTH_M * math.radians(math.hypot(north, east))

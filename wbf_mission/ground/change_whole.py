@@ -18,13 +18,23 @@ from mission.transfer import (
     VerifiedUpload,
     compare_plans,
 )
-from wbf_mission.ground.change import ChangeOutcome, ChangeRequest, ChangeSession, item_to_mark
+from wbf_mission.ground.change import (
+    ChangeOutcome,
+    ChangeRequest,
+    ChangeSession,
+    apart_m,
+    item_to_mark,
+    next_flown_to,
+    same_position,
+)
 
 __all__ = ["WholeListChange"]
 
 _SHOWN_S = 1.5
 _MARKS = 4
 _AGAIN_S = 2.0
+_SURELY = 0.9
+_SLOWEST_M_S = 1.0
 
 
 class WholeListChange(ChangeSession):
@@ -37,13 +47,33 @@ class WholeListChange(ChangeSession):
 
     def __init__(self, request: ChangeRequest) -> None:
         super().__init__(request)
-        self._mark = item_to_mark(request.old, request.item, request.new, request.resume_at)
+        self._mark = item_to_mark(request.old, request.item, request.new, self._next_then())
         self._transfer: VerifiedUpload | MissionDownload | None = None
         self._verified = False
         self._due_s = math.inf
         self._marks = 0
         self._why = ""
         self._id = 0
+
+    def _next_then(self) -> int:
+        """Return the item to fly to when the upload ends: what is passed until then is not flown back to."""
+        request = self.request
+        old, new, state = request.old.items, request.new.items, request.monitor.state
+        item, target = request.item, request.resume_at
+        if not same_position(old[item], new[target]) or not math.isfinite(state.latitude_deg):
+            return target
+        # Of the time that an item took, one half was for the reading back.
+        upload_s = _SURELY * 0.5 * request.seconds_an_item * (len(new) + 1)
+        here, passed_s = (state.latitude_deg, state.longitude_deg), 0.0
+        while True:
+            there = (new[target].x, new[target].y)
+            passed_s += apart_m(here, there) / max(state.ground_speed_m_s, _SLOWEST_M_S)
+            following = next_flown_to(new, target)
+            if passed_s > upload_s or following == target:
+                return target
+            here, target, item = there, following, next_flown_to(old, item)
+            if not same_position(old[item], new[target]):
+                return target
 
     def start(self, now_s: float) -> list[Message]:
         """Begin the upload."""

@@ -2,9 +2,10 @@
 
 A quadrotor flies legs of 120 m at 7 m/s with a camera every 5 m, on the virtual clock, over links of several
 delays. Its mission is replaced by one with the same path, 85, 40, 20 and 5 m before a corner: what the flight
-takes longer is the time lost (bars: 0.5 s under PX4, 1.5 s under ArduCopter, over links of up to 100 ms). Then by another path, at every
-few seconds of the flight: how long from the first message to the turn, and how long ArduCopter is aside from
-its mission. Last what the price of a path of 40 legs costs, many in one call.
+takes longer is the time lost (bars: 0.5 s under PX4, 1.5 s under ArduCopter, over links with a round trip of
+up to 100 ms). Then by another path, at every few seconds of the flight: how long from the first message to
+the turn, and how long ArduCopter is aside from its mission. Last what the price of a path of 40 legs costs,
+many in one call.
 
     python benchmarks/changes.py [--autopilots px4,ardupilot]
 """

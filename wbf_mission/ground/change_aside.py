@@ -43,7 +43,7 @@ _TRIES = 3
 _SPARE_S = 1.0
 _CHAIN_M = 10.0
 _CHAIN_S = 1.5
-_LONGEST_S = 8.0
+_LONGEST_S = 5.0
 # Half of WPNAV_ACCEL and the inverse of twice PSC_POSXY_P: ArduCopter's stopping distance.
 _STOP_M, _STOP_PER_V2 = 1.25, 0.2
 _LEAVE_M = (6.0, 12.0)

@@ -88,6 +88,8 @@ class Profile:
         ACK for a plan type that does not exist.
     partial_write : bool
         MISSION_WRITE_PARTIAL_LIST works.
+    partial_result : int or None
+        ACK for a part that is not taken, None for none.
     empty_hold_s : float
         After a COUNT of 0 every COUNT is refused for so long.
     received_texts : tuple of str or None
@@ -136,6 +138,7 @@ class Profile:
     capacity: tuple[int, int, int] = (wire.MAX_ITEMS, wire.MAX_ITEMS, wire.MAX_ITEMS)
     type_result: int = wire.INVALID
     partial_write: bool = False
+    partial_result: int | None = wire.ERROR
     empty_hold_s: float = 0.0
     received_texts: tuple[str, str, str] | None = None
     timeout_text: str = "Operation timeout"
@@ -169,6 +172,7 @@ PX4 = Profile(
     placed=_PX4_PLACED,
     unplaced=_PX4_UNPLACED,
     capacity=(wire.MAX_ITEMS - 1, wire.MAX_ITEMS, wire.MAX_ITEMS),
+    partial_result=None,
     empty_hold_s=5.0,
     text_prefix="WPM: ",
     usual_limits=(500, 64, 32),

@@ -79,7 +79,9 @@ class ServerReplies:
 
     def refuse_partial(self, message: wire.PartialMessage, sender: _Sender) -> Output:
         """No partial lists."""
-        return self.ack(wire.ERROR, message.mission_type, sender)
+        if self._profile.partial_result is None:
+            return NOTHING
+        return self.ack(self._profile.partial_result, message.mission_type, sender)
 
     def refuse_list(self, message: wire.MissionMessage, sender: _Sender) -> Output:
         """A download while another transfer is running."""

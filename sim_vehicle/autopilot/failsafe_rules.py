@@ -108,6 +108,8 @@ class FailsafeRules:
         Without a heading, the nose turns to a setpoint's position.
     fences_setpoints : bool
         A setpoint outside the fence is refused.
+    tells_link_loss : bool
+        The loss of the ground station is told even where nothing is done about it.
     preflight, arming : str
         Texts before the reason that arming is refused: the check's, and that of the order.
     fence_text, fence_clear, link_lost, link_regained, stream_lost : str
@@ -126,6 +128,7 @@ class FailsafeRules:
     pauses_in_mode: bool
     yaws_to_setpoint: bool
     fences_setpoints: bool
+    tells_link_loss: bool
     preflight: str
     arming: str
     fence_text: str

@@ -40,6 +40,11 @@ class MissionHabits:
     rewinds_survey : bool
         A mission that was left while its camera was shooting is gone on with at the position before the one
         it came from (PX4).
+    pauses_shots : bool
+        Shots that go on by themselves stop when the mission mode is left, and go on from the next position
+        that is reached in it (PX4). Otherwise they go on in any mode, until the vehicle disarms (ArduPilot).
+    tells_shots : bool
+        Shots that the autopilot has ordered are told by CAMERA_FEEDBACK (ArduPilot).
     changed_texts : tuple of str
         What is said when a leg begins anew; ``{}`` is the number of the item.
     restart_failed_text, no_mission_text : str
@@ -60,6 +65,8 @@ class MissionHabits:
     forgets_speed_in: frozenset[Mode] = frozenset()
     replays_speed: bool = False
     rewinds_survey: bool = False
+    pauses_shots: bool = True
+    tells_shots: bool = False
     changed_texts: tuple[str, ...] = ()
     restart_failed_text: str = ""
     no_mission_text: str = ""

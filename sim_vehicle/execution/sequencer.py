@@ -52,6 +52,8 @@ _REPLAN_BEFORE = 64
 _GAVE_UP = -2
 _LANDING_COMMANDS = frozenset({16, 18, 19, 21, 31})
 _WAYPOINT = int(Command.NAV_WAYPOINT)
+_WITH_POSITION = POSITION_COMMANDS | {int(Command.NAV_LAND), int(Command.NAV_TAKEOFF)}
+_TRIGGERS = frozenset({206, 214, 2000, 2001, 2003})
 ROI_COMMANDS = frozenset({195, 197, 201})
 
 
@@ -213,6 +215,17 @@ class MissionSequencer:
             if item.command == Command.DO_CHANGE_SPEED:
                 do_items(self.items[: seq + 1], seq, settings, self.follower.spec.top_speed_m_s)
         self.settings.speed_m_s = settings.speed_m_s
+
+    def rewind_survey(self) -> None:
+        """Go back to the position before the leg that was flown, where images were taken on it.
+
+        PX4 v1.17, ``MissionBase::on_activation`` and ``getPreviousPositionItems``.
+        """
+        before = self.items[: max(self.current_seq, 0)]
+        triggers = [item for item in before if item.command in _TRIGGERS]
+        positions = [seq for seq, item in enumerate(before[:-1]) if item.command in _WITH_POSITION]
+        if triggers and positions and _shoots(triggers[-1]):
+            self._set_current(positions[-1])
 
     def apply_speed(self) -> None:
         """Let a ground speed that was set hold for what is being flown."""
@@ -576,3 +589,10 @@ class MissionSequencer:
                 follower.disarm_step = None
             return
         follower.drop_plan(FlightPhase.GROUND)
+
+
+def _shoots(trigger: MissionItem) -> bool:
+    """Whether images are taken on and on after an item that starts or stops that."""
+    if trigger.command == Command.IMAGE_START_CAPTURE:
+        return True
+    return trigger.command != Command.IMAGE_STOP_CAPTURE and number(trigger.param1) > 0.0

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command
 from sim_vehicle.component import NEVER
 
-__all__ = ["CAMERA", "CAMERA_COMMANDS", "CameraOrders"]
+if TYPE_CHECKING:
+    from sim_vehicle.execution.state import VehicleState
+
+__all__ = ["CAMERA", "CAMERA_COMMANDS", "CameraOrders", "camera_feedback"]
 
 CAMERA = int(m.MAV_COMP_ID_CAMERA)
 CAMERA_COMMANDS = frozenset(
@@ -55,6 +60,8 @@ class CameraOrders:
         self._warn = warn
         self._pending: list[_Pending] = []
         self._stop: int | None = None
+        self._started: tuple[int, tuple[float, ...]] | None = None
+        self._paused: tuple[int, tuple[float, ...]] | None = None
 
     @property
     def shooting(self) -> bool:
@@ -68,6 +75,9 @@ class CameraOrders:
         elif command in _STOPPED_BY:
             starts = command == Command.IMAGE_START_CAPTURE or params[0] > 0.0
             self._stop = _STOPPED_BY[Command(command)] if starts else None
+        if command in _STOPPED_BY or command == Command.IMAGE_STOP_CAPTURE:
+            self._started = (command, params) if self._stop is not None else None
+            self._paused = None
         message = m.MAVLink_command_long_message(self._system_id, CAMERA, command, 0, *params)
         self._pending = [p for p in self._pending if p.message.command != command]
         self._pending.append(_Pending(message, 1, now_s + RETRY_S))
@@ -77,6 +87,17 @@ class CameraOrders:
         """End what `shooting` tells, so that the camera does not go on during the return."""
         command = self._stop
         return [] if command is None else [self.command(command, (0.0,) * 7, now_s)]
+
+    def pause(self, now_s: float) -> list[Message]:
+        """End what `shooting` tells until `resume`."""
+        paused = self._started
+        sent = self.stop(now_s)
+        self._paused = paused
+        return sent
+
+    def resume(self, now_s: float) -> list[Message]:
+        """Go on with what was paused, unless the camera was told something else since."""
+        return [] if self._paused is None else [self.command(*self._paused, now_s)]
 
     def acknowledged(self, command: int, result: int) -> None:
         """Take a COMMAND_ACK of the camera."""
@@ -103,3 +124,23 @@ class CameraOrders:
     def next_deadline(self) -> float:
         """When `retry` has something to do."""
         return min((p.due_s for p in self._pending), default=NEVER)
+
+
+def camera_feedback(image: m.MAVLink_camera_image_captured_message, state: VehicleState) -> Message:
+    """CAMERA_FEEDBACK of an image that the autopilot has ordered, with its attitude now."""
+    return m.MAVLink_camera_feedback_message(
+        image.time_utc or image.time_boot_ms * 1000,
+        0,
+        0,
+        image.image_index & 0xFFFF,
+        image.lat,
+        image.lon,
+        image.alt / 1000.0,
+        image.relative_alt / 1000.0,
+        math.degrees(state.roll_rad),
+        math.degrees(state.pitch_rad),
+        math.degrees(state.yaw_rad),
+        0.0,
+        m.CAMERA_FEEDBACK_PHOTO,
+        (image.image_index + 1) & 0xFFFF,
+    )

@@ -22,9 +22,10 @@ from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.component import NEVER
 from sim_vehicle.epoch import EPOCH_UNIX_S
+from sim_vehicle.execution.items import NAV_COMMANDS
 from sim_vehicle.execution.state import CameraCommand, FlightEvent, HomeMoved, ItemReached
 from sim_vehicle.mavlink import setpoint_messages
-from sim_vehicle.mavlink.camera_commands import CAMERA, CameraOrders
+from sim_vehicle.mavlink.camera_commands import CAMERA, CameraOrders, camera_feedback
 from sim_vehicle.mavlink.commands import CommandReceiver, set_custom_mode
 from sim_vehicle.mavlink.data_streams import STREAMS
 from sim_vehicle.mavlink.item_reports import ItemReports
@@ -132,6 +133,7 @@ class SimVehicle:
         )
         self.schedule = self._default_schedule()
         self.has_camera = False
+        self._was_in_mission = False
         self._signing = signing
         self._tick_s = 0.0
         self._outbox: list[Message] = []
@@ -169,6 +171,8 @@ class SimVehicle:
             ),
             **dict.fromkeys(setpoint_messages.MESSAGES, self._on_setpoint),
         }
+        if pilot.habits.tells_shots:
+            self._handlers[m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED] = self._on_image
         self.wanted: frozenset[int] | None = frozenset(self._handlers)
 
     @property
@@ -277,6 +281,8 @@ class SimVehicle:
     def _tell(self, event: FlightEvent, now_s: float) -> None:
         if isinstance(event, ItemReached):
             self._outbox.append(self._reports.report(self.state.wire_seq(event.seq), now_s))
+            if self._is_position(event.seq):
+                self._outbox += self._camera.resume(now_s)
         elif isinstance(event, HomeMoved):
             self.on_home_moved()
         elif isinstance(event, CameraCommand):
@@ -285,11 +291,32 @@ class SimVehicle:
             params = tuple(math.nan if value is None else value for value in first)
             self.command_camera(item.command, (*params, item.x, item.y, item.z))
 
+    def _is_position(self, seq: int) -> bool:
+        items = self.pilot.mission.items
+        return seq < len(items) and items[seq].command in NAV_COMMANDS
+
+    def _watch_camera(self) -> None:
+        """Stop shots that go on by themselves where the autopilot does so."""
+        pilot, camera, now_s = self.pilot, self._camera, self.state.now_us / 1e6
+        was_in_mission, self._was_in_mission = self._was_in_mission, pilot.mode is Mode.MISSION
+        if not camera.shooting:
+            return
+        if not pilot.armed or (pilot.habits.pauses_shots and pilot.mode in (Mode.RTL, Mode.LAND)):
+            self._outbox += camera.stop(now_s)
+        elif pilot.habits.pauses_shots and was_in_mission and not self._was_in_mission:
+            self._outbox += camera.pause(now_s)
+
+    def _on_image(self, message: m.MAVLink_camera_image_captured_message) -> None:
+        """Tell of a shot that this vehicle has ordered, as an autopilot's own camera driver does."""
+        if message.get_srcSystem() != self.system_id or message.get_srcComponent() != CAMERA:
+            return
+        if self._camera.shooting and message.capture_result == 1:
+            self._outbox.append(camera_feedback(message, self.pilot.state))
+
     def _show_changes(self) -> None:
         """Send at once what peers wait for (mode, arming, landing, progress) and what is to be said."""
         pilot = self.pilot
-        if self._camera.shooting and (pilot.mode in (Mode.RTL, Mode.LAND) or not pilot.armed):
-            self._outbox += self._camera.stop(self.state.now_us / 1e6)
+        self._watch_camera()
         for notice in pilot.notices():
             self._outbox += self._texts.messages(notice.severity, notice.text)
         shown = (

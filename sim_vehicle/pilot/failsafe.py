@@ -113,7 +113,13 @@ class Failsafe:
         self._last_gcs_s = now_s
         if self.link_lost:
             self.link_lost = False
-            self._notices.add(Severity.INFO, self.rules.link_regained)
+            if self._tells_link:
+                self._notices.add(Severity.INFO, self.rules.link_regained)
+
+    @property
+    def _tells_link(self) -> bool:
+        acts = self.rules.link_action(self._parameters) is not Action.NONE
+        return acts or self.rules.tells_link_loss
 
     def on_armed(self) -> None:
         """Begin again with the arming."""
@@ -190,7 +196,8 @@ class Failsafe:
         self.link_lost = True
         action = self.rules.link_action(self._parameters)
         acts = action is not Action.NONE and self._controls.landed is not LandedState.ON_GROUND
-        self._notices.add(Severity.WARNING, self.rules.link_lost + (f": {action.value}" if acts else ""))
+        if self._tells_link:
+            self._notices.add(Severity.WARNING, self.rules.link_lost + (f": {action.value}" if acts else ""))
         yield from self._react(Reaction(action, Outcome.LINK_LOST, "ground station lost"))
 
     def _check_fence(self) -> Iterator[Reaction]:

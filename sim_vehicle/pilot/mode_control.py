@@ -10,6 +10,7 @@ from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.pilot.notices import RefusedError
 
 if TYPE_CHECKING:
+    from mission.model import MissionItem
     from sim_vehicle.pilot.controls import Controls
     from sim_vehicle.pilot.mission_status import MissionStatus
     from sim_vehicle.pilot.setpoints import SetpointFollower
@@ -58,6 +59,7 @@ class ModeControl:
         self._mission = mission
         self._setpoints = setpoints
         self._habits = habits
+        self._left: tuple[tuple[MissionItem, ...], int] | None = None
         self._after_takeoff = after_takeoff
 
     def change(self, mode: Mode) -> bool:
@@ -92,7 +94,16 @@ class ModeControl:
                 sequencer.reset_speed()
             elif mode is Mode.MISSION and self._habits.replays_speed:
                 sequencer.replay_speed()
+            if mode is Mode.MISSION and self._habits.rewinds_survey and self._left == self._present_item:
+                sequencer.rewind_survey()
+            if self.mode is Mode.MISSION:
+                self._left = self._present_item
         self.mode = mode
+
+    @property
+    def _present_item(self) -> tuple[tuple[MissionItem, ...], int]:
+        """The mission and its current item, where it is left and gone on with."""
+        return self._mission.items, self._controls.executor.current_seq
 
     def on_target_reached(self) -> None:
         """Go on to the mode that follows a take-off."""

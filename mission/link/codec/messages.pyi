@@ -41,6 +41,7 @@ mavlink_map: Final[dict[int, type[MAVLink_message]]]
 CAMERA_CAP_FLAGS_CAPTURE_IMAGE: Final[int]
 CAMERA_CAP_FLAGS_HAS_IMAGE_SURVEY_MODE: Final[int]
 CAMERA_CAP_FLAGS_HAS_MODES: Final[int]
+CAMERA_FEEDBACK_PHOTO: Final[int]
 CAMERA_MODE_IMAGE: Final[int]
 CAMERA_MODE_IMAGE_SURVEY: Final[int]
 MAVLINK_MSG_ID_ALTITUDE: Final[int]
@@ -382,6 +383,39 @@ class MAVLink_camera_capture_status_message(MAVLink_message):
         available_capacity: float,
         image_count: int = ...,
         camera_device_id: int = ...,
+    ) -> None: ...
+
+class MAVLink_camera_feedback_message(MAVLink_message):
+    time_usec: int
+    target_system: int
+    cam_idx: int
+    img_idx: int
+    lat: int
+    lng: int
+    alt_msl: float
+    alt_rel: float
+    roll: float
+    pitch: float
+    yaw: float
+    foc_len: float
+    flags: int
+    completed_captures: int
+    def __init__(
+        self,
+        time_usec: int,
+        target_system: int,
+        cam_idx: int,
+        img_idx: int,
+        lat: int,
+        lng: int,
+        alt_msl: float,
+        alt_rel: float,
+        roll: float,
+        pitch: float,
+        yaw: float,
+        foc_len: float,
+        flags: int,
+        completed_captures: int = ...,
     ) -> None: ...
 
 class MAVLink_camera_image_captured_message(MAVLink_message):

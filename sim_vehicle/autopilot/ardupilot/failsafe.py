@@ -24,6 +24,7 @@ COPTER_RULES = FailsafeRules(
     pauses_in_mode=True,
     yaws_to_setpoint=True,
     fences_setpoints=True,
+    tells_link_loss=False,
     preflight="PreArm",
     arming="Arm",
     fence_text="Fence breached: {}",

@@ -25,6 +25,7 @@ RULES = FailsafeRules(
     pauses_in_mode=False,
     yaws_to_setpoint=False,
     fences_setpoints=False,
+    tells_link_loss=True,
     preflight="Preflight Fail",
     arming="Arming denied",
     fence_text="Geofence violated: {}",

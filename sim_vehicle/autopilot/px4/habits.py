@@ -12,6 +12,7 @@ __all__ = ["HABITS"]
 
 HABITS = MissionHabits(
     replays_speed=True,
+    rewinds_survey=True,
     no_mission_text="No valid mission available, loitering",
     unknown_current_s=0.5,
 )

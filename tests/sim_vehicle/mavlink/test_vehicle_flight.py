@@ -220,10 +220,9 @@ def test_mode_then_arm_starts_the_mission_as_qgroundcontrol_does_it():
     assert (vehicle.outcome, reason) == (Outcome.COMPLETED, StopReason.FINISHED)
 
 
-def test_pause_and_continue():
-    hold = command(m.MAV_CMD_DO_PAUSE_CONTINUE, 0.0)
-    resume = command(m.MAV_CMD_DO_PAUSE_CONTINUE, 1.0)
-    vehicle, ground, _, _ = fly(SURVEY, [(2.0, ARM), (2.2, START), (12.0, hold), (40.0, resume)])
+def test_hold_and_continue():
+    hold = command(m.MAV_CMD_DO_SET_MODE, 1.0, 4.0, 3.0)
+    vehicle, ground, _, _ = fly(SURVEY, [(2.0, ARM), (2.2, START), (12.0, hold), (40.0, MISSION_MODE)])
     assert vehicle.outcome is Outcome.COMPLETED
     still = [
         abs(message.vx) + abs(message.vy)

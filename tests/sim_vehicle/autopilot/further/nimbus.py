@@ -45,6 +45,7 @@ RULES = FailsafeRules(
     pauses_in_mode=True,
     yaws_to_setpoint=False,
     fences_setpoints=False,
+    tells_link_loss=True,
     preflight="Nimbus check",
     arming="Nimbus arming",
     fence_text="Nimbus fence: {}",

@@ -84,7 +84,8 @@ def advance(
     int
         RAN, REACHED, WIND (the wind block is used up), STALLED (no progress), ENERGY or NEAR.
     """
-    dt = law[DT]
+    # Read once: a look into the limits at every step costs a tenth of the speed.
+    dt, capacity = law[DT], limits[ENERGY_LIMIT]
     event = col.RAN
     rising = guide[RISING]
     for _ in range(max_steps):
@@ -171,7 +172,7 @@ def advance(
                 if left < row[DISTANCE] ** 2:
                     counters[col.NEAR_TOLD] = 1
                     event = col.NEAR
-        if state[col.ENERGY_USED] >= limits[ENERGY_LIMIT]:
+        if state[col.ENERGY_USED] >= capacity:
             event = col.ENERGY
         if event != col.RAN:
             break

@@ -7,14 +7,17 @@ import pytest
 from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as st
 
+from geo.farms import get_farm
 from geo.frame import LocalFrame
 from mission.errors import MissionError
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, GeoPoint, Mission, MissionItem
 from mission.outcome import Outcome
+from sensors.camera.leaf_camera import LeafCamera
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot, with_autopilot
 from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.simulation import Impairment, Simulation
 from sim_vehicle.mavlink import SimVehicle
 from wbf_mission import outcome
@@ -24,7 +27,7 @@ from wbf_mission.ground.station import GroundStation, NotFlyingError
 
 HOME = GeoPoint(28.05, -82.15)
 FRAME = LocalFrame(28.05, -82.15)
-HEIGHT_M, SPEED_M_S = 12.0, 5.0
+HEIGHT_M, SPEED_M_S, IMAGES_M = 12.0, 5.0, 4.0
 OLD = [(0.0, 20.0), (60.0, 20.0), (60.0, 35.0), (0.0, 35.0), (0.0, 50.0), (60.0, 50.0)]
 NEW = [(40.0, 70.0), (-20.0, 70.0), (-20.0, 30.0)]
 AUTOPILOTS = ["px4", "ardupilot"]
@@ -36,13 +39,13 @@ def degrees(points):
     return [FRAME.to_wgs84(float(x), float(y)) for x, y in points]
 
 
-def planned(points=OLD, camera_m=4.0):
+def planned(points=OLD):
     through = [MissionItem.waypoint(*one, HEIGHT_M, acceptance_radius_m=1.0) for one in degrees(points)]
     items = (
         MissionItem(22, 3, 0, 0, 0, None, HOME.latitude_deg, HOME.longitude_deg, HEIGHT_M),
         MissionItem(178, param1=1.0, param2=SPEED_M_S, param3=-1.0),
         through[0],
-        MissionItem(206, param1=camera_m, param3=1.0),
+        MissionItem(206, param1=IMAGES_M, param3=1.0),
         *through[1:],
         MissionItem(206),
         MissionItem(20),
@@ -73,17 +76,24 @@ class Far:
         return self.station.next_deadline()
 
 
-class Shots:
-    """Hears where images are taken: on the way, as the autopilot's own trigger tells."""
+class AnyWorld:
+    """An environment that is the same everywhere."""
+
+    def sample(self, day, ix, iy):
+        return np.zeros((len(ix), 3), dtype=np.float32)
+
+
+class Images:
+    """Hears where images are taken."""
 
     system_id, component_id = 200, 1
+    wanted = frozenset({m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED})
 
     def __init__(self):
-        self.times_s = []
-        self.wanted = frozenset({m.MAVLINK_MSG_ID_CAMERA_TRIGGER, m.MAVLINK_MSG_ID_CAMERA_FEEDBACK})
+        self.found = {}
 
     def receive(self, message, now_s):
-        self.times_s.append(now_s)
+        self.found[message.image_index] = (now_s, *FRAME.from_wgs84(message.lat / 1e7, message.lon / 1e7))
         return []
 
     def poll(self, now_s):
@@ -101,8 +111,13 @@ class Flight:
         self.vehicle = SimVehicle(spec, HOME, autopilot=get_autopilot(autopilot))
         self.station = GroundStation(planned())
         self.far = Far(self.station)
+        self.images = Images()
+        farm = get_farm("miniberry-10")
+        camera = LeafCameraComponent(LeafCamera(AnyWorld(), farm.grid().shape, 1), farm)
         self.simulation = Simulation(
-            [self.vehicle, self.far], impairment=impairment, remote=[self.far] if impairment else ()
+            [self.vehicle, self.far, camera, self.images],
+            impairment=impairment,
+            remote=[self.far] if impairment else (),
         )
         self.new = None
         self.asked_s = None
@@ -165,6 +180,13 @@ class Flight:
             (float(np.hypot(*(track - point).T).min()) for point in np.array(points).reshape(-1, 2)),
             default=0.0,
         )
+
+    def spacing_m(self):
+        """Flown lengths from image to image while the mission's camera was to take them."""
+        track = np.array(self.track)
+        way = np.concatenate([[0.0], np.hypot(*np.diff(track[:, 1:3], axis=0).T).cumsum()])
+        times = np.sort([time for time, _, _ in self.images.found.values()])
+        return np.diff(np.interp(times, track[:, 0], way))
 
     def is_home(self):
         x, y, z = self.vehicle.pilot.state.position_m
@@ -294,6 +316,19 @@ def test_a_mission_that_must_not_be_flown_is_refused_before_anything_is_sent(aut
 def test_on_the_ground_nothing_is_changed():
     with pytest.raises(NotFlyingError, match="waiting for the vehicle"):
         GroundStation(planned()).change(planned(), 2, 0.0)
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+@pytest.mark.parametrize("delay_s", [0.0, 0.05])
+@pytest.mark.parametrize(("path", "after_s"), [(OLD[3:], 0.5), (NEW, 3.0), (NEW, 11.0)])
+def test_the_camera_neither_stops_nor_takes_an_image_twice(autopilot, delay_s, path, after_s):
+    impairment = Impairment(delay_s=delay_s) if delay_s else None
+    flight = Flight(autopilot, other_path(path), at_item(5, after_s), impairment).fly()
+    assert flight.station.changes[0].outcome is ChangeOutcome.DONE
+    spacing_m = flight.spacing_m()
+    assert len(spacing_m) > 20
+    assert spacing_m.max() < 1.6 * IMAGES_M
+    assert spacing_m.min() > 0.6 * IMAGES_M
 
 
 def check_any_moment(autopilot, moment_s, loss, delay_s, jitter_s, duplication, dead, same, seed):

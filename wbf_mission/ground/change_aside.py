@@ -25,7 +25,6 @@ from wbf_mission.ground.change import (
     ChangeRequest,
     ChangeSession,
     apart_m,
-    first_command,
     is_return,
     item_to_mark,
     next_flown_to,
@@ -319,26 +318,24 @@ class AsideChange(ChangeSession):
         left_m, speed = self._distance() - self._leave_m(), self.request.monitor.state.ground_speed_m_s
         # Far from the target the way to it is not worth the time aside from the mission.
         self._is_far |= not self._has_target() or left_m > _LONGEST_S * max(speed, 0.5)
-        seq = home + (first_command(self._plan.items, self._leg) if self._is_far else self._item_to_choose())
+        seq = home + self._item_to_choose()
         return self._order(int(m.MAV_CMD_DO_SET_MISSION_CURRENT), now_s, float(seq), 0.0)
 
     def _item_to_choose(self) -> int:
-        """Return the first DO item before the waypoint after the target, which is reached aside.
+        """Return the item after the target, which is reached aside; the target itself where it is not.
 
-        A mission that is gone on with begins its leg where the vehicle would stop: there the target is, and
-        a leg to the target itself would be a stop. That is put up with where the target is one, or where DO
-        items before it are needed that no command of their own replaces.
+        A mission that is gone on with begins its leg where the vehicle would stop: near the target that is
+        the target, and a leg to the target itself would be a stop. That is put up with where the target is
+        one, or where DO items before it are needed that no command of their own replaces.
         """
-        items, leg = self._plan.items, self._leg
-        first = first_command(items, leg)
+        request, items, leg = self.request, self._plan.items, self._leg
         target = items[leg]
         passed = target.command == Command.NAV_WAYPOINT and not (target.param1 or 0.0) > 0.0
-        request = self.request
         marked = item_to_mark(request.old, self._item, self._plan, leg)
         needed = any(item.command != Command.DO_CHANGE_SPEED for item in items[marked:leg])
         following = next_flown_to(items, leg)
-        if not passed or needed or following == leg:
-            return first
+        if self._is_far or needed or not passed or following == leg:
+            return marked if needed else leg
         self._flown_next = following
         return leg + 1
 

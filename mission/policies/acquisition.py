@@ -1,0 +1,179 @@
+"""Acquisitions: what seeing a cell is worth, from what is believed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geo.grid import FarmGrid
+from mission.errors import PlanningError
+from mission.policies.situation import Situation
+from sensors.fields import Field
+from sensors.scoring.information import InformationModel
+
+Worth: TypeAlias = NDArray[np.float32]
+
+_CLASS_VALUES = (1.0, 0.5, 0.0)
+
+
+class Acquisition(Protocol):
+    """Tells what seeing each cell is worth."""
+
+    def __call__(self, situation: Situation, /) -> Worth:
+        """Return float32[W, H], not negative: the worth of each cell, zero where nothing is scored."""
+
+
+def expected_loss(situation: Situation) -> Worth:
+    """Return the loss that the score is expected to charge for each cell of the present estimate.
+
+    It is what an observation of the cell saves: the sum over the fields of their weights and the loss
+    expected under the estimator's class probabilities. Without these, the cost of a squared error, the mean
+    of both sides, times the variance that the estimator states.
+    """
+    known = situation.model.expected_loss
+    if known is not None:
+        return _weighted(situation, lambda k, _field: known[k])
+    return _weighted(situation, lambda k, field: _loss_of_field(situation, k, field))
+
+
+def variance(situation: Situation) -> Worth:
+    """Return the variance that the estimator states, weighted by field."""
+    return _weighted(situation, lambda k, _field: situation.model.uncertainty[k] ** 2)
+
+
+def entropy(situation: Situation) -> Worth:
+    """Return the entropy of the classes (nats) of each disease, weighted by field.
+
+    Fields without class probabilities count by the entropy of a normal distribution, relative to a standard
+    deviation of a hundredth and not below zero.
+    """
+
+    def of_field(k: int, field: Field) -> NDArray[np.floating]:
+        classes = _classes(situation.model, field.name)
+        if classes is None:
+            deviation = np.maximum(situation.model.uncertainty[k], np.float32(0.01))
+            return np.asarray(np.log(deviation / np.float32(0.01)))
+        return np.asarray(-np.sum(classes * np.log(np.maximum(classes, 1e-12)), axis=0))
+
+    return _weighted(situation, of_field)
+
+
+def probability_of_sick(situation: Situation) -> Worth:
+    """Return the probability that a plant that is not known is sick, weighted by disease.
+
+    Without class probabilities, how far the estimate is below healthy. Cells without doubt are worth nothing.
+    """
+
+    def of_field(k: int, field: Field) -> NDArray[np.floating]:
+        if field.kind != "disease":
+            return np.zeros(situation.model.shape, np.float32)
+        classes = _classes(situation.model, field.name)
+        sick = 1.0 - situation.model.value[k] if classes is None else 1.0 - classes[0]
+        return np.where(situation.model.uncertainty[k] > 1e-6, np.clip(sick, 0.0, 1.0), 0.0)
+
+    return _weighted(situation, of_field)
+
+
+@dataclass(frozen=True, slots=True)
+class WithCoverage:
+    """An acquisition, and beside it something for every scored plant far from all that was observed.
+
+    Estimators are too sure of land that they know nothing of once they have found what they expect; an
+    outbreak that is never come near costs more than anything else. A plant at a distance of d cells from the
+    nearest observation of its field on this day is worth ``caution * (1 - exp(-d^2 / (2 reach^2)))`` more,
+    times the weight of the field.
+
+    Parameters
+    ----------
+    acquisition : Acquisition
+    caution : float
+        In units of loss; 0 for none.
+    reach : float
+        Cells.
+    """
+
+    acquisition: Acquisition
+    caution: float
+    reach: float = 2.0
+
+    def __call__(self, situation: Situation, /) -> Worth:
+        """Return the worth of each cell."""
+        worth = self.acquisition(situation)
+        if self.caution <= 0.0:
+            return worth
+        from scipy import ndimage
+
+        seen = situation.observations
+        today = seen[seen.day == situation.day]
+        unseen = np.ones(situation.model.shape, np.bool_)
+        unseen[today.x, today.y] = False
+        if unseen.all():
+            far = np.ones(unseen.shape, np.float32)
+        else:
+            distance = ndimage.distance_transform_edt(unseen).astype(np.float32)
+            far = 1.0 - np.exp(-(distance**2) / np.float32(2.0 * self.reach**2))
+        far *= np.float32(self.caution)
+        return worth + _weighted(situation, lambda _k, field: far if field.kind == "disease" else 0.0 * far)
+
+
+ACQUISITIONS: dict[str, Acquisition] = {
+    "expected-loss": expected_loss,
+    "variance": variance,
+    "entropy": entropy,
+    "probability-of-sick": probability_of_sick,
+}
+
+
+def make_acquisition(acquisition: str | Acquisition) -> Acquisition:
+    """Return an acquisition by its name (`ACQUISITIONS`), or the callable that was given.
+
+    Raises
+    ------
+    PlanningError
+        If there is none of that name, or it is not callable.
+    """
+    if callable(acquisition):
+        return acquisition
+    if acquisition not in ACQUISITIONS:
+        msg = f"no acquisition is named {acquisition!r}; there are {', '.join(ACQUISITIONS)}"
+        raise PlanningError(msg)
+    return ACQUISITIONS[acquisition]
+
+
+def _weighted(situation: Situation, of_field: Callable[[int, Field], NDArray[np.floating]]) -> Worth:
+    """Sum maps of the fields over the cells where they are scored, by the fields' weights."""
+    total = np.zeros(situation.model.shape, np.float32)
+    grid = situation.farm.grid()
+    for k, field in enumerate(situation.fields):
+        weight = situation.weights.field[k]
+        if weight > 0.0:
+            total += _mask(field, grid) * (np.float32(weight) * of_field(k, field))
+    return total
+
+
+@lru_cache(maxsize=16)
+def _mask(field: Field, grid: FarmGrid) -> NDArray[np.bool_]:
+    return field.mask(grid)
+
+
+def _classes(model: InformationModel, name: str) -> NDArray[np.floating] | None:
+    if model.probabilities is None or name not in model.probabilities:
+        return None
+    return model.probabilities[name]
+
+
+def _loss_of_field(situation: Situation, k: int, field: Field) -> NDArray[np.floating]:
+    above, below = situation.weights.too_healthy[k], situation.weights.too_sick[k]
+    classes = _classes(situation.model, field.name)
+    if classes is None:
+        return np.asarray(0.5 * (above + below) * situation.model.uncertainty[k] ** 2)
+    loss = np.zeros(situation.model.shape, np.float32)
+    for share, truth in zip(classes, _CLASS_VALUES, strict=True):
+        error = situation.model.value[k] - np.float32(truth)
+        loss += share * np.where(error > 0.0, above, below) * error**2
+    return loss

@@ -1,0 +1,126 @@
+"""Charts: the farm as a route search sees it, in cells that are few enough to search."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from mission.planners.inside_routing import TOLERANCE_M, is_rectangle
+from mission.planners.path import Area, Points
+from mission.policies.acquisition import Worth
+from mission.policies.situation import VehicleReport
+
+MOST_CELLS = 128
+"""Longest side of a chart, in its cells."""
+DIRECTIONS = 64
+_PROBE_CELLS = (8.0, 24.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chart:
+    """Where legs may lead, in square blocks of the farm's cells.
+
+    Parameters
+    ----------
+    free : bool[w, h]
+        Blocks that lie in the area whole.
+    cell_m : float
+        Side of a block, metres.
+    block : int
+        Side of a block in cells of the farm.
+    convex : bool
+        Whether a leg between two points of the area cannot leave it.
+    area : shapely Polygon or MultiPolygon
+        The area itself, a little wider than it is, against rounding.
+    """
+
+    free: NDArray[np.bool_]
+    cell_m: float
+    block: int
+    convex: bool
+    area: Area
+
+    @classmethod
+    def of(cls, area: Area, shape: tuple[int, int], cell_size_m: float, footprint_m: float) -> Chart:
+        """Draw the chart of an area on a farm of this shape.
+
+        Blocks are as small as `MOST_CELLS` allows, and not smaller than the camera's footprint.
+        """
+        seen = max(1, math.floor(footprint_m / cell_size_m + 1e-6))
+        block = max(seen, math.ceil(max(shape) / MOST_CELLS))
+        cell_m = block * cell_size_m
+        width, height = (math.ceil(side / block) for side in shape)
+        x, y = np.meshgrid(np.arange(width) * cell_m, np.arange(height) * cell_m, indexing="ij")
+        wide = shapely.buffer(area, TOLERANCE_M, join_style="mitre", mitre_limit=2.0)
+        shapely.prepare(wide)
+        free = shapely.covers(wide, shapely.box(x, y, x + cell_m, y + cell_m))
+        if not free.any():
+            free = shapely.covers(wide, shapely.points(x + 0.5 * cell_m, y + 0.5 * cell_m))
+        return cls(free, cell_m, block, is_rectangle(area), wide)
+
+    def pooled(self, worth: Worth) -> Worth:
+        """Return the worth of the blocks, float32[w, h]: the sum over their cells, nothing where not free."""
+        if self.block == 1:
+            return np.where(self.free, worth, np.float32(0.0)).astype(np.float32)
+        width, height = self.free.shape
+        padded = np.zeros((width * self.block, height * self.block), np.float32)
+        padded[: worth.shape[0], : worth.shape[1]] = worth
+        sums = padded.reshape(width, self.block, height, self.block).sum(axis=(1, 3), dtype=np.float32)
+        return np.where(self.free, sums, np.float32(0.0)).astype(np.float32)
+
+    def shares(self, fine: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return what seeing a block takes of its neighbours' worth, from the shares of single cells.
+
+        A vehicle that crosses a block sees a strip of it and, by the neighbours' shares, something beside it.
+        """
+        if self.block == 1:
+            return fine
+        # Of a cell beside a long straight pass, what is left after all the cells of the pass.
+        beside = 1.0 - np.prod(1.0 - fine.astype(np.float64), axis=0)
+        beside[len(fine) // 2] = 1.0
+        return np.array([[min(1.0, float(beside.sum()) / self.block)]], np.float32)
+
+    def inside(self, start_m: tuple[float, float], points_m: Points) -> Points:
+        """Return the points up to the first leg that would leave the area; the way into it is allowed."""
+        if self.convex or not len(points_m):
+            return points_m
+        path = np.vstack((np.asarray(start_m)[None], points_m))
+        good = shapely.covers(self.area, shapely.linestrings(np.stack((path[:-1], path[1:]), axis=1)))
+        if not shapely.covers(self.area, shapely.Point(start_m)):
+            good[0] = True
+        return points_m if good.all() else points_m[: int(np.argmin(good))]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LegCosts:
+    """What legs cost a vehicle, in the unit of its budget, for lengths in cells of a chart.
+
+    Parameters
+    ----------
+    turn : float
+        What every leg costs besides its length.
+    slopes : float64[directions]
+        Cost of a cell's length, in directions all around from the x-axis towards y.
+    """
+
+    turn: float
+    slopes: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, vehicle: VehicleReport, cell_m: float) -> LegCosts:
+        """Take the costs from the vehicle's fares, by legs of two lengths in each direction."""
+        angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+        rays = np.stack((np.cos(angle), np.sin(angle)), axis=1) * cell_m
+        here = np.asarray(vehicle.position_m)
+        short, long = (vehicle.fares.legs(here[None], here + rays * cells)[0] for cells in _PROBE_CELLS)
+        slopes = np.maximum((long - short) / (_PROBE_CELLS[1] - _PROBE_CELLS[0]), 1e-9)
+        return cls(float(np.maximum(np.mean(short - _PROBE_CELLS[0] * slopes), 0.0)), slopes)
+
+    @property
+    def per_cell(self) -> float:
+        """Mean cost of a cell's length."""
+        return float(self.slopes.mean())

@@ -1,0 +1,374 @@
+"""The conformance kit: what every policy must keep, for policies from other packages too."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from geo.farm import Crop, Farm
+from geo.farms import get_farm
+from mission.errors import PlanningError
+from mission.planners.budget import LengthBudget, StepBudget
+from mission.planners.path import Area, Points
+from mission.planners.request import CropArea, PlanningRequest
+from mission.policies.decision import Decision
+from mission.policies.fares import GeometricFares
+from mission.policies.policy import Asking, Policy
+from mission.policies.registry import make_policy
+from mission.policies.situation import Event, Situation, Status, VehicleReport
+from sensors.fields import PAPER_FIELDS
+from sensors.observations import Observations
+from sensors.scoring.information import InformationModel
+from sensors.scoring.score import PAPER_WEIGHTS
+
+_FARM = "miniberry-30"
+_DAY = 6
+_COMPUTE_S = 2.0
+_AREA_M = 1e-6
+_LOST_AFTER = 0.4
+_ENDS_AT_LEAST_ONCE_IN = 20_000
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyCheck:
+    """What `check_policy` measured.
+
+    Parameters
+    ----------
+    decisions : int
+        How often the policy was asked.
+    time_share : float
+        Median of the processor time of an answer, as a share of the computing time that it had.
+    """
+
+    decisions: int
+    time_share: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Case:
+    """A task for some vehicles; the budget is shared by none: each has its own."""
+
+    name: str
+    area: Area
+    start_m: tuple[float, float]
+    budget: StepBudget | LengthBudget
+    vehicles: int = 1
+    loses_one: bool = False
+
+
+def check_policy(policy: str | Policy, **parameters: Any) -> PolicyCheck:
+    """Check that a policy keeps the contract (`mission.policies.policy.Policy`).
+
+    It flies vehicles of one cell a step, alone and several, over areas with a pond and in two parts, from
+    starts inside and outside, with budgets of steps and of metres with the way home. Every answer must name
+    only vehicles that can be steered, every vehicle has a path at the start, each path lies in the area of
+    its vehicle's task and costs no more than is left. The same flight twice has the same answers. On a farm
+    that differs only where nobody looked the answers are the same, too: whoever decides otherwise knows the
+    truth. It answers sensibly when nothing was seen, when all is known, and when a vehicle is lost. It leaves
+    what it is told and numpy's global generator alone.
+
+    Parameters
+    ----------
+    policy : str or Policy
+        A name or a policy, as for `mission.policies.registry.make_policy`.
+    **parameters
+        With which it is checked.
+
+    Returns
+    -------
+    PolicyCheck
+        Among others how long it computes.
+
+    Raises
+    ------
+    AssertionError
+        If a rule is broken; the text says which, and in what case.
+    PlanningError, ParameterError
+        If it is no policy, or it does not have one of the parameters.
+
+    Examples
+    --------
+    >>> from mission.policies.policy import FixedPlan
+    >>> check_policy(FixedPlan("lawnmower")).time_share < 1.0
+    True
+    """
+    chosen = make_policy(policy, **parameters)
+    asking = chosen.asking
+    _require(isinstance(asking, Asking), "asking", f"it is a {type(asking).__name__}, not an Asking")
+    truth = _some_truth()
+    times: list[float] = []
+    for case in _cases():
+        before = str(np.random.get_state(legacy=False))  # noqa: NPY002
+        first = _Flight(chosen, case, truth)
+        first.fly(times)
+        same = str(np.random.get_state(legacy=False)) == before  # noqa: NPY002
+        _require(same, case.name, "the policy drew from numpy's global generator")
+        second = _Flight(chosen, case, truth)
+        second.fly(times)
+        _require(first.answers == second.answers, case.name, "the same flight twice has different answers")
+        elsewhere = np.where(first.looked, truth, 1.0 - truth).astype(np.float32)
+        third = _Flight(chosen, case, elsewhere)
+        third.fly(times)
+        _require(
+            first.answers == third.answers, case.name, "its answers depend on cells that nobody looked at"
+        )
+    _check_all_known(chosen, truth, times)
+    share = float(np.median(times)) / _COMPUTE_S
+    _require(share <= 1.0, "computing time", f"an answer takes {share:.2g} of the time that it has")
+    return PolicyCheck(len(times), share)
+
+
+def _cases() -> Iterator[_Case]:
+    farm = get_farm(_FARM)
+    cell, whole = farm.cell_size_m, farm.owner_area
+    pond = shapely.Point(14.3 * cell, 17.1 * cell).buffer(4.2 * cell)
+    parts = shapely.MultiPolygon(
+        [shapely.box(0, 0, 12 * cell, 30 * cell), shapely.box(18 * cell, 0, 30 * cell, 30 * cell)]
+    )
+    home = farm.home_m
+    yield _Case("whole farm, 150 steps", whole, home, StepBudget(150.0, cell))
+    metres = LengthBudget(190.0 * cell, return_to=home)
+    yield _Case("farm with a pond, metres and the way home", whole - pond, home, metres)
+    yield _Case("two fields, 190 steps", parts, home, StepBudget(190.0, cell))
+    outside = (-4.0 * cell, -3.0 * cell)
+    away = LengthBudget(190.0 * cell, return_to=outside)
+    yield _Case("start outside, metres and the way home", whole, outside, away)
+    yield _Case("three vehicles, 130 steps each", whole, home, StepBudget(130.0, cell), 3)
+    yield _Case("three vehicles, one is lost", whole, home, StepBudget(130.0, cell), 3, loses_one=True)
+
+
+class _Vehicle:
+    """A vehicle of one cell a step that flies what it is told, and home if its budget pays for that."""
+
+    def __init__(self, system_id: int, request: PlanningRequest, cell_m: float) -> None:
+        self.system_id = system_id
+        self.request = request
+        self.here = np.array(request.start_xy_m)
+        self.velocity = np.zeros(2)
+        self.spent = 0.0
+        self.rest: Points = np.empty((0, 2))
+        self.lost = False
+        self._cell_m = cell_m
+
+    def step(self) -> bool:
+        """Fly one cell; return whether a waypoint was reached."""
+        way = self.rest[0] - self.here
+        distance = float(np.hypot(*way))
+        reached = distance <= self._cell_m * (1.0 + 1e-9)
+        self.velocity = way if reached else way * (self._cell_m / distance)
+        self.here = self.rest[0].copy() if reached else self.here + self.velocity
+        steps = isinstance(self.request.budget, StepBudget)
+        self.spent += 1.0 if steps else min(distance, self._cell_m)
+        if reached:
+            self.rest = self.rest[1:]
+        return reached
+
+    def report(self, started: bool) -> VehicleReport:
+        """Return what its telemetry would tell."""
+        budget, (x, y) = self.request.budget, self.here.tolist()
+        assert isinstance(budget, StepBudget | LengthBudget)
+        status = Status.READY if not started else Status.FLYING if len(self.rest) else Status.ENDED
+        return VehicleReport(
+            self.system_id, self.request, Status.LOST if self.lost else status, (x, y),
+            (float(self.velocity[0]), float(self.velocity[1])), 0.0, self.spent, self.rest,
+            GeometricFares(budget, (x, y)),
+        )  # fmt: skip
+
+
+class _Flight:
+    """One case flown by one policy; `answers` are its decisions as bytes, `looked` the cells observed."""
+
+    def __init__(self, policy: Policy, case: _Case, truth: NDArray[np.float32]) -> None:
+        self._policy, self._case, self._truth = policy, case, truth
+        self._farm = get_farm(_FARM)
+        self._vehicles = [
+            _Vehicle(k + 1, _request(self._farm, case), self._farm.cell_size_m) for k in range(case.vehicles)
+        ]
+        self._seen = Observations.empty()
+        self._model = _model(truth, self._seen)
+        self.looked = np.zeros(self._farm.grid().shape, np.bool_)
+        self.answers: list[bytes] = []
+
+    def fly(self, times: list[float]) -> None:
+        """Fly to the end; appends the processor time of each answer."""
+        policy, case = self._policy, self._case
+        policy.start()
+        answer = self._ask(Event.START, 0, times)
+        for vehicle in self._vehicles:
+            named = vehicle.system_id in answer.paths and len(answer.paths[vehicle.system_id])
+            _require(bool(named), case.name, f"vehicle {vehicle.system_id} has no path at the start")
+        asking, fresh, step = policy.asking, 0, 0
+        lose_at = round(_LOST_AFTER * case.budget.limit / self._step_cost) if case.loses_one else -1
+        while any(len(one.rest) and not one.lost for one in self._vehicles):
+            step += 1
+            _require(step < _ENDS_AT_LEAST_ONCE_IN, case.name, "the flight does not end")
+            flying = [one for one in self._vehicles if len(one.rest) and not one.lost]
+            reached = [one.step() for one in flying]
+            fresh += self._observe([one.here for one in flying], step)
+            if step == lose_at:
+                self._vehicles[0].lost = True
+                self._vehicles[0].rest = np.empty((0, 2))
+                self._ask(Event.LOST, step, times)
+            elif asking.waypoints and any(reached):
+                self._ask(Event.WAYPOINT, step, times)
+            elif asking.observations is not None and fresh >= asking.observations:
+                fresh = 0
+                self._ask(Event.OBSERVATIONS, step, times)
+            elif asking.period_s is not None and step % max(1, round(asking.period_s)) == 0:
+                self._ask(Event.PERIOD, step, times)
+
+    @property
+    def _step_cost(self) -> float:
+        return 1.0 if isinstance(self._case.budget, StepBudget) else self._farm.cell_size_m
+
+    def _observe(self, places: Sequence[NDArray[np.float64]], step: int) -> int:
+        here = np.array(places)
+        at_x, at_y = self._farm.cell_of(here[:, 0], here[:, 1])
+        x, y = at_x.astype(np.int32), at_y.astype(np.int32)
+        shape = self.looked.shape
+        on = (x >= 0) & (y >= 0) & (x < shape[0]) & (y < shape[1])
+        x, y = x[on], y[on]
+        self.looked[x, y] = True
+        values = self._truth[:, x, y].T
+        n = len(x)
+        new = Observations(x, y, np.full(n, float(step)), np.full(n, _DAY), values)
+        self._seen = Observations.concatenate([self._seen, new])
+        return n
+
+    def _ask(self, event: Event, step: int, times: list[float]) -> Decision:
+        if event is not Event.START:
+            self._model = _model(self._truth, self._seen)
+        reports = tuple(one.report(step > 0) for one in self._vehicles)
+        situation = _situation(event, float(step), self._farm, self._model, self._seen, reports)
+        answer = _answer(self._policy, situation, self._case.name, times)
+        for one in self._vehicles:
+            if one.system_id in answer.paths:
+                one.rest = answer.paths[one.system_id]
+        self.answers.append(_digest(answer.paths))
+        return answer
+
+
+def _answer(policy: Policy, situation: Situation, what: str, times: list[float]) -> Decision:
+    """Ask, and hold the answer to the contract."""
+    begin = time.process_time()
+    try:
+        answer = policy.decide(situation)
+    except PlanningError:
+        raise
+    except ValueError as error:
+        if "read-only" not in str(error):
+            raise
+        msg = f"check_policy: {what}: the policy writes into what it is told"
+        raise AssertionError(msg) from error
+    times.append(time.process_time() - begin)
+    _require(isinstance(answer, Decision), what, f"the answer is a {type(answer).__name__}, not a Decision")
+    for system_id, points in answer.paths.items():
+        whose = f"{what}, after {situation.time_s:g} steps: vehicle {system_id}"
+        known = {one.system_id: one for one in situation.vehicles}
+        _require(system_id in known, whose, "there is no such vehicle")
+        vehicle = known[system_id]
+        _require(vehicle.steerable, whose, f"it is {vehicle.status.value} and cannot be steered")
+        cost = vehicle.fares.rest([points])[0]
+        left = vehicle.left
+        _require(cost <= left * (1 + 1e-9) + 1e-9, whose, f"its path costs {cost:g}, {left:g} are left")
+        _require(_lies_inside(vehicle, points), whose, "its path leaves the area")
+    return answer
+
+
+def _lies_inside(vehicle: VehicleReport, points: Points) -> bool:
+    """Whether a path lies in the area; the ways from outside and between parts may leave it."""
+    area = vehicle.request.area
+    wide = shapely.buffer(area, _AREA_M)
+    if not shapely.covers(wide, shapely.points(points)).all():
+        return False
+    parts = list(area.geoms) if isinstance(area, shapely.MultiPolygon) else [area]
+    path = np.vstack((np.asarray(vehicle.position_m)[None], points))
+    for begin, end in itertools.pairwise(path):
+        homes = [
+            part for part in parts if shapely.covers(shapely.buffer(part, _AREA_M), shapely.Point(begin))
+        ]
+        leg = shapely.LineString([begin, end])
+        between = not homes or not shapely.covers(shapely.buffer(homes[0], _AREA_M), shapely.Point(end))
+        if not between and not shapely.covers(wide, leg):
+            return False
+    return True
+
+
+def _check_all_known(policy: Policy, truth: NDArray[np.float32], times: list[float]) -> None:
+    """Ask in flight, when nothing is left to be seen."""
+    case = next(iter(_cases()))
+    farm = get_farm(_FARM)
+    x, y = (part.ravel().astype(np.int32) for part in np.indices(farm.grid().shape))
+    n = len(x)
+    seen = Observations(x, y, np.arange(float(n)), np.full(n, _DAY), truth[:, x, y].T)
+    vehicle = _Vehicle(1, _request(farm, case), farm.cell_size_m)
+    vehicle.rest = np.array([[5.5, 0.5], [5.5, 20.5]]) * farm.cell_size_m
+    vehicle.spent = 30.0
+    policy.start()
+    reports = (vehicle.report(started=True),)
+    situation = _situation(Event.OBSERVATIONS, 30.0, farm, _model(truth, seen), seen, reports)
+    _answer(policy, situation, "all is known", times)
+    nothing_left = replace(reports[0], spent=case.budget.limit)
+    _answer(policy, replace(situation, vehicles=(nothing_left,)), "nothing left of the budget", times)
+
+
+def _request(farm: Farm, case: _Case) -> PlanningRequest:
+    crops = tuple(
+        CropArea(crop, land)
+        for crop in (Crop.TOMATO, Crop.STRAWBERRY)
+        if not (land := shapely.intersection(farm.crop_area(crop), case.area)).is_empty
+    )
+    return PlanningRequest(case.area, case.start_m, case.budget, farm.cell_size_m, crops, seed=11)
+
+
+def _situation(
+    event: Event,
+    time_s: float,
+    farm: Farm,
+    model: InformationModel,
+    seen: Observations,
+    vehicles: tuple[VehicleReport, ...],
+) -> Situation:
+    return Situation(
+        event, time_s, _DAY, farm, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, vehicles, _COMPUTE_S
+    )
+
+
+def _some_truth() -> NDArray[np.float32]:
+    """Return a farm with some patches of sick plants, float32[3, W, H]."""
+    truth = np.ones((len(PAPER_FIELDS), *get_farm(_FARM).grid().shape), np.float32)
+    truth[2] = 0.4
+    for x, y in ((6, 22), (21, 18), (25, 26), (8, 5), (20, 9)):
+        truth[:2, x - 1 : x + 3, y - 1 : y + 2] = 0.5
+        truth[:2, x, y] = 0.0
+    return truth
+
+
+def _model(truth: NDArray[np.float32], seen: Observations) -> InformationModel:
+    """Return a plain belief in read-only arrays: what was seen is known, the rest taken for healthy."""
+    value = np.empty_like(truth)
+    value[:] = np.array([0.9, 0.9, 0.4], np.float32)[:, None, None]
+    uncertainty = np.full_like(value, 0.3)
+    value[:, seen.x, seen.y] = truth[:, seen.x, seen.y]
+    uncertainty[:, seen.x, seen.y] = 0.0
+    for array in (value, uncertainty):
+        array.flags.writeable = False
+    return InformationModel(value, uncertainty)
+
+
+def _digest(paths: Mapping[int, Points]) -> bytes:
+    return b"".join(system_id.to_bytes(4, "big") + paths[system_id].tobytes() for system_id in sorted(paths))
+
+
+def _require(good: bool, what: str, fault: str) -> None:
+    if not good:
+        msg = f"check_policy: {what}: {fault}"
+        raise AssertionError(msg)

@@ -1,0 +1,98 @@
+"""The greedy policy: always the straight leg that gains most for what it costs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mission.policies.acquisition import Acquisition, WithCoverage, make_acquisition
+from mission.policies.decision import Decision
+from mission.policies.leg_search import leg_values
+from mission.policies.policy import Asking
+from mission.policies.route_search import leg_offsets, neighbour_shares, pool, take_leg
+from mission.policies.situation import Situation
+from mission.policies.steering import Route, RouteProblem, Steering, far_route
+
+_ALTERNATIVES = 4
+
+
+class Greedy:
+    """Fly the straight leg whose cells are worth most by what the leg costs; choose again after a few cells.
+
+    So that there is always a path, further legs are chosen after it as if nothing were found.
+
+    Parameters
+    ----------
+    acquisition : str or Acquisition
+        What seeing a cell is worth.
+    share, spread : float
+        Seeing a cell takes ``share * exp(-d^2 / spread)`` of the worth of one d cells away.
+    longest, ahead : float
+        Length of the longest leg, and of the path that is planned, in cells.
+    every : int
+        Choose again after so many observations.
+    caution, reach : float
+        See `mission.policies.acquisition.WithCoverage`.
+    """
+
+    def __init__(
+        self,
+        acquisition: str | Acquisition = "expected-loss",
+        share: float = 0.12,
+        spread: float = 4.5,
+        longest: float = 40.0,
+        ahead: float = 60.0,
+        every: int = 5,
+        caution: float = 0.05,
+        reach: float = 2.0,
+    ) -> None:
+        self._steering = Steering(
+            WithCoverage(make_acquisition(acquisition), caution, reach), neighbour_shares(share, spread, 3)
+        )
+        self._offsets = leg_offsets(max(1, int(longest)))
+        self._ahead = float(ahead)
+        self._every = int(every)
+
+    @property
+    def asking(self) -> Asking:
+        """After some observations."""
+        return Asking(observations=self._every)
+
+    def start(self) -> None:
+        """Forget the run before."""
+        self._steering.start()
+
+    def decide(self, situation: Situation) -> Decision:
+        """Choose legs for every vehicle, in turn."""
+        return self._steering.decide(situation, self._search, "most for its cost")
+
+    def _search(self, problem: RouteProblem) -> Sequence[Route]:
+        shares, free = problem.shares, problem.chart.free
+        left, pooled = problem.worth.copy(), np.empty_like(problem.worth)
+        values, costs = np.empty((2, len(self._offsets)))
+        x, y, spent, gained = problem.x, problem.y, 0.0, 0.0
+        limit = min(self._ahead * problem.costs.per_cell, problem.vehicle.left)
+        corners: list[tuple[float, float]] = []
+        others: list[Route] = []
+        while spent < limit:
+            pool(left, shares, 0, left.shape[0], 0, left.shape[1], pooled)
+            leg_values(
+                pooled, free, x, y, self._offsets, problem.costs.turn, problem.costs.slopes, values, costs
+            )
+            rates = np.where(values > 0.0, values / np.where(values > 0.0, costs, 1.0), 0.0)
+            best = int(np.argmax(rates))
+            if rates[best] <= 0.0:
+                break
+            here = np.floor(np.array([x, y]) + 1e-9)
+            ends = (here + self._offsets + 0.5).astype(np.float64)
+            if not corners:
+                order = np.argsort(-rates, kind="stable")[1:_ALTERNATIVES]
+                others = [Route(ends[k : k + 1], float(values[k])) for k in order if rates[k] > 0.0]
+            to_x, to_y = ends[best].tolist()
+            take_leg(left, shares, x, y, to_x, to_y)
+            x, y = to_x, to_y
+            corners.append((x, y))
+            spent += float(costs[best])
+            gained += float(values[best])
+        return [Route(np.array(corners), gained), *others] if corners else far_route(problem)

@@ -1,0 +1,96 @@
+"""The orienteering policy: a tour of candidate places within the budget, planned again on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mission.policies.acquisition import Acquisition, WithCoverage, make_acquisition
+from mission.policies.decision import Decision
+from mission.policies.policy import Asking
+from mission.policies.route_search import neighbour_shares, pool
+from mission.policies.situation import Situation
+from mission.policies.steering import Route, RouteProblem, Steering
+from mission.policies.tour_search import candidate_places, search_tour
+
+_MOST_STOPS = 40
+
+
+class Orienteering:
+    """Choose places and their order so that the legs see most, early, within what is left of the budget.
+
+    Costs of legs are the vehicle's own fares, and where the budget pays for the way home it is kept.
+
+    Parameters
+    ----------
+    acquisition : str or Acquisition
+        What seeing a cell is worth.
+    places : int
+        Candidates over the whole farm, and as many again about the vehicle.
+    near : int
+        Side of the window about the vehicle, cells.
+    horizon, patience : float
+        Largest length of a tour, and the length after which worth counts 1/e, in cells of flight.
+    rounds : int
+        Of taking a part out and filling up again.
+    share, spread : float
+        Seeing a cell takes ``share * exp(-d^2 / spread)`` of the worth of one d cells away.
+    every : int
+        Plan again after so many observations.
+    caution, reach : float
+        See `mission.policies.acquisition.WithCoverage`.
+    """
+
+    def __init__(
+        self,
+        acquisition: str | Acquisition = "expected-loss",
+        places: int = 49,
+        near: int = 14,
+        horizon: float = 60.0,
+        patience: float = 60.0,
+        rounds: int = 2,
+        share: float = 0.12,
+        spread: float = 4.5,
+        every: int = 5,
+        caution: float = 0.05,
+        reach: float = 2.0,
+    ) -> None:
+        self._steering = Steering(
+            WithCoverage(make_acquisition(acquisition), caution, reach), neighbour_shares(share, spread, 3)
+        )
+        self._places, self._near = int(places), int(near)
+        self._horizon, self._patience = float(horizon), float(patience)
+        self._rounds = int(rounds)
+        self._every = int(every)
+
+    @property
+    def asking(self) -> Asking:
+        """After some observations."""
+        return Asking(observations=self._every)
+
+    def start(self) -> None:
+        """Forget the run before."""
+        self._steering.start()
+
+    def decide(self, situation: Situation) -> Decision:
+        """Plan a tour for every vehicle, in turn."""
+        return self._steering.decide(situation, self._search, "tour")
+
+    def _search(self, problem: RouteProblem) -> Sequence[Route]:
+        vehicle, cell_m = problem.vehicle, problem.chart.cell_m
+        pooled = np.empty_like(problem.worth)
+        pool(problem.worth, problem.shares, 0, pooled.shape[0], 0, pooled.shape[1], pooled)
+        pooled[~problem.chart.free] = 0.0
+        goals = candidate_places(pooled, problem.x, problem.y, self._near, self._places)
+        places = np.vstack((np.array([[problem.x, problem.y]]), goals))
+        costs = vehicle.fares.legs(places * cell_m, places * cell_m)
+        pays_home = vehicle.fares.rest([np.empty((0, 2))])[0] > 0.0
+        home = np.asarray(vehicle.request.start_xy_m)[None]
+        back = vehicle.fares.legs(places * cell_m, home)[:, 0] if pays_home else np.zeros(len(places))
+        per_cell = problem.costs.per_cell
+        limit = min(vehicle.left, self._horizon * per_cell + float(back[0]))
+        order, value = search_tour(
+            places, costs, back, pooled, self._patience * per_cell, limit, self._rounds, _MOST_STOPS
+        )
+        return [Route(places[order], float(value))] if len(order) else []

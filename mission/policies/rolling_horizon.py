@@ -1,0 +1,84 @@
+"""A policy that looks ahead: the best route up to a horizon, found anew as soon as more is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mission.policies.acquisition import Acquisition, WithCoverage, make_acquisition
+from mission.policies.decision import Decision
+from mission.policies.policy import Asking
+from mission.policies.route_search import COST, WORTH, leg_offsets, neighbour_shares, search_route
+from mission.policies.situation import Situation
+from mission.policies.steering import Route, RouteProblem, Steering, far_route
+
+
+class RollingHorizon:
+    """Fly the route of several legs that gains most up to a horizon; search again after a few cells.
+
+    The search foresees what its own legs will leave to be seen: a cell is worth something once, and seeing it
+    takes a share of its neighbours' worth. It does not foresee what will be found; so it searches again.
+
+    Parameters
+    ----------
+    acquisition : str or Acquisition
+        What seeing a cell is worth.
+    horizon, patience : float
+        How far routes are compared, and the length after which worth counts 1/e, in cells of flight.
+    share, spread : float
+        Seeing a cell takes ``share * exp(-d^2 / spread)`` of the worth of one d cells away.
+    beam, interval : int, float
+        Routes kept in each interval of cost, and its length in cells of flight.
+    every : int
+        Search again after so many observations.
+    caution, reach : float
+        See `mission.policies.acquisition.WithCoverage`.
+    """
+
+    def __init__(
+        self,
+        acquisition: str | Acquisition = "expected-loss",
+        horizon: float = 40.0,
+        patience: float = 60.0,
+        share: float = 0.12,
+        spread: float = 4.5,
+        beam: int = 8,
+        interval: float = 5.0,
+        every: int = 5,
+        caution: float = 0.05,
+        reach: float = 2.0,
+    ) -> None:
+        self._steering = Steering(
+            WithCoverage(make_acquisition(acquisition), caution, reach), neighbour_shares(share, spread, 3)
+        )
+        self._horizon = float(horizon)
+        self._patience = float(patience)
+        self._beam = int(beam)
+        self._groups = max(1, round(horizon / interval))
+        self._offsets = leg_offsets(max(1, int(horizon)))
+        self._every = int(every)
+
+    @property
+    def asking(self) -> Asking:
+        """After some observations."""
+        return Asking(observations=self._every)
+
+    def start(self) -> None:
+        """Forget the run before."""
+        self._steering.start()
+
+    def decide(self, situation: Situation) -> Decision:
+        """Search a route for every vehicle, in turn."""
+        return self._steering.decide(situation, self._search, "looked ahead")
+
+    def _search(self, problem: RouteProblem) -> Sequence[Route]:
+        per_cell = problem.costs.per_cell
+        route = search_route(
+            problem.worth, problem.shares, problem.chart.free, problem.x, problem.y, self._offsets,
+            min(self._horizon * per_cell, problem.vehicle.left), problem.costs.turn, problem.costs.slopes,
+            self._patience * per_cell, self._groups, self._beam,
+        )  # fmt: skip
+        if not len(route):
+            return far_route(problem)
+        return [Route(np.ascontiguousarray(route[:, :COST]), float(route[-1, WORTH]))]

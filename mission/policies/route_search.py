@@ -1,0 +1,285 @@
+"""Searching routes of straight legs over a map of worth: a beam search in compiled code.
+
+A leg sees the cells along it. What a cell is worth is gained once; seeing it also takes a share of its
+neighbours' worth, as what is learned of a plant tells of those around it. Routes are compared at equal cost:
+the search keeps the best few of each interval of cost up to its horizon (a beam by cost), each with its own
+map of what is left.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geo.compiled import compiled
+
+Map = NDArray[np.float32]
+
+_SECTORS = 32
+
+X, Y, COST, WORTH = range(4)
+"""Columns of a route: place in cells, cost and discounted worth until there."""
+
+
+def neighbour_shares(share: float, spread: float, radius: int) -> NDArray[np.float32]:
+    """Return the share of a neighbour's worth that seeing a cell takes, float32[2 radius + 1, 2 radius + 1].
+
+    ``share * exp(-d^2 / spread)`` at a distance of d cells; the cell itself is seen whole.
+    """
+    axis = np.arange(-radius, radius + 1)
+    squares = axis[:, None] ** 2 + axis[None, :] ** 2
+    shares = (share * np.exp(-squares / spread)).astype(np.float32)
+    shares[radius, radius] = 1.0
+    return shares
+
+
+@compiled
+def pool(left: Any, shares: Any, x_0: int, x_1: int, y_0: int, y_1: int, out: Any) -> None:
+    """Write what seeing each cell takes, its neighbours' shares included, for a block of cells of `out`."""
+    width, height = left.shape
+    radius = shares.shape[0] // 2
+    for x in range(max(x_0, 0), min(x_1, width)):
+        for y in range(max(y_0, 0), min(y_1, height)):
+            total = np.float32(0.0)
+            for i in range(max(0, x - radius), min(width, x + radius + 1)):
+                for j in range(max(0, y - radius), min(height, y + radius + 1)):
+                    total += shares[i - x + radius, j - y + radius] * left[i, j]
+            out[x, y] = total
+
+
+@compiled
+def take_leg(left: Any, shares: Any, x: float, y: float, to_x: float, to_y: float) -> None:
+    """Take from a map of worth what a leg sees, the cell where it begins left out."""
+    width, height = left.shape
+    radius = shares.shape[0] // 2
+    length = math.hypot(to_x - x, to_y - y)
+    steps = math.ceil(length - 1e-6)
+    last_i, last_j = math.floor(x), math.floor(y)
+    for step in range(1, steps + 1):
+        part = min(1.0, step / length)
+        i = math.floor(x + part * (to_x - x) + 1e-9)
+        j = math.floor(y + part * (to_y - y) + 1e-9)
+        if (i == last_i and j == last_j) or i < 0 or j < 0 or i >= width or j >= height:
+            continue
+        last_i, last_j = i, j
+        for a in range(max(0, i - radius), min(width, i + radius + 1)):
+            for b in range(max(0, j - radius), min(height, j + radius + 1)):
+                left[a, b] *= np.float32(1.0) - shares[a - i + radius, b - j + radius]
+
+
+def leg_offsets(reach: int, dense: int = 6) -> NDArray[np.int64]:
+    """Return where legs may end relative to the cell where they begin, int64[n, 2]: near ones densely.
+
+    Parameters
+    ----------
+    reach : int
+        Length of the longest leg, cells.
+    dense : int
+        Up to this distance every cell is a target, beyond it ever fewer.
+    """
+    axis = np.arange(-reach, reach + 1)
+    dx, dy = (part.ravel() for part in np.meshgrid(axis, axis, indexing="ij"))
+    distance = np.hypot(dx, dy)
+    stride = np.maximum(1, (distance / dense).astype(np.int64))
+    straight = (dx == 0) | (dy == 0)
+    kept = (distance >= 1.0) & (distance <= reach) & (straight | ((dx % stride == 0) & (dy % stride == 0)))
+    return np.stack([dx[kept], dy[kept]], axis=1)
+
+
+@compiled
+def _expand(
+    pooled: Any,
+    free: Any,
+    place: Any,
+    offsets: Any,
+    horizon: float,
+    turn: float,
+    slopes: Any,
+    patience: float,
+    best: Any,
+    best_end: Any,
+) -> None:
+    """Find the best leg in each sector of directions into each interval of cost.
+
+    Fills `best`, float64[sectors, groups + 1], with the worth projected to the end of the interval, and
+    `best_end`, float64[sectors, groups + 1, 4], with the end of the leg.
+    """
+    width, height = pooled.shape
+    sectors, groups = best.shape[0], best.shape[1] - 1
+    interval = horizon / groups
+    best[:] = -1.0
+    x, y = place[X], place[Y]
+    begin_i, begin_j = math.floor(x + 1e-9), math.floor(y + 1e-9)
+    inside = 0 <= begin_i < width and 0 <= begin_j < height and free[begin_i, begin_j]
+    for n in range(len(offsets)):
+        target_i, target_j = begin_i + offsets[n, 0], begin_j + offsets[n, 1]
+        if target_i < 0 or target_j < 0 or target_i >= width or target_j >= height:
+            continue
+        if not free[target_i, target_j]:
+            continue
+        dx, dy = target_i + 0.5 - x, target_j + 0.5 - y
+        length = math.hypot(dx, dy)
+        angle = (math.atan2(dy, dx) / (2.0 * math.pi)) % 1.0
+        slope = slopes[int(angle * len(slopes) + 0.5) % len(slopes)]
+        steps = math.ceil(length - 1e-6)
+        cost = place[COST] + turn
+        value = place[WORTH]
+        fade = math.exp(-slope / patience)
+        factor = math.exp(-cost / patience)
+        last_i, last_j = begin_i, begin_j
+        entered = inside
+        valid = True
+        end_x, end_y = x, y
+        for step in range(1, steps + 1):
+            part = min(1.0, step / length)
+            end_x, end_y = x + part * dx, y + part * dy
+            i, j = math.floor(end_x + 1e-9), math.floor(end_y + 1e-9)
+            cost += slope
+            factor *= fade
+            if not free[i, j]:
+                if entered:
+                    valid = False
+                    break
+                continue
+            entered = True
+            if i != last_i or j != last_j:
+                value += pooled[i, j] * factor
+                last_i, last_j = i, j
+            if cost >= horizon - 1e-9:
+                break
+        if not valid:
+            continue
+        group = groups if cost >= horizon - 1e-9 else int(cost / interval)
+        # Routes of a group differ in cost: what they gained so far tells what the rest would bring.
+        upto = horizon if group == groups else (group + 1) * interval
+        rank = value * (1.0 - math.exp(-upto / patience)) / (1.0 - factor)
+        sector = int(angle * sectors) % sectors
+        if rank > best[sector, group]:
+            best[sector, group] = rank
+            best_end[sector, group, X] = end_x
+            best_end[sector, group, Y] = end_y
+            best_end[sector, group, COST] = cost
+            best_end[sector, group, WORTH] = value
+
+
+@compiled
+def _insert(ranks: Any, ends: Any, parents: Any, rank: float, end: Any, node: int) -> None:
+    """Insert a route into a group, the best first, if it is among the best."""
+    k = len(ranks) - 1
+    if rank <= ranks[k]:
+        return
+    while k > 0 and ranks[k - 1] < rank:
+        ranks[k] = ranks[k - 1]
+        ends[k] = ends[k - 1]
+        parents[k] = parents[k - 1]
+        k -= 1
+    ranks[k] = rank
+    ends[k] = end
+    parents[k] = node
+
+
+@compiled
+def search_route(
+    worth: Any,
+    shares: Any,
+    free: Any,
+    x: float,
+    y: float,
+    offsets: Any,
+    horizon: float,
+    turn: float,
+    slopes: Any,
+    patience: float,
+    groups: int,
+    beam: int,
+) -> Any:
+    """Search the route that takes most worth early, up to a horizon of cost.
+
+    Parameters
+    ----------
+    worth : float32[W, H]
+        What seeing each cell is worth.
+    shares : float32[2 r + 1, 2 r + 1]
+        See `neighbour_shares`.
+    free : bool[W, H]
+        Cells through which legs may lead; a route may begin outside of them.
+    x, y : float
+        Where it begins, in cells.
+    offsets : int64[n, 2]
+        See `leg_offsets`.
+    horizon : float
+        Cost up to which routes are compared.
+    turn : float
+        Cost of a turn, in every leg.
+    slopes : float64[directions]
+        Cost of a cell's length in the directions of legs, all around from the x-axis towards y.
+    patience : float
+        Worth gained later counts less: by ``exp(-cost / patience)``.
+    groups, beam : int
+        Number of intervals of cost, and of routes that are kept in each.
+
+    Returns
+    -------
+    float64[legs, 4]
+        Ends of the legs of the best route: x, y, cost and discounted worth until there; no legs if nothing
+        can be reached.
+    """
+    width, height = worth.shape
+    radius = shares.shape[0] // 2
+    most = groups * beam + 1
+    place = np.zeros((most, 4))
+    parent = np.full(most, -1)
+    lefts = np.empty((most, width, height), np.float32)
+    pools = np.empty((most, width, height), np.float32)
+    best = np.empty((_SECTORS, groups + 1))
+    best_end = np.empty((_SECTORS, groups + 1, 4))
+    ranks = np.full((groups + 1, beam), -1.0)
+    ends = np.zeros((groups + 1, beam, 4))
+    parents = np.full((groups + 1, beam), -1)
+    place[0, X], place[0, Y] = x, y
+    lefts[0] = worth
+    pool(lefts[0], shares, 0, width, 0, height, pools[0])
+    first, nodes = 0, 1
+    for group in range(-1, groups):
+        if group >= 0:
+            first = nodes
+            for k in range(beam):
+                if ranks[group, k] < 0.0:
+                    break
+                up = parents[group, k]
+                parent[nodes] = up
+                place[nodes] = ends[group, k]
+                lefts[nodes] = lefts[up]
+                pools[nodes] = pools[up]
+                a, b, c, d = place[up, X], place[up, Y], place[nodes, X], place[nodes, Y]
+                take_leg(lefts[nodes], shares, a, b, c, d)
+                reach = 2 * radius + 1
+                x_0, x_1 = int(min(a, c)) - reach, int(max(a, c)) + reach + 1
+                y_0, y_1 = int(min(b, d)) - reach, int(max(b, d)) + reach + 1
+                pool(lefts[nodes], shares, x_0, x_1, y_0, y_1, pools[nodes])
+                nodes += 1
+        for node in range(first, nodes):
+            _expand(pools[node], free, place[node], offsets, horizon, turn, slopes, patience, best, best_end)
+            for sector in range(_SECTORS):
+                for into in range(group + 1, groups + 1):
+                    rank = best[sector, into]
+                    if rank >= 0.0:
+                        _insert(ranks[into], ends[into], parents[into], rank, best_end[sector, into], node)
+    count = 0
+    if ranks[groups, 0] > 0.0:
+        count = 1
+        node = parents[groups, 0]
+        while node > 0:
+            count += 1
+            node = parent[node]
+    route = np.empty((count, 4))
+    if count:
+        route[count - 1] = ends[groups, 0]
+        node = parents[groups, 0]
+        for k in range(count - 2, -1, -1):
+            route[k] = place[node]
+            node = parent[node]
+    return route

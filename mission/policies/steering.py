@@ -1,0 +1,171 @@
+"""Deciding for one vehicle after the other: each takes from the map what it is going to see."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.planners.path import Points
+from mission.policies.acquisition import Acquisition, Worth
+from mission.policies.chart import Chart, LegCosts
+from mission.policies.decision import Alternative, Decision
+from mission.policies.route_search import take_leg
+from mission.policies.situation import Situation, VehicleReport
+
+_LEAST_LEG = 1e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RouteProblem:
+    """What a search of one vehicle's route works on; lengths are in cells of the chart.
+
+    Parameters
+    ----------
+    vehicle : VehicleReport
+    chart : Chart
+    worth : float32[w, h]
+        What is left to be seen, when the other vehicles have flown their routes.
+    shares : float32[2 r + 1, 2 r + 1]
+        What seeing a cell takes of it and its neighbours.
+    costs : LegCosts
+    x, y : float
+        Where the vehicle is.
+    """
+
+    vehicle: VehicleReport
+    chart: Chart
+    worth: Worth
+    shares: NDArray[np.float32]
+    costs: LegCosts
+    x: float
+    y: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Route:
+    """What a search found: corners float64[n, 2] in cells of the chart, and what each part of it is worth."""
+
+    corners: NDArray[np.float64]
+    value: float
+
+
+Search: TypeAlias = Callable[[RouteProblem], Sequence[Route]]
+"""Finds routes, the best first."""
+
+
+@dataclass(slots=True)
+class Steering:
+    """Makes decisions from searches of single routes.
+
+    Vehicles are planned in turn; each finds on the map what the others will leave: the new routes of those
+    before it, the present ones of those after it (sequential greedy assignment, Nemhauser et al. 1978).
+
+    Parameters
+    ----------
+    acquisition : Acquisition
+    shares : float32[2 r + 1, 2 r + 1]
+        See `mission.policies.route_search.neighbour_shares`.
+    """
+
+    acquisition: Acquisition
+    shares: NDArray[np.float32]
+    _charts: dict[int, Chart] = field(default_factory=dict, init=False)
+
+    def start(self) -> None:
+        """Forget the charts of the run before."""
+        self._charts = {}
+
+    def decide(self, situation: Situation, search: Search, reason: str) -> Decision:
+        """Find new routes for all vehicles that can be steered.
+
+        A vehicle for which nothing affordable is found goes on as before, at the start home.
+        """
+        worth = self.acquisition(situation)
+        vehicles = situation.steerable
+        planned: dict[int, Points] = {
+            one.system_id: one.rest_m for one in situation.vehicles if one.steerable and len(one.rest_m)
+        }
+        paths: dict[int, Points] = {}
+        alternatives: list[Alternative] = []
+        for vehicle in vehicles:
+            chart = self._chart(situation, vehicle)
+            problem = self._problem(vehicle, chart, chart.pooled(worth), situation, planned)
+            for number, route in enumerate(search(problem)):
+                points = chart.inside(vehicle.position_m, route.corners * chart.cell_m)
+                points = affordable(vehicle, points)
+                if not len(points):
+                    continue
+                cost = vehicle.fares.rest([points])[0]
+                alternatives.append(Alternative(vehicle.system_id, points, route.value, cost))
+                if number == 0 or vehicle.system_id not in paths:
+                    paths[vehicle.system_id] = planned[vehicle.system_id] = points
+        return Decision(paths, reason=reason, alternatives=tuple(alternatives))
+
+    def _chart(self, situation: Situation, vehicle: VehicleReport) -> Chart:
+        chart = self._charts.get(vehicle.system_id)
+        if chart is None:
+            request, shape = vehicle.request, situation.model.shape
+            chart = Chart.of(request.area, shape, situation.farm.cell_size_m, request.footprint_m)
+            self._charts[vehicle.system_id] = chart
+        return chart
+
+    def _problem(
+        self,
+        vehicle: VehicleReport,
+        chart: Chart,
+        worth: Worth,
+        situation: Situation,
+        planned: dict[int, Points],
+    ) -> RouteProblem:
+        shares = chart.shares(self.shares)
+        for other in situation.vehicles:
+            route = planned.get(other.system_id)
+            if other.system_id == vehicle.system_id or route is None:
+                continue
+            corners = np.vstack((np.asarray(other.position_m)[None], route)) / chart.cell_m
+            for begin, end in itertools.pairwise(corners):
+                take_leg(worth, shares, *begin, *end)
+        x, y = vehicle.position_m[0] / chart.cell_m, vehicle.position_m[1] / chart.cell_m
+        return RouteProblem(vehicle, chart, worth, shares, LegCosts.of(vehicle, chart.cell_m), x, y)
+
+
+def far_route(problem: RouteProblem) -> list[Route]:
+    """Return the straight way to the cell that is worth most for its distance; none if no cell is.
+
+    For searches that look only so far, when there is nothing left near the vehicle.
+    """
+    x, y = np.indices(problem.worth.shape) + 0.5
+    rates = problem.worth / (np.hypot(x - problem.x, y - problem.y) + 1.0)
+    best = np.unravel_index(int(np.argmax(rates)), rates.shape)
+    value = float(problem.worth[best])
+    return [Route(np.array([[x[best], y[best]]]), value)] if value > 0.0 else []
+
+
+def affordable(vehicle: VehicleReport, points_m: Points) -> Points:
+    """Return as much of a path as the vehicle can pay for, the way home included; maybe no points.
+
+    What does not fit any more is cut off, within a leg.
+    """
+    if not len(points_m):
+        return points_m
+    left = vehicle.left * (1.0 + 1e-12)
+    if vehicle.fares.rest([points_m])[0] <= left:
+        return points_m
+    costs = vehicle.fares.rest([points_m[:count] for count in range(len(points_m))])
+    fits = np.flatnonzero(np.asarray(costs) <= left)
+    if not len(fits):
+        return points_m[:0]
+    count = int(fits[-1])
+    begin = points_m[count - 1] if count else np.asarray(vehicle.position_m)
+    step = points_m[count] - begin
+    parts = np.linspace(1.0 / 16.0, 15.0 / 16.0, 15)
+    cut = [np.vstack((points_m[:count], begin + part * step)) for part in parts]
+    payable = np.flatnonzero(np.asarray(vehicle.fares.rest(cut)) <= left)
+    if not len(payable) or np.hypot(*(parts[payable[-1]] * step)) < _LEAST_LEG:
+        return points_m[:count]
+    return cut[int(payable[-1])]

@@ -1,0 +1,225 @@
+"""Orienteering: which places to visit in which order for a budget, by insertion and local search.
+
+The problem is the orienteering problem (Golden, Levy & Vohra 1987) with worth along the legs, not only at
+the places. A tour is built by the insertion that gains most for what it costs, and bettered by reversing
+parts (2-opt) and by taking places out and filling up again.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geo.compiled import compiled
+
+
+def candidate_places(
+    pooled: NDArray[np.float32], x: float, y: float, near: int, most: int
+) -> NDArray[np.float64]:
+    """Choose places worth a visit: the best cell of each square of a tiling, finer near the vehicle.
+
+    Parameters
+    ----------
+    pooled : float32[W, H]
+        What seeing each cell takes.
+    x, y : float
+        The vehicle, in cells.
+    near : int
+        Side of the window of fine tiles about the vehicle, cells.
+    most : int
+        Largest number of places of each of the two tilings.
+
+    Returns
+    -------
+    float64[n, 2]
+        Centres of cells; none is worth nothing.
+    """
+    width, height = pooled.shape
+    side = max(2, math.ceil(math.sqrt(width * height / most)))
+    fine = max(2, math.ceil(near / math.sqrt(most)))
+    found: set[tuple[int, int]] = set()
+    x_0, y_0 = max(0, int(x) - near // 2), max(0, int(y) - near // 2)
+    for tile, left, low, right, high in (
+        (side, 0, 0, width, height),
+        (fine, x_0, y_0, min(width, x_0 + near), min(height, y_0 + near)),
+    ):
+        if tile == side and left > 0:
+            continue
+        for i in range(left, right, tile):
+            for j in range(low, high, tile):
+                part = pooled[i : min(i + tile, right), j : min(j + tile, high)]
+                at = int(np.argmax(part))
+                if part.flat[at] > 0.0:
+                    found.add((i + at // part.shape[1], j + at % part.shape[1]))
+    return np.array(sorted(found), np.float64).reshape(-1, 2) + 0.5
+
+
+@compiled
+def _tour_value(
+    tour: Any, count: int, places: Any, costs: Any, back: Any, pooled: Any, marks: Any, mark: int,
+    patience: float, limit: float,
+) -> Any:  # fmt: skip
+    """Return the discounted worth and the cost of a tour; the cost is infinite over the limit."""
+    cost = 0.0
+    for k in range(1, count):
+        cost += costs[tour[k - 1], tour[k]]
+    if cost + back[tour[count - 1]] > limit + 1e-9:
+        return 0.0, math.inf
+    value, spent = 0.0, 0.0
+    for k in range(1, count):
+        a, b = tour[k - 1], tour[k]
+        dx, dy = places[b, 0] - places[a, 0], places[b, 1] - places[a, 1]
+        length = math.hypot(dx, dy)
+        steps = max(1, math.ceil(length - 1e-6))
+        fade = math.exp(-costs[a, b] / steps / patience)
+        factor = math.exp(-spent / patience)
+        for step in range(1, steps + 1):
+            part = min(1.0, step / max(length, 1e-9))
+            factor *= fade
+            i = math.floor(places[a, 0] + part * dx + 1e-9)
+            j = math.floor(places[a, 1] + part * dy + 1e-9)
+            if 0 <= i < pooled.shape[0] and 0 <= j < pooled.shape[1] and marks[i, j] != mark:
+                marks[i, j] = mark
+                value += pooled[i, j] * factor
+        spent += costs[a, b]
+    return value, cost
+
+
+@compiled
+def _fill(
+    tour: Any, count: int, used: Any, places: Any, costs: Any, back: Any, pooled: Any, marks: Any, mark: int,
+    patience: float, limit: float,
+) -> Any:  # fmt: skip
+    """Insert places while they fit, each time the one that gains most for its cost; return count and mark."""
+    trial = np.empty_like(tour)
+    while count < len(tour):
+        mark += 1
+        value, cost = _tour_value(tour, count, places, costs, back, pooled, marks, mark, patience, limit)
+        best_rate, best_place, best_at = 0.0, -1, -1
+        for place in range(1, len(places)):
+            if used[place]:
+                continue
+            # Only where it costs least to go there: all positions would take the square of the time.
+            at, least = count, costs[tour[count - 1], place] + back[place] - back[tour[count - 1]]
+            for k in range(1, count):
+                extra = costs[tour[k - 1], place] + costs[place, tour[k]] - costs[tour[k - 1], tour[k]]
+                if extra < least:
+                    at, least = k, extra
+            for choice in range(2):
+                if choice == 1:
+                    if at == count:
+                        break
+                    at = count
+                trial[:at] = tour[:at]
+                trial[at] = place
+                trial[at + 1 : count + 1] = tour[at:count]
+                mark += 1
+                new, new_cost = _tour_value(
+                    trial, count + 1, places, costs, back, pooled, marks, mark, patience, limit
+                )
+                if new_cost == math.inf:
+                    continue
+                rate = (new - value) / max(new_cost - cost, 1e-6)
+                if new > value and rate > best_rate:
+                    best_rate, best_place, best_at = rate, place, at
+        if best_place < 0:
+            break
+        for k in range(count, best_at, -1):
+            tour[k] = tour[k - 1]
+        tour[best_at] = best_place
+        used[best_place] = True
+        count += 1
+    return count, mark
+
+
+@compiled
+def _reverse_parts(
+    tour: Any, count: int, places: Any, costs: Any, back: Any, pooled: Any, marks: Any, mark: int,
+    patience: float, limit: float,
+) -> int:  # fmt: skip
+    """Reverse parts of the tour while that betters it (2-opt); return the mark."""
+    trial = np.empty_like(tour)
+    mark += 1
+    value, _ = _tour_value(tour, count, places, costs, back, pooled, marks, mark, patience, limit)
+    better = True
+    while better:
+        better = False
+        for first in range(1, count - 1):
+            for last in range(first + 1, min(count, first + 8)):
+                trial[:count] = tour[:count]
+                for k in range(first, last + 1):
+                    trial[k] = tour[first + last - k]
+                mark += 1
+                new, cost = _tour_value(
+                    trial, count, places, costs, back, pooled, marks, mark, patience, limit
+                )
+                if cost < math.inf and new > value * (1.0 + 1e-9):
+                    tour[:count] = trial[:count]
+                    value = new
+                    better = True
+    return mark
+
+
+@compiled
+def search_tour(
+    places: Any, costs: Any, back: Any, pooled: Any, patience: float, limit: float, rounds: int, most: int
+) -> Any:
+    """Search a tour from the first place that is worth much within a limit of cost.
+
+    Parameters
+    ----------
+    places : float64[n, 2]
+        The vehicle's position, then where it may go, in cells.
+    costs : float64[n, n]
+        Of the legs between them.
+    back : float64[n]
+        What must be kept for the way home from each.
+    pooled : float32[W, H]
+        What seeing each cell takes; each cell counts once.
+    patience : float
+        Worth gained later counts less: by ``exp(-cost / patience)``.
+    limit : float
+        Largest cost, the way home included.
+    rounds : int
+        How often a third of the tour is taken out and filled up again.
+    most : int
+        Largest number of places in a tour.
+
+    Returns
+    -------
+    int64[m]
+        Numbers of the places in their order, the first one left out.
+    float
+        The discounted worth.
+    """
+    marks = np.zeros(pooled.shape, np.int64)
+    mark = 0
+    tour = np.zeros(min(most, len(places)), np.int64)
+    used = np.zeros(len(places), np.bool_)
+    used[0] = True
+    count, mark = _fill(tour, 1, used, places, costs, back, pooled, marks, mark, patience, limit)
+    mark = _reverse_parts(tour, count, places, costs, back, pooled, marks, mark, patience, limit)
+    mark += 1
+    value, _ = _tour_value(tour, count, places, costs, back, pooled, marks, mark, patience, limit)
+    for number in range(rounds):
+        trial, trial_used = tour.copy(), used.copy()
+        # Thirds in turn: the first, the last, the middle one.
+        third = max(1, (count - 1) // 3)
+        first = min(1 + third * (number * 2 % 3), count)
+        last = min(count, first + third)
+        if first == last:
+            continue
+        for k in range(first, last):
+            trial_used[trial[k]] = False
+        trial[first : count - (last - first)] = tour[last:count]
+        left = count - (last - first)
+        left, mark = _fill(trial, left, trial_used, places, costs, back, pooled, marks, mark, patience, limit)
+        mark = _reverse_parts(trial, left, places, costs, back, pooled, marks, mark, patience, limit)
+        mark += 1
+        new, _ = _tour_value(trial, left, places, costs, back, pooled, marks, mark, patience, limit)
+        if new > value:
+            tour, used, count, value = trial, trial_used, left, new
+    return tour[1:count].copy(), value

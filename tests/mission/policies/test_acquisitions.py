@@ -1,0 +1,74 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from geo import get_farm
+from mission.errors import PlanningError
+from mission.policies.acquisition import ACQUISITIONS, WithCoverage, expected_loss, make_acquisition
+from mission.policies.situation import Event, Situation
+from sensors.fields import PAPER_FIELDS
+from sensors.observations import Observations
+from sensors.scoring.information import InformationModel
+from sensors.scoring.score import PAPER_WEIGHTS
+
+TOMATO, STRAWBERRY = (5, 8), (5, 2)
+SEEN = Observations([5], [8], [0.0], [6], [[1.0, 1.0, 0.4]])
+
+
+def _situation(model, seen=None):
+    farm = get_farm("miniberry-10")
+    seen = Observations.empty() if seen is None else seen
+    return Situation(Event.PERIOD, 0.0, 6, farm, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, (), 1.0)
+
+
+def _believed(healthy, infected, lost, value):
+    shape = get_farm("miniberry-10").grid().shape
+    model = InformationModel.uniform(shape, value=(value, value, 0.4), uncertainty=0.0)
+    classes = np.empty((3, *shape), np.float32)
+    classes[:] = np.array([healthy, infected, lost], np.float32)[:, None, None]
+    return replace(model, probabilities={"tylcv": classes, "ccr": classes})
+
+
+@pytest.mark.parametrize("name", sorted(ACQUISITIONS))
+def test_worth_is_a_map_not_negative_by_weight_of_field(name):
+    shape = get_farm("miniberry-10").grid().shape
+    model = InformationModel.uniform(shape, value=(0.8, 0.8, 0.4), uncertainty=0.3)
+    worth = make_acquisition(name)(_situation(model))
+    assert worth.dtype == np.float32 and worth.shape == shape and (worth >= 0).all()
+    assert worth[TOMATO] > worth[STRAWBERRY] > 0
+
+
+def test_expected_loss_is_that_of_the_score():
+    worth = expected_loss(_situation(_believed(0.5, 0.3, 0.2, 0.6)))
+    loss = 0.5 * 0.4**2 + 10 * (0.3 * 0.1**2 + 0.2 * 0.6**2)
+    assert worth[TOMATO] == pytest.approx(1.0 * loss) and worth[STRAWBERRY] == pytest.approx(0.2 * loss)
+
+
+def test_an_estimators_own_map_of_loss_is_taken():
+    shape = get_farm("miniberry-10").grid().shape
+    given = np.full((3, *shape), 0.25, np.float32)
+    worth = expected_loss(_situation(replace(_believed(1, 0, 0, 1.0), loss_map=given)))
+    assert worth[TOMATO] == pytest.approx(0.25 * 1.1) and worth[STRAWBERRY] == pytest.approx(0.25 * 0.3)
+
+
+def test_nothing_is_worth_anything_where_all_is_known():
+    model = _believed(1.0, 0.0, 0.0, 1.0)
+    for acquisition in ACQUISITIONS.values():
+        assert acquisition(_situation(model)).max() == pytest.approx(0.0, abs=1e-6)
+
+
+def test_coverage_grows_with_the_distance_from_what_was_seen_today():
+    nothing = WithCoverage(lambda situation: np.zeros(situation.model.shape, np.float32), 0.5, reach=2.0)
+    model = _believed(1.0, 0.0, 0.0, 1.0)
+    worth = nothing(_situation(model, SEEN))
+    assert worth[TOMATO] == 0.0
+    assert worth[7, 8] == pytest.approx(0.5 * (1 - np.exp(-0.5))) and worth[9, 8] > worth[7, 8]
+    assert nothing(_situation(model))[TOMATO] == pytest.approx(0.5)
+    yesterday = Observations([5], [8], [0.0], [5], [[1.0, 1.0, 0.4]])
+    assert nothing(_situation(model, yesterday))[TOMATO] == pytest.approx(0.5)
+
+
+def test_unknown_names_are_refused():
+    with pytest.raises(PlanningError, match="no acquisition is named 'luck'; there are expected-loss"):
+        make_acquisition("luck")

@@ -1,0 +1,128 @@
+import numpy as np
+import pytest
+
+from mission.errors import PlanningError
+from mission.policies.conformance import check_policy
+from mission.policies.decision import GO_ON, Decision
+from mission.policies.policy import Asking, FixedPlan
+from mission.policies.registry import policy_names
+from mission.policies.situation import Event
+
+
+def test_ours_are_registered():
+    assert {"greedy", "orienteering", "refining-lawnmower", "rolling-horizon"} <= set(policy_names())
+
+
+@pytest.mark.parametrize("name", ["greedy", "orienteering", "refining-lawnmower", "rolling-horizon"])
+@pytest.mark.slow
+def test_ours_conform(name):
+    assert check_policy(name).decisions > 100
+
+
+def test_planners_conform():
+    check_policy(FixedPlan("lawnmower"))
+
+
+class _Rows:
+    """A lawnmower that can be bent."""
+
+    asking = Asking(observations=20)
+
+    def start(self):
+        self.asked = 0
+        self.plan = FixedPlan("lawnmower")
+
+    def decide(self, situation):
+        self.asked += 1
+        return self.plan.decide(situation)
+
+
+class _OverBudget(_Rows):
+    def decide(self, situation):
+        ends = np.array([[0.2, 0.2], [8.0, 8.0]])
+        return Decision({one.system_id: np.tile(ends, (40, 1)) for one in situation.steerable})
+
+
+class _Outside(_Rows):
+    def decide(self, situation):
+        return Decision({one.system_id: [[-1.0, 1.0]] for one in situation.steerable})
+
+
+class _NoPath(_Rows):
+    def decide(self, situation):
+        return GO_ON
+
+
+class _Strangers(_Rows):
+    def decide(self, situation):
+        plan = super().decide(situation)
+        return plan if situation.event is Event.START else Decision({99: [[1.0, 1.0]]})
+
+
+class _Restless(_Rows):
+    def __init__(self):
+        self.flights = 0
+
+    def start(self):
+        super().start()
+        self.flights += 1
+
+    def decide(self, situation):
+        if situation.event is Event.START or self.flights % 2:
+            return super().decide(situation)
+        return Decision({one.system_id: one.rest_m[:1] for one in situation.steerable if len(one.rest_m)})
+
+
+class _Drawer(_Rows):
+    def decide(self, situation):
+        np.random.random()  # noqa: NPY002
+        return super().decide(situation)
+
+
+class _Writer(_Rows):
+    def decide(self, situation):
+        situation.model.value[0] = 0.0
+        return super().decide(situation)
+
+
+class _NoDecision(_Rows):
+    def decide(self, situation):
+        return dict(super().decide(situation).paths)
+
+
+class _Seer(_Rows):
+    """Knows the truth by the back door: whether cells that nobody looked at are sick."""
+
+    def decide(self, situation):
+        import sys
+
+        frame = sys._getframe()
+        while "self" not in frame.f_locals or not hasattr(frame.f_locals["self"], "_truth"):
+            frame = frame.f_back
+        sick = float(frame.f_locals["self"]._truth.mean())
+        plan = super().decide(situation)
+        return Decision({key: points + 0.01 * sick for key, points in plan.paths.items()})
+
+
+@pytest.mark.parametrize(
+    ("policy", "text"),
+    [
+        (_OverBudget(), "its path costs"),
+        (_Outside(), "leaves the area"),
+        (_NoPath(), "vehicle 1 has no path at the start"),
+        (_Strangers(), "vehicle 99: there is no such vehicle"),
+        (_Restless(), "twice has different answers"),
+        (_Drawer(), "global generator"),
+        (_Writer(), "writes into what it is told"),
+        (_NoDecision(), "not a Decision"),
+        (_Seer(), "cells that nobody looked at"),
+    ],
+)
+def test_the_kit_finds_what_is_wrong(policy, text):
+    with pytest.raises(AssertionError, match=text):
+        check_policy(policy)
+
+
+def test_what_is_no_policy_is_refused():
+    with pytest.raises(PlanningError, match="is no policy"):
+        check_policy(object())

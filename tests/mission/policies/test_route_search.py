@@ -1,0 +1,150 @@
+import itertools
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mission.planners.budget import LengthBudget, StepBudget
+from mission.planners.request import PlanningRequest
+from mission.policies.chart import Chart, LegCosts
+from mission.policies.fares import GeometricFares
+from mission.policies.route_search import leg_offsets, neighbour_shares, search_route, take_leg
+from mission.policies.situation import Status, VehicleReport
+from mission.policies.steering import affordable
+from mission.policies.tour_search import candidate_places, search_tour
+
+pytestmark = pytest.mark.kernel
+ALONE = neighbour_shares(0.0, 1.0, 1)
+FLAT = np.ones(8)
+
+
+def _vehicle(budget, here=(0.0, 0.0), spent=0.0):
+    request = PlanningRequest(shapely.box(0, 0, 50, 50), (0.0, 0.0), budget, 0.0)
+    fares = GeometricFares(budget, here)
+    return VehicleReport(1, request, Status.FLYING, here, (0.0, 0.0), 0.0, spent, np.empty((0, 2)), fares)
+
+
+def _search(worth, x, y, horizon, free=None, beam=6, patience=1e9, shares=ALONE):
+    free = np.ones(worth.shape, np.bool_) if free is None else free
+    return search_route(
+        worth,
+        shares,
+        free,
+        x,
+        y,
+        leg_offsets(10),
+        horizon,
+        0.0,
+        FLAT,
+        patience,
+        max(1, int(horizon) // 3),
+        beam,
+    )
+
+
+def test_a_leg_takes_what_it_sees_and_a_share_of_what_lies_beside():
+    worth = np.ones((9, 7), np.float32)
+    take_leg(worth, neighbour_shares(0.5, 1e9, 1), 0.5, 3.5, 4.5, 3.5)
+    assert (worth[1:5, 3] == 0).all() and worth[0, 3] == 0.5
+    assert worth[3, 2] == pytest.approx(0.125) and worth[3, 5] == 1.0 and worth[7, 3] == 1.0
+
+
+def test_the_route_goes_where_the_worth_is_and_counts_it_once():
+    worth = np.zeros((12, 12), np.float32)
+    worth[8, 2] = worth[8, 9] = 1.0
+    route = _search(worth, 2.5, 2.5, 15.0)
+    assert route[-1, 3] == pytest.approx(2.0)
+    seen = worth.copy()
+    for a, b in itertools.pairwise([(2.5, 2.5), *map(tuple, route[:, :2])]):
+        take_leg(seen, ALONE, *a, *b)
+    assert seen.sum() == 0.0
+
+
+def test_looking_ahead_beats_the_best_single_leg():
+    worth = np.zeros((15, 15), np.float32)
+    worth[7, 8] = 1.0
+    worth[7, 1:6] = 0.6  # the other way, worth more altogether
+    worth[1:7, 1] = 0.6
+    assert _search(worth, 7.5, 7.5, 13.0)[-1, 3] > 6.0
+
+
+def test_legs_do_not_lead_through_what_is_not_free():
+    free = np.ones((12, 12), np.bool_)
+    free[5, :5] = False
+    worth = np.zeros((12, 12), np.float32)
+    worth[9, 2] = 1.0
+    route = _search(worth, 1.5, 2.5, 40.0, free, beam=20)
+    path = np.vstack(([[1.5, 2.5]], route[:, :2]))
+    for a, b in itertools.pairwise(path):
+        cells = np.floor(a + np.linspace(0, 1, 200)[:, None] * (b - a)).astype(int)
+        assert np.count_nonzero(~free[cells[:, 0], cells[:, 1]]) <= 20  # at most the corner of a cell
+    assert route[-1, 3] == pytest.approx(1.0)
+
+
+def test_nothing_to_be_seen_gives_no_route():
+    assert len(_search(np.zeros((6, 6), np.float32), 1.5, 1.5, 8.0)) == 0
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10_000), st.floats(1.0, 25.0))
+def test_routes_keep_their_horizon_and_promise_what_they_see(seed, horizon):
+    rng = np.random.default_rng(seed)
+    worth = rng.random((10, 9)).astype(np.float32)
+    x, y = rng.integers(0, 9, 2) + 0.5
+    route = _search(worth, x, y, horizon)
+    path = np.vstack(([[x, y]], route[:, :2]))
+    assert np.hypot(*np.diff(path, axis=0).T).sum() <= np.ceil(horizon) + 1e-6
+    left = worth.copy()
+    for a, b in itertools.pairwise(path):
+        take_leg(left, ALONE, *a, *b)
+    assert route[-1, 3] <= (worth - left).sum() + 1e-4
+
+
+def test_a_tour_visits_what_pays_and_keeps_what_the_way_home_takes():
+    pooled = np.zeros((20, 20), np.float32)
+    pooled[3, 10] = pooled[10, 10] = 1.0
+    pooled[19, 0] = 0.5
+    goals = candidate_places(pooled, 0.5, 10.5, 6, 49)
+    places = np.vstack(([[0.5, 10.5]], goals))
+    costs = np.hypot(*np.moveaxis(places[:, None] - places[None], -1, 0))
+    order, value = search_tour(places, costs, costs[:, 0].copy(), pooled, 1e9, 20.0, 3, 40)
+    assert [tuple(place) for place in places[order]] == [(3.5, 10.5), (10.5, 10.5)]
+    assert value == pytest.approx(2.0)
+    order, _ = search_tour(places, costs, costs[:, 0].copy(), pooled, 1e9, 8.0, 3, 40)
+    assert [tuple(place) for place in places[order]] == [(3.5, 10.5)]
+
+
+def test_charts_of_large_farms_have_few_blocks_and_keep_the_worth():
+    worth = np.random.default_rng(0).random((600, 500)).astype(np.float32)
+    chart = Chart.of(shapely.box(0, 0, 600, 500), worth.shape, 1.0, 1.0)
+    assert chart.block == 5 and chart.free.shape == (120, 100) and chart.free.all()
+    assert chart.pooled(worth).sum() == pytest.approx(worth.sum(), rel=1e-5)
+    fine = neighbour_shares(0.12, 4.5, 3)
+    assert 1 / 5 < chart.shares(fine)[0, 0] < 1.0
+
+
+def test_blocks_lie_in_the_area_whole_and_legs_that_leave_it_are_cut_off():
+    area = shapely.box(0, 0, 10, 10) - shapely.box(4.5, -1, 5.5, 8)
+    chart = Chart.of(area, (10, 10), 1.0, 1.0)
+    assert not chart.free[4, 0] and not chart.free[5, 7] and chart.free[3, 0] and chart.free[5, 8]
+    points = np.array([[1.0, 9.0], [9.0, 9.0], [9.0, 1.0], [1.0, 1.0]])
+    assert chart.inside((1.0, 1.0), points).tolist() == points[:3].tolist()
+    assert len(chart.inside((1.0, 1.0), np.array([[9.0, 1.0]]))) == 0
+
+
+def test_costs_of_legs_come_from_the_fares():
+    costs = LegCosts.of(_vehicle(LengthBudget(100.0)), 2.0)
+    assert costs.turn == pytest.approx(0.0) and np.allclose(costs.slopes, 2.0)
+    assert LegCosts.of(_vehicle(StepBudget(100, 2.0)), 2.0).per_cell == pytest.approx(1.0)
+
+
+def test_what_cannot_be_paid_is_cut_off():
+    points = np.array([[10.0, 0.0], [10.0, 20.0]])
+    there = _vehicle(LengthBudget(100.0, return_to=(0.0, 0.0)))
+    assert affordable(there, points).tolist() == points.tolist()
+    short = _vehicle(LengthBudget(40.0, return_to=(0.0, 0.0)))
+    cut = affordable(short, points)
+    assert len(cut) == 2 and 0.0 < cut[1, 1] < 20.0 and short.fares.rest([cut])[0] <= 40.0
+    assert len(affordable(_vehicle(LengthBudget(5.0), (30.0, 0.0), spent=5.0), points)) == 0

@@ -62,6 +62,7 @@ class IncomingPlan:
         if not self._profile.atomic and message.count < len(self._store.wire_items(session.type)):
             session.items, session.first, session.part = [], 0, False
             self._store.put(session.type, self._merged())
+            session.cut = True
             before = (*before, PlanPart(session.type))
         return Output(events=before) + self._begin(0, now_s)
 
@@ -184,7 +185,8 @@ class IncomingPlan:
         self, items: tuple[MissionItem, ...], *, start: int | None = None, complete: bool = True
     ) -> Event:
         plan, changed = self._store.received(self._session.type, items)
-        self._session.items = []
+        changed |= self._session.cut
+        self._session.items, self._session.cut = [], False
         return PlanReplaced(self._session.type, items, plan.opaque_id, changed, start, complete)
 
     def _fail(self, reason: FailureReason, text: str, result: int | None = None) -> tuple[Event, ...]:
@@ -197,6 +199,7 @@ class IncomingPlan:
     def _kept(self) -> tuple[Event, ...]:
         """Put in force what has come of an upload that is given up, where it overwrites in place."""
         session = self._session
-        if session.state is not RECEIVING or self._profile.atomic or not session.items:
+        came = session.items or session.cut
+        if session.state is not RECEIVING or self._profile.atomic or not came:
             return ()
         return (self._put(self._merged(), complete=False),)

@@ -52,6 +52,8 @@ class ServerSession:
         Upload: whether it replaces a part of the plan.
     items : list of MissionItem
         Upload: what has come.
+    cut : bool
+        Upload: whether a smaller count has shortened the plan already.
     start : int or None
         Upload: the item marked as current.
     candidate, verdict : MissionItem or None, int
@@ -79,6 +81,7 @@ class ServerSession:
     first: int = 0
     part: bool = False
     items: list[MissionItem] = field(default_factory=list)
+    cut: bool = False
     start: int | None = None
     candidate: MissionItem | None = None
     verdict: int = int(wire.ACCEPTED)

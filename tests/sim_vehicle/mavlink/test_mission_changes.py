@@ -655,3 +655,18 @@ def test_ardupilot_tells_of_its_own_shots(autopilot):
     flight.tell(m.MAVLink_mission_set_current_message(1, 1, 3))
     flight.vehicle.command_camera(206, (0.0,) * 7)
     assert [a.get_type() for a in flight.tell_as(1, 100, image)] == ["COMMAND_LONG"], "not ordered any more"
+
+
+@pytest.mark.parametrize("sent", [None, 1, 0])
+def test_a_shortened_list_is_the_vehicles_also_on_the_ground(sent):
+    flight = Flight(ARDUPILOT)
+    flight.upload(BASE[:4], stop_after=sent)
+    flight.wait(10.0)
+    assert shown(flight.pilot.mission.items) == shown(BASE[:4])
+    flight.upload(())
+    assert flight.pilot.mission.items == ()
+    only_home = m.MAVLink_mission_count_message(1, 1, 1, 0)
+    flight.upload(BASE)
+    flight.tell(only_home)
+    flight.send(wp(0, 0), 0)
+    assert flight.pilot.mission.items == ()

@@ -6,13 +6,17 @@ never changes its mind (`FixedPlan`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Protocol, runtime_checkable
 
+from mission.planners.partition import STRIPS
 from mission.planners.registry import make_planner
 from mission.planners.request import Planner
 from mission.policies.decision import GO_ON, Decision
-from mission.policies.situation import Event, Situation
+from mission.policies.handover import Share, hand_over
+from mission.policies.sharing import WHOLE, check_partition, shared
+from mission.policies.situation import Event, Situation, Status, VehicleReport
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,14 +71,25 @@ class Policy(Protocol):
         """
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, eq=False)
 class FixedPlan:
-    """A planner as a policy: it plans at the start and never changes its mind.
+    """A planner as a policy: it plans at the start and does not change its mind.
+
+    Several vehicles get a part of the land each (`mission.policies.sharing`). When one of them is lost, the
+    others take over what it has not flown, as far as their budgets allow (`mission.policies.handover`).
 
     Parameters
     ----------
     planner : Planner or str
         As for `mission.planners.make_planner`.
+    partition : {"strips", "voronoi", "none"}
+        How several vehicles share the land; with none of it each plans for the whole, and nothing is
+        handed over.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such partition.
 
     Examples
     --------
@@ -83,6 +98,11 @@ class FixedPlan:
     """
 
     planner: Planner | str
+    partition: str = STRIPS
+    _shares: dict[int, Share] = field(default_factory=dict, init=False)
+
+    def __post_init__(self) -> None:
+        check_partition(self.partition)
 
     @property
     def asking(self) -> Asking:
@@ -90,18 +110,44 @@ class FixedPlan:
         return NEVER_AGAIN
 
     def start(self) -> None:
-        """Nothing is remembered."""
+        """Forget whose land is which."""
+        self._shares = {}
 
     def decide(self, situation: Situation) -> Decision:
-        """Plan for every vehicle at the start, else go on."""
-        if situation.event is not Event.START:
-            return GO_ON
+        """Plan for every vehicle at the start; share what a lost one leaves; else go on."""
+        if situation.event is Event.START:
+            return self._plan(situation.steerable)
+        if situation.event is Event.LOST and self.partition != WHOLE:
+            return self._hand_over(situation)
+        return GO_ON
+
+    def _plan(self, vehicles: Sequence[VehicleReport]) -> Decision:
         planner = make_planner(self.planner)
-        planned = {one.system_id: planner(one.request) for one in situation.steerable}
+        self._shares = {}
+        if not vehicles:
+            return GO_ON
+        parts = shared(vehicles, self.partition)
+        paths, spacings = {}, {}
+        for one in vehicles:
+            path = planner(replace(one.request, area=parts[one.system_id]))
+            paths[one.system_id] = path.points_m
+            if path.spacing_m is not None:
+                spacings[one.system_id] = path.spacing_m
+            self._shares[one.system_id] = Share(parts[one.system_id], path.spacing_m)
+        return Decision(paths, reason="plan", spacing_m=spacings)
+
+    def _hand_over(self, situation: Situation) -> Decision:
+        lost = [
+            one for one in situation.vehicles if one.status is Status.LOST and one.system_id in self._shares
+        ]
+        taken = hand_over(lost, situation.steerable, self._shares, make_planner(self.planner))
+        if not taken:
+            return GO_ON
+        for one in lost:
+            del self._shares[one.system_id]
+        self._shares.update({system_id: share for system_id, (_, share) in taken.items()})
+        who = ", ".join(str(one.system_id) for one in lost)
         return Decision(
-            {system_id: path.points_m for system_id, path in planned.items()},
-            reason="plan",
-            spacing_m={
-                system_id: path.spacing_m for system_id, path in planned.items() if path.spacing_m is not None
-            },
+            {system_id: points for system_id, (points, _) in taken.items()},
+            reason=f"the rest of lost vehicle {who} is handed over",
         )

@@ -116,10 +116,10 @@ class Given:
     def change(self, base: Scenario) -> Scenario:
         """Return a scenario with what was given; ScenarioError if part of that is wrong or has no effect."""
         chosen = scenario_with(base, self.changes)
-        self._check_effects(chosen.to_dict())
+        self._check_effects(chosen.to_dict(), is_fleet=len(chosen.vehicle.fleet) > 1)
         return chosen
 
-    def _check_effects(self, values: Mapping[str, Any]) -> None:
+    def _check_effects(self, values: Mapping[str, Any], *, is_fleet: bool) -> None:
         """Refuse what was given and has no effect, rather than fly something else than was meant."""
         known = all_options()
         for key in self.changes:
@@ -128,6 +128,9 @@ class Given:
             needs, flag = (one.needs, one.flag) if compound is None else (compound.needs, compound.flag)
             if needs and values[needs] == default_of(known[needs][0], known[needs][1]):
                 msg = f"{flag} has an effect only with {_flag_of(needs)}: give that, too"
+                raise ScenarioError(msg)
+            if one.needs_fleet and not is_fleet:
+                msg = f"{flag} has an effect only with several vehicles: give --vehicles, or leave it out"
                 raise ScenarioError(msg)
             for other in one.not_with:
                 if values[other] is not None:

@@ -55,6 +55,8 @@ class Option:
         The keys of the options that leave it without effect.
     read : callable or None
         Reads its text of the command line; None where the command line's own types do.
+    needs_fleet : bool
+        Whether it has an effect only where several vehicles fly.
     """
 
     key: str
@@ -70,6 +72,7 @@ class Option:
     needs: str = ""
     not_with: tuple[str, ...] = ()
     read: Callable[[str], Any] | None = None
+    needs_fleet: bool = False
 
     @property
     def unit(self) -> str:

@@ -17,6 +17,8 @@ _SPIRAL = Choice("spiral")
 LAST_DAY = 126
 """The last day of an environment."""
 MOST_VEHICLES = 10
+PARTITIONS = ("strips", "voronoi", "none")
+"""How a fleet shares the farm, as `mission.policies.sharing.PARTITION_NAMES`."""
 LEVELS = ("light", "moderate", "severe", "wind")
 """The words for turbulence; wind: as strong as the mean wind makes it."""
 
@@ -101,6 +103,14 @@ class MissionOptions(Part):
         RUN,
         key="mission",
         metavar="FILE",
+    )
+    partition: str = option(
+        PARTITIONS[0],
+        "How the vehicles of a fleet share the farm when a planner plans",
+        RUN,
+        choices=PARTITIONS,
+        not_with=("mission", "policy"),
+        needs_fleet=True,
     )
     altitude_m: float | None = option(
         None,

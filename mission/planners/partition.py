@@ -1,0 +1,327 @@
+"""An area in parts, one for each of several vehicles: strips, or the cells of a power diagram."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import TypeAlias
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+
+from mission.errors import PlanningError
+from mission.planners.path import Area, Points
+
+Divide: TypeAlias = Callable[[Area, Sequence[float]], list[Area]]
+"""Divides an area into parts of these shares of it, which add up to 1."""
+
+STRIPS, VORONOI = "strips", "voronoi"
+_SAMPLES = 4000
+_LLOYD_ROUNDS = 60
+_WEIGHT_ROUNDS = 12
+_BALANCE_ROUNDS = 25
+_MOVED = 1e-3
+_LEAST_SHARE = 0.02
+# The plastic number's: a sequence that fills the plane evenly (Roberts 2018, "R2").
+_EVEN = (0.7548776662466927, 0.5698402909980532)
+
+
+def strips(area: Area, shares: Sequence[float]) -> list[Area]:
+    """Return strips across the longer side of an area, in their order along it.
+
+    Parameters
+    ----------
+    area : shapely Polygon or MultiPolygon
+    shares : sequence of float
+        What part of the area each strip has.
+
+    Returns
+    -------
+    list of shapely Polygon or MultiPolygon
+        Together they are the area.
+
+    Examples
+    --------
+    >>> [part.bounds for part in strips(shapely.box(0.0, 0.0, 8.0, 2.0), [0.25, 0.75])]
+    [(0.0, 0.0, 2.0, 2.0), (2.0, 0.0, 8.0, 2.0)]
+    """
+    shares = _checked(shares)
+    across, along = _axes(area)
+    turned = shapely.transform(area, lambda points: points @ np.column_stack((along, across)))
+    low, _, high, _ = turned.bounds
+    cuts = [_cut(turned, low, high, share) for share in np.cumsum(shares)[:-1]]
+    edges = [-math.inf, *cuts, math.inf]
+    slabs = [_slab(along, across, turned, begin, end) for begin, end in itertools.pairwise(edges)]
+    return _parts(area, slabs)
+
+
+def power_cells(area: Area, shares: Sequence[float]) -> list[Area]:
+    """Return compact cells: those of a centroidal power diagram.
+
+    A point belongs to the site with the least squared distance less the site's weight (Aurenhammer 1987).
+    The weights give each cell its share of the area; then the sites move to the centroids of their cells,
+    as in Lloyd's algorithm, until they stay (Balzer, Schloemer and Deussen 2009 do so for equal shares).
+
+    Parameters, returns: as of `strips`.
+
+    Examples
+    --------
+    >>> cells = power_cells(shapely.box(0.0, 0.0, 3.0, 3.0), [0.5, 0.25, 0.25])
+    >>> [round(cell.area / 9.0, 2) for cell in cells]
+    [0.5, 0.25, 0.25]
+    """
+    wanted = np.array(_checked(shares))
+    points = _samples(area)
+    sites = _spread(area, points, len(wanted))
+    weights = np.zeros(len(wanted))
+    size = math.sqrt(area.area)
+    for _ in range(_LLOYD_ROUNDS):
+        weights = _weights(points, sites, weights, wanted)
+        owner = _owners(points, sites, weights)
+        moved = np.array(
+            [points[owner == k].mean(axis=0) if (owner == k).any() else sites[k] for k in range(len(sites))]
+        )
+        step = float(np.hypot(*(moved - sites).T).max())
+        sites = moved
+        if step < _MOVED * size:
+            break
+    weights = _weights(points, sites, weights, wanted)
+    return _parts(area, [_power_cell(area, sites, weights, k) for k in range(len(sites))])
+
+
+PARTITIONS: Mapping[str, Divide] = {STRIPS: strips, VORONOI: power_cells}
+
+
+def balanced(
+    area: Area, divide: Divide, reach_m: Sequence[float], ways_m: Callable[[int, Area], float]
+) -> list[Area]:
+    """Return parts that take their vehicles the same share of what they can fly.
+
+    Rows of one spacing s over a part of area A are A / s long; with the way there and back, that is to be
+    the same share of the reach of every vehicle. The shares are corrected until the shares of the reach
+    differ by less than 5 %, or as good as it gets.
+
+    Parameters
+    ----------
+    area : shapely Polygon or MultiPolygon
+    divide : callable
+        `strips` or `power_cells`.
+    reach_m : sequence of float
+        How far each vehicle can fly.
+    ways_m : callable
+        ``ways_m(number, part)``: how long the ways of a vehicle to its part and back are.
+
+    Returns
+    -------
+    list of shapely Polygon or MultiPolygon
+        One part for each vehicle, in their order.
+    """
+    reach = np.asarray(reach_m, dtype=np.float64)
+    shares = reach / reach.sum()
+    best, best_spread = list[Area](), math.inf
+    for _ in range(_BALANCE_ROUNDS):
+        parts = divide(area, shares.tolist())
+        ways = np.array([ways_m(number, part) for number, part in enumerate(parts)])
+        use = shares_of_reach(parts, reach, ways)
+        spread = float(use.max() / use.min()) - 1.0
+        if spread < best_spread:
+            best, best_spread = parts, spread
+        if spread < 0.04:
+            break
+        rows = np.maximum(reach - ways, _LEAST_SHARE * reach)
+        wanted = np.maximum(rows / rows.sum(), _LEAST_SHARE / len(rows))
+        shares = 0.5 * shares + 0.5 * wanted / wanted.sum()
+    return best
+
+
+def shares_of_reach(parts: Sequence[Area], reach_m: ArrayLike, ways_m: ArrayLike) -> NDArray[np.float64]:
+    """Return what share of its reach each vehicle flies, by rows of one spacing over all parts.
+
+    The spacing is the one at which all vehicles together fly all they can.
+    """
+    areas = np.array([part.area for part in parts])
+    reach, ways = np.asarray(reach_m, dtype=np.float64), np.asarray(ways_m, dtype=np.float64)
+    rows = max(float((reach - ways).sum()), _LEAST_SHARE * float(reach.sum()))
+    used: NDArray[np.float64] = (areas * rows / areas.sum() + ways) / reach
+    return used
+
+
+def _checked(shares: Sequence[float]) -> list[float]:
+    given = np.asarray(shares, dtype=np.float64)
+    if not len(given) or not np.isfinite(given).all() or not (given > 0.0).all():
+        msg = f"partition: shares must be finite numbers above zero, not {list(shares)}"
+        raise PlanningError(msg)
+    normal: list[float] = (given / given.sum()).tolist()
+    return normal
+
+
+def _axes(area: Area) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the directions of the area's shorter and longer side; the longer one points to +x or +y."""
+    low_x, low_y, high_x, high_y = area.bounds
+    box = np.array([[low_x, low_y], [high_x, low_y], [high_x, high_y], [low_x, high_y]])
+    tight = shapely.get_coordinates(shapely.oriented_envelope(area))[:4]
+    # An upright rectangle that is nearly as small is the plainer one.
+    if len(tight) == 4 and _extent(tight) < 0.9 * _extent(box):
+        box = tight
+    first, second = box[1] - box[0], box[2] - box[1]
+    along = first if np.hypot(*first) >= np.hypot(*second) - 1e-9 else second
+    along = along / np.hypot(*along)
+    if along[0] < -1e-9 or (abs(along[0]) <= 1e-9 and along[1] < 0.0):
+        along = -along
+    return np.array([-along[1], along[0]]), along
+
+
+def _extent(corners: Points) -> float:
+    return float(np.hypot(*(corners[1] - corners[0])) * np.hypot(*(corners[2] - corners[1])))
+
+
+def _cut(turned: Area, low: float, high: float, share: float) -> float:
+    """Return where an area, turned to lie along the x-axis, has this share of it on the left."""
+    _, below, _, above = turned.bounds
+    begin, end, wanted = low, high, share * turned.area
+    for _ in range(60):
+        middle = 0.5 * (begin + end)
+        left = shapely.intersection(turned, shapely.box(low - 1.0, below - 1.0, middle, above + 1.0)).area
+        begin, end = (middle, end) if left < wanted else (begin, middle)
+    return 0.5 * (begin + end)
+
+
+def _slab(
+    along: NDArray[np.float64], across: NDArray[np.float64], turned: Area, begin: float, end: float
+) -> shapely.Polygon:
+    low, below, high, above = turned.bounds
+    begin, end = max(begin, low - 1.0), min(end, high + 1.0)
+    corners = np.array([[begin, below - 1.0], [end, below - 1.0], [end, above + 1.0], [begin, above + 1.0]])
+    return shapely.Polygon(corners @ np.vstack((along, across)))
+
+
+def _samples(area: Area) -> Points:
+    """Return points on a square grid inside the area."""
+    low_x, low_y, high_x, high_y = area.bounds
+    step = math.sqrt(area.area / _SAMPLES)
+    x, y = (
+        np.arange(low + 0.5 * step, high, step) if high - low > step else np.array([0.5 * (low + high)])
+        for low, high in ((low_x, high_x), (low_y, high_y))
+    )
+    grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    shapely.prepare(area)
+    inside: Points = grid[shapely.contains_xy(area, grid[:, 0], grid[:, 1])]
+    if len(inside):
+        return inside
+    inside = shapely.get_coordinates(shapely.point_on_surface(area))
+    return inside
+
+
+def _spread(area: Area, points: Points, count: int) -> Points:
+    """Return so many of the points, spread over the area."""
+    low_x, low_y, high_x, high_y = area.bounds
+    found: list[Points] = []
+    for number in range(1, 1000 * count):
+        place = np.array(
+            [
+                low_x + (0.5 + number * _EVEN[0]) % 1.0 * (high_x - low_x),
+                low_y + (0.5 + number * _EVEN[1]) % 1.0 * (high_y - low_y),
+            ]
+        )
+        if shapely.contains_xy(area, *place):
+            found.append(place)
+        if len(found) == count:
+            return np.array(found)
+    return np.resize(points, (count, 2))
+
+
+def _distances(points: Points, sites: Points) -> NDArray[np.float64]:
+    """Return the squared distances, float64[sites, points]."""
+    squared: NDArray[np.float64] = ((points[None, :, :] - sites[:, None, :]) ** 2).sum(axis=-1)
+    return squared
+
+
+def _owners(points: Points, sites: Points, weights: NDArray[np.float64]) -> NDArray[np.int64]:
+    owners: NDArray[np.int64] = np.argmin(_distances(points, sites) - weights[:, None], axis=0)
+    return owners
+
+
+def _weights(
+    points: Points, sites: Points, weights: NDArray[np.float64], shares: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the weights with which the cells have their shares: one after the other is set, a few times."""
+    if len(sites) == 1:
+        return weights
+    distances = _distances(points, sites)
+    weights = weights.copy()
+    for _ in range(_WEIGHT_ROUNDS):
+        for k, share in enumerate(shares):
+            others = np.delete(distances - weights[:, None], k, axis=0).min(axis=0)
+            weights[k] = np.quantile(distances[k] - others, share)
+        owner = np.bincount(_owners(points, sites, weights), minlength=len(sites)) / len(points)
+        if np.abs(owner - shares).max() < 2e-3 * shares.min():
+            break
+    centred: NDArray[np.float64] = weights - weights.mean()
+    return centred
+
+
+def _power_cell(area: Area, sites: Points, weights: NDArray[np.float64], k: int) -> shapely.Polygon:
+    """Return the whole cell of a site in a box around the area."""
+    low_x, low_y, high_x, high_y = area.bounds
+    ring = [
+        np.array(corner)
+        for corner in (
+            (low_x - 1.0, low_y - 1.0),
+            (high_x + 1.0, low_y - 1.0),
+            (high_x + 1.0, high_y + 1.0),
+            (low_x - 1.0, high_y + 1.0),
+        )
+    ]
+    for other in range(len(sites)):
+        if other == k or not len(ring):
+            continue
+        # Nearer to the site than to the other one: normal . x <= bound.
+        normal = 2.0 * (sites[other] - sites[k])
+        bound = float(sites[other] @ sites[other] - sites[k] @ sites[k] - weights[other] + weights[k])
+        ring = _clipped(ring, normal, bound)
+    return shapely.Polygon(ring) if len(ring) > 2 else shapely.Polygon()
+
+
+def _clipped(ring: list[NDArray[np.float64]], normal: NDArray[np.float64], bound: float) -> list[Points]:
+    """Return the convex ring on one side of a line (Sutherland and Hodgman 1974)."""
+    kept: list[Points] = []
+    for here, there in zip(ring, [*ring[1:], ring[0]], strict=True):
+        before, after = float(normal @ here) - bound, float(normal @ there) - bound
+        if before <= 0.0:
+            kept.append(here)
+        if (before < 0.0 < after) or (after < 0.0 < before):
+            kept.append(here + (there - here) * (before / (before - after)))
+    return kept
+
+
+def _parts(area: Area, cells: Sequence[shapely.Polygon]) -> list[Area]:
+    """Return the area in the cells; what hangs together stays so, as far as that can be."""
+    pieces = [_polygons(shapely.intersection(area, cell)) for cell in cells]
+    if any(not each for each in pieces):
+        msg = "partition: the area is too small for so many vehicles; take fewer, or a larger area"
+        raise PlanningError(msg)
+    if isinstance(area, shapely.Polygon):
+        pieces = _connected(pieces)
+    return [each[0] if len(each) == 1 else shapely.MultiPolygon(each) for each in pieces]
+
+
+def _polygons(geometry: shapely.Geometry) -> list[shapely.Polygon]:
+    return [
+        piece
+        for piece in shapely.get_parts(geometry, return_index=False)
+        if isinstance(piece, shapely.Polygon) and piece.area > 1e-9
+    ]
+
+
+def _connected(pieces: list[list[shapely.Polygon]]) -> list[list[shapely.Polygon]]:
+    """Give pieces that do not hang together with the largest one of their part to a part that they touch."""
+    largest = [max(each, key=lambda piece: piece.area) for each in pieces]
+    loose = [piece for each, main in zip(pieces, largest, strict=True) for piece in each if piece is not main]
+    parts: list[shapely.Geometry] = list(largest)
+    for piece in sorted(loose, key=lambda one: -one.area):
+        borders = [shapely.length(shapely.intersection(piece, part)) for part in parts]
+        taker = int(np.argmax(borders))
+        parts[taker] = shapely.union(parts[taker], piece)
+    return [_polygons(part) for part in parts]

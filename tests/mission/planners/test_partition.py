@@ -1,0 +1,76 @@
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mission.errors import PlanningError
+from mission.planners.partition import PARTITIONS, balanced, power_cells, shares_of_reach, strips
+
+FIELD = shapely.box(0.0, 0.0, 40.0, 30.0)
+WITH_POND = FIELD.difference(shapely.box(10.0, 5.0, 30.0, 25.0))
+TWO_FIELDS = shapely.MultiPolygon([shapely.box(0.0, 0.0, 10.0, 10.0), shapely.box(20.0, 0.0, 40.0, 10.0)])
+
+
+@pytest.mark.parametrize("divide", PARTITIONS.values(), ids=PARTITIONS)
+@pytest.mark.parametrize("area", [FIELD, WITH_POND, TWO_FIELDS], ids=["field", "pond", "two fields"])
+@given(sizes=st.lists(st.floats(0.3, 1.0), min_size=1, max_size=6))
+@settings(max_examples=6, deadline=None)
+def test_parts_are_the_whole_area_without_overlap(divide, area, sizes):
+    parts = divide(area, sizes)
+    assert len(parts) == len(sizes)
+    assert sum(part.area for part in parts) == pytest.approx(area.area, rel=1e-6)
+    assert shapely.union_all(parts).symmetric_difference(area).area < 1e-6 * area.area
+    if isinstance(area, shapely.Polygon):
+        assert all(isinstance(part, shapely.Polygon) for part in parts)
+
+
+@pytest.mark.parametrize("divide", PARTITIONS.values(), ids=PARTITIONS)
+def test_parts_have_their_shares(divide):
+    for count in range(1, 11):
+        areas = np.array([part.area for part in divide(FIELD, [1.0] * count)])
+        assert np.abs(areas * count / FIELD.area - 1.0).max() < 0.05
+    areas = np.array([part.area for part in divide(FIELD, [0.5, 0.3, 0.2])]) / FIELD.area
+    assert areas == pytest.approx([0.5, 0.3, 0.2], abs=0.01)
+
+
+def test_strips_lie_across_the_longer_side():
+    for angle in (0.0, 90.0, 33.0):
+        field = shapely.affinity.rotate(shapely.box(0.0, 0.0, 90.0, 30.0), angle)
+        parts = strips(field, [1.0, 1.0, 1.0])
+        for part in parts:
+            sides = np.hypot(*np.diff(shapely.get_coordinates(shapely.oriented_envelope(part))[:3], axis=0).T)
+            assert sides == pytest.approx([30.0, 30.0], abs=1e-6)
+        assert parts[0].distance(parts[2]) == pytest.approx(30.0)
+
+
+def test_cells_are_more_compact_than_strips():
+    def border(parts):
+        return sum(part.length for part in parts)
+
+    assert border(power_cells(FIELD, [1.0] * 6)) < 0.8 * border(strips(FIELD, [1.0] * 6))
+
+
+@pytest.mark.parametrize("divide", PARTITIONS.values(), ids=PARTITIONS)
+def test_balanced_parts_take_everybody_the_same_share_of_its_reach(divide):
+    reach = np.array([900.0, 300.0, 450.0])
+    starts = [shapely.Point(0.0, 0.0), shapely.Point(-20.0, 0.0), shapely.Point(0.0, -30.0)]
+
+    def way(number, part):
+        return 2.0 * starts[number].distance(part)
+
+    parts = balanced(FIELD, divide, reach, way)
+    use = shares_of_reach(parts, reach, [way(number, part) for number, part in enumerate(parts)])
+    assert use.max() / use.min() < 1.05
+    plain = divide(FIELD, reach)
+    before = shares_of_reach(plain, reach, [way(number, part) for number, part in enumerate(plain)])
+    assert before.max() / before.min() > 1.05
+
+
+def test_what_cannot_be_divided_is_refused():
+    with pytest.raises(PlanningError, match="shares must be finite numbers above zero"):
+        strips(FIELD, [1.0, 0.0])
+    with pytest.raises(PlanningError, match="shares must be finite"):
+        power_cells(FIELD, [1.0, float("nan")])
+    with pytest.raises(PlanningError, match="too small for so many"):
+        strips(shapely.box(0.0, 0.0, 1e-5, 1e-5), [1.0, 1.0])

@@ -1,0 +1,133 @@
+"""Fixed plans of fleets: parts of the land, and what becomes of a lost vehicle's part."""
+
+import numpy as np
+import pytest
+import shapely
+
+from geo import get_farm
+from geo.named import ParameterError
+from mission.planners import PlanningRequest, StepBudget
+from mission.policies.decision import GO_ON
+from mission.policies.fares import GeometricFares
+from mission.policies.policy import FixedPlan
+from mission.policies.sharing import PARTITION_NAMES, reach_m, shared
+from mission.policies.situation import Event, Situation, Status, VehicleReport
+from sensors.fields import PAPER_FIELDS
+from sensors.observations import Observations
+from sensors.scoring.information import InformationModel
+from sensors.scoring.score import PAPER_WEIGHTS
+from wbf_mission.scenario.parts import PARTITIONS
+
+FARM = get_farm("miniberry-30")
+
+
+def vehicle(number, steps=200.0, *, status=Status.READY, position=(0.0, 0.0), spent=0.0, rest=()):
+    budget = StepBudget(steps)
+    request = PlanningRequest(FARM.owner_area, (0.0, 0.0), budget)
+    fares = GeometricFares(budget, position)
+    return VehicleReport(number, request, status, position, (0.0, 0.0), 0.0, spent, np.array(rest), fares)
+
+
+def situation(vehicles, event=Event.START):
+    model = InformationModel.uniform(FARM.grid().shape, value=(1, 1, 0.4), uncertainty=1)
+    seen = Observations.empty(PAPER_FIELDS.names)
+    return Situation(
+        event, 0.0, 6, FARM, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, tuple(vehicles), compute_s=1.0
+    )
+
+
+def seen_by(path, width):
+    return shapely.LineString(path).buffer(0.5 * width, cap_style="square")
+
+
+def test_the_option_knows_the_partitions():
+    assert PARTITIONS == PARTITION_NAMES
+
+
+def test_a_single_vehicle_has_everything():
+    assert shared([vehicle(1)], "strips") == {1: FARM.owner_area}
+    assert shared([vehicle(1), vehicle(2)], "none") == {1: FARM.owner_area, 2: FARM.owner_area}
+    alone = FixedPlan("spiral", "voronoi").decide(situation([vehicle(1)])).paths[1]
+    assert alone.tolist() == FixedPlan("spiral").decide(situation([vehicle(1)])).paths[1].tolist()
+    with pytest.raises(ParameterError, match="partition 'halves': give strips, voronoi or none"):
+        FixedPlan("spiral", "halves")
+
+
+@pytest.mark.parametrize("partition", ["strips", "voronoi"])
+def test_each_vehicle_keeps_to_its_part(partition):
+    for count in (2, 3, 5, 10):
+        vehicles = [vehicle(number) for number in range(1, count + 1)]
+        parts = shared(vehicles, partition)
+        paths = FixedPlan("lawnmower", partition).decide(situation(vehicles)).paths
+        for number, path in paths.items():
+            assert parts[number].buffer(1e-6).covers(shapely.LineString(path))
+
+
+def test_a_vehicle_that_flies_farther_gets_more():
+    vehicles = [vehicle(1, 400.0), vehicle(2, 100.0)]
+    assert reach_m(vehicles[0]) == pytest.approx(400 * 0.3048, rel=0.02)
+    for partition in ("strips", "voronoi"):
+        parts = shared(vehicles, partition)
+        assert 3.0 < parts[1].area / parts[2].area < 6.0
+
+
+def fly(policy, lost_after, *, steps=360.0, lost=2):
+    """Return the paths of three robots, where they are when one of them fails, and the answer to that."""
+    vehicles = [vehicle(number, steps) for number in (1, 2, 3)]
+    paths = policy.decide(situation(vehicles)).paths
+    now = [
+        vehicle(
+            number,
+            steps,
+            status=Status.LOST if number == lost else Status.FLYING,
+            position=tuple(paths[number][lost_after]),
+            spent=StepBudget(steps).cost(np.vstack(((0.0, 0.0), paths[number][: lost_after + 1]))),
+            rest=paths[number][lost_after + 1 :],
+        )
+        for number in paths
+    ]
+    return paths, now, policy.decide(situation(now, Event.LOST))
+
+
+def test_the_rest_of_a_lost_vehicle_is_seen_by_the_others():
+    policy = FixedPlan("lawnmower")
+    paths, now, answer = fly(policy, 5)
+    assert set(answer.paths) == {1, 3} and "lost vehicle 2 is handed over" in answer.reason
+    flown = [seen_by(np.vstack(paths[number][:6]), 0.62) for number in (1, 2, 3)]
+    flown += [
+        seen_by(np.vstack((one.position_m, answer.paths[one.system_id])), 0.62)
+        for one in now
+        if one.system_id != 2
+    ]
+    assert shapely.union_all(flown).intersection(FARM.owner_area).area > 0.97 * FARM.owner_area.area
+    for one in now:
+        if one.system_id != 2:
+            assert one.fares.rest([answer.paths[one.system_id]])[0] <= one.left
+    # The same vehicle is not handed over again when another one fails.
+    third = [
+        now[0],
+        now[1],
+        vehicle(3, 360.0, status=Status.LOST, position=now[2].position_m, rest=answer.paths[3]),
+    ]
+    again = policy.decide(situation(third, Event.LOST))
+    assert set(again.paths) == {1} and "lost vehicle 2, 3" not in again.reason
+
+
+def test_little_left_is_spread_more_thinly():
+    paths, now, answer = fly(FixedPlan("lawnmower"), 5, steps=140.0)
+    assert answer.paths
+    for one in now:
+        if one.system_id in answer.paths:
+            assert one.fares.rest([answer.paths[one.system_id]])[0] <= one.left
+    lost = shapely.LineString(paths[2][6:]).buffer(0.1)
+    assert any(shapely.LineString(path).intersects(lost) for path in answer.paths.values())
+
+
+def test_nobody_takes_over_what_nobody_shares_or_can_pay():
+    _, _, answer = fly(FixedPlan("lawnmower", "none"), 5)
+    assert answer is GO_ON
+    policy = FixedPlan("lawnmower")
+    _, now, _ = fly(policy, 5)
+    gone = [vehicle(one.system_id, status=Status.LOST, position=one.position_m) for one in now]
+    assert policy.decide(situation(gone, Event.LOST)) is GO_ON
+    assert policy.decide(situation([vehicle(1)], Event.PERIOD)) is GO_ON

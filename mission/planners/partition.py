@@ -208,9 +208,8 @@ def _samples(area: Area) -> Points:
     grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
     shapely.prepare(area)
     inside: Points = grid[shapely.contains_xy(area, grid[:, 0], grid[:, 1])]
-    if len(inside):
-        return inside
-    inside = shapely.get_coordinates(shapely.point_on_surface(area))
+    if not len(inside):
+        inside = shapely.get_coordinates(shapely.point_on_surface(area))
     return inside
 
 

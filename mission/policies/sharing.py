@@ -49,7 +49,7 @@ def shared(vehicles: Sequence[VehicleReport], partition: str) -> dict[int, Area]
     Parameters
     ----------
     vehicles : sequence of VehicleReport
-        With the same land.
+        Those that do not have the same land keep what they have.
     partition : {"strips", "voronoi", "none"}
 
     Raises
@@ -61,7 +61,8 @@ def shared(vehicles: Sequence[VehicleReport], partition: str) -> dict[int, Area]
     """
     check_partition(partition)
     area = vehicles[0].request.area
-    if partition == WHOLE or len(vehicles) == 1:
+    own = any(one.request.area != area for one in vehicles)
+    if own or partition == WHOLE or len(vehicles) == 1:
         return {one.system_id: one.request.area for one in vehicles}
     divide = PARTITIONS[partition]
     reach = [reach_m(one) for one in vehicles]

@@ -1,5 +1,7 @@
 """Fixed plans of fleets: parts of the land, and what becomes of a lost vehicle's part."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
@@ -47,6 +49,10 @@ def test_the_option_knows_the_partitions():
 def test_a_single_vehicle_has_everything():
     assert shared([vehicle(1)], "strips") == {1: FARM.owner_area}
     assert shared([vehicle(1), vehicle(2)], "none") == {1: FARM.owner_area, 2: FARM.owner_area}
+    halves = [vehicle(1), vehicle(2)]
+    west = replace(halves[0].request, area=shapely.box(0.0, 0.0, 4.0, 9.0))
+    halves[0] = replace(halves[0], request=west)
+    assert shared(halves, "strips") == {1: west.area, 2: FARM.owner_area}
     alone = FixedPlan("spiral", "voronoi").decide(situation([vehicle(1)])).paths[1]
     assert alone.tolist() == FixedPlan("spiral").decide(situation([vehicle(1)])).paths[1].tolist()
     with pytest.raises(ParameterError, match="partition 'halves': give strips, voronoi or none"):

@@ -30,7 +30,7 @@ from geo.farms import get_farm
 from geo.seeds import stream
 from sensors.estimators.epidemic.decision import CLASS_VALUES, least_loss_value
 from sensors.estimators.epidemic.network import Network, train
-from sensors.estimators.epidemic.training import LAYERS, TrainingTask, draw_samples
+from sensors.estimators.epidemic.training import LAYERS, TrainingTask, draw_looks, samples_of
 from sensors.fields import PAPER_FIELDS
 from sensors.scoring.score import PAPER_WEIGHTS
 
@@ -119,10 +119,12 @@ def compare(farm: str, outbreaks: int, seeds: Sequence[int], passes: int) -> dic
     judges: dict[str, Judge] = {}
     for field in PAPER_FIELDS.diseases:
         disease, hosts = field.epidemic, field.hosts(grid)
-        held_out = draw_samples(TrainingTask(disease, DAY, outbreaks // 4), hosts, stream(99, "held-out"))
+        others = TrainingTask(disease, DAY, outbreaks // 4)
+        held_out = samples_of(draw_looks(others, hosts, stream(99, "held-out")))
         rows: dict[str, list[tuple[float, float, float]]] = {name: [] for name in ways}
         for seed in seeds:
-            samples = draw_samples(TrainingTask(disease, DAY, outbreaks), hosts, stream(seed, "training"))
+            looks = draw_looks(TrainingTask(disease, DAY, outbreaks), hosts, stream(seed, "training"))
+            samples = samples_of(looks)
             for name, way in ways.items():
                 start = time.process_time()
                 judges[name] = way(samples, seed)

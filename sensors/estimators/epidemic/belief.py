@@ -17,6 +17,8 @@ from sensors.estimators.epidemic.decision import (
 )
 from sensors.estimators.epidemic.features import (
     N_FEATURES,
+    SEEN_SUSCEPTIBLE,
+    UNKNOWN,
     cells_in_reach,
     inner,
     local_features,
@@ -25,12 +27,19 @@ from sensors.estimators.epidemic.features import (
 from sensors.estimators.epidemic.judge import FieldJudge
 from sensors.estimators.epidemic.network import Network
 from sensors.estimators.epidemic.rings import REACH
-from sensors.estimators.epidemic.training import WHOLE_FARM_CELLS, TrainingTask, classes_of, network_for
+from sensors.estimators.epidemic.training import (
+    WHOLE_FARM_CELLS,
+    TrainingTask,
+    classes_of,
+    first_day,
+    network_for,
+)
 
 _EXACT = 1e-3
 _SOFT = 1e-3
 _TINY = 1e-12
 _CHUNK_CELLS = 1 << 16
+_LONGEST_TRUST_DAYS = 1
 
 Floats = NDArray[np.float64]
 _Index = tuple[NDArray[np.intp], NDArray[np.intp]] | tuple[NDArray[np.bool_]]
@@ -181,25 +190,29 @@ class DiseaseBelief:
         self._network: Network = network_for(replace(self._task, day=day), self._hosts, self._cache)
         self._codes = padded_codes(self._hosts)
         self._day = day
-        nothing = np.zeros((1, N_FEATURES), np.float32)
-        self._prior = self._network.probabilities(nothing)[0]
         if self.whole:
             x, y = np.nonzero(self._hosts)
             self._x, self._y = x, y
             self._row = np.full(self._hosts.shape, -1, np.intp)
             self._row[x, y] = np.arange(len(x))
-            self._judge = FieldJudge(self._network, self._codes, x, y, self._seeds)
+            self._judge = FieldJudge(
+                self._network, self._codes, x, y, self._seeds, day - first_day(day, self._hosts)
+            )
+            self._prior = self._judge.probabilities().mean(axis=0)
             return
+        nothing = np.zeros((1, N_FEATURES), np.float32)
+        self._prior = self._network.probabilities(nothing)[0]
         self._take((self._hosts,), self._prior[None, :].astype(np.float64))
 
     def _changed(
         self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats
     ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
         """Return the cells whose probabilities may have changed, and these, float64[n, 3]."""
-        if day != self._day:
+        fresh = day != self._day
+        if fresh:
             self._begin(day)
-        flat, likelihood, exact = self._evidence(day, cells, days, values)
-        new_x, new_y = self._mark(flat, likelihood)
+        flat, likelihood, ages, exact = self._evidence(day, cells, days, values)
+        new_x, new_y = self._mark(flat, likelihood, ages)
         shape = self._hosts.shape
         x, y = cells_in_reach(new_x, new_y, shape)
         kept = self._hosts[x, y]
@@ -209,8 +222,8 @@ class DiseaseBelief:
             x, y = self._x, self._y
             around = self._judge.probabilities()
         else:
-            if not exact:
-                # How noisy the readings are has been learned anew, which concerns all cells that were read.
+            if fresh or not exact:
+                # Readings of other days say something else today, or how noisy all are has been learned anew.
                 both = np.union1d(x * shape[1] + y, flat)
                 x, y = (part.astype(np.intp) for part in np.divmod(both, shape[1]))
             around = self._far_field(x, y)
@@ -233,10 +246,28 @@ class DiseaseBelief:
             out[part] = self._network.probabilities(features)
         return out
 
-    def _mark(self, flat: NDArray[np.int64], likelihood: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Enter the likeliest class of observed cells into the codes; return the cells that changed."""
+    def _mark(
+        self, flat: NDArray[np.int64], likelihood: Floats, ages: NDArray[np.int32]
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Enter the likeliest class of observed cells into the codes; return the cells that changed.
+
+        A plant that was healthy some days ago counts as healthy for its neighbours as long as no sick plant
+        was seen so near that the disease may have come from there since.
+        """
         codes = (np.argmax(likelihood * self._prior, axis=1) + 1).astype(np.uint8)
         x, y = (part.astype(np.intp) for part in np.divmod(flat, self._hosts.shape[1]))
+        old = np.flatnonzero((ages > 0) & (codes == SEEN_SUSCEPTIBLE))
+        if len(old):
+            from scipy.spatial import cKDTree
+
+            sick = codes > SEEN_SUSCEPTIBLE
+            places = np.stack([x, y], axis=1)
+            away: Floats = np.full(len(old), np.inf)
+            if sick.any():
+                away = np.asarray(cKDTree(places[sick]).query(places[old], p=np.inf)[0])
+            speed = self._task.parameters.infection_rule(self._hosts.shape).kernel.radius
+            doubtful = (away <= speed * (ages[old] + 1)) | (ages[old] > _LONGEST_TRUST_DAYS)
+            codes[old[doubtful]] = UNKNOWN
         changed = inner(self._codes)[x, y] != codes
         x, y = x[changed], y[changed]
         self._codes[x + REACH, y + REACH] = codes[changed]
@@ -244,7 +275,7 @@ class DiseaseBelief:
 
     def _evidence(
         self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats
-    ) -> tuple[NDArray[np.int64], Floats, bool]:
+    ) -> tuple[NDArray[np.int64], Floats, NDArray[np.int32], bool]:
         """Gather what the readings of a cell itself say of its class today.
 
         Returns
@@ -253,13 +284,13 @@ class DiseaseBelief:
             The observed cells, ascending.
         likelihood : float64[m, 3]
             Of each class, the largest is 1.
+        ages : int32[m]
+            Days since the latest reading of each.
         exact : bool
             Whether readings are taken as the truth.
         """
         classes = classes_of(values)
         sensed = (classes >= 0) & self._hosts[cells[:, 0], cells[:, 1]]
-        # A plant that was healthy on another day may be anything today.
-        sensed &= (days == day) | (classes > 0)
         cells, days, values, classes = cells[sensed], days[sensed], values[sensed], classes[sensed]
         flat = cells[:, 0].astype(np.int64) * self._hosts.shape[1] + cells[:, 1]
         off = np.abs(values - CLASS_VALUES[classes])
@@ -269,11 +300,13 @@ class DiseaseBelief:
         if exact:
             # The last reading counts, should there be several that contradict each other.
             distinct, last = np.unique(flat[::-1], return_index=True)
-            return distinct, single[::-1][last], True
+            return distinct, single[::-1][last], (day - days[::-1])[last], True
         distinct, inverse = np.unique(flat, return_inverse=True)
         logs = np.log(single + _TINY)
         total = np.stack([np.bincount(inverse, log, len(distinct)) for log in logs.T], axis=1)
-        return distinct, np.exp(total - total.max(axis=1, keepdims=True)), False
+        latest = np.zeros(len(distinct), np.int32)
+        np.maximum.at(latest, inverse, days)
+        return distinct, np.exp(total - total.max(axis=1, keepdims=True)), day - latest, False
 
     def _single(
         self, day: int, days: NDArray[np.int32], values: Floats, classes: NDArray[np.int8], noise: float
@@ -290,7 +323,22 @@ class DiseaseBelief:
             parameters = self._task.parameters
             ill = np.clip(1.0 - (day - days[old]) / parameters.duration_days, 0.0, 1.0)
             ill = np.where(classes[old] == 1, ill, 0.0)
-            likelihood[old] = np.stack([np.zeros(len(ill)), ill, 1.0 - ill], axis=1)
+            sick = np.stack([np.zeros(len(ill)), ill, 1.0 - ill], axis=1)
+            healthy = self._since_healthy(day)[day - days[old]]
+            likelihood[old] = np.where((classes[old] == 0)[:, None], healthy, sick)
             if noise > _EXACT or rate:
                 likelihood[old] += _SOFT
         return likelihood
+
+    def _since_healthy(self, day: int) -> Floats:
+        """Return the likelihood of each class of a plant that was healthy 0, 1, ... days ago, [days, 3].
+
+        It is the part of the plants of a class that fell ill since then. New infections of a day are taken as
+        proportional to the days since the first, as an outbreak of constant speed has them.
+        """
+        new = day - np.arange(day + 1.0)
+        duration = self._task.parameters.duration_days
+        since = np.concatenate([[0.0], np.cumsum(new)])[: day + 1]
+        ill = np.minimum(since / max(new[:duration].sum(), 1.0), 1.0)
+        lost = np.maximum(since - new[:duration].sum(), 0.0) / max(new[duration:].sum(), 1.0)
+        return np.stack([np.ones(day + 1), ill, np.minimum(lost, 1.0)], axis=1)

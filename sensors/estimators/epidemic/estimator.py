@@ -39,11 +39,11 @@ class EpidemicEstimator(BaseEstimator):
     disease's crop cannot carry it: 1, without doubt. The soil is a smooth random field with the model's
     lengths (`sensors.estimators.epidemic.soil`).
 
-    What is estimated is the latest day that was observed. Of the days before, only infected and lost plants
-    are still used: they cannot be healthy again.
+    What is estimated is the latest day that was observed. Plants seen on the days before are carried forward
+    through the disease: infected ones may be lost by now, and healthy ones may have fallen ill since.
 
-    Training takes some seconds for each disease, crop map and day; the result is kept in a folder and used
-    again.
+    Training takes about half a minute for each disease, crop map and eight days; the result is kept in a
+    folder and used again.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class EpidemicEstimator(BaseEstimator):
         day: int = 6,
         misreading_rate: float = 0.0,
         weights: ScoreWeights = PAPER_WEIGHTS,
-        outbreaks: int = 1000,
+        outbreaks: int = 1250,
         epochs: int = 6,
         training_seed: int = 0,
         cache: str | os.PathLike[str] | None = None,
@@ -109,7 +109,10 @@ class EpidemicEstimator(BaseEstimator):
         return int(self._days.array.max()) if len(self._days) else self.day
 
     def prepare(self, day: int, progress: Progress | None = None) -> Self:
-        """Train the networks of a day, or read them; see `BaseEstimator.prepare`."""
+        """Train the networks of a day, or read them; see `BaseEstimator.prepare`.
+
+        On farms of at most 128 x 128 cells they are those of the day's eight days (0 to 7, 8 to 15, ...).
+        """
         super().prepare(day)
         number = len(self._beliefs)
         for k, belief in enumerate(self._beliefs):

@@ -17,12 +17,14 @@ UNKNOWN, SEEN_SUSCEPTIBLE, SEEN_INFECTED, SEEN_REMOVED, NO_HOST_CODE = range(5)
 """Codes of cells: not observed, three classes, and land without the crop (or beside the farm)."""
 
 RINGS = Rings.that_end_at((1, 2, 4, 5, 8, 9, 10, 13, 18, 20, 26, 36, 50, 65, 90, 2 * REACH**2))
-_OVERALL = 3
+_SEEN_NUMBERS = 3
+_DAY_KNOTS = (0.0, 2.0, 4.0, 6.0, 7.0)
+N_OVERALL = _SEEN_NUMBERS + len(_DAY_KNOTS)
 _CHUNK_CELLS = 1 << 14
 _CLUSTER_LINK = 5
 
 N_LOCAL = len(RINGS.scales) * NO_HOST_CODE
-N_FEATURES = N_LOCAL + _OVERALL
+N_FEATURES = N_LOCAL + N_OVERALL
 
 
 def padded_codes(hosts: NDArray[np.bool_]) -> NDArray[np.uint8]:
@@ -64,10 +66,12 @@ def local_features(
     out[:, :N_LOCAL] = RINGS.counts(codes, NO_HOST_CODE, x, y).T
 
 
-def overall_features(codes: NDArray[np.uint8], hosts: int, seeds: int) -> tuple[float, ...]:
-    """Return the part of the field observed, outbreaks seen by those expected, and the part seen sick.
+def overall_features(codes: NDArray[np.uint8], hosts: int, seeds: int, day: int) -> NDArray[np.float32]:
+    """Return numbers about the whole field: what was seen of it, and the day.
 
-    Sick cells at most five cells apart along each axis count as one outbreak.
+    They are the part observed, outbreaks seen by those expected, the part seen sick, and the day as weights
+    of five knots that it lies between. Sick cells at most five cells apart along each axis count as one
+    outbreak.
 
     Parameters
     ----------
@@ -77,6 +81,12 @@ def overall_features(codes: NDArray[np.uint8], hosts: int, seeds: int) -> tuple[
         Number of cells that can carry the disease.
     seeds : int
         Number of outbreaks that the model lets begin.
+    day : int
+        Days since the first of those that the network was trained for.
+
+    Returns
+    -------
+    float32[8]
     """
     counts = np.bincount(codes.ravel(), minlength=NO_HOST_CODE + 1)
     sick = int(counts[SEEN_INFECTED] + counts[SEEN_REMOVED])
@@ -89,12 +99,15 @@ def overall_features(codes: NDArray[np.uint8], hosts: int, seeds: int) -> tuple[
         grown = ndimage.maximum_filter(is_sick.view(np.uint8), size=_CLUSTER_LINK, mode="constant")
         outbreaks = ndimage.label(grown, structure=np.ones((3, 3)))[1]
     share = max(hosts, 1)
-    return observed / share, min(outbreaks / max(seeds, 1), 2.0), sick / share
+    knots = np.interp(day, _DAY_KNOTS, np.arange(len(_DAY_KNOTS)))
+    weights = np.maximum(0.0, 1.0 - np.abs(np.arange(len(_DAY_KNOTS)) - knots))
+    numbers = observed / share, min(outbreaks / max(seeds, 1), 2.0), sick / share
+    return np.array([*numbers, *weights], np.float32)
 
 
-def set_overall(features: NDArray[np.float32], overall: tuple[float, ...]) -> None:
+def set_overall(features: NDArray[np.float32], overall: NDArray[np.float32]) -> None:
     """Write the numbers of `overall_features` into the last columns of rows of features."""
-    features[:, -_OVERALL:] = overall
+    features[:, -N_OVERALL:] = overall
 
 
 def cells_in_reach(

@@ -30,12 +30,16 @@ class FieldJudge:
         The cells, in C order.
     seeds : int
         Number of outbreaks that the model lets begin.
+    day : int
+        Days since the first of those that the network was trained for.
     """
 
-    def __init__(self, network: Network, codes: NDArray[np.uint8], x: Cells, y: Cells, seeds: int) -> None:
+    def __init__(
+        self, network: Network, codes: NDArray[np.uint8], x: Cells, y: Cells, seeds: int, day: int
+    ) -> None:
         self._stages = (network, *network.further)
         self._codes, self._x, self._y = codes, x, y
-        self._seeds = seeds
+        self._seeds, self._day = seeds, day
         self._local = [np.empty((len(x), stage.weights[0].shape[1]), np.float32) for stage in self._stages]
         self.touch(np.arange(len(x)))
 
@@ -46,10 +50,18 @@ class FieldJudge:
         for kept, stage in zip(self._local, self._stages, strict=True):
             kept[rows] = seen[:, :N_LOCAL] @ stage.weights[0][:N_LOCAL]
 
-    def probabilities(self) -> Floats32:
-        """Return what is believed of the cells without their own readings, float32[n, 3]."""
-        overall = np.array(overall_features(self._codes, len(self._x), self._seeds), np.float32)
-        found: Floats32 | None = None
+    def probabilities(self, overall: Floats32 | None = None, found: Floats32 | None = None) -> Floats32:
+        """Return what is believed of the cells without their own readings, float32[n, 3].
+
+        Parameters
+        ----------
+        overall : float32[8], optional
+            The numbers about the whole field, if they are known.
+        found : float32[n, 3], optional
+            What a network before the first one believes, if this is a further one alone.
+        """
+        if overall is None:
+            overall = overall_features(self._codes, len(self._x), self._seeds, self._day)
         for kept, stage in zip(self._local, self._stages, strict=True):
             first = stage.weights[0]
             values = kept + (overall @ first[N_LOCAL:N_FEATURES] + stage.biases[0])

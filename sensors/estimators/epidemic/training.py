@@ -25,12 +25,14 @@ from geo.atomic import atomic_write
 from geo.seeds import stream
 from geo.user_cache import user_cache_folder, warn_of_cache
 from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters
-from sensors.dynamics.outbreak import simulate_outbreak, value_table
+from sensors.dynamics.outbreak import NEVER, simulate_outbreak, value_table
 from sensors.errors import EstimatorError
 from sensors.estimators.base import Step, no_step
+from sensors.estimators.epidemic.chase import chasing_path
 from sensors.estimators.epidemic.context import N_CONTEXT, context_features
 from sensors.estimators.epidemic.features import (
     N_FEATURES,
+    N_OVERALL,
     UNKNOWN,
     inner,
     local_features,
@@ -43,14 +45,14 @@ from sensors.estimators.epidemic.network import Network, train
 from sensors.estimators.epidemic.paths import random_path
 from sensors.estimators.epidemic.rings import REACH
 
-VERSION = 3
+VERSION = 5
 """Part of the names of files; it has to grow with every change of the training."""
 WHOLE_FARM_CELLS = 128 * 128
 """On farms with more cells the training sees windows; features of the whole field are not used."""
 LAYERS = (N_FEATURES, 64, 32, 3)
 FURTHER_LAYERS = (N_FEATURES + N_CONTEXT, 64, 32, 3)
 _WINDOW = 64
-_WAYS = 2
+_PATHS = 2
 _LOOKS = 3
 _CELLS_A_LOOK = 60
 _LONGEST_SHARE = 0.45
@@ -59,7 +61,10 @@ _NEAR_SIZE = 9
 _WITH_SEEDS_SHARE = 0.8
 _SMALLEST_TRAINING = 10
 _FURTHER = 2
-_FURTHER_CELLS = 1_300_000
+_JUDGED_CELLS = 6_000_000
+_DAYS_TOGETHER = 8
+_CHASING_SHARE = 0.35
+_BEGUN_SHARE = 0.5
 
 _in_memory: dict[str, Network] = {}
 
@@ -73,7 +78,8 @@ class TrainingTask:
     parameters : EpidemicParameters
         The disease.
     day : int
-        Day of the observations.
+        Day of the observations. On farms of at most `WHOLE_FARM_CELLS` one network knows all days from
+        `first_day` on.
     outbreaks : int
         Number of simulated fields.
     epochs : int
@@ -84,7 +90,7 @@ class TrainingTask:
 
     parameters: EpidemicParameters
     day: int
-    outbreaks: int = 1000
+    outbreaks: int = 1250
     epochs: int = 6
     seed: int = 0
 
@@ -94,6 +100,15 @@ class TrainingTask:
         digest = hashlib.sha256(json.dumps(told, sort_keys=True).encode())
         digest.update(np.packbits(hosts).data)
         return digest.hexdigest()[:32]
+
+
+def first_day(day: int, hosts: NDArray[np.bool_]) -> int:
+    """Return the first of the days that share a network with a day: eight on farms that are seen as a whole.
+
+    >>> first_day(6, np.ones((30, 30), bool)), first_day(6, np.ones((300, 300), bool))
+    (0, 6)
+    """
+    return day - day % _DAYS_TOGETHER if hosts.size <= WHOLE_FARM_CELLS else day
 
 
 def cache_folder(folder: str | os.PathLike[str] | None) -> Path:
@@ -122,6 +137,7 @@ def network_for(
     if not 0 <= task.day <= MAX_DAYS:
         msg = f"epidemic: day {task.day} is not in 0..{MAX_DAYS}, the days of an environment"
         raise EstimatorError(msg)
+    task = replace(task, day=first_day(task.day, hosts))
     key = task.key(hosts)
     if key not in _in_memory:
         path = cache_folder(folder) / f"{key}.npz"
@@ -187,20 +203,21 @@ def learn(task: TrainingTask, hosts: NDArray[np.bool_], step: Step = no_step) ->
     # One BLAS thread: the sums do not depend on the number of cores then.
     with threadpool_limits(1, user_api="blas"):
         whole = hosts.size <= WHOLE_FARM_CELLS
-        steps = 2 + whole * (1 + 2 * _FURTHER)
+        steps = 2 + 2 * whole * _FURTHER
         done = itertools.count(1)
-        samples = draw_samples(task, hosts, rng)
+        looks = draw_looks(task, hosts, rng)
+        samples = samples_of(looks)
         step(next(done) / steps)
         network = train(Network.draw(LAYERS, rng), *samples, epochs=task.epochs, rng=rng)
         step(next(done) / steps)
-        if not whole:
-            return network
-        looks = _draw_looks(task, hosts, rng)
-        step(next(done) / steps)
-        for _ in range(_FURTHER):
-            samples = _refine_samples(network, looks, hosts, task.parameters.seed_count(hosts.shape))
+        refinement = _Refinement(looks, hosts, task.parameters.seed_count(hosts.shape))
+        last = network
+        for _ in range(whole * _FURTHER):
+            refined = refinement.refine(last, samples[0])
             step(next(done) / steps)
-            last = train(Network.draw(FURTHER_LAYERS, rng), *samples, epochs=task.epochs, rng=rng)
+            last = train(
+                Network.draw(FURTHER_LAYERS, rng), refined, *samples[1:], epochs=task.epochs, rng=rng
+            )
             network = replace(network, further=(*network.further, last))
             step(next(done) / steps)
         return network
@@ -217,97 +234,121 @@ def classes_of(values: NDArray[np.floating]) -> NDArray[np.int8]:
     return np.where(np.isnan(values), -1, nearest).astype(np.int8)
 
 
-def draw_samples(
-    task: TrainingTask, hosts: NDArray[np.bool_], rng: Generator
-) -> tuple[NDArray[np.float32], NDArray[np.int8], NDArray[np.float32]]:
-    """Draw cells that were not observed, with what was known around them.
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What is known of a field at some time, and the cells to learn from: some that were not observed.
 
-    Returns
-    -------
+    Parameters
+    ----------
+    codes : uint8[W + 2 REACH, H + 2 REACH] or None
+        The map; it is kept only where it is looked at again.
+    day : int
+        Days since the first of the network's.
+    overall : float32[8]
+        The numbers about the whole field; zeros in windows.
+    chosen : intp[n, 2]
+        The cells.
     features : float32[n, N_FEATURES]
     classes : int8[n]
         The truth.
-    weights : float32[n]
-        How much each counts, so that together they stand for all cells not observed at the looks; mean 1.
+    weights : float64[n]
+        How much each counts, so that all looks together stand for all cells not observed at them.
     """
-    field = _Fields(task, hosts, rng)
-    features: list[NDArray[np.float32]] = []
-    classes: list[NDArray[np.int8]] = []
-    weights: list[NDArray[np.float64]] = []
-    for _ in range(max(task.outbreaks, _SMALLEST_TRAINING)):
-        land, truth, margin, weight = field.draw()
-        for codes in _looks(land, truth, rng):
-            chosen, counts = _choose(codes, margin, _CELLS_A_LOOK, rng)
-            features.append(field.features(codes, chosen))
-            classes.append(truth[chosen[:, 0], chosen[:, 1]])
-            weights.append(weight * counts)
-    return np.concatenate(features), np.concatenate(classes), _with_mean_one(weights)
 
-
-def _looks(land: NDArray[np.bool_], truth: NDArray[np.int8], rng: Generator) -> Iterator[NDArray[np.uint8]]:
-    """Yield what is known of a field (codes) at some times along random paths."""
-    for _way in range(_WAYS):
-        cells = random_path(land.shape, max(1, int(_LONGEST_SHARE * land.size)), rng)
-        cells = cells[land[cells[:, 0], cells[:, 1]]]
-        for look in range(_LOOKS):
-            # The first looks are spread over the whole path, the later ones lie towards its end.
-            count = int(np.ceil(len(cells) * rng.random() ** (1.0 if look == 0 else 0.3)))
-            codes = padded_codes(land)
-            x, y = cells[:count].T
-            inner(codes)[x, y] = truth[x, y] + 1
-            yield codes
-
-
-def _with_mean_one(weights: list[NDArray[np.float64]]) -> NDArray[np.float32]:
-    together = np.concatenate(weights)
-    mean = together.mean() if len(together) else 1.0
-    return (together / mean).astype(np.float32)
-
-
-@dataclass(frozen=True, slots=True)
-class _Look:
-    """What is known of the farm at some time, the cells to learn from, their classes and weights."""
-
-    codes: NDArray[np.uint8]
+    codes: NDArray[np.uint8] | None
+    day: int
+    overall: NDArray[np.float32]
     chosen: NDArray[np.intp]
+    features: NDArray[np.float32]
     classes: NDArray[np.int8]
     weights: NDArray[np.float64]
 
 
-def _draw_looks(task: TrainingTask, hosts: NDArray[np.bool_], rng: Generator) -> list[_Look]:
-    """Draw looks at the farm: on larger ones fewer with more cells each, as all cells have to be judged."""
+def draw_looks(task: TrainingTask, hosts: NDArray[np.bool_], rng: Generator) -> list[Look]:
+    """Draw looks at the farm: on larger whole ones fewer with more cells each, as all cells are judged."""
     field = _Fields(task, hosts, rng)
     wanted = max(task.outbreaks, _SMALLEST_TRAINING)
-    most = max(_SMALLEST_TRAINING, _FURTHER_CELLS // (_WAYS * _LOOKS * max(field.hosts, 1)))
+    most = wanted
+    if field.whole:
+        most = max(_SMALLEST_TRAINING, _JUDGED_CELLS // (_PATHS * _LOOKS * max(field.hosts, 1)))
     number = min(wanted, most)
     cells = -(-_CELLS_A_LOOK * wanted // number)
     found = []
     for _ in range(number):
-        land, truth, margin, weight = field.draw()
-        for codes in _looks(land, truth, rng):
-            chosen, counts = _choose(codes, margin, cells, rng)
-            found.append(_Look(codes, chosen, truth[chosen[:, 0], chosen[:, 1]], weight * counts))
+        land, history, margin, weight = field.draw()
+        for _path in range(_PATHS):
+            day = int(rng.integers(0, len(field.tables)))
+            truth = field.tables[day][history.view(np.uint8)]
+            for codes in _along_a_path(land, truth, rng):
+                chosen, counts = _choose(codes, margin, cells, rng)
+                features = np.zeros((len(chosen), N_FEATURES), np.float32)
+                local_features(codes, chosen[:, 0], chosen[:, 1], features)
+                overall = np.zeros(N_OVERALL, np.float32)
+                if field.whole:
+                    overall = overall_features(codes, field.hosts, field.seeds, day)
+                set_overall(features, overall)
+                classes = truth[chosen[:, 0], chosen[:, 1]]
+                kept = codes if field.whole else None
+                found.append(Look(kept, day, overall, chosen, features, classes, weight * counts))
     return found
 
 
-def _refine_samples(
-    network: Network, looks: list[_Look], hosts: NDArray[np.bool_], seeds: int
+def _along_a_path(
+    land: NDArray[np.bool_], truth: NDArray[np.int8], rng: Generator
+) -> Iterator[NDArray[np.uint8]]:
+    """Yield what is known of a field (codes) at some times along a random path, which may chase plants."""
+    longest = max(1, int(_LONGEST_SHARE * land.size))
+    cells = random_path(land.shape, longest, rng)
+    if rng.random() < _CHASING_SHARE:
+        begun = cells[: 1 + int(rng.random() * _BEGUN_SHARE * len(cells))]
+        cells = chasing_path(begun, truth > 0, longest, rng)
+    cells = cells[land[cells[:, 0], cells[:, 1]]]
+    for look in range(_LOOKS):
+        # The first looks are spread over the whole path, the later ones lie towards its end.
+        count = int(np.ceil(len(cells) * rng.random() ** (1.0 if look == 0 else 0.3)))
+        codes = padded_codes(land)
+        x, y = cells[:count].T
+        inner(codes)[x, y] = truth[x, y] + 1
+        yield codes
+
+
+def samples_of(
+    looks: list[Look],
 ) -> tuple[NDArray[np.float32], NDArray[np.int8], NDArray[np.float32]]:
-    """Return samples like `draw_samples`, with what a network believes of all cells in further columns."""
-    x, y = np.nonzero(hosts)
-    row = np.zeros(hosts.shape, np.intp)
-    row[x, y] = np.arange(len(x))
-    samples = []
-    for look in looks:
-        believed = FieldJudge(network, look.codes, x, y, seeds).probabilities()
-        rows = row[look.chosen[:, 0], look.chosen[:, 1]]
-        features = np.zeros((len(rows), N_FEATURES), np.float32)
-        local_features(look.codes, x[rows], y[rows], features)
-        set_overall(features, overall_features(look.codes, len(x), seeds))
-        context = context_features(look.codes, x, y, believed, seeds, rows)
-        samples.append(np.concatenate([features, context], axis=1))
+    """Return all cells of some looks: features, classes, and weights with mean 1."""
+    weights = np.concatenate([look.weights for look in looks])
+    mean = weights.mean() if len(weights) else 1.0
+    features = np.concatenate([look.features for look in looks])
     classes = np.concatenate([look.classes for look in looks])
-    return np.concatenate(samples), classes, _with_mean_one([look.weights for look in looks])
+    return features, classes, (weights / mean).astype(np.float32)
+
+
+class _Refinement:
+    """What the last network learned believes of all cells of some looks, for the next one to learn from."""
+
+    def __init__(self, looks: list[Look], hosts: NDArray[np.bool_], seeds: int) -> None:
+        self._looks = looks
+        self._seeds = seeds
+        self._x, self._y = np.nonzero(hosts)
+        self._row = np.zeros(hosts.shape, np.intp)
+        self._row[self._x, self._y] = np.arange(len(self._x))
+        self._found: list[NDArray[np.float32] | None] = [None] * len(looks)
+
+    def refine(self, last: Network, features: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Let a network judge all looks, and return the samples with its beliefs in further columns."""
+        out = np.empty((len(features), N_FEATURES + N_CONTEXT), np.float32)
+        out[:, :N_FEATURES] = features
+        start = 0
+        for number, look in enumerate(self._looks):
+            assert look.codes is not None
+            judge = FieldJudge(last, look.codes, self._x, self._y, self._seeds, look.day)
+            found = judge.probabilities(look.overall, self._found[number])
+            rows = self._row[look.chosen[:, 0], look.chosen[:, 1]]
+            context = context_features(look.codes, self._x, self._y, found, self._seeds, rows)
+            out[start : start + len(rows), N_FEATURES:] = context
+            start += len(rows)
+            self._found[number] = found
+        return out
 
 
 def _choose(
@@ -337,17 +378,21 @@ class _Fields:
         self.hosts = int(self._ranks[-1])
         self.seeds = task.parameters.seed_count(hosts.shape)
         self._land = hosts
-        self._day = task.day
         self._rng = rng
         size = task.parameters.kernel_size
         if size is None:
             size = task.parameters.infection_rule(hosts.shape).kernel.size
         # Seeds and kernel follow from the farm's width, which a window does not have.
         self._parameters = replace(task.parameters, seeds=self.seeds, kernel_size=size)
-        self._classes = classes_of(value_table(self._parameters, task.day))
+        self._last_day = min(task.day + _DAYS_TOGETHER - 1, MAX_DAYS) if self.whole else task.day
+        days = range(task.day, self._last_day + 1)
+        self.tables = [classes_of(value_table(self._parameters, day)) for day in days]
 
     def draw(self) -> tuple[NDArray[np.bool_], NDArray[np.int8], int, float]:
-        """Return cells with the crop, their classes, a margin to leave out, and the weight of this field."""
+        """Return cells with the crop, days of infection, a margin to leave out, and the weight of this field.
+
+        `tables` give the classes on each day by the days of infection, read as unsigned bytes.
+        """
         if self.whole:
             return self._land, self._simulate(self._land, self.seeds), 0, 1.0
         rng = self._rng
@@ -355,21 +400,13 @@ class _Fields:
         expected = self.seeds * np.count_nonzero(land) / self.hosts
         none = float(np.exp(-expected))
         if rng.random() >= _WITH_SEEDS_SHARE:
-            return land, np.zeros(land.shape, np.int8), REACH, none / (1.0 - _WITH_SEEDS_SHARE)
+            return land, np.full(land.shape, NEVER, np.int8), REACH, none / (1.0 - _WITH_SEEDS_SHARE)
         # Outbreaks are rare on a large farm: windows with at least one are drawn oftener and count less.
         # Their number is that of the arrivals of a Poisson process that has its first arrival before time 1.
         first = -np.log1p(-float(rng.random()) * (1.0 - none)) / max(expected, 1e-300)
         later = int(rng.poisson(expected * max(0.0, 1.0 - first)))
         weight = (1.0 - none) / _WITH_SEEDS_SHARE
         return land, self._simulate(land, 1 + later), REACH, weight
-
-    def features(self, codes: NDArray[np.uint8], cells: NDArray[np.intp]) -> NDArray[np.float32]:
-        """Return what is known around some cells, float32[n, N_FEATURES]."""
-        out = np.zeros((len(cells), N_FEATURES), np.float32)
-        local_features(codes, cells[:, 0], cells[:, 1], out)
-        if self.whole:
-            set_overall(out, overall_features(codes, self.hosts, self.seeds))
-        return out
 
     def _window(self) -> NDArray[np.bool_]:
         """Cut a window with a random cell of the crop somewhere in it."""
@@ -384,5 +421,4 @@ class _Fields:
         return self._land[corner[0] : corner[0] + _WINDOW, corner[1] : corner[1] + _WINDOW]
 
     def _simulate(self, land: NDArray[np.bool_], seeds: int) -> NDArray[np.int8]:
-        onset = simulate_outbreak(land, replace(self._parameters, seeds=seeds), self._day, self._rng)
-        return self._classes[onset.view(np.uint8)]
+        return simulate_outbreak(land, replace(self._parameters, seeds=seeds), self._last_day, self._rng)

@@ -9,12 +9,14 @@ from hypothesis import strategies as st
 
 from geo.farms import get_farm
 from geo.grid import FarmGrid
+from sensors.dynamics.outbreak import simulate_outbreak
 from sensors.environment import CCR, TYLCV, SoilParameters, generate_environment
 from sensors.errors import EstimatorError
 from sensors.estimators import check_estimator, make_estimator
 from sensors.estimators.epidemic import belief as belief_module
 from sensors.estimators.epidemic import judge as judge_module
 from sensors.estimators.epidemic import training
+from sensors.estimators.epidemic.chase import chasing_path
 from sensors.estimators.epidemic.context import N_CONTEXT, context_features
 from sensors.estimators.epidemic.decision import (
     CLASS_VALUES,
@@ -115,7 +117,7 @@ def test_features_count_codes_by_distance_and_leave_out_the_cell_itself():
     centre = codes[5 : 5 + 2 * REACH + 1, 7 : 7 + 2 * REACH + 1]
     # The four nearest cells are the first ring, and infected is the second code.
     nearest = [centre[REACH + i, REACH + j] for i, j in ((0, 1), (1, 0), (0, -1), (-1, 0))]
-    rings = (N_FEATURES - 3) // 4
+    rings = (N_FEATURES - 8) // 4
     assert out[0, rings] == pytest.approx(sum(code == 2 for code in nearest) / 2)
     before = out.copy()
     codes[5 + REACH, 7 + REACH] = 3
@@ -172,14 +174,14 @@ def test_only_what_was_touched_is_looked_at_anew():
     network = replace(network, further=(Network.draw(training.FURTHER_LAYERS, rng),))
     codes = padded_codes(hosts)
     x, y = np.nonzero(hosts)
-    judge = FieldJudge(network, codes, x, y, 3)
+    judge = FieldJudge(network, codes, x, y, 3, 6)
     row = np.full(hosts.shape, -1)
     row[x, y] = np.arange(len(x))
     for place, code in (((4, 5), 2), ((20, 7), 1), ((21, 8), 3)):
         codes[place[0] + REACH, place[1] + REACH] = code
         near = cells_in_reach(np.array([place[0]]), np.array([place[1]]), hosts.shape)
         judge.touch(row[near][row[near] >= 0])
-    afresh = FieldJudge(network, codes, x, y, 3).probabilities()
+    afresh = FieldJudge(network, codes, x, y, 3, 6).probabilities()
     np.testing.assert_allclose(judge.probabilities(), afresh, atol=1e-6)
 
 
@@ -198,11 +200,12 @@ def test_only_cells_in_reach_change_their_features():
 
 def test_outbreaks_far_apart_are_counted_one_by_one():
     codes = padded_codes(np.ones((40, 40), bool))
-    assert overall_features(codes, 1600, 3) == (0.0, 0.0, 0.0)
+    assert overall_features(codes, 1600, 3, 6).tolist() == [0, 0, 0, 0, 0, 0, 1, 0]
     inner(codes)[[3, 5, 30], [3, 5, 30]] = 2
     inner(codes)[0, 20] = 1
-    observed, outbreaks, sick = overall_features(codes, 1600, 4)
-    assert (observed, outbreaks, sick) == (4 / 1600, 2 / 4, 3 / 1600)
+    found = overall_features(codes, 1600, 4, 3)
+    assert found[:3].tolist() == pytest.approx([4 / 1600, 2 / 4, 3 / 1600])
+    assert found[3:].tolist() == pytest.approx([0, 1 / 2, 1 / 2, 0, 0])
 
 
 @given(st.integers(1, 25), st.integers(1, 25), st.integers(0, 2**32), st.integers(1, 300))
@@ -342,17 +345,17 @@ def test_a_second_look_judges_better(cache):
     hosts = get_farm("miniberry-10").grid().tomato
     task = TrainingTask(TYLCV, 6, outbreaks=250, epochs=4)
     network = network_for(task, hosts, cache)
-    looks = training._draw_looks(task, hosts, np.random.default_rng(77))
+    looks = training.draw_looks(replace(task, day=0), hosts, np.random.default_rng(77))
     x, y = np.nonzero(hosts)
     losses = np.zeros(2)
     for look in looks:
         features = np.zeros((len(x), N_FEATURES), np.float32)
         local_features(look.codes, x, y, features)
-        features[:, -3:] = overall_features(look.codes, len(x), 3)
+        features[:, -8:] = overall_features(look.codes, len(x), 3, look.day)
         known = {(int(i), int(j)): row for row, (i, j) in enumerate(zip(x, y, strict=True))}
         rows = [known[int(i), int(j)] for i, j in look.chosen]
         first = network.probabilities(features)
-        last = FieldJudge(network, look.codes, x, y, 3).probabilities()
+        last = FieldJudge(network, look.codes, x, y, 3, look.day).probabilities()
         for k, found in enumerate((first, last)):
             losses[k] -= np.log(found[rows, look.classes] + 1e-6).sum()
     assert losses[1] < losses[0]
@@ -569,7 +572,7 @@ def test_whole_and_large_farms_agree_away_from_what_only_small_ones_use(cache, m
     seen = rows_over(truth)
     reference = EpidemicEstimator(**SMALL, cache=cache).fit(grid, seen)
     monkeypatch.setattr(belief_module, "WHOLE_FARM_CELLS", 50)
-    monkeypatch.setattr(judge_module, "overall_features", lambda codes, hosts, seeds: (0.0, 0.0, 0.0))
+    monkeypatch.setattr(judge_module, "overall_features", lambda *field: np.zeros(8, np.float32))
     monkeypatch.setattr(belief_module, "network_for", lambda task, hosts, folder: network)
     network = Network.draw(training.LAYERS, np.random.default_rng(0))
     large = EpidemicEstimator().fit(grid)
@@ -586,7 +589,7 @@ def test_windows_of_a_large_farm_stand_for_it(monkeypatch):
     hosts = np.ones((240, 200), bool)
     hosts[:, 150:] = False
     task = TrainingTask(TYLCV, 6, outbreaks=400)
-    _, classes, weights = training.draw_samples(task, hosts, np.random.default_rng(3))
+    _, classes, weights = training.samples_of(training.draw_looks(task, hosts, np.random.default_rng(3)))
     sick = [
         (truth_of(FarmGrid((240, 200), 0.3, np.where(hosts, 2, 0).astype(np.int8), hosts), s)[0] < 1)
         for s in range(12)
@@ -732,3 +735,63 @@ def test_the_soil_is_the_same_in_whatever_parts_it_is_learned():
         np.testing.assert_allclose(value, results[2][0], atol=1e-4)
         np.testing.assert_allclose(uncertainty, results[2][1], atol=1e-4)
         assert noise == pytest.approx(results[2][2], rel=1e-6)
+
+
+@given(st.integers(0, 2**32), st.integers(1, 60), st.integers(1, 60), st.integers(1, 200))
+@settings(deadline=None, max_examples=30)
+def test_a_path_that_chases_the_disease_goes_on_from_where_it_began(seed, width, height, longest):
+    rng = np.random.default_rng(seed)
+    begun = random_path((width, height), longest, rng)
+    cells = chasing_path(begun, rng.random((width, height)) < 0.1, longest, rng)
+    assert cells.shape == (longest, 2)
+    assert np.array_equal(cells[: len(begun)], begun)
+    assert (cells >= 0).all()
+    assert (cells < [width, height]).all()
+    steps = np.abs(np.diff(cells[len(begun) - 1 :], axis=0)).max(axis=1, initial=0)
+    assert steps.max(initial=0) <= 1
+
+
+def test_it_finds_more_sick_plants_than_a_path_that_does_not_look():
+    hosts = np.ones((40, 40), bool)
+    seen = np.zeros(2)
+    for seed in range(25):
+        rng = np.random.default_rng(seed)
+        sick = simulate_outbreak(hosts, TYLCV, 6, rng) >= 0
+        blind = random_path(hosts.shape, 300, rng)
+        chasing = chasing_path(blind[:100], sick, len(blind), rng)
+        for k, cells in enumerate((blind, chasing)):
+            seen[k] += np.count_nonzero(sick[tuple(np.unique(cells, axis=0).T)])
+    assert seen[1] > 1.5 * seen[0]
+
+
+def test_what_was_healthy_lately_tells_of_its_neighbours_and_of_itself(cache):
+    grid = get_farm("miniberry-10").grid()
+    x, y = np.argwhere(grid.tomato)[::2].T
+    healthy = observe(x, y, np.ones((len(x), 3)), day=5)
+    elsewhere = observe(*np.argwhere(grid.strawberry)[:1].T, [1, 1, 0.5], day=6)
+    carried = EpidemicEstimator(**FAIR, cache=cache).fit(grid, Observations.concatenate([healthy, elsewhere]))
+    forgotten = EpidemicEstimator(**FAIR, cache=cache).fit(grid, elsewhere)
+    kept, lost = carried.predict(), forgotten.predict()
+    others = grid.tomato.copy()
+    others[x, y] = False
+    for cells in (others, grid.tomato & ~others):
+        assert kept.value[0][cells].mean() > lost.value[0][cells].mean() + 0.05
+    assert (kept.uncertainty[0][grid.tomato] > 0).all()
+
+
+@pytest.mark.parametrize("disease", [TYLCV, CCR])
+def test_how_many_of_a_class_fell_ill_since_is_as_the_model_has_it(disease):
+    """Against simulated outbreaks, of which the formula only takes that new infections grow steadily."""
+    hosts = np.ones((80, 80), bool)
+    day = 8
+    belief = belief_module.DiseaseBelief(
+        hosts, TrainingTask(disease, day), too_healthy=10.0, too_sick=1.0, misreading_rate=0.0, cache=None
+    )
+    found = belief._since_healthy(day)
+    rng = np.random.default_rng(3)
+    onsets = np.concatenate([simulate_outbreak(hosts, disease, day, rng).ravel() for _ in range(60)])
+    infected = onsets[(onsets >= 1) & (day - onsets < disease.duration_days)]
+    for ago in range(day):
+        assert found[ago, 1] == pytest.approx((infected > day - ago).mean(), abs=0.1)
+    assert (np.diff(found, axis=0)[:, 1:] >= 0).all()
+    assert found[0].tolist() == [1, 0, 0]

@@ -28,6 +28,11 @@ if TYPE_CHECKING:
     from mission.planners import Planner as Planner
     from mission.planners import check_planner as check_planner
     from mission.planners import make_planner as make_planner
+    from mission.policies.decision import Decision as Decision
+    from mission.policies.policy import Asking as Asking
+    from mission.policies.policy import Policy as Policy
+    from mission.policies.registry import make_policy as make_policy
+    from mission.policies.situation import Situation as Situation
     from sensors.errors import EstimatorError as EstimatorError
     from sensors.estimators.base import Estimator as Estimator
     from sensors.estimators.base import make_estimator as make_estimator
@@ -72,6 +77,10 @@ else:
             "mission.files": ("read_mission", "write_mission"),
             "mission.model": ("Mission",),
             "mission.planners": ("Planner", "check_planner", "make_planner"),
+            "mission.policies.decision": ("Decision",),
+            "mission.policies.policy": ("Asking", "Policy"),
+            "mission.policies.registry": ("make_policy",),
+            "mission.policies.situation": ("Situation",),
             "sim_vehicle.airframe.catalog": ("get_vehicle",),
             "sim_vehicle.errors": ("VehicleError",),
             "sim_vehicle.faults.fault": ("Fault",),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,6 +23,9 @@ from wbf_mission.scenario import (
 )
 from wbf_mission.stopwatch import process_age_s
 
+if TYPE_CHECKING:
+    from wbf_mission.result import Result
+
 EXAMPLES = """
 Examples
 
@@ -33,6 +36,8 @@ wbf-mission fly --farm waterberry --planner spiral --vehicle mapping-quad --wind
 wbf-mission fly --farm miniberry-100 --mission spiral.plan --json
 
 wbf-mission fly --scenario missions/noisy-camera.toml
+
+wbf-mission fly --farm miniberry-100 --policy greedy --budget 10min --vehicles 2 --days 2
 """
 
 
@@ -152,6 +157,7 @@ def fly_command(
         "observations": f"{summary['observations']} of {summary['cells_observed']} different cells",
         "flown": f"{distance(summary['path_length_m'])} in {duration(summary['flight_time_s'])} "
         f"(predicted {duration(summary['predicted_time_s'])})",
+        **_decision_rows(result),
         "battery used": "-" if summary["battery_used"] is None else f"{summary['battery_used']:.1%}",
         "mission transfer": f"{transfer['items']} items, {transfer['retries']} retries, "
         + ("verified" if transfer["verified"] else "not verified"),
@@ -165,3 +171,23 @@ def fly_command(
     if interrupted:
         return ExitCode.INTERRUPTED
     return ExitCode.NOT_GOOD if blind else exit_code_of_flight(result.outcome)
+
+
+def _decision_rows(result: Result) -> dict[str, str]:
+    """Return what the terminal tells of a policy's decisions; nothing of a planner's."""
+    if result.scenario.mission.policy is None:
+        return {}
+    records = result.decisions
+    changes = [one for record in records for one in record.changes if one.outcome != "planned"]
+    flown = [one for one in changes if one.outcome == "flown"]
+    delays = [
+        one.effect_s - one.sent_s for one in flown if one.effect_s is not None and one.sent_s is not None
+    ]
+    told = f"{len(records)} questions, {len(flown)} of {len(changes)} changed paths flown"
+    if delays:
+        told += f", {sum(delays) / len(delays):.2f} s from decision to turn"
+    refused = sum(bool(record.refused) for record in records)
+    if refused:
+        first = next(record.refused for record in records if record.refused)
+        told += f"; {refused} answers not flown, the first: {first}"
+    return {"decisions": told}

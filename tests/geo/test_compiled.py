@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import sim_vehicle
-from geo.compiled import _imported, compiled, sources_digest
+from geo.compiled import _imported, sources_digest
 
 OUTER = """
 from geo.compiled import compile_notices, compiled
@@ -93,20 +93,28 @@ def test_the_key_of_a_kernel_covers_what_it_calls():
     )
 
 
-def test_a_constant_integer_is_compiled_for_as_any_integer():
-    @compiled
-    def power(x, exponent):
-        value = 1.0
-        for _ in range(exponent):
-            value *= x
-        return value
+CONSTANTS = """
+from geo.compiled import compiled
 
-    @compiled
-    def some(x):
-        return power(x, 2) + power(x, 3) + power(x, int(x))
+@compiled
+def power(x, exponent):
+    value = 1.0
+    for _ in range(exponent):
+        value *= x
+    return value
 
-    assert some(2.0) == 4.0 + 8.0 + 4.0
-    assert len(power.signatures) == 1
+@compiled
+def some(x):
+    return power(x, 2) + power(x, 3) + power(x, int(x))
+
+total = some(2.0)
+print(total if len(power.signatures) == 1 else 0.0)
+"""
+
+
+def test_a_constant_integer_is_compiled_for_as_any_integer(package):
+    (package / "outer.py").write_text(CONSTANTS)
+    assert run(package)[0] == 4.0 + 8.0 + 4.0
 
 
 FACTORY = """

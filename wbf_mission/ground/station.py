@@ -34,7 +34,7 @@ from wbf_mission.ground.images import ImageFetch
 from wbf_mission.ground.orders import Answer, Order, result_name
 from wbf_mission.ground.texts import TextLog
 from wbf_mission.ground.tracks import TrackRecorder, TrueState
-from wbf_mission.ground.vehicle_state import VehicleMonitor, VehicleState
+from wbf_mission.ground.vehicle_state import UNKNOWN_ITEM, VehicleMonitor, VehicleState
 from wbf_mission.outcome import Phase, Track
 
 GROUND_SYSTEM_ID = 255
@@ -380,7 +380,8 @@ class GroundStation:
         if self._is_vehicle(message):
             self._monitor.on_mission_current(message, now_s)
             self._mission_state = message.mission_state
-            self._progress = f" at item {message.seq} of {message.total}"
+            if message.seq != UNKNOWN_ITEM:
+                self._progress = f" at item {message.seq} of {message.total}"
             # A wing whose mission ends with a return may circle over home for ever.
             circles = self._is_wing and not self._lands
             over = self._disarmed_s is not None or not self._returns or circles

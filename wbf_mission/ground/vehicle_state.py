@@ -11,9 +11,10 @@ from mission.link.codec.dialect import mavlink as m
 from mission.model import DEGREES_E7
 from mission.transfer import profile_for
 
-__all__ = ["VehicleMonitor", "VehicleState"]
+__all__ = ["UNKNOWN_ITEM", "VehicleMonitor", "VehicleState"]
 
-_UNKNOWN_ITEM = 65535
+UNKNOWN_ITEM = 65535
+"""Sequence number in MISSION_CURRENT that names no item."""
 _NO_HEADING = 65535
 
 
@@ -140,8 +141,8 @@ class VehicleMonitor:
                 values["heading_rad"] = math.radians(position.hdg / 100.0)
         if current is not None:
             home = 1 if profile_for(self.autopilot).home_at_zero else 0
-            known = current.seq != _UNKNOWN_ITEM and current.seq >= home
+            known = current.seq != UNKNOWN_ITEM and current.seq >= home
             values["item"] = current.seq - home if known else None
-            values["total"] = None if current.total == _UNKNOWN_ITEM else current.total
+            values["total"] = None if current.total == UNKNOWN_ITEM else current.total
             values["mission_id"] = current.mission_id
         return VehicleState(**values)

@@ -10,7 +10,8 @@ from shapely.geometry import Point
 
 from mission.errors import PlanningError
 from mission.planners.inside_routing import Terrain
-from mission.planners.path import Area, PlannedPath, Points, drop_coincident, path_length
+from mission.planners.path import PlannedPath, Points, drop_coincident, path_length
+from mission.planners.places import draw_places
 from mission.planners.request import PlanningRequest
 from mission.planners.search import densest_feasible
 
@@ -18,7 +19,6 @@ MAX_WAYPOINTS = 30_000
 _FIRST_BLOCK = 16
 _CUTS = 10
 _UNUSED = 1e-6
-_ATTEMPTS = 1000
 
 
 def random_waypoint(request: PlanningRequest, /, *, waypoints: int | None = None) -> PlannedPath:
@@ -105,33 +105,12 @@ class _Walk:
         if missing <= 0:
             return
         while len(self._drawn) < missing:
-            self._drawn = np.vstack((self._drawn, _draw(self._terrain.flyable, missing, self._rng)))
+            self._drawn = np.vstack((self._drawn, draw_places(self._terrain.flyable, missing, self._rng)))
         places, self._drawn = self._drawn[:missing], self._drawn[missing:]
         for leg in self._terrain.legs(list(places[:, None, :]), self.legs[-1][-1]):
             way = np.vstack((self.legs[-1][-1], leg))
             self._lengths.append(self._lengths[-1] + path_length(way))
             self.legs.append(leg)
-
-
-def _draw(area: Area, count: int, rng: np.random.Generator) -> Points:
-    """Return one or more uniformly distributed positions of the area, about `count`, drawn from its bounds.
-
-    The rejected draws are part of the stream, so the positions do not depend on how many are asked for at
-    once.
-    """
-    x_min, y_min, x_max, y_max = area.bounds
-    share = area.area / ((x_max - x_min) * (y_max - y_min))
-    size = math.ceil(min(1.1 * count / share + 16, 1_000_000))
-    shapely.prepare(area)
-    for _ in range(_ATTEMPTS):
-        draws = np.array((x_min, y_min)) + rng.random((size, 2)) * np.array((x_max - x_min, y_max - y_min))
-        kept: Points = draws[shapely.contains_xy(area, draws[:, 0], draws[:, 1])]
-        if len(kept):
-            return kept
-    msg = (
-        "random-waypoint: the area is too thin to draw places in it; use a smaller footprint or a wider area"
-    )
-    raise PlanningError(msg)
 
 
 def _use_up(request: PlanningRequest, points: Points, leg: Points, spent: float) -> Points:

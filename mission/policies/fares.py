@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mission.planners.budget import LengthBudget, StepBudget
 from mission.planners.path import Points
+from mission.policies.situation import VehicleReport
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,3 +48,13 @@ class GeometricFares:
         if isinstance(self.budget, LengthBudget):
             return length_m
         return np.maximum(np.ceil(length_m / self.budget.step_m - 1e-6), 1.0)
+
+
+def pays_for_return(vehicle: VehicleReport) -> bool:
+    """Return whether the vehicle's budget has to pay for the way home; if that cannot be told, it has to."""
+    request = vehicle.request
+    place = np.array(request.area.representative_point().coords)
+    home = np.array([request.start_xy_m])
+    there, and_home = vehicle.fares.rest([place, np.vstack((place, home))])
+    back = float(vehicle.fares.legs(place, home)[0, 0])
+    return not and_home - there > 0.5 * back

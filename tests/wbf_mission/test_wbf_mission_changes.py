@@ -1,6 +1,8 @@
 """A mission that is changed in flight, over good, bad, dead links and by ground computers that die."""
 
 import math
+import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -60,20 +62,24 @@ class Far:
 
     def __init__(self, station, dead=(math.inf, math.inf)):
         self.station, self.dead = station, dead
+        self.swallows = ()
         self.system_id, self.component_id = station.system_id, station.component_id
 
     def is_dead(self, now_s):
         return self.dead[0] <= now_s < self.dead[1]
 
     def receive(self, message, now_s):
-        return [] if self.is_dead(now_s) else self.station.receive(message, now_s)
+        return [] if self.is_dead(now_s) else self._sent(self.station.receive(message, now_s))
 
     def poll(self, now_s):
         out = self.station.poll(now_s)
-        return [] if self.is_dead(now_s) else out
+        return [] if self.is_dead(now_s) else self._sent(out)
 
     def next_deadline(self):
         return self.station.next_deadline()
+
+    def _sent(self, messages):
+        return [one for one in messages if one.get_type() not in self.swallows]
 
 
 class AnyWorld:
@@ -274,15 +280,6 @@ def test_a_link_that_is_dead_for_a_minute_leaves_the_old_mission_or_the_new_one(
     assert flight.misses(NEW if done else OLD) < 2.5
 
 
-def test_under_px4_a_ground_computer_that_dies_leaves_the_old_mission_or_the_new_one():
-    for begin_s in (0.05, 0.3, 0.7, 1.5):
-        impairment = Impairment(delay_s=0.05, seed=3)
-        flight = Flight("px4", other_path(NEW), at_item(5), impairment, dead=(begin_s, 0.0), forever=True)
-        flight.fly()
-        check_safe(flight)
-        assert min(flight.misses(NEW), flight.misses(OLD)) < 2.5
-
-
 def test_under_ardupilot_the_window_in_which_the_ground_must_live_is_short():
     flight = Flight("ardupilot", other_path(OLD[3:]), at_item(5, 0.0), Impairment(delay_s=0.05, seed=3)).fly()
     check_safe(flight)
@@ -316,6 +313,60 @@ def test_a_mission_that_must_not_be_flown_is_refused_before_anything_is_sent(aut
 def test_on_the_ground_nothing_is_changed():
     with pytest.raises(NotFlyingError, match="waiting for the vehicle"):
         GroundStation(planned()).change(planned(), 2, 0.0)
+
+
+@pytest.mark.parametrize(("autopilot", "failsafe"), [("px4", {}), ("ardupilot", {"FS_GCS_ENABLE": 1.0})])
+def test_a_ground_computer_that_dies_at_any_step_costs_the_change_and_not_the_vehicle(autopilot, failsafe):
+    for begin_s in (0.15, 0.4, 0.8, 1.2):
+        impairment = Impairment(delay_s=0.05, seed=3)
+        flight = Flight(autopilot, other_path(NEW), at_item(5), impairment, dead=(begin_s, 0.0), forever=True)
+        for name, value in failsafe.items():
+            flight.vehicle.pilot.parameters.link_action = int(value)
+            assert name == "FS_GCS_ENABLE"
+        flight.vehicle.pilot.apply_parameters()
+        flight.fly()
+        check_safe(flight)
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+def test_a_refused_item_leaves_the_old_mission(autopilot):
+    def change(held, item):
+        new, resume_at = other_path(NEW)(held, item)
+        unknown = MissionItem(92, param1=1.0)
+        return replace(
+            new, items=(*new.items[: resume_at + 1], unknown, *new.items[resume_at + 1 :])
+        ), resume_at
+
+    flight = Flight(autopilot, change, at_item(5), Impairment(delay_s=0.02)).fly()
+    [record] = flight.station.changes
+    wanted = ChangeOutcome.REFUSED if autopilot == "px4" else ChangeOutcome.ROLLED_BACK
+    assert record.outcome is wanted
+    assert re.search("support|rejected", record.text)
+    assert record.acknowledged_s is None
+    assert flight.station.outcome is Outcome.COMPLETED
+    assert flight.lists == {keys(planned())}
+    check_safe(flight)
+    assert flight.misses(OLD) < 2.5
+
+
+def test_a_mission_that_cannot_be_put_back_is_flown_home_from():
+    flight = Flight("ardupilot", other_path(NEW), at_item(5), Impairment(delay_s=0.02))
+    ask = flight._ask
+
+    def ask_and_cut(now_s):
+        out = ask(now_s)
+        if flight.asked_s is not None:
+            flight.far.swallows = ("MISSION_ITEM_INT",)
+        return out
+
+    flight._ask = ask_and_cut
+    flight.fly()
+    [record] = flight.station.changes
+    assert record.outcome is ChangeOutcome.GIVEN_UP
+    assert "could not be put back: it returns home" in record.text
+    assert flight.lists == {keys(planned())}
+    assert flight.modes[-1][1] is Mode.RTL
+    check_safe(flight)
 
 
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)

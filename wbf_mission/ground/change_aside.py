@@ -42,6 +42,7 @@ _TRIES = 3
 _SPARE_S = 1.0
 _CHAIN_M = 10.0
 _CHAIN_S = 1.5
+_LATE_M = 3.0
 _LONGEST_S = 5.0
 # Half of WPNAV_ACCEL and the inverse of twice PSC_POSXY_P: ArduCopter's stopping distance.
 _STOP_M, _STOP_PER_V2 = 1.25, 0.2
@@ -87,6 +88,7 @@ class AsideChange(ChangeSession):
         self._heard_s = -math.inf
         self._wake_s = math.inf
         self._verified_s = math.inf
+        self._whole_s = math.inf
         self._resumed_s = math.inf
         self._item = request.item
         self._why = ""
@@ -263,6 +265,7 @@ class AsideChange(ChangeSession):
 
     def _send(self, now_s: float) -> list[Message]:
         self._step = _Step.SENDING
+        self._whole_s = now_s + self.request.seconds_an_item * (len(self._plan.items) + 1)
         self._transfer = self._upload(self._plan.items, None)
         return self._take(self._transfer.start(now_s), now_s)
 
@@ -350,19 +353,15 @@ class AsideChange(ChangeSession):
         if self._step is _Step.NEARING:
             near = distance <= self._leave_m() + speed * (self._round_trip.seconds or 0.0)
             return self._resume(now_s) if near or self._is_far else []
-        if self._has_target() and distance < max(_CHAIN_M, _CHAIN_S * speed):
-            following = self._leg + 1
-            while (
-                following < len(self._plan.items)
-                and self._plan.items[following].command != Command.NAV_WAYPOINT
-            ):
-                if is_return(self._plan.items[following]):
-                    return []
-                following += 1
-            if following < len(self._plan.items):
-                self._leg = following
-                return self._fly_to(now_s)
-        return []
+        # A list that will be whole before the target is there needs no further waypoint.
+        in_time = self._whole_s - now_s < distance / max(speed, 0.5) and distance > _LATE_M
+        if not self._has_target() or in_time or distance >= max(_CHAIN_M, _CHAIN_S * speed):
+            return []
+        items, following = self._plan.items, next_flown_to(self._plan.items, self._leg)
+        if following == self._leg or items[following].command != Command.NAV_WAYPOINT:
+            return []
+        self._leg, self._is_far = following, True
+        return self._fly_to(now_s)
 
     def _distance(self) -> float:
         """Return how far the target is, over ground."""

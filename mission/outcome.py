@@ -52,6 +52,11 @@ class Outcome(Enum):
         return self is not Outcome.RUNNING
 
     @property
+    def loses_vehicle(self) -> bool:
+        """Whether there is no vehicle to fly again: it fell, or nobody knows where it is."""
+        return self in (Outcome.CRASHED, Outcome.BATTERY_DEPLETED, Outcome.NO_CONTACT, Outcome.TIME_LIMIT)
+
+    @property
     def is_good(self) -> bool:
         """Whether the whole mission was flown."""
         return self is Outcome.COMPLETED

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +14,13 @@ from mission.link.tlog import TlogWriter
 from mission.policies.policy import FixedPlan, Policy
 from sensors.camera.leaf_camera import LeafCameraOptions
 from sensors.environment import Environment
-from sensors.estimators import Estimator
+from sensors.estimators import Estimator, advance_estimator
 from sensors.fields import FieldSet
 from sensors.scoring.score import RunningScore, ScoreWeights
 from sim_vehicle.host.simulation import Impairment
 from wbf_mission.deciding.loop import DecisionLoop, Knowledge
 from wbf_mission.deciding.record import DecisionRecord
-from wbf_mission.estimation import RunEstimate, score_points
+from wbf_mission.estimation import RunEstimate, attribute_errors_to, score_points
 from wbf_mission.evidence import Evidence
 from wbf_mission.flight_record import FlightRecord
 from wbf_mission.joint_flight import JointFlight
@@ -90,8 +90,21 @@ class Decider:
     mission: PlanResult | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class _Planned:
+    """The next flight: who is asked during it, and of each vehicle its number, task and plan."""
+
+    loop: DecisionLoop
+    sorties: tuple[tuple[SortieNumber, Vehicle, PlanResult], ...]
+
+
 class Campaign:
     """All flights of a run.
+
+    Every flight begins with full batteries and the whole budget, and draws anew: wind, errors of sensors, and
+    planners that draw. A flight that goes wrong does not end the run. A vehicle that is lost for good
+    (`Outcome.loses_vehicle`) does not fly again; when none is left, the days that remain are scored by what
+    is believed of them.
 
     Parameters
     ----------
@@ -143,8 +156,9 @@ class Campaign:
         self._options = options
         self.watch = watch
         self._tell = tell
-        self._next: tuple[DecisionLoop, tuple[PlanResult, ...]] | None = None
+        self._next: _Planned | None = None
         self._flying: JointFlight | None = None
+        self._gone: set[int] = set()
 
     def plan(self, day: int, flight: int = 1) -> tuple[PlanResult, ...]:
         """Ask for the paths of the next flight, and return the plan of each vehicle.
@@ -154,6 +168,18 @@ class Campaign:
         WbfMissionError
             If there is no path within the budget.
         """
+        first = self.scenario.farm.day
+        numbers = [
+            SortieNumber(day, flight, one.task.system_id, first)
+            for one in self.vehicles
+            if one.task.system_id not in self._gone
+        ]
+        vehicles = [
+            replace(one, task=one.task.drawing_from(number.stream_names("planner")))
+            for number in numbers
+            for one in self.vehicles
+            if one.task.system_id == number.system_id
+        ]
         knowledge = Knowledge(
             self.farm, day, self.fields, self.weights, self.evidence.model, self.evidence.observations
         )
@@ -161,39 +187,43 @@ class Campaign:
             self._decider.policy, self._decider.name, knowledge, flight=flight, records=self.decisions
         )
         if self._decider.mission is not None:
-            self._next = loop, (self._decider.mission,) * len(self.vehicles)
-            return self._next[1]
-        decision = loop.start([one.task.report() for one in self.vehicles]).decision
-        label = self._decider.label
-        steers = not isinstance(self._decider.policy, FixedPlan)
-        self._next = (
-            loop,
-            tuple(one.task.plan_of(decision, label, camera_on_approach=steers) for one in self.vehicles),
-        )
-        return self._next[1]
+            plans = (self._decider.mission,) * len(vehicles)
+        else:
+            decision = loop.start([one.task.report() for one in vehicles]).decision
+            label = self._decider.label
+            steers = not isinstance(self._decider.policy, FixedPlan)
+            plans = tuple(one.task.plan_of(decision, label, camera_on_approach=steers) for one in vehicles)
+        self._next = _Planned(loop, tuple(zip(numbers, vehicles, plans, strict=True)))
+        return plans
 
     @property
     def expected_readings(self) -> float:
         """How many readings are expected of all flights, if they are like the one that is planned."""
-        plans = () if self._next is None else self._next[1]
-        flights = self.scenario.farm.days * self.scenario.farm.flights_per_day
-        return flights * sum(expected_readings(self.scenario.camera, one) for one in plans)
+        return self.scenario.farm.days * self.scenario.farm.flights_per_day * self._expected_of_next
+
+    @property
+    def _expected_of_next(self) -> float:
+        planned = () if self._next is None else self._next.sorties
+        return sum(expected_readings(self.scenario.camera, plan) for _, _, plan in planned)
 
     def learn_with(self, estimator: Estimator, environment: Environment) -> None:
         """Let an estimator, fitted to the farm, learn from now on, and score it."""
-        self.truth = environment.values(self.scenario.farm.day)
+        first = self.scenario.farm.day
+        self.truth = environment.values(first)
         score = RunningScore(self.truth, self.fields.masks(self.farm.grid()), self.weights, self.fields)
-        self.evidence.estimate = RunEstimate(estimator, score)
+        with attribute_errors_to(estimator):
+            advance_estimator(estimator, first)
+        self.evidence.estimate = RunEstimate(estimator, score, day=first)
 
     def _score_every(self, estimate: RunEstimate) -> int:
-        """Return after how many observations the estimate is scored."""
+        """Return after how many observations of a flight the estimate is scored."""
         points = self.scenario.score.points
         if points is None:
             ideal = all(one.task.builder.vehicle.is_ideal for one in self.vehicles)
             if ideal and self.farm.owner_cells <= SMALL_FARM_CELLS:
                 return 1
             points = score_points(self.farm, estimate.estimator)
-        return max(1, round(self.expected_readings / points))
+        return max(1, round(self._expected_of_next / points))
 
     def fly(self, environment: Environment, host: Host) -> None:
         """Fly all days."""
@@ -211,9 +241,8 @@ class Campaign:
                 if day != first:
                     self._begin_day(day, environment)
                 for flight in range(1, self.scenario.farm.flights_per_day + 1):
-                    self._fly_once(SortieNumber(day, flight, 1, first), environment, host, writer)
-                    if not all(one.outcome.is_good for one in self.flights[-len(self.vehicles) :]):
-                        break
+                    if len(self._gone) < len(self.vehicles):
+                        self._fly_once(day, flight, environment, host, writer)
         finally:
             if writer is not None:
                 writer.close()
@@ -227,31 +256,24 @@ class Campaign:
     def _begin_day(self, day: int, environment: Environment) -> None:
         assert self.evidence.estimate is not None
         self.truth = environment.values(day)
-        self.evidence.estimate.begin_day(self.truth)
+        self.evidence.estimate.begin_day(day, self.truth, self.simulated_s)
+        self.watch.lap("estimate and score")
 
     def _fly_once(
-        self, number: SortieNumber, environment: Environment, host: Host, writer: TlogWriter | None
+        self, day: int, flight: int, environment: Environment, host: Host, writer: TlogWriter | None
     ) -> None:
-        day, flight = number.day, number.flight
         if self._next is None:
             self.plan(day, flight)
+            self.watch.lap("plan")
         assert self._next is not None
-        (loop, plans), self._next = self._next, None
+        planned, self._next = self._next, None
         sorties = [
-            Sortie(
-                SortieNumber(day, flight, one.task.system_id, number.first_day),
-                one.task,
-                plan,
-                one.scenario,
-                environment,
-                self._options,
-                self._on_transfer,
-            )
-            for one, plan in zip(self.vehicles, plans, strict=True)
+            Sortie(number, one.task, plan, one.scenario, environment, self._options, self._on_transfer)
+            for number, one, plan in planned.sorties
         ]
         self._flying = JointFlight(
             sorties,
-            loop,
+            planned.loop,
             self.evidence,
             offset_s=self.simulated_s,
             impairment=host.impairment,
@@ -266,9 +288,14 @@ class Campaign:
     def _end_flight(self) -> None:
         flown, self._flying = self._flying, None
         assert flown is not None
-        self.flights += [sortie.record() for sortie in flown.sorties]
+        records = [sortie.record() for sortie in flown.sorties]
+        self.flights += records
+        self._gone |= {one.system_id for one in records if one.outcome.loses_vehicle}
         self.simulated_s += flown.now_s
         self.frames += flown.frames
+        assert self.evidence.estimate is not None
+        self.evidence.estimate.end_flight(self.simulated_s)
+        self.watch.lap("estimate and score")
 
     def _on_transfer(self, phase: Phase, done: int, total: int) -> None:  # noqa: ARG002
         self._tell("uploading", done, total)

@@ -17,13 +17,20 @@ from geo.errors import WbfMissionError
 from geo.memory import require_memory
 from geo.seeds import sealed_seed
 from sensors.errors import EstimatorError
-from sensors.estimators import Estimator, default_estimator, make_estimator
+from sensors.estimators import (
+    Estimator,
+    advance_estimator,
+    default_estimator,
+    make_estimator,
+    prepare_estimator,
+)
 from sensors.estimators.base import estimator_memory
 from sensors.field_files import load_field_set
 from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import RunningScore, Score
+from wbf_mission.progress import Progress
 from wbf_mission.scenario import Choice, Scenario, scenario_with
 
 DEFAULT_SCORE_POINTS = 25
@@ -70,6 +77,17 @@ def estimator_of(choice: Choice, seed: int, fields: FieldSet) -> Estimator:
     return make_estimator(choice.made, fields=fields)
 
 
+def prepare_days(estimator: Estimator, first: int, days: int, progress: Progress) -> None:
+    """Let an estimator learn beforehand what estimates of all days of a run need."""
+    for number in range(days):
+
+        def tell(what: str, done: float, total: float, before: int = number) -> None:
+            progress(what, before + done / total, days)
+
+        with attribute_errors_to(estimator):
+            prepare_estimator(estimator, first + number, tell)
+
+
 def score_points(farm: Farm, estimator: Estimator) -> int:
     """Return at how many times a run on this farm is scored unless the scenario says so."""
     if farm.width_cells * farm.height_cells <= LARGE_FARM_CELLS:
@@ -99,11 +117,12 @@ def require_run_memory(farm: Farm, estimator: Estimator, n_observations: int) ->
 
 @dataclass(slots=True)
 class ScoreHistory:
-    """The scores of a run, one entry for each scored time."""
+    """The scores of a run, one entry for each scored time: seconds since the run began, and the day."""
 
     times_s: list[float] = field(default_factory=list)
     observations: list[int] = field(default_factory=list)
     entries: list[Score] = field(default_factory=list)
+    days: list[int] = field(default_factory=list)
 
     @property
     def scores(self) -> list[float]:
@@ -121,13 +140,21 @@ class ScoreHistory:
         """The paper's score of the run, averaged over the scored times; None before the first."""
         return float(np.mean(self.scores)) if self.entries else None
 
+    def of_day(self, day: int) -> ScoreHistory:
+        """Return the entries of one day."""
+        at = [k for k, one in enumerate(self.days) if one == day]
+        columns = (self.times_s, self.observations, self.entries, self.days)
+        return ScoreHistory(*([column[k] for k in at] for column in columns))  # type: ignore[arg-type]
+
 
 class RunEstimate:
     """An estimator that is fed and scored as a run goes on, in a thread of its own beside the flight.
 
     Observations are learned in the order in which they are added, so the outcome does not depend on how fast
-    either side is. An error of the estimator is raised by a later `add` or by `finish`; a run that ends
-    before that calls `close`.
+    either side is. An error of the estimator is raised by a later call; a run ends with `close`.
+
+    The scored times of each flight are those of a run of this one flight: after each `every` observations of
+    it, and at its end. On later days, what is believed before anything was seen is scored first.
 
     Parameters
     ----------
@@ -135,22 +162,27 @@ class RunEstimate:
         Already fitted to the farm.
     score : RunningScore
         Knows the truth, which the estimator does not.
+    every : int
+        The estimate is scored after each `every` observations of a flight.
+    day : int
+        The first day.
 
     Attributes
     ----------
     estimator : Estimator
     every : int
-        The estimate is scored after each `every` observations.
+    day : int
+        The one that is estimated.
     history : ScoreHistory
-        The scores so far; complete after `finish`.
+        The scores so far; complete after `end_flight`.
     model : InformationModel or None
-        The latest estimate, valid after `finish`; its arrays may be the estimator's own, which change with
-        the next observations.
+        The latest scored estimate, valid after `end_flight`; its arrays may be the estimator's own, which
+        change with the next observations.
     estimate_s, score_s : float
         Wall seconds that estimator and score took.
     """
 
-    def __init__(self, estimator: Estimator, score: RunningScore, every: int = 1) -> None:
+    def __init__(self, estimator: Estimator, score: RunningScore, every: int = 1, day: int = 0) -> None:
         self.history = ScoreHistory()
         self.model: InformationModel | None = None
         self.estimate_s = 0.0
@@ -158,7 +190,9 @@ class RunEstimate:
         self.estimator = estimator
         self._score = score
         self.every = max(1, every)
+        self.day = day
         self._seen = 0
+        self._seen_before = 0
         self._worker = ThreadPoolExecutor(1, "estimate")
         self._waiting: deque[Future[None]] = deque()
 
@@ -184,10 +218,30 @@ class RunEstimate:
         self.estimate_s += time.perf_counter() - begin
         return model
 
-    def begin_day(self, truth: NDArray[np.float32]) -> None:
-        """Score what follows against the truth of another day."""
+    def begin_day(self, day: int, truth: NDArray[np.float32], time_s: float) -> None:
+        """Go on to another day, and score against its truth what is believed before anything is seen of it.
+
+        Parameters
+        ----------
+        day : int
+        truth : float32[n, W, H]
+        time_s : float
+            Seconds since the beginning of the run.
+        """
         self._catch_up()
+        self.day = day
         self._score.advance(truth)
+        with attribute_errors_to(self.estimator):
+            advance_estimator(self.estimator, day)
+        self._evaluate(time_s)
+
+    def end_flight(self, time_s: float) -> None:
+        """Wait for all that was added, and score it unless that was done or nothing was ever seen."""
+        self._catch_up()
+        history = self.history
+        if self._seen and (history.observations[-1:], history.days[-1:]) != ([self._seen], [self.day]):
+            self._evaluate(time_s)
+        self._seen_before = self._seen
 
     def _catch_up(self) -> None:
         while self._waiting:
@@ -200,7 +254,7 @@ class RunEstimate:
     def _learn(self, observations: Observations, offset_s: float) -> None:
         start = 0
         while start < len(observations):
-            due = self.every - self._seen % self.every
+            due = self.every - (self._seen - self._seen_before) % self.every
             part = observations[start : start + due]
             begin = time.perf_counter()
             with attribute_errors_to(self.estimator):
@@ -208,18 +262,8 @@ class RunEstimate:
             self.estimate_s += time.perf_counter() - begin
             self._seen += len(part)
             start += len(part)
-            if self._seen % self.every == 0:
+            if (self._seen - self._seen_before) % self.every == 0:
                 self._evaluate(offset_s + float(part.time_s[-1]))
-
-    def finish(self, time_s: float) -> None:
-        """Wait for all that was added, and score it unless that was done already or nothing was seen."""
-        self._catch_up()
-        self.close()
-        if not self._seen:
-            return
-        scored = self.history.observations[-1] if self.history.observations else -1
-        if scored != self._seen:
-            self._evaluate(time_s)
 
     def _evaluate(self, time_s: float) -> None:
         begin = time.perf_counter()
@@ -229,6 +273,7 @@ class RunEstimate:
         self.history.entries.append(self._score.add(self.model))
         self.history.times_s.append(time_s)
         self.history.observations.append(self._seen)
+        self.history.days.append(self.day)
         self.estimate_s += middle - begin
         self.score_s += time.perf_counter() - middle
 

@@ -17,7 +17,7 @@ from mission.policies.registry import make_policy
 from sensors.camera.leaf_camera import LeafCameraOptions
 from sensors.environment import Environment
 from sensors.environment.cache import EnvironmentCache
-from sensors.estimators import Estimator, prepare_estimator
+from sensors.estimators import Estimator
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
 from sensors.scoring.score import ScoreWeights
@@ -25,7 +25,7 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.host.simulation import Impairment
 from sim_vehicle.mavlink.fleet import start_positions
 from wbf_mission.campaign import Campaign, Decider, Host, Vehicle
-from wbf_mission.estimation import estimator_of, require_run_memory, resolved
+from wbf_mission.estimation import estimator_of, prepare_days, require_run_memory, resolved
 from wbf_mission.field_maps import FieldMap, field_maps, true_map
 from wbf_mission.planning import FlightTask, flight_builder, plan, planner_of
 from wbf_mission.progress import Progress, silent
@@ -160,7 +160,7 @@ def fly(
     # One BLAS thread: sums do not depend on the number of cores then, and small matrices are faster.
     with threadpool_limits(1, user_api="blas"):
         learner.fit(farm.grid())
-        prepare_estimator(learner, scenario.farm.day, tell)
+        prepare_days(learner, scenario.farm.day, scenario.farm.days, tell)
         watch.lap("learning")
         campaign.learn_with(learner, environment)
         assert campaign.evidence.estimate is not None
@@ -174,6 +174,8 @@ def fly(
                 campaign.fly(environment, Host(pace, tlog, impairment))
             except KeyboardInterrupt:
                 campaign.interrupt()
+                if not campaign.flights:
+                    raise
             result = _result(campaign)
         finally:
             campaign.evidence.estimate.close()
@@ -235,8 +237,6 @@ def _result(campaign: Campaign) -> Result:
     """Score what was learned last and gather everything."""
     estimate, watch = campaign.evidence.estimate, campaign.watch
     assert estimate is not None
-    estimate.finish(campaign.simulated_s)
-    watch.lap("estimate and score")
     observations = campaign.evidence.observations()
     maps: tuple[FieldMap, ...] = ()
     true_maps: tuple[FieldMap, ...] = ()

@@ -32,7 +32,7 @@ from wbf_mission.tables import ResultError, read_table, write_table
 
 R = TypeVar("R", bound=RunRecord)
 
-FORMAT = 3
+FORMAT = 4
 MAX_JSON_BYTES = 64 * 2**20
 RECORD = "result.json"
 PROBABILITIES = "probabilities_"
@@ -94,10 +94,11 @@ def write_json(path: Path, values: Any) -> None:
 
 
 def history_table(history: ScoreHistory, fields: tuple[str, ...]) -> Any:
-    """Return the scored times as a pyarrow table: time, observations, score, losses and errors by field."""
+    """Return the scored times as a table of pyarrow: when, observations, score, losses, errors by field."""
     import pyarrow as pa
 
     columns: dict[str, Any] = {
+        "day": pa.array(history.days, pa.int32()),
         "time_s": pa.array(history.times_s, pa.float64()),
         "observations": pa.array(history.observations, pa.int64()),
         "score": pa.array(history.scores, pa.float64()),
@@ -242,8 +243,9 @@ def _read_record(path: Path) -> _Record:
 
 def _read_history(path: Path, fields: tuple[str, ...]) -> ScoreHistory:
     names = [f"{what.removeprefix('field_')}_{field}" for what in _SCORE for field in fields]
-    table = read_table(path, ("time_s", "observations", "score", "authors_axis_max", *names)).to_pydict()
-    history = ScoreHistory(table["time_s"], table["observations"])
+    columns = ("day", "time_s", "observations", "score", "authors_axis_max", *names)
+    table = read_table(path, columns).to_pydict()
+    history = ScoreHistory(table["time_s"], table["observations"], days=table["day"])
     for row in range(len(history.times_s)):
         by_field: dict[str, Any] = {
             what: tuple(table[f"{what.removeprefix('field_')}_{field}"][row] for field in fields)

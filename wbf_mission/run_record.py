@@ -78,15 +78,25 @@ class RunRecord:
     @property
     def outcome(self) -> Outcome:
         """How the run ended: of several flights the first outcome that is not good."""
-        return self._decisive.outcome
+        return Outcome.INTERRUPTED if self._stopped_between else self._decisive.outcome
 
     @property
     def reason(self) -> str:
         """Why it ended so, empty when it went well."""
+        if self._stopped_between:
+            one = self.flights[-1]
+            return f"stopped after flight {one.flight} of day {one.day}"
         one = self._decisive
         if not one.reason or len(self.flights) == 1:
             return one.reason
         return f"day {one.day}, flight {one.flight}, vehicle {one.system_id}: {one.reason}"
+
+    @property
+    def _stopped_between(self) -> bool:
+        """Whether the run was stopped between two flights."""
+        farm = self.scenario.farm
+        expected = farm.days * farm.flights_per_day * len(self.scenario.vehicle.fleet)
+        return len(self.flights) < expected and all(one.outcome.is_good for one in self.flights)
 
     @property
     def _decisive(self) -> FlightRecord:

@@ -1,11 +1,18 @@
 """Estimators: observations in, an information model of the whole farm out."""
 
-from sensors.estimators.base import Estimator, estimator_names, make_estimator, prepare_estimator
+from sensors.estimators.base import (
+    Estimator,
+    advance_estimator,
+    estimator_names,
+    make_estimator,
+    prepare_estimator,
+)
 from sensors.estimators.check import check_estimator
 from sensors.estimators.default import default_estimator
 
 __all__ = [
     "Estimator",
+    "advance_estimator",
     "check_estimator",
     "default_estimator",
     "estimator_names",

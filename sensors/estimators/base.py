@@ -83,6 +83,8 @@ class BaseEstimator(ABC):
     fields: FieldSet = PAPER_FIELDS
     grid_: FarmGrid
     n_observations_: int
+    latest_day_: int | None
+    """The latest day that was observed or advanced to; None before the first."""
 
     def fit(self, grid: FarmGrid, observations: Observations | None = None) -> Self:
         """Forget everything, take the farm, and learn from the observations if there are any.
@@ -107,6 +109,7 @@ class BaseEstimator(ABC):
         self._start(grid)
         self.grid_ = grid
         self.n_observations_ = 0
+        self.latest_day_ = None
         return self if observations is None else self.partial_fit(observations)
 
     def partial_fit(self, observations: Observations) -> Self:
@@ -126,7 +129,34 @@ class BaseEstimator(ABC):
         if len(observations):
             self._learn(observations)
             self.n_observations_ += len(observations)
+            self._reach(int(observations.day.max()))
         return self
+
+    def advance(self, day: int) -> Self:
+        """Estimate a later day from now on, of which nothing has been seen yet.
+
+        What was believed is carried forward as far as the estimator knows how; one that knows nothing of time
+        believes what it did before.
+
+        Parameters
+        ----------
+        day : int
+            Not before a day that was observed.
+
+        Raises
+        ------
+        EstimatorError
+            If the estimator has not seen a farm yet, or the day is over.
+        """
+        self._check_fitted("advance")
+        if self.latest_day_ is not None and day < self.latest_day_:
+            msg = f"{type(self).__name__}.advance: day {day} is over, as day {self.latest_day_} was reached"
+            raise EstimatorError(msg)
+        self._reach(day)
+        return self
+
+    def _reach(self, day: int) -> None:
+        self.latest_day_ = day if self.latest_day_ is None else max(day, self.latest_day_)
 
     def prepare(self, day: int, progress: Progress | None = None) -> Self:  # noqa: ARG002
         """Learn now what estimates of a day need before any observation; nothing for most estimators.
@@ -215,6 +245,13 @@ def prepare_estimator(estimator: Estimator, day: int, progress: Progress | None 
     prepare = getattr(estimator, "prepare", None)
     if prepare is not None:
         prepare(day, progress)
+
+
+def advance_estimator(estimator: Estimator, day: int) -> None:
+    """Let an estimator that knows of days estimate another one from now on, see `BaseEstimator.advance`."""
+    advance = getattr(estimator, "advance", None)
+    if advance is not None:
+        advance(day)
 
 
 def estimator_memory(estimator: Estimator, shape: tuple[int, int], n_observations: int) -> int:

@@ -39,7 +39,8 @@ def test_scores_on_the_way_are_those_of_the_whole_farm():
     )
     for start in range(0, 90, 7):
         run.add(seen[start : start + 7])
-    run.finish(100.0)
+    run.end_flight(100.0)
+    run.close()
     assert run.history.observations == [20, 40, 60, 80, 90]
     for n, entry in zip(run.history.observations, run.history.entries, strict=True):
         model = make_estimator("adaptive-disk").fit(grid, seen[:n]).predict()
@@ -57,7 +58,7 @@ def test_an_error_of_the_estimator_ends_the_run_and_names_it():
     )
     run.add(Observations([1], [1], [0.0], [6], [[1, 1, 0.5]]))
     with pytest.raises(EstimatorError, match=r"estimator Broken failed: ZeroDivisionError: halves"):
-        run.finish(1.0)
+        run.end_flight(1.0)
     run.close()
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -77,6 +77,10 @@ class FlightTask:
             progress=lambda done, total: progress("planning", done, total),
         )
         return cls(system_id, builder, request, text, scenario.seed)
+
+    def drawing_from(self, stream_names: Sequence[str]) -> FlightTask:
+        """Return the same task for a planner that draws from another random stream of the run."""
+        return replace(self, request=replace(self.request, seed=sealed_seed(self.seed, *stream_names)))
 
     def report(self) -> VehicleReport:
         """Return the vehicle as it stands at its start, ready for its first path."""

@@ -104,9 +104,9 @@ class EpidemicEstimator(BaseEstimator):
 
     @property
     def day_(self) -> int:
-        """The day that is estimated: the latest observed one."""
+        """The day that is estimated: the latest one that was observed or advanced to."""
         self._check_fitted("day_")
-        return int(self._days.array.max()) if len(self._days) else self.day
+        return self.day if self.latest_day_ is None else self.latest_day_
 
     def prepare(self, day: int, progress: Progress | None = None) -> Self:
         """Train the networks of a day, or read them; see `BaseEstimator.prepare`.

@@ -162,7 +162,6 @@ class GaussianProcessEstimator(BaseEstimator):
             for mean, before in zip(means, self.fields.defaults, strict=True)
         ]
         self.kernels_ = [self.kernel] * len(self.fields)
-        self._latest_day: int | None = None
         self._learned_day: int | None = None
         self._own: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
         self._revision = -1
@@ -170,12 +169,11 @@ class GaussianProcessEstimator(BaseEstimator):
     def _learn(self, observations: Observations) -> None:
         for k, (process, sensed) in enumerate(zip(self._fields, observations.sensed.T, strict=True)):
             process.append(observations.x[sensed], observations.y[sensed], observations.values[sensed, k])
-        self._latest_day = max(int(observations.day.max()), self._latest_day or 0)
 
     def _estimate(self) -> InformationModel:
         if self.optimise:
             if self.learn_from == "model":
-                self._take_priors(self.day if self._latest_day is None else self._latest_day)
+                self._take_priors(self.day if self.latest_day_ is None else self.latest_day_)
             else:
                 for process in self._fields:
                     process.fit(self._fit_kernel)

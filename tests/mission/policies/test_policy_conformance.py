@@ -9,6 +9,7 @@ from mission.policies.registry import policy_names
 from mission.policies.situation import Event
 
 OURS = (
+    "confidence-guided",
     "greedy",
     "grid-limited-randomness",
     "orienteering",

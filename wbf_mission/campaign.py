@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo import Farm
+from geo.seeds import child_seed
 from mission.link.tlog import TlogWriter
 from mission.policies.policy import FixedPlan, Policy
 from sensors.camera.leaf_camera import LeafCameraOptions
@@ -17,15 +18,17 @@ from sensors.environment import Environment
 from sensors.estimators import Estimator, advance_estimator
 from sensors.fields import FieldSet
 from sensors.scoring.score import RunningScore, ScoreWeights
+from sim_vehicle.faults.fault import Fault
 from sim_vehicle.host.simulation import Impairment
 from wbf_mission.deciding.loop import DecisionLoop, Knowledge
 from wbf_mission.deciding.record import DecisionRecord
 from wbf_mission.estimation import RunEstimate, attribute_errors_to, score_points
 from wbf_mission.evidence import Evidence
+from wbf_mission.fleet import Vehicle
 from wbf_mission.flight_record import FlightRecord
 from wbf_mission.joint_flight import JointFlight
 from wbf_mission.outcome import Phase
-from wbf_mission.planning import FlightTask, PlanResult
+from wbf_mission.planning import PlanResult
 from wbf_mission.progress import Progress
 from wbf_mission.scenario import CameraOptions, Scenario
 from wbf_mission.sortie import Sortie, SortieNumber
@@ -46,26 +49,14 @@ class Host:
         Where every MAVLink frame is written; its folder is made when the first flight begins.
     impairment : Impairment or None
         A bad radio between the ground stations and the vehicles.
+    faults : tuple of Fault
+        What goes wrong in each flight of the vehicles that are still there.
     """
 
     pace: float | None = None
     tlog: Path | None = None
     impairment: Impairment | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Vehicle:
-    """One of the vehicles of a run.
-
-    Parameters
-    ----------
-    task : FlightTask
-    scenario : Scenario
-        The run's, with the name of this one vehicle.
-    """
-
-    task: FlightTask
-    scenario: Scenario
+    faults: tuple[Fault, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,6 +268,8 @@ class Campaign:
             self.evidence,
             offset_s=self.simulated_s,
             impairment=host.impairment,
+            faults=[one for one in host.faults if one.vehicle not in self._gone],
+            seed=child_seed(self.scenario.seed, "faults", f"day-{day}", f"flight-{flight}"),
             writer=writer,
             pace=host.pace,
             tell=self._tell,

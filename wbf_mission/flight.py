@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from geo import Farm, get_farm
+from geo import Farm
 from geo.errors import WbfMissionError
 from geo.seeds import child_seed
-from mission.model import GeoPoint
 from mission.planners import Planner
 from mission.policies.policy import FixedPlan, Policy
 from mission.policies.registry import make_policy
@@ -21,17 +20,17 @@ from sensors.estimators import Estimator
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
 from sensors.scoring.score import ScoreWeights
-from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.faults.fault import Fault, parse_fault
+from sim_vehicle.faults.session import check_vehicles
 from sim_vehicle.host.simulation import Impairment
-from sim_vehicle.mavlink.fleet import start_positions
-from wbf_mission.campaign import Campaign, Decider, Host, Vehicle
+from wbf_mission.campaign import Campaign, Decider, Host
 from wbf_mission.estimation import estimator_of, prepare_days, require_run_memory, resolved
 from wbf_mission.field_maps import FieldMap, field_maps, true_map
-from wbf_mission.planning import FlightTask, flight_builder, plan, planner_of
+from wbf_mission.fleet import vehicles_of
+from wbf_mission.planning import plan, planner_of
 from wbf_mission.progress import Progress, silent
 from wbf_mission.result import Result
 from wbf_mission.scenario import CameraOptions, Scenario, scenario_with
-from wbf_mission.scenario.scenario import PARTS
 from wbf_mission.stopwatch import Stopwatch
 
 
@@ -103,6 +102,7 @@ def fly(
     pace: float | None = None,
     tlog: Path | None = None,
     impairment: Impairment | None = None,
+    faults: Sequence[Fault | str] = (),
     use_cache: bool = True,
 ) -> Result:
     """Do a scenario's whole job offline.
@@ -122,6 +122,8 @@ def fly(
         Write every MAVLink frame of the run there; its folder is made when the flight begins.
     impairment : Impairment, optional
         A bad radio between the ground station and the vehicle.
+    faults : sequence of Fault or str
+        What goes wrong in each flight (`sim_vehicle.faults`).
     use_cache : bool
         Take the environment of a large farm from the user's cache, or keep it there
         (:class:`sensors.environment.cache.EnvironmentCache`).
@@ -143,6 +145,8 @@ def fly(
     given = {"planner": planner, "policy": policy, "estimator": estimator}
     scenario = resolved(scenario_with(scenario, given))
     learner = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
+    breaking = tuple(parse_fault(one) if isinstance(one, str) else one for one in faults)
+    check_vehicles(breaking, range(1, len(scenario.vehicle.fleet) + 1))
     tell("planning", 0, 1)
     decider = decider_of(scenario)
     vehicles = vehicles_of(scenario, tell)
@@ -171,7 +175,7 @@ def fly(
                 tell("planning", 1, 1)
                 watch.lap("plan")
             try:
-                campaign.fly(environment, Host(pace, tlog, impairment))
+                campaign.fly(environment, Host(pace, tlog, impairment, breaking))
             except KeyboardInterrupt:
                 campaign.interrupt()
                 if not campaign.flights:
@@ -181,33 +185,6 @@ def fly(
             campaign.evidence.estimate.close()
     result.environment_cached = cached
     return result
-
-
-def vehicles_of(scenario: Scenario, tell: Progress = silent) -> tuple[Vehicle, ...]:
-    """Return the vehicles of a run, each with its task.
-
-    The first one starts at the farm's home, the others around it; ideal robots, which have no size, all start
-    there, as in the paper.
-
-    Raises
-    ------
-    WbfMissionError
-        If a vehicle is unknown or cannot fly, or the budget is not understood.
-    """
-    names = scenario.vehicle.fleet
-    farm = get_farm(scenario.farm.name)
-    latitude_deg, longitude_deg = farm.frame.to_wgs84(*farm.home_m)
-    starts = start_positions(GeoPoint(latitude_deg, longitude_deg, farm.frame.altitude_m), len(names))
-    vehicles = []
-    for number, (name, start) in enumerate(zip(names, starts, strict=True), start=1):
-        own = replace(scenario.vehicle, name=name, vehicles=None)
-        parts = {part: getattr(scenario, part) for part in PARTS}
-        single = Scenario(**{**parts, "vehicle": own}, seed=scenario.seed)
-        together = number == 1 or get_vehicle(name).is_ideal
-        home_m = None if together else farm.frame.from_wgs84(start.latitude_deg, start.longitude_deg)
-        task = FlightTask.of(single, flight_builder(single, home_m), system_id=number, progress=tell)
-        vehicles.append(Vehicle(task, single))
-    return tuple(vehicles)
 
 
 def decider_of(scenario: Scenario) -> Decider:

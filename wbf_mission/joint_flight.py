@@ -6,10 +6,13 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 
+from numpy.random import SeedSequence
+
 from mission.link.tlog import TlogWriter
 from mission.outcome import Outcome
 from mission.policies.situation import Event
 from sim_vehicle.epoch import EPOCH_UNIX_S
+from sim_vehicle.faults.fault import Fault
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
 from wbf_mission.deciding.loop import DecisionLoop
 from wbf_mission.evidence import Evidence
@@ -37,6 +40,10 @@ class JointFlight:
         When the flight begins, in seconds since the beginning of the run.
     impairment : Impairment or None
         A bad radio between the ground and the vehicles.
+    faults : sequence of Fault
+        What goes wrong.
+    seed : int or SeedSequence
+        Of the faults.
     writer : TlogWriter or None
         Takes every frame.
     pace : float or None
@@ -54,6 +61,8 @@ class JointFlight:
         *,
         offset_s: float = 0.0,
         impairment: Impairment | None = None,
+        faults: Sequence[Fault] = (),
+        seed: int | SeedSequence = 0,
         writer: TlogWriter | None = None,
         pace: float | None = None,
         tell: Progress,
@@ -69,6 +78,8 @@ class JointFlight:
             [part for sortie in self.sorties for part in sortie.components],
             tap=_tap_of(writer, offset_s),
             impairment=impairment,
+            faults=faults,
+            seed=seed,
             remote=[sortie.ground for sortie in self.sorties],
         )
         for sortie in self.sorties:

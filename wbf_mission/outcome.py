@@ -60,6 +60,20 @@ class Track:
         there = other.at(self.time_s)
         return np.hypot(self.x_m - there.x_m, self.y_m - there.y_m)
 
+    def least_distance_m(self, other: Track) -> float | None:
+        """Return how near the vehicles of two tracks came to each other, heights counted; None if never seen.
+
+        Their fixes are taken together at the times of this track, while both were told.
+        """
+        if not len(self.time_s) or not len(other.time_s):
+            return None
+        both = (self.time_s >= other.time_s[0]) & (self.time_s <= other.time_s[-1])
+        if not both.any():
+            return None
+        there = other.at(self.time_s[both])
+        aside_m = np.hypot(self.x_m[both] - there.x_m, self.y_m[both] - there.y_m)
+        return float(np.hypot(aside_m, self.altitude_m[both] - there.altitude_m).min())
+
 
 def joined(tracks: Sequence[Track]) -> Track:
     """Return several tracks as one, with a row of NaN between them; a single one as it is."""

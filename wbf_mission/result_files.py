@@ -23,11 +23,12 @@ from sim_vehicle.airframe.spec import VehicleSpec
 from wbf_mission.arrays import SUFFIX, read_array, write_array
 from wbf_mission.deciding.files import DecisionEntry, decision_table
 from wbf_mission.estimation import ScoreHistory
+from wbf_mission.fleet import single_scenarios
 from wbf_mission.flight_files import FlightEntry, flight_entries, read_flights, write_flights
 from wbf_mission.map_files import read_maps, write_maps
 from wbf_mission.planning import flown_vehicle
 from wbf_mission.run_record import RunRecord
-from wbf_mission.scenario import Scenario, VehicleOptions
+from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.tables import ResultError, read_table, write_table
 
 R = TypeVar("R", bound=RunRecord)
@@ -154,7 +155,7 @@ def read_result(folder: Path, kind: type[R]) -> R:
     scenario = Scenario(**record.scenario)
     own_farm = folder / "farm.geojson"
     farm = load_farm(own_farm) if own_farm.is_file() else get_farm(scenario.farm.name)
-    flights = read_flights(record.flights, folder, farm, _vehicles(scenario.vehicle, folder), scenario.seed)
+    flights = read_flights(record.flights, folder, farm, _vehicles(scenario, folder), scenario.seed)
     truth, value, uncertainty = (
         _read_array(folder / f"{name}{SUFFIX}", fields.names, farm)
         for name in ("truth", "value", "uncertainty")
@@ -185,16 +186,14 @@ def read_result(folder: Path, kind: type[R]) -> R:
     )
 
 
-def _vehicles(vehicle: VehicleOptions, folder: Path) -> list[VehicleSpec]:
+def _vehicles(scenario: Scenario, folder: Path) -> list[VehicleSpec]:
     """Return the vehicles of a run; those that came from a file are in the folder."""
     names = []
-    for number, name in enumerate(vehicle.names, start=1):
+    for number, name in enumerate(scenario.vehicle.names, start=1):
         own = folder / _vehicle_name(number)
         names.append(str(own) if own.is_file() else name)
-    found = [
-        flown_vehicle(VehicleOptions(name, None, vehicle.autopilot, vehicle.parameters)) for name in names
-    ]
-    return found * len(vehicle.fleet) if len(found) == 1 else found
+    own_files = scenario_with(scenario, {"vehicle": ",".join(names)})
+    return [flown_vehicle(one.vehicle) for one in single_scenarios(own_files)]
 
 
 def _vehicle_name(number: int) -> str:

@@ -150,6 +150,25 @@ class RunRecord:
         return sum(longest.values())
 
     @property
+    def least_distance_m(self) -> float | None:
+        """How near two vehicles that flew together came to each other; None if no two did.
+
+        The paper's robots, which have no size, do not count. The true tracks tell it where they are known.
+        """
+        tracks = [
+            (one.day, one.flight, one.true_track or one.track)
+            for one in self.flights
+            if not one.plan.vehicle.is_ideal
+        ]
+        pairs = [
+            first.least_distance_m(second)
+            for number, (*when, first) in enumerate(tracks)
+            for *other, second in tracks[:number]
+            if when == other
+        ]
+        return min((one for one in pairs if one is not None), default=None)
+
+    @property
     def report(self) -> FarmReport | None:
         """What the estimate says of the farm, if there is one."""
         return report_of_maps(self.farm, self.maps) if self.maps else None
@@ -222,6 +241,7 @@ class RunRecord:
             "coverage": self.plan.coverage,
             "spacing_m": self.plan.spacing_m,
             "budget": self.plan.budget_text,
+            "least_distance_m": self.least_distance_m,
             "flights": [one.summary() for one in self.flights],
             "decisions": [one.summary() for one in self.decisions],
             "transfer": _transfer_summary(self.transfers),

@@ -54,6 +54,15 @@ def fly_command(
             rich_help_panel="What to run",
         ),
     ] = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="What goes wrong in each flight: KIND[=VALUE][,vehicle=N][,from=S][,for=S][,at=EVENT][,...],"
+            " may be repeated; 'wbf-mission sim --list-faults' lists the kinds.",
+            rich_help_panel="Faults",
+            show_default=False,
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -122,7 +131,12 @@ def fly_command(
         started_s = process_age_s()
         progress = stack.enter_context(output.progress())
         result = fly(
-            chosen, progress=progress, pace=speed, tlog=folder.tlog if folder else None, use_cache=cache
+            chosen,
+            progress=progress,
+            pace=speed,
+            tlog=folder.tlog if folder else None,
+            faults=fault or (),
+            use_cache=cache,
         )
         flown_s, interrupted = process_age_s(), False
         try:
@@ -166,8 +180,12 @@ def fly_command(
         "flight speed": f"{summary['realtime_factor']:.0f} x real time",
         "files": summary["files"] or "not written",
     }
+    if summary["least_distance_m"] is not None:
+        rows["nearest to each other"] = distance(summary["least_distance_m"])
     title = f"{result.farm.name}: {result.plan.planner or 'mission file'}, {result.estimator}"
     output.result(summary, rows, title=f"{title}, {result.plan.vehicle.name}, seed {chosen.seed}")
+    if summary["vehicles"] > 1 and not json:
+        _print_fleet(output, result)
     if interrupted:
         return ExitCode.INTERRUPTED
     return ExitCode.NOT_GOOD if blind else exit_code_of_flight(result.outcome)
@@ -191,3 +209,26 @@ def _decision_rows(result: Result) -> dict[str, str]:
         first = next(record.refused for record in records if record.refused)
         told += f"; {refused} answers not flown, the first: {first}"
     return {"decisions": told}
+
+
+def _print_fleet(output: Output, result: Result) -> None:
+    """Print a table with a row for each vehicle."""
+    rows = []
+    for number in sorted({one.system_id for one in result.flights}):
+        mine = [one for one in result.flights if one.system_id == number]
+        bad = next((one for one in mine if not one.outcome.is_good), mine[0])
+        batteries = [one.battery_used for one in mine if one.battery_used is not None]
+        rows.append(
+            [
+                str(number),
+                mine[0].plan.vehicle.name,
+                bad.outcome.value + (f" ({bad.reason})" if bad.reason else ""),
+                str(len(mine)),
+                distance(sum(one.track.length_m for one in mine)),
+                duration(sum(one.flight_time_s for one in mine)),
+                f"{max(batteries):.1%}" if batteries else "-",
+                str(sum(one.camera.images for one in mine)),
+            ]
+        )
+    header = ["vehicle", "name", "outcome", "flights", "flown", "time", "most battery", "images"]
+    output.table(None, header, rows, title="Fleet", left=True)

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 from sim_vehicle.airframe.autopilot_names import DEFAULT_AUTOPILOT, autopilot_names
 from wbf_mission.scenario.choice import Choice, choose
 from wbf_mission.scenario.option import CompoundFlag, Part, ScenarioError, names_in, option
+from wbf_mission.scenario.separation import Separation, parse_separation
 from wbf_mission.scenario.texts import parameter_values, shear_values, turbulence_value, wind_values
 
 RUN = "What to run"
@@ -184,6 +185,15 @@ class VehicleOptions(Part):
         0.0, "Slow error of the barometer's height, one sigma", VEHICLE, low=0.0, high=5.0
     )
 
+    separation: str = option(
+        "layers:2m",
+        "How the vehicles of a fleet keep apart: layers:METRES (each at a height of its own), distance:METRES"
+        " (at one height, later if need be), or none; the paper's robots need nothing",
+        VEHICLE,
+        needs_fleet=True,
+        metavar="WAY",
+    )
+
     def check(self) -> None:
         """Refuse an empty name among several, and more vehicles than named or fewer."""
         names = self.names
@@ -198,6 +208,12 @@ class VehicleOptions(Part):
         if self.vehicles is not None and len(names) not in (1, self.vehicles):
             msg = f"vehicles {self.vehicles}, but vehicle names {len(names)}: give one name, or as many"
             raise ScenarioError(msg)
+        parse_separation(self.separation)
+
+    @property
+    def keeps(self) -> Separation:
+        """How the vehicles keep apart."""
+        return parse_separation(self.separation)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -1,0 +1,135 @@
+"""Several vehicles in one run: where they start, how they keep apart, what they share, what fails."""
+
+import json
+
+import numpy as np
+import pytest
+
+from geo import get_farm
+from mission.outcome import Outcome
+from sim_vehicle.faults.fault import FaultError
+from wbf_mission import Scenario, fly, load_result
+from wbf_mission.fleet import single_scenarios, vehicles_of
+from wbf_mission.scenario import ScenarioError
+from wbf_mission.scenario.separation import Separation, parse_separation
+
+QUADS = {"farm": "miniberry-30", "vehicle": "quad", "estimator": "point", "planner": "spiral"}
+ROBOTS = {"farm": "miniberry-10", "vehicle": "ideal", "estimator": "point", "planner": "lawnmower"}
+
+
+def test_ways_to_keep_apart_are_read():
+    assert parse_separation("distance: 5 m") == Separation("distance", 5.0)
+    assert parse_separation("NONE") == Separation("none")
+    for bad in (
+        "5m",
+        "layers",
+        "layers:",
+        "layers:0m",
+        "layers:nan",
+        "distance:1e9m",
+        "none:2m",
+        "rows:2",
+    ):
+        with pytest.raises(ScenarioError, match=r"separation .* is not understood"):
+            Scenario(separation=bad)
+
+
+def test_each_flying_vehicle_has_a_layer_and_comes_home_in_it():
+    singles = single_scenarios(Scenario(vehicle="quad,ideal,quad,rover,mapping-quad", separation="layers:3m"))
+    heights = [one.mission.altitude_m for one in singles]
+    assert heights[:4] == [10.0, None, 13.0, None] and heights[4] >= 16.0
+    assert [one.vehicle.parameters.get("RTL_RETURN_ALT") for one in singles] == heights
+    ardupilot = single_scenarios(Scenario(vehicle="quad", vehicles=2, autopilot="ardupilot"))
+    assert [one.vehicle.parameters for one in ardupilot] == [{"RTL_ALT": 1000.0}, {"RTL_ALT": 1200.0}]
+    own = single_scenarios(Scenario(vehicle="quad", vehicles=2, parameters={"RTL_RETURN_ALT": 40.0}))
+    assert [one.vehicle.parameters["RTL_RETURN_ALT"] for one in own] == [40.0, 40.0]
+    assert single_scenarios(Scenario())[0].mission.altitude_m is None
+    with pytest.raises(ScenarioError, match="vehicle 3 would fly at 170 m, above 120 m"):
+        single_scenarios(Scenario(vehicle="quad", vehicles=3, separation="layers:80m"))
+
+
+def test_vehicles_stand_in_a_row_behind_home():
+    farm = get_farm("miniberry-30")
+    homes = [one.task.request.start_xy_m for one in vehicles_of(Scenario(**QUADS, vehicles=4))]
+    assert homes[0] == farm.home_m
+    steps = np.diff(homes, axis=0)
+    assert np.hypot(*steps.T) == pytest.approx([4.0] * 3)
+    centre = np.array([farm.owner_area.centroid.x, farm.owner_area.centroid.y])
+    assert (np.diff([np.hypot(*(centre - home)) for home in homes]) > 3.99).all()
+    robots = [one.task.request.start_xy_m for one in vehicles_of(Scenario(**ROBOTS, vehicles=3))]
+    assert robots == [get_farm("miniberry-10").home_m] * 3
+
+
+@pytest.mark.parametrize(("autopilot", "seed"), [("px4", 1), ("ardupilot", 2), ("px4", 3)])
+def test_layers_keep_vehicles_apart_from_take_off_to_landing(autopilot, seed):
+    result = fly(
+        Scenario(**QUADS, vehicles=4, autopilot=autopilot, seed=seed, wind_speed_m_s=3.0, wind_gust_m_s=1.0)
+    )
+    assert result.outcome is Outcome.COMPLETED
+    assert len(result.flights) == 4 and result.least_distance_m > 1.7
+    assert result.summary()["least_distance_m"] == result.least_distance_m
+
+
+def test_without_separation_they_come_nearer():
+    result = fly(Scenario(**QUADS, vehicles=3, separation="none", partition="none"))
+    assert result.least_distance_m < 1.0
+
+
+def test_a_vehicle_that_fails_gives_its_part_to_the_others():
+    scenario = Scenario(**{**QUADS, "planner": "lawnmower"}, vehicles=3)
+    whole = fly(scenario)
+    broken = fly(scenario, faults=["motor-failure,vehicle=2,at=airborne,from=30"])
+    assert [one.outcome for one in broken.flights] == [
+        Outcome.COMPLETED,
+        Outcome.CRASHED,
+        Outcome.COMPLETED,
+    ]
+    lost = broken.decisions[-1]
+    assert lost.event == "lost" and {one.system_id for one in lost.changes} == {1, 3}
+    assert all(one.outcome == "flown" for one in lost.changes)
+
+    def cells(result):
+        seen = result.observations
+        return len(np.unique(seen.x.astype(int) * 100 + seen.y))
+
+    assert cells(broken) > 0.9 * cells(whole)
+    images = [one.camera.images for one in broken.flights]
+    assert images[1] < 0.5 * min(images[0], images[2])
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 10])
+def test_the_papers_robots_fly_in_any_number(count):
+    scenario = Scenario(**ROBOTS, vehicles=count, budget="40steps")
+    result = fly(scenario)
+    assert result.outcome is Outcome.COMPLETED and len(result.flights) == count
+    assert result.least_distance_m is None
+    assert {one["vehicle"] for one in result.summary()["flights"]} == set(range(1, count + 1))
+    again = fly(scenario)
+    assert again.score == result.score
+    assert again.observations.x.tolist() == result.observations.x.tolist()
+
+
+def test_more_robots_score_better():
+    scores = [fly(Scenario(**ROBOTS, vehicles=count, budget="36steps")).score for count in (1, 3)]
+    assert scores[1] > scores[0]
+
+
+def test_a_fleet_is_loaded_as_it_was_saved(tmp_path):
+    result = fly(Scenario(**{**QUADS, "farm": "miniberry-10"}, vehicles=2))
+    loaded = load_result(result.save(tmp_path / "fleet", plots=False))
+    assert [one.plan.vehicle for one in loaded.flights] == [one.plan.vehicle for one in result.flights]
+    assert loaded.least_distance_m == result.least_distance_m
+    saved = json.loads((tmp_path / "fleet" / "summary.json").read_text())
+    assert saved["vehicles"] == 2 and saved["scenario"]["separation"] == "layers:2m"
+
+
+def test_faults_of_vehicles_that_do_not_fly_are_refused():
+    with pytest.raises(FaultError, match="there is no vehicle 3; the systems are 1, 2"):
+        fly(Scenario(**ROBOTS, vehicles=2), faults=["gps-loss,vehicle=3"])
+
+
+def test_who_has_crashed_does_not_fly_again_and_the_others_share_the_farm():
+    scenario = Scenario(**{**QUADS, "planner": "lawnmower"}, vehicles=2, flights_per_day=2)
+    result = fly(scenario, faults=["motor-failure,vehicle=2,at=airborne,from=20"])
+    assert [(one.flight, one.system_id) for one in result.flights] == [(1, 1), (1, 2), (2, 1)]
+    assert result.flights[2].plan.coverage > 1.9 * result.flights[0].plan.coverage

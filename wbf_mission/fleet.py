@@ -1,0 +1,127 @@
+"""The vehicles of a run: where each starts, how high it flies, what it may do."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from geo import Farm, get_farm
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.airframe.spec import VehicleSpec
+from sim_vehicle.mavlink.fleet import SPACING_M
+from wbf_mission.planning import FlightTask, flight_builder
+from wbf_mission.planning.task import free_area
+from wbf_mission.progress import Progress, silent
+from wbf_mission.scenario import Scenario, ScenarioError
+from wbf_mission.scenario.scenario import PARTS
+from wbf_mission.scenario.separation import DISTANCE, LAYERS
+from wbf_mission.weather import flight_level
+
+HIGHEST_M = 120.0
+# By autopilot: the least height of the return of a multirotor, and its unit in metres.
+_RETURN_HEIGHTS = {"px4": ("RTL_RETURN_ALT", 1.0), "ardupilot": ("RTL_ALT", 0.01)}
+# Columns in which vehicles climb and land stand so much farther apart than the vehicles have to be.
+_ROW_FACTOR = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """One of the vehicles of a run.
+
+    Parameters
+    ----------
+    task : FlightTask
+    scenario : Scenario
+        The run's, as far as it concerns this vehicle: with its name, its height and its parameters.
+    """
+
+    task: FlightTask
+    scenario: Scenario
+
+
+def vehicles_of(scenario: Scenario, tell: Progress = silent) -> tuple[Vehicle, ...]:
+    """Return the vehicles of a run, each with its task.
+
+    The first one starts at the farm's home. The others stand behind it in a row that leads away from the
+    farm. Ideal robots, which have no size, all start at home, as in the paper.
+
+    Raises
+    ------
+    WbfMissionError
+        If a vehicle is unknown or cannot fly, or the budget is not understood.
+    """
+    farm = get_farm(scenario.farm.name)
+    vehicles = []
+    for number, one in enumerate(single_scenarios(scenario), start=1):
+        together = number == 1 or get_vehicle(one.vehicle.name).is_ideal
+        home_m = None if together else _start_m(scenario, farm, number)
+        task = FlightTask.of(one, flight_builder(one, home_m), system_id=number, progress=tell)
+        vehicles.append(Vehicle(task, one))
+    return tuple(vehicles)
+
+
+def single_scenarios(scenario: Scenario) -> tuple[Scenario, ...]:
+    """Return for each vehicle of a run the run of it alone, in the order of their system ids.
+
+    With layers, each that flies does so higher than the one before it, on its way home, too: the autopilot
+    returns at the height of the layer. A vehicle that stands farther behind crosses the columns in which
+    those before it climb and land above all that they do there; they never come to its own.
+
+    Raises
+    ------
+    WbfMissionError
+        If a vehicle is unknown, or a layer is too high.
+    """
+    separation = scenario.vehicle.keeps
+    layered = separation.kind == LAYERS and len(scenario.vehicle.fleet) > 1
+    lowest_m = 0.0
+    singles: list[Scenario] = []
+    for name in scenario.vehicle.fleet:
+        vehicle = replace(scenario.vehicle, name=name, vehicles=None)
+        mission, spec = scenario.mission, get_vehicle(name)
+        if layered and flies(spec):
+            height_m = max(flight_level(mission, vehicle).altitude_m, lowest_m)
+            if height_m > HIGHEST_M:
+                msg = (
+                    f"separation layers: vehicle {len(singles) + 1} would fly at {height_m:g} m, above"
+                    f" {HIGHEST_M:g} m; give thinner layers or a lower altitude"
+                )
+                raise ScenarioError(msg)
+            lowest_m = height_m + separation.metres
+            mission = replace(mission, altitude_m=height_m)
+            vehicle = replace(vehicle, parameters=_parameters(scenario, spec, height_m))
+        parts = {part: getattr(scenario, part) for part in PARTS}
+        singles.append(Scenario(**{**parts, "vehicle": vehicle, "mission": mission}, seed=scenario.seed))
+    return tuple(singles)
+
+
+def flies(spec: VehicleSpec) -> bool:
+    """Return whether a vehicle can be at different heights: rovers and the paper's robot cannot."""
+    return not spec.is_ideal and spec.kind != "rover"
+
+
+def _parameters(scenario: Scenario, spec: VehicleSpec, height_m: float) -> dict[str, float]:
+    """Return the parameters of a vehicle in its layer; what the user gave holds."""
+    given = scenario.vehicle.parameters
+    known = _RETURN_HEIGHTS.get(scenario.vehicle.autopilot)
+    if known is None or spec.kind != "multirotor":
+        return given
+    name, unit_m = known
+    return {name: round(height_m / unit_m), **given} if unit_m < 1.0 else {name: height_m, **given}
+
+
+def _start_m(scenario: Scenario, farm: Farm, number: int) -> tuple[float, float]:
+    """Return where a vehicle stands: in a row behind home, as seen from the farm."""
+    separation = scenario.vehicle.keeps
+    spacing_m = SPACING_M
+    if separation.kind in (LAYERS, DISTANCE):
+        spacing_m = max(SPACING_M, _ROW_FACTOR * separation.metres)
+    home = np.asarray(farm.home_m)
+    centre = free_area(farm).centroid
+    away = home - (centre.x, centre.y)
+    length = math.hypot(*away)
+    away = away / length if length > 0.0 else np.array([-1.0, 0.0])
+    x, y = home + (number - 1) * spacing_m * away
+    return float(x), float(y)

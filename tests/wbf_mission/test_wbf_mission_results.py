@@ -16,6 +16,7 @@ from sensors.observations import Observations
 from wbf_mission import results
 from wbf_mission.flight import fly
 from wbf_mission.result import Result, load_result
+from wbf_mission.result_files import FORMAT
 from wbf_mission.results import ResultFolder, run_name
 from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.tables import ResultError
@@ -256,7 +257,7 @@ def test_damaged_results_are_refused_in_one_line(result: Result, tmp_path: Path,
     if damage == "record":
         (folder / "result.json").write_bytes(b"[" * 100_000)
     if damage == "format":
-        text = (folder / "result.json").read_text().replace('"format": 3', '"format": 99')
+        text = (folder / "result.json").read_text().replace(f'"format": {FORMAT}', '"format": 99')
         (folder / "result.json").write_text(text)
     if damage == "array":
         (folder / "value.zarr.zip").write_bytes(b"\x80\x04pickle")

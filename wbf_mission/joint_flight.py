@@ -144,6 +144,8 @@ class JointFlight:
 
     def _decide(self) -> None:
         event, self._event = self._event, None
+        if event is None and self._decisions.ending(self.sorties, self.now_s):
+            event = Event.ENDING
         if self._decisions.lost(self.sorties, self.now_s):
             event = Event.LOST
         if event is not None and any(sortie.ground.phase is Phase.FLIGHT for sortie in self.sorties):

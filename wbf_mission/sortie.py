@@ -36,6 +36,9 @@ from wbf_mission.weather import noise_of, wind_of_run
 
 SILENT_S = 30.0
 """A vehicle that is not heard of for so long is lost, as far as decisions go."""
+ENDING_S = 3.0
+"""A policy is asked so long before a path ends."""
+SLOWEST_M_S = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,8 +133,10 @@ class Sortie:
             noise=noise_of(scenario.vehicle, seed, number.stream_names("navigation")),
         )
         self._fares = task.fares_in_flight()
+        self._last_item = 0
         self._passed = 0
         self._on_path = len(self._rest)
+        self._ending_told = False
         self._open: list[tuple[int, PathChange]] = []
         self.camera = LeafCameraComponent(
             camera,
@@ -157,24 +162,46 @@ class Sortie:
     @property
     def _rest(self) -> list[int]:
         """The items of the waypoints that are still to be reached."""
-        item = self.ground.vehicle_state.item or 0
         items = self.ground.mission.items
-        return [k for k in range(item, len(items)) if items[k].command == Command.NAV_WAYPOINT]
+        return [k for k in range(self._item, len(items)) if items[k].command == Command.NAV_WAYPOINT]
+
+    @property
+    def _item(self) -> int:
+        """The item that is flown; the last one told of, while a changed mission is not spoken of yet."""
+        told = self.ground.vehicle_state.item
+        if told is not None:
+            self._last_item = told
+        return self._last_item
+
+    def _rest_points(self) -> Points:
+        """Return these waypoints in metres of the farm frame."""
+        items = self.ground.mission.items
+        rest = np.array([(items[k].x, items[k].y) for k in self._rest]).reshape(-1, 2)
+        return np.column_stack(self.plan.farm.frame.from_wgs84(rest[:, 0], rest[:, 1]))
 
     @property
     def waypoints_reached(self) -> int:
         """How many waypoints the vehicle has passed on the paths that it was given."""
         return self._passed + self._on_path - len(self._rest)
 
+    def is_ending(self, now_s: float) -> bool:
+        """Return whether the vehicle is about to reach the end of its path; True once for each path."""
+        if self._ending_told or self._status(now_s) is not Status.FLYING:
+            return False
+        rest = self._rest_points()
+        path = np.vstack((self.ground.vehicle_state.position_m(self.plan.farm.frame), rest))
+        length_m = float(np.hypot(*np.diff(path, axis=0).T).sum())
+        speed_m_s = max(self.ground.vehicle_state.ground_speed_m_s, SLOWEST_M_S)
+        self._ending_told = length_m < speed_m_s * (ENDING_S + self._delay_s)
+        return self._ending_told
+
     def report(self, now_s: float) -> VehicleReport:
         """Return what is known of the vehicle from its telemetry."""
         state, frame = self.ground.vehicle_state, self.plan.farm.frame
-        task, items = self.task, self.ground.mission.items
+        task = self.task
         heard = state.heard_s > -math.inf
         position_m = state.position_m(frame) if heard else task.request.start_xy_m
         velocity_m_s = state.velocity_in(frame) if heard else (0.0, 0.0)
-        points = [(items[k].x, items[k].y) for k in self._rest]
-        rest = np.array(points).reshape(-1, 2)
         in_flight = InFlight(
             position_m, max(state.height_m, 0.0), velocity_m_s, state.velocity_m_s[2], state.heading_rad
         )
@@ -186,7 +213,7 @@ class Sortie:
             velocity_m_s=velocity_m_s,
             age_s=now_s - state.heard_s if heard else 0.0,
             spent=self._spent(now_s),
-            rest_m=np.column_stack(frame.from_wgs84(rest[:, 0], rest[:, 1])),
+            rest_m=self._rest_points(),
             fares=self._fares(in_flight),
             battery=state.battery,
             delay_s=self._delay_s,
@@ -233,7 +260,7 @@ class Sortie:
         builder = self.task.builder
         mission, resume_at = revised_mission(
             ground.mission,
-            ground.vehicle_state.item or 0,
+            self._item,
             list(zip(latitude.tolist(), longitude.tolist(), strict=True)),
             altitude_m=builder.level.altitude_m,
             acceptance_radius_m=builder.acceptance_radius_of(points_m),
@@ -244,6 +271,7 @@ class Sortie:
             change.outcome = str(error)
             return change
         self._passed, self._on_path = self.waypoints_reached, len(points_m)
+        self._ending_told = False
         self._open.append((len(ground.changes), change))
         self.send(messages)
         return change

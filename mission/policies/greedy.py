@@ -9,12 +9,13 @@ import numpy as np
 from mission.policies.acquisition import Acquisition, WithCoverage, make_acquisition
 from mission.policies.decision import Decision
 from mission.policies.leg_search import leg_values
-from mission.policies.policy import Asking
+from mission.policies.policy import LEAST_S, Asking
 from mission.policies.route_search import leg_offsets, neighbour_shares, pool, take_leg
 from mission.policies.situation import Situation
 from mission.policies.steering import Route, RouteProblem, Steering, far_route
 
 _ALTERNATIVES = 4
+_LEAST_LEGS = 4
 
 
 class Greedy:
@@ -57,7 +58,7 @@ class Greedy:
     @property
     def asking(self) -> Asking:
         """After some observations."""
-        return Asking(observations=self._every)
+        return Asking(observations=self._every, least_s=LEAST_S)
 
     def start(self) -> None:
         """Forget the run before."""
@@ -75,7 +76,7 @@ class Greedy:
         limit = min(self._ahead * problem.costs.per_cell, problem.vehicle.left)
         corners: list[tuple[float, float]] = []
         others: list[Route] = []
-        while spent < limit:
+        while spent < limit or (len(corners) < _LEAST_LEGS and spent < problem.vehicle.left):
             pool(left, shares, 0, left.shape[0], 0, left.shape[1], pooled)
             leg_values(
                 pooled, free, x, y, self._offsets, problem.costs.turn, problem.costs.slopes, values, costs

@@ -8,7 +8,7 @@ import numpy as np
 
 from mission.policies.acquisition import Acquisition, WithCoverage, make_acquisition
 from mission.policies.decision import Decision
-from mission.policies.policy import Asking
+from mission.policies.policy import LEAST_S, Asking
 from mission.policies.route_search import neighbour_shares, pool
 from mission.policies.situation import Situation
 from mission.policies.steering import Route, RouteProblem, Steering
@@ -67,7 +67,7 @@ class Orienteering:
     @property
     def asking(self) -> Asking:
         """After some observations."""
-        return Asking(observations=self._every)
+        return Asking(observations=self._every, least_s=LEAST_S)
 
     def start(self) -> None:
         """Forget the run before."""

@@ -21,7 +21,7 @@ from mission.policies.situation import Event, Situation, Status, VehicleReport
 
 @dataclass(frozen=True, slots=True)
 class Asking:
-    """When a policy wants to be asked, besides at the start and when a vehicle is lost.
+    """When a policy wants to be asked, besides at the start, when a vehicle is lost, and before a path ends.
 
     Parameters
     ----------
@@ -31,12 +31,23 @@ class Asking:
         After so many new observations; None: not for them alone.
     waypoints : bool
         Whenever a vehicle reaches a waypoint.
+    least_s : float
+        Never more often than this for these reasons, in seconds of flight.
     """
 
     period_s: float | None = None
     observations: int | None = None
     waypoints: bool = False
+    least_s: float = 0.0
 
+    @property
+    def never(self) -> bool:
+        """Whether it wants to be asked for none of these reasons."""
+        return self.period_s is None and self.observations is None and not self.waypoints
+
+
+LEAST_S = 4.0
+"""How often our policies want to be asked at most: a vehicle passes many cells in a second."""
 
 NEVER_AGAIN = Asking()
 """Only at the start, and when a vehicle is lost."""

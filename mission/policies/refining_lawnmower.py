@@ -15,7 +15,7 @@ from mission.planners import Budget, make_planner
 from mission.planners.inside_routing import TOLERANCE_M
 from mission.planners.path import Points
 from mission.policies.decision import GO_ON, Decision
-from mission.policies.policy import Asking
+from mission.policies.policy import LEAST_S, Asking
 from mission.policies.situation import Event, Situation, VehicleReport
 from mission.policies.steering import affordable
 
@@ -66,7 +66,7 @@ class RefiningLawnmower:
     @property
     def asking(self) -> Asking:
         """After some observations: a path is renewed before it ends."""
-        return Asking(observations=_EVERY)
+        return Asking(observations=_EVERY, least_s=LEAST_S)
 
     def start(self) -> None:
         """Nothing is remembered."""

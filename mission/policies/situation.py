@@ -32,6 +32,8 @@ class Event(Enum):
     """A vehicle reached a waypoint of its path."""
     PERIOD = "period"
     """The time between two questions has passed."""
+    ENDING = "ending"
+    """A vehicle is about to reach the end of its path; then it flies home."""
     LOST = "lost"
     """A vehicle failed, or was heard of no more; its part of the farm is left."""
 

@@ -135,8 +135,8 @@ class OnwardPredictor:
         hovers = spec.kind == "multirotor"
         self._on_path = _Squadron(_stepping(spec, _PATH_STEPS if hovers else 1), calm)
         self._home_again = _Squadron(_stepping(spec, _HOME_STEPS), calm) if hovers else self._on_path
-        # By position and velocity, in whole metres and metres a second.
-        self._ways_home: dict[tuple[int, ...], tuple[float, float]] = {}
+        # By position and velocity, in about metres and metres a second.
+        self._ways_home: dict[tuple[float, ...], tuple[float, float]] = {}
 
     def rest(
         self, state: InFlight, paths: Sequence[NDArray[np.float64] | Sequence[tuple[float, float]]]
@@ -224,7 +224,8 @@ class OnwardPredictor:
         keys = []
         for flight in flights:
             end = flight.motion.snapshot()
-            keys.append(tuple(round(value) for value in (*end.position_m, *end.velocity_m_s)))
+            x, y, z = end.position_m
+            keys.append((_outward(x), _outward(y), *(round(value) for value in (z, *end.velocity_m_s))))
         new = [key for key in dict.fromkeys(keys) if key not in self._ways_home]
         ways = [_Flight(None) for _ in new]
         states = [((x, y, z), (u, v, w), math.atan2(u, v)) for x, y, z, u, v, w in new]
@@ -255,6 +256,11 @@ class OnwardPredictor:
             self._home_again.fly(flights)
             seq = following
             flights = [flight for flight in flights if flight.seconds < math.inf]
+
+
+def _outward(value_m: float) -> float:
+    """Return the next half metre away from home: who is farther away may have to climb higher to return."""
+    return math.copysign(math.ceil(2.0 * abs(value_m)) / 2.0, value_m)
 
 
 class _Flight:

@@ -66,8 +66,8 @@ def test_an_ideal_robot_follows_and_misses_no_cell() -> None:
     assert 60 < len(result.observations) <= 81
     flown = [outcome for outcome, _ in changes_of(result)]
     assert flown.count("flown") >= 8 and set(flown) <= {"planned", "flown"}
-    asked = [record.time_s for record in result.decisions]
-    assert np.allclose(np.diff(asked[1:]), 7.0)
+    asked = np.array([record.time_s for record in result.decisions if record.event != "start"])
+    assert np.all(np.diff(asked) < 7.01), "every 7 s, or earlier when a path ends"
     assert policy.situations[0].event is Event.START and policy.situations[1].event is Event.PERIOD
     assert [len(one.observations) for one in policy.situations[1:]] == [
         record.observations for record in result.decisions[1:]
@@ -174,3 +174,25 @@ def test_days_go_on_with_one_estimate() -> None:
     assert [len(one.observations) > 0 for one in starts] == [False, *[True] * 5]
     assert [one.day for one in starts] == [5, 5, 6, 6, 7, 7]
     assert np.all(np.diff(result.history.times_s) >= 0.0)
+
+
+def test_a_policy_is_asked_before_a_path_ends() -> None:
+    def last_moment(situation: Situation) -> Decision | None:
+        if situation.event is Event.START:
+            return Decision({1: [[4.0, 4.0]]})
+        if situation.event is Event.ENDING and situation.time_s < 40.0:
+            return None
+        return GO_ON
+
+    policy = Wanderer(Asking(period_s=1000.0), last_moment)
+    result = fly(QUAD, policy=policy)
+    ending = [one for one in policy.situations if one.event is Event.ENDING]
+    assert len(ending) >= 2 and all(len(one.vehicles[0].rest_m) for one in ending)
+    assert result.outcome is Outcome.COMPLETED
+    assert sum(outcome == "flown" for outcome, _ in changes_of(result)) >= 2
+
+
+def test_a_policy_is_not_asked_more_often_than_it_wants() -> None:
+    result = fly(IDEAL, policy=Wanderer(Asking(observations=1, least_s=6.0)))
+    times = [record.time_s for record in result.decisions if record.event == "observations"]
+    assert len(times) > 5 and min(np.diff(times)) > 5.99

@@ -26,6 +26,9 @@ class Steered(Protocol):
     def waypoints_reached(self) -> int:
         """How many waypoints it has passed since its mission began."""
 
+    def is_ending(self, now_s: float) -> bool:
+        """Return whether it is about to reach the end of its path; True once for each path."""
+
     def report(self, now_s: float) -> VehicleReport:
         """Return what is known of it."""
 
@@ -145,6 +148,8 @@ class DecisionLoop:
             How many there are so far.
         """
         asking = self._policy.asking
+        if time_s - self._asked_s < asking.least_s - 1e-9:
+            return None
         if asking.observations is not None and observations - self._observations >= asking.observations:
             return Event.OBSERVATIONS
         if asking.waypoints and sum(one.waypoints_reached for one in vehicles) > self._reached:
@@ -152,6 +157,10 @@ class DecisionLoop:
         if asking.period_s is not None and time_s - self._asked_s >= asking.period_s - 1e-9:
             return Event.PERIOD
         return None
+
+    def ending(self, vehicles: Sequence[Steered], now_s: float) -> bool:
+        """Return whether a path is about to end; who never changes its mind need not be told."""
+        return not self._policy.asking.never and any(one.is_ending(now_s) for one in vehicles)
 
     def lost(self, vehicles: Sequence[Steered], now_s: float) -> bool:
         """Return whether a vehicle was lost since the last question; of a single one nobody needs to know."""

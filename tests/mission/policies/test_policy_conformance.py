@@ -12,6 +12,7 @@ OURS = (
     "confidence-guided",
     "greedy",
     "grid-limited-randomness",
+    "market",
     "orienteering",
     "refining-lawnmower",
     "rolling-horizon",

@@ -1,0 +1,203 @@
+"""A sequential single-item auction of packages among vehicles."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.planners.path import Points
+from mission.policies.packages import VARIANTS, Package, corners_of
+from mission.policies.situation import Fares
+
+_FREE, _HOME, _FIRST = 0, 1, 2
+_CORNERS = 2 * VARIANTS
+_AT_ONCE = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Bid:
+    """What a vehicle asks for a package: all that it would have flown when it is done with everything.
+
+    Parameters
+    ----------
+    cost : float
+        In the unit of the vehicle's budget.
+    position, variant : int
+        Where in its route the package would stand, and from which corner it would be flown.
+    """
+
+    cost: float
+    position: int
+    variant: int
+
+
+@dataclass(slots=True, eq=False)
+class Bidder:
+    """One vehicle on the market.
+
+    Parameters
+    ----------
+    system_id : int
+    legs : float64[n, n]
+        Costs between where it will be free, home, and the corners of all packages.
+    own : float64[packages]
+        Cost of the rows of each; infinite for what it does not take.
+    until_free : float
+        Cost of what it has to finish first.
+    limit : float
+        The most that all may cost.
+    returns : bool
+        Whether the way home counts.
+    route : list of tuple of int
+        What it was awarded: number of the package on the list, and variant, in the order of the flight.
+    """
+
+    system_id: int
+    legs: NDArray[np.float64]
+    own: NDArray[np.float64]
+    until_free: float
+    limit: float
+    returns: bool
+    route: list[tuple[int, int]] = field(default_factory=list)
+
+    @classmethod
+    def of(
+        cls,
+        system_id: int,
+        fares: Fares,
+        packages: Sequence[Package],
+        takes: Sequence[bool],
+        free_m: Points,
+        home_m: tuple[float, float],
+        until_free: float,
+        limit: float,
+        *,
+        returns: bool,
+    ) -> Bidder:
+        """Ask the fares once for all that bids need.
+
+        Parameters
+        ----------
+        system_id : int
+        fares : Fares
+        packages : sequence of Package
+        takes : sequence of bool
+            Which of them it bids on.
+        free_m : float64[2]
+            Where it will be free.
+        home_m : tuple of float
+        until_free, limit, returns
+            As above.
+        """
+        nodes = np.vstack((free_m, home_m, corners_of(packages).reshape(-1, 2)))
+        own = [
+            _rows_cost(fares, package) if take else math.inf
+            for package, take in zip(packages, takes, strict=True)
+        ]
+        return cls(system_id, fares.legs(nodes, nodes), np.array(own), until_free, limit, returns)
+
+    @property
+    def cost(self) -> float:
+        """What everything costs that it has to do."""
+        cost, at = self.until_free, _FREE
+        for k, variant in self.route:
+            cost += float(self.legs[at, _entry(k, variant)] + self.own[k])
+            at = _exit(k, variant)
+        return cost + self._home(at)
+
+    def bid(self, package: int) -> Bid | None:
+        """Return its bid for a package, by the cheapest insertion into its route; None if it cannot."""
+        if not math.isfinite(self.own[package]):
+            return None
+        before, best = self.cost, Bid(math.inf, 0, 0)
+        for position in range(len(self.route) + 1):
+            at = _exit(*self.route[position - 1]) if position else _FREE
+            last = position == len(self.route)
+            onward = None if last else _entry(*self.route[position])
+            without = self._home(at) if onward is None else float(self.legs[at, onward])
+            for variant in range(VARIANTS):
+                end = _exit(package, variant)
+                after = self._home(end) if onward is None else float(self.legs[end, onward])
+                extra = float(self.legs[at, _entry(package, variant)] + self.own[package]) + after - without
+                if before + extra < best.cost:
+                    best = Bid(before + extra, position, variant)
+        return best if best.cost <= self.limit else None
+
+    def award(self, package: int, bid: Bid) -> None:
+        """Put a package into its route as it was bid for."""
+        self.route.insert(bid.position, (package, bid.variant))
+
+    def _home(self, at: int) -> float:
+        return float(self.legs[at, _HOME]) if self.returns else 0.0
+
+
+def hold_auction(bidders: Sequence[Bidder], offered: Iterable[int]) -> list[int]:
+    """Sell packages one after the other, each time the one with the lowest bid of all, to who made it.
+
+    A bid is what the vehicle would have flown in all, so that vehicles come to about the same (the rule
+    MiniMax of sequential single-item auctions; Lagoudakis et al. 2005, Koenig et al. 2006). Equal bids go to
+    the first bidder.
+
+    Parameters
+    ----------
+    bidders : sequence of Bidder
+        Their routes grow.
+    offered : iterable of int
+        Numbers of packages on the list that the bidders know.
+
+    Returns
+    -------
+    list of int
+        What nobody could take.
+    """
+    left = list(offered)
+    bids = [{package: bidder.bid(package) for package in left} for bidder in bidders]
+    while True:
+        best: tuple[float, int, int] | None = None
+        for k, of_bidder in enumerate(bids):
+            for package in left:
+                bid = of_bidder[package]
+                if bid is not None and (best is None or bid.cost < best[0]):
+                    best = bid.cost, k, package
+        if best is None:
+            return left
+        _, winner, sold = best
+        bid = bids[winner][sold]
+        assert bid is not None
+        bidders[winner].award(sold, bid)
+        left.remove(sold)
+        bids[winner] = {package: bidders[winner].bid(package) for package in left}
+
+
+def path_cost(fares: Fares, points_m: Points) -> float:
+    """Return roughly what flying through points costs, from the first one on."""
+    if len(points_m) < 2:
+        return 0.0
+    return float(leg_costs(fares, points_m).sum())
+
+
+def leg_costs(fares: Fares, points_m: Points) -> NDArray[np.float64]:
+    """Return roughly what each leg between neighbouring points costs, float64[n - 1], n > 1."""
+    # The fares price all pairs: in blocks, so that long paths do not take their square.
+    begins, ends = points_m[:-1], points_m[1:]
+    parts = [
+        np.diagonal(fares.legs(begins[k : k + _AT_ONCE], ends[k : k + _AT_ONCE]))
+        for k in range(0, len(begins), _AT_ONCE)
+    ]
+    return np.concatenate(parts)
+
+
+def _rows_cost(fares: Fares, package: Package) -> float:
+    return path_cost(fares, np.concatenate([ends for _, ends in package.ordered(0)]))
+
+
+def _entry(package: int, variant: int) -> int:
+    return _FIRST + package * _CORNERS + variant
+
+
+def _exit(package: int, variant: int) -> int:
+    return _FIRST + package * _CORNERS + VARIANTS + variant

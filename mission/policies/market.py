@@ -1,0 +1,311 @@
+"""The market: several vehicles sell each other packages of rows, coarse ones first, fine ones about finds.
+
+Source: the exploration packages, pioneers and contractors of ``papers/y2025_mrmr`` and ``papers/y2027_mrmr``
+(multi-resolution multi-robot) of the authors' repository WaterberryFarms; the contract net of R. G. Smith,
+IEEE Transactions on Computers C-29, 1980.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+
+from geo.seeds import stream
+from mission.errors import PlanningError
+from mission.planners.inside_routing import TOLERANCE_M, Terrain
+from mission.planners.path import Points
+from mission.planners.places import draw_places
+from mission.policies.auction import Bidder, hold_auction, leg_costs, path_cost
+from mission.policies.chart import LegCosts
+from mission.policies.contract import NO_POINTS, Contract, Stretch
+from mission.policies.decision import GO_ON, Decision
+from mission.policies.fares import pays_for_return
+from mission.policies.finds import Finds
+from mission.policies.packages import Package, blocks_of, rows_over
+from mission.policies.policy import Asking
+from mission.policies.situation import Event, Situation, Status, VehicleReport
+from mission.policies.steering import affordable
+
+_NAME = "market"
+_MOST_LEGS = 40
+_AT_CELLS = 0.5
+_SAME_M = 0.1
+
+
+class Market:
+    """Sell packages of rows to the vehicles that are done with them first.
+
+    At the start the farm is divided into blocks with rows far apart, which are sold. Where sick plants were
+    found and the run of finds is over, a package of rows close to each other is made about them; then
+    everything is sold anew that is not begun, the fine packages first, and rows of coarse ones that are not
+    flown. The same happens when a vehicle is lost. Who has nothing left to do flies to random places.
+
+    Parameters
+    ----------
+    border : float
+        A fine package reaches so far beyond the finds, cells.
+    step : float
+        Distance of its rows, cells.
+    pioneers : int
+        So many vehicles, the first ones, take no fine packages as long as there are others.
+    field : str
+        Of which disease the finds are; ``all``: of every one that is scored.
+    below : float
+        A plant is a find if its value is less: by default the lost ones (0), not the infected ones (0.5).
+    explore : float
+        Part of the fleet's budget for the coarse packages, between 0 and 1.
+    blocks : int
+        Coarse packages, for each vehicle.
+    every : int
+        Look for finds after so many observations.
+
+    Raises
+    ------
+    PlanningError
+        If a parameter is out of its range.
+    """
+
+    def __init__(
+        self,
+        border: float = 3.0,
+        step: float = 2.0,
+        pioneers: int = 1,
+        field: str = "tylcv",
+        below: float = 0.25,
+        explore: float = 0.5,
+        blocks: int = 4,
+        every: int = 5,
+    ) -> None:
+        if not 0.0 < explore < 1.0:
+            msg = f"{_NAME}: explore must be between 0 and 1, not {explore!r}"
+            raise PlanningError(msg)
+        for name, value in (("step", step), ("blocks", blocks), ("every", every)):
+            if not value > 0:
+                msg = f"{_NAME}: {name} must be above zero, not {value!r}"
+                raise PlanningError(msg)
+        self._explore, self._blocks = float(explore), int(blocks)
+        self._pioneers, self._every = int(pioneers), int(every)
+        self._finds = Finds(float(border), float(step), field, float(below), _NAME)
+        self.start()
+
+    @property
+    def asking(self) -> Asking:
+        """After some observations."""
+        return Asking(observations=self._every)
+
+    def start(self) -> None:
+        """Forget the run before."""
+        self._finds.start()
+        self._contracts: dict[int, Contract] = {}
+        self._open: list[Package] = []
+        self._terrains: dict[int, Terrain] = {}
+        self._streams: dict[int, np.random.Generator] = {}
+
+    def decide(self, situation: Situation) -> Decision:
+        """Sell what there is to be sold, if that changed."""
+        spacing: dict[int, float] = {}
+        if situation.event is Event.START:
+            spacing = self._divide(situation)
+            returned = True
+        else:
+            returned = self._settle(situation)
+        terrains = [self._terrain(one) for one in situation.steerable]
+        found = self._finds.packages(situation, terrains, self._fine_ahead())
+        self._open += found
+        if not self._open or not (found or returned or self._somebody_idle(situation)):
+            return GO_ON
+        paths = self._trade(situation)
+        if not paths:
+            return GO_ON
+        reason = "first look" if spacing else "packages about finds" if found else "packages sold anew"
+        return Decision(paths, reason=reason, spacing_m=spacing)
+
+    def _divide(self, situation: Situation) -> dict[int, float]:
+        """Offer the coarse packages of every area; return the distance of their rows for each vehicle."""
+        spacings: dict[int, float] = {}
+        vehicles = list(situation.steerable)
+        while vehicles:
+            same = [one for one in vehicles if one.request.area == vehicles[0].request.area]
+            vehicles = [one for one in vehicles if one not in same]
+            flyable, footprint = self._terrain(same[0]).flyable, same[0].request.footprint_m
+            cell_m = situation.farm.cell_size_m
+            reach = sum(one.left * cell_m / LegCosts.of(one, cell_m).per_cell for one in same)
+            spacing = max(flyable.area / (self._explore * reach), footprint, TOLERANCE_M)
+            for box in blocks_of(flyable, self._blocks * len(same)):
+                rows = rows_over(box, flyable, spacing)
+                if rows:
+                    self._open.append(Package(self._finds.next_number(), False, box, rows))
+            spacings |= {one.system_id: spacing for one in same}
+        return spacings
+
+    def _settle(self, situation: Situation) -> bool:
+        """Take note of what was flown; return whether packages are to be sold again."""
+        returned: list[Package] = []
+        for vehicle in situation.vehicles:
+            contract = self._contracts.get(vehicle.system_id)
+            if contract is None or vehicle.status in (Status.CHANGING, Status.READY):
+                continue
+            # Of a vehicle that is lost nothing may be known any more: then what was known before holds.
+            silent = vehicle.status is Status.LOST and not len(vehicle.rest_m)
+            follows = silent or contract.follow(vehicle.rest_m)
+            if vehicle.status is Status.FLYING and follows:
+                continue
+            returned += contract.unflown(vehicle.position_m)
+            del self._contracts[vehicle.system_id]
+        self._open += returned
+        return bool(returned)
+
+    def _fine_ahead(self) -> list[Package]:
+        """Return the fine packages that are not flown yet."""
+        sold = [one.package for contract in self._contracts.values() for one, _ in contract.ahead]
+        return [package for package in [*self._open, *sold] if package is not None and package.fine]
+
+    def _somebody_idle(self, situation: Situation) -> bool:
+        contracts = [self._contracts.get(one.system_id) for one in situation.steerable]
+        return any(contract is None or not len(contract.work()) for contract in contracts)
+
+    def _trade(self, situation: Situation) -> dict[int, Points]:
+        """Sell all that is not begun; return the paths of the vehicles that have something else to do now."""
+        vehicles = situation.steerable
+        kept: dict[int, list[Stretch]] = {}
+        for vehicle in vehicles:
+            kept[vehicle.system_id] = []
+            contract = self._contracts.get(vehicle.system_id)
+            if contract is None:
+                continue
+            begun = contract.begun
+            finishes = begun is not None and begun.fine
+            self._open += [
+                package
+                for package in contract.unflown(vehicle.position_m)
+                if not (finishes and begun is not None and package.number == begun.number)
+            ]
+            if finishes:
+                kept[vehicle.system_id] = [
+                    Stretch(one.package, one.row, one.points_m[-left:])
+                    for one, left in contract.ahead
+                    if one.package is begun
+                ]
+        packages = sorted(self._open, key=lambda package: package.number)
+        bidders = [self._bidder(one, packages, kept[one.system_id]) for one in vehicles]
+        fine = [k for k, package in enumerate(packages) if package.fine]
+        coarse = [k for k, package in enumerate(packages) if not package.fine]
+        contractors = [one for one in bidders if not self._is_pioneer(one.system_id, situation)]
+        unsold = hold_auction(contractors or bidders, fine) + hold_auction(bidders, coarse)
+        self._open = [packages[k] for k in unsold]
+        paths: dict[int, Points] = {}
+        for vehicle, bidder in zip(vehicles, bidders, strict=True):
+            awarded = [(packages[k], variant) for k, variant in bidder.route]
+            points = self._sign(situation, vehicle, kept[vehicle.system_id], awarded)
+            if points is not None:
+                paths[vehicle.system_id] = points
+        return paths
+
+    def _is_pioneer(self, system_id: int, situation: Situation) -> bool:
+        return system_id in sorted(one.system_id for one in situation.vehicles)[: self._pioneers]
+
+    def _bidder(self, vehicle: VehicleReport, packages: Sequence[Package], kept: list[Stretch]) -> Bidder:
+        flyable = shapely.buffer(self._terrain(vehicle).flyable, TOLERANCE_M)
+        rows = [shapely.multilinestrings([row.ends_m for row in package.rows]) for package in packages]
+        first = np.concatenate([np.asarray(vehicle.position_m)[None], *(one.points_m for one in kept)])
+        return Bidder.of(
+            vehicle.system_id,
+            vehicle.fares,
+            packages,
+            [bool(shapely.covers(flyable, one)) for one in rows],
+            first[-1],
+            vehicle.request.start_xy_m,
+            path_cost(vehicle.fares, first),
+            vehicle.left,
+            returns=pays_for_return(vehicle),
+        )
+
+    def _sign(
+        self,
+        situation: Situation,
+        vehicle: VehicleReport,
+        kept: list[Stretch],
+        awarded: list[tuple[Package, int]],
+    ) -> Points | None:
+        """Make the path of what was awarded; None if it is what the vehicle flies already.
+
+        What it cannot pay for after all is open again.
+        """
+        stretches = kept + self._stretches(situation, vehicle, kept, awarded)
+        before = self._contracts.get(vehicle.system_id)
+        work = affordable(vehicle, _points(stretches))
+        if before is not None and _same(before.work(), work):
+            return None
+        if len(work) < len(_points(stretches)):
+            self._open += _beyond(stretches, work)
+        else:
+            stretches = stretches + self._wander(vehicle, work)
+        points = affordable(vehicle, _points(stretches))
+        if not len(points):
+            if situation.event is Event.START:
+                budget = vehicle.request.budget
+                msg = f"budget of {budget.limit:g} {budget.unit} is too small: {_NAME} cannot reach the area"
+                raise PlanningError(msg)
+            return None
+        under_way = kept[0].package if kept else None
+        self._contracts[vehicle.system_id] = Contract(tuple(stretches), points, under_way)
+        return points
+
+    def _stretches(
+        self,
+        situation: Situation,
+        vehicle: VehicleReport,
+        kept: list[Stretch],
+        awarded: list[tuple[Package, int]],
+    ) -> list[Stretch]:
+        flown = [(package, *row) for package, variant in awarded for row in package.ordered(variant)]
+        if not flown:
+            return []
+        here = kept[-1].points_m[-1] if kept else np.asarray(vehicle.position_m)
+        legs = self._terrain(vehicle).legs([ends for _, _, ends in flown], here)
+        # A waypoint where the vehicle is already would only make it stop there.
+        near = np.hypot(*(legs[0] - here).T) < _AT_CELLS * situation.farm.cell_size_m
+        passed = int(np.argmin(near)) if not near.all() else len(near) - 1
+        legs[0] = legs[0][passed:]
+        return [Stretch(package, row, leg) for (package, row, _), leg in zip(flown, legs, strict=True)]
+
+    def _wander(self, vehicle: VehicleReport, after_m: Points) -> list[Stretch]:
+        """Return legs to random places for what is left of the budget."""
+        terrain = self._terrain(vehicle)
+        number = vehicle.system_id
+        rng = self._streams.setdefault(
+            number, stream(vehicle.request.seed, _NAME, f"vehicle-{number}", "wander")
+        )
+        here = after_m[-1] if len(after_m) else np.asarray(vehicle.position_m)
+        left = vehicle.left - vehicle.fares.rest([after_m])[0]
+        places = draw_places(terrain.flyable, _MOST_LEGS, rng)[:_MOST_LEGS]
+        legs = terrain.legs(list(places[:, None, :]), here)
+        way = np.vstack((here, *legs))
+        ends = np.cumsum([len(leg) for leg in legs])
+        spent = np.cumsum(leg_costs(vehicle.fares, way))[ends - 1]
+        count = int(np.searchsorted(spent, left)) + 1
+        return [Stretch(None, 0, leg) for leg in legs[:count]]
+
+    def _terrain(self, vehicle: VehicleReport) -> Terrain:
+        if vehicle.system_id not in self._terrains:
+            request = vehicle.request
+            self._terrains[vehicle.system_id] = Terrain(request.area, request.footprint_m)
+        return self._terrains[vehicle.system_id]
+
+
+def _points(stretches: Sequence[Stretch]) -> Points:
+    return np.concatenate([one.points_m for one in stretches]) if stretches else NO_POINTS
+
+
+def _same(before: Points, after: Points) -> bool:
+    return len(before) == len(after) and np.allclose(before, after, rtol=0.0, atol=_SAME_M)
+
+
+def _beyond(stretches: list[Stretch], flown: Points) -> list[Package]:
+    """Return packages of the rows that a path does not reach to the end of."""
+    whole = Contract(tuple(stretches), _points(stretches))
+    whole.follow(whole.points_m[max(len(flown) - 1, 0) :])
+    here = flown[-1] if len(flown) else whole.points_m[0]
+    return whole.unflown((float(here[0]), float(here[1])))

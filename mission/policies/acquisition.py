@@ -85,7 +85,7 @@ class WithCoverage:
 
     Estimators are too sure of land that they know nothing of once they have found what they expect; an
     outbreak that is never come near costs more than anything else. A plant at a distance of d cells from the
-    nearest observation of its field on this day is worth ``caution * (1 - exp(-d^2 / (2 reach^2)))`` more,
+    nearest observation of its field on this day is worth ``caution * (1 - exp(-(d / reach)^4))`` more,
     times the weight of the field.
 
     Parameters
@@ -99,7 +99,7 @@ class WithCoverage:
 
     acquisition: Acquisition
     caution: float
-    reach: float = 2.0
+    reach: float = 3.0
 
     def __call__(self, situation: Situation, /) -> Worth:
         """Return the worth of each cell."""
@@ -116,7 +116,7 @@ class WithCoverage:
             far = np.ones(unseen.shape, np.float32)
         else:
             distance = ndimage.distance_transform_edt(unseen).astype(np.float32)
-            far = 1.0 - np.exp(-(distance**2) / np.float32(2.0 * self.reach**2))
+            far = 1.0 - np.exp(-((distance / np.float32(self.reach)) ** 4))
         far *= np.float32(self.caution)
         return worth + _weighted(situation, lambda _k, field: far if field.kind == "disease" else 0.0 * far)
 

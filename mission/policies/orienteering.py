@@ -54,7 +54,7 @@ class Orienteering:
         spread: float = 4.5,
         every: int = 5,
         caution: float = 0.05,
-        reach: float = 2.0,
+        reach: float = 3.0,
     ) -> None:
         self._steering = Steering(
             WithCoverage(make_acquisition(acquisition), caution, reach), neighbour_shares(share, spread, 3)

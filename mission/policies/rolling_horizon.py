@@ -47,7 +47,7 @@ class RollingHorizon:
         interval: float = 5.0,
         every: int = 5,
         caution: float = 0.05,
-        reach: float = 2.0,
+        reach: float = 3.0,
     ) -> None:
         self._steering = Steering(
             WithCoverage(make_acquisition(acquisition), caution, reach), neighbour_shares(share, spread, 3)

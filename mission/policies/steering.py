@@ -62,8 +62,8 @@ Search: TypeAlias = Callable[[RouteProblem], Sequence[Route]]
 class Steering:
     """Makes decisions from searches of single routes.
 
-    Vehicles are planned in turn; each finds on the map what the others will leave: the new routes of those
-    before it, the present ones of those after it (sequential greedy assignment, Nemhauser et al. 1978).
+    Vehicles are planned in turn; each finds on the map what the others will leave: by the new routes of those
+    before it, by the present ones of those after it (sequential allocation, Singh et al. 2009).
 
     Parameters
     ----------

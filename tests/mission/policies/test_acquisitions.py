@@ -63,7 +63,7 @@ def test_coverage_grows_with_the_distance_from_what_was_seen_today():
     model = _believed(1.0, 0.0, 0.0, 1.0)
     worth = nothing(_situation(model, SEEN))
     assert worth[TOMATO] == 0.0
-    assert worth[7, 8] == pytest.approx(0.5 * (1 - np.exp(-0.5))) and worth[9, 8] > worth[7, 8]
+    assert worth[7, 8] == pytest.approx(0.5 * (1 - np.exp(-1.0))) and worth[9, 8] > worth[7, 8]
     assert nothing(_situation(model))[TOMATO] == pytest.approx(0.5)
     yesterday = Observations([5], [8], [0.0], [5], [[1.0, 1.0, 0.4]])
     assert nothing(_situation(model, yesterday))[TOMATO] == pytest.approx(0.5)

@@ -137,6 +137,7 @@ class Run:
     losses: Losses  # [36, MEASURES]
     decisions: int
     seconds: float
+    tracks: tuple[NDArray[np.float64], ...] = ()  # of each robot, metres
 
 
 def request_of(farm: Farm, steps: int, seed: int, number: int = 0, strips: int = 1) -> PlanningRequest:
@@ -188,6 +189,7 @@ def fly(case: Case, policy: Policy, seed: int, every: int | None = None) -> Run:
     spent_s, decisions, fresh, told = 0.0, 0, 0, len(seen)
     parts: list[Observations] = []
     losses = []
+    tracks = [[robot.here] for robot in robots]
 
     def ask(event: Event, step: int) -> None:
         nonlocal spent_s, decisions
@@ -213,6 +215,8 @@ def fly(case: Case, policy: Policy, seed: int, every: int | None = None) -> Run:
     for step in range(1, steps + 1):
         flying = [robot for robot in robots if robot.flying]
         reached = [robot.step() for robot in flying]
+        for track, robot in zip(tracks, robots, strict=True):
+            track.append(robot.here)
         if flying:
             x, y = farm.cell_of(*np.array([robot.here for robot in flying]).T)
             n = len(flying)
@@ -234,7 +238,7 @@ def fly(case: Case, policy: Policy, seed: int, every: int | None = None) -> Run:
         if (due or waypoint) and step < steps:
             fresh = 0
             ask(Event.OBSERVATIONS if due else Event.WAYPOINT, step)
-    return Run(np.array(losses), decisions, spent_s)
+    return Run(np.array(losses), decisions, spent_s, tuple(np.array(track) for track in tracks))
 
 
 def made(name: str) -> Policy:

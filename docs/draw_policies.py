@@ -1,0 +1,92 @@
+"""Draw the picture of docs/policies.md: where each policy flies over the same sick farm.
+
+    python docs/draw_policies.py --out docs/images/policies.png
+
+The flights are those of `benchmarks/policies.py`: the paper's robot, the `epidemic` estimator.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "benchmarks"))
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
+from policies import CASES, DAY, Case, Run, fly, made
+
+from geo.farms import get_farm
+from geo.seeds import child_seed
+from sensors.environment import generate_environment
+from sensors.fields import HEALTH_COLOURS, PAPER_FIELDS
+
+SEED = 700_001
+FLIGHTS = (
+    ("adaptive-lawnmower", 1),
+    ("refining-lawnmower", 1),
+    ("greedy", 1),
+    ("orienteering", 1),
+    ("rolling-horizon", 1),
+    ("rolling-horizon", 3),
+)
+TRACKS = ("#1f3b73", "#7a3b9a", "#0b7285")
+FADED = 0.35
+
+
+def draw_flight(axes: Axes, case: Case, name: str, run: Run) -> None:
+    """Draw the truth of both crops and the tracks, the first third of the steps dark."""
+    farm = get_farm(case.farm)
+    environment = generate_environment(
+        farm.grid(), days=DAY, seed=child_seed(SEED, "environment"), keep_days=[DAY]
+    )
+    values = environment.values(DAY)
+    health = np.where(PAPER_FIELDS["tylcv"].hosts(farm.grid()), values[0], values[1])
+    axes.imshow(
+        health.T,
+        origin="lower",
+        extent=(0, health.shape[0], 0, health.shape[1]),
+        cmap=LinearSegmentedColormap.from_list("health", HEALTH_COLOURS),
+        vmin=0.0,
+        vmax=1.0,
+        alpha=FADED,
+    )
+    for number, track in enumerate(run.tracks):
+        x, y = track.T / farm.cell_size_m
+        third = len(x) // 3
+        colour = TRACKS[number % len(TRACKS)]
+        axes.plot(x[third:], y[third:], color=colour, lw=0.8, alpha=0.55)
+        axes.plot(x[: third + 1], y[: third + 1], color=colour, lw=1.6)
+    crops = health.shape[1] / 2
+    axes.axhline(crops, color="#555555", lw=0.6, ls=":")
+    who = name if case.vehicles == 1 else f"{name}, {case.vehicles} vehicles"
+    run_loss, end_loss = run.losses[:, 0].mean(), run.losses[-1, 0]
+    axes.set_title(f"{who}\nloss: run {run_loss:.3f}, end {end_loss:.4f}", fontsize=9)
+    axes.set_xticks([])
+    axes.set_yticks([])
+
+
+def main() -> int:
+    """Fly and draw."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "images" / "policies.png")
+    options = parser.parse_args()
+    figure, grid = plt.subplots(2, 3, figsize=(10.0, 7.4), layout="constrained")
+    for axes, (name, vehicles) in zip(grid.flat, FLIGHTS, strict=True):
+        case = replace(CASES[0], vehicles=vehicles)
+        draw_flight(axes, case, name, fly(case, made(name), SEED))
+    figure.savefig(options.out, dpi=110)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -15,8 +15,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
-ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "benchmarks"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
@@ -28,6 +27,7 @@ from geo.seeds import child_seed
 from sensors.environment import generate_environment
 from sensors.fields import HEALTH_COLOURS, PAPER_FIELDS
 
+ROOT = Path(__file__).parents[1]
 SEED = 700_001
 FLIGHTS = (
     ("adaptive-lawnmower", 1),

@@ -83,10 +83,9 @@ def probability_of_sick(situation: Situation) -> Worth:
 class WithCoverage:
     """An acquisition, and beside it something for every scored plant far from all that was observed.
 
-    Estimators are too sure of land that they know nothing of once they have found what they expect; an
-    outbreak that is never come near costs more than anything else. A plant at a distance of d cells from the
-    nearest observation of its field on this day is worth ``caution * (1 - exp(-(d / reach)^4))`` more,
-    times the weight of the field.
+    An estimator may be too sure of land that nobody came near, and a whole outbreak that is missed costs more
+    than anything else. A plant at a distance of d cells from the nearest observation of this day is worth
+    ``caution * (1 - exp(-(d / reach)^4))`` more, times the weight of the field.
 
     Parameters
     ----------

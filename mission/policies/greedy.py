@@ -45,7 +45,7 @@ class Greedy:
         longest: float = 40.0,
         ahead: float = 60.0,
         every: int = 5,
-        caution: float = 0.05,
+        caution: float = 0.0,
         reach: float = 3.0,
     ) -> None:
         self._steering = Steering(

@@ -53,7 +53,7 @@ class Orienteering:
         share: float = 0.12,
         spread: float = 4.5,
         every: int = 5,
-        caution: float = 0.05,
+        caution: float = 0.0,
         reach: float = 3.0,
     ) -> None:
         self._steering = Steering(

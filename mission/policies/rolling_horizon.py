@@ -46,7 +46,7 @@ class RollingHorizon:
         beam: int = 8,
         interval: float = 5.0,
         every: int = 5,
-        caution: float = 0.05,
+        caution: float = 0.0,
         reach: float = 3.0,
     ) -> None:
         self._steering = Steering(

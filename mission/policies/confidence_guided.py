@@ -16,7 +16,7 @@ from mission.errors import PlanningError
 from mission.planners.path import Points
 from mission.policies.acquisition import Worth
 from mission.policies.decision import GO_ON, Decision
-from mission.policies.policy import Asking
+from mission.policies.policy import LEAST_S, Asking
 from mission.policies.route_search import neighbour_shares, take_leg
 from mission.policies.situation import Situation
 from mission.policies.steering import Route, RouteProblem, Steering
@@ -65,7 +65,7 @@ class ConfidenceGuided:
     @property
     def asking(self) -> Asking:
         """At every waypoint."""
-        return Asking(waypoints=True)
+        return Asking(waypoints=True, least_s=LEAST_S)
 
     def start(self) -> None:
         """Forget the run before."""
@@ -91,25 +91,35 @@ class ConfidenceGuided:
 
     def _search(self, problem: RouteProblem) -> Sequence[Route]:
         vehicle = problem.vehicle
-        target = self._targets.get(vehicle.system_id)
-        if target is not None and len(vehicle.rest_m):
-            off = float(np.hypot(*(vehicle.rest_m[0] - target))) / problem.chart.cell_m
-            if off < _SAME_CELLS:
-                return []
         left, x, y = problem.worth.copy(), problem.x, problem.y
         corners: list[tuple[float, float]] = []
-        first = 0.0
+        found: list[float] = []
+        if self._on_its_way(problem):
+            if len(vehicle.rest_m) > 1:
+                return []
+            to_x, to_y = vehicle.rest_m[0] / problem.chart.cell_m
+            take_leg(left, problem.shares, x, y, to_x, to_y)
+            x, y = to_x, to_y
+            corners.append((x, y))
         for _ in range(self._ahead):
             cell = self._least_certain(problem, left, x, y)
             if cell is None:
                 break
-            first = first if corners else float(left[cell])
+            found.append(float(left[cell]))
             to_x, to_y = cell[0] + 0.5, cell[1] + 0.5
             take_leg(left, problem.shares, x, y, to_x, to_y)
             left[cell] = 0.0
             x, y = to_x, to_y
             corners.append((x, y))
-        return [Route(np.array(corners), first)] if corners else []
+        return [Route(np.array(corners), found[0])] if found else []
+
+    def _on_its_way(self, problem: RouteProblem) -> bool:
+        """Return whether the vehicle has still to reach the waypoint that was chosen for it."""
+        vehicle = problem.vehicle
+        target = self._targets.get(vehicle.system_id)
+        if target is None or not len(vehicle.rest_m):
+            return False
+        return float(np.hypot(*(vehicle.rest_m[0] - target))) < _SAME_CELLS * problem.chart.cell_m
 
     def _least_certain(
         self, problem: RouteProblem, left: Worth, x: float, y: float

@@ -24,7 +24,7 @@ from mission.policies.decision import GO_ON, Decision
 from mission.policies.fares import pays_for_return
 from mission.policies.finds import Finds
 from mission.policies.packages import Package, blocks_of, rows_over
-from mission.policies.policy import Asking
+from mission.policies.policy import LEAST_S, Asking
 from mission.policies.situation import Event, Situation, Status, VehicleReport
 from mission.policies.steering import affordable
 
@@ -93,7 +93,7 @@ class Market:
     @property
     def asking(self) -> Asking:
         """After some observations."""
-        return Asking(observations=self._every)
+        return Asking(observations=self._every, least_s=LEAST_S)
 
     def start(self) -> None:
         """Forget the run before."""
@@ -114,7 +114,8 @@ class Market:
         terrains = [self._terrain(one) for one in situation.steerable]
         found = self._finds.packages(situation, terrains, self._fine_ahead())
         self._open += found
-        if not self._open or not (found or returned or self._somebody_idle(situation)):
+        idle = self._open and self._somebody_idle(situation)
+        if not (found or returned or idle or situation.event is Event.ENDING):
             return GO_ON
         paths = self._trade(situation)
         if not paths:
@@ -236,7 +237,8 @@ class Market:
         stretches = kept + self._stretches(situation, vehicle, kept, awarded)
         before = self._contracts.get(vehicle.system_id)
         work = affordable(vehicle, _points(stretches))
-        if before is not None and _same(before.work(), work):
+        ending = situation.event is Event.ENDING and len(vehicle.rest_m) <= 1
+        if before is not None and _same(before.work(), work) and not ending:
             return None
         if len(work) < len(_points(stretches)):
             self._open += _beyond(stretches, work)

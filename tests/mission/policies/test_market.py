@@ -178,6 +178,18 @@ def test_a_vehicle_that_did_not_take_its_path_has_its_packages_sold_again():
     assert 1 in decision.paths and len(decision.paths[1]) > 3
 
 
+def test_a_path_that_is_about_to_end_goes_on_while_something_is_left_of_the_budget():
+    policy = Market()
+    vehicle = report(steps=4000.0)
+    path = policy.decide(situation(vehicle)).paths[1]
+    ending = _flown(vehicle, path, len(path) - 1)
+    assert ending.left > 100.0
+    on = policy.decide(situation(ending, event=Event.ENDING)).paths[1]
+    assert len(on) > 5 and ending.fares.rest([on])[0] <= ending.left
+    spent = replace(ending, spent=4000.0)
+    assert policy.decide(situation(spent, event=Event.ENDING)) is GO_ON
+
+
 def test_runs_are_alike_and_vehicles_wander_apart():
     first, second = (Market().decide(situation(*_fleet(3))).paths for _ in range(2))
     assert all(np.array_equal(first[k], second[k]) for k in first)

@@ -11,7 +11,7 @@ from geo import Farm, get_farm
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.mavlink.fleet import SPACING_M
-from wbf_mission.planning import FlightTask, flight_builder
+from wbf_mission.planning import FlightTask, PlanResult, flight_builder, plan, plan_tasks
 from wbf_mission.planning.task import free_area
 from wbf_mission.progress import Progress, silent
 from wbf_mission.scenario import Scenario, ScenarioError
@@ -60,6 +60,23 @@ def vehicles_of(scenario: Scenario, tell: Progress = silent) -> tuple[Vehicle, .
         task = FlightTask.of(one, flight_builder(one, home_m), system_id=number, progress=tell)
         vehicles.append(Vehicle(task, one))
     return tuple(vehicles)
+
+
+def plan_fleet(scenario: Scenario, *, progress: Progress = silent) -> tuple[PlanResult, ...]:
+    """Plan for all vehicles of a scenario, in the order of their system ids.
+
+    Raises
+    ------
+    WbfMissionError
+        As of `wbf_mission.planning.plan`, which plans for a single vehicle.
+    """
+    count = len(scenario.vehicle.fleet)
+    if count == 1:
+        return (plan(scenario, progress=progress),)
+    if scenario.mission.file is not None:
+        msg = f"mission {scenario.mission.file} is one vehicle's, but {count} fly; give one"
+        raise ScenarioError(msg)
+    return plan_tasks(scenario, [one.task for one in vehicles_of(scenario, progress)])
 
 
 def single_scenarios(scenario: Scenario) -> tuple[Scenario, ...]:

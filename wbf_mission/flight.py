@@ -206,8 +206,7 @@ def decider_of(scenario: Scenario) -> Decider:
         made = make_policy(choice.name if choice.made is None else choice.made, **choice.params)
         return Decider(made, f"policy {choice}", str(choice))
     choice = options.planner
-    fixed = FixedPlan(planner_of(choice), options.partition)
-    return Decider(fixed, f"planner {choice}", str(choice))
+    return Decider(FixedPlan(planner_of(choice), options.partition), f"planner {choice}", str(choice))
 
 
 def _result(campaign: Campaign) -> Result:

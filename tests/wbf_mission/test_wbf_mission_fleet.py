@@ -6,15 +6,22 @@ import numpy as np
 import pytest
 
 from geo import get_farm
+from mission.files import read_mission
 from mission.outcome import Outcome
 from sim_vehicle.faults.fault import FaultError
 from wbf_mission import Scenario, fly, load_result
-from wbf_mission.fleet import single_scenarios, vehicles_of
+from wbf_mission.cli.app import main
+from wbf_mission.fleet import plan_fleet, single_scenarios, vehicles_of
+from wbf_mission.planning import plan
 from wbf_mission.scenario import ScenarioError
 from wbf_mission.scenario.separation import Separation, parse_separation
 
 QUADS = {"farm": "miniberry-30", "vehicle": "quad", "estimator": "point", "planner": "spiral"}
 ROBOTS = {"farm": "miniberry-10", "vehicle": "ideal", "estimator": "point", "planner": "lawnmower"}
+
+
+def run(*arguments):
+    return main(list(arguments))
 
 
 def test_ways_to_keep_apart_are_read():
@@ -133,3 +140,31 @@ def test_who_has_crashed_does_not_fly_again_and_the_others_share_the_farm():
     result = fly(scenario, faults=["motor-failure,vehicle=2,at=airborne,from=20"])
     assert [(one.flight, one.system_id) for one in result.flights] == [(1, 1), (1, 2), (2, 1)]
     assert result.flights[2].plan.coverage > 1.9 * result.flights[0].plan.coverage
+
+
+def test_plans_of_a_fleet_are_those_that_it_flies(tmp_path, capsys):
+    scenario = Scenario(**QUADS, vehicles=2)
+    plans = plan_fleet(scenario)
+    assert [one.mission for one in plans] == [one.plan.mission for one in fly(scenario).flights]
+    assert plan_fleet(Scenario(**QUADS))[0].mission == plan(Scenario(**QUADS)).mission
+    with pytest.raises(ScenarioError, match="2 vehicles: a mission is one vehicle's"):
+        plan(scenario)
+    with pytest.raises(ScenarioError, match=r"mission x\.plan is one vehicle's, but 2 fly"):
+        plan_fleet(Scenario(vehicles=2, mission="x.plan"))
+    out = tmp_path / "part.json"
+    arguments = ["plan", "--farm", "miniberry-30", "--vehicles", "2", "--out", str(out), "--json"]
+    assert run(*arguments) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["vehicles"] == 2 and [one["vehicle"] for one in told["plans"]] == ["quad", "quad"]
+    for one, plan_of_one in zip(told["plans"], plans, strict=True):
+        assert read_mission(one["file"]) == plan_of_one.mission
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["part-1.json", "part-2.json"]
+    assert run(*arguments) == 2  # the files are there already
+    assert run(*arguments[:3], "--partition", "voronoi") == 2
+    assert "--partition has an effect only with several vehicles" in capsys.readouterr().err
+
+
+def test_the_terminal_tells_of_each_vehicle(capsys):
+    code = run("fly", "--farm", "miniberry-10", "--vehicle", "quad,ideal", "--budget", "80m", "--no-files")
+    shown = capsys.readouterr().out
+    assert code == 0 and "Fleet" in shown and "ideal" in shown and "most battery" in shown

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,6 +11,9 @@ from wbf_mission.cli import options
 from wbf_mission.cli.output import Output, distance, duration
 from wbf_mission.cli.targets import MISSION_SUFFIXES, Force, refuse_overwrite
 from wbf_mission.scenario import CameraOptions, FarmOptions, MissionOptions, VehicleOptions, WeatherOptions
+
+if TYPE_CHECKING:
+    from wbf_mission.planning import PlanResult
 
 EXAMPLES = """
 Examples
@@ -20,6 +23,8 @@ wbf-mission plan --farm miniberry-100 --planner spiral --budget 25min --out spir
 wbf-mission plan --farm waterberry --planner lawnmower --budget 8000m --out rows.waypoints
 
 wbf-mission plan --farm my-farm.geojson --planner adaptive-lawnmower --json
+
+wbf-mission plan --farm waterberry --vehicles 3 --partition voronoi --budget 10km --out part.plan
 """
 
 
@@ -33,7 +38,6 @@ wbf-mission plan --farm my-farm.geojson --planner adaptive-lawnmower --json
         "day",
         "days",
         "flights_per_day",
-        "vehicles",
         "mission",
         "turbulence",
         "gps_noise_m",
@@ -49,7 +53,8 @@ def plan_command(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Mission file: .plan (QGroundControl), .waypoints (WPL 110), .json (ours), .kml, .geojson.",
+            help="Mission file: .plan (QGroundControl), .waypoints (WPL 110), .json (ours), .kml, .geojson;"
+            " of several vehicles NAME-1.plan, NAME-2.plan ...",
             rich_help_panel="Output",
             show_default=False,
         ),
@@ -60,28 +65,64 @@ def plan_command(
 ) -> None:
     """Plan a mission within a budget and say what it takes: length, time, coverage, battery."""
     from mission.files import write_mission, writer_for
+    from wbf_mission.fleet import plan_fleet
     from wbf_mission.flight import check_flight
-    from wbf_mission.planning import plan
 
     output = Output(as_json=json, quiet=quiet)
     chosen = given.scenario()
     if given.file is not None or chosen.farm.fields:
         check_flight(chosen)
-    inputs = [given.file, chosen.farm.name, *chosen.farm.fields, chosen.mission.file, chosen.vehicle.name]
-    refuse_overwrite(out, inputs, suffixes=MISSION_SUFFIXES, force=force)
-    if out is not None:
-        writer_for(out)
+    inputs = [given.file, chosen.farm.name, *chosen.farm.fields, chosen.mission.file, *chosen.vehicle.names]
+    files = _files(out, len(chosen.vehicle.fleet))
+    for path in files:
+        refuse_overwrite(path, inputs, suffixes=MISSION_SUFFIXES, force=force)
+        if path is not None:
+            writer_for(path)
     with output.progress() as progress:
         progress("planning", 0, 1)
-        result = plan(chosen, progress=progress)
+        results = plan_fleet(chosen, progress=progress)
         progress("planning", 1, 1)
-    for warning in result.warnings:
+    for warning in dict.fromkeys(warning for result in results for warning in result.warnings):
         output.warn(warning)
-    if out is not None:
-        write_mission(result.mission, out)
-    values = {**result.summary(), "file": str(out) if out else None}
+    for result, path in zip(results, files, strict=True):
+        if path is not None:
+            write_mission(result.mission, path)
+    told = [
+        {**result.summary(), "file": str(path) if path else None}
+        for result, path in zip(results, files, strict=True)
+    ]
+    if len(results) == 1:
+        output.result(told[0], _rows(results[0], files[0]), title="Plan")
+        return
+    tables = [_rows(result, path) for result, path in zip(results, files, strict=True)]
+    shown = [
+        "vehicle",
+        "waypoints",
+        "row spacing",
+        "length",
+        "predicted time",
+        "coverage",
+        "battery use",
+        "file",
+    ]
+    rows = [[str(number), *(one[name] for name in shown)] for number, one in enumerate(tables, start=1)]
+    first = results[0]
+    title = f"{first.farm.name}: {first.planner}, {first.budget_text} each"
+    values = {"vehicles": len(results), "plans": told}
+    output.table(values, ["", *shown], rows, title=title, left=True)
+
+
+def _files(out: Path | None, count: int) -> list[Path | None]:
+    """Return the mission file of each vehicle; those of several are numbered."""
+    if out is None or count == 1:
+        return [out] * count
+    return [out.with_name(f"{out.stem}-{number}{out.suffix}") for number in range(1, count + 1)]
+
+
+def _rows(result: PlanResult, path: Path | None) -> dict[str, str]:
+    """Return what is told of a plan."""
     battery = "none" if result.battery_used is None else f"{result.battery_used:.1%}"
-    rows = {
+    return {
         "farm": result.farm.name,
         "planner": result.planner or "none (mission file)",
         "vehicle": result.vehicle.name,
@@ -93,6 +134,5 @@ def plan_command(
         "coverage": f"{result.coverage:.2%} of the owner's land",
         "battery use": battery,
         "batteries": "never enough" if result.batteries is None else str(result.batteries),
-        "file": str(out) if out else "not written (give --out FILE)",
+        "file": str(path) if path else "not written (give --out FILE)",
     }
-    output.result(values, rows, title="Plan")

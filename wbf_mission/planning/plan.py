@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -39,12 +40,29 @@ def plan(scenario: Scenario, *, progress: Progress = silent) -> PlanResult:
     Raises
     ------
     WbfMissionError
-        If a name is unknown, a value is out of range, or no path fits the budget.
+        If a name is unknown, a value is out of range, or no path fits the budget; if several vehicles fly
+        (`wbf_mission.fleet.plan_fleet` plans for them).
     """
+    if len(scenario.vehicle.fleet) > 1:
+        count = len(scenario.vehicle.fleet)
+        msg = f"{count} vehicles: a mission is one vehicle's; plan for the fleet, or give one"
+        raise ScenarioError(msg)
     builder = flight_builder(scenario)
     if scenario.mission.file is not None:
         return _read(scenario, builder)
     task = FlightTask.of(scenario, builder, progress=progress)
+    return plan_tasks(scenario, [task])[0]
+
+
+def plan_tasks(scenario: Scenario, tasks: Sequence[FlightTask]) -> tuple[PlanResult, ...]:
+    """Return what the scenario's planner plans for vehicles that fly together.
+
+    Raises
+    ------
+    WbfMissionError
+        If no path fits the budget.
+    """
+    builder = tasks[0].builder
     choice = scenario.mission.planner
     knowledge = Knowledge(
         builder.farm,
@@ -54,8 +72,10 @@ def plan(scenario: Scenario, *, progress: Progress = silent) -> PlanResult:
         lambda: unknown_model(builder.farm, fields),
         lambda: Observations.empty(fields.names),
     )
-    loop = DecisionLoop(FixedPlan(planner_of(choice)), f"planner {choice}", knowledge, records=[])
-    return task.plan_of(loop.start([task.report()]).decision, str(choice))
+    policy = FixedPlan(planner_of(choice), scenario.mission.partition)
+    loop = DecisionLoop(policy, f"planner {choice}", knowledge, records=[])
+    decision = loop.start([task.report() for task in tasks]).decision
+    return tuple(task.plan_of(decision, str(choice)) for task in tasks)
 
 
 def flight_builder(scenario: Scenario, home_m: tuple[float, float] | None = None) -> MissionBuilder:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mission.policies.acquisition import Acquisition, WithCoverage, make_acquisition
+from mission.policies.coordination import Coordination, make_coordination
 from mission.policies.decision import Decision
 from mission.policies.policy import LEAST_S, Asking
 from mission.policies.route_search import neighbour_shares, pool
@@ -40,6 +41,8 @@ class Orienteering:
         Plan again after so many observations.
     caution, reach : float
         See `mission.policies.acquisition.WithCoverage`.
+    coordination : {"sequential", "auction"} or Coordination
+        Who of a fleet flies where (`mission.policies.coordination`).
     """
 
     def __init__(
@@ -55,9 +58,12 @@ class Orienteering:
         every: int = 5,
         caution: float = 0.0,
         reach: float = 3.0,
+        coordination: str | Coordination = "sequential",
     ) -> None:
         self._steering = Steering(
-            WithCoverage(make_acquisition(acquisition), caution, reach), neighbour_shares(share, spread, 3)
+            WithCoverage(make_acquisition(acquisition), caution, reach),
+            neighbour_shares(share, spread, 3),
+            make_coordination(coordination),
         )
         self._places, self._near = int(places), int(near)
         self._horizon, self._patience = float(horizon), float(patience)

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from mission.planners.path import Points
 from mission.policies.acquisition import Acquisition, Worth
 from mission.policies.chart import Chart, LegCosts
+from mission.policies.coordination import Bid, Coordination, Promised, sequential
 from mission.policies.decision import Alternative, Decision
 from mission.policies.route_search import take_leg
-from mission.policies.situation import Situation, VehicleReport
+from mission.policies.situation import Situation, Status, VehicleReport
 
 _LEAST_LEG = 1e-3
 
@@ -62,18 +63,20 @@ Search: TypeAlias = Callable[[RouteProblem], Sequence[Route]]
 class Steering:
     """Makes decisions from searches of single routes.
 
-    Vehicles are planned in turn; each finds on the map what the others will leave: by the new routes of those
-    before it, by the present ones of those after it (sequential allocation, Singh et al. 2009).
+    Each vehicle finds on the map what the others will leave (`mission.policies.coordination`).
 
     Parameters
     ----------
     acquisition : Acquisition
     shares : float32[2 r + 1, 2 r + 1]
         See `mission.policies.route_search.neighbour_shares`.
+    coordination : Coordination
+        Who flies where.
     """
 
     acquisition: Acquisition
     shares: NDArray[np.float32]
+    coordination: Coordination = sequential
     _charts: dict[int, Chart] = field(default_factory=dict, init=False)
 
     def start(self) -> None:
@@ -86,25 +89,28 @@ class Steering:
         A vehicle for which nothing affordable is found goes on as before, at the start home.
         """
         worth = self.acquisition(situation)
-        vehicles = situation.steerable
-        planned: dict[int, Points] = {
-            one.system_id: one.rest_m for one in situation.vehicles if one.steerable and len(one.rest_m)
-        }
-        paths: dict[int, Points] = {}
-        alternatives: list[Alternative] = []
-        for vehicle in vehicles:
+        found: dict[int, list[Alternative]] = {}
+
+        def bid(vehicle: VehicleReport, promised: Promised) -> Bid | None:
             chart = self._chart(situation, vehicle)
-            problem = self._problem(vehicle, chart, chart.pooled(worth), situation, planned)
-            for number, route in enumerate(search(problem)):
+            problem = self._problem(vehicle, chart, chart.pooled(worth), situation, promised)
+            mine = []
+            for route in search(problem):
                 points = chart.inside(vehicle.position_m, route.corners * chart.cell_m)
                 points = affordable(vehicle, points)
-                if not len(points):
-                    continue
-                cost = vehicle.fares.rest([points])[0]
-                alternatives.append(Alternative(vehicle.system_id, points, route.value, cost))
-                if number == 0 or vehicle.system_id not in paths:
-                    paths[vehicle.system_id] = planned[vehicle.system_id] = points
-        return Decision(paths, reason=reason, alternatives=tuple(alternatives))
+                if len(points):
+                    cost = vehicle.fares.rest([points])[0]
+                    mine.append(Alternative(vehicle.system_id, points, route.value, cost))
+            found[vehicle.system_id] = mine
+            if not mine:
+                return None
+            best = mine[0]
+            return Bid(best.points_m, best.value, best.cost / vehicle.left if vehicle.left > 0.0 else 1.0)
+
+        present = {one.system_id: one.rest_m for one in situation.vehicles if _flies_on(one)}
+        paths = self.coordination(situation.steerable, present, bid)
+        alternatives = tuple(one for mine in found.values() for one in mine)
+        return Decision(paths, reason=reason, alternatives=alternatives)
 
     def _chart(self, situation: Situation, vehicle: VehicleReport) -> Chart:
         chart = self._charts.get(vehicle.system_id)
@@ -120,7 +126,7 @@ class Steering:
         chart: Chart,
         worth: Worth,
         situation: Situation,
-        planned: dict[int, Points],
+        planned: Promised,
     ) -> RouteProblem:
         shares = chart.shares(self.shares)
         for other in situation.vehicles:
@@ -132,6 +138,11 @@ class Steering:
                 take_leg(worth, shares, *begin, *end)
         x, y = vehicle.position_m[0] / chart.cell_m, vehicle.position_m[1] / chart.cell_m
         return RouteProblem(vehicle, chart, worth, shares, LegCosts.of(vehicle, chart.cell_m), x, y)
+
+
+def _flies_on(vehicle: VehicleReport) -> bool:
+    """Return whether a vehicle is going to see what its path leads over."""
+    return vehicle.status in (Status.READY, Status.FLYING, Status.CHANGING) and len(vehicle.rest_m) > 0
 
 
 def far_route(problem: RouteProblem) -> list[Route]:

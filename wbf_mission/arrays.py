@@ -20,6 +20,7 @@ from geo.errors import WbfMissionError
 
 SUFFIX = ".zarr.zip"
 _CHUNK_CELLS = 4_000_000
+_DIMENSIONS = ("day", "field", "x", "y")
 
 
 class ArrayFileError(WbfMissionError, ValueError):
@@ -33,7 +34,7 @@ def write_array(path: Path, array: NDArray[np.floating], fields: Sequence[str]) 
     ----------
     path : Path
         The file to make or replace.
-    array : float[n, W, H]
+    array : float[n, W, H] or float[days, n, W, H]
         Written as float32.
     fields : sequence of str
         Names of the n fields; kept as the attribute ``fields``.
@@ -48,20 +49,21 @@ def write_array(path: Path, array: NDArray[np.floating], fields: Sequence[str]) 
     from zarr.storage import ZipStore
 
     array = np.asarray(array, np.float32)
-    columns = max(1, min(array.shape[1], _CHUNK_CELLS // max(1, array.shape[2])))
+    *several, width, height = array.shape
+    columns = max(1, min(width, _CHUNK_CELLS // max(1, height)))
     with atomic_path(path) as temporary, ZipStore(temporary, mode="w") as store:
         zarr.create_array(
             store,
             data=array,
-            chunks=(1, columns, array.shape[2]),
+            chunks=(*(1 for _ in several), columns, height),
             # The fastest codec of Blosc: it loses 10 % in size to the others and takes a third of their time.
             compressors=BloscCodec(cname="lz4", clevel=1, shuffle="shuffle", typesize=4),
-            dimension_names=("field", "x", "y"),
+            dimension_names=_DIMENSIONS[-array.ndim :],
             attributes={"fields": list(fields)},
         )
 
 
-def read_array(path: Path, shape: tuple[int, int, int]) -> NDArray[np.float32]:
+def read_array(path: Path, shape: tuple[int, ...]) -> NDArray[np.float32]:
     """Read an array of a known shape.
 
     Raises

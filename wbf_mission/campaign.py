@@ -17,19 +17,23 @@ from sensors.camera.leaf_camera import LeafCameraOptions
 from sensors.environment import Environment
 from sensors.estimators import Estimator, advance_estimator
 from sensors.fields import FieldSet
+from sensors.scoring.information import InformationModel
 from sensors.scoring.score import RunningScore, ScoreWeights
 from sim_vehicle.faults.fault import Fault
 from sim_vehicle.host.simulation import Impairment
+from wbf_mission.day_record import DayRecord, keeps_days
 from wbf_mission.deciding.loop import DecisionLoop, Knowledge
 from wbf_mission.deciding.record import DecisionRecord
 from wbf_mission.estimation import RunEstimate, attribute_errors_to, score_points
 from wbf_mission.evidence import Evidence
+from wbf_mission.field_maps import FieldMap, field_maps
 from wbf_mission.fleet import Vehicle
 from wbf_mission.flight_record import FlightRecord
 from wbf_mission.joint_flight import JointFlight
 from wbf_mission.outcome import Phase
 from wbf_mission.planning import PlanResult
 from wbf_mission.progress import Progress
+from wbf_mission.report import report_of_maps
 from wbf_mission.scenario import CameraOptions, Scenario
 from wbf_mission.sortie import Sortie, SortieNumber
 from wbf_mission.stopwatch import Stopwatch
@@ -113,6 +117,10 @@ class Campaign:
     ----------
     flights : list of FlightRecord
         What is over.
+    days : list of DayRecord
+        What is over.
+    maps : tuple of FieldMap
+        The estimate at the end of the last of these days, in blocks of cells.
     decisions : list of DecisionRecord
     evidence : Evidence
     truth : float32[n, W, H] or None
@@ -139,6 +147,8 @@ class Campaign:
         self.weights = ScoreWeights.of(self.fields) if weights is None else weights
         self.decisions: list[DecisionRecord] = []
         self.flights: list[FlightRecord] = []
+        self.days: list[DayRecord] = []
+        self.maps: tuple[FieldMap, ...] = ()
         self.evidence = Evidence(self.farm, self.fields)
         self.truth: NDArray[np.float32] | None = None
         self.simulated_s = 0.0
@@ -234,6 +244,7 @@ class Campaign:
                 for flight in range(1, self.scenario.farm.flights_per_day + 1):
                     if len(self._gone) < len(self.vehicles):
                         self._fly_once(day, flight, environment, host, writer)
+                self.end_day()
         finally:
             if writer is not None:
                 writer.close()
@@ -243,6 +254,33 @@ class Campaign:
         if self._flying is not None:
             self._flying.interrupt()
             self._end_flight()
+
+    def end_day(self) -> None:
+        """Sum up the day that is estimated, unless that was done."""
+        estimate = self.evidence.estimate
+        assert estimate is not None
+        if self.truth is None or (self.days and self.days[-1].day == estimate.day):
+            return
+        model = estimate.model
+        if model is not None:
+            self.maps = field_maps(
+                self.farm,
+                model,
+                self.evidence.observations(),
+                fields=self.fields,
+                states_deviation=getattr(estimate.estimator, "states_deviation", False),
+                day=estimate.day,
+            )
+        report = report_of_maps(self.farm, self.maps) if model is not None else None
+        truth = kept = None
+        if keeps_days(self.farm, len(self.fields), self.scenario.farm.days):
+            truth = self.truth
+            if model is not None:
+                kept = InformationModel(
+                    model.value.copy(), model.uncertainty.copy(), fields=self.fields.names
+                )
+        self.days.append(DayRecord(estimate.day, report, truth, kept))
+        self.watch.lap("report")
 
     def _begin_day(self, day: int, environment: Environment) -> None:
         assert self.evidence.estimate is not None

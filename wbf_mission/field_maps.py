@@ -97,6 +97,7 @@ def field_maps(
     *,
     fields: FieldSet = PAPER_FIELDS,
     states_deviation: bool = True,
+    day: int | None = None,
 ) -> tuple[FieldMap, ...]:
     """Sum an estimate by pixels.
 
@@ -111,10 +112,13 @@ def field_maps(
         The fields of the model, in its order.
     states_deviation : bool
         Whether the model's uncertainty is a standard deviation.
+    day : int, optional
+        The day of the estimate, whose observations count; by default the latest that was observed.
     """
     grid, cells = MapGrid.of(farm), farm.grid()
-    day = int(observations.day.max()) if len(observations) else _DAY_BEFORE
-    x, y, readings = _last_readings(observations, farm.height_cells)
+    if day is None:
+        day = int(observations.day.max()) if len(observations) else _DAY_BEFORE
+    x, y, readings = _last_readings(observations[observations.day == day], farm.height_cells)
     probabilities = model.probabilities or {}
     maps = []
     for k, field in enumerate(fields):
@@ -202,12 +206,9 @@ def _from_values(
 def _last_readings(
     observations: Observations, height: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
-    """Return the cells that were observed on the latest day, and the last readings of each."""
-    if not len(observations):
-        return np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, observations.values.shape[1]))
-    chosen = observations[observations.day == observations.day.max()]
-    flat = chosen.x.astype(np.int64) * height + chosen.y
+    """Return the cells that were observed, and the last readings of each."""
+    flat = observations.x.astype(np.int64) * height + observations.y
     _, first = np.unique(flat[::-1], return_index=True)
     last = len(flat) - 1 - first
     x, y = np.divmod(flat[last], height)
-    return x, y, chosen.values[last].astype(np.float64)
+    return x, y, observations.values[last].astype(np.float64)

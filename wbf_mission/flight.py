@@ -25,7 +25,7 @@ from sim_vehicle.faults.session import check_vehicles
 from sim_vehicle.host.simulation import Impairment
 from wbf_mission.campaign import Campaign, Decider, Host
 from wbf_mission.estimation import estimator_of, prepare_days, require_run_memory, resolved
-from wbf_mission.field_maps import FieldMap, field_maps, true_map
+from wbf_mission.field_maps import FieldMap, true_map
 from wbf_mission.fleet import vehicles_of
 from wbf_mission.planning import plan, planner_of
 from wbf_mission.progress import Progress, silent
@@ -213,24 +213,17 @@ def _result(campaign: Campaign) -> Result:
     """Score what was learned last and gather everything."""
     estimate, watch = campaign.evidence.estimate, campaign.watch
     assert estimate is not None
-    observations = campaign.evidence.observations()
-    maps: tuple[FieldMap, ...] = ()
+    campaign.end_day()
+    maps, truth = campaign.maps, campaign.truth
     true_maps: tuple[FieldMap, ...] = ()
-    if estimate.model is not None and campaign.truth is not None:
-        maps = field_maps(
-            campaign.farm,
-            estimate.model,
-            observations,
-            fields=campaign.fields,
-            states_deviation=getattr(estimate.estimator, "states_deviation", False),
-        )
-        true_maps = tuple(true_map(campaign.farm, one.field, campaign.truth[k]) for k, one in enumerate(maps))
+    if truth is not None:
+        true_maps = tuple(true_map(campaign.farm, one.field, truth[k]) for k, one in enumerate(maps))
     watch.lap("report")
     return Result(
         scenario=campaign.scenario,
         flights=tuple(campaign.flights),
-        observations=observations,
-        truth=campaign.truth,
+        observations=campaign.evidence.observations(),
+        truth=truth,
         model=estimate.model,
         history=estimate.history,
         simulated_s=campaign.simulated_s,
@@ -240,4 +233,5 @@ def _result(campaign: Campaign) -> Result:
         maps=maps,
         true_maps=true_maps,
         decisions=campaign.decisions,
+        days=tuple(campaign.days),
     )

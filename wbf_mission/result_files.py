@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any, TypeVar
@@ -21,12 +21,14 @@ from sensors.scoring.information import CLASSES, InformationModel
 from sensors.scoring.score import Score
 from sim_vehicle.airframe.spec import VehicleSpec
 from wbf_mission.arrays import SUFFIX, read_array, write_array
+from wbf_mission.day_record import DayRecord
 from wbf_mission.deciding.files import DecisionEntry, decision_table
 from wbf_mission.estimation import ScoreHistory
 from wbf_mission.fleet import single_scenarios
 from wbf_mission.flight_files import FlightEntry, flight_entries, read_flights, write_flights
 from wbf_mission.map_files import read_maps, write_maps
 from wbf_mission.planning import flown_vehicle
+from wbf_mission.report import FarmReport
 from wbf_mission.run_record import RunRecord
 from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.tables import ResultError, read_table, write_table
@@ -38,7 +40,15 @@ MAX_JSON_BYTES = 64 * 2**20
 RECORD = "result.json"
 PROBABILITIES = "probabilities_"
 DECISIONS = "decisions.parquet"
+_DAYS = "_days"
 _SCORE = ("field_loss", "field_mse", "field_mae", "field_weighted_mae")
+
+
+class _Day(msgspec.Struct, forbid_unknown_fields=True):
+    """A `DayRecord` without its arrays."""
+
+    day: int
+    report: FarmReport | None
 
 
 class _Record(msgspec.Struct, forbid_unknown_fields=True):
@@ -48,6 +58,7 @@ class _Record(msgspec.Struct, forbid_unknown_fields=True):
     scenario: dict[str, Any]
     flights: list[FlightEntry]
     decisions: list[DecisionEntry]
+    days: list[_Day]
     simulated_s: float
     frames: int
     timings_s: dict[str, float]
@@ -69,11 +80,22 @@ def write_arrays(result: RunRecord, folder: Path, pool: Executor) -> dict[Path, 
         "uncertainty": None if model is None else model.uncertainty,
     }
     fields = result.observations.fields
-    begun = {
-        folder / f"{name}{SUFFIX}": pool.submit(write_array, folder / f"{name}{SUFFIX}", array, fields)
-        for name, array in arrays.items()
-        if array is not None
-    }
+    begun = {}
+    if len(result.days) > 1:
+        days: dict[str, list[Any]] = {
+            "truth": [one.truth for one in result.days],
+            "value": [None if one.model is None else one.model.value for one in result.days],
+            "uncertainty": [None if one.model is None else one.model.uncertainty for one in result.days],
+        }
+        arrays |= {
+            f"{name}{_DAYS}": np.stack(each)
+            for name, each in days.items()
+            if all(one is not None for one in each)
+        }
+    for name, array in arrays.items():
+        if array is not None:
+            path = folder / f"{name}{SUFFIX}"
+            begun[path] = pool.submit(write_array, path, array, fields)
     probabilities = (model.probabilities if model is not None else None) or {}
     for disease in probabilities:
         path = _probabilities_path(folder, disease)
@@ -183,6 +205,7 @@ def read_result(folder: Path, kind: type[R]) -> R:
         maps=read_maps(folder / "maps.npz", "estimate", farm, fields),
         true_maps=read_maps(folder / "maps.npz", "truth", farm, fields),
         decisions=[one.record() for one in record.decisions],
+        days=_read_days(record.days, folder, fields.names, farm),
     )
 
 
@@ -206,6 +229,7 @@ def _record(result: RunRecord, files: tuple[str, ...]) -> _Record:
         scenario=result.scenario.to_dict(),
         flights=flight_entries(result.flights),
         decisions=[DecisionEntry.of(one) for one in result.decisions],
+        days=[_Day(one.day, one.report) for one in result.days],
         simulated_s=result.simulated_s,
         frames=result.frames,
         timings_s=result.timings_s,
@@ -218,6 +242,22 @@ def _record(result: RunRecord, files: tuple[str, ...]) -> _Record:
 def _read_array(path: Path, fields: tuple[str, ...], farm: Farm) -> NDArray[np.float32] | None:
     """Return the array of a file; None without one."""
     return read_array(path, (len(fields), farm.width_cells, farm.height_cells)) if path.is_file() else None
+
+
+def _read_days(
+    entries: Sequence[_Day], folder: Path, fields: tuple[str, ...], farm: Farm
+) -> tuple[DayRecord, ...]:
+    """Return the days of a run, with truth and estimate where these were kept."""
+    shape = (len(entries), len(fields), farm.width_cells, farm.height_cells)
+    paths = [folder / f"{name}{_DAYS}{SUFFIX}" for name in ("truth", "value", "uncertainty")]
+    truth, value, uncertainty = (read_array(path, shape) if path.is_file() else None for path in paths)
+    days = []
+    for k, one in enumerate(entries):
+        model = None
+        if value is not None and uncertainty is not None:
+            model = InformationModel(value[k], uncertainty[k], fields=fields)
+        days.append(DayRecord(one.day, one.report, None if truth is None else truth[k], model))
+    return tuple(days)
 
 
 def _read_record(path: Path) -> _Record:

@@ -14,6 +14,7 @@ from sensors.camera.wire import AssemblerStatistics
 from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
+from wbf_mission.day_record import DayRecord
 from wbf_mission.deciding.record import DecisionRecord
 from wbf_mission.estimation import ScoreHistory
 from wbf_mission.field_maps import FieldMap
@@ -53,6 +54,8 @@ class RunRecord:
         Estimate and truth in blocks of cells; empty without an estimate.
     decisions : list of DecisionRecord
         Every question that the policy was asked.
+    days : tuple of DayRecord
+        What each day gave.
     """
 
     scenario: Scenario
@@ -69,6 +72,7 @@ class RunRecord:
     maps: tuple[FieldMap, ...] = ()
     true_maps: tuple[FieldMap, ...] = ()
     decisions: list[DecisionRecord] = field(default_factory=list)
+    days: tuple[DayRecord, ...] = ()
 
     @property
     def plan(self) -> PlanResult:
@@ -200,6 +204,18 @@ class RunRecord:
         """The farm that was flown."""
         return self.plan.farm
 
+    def by_day(self) -> list[dict[str, Any]]:
+        """Return what each day gave, in plain values."""
+        flown = {(one.day, one.flight) for one in self.flights}
+        return [
+            one.summary(
+                self.history,
+                sum(day == one.day for day, _ in flown),
+                int(np.count_nonzero(self.observations.day == one.day)),
+            )
+            for one in self.days
+        ]
+
     def summary(self) -> dict[str, Any]:
         """Return the run in plain values, for JSON."""
         final = self.history.entries[-1] if self.history.entries else None
@@ -243,6 +259,7 @@ class RunRecord:
             "budget": self.plan.budget_text,
             "least_distance_m": self.least_distance_m,
             "flights": [one.summary() for one in self.flights],
+            "by_day": self.by_day(),
             "decisions": [one.summary() for one in self.decisions],
             "transfer": _transfer_summary(self.transfers),
             "camera": asdict(self.camera),

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import wbf_mission.campaign
+import wbf_mission.day_record
 from geo.farms import get_farm
 from mission.outcome import Outcome
 from sensors.environment import Environment
@@ -183,3 +184,38 @@ def test_days_are_kept_with_the_scores(result: Result, tmp_path: Path) -> None:
     again = load_result(tmp_path / "run")
     assert again.history == result.history
     assert again.tables()["history"].column("day").to_pylist() == result.history.days
+
+
+def test_each_day_has_its_report_truth_and_estimate(result: Result, tmp_path: Path) -> None:
+    environment = environment_of(DAYS)
+    assert [one.day for one in result.days] == [5, 6, 7]
+    for one in result.days:
+        assert one.truth is not None and one.model is not None and one.report is not None
+        np.testing.assert_array_equal(one.truth, environment.values(one.day))
+        seen = result.observations[result.observations.day <= one.day]
+        model = make_estimator("adaptive-disk").fit(result.farm.grid(), seen).predict()
+        np.testing.assert_array_equal(one.model.value, model.value)
+        looked_at = seen[seen.day == one.day]
+        cells = {(x, y) for x, y in zip(looked_at.x.tolist(), looked_at.y.tolist(), strict=True)}
+        assert 0 < one.report.fields[-1].seen <= len(cells)
+    assert result.days[-1].report == result.report
+    days = result.summary()["by_day"]
+    assert [one["flights"] for one in days] == [2, 2, 2]
+    assert sum(one["observations"] for one in days) == len(result.observations)
+    assert sum(one["scored_times"] for one in days) == len(result.history.scores)
+    assert days[-1]["final_score"] == result.final_score
+    again = load_result(result.save(tmp_path / "run", plots=False))
+    assert again.summary()["by_day"] == days
+    for mine, theirs in zip(result.days, again.days, strict=True):
+        assert theirs.model is not None and mine.model is not None
+        np.testing.assert_array_equal(mine.truth, theirs.truth)
+        np.testing.assert_array_equal(mine.model.value, theirs.model.value)
+
+
+def test_large_farms_keep_the_last_day_only(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(wbf_mission.day_record, "KEPT_DAYS_BYTES", 1000)
+    result = fly(changed(flights_per_day=1))
+    assert all(one.truth is None and one.model is None and one.report for one in result.days)
+    folder = result.save(tmp_path / "run", plots=False)
+    assert not list(folder.glob("*_days*"))
+    assert [one.report for one in load_result(folder).days] == [one.report for one in result.days]

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from wbf_mission.estimation import ScoreHistory
     from wbf_mission.field_maps import FieldMap
 
 CROP_COLOURS = {
@@ -40,19 +41,22 @@ MAX_PIXELS = 600  # a crop map shows no more cells a side than this
 _LARGEST_SHARE = 0.02  # at least so much is shown of a large farm's scale of sick plants
 _SHARE_RANGE = 50.0
 _MARGIN = 0.04
+_MOST_DAYS_NAMED = 12
 _TITLES = {
     "disease": ("plants expected sick", "worst plant expected", "how sure: deviation of the share", "truth"),
     "continuous": ("expected mean", "lowest value expected", "how sure: standard deviation", "truth"),
 }
 
 
-def _figure(width: float, height: float) -> Figure:
+def new_figure(width: float, height: float) -> Figure:
+    """Return a figure of so many inches."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), dpi=110)
 
 
-def _save(figure: Figure, path: Path) -> Path:
+def save_figure(figure: Figure, path: Path) -> Path:
+    """Write a figure into a PNG file, complete or not at all."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     FigureCanvasAgg(figure)
@@ -113,46 +117,12 @@ def _outline(axes: Axes, farm: Farm) -> None:
 
 def plot_farm(farm: Farm, path: Path) -> Path:
     """Write a picture of the farm alone."""
-    figure = _figure(7, 6)
+    figure = new_figure(7, 6)
     figure.set_layout_engine("constrained")
     axes = figure.add_subplot()
     draw_farm(axes, farm)
     axes.set_title(farm.name)
-    return _save(figure, path)
-
-
-def plot_paths(
-    farm: Farm,
-    planned_m: NDArray[np.float64] | None,
-    flown_m: NDArray[np.float64] | None,
-    path: Path,
-    title: str,
-) -> Path:
-    """Write the farm with the planned and the flown path ([n, 2], metres in the farm frame)."""
-    figure = _figure(7.5, 6.4)
-    figure.set_layout_engine("constrained")
-    axes = figure.add_subplot()
-    draw_farm(axes, farm)
-    crops = axes.get_legend()
-    if planned_m is not None and len(planned_m):
-        axes.plot(
-            planned_m[:, 0],
-            planned_m[:, 1],
-            color="#1f4e79",
-            linewidth=2.2,
-            alpha=0.55,
-            label="planned",
-            zorder=3,
-        )
-    if flown_m is not None and len(flown_m):
-        axes.plot(flown_m[:, 0], flown_m[:, 1], color="#c8102e", linewidth=0.8, label="flown", zorder=4)
-        axes.plot(*flown_m[0], marker="o", color="black", markersize=4, linestyle="", label="start", zorder=5)
-    axes.legend(loc="upper right", bbox_to_anchor=(1.0, -0.1), ncols=3, fontsize=7, frameon=False)
-    if crops is not None:
-        axes.add_artist(crops)
-        crops.set_clip_on(False)  # the layout leaves room only for what is not clipped
-    axes.set_title(title)
-    return _save(figure, path)
+    return save_figure(figure, path)
 
 
 def plot_field(
@@ -183,7 +153,7 @@ def plot_field(
     kind, grid = estimate.field.kind, estimate.grid
     left, right, low, high = _part_shown(farm)
     panel_height = min(max(4.9 * (high - low) / (right - left), 3.2), 6.5)
-    figure = _figure(12.0, 2.0 * panel_height + 1.3)
+    figure = new_figure(12.0, 2.0 * panel_height + 1.3)
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
     figure.subplots_adjust(
         left=0.06, right=0.95, bottom=0.55 / figure.get_figheight(), top=1.0 - 0.95 / figure.get_figheight()
@@ -228,7 +198,7 @@ def plot_field(
     block = grid.block * grid.cell_size_m
     lines = f"{estimate.field.title}: {how}; letters and numbers name blocks of {block:.3g} m"
     figure.suptitle(f"{about}\n{lines}" if about else lines, fontsize=10)
-    return _save(figure, path)
+    return save_figure(figure, path)
 
 
 def _show(
@@ -350,17 +320,16 @@ def _mark_finds(axes: Axes, of: FieldMap) -> None:
 
 
 def plot_score(
-    times_s: Sequence[float],
-    scores: Sequence[float],
-    losses: NDArray[np.float64],
+    history: ScoreHistory,
     path: Path,
     title: str,
     fields: FieldSet = PAPER_FIELDS,
 ) -> Path:
-    """Write the score and the loss of each field ([c, fields]) over the time of the run."""
-    figure = _figure(7.5, 5.2)
+    """Write the score and the loss of each field over the time of the run, with the days as marks."""
+    times_s, losses = history.times_s, history.field_losses
+    figure = new_figure(7.5, 5.2)
     upper, lower = figure.subplots(2, 1, sharex=True)
-    upper.plot(times_s, scores, color="#1f4e79", drawstyle="steps-post")
+    upper.plot(times_s, history.scores, color="#1f4e79", drawstyle="steps-post")
     upper.set_ylabel("score (0 is perfect)")
     upper.set_title(title)
     for column, field in enumerate(fields):
@@ -370,4 +339,28 @@ def plot_score(
     lower.legend(fontsize=7)
     for axes in (upper, lower):
         axes.grid(alpha=0.3)
-    return _save(figure, path)
+    _mark_days((upper, lower), history)
+    return save_figure(figure, path)
+
+
+def _mark_days(panels: Sequence[Axes], history: ScoreHistory) -> None:
+    """Part the days of a score's picture by lines, and write their numbers at the top, not too dense."""
+    first = [k for k, day in enumerate(history.days) if k == 0 or day != history.days[k - 1]]
+    if len(first) < 2:
+        return
+    every = -(-len(first) // _MOST_DAYS_NAMED)
+    for number, k in enumerate(first):
+        time_s, day = history.times_s[k], history.days[k]
+        for axes in panels:
+            if number:
+                axes.axvline(time_s, color="#555555", linewidth=0.8, linestyle=":")
+        if number % every == 0:
+            panels[0].annotate(
+                f"day {day}",
+                (time_s, 0.0),
+                xycoords=("data", "axes fraction"),
+                xytext=(3, 4),
+                textcoords="offset points",
+                fontsize=7,
+                color="#555555",
+            )

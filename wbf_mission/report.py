@@ -200,6 +200,14 @@ def gamma_interval(mean: float, variance: float) -> tuple[float, float]:
     return min(float(low), mean), max(float(high), mean)
 
 
+def brief(field: FieldReport) -> str:
+    """Return how much of a field is sick, or its mean value, with the 90 % interval where it is known."""
+    write = _percent if field.kind == "disease" else "{:.2f}".format
+    if field.low is None or field.high is None:
+        return write(field.expected)
+    return f"{write(field.expected)} ({write(field.low)} to {write(field.high)})"
+
+
 def _percent(share: float) -> str:
     percent = 100.0 * share
     return f"{percent:.2g} %" if percent < 10.0 else f"{percent:.0f} %"

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from geo.errors import WbfMissionError
 from wbf_mission.deciding.files import decision_table
 from wbf_mission.flight_files import track_table
@@ -33,18 +31,16 @@ class Result(RunRecord):
         }
 
     def plot(self, path: str | Path) -> Path:
-        """Draw the farm with the planned and the flown path into a PNG file.
+        """Draw the farm with the planned and the flown paths into a PNG file.
 
         Raises
         ------
         OSError
             If the file cannot be written.
         """
-        from wbf_mission.plots import plot_paths
+        from wbf_mission.path_plot import plot_run
 
-        track = np.column_stack((self.track.x_m, self.track.y_m))
-        title = f"{self.farm.name}: {self.plan.planner or 'mission file'}, {self.plan.vehicle.name}"
-        return plot_paths(self.farm, self.plan.path_m, track, Path(path), title)
+        return plot_run(self, Path(path))
 
     def save(self, path: str | Path, *, plots: bool = True, force: bool = False) -> Path:
         """Save everything into a folder, from where `wbf_mission.load_result` loads an equal result.

@@ -21,7 +21,7 @@ from sensors.scoring.information import CLASSES, InformationModel
 from sensors.scoring.score import Score
 from sim_vehicle.airframe.spec import VehicleSpec
 from wbf_mission.arrays import SUFFIX, read_array, write_array
-from wbf_mission.day_record import DayRecord
+from wbf_mission.day_record import DayRecord, keeps_days
 from wbf_mission.deciding.files import DecisionEntry, decision_table
 from wbf_mission.estimation import ScoreHistory
 from wbf_mission.fleet import single_scenarios
@@ -249,8 +249,14 @@ def _read_days(
 ) -> tuple[DayRecord, ...]:
     """Return the days of a run, with truth and estimate where these were kept."""
     shape = (len(entries), len(fields), farm.width_cells, farm.height_cells)
-    paths = [folder / f"{name}{_DAYS}{SUFFIX}" for name in ("truth", "value", "uncertainty")]
-    truth, value, uncertainty = (read_array(path, shape) if path.is_file() else None for path in paths)
+    # One day's arrays are those of the run.
+    end = _DAYS if len(entries) > 1 else ""
+    paths = [folder / f"{name}{end}{SUFFIX}" for name in ("truth", "value", "uncertainty")]
+    kept = keeps_days(farm, len(fields), len(entries))
+    truth, value, uncertainty = (
+        read_array(path, shape if end else shape[1:]).reshape(shape) if kept and path.is_file() else None
+        for path in paths
+    )
     days = []
     for k, one in enumerate(entries):
         model = None

@@ -20,6 +20,7 @@ import numpy as np
 from mission.outcome import Outcome
 from wbf_mission.arrays import SUFFIX
 from wbf_mission.estimation import resolved
+from wbf_mission.outcome import joined
 from wbf_mission.progress import Progress, silent
 from wbf_mission.result_files import DECISIONS, PROBABILITIES, RECORD, write_arrays, write_result
 from wbf_mission.run_record import RunRecord
@@ -253,16 +254,15 @@ def _sync(path: Path) -> None:
 
 def _plot_jobs(result: RunRecord) -> list[tuple[str, Any]]:
     from wbf_mission import plots
+    from wbf_mission.path_plot import plot_run
 
-    scenario, farm = result.scenario, result.farm
-    mission, estimator = scenario.mission, result.estimator
-    how = str(mission.planner) if mission.file is None else Path(mission.file).name
-    title = f"{farm.name}: {how}, {result.plan.vehicle.name}"
-    about = f"{farm.name}, day {scenario.farm.day}, {estimator}"
-    track = np.column_stack((result.track.x_m, result.track.y_m))
-    jobs: list[tuple[str, Any]] = [
-        ("path.png", lambda path: plots.plot_paths(farm, result.plan.path_m, track, path, title))
-    ]
+    farm, estimator = result.farm, result.estimator
+    title = f"{farm.name}: {result.plan.planner or 'mission file'}, {result.plan.vehicle.name}"
+    day = result.days[-1].day if result.days else result.scenario.farm.day
+    about = f"{farm.name}, day {day}, {estimator}"
+    last = joined([one.track for one in result.flights if one.day == day] or [result.flights[-1].track])
+    track = np.column_stack((last.x_m, last.y_m))
+    jobs: list[tuple[str, Any]] = [("path.png", lambda path: plot_run(result, path))]
     if result.maps:
         for estimate, truth in zip(result.maps, result.true_maps, strict=True):
 
@@ -276,9 +276,7 @@ def _plot_jobs(result: RunRecord) -> list[tuple[str, Any]]:
                 (
                     "score.png",
                     lambda path: plots.plot_score(
-                        history.times_s,
-                        history.scores,
-                        history.field_losses,
+                        history,
                         path,
                         f"{title}, {estimator}",
                         result.fields,

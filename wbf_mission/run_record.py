@@ -147,10 +147,18 @@ class RunRecord:
     @property
     def flight_time_s(self) -> float:
         """Simulated seconds in the air; of vehicles that fly together the longest time counts."""
+        return self._time_together_s([one.flight_time_s for one in self.flights])
+
+    @property
+    def predicted_time_s(self) -> float:
+        """What `flight_time_s` was expected to be before take-off."""
+        return self._time_together_s([one.plan.prediction.duration_s for one in self.flights])
+
+    def _time_together_s(self, times_s: list[float]) -> float:
         longest: dict[tuple[int, int], float] = {}
-        for one in self.flights:
+        for one, time_s in zip(self.flights, times_s, strict=True):
             key = (one.day, one.flight)
-            longest[key] = max(longest.get(key, 0.0), one.flight_time_s)
+            longest[key] = max(longest.get(key, 0.0), time_s)
         return sum(longest.values())
 
     @property
@@ -249,9 +257,9 @@ class RunRecord:
             "cells_observed": cells,
             "path_length_m": self.track.length_m,
             "position_error_m": self.flights[0].position_error,
-            "planned_length_m": self.plan.length_m,
+            "planned_length_m": sum(one.plan.length_m for one in self.flights),
             "flight_time_s": self.flight_time_s,
-            "predicted_time_s": self.plan.prediction.duration_s,
+            "predicted_time_s": self.predicted_time_s,
             "battery_used": self.battery_used,
             "predicted_battery_used": self.plan.battery_used,
             "coverage": self.plan.coverage,

@@ -184,6 +184,8 @@ def fly_command(
         rows["nearest to each other"] = distance(summary["least_distance_m"])
     title = f"{result.farm.name}: {result.plan.planner or 'mission file'}, {result.estimator}"
     output.result(summary, rows, title=f"{title}, {result.plan.vehicle.name}, seed {chosen.seed}")
+    if len(result.days) > 1 and not json:
+        _print_days(output, result)
     if summary["vehicles"] > 1 and not json:
         _print_fleet(output, result)
     if interrupted:
@@ -209,6 +211,21 @@ def _decision_rows(result: Result) -> dict[str, str]:
         first = next(record.refused for record in records if record.refused)
         told += f"; {refused} answers not flown, the first: {first}"
     return {"decisions": told}
+
+
+def _print_days(output: Output, result: Result) -> None:
+    """Print a table with a row for each day: score, and of each field how much is expected, with 90 %."""
+    from wbf_mission.report import brief
+
+    titles = [field.title for field in result.report.fields] if result.report is not None else []
+    rows = []
+    for values, one in zip(result.by_day(), result.days, strict=True):
+        told = [brief(field) for field in one.report.fields] if one.report is not None else []
+        score = ["-" if values[key] is None else f"{values[key]:.5f}" for key in ("score", "final_score")]
+        counts = [str(values[key]) for key in ("day", "flights", "observations")]
+        rows.append([*counts, *score, *(told or ["-"] * len(titles))])
+    header = ["day", "flights", "observations", "score", "at its end", *titles]
+    output.table(None, header, rows, title="Days")
 
 
 def _print_fleet(output: Output, result: Result) -> None:

@@ -22,7 +22,7 @@ from geo.user_cache import user_cache_folder
 
 __all__ = ["compile_notices", "compiled"]
 
-_Inline = Literal["never", "always"]
+_Inline = Literal["never", "always", "late"]
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _IMPORT = re.compile(
     r"^(?:from[ ]+([\w.]+)[ ]+import[ ]+(\([^)]*\)|[^\n]*)|import[ ]+([\w.]+))", re.MULTILINE
@@ -55,10 +55,15 @@ def compile_notices(listener: Callable[[str], None]) -> Iterator[None]:
 def compiled(function: _Function) -> _Function: ...
 @overload
 def compiled(
-    *, inline: _Inline = "never", nogil: bool = False, fastmath: bool = False
+    *, inline: _Inline = "never", nogil: bool = False, fastmath: bool = False, allocates: bool = True
 ) -> Callable[[_Function], _Function]: ...
 def compiled(
-    function: Any = None, *, inline: _Inline = "never", nogil: bool = False, fastmath: bool = False
+    function: Any = None,
+    *,
+    inline: _Inline = "never",
+    nogil: bool = False,
+    fastmath: bool = False,
+    allocates: bool = True,
 ) -> Any:
     """Compile a function when it is first called (`numba.njit`), and keep the result for the next process.
 
@@ -71,18 +76,31 @@ def compiled(
     function : callable
         One that is made inside another function, over compiled functions only, needs a ``__qualname__`` of
         its own: by it numba tells its code from that of the others that are made there.
-    inline : {"never", "always"}
-        Whether it becomes part of its callers.
+    inline : {"never", "always", "late"}
+        Whether it becomes part of its callers: "always" as Python, which is compiled anew for each; "late" as
+        machine code, for large functions that are called at few places: a call with many arrays hands over
+        five to ten numbers for each.
     nogil : bool
         Whether other threads run meanwhile.
     fastmath : bool
         Whether sums may be reordered.
+    allocates : bool
+        Whether it makes arrays. One that makes none need not count who uses those that it is given, an
+        atomic operation each time; should it make one, it is refused when it is compiled.
     """
     if function is None:
-        return partial(compiled, inline=inline, nogil=nogil, fastmath=fastmath)
+        return partial(compiled, inline=inline, nogil=nogil, fastmath=fastmath, allocates=allocates)
     from numba import njit
 
-    dispatcher: Any = njit(inline=inline, nogil=nogil, fastmath=fastmath)(function)
+    # All are told: what is not, a function takes from the one that it happens to be compiled for.
+    options: dict[str, Any] = {
+        "inline": "always" if inline == "always" else "never",
+        "forceinline": inline == "late",
+        "nogil": nogil,
+        "fastmath": fastmath,
+        "_nrt": allocates,
+    }
+    dispatcher: Any = njit(**options)(function)
     if dispatcher is not function:
         _without_literals(dispatcher)
         # As numba's ``enable_caching`` does it.

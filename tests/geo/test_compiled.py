@@ -5,10 +5,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from numba import TypingError
 
 import sim_vehicle
-from geo.compiled import _imported, sources_digest
+from geo.compiled import _imported, compiled, sources_digest
 
 OUTER = """
 from geo.compiled import compile_notices, compiled
@@ -145,3 +147,31 @@ def test_functions_made_over_different_ones_are_kept_apart_and_found_again(packa
     assert run(package, arguments=["rate"])[:2] == (7.0, True)
     assert run(package, arguments=["half"])[:2] == (2.0, True)
     assert run(package, arguments=["half+rate"])[:2] == (9.0, False)
+
+
+def test_what_becomes_part_of_its_caller_as_machine_code_and_counts_no_references():
+    @compiled(inline="late", allocates=False)
+    def total(rows):
+        found = 0.0
+        for row in rows:
+            found += row[0]
+        return found
+
+    @compiled(allocates=False)
+    def both(rows, others):
+        return total(rows) + total(others[1:])
+
+    rows, others = np.arange(6.0).reshape(3, 2), np.ones((4, 2))
+    before = sys.getrefcount(rows), sys.getrefcount(others)
+    assert [both(rows, others) for _ in range(3)] == [9.0] * 3
+    assert (sys.getrefcount(rows), sys.getrefcount(others)) == before
+    assert "NRT_" not in both.inspect_llvm(both.signatures[0])
+
+
+def test_an_array_is_not_made_where_none_was_announced():
+    @compiled(allocates=False)
+    def zeros(count):
+        return np.zeros(count)
+
+    with pytest.raises(TypingError, match="zeros"):
+        zeros(3)

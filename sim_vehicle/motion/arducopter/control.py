@@ -86,7 +86,7 @@ def stopping_distance(speed: float, gain: float, limit: float) -> float:
     return 0.5 * limit / (gain * gain) + 0.5 * speed * speed / limit
 
 
-@compiled
+@compiled(inline="late", allocates=False)
 def command(state: Floats, guide: Floats, law: Floats) -> None:
     """Position and velocity control: the acceleration that is asked for and the thrust."""
     dt = law[DT]
@@ -169,7 +169,7 @@ def _across_first(ax: float, ay: float, vx: float, vy: float, most: float) -> tu
     return along * ux - across * uy, along * uy + across * ux
 
 
-@compiled
+@compiled(inline="late", allocates=False)
 def move(state: Floats, guide: Floats, law: Floats, rising: float) -> float:
     """Fly a step: the attitude follows, thrust and drag move the airframe. Returns the length of the path."""
     dt = law[DT]
@@ -212,7 +212,7 @@ def move(state: Floats, guide: Floats, law: Floats, rising: float) -> float:
     return sqrt(mx * mx + my * my + mz * mz)
 
 
-@compiled
+@compiled(inline="late", allocates=False)
 def turn(state: Floats, guide: Floats, law: Floats, heading: float, turning: float) -> None:
     """Turn the nose: to a position, at a rate, to a heading, or to where the target goes."""
     yaw, rate, change = state[col.HEADING], state[col.HEADING_RATE], law[YAW_ACCEL] * law[DT]
@@ -250,7 +250,7 @@ def turn(state: Floats, guide: Floats, law: Floats, heading: float, turning: flo
     state[col.HEADING], state[col.HEADING_RATE] = (yaw + rate * law[DT]) % (2.0 * pi), rate
 
 
-@compiled
+@compiled(allocates=False)
 def stand(state: Floats, guide: Floats) -> None:
     """Stand on the ground with the motors running."""
     clear(state, col.POSITION + 2, col.HEADING)

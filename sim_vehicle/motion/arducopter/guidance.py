@@ -267,7 +267,7 @@ def _blurred_share(share: float, blur: float) -> float:
     return (high - low) / (2.0 * blur)
 
 
-@compiled
+@compiled(inline="late", allocates=False)
 def _lead_legs(guide: Floats, law: Floats, heads: Floats, curves: Floats) -> bool:
     """Move the target along this leg, the end of the one before and the begin of the next; tell its end.
 
@@ -312,7 +312,7 @@ def _lead_legs(guide: Floats, law: Floats, heads: Floats, curves: Floats) -> boo
     return done
 
 
-@compiled
+@compiled(allocates=False)
 def _lead_chord(guide: Floats, law: Floats, route: Floats, leg: int) -> bool:
     """Move the target along a curve of chords with half of the acceleration; tell the end of this one."""
     dt = law[DT]
@@ -350,7 +350,7 @@ def _lead_chord(guide: Floats, law: Floats, route: Floats, leg: int) -> bool:
     return done
 
 
-@compiled
+@compiled(allocates=False)
 def _lead_up(guide: Floats, law: Floats) -> bool:
     """Climb to the height of the take-off; tell when that is reached and the climb slow."""
     dt, limit, jerk = law[DT], law[ACCEL_Z], law[SHAPE_JERK_Z]
@@ -369,7 +369,7 @@ def _lead_up(guide: Floats, law: Floats) -> bool:
     return bool(guide[PX + 2] >= guide[END + 2] - stops and guide[VX + 2] < 0.1 * guide[UP])
 
 
-@compiled
+@compiled(allocates=False)
 def _lead_to(guide: Floats, law: Floats) -> bool:
     """Move the target to the position asked for in guided mode; tell whether it is there.
 
@@ -420,7 +420,7 @@ def _lead_to(guide: Floats, law: Floats) -> bool:
     return bool(way < 0.05 and speed < 0.05)
 
 
-@compiled
+@compiled(allocates=False)
 def _lead_down(guide: Floats, law: Floats, height: float) -> None:
     """Sink, slowly near the ground."""
     dt = law[DT]
@@ -432,7 +432,7 @@ def _lead_down(guide: Floats, law: Floats, height: float) -> None:
     guide[AX + 2] = _shape(rate - guide[VX + 2], guide[AX + 2], law[ACCEL_Z], law[SHAPE_JERK_Z], dt)
 
 
-@compiled
+@compiled(allocates=False)
 def _lead_level(guide: Floats, law: Floats) -> None:
     """Bring the horizontal velocity to rest while the vehicle climbs or sinks."""
     if guide[VX] == 0.0 and guide[VX + 1] == 0.0 and guide[AX] == 0.0 and guide[AX + 1] == 0.0:
@@ -453,7 +453,7 @@ def _lead_level(guide: Floats, law: Floats) -> None:
     guide[AX + 1] += cy * share
 
 
-@compiled
+@compiled(inline="late", allocates=False)
 def lead(
     state: Floats,
     guide: Floats,

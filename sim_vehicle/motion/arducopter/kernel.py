@@ -41,7 +41,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-@compiled
+@compiled(allocates=False)
 def advance(
     state: Floats,
     counters: Integers,

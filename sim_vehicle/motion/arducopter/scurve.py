@@ -326,7 +326,7 @@ def _change_under_way(head: Floats, curve: Floats, speed: float, room: float) ->
         _put_nothing(curve, _ACCEL_END + 1, _CHANGE_END, _ACCEL_END)
 
 
-@compiled
+@compiled(inline="late", allocates=False)
 def state_at(head: Floats, curve: Floats, time: float) -> tuple[float, float, float]:
     """Return position along the leg, speed and acceleration at a time."""
     if head[MADE] == 0.0:
@@ -357,7 +357,7 @@ def end_time(head: Floats, curve: Floats) -> float:
     return float(curve[_END, SEGMENT_TIME]) if head[MADE] != 0.0 else 0.0
 
 
-@compiled
+@compiled(allocates=False)
 def may_turn(heads: Floats, curves: Floats, radius: float, corner: float) -> bool:
     """Tell whether the leg after the present one may begin while that one still brakes.
 

@@ -12,6 +12,7 @@ it that no look tells of: where every tenth plant is looked at, ten.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,8 @@ from geo import Farm
 from sensors.fields import PAPER_FIELDS, Field, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
-from wbf_mission.blocks import COUNT, ILLNESS, SICK, SICK_BELOW, SPREAD, MapGrid, sum_pixels, sum_squares
+from wbf_mission import cell_sums
+from wbf_mission.blocks import COUNT, ILLNESS, SICK, SICK_BELOW, SPREAD, MapGrid
 from wbf_mission.outbreaks import Outbreak, outbreak_of
 
 Floats = NDArray[np.float64]
@@ -156,9 +158,18 @@ def true_map(farm: Farm, field: Field, truth: NDArray[np.float32]) -> FieldMap:
     )
 
 
+def _summing(grid: MapGrid) -> ModuleType:
+    """Choose what sums: loading compiled code takes longer than all sums over a farm shown cell by cell."""
+    if grid.pixel == 1:
+        return cell_sums
+    from wbf_mission import block_sums
+
+    return block_sums
+
+
 def _sums(grid: MapGrid, mask: NDArray[np.bool_], value: NDArray[np.float32]) -> tuple[Floats, Floats]:
     sums, least = np.zeros((*grid.pixels, 4)), np.full(grid.pixels, np.inf)
-    sum_pixels(mask, value, grid.pixel, sums, least)
+    _summing(grid).sum_pixels(mask, value, grid.pixel, sums, least)
     return sums, least
 
 
@@ -186,7 +197,7 @@ def _from_values(
     squares = None
     if deviation is not None:
         squares = np.zeros(grid.pixels)
-        sum_squares(mask, deviation, grid.pixel, squares)
+        _summing(grid).sum_squares(mask, deviation, grid.pixel, squares)
     if outbreak is None:
         return sums[..., COUNT] - sums[..., ILLNESS], squares, sums[..., COUNT], least
     # Plants that were looked at are counted, the others are expected.

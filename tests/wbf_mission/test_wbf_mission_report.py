@@ -10,8 +10,8 @@ from geo.farms import get_farm
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
-from wbf_mission import plots
-from wbf_mission.blocks import MapGrid, sum_pixels, sum_squares
+from wbf_mission import block_sums, cell_sums, plots
+from wbf_mission.blocks import MapGrid
 from wbf_mission.field_maps import field_maps, true_map
 from wbf_mission.outbreaks import outbreak_of
 from wbf_mission.report import farm_report, gamma_interval, report_of_maps
@@ -45,8 +45,8 @@ def test_sums_of_pixels_are_those_of_plain_loops(width, height, pixel, seed):
     value = rng.random((width, height), np.float32)
     shape = -(-width // pixel), -(-height // pixel)
     sums, least, squares = np.zeros((*shape, 4)), np.full(shape, np.inf), np.zeros(shape)
-    sum_pixels(mask, value, pixel, sums, least)
-    sum_squares(mask, value, pixel, squares)
+    block_sums.sum_pixels(mask, value, pixel, sums, least)
+    block_sums.sum_squares(mask, value, pixel, squares)
     for i in range(shape[0]):
         for j in range(shape[1]):
             part = (slice(i * pixel, (i + 1) * pixel), slice(j * pixel, (j + 1) * pixel))
@@ -55,6 +55,23 @@ def test_sums_of_pixels_are_those_of_plain_loops(width, height, pixel, seed):
             np.testing.assert_allclose(sums[i, j], expected, atol=1e-9)
             assert least[i, j] == v.min(initial=np.inf)
             assert squares[i, j] == pytest.approx((v**2).sum())
+
+
+@pytest.mark.kernel
+@given(st.integers(1, 40), st.integers(1, 40), st.integers(0, 2**31))
+def test_sums_of_single_cells_are_those_of_the_compiled_loops_to_the_last_bit(width, height, seed):
+    rng = np.random.default_rng(seed)
+    mask = rng.random((width, height)) < 0.6
+    value = rng.choice(np.array([0.0, 0.75, 1.0, np.nan, *rng.random(5)], np.float32), (width, height))
+    begun, lowered = rng.random((width, height, 4)), rng.random((width, height))
+    made = []
+    for how in (block_sums, cell_sums):
+        sums, least, squares = begun.copy(), lowered.copy(), lowered.copy()
+        how.sum_pixels(mask, value, 1, sums, least)
+        how.sum_squares(mask, value, 1, squares)
+        made.append((sums, least, squares))
+    for compiled, plain in zip(*made, strict=True):
+        np.testing.assert_array_equal(plain, compiled)
 
 
 @pytest.mark.parametrize("name", ["miniberry-10", "miniberry-30", "miniberry-100", "waterberry"])

@@ -31,6 +31,7 @@ from wbf_mission.planning import plan, planner_of
 from wbf_mission.progress import Progress, silent
 from wbf_mission.result import Result
 from wbf_mission.scenario import CameraOptions, Scenario, scenario_with
+from wbf_mission.scenario.scenario import require_scenario
 from wbf_mission.stopwatch import Stopwatch
 
 
@@ -138,6 +139,8 @@ def fly(
     WbfMissionError
         If the scenario cannot be planned or set up.
     """
+    require_scenario(scenario)
+    require_scenario(scenario)
     tell = progress or silent
     watch = Stopwatch()
     fields = load_field_set(scenario.farm.fields)

@@ -192,15 +192,15 @@ def _check_target(
             raise ResultError(msg)
         return
     if not path.is_dir():
-        msg = f"{path}: is a file, not a folder for the results; give another --out"
+        msg = f"{path}: is a file, not a folder for the results; give another name"
         raise ResultError(msg)
     if force or not any(path.iterdir()):
         return
     if not (path / RECORD).is_file():
-        msg = f"{path}: holds other files and no result; give another folder, or --force to write into it"
+        msg = f"{path}: holds other files and no result; give another folder, or force to write into it"
         raise ResultError(msg)
     if scenario is None or _scenario_in(path) != msgspec.json.decode(msgspec.json.encode(scenario)):
-        msg = f"{path}: holds the result of another run; give another folder, or --force to replace it"
+        msg = f"{path}: holds the result of another run; give another folder, or force to replace it"
         raise ResultError(msg)
 
 

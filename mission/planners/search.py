@@ -108,7 +108,8 @@ def densest_feasible(
         least = min(seen.values())
         if not math.isfinite(least):
             raise cannot_be_flown(request, build(lowest), what)
-        raise too_small(request, least, what)
+        sparse = min(seen, key=seen.__getitem__)
+        raise too_small(request, build(sparse), least, what)
     while best is not None and best.index < highest:
         good = best.index
         bad = min((index for index in seen if index > good), default=None)
@@ -191,14 +192,19 @@ def cannot_be_flown(request: PlanningRequest, points_m: Points, what: str) -> Pl
     )
 
 
-def too_small(request: PlanningRequest, least: float, what: str) -> PlanningError:
-    """Return the error of a budget that is smaller than the least that is needed."""
+def too_small(request: PlanningRequest, points_m: Points, least: float, what: str) -> PlanningError:
+    """Return the error of a budget below the least cost, that of the points.
+
+    Where the vehicle cannot fly them either, the cost is what it spends until then: the error says why.
+    """
     budget = request.budget
+    reason = request.reason(points_m)
+    besides = f"; the vehicle cannot fly it: {reason}" if reason else ""
     needed = least * (1 + 1e-9)
     digits = 0 if budget.unit == "steps" else 1
     scale = 10**digits
     rounded = -(-needed * scale // 1) / scale
     return PlanningError(
         f"budget of {budget.limit:g} {budget.unit} is too small: {what} needs at least "
-        f"{rounded:.{digits}f} {budget.unit} with approach and return"
+        f"{rounded:.{digits}f} {budget.unit} with approach and return{besides}"
     )

@@ -1,5 +1,8 @@
 """Whole flights, from the plan to the score."""
 
+import subprocess
+import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +19,7 @@ from wbf_mission.estimation import RunEstimate
 from wbf_mission.exit_codes import exit_code_of_flight
 from wbf_mission.flight import fly, make_environment
 from wbf_mission.planning import plan
-from wbf_mission.scenario import Scenario, scenario_with
+from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
 
 IDEAL = Scenario(farm="miniberry-10", planner="lawnmower", vehicle="ideal", seed=3, estimator="adaptive-disk")
 QUAD = Scenario(
@@ -163,3 +166,33 @@ def test_an_estimator_that_fails_is_named(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr("sensors.estimators.point.PointEstimator.predict", fail)
     with pytest.raises(EstimatorError, match="PointEstimator failed: ZeroDivisionError: no such luck"):
         fly(replace(IDEAL, estimator="point"))
+
+
+@pytest.mark.parametrize("job", [fly, plan])
+def test_what_is_no_scenario_is_refused(job: Callable[[object], object]) -> None:
+    with pytest.raises(ScenarioError, match=r"the scenario is a dict: give a Scenario: write Scenario\(\*\*"):
+        job({"farm": "miniberry-10"})
+    with pytest.raises(ScenarioError, match=r"the scenario is a str: give a Scenario$"):
+        job("miniberry-10")
+
+
+def test_a_small_farm_is_flown_without_compiled_code(tmp_path: Path) -> None:
+    code = (
+        "import sys; from wbf_mission.cli.app import main;"
+        "code = main(sys.argv[1:]); assert 'numba' not in sys.modules; sys.exit(code)"
+    )
+    job = (
+        "fly --farm miniberry-30 --vehicle ideal --planner lawnmower --estimator adaptive-disk --no-plots -q"
+    )
+    command = [
+        sys.executable,
+        "-c",
+        code,
+        *job.split(),
+        "--budget",
+        "120steps",
+        "--out",
+        str(tmp_path / "run"),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

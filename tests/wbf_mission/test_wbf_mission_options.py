@@ -43,6 +43,13 @@ def test_help_shows_defaults_and_dependence(capsys: pytest.CaptureFixture[str], 
     assert ("(not with --mission)" in text) == (command == "fly")
 
 
+def test_help_names_no_types_of_python(capsys: pytest.CaptureFixture[str]) -> None:
+    text = helped(capsys, "sim")
+    assert "--fault TEXT" in text
+    assert "[default: camera]" in text
+    assert "True" not in text and "list[" not in text
+
+
 @pytest.mark.parametrize("command", ["plan", "fly", "sim"])
 def test_shared_options_read_the_same(capsys: pytest.CaptureFixture[str], command: str) -> None:
     text, fly = helped(capsys, command), helped(capsys, "fly")

@@ -151,8 +151,9 @@ def test_what_is_not_ours_or_of_another_run_needs_force(result: Result, tmp_path
     other = tmp_path / "other"
     other.mkdir()
     (other / "letter.txt").write_text("dear")
-    with pytest.raises(ResultError, match="holds other files"):
+    with pytest.raises(ResultError, match="holds other files") as caught:
         result.save(other, plots=False)
+    assert "--" not in str(caught.value)
     assert [path.name for path in other.iterdir()] == ["letter.txt"]
     result.save(other, plots=False, force=True)
     assert (other / "letter.txt").read_text() == "dear"

@@ -111,6 +111,7 @@ def test_files_that_are_no_scenario_are_refused_at_once(tmp_path: Path, name: st
         ("vehicle", " ", "vehicle is empty"),
         ("mission", "", "mission is empty"),
         ("budget", "", "budget is empty"),
+        ("budget", 60, 'budget: 60 is a number; give a text, such as "60s"'),
         ("planner", "", "planner"),
         ("planner", ":direction=1", "planner"),
         ("planner", {"direction": 0.3}, "the table has no name"),

@@ -279,6 +279,8 @@ def _help(one: Option, default: Any, flags: set[str]) -> str:
         there = [_flag_of(key) for key in keys if _flag_of(key) in flags]
         if there:
             depends = f" ({word} with {' or '.join(there)})"
+    if isinstance(default, bool):
+        default = f"{'' if default else 'no-'}{str(one.flag).removeprefix('--')}"
     told = one.default or (
         "" if default is None else f"{default:g}" if isinstance(default, float) else default
     )

@@ -62,6 +62,7 @@ def sim_command(
     fault: Annotated[
         list[str] | None,
         typer.Option(
+            metavar="TEXT",
             help="What goes wrong: KIND[=VALUE][,from=S][,for=S][,at=EVENT][,...], may be repeated; see"
             " --list-faults.",
             rich_help_panel="Faults",

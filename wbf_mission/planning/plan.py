@@ -25,6 +25,7 @@ from wbf_mission.planning.result import PlanResult
 from wbf_mission.planning.task import FlightTask, free_area
 from wbf_mission.progress import Progress, silent
 from wbf_mission.scenario import Choice, MissionOptions, Scenario, ScenarioError
+from wbf_mission.scenario.scenario import require_scenario
 from wbf_mission.weather import wind_of
 
 
@@ -43,6 +44,7 @@ def plan(scenario: Scenario, *, progress: Progress = silent) -> PlanResult:
         If a name is unknown, a value is out of range, or no path fits the budget; if several vehicles fly
         (`wbf_mission.fleet.plan_fleet` plans for them).
     """
+    require_scenario(scenario)
     if len(scenario.vehicle.fleet) > 1:
         count = len(scenario.vehicle.fleet)
         msg = f"{count} vehicles: a mission is one vehicle's; plan for the fleet, or give one"

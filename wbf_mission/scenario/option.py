@@ -47,6 +47,8 @@ class Option:
         Its name on the command line; None if only a `CompoundFlag` sets it.
     metavar : str or None
         What stands for its value in ``--help``.
+    example : str
+        A value that is easily given as a number, as the text that it has to be.
     kind : str
         Of what it is a name, for completion: farm, planner, policy, estimator, vehicle, autopilot or empty.
     needs : str
@@ -68,6 +70,7 @@ class Option:
     default: str = ""
     flag: str | None = None
     metavar: str | None = None
+    example: str = ""
     kind: str = ""
     needs: str = ""
     not_with: tuple[str, ...] = ()
@@ -197,6 +200,10 @@ def converted(value: Any, wanted: Any, one: Option) -> Any:
     try:
         return msgspec.convert(value, wanted)
     except msgspec.ValidationError as error:
+        if isinstance(value, int | float) and str in (wanted, *typing.get_args(wanted)):
+            such = f', such as "{one.example}"' if one.example else ""
+            msg = f"{one.key}: {value!r} is a number; give a text{such}"
+            raise ScenarioError(msg) from None
         msg = f"{one.key}: {error}"
         raise ScenarioError(msg) from None
 

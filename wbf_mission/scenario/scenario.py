@@ -138,6 +138,14 @@ def unknown_key(key: str, known: list[str]) -> str:
     return f"unknown key {key!r}{meant} known keys are {', '.join(sorted(known))}"
 
 
+def require_scenario(given: Any) -> None:
+    """Raise ScenarioError for what is no scenario, such as a dict of options."""
+    if not isinstance(given, Scenario):
+        how = ": write Scenario(**options)" if isinstance(given, Mapping) else ""
+        msg = f"the scenario is a {type(given).__name__}: give a Scenario{how}"
+        raise ScenarioError(msg)
+
+
 def scenario_with(base: Scenario, changes: Mapping[str, Any]) -> Scenario:
     """Return ``base`` with those of ``changes`` that are not None; parameters are added to its own.
 

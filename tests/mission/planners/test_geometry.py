@@ -219,6 +219,20 @@ def test_what_cannot_be_flown_is_refused_with_the_reason():
     )
 
 
+def test_a_budget_that_is_too_small_tells_also_what_the_vehicle_cannot_fly():
+    class Empties(Watched):
+        """Tells what was spent when the vehicle gave up."""
+
+        def cost(self, path_xy_m):
+            return min(path_length(path_xy_m), self.flown)
+
+    area = shapely.box(0, 0, 100, 100)
+    with pytest.raises(PlanningError) as caught:
+        make_planner("lawnmower")(PlanningRequest(area, (0, 0), Empties(40.0, flown=50.0)))
+    told = "budget of 40 m is too small: lawnmower with 2 rows needs at least 50.1 m with approach and return"
+    assert str(caught.value) == f"{told}; the vehicle cannot fly it: the wings fall off after 50 m"
+
+
 @pytest.mark.parametrize("name", ["lawnmower", "spiral", "random-waypoint"])
 def test_the_work_grows_with_the_parts_of_an_area_and_not_with_their_square(name, monkeypatch):
     calls = {"contains": 0, "sees": 0}

@@ -151,16 +151,20 @@ class ResultFolder:
 
 
 def run_name(scenario: Scenario) -> str:
-    """Return a name for a run: farm, planner or mission, estimator, vehicle, seed, and a digest of the rest.
+    """Return a name for a run: farm, planner, policy or mission, estimator, vehicle, seed, digest of the rest.
 
     The digest covers whatever is not the default and not told by the name, such as the folders of files and
     the parameters of a planner; so runs that differ have names that differ.
     """
     scenario = resolved(scenario)
     mission, default = scenario.mission, Scenario().to_dict()
+    if mission.policy is not None:
+        decider = {"policy": mission.policy.name}
+    else:
+        decider = {"planner": mission.planner.name if mission.file is None else Path(mission.file).stem}
     told = {
         "farm": Path(scenario.farm.name).stem,
-        "planner": mission.planner.name if mission.file is None else Path(mission.file).stem,
+        **decider,
         "estimator": scenario.estimate.estimator.name,
         "vehicle": Path(scenario.vehicle.name).stem,
         "seed": scenario.seed,

@@ -242,12 +242,17 @@ def test_names_of_runs_that_differ() -> None:
             {"mission": "b/rows.plan"},
             {"vehicle": "a/mine.toml"},
             {"vehicle": "b/mine.toml"},
+            {"policy": "greedy"},
+            {"policy": "greedy:every=9"},
+            {"days": 3},
+            {"vehicles": 2},
         )
     ]
     names = {run_name(scenario) for scenario in scenarios}
     assert len(names) == len(scenarios)
     assert not any(set(name) & set("/:= ") for name in names)
     assert run_name(SMALL) == run_name(SMALL)
+    assert "_greedy_" in run_name(scenario_with(SMALL, {"policy": "greedy"}))
 
 
 @pytest.mark.parametrize("damage", ["nothing", "record", "format", "array", "table", "missing"])

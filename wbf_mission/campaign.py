@@ -24,6 +24,8 @@ from sim_vehicle.host.simulation import Impairment
 from wbf_mission.day_record import DayRecord, keeps_days
 from wbf_mission.deciding.loop import DecisionLoop, Knowledge
 from wbf_mission.deciding.record import DecisionRecord
+from wbf_mission.deciding.spacing import KeptDistance
+from wbf_mission.departures import departure_delays
 from wbf_mission.estimation import RunEstimate, attribute_errors_to, score_points
 from wbf_mission.evidence import Evidence
 from wbf_mission.field_maps import FieldMap, field_maps
@@ -35,6 +37,7 @@ from wbf_mission.planning import PlanResult
 from wbf_mission.progress import Progress
 from wbf_mission.report import report_of_maps
 from wbf_mission.scenario import CameraOptions, Scenario
+from wbf_mission.scenario.separation import DISTANCE
 from wbf_mission.sortie import Sortie, SortieNumber
 from wbf_mission.stopwatch import Stopwatch
 
@@ -185,7 +188,12 @@ class Campaign:
             self.farm, day, self.fields, self.weights, self.evidence.model, self.evidence.observations
         )
         loop = DecisionLoop(
-            self._decider.policy, self._decider.name, knowledge, flight=flight, records=self.decisions
+            self._decider.policy,
+            self._decider.name,
+            knowledge,
+            flight=flight,
+            records=self.decisions,
+            kept_distance=self._kept_distance(vehicles),
         )
         if self._decider.mission is not None:
             plans = (self._decider.mission,) * len(vehicles)
@@ -296,9 +304,10 @@ class Campaign:
             self.watch.lap("plan")
         assert self._next is not None
         planned, self._next = self._next, None
+        delays = self._start_delays([plan for _, _, plan in planned.sorties])
         sorties = [
-            Sortie(number, one.task, plan, one.scenario, environment, self._options, self._on_transfer)
-            for number, one, plan in planned.sorties
+            Sortie(number, one.task, plan, one.scenario, environment, self._options, self._on_transfer, delay)
+            for (number, one, plan), delay in zip(planned.sorties, delays, strict=True)
         ]
         self._flying = JointFlight(
             sorties,
@@ -315,6 +324,28 @@ class Campaign:
         )
         self._flying.fly()
         self._end_flight()
+
+    def _start_delays(self, plans: Sequence[PlanResult]) -> Sequence[float]:
+        """Return how many seconds after the first start each vehicle starts."""
+        keeps = self.scenario.vehicle.keeps
+        if keeps.kind != DISTANCE or len(plans) == 1:
+            return [0.0] * len(plans)
+        return departure_delays(plans, keeps.metres)
+
+    def _kept_distance(self, vehicles: Sequence[Vehicle]) -> KeptDistance | None:
+        """Return the distance that vehicles keep in flight; None if they need not."""
+        keeps = self.scenario.vehicle.keeps
+        if keeps.kind != DISTANCE:
+            return None
+        builders = {one.task.system_id: one.task.builder for one in vehicles}
+        return KeptDistance(
+            keeps.metres,
+            {
+                number: min(one.level.speed_m_s, one.vehicle.top_speed_m_s)
+                for number, one in builders.items()
+                if not one.vehicle.is_ideal
+            },
+        )
 
     def _end_flight(self) -> None:
         flown, self._flying = self._flying, None

@@ -84,7 +84,7 @@ class JointFlight:
         )
         for sortie in self.sorties:
             sortie.send = partial(self._simulation.send, sortie.ground)
-        self._predicted_s = max(sortie.plan.prediction.duration_s for sortie in self.sorties)
+        self._predicted_s = max(one.start_delay_s + one.plan.prediction.duration_s for one in self.sorties)
         self._event: Event | None = None
 
     @property

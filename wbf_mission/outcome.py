@@ -15,6 +15,7 @@ class Phase(Enum):
 
     CONTACT = "waiting for the vehicle"
     UPLOAD = "uploading"
+    WAIT = "waiting for its turn to start"
     ARM = "arming"
     START = "starting the mission"
     FLIGHT = "flying"

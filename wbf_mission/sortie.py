@@ -88,6 +88,8 @@ class Sortie:
     options : LeafCameraOptions
     on_transfer : callable, optional
         ``on_transfer(phase, done, total)`` as mission items cross.
+    start_delay_s : float
+        How long it waits before it starts.
 
     Attributes
     ----------
@@ -104,8 +106,10 @@ class Sortie:
         environment: Environment,
         options: LeafCameraOptions,
         on_transfer: Callable[[Phase, int, int], None] | None = None,
+        start_delay_s: float = 0.0,
     ) -> None:
         farm, seed = plan.farm, scenario.seed
+        self.start_delay_s = start_delay_s
         self.number, self.task, self.plan = number, task, plan
         self.send: Callable[[list[Message]], None] = _nobody_sends
         camera = LeafCamera(
@@ -122,6 +126,7 @@ class Sortie:
             vehicle_system_id=number.system_id,
             system_id=GROUND_SYSTEM_ID + 1 - number.system_id,
             on_progress=on_transfer,
+            start_delay_s=start_delay_s,
         )
         self.vehicle = SimVehicle(
             plan.vehicle,

@@ -17,6 +17,7 @@ from sensors.scoring.information import InformationModel
 from sensors.scoring.score import ScoreWeights
 from wbf_mission.deciding.asking import Answer, ask
 from wbf_mission.deciding.record import DecisionRecord, PathChange
+from wbf_mission.deciding.spacing import KeptDistance
 
 
 class Steered(Protocol):
@@ -92,6 +93,8 @@ class DecisionLoop:
         The number of the flight on its day, from 1.
     compute_s : float
         Seconds that an answer may take.
+    kept_distance : KeptDistance, optional
+        Paths on which vehicles would come nearer to each other are not flown.
     """
 
     def __init__(
@@ -103,6 +106,7 @@ class DecisionLoop:
         records: list[DecisionRecord],
         flight: int = 1,
         compute_s: float = 1.0,
+        kept_distance: KeptDistance | None = None,
     ) -> None:
         self._records = records
         self._policy = policy
@@ -110,6 +114,7 @@ class DecisionLoop:
         self._knowledge = knowledge
         self._flight = flight
         self._compute_s = compute_s
+        self._kept_distance = kept_distance
         self._asked_s = 0.0
         self._observations = 0
         self._reached = 0
@@ -198,7 +203,15 @@ class DecisionLoop:
             return
         record = self._note(event, time_s, situation, answer)
         by_id = {report.system_id: vehicle for report, vehicle in zip(reports, vehicles, strict=True)}
+        refused = {}
+        if self._kept_distance is not None:
+            refused = self._kept_distance.refusals(reports, answer.decision.paths)
         for system_id, points in answer.decision.paths.items():
+            if system_id in refused:
+                position_m, cost = situation.vehicle(system_id).position_m, answer.costs[system_id]
+                text = f"not sent: {refused[system_id]}"
+                record.changes.append(PathChange(system_id, position_m, points, cost, text))
+                continue
             change = by_id[system_id].steer(points, now_s)
             change.cost = answer.costs[system_id]
             record.changes.append(change)

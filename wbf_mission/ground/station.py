@@ -79,6 +79,8 @@ class GroundStation:
         Its own.
     on_progress : callable, optional
         ``on_progress(phase, done, total)`` as items cross.
+    start_delay_s : float
+        How long it waits between the upload and the start.
 
     Attributes
     ----------
@@ -105,6 +107,7 @@ class GroundStation:
         vehicle_system_id: int = 1,
         system_id: int = GROUND_SYSTEM_ID,
         on_progress: Callable[[Phase, int, int], None] | None = None,
+        start_delay_s: float = 0.0,
     ) -> None:
         self.mission = mission
         self.system_id = system_id
@@ -119,6 +122,8 @@ class GroundStation:
         self._assembler = assembler
         self._vehicle = (vehicle_system_id, int(m.MAV_COMP_ID_AUTOPILOT1))
         self._on_progress = on_progress
+        self._start_delay_s = start_delay_s
+        self._arm_s = math.inf
         self._autopilot = 0
         self._silent = True
         self._armed = False
@@ -270,6 +275,8 @@ class GroundStation:
             deadline_s = self._transfer.next_deadline()
             if deadline_s is not None and deadline_s <= now_s:
                 out += self._take(self._transfer.poll(now_s), now_s)
+        if self.phase is Phase.WAIT and now_s >= self._arm_s:
+            out += self._arm(now_s)
         if self._order is not None and now_s >= self._order.due_s:
             out += self._repeat_order(self._order, now_s)
         if self._change is not None and self.phase is Phase.FLIGHT and now_s >= self._change.next_deadline():
@@ -292,6 +299,8 @@ class GroundStation:
         if self.done:
             return math.inf
         deadline_s = self._heartbeat_s
+        if self.phase is Phase.WAIT:
+            deadline_s = min(deadline_s, self._arm_s)
         if self._order is not None:
             deadline_s = min(deadline_s, self._order.due_s)
         if self._transfer is not None and (transfer_s := self._transfer.next_deadline()) is not None:
@@ -459,8 +468,11 @@ class GroundStation:
     # What follows.
 
     def _next_upload(self, now_s: float) -> list[Message]:
+        if not self._plans and self._start_delay_s > 0.0:
+            self.phase, self._arm_s = Phase.WAIT, now_s + self._start_delay_s
+            return []
         if not self._plans:
-            return self._give_order(Phase.ARM, m.MAV_CMD_COMPONENT_ARM_DISARM, now_s, 1.0)
+            return self._arm(now_s)
         kind = self._plans.popleft()
         self.phase = Phase.UPLOAD
         self._transfer = VerifiedUpload(
@@ -472,6 +484,9 @@ class GroundStation:
             profile=profile_for(self._autopilot),
         )
         return self._take(self._transfer.start(now_s), now_s)
+
+    def _arm(self, now_s: float) -> list[Message]:
+        return self._give_order(Phase.ARM, m.MAV_CMD_COMPONENT_ARM_DISARM, now_s, 1.0)
 
     def _take(self, output: Output, now_s: float) -> list[Message]:
         out = list(output.messages)

@@ -151,7 +151,7 @@ class ResultFolder:
 
 
 def run_name(scenario: Scenario) -> str:
-    """Return a name for a run: farm, planner, policy or mission, estimator, vehicle, seed, digest of the rest.
+    """Return a name for a run: farm, planner, policy or mission, estimator, vehicle, seed, and a digest.
 
     The digest covers whatever is not the default and not told by the name, such as the folders of files and
     the parameters of a planner; so runs that differ have names that differ.

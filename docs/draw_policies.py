@@ -1,6 +1,6 @@
-"""Draw the picture of docs/policies.md: where each policy flies over the same sick farm.
+"""Draw the pictures of docs/policies.md: where each policy flies over the same sick farm.
 
-    python docs/draw_policies.py --out docs/images/policies.png
+    python docs/draw_policies.py policies.png --out docs/images
 
 The flights are those of `benchmarks/policies.py`: the paper's robot, the `epidemic` estimator.
 """
@@ -29,14 +29,25 @@ from sensors.fields import HEALTH_COLOURS, PAPER_FIELDS
 
 ROOT = Path(__file__).parents[1]
 SEED = 700_001
-FLIGHTS = (
-    ("adaptive-lawnmower", 1),
-    ("refining-lawnmower", 1),
-    ("greedy", 1),
-    ("orienteering", 1),
-    ("rolling-horizon", 1),
-    ("rolling-horizon", 3),
-)
+SMALL, LARGE = CASES[0], CASES[1]
+PICTURES = {
+    "policies.png": (
+        ("adaptive-lawnmower", SMALL, 1),
+        ("refining-lawnmower", SMALL, 1),
+        ("greedy", SMALL, 1),
+        ("orienteering", SMALL, 1),
+        ("rolling-horizon", SMALL, 1),
+        ("rolling-horizon", SMALL, 3),
+    ),
+    "policies-authors.png": (
+        ("confidence-guided", SMALL, 1),
+        ("grid-limited-randomness:order=end", SMALL, 1),
+        ("grid-limited-randomness", SMALL, 1),
+        ("confidence-guided", SMALL, 3),
+        ("market", LARGE, 1),
+        ("market", LARGE, 3),
+    ),
+}
 TRACKS = ("#1f3b73", "#7a3b9a", "#0b7285")
 FADED = 0.35
 
@@ -78,13 +89,15 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "images" / "policies.png")
+    parser.add_argument("pictures", nargs="*", help=f"of {', '.join(PICTURES)}; by default all")
+    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "images", help="folder")
     options = parser.parse_args()
-    figure, grid = plt.subplots(2, 3, figsize=(10.0, 7.4), layout="constrained")
-    for axes, (name, vehicles) in zip(grid.flat, FLIGHTS, strict=True):
-        case = replace(CASES[0], vehicles=vehicles)
-        draw_flight(axes, case, name, fly(case, made(name), SEED))
-    figure.savefig(options.out, dpi=110)
+    for picture in options.pictures or PICTURES:
+        figure, grid = plt.subplots(2, 3, figsize=(10.0, 7.4), layout="constrained")
+        for axes, (name, case, vehicles) in zip(grid.flat, PICTURES[picture], strict=True):
+            case = replace(case, vehicles=vehicles)
+            draw_flight(axes, case, name, fly(case, made(name), SEED))
+        figure.savefig(options.out / picture, dpi=110)
     return 0
 
 

@@ -351,6 +351,8 @@ class Campaign:
         flown, self._flying = self._flying, None
         assert flown is not None
         records = [sortie.record() for sortie in flown.sorties]
+        for one in records:
+            one.seen_before = flown.seen_before
         self.flights += records
         self._gone |= {one.system_id for one in records if one.outcome.loses_vehicle}
         self.simulated_s += flown.now_s

@@ -65,6 +65,7 @@ class FlightEntry(msgspec.Struct, forbid_unknown_fields=True):
     transfers: list[TransferStatistics]
     battery_used: float | None
     flight_time_s: float
+    seen_before: int
     texts: list[tuple[float, int, str]]
     warnings: list[str]
 
@@ -140,6 +141,7 @@ def read_flights(
                 transfers=one.transfers,
                 battery_used=one.battery_used,
                 flight_time_s=one.flight_time_s,
+                seen_before=one.seen_before,
                 texts=one.texts,
                 warnings=one.warnings,
             )
@@ -223,6 +225,7 @@ def _entry(flight: FlightRecord) -> FlightEntry:
         transfers=flight.transfers,
         battery_used=flight.battery_used,
         flight_time_s=flight.flight_time_s,
+        seen_before=flight.seen_before,
         texts=[(time_s, int(severity), text) for time_s, severity, text in flight.texts],
         warnings=list(flight.warnings),
     )

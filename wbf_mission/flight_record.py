@@ -41,6 +41,8 @@ class FlightRecord:
         Fraction of the battery, from the vehicle's telemetry.
     flight_time_s : float
         Simulated seconds from the mission's start to its end.
+    seen_before : int
+        How many observations of the run there were when it began.
     texts : list
         What the vehicle said (time, severity, text).
     warnings : list of str
@@ -59,6 +61,7 @@ class FlightRecord:
     transfers: list[Any]
     battery_used: float | None
     flight_time_s: float
+    seen_before: int = 0
     texts: list[tuple[float, int, str]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 

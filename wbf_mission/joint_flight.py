@@ -51,6 +51,11 @@ class JointFlight:
     tell : callable
         Progress.
     watch : Stopwatch
+
+    Attributes
+    ----------
+    seen_before : int
+        How many observations of the run there were when it began.
     """
 
     def __init__(
@@ -71,6 +76,7 @@ class JointFlight:
         self.sorties = tuple(sorties)
         self._decisions = decisions
         self._evidence = evidence
+        self.seen_before = len(evidence)
         self._offset_s = offset_s
         self._pace = pace
         self._tell, self._watch = tell, watch

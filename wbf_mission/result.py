@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from geo.errors import WbfMissionError
+from sensors.estimators import Estimator
 from wbf_mission.deciding.files import decision_table
 from wbf_mission.flight_files import track_table
+from wbf_mission.progress import Progress
 from wbf_mission.result_files import history_table, read_result
 from wbf_mission.results import ResultFolder
 from wbf_mission.run_record import RunRecord
@@ -41,6 +43,42 @@ class Result(RunRecord):
         from wbf_mission.path_plot import plot_run
 
         return plot_run(self, Path(path))
+
+    def animate(
+        self,
+        path: str | Path,
+        *,
+        frames: int = 150,
+        estimator: Estimator | None = None,
+        progress: Progress | None = None,
+    ) -> Path:
+        """Write the run as a moving picture: truth, estimate, uncertainty and vehicles over time.
+
+        The estimates are made again by a fresh estimator from the observations.
+
+        Parameters
+        ----------
+        path : path-like
+            A ``.gif`` file, or ``.mp4``, which needs the program ffmpeg.
+        frames : int
+            About so many, 2 to 300.
+        estimator : Estimator, optional
+            In place of the run's; it is fitted anew.
+        progress : callable, optional
+            ``progress(what, done, total)``.
+
+        Raises
+        ------
+        AnimationError
+            If nothing was flown, or the number of frames or the kind of the file is none that is known.
+        EstimatorError
+            If the run's estimator cannot be made again: a loaded result does not hold one given as an object.
+        OSError
+            If the file cannot be written.
+        """
+        from wbf_mission.animation import animate
+
+        return animate(self, Path(path), frames=frames, estimator=estimator, progress=progress)
 
     def save(self, path: str | Path, *, plots: bool = True, force: bool = False) -> Path:
         """Save everything into a folder, from where `wbf_mission.load_result` loads an equal result.

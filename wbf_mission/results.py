@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 __all__ = ["ResultFolder", "run_name"]
 
+ANIMATION = "run.gif"
+
 
 class ResultFolder:
     """Where a run's files go.
@@ -82,7 +84,14 @@ class ResultFolder:
     def __exit__(self, *_: object) -> None:
         shutil.rmtree(self._staging, ignore_errors=True)
 
-    def write(self, result: RunRecord, *, plots: bool = True, progress: Progress | None = None) -> list[Path]:
+    def write(
+        self,
+        result: RunRecord,
+        *,
+        plots: bool = True,
+        animation: bool = False,
+        progress: Progress | None = None,
+    ) -> list[Path]:
         """Write everything that the run has, put the folder in its place, and return the files.
 
         Ctrl-C while the pictures are drawn keeps the rest. The result of an interrupted flight goes beside an
@@ -93,9 +102,13 @@ class ResultFolder:
         OSError
             If a file cannot be written; then an older result is as it was.
         """
+        from wbf_mission.animation import animate
+
         tell = progress or silent
         self._staging.mkdir(parents=True, exist_ok=True)
         jobs = _plot_jobs(result) if plots else []
+        if animation and any(len(one.track.time_s) for one in result.flights):
+            jobs.append((ANIMATION, lambda path: animate(result, path, progress=progress)))
         tell("writing results", 0, len(jobs) + 1)
         if result.outcome is Outcome.INTERRUPTED and (self.path / RECORD).is_file():
             self.path = self.path.with_name(f"{self.path.name}.interrupted")
@@ -243,6 +256,7 @@ _NAMES = frozenset(
         "vehicle.toml",
         "path.png",
         "score.png",
+        ANIMATION,
     }
 )
 

@@ -80,6 +80,14 @@ def fly_command(
         bool,
         typer.Option("--plots/--no-plots", help="Draw pictures among the results.", rich_help_panel="Output"),
     ] = True,
+    animate: Annotated[
+        bool,
+        typer.Option(
+            "--animate",
+            help="Write the run as a moving picture (run.gif), too.",
+            rich_help_panel="Output",
+        ),
+    ] = False,
     cache: Annotated[
         bool,
         typer.Option(
@@ -112,6 +120,9 @@ def fly_command(
     if speed is not None and not 0.01 <= speed <= 1e6:
         msg = f"--speed {speed} is out of range: give 0.01 to 1000000 simulated seconds per second"
         raise ScenarioError(msg)
+    if animate and not files:
+        msg = "--animate writes a file, --no-files none: leave one of them out"
+        raise ScenarioError(msg)
     chosen = given.scenario()
     with contextlib.ExitStack() as stack:
         folder = None
@@ -141,7 +152,7 @@ def fly_command(
         flown_s, interrupted = process_age_s(), False
         try:
             if folder is not None:
-                folder.write(result, plots=plots, progress=progress)
+                folder.write(result, plots=plots, animation=animate, progress=progress)
         except KeyboardInterrupt:
             interrupted = True
     for warning in result.warnings:

@@ -1,0 +1,109 @@
+"""Moving pictures of runs: what each frame shows, and that the estimates are made again."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from sensors.estimators import make_estimator
+from wbf_mission import animation
+from wbf_mission.animation import AnimationError, animate, moments
+from wbf_mission.cli.app import main
+from wbf_mission.flight import fly
+from wbf_mission.result import Result, load_result
+from wbf_mission.scenario import Scenario
+
+
+@pytest.fixture(scope="module")
+def result() -> Result:
+    options = {"planner": "random-waypoint", "budget": "20steps", "estimator": "adaptive-disk", "seed": 2}
+    return fly(Scenario(farm="miniberry-10", vehicle="ideal", vehicles=2, day=4, days=2, **options))
+
+
+def test_frames_cover_all_flights_and_know_what_was_known(result: Result) -> None:
+    shown = moments(result, 12)
+    assert [one.day for one in shown] == [4] * 6 + [5] * 6
+    seen = [one.seen for one in shown]
+    assert seen == sorted(seen) and seen[0] <= 2 and seen[-1] == len(result.observations)
+    assert shown[5].seen == result.flights[2].seen_before == np.count_nonzero(result.observations.day == 4)
+    for one in shown[1:5]:
+        part = result.observations[: one.seen]
+        assert part.time_s.max() <= one.time_s < result.observations.time_s[one.seen]
+
+
+def test_a_gif_has_the_frames_and_the_last_estimate_is_the_run_s(
+    result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown = []
+    show = animation._Sheet.show
+
+    def noted(self, moment, truth, value, uncertainty):  # type: ignore[no-untyped-def]
+        shown.append((moment, truth, value, uncertainty))
+        show(self, moment, truth, value, uncertainty)
+
+    monkeypatch.setattr(animation._Sheet, "show", noted)
+    path = result.animate(tmp_path / "run.gif", frames=8)
+    with Image.open(path) as picture:
+        assert picture.n_frames == 8
+        first = picture.convert("RGB")
+        picture.seek(7)
+        last = picture.convert("RGB")
+    assert first.size == last.size and np.any(np.asarray(first) != np.asarray(last))
+    assert len(shown) == 8
+    assert result.model is not None and result.truth is not None
+    _, truth, value, _ = shown[-1]
+    for k, field in enumerate(result.fields):
+        mask = field.mask(result.farm.grid())
+        np.testing.assert_allclose(value[k][mask], result.model.value[k][mask], atol=1e-6)
+        np.testing.assert_allclose(truth[k][mask], result.truth[k][mask], atol=1e-6)
+        assert np.isnan(value[k][~mask]).all()
+
+
+def test_a_loaded_result_is_animated_with_any_estimator(result: Result, tmp_path: Path) -> None:
+    loaded = load_result(result.save(tmp_path / "run", plots=False))
+    assert [one.seen_before for one in loaded.flights] == [one.seen_before for one in result.flights]
+    animate(loaded, tmp_path / "other.gif", frames=4, estimator=make_estimator("point"))
+    assert (tmp_path / "other.gif").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("name", "frames", "why"),
+    [
+        ("run.avi", 10, r"run\.avi: a moving picture is a \.gif or an \.mp4 file"),
+        ("run.gif", 1, "1 frames; give 2 to 300"),
+        ("run.gif", 301, "301 frames; give 2 to 300"),
+    ],
+)
+def test_what_cannot_be_written_is_told(
+    result: Result, tmp_path: Path, name: str, frames: int, why: str
+) -> None:
+    with pytest.raises(AnimationError, match=why):
+        result.animate(tmp_path / name, frames=frames)
+    assert not list(tmp_path.iterdir())
+
+
+def test_mp4_needs_ffmpeg(result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("matplotlib.animation.FFMpegWriter.isAvailable", lambda: False)
+    with pytest.raises(AnimationError, match=r"ffmpeg is not installed; give a \.gif file"):
+        result.animate(tmp_path / "run.mp4")
+
+
+def test_fly_animates_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = [
+        "fly",
+        "--farm",
+        "miniberry-10",
+        "--vehicle",
+        "ideal",
+        "--estimator",
+        "point",
+        "--budget",
+        "20steps",
+    ]
+    options += ["--planner", "random-waypoint", "-q"]
+    assert main([*options, "--animate", "--no-files"]) == 2
+    assert "--animate writes a file, --no-files none" in capsys.readouterr().err
+    assert main([*options, "--animate", "--no-plots", "--out", str(tmp_path / "run")]) == 0
+    with Image.open(tmp_path / "run" / "run.gif") as picture:
+        assert 2 <= picture.n_frames <= 300

@@ -1,0 +1,310 @@
+"""A run as a moving picture: truth, estimate and uncertainty of each field, and the vehicles, over time.
+
+The estimates are made again: a fresh estimator learns the observations in the order in which they came. So
+nothing has to be kept during a run.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from geo.atomic import atomic_path
+from geo.errors import WbfMissionError
+from sensors.estimators import Estimator, advance_estimator
+from sensors.fields import Field
+from wbf_mission.blocks import COUNT, ILLNESS, MapGrid, sum_pixels
+from wbf_mission.estimation import attribute_errors_to, estimator_of, prepare_days
+from wbf_mission.flight import make_environment
+from wbf_mission.flight_record import FlightRecord
+from wbf_mission.progress import Progress, silent
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.image import AxesImage
+    from matplotlib.lines import Line2D
+
+    from wbf_mission.run_record import RunRecord
+
+MOST_FRAMES = 300
+_FRAMES = 150
+_FRAMES_A_SECOND = 12
+_LARGEST_SHARE = 0.02  # at least so much is shown of a large farm's scale of sick plants
+_COLUMNS = ("truth", "estimate", "uncertainty")
+_VEHICLES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#000000")
+
+_Floats = NDArray[np.float64]
+
+
+class AnimationError(WbfMissionError, ValueError):
+    """A run that cannot be shown as a moving picture."""
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """What one frame shows.
+
+    Parameters
+    ----------
+    flights : tuple of FlightRecord
+        Those that are in the air together.
+    time_s : float
+        Since they began.
+    seen : int
+        How many observations are known.
+    """
+
+    flights: tuple[FlightRecord, ...]
+    time_s: float
+    seen: int
+
+    @property
+    def day(self) -> int:
+        """Day of the environment."""
+        return self.flights[0].day
+
+
+def moments(record: RunRecord, frames: int) -> list[Moment]:
+    """Return the moments of a run that are shown, about so many, evenly spread over its time in the air.
+
+    Each flight has its beginning and its end among them.
+    """
+    together: dict[tuple[int, int], list[FlightRecord]] = {}
+    for one in record.flights:
+        together.setdefault((one.day, one.flight), []).append(one)
+    groups = [tuple(each) for each in together.values()]
+    first = [each[0].seen_before for each in groups] + [len(record.observations)]
+    ends = [
+        max((float(one.track.time_s[-1]) for one in each if len(one.track.time_s)), default=0.0)
+        for each in groups
+    ]
+    begins = [
+        min((float(one.track.time_s[0]) for one in each if len(one.track.time_s)), default=0.0)
+        for each in groups
+    ]
+    whole_s = sum(ends) - sum(begins)
+    found = []
+    for number, each in enumerate(groups):
+        share = (ends[number] - begins[number]) / whole_s if whole_s > 0.0 else 0.0
+        times_s = np.linspace(begins[number], ends[number], max(2, round(share * frames)))
+        part = record.observations[first[number] : first[number + 1]]
+        # What came late was not known before: an image that was lost and fetched again.
+        known_s = np.maximum.accumulate(part.time_s) if len(part) else np.empty(0)
+        for time_s in times_s.tolist():
+            seen = int(np.searchsorted(known_s, time_s, side="right"))
+            found.append(Moment(each, time_s, first[number] + seen))
+        found[-1] = Moment(each, ends[number], first[number + 1])
+    return found
+
+
+def animate(
+    record: RunRecord,
+    path: Path,
+    *,
+    frames: int = _FRAMES,
+    estimator: Estimator | None = None,
+    progress: Progress | None = None,
+) -> Path:
+    """Write a run as a moving picture.
+
+    Parameters
+    ----------
+    record : RunRecord
+    path : Path
+        A GIF, or an MP4 file, which needs the program ffmpeg.
+    frames : int
+        About so many, 2 to 300; each flight has two at least.
+    estimator : Estimator, optional
+        In place of the run's: it is fitted anew.
+    progress : callable, optional
+
+    Raises
+    ------
+    AnimationError
+        If nothing was flown, the number of frames or the kind of the file is not known, or ffmpeg is missing.
+    EstimatorError
+        If the run's estimator cannot be made again.
+    """
+    if not 2 <= frames <= MOST_FRAMES:
+        msg = f"animation: {frames} frames; give 2 to {MOST_FRAMES}"
+        raise AnimationError(msg)
+    writer = _writer(path)
+    shown = moments(record, frames)
+    if not any(len(one.track.time_s) for one in record.flights):
+        msg = "animation: nothing was flown"
+        raise AnimationError(msg)
+    tell = progress or silent
+    learner = _fresh(record) if estimator is None else estimator
+    with threadpool_limits(1, user_api="blas"):
+        learner.fit(record.farm.grid())
+        prepare_days(learner, shown[0].day, shown[-1].day - shown[0].day + 1, tell)
+        sheet = _Sheet(record)
+        with atomic_path(path) as temporary, writer.saving(sheet.figure, str(temporary), sheet.figure.dpi):
+            for number, (moment, maps) in enumerate(_estimates(record, learner, shown)):
+                tell("animation", number, len(shown))
+                sheet.show(moment, *maps)
+                writer.grab_frame()
+    return path
+
+
+def _writer(path: Path) -> Any:
+    from matplotlib import animation
+
+    if path.suffix == ".gif":
+        return animation.PillowWriter(fps=_FRAMES_A_SECOND)
+    if path.suffix != ".mp4":
+        msg = f"{path}: a moving picture is a .gif or an .mp4 file"
+        raise AnimationError(msg)
+    if not animation.FFMpegWriter.isAvailable():
+        msg = f"{path}: ffmpeg is not installed; give a .gif file"
+        raise AnimationError(msg)
+    return animation.FFMpegWriter(fps=_FRAMES_A_SECOND, extra_args=["-f", "mp4"])
+
+
+def _fresh(record: RunRecord) -> Estimator:
+    """Return the run's estimator as it was made, or a copy of the object that was given."""
+    choice = record.scenario.estimate.estimator
+    if choice.made is not None:
+        made: Estimator = copy.deepcopy(choice.made)
+        return made
+    return estimator_of(choice, record.scenario.seed, record.fields)
+
+
+_Maps = tuple[list[_Floats], list[_Floats], list[_Floats]]
+
+
+def _estimates(
+    record: RunRecord, estimator: Estimator, shown: list[Moment]
+) -> Iterator[tuple[Moment, _Maps]]:
+    """Yield each moment with truth, estimate and uncertainty of each field by pixels."""
+    farm, fields = record.farm, record.fields
+    grid, cells = MapGrid.of(farm), farm.grid()
+    masks = [field.mask(cells) for field in fields]
+    kept = {one.day: one.truth for one in record.days}
+    environment = None
+    day, seen, truth = None, 0, list[_Floats]()
+    for moment in shown:
+        if moment.day != day:
+            day = moment.day
+            values = kept.get(day)
+            if values is None:
+                environment = environment or make_environment(record.scenario, farm)
+                values = environment.values(day)
+            truth = [_by_pixels(grid, mask, values[k]) for k, mask in enumerate(masks)]
+            with attribute_errors_to(estimator):
+                advance_estimator(estimator, day)
+        with attribute_errors_to(estimator):
+            if moment.seen > seen:
+                estimator.partial_fit(record.observations[seen : moment.seen])
+                seen = moment.seen
+            model = estimator.predict()
+        value = [_by_pixels(grid, mask, model.value[k]) for k, mask in enumerate(masks)]
+        uncertainty = [_by_pixels(grid, mask, model.uncertainty[k]) for k, mask in enumerate(masks)]
+        yield moment, (truth, value, uncertainty)
+
+
+def _by_pixels(grid: MapGrid, mask: NDArray[np.bool_], values: NDArray[np.float32]) -> _Floats:
+    """Return the mean of values over the pixels of a farm, NaN where the mask has no cell."""
+    sums, least = np.zeros((*grid.pixels, 4)), np.full(grid.pixels, np.inf)
+    sum_pixels(mask, values, grid.pixel, sums, least)
+    count = sums[..., COUNT]
+    return np.where(count > 0, 1.0 - sums[..., ILLNESS] / np.maximum(count, 1.0), np.nan)
+
+
+class _Sheet:
+    """The figure: a row for each field, with truth, estimate and uncertainty, and the vehicles on them."""
+
+    def __init__(self, record: RunRecord) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        farm, self._fields = record.farm, tuple(record.fields)
+        self._grid = MapGrid.of(farm)
+        ratio = farm.height_cells / farm.width_cells
+        self.figure = Figure(figsize=(7.2, min(0.6 + 2.3 * ratio * len(self._fields), 12.0)), dpi=80)
+        FigureCanvasAgg(self.figure)
+        panels = self.figure.subplots(len(self._fields), len(_COLUMNS), squeeze=False)
+        top = 1.0 - 0.62 / self.figure.get_figheight()
+        self.figure.subplots_adjust(left=0.06, right=0.99, bottom=0.02, top=top, wspace=0.04, hspace=0.06)
+        self._images: list[list[AxesImage]] = []
+        self._lines: list[list[tuple[Line2D, Line2D]]] = []
+        self._about = f"{farm.name}: {record.plan.planner or 'mission file'}, {record.estimator}"
+        vehicles = sorted({one.system_id for one in record.flights})
+        for row, field in zip(panels, self._fields, strict=True):
+            self._images.append([self._image(axes, farm.width_cells, farm.height_cells) for axes in row])
+            row[0].set_ylabel(field.title, fontsize=8)
+        for axes, name in zip(panels[0], _COLUMNS, strict=True):
+            axes.set_title(name, fontsize=9, pad=3)
+        self._lines = [[_vehicle(axes, system_id) for system_id in vehicles] for axes in panels.flat]
+        self._vehicles = vehicles
+        self._has_scale = False
+
+    def _image(self, axes: Axes, width: int, height: int) -> AxesImage:
+        cell, pixel = self._grid.cell_size_m, self._grid.pixel
+        columns, rows = self._grid.pixels
+        axes.set_xticks([])
+        axes.set_yticks([])
+        axes.set_facecolor("#e9e6df")
+        # The last column and row of pixels may stand out over the farm.
+        image = axes.imshow(
+            np.zeros((rows, columns)),
+            origin="lower",
+            extent=(0.0, columns * pixel * cell, 0.0, rows * pixel * cell),
+            interpolation="nearest",
+        )
+        axes.set_xlim(0.0, width * cell)
+        axes.set_ylim(0.0, height * cell)
+        return image
+
+    def show(
+        self, moment: Moment, truth: list[_Floats], value: list[_Floats], uncertainty: list[_Floats]
+    ) -> None:
+        """Set all parts to a moment."""
+        if not self._has_scale:
+            self._has_scale = True
+            for k, field in enumerate(self._fields):
+                self._scale(field, self._images[k], truth[k], uncertainty[k])
+        for k, field in enumerate(self._fields):
+            for image, pixels in zip(self._images[k], (truth[k], value[k], uncertainty[k]), strict=True):
+                sick = field.kind == "disease" and image is not self._images[k][2]
+                image.set_data(np.ma.masked_invalid(1.0 - pixels if sick else pixels).T)
+        tracks = {one.system_id: one.track for one in moment.flights}
+        for lines in self._lines:
+            for system_id, (path, place) in zip(self._vehicles, lines, strict=True):
+                track = tracks.get(system_id)
+                until = 0 if track is None else int(np.searchsorted(track.time_s, moment.time_s, "right"))
+                x, y = (np.empty(0), np.empty(0)) if track is None else (track.x_m[:until], track.y_m[:until])
+                path.set_data(x, y)
+                place.set_data(x[-1:], y[-1:])
+        minutes, seconds = divmod(round(moment.time_s), 60)
+        when = f"day {moment.day}, flight {moment.flights[0].flight}, {minutes}:{seconds:02d} min"
+        self.figure.suptitle(f"{self._about}\n{when}, {moment.seen} readings", fontsize=9, y=0.995)
+
+    def _scale(self, field: Field, images: list[AxesImage], truth: _Floats, uncertainty: _Floats) -> None:
+        from matplotlib.colors import LinearSegmentedColormap
+
+        if field.kind == "disease":
+            top = 1.0 if self._grid.pixel == 1 else max(_LARGEST_SHARE, float(np.nanmax(1.0 - truth)))
+            colours: Any = "YlOrBr"
+        else:
+            top, colours = 1.0, LinearSegmentedColormap.from_list(field.name, field.colours)
+        for image in images[:2]:
+            image.set_cmap(colours)
+            image.set_clim(0.0, top)
+        images[2].set_cmap("viridis")
+        images[2].set_clim(0.0, max(float(np.nanmax(uncertainty, initial=0.0)), 1e-3))
+
+
+def _vehicle(axes: Axes, system_id: int) -> tuple[Line2D, Line2D]:
+    """Return the lines of one vehicle's path and place in a panel."""
+    colour = _VEHICLES[(system_id - 1) % len(_VEHICLES)]
+    (path,) = axes.plot([], [], color=colour, linewidth=0.8, alpha=0.8)
+    (place,) = axes.plot([], [], color=colour, marker="o", markersize=4, markeredgecolor="white")
+    return path, place

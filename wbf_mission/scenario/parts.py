@@ -84,7 +84,8 @@ class MissionOptions(Part):
     policy: Any = option(
         None,
         "Policy that decides in flight where to go next, NAME[:KEY=VALUE,...]: greedy,"
-        " orienteering, rolling-horizon, refining-lawnmower, or one of yours",
+        " orienteering, rolling-horizon, refining-lawnmower, confidence-guided, grid-limited-randomness,"
+        " market, or one of yours",
         RUN,
         kind="policy",
         not_with=("mission",),

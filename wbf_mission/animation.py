@@ -20,8 +20,9 @@ from geo.atomic import atomic_path
 from geo.errors import WbfMissionError
 from sensors.estimators import Estimator, advance_estimator
 from sensors.fields import Field
-from wbf_mission.blocks import COUNT, ILLNESS, MapGrid, sum_pixels
+from wbf_mission.blocks import COUNT, ILLNESS, MapGrid
 from wbf_mission.estimation import attribute_errors_to, estimator_of, prepare_days
+from wbf_mission.field_maps import pixel_sums
 from wbf_mission.flight import make_environment
 from wbf_mission.flight_record import FlightRecord
 from wbf_mission.progress import Progress, silent
@@ -212,8 +213,7 @@ def _estimates(
 
 def _by_pixels(grid: MapGrid, mask: NDArray[np.bool_], values: NDArray[np.float32]) -> _Floats:
     """Return the mean of values over the pixels of a farm, NaN where the mask has no cell."""
-    sums, least = np.zeros((*grid.pixels, 4)), np.full(grid.pixels, np.inf)
-    sum_pixels(mask, values, grid.pixel, sums, least)
+    sums, _ = pixel_sums(grid, mask, values)
     count = sums[..., COUNT]
     return np.where(count > 0, 1.0 - sums[..., ILLNESS] / np.maximum(count, 1.0), np.nan)
 

@@ -150,7 +150,7 @@ def field_maps(
 def true_map(farm: Farm, field: Field, truth: NDArray[np.float32]) -> FieldMap:
     """Sum the true values [W, H] of a field by pixels."""
     grid = MapGrid.of(farm)
-    sums, least = _sums(grid, field.mask(farm.grid()), truth)
+    sums, least = pixel_sums(grid, field.mask(farm.grid()), truth)
     nothing = np.zeros(grid.pixels)
     total = sums[..., SICK] if field.kind == "disease" else sums[..., COUNT] - sums[..., ILLNESS]
     return FieldMap(
@@ -167,7 +167,8 @@ def _summing(grid: MapGrid) -> ModuleType:
     return block_sums
 
 
-def _sums(grid: MapGrid, mask: NDArray[np.bool_], value: NDArray[np.float32]) -> tuple[Floats, Floats]:
+def pixel_sums(grid: MapGrid, mask: NDArray[np.bool_], value: NDArray[np.float32]) -> tuple[Floats, Floats]:
+    """Return the sums of values in 0..1 by pixels, float64[..., 4] in the order of `COUNT`, and the least."""
     sums, least = np.zeros((*grid.pixels, 4)), np.full(grid.pixels, np.inf)
     _summing(grid).sum_pixels(mask, value, grid.pixel, sums, least)
     return sums, least
@@ -177,8 +178,8 @@ def _from_probabilities(
     grid: MapGrid, mask: NDArray[np.bool_], healthy: NDArray[np.float32], value: NDArray[np.float32]
 ) -> tuple[Floats, Floats | None, Floats, Floats]:
     """Return sick plants, their variance, the cells and the least value."""
-    sums, _ = _sums(grid, mask, healthy)
-    _, least = _sums(grid, mask, value)
+    sums, _ = pixel_sums(grid, mask, healthy)
+    _, least = pixel_sums(grid, mask, value)
     return sums[..., ILLNESS], sums[..., SPREAD], sums[..., COUNT], least
 
 
@@ -193,7 +194,7 @@ def _from_values(
     outbreak: Outbreak | None,
 ) -> tuple[Floats, Floats | None, Floats, Floats]:
     """Return sick plants or the sum of values, its variance, the cells and the least value."""
-    sums, least = _sums(grid, mask, value)
+    sums, least = pixel_sums(grid, mask, value)
     squares = None
     if deviation is not None:
         squares = np.zeros(grid.pixels)

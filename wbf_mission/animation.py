@@ -23,9 +23,9 @@ from sensors.fields import Field
 from wbf_mission.blocks import COUNT, ILLNESS, MapGrid
 from wbf_mission.estimation import attribute_errors_to, estimator_of, prepare_days
 from wbf_mission.field_maps import pixel_sums
-from wbf_mission.flight import make_environment
 from wbf_mission.flight_record import FlightRecord
 from wbf_mission.progress import Progress, silent
+from wbf_mission.surroundings import make_environment
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

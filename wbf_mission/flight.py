@@ -7,18 +7,12 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from geo import Farm
 from geo.errors import WbfMissionError
-from geo.seeds import child_seed
 from mission.planners import Planner
 from mission.policies.policy import FixedPlan, Policy
 from mission.policies.registry import make_policy
-from sensors.camera.leaf_camera import LeafCameraOptions
-from sensors.environment import Environment
-from sensors.environment.cache import EnvironmentCache
 from sensors.estimators import Estimator
 from sensors.field_files import load_field_set
-from sensors.fields import FieldSet
 from sensors.scoring.score import ScoreWeights
 from sim_vehicle.faults.fault import Fault, parse_fault
 from sim_vehicle.faults.session import check_vehicles
@@ -30,52 +24,14 @@ from wbf_mission.fleet import vehicles_of
 from wbf_mission.planning import plan, planner_of
 from wbf_mission.progress import Progress, silent
 from wbf_mission.result import Result
-from wbf_mission.scenario import CameraOptions, Scenario, scenario_with
+from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.scenario.scenario import require_scenario
 from wbf_mission.stopwatch import Stopwatch
+from wbf_mission.surroundings import camera_options, find_environment
 
 
 class FlightError(WbfMissionError, RuntimeError):
     """A run that cannot be done."""
-
-
-def make_environment(
-    scenario: Scenario, farm: Farm, progress: Progress | None = None, *, use_cache: bool = True
-) -> Environment:
-    """Return the environment of the scenario's seed on its days; large ones are kept in the user's cache."""
-    return _find_environment(scenario, farm, progress, use_cache=use_cache)[0]
-
-
-def _find_environment(
-    scenario: Scenario, farm: Farm, progress: Progress | None, *, use_cache: bool
-) -> tuple[Environment, bool]:
-    """Return the environment, and whether it came from the cache."""
-
-    def tell(done: int, total: int) -> None:
-        if progress is not None:
-            progress("environment", done, total)
-
-    cache = EnvironmentCache.of_user() if use_cache else EnvironmentCache.off()
-    return cache.environment(
-        farm.grid(),
-        day=scenario.farm.day,
-        last_day=scenario.farm.day + scenario.farm.days - 1,
-        seed=child_seed(scenario.seed, "environment"),
-        fields=load_field_set(scenario.farm.fields),
-        progress=tell,
-    )
-
-
-def camera_options(camera: CameraOptions, fields: FieldSet) -> LeafCameraOptions:
-    """Return the leaf camera's own options, on a farm with these fields."""
-    return LeafCameraOptions(
-        footprint_cells=camera.footprint,
-        noise_std=camera.noise,
-        false_positive_rate=camera.false_positive_rate,
-        false_negative_rate=camera.false_negative_rate,
-        sensed=camera.fields,
-        fields=fields,
-    )
 
 
 def check_flight(scenario: Scenario) -> None:
@@ -162,7 +118,7 @@ def fly(
         tell("planning", 1, 1)
         watch.lap("plan")
     require_run_memory(farm, learner, round(campaign.expected_readings))
-    environment, cached = _find_environment(scenario, farm, progress, use_cache=use_cache)
+    environment, cached = find_environment(scenario, farm, progress, use_cache=use_cache)
     watch.lap("environment")
     # One BLAS thread: sums do not depend on the number of cores then, and small matrices are faster.
     with threadpool_limits(1, user_api="blas"):

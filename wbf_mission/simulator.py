@@ -17,9 +17,9 @@ from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.mavlink.fleet import SPACING_M, Fleet
 from sim_vehicle.prediction.compile_ahead import warm_up
-from wbf_mission.flight import camera_options, make_environment
 from wbf_mission.planning import flown_vehicle
 from wbf_mission.scenario import Scenario, ScenarioError
+from wbf_mission.surroundings import camera_options, make_environment
 from wbf_mission.weather import noise_of, wind_of_run
 
 

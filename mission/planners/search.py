@@ -82,18 +82,21 @@ def densest_feasible(
     bound = request.budget.limit if limit is None else limit
     seen: dict[int, float] = {}
     best: Found | None = None
+    cheapest: tuple[float, Points] | None = None
     rounds = 0
 
     at_once = isinstance(request.budget, BatchBudget)
 
     def feasible(*indices: int) -> bool:
         """Tell whether any is feasible; prices what is not priced yet, in one round if the budget can."""
-        nonlocal best, rounds
+        nonlocal best, cheapest, rounds
         for some in [indices] if at_once else [(index,) for index in indices]:
             new = [index for index in dict.fromkeys(some) if index not in seen]
             paths = [build(index) for index in new]
             for index, points, cost in zip(new, paths, request.costs(paths), strict=True):
                 seen[index] = cost
+                if cheapest is None or cost < cheapest[0]:
+                    cheapest = cost, points
                 if cost <= bound and (best is None or index > best.index):
                     best = Found(index, points, cost)
             if new:
@@ -108,8 +111,8 @@ def densest_feasible(
         least = min(seen.values())
         if not math.isfinite(least):
             raise cannot_be_flown(request, build(lowest), what)
-        sparse = min(seen, key=seen.__getitem__)
-        raise too_small(request, build(sparse), least, what)
+        assert cheapest is not None
+        raise too_small(request, cheapest[1], least, what)
     while best is not None and best.index < highest:
         good = best.index
         bad = min((index for index in seen if index > good), default=None)

@@ -17,10 +17,11 @@ from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import RunningScore
-from wbf_mission.flight import fly, make_environment
+from wbf_mission.flight import fly
 from wbf_mission.joint_flight import JointFlight
 from wbf_mission.result import Result, load_result
 from wbf_mission.scenario import Scenario
+from wbf_mission.surroundings import make_environment
 
 DAYS = Scenario(
     farm="miniberry-30",

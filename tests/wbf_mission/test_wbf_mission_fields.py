@@ -12,7 +12,6 @@ from geo import Farm
 from sensors.camera.leaf_camera import LeafCamera
 from sensors.field_files import load_field_set
 from sim_vehicle.camera.component import LeafCameraComponent
-from wbf_mission import flight
 from wbf_mission.cli.app import main
 from wbf_mission.flight import fly
 from wbf_mission.result import load_result
@@ -159,8 +158,8 @@ def test_a_vehicle_that_senses_other_fields_is_warned_of(
 
     def carry(_camera: LeafCamera, farm: Farm, **more: object) -> LeafCameraComponent:
         fields = load_field_set(other.farm.fields)
-        environment = flight.make_environment(other, farm, use_cache=False)
-        options = flight.camera_options(other.camera, fields)
+        environment = surroundings.make_environment(other, farm, use_cache=False)
+        options = surroundings.camera_options(other.camera, fields)
         camera = LeafCamera(environment, farm.grid().shape, 6, options, np.random.default_rng(1))
         return LeafCameraComponent(camera, farm, **more)  # type: ignore[arg-type]
 

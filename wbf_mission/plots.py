@@ -339,11 +339,11 @@ def plot_score(
     lower.legend(fontsize=7)
     for axes in (upper, lower):
         axes.grid(alpha=0.3)
-    _mark_days((upper, lower), history)
+    mark_days((upper, lower), history)
     return save_figure(figure, path)
 
 
-def _mark_days(panels: Sequence[Axes], history: ScoreHistory) -> None:
+def mark_days(panels: Sequence[Axes], history: ScoreHistory) -> None:
     """Part the days of a score's picture by lines, and write their numbers at the top, not too dense."""
     first = [k for k, day in enumerate(history.days) if k == 0 or day != history.days[k - 1]]
     if len(first) < 2:

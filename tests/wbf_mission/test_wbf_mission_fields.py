@@ -12,6 +12,7 @@ from geo import Farm
 from sensors.camera.leaf_camera import LeafCamera
 from sensors.field_files import load_field_set
 from sim_vehicle.camera.component import LeafCameraComponent
+from wbf_mission import surroundings
 from wbf_mission.cli.app import main
 from wbf_mission.flight import fly
 from wbf_mission.result import load_result

@@ -28,6 +28,7 @@
     +-- wbf_mission.scenario.option.ScenarioError         a scenario or one of its options
     +-- wbf_mission.ground.station.NotFlyingError         a mission that cannot be changed now
     +-- wbf_mission.flight.FlightError                    a flight that cannot go on
+    +-- wbf_mission.animation.AnimationError              a moving picture of a run
     +-- wbf_mission.arrays.ArrayFileError                 arrays of a result
     +-- wbf_mission.tables.ResultError                    the folder of a result
     +-- wbf_mission.cli.targets.TargetError               a file or folder to be written

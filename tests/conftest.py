@@ -12,7 +12,7 @@ settings.load_profile("ci" if os.environ.get("CI") else "default")
 # What a user's cache holds must not decide what a test sees.
 os.environ["WBF_MISSION_ENVIRONMENT_CACHE_MB"] = "0"
 
-# Tests that a shell starts in the background, or under nohup, ignore Ctrl-C or a hang-up, and so do their children.
+# In the background of a shell or under nohup, tests and what they start would ignore Ctrl-C or a hang-up.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:

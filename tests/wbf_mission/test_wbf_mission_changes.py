@@ -420,7 +420,7 @@ def test_at_any_moment_over_any_link_one_whole_mission_is_flown_to_its_end(**val
 
 
 @pytest.mark.slow
-@settings(max_examples=300, **ONCE)
+@settings(max_examples=60, **ONCE)
 @given(**MOMENTS)
 def test_at_any_moment_over_any_link_one_whole_mission_is_flown_to_its_end_many_times(**values):
     check_any_moment(**values)

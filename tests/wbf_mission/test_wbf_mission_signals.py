@@ -258,7 +258,8 @@ def test_what_is_not_true_yet_is_not_announced(capfd):
 
 def test_ctrl_c_while_planning_does_not_promise_a_result(tmp_path, monkeypatch, capfd):
     """Nothing was flown yet, so nothing is saved."""
-    monkeypatch.setattr("wbf_mission.campaign.Campaign.plan", lambda *_, **__: signal.raise_signal(signal.SIGINT))
+    planning = "wbf_mission.campaign.Campaign.plan"
+    monkeypatch.setattr(planning, lambda *_, **__: signal.raise_signal(signal.SIGINT))
     assert main(["fly", "--farm", "miniberry-10", "--out", str(tmp_path / "run")]) == 130
     assert capfd.readouterr().err == "error: interrupted\n"
     assert list(tmp_path.iterdir()) == []

@@ -67,6 +67,6 @@ def test_never_stuck(autopilot, dynamics, when_s, items, starts, marked, how):
 
 
 @pytest.mark.slow
-@changes(300)
+@changes(60)
 def test_never_stuck_in_many_flights(autopilot, dynamics, when_s, items, starts, marked, how):
     check(autopilot, dynamics, when_s, items, starts, marked, how)

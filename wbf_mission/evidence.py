@@ -41,16 +41,16 @@ class Evidence:
 
     def observations(self) -> Observations:
         """Return all observations, in the order in which they arrived."""
-        whole = Observations.concatenate(self._parts, self._fields.names)
-        self._parts = [whole]
-        return whole
+        if len(self._parts) != 1:
+            self._parts = [Observations.concatenate(self._parts, self._fields.names)]
+        return self._parts[0]
 
     def model(self) -> InformationModel:
         """Return what is believed after all observations so far; without an estimate: nothing is known."""
-        return unknown_model(self._farm, self._fields) if self.estimate is None else self.estimate.current()
+        return _unknown_model(self._farm, self._fields) if self.estimate is None else self.estimate.current()
 
 
-def unknown_model(farm: Farm, fields: FieldSet) -> InformationModel:
+def _unknown_model(farm: Farm, fields: FieldSet) -> InformationModel:
     """Return the model of somebody who knows nothing: the fields' defaults, in arrays that take no memory."""
     shape = (len(fields), farm.width_cells, farm.height_cells)
     value = np.broadcast_to(np.array(fields.defaults, np.float32)[:, None, None], shape)

@@ -96,7 +96,6 @@ def fly(
         If the scenario cannot be planned or set up.
     """
     require_scenario(scenario)
-    require_scenario(scenario)
     tell = progress or silent
     watch = Stopwatch()
     fields = load_field_set(scenario.farm.fields)

@@ -15,11 +15,10 @@ from mission.planners import PlannedPath, Planner, coverage, make_planner
 from mission.planners.budget import LengthBudget
 from mission.policies.policy import FixedPlan
 from sensors.field_files import load_field_set
-from sensors.observations import Observations
 from sensors.scoring.score import ScoreWeights
 from sim_vehicle.airframe.spec import VehicleSpec
 from wbf_mission.deciding.loop import DecisionLoop, Knowledge
-from wbf_mission.evidence import unknown_model
+from wbf_mission.evidence import Evidence
 from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.planning.result import PlanResult
 from wbf_mission.planning.task import FlightTask, free_area
@@ -64,15 +63,11 @@ def plan_tasks(scenario: Scenario, tasks: Sequence[FlightTask]) -> tuple[PlanRes
     WbfMissionError
         If no path fits the budget.
     """
-    builder = tasks[0].builder
-    choice = scenario.mission.planner
+    farm, choice = tasks[0].builder.farm, scenario.mission.planner
+    fields = load_field_set(scenario.farm.fields)
+    nothing = Evidence(farm, fields)
     knowledge = Knowledge(
-        builder.farm,
-        scenario.farm.day,
-        (fields := load_field_set(scenario.farm.fields)),
-        ScoreWeights.of(fields),
-        lambda: unknown_model(builder.farm, fields),
-        lambda: Observations.empty(fields.names),
+        farm, scenario.farm.day, fields, ScoreWeights.of(fields), nothing.model, nothing.observations
     )
     policy = FixedPlan(planner_of(choice), scenario.mission.partition)
     loop = DecisionLoop(policy, f"planner {choice}", knowledge, records=[])

@@ -10,6 +10,8 @@ from sensors.estimators.disk.authors import misplaced_disk
 from sensors.estimators.disk.disks import centred_disk
 from sensors.scoring import score_sums, small_sums
 
+pytestmark = pytest.mark.kernel
+
 
 @given(
     st.integers(0, 2**32 - 1),

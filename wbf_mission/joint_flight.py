@@ -144,6 +144,8 @@ class JointFlight:
 
     def _stops(self, _now_s: float) -> bool:
         """Return whether there is something to do before the slice is over."""
+        if not self._decisions.asks_on_the_way:
+            return self._is_over()
         waiting = sum(sortie.assembler.waiting for sortie in self.sorties)
         self._event = self._decisions.due(self.sorties, self._mission_s, len(self._evidence) + waiting)
         return self._event is not None or self._is_over()

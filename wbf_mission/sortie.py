@@ -137,6 +137,7 @@ class Sortie:
             epoch_unix_s=EPOCH_UNIX_S,
             noise=noise_of(scenario.vehicle, seed, number.stream_names("navigation")),
         )
+        self._flown = self.ground.flown_length(farm.frame)
         self._fares = task.fares_in_flight()
         self._last_item = 0
         self._passed = 0
@@ -149,6 +150,11 @@ class Sortie:
             system_id=number.system_id,
             position_error=self.vehicle.position_error if self.vehicle.errors else None,
         )
+
+    @property
+    def system_id(self) -> int:
+        """The vehicle's MAVLink system id."""
+        return self.number.system_id
 
     @property
     def components(self) -> list[Component]:
@@ -191,7 +197,7 @@ class Sortie:
 
     def is_ending(self, now_s: float) -> bool:
         """Return whether the vehicle is about to reach the end of its path; True once for each path."""
-        if self._ending_told or self._status(now_s) is not Status.FLYING:
+        if self._ending_told or self.status(now_s) is not Status.FLYING:
             return False
         rest = self._rest_points()
         path = np.vstack((self.ground.vehicle_state.position_m(self.plan.farm.frame), rest))
@@ -211,9 +217,9 @@ class Sortie:
             position_m, max(state.height_m, 0.0), velocity_m_s, state.velocity_m_s[2], state.heading_rad
         )
         return VehicleReport(
-            system_id=self.number.system_id,
+            system_id=self.system_id,
             request=task.request,
-            status=self._status(now_s),
+            status=self.status(now_s),
             position_m=position_m,
             velocity_m_s=velocity_m_s,
             age_s=now_s - state.heard_s if heard else 0.0,
@@ -224,7 +230,8 @@ class Sortie:
             delay_s=self._delay_s,
         )
 
-    def _status(self, now_s: float) -> Status:
+    def status(self, now_s: float) -> Status:
+        """Return what the vehicle is doing, as far as the ground can tell."""
         ground, state = self.ground, self.ground.vehicle_state
         if ground.phase in (Phase.DONE, Phase.FETCH):
             return Status.ENDED if ground.outcome.is_good else Status.LOST
@@ -243,7 +250,7 @@ class Sortie:
             return 0.0
         flown_s = now_s - ground.started_s
         if budget.unit == "m":
-            return ground.track(self.plan.farm.frame).length_m
+            return self._flown.measure()
         if budget.unit == "steps":
             return math.floor(flown_s / vehicle.step_s + 1e-6)
         if budget.unit == "Wh":
@@ -260,7 +267,7 @@ class Sortie:
         ground, frame = self.ground, self.plan.farm.frame
         started_s = ground.started_s or 0.0
         position_m = ground.vehicle_state.position_m(frame)
-        change = PathChange(self.number.system_id, position_m, points_m, math.nan, sent_s=now_s - started_s)
+        change = PathChange(self.system_id, position_m, points_m, math.nan, sent_s=now_s - started_s)
         latitude, longitude = frame.to_wgs84(points_m[:, 0], points_m[:, 1])
         builder = self.task.builder
         mission, resume_at = revised_mission(
@@ -306,7 +313,7 @@ class Sortie:
         return FlightRecord(
             day=self.number.day,
             flight=self.number.flight,
-            system_id=self.number.system_id,
+            system_id=self.system_id,
             plan=self.plan,
             outcome=ground.outcome,
             reason=ground.reason,

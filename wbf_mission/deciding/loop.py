@@ -24,11 +24,18 @@ class Steered(Protocol):
     """A vehicle whose path can be changed in flight, as its ground station knows it."""
 
     @property
+    def system_id(self) -> int:
+        """Its MAVLink system id."""
+
+    @property
     def waypoints_reached(self) -> int:
         """How many waypoints it has passed since its mission began."""
 
     def is_ending(self, now_s: float) -> bool:
         """Return whether it is about to reach the end of its path; True once for each path."""
+
+    def status(self, now_s: float) -> Status:
+        """Return what it is doing."""
 
     def report(self, now_s: float) -> VehicleReport:
         """Return what is known of it."""
@@ -141,6 +148,11 @@ class DecisionLoop:
             record.changes.append(PathChange(vehicle.system_id, vehicle.position_m, points, cost, "planned"))
         return answer
 
+    @property
+    def asks_on_the_way(self) -> bool:
+        """Whether `due` can ever give a reason, as the policy is now."""
+        return not self._policy.asking.never
+
     def due(self, vehicles: Sequence[Steered], time_s: float, observations: int) -> Event | None:
         """Return why the policy has to be asked now; None if there is no reason.
 
@@ -165,11 +177,13 @@ class DecisionLoop:
 
     def ending(self, vehicles: Sequence[Steered], now_s: float) -> bool:
         """Return whether a path is about to end; who never changes its mind need not be told."""
-        return not self._policy.asking.never and any(one.is_ending(now_s) for one in vehicles)
+        return self.asks_on_the_way and any(one.is_ending(now_s) for one in vehicles)
 
     def lost(self, vehicles: Sequence[Steered], now_s: float) -> bool:
         """Return whether a vehicle was lost since the last question; of a single one nobody needs to know."""
-        return len(vehicles) > 1 and bool(self._lost_of([one.report(now_s) for one in vehicles]) - self._lost)
+        if len(vehicles) == 1:
+            return False
+        return any(one.status(now_s) is Status.LOST and one.system_id not in self._lost for one in vehicles)
 
     def decide(self, event: Event, vehicles: Sequence[Steered], time_s: float, now_s: float) -> None:
         """Ask, and send what is answered.
@@ -188,7 +202,7 @@ class DecisionLoop:
         reports = [vehicle.report(now_s) for vehicle in vehicles]
         self._asked_s = time_s
         self._reached = sum(one.waypoints_reached for one in vehicles)
-        self._lost = self._lost_of(reports)
+        self._lost = frozenset(one.system_id for one in reports if one.status is Status.LOST)
         situation = self._knowledge.situation(event, time_s, reports, self._compute_s)
         self._observations = len(situation.observations)
         if not situation.steerable:
@@ -202,7 +216,7 @@ class DecisionLoop:
             self._records.append(record)
             return
         record = self._note(event, time_s, situation, answer)
-        by_id = {report.system_id: vehicle for report, vehicle in zip(reports, vehicles, strict=True)}
+        by_id = {vehicle.system_id: vehicle for vehicle in vehicles}
         refused = {}
         if self._kept_distance is not None:
             refused = self._kept_distance.refusals(reports, answer.decision.paths)
@@ -229,7 +243,3 @@ class DecisionLoop:
         )
         self._records.append(record)
         return record
-
-    @staticmethod
-    def _lost_of(reports: Sequence[VehicleReport]) -> frozenset[int]:
-        return frozenset(one.system_id for one in reports if one.status is Status.LOST)

@@ -33,7 +33,7 @@ from wbf_mission.ground.failures import FailureWatch
 from wbf_mission.ground.images import ImageFetch
 from wbf_mission.ground.orders import Answer, Order, result_name
 from wbf_mission.ground.texts import TextLog
-from wbf_mission.ground.tracks import TrackRecorder, TrueState
+from wbf_mission.ground.tracks import FlownLength, TrackRecorder, TrueState
 from wbf_mission.ground.vehicle_state import UNKNOWN_ITEM, VehicleMonitor, VehicleState
 from wbf_mission.outcome import Phase, Track
 
@@ -319,6 +319,10 @@ class GroundStation:
     def track(self, frame: LocalFrame) -> Track:
         """What was flown since the start, in WGS84 and in `frame`."""
         return self._tracks.track(frame)
+
+    def flown_length(self, frame: LocalFrame) -> FlownLength:
+        """Return what measures how far the vehicle has flown since the start."""
+        return FlownLength(self._tracks, frame)
 
     def true_track(self, frame: LocalFrame) -> Track | None:
         """Where the vehicle truly was; None if its simulator did not tell."""

@@ -14,7 +14,7 @@ from wbf_mission.outcome import Track
 
 TrueState: TypeAlias = m.MAVLink_hil_state_quaternion_message | m.MAVLink_sim_state_message
 
-__all__ = ["TrackRecorder"]
+__all__ = ["FlownLength", "TrackRecorder"]
 
 _GROUND_MM = 50
 _ON_GROUND = 1  # MAV_LANDED_STATE_ON_GROUND
@@ -62,6 +62,10 @@ class TrackRecorder:
             height_mm = altitude_mm - self._ground_mm
             self._true_fixes.append((1000.0 * now_s, latitude_e7, longitude_e7, height_mm))
 
+    def fixes_from(self, number: int) -> Sequence[_Fix]:
+        """Return the fixes of the flight from a number on."""
+        return self._fixes[number:]
+
     def track(self, frame: LocalFrame) -> Track:
         """What was flown, in WGS84 and in `frame`."""
         return _track(self._fixes, frame)
@@ -69,6 +73,34 @@ class TrackRecorder:
     def true_track(self, frame: LocalFrame) -> Track | None:
         """Where the vehicle truly was; None if its simulator did not tell."""
         return _track(self._true_fixes, frame) if self._true_fixes else None
+
+
+class FlownLength:
+    """The length over ground of a flight that goes on; each fix is looked at once.
+
+    Parameters
+    ----------
+    tracks : TrackRecorder
+        Of the flight.
+    frame : LocalFrame
+        In whose plane lengths are measured.
+    """
+
+    def __init__(self, tracks: TrackRecorder, frame: LocalFrame) -> None:
+        self._tracks = tracks
+        self._frame = frame
+        self._seen = 0
+        self._length_m = 0.0
+
+    def measure(self) -> float:
+        """Return how many metres there are from the first fix to the last one."""
+        # The last fix that was looked at is the beginning of the next step.
+        begin = max(self._seen - 1, 0)
+        new = self._tracks.fixes_from(begin)
+        self._seen = begin + len(new)
+        if len(new) > 1:
+            self._length_m += _track(new, self._frame).length_m
+        return self._length_m
 
 
 def _track(fixes: Sequence[_Fix], frame: LocalFrame) -> Track:

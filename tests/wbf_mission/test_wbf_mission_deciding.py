@@ -1,0 +1,64 @@
+"""The loop of decisions by itself: what it looks at between two questions."""
+
+from dataclasses import dataclass
+
+import pytest
+
+from geo import get_farm
+from mission.policies.policy import Asking, FixedPlan
+from mission.policies.situation import Status
+from sensors.fields import PAPER_FIELDS
+from sensors.observations import Observations
+from sensors.scoring.score import PAPER_WEIGHTS
+from wbf_mission.deciding.loop import DecisionLoop, Knowledge
+
+
+@dataclass
+class Told:
+    """A vehicle of which nothing but its status may be asked."""
+
+    system_id: int
+    now: Status = Status.FLYING
+    waypoints_reached: int = 0
+
+    def status(self, _now_s):
+        return self.now
+
+    def is_ending(self, _now_s):
+        raise AssertionError
+
+    report = steer = is_ending
+
+
+def loop_of(policy):
+    def nothing():
+        raise AssertionError
+
+    knowledge = Knowledge(
+        get_farm("miniberry-10"), 6, PAPER_FIELDS, PAPER_WEIGHTS, nothing, Observations.empty
+    )
+    return DecisionLoop(policy, "policy", knowledge, records=[])
+
+
+def test_a_loss_is_noticed_from_statuses_alone():
+    loop, fleet = loop_of(FixedPlan("spiral")), [Told(1), Told(2)]
+    assert not loop.lost(fleet, 1.0)
+    fleet[1].now = Status.LOST
+    assert loop.lost(fleet, 2.0)
+    assert not loop.lost(fleet[1:], 2.0), "a single one that is lost leaves nobody to be told"
+
+
+def test_a_planner_is_not_asked_on_the_way():
+    loop = loop_of(FixedPlan("spiral"))
+    assert not loop.asks_on_the_way
+    assert not loop.ending([Told(1)], 1.0)
+    assert loop.due([Told(1, waypoints_reached=3)], 1e3, 1000) is None
+
+
+@pytest.mark.parametrize("asking", [Asking(period_s=5.0), Asking(observations=3), Asking(waypoints=True)])
+def test_who_wants_to_be_asked_is(asking):
+    policy = FixedPlan("spiral")
+    loop = loop_of(type("Asks", (), {"asking": asking, "decide": policy.decide, "start": policy.start})())
+    assert loop.asks_on_the_way
+    assert loop.due([Told(1)], 0.0, 0) is None
+    assert loop.due([Told(1, waypoints_reached=1)], 6.0, 3) is not None

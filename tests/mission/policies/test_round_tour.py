@@ -5,6 +5,8 @@ import pytest
 
 from mission.policies.round_tour import insert_by_detour, shorten
 
+pytestmark = pytest.mark.kernel
+
 
 def _length(start, places, order, returns):
     way = np.vstack((start, places[np.asarray(order)], *([start[None]] if returns else [])))

@@ -7,6 +7,7 @@ against what its fields say; files and the command line are derived from the sam
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import typing
 from collections.abc import Callable, Iterable, Mapping
@@ -155,7 +156,7 @@ class Part:
     COMPOUND: ClassVar[tuple[CompoundFlag, ...]] = ()
 
     def __post_init__(self) -> None:
-        wanted = typing.get_type_hints(type(self))
+        wanted = _types_of(type(self))
         for name, one in options_of(type(self)).items():
             value = converted(getattr(self, name), wanted[name], one)
             object.__setattr__(self, name, value)
@@ -168,6 +169,12 @@ class Part:
     def values(self) -> dict[str, Any]:
         """Return the options by their keys."""
         return {one.key: getattr(self, name) for name, one in options_of(type(self)).items()}
+
+
+@functools.cache
+def _types_of(part: type[Any]) -> Mapping[str, Any]:
+    """Return the types of a part's fields: finding them takes longer than all else of a scenario."""
+    return typing.get_type_hints(part)
 
 
 _OPTIONS: dict[type[Any], Mapping[str, Option]] = {}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,8 +19,9 @@ from sensors.estimators import Estimator, advance_estimator
 from sensors.fields import FieldSet
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import RunningScore, ScoreWeights
+from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.faults.fault import Fault
-from sim_vehicle.host.simulation import Impairment
+from sim_vehicle.host.simulation import Impairment, Simulation
 from wbf_mission.day_record import DayRecord, keeps_days
 from wbf_mission.deciding.loop import DecisionLoop, Knowledge
 from wbf_mission.deciding.record import DecisionRecord
@@ -313,11 +314,15 @@ class Campaign:
             sorties,
             planned.loop,
             self.evidence,
+            Simulation(
+                [part for sortie in sorties for part in sortie.components],
+                tap=_tap_of(writer, self.simulated_s),
+                impairment=host.impairment,
+                faults=[one for one in host.faults if one.vehicle not in self._gone],
+                seed=child_seed(self.scenario.seed, "faults", f"day-{day}", f"flight-{flight}"),
+                remote=[sortie.ground for sortie in sorties],
+            ),
             offset_s=self.simulated_s,
-            impairment=host.impairment,
-            faults=[one for one in host.faults if one.vehicle not in self._gone],
-            seed=child_seed(self.scenario.seed, "faults", f"day-{day}", f"flight-{flight}"),
-            writer=writer,
             pace=host.pace,
             tell=self._tell,
             watch=self.watch,
@@ -373,3 +378,15 @@ def expected_readings(camera: CameraOptions, planned: PlanResult) -> float:
         spacing_m = camera.spacing_m or planned.farm.cell_size_m * camera.footprint
         images = planned.prediction.path_length_m / spacing_m
     return images * camera.footprint**2
+
+
+def _tap_of(writer: TlogWriter | None, offset_s: float) -> Callable[[bytes, float], None] | None:
+    """Return what writes each frame with the time of day at which it is sent."""
+    if writer is None:
+        return None
+    write, epoch_s = writer.write, EPOCH_UNIX_S + offset_s
+
+    def tap(frame: bytes, now_s: float) -> None:
+        write(frame, epoch_s + now_s)
+
+    return tap

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
+from typing import Protocol
 
-from numpy.random import SeedSequence
-
-from mission.link.tlog import TlogWriter
+from mission.link.codec.dialect import Message
 from mission.outcome import Outcome
 from mission.policies.situation import Event
-from sim_vehicle.epoch import EPOCH_UNIX_S
-from sim_vehicle.faults.fault import Fault
-from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
+from sim_vehicle.component import NEVER, Component
+from sim_vehicle.host.simulation import StopReason
 from wbf_mission.deciding.loop import DecisionLoop
 from wbf_mission.evidence import Evidence
 from wbf_mission.outcome import Phase
@@ -26,6 +24,24 @@ FLIGHT_LIMIT_FACTOR = 3.0
 FLIGHT_LIMIT_EXTRA_S = 600.0
 
 
+class FlightHost(Protocol):
+    """What runs the components of a flight, on its own clock."""
+
+    @property
+    def now_s(self) -> float:
+        """Seconds since it began."""
+
+    @property
+    def frames(self) -> int:
+        """How many MAVLink frames were sent."""
+
+    def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
+        """Let time pass until a condition holds or so many more seconds went by."""
+
+    def send(self, component: Component, messages: Iterable[Message]) -> None:
+        """Send messages of a component now."""
+
+
 class JointFlight:
     """Flies sorties together, from the first heartbeat to the last landing.
 
@@ -36,16 +52,10 @@ class JointFlight:
         Already asked for the first paths.
     evidence : Evidence
         Takes what is seen.
+    host : FlightHost
+        Runs the components of the sorties.
     offset_s : float
         When the flight begins, in seconds since the beginning of the run.
-    impairment : Impairment or None
-        A bad radio between the ground and the vehicles.
-    faults : sequence of Fault
-        What goes wrong.
-    seed : int or SeedSequence
-        Of the faults.
-    writer : TlogWriter or None
-        Takes every frame.
     pace : float or None
         Simulated seconds per wall second.
     tell : callable
@@ -63,12 +73,9 @@ class JointFlight:
         sorties: Sequence[Sortie],
         decisions: DecisionLoop,
         evidence: Evidence,
+        host: FlightHost,
         *,
         offset_s: float = 0.0,
-        impairment: Impairment | None = None,
-        faults: Sequence[Fault] = (),
-        seed: int | SeedSequence = 0,
-        writer: TlogWriter | None = None,
         pace: float | None = None,
         tell: Progress,
         watch: Stopwatch,
@@ -80,35 +87,28 @@ class JointFlight:
         self._offset_s = offset_s
         self._pace = pace
         self._tell, self._watch = tell, watch
-        self._simulation = Simulation(
-            [part for sortie in self.sorties for part in sortie.components],
-            tap=_tap_of(writer, offset_s),
-            impairment=impairment,
-            faults=faults,
-            seed=seed,
-            remote=[sortie.ground for sortie in self.sorties],
-        )
+        self._host = host
         for sortie in self.sorties:
-            sortie.send = partial(self._simulation.send, sortie.ground)
+            sortie.send = partial(host.send, sortie.ground)
         self._predicted_s = max(one.start_delay_s + one.plan.prediction.duration_s for one in self.sorties)
         self._event: Event | None = None
 
     @property
     def now_s(self) -> float:
         """Simulated seconds since the flight's first heartbeat."""
-        return self._simulation.now_s
+        return self._host.now_s
 
     @property
     def frames(self) -> int:
         """How many MAVLink frames were sent."""
-        return self._simulation.frames
+        return self._host.frames
 
     def fly(self) -> None:
         """Fly until every vehicle is down."""
         limit_s = FLIGHT_LIMIT_FACTOR * self._predicted_s + FLIGHT_LIMIT_EXTRA_S
         begin = time.perf_counter()
         while not self._is_over():
-            stop = self._simulation.run(until=self._stops, limit_s=SLICE_S)
+            stop = self._host.run(until=self._stops, limit_s=SLICE_S)
             self._watch.lap("flight")
             if self._pace is not None:
                 self._keep_pace(begin, self._pace)
@@ -174,15 +174,3 @@ class JointFlight:
         if ahead_s > 0.0:
             time.sleep(ahead_s)
         self._watch.lap("waiting")
-
-
-def _tap_of(writer: TlogWriter | None, offset_s: float) -> Callable[[bytes, float], None] | None:
-    """Return what writes each frame with the time of day at which it is sent."""
-    if writer is None:
-        return None
-    write, epoch_s = writer.write, EPOCH_UNIX_S + offset_s
-
-    def tap(frame: bytes, now_s: float) -> None:
-        write(frame, epoch_s + now_s)
-
-    return tap

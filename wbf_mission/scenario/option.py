@@ -7,7 +7,6 @@ against what its fields say; files and the command line are derived from the sam
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
 import typing
 from collections.abc import Callable, Iterable, Mapping
@@ -171,10 +170,14 @@ class Part:
         return {one.key: getattr(self, name) for name, one in options_of(type(self)).items()}
 
 
-@functools.cache
+_TYPES: dict[type[Any], Mapping[str, Any]] = {}
+
+
 def _types_of(part: type[Any]) -> Mapping[str, Any]:
     """Return the types of a part's fields: finding them takes longer than all else of a scenario."""
-    return typing.get_type_hints(part)
+    if part not in _TYPES:
+        _TYPES[part] = typing.get_type_hints(part)
+    return _TYPES[part]
 
 
 _OPTIONS: dict[type[Any], Mapping[str, Option]] = {}

@@ -6,20 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mission.policies.acquisition import Acquisition, WithCoverage, make_acquisition
-from mission.policies.coordination import Coordination, make_coordination
-from mission.policies.decision import Decision
+from mission.policies.acquisition import Acquisition
+from mission.policies.coordination import Coordination
 from mission.policies.leg_search import leg_values
-from mission.policies.policy import LEAST_S, Asking
-from mission.policies.route_search import leg_offsets, neighbour_shares, pool, take_leg
-from mission.policies.situation import Situation
-from mission.policies.steering import Route, RouteProblem, Steering, far_route
+from mission.policies.map_policy import MapPolicy
+from mission.policies.route_search import leg_offsets, pool, take_leg
+from mission.policies.steering import Route, RouteProblem, far_route
 
 _ALTERNATIVES = 4
 _LEAST_LEGS = 4
 
 
-class Greedy:
+class Greedy(MapPolicy):
     """Fly the straight leg whose cells are worth most by what the leg costs; choose again after a few cells.
 
     So that there is always a path, further legs are chosen after it as if nothing were found.
@@ -40,6 +38,8 @@ class Greedy:
         Who of a fleet flies where (`mission.policies.coordination`).
     """
 
+    reason = "most for its cost"
+
     def __init__(
         self,
         acquisition: str | Acquisition = "expected-loss",
@@ -52,27 +52,17 @@ class Greedy:
         reach: float = 3.0,
         coordination: str | Coordination = "sequential",
     ) -> None:
-        self._steering = Steering(
-            WithCoverage(make_acquisition(acquisition), caution, reach),
-            neighbour_shares(share, spread, 3),
-            make_coordination(coordination),
+        super().__init__(
+            acquisition=acquisition,
+            share=share,
+            spread=spread,
+            every=every,
+            caution=caution,
+            reach=reach,
+            coordination=coordination,
         )
         self._offsets = leg_offsets(max(1, int(longest)))
         self._ahead = float(ahead)
-        self._every = int(every)
-
-    @property
-    def asking(self) -> Asking:
-        """After some observations."""
-        return Asking(observations=self._every, least_s=LEAST_S)
-
-    def start(self) -> None:
-        """Forget the run before."""
-        self._steering.start()
-
-    def decide(self, situation: Situation) -> Decision:
-        """Choose legs for every vehicle, in turn."""
-        return self._steering.decide(situation, self._search, "most for its cost")
 
     def _search(self, problem: RouteProblem) -> Sequence[Route]:
         shares, free = problem.shares, problem.chart.free

@@ -6,19 +6,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mission.policies.acquisition import Acquisition, WithCoverage, make_acquisition
-from mission.policies.coordination import Coordination, make_coordination
-from mission.policies.decision import Decision
-from mission.policies.policy import LEAST_S, Asking
-from mission.policies.route_search import neighbour_shares, pool
-from mission.policies.situation import Situation
-from mission.policies.steering import Route, RouteProblem, Steering
+from mission.policies.acquisition import Acquisition
+from mission.policies.coordination import Coordination
+from mission.policies.map_policy import MapPolicy
+from mission.policies.route_search import pool
+from mission.policies.steering import Route, RouteProblem
 from mission.policies.tour_search import candidate_places, search_tour
 
 _MOST_STOPS = 40
 
 
-class Orienteering:
+class Orienteering(MapPolicy):
     """Choose places and their order so that the legs see most, early, within what is left of the budget.
 
     Costs of legs are the vehicle's own fares, and where the budget pays for the way home it is kept.
@@ -45,6 +43,8 @@ class Orienteering:
         Who of a fleet flies where (`mission.policies.coordination`).
     """
 
+    reason = "tour"
+
     def __init__(
         self,
         acquisition: str | Acquisition = "expected-loss",
@@ -60,28 +60,18 @@ class Orienteering:
         reach: float = 3.0,
         coordination: str | Coordination = "sequential",
     ) -> None:
-        self._steering = Steering(
-            WithCoverage(make_acquisition(acquisition), caution, reach),
-            neighbour_shares(share, spread, 3),
-            make_coordination(coordination),
+        super().__init__(
+            acquisition=acquisition,
+            share=share,
+            spread=spread,
+            every=every,
+            caution=caution,
+            reach=reach,
+            coordination=coordination,
         )
         self._places, self._near = int(places), int(near)
         self._horizon, self._patience = float(horizon), float(patience)
         self._rounds = int(rounds)
-        self._every = int(every)
-
-    @property
-    def asking(self) -> Asking:
-        """After some observations."""
-        return Asking(observations=self._every, least_s=LEAST_S)
-
-    def start(self) -> None:
-        """Forget the run before."""
-        self._steering.start()
-
-    def decide(self, situation: Situation) -> Decision:
-        """Plan a tour for every vehicle, in turn."""
-        return self._steering.decide(situation, self._search, "tour")
 
     def _search(self, problem: RouteProblem) -> Sequence[Route]:
         vehicle, cell_m = problem.vehicle, problem.chart.cell_m

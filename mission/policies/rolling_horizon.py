@@ -6,16 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mission.policies.acquisition import Acquisition, WithCoverage, make_acquisition
-from mission.policies.coordination import Coordination, make_coordination
-from mission.policies.decision import Decision
-from mission.policies.policy import LEAST_S, Asking
-from mission.policies.route_search import COST, WORTH, leg_offsets, neighbour_shares, search_route
-from mission.policies.situation import Situation
-from mission.policies.steering import Route, RouteProblem, Steering, far_route
+from mission.policies.acquisition import Acquisition
+from mission.policies.coordination import Coordination
+from mission.policies.map_policy import MapPolicy
+from mission.policies.route_search import COST, WORTH, leg_offsets, search_route
+from mission.policies.steering import Route, RouteProblem, far_route
 
 
-class RollingHorizon:
+class RollingHorizon(MapPolicy):
     """Fly the route of several legs that gains most up to a horizon; search again after a few cells.
 
     The search foresees what its own legs will leave to be seen: a cell is worth something once, and seeing it
@@ -39,6 +37,8 @@ class RollingHorizon:
         Who of a fleet flies where (`mission.policies.coordination`).
     """
 
+    reason = "looked ahead"
+
     def __init__(
         self,
         acquisition: str | Acquisition = "expected-loss",
@@ -53,30 +53,20 @@ class RollingHorizon:
         reach: float = 3.0,
         coordination: str | Coordination = "sequential",
     ) -> None:
-        self._steering = Steering(
-            WithCoverage(make_acquisition(acquisition), caution, reach),
-            neighbour_shares(share, spread, 3),
-            make_coordination(coordination),
+        super().__init__(
+            acquisition=acquisition,
+            share=share,
+            spread=spread,
+            every=every,
+            caution=caution,
+            reach=reach,
+            coordination=coordination,
         )
         self._horizon = float(horizon)
         self._patience = float(patience)
         self._beam = int(beam)
         self._groups = max(1, round(horizon / interval))
         self._offsets = leg_offsets(max(1, int(horizon)))
-        self._every = int(every)
-
-    @property
-    def asking(self) -> Asking:
-        """After some observations."""
-        return Asking(observations=self._every, least_s=LEAST_S)
-
-    def start(self) -> None:
-        """Forget the run before."""
-        self._steering.start()
-
-    def decide(self, situation: Situation) -> Decision:
-        """Search a route for every vehicle, in turn."""
-        return self._steering.decide(situation, self._search, "looked ahead")
 
     def _search(self, problem: RouteProblem) -> Sequence[Route]:
         per_cell = problem.costs.per_cell

@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 
 from geo.compiled import compiled
 
-Map = NDArray[np.float32]
-
 _SECTORS = 32
 
 X, Y, COST, WORTH = range(4)

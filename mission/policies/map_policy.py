@@ -1,0 +1,73 @@
+"""What policies have in common that search routes over a map of worth."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import ClassVar
+
+from mission.policies.acquisition import Acquisition, WithCoverage, make_acquisition
+from mission.policies.coordination import Coordination, make_coordination
+from mission.policies.decision import Decision
+from mission.policies.policy import LEAST_S, Asking
+from mission.policies.route_search import neighbour_shares
+from mission.policies.situation import Situation
+from mission.policies.steering import Route, RouteProblem, Steering
+
+_RADIUS = 3
+
+
+class MapPolicy(ABC):
+    """Search a route for each vehicle on the map of what seeing each cell is worth; again when more is seen.
+
+    Parameters
+    ----------
+    acquisition : str or Acquisition
+        What seeing a cell is worth.
+    share, spread : float
+        Seeing a cell takes ``share * exp(-d^2 / spread)`` of the worth of one d cells away.
+    every : int
+        Search again after so many observations.
+    caution, reach : float
+        See `mission.policies.acquisition.WithCoverage`.
+    coordination : {"sequential", "auction"} or Coordination
+        Who of a fleet flies where (`mission.policies.coordination`).
+    """
+
+    reason: ClassVar[str]
+    """What is noted of each decision."""
+
+    def __init__(
+        self,
+        *,
+        acquisition: str | Acquisition,
+        share: float,
+        spread: float,
+        every: int,
+        caution: float,
+        reach: float,
+        coordination: str | Coordination,
+    ) -> None:
+        self._steering = Steering(
+            WithCoverage(make_acquisition(acquisition), caution, reach),
+            neighbour_shares(share, spread, _RADIUS),
+            make_coordination(coordination),
+        )
+        self._every = int(every)
+
+    @property
+    def asking(self) -> Asking:
+        """After some observations."""
+        return Asking(observations=self._every, least_s=LEAST_S)
+
+    def start(self) -> None:
+        """Forget the run before."""
+        self._steering.start()
+
+    def decide(self, situation: Situation) -> Decision:
+        """Search a route for every vehicle, in turn."""
+        return self._steering.decide(situation, self._search, self.reason)
+
+    @abstractmethod
+    def _search(self, problem: RouteProblem) -> Sequence[Route]:
+        """Return routes of one vehicle, the best first; none if there is nothing to gain."""

@@ -33,7 +33,6 @@ from wbf_mission.field_maps import FieldMap, field_maps
 from wbf_mission.fleet import Vehicle
 from wbf_mission.flight_record import FlightRecord
 from wbf_mission.joint_flight import JointFlight
-from wbf_mission.outcome import Phase
 from wbf_mission.planning import PlanResult
 from wbf_mission.progress import Progress
 from wbf_mission.report import report_of_maps
@@ -366,7 +365,7 @@ class Campaign:
         self.evidence.estimate.end_flight(self.simulated_s)
         self.watch.lap("estimate and score")
 
-    def _on_transfer(self, phase: Phase, done: int, total: int) -> None:  # noqa: ARG002
+    def _on_transfer(self, done: int, total: int) -> None:
         self._tell("uploading", done, total)
 
 

@@ -87,7 +87,7 @@ class Sortie:
         What the camera looks at.
     options : LeafCameraOptions
     on_transfer : callable, optional
-        ``on_transfer(phase, done, total)`` as mission items cross.
+        ``on_transfer(done, total)`` as mission items cross.
     start_delay_s : float
         How long it waits before it starts.
 
@@ -105,7 +105,7 @@ class Sortie:
         scenario: Scenario,
         environment: Environment,
         options: LeafCameraOptions,
-        on_transfer: Callable[[Phase, int, int], None] | None = None,
+        on_transfer: Callable[[int, int], None] | None = None,
         start_delay_s: float = 0.0,
     ) -> None:
         farm, seed = plan.farm, scenario.seed

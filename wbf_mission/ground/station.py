@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from geo.errors import WbfMissionError
@@ -13,20 +12,11 @@ from geo.frame import LocalFrame
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import handler
-from mission.model import Command, Mission, MissionType
+from mission.model import Command, Mission
 from mission.outcome import Outcome
-from mission.transfer import (
-    CLIENT_MESSAGES,
-    Output,
-    Progress,
-    TransferFailed,
-    TransferStatistics,
-    UploadVerified,
-    VerifiedUpload,
-    profile_for,
-)
+from mission.transfer import CLIENT_MESSAGES, TransferStatistics, profile_for
 from sensors.camera.wire import ObservationAssembler
-from wbf_mission.ground.change import ChangeRecord, ChangeRequest, ChangeSession, check_change
+from wbf_mission.ground.change import ChangeRecord, ChangeRequest, ChangeSession, check_change, leads_home
 from wbf_mission.ground.change_aside import AsideChange
 from wbf_mission.ground.change_whole import WholeListChange
 from wbf_mission.ground.failures import FailureWatch
@@ -34,7 +24,8 @@ from wbf_mission.ground.images import ImageFetch
 from wbf_mission.ground.orders import Answer, Order, result_name
 from wbf_mission.ground.texts import TextLog
 from wbf_mission.ground.tracks import FlownLength, TrackRecorder, TrueState
-from wbf_mission.ground.vehicle_state import UNKNOWN_ITEM, VehicleMonitor, VehicleState
+from wbf_mission.ground.uploads import PlanUploads
+from wbf_mission.ground.vehicle_state import UNKNOWN_ITEM, Battery, VehicleMonitor, VehicleState
 from wbf_mission.outcome import Phase, Track
 
 GROUND_SYSTEM_ID = 255
@@ -46,23 +37,11 @@ _COMPLETE = 5  # MISSION_STATE_COMPLETE
 _STREAM_HZ = 4
 _FAST = (int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT), int(m.MAVLINK_MSG_ID_ATTITUDE))
 _FAST_US = 100_000
-_RETURNS = frozenset({int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_LAND)})
-
-
 _WAYS = {False: WholeListChange, True: AsideChange}
-_AN_ITEM_S = 0.1
 
 
 class NotFlyingError(WbfMissionError, RuntimeError):
     """A mission cannot be changed now: the vehicle does not fly one, or is being changed already."""
-
-
-@dataclass(slots=True)
-class Battery:
-    """What the vehicle told about its battery."""
-
-    remaining: float | None = None
-    consumed_wh: float | None = None
 
 
 class GroundStation:
@@ -78,7 +57,7 @@ class GroundStation:
     system_id : int
         Its own.
     on_progress : callable, optional
-        ``on_progress(phase, done, total)`` as items cross.
+        ``on_progress(done, total)`` as items of the plans cross.
     start_delay_s : float
         How long it waits between the upload and the start.
 
@@ -88,9 +67,6 @@ class GroundStation:
     outcome : Outcome
     reason : str
         Why it ended so, in the vehicle's words where it said any.
-    transfers : list of TransferStatistics
-    battery : Battery
-        As the vehicle told last.
     changes : list of ChangeRecord
         What came of each change of the mission in flight.
     started_s, ended_s : float or None
@@ -106,7 +82,7 @@ class GroundStation:
         *,
         vehicle_system_id: int = 1,
         system_id: int = GROUND_SYSTEM_ID,
-        on_progress: Callable[[Phase, int, int], None] | None = None,
+        on_progress: Callable[[int, int], None] | None = None,
         start_delay_s: float = 0.0,
     ) -> None:
         self.mission = mission
@@ -114,14 +90,11 @@ class GroundStation:
         self.phase = Phase.CONTACT
         self.outcome = Outcome.RUNNING
         self.reason = ""
-        self.transfers: list[TransferStatistics] = []
-        self.battery = Battery()
         self.changes: list[ChangeRecord] = []
         self.started_s: float | None = None
         self.ended_s: float | None = None
         self._assembler = assembler
         self._vehicle = (vehicle_system_id, int(m.MAV_COMP_ID_AUTOPILOT1))
-        self._on_progress = on_progress
         self._start_delay_s = start_delay_s
         self._arm_s = math.inf
         self._autopilot = 0
@@ -136,19 +109,17 @@ class GroundStation:
         self._disarmed_s: float | None = None
         self._heartbeat_s = -math.inf
         self._order: Order | None = None
-        self._transfer: VerifiedUpload | None = None
+        self._uploads = PlanUploads(
+            mission,
+            vehicle=self._vehicle,
+            ground=(system_id, self.component_id),
+            on_progress=on_progress,
+        )
         self._monitor = VehicleMonitor()
         self._change: ChangeSession | None = None
-        self._plans = deque(
-            kind
-            for kind in (MissionType.FENCE, MissionType.RALLY, MissionType.MISSION)
-            if mission.plan(kind) or kind is MissionType.MISSION
-        )
         self._tracks = TrackRecorder()
         self._texts = TextLog()
         self._fetch = None if assembler is None else ImageFetch(assembler, vehicle_system_id)
-        self._hold(mission)
-        self._is_wing = self._is_rover = False
         self._handlers: dict[int, Callable[[Any, float], list[Message]]] = {
             **dict(
                 (
@@ -175,6 +146,16 @@ class GroundStation:
     def done(self) -> bool:
         """Whether nothing more is to come."""
         return self.phase is Phase.DONE
+
+    @property
+    def transfers(self) -> list[TransferStatistics]:
+        """Of each plan that was uploaded before the flight."""
+        return self._uploads.statistics
+
+    @property
+    def battery(self) -> Battery:
+        """As the vehicle told last."""
+        return self._monitor.battery
 
     @property
     def texts(self) -> list[tuple[float, int, str]]:
@@ -243,7 +224,7 @@ class GroundStation:
             profile=profile,
             monitor=self._monitor,
             texts=self._texts,
-            seconds_an_item=self._seconds_an_item(),
+            seconds_an_item=self._uploads.seconds_an_item,
         )
         aside = profile.change_modes is not None and self._monitor.vehicle_type in profile.change_modes
         self._change = _WAYS[aside](request)
@@ -271,10 +252,8 @@ class GroundStation:
             self._end(
                 Outcome.NO_CONTACT, f"no heartbeat of system {self._vehicle[0]} in {_CONTACT_S:.0f} s", now_s
             )
-        if self._transfer is not None and self.phase is Phase.UPLOAD:
-            deadline_s = self._transfer.next_deadline()
-            if deadline_s is not None and deadline_s <= now_s:
-                out += self._take(self._transfer.poll(now_s), now_s)
+        if self.phase is Phase.UPLOAD:
+            out += self._after_upload(self._uploads.poll(now_s), now_s)
         if self.phase is Phase.WAIT and now_s >= self._arm_s:
             out += self._arm(now_s)
         if self._order is not None and now_s >= self._order.due_s:
@@ -303,8 +282,8 @@ class GroundStation:
             deadline_s = min(deadline_s, self._arm_s)
         if self._order is not None:
             deadline_s = min(deadline_s, self._order.due_s)
-        if self._transfer is not None and (transfer_s := self._transfer.next_deadline()) is not None:
-            deadline_s = min(deadline_s, transfer_s)
+        if self.phase is Phase.UPLOAD:
+            deadline_s = min(deadline_s, self._uploads.next_deadline())
         if self._change is not None and self.phase is Phase.FLIGHT:
             deadline_s = min(deadline_s, self._change.next_deadline())
         if self._fetch is not None and self.phase is Phase.FETCH:
@@ -333,23 +312,8 @@ class GroundStation:
         change = self._change
         if change is not None and change.record is not None and change.record not in self.changes[-1:]:
             self.changes.append(change.record)
-            self._hold(change.held)
+            self.mission = change.held
         return out
-
-    def _hold(self, mission: Mission) -> None:
-        """Note the mission that the vehicle holds."""
-        self.mission = mission
-        self._returns = any(item.command in _RETURNS for item in mission.items)
-        self._lands = any(item.command == Command.NAV_LAND for item in mission.items)
-
-    def _seconds_an_item(self) -> float:
-        """Return what an item of the mission took to send and read back before the flight."""
-        times = [
-            one.duration_s / one.items
-            for one in self.transfers
-            if one.mission_type is MissionType.MISSION and one.items
-        ]
-        return times[-1] if times else _AN_ITEM_S
 
     # What arrives.
 
@@ -357,15 +321,15 @@ class GroundStation:
         if not self._is_vehicle(message):
             return []
         self._monitor.on_heartbeat(message, now_s)
-        self._is_wing = message.type == m.MAV_TYPE_FIXED_WING
-        self._is_rover = message.type == m.MAV_TYPE_GROUND_ROVER
         self._armed = bool(message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
         self._flew |= self._armed and self.phase is Phase.FLIGHT
         if self.phase is Phase.FLIGHT:
             self._failures.on_heartbeat(message, len(self.texts) - self._texts_before)
         if self.phase is Phase.CONTACT:
             self._autopilot = message.autopilot
-            return self._ask_for_streams() + self._next_upload(now_s)
+            self.phase = Phase.UPLOAD
+            begun = self._uploads.start(profile_for(self._autopilot), now_s)
+            return self._ask_for_streams() + self._after_upload(begun, now_s)
         if self.phase is Phase.FLIGHT and self._flew and not self._armed and self._disarmed_s is None:
             # The mission's state may be told a moment after the disarming.
             self._disarmed_s = now_s
@@ -395,12 +359,18 @@ class GroundStation:
             self._mission_state = message.mission_state
             if message.seq != UNKNOWN_ITEM:
                 self._progress = f" at item {message.seq} of {message.total}"
-            # A wing whose mission ends with a return may circle over home for ever.
-            circles = self._is_wing and not self._lands
-            over = self._disarmed_s is not None or not self._returns or circles
-            if self.phase is Phase.FLIGHT and self._mission_state == _COMPLETE and over:
+            if self.phase is Phase.FLIGHT and self._mission_state == _COMPLETE and self._ends_when_complete():
                 self._land(Outcome.COMPLETED, "", now_s)
         return []
+
+    def _ends_when_complete(self) -> bool:
+        """Return whether a complete mission ends the flight; otherwise the vehicle is on its way home."""
+        items = self.mission.items
+        if self._disarmed_s is not None or not leads_home(items, 0):
+            return True
+        # A wing whose mission ends with a return may circle over home for ever.
+        is_wing = self._monitor.vehicle_type == m.MAV_TYPE_FIXED_WING
+        return is_wing and not any(item.command == Command.NAV_LAND for item in items)
 
     def _on_position(self, message: m.MAVLink_global_position_int_message, now_s: float) -> list[Message]:
         if not self._is_vehicle(message):
@@ -408,7 +378,8 @@ class GroundStation:
         self._silent = False
         self._monitor.on_position(message, now_s)
         if self.phase is Phase.FLIGHT:
-            self._tracks.on_position(message, is_rover=self._is_rover)
+            is_rover = self._monitor.vehicle_type == m.MAV_TYPE_GROUND_ROVER
+            self._tracks.on_position(message, is_rover=is_rover)
         return []
 
     def _on_landed(self, message: m.MAVLink_extended_sys_state_message, now_s: float) -> list[Message]:  # noqa: ARG002
@@ -429,11 +400,7 @@ class GroundStation:
     def _on_battery(self, message: m.MAVLink_battery_status_message, now_s: float) -> list[Message]:  # noqa: ARG002
         if self._is_vehicle(message):
             self._failures.on_battery_status(message)
-            if message.battery_remaining >= 0:
-                self.battery.remaining = message.battery_remaining / 100.0
-            if message.energy_consumed >= 0:
-                self.battery.consumed_wh = message.energy_consumed * 100.0 / 3600.0
-            self._monitor.on_battery(self.battery.remaining, self.battery.consumed_wh)
+            self._monitor.on_battery(message)
         return []
 
     def _on_text(self, message: m.MAVLink_statustext_message, now_s: float) -> list[Message]:
@@ -448,9 +415,9 @@ class GroundStation:
         return []
 
     def _on_transfer(self, message: Message, now_s: float) -> list[Message]:
-        if self._transfer is None or self.phase is not Phase.UPLOAD:
+        if self.phase is not Phase.UPLOAD:
             return []
-        return self._take(self._transfer.receive(message, now_s), now_s)
+        return self._after_upload(self._uploads.receive(message, now_s), now_s)
 
     def _on_ack(self, message: m.MAVLink_command_ack_message, now_s: float) -> list[Message]:
         if self._order is None or not self._is_vehicle(message):
@@ -471,44 +438,18 @@ class GroundStation:
 
     # What follows.
 
-    def _next_upload(self, now_s: float) -> list[Message]:
-        if not self._plans and self._start_delay_s > 0.0:
+    def _after_upload(self, out: list[Message], now_s: float) -> list[Message]:
+        """Go on when the plans have arrived, or one has not."""
+        if self._uploads.failure:
+            self._end(Outcome.UPLOAD_FAILED, self._texts.last_warning(self._uploads.failure), now_s)
+        elif self._uploads.done and self._start_delay_s > 0.0:
             self.phase, self._arm_s = Phase.WAIT, now_s + self._start_delay_s
-            return []
-        if not self._plans:
-            return self._arm(now_s)
-        kind = self._plans.popleft()
-        self.phase = Phase.UPLOAD
-        self._transfer = VerifiedUpload(
-            self.mission.plan(kind),
-            kind,
-            home=self.mission.home,
-            target=self._vehicle,
-            source=(self.system_id, self.component_id),
-            profile=profile_for(self._autopilot),
-        )
-        return self._take(self._transfer.start(now_s), now_s)
+        elif self._uploads.done:
+            out += self._arm(now_s)
+        return out
 
     def _arm(self, now_s: float) -> list[Message]:
         return self._give_order(Phase.ARM, m.MAV_CMD_COMPONENT_ARM_DISARM, now_s, 1.0)
-
-    def _take(self, output: Output, now_s: float) -> list[Message]:
-        out = list(output.messages)
-        for event in output.events:
-            if isinstance(event, Progress) and self._on_progress is not None:
-                self._on_progress(Phase.UPLOAD, event.done, event.total)
-            elif isinstance(event, UploadVerified):
-                self._keep_statistics(now_s)
-                out += self._next_upload(now_s)
-            elif isinstance(event, TransferFailed):
-                self._keep_statistics(now_s)
-                self._end(Outcome.UPLOAD_FAILED, self._texts.last_warning(event.text), now_s)
-        return out
-
-    def _keep_statistics(self, now_s: float) -> None:
-        if self._transfer is not None:
-            self.transfers.append(self._transfer.statistics(now_s))
-            self._transfer = None
 
     def _give_order(self, phase: Phase, command: int, now_s: float, *params: float) -> list[Message]:
         self.phase = phase

@@ -11,11 +11,27 @@ from mission.link.codec.dialect import mavlink as m
 from mission.model import DEGREES_E7
 from mission.transfer import profile_for
 
-__all__ = ["UNKNOWN_ITEM", "VehicleMonitor", "VehicleState"]
+__all__ = ["UNKNOWN_ITEM", "Battery", "VehicleMonitor", "VehicleState"]
 
 UNKNOWN_ITEM = 65535
 """Sequence number in MISSION_CURRENT that names no item."""
 _NO_HEADING = 65535
+
+
+@dataclass(frozen=True, slots=True)
+class Battery:
+    """What the vehicle told about its battery; None for what it never told.
+
+    Parameters
+    ----------
+    remaining : float or None
+        Fraction that is left.
+    consumed_wh : float or None
+        Used since the start.
+    """
+
+    remaining: float | None = None
+    consumed_wh: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +101,7 @@ class VehicleMonitor:
     ----------
     vehicle_type, autopilot : int
         MAV_TYPE and MAV_AUTOPILOT of its heartbeat.
+    battery : Battery
     mode_heard_s, item_heard_s, position_heard_s : float
         When mode, item and position were heard; -inf for never.
     """
@@ -96,8 +113,7 @@ class VehicleMonitor:
         self._heartbeat: m.MAVLink_heartbeat_message | None = None
         self._position: m.MAVLink_global_position_int_message | None = None
         self._current: m.MAVLink_mission_current_message | None = None
-        self._remaining: float | None = None
-        self._consumed_wh: float | None = None
+        self.battery = Battery()
 
     def on_heartbeat(self, message: m.MAVLink_heartbeat_message, now_s: float) -> None:
         """Take type, autopilot, mode and whether it is armed."""
@@ -112,9 +128,14 @@ class VehicleMonitor:
         """Take the item and the mission's id."""
         self._current, self.item_heard_s = message, now_s
 
-    def on_battery(self, remaining: float | None, consumed_wh: float | None) -> None:
-        """Take what is left of the battery."""
-        self._remaining, self._consumed_wh = remaining, consumed_wh
+    def on_battery(self, message: m.MAVLink_battery_status_message) -> None:
+        """Take what is left of the battery, and what was used; a negative number tells nothing."""
+        remaining, consumed_wh = self.battery.remaining, self.battery.consumed_wh
+        if message.battery_remaining >= 0:
+            remaining = message.battery_remaining / 100.0
+        if message.energy_consumed >= 0:
+            consumed_wh = message.energy_consumed * 100.0 / 3600.0
+        self.battery = Battery(remaining, consumed_wh)
 
     @property
     def custom_mode(self) -> int:
@@ -124,7 +145,10 @@ class VehicleMonitor:
     @property
     def state(self) -> VehicleState:
         """All of it."""
-        values: dict[str, Any] = {"battery": self._remaining, "consumed_wh": self._consumed_wh}
+        values: dict[str, Any] = {
+            "battery": self.battery.remaining,
+            "consumed_wh": self.battery.consumed_wh,
+        }
         heartbeat, position, current = self._heartbeat, self._position, self._current
         if heartbeat is not None:
             values["armed"] = bool(heartbeat.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)

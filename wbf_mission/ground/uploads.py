@@ -1,0 +1,134 @@
+"""What goes up before the flight: fence, rally points and mission, one plan after the other. Sans-IO."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+
+from mission.link.codec.dialect import Message
+from mission.model import Mission, MissionType
+from mission.transfer import (
+    GENERIC,
+    Output,
+    Profile,
+    Progress,
+    TransferFailed,
+    TransferStatistics,
+    UploadVerified,
+    VerifiedUpload,
+)
+
+__all__ = ["PlanUploads"]
+
+_AN_ITEM_S = 0.1
+
+
+class PlanUploads:
+    """Sends the plans of a mission to a vehicle on the ground and reads each back.
+
+    Parameters
+    ----------
+    mission : Mission
+        Its fence and rally points are sent if it has any, then its items.
+    vehicle, ground : tuple of int
+        System and component ids.
+    on_progress : callable, optional
+        ``on_progress(done, total)`` as items cross.
+
+    Attributes
+    ----------
+    statistics : list of TransferStatistics
+        Of each plan that was sent.
+    failure : str
+        Why a plan did not arrive; empty as long as none failed.
+    """
+
+    def __init__(
+        self,
+        mission: Mission,
+        *,
+        vehicle: tuple[int, int],
+        ground: tuple[int, int],
+        on_progress: Callable[[int, int], None] | None = None,
+    ) -> None:
+        self.statistics: list[TransferStatistics] = []
+        self.failure = ""
+        self._mission = mission
+        self._vehicle, self._ground = vehicle, ground
+        self._on_progress = on_progress
+        self._kinds = deque(
+            kind
+            for kind in (MissionType.FENCE, MissionType.RALLY, MissionType.MISSION)
+            if mission.plan(kind) or kind is MissionType.MISSION
+        )
+        self._transfer: VerifiedUpload | None = None
+        self._profile = GENERIC
+
+    @property
+    def done(self) -> bool:
+        """Whether every plan has arrived."""
+        return not self.failure and self._transfer is None and not self._kinds
+
+    @property
+    def seconds_an_item(self) -> float:
+        """What an item of the mission took to send and read back; a guess before that."""
+        times = [
+            one.duration_s / one.items
+            for one in self.statistics
+            if one.mission_type is MissionType.MISSION and one.items
+        ]
+        return times[-1] if times else _AN_ITEM_S
+
+    def start(self, profile: Profile, now_s: float) -> list[Message]:
+        """Begin with the first plan, in the way of an autopilot, and return what is to be sent."""
+        self._profile = profile
+        return self._next(now_s)
+
+    def receive(self, message: Message, now_s: float) -> list[Message]:
+        """Take a message of the mission protocol."""
+        if self._transfer is None:
+            return []
+        return self._take(self._transfer.receive(message, now_s), now_s)
+
+    def poll(self, now_s: float) -> list[Message]:
+        """Do what is due."""
+        if self._transfer is None or now_s < self.next_deadline():
+            return []
+        return self._take(self._transfer.poll(now_s), now_s)
+
+    def next_deadline(self) -> float:
+        """When `poll` has something to do; infinity for never."""
+        deadline_s = None if self._transfer is None else self._transfer.next_deadline()
+        return math.inf if deadline_s is None else deadline_s
+
+    def _next(self, now_s: float) -> list[Message]:
+        kind = self._kinds.popleft()
+        self._transfer = VerifiedUpload(
+            self._mission.plan(kind),
+            kind,
+            home=self._mission.home,
+            target=self._vehicle,
+            source=self._ground,
+            profile=self._profile,
+        )
+        return self._take(self._transfer.start(now_s), now_s)
+
+    def _take(self, output: Output, now_s: float) -> list[Message]:
+        out = list(output.messages)
+        for event in output.events:
+            if isinstance(event, Progress) and self._on_progress is not None:
+                self._on_progress(event.done, event.total)
+            elif isinstance(event, UploadVerified):
+                self._end_transfer(now_s)
+                if self._kinds:
+                    out += self._next(now_s)
+            elif isinstance(event, TransferFailed):
+                self._end_transfer(now_s)
+                self.failure = event.text
+        return out
+
+    def _end_transfer(self, now_s: float) -> None:
+        if self._transfer is not None:
+            self.statistics.append(self._transfer.statistics(now_s))
+            self._transfer = None

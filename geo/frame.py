@@ -114,7 +114,27 @@ class LocalFrame:
         east_m, north_m = _projection(self.latitude_deg, self.longitude_deg).transform(
             longitude_deg, latitude_deg
         )
+        return self.from_east_north(east_m, north_m)
+
+    @overload
+    def from_east_north(self, east: float, north: float) -> tuple[float, float]: ...
+
+    @overload
+    def from_east_north(
+        self, east: NDArray[Any], north: NDArray[Any]
+    ) -> tuple[NDArray[Any], NDArray[Any]]: ...
+
+    def from_east_north(self, east: Any, north: Any) -> tuple[Any, Any]:
+        """Return the parts along x and y of directions or velocities about the origin (scalars or arrays).
+
+        Examples
+        --------
+        >>> x, y = LocalFrame(28.05, -82.15, rotation_deg=90.0).from_east_north(3.0, 4.0)
+        >>> round(x, 9), round(y, 9)
+        (4.0, -3.0)
+        """
         if self._sin:
+            # What is not finite stays so.
             with np.errstate(invalid="ignore"):
-                return east_m * self._cos + north_m * self._sin, north_m * self._cos - east_m * self._sin
-        return east_m, north_m
+                return east * self._cos + north * self._sin, north * self._cos - east * self._sin
+        return east, north

@@ -38,7 +38,8 @@ from wbf_mission.progress import Progress
 from wbf_mission.report import report_of_maps
 from wbf_mission.scenario import CameraOptions, Scenario
 from wbf_mission.scenario.separation import DISTANCE
-from wbf_mission.sortie import Sortie, SortieNumber
+from wbf_mission.sortie import Sortie
+from wbf_mission.sortie_number import SortieNumber
 from wbf_mission.stopwatch import Stopwatch
 
 SMALL_FARM_CELLS = 2500
@@ -179,7 +180,7 @@ class Campaign:
             if one.task.system_id not in self._gone
         ]
         vehicles = [
-            replace(one, task=one.task.drawing_from(number.stream_names("planner")))
+            replace(one, task=one.task.of_sortie(number))
             for number in numbers
             for one in self.vehicles
             if one.task.system_id == number.system_id

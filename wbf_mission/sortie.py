@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -32,6 +31,7 @@ from wbf_mission.ground.station import GROUND_SYSTEM_ID, GroundStation
 from wbf_mission.outcome import Phase
 from wbf_mission.planning import FlightTask, PlanResult, home_of
 from wbf_mission.scenario import Scenario
+from wbf_mission.sortie_number import SortieNumber
 from wbf_mission.weather import noise_of, wind_of_run
 
 SILENT_S = 30.0
@@ -39,37 +39,6 @@ SILENT_S = 30.0
 ENDING_S = 3.0
 """A policy is asked so long before a path ends."""
 SLOWEST_M_S = 0.3
-
-
-@dataclass(frozen=True, slots=True)
-class SortieNumber:
-    """Which flight of a run it is.
-
-    Parameters
-    ----------
-    day : int
-        Of the environment.
-    flight : int
-        On that day, from 1.
-    system_id : int
-        Of the vehicle.
-    first_day : int
-        The first day that is flown.
-    """
-
-    day: int
-    flight: int
-    system_id: int
-    first_day: int
-
-    def stream_names(self, part: str) -> tuple[str, ...]:
-        """Return the names of a part's random stream; the first flight of a run has the part's own."""
-        names = [part]
-        if (self.day, self.flight) != (self.first_day, 1):
-            names += [f"day-{self.day}", f"flight-{self.flight}"]
-        if self.system_id != 1:
-            names.append(f"vehicle-{self.system_id}")
-        return tuple(names)
 
 
 class Sortie:

@@ -214,10 +214,9 @@ class LeafCameraComponent:
         farm = self._farm
         x_m, y_m = farm.frame.from_wgs84(exposure.latitude_e7 / _E7, exposure.longitude_e7 / _E7)
         if self._position_error is not None:
-            east_m, north_m = self._position_error(exposure.time_us)
-            turn = math.radians(farm.frame.rotation_deg)
-            x_m -= east_m * math.cos(turn) + north_m * math.sin(turn)
-            y_m -= north_m * math.cos(turn) - east_m * math.sin(turn)
+            off_x_m, off_y_m = farm.frame.from_east_north(*self._position_error(exposure.time_us))
+            x_m -= off_x_m
+            y_m -= off_y_m
         return farm.cell_of(x_m, y_m)
 
     # Commands

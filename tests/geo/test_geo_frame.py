@@ -135,3 +135,13 @@ def test_equal_frames_are_equal_and_pickle() -> None:
     frame = LocalFrame(28, -82, 30, 10)
     assert frame == LocalFrame(28.0, -82.0, 30.0, 10.0)
     assert pickle.loads(pickle.dumps(frame)).to_wgs84(1.0, 2.0) == frame.to_wgs84(1.0, 2.0)
+
+
+@given(st.floats(-360.0, 360.0), st.floats(-500.0, 500.0), st.floats(-500.0, 500.0))
+def test_directions_turn_with_the_axes(rotation_deg: float, east: float, north: float) -> None:
+    turned = LocalFrame(*ORIGIN, rotation_deg=rotation_deg)
+    there = turned.from_wgs84(*LocalFrame(*ORIGIN).to_wgs84(east, north))
+    assert turned.from_east_north(east, north) == pytest.approx(there, abs=1e-6)
+    x, y = turned.from_east_north(np.array([east, 0.0]), np.array([north, 1.0]))
+    assert (x[0], y[0]) == pytest.approx(there, abs=1e-6)
+    assert math.hypot(x[1], y[1]) == pytest.approx(1.0)

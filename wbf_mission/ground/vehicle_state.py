@@ -83,10 +83,7 @@ class VehicleState:
 
     def velocity_in(self, frame: LocalFrame) -> tuple[float, float]:
         """Return the horizontal velocity along x and y of a frame."""
-        angle = math.radians(frame.rotation_deg)
-        east, north, _ = self.velocity_m_s
-        cosine, sine = math.cos(angle), math.sin(angle)
-        return east * cosine + north * sine, north * cosine - east * sine
+        return frame.from_east_north(*self.velocity_m_s[:2])
 
     @property
     def ground_speed_m_s(self) -> float:

@@ -131,14 +131,10 @@ def leg_fares(request: PlanningRequest, builder: MissionBuilder) -> LegFares | G
     if isinstance(budget, LengthBudget | StepBudget):
         return GeometricFares(budget, request.start_xy_m)
     wind = wind_of(builder.weather, builder.level, gusts=False).mean_at(builder.level.altitude_m)
-    rotation = np.radians(builder.farm.frame.rotation_deg)
-    east, north = wind[0], wind[1]
-    along_x = east * np.cos(rotation) + north * np.sin(rotation)
-    along_y = -east * np.sin(rotation) + north * np.cos(rotation)
     return LegFares(
         min(builder.level.speed_m_s, vehicle.top_speed_m_s),
         vehicle.acceleration_m_s2,
-        (float(along_x), float(along_y)),
+        builder.farm.frame.from_east_north(wind[0], wind[1]),
         1.0 if budget.unit == "s" else _watt_hours_a_second(vehicle, builder.level.speed_m_s),
     )
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
+from numpy.random import SeedSequence
 
 from geo import Crop, Farm
 from geo.seeds import sealed_seed
@@ -23,6 +24,7 @@ from wbf_mission.planning.fares import FlightFares, StartFares, leg_fares, onwar
 from wbf_mission.planning.result import PlanResult
 from wbf_mission.progress import Progress, silent
 from wbf_mission.scenario import Scenario
+from wbf_mission.sortie_number import SortieNumber
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +64,6 @@ class FlightTask:
         """
         farm = builder.farm
         budget, text = make_budget(scenario.mission.budget, builder)
-        names = ("planner",) if system_id == 1 else ("planner", f"vehicle-{system_id}")
         request = PlanningRequest(
             area=free_area(farm),
             start_xy_m=builder.home_m,
@@ -73,14 +74,14 @@ class FlightTask:
                 for crop in (Crop.TOMATO, Crop.STRAWBERRY)
                 if not (land := farm.crop_area(crop)).is_empty
             ),
-            seed=sealed_seed(scenario.seed, *names),
+            seed=_planner_seed(scenario.seed, SortieNumber.first(scenario.farm.day, system_id)),
             progress=lambda done, total: progress("planning", done, total),
         )
         return cls(system_id, builder, request, text, scenario.seed)
 
-    def drawing_from(self, stream_names: Sequence[str]) -> FlightTask:
-        """Return the same task for a planner that draws from another random stream of the run."""
-        return replace(self, request=replace(self.request, seed=sealed_seed(self.seed, *stream_names)))
+    def of_sortie(self, number: SortieNumber) -> FlightTask:
+        """Return the same task for another flight of the run, for which its planner draws anew."""
+        return replace(self, request=replace(self.request, seed=_planner_seed(self.seed, number)))
 
     def report(self) -> VehicleReport:
         """Return the vehicle as it stands at its start, ready for its first path."""
@@ -138,6 +139,11 @@ class FlightTask:
             prediction=prediction,
             batteries=builder.batteries(mission, prediction),
         )
+
+
+def _planner_seed(seed: int, number: SortieNumber) -> SeedSequence:
+    """Return what the planner of a flight draws from."""
+    return sealed_seed(seed, *number.stream_names("planner"))
 
 
 def free_area(farm: Farm) -> Area:

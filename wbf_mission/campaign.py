@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +18,6 @@ from sensors.estimators import Estimator, advance_estimator
 from sensors.fields import FieldSet
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import RunningScore, ScoreWeights
-from sim_vehicle.epoch import EPOCH_UNIX_S
-from sim_vehicle.faults.fault import Fault
-from sim_vehicle.host.simulation import Impairment, Simulation
 from wbf_mission.day_record import DayRecord, keeps_days
 from wbf_mission.deciding.loop import DecisionLoop, Knowledge
 from wbf_mission.deciding.record import DecisionRecord
@@ -32,6 +28,7 @@ from wbf_mission.evidence import Evidence
 from wbf_mission.field_maps import FieldMap, field_maps
 from wbf_mission.fleet import Vehicle
 from wbf_mission.flight_record import FlightRecord
+from wbf_mission.hosting import Hosting
 from wbf_mission.joint_flight import JointFlight
 from wbf_mission.planning import PlanResult
 from wbf_mission.progress import Progress
@@ -43,28 +40,6 @@ from wbf_mission.sortie_number import SortieNumber
 from wbf_mission.stopwatch import Stopwatch
 
 SMALL_FARM_CELLS = 2500
-
-
-@dataclass(frozen=True, slots=True)
-class Host:
-    """How flights are run.
-
-    Parameters
-    ----------
-    pace : float or None
-        Simulated seconds per wall second; as fast as possible without.
-    tlog : Path or None
-        Where every MAVLink frame is written; its folder is made when the first flight begins.
-    impairment : Impairment or None
-        A bad radio between the ground stations and the vehicles.
-    faults : tuple of Fault
-        What goes wrong in each flight of the vehicles that are still there.
-    """
-
-    pace: float | None = None
-    tlog: Path | None = None
-    impairment: Impairment | None = None
-    faults: tuple[Fault, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,12 +210,12 @@ class Campaign:
             points = score_points(self.farm, estimate.estimator)
         return max(1, round(self._expected_of_next / points))
 
-    def fly(self, environment: Environment, host: Host) -> None:
+    def fly(self, environment: Environment, hosting: Hosting) -> None:
         """Fly all days."""
         writer = None
-        if host.tlog is not None:
-            host.tlog.parent.mkdir(parents=True, exist_ok=True)
-            writer = TlogWriter(host.tlog)
+        if hosting.tlog is not None:
+            hosting.tlog.parent.mkdir(parents=True, exist_ok=True)
+            writer = TlogWriter(hosting.tlog)
         first = self.scenario.farm.day
         if self._next is None:
             self.plan(first)
@@ -252,7 +227,7 @@ class Campaign:
                     self._begin_day(day, environment)
                 for flight in range(1, self.scenario.farm.flights_per_day + 1):
                     if len(self._gone) < len(self.vehicles):
-                        self._fly_once(day, flight, environment, host, writer)
+                        self._fly_once(day, flight, environment, hosting, writer)
                 self.end_day()
         finally:
             if writer is not None:
@@ -298,7 +273,7 @@ class Campaign:
         self.watch.lap("estimate and score")
 
     def _fly_once(
-        self, day: int, flight: int, environment: Environment, host: Host, writer: TlogWriter | None
+        self, day: int, flight: int, environment: Environment, hosting: Hosting, writer: TlogWriter | None
     ) -> None:
         if self._next is None:
             self.plan(day, flight)
@@ -314,16 +289,15 @@ class Campaign:
             sorties,
             planned.loop,
             self.evidence,
-            Simulation(
-                [part for sortie in sorties for part in sortie.components],
-                tap=_tap_of(writer, self.simulated_s),
-                impairment=host.impairment,
-                faults=[one for one in host.faults if one.vehicle not in self._gone],
+            hosting.open(
+                sorties,
+                writer,
+                offset_s=self.simulated_s,
                 seed=child_seed(self.scenario.seed, "faults", f"day-{day}", f"flight-{flight}"),
-                remote=[sortie.ground for sortie in sorties],
+                gone=self._gone,
             ),
             offset_s=self.simulated_s,
-            pace=host.pace,
+            pace=hosting.pace,
             tell=self._tell,
             watch=self.watch,
         )
@@ -378,15 +352,3 @@ def expected_readings(camera: CameraOptions, planned: PlanResult) -> float:
         spacing_m = camera.spacing_m or planned.farm.cell_size_m * camera.footprint
         images = planned.prediction.path_length_m / spacing_m
     return images * camera.footprint**2
-
-
-def _tap_of(writer: TlogWriter | None, offset_s: float) -> Callable[[bytes, float], None] | None:
-    """Return what writes each frame with the time of day at which it is sent."""
-    if writer is None:
-        return None
-    write, epoch_s = writer.write, EPOCH_UNIX_S + offset_s
-
-    def tap(frame: bytes, now_s: float) -> None:
-        write(frame, epoch_s + now_s)
-
-    return tap

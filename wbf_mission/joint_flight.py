@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from functools import partial
-from typing import Protocol
 
-from mission.link.codec.dialect import Message
 from mission.outcome import Outcome
 from mission.policies.situation import Event
-from sim_vehicle.component import NEVER, Component
 from sim_vehicle.host.simulation import StopReason
 from wbf_mission.deciding.loop import DecisionLoop
 from wbf_mission.evidence import Evidence
+from wbf_mission.hosting import FlightHost
 from wbf_mission.outcome import Phase
 from wbf_mission.progress import Progress
 from wbf_mission.sortie import Sortie
@@ -22,24 +20,6 @@ from wbf_mission.stopwatch import Stopwatch
 SLICE_S = 1.0
 FLIGHT_LIMIT_FACTOR = 3.0
 FLIGHT_LIMIT_EXTRA_S = 600.0
-
-
-class FlightHost(Protocol):
-    """What runs the components of a flight, on its own clock."""
-
-    @property
-    def now_s(self) -> float:
-        """Seconds since it began."""
-
-    @property
-    def frames(self) -> int:
-        """How many MAVLink frames were sent."""
-
-    def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
-        """Let time pass until a condition holds or so many more seconds went by."""
-
-    def send(self, component: Component, messages: Iterable[Message]) -> None:
-        """Send messages of a component now."""
 
 
 class JointFlight:

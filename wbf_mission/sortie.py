@@ -1,4 +1,4 @@
-"""One vehicle's flight: the simulated vehicle, its leaf camera, and the ground station that flies it."""
+"""One vehicle's flight as the ground sees it: its task and plan, its leaf camera, its ground station."""
 
 from __future__ import annotations
 
@@ -17,11 +17,6 @@ from sensors.camera.leaf_camera import LeafCamera, LeafCameraOptions
 from sensors.camera.wire import ObservationAssembler
 from sensors.environment import Environment
 from sensors.observations import Observations
-from sim_vehicle.autopilot import get_autopilot
-from sim_vehicle.camera.component import LeafCameraComponent
-from sim_vehicle.component import Component
-from sim_vehicle.epoch import EPOCH_UNIX_S
-from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.prediction.onward import InFlight
 from wbf_mission.deciding.record import PathChange
 from wbf_mission.flight_record import FlightRecord
@@ -29,10 +24,9 @@ from wbf_mission.ground.change import ChangeOutcome
 from wbf_mission.ground.revision import revised_mission
 from wbf_mission.ground.station import GROUND_SYSTEM_ID, GroundStation
 from wbf_mission.outcome import Phase
-from wbf_mission.planning import FlightTask, PlanResult, home_of
+from wbf_mission.planning import FlightTask, PlanResult
 from wbf_mission.scenario import Scenario
 from wbf_mission.sortie_number import SortieNumber
-from wbf_mission.weather import noise_of, wind_of_run
 
 SILENT_S = 30.0
 """A vehicle that is not heard of for so long is lost, as far as decisions go."""
@@ -62,6 +56,10 @@ class Sortie:
 
     Attributes
     ----------
+    leaf_camera : LeafCamera
+        What it looks with.
+    ground : GroundStation
+        What flies it.
     send : callable
         Sends messages of the ground station; the host sets it.
     """
@@ -81,7 +79,8 @@ class Sortie:
         self.start_delay_s = start_delay_s
         self.number, self.task, self.plan = number, task, plan
         self.send: Callable[[list[Message]], None] = _nobody_sends
-        camera = LeafCamera(
+        self.scenario = scenario
+        self.leaf_camera = LeafCamera(
             environment,
             farm.grid().shape,
             number.day,
@@ -97,15 +96,6 @@ class Sortie:
             on_progress=on_transfer,
             start_delay_s=start_delay_s,
         )
-        self.vehicle = SimVehicle(
-            plan.vehicle,
-            home_of(plan.mission, farm),
-            wind=wind_of_run(scenario, number.stream_names("wind")),
-            autopilot=get_autopilot(scenario.vehicle.autopilot),
-            system_id=number.system_id,
-            epoch_unix_s=EPOCH_UNIX_S,
-            noise=noise_of(scenario.vehicle, seed, number.stream_names("navigation")),
-        )
         self._flown = self.ground.flown_length(farm.frame)
         self._fares = task.fares_in_flight()
         self._last_item = 0
@@ -113,22 +103,11 @@ class Sortie:
         self._on_path = len(self._rest)
         self._ending_told = False
         self._open: list[tuple[int, PathChange]] = []
-        self.camera = LeafCameraComponent(
-            camera,
-            farm,
-            system_id=number.system_id,
-            position_error=self.vehicle.position_error if self.vehicle.errors else None,
-        )
 
     @property
     def system_id(self) -> int:
         """The vehicle's MAVLink system id."""
         return self.number.system_id
-
-    @property
-    def components(self) -> list[Component]:
-        """What a host has to run; the ground station comes last."""
-        return [self.vehicle, self.camera, self.ground]
 
     @property
     def done(self) -> bool:

@@ -1,4 +1,4 @@
-"""What every straight leg from a place sees, and what it costs: many legs at once, in compiled code."""
+"""Straight legs on a map of cells, in compiled code: what every leg from a place sees, and what it costs."""
 
 from __future__ import annotations
 
@@ -6,6 +6,39 @@ import math
 from typing import Any
 
 from geo.compiled import compiled
+
+
+@compiled(inline="late")
+def is_free(free: Any, i: int, j: int) -> bool:
+    """Return whether legs may lead through a cell; through none beside the map."""
+    width, height = free.shape
+    if i < 0 or j < 0 or i >= width or j >= height:
+        return False
+    return bool(free[i, j])
+
+
+@compiled(inline="late")
+def leg_to(x: float, y: float, i: int, j: int, slopes: Any) -> tuple[float, float, float, float, float]:
+    """Return the leg from a place to the middle of a cell.
+
+    Parameters
+    ----------
+    x, y : float
+        The place, in cells.
+    i, j : int
+        The cell.
+    slopes : float64[directions]
+        See `mission.policies.chart.LegCosts`.
+
+    Returns
+    -------
+    tuple of float
+        Its parts along x and y, its length in cells, its direction in turns from the x-axis towards y, and
+        what a cell's length of it costs.
+    """
+    dx, dy = i + 0.5 - x, j + 0.5 - y
+    turns = (math.atan2(dy, dx) / (2.0 * math.pi)) % 1.0
+    return dx, dy, math.hypot(dx, dy), turns, slopes[int(turns * len(slopes) + 0.5) % len(slopes)]
 
 
 @compiled
@@ -35,19 +68,14 @@ def leg_values(
     values, costs : float64[n]
         Filled; a leg that cannot be flown has the value -1.
     """
-    width, height = pooled.shape
     begin_i, begin_j = math.floor(x + 1e-9), math.floor(y + 1e-9)
-    inside = 0 <= begin_i < width and 0 <= begin_j < height and free[begin_i, begin_j]
+    inside = is_free(free, begin_i, begin_j)
     for n in range(len(offsets)):
         values[n] = -1.0
         target_i, target_j = begin_i + offsets[n, 0], begin_j + offsets[n, 1]
-        if target_i < 0 or target_j < 0 or target_i >= width or target_j >= height:
+        if not is_free(free, target_i, target_j):
             continue
-        if not free[target_i, target_j]:
-            continue
-        dx, dy = target_i + 0.5 - x, target_j + 0.5 - y
-        length = math.hypot(dx, dy)
-        angle = (math.atan2(dy, dx) / (2.0 * math.pi)) % 1.0
+        dx, dy, length, _, slope = leg_to(x, y, target_i, target_j, slopes)
         steps = math.ceil(length - 1e-6)
         value = 0.0
         last_i, last_j = begin_i, begin_j
@@ -55,7 +83,7 @@ def leg_values(
         for step in range(1, steps + 1):
             part = min(1.0, step / length)
             i, j = math.floor(x + part * dx + 1e-9), math.floor(y + part * dy + 1e-9)
-            if i < 0 or j < 0 or i >= width or j >= height or not free[i, j]:
+            if not is_free(free, i, j):
                 if entered:
                     value = -1.0
                     break
@@ -65,4 +93,4 @@ def leg_values(
                 value += pooled[i, j]
                 last_i, last_j = i, j
         values[n] = value
-        costs[n] = turn + steps * slopes[int(angle * len(slopes) + 0.5) % len(slopes)]
+        costs[n] = turn + steps * slope

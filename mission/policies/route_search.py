@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
+from mission.policies.leg_search import is_free, leg_to
 
 _SECTORS = 32
 
@@ -105,23 +106,17 @@ def _expand(
     Fills `best`, float64[sectors, groups + 1], with the worth projected to the end of the interval, and
     `best_end`, float64[sectors, groups + 1, 4], with the end of the leg.
     """
-    width, height = pooled.shape
     sectors, groups = best.shape[0], best.shape[1] - 1
     interval = horizon / groups
     best[:] = -1.0
     x, y = place[X], place[Y]
     begin_i, begin_j = math.floor(x + 1e-9), math.floor(y + 1e-9)
-    inside = 0 <= begin_i < width and 0 <= begin_j < height and free[begin_i, begin_j]
+    inside = is_free(free, begin_i, begin_j)
     for n in range(len(offsets)):
         target_i, target_j = begin_i + offsets[n, 0], begin_j + offsets[n, 1]
-        if target_i < 0 or target_j < 0 or target_i >= width or target_j >= height:
+        if not is_free(free, target_i, target_j):
             continue
-        if not free[target_i, target_j]:
-            continue
-        dx, dy = target_i + 0.5 - x, target_j + 0.5 - y
-        length = math.hypot(dx, dy)
-        angle = (math.atan2(dy, dx) / (2.0 * math.pi)) % 1.0
-        slope = slopes[int(angle * len(slopes) + 0.5) % len(slopes)]
+        dx, dy, length, direction, slope = leg_to(x, y, target_i, target_j, slopes)
         steps = math.ceil(length - 1e-6)
         cost = place[COST] + turn
         value = place[WORTH]
@@ -137,7 +132,7 @@ def _expand(
             i, j = math.floor(end_x + 1e-9), math.floor(end_y + 1e-9)
             cost += slope
             factor *= fade
-            if not free[i, j]:
+            if not is_free(free, i, j):
                 if entered:
                     valid = False
                     break
@@ -154,7 +149,7 @@ def _expand(
         # Routes of a group differ in cost: what they gained so far tells what the rest would bring.
         upto = horizon if group == groups else (group + 1) * interval
         rank = value * (1.0 - math.exp(-upto / patience)) / (1.0 - factor)
-        sector = int(angle * sectors) % sectors
+        sector = int(direction * sectors) % sectors
         if rank > best[sector, group]:
             best[sector, group] = rank
             best_end[sector, group, X] = end_x

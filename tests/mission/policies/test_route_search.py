@@ -10,6 +10,7 @@ from mission.planners.budget import LengthBudget, StepBudget
 from mission.planners.request import PlanningRequest
 from mission.policies.chart import Chart, LegCosts
 from mission.policies.fares import GeometricFares
+from mission.policies.leg_search import leg_values
 from mission.policies.route_search import leg_offsets, neighbour_shares, search_route, take_leg
 from mission.policies.situation import Status, VehicleReport
 from mission.policies.steering import affordable
@@ -81,6 +82,17 @@ def test_legs_do_not_lead_through_what_is_not_free():
         cells = np.floor(a + np.linspace(0, 1, 200)[:, None] * (b - a)).astype(int)
         assert np.count_nonzero(~free[cells[:, 0], cells[:, 1]]) <= 20  # at most the corner of a cell
     assert route[-1, 3] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("begin", [(-3.5, 5.5), (5.5, -3.5), (13.5, 5.5), (5.5, 13.5)])
+def test_a_leg_from_beside_the_map_sees_nothing_before_it_is_on_it(begin):
+    x, y = np.indices((10, 10)) + 0.5
+    far = (np.hypot(x - begin[0], y - begin[1]) > 8.0).astype(np.float32)
+    assert len(_search(far, *begin, 6.0)) == 0, "the legs end before they reach it"
+    offsets = leg_offsets(6)
+    values, costs = np.empty((2, len(offsets)))
+    leg_values(far, np.ones(far.shape, np.bool_), *begin, offsets, 0.0, FLAT, values, costs)
+    assert values.max() == 0.0
 
 
 def test_nothing_to_be_seen_gives_no_route():

@@ -8,12 +8,14 @@ import numpy as np
 
 from mission.policies.acquisition import Acquisition
 from mission.policies.coordination import Coordination
+from mission.policies.fares import pays_for_return
 from mission.policies.map_policy import MapPolicy
 from mission.policies.route_search import pool
 from mission.policies.steering import Route, RouteProblem
 from mission.policies.tour_search import candidate_places, search_tour
 
 _MOST_STOPS = 40
+_CELLS_A_LEG = 8.0
 
 
 class Orienteering(MapPolicy):
@@ -30,7 +32,8 @@ class Orienteering(MapPolicy):
     near : int
         Side of the window about the vehicle, cells.
     horizon, patience : float
-        Largest length of a tour, and the length after which worth counts 1/e, in cells of flight.
+        Largest length of a tour, and the length after which worth counts 1/e, in cells of flight with a turn
+        every few of them.
     rounds : int
         Of taking a part out and filling up again.
     share, spread : float
@@ -81,10 +84,14 @@ class Orienteering(MapPolicy):
         goals = candidate_places(pooled, problem.x, problem.y, self._near, self._places)
         places = np.vstack((np.array([[problem.x, problem.y]]), goals))
         costs = vehicle.fares.legs(places * cell_m, places * cell_m)
-        pays_home = vehicle.fares.rest([np.empty((0, 2))])[0] > 0.0
         home = np.asarray(vehicle.request.start_xy_m)[None]
-        back = vehicle.fares.legs(places * cell_m, home)[:, 0] if pays_home else np.zeros(len(places))
-        per_cell = problem.costs.per_cell
+        back = (
+            vehicle.fares.legs(places * cell_m, home)[:, 0]
+            if pays_for_return(vehicle)
+            else np.zeros(len(places))
+        )
+        # With a turn every few cells: a vehicle whose turns cost more than its way would get nowhere.
+        per_cell = problem.costs.per_cell + problem.costs.turn / _CELLS_A_LEG
         limit = min(vehicle.left, self._horizon * per_cell + float(back[0]))
         order, value = search_tour(
             places, costs, back, pooled, self._patience * per_cell, limit, self._rounds, _MOST_STOPS

@@ -83,8 +83,8 @@ class OnwardPredictor:
         Of the waypoints, above home.
     speed_m_s : float, optional
         Of the mission; the vehicle's own without.
-    acceptance_radius_m : float, optional
-        Of the waypoints; the vehicle's own without.
+    acceptance_radius_m : float or callable, optional
+        Of the waypoints, or what tells it of a path, float64[n, 2]; the vehicle's own without.
     ending : tuple of MissionItem
         What follows the last waypoint: a return to launch, or the landing of a fixed wing; none: it ends
         at the last waypoint.
@@ -111,7 +111,7 @@ class OnwardPredictor:
         *,
         altitude_m: float,
         speed_m_s: float | None = None,
-        acceptance_radius_m: float | None = None,
+        acceptance_radius_m: float | Callable[[NDArray[np.float64]], float] | None = None,
         ending: tuple[MissionItem, ...] = RETURN_HOME,
         wind: Wind | None = None,
     ) -> None:
@@ -128,9 +128,6 @@ class OnwardPredictor:
         self._axes = _axes(frame, about_home, home_m)
         self._ending = ending
         self._ending_m = item_positions(ending, about_home)
-        self._waypoint = MissionItem(
-            Command.NAV_WAYPOINT, Frame.GLOBAL_RELATIVE_ALT, param2=self._radius_m, param4=None
-        )
         calm = None if wind is None else replace(wind, gust_m_s=0.0, turbulence=None)
         hovers = spec.kind == "multirotor"
         self._on_path = _Squadron(_stepping(spec, _PATH_STEPS if hovers else 1), calm)
@@ -190,20 +187,22 @@ class OnwardPredictor:
         count = len(points)
         if not count:
             return None
+        radius_m = self._radius_m(points) if callable(self._radius_m) else self._radius_m
         places = np.empty((count, 3))
         places[:, :2] = (points - self._home_m) @ self._axes.T
         places[:, 2] = self._altitude_m
         if must_circle(self.spec):
-            items, positions = (self._waypoint,) * count, [(x, y, z) for x, y, z in places.tolist()]
-            positions += self._ending_m
-            plan = plan_item_legs(
-                (*items, *self._ending), positions, 0, Settings(self._speed_m_s), self.spec, here
+            waypoint = MissionItem(
+                Command.NAV_WAYPOINT, Frame.GLOBAL_RELATIVE_ALT, param2=radius_m, param4=None
             )
+            items = ((waypoint,) * count) + self._ending
+            positions = [(x, y, z) for x, y, z in places.tolist()] + self._ending_m
+            plan = plan_item_legs(items, positions, 0, Settings(self._speed_m_s), self.spec, here)
             return Route.through(plan.legs)
         full = np.full
         return Route(
             points_m=places,
-            radius_m=full(count, self._radius_m),
+            radius_m=full(count, radius_m),
             speed_m_s=full(count, self._speed_m_s),
             vertical_m_s=full(count, math.nan),
             heading_rad=full(count, math.nan),

@@ -93,6 +93,18 @@ def test_a_quad_follows_within_its_budget(autopilot: str) -> None:
     assert max(np.hypot(*one.velocity_m_s) for one in flying) > 0.2
 
 
+@pytest.mark.parametrize("seed", [2, 5])
+def test_a_path_of_short_legs_costs_what_its_flight_takes(seed: int) -> None:
+    scenario = Scenario(farm="miniberry-30", vehicle="quad", estimator="point", budget="90s", seed=seed)
+    result = fly(scenario, policy="confidence-guided")
+    assert result.outcome is Outcome.COMPLETED
+    last = result.decisions[-1]
+    assert last.time_s > 60.0 and last.changes[0].outcome == "flown"
+    flight_s = result.flights[0].flight_time_s
+    assert last.time_s + last.changes[0].cost == pytest.approx(flight_s, abs=1.0)
+    assert flight_s < 90.5
+
+
 def test_equal_runs_are_equal_to_the_bit_and_load_again(tmp_path: Path) -> None:
     one, other = (fly(IDEAL, policy=Wanderer(Asking(observations=9))) for _ in range(2))
     for name in ("x", "y", "time_s", "values"):

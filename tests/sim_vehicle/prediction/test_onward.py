@@ -117,6 +117,21 @@ def test_a_fixed_wing_is_priced_with_its_own_landing():
         assert watt_hours[0] == pytest.approx(used_wh - before_wh, abs=0.03 * used_wh)
 
 
+def test_each_path_has_the_radius_of_its_own_legs():
+    spec = with_autopilot(get_vehicle("quad"), "px4")
+    here, paths = InFlight((0.0, 0.0), HEIGHT_M, (3.0, 0.0)), [rows(4), rows(4, spacing=2.0)]
+
+    def priced(radius_m, priced_paths):
+        return OnwardPredictor(spec, FARM, HOME_M, altitude_m=HEIGHT_M, acceptance_radius_m=radius_m).rest(
+            here, priced_paths
+        )
+
+    together = np.array(priced(lambda path: 1.5 if np.array_equal(path, paths[0]) else 0.5, paths))
+    alone = [priced(radius, [path]) for path, radius in zip(paths, (1.5, 0.5), strict=True)]
+    assert np.array_equal(together, np.array(alone)[:, :, 0].T)
+    assert priced(0.5, paths)[0][0] > priced(1.5, paths)[0][0], "a small radius costs time"
+
+
 def test_paths_priced_together_cost_what_they_cost_alone_and_in_any_order():
     spec = with_autopilot(get_vehicle("quad"), "px4")
 

@@ -9,9 +9,9 @@ import numpy as np
 import shapely
 
 from geo.named import ParameterError
-from mission.planners.budget import LengthBudget, StepBudget
 from mission.planners.partition import PARTITIONS, STRIPS, balanced
 from mission.planners.path import Area
+from mission.policies.fares import pays_for_return
 from mission.policies.situation import VehicleReport
 
 WHOLE = "none"
@@ -74,13 +74,16 @@ def shared(vehicles: Sequence[VehicleReport], partition: str) -> dict[int, Area]
         if home.distance(parts[-1]) < home.distance(parts[0]):
             parts.reverse()
     else:
-        parts = balanced(area, divide, reach, lambda number, part: _ways_m(vehicles[number], part))
+        ways = [2.0 if pays_for_return(one) else 1.0 for one in vehicles]
+        parts = balanced(
+            area,
+            divide,
+            reach,
+            lambda number, part: ways[number] * _distance_m(vehicles[number], part),
+        )
     return {one.system_id: part for one, part in zip(vehicles, parts, strict=True)}
 
 
-def _ways_m(vehicle: VehicleReport, part: Area) -> float:
-    """Return how long the way to a part is, and back where the budget pays for that."""
-    budget = vehicle.request.budget
-    one_way = isinstance(budget, LengthBudget | StepBudget) and budget.return_to is None
-    distance = float(shapely.distance(part, shapely.Point(vehicle.position_m)))
-    return distance if one_way else 2.0 * distance
+def _distance_m(vehicle: VehicleReport, part: Area) -> float:
+    """Return how far a part is away."""
+    return float(shapely.distance(part, shapely.Point(vehicle.position_m)))

@@ -98,8 +98,8 @@ def test_a_path_of_short_legs_costs_what_its_flight_takes(seed: int) -> None:
     scenario = Scenario(farm="miniberry-30", vehicle="quad", estimator="point", budget="90s", seed=seed)
     result = fly(scenario, policy="confidence-guided")
     assert result.outcome is Outcome.COMPLETED
-    last = result.decisions[-1]
-    assert last.time_s > 60.0 and last.changes[0].outcome == "flown"
+    last = [one for one in result.decisions if one.changes][-1]
+    assert last.time_s > 50.0 and last.changes[0].outcome == "flown"
     flight_s = result.flights[0].flight_time_s
     assert last.time_s + last.changes[0].cost == pytest.approx(flight_s, abs=1.0)
     assert flight_s < 90.5

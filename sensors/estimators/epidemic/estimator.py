@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -26,6 +27,15 @@ if TYPE_CHECKING:
 _SOIL = PAPER_FIELDS.index("soil")
 # The prior's own roughness is of this size; readings that differ less from a smooth field are not noisy.
 _EXACT_SOIL = 0.015
+
+
+@dataclass(frozen=True, slots=True)
+class _Basis:
+    """What a model was made of: a fit, the day that is estimated, and how many observations are learned."""
+
+    fit: object
+    day: int
+    observations: int
 
 
 class EpidemicEstimator(BaseEstimator):
@@ -127,6 +137,7 @@ class EpidemicEstimator(BaseEstimator):
     def _start(self, grid: FarmGrid) -> None:
         self._check_parameters()
         fields = self.fields
+        self._fit = object()
         self._cells = GrowingArray((2,), np.int32)
         self._days = GrowingArray((), np.int32)
         self._values = GrowingArray((len(fields),), np.float64)
@@ -161,19 +172,19 @@ class EpidemicEstimator(BaseEstimator):
         noise = self._soil.fill(day, value[_SOIL], uncertainty[_SOIL])
         if noise < _EXACT_SOIL:
             self._take_soil_readings(day, value[_SOIL])
-        seen = self.n_observations_
+        basis = self._basis
         names = tuple(field.name for field in self.fields.diseases)
         if all(belief.whole for belief in self._beliefs):
             # They are there already: arrays that stay as they are cost nothing.
-            kept = {name: _read_only(self._class_probabilities(name, seen)) for name in names}
-            loss = _read_only(self._expected_loss(uncertainty, seen))
+            kept = {name: _read_only(self._class_probabilities(name, basis)) for name in names}
+            loss = _read_only(self._expected_loss(uncertainty, basis))
             return InformationModel(value, uncertainty, probabilities=kept, loss_map=loss)
-        probabilities = LazyProbabilities(names, lambda disease: self._class_probabilities(disease, seen))
+        probabilities = LazyProbabilities(names, lambda disease: self._class_probabilities(disease, basis))
         return InformationModel(
             value,
             uncertainty,
             probabilities=probabilities,
-            loss_map=lambda: self._expected_loss(uncertainty, seen),
+            loss_map=lambda: self._expected_loss(uncertainty, basis),
         )
 
     def _take_soil_readings(self, day: int, value: NDArray[np.float32]) -> None:
@@ -183,15 +194,15 @@ class EpidemicEstimator(BaseEstimator):
         x, y = self._cells.array[taken].T
         value[x, y] = np.clip(readings[taken], 0.0, 1.0)
 
-    def _class_probabilities(self, disease: str, seen: int) -> NDArray[np.float32]:
-        """Return the class probabilities of a model that was made after `seen` observations."""
-        self._check_present("probabilities", seen)
+    def _class_probabilities(self, disease: str, basis: _Basis) -> NDArray[np.float32]:
+        """Return the class probabilities of the model that was made of `basis`."""
+        self._check_present("probabilities", basis)
         k = self.fields.index(disease)
         return self._beliefs[k].probabilities(*self._told(k))
 
-    def _expected_loss(self, uncertainty: NDArray[np.float32], seen: int) -> NDArray[np.float32]:
-        """Return the expected loss of a model that was made after `seen` observations."""
-        self._check_present("expected_loss", seen)
+    def _expected_loss(self, uncertainty: NDArray[np.float32], basis: _Basis) -> NDArray[np.float32]:
+        """Return the expected loss of the model that was made of `basis`."""
+        self._check_present("expected_loss", basis)
         loss = np.empty_like(uncertainty)
         for k, belief in enumerate(self._beliefs):
             loss[k] = belief.expected_loss(*self._told(k))
@@ -202,11 +213,17 @@ class EpidemicEstimator(BaseEstimator):
         """Return all that is known of one field: the day, and cells, days and values of the readings."""
         return self.day_, self._cells.array, self._days.array, self._values.array[:, k]
 
-    def _check_present(self, what: str, seen: int) -> None:
-        if seen != self.n_observations_:
+    @property
+    def _basis(self) -> _Basis:
+        return _Basis(self._fit, self.day_, self.n_observations_)
+
+    def _check_present(self, what: str, basis: _Basis) -> None:
+        now = self._basis
+        if basis != now:
             msg = (
-                f"epidemic: the {what} of a model of {seen} observations are gone, as"
-                f" {self.n_observations_} are learned; take model.copy() before"
+                f"epidemic: the {what} of a model of day {basis.day} and {basis.observations} observations"
+                f" are gone, as the estimator went on to day {now.day} and {now.observations}, or was fitted"
+                " anew; take model.copy() before"
             )
             raise EstimatorError(msg)
 

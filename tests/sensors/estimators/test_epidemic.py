@@ -480,6 +480,18 @@ def test_on_large_farms_probabilities_and_loss_are_made_when_asked_for(cache, mo
         p = np.moveaxis(late.probabilities[name], 0, -1)
         again = expected_loss(p, late.value[k].astype(float), 10.0, 1.0)
         np.testing.assert_allclose(found[k], again, atol=1e-5)
+    # As many observations, but another day, or another fit.
+    tomorrow = EpidemicEstimator(**SMALL, cache=cache / "large").fit(grid, seen[:5])
+    old = tomorrow.predict()
+    tomorrow.advance(tomorrow.day_ + 1)
+    with pytest.raises(EstimatorError, match=r"of day 6 and 5 observations are gone.* to day 7 and 5"):
+        old.probabilities["tylcv"]
+    tomorrow.predict().expected_loss  # noqa: B018
+    again = EpidemicEstimator(**SMALL, cache=cache / "large").fit(grid, seen[:5])
+    old = again.predict()
+    again.fit(grid, seen[5:10])
+    with pytest.raises(EstimatorError, match=r"are gone.* fitted anew"):
+        old.expected_loss  # noqa: B018
 
 
 def test_the_expected_loss_is_none_where_the_class_is_known(cache):

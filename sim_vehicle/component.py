@@ -6,11 +6,11 @@ clock (`sim_vehicle.host.simulation`) and over sockets (`sim_vehicle.host.server
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from mission.link.codec.dialect import mavlink
 
-__all__ = ["NEVER", "Component", "SaysGoodbye"]
+__all__ = ["NEVER", "UNHEARD", "Component", "SaysGoodbye", "SaysMuch"]
 
 NEVER = float("inf")
 """Value of ``next_deadline`` when nothing is to be done until a message arrives."""
@@ -62,4 +62,17 @@ class SaysGoodbye(Protocol):
 
     def goodbye(self) -> list[mavlink.MAVLink_message]:
         """Messages to send last."""
+        ...
+
+
+UNHEARD: Any = object()
+"""In the place of a message of a `SaysMuch` that nobody listens to; it counts as a frame."""
+
+
+@runtime_checkable
+class SaysMuch(Protocol):
+    """A component of many messages, which need not make those that nobody listens to."""
+
+    def only_heard(self, message_ids: frozenset[int] | None) -> None:
+        """Make messages of these ids only, of others `UNHEARD`; None is all. Answers are always made."""
         ...

@@ -66,10 +66,14 @@ class Decider:
 
 @dataclass(frozen=True, slots=True)
 class _Planned:
-    """The next flight: who is asked during it, and of each vehicle its number, task and plan."""
+    """The next flight: who is asked during it, and of each vehicle its number, task and plan.
+
+    Who decides in flight begins with a short path: `times` tells how many such paths the budget pays for.
+    """
 
     loop: DecisionLoop
     sorties: tuple[tuple[SortieNumber, Vehicle, PlanResult], ...]
+    times: tuple[float, ...]
 
 
 class Campaign:
@@ -171,14 +175,23 @@ class Campaign:
             records=self.decisions,
             kept_distance=self._kept_distance(vehicles),
         )
+        times = (1.0,) * len(vehicles)
         if self._decider.mission is not None:
             plans = (self._decider.mission,) * len(vehicles)
         else:
-            decision = loop.start([one.task.report() for one in vehicles]).decision
+            answer = loop.start([one.task.report() for one in vehicles])
             label = self._decider.label
             steers = not isinstance(self._decider.policy, FixedPlan)
-            plans = tuple(one.task.plan_of(decision, label, camera_on_approach=steers) for one in vehicles)
-        self._next = _Planned(loop, tuple(zip(numbers, vehicles, plans, strict=True)))
+            plans = tuple(
+                one.task.plan_of(answer.decision, label, camera_on_approach=steers) for one in vehicles
+            )
+            if steers:
+                tasks = [one.task for one in vehicles]
+                times = tuple(
+                    max(1.0, one.request.budget.limit / max(answer.costs[one.system_id], 1e-9))
+                    for one in tasks
+                )
+        self._next = _Planned(loop, tuple(zip(numbers, vehicles, plans, strict=True)), times)
         return plans
 
     @property
@@ -188,8 +201,10 @@ class Campaign:
 
     @property
     def _expected_of_next(self) -> float:
-        planned = () if self._next is None else self._next.sorties
-        return sum(expected_readings(self.scenario.camera, plan) for _, _, plan in planned)
+        if self._next is None:
+            return 0.0
+        of_plans = [expected_readings(self.scenario.camera, plan) for _, _, plan in self._next.sorties]
+        return sum(times * readings for times, readings in zip(self._next.times, of_plans, strict=True))
 
     def learn_with(self, estimator: Estimator, environment: Environment) -> None:
         """Let an estimator, fitted to the farm, learn from now on, and score it."""
@@ -298,6 +313,10 @@ class Campaign:
             ),
             offset_s=self.simulated_s,
             pace=hosting.pace,
+            expected_s=max(
+                one.start_delay_s + times * one.plan.prediction.duration_s
+                for one, times in zip(sorties, planned.times, strict=True)
+            ),
             tell=self._tell,
             watch=self.watch,
         )

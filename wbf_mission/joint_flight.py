@@ -34,6 +34,8 @@ class JointFlight:
         Takes what is seen.
     host : FlightHost
         Runs the components of the sorties.
+    expected_s : float
+        About how long the flight takes.
     offset_s : float
         When the flight begins, in seconds since the beginning of the run.
     pace : float or None
@@ -55,6 +57,7 @@ class JointFlight:
         evidence: Evidence,
         host: FlightHost,
         *,
+        expected_s: float,
         offset_s: float = 0.0,
         pace: float | None = None,
         tell: Progress,
@@ -70,7 +73,7 @@ class JointFlight:
         self._host = host
         for sortie in self.sorties:
             sortie.send = partial(host.send, sortie.ground)
-        self._predicted_s = max(one.start_delay_s + one.plan.prediction.duration_s for one in self.sorties)
+        self._expected_s = expected_s
         self._event: Event | None = None
 
     @property
@@ -85,7 +88,7 @@ class JointFlight:
 
     def fly(self) -> None:
         """Fly until every vehicle is down."""
-        limit_s = FLIGHT_LIMIT_FACTOR * self._predicted_s + FLIGHT_LIMIT_EXTRA_S
+        limit_s = FLIGHT_LIMIT_FACTOR * self._expected_s + FLIGHT_LIMIT_EXTRA_S
         begin = time.perf_counter()
         while not self._is_over():
             stop = self._host.run(until=self._stops, limit_s=SLICE_S)
@@ -100,7 +103,7 @@ class JointFlight:
             self._decide()
             if any(sortie.ground.phase is Phase.FLIGHT for sortie in self.sorties):
                 longest_s = max(sortie.ground.flight_time_s for sortie in self.sorties)
-                self._tell("flying", longest_s, self._predicted_s)
+                self._tell("flying", longest_s, self._expected_s)
 
     def interrupt(self) -> None:
         """Stop where we are; what was seen so far is kept."""

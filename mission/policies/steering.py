@@ -94,12 +94,14 @@ class Steering:
         def bid(vehicle: VehicleReport, promised: Promised) -> Bid | None:
             chart = self._chart(situation, vehicle)
             problem = self._problem(vehicle, chart, chart.pooled(worth), situation, promised)
+            routes = search(problem)
+            paths = [chart.inside(vehicle.position_m, route.corners * chart.cell_m) for route in routes]
             mine = []
-            for route in search(problem):
-                points = chart.inside(vehicle.position_m, route.corners * chart.cell_m)
-                points = affordable(vehicle, points)
-                if len(points):
+            for route, points, cost in zip(routes, paths, vehicle.fares.rest(paths), strict=True):
+                if cost > most_payable(vehicle):
+                    points = affordable(vehicle, points)
                     cost = vehicle.fares.rest([points])[0]
+                if len(points):
                     mine.append(Alternative(vehicle.system_id, points, route.value, cost))
             found[vehicle.system_id] = mine
             if not mine:
@@ -157,6 +159,11 @@ def far_route(problem: RouteProblem) -> list[Route]:
     return [Route(np.array([[x[best], y[best]]]), value)] if value > 0.0 else []
 
 
+def most_payable(vehicle: VehicleReport) -> float:
+    """Return what is left of a vehicle's budget, and a little more for rounding."""
+    return vehicle.left * (1.0 + 1e-12)
+
+
 def affordable(vehicle: VehicleReport, points_m: Points) -> Points:
     """Return as much of a path as the vehicle can pay for, the way home included; maybe no points.
 
@@ -164,7 +171,7 @@ def affordable(vehicle: VehicleReport, points_m: Points) -> Points:
     """
     if not len(points_m):
         return points_m
-    left = vehicle.left * (1.0 + 1e-12)
+    left = most_payable(vehicle)
     if vehicle.fares.rest([points_m])[0] <= left:
         return points_m
     costs = vehicle.fares.rest([points_m[:count] for count in range(len(points_m))])

@@ -33,6 +33,9 @@ class Layer(Protocol[S_co]):
     def cells(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> NDArray[S_co]:
         """Return single cells, which lie on the farm: [n]."""
 
+    def cell(self, x: int, y: int) -> Any:
+        """Return one cell, which lies on the farm, as a Python number."""
+
 
 class ArrayLayer(Generic[T]):
     """A layer in memory, or mapped into it.
@@ -62,6 +65,10 @@ class ArrayLayer(Generic[T]):
         """Return single cells: [n]."""
         found: NDArray[T] = self._array[x, y]
         return found
+
+    def cell(self, x: int, y: int) -> Any:
+        """Return one cell as a Python number."""
+        return self._array.item(x, y)
 
 
 class ChunkCache:
@@ -145,6 +152,12 @@ class ChunkedLayer(Generic[T]):
             )
 
         return cast("NDArray[T]", self._cache.get((self._name, column, row), decode))
+
+    def cell(self, x: int, y: int) -> Any:
+        """Return one cell as a Python number."""
+        width, height = self._chunk
+        (column, at_x), (row, at_y) = divmod(x, width), divmod(y, height)
+        return self._decoded(column, row).item(at_x, at_y)
 
     def cells(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> NDArray[T]:
         """Return single cells, chunk by chunk: [n]."""

@@ -16,7 +16,7 @@ import numpy as np
 from mission.link.codec.dialect import mavlink
 from mission.link.codec.frames import FrameReader, FrameWriter, valid_frame_end
 from mission.link.codec.signing import SETUP_SIGNING, Signing
-from sim_vehicle.component import NEVER, Component
+from sim_vehicle.component import NEVER, UNHEARD, Component, SaysMuch
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.faults.fault import Fault
 from sim_vehicle.faults.session import FaultSession, FaultyLink
@@ -112,7 +112,7 @@ class Simulation:
     now_s : float
         Virtual seconds since the start.
     frames, bytes_sent : int
-        What was sent so far.
+        What was sent so far; bytes of the frames that somebody cares for, a tap for all.
 
     Raises
     ------
@@ -168,6 +168,19 @@ class Simulation:
         for port, component in enumerate(components):
             if far[port]:
                 self._add_radio(port, f"{component.system_id}.{component.component_id}")
+        self._unbroken = not faults
+        self._tell_who_listens()
+
+    def _tell_who_listens(self) -> None:
+        """Let components that say much make only messages that another one, or anybody else, cares for."""
+        plain = self._unbroken and self._tap is None and self._signing is None
+        plain = plain and not self._links and not self._radios
+        for port, component in enumerate(self._components):
+            if isinstance(component, SaysMuch):
+                wanted = [one for other, one in enumerate(self._wanted) if other != port]
+                heard = [one for one in wanted if one is not None]
+                all_told = plain and len(heard) == len(wanted)
+                component.only_heard(frozenset().union(*heard) if all_told else None)
 
     def open_link(self, name: str = "virtual") -> VirtualLink:
         """Open a link for ground software that lives on the virtual clock.
@@ -189,6 +202,7 @@ class Simulation:
         self._links.append(link)
         self._routes.clear()
         self._add_radio(port, name)
+        self._tell_who_listens()
         return link
 
     def _pass_time(self, seconds: float, until: Callable[[], bool] | None) -> None:
@@ -286,18 +300,25 @@ class Simulation:
         """Pack each message once and send its bytes."""
         encode, tap, inbox, routes = self._writers[source].encode, self._tap, self._inbox, self._routes
         plain = not self._links and not self._radios
+        silent = plain and tap is None and self._signing is None
         for message in messages:
-            frame = encode(message)
             self.frames += 1
-            self.bytes_sent += len(frame)
-            if tap is not None:
-                tap(frame, self.now_s)
+            if message is UNHEARD:
+                self._writers[source].skip()
+                continue
             message_id = type(message).id
             target = getattr(message, "target_system", 0)
             key = (source, message_id, target << 8 | getattr(message, "target_component", 0))
             ports = routes.get(key)
             if ports is None:
                 ports = routes[key] = self._route(*key)
+            if silent and not ports:
+                self._writers[source].skip()
+                continue
+            frame = encode(message)
+            self.bytes_sent += len(frame)
+            if tap is not None:
+                tap(frame, self.now_s)
             if plain:
                 if ports:
                     inbox.append((ports, frame))

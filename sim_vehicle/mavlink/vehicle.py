@@ -20,7 +20,7 @@ from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import adapt_vehicle, get_autopilot
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.component import NEVER
+from sim_vehicle.component import NEVER, UNHEARD
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.execution.items import NAV_COMMANDS
 from sim_vehicle.execution.state import CameraCommand, FlightEvent, HomeMoved, ItemReached
@@ -132,6 +132,7 @@ class SimVehicle:
             pilot, firmware, home, system_id=system_id, epoch_unix_s=epoch_unix_s, noise=noise
         )
         self.schedule = self._default_schedule()
+        self._heard: frozenset[int] | None = None
         self.has_camera = False
         self._was_in_mission = False
         self._signing = signing
@@ -235,10 +236,15 @@ class SimVehicle:
             self._outbox += self.built(m.MAVLINK_MSG_ID_MISSION_CURRENT)
         self._outbox += self._plans.poll(now_s)
         self._show_changes()
-        outbox = self._outbox
+        outbox, heard = self._outbox, self._heard
         for message_id in self.schedule.due(self.state.now_us):
-            outbox.append(BUILDERS[message_id](self.state))
+            is_heard = heard is None or message_id in heard
+            outbox.append(BUILDERS[message_id](self.state) if is_heard else UNHEARD)
         return self._sent()
+
+    def only_heard(self, message_ids: frozenset[int] | None) -> None:
+        """Make messages of the schedule of these ids only; None is all."""
+        self._heard = message_ids
 
     def next_deadline(self) -> float:
         """When the next telemetry, retry or piece of flight is due."""

@@ -13,7 +13,7 @@ from mission.policies.policy import Asking
 from mission.policies.situation import Event, Situation, Status
 from wbf_mission.flight import fly
 from wbf_mission.result import Result, load_result
-from wbf_mission.scenario import Scenario
+from wbf_mission.scenario import Scenario, scenario_with
 
 IDEAL = Scenario(farm="miniberry-30", vehicle="ideal", budget="80steps", estimator="adaptive-disk", seed=4)
 QUAD = Scenario(farm="miniberry-30", vehicle="quad", budget="60s", estimator="adaptive-disk", seed=4)
@@ -208,3 +208,11 @@ def test_a_policy_is_not_asked_more_often_than_it_wants() -> None:
     result = fly(IDEAL, policy=Wanderer(Asking(observations=1, least_s=6.0)))
     times = [record.time_s for record in result.decisions if record.event == "observations"]
     assert len(times) > 5 and min(np.diff(times)) > 5.99
+
+
+def test_a_policy_is_scored_as_often_as_a_planner() -> None:
+    """It begins with a short path; the number of scored times follows from what the budget pays for."""
+    short = Wanderer(Asking(observations=10))
+    result = fly(scenario_with(QUAD, {"score_points": 12}), policy=short)
+    assert len(result.decisions) > 3
+    assert 6 <= len(result.history.entries) <= 24

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,12 +99,17 @@ class FlightFares:
     predictor: OnwardPredictor
     rough: LegFares | GeometricFares
     unit: str
+    # A policy asks for what it chose, and who checks its answer asks again.
+    _known: dict[bytes, float] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def rest(self, paths_m: Sequence[Points]) -> list[float]:
         """Return what rests of the path take, the way home and the landing included."""
-        seconds, watt_hours = self.predictor.rest(self.state, paths_m)
-        taken: list[float] = (seconds if self.unit == "s" else watt_hours).tolist()
-        return taken
+        keys = [np.asarray(path, np.float64).tobytes() for path in paths_m]
+        new = {key: path for key, path in zip(keys, paths_m, strict=True) if key not in self._known}
+        if new:
+            seconds, watt_hours = self.predictor.rest(self.state, list(new.values()))
+            self._known.update(zip(new, (seconds if self.unit == "s" else watt_hours).tolist(), strict=True))
+        return [self._known[key] for key in keys]
 
     def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
         """Return roughly what straight legs cost, float64[n, m]."""

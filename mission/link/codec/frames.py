@@ -173,6 +173,10 @@ class FrameWriter:
             return frame
         return self.signing.sign(frame, bytes([type(message).crc_extra]), _crc)
 
+    def skip(self) -> None:
+        """Count the sequence on for a frame that nobody needs."""
+        self.codec.seq = (self.codec.seq + 1) & 0xFF
+
 
 @dataclass(slots=True)
 class SourceStatistics:

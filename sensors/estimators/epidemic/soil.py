@@ -19,10 +19,14 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+# Loaded with this module: a limit on the threads of linear algebra finds only what is there by then.
+from scipy.linalg import lapack
+
 from geo.seeds import stream
 from sensors.dynamics.soil import SoilParameters, simulate_coarse
 
 Floats = NDArray[np.float64]
+Cells = NDArray[np.integer]
 
 _FUNCTIONS = 16
 _MORE_FUNCTIONS = 24
@@ -39,7 +43,7 @@ _LEAST_NOISE = 1e-7
 _NOISE_ROUNDS = 3
 _LEAST_FOR_NOISE = 30
 _NOISE_GROWTH = 1.2
-_MOST_AT_ONCE = 128
+_MOST_AT_ONCE = 256
 _SMALLEST_VARIANCE = 1e-4
 
 
@@ -97,22 +101,36 @@ class SoilField:
         smooth, rough = (np.outer(axes[0].spectrum[i], axes[1].spectrum[i]).ravel() for i in range(2))
         self._spectrum = (1.0 - _ROUGH_PART) * smooth + _ROUGH_PART * rough
         self._sums: dict[int, _Sums] = {}
+        self._waiting: dict[int, list[tuple[Cells, Cells, Floats]]] = {}
         self._posterior: _Posterior | None = None
+        # Day, readings of that day and of others, and the noise that they gave.
+        self._noise_known = (-1, 0, 0, _FIRST_NOISE)
 
     def learn(
         self, x: NDArray[np.integer], y: NDArray[np.integer], days: NDArray[np.integer], values: Floats
     ) -> None:
-        """Take readings (finite) of cells."""
+        """Take readings (finite) of cells; the work is done when the field is asked for."""
         for day in np.unique(days).tolist():
-            now = np.flatnonzero(days == day)
+            now = days == day
+            self._waiting.setdefault(day, []).append((x[now], y[now], values[now]))
+
+    def _take_in(self) -> None:
+        """Add what was learned to the sums and to the posterior: many readings at once cost little more."""
+        for day, parts in self._waiting.items():
+            x, y, values = (np.concatenate(column) for column in zip(*parts, strict=True))
             sums = self._sums.setdefault(day, _Sums(1 + self._functions_an_axis**2))
-            while len(now):
-                part, now = np.split(now, [min(_BATCH, sums.until_due)])
+            start = 0
+            while start < len(x):
+                part = slice(start, start + min(_BATCH, sums.until_due))
                 functions = self._functions(x[part], y[part])
                 readings = values[part] - self._prior(day).mean
                 sums.add(functions, readings)
                 if self._posterior is not None:
                     self._posterior.learn(day, functions, readings)
+                    if self._posterior.is_outdated(day, self._noise_from(day)):
+                        self._posterior = None
+                start = part.stop
+        self._waiting.clear()
 
     def fill(self, day: int, value: NDArray[np.float32], uncertainty: NDArray[np.float32]) -> float:
         """Write the posterior mean, within 0 .. 1, and standard deviation of a day into arrays [W, H].
@@ -122,9 +140,10 @@ class SoilField:
         float
             The standard deviation of the noise: what a reading differs from the smooth field by.
         """
+        self._take_in()
         prior = self._prior(day)
         posterior = self._posterior
-        if posterior is None or posterior.day != day or posterior.noise_from != self._noise_from(day):
+        if posterior is None or posterior.is_outdated(day, self._noise_from(day)):
             posterior = self._posterior = self._solve(day, prior)
         weights = posterior.weights
         table = (self._x.functions @ weights[1:].reshape(2 * (self._functions_an_axis,))).astype(np.float32)
@@ -170,6 +189,9 @@ class SoilField:
         count = self._noise_from(day)
         if not count:
             return noise
+        others = sum(sums.now.count for seen, sums in self._sums.items() if seen != day)
+        if self._noise_known[:-1] == (day, count, others):
+            return self._noise_known[-1]
         today = self._sums[day].due
         for _ in range(_NOISE_ROUNDS - 1):
             precision, response = self._precision(day, prior, noise, {day: today})
@@ -181,6 +203,7 @@ class SoilField:
             left = today.power - 2.0 * weights @ today.response + weights @ today.squares @ weights
             # MacKay's rule: the data that the functions did not use up tell the noise.
             noise = max(_LEAST_NOISE, float(left / (count - fitted)))
+        self._noise_known = day, count, others, noise
         return noise
 
     def _precision(
@@ -230,6 +253,10 @@ class _Posterior:
         self._at_nodes = at_nodes
         self.variance: Floats = np.einsum("ij,ij->i", at_nodes @ covariance, at_nodes)
 
+    def is_outdated(self, day: int, noise_from: int) -> bool:
+        """Return whether it is of another day, or of a noise estimated from other readings."""
+        return self.day != day or self.noise_from != noise_from
+
     def learn(self, day: int, functions: Floats, readings: Floats) -> None:
         """Take further readings; those of another day, or very many, make this posterior out of date."""
         if day != self.day or len(readings) > _MOST_AT_ONCE:
@@ -247,15 +274,13 @@ class _Posterior:
 
 def _inverse(positive: Floats) -> Floats:
     """Invert a symmetric positive definite matrix by its Cholesky factor."""
-    from scipy.linalg import lapack
-
     factor, failed = lapack.dpotrf(positive, lower=1)
     if failed:
         general: Floats = np.linalg.inv(positive).astype(np.float64)
         return general
+    # Above the diagonal there are zeros.
     half, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
-    inverse: Floats = np.tril(half, -1)
-    inverse += inverse.T
+    inverse: Floats = half + half.T
     inverse[np.diag_indices_from(inverse)] = half.diagonal()
     return inverse
 

@@ -158,6 +158,15 @@ def test_one_cell_can_be_sampled(environment: Environment) -> None:
     assert environment.sample(6, np.arange(4), 4).shape == (4, 3)
 
 
+def test_a_cell_alone_is_the_same_as_among_others(environment: Environment) -> None:
+    ix, iy = (part.ravel() for part in np.indices(environment.shape))
+    together = environment.sample(9, ix, iy)
+    alone = [environment.sample(9, ix[k : k + 1], iy[k : k + 1]) for k in range(len(ix))]
+    np.testing.assert_array_equal(np.concatenate(alone), together)
+    with pytest.raises(EnvironmentDataError, match=r"cell \(30, 0\) is outside"):
+        environment.sample(9, np.array([30]), np.array([0]))
+
+
 @pytest.mark.parametrize(
     ("ix", "iy", "text"),
     [

@@ -125,6 +125,8 @@ def test_cells_and_windows_of_chunks_are_those_of_the_whole(
     ix = np.array([x for x, _ in cells], np.int32)
     iy = np.array([y for _, y in cells], np.int32)
     np.testing.assert_array_equal(stored.sample(6, ix, iy), memory.sample(6, ix, iy))
+    alone = [stored.sample(6, ix[k : k + 1], iy[k : k + 1]) for k in range(len(ix))]
+    np.testing.assert_array_equal(np.vstack([np.empty((0, 3)), *alone]), memory.sample(6, ix, iy))
     x, y, width, height = window
     part = slice(x, min(x + width, 30)), slice(y, min(y + height, 30))
     np.testing.assert_array_equal(stored.window(6, *part), memory.window(6, *part))

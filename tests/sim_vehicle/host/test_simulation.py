@@ -3,9 +3,12 @@
 import pytest
 
 from mission.link.codec.dialect import mavlink
+from mission.model import GeoPoint
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.component import NEVER
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
+from sim_vehicle.mavlink import SimVehicle
 
 
 class Beacon:
@@ -89,6 +92,28 @@ def test_the_tap_sees_each_frame_once_and_frames_parse():
     assert simulation.bytes_sent == sum(len(f) for _, f in seen)
     messages = mavlink.MAVLink(None).parse_buffer(b"".join(f for _, f in seen))
     assert [m.get_seq() for m in messages if m.get_srcSystem() == 255] == [0, 1, 2, 3, 4]
+
+
+def heard_of_a_vehicle(wanted, tap):
+    """Let a vehicle talk to a listener that gets a link beside it after a while; return who heard what."""
+    vehicle = SimVehicle(get_vehicle("quad"), GeoPoint(28.05, -82.15))
+    ground = Beacon(255, 190, 0, wanted=wanted)
+    simulation = Simulation([vehicle, ground], tap=tap)
+    simulation.run(limit_s=5.05)
+    before = simulation.frames
+    link = simulation.open_link()
+    simulation.run(limit_s=5.0)
+    return ground.heard, before, simulation.frames, b"".join(link.receive())
+
+
+def test_messages_that_nobody_listens_to_count_and_change_nothing():
+    wanted = frozenset({mavlink.MAVLINK_MSG_ID_HEARTBEAT, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT})
+    told = []
+    quiet, loud = heard_of_a_vehicle(wanted, None), heard_of_a_vehicle(wanted, lambda f, t: told.append(f))
+    assert quiet == loud
+    assert quiet[1] > 2 * len([h for h in quiet[0] if h[0] <= 5.05])
+    # Who comes later hears everything, with the sequence numbers of the frames that were only counted.
+    assert len(told) == quiet[2] and b"".join(told).endswith(quiet[3]) and quiet[3]
 
 
 def test_two_components_with_one_address_are_refused():

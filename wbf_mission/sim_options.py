@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from geo.texts import parse_number
-from wbf_mission.scenario import Scenario, ScenarioError, read_table, scenario_from_table
+from wbf_mission.scenario import Scenario, ScenarioError, read_table, scenario_from_table, take_faults
 from wbf_mission.scenario.option import Part, option, options_of
 from wbf_mission.scenario.parts import CAMERA, VEHICLE
 from wbf_mission.scenario.scenario import unknown_key
@@ -112,12 +112,9 @@ def load_sim(path: str | Path) -> tuple[Scenario, SimOptions, tuple[Fault, ...]]
     FaultError
         If a fault is wrong.
     """
-    from sim_vehicle.faults.fault import faults_of
-
     path = Path(path)
     table = read_table(path)
-    faults = faults_of(table, str(path))
-    table.pop("fault", None)
+    faults = take_faults(table, path)
     given = table.pop("sim", {})
     scenario = scenario_from_table(table, path)
     if not isinstance(given, dict):

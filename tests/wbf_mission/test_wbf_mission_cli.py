@@ -143,6 +143,22 @@ def test_fly_json_and_files(capsys: pytest.CaptureFixture[str], tmp_path: Path) 
     assert (tmp_path / "run" / "path.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_a_scenario_file_says_what_goes_wrong(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    file = tmp_path / "broken.toml"
+    told = 'farm = "miniberry-10"\nvehicle = "quad"\nvehicles = 2\nestimator = "point"\n'
+    motor = '[[fault]]\nkind = "motor-failure"\nat = "airborne"\nfrom = 3\n'
+    file.write_text(told + motor + "vehicle = 2\n")
+    arguments = ("fly", "--scenario", str(file), "--no-files", "--quiet", "--json")
+    _, out, _ = run(capsys, *arguments)
+    assert [one["outcome"] for one in json.loads(out)["flights"]] == ["completed", "crashed"]
+    _, out, _ = run(capsys, *arguments, "--fault", "motor-failure,vehicle=1,at=airborne,from=3")
+    assert [one["outcome"] for one in json.loads(out)["flights"]] == ["crashed", "crashed"]
+    for wrong, why in ((motor + "vehicle = 3\n", "vehicle 3"), ("[[fault]]\nkind = 'warp'\n", "fault 1")):
+        file.write_text(told + wrong)
+        code, out, err = run(capsys, *arguments[:-1])
+        assert (code, out) == (2, "") and why in err and err.count("\n") == 1
+
+
 def test_a_planned_file_can_be_flown(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     out = tmp_path / "rows.plan"
     assert run(capsys, "plan", "--planner", "lawnmower", "--budget", "150m", "--out", str(out))[0] == 0

@@ -16,10 +16,12 @@ from wbf_mission.scenario import (
     EstimateOptions,
     FarmOptions,
     MissionOptions,
+    Scenario,
     ScenarioError,
     ScoreOptions,
     VehicleOptions,
     WeatherOptions,
+    load_broken_scenario,
 )
 from wbf_mission.stopwatch import process_age_s
 
@@ -57,7 +59,8 @@ def fly_command(
     fault: Annotated[
         list[str] | None,
         typer.Option(
-            help="What goes wrong in each flight: KIND[=VALUE][,vehicle=N][,from=S][,for=S][,at=EVENT][,...],"
+            help="What goes wrong in each flight, besides what the scenario file says:"
+            " KIND[=VALUE][,vehicle=N][,from=S][,for=S][,at=EVENT][,...],"
             " may be repeated; 'wbf-mission sim --list-faults' lists the kinds.",
             rich_help_panel="Faults",
             show_default=False,
@@ -123,7 +126,10 @@ def fly_command(
     if animate and not files:
         msg = "--animate writes a file, --no-files none: leave one of them out"
         raise ScenarioError(msg)
-    chosen = given.scenario()
+    base, in_file = (
+        (Scenario(**given.defaults), ()) if given.file is None else load_broken_scenario(given.file)
+    )
+    chosen = given.change(base)
     with contextlib.ExitStack() as stack:
         folder = None
         if files:
@@ -146,7 +152,7 @@ def fly_command(
             progress=progress,
             pace=speed,
             tlog=folder.tlog if folder else None,
-            faults=fault or (),
+            faults=[*in_file, *(fault or ())],
             use_cache=cache,
         )
         flown_s, interrupted = process_age_s(), False

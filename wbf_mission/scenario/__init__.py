@@ -1,7 +1,13 @@
 """Scenarios: everything that decides a run, in parts, and the files that hold them. Imports nothing heavy."""
 
 from wbf_mission.scenario.choice import Choice
-from wbf_mission.scenario.files import load_scenario, read_table, scenario_from_table
+from wbf_mission.scenario.files import (
+    load_broken_scenario,
+    load_scenario,
+    read_table,
+    scenario_from_table,
+    take_faults,
+)
 from wbf_mission.scenario.option import ScenarioError
 from wbf_mission.scenario.parts import (
     CameraOptions,
@@ -25,8 +31,10 @@ __all__ = [
     "ScoreOptions",
     "VehicleOptions",
     "WeatherOptions",
+    "load_broken_scenario",
     "load_scenario",
     "read_table",
     "scenario_from_table",
     "scenario_with",
+    "take_faults",
 ]

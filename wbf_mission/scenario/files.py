@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from geo.reading import UnreadableError, read_toml
 from wbf_mission.scenario.option import ScenarioError
 from wbf_mission.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from sim_vehicle.faults.fault import Fault
 
 _FILES = ("farm", "mission", "vehicle")
 
@@ -23,6 +26,31 @@ def load_scenario(path: str | Path) -> Scenario:
         If the file cannot be read, is not TOML, or has an unknown key or a value that cannot be used.
     """
     return scenario_from_table(read_table(path), Path(path))
+
+
+def load_broken_scenario(path: str | Path) -> tuple[Scenario, tuple[Fault, ...]]:
+    """Read a scenario as `load_scenario` does, and what its tables ``[[fault]]`` say goes wrong in flight.
+
+    Raises
+    ------
+    ScenarioError
+        As of `load_scenario`.
+    FaultError
+        If a fault is wrong.
+    """
+    path = Path(path)
+    table = read_table(path)
+    faults = take_faults(table, path)
+    return scenario_from_table(table, path), faults
+
+
+def take_faults(table: dict[str, Any], path: Path) -> tuple[Fault, ...]:
+    """Return the faults of a file's table and leave them out of it; FaultError if one is wrong."""
+    from sim_vehicle.faults.fault import faults_of
+
+    faults = faults_of(table, str(path))
+    table.pop("fault", None)
+    return faults
 
 
 def read_table(path: str | Path) -> dict[str, Any]:

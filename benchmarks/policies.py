@@ -5,7 +5,7 @@ trained on) with the `epidemic` estimator. The robot moves one cell a step and o
 arrives; there is no MAVLink, only the contract of policies. The loss is the paper's weighted one of both
 diseases: ``run`` is its mean over 36 scored times of the whole budget (the last estimate holds when a path
 ends early), ``end`` the one at its end. The best fixed plan of a measure is the best of lawnmower, spiral and
-adaptive-lawnmower by that measure; a fleet's fixed plans are made strip by strip. Intervals are 95 %
+adaptive-lawnmower by that measure; a fleet's fixed plans share the farm in strips. Intervals are 95 %
 bootstrap intervals of the ratio of means, over environments.
 
 Examples::
@@ -30,7 +30,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import shapely
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
@@ -141,21 +140,16 @@ class Run:
     tracks: tuple[NDArray[np.float64], ...] = ()  # of each robot, metres
 
 
-def request_of(farm: Farm, steps: int, seed: int, number: int = 0, strips: int = 1) -> PlanningRequest:
-    """Return a vehicle's task: the whole farm, or its strip of it."""
-    area = farm.owner_area
-    if strips > 1:
-        x_min, y_min, x_max, y_max = area.bounds
-        edges = np.linspace(x_min, x_max, strips + 1)
-        area = shapely.intersection(area, shapely.box(edges[number], y_min, edges[number + 1], y_max))
+def request_of(farm: Farm, steps: int, seed: int, number: int = 0) -> PlanningRequest:
+    """Return a vehicle's task."""
     crops = tuple(
         CropArea(crop, land)
         for crop in (Crop.TOMATO, Crop.STRAWBERRY)
-        if not (land := shapely.intersection(farm.crop_area(crop), area)).is_empty
+        if not (land := farm.crop_area(crop)).is_empty
     )
     budget = StepBudget(float(steps), step_m=farm.cell_size_m)
     sealed = sealed_seed(seed, f"planner {number}")
-    return PlanningRequest(area, farm.home_m, budget, farm.cell_size_m, crops, sealed)
+    return PlanningRequest(farm.owner_area, farm.home_m, budget, farm.cell_size_m, crops, sealed)
 
 
 def fly(case: Case, policy: Policy, seed: int, every: int | None = None) -> Run:
@@ -178,10 +172,7 @@ def fly(case: Case, policy: Policy, seed: int, every: int | None = None) -> Run:
     weights = np.array(PAPER_WEIGHTS.field[:2]) * cells
     estimator = make_estimator("epidemic", random_state=child_seed(seed, "estimator")).fit(grid)
     steps = round(STEPS_PER_CELL * farm.owner_cells) // case.vehicles
-    strips = case.vehicles if isinstance(policy, FixedPlan) else 1
-    robots = [
-        Robot(k + 1, request_of(farm, steps, seed, k, strips), farm.cell_size_m) for k in range(case.vehicles)
-    ]
+    robots = [Robot(k + 1, request_of(farm, steps, seed, k), farm.cell_size_m) for k in range(case.vehicles)]
     scored = np.unique(np.round(np.arange(1, SCORED + 1) * steps / SCORED).astype(int))
     seen = Observations.empty()
     model = estimator.predict()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from geo import Farm
 from geo.seeds import child_seed
 from mission.link.tlog import TlogWriter
-from mission.policies.policy import FixedPlan, Policy
+from mission.policies.policy import FixedPlan, KeepPath, Policy
 from sensors.camera.leaf_camera import LeafCameraOptions
 from sensors.environment import Environment
 from sensors.estimators import Estimator, advance_estimator
@@ -49,19 +49,24 @@ class Decider:
     Parameters
     ----------
     policy : Policy
-        A `FixedPlan` for a planner.
+        A `FixedPlan` for a planner, a `KeepPath` for a mission from a file.
     name : str
         What messages call it: ``planner spiral``, ``policy greedy``.
     label : str
         Its name with its parameters.
     mission : PlanResult or None
-        A mission from a file, which is flown in place of what the policy would plan.
+        A mission from a file, which is flown.
     """
 
     policy: Policy
     name: str
     label: str
     mission: PlanResult | None = None
+
+    @property
+    def steers(self) -> bool:
+        """Whether it decides by what is believed of the farm; a planner and a mission file do not."""
+        return not isinstance(self.policy, FixedPlan | KeepPath)
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +186,7 @@ class Campaign:
         else:
             answer = loop.start([one.task.report() for one in vehicles])
             label = self._decider.label
-            steers = not isinstance(self._decider.policy, FixedPlan)
+            steers = self._decider.steers
             plans = tuple(
                 one.task.plan_of(answer.decision, label, camera_on_approach=steers) for one in vehicles
             )

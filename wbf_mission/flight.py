@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from geo.errors import WbfMissionError
 from mission.planners import Planner
-from mission.policies.policy import FixedPlan, Policy
+from mission.policies.policy import FixedPlan, KeepPath, Policy
 from mission.policies.registry import make_policy
 from sensors.estimators import Estimator
 from sensors.field_files import load_field_set
@@ -111,8 +111,7 @@ def fly(
     vehicles = vehicles_of(scenario, tell)
     campaign = Campaign(scenario, vehicles, decider, options=options, weights=weights, tell=tell, watch=watch)
     farm = campaign.farm
-    knows_nothing = isinstance(decider.policy, FixedPlan)
-    if knows_nothing:
+    if not decider.steers:
         # A planner needs no estimate: what it cannot plan is told before anything takes long.
         campaign.plan(scenario.farm.day)
         tell("planning", 1, 1)
@@ -128,7 +127,7 @@ def fly(
         campaign.learn_with(learner, environment)
         assert campaign.evidence.estimate is not None
         try:
-            if not knows_nothing:
+            if decider.steers:
                 decider.policy.start()
                 campaign.plan(scenario.farm.day)
                 tell("planning", 1, 1)
@@ -159,7 +158,7 @@ def decider_of(scenario: Scenario) -> Decider:
         if len(scenario.vehicle.fleet) > 1:
             msg = f"mission {options.file} is one vehicle's, but {len(scenario.vehicle.fleet)} fly; give one"
             raise FlightError(msg)
-        return Decider(FixedPlan("spiral"), f"mission {options.file}", options.file, plan(scenario))
+        return Decider(KeepPath(), f"mission {options.file}", options.file, plan(scenario))
     if options.policy is not None:
         choice = options.policy
         made = make_policy(choice.name if choice.made is None else choice.made, **choice.params)

@@ -162,3 +162,20 @@ class FixedPlan:
             {system_id: points for system_id, (points, _) in taken.items()},
             reason=f"the rest of lost vehicle {who} is handed over",
         )
+
+
+@dataclass(frozen=True, slots=True)
+class KeepPath:
+    """Leave every vehicle on the path that it was given otherwise: in a mission from a file."""
+
+    @property
+    def asking(self) -> Asking:
+        """Never."""
+        return NEVER_AGAIN
+
+    def start(self) -> None:
+        """Nothing is remembered."""
+
+    def decide(self, situation: Situation) -> Decision:  # noqa: ARG002
+        """Go on."""
+        return GO_ON

@@ -7,7 +7,7 @@ from geo.named import ParameterError
 from mission.errors import PlanningError
 from mission.planners import PlanningRequest, StepBudget
 from mission.policies.decision import GO_ON, Decision
-from mission.policies.policy import NEVER_AGAIN, FixedPlan, Policy
+from mission.policies.policy import NEVER_AGAIN, FixedPlan, KeepPath, Policy
 from mission.policies.registry import make_policy
 from mission.policies.situation import Event, Situation, Status, VehicleReport
 from sensors.fields import PAPER_FIELDS
@@ -77,3 +77,9 @@ def test_policies_are_made_by_name_or_taken_as_they_are():
         make_policy(object())
     with pytest.raises(ParameterError, match="has its parameters already"):
         make_policy(policy, planner="lawnmower")
+
+
+def test_a_path_from_elsewhere_is_kept():
+    policy = KeepPath()
+    assert isinstance(policy, Policy) and policy.asking == NEVER_AGAIN
+    assert all(policy.decide(_situation(event)) is GO_ON for event in Event)

@@ -11,7 +11,7 @@ from geo.errors import WbfMissionError
 from geo.seeds import stream
 from mission.link.codec.dialect import Message
 from mission.model import Command
-from mission.planners.path import Points
+from mission.planners.path import Points, path_length
 from mission.policies.situation import Status, VehicleReport
 from sensors.camera.leaf_camera import LeafCamera, LeafCameraOptions
 from sensors.camera.wire import ObservationAssembler
@@ -149,7 +149,7 @@ class Sortie:
             return False
         rest = self._rest_points()
         path = np.vstack((self.ground.vehicle_state.position_m(self.plan.farm.frame), rest))
-        length_m = float(np.hypot(*np.diff(path, axis=0).T).sum())
+        length_m = path_length(path)
         speed_m_s = max(self.ground.vehicle_state.ground_speed_m_s, SLOWEST_M_S)
         self._ending_told = length_m < speed_m_s * (ENDING_S + self._delay_s)
         return self._ending_told

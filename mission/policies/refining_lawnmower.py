@@ -13,7 +13,7 @@ from scipy import ndimage
 from mission.errors import PlanningError
 from mission.planners import Budget, make_planner
 from mission.planners.inside_routing import TOLERANCE_M
-from mission.planners.path import Points
+from mission.planners.path import Points, path_length
 from mission.policies.decision import GO_ON, Decision
 from mission.policies.policy import LEAST_S, Asking
 from mission.policies.situation import Event, Situation, VehicleReport
@@ -116,7 +116,7 @@ class RefiningLawnmower:
     @staticmethod
     def _nearly_flown(vehicle: VehicleReport, cell_m: float) -> bool:
         path = np.vstack((np.asarray(vehicle.position_m)[None], vehicle.rest_m))
-        return float(np.hypot(*np.diff(path, axis=0).T).sum()) <= _RENEW_CELLS * cell_m
+        return path_length(path) <= _RENEW_CELLS * cell_m
 
     def _fine_rows(self, vehicle: VehicleReport, situation: Situation, taken: NDArray[np.bool_]) -> Points:
         """Return rows over the patches, the best next one after the other; marks their cells as taken."""
@@ -130,7 +130,7 @@ class RefiningLawnmower:
             best: tuple[float, int, NDArray[np.float64]] | None = None
             for number, box in enumerate(boxes):
                 path = _rows_of(box, here, self._spacing)
-                length = float(np.hypot(*np.diff(np.vstack((here[None], path)), axis=0).T).sum())
+                length = path_length(np.vstack((here[None], path)))
                 rate = float(worth[box].sum()) / max(length, 1.0)
                 if best is None or rate > best[0]:
                     best = (rate, number, path)

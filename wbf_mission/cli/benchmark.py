@@ -64,13 +64,7 @@ def benchmark_command(
     ] = 10,
     jobs: Annotated[
         int,
-        typer.Option(
-            help="Processes at once; -1: one per core.",
-            parser=options.whole_number_in(-1, 1024),
-            min=-1,
-            max=1024,
-            rich_help_panel=_RUN,
-        ),
+        options.processes(_RUN),
     ] = 1,
     json: options.Json = False,
     quiet: options.Quiet = False,

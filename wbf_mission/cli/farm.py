@@ -188,12 +188,7 @@ def generate_command(
     ] = None,
     jobs: Annotated[
         int,
-        typer.Option(
-            help="Processes at once; -1: one per core.",
-            parser=options.whole_number_in(-1, 1024),
-            min=-1,
-            max=1024,
-        ),
+        options.processes(),
     ] = 1,
     out: Annotated[
         Path | None,

@@ -69,6 +69,18 @@ def whole_number_in(low: int, high: int) -> Callable[[str], int]:
 
 _READERS: Mapping[Any, Callable[[str], Any]] = {int: whole_number, float: number}
 
+
+def processes(panel: str | None = None) -> Any:
+    """Return the option of how many processes work at once, in a panel of the help."""
+    return typer.Option(
+        help="Processes at once; -1: one per core.",
+        parser=whole_number_in(-1, 1024),
+        min=-1,
+        max=1024,
+        rich_help_panel=panel,
+    )
+
+
 ScenarioFile = Annotated[
     Path | None,
     typer.Option(

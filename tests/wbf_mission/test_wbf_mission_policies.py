@@ -105,6 +105,18 @@ def test_a_path_of_short_legs_costs_what_its_flight_takes(seed: int) -> None:
     assert flight_s < 90.5
 
 
+@pytest.mark.parametrize("budget", ["70s", "60m"])
+def test_a_tour_of_a_vehicle_whose_turns_cost_time_keeps_the_way_home(budget: str) -> None:
+    scenario = Scenario(farm="miniberry-30", vehicle="quad", estimator="point", budget=budget, seed=5)
+    result = fly(scenario, policy="orienteering")
+    assert result.outcome is Outcome.COMPLETED
+    first = result.decisions[0].changes[0]
+    assert len(first.path_m) > 1 and first.cost <= float(budget[:-1])
+    assert np.hypot(*(first.path_m - first.position_m).T).max() > 1.0
+    if budget == "70s":
+        assert result.flights[0].flight_time_s < 71.0
+
+
 def test_equal_runs_are_equal_to_the_bit_and_load_again(tmp_path: Path) -> None:
     one, other = (fly(IDEAL, policy=Wanderer(Asking(observations=9))) for _ in range(2))
     for name in ("x", "y", "time_s", "values"):

@@ -79,13 +79,8 @@ def estimator_of(choice: Choice, seed: int, fields: FieldSet) -> Estimator:
 
 def prepare_days(estimator: Estimator, first: int, days: int, progress: Progress) -> None:
     """Let an estimator learn beforehand what estimates of all days of a run need."""
-    for number in range(days):
-
-        def tell(what: str, done: float, total: float, before: int = number) -> None:
-            progress(what, before + done / total, days)
-
-        with attribute_errors_to(estimator):
-            prepare_estimator(estimator, first + number, tell)
+    with attribute_errors_to(estimator):
+        prepare_estimator(estimator, range(first, first + days), progress)
 
 
 def score_points(farm: Farm, estimator: Estimator) -> int:

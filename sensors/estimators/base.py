@@ -158,15 +158,15 @@ class BaseEstimator(ABC):
     def _reach(self, day: int) -> None:
         self.latest_day_ = day if self.latest_day_ is None else max(day, self.latest_day_)
 
-    def prepare(self, day: int, progress: Progress | None = None) -> Self:  # noqa: ARG002
-        """Learn now what estimates of a day need before any observation; nothing for most estimators.
+    def prepare(self, days: Sequence[int], progress: Progress | None = None) -> Self:  # noqa: ARG002
+        """Learn now what estimates of some days need before any observation; nothing for most estimators.
 
         Without this call it is learned by the first `predict`.
 
         Parameters
         ----------
-        day : int
-            The day that will be observed.
+        days : sequence of int
+            The days that will be observed.
         progress : callable, optional
             ``progress(what, done, total)``; not called if all was learned before and kept.
 
@@ -240,11 +240,11 @@ class BaseEstimator(ABC):
     def _estimate(self) -> InformationModel: ...
 
 
-def prepare_estimator(estimator: Estimator, day: int, progress: Progress | None = None) -> None:
-    """Let an estimator that can do so learn beforehand what estimates of a day need."""
+def prepare_estimator(estimator: Estimator, days: Sequence[int], progress: Progress | None = None) -> None:
+    """Let an estimator that can do so learn beforehand what estimates of some days need."""
     prepare = getattr(estimator, "prepare", None)
     if prepare is not None:
-        prepare(day, progress)
+        prepare(days, progress)
 
 
 def advance_estimator(estimator: Estimator, day: int) -> None:

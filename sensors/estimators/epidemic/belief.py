@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.estimators.base import Step
 from sensors.estimators.epidemic.decision import (
     CLASS_VALUES,
     expected_loss,
@@ -95,10 +95,11 @@ class DiseaseBelief:
         self._probabilities = self._certain() if self.whole else None
         self._loss = np.zeros(hosts.shape, np.float32) if self.whole else None
 
-    def learn(self, day: int, step: Step) -> None:
-        """Train the network of a day if there is none yet; `step` is called with the part that is done."""
-        if self._host_count:
-            network_for(replace(self._task, day=day), self._hosts, self._cache, step)
+    def wanted(self, days: Sequence[int]) -> list[tuple[TrainingTask, NDArray[np.bool_]]]:
+        """Return what has to be trained for estimates of some days, with the crop map."""
+        if not self._host_count:
+            return []
+        return [(replace(self._task, day=day), self._hosts) for day in days]
 
     def update(self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats) -> None:
         """Bring value and uncertainty up to date.

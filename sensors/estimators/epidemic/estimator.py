@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from sensors.errors import EstimatorError
 from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.base import LEARNING, BaseEstimator, Progress, require_paper_fields
+from sensors.estimators.epidemic.ahead import learn_all
 from sensors.estimators.epidemic.belief import DiseaseBelief
 from sensors.estimators.epidemic.soil import SoilField
 from sensors.estimators.epidemic.training import TrainingTask
@@ -118,20 +120,19 @@ class EpidemicEstimator(BaseEstimator):
         self._check_fitted("day_")
         return self.day if self.latest_day_ is None else self.latest_day_
 
-    def prepare(self, day: int, progress: Progress | None = None) -> Self:
-        """Train the networks of a day, or read them; see `BaseEstimator.prepare`.
+    def prepare(self, days: Sequence[int], progress: Progress | None = None) -> Self:
+        """Train the networks of some days, or read them; see `BaseEstimator.prepare`.
 
-        On farms of at most 128 x 128 cells they are those of the day's eight days (0 to 7, 8 to 15, ...).
+        On farms of at most 128 x 128 cells eight days (0 to 7, 8 to 15, ...) have them in common. Several are
+        trained in as many processes as the machine has cores.
         """
-        super().prepare(day)
-        number = len(self._beliefs)
-        for k, belief in enumerate(self._beliefs):
+        super().prepare(days)
 
-            def step(part: float, before: int = k) -> None:
-                if progress is not None:
-                    progress(LEARNING, before + part, number)
+        def step(part: float) -> None:
+            if progress is not None:
+                progress(LEARNING, part, 1)
 
-            belief.learn(day, step)
+        learn_all([one for belief in self._beliefs for one in belief.wanted(days)], self.cache, step)
         return self
 
     def _start(self, grid: FarmGrid) -> None:

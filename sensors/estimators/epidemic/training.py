@@ -120,14 +120,27 @@ def network_for(
     task: TrainingTask,
     hosts: NDArray[np.bool_],
     folder: str | os.PathLike[str] | None,
-    step: Step = no_step,
 ) -> Network:
     """Return the network of a task: from memory, from its file, or trained now and kept in both.
 
     A file that cannot be read, or is not what its name claims, is replaced; a folder that cannot be written
     to costs a training in every process, not an error.
 
-    `step` is called with the part that is learned, 0..1, unless there is a network already.
+    Raises
+    ------
+    EstimatorError
+        If the day is beyond what the model of the environment allows.
+    """
+    task = shared_task(task, hosts)
+    network = known_network(task, hosts, folder)
+    if network is None:
+        network = learn(task, hosts)
+        keep_network(network, task, hosts, folder)
+    return network
+
+
+def shared_task(task: TrainingTask, hosts: NDArray[np.bool_]) -> TrainingTask:
+    """Return the task of the network that knows the day of a task.
 
     Raises
     ------
@@ -137,17 +150,29 @@ def network_for(
     if not 0 <= task.day <= MAX_DAYS:
         msg = f"epidemic: day {task.day} is not in 0..{MAX_DAYS}, the days of an environment"
         raise EstimatorError(msg)
-    task = replace(task, day=first_day(task.day, hosts))
+    return replace(task, day=first_day(task.day, hosts))
+
+
+def known_network(
+    task: TrainingTask, hosts: NDArray[np.bool_], folder: str | os.PathLike[str] | None
+) -> Network | None:
+    """Return the network of a shared task from memory or from its file; None if it has to be trained."""
     key = task.key(hosts)
     if key not in _in_memory:
-        path = cache_folder(folder) / f"{key}.npz"
-        network = load_network(path)
+        network = load_network(cache_folder(folder) / f"{key}.npz")
         if network is None:
-            step(0.0)
-            network = learn(task, hosts, step)
-            save_network(network, path)
+            return None
         _in_memory[key] = network
     return _in_memory[key]
+
+
+def keep_network(
+    network: Network, task: TrainingTask, hosts: NDArray[np.bool_], folder: str | os.PathLike[str] | None
+) -> None:
+    """Keep the network of a shared task in memory and in its file."""
+    key = task.key(hosts)
+    save_network(network, cache_folder(folder) / f"{key}.npz")
+    _in_memory[key] = network
 
 
 def save_network(network: Network, path: Path) -> None:

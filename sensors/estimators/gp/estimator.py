@@ -145,12 +145,17 @@ class GaussianProcessEstimator(BaseEstimator):
         local = self.method == "local" or (self.method == "auto" and exact > self.memory_limit_mb * 2**20)
         return _LOCAL_BYTES_A_CELL * cells if local else models + exact
 
-    def prepare(self, day: int, progress: Progress | None = None) -> Self:
-        """Learn the priors of a day; see `BaseEstimator.prepare`."""
-        super().prepare(day)
+    def prepare(self, days: Sequence[int], progress: Progress | None = None) -> Self:
+        """Learn the priors of some days; see `BaseEstimator.prepare`."""
+        super().prepare(days)
         if self.optimise and self.learn_from == "model":
-            tell = progress or (lambda _what, _done, _total: None)
-            self._take_priors(day, lambda part: tell(LEARNING, part, 1))
+            for number, day in enumerate(days):
+
+                def step(part: float, before: int = number) -> None:
+                    if progress is not None:
+                        progress(LEARNING, before + part, len(days))
+
+                self._take_priors(day, step)
         return self
 
     def _start(self, grid: FarmGrid) -> None:

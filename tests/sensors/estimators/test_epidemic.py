@@ -1,5 +1,6 @@
 """The estimator that knows the score and the diseases, and its parts."""
 
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -13,9 +14,9 @@ from sensors.dynamics.outbreak import simulate_outbreak
 from sensors.environment import CCR, TYLCV, SoilParameters, generate_environment
 from sensors.errors import EstimatorError
 from sensors.estimators import check_estimator, make_estimator
+from sensors.estimators.epidemic import ahead, training
 from sensors.estimators.epidemic import belief as belief_module
 from sensors.estimators.epidemic import judge as judge_module
-from sensors.estimators.epidemic import training
 from sensors.estimators.epidemic.chase import chasing_path
 from sensors.estimators.epidemic.context import N_CONTEXT, context_features
 from sensors.estimators.epidemic.decision import (
@@ -695,11 +696,11 @@ def test_training_beforehand_tells_its_progress_and_is_not_done_again(tmp_path, 
     told = []
     grid = get_farm("miniberry-10").grid()
     estimator = make_estimator("epidemic", outbreaks=20, epochs=1, training_seed=77, cache=tmp_path).fit(grid)
-    estimator.prepare(5, lambda *what: told.append(what))
+    estimator.prepare([5], lambda *what: told.append(what))
     assert {what for what, _, _ in told} == {"training the estimator"}
     done = [part for _, part, _ in told]
     assert done == sorted(done)
-    assert (done[0], done[-1], told[0][2]) == (0, 2, 2)
+    assert (done[0], done[-1], told[0][2]) == (0, 1, 1)
     assert len(done) > 6
     monkeypatch.setattr("sensors.estimators.epidemic.training.learn", None)
     assert estimator.partial_fit(Observations([1], [1], [0.0], [5], [[1, 1, 0.5]])).predict().shape == (
@@ -719,7 +720,7 @@ def test_what_was_kept_is_no_training(name, module, quick, tmp_path, monkeypatch
         monkeypatch.setattr(f"sensors.estimators.{module}._in_memory", {})
         told = []
         estimator = make_estimator(name, training_seed=78, cache=tmp_path, **quick).fit(grid)
-        estimator.prepare(5, lambda *what: told.append(what))
+        estimator.prepare([5], lambda *what: told.append(what))
         return told
 
     first = told_by_a_new_process()
@@ -807,3 +808,44 @@ def test_how_many_of_a_class_fell_ill_since_is_as_the_model_has_it(disease):
         assert found[ago, 1] == pytest.approx((infected > day - ago).mean(), abs=0.1)
     assert (np.diff(found, axis=0)[:, 1:] >= 0).all()
     assert found[0].tolist() == [1, 0, 0]
+
+
+@pytest.fixture
+def two_tasks(monkeypatch):
+    """Networks for two diseases that are small, but large enough for processes of their own."""
+    grid = get_farm("miniberry-10").grid()
+    monkeypatch.setattr(ahead, "_WORTH_A_PROCESS", 1)
+    monkeypatch.setattr(training, "_in_memory", {})
+    small = {"outbreaks": 15, "epochs": 1, "seed": 9}
+    return [(TrainingTask(TYLCV, 7, **small), grid.tomato), (TrainingTask(CCR, 6, **small), grid.strawberry)]
+
+
+def weights_of(wanted, folder):
+    networks = [
+        training.known_network(training.shared_task(task, hosts), hosts, folder) for task, hosts in wanted
+    ]
+    return [one for network in networks for part in (network, *network.further) for one in part.weights]
+
+
+def test_networks_trained_in_processes_are_those_trained_here(tmp_path, two_tasks, monkeypatch):
+    monkeypatch.setattr(ahead.os, "cpu_count", lambda: 2)
+    done = []
+    ahead.learn_all([*two_tasks, two_tasks[0]], tmp_path / "several", done.append)
+    assert done == [0.0, 0.5, 1.0]
+    several = weights_of(two_tasks, tmp_path / "several")
+    training._in_memory.clear()
+    monkeypatch.setattr(ahead.os, "cpu_count", lambda: 1)
+    ahead.learn_all(two_tasks, tmp_path / "one", done.append)
+    one = weights_of(two_tasks, tmp_path / "one")
+    assert all(np.array_equal(a, b) for a, b in zip(several, one, strict=True))
+    ahead.learn_all(two_tasks, tmp_path / "one", lambda part: pytest.fail(f"trained again: {part}"))
+
+
+def test_a_process_that_dies_costs_time_and_no_network(tmp_path, two_tasks, monkeypatch):
+    monkeypatch.setattr(ahead.os, "cpu_count", lambda: 2)
+    here = os.getpid()
+    monkeypatch.setattr(
+        ahead, "learn", lambda *given: training.learn(*given) if os.getpid() == here else os._exit(9)
+    )
+    ahead.learn_all(two_tasks, tmp_path, lambda part: None)
+    assert len(weights_of(two_tasks, tmp_path)) == 18

@@ -43,6 +43,10 @@ class Outcome(Enum):
     """The vehicle did not take the mission."""
     TIME_LIMIT = "time_limit"
     """The flight took much longer than it should."""
+    NOT_STARTED = "not_started"
+    """The operator did not let it start."""
+    PILOT_TOOK_OVER = "pilot_took_over"
+    """Somebody else took the vehicle out of its mission, and it came down so."""
     INTERRUPTED = "interrupted"
     """Somebody stopped the run (Ctrl-C)."""
 

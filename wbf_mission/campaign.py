@@ -29,7 +29,7 @@ from wbf_mission.field_maps import FieldMap, field_maps
 from wbf_mission.fleet import Vehicle
 from wbf_mission.flight_record import FlightRecord
 from wbf_mission.hosting import Hosting
-from wbf_mission.joint_flight import JointFlight
+from wbf_mission.joint_flight import Attendant, JointFlight
 from wbf_mission.planning import PlanResult
 from wbf_mission.progress import Progress
 from wbf_mission.report import report_of_maps
@@ -230,8 +230,8 @@ class Campaign:
             points = score_points(self.farm, estimate.estimator)
         return max(1, round(self._expected_of_next / points))
 
-    def fly(self, environment: Environment, hosting: Hosting) -> None:
-        """Fly all days."""
+    def fly(self, environment: Environment, hosting: Hosting, attendant: Attendant | None = None) -> None:
+        """Fly all days; `attendant` stands by."""
         writer = None
         if hosting.tlog is not None:
             hosting.tlog.parent.mkdir(parents=True, exist_ok=True)
@@ -247,7 +247,7 @@ class Campaign:
                     self._begin_day(day, environment)
                 for flight in range(1, self.scenario.farm.flights_per_day + 1):
                     if len(self._gone) < len(self.vehicles):
-                        self._fly_once(day, flight, environment, hosting, writer)
+                        self._fly_once(day, flight, environment, hosting, attendant, writer)
                 self.end_day()
         finally:
             if writer is not None:
@@ -293,7 +293,13 @@ class Campaign:
         self.watch.lap("estimate and score")
 
     def _fly_once(
-        self, day: int, flight: int, environment: Environment, hosting: Hosting, writer: TlogWriter | None
+        self,
+        day: int,
+        flight: int,
+        environment: Environment,
+        hosting: Hosting,
+        attendant: Attendant | None,
+        writer: TlogWriter | None,
     ) -> None:
         if self._next is None:
             self.plan(day, flight)
@@ -302,30 +308,43 @@ class Campaign:
         planned, self._next = self._next, None
         delays = self._start_delays([plan for _, _, plan in planned.sorties])
         sorties = [
-            Sortie(number, one.task, plan, one.scenario, environment, self._options, self._on_transfer, delay)
+            Sortie(
+                number,
+                one.task,
+                plan,
+                one.scenario,
+                environment,
+                self._options,
+                self._on_transfer,
+                delay,
+                hosting.clearance(number.system_id),
+            )
             for (number, one, plan), delay in zip(planned.sorties, delays, strict=True)
         ]
-        self._flying = JointFlight(
+        opened = hosting.open(
             sorties,
-            planned.loop,
-            self.evidence,
-            hosting.open(
-                sorties,
-                writer,
-                offset_s=self.simulated_s,
-                seed=child_seed(self.scenario.seed, "faults", f"day-{day}", f"flight-{flight}"),
-                gone=self._gone,
-            ),
+            writer,
             offset_s=self.simulated_s,
-            pace=hosting.pace,
-            expected_s=max(
-                one.start_delay_s + times * one.plan.prediction.duration_s
-                for one, times in zip(sorties, planned.times, strict=True)
-            ),
-            tell=self._tell,
-            watch=self.watch,
+            seed=child_seed(self.scenario.seed, "faults", f"day-{day}", f"flight-{flight}"),
+            gone=self._gone,
         )
-        self._flying.fly()
+        with opened as host:
+            self._flying = JointFlight(
+                sorties,
+                planned.loop,
+                self.evidence,
+                host,
+                offset_s=self.simulated_s,
+                pace=hosting.pace,
+                attendant=attendant,
+                expected_s=max(
+                    one.start_delay_s + times * one.plan.prediction.duration_s
+                    for one, times in zip(sorties, planned.times, strict=True)
+                ),
+                tell=self._tell,
+                watch=self.watch,
+            )
+            self._flying.fly()
         self._end_flight()
 
     def _start_delays(self, plans: Sequence[PlanResult]) -> Sequence[float]:

@@ -22,6 +22,7 @@ from wbf_mission.estimation import estimator_of, prepare_days, require_run_memor
 from wbf_mission.field_maps import FieldMap, true_map
 from wbf_mission.fleet import vehicles_of
 from wbf_mission.hosting import VirtualHosting
+from wbf_mission.live.link import LiveLink
 from wbf_mission.planning import plan, planner_of
 from wbf_mission.progress import Progress, silent
 from wbf_mission.result import Result
@@ -62,8 +63,9 @@ def fly(
     impairment: Impairment | None = None,
     faults: Sequence[Fault | str] = (),
     use_cache: bool = True,
+    connect: LiveLink | None = None,
 ) -> Result:
-    """Do a scenario's whole job offline.
+    """Do a scenario's whole job, offline or with a vehicle behind a link.
 
     Parameters
     ----------
@@ -85,6 +87,8 @@ def fly(
     use_cache : bool
         Take the environment of a large farm from the user's cache, or keep it there
         (:class:`sensors.environment.cache.EnvironmentCache`).
+    connect : LiveLink, optional
+        The link to the vehicle that flies, in place of a simulated one.
 
     Returns
     -------
@@ -106,9 +110,13 @@ def fly(
     learner = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
     breaking = tuple(parse_fault(one) if isinstance(one, str) else one for one in faults)
     check_vehicles(breaking, range(1, len(scenario.vehicle.fleet) + 1))
+    if connect is not None:
+        scenario = connect.fitted(scenario)
     tell("planning", 0, 1)
     decider = decider_of(scenario)
     vehicles = vehicles_of(scenario, tell)
+    if connect is not None:
+        vehicles = connect.numbered(vehicles)
     campaign = Campaign(scenario, vehicles, decider, options=options, weights=weights, tell=tell, watch=watch)
     farm = campaign.farm
     if not decider.steers:
@@ -133,7 +141,10 @@ def fly(
                 tell("planning", 1, 1)
                 watch.lap("plan")
             try:
-                campaign.fly(environment, VirtualHosting(pace, tlog, impairment, breaking))
+                if connect is None:
+                    campaign.fly(environment, VirtualHosting(pace, tlog, impairment, breaking))
+                else:
+                    campaign.fly(environment, connect.hosting(tlog), connect.attendant)
             except KeyboardInterrupt:
                 campaign.interrupt()
                 if not campaign.flights:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -18,6 +19,7 @@ from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.faults.fault import Fault
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
 from sim_vehicle.mavlink import SimVehicle
+from wbf_mission.ground.clearance import Clearance
 from wbf_mission.planning import home_of
 from wbf_mission.sortie import Sortie
 from wbf_mission.weather import noise_of, wind_of_run
@@ -54,6 +56,9 @@ class Hosting(Protocol):
     def tlog(self) -> Path | None:
         """Where every MAVLink frame is written; its folder is made when the first flight begins."""
 
+    def clearance(self, system_id: int) -> Clearance | None:
+        """Return what has to hold before the motors of a vehicle start."""
+
     def open(
         self,
         sorties: Sequence[Sortie],
@@ -62,7 +67,7 @@ class Hosting(Protocol):
         offset_s: float,
         seed: SeedSequence,
         gone: Collection[int],
-    ) -> FlightHost:
+    ) -> AbstractContextManager[FlightHost]:
         """Return what runs the next flight.
 
         Parameters
@@ -100,6 +105,10 @@ class VirtualHosting:
     impairment: Impairment | None = None
     faults: tuple[Fault, ...] = ()
 
+    def clearance(self, system_id: int) -> None:  # noqa: ARG002
+        """Nobody has to agree."""
+        return
+
     def open(
         self,
         sorties: Sequence[Sortie],
@@ -108,9 +117,9 @@ class VirtualHosting:
         offset_s: float,
         seed: SeedSequence,
         gone: Collection[int],
-    ) -> FlightHost:
+    ) -> AbstractContextManager[FlightHost]:
         """Return a simulation of the vehicles, their cameras and their ground stations."""
-        return Simulation(
+        simulation = Simulation(
             [part for sortie in sorties for part in (*_aboard(sortie), sortie.ground)],
             tap=_tap_of(writer, EPOCH_UNIX_S + offset_s),
             impairment=self.impairment,
@@ -118,6 +127,7 @@ class VirtualHosting:
             seed=seed,
             remote=[sortie.ground for sortie in sorties],
         )
+        return nullcontext(simulation)
 
 
 def _aboard(sortie: Sortie) -> tuple[SimVehicle, LeafCameraComponent]:

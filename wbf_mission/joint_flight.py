@@ -5,12 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from functools import partial
+from typing import Protocol
 
 from mission.outcome import Outcome
 from mission.policies.situation import Event
 from sim_vehicle.host.simulation import StopReason
 from wbf_mission.deciding.loop import DecisionLoop
 from wbf_mission.evidence import Evidence
+from wbf_mission.ground.modes import Maneuver
 from wbf_mission.hosting import FlightHost
 from wbf_mission.outcome import Phase
 from wbf_mission.progress import Progress
@@ -20,6 +22,13 @@ from wbf_mission.stopwatch import Stopwatch
 SLICE_S = 1.0
 FLIGHT_LIMIT_FACTOR = 3.0
 FLIGHT_LIMIT_EXTRA_S = 600.0
+
+
+class Attendant(Protocol):
+    """Who stands by while real vehicles fly."""
+
+    def tend(self, flight: JointFlight) -> None:
+        """Look after the flight; called every second or so. KeyboardInterrupt leaves the vehicles flying."""
 
 
 class JointFlight:
@@ -40,6 +49,8 @@ class JointFlight:
         When the flight begins, in seconds since the beginning of the run.
     pace : float or None
         Simulated seconds per wall second.
+    attendant : Attendant or None
+        Who stands by; without, a flight that takes far too long is given up.
     tell : callable
         Progress.
     watch : Stopwatch
@@ -60,6 +71,7 @@ class JointFlight:
         expected_s: float,
         offset_s: float = 0.0,
         pace: float | None = None,
+        attendant: Attendant | None = None,
         tell: Progress,
         watch: Stopwatch,
     ) -> None:
@@ -69,6 +81,7 @@ class JointFlight:
         self.seen_before = len(evidence)
         self._offset_s = offset_s
         self._pace = pace
+        self._attendant = attendant
         self._tell, self._watch = tell, watch
         self._host = host
         for sortie in self.sorties:
@@ -86,6 +99,18 @@ class JointFlight:
         """How many MAVLink frames were sent."""
         return self._host.frames
 
+    def maneuver(self, kind: Maneuver) -> None:
+        """Take every vehicle that flies out of its mission.
+
+        Raises
+        ------
+        NotFlyingError
+            If one does not fly, or somebody else flies it.
+        """
+        for sortie in self.sorties:
+            if not sortie.done:
+                sortie.send(sortie.ground.maneuver(kind, self.now_s))
+
     def fly(self) -> None:
         """Fly until every vehicle is down."""
         limit_s = FLIGHT_LIMIT_FACTOR * self._expected_s + FLIGHT_LIMIT_EXTRA_S
@@ -95,7 +120,9 @@ class JointFlight:
             self._watch.lap("flight")
             if self._pace is not None:
                 self._keep_pace(begin, self._pace)
-            if self.now_s > limit_s or stop in (StopReason.IDLE, StopReason.STALLED):
+            if self._attendant is not None:
+                self._attendant.tend(self)
+            elif self.now_s > limit_s or stop in (StopReason.IDLE, StopReason.STALLED):
                 self._give_up()
             self.learn()
             for sortie in self.sorties:

@@ -16,6 +16,8 @@ class Phase(Enum):
     CONTACT = "waiting for the vehicle"
     UPLOAD = "uploading"
     WAIT = "waiting for its turn to start"
+    READY = "waiting until the vehicle can arm"
+    MODE = "choosing the mode to arm in"
     ARM = "arming"
     START = "starting the mission"
     FLIGHT = "flying"

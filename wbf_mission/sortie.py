@@ -10,7 +10,7 @@ import numpy as np
 from geo.errors import WbfMissionError
 from geo.seeds import stream
 from mission.link.codec.dialect import Message
-from mission.model import Command
+from mission.model import Command, Mission
 from mission.planners.path import Points, path_length
 from mission.policies.situation import Status, VehicleReport
 from sensors.camera.leaf_camera import LeafCamera, LeafCameraOptions
@@ -21,6 +21,7 @@ from sim_vehicle.prediction.onward import InFlight
 from wbf_mission.deciding.record import PathChange
 from wbf_mission.flight_record import FlightRecord
 from wbf_mission.ground.change import ChangeOutcome
+from wbf_mission.ground.clearance import Clearance
 from wbf_mission.ground.revision import revised_mission
 from wbf_mission.ground.station import GROUND_SYSTEM_ID, GroundStation
 from wbf_mission.outcome import Phase
@@ -53,6 +54,8 @@ class Sortie:
         ``on_transfer(done, total)`` as mission items cross.
     start_delay_s : float
         How long it waits before it starts.
+    clearance : Clearance, optional
+        What has to hold before its motors start.
 
     Attributes
     ----------
@@ -74,6 +77,7 @@ class Sortie:
         options: LeafCameraOptions,
         on_transfer: Callable[[int, int], None] | None = None,
         start_delay_s: float = 0.0,
+        clearance: Clearance | None = None,
     ) -> None:
         farm, seed = plan.farm, scenario.seed
         self.start_delay_s = start_delay_s
@@ -95,6 +99,7 @@ class Sortie:
             system_id=GROUND_SYSTEM_ID + 1 - number.system_id,
             on_progress=on_transfer,
             start_delay_s=start_delay_s,
+            clearance=clearance,
         )
         self._flown = self.ground.flown_length(farm.frame)
         self._fares = task.fares_in_flight()
@@ -113,6 +118,10 @@ class Sortie:
     def done(self) -> bool:
         """Whether the flight is over."""
         return self.ground.done
+
+    def held_mission(self) -> Mission:
+        """Return the mission that the vehicle holds."""
+        return self.ground.mission
 
     def take(self) -> Observations:
         """Return the observations that arrived since the last call."""
@@ -187,6 +196,8 @@ class Sortie:
             return Status.READY
         if now_s - state.heard_s > SILENT_S:
             return Status.LOST
+        if ground.pilot.somebody_else_flies:
+            return Status.PILOTED
         if ground.changing:
             return Status.CHANGING
         return Status.FLYING if self._rest else Status.RETURNING

@@ -49,6 +49,8 @@ class Status(Enum):
     """On its path, while another one is on its way to it; that one has to arrive first."""
     RETURNING = "returning"
     """On its way home, or landing; its path cannot be changed any more."""
+    PILOTED = "piloted"
+    """Flown by somebody else: its pilot, or a safety function of its own; nobody changes its path then."""
     ENDED = "ended"
     """Back, as it was meant to be."""
     LOST = "lost"

@@ -75,6 +75,8 @@ class Server:
     ----------
     now_s : float
         The components' time.
+    frames : int
+        How many frames the components sent.
     urls : tuple of str
         The addresses with the ports that were really taken.
 
@@ -111,6 +113,7 @@ class Server:
             msg = f"server: two components have the same address in {addresses}; give each its own"
             raise VehicleError(msg)
         self.now_s = 0.0
+        self.frames = 0
         self.speed = speed
         self._tap = tap
         self._signing = signing
@@ -168,6 +171,24 @@ class Server:
             return StopReason.STOPPED
         finally:
             self._stopping = False
+
+    def send(self, component: Component, messages: Iterable[Message]) -> None:
+        """Send messages of a component now, which nothing that it received or a deadline made it send.
+
+        Raises
+        ------
+        VehicleError
+            If it is none of the server's.
+        """
+        address = (component.system_id, component.component_id)
+        for local in self._locals:
+            if (local.component.system_id, local.component.component_id) == address:
+                self._send(local, messages)
+                self._route_all()
+                self._flush()
+                return
+        msg = f"server: no component has the address {address}"
+        raise VehicleError(msg)
 
     def stop(self) -> None:
         """End `run`; may be called from another thread."""
@@ -284,6 +305,7 @@ class Server:
     def _send(self, local: _Local, messages: Iterable[Message]) -> None:
         for message in messages:
             frame = local.writer.encode(message)
+            self.frames += 1
             if self._tap is not None:
                 self._tap(frame, self.now_s)
             self._inbox.append((frame, local))

@@ -303,8 +303,19 @@ def _calibrate(vehicle: CommandedVehicle, _order: Order) -> Answer:
     return ACCEPTED
 
 
+def _run_checks(vehicle: CommandedVehicle, _order: Order) -> Answer:
+    """Run the checks before arming, and say what fails."""
+    if vehicle.pilot.armed:
+        return Answer(m.MAV_RESULT_TEMPORARILY_REJECTED)
+    problem = vehicle.pilot.arming.health_problem()
+    if problem is not None:
+        vehicle.say_warning(f"{vehicle.pilot.failsafe.rules.preflight}: {problem}")
+    return ACCEPTED
+
+
 HANDLERS: dict[int, Handler] = {
     m.MAV_CMD_COMPONENT_ARM_DISARM: _arm,
+    m.MAV_CMD_RUN_PREARM_CHECKS: _run_checks,
     m.MAV_CMD_DO_SET_MODE: _set_mode,
     m.MAV_CMD_DO_SET_STANDARD_MODE: _set_standard_mode,
     Command.NAV_TAKEOFF: _takeoff,

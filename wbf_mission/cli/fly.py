@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,8 +27,10 @@ from wbf_mission.scenario import (
 from wbf_mission.stopwatch import process_age_s
 
 if TYPE_CHECKING:
+    from wbf_mission.live.link import LiveLink
     from wbf_mission.result import Result
 
+_REAL = "A real vehicle"
 EXAMPLES = """
 Examples
 
@@ -40,6 +43,8 @@ wbf-mission fly --farm miniberry-100 --mission spiral.plan --json
 wbf-mission fly --scenario missions/noisy-camera.toml
 
 wbf-mission fly --farm miniberry-100 --policy greedy --budget 10min --vehicles 2 --days 2
+
+wbf-mission fly --farm miniberry-30 --planner spiral --connect udpin:127.0.0.1:14550
 """
 
 
@@ -56,6 +61,36 @@ def fly_command(
             rich_help_panel="What to run",
         ),
     ] = None,
+    connect: Annotated[
+        str | None,
+        typer.Option(
+            help="Fly the vehicle behind this link in place of a simulated one: udpin:, udpout:, tcp: or"
+            " tcpin:HOST:PORT, or serial:DEVICE:BAUD.",
+            rich_help_panel=_REAL,
+            show_default=False,
+        ),
+    ] = None,
+    yes: Annotated[
+        bool,
+        typer.Option("--yes", help="With --connect: start without asking.", rich_help_panel=_REAL),
+    ] = False,
+    system_id: Annotated[
+        int | None,
+        typer.Option(
+            help="With --connect: the vehicle's system id.  [default: the first one heard]",
+            parser=options.whole_number_in(1, 255),
+            rich_help_panel=_REAL,
+            show_default=False,
+        ),
+    ] = None,
+    wait: Annotated[
+        float,
+        typer.Option(
+            help="With --connect: seconds to wait for the vehicle's heartbeat.",
+            parser=options.number,
+            rich_help_panel=_REAL,
+        ),
+    ] = 10.0,
     fault: Annotated[
         list[str] | None,
         typer.Option(
@@ -110,7 +145,7 @@ def fly_command(
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> int:
-    """Do the whole job offline: plan, upload over MAVLink, fly, look, estimate, score.
+    """Do the whole job: plan, upload over MAVLink, fly, look, estimate, score; offline, or with --connect.
 
     Writes the plan, a telemetry log, the observations, the information model with the truth, a summary
     and pictures.
@@ -130,6 +165,15 @@ def fly_command(
         (Scenario(**given.defaults), ()) if given.file is None else load_broken_scenario(given.file)
     )
     chosen = given.change(base)
+    live = None
+    if connect is not None:
+        live = _live_link(output, connect, agreed=yes, wait_s=wait, system_id=system_id)
+        if speed is not None or fault or in_file:
+            msg = "--speed and --fault are of simulated flights: leave them out with --connect"
+            raise ScenarioError(msg)
+    elif yes or system_id is not None:
+        msg = "--yes and --system-id go with --connect: give the link to the vehicle, or leave them out"
+        raise ScenarioError(msg)
     with contextlib.ExitStack() as stack:
         folder = None
         if files:
@@ -139,6 +183,7 @@ def fly_command(
             folder = stack.enter_context(
                 ResultFolder(path, inputs=inputs, scenario=resolved(chosen).to_dict(), force=force)
             )
+        if folder is not None and live is None:
             stack.enter_context(
                 signals.announcing(
                     f"interrupted: what was flown is estimated and saved in {path}; again ends at once",
@@ -154,6 +199,7 @@ def fly_command(
             tlog=folder.tlog if folder else None,
             faults=[*in_file, *(fault or ())],
             use_cache=cache,
+            connect=live,
         )
         flown_s, interrupted = process_age_s(), False
         try:
@@ -208,6 +254,19 @@ def fly_command(
     if interrupted:
         return ExitCode.INTERRUPTED
     return ExitCode.NOT_GOOD if blind else exit_code_of_flight(result.outcome)
+
+
+def _live_link(output: Output, url: str, *, agreed: bool, wait_s: float, system_id: int | None) -> LiveLink:
+    """Return the link to a vehicle, with the operator at this terminal."""
+    from wbf_mission.cli.attendant import Operator
+    from wbf_mission.live.link import LiveLink
+
+    if not agreed and not sys.stdin.isatty():
+        msg = "--connect asks before the motors start, but nobody is at the terminal: give --yes"
+        raise ScenarioError(msg)
+    return LiveLink(
+        url, Operator(output), agreed=agreed, wait_s=wait_s, system_id=system_id, note=output.note
+    )
 
 
 def _decision_rows(result: Result) -> dict[str, str]:

@@ -8,13 +8,14 @@ import signal
 from collections.abc import Callable, Iterator
 from types import FrameType
 
-__all__ = ["announcing", "exit_code", "install", "restore"]
+__all__ = ["announcing", "came", "defer", "exit_code", "forget", "install", "restore"]
 
 # A command in the background of a script ignores SIGINT, one under nohup SIGHUP: those stay ignored.
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _before: dict[int, object] = {}
 _received: list[int] = []
 _announced: list[tuple[str, Callable[[], bool]]] = []
+_deferred: list[bool] = [False]
 
 
 def install() -> None:
@@ -24,6 +25,7 @@ def install() -> None:
     ends the process on the spot.
     """
     _received.clear()
+    defer(False)
     for number in _SIGNALS:
         handler = signal.getsignal(number)
         if handler is not signal.SIG_IGN and handler is not None:
@@ -36,6 +38,21 @@ def restore() -> None:
     for number, handler in _before.items():
         signal.signal(number, handler)  # type: ignore[arg-type]
     _before.clear()
+
+
+def defer(wanted: bool) -> None:
+    """Let the first signal be noted only (`came`), for work that must not be broken off just anywhere."""
+    _deferred[0] = wanted
+
+
+def came() -> bool:
+    """Whether a signal has come."""
+    return bool(_received)
+
+
+def forget() -> None:
+    """Forget the signals that came: what they were meant for is settled, and the command goes on."""
+    _received.clear()
 
 
 def exit_code(otherwise: int) -> int:
@@ -63,6 +80,8 @@ def announcing(text: str, when: Callable[[], bool] = lambda: True) -> Iterator[N
 
 def _interrupt(number: int, _frame: FrameType | None) -> None:
     _received.append(number)
+    if _deferred[0] and len(_received) == 1:
+        return
     text, when = _announced[-1] if _announced else ("", lambda: False)
     if len(_received) == 1 and when():
         with contextlib.suppress(OSError):

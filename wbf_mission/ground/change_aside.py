@@ -76,6 +76,7 @@ class AsideChange(ChangeSession):
         super().__init__(request)
         modes = request.profile.change_modes or {}
         self._guided, self._auto = modes[request.monitor.vehicle_type]
+        self._back = self._auto
         self._step = _Step.WAITING
         self._plan: Mission = request.new
         self._leg = request.resume_at
@@ -401,7 +402,7 @@ class AsideChange(ChangeSession):
         return self._order(int(m.MAV_CMD_DO_SET_MODE), now_s, *self._mode_parameters(), tries=_FOREVER)
 
     def _mode_parameters(self) -> tuple[float, float]:
-        return float(m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(self._auto)
+        return float(m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(self._back)
 
     def _on_back(self, now_s: float) -> list[Message]:
         """It is in its mission again."""
@@ -431,6 +432,8 @@ class AsideChange(ChangeSession):
         if self._step is _Step.WAITING:
             return []
         if mode not in (self._guided, self._auto):
+            # Who took it out of its mission gets it back, should a command of ours still be on its way.
+            self._back = mode
             self._transfer = None
             why = self._why if self._step is _Step.LEAVING else self._said("it has left the guided mode")
             return self._finish(ChangeOutcome.GIVEN_UP, why, now_s)

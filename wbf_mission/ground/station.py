@@ -19,9 +19,12 @@ from sensors.camera.wire import ObservationAssembler
 from wbf_mission.ground.change import ChangeRecord, ChangeRequest, ChangeSession, check_change, leads_home
 from wbf_mission.ground.change_aside import AsideChange
 from wbf_mission.ground.change_whole import WholeListChange
+from wbf_mission.ground.clearance import Clearance, Stage
 from wbf_mission.ground.failures import FailureWatch
 from wbf_mission.ground.images import ImageFetch
+from wbf_mission.ground.modes import Maneuver, arming_mode, maneuver_command
 from wbf_mission.ground.orders import Answer, Order, result_name
+from wbf_mission.ground.pilot_watch import PilotWatch
 from wbf_mission.ground.texts import TextLog
 from wbf_mission.ground.tracks import FlownLength, TrackRecorder, TrueState
 from wbf_mission.ground.uploads import PlanUploads
@@ -32,6 +35,7 @@ GROUND_SYSTEM_ID = 255
 GROUND_COMPONENT_ID = int(m.MAV_COMP_ID_MISSIONPLANNER)
 _HEARTBEAT_S = 1.0
 _CONTACT_S = 30.0
+_READY_S = 180.0
 _STATE_S = 2.5
 _COMPLETE = 5  # MISSION_STATE_COMPLETE
 _STREAM_HZ = 4
@@ -60,6 +64,9 @@ class GroundStation:
         ``on_progress(done, total)`` as items of the plans cross.
     start_delay_s : float
         How long it waits between the upload and the start.
+    clearance : Clearance, optional
+        What has to hold before the motors start; without, they start at once. With it somebody else may fly
+        the vehicle, too: that is noticed, and then nothing is ordered any more.
 
     Attributes
     ----------
@@ -67,6 +74,8 @@ class GroundStation:
     outcome : Outcome
     reason : str
         Why it ended so, in the vehicle's words where it said any.
+    pilot : PilotWatch
+        Who else flies the vehicle.
     changes : list of ChangeRecord
         What came of each change of the mission in flight.
     started_s, ended_s : float or None
@@ -84,6 +93,7 @@ class GroundStation:
         system_id: int = GROUND_SYSTEM_ID,
         on_progress: Callable[[int, int], None] | None = None,
         start_delay_s: float = 0.0,
+        clearance: Clearance | None = None,
     ) -> None:
         self.mission = mission
         self.system_id = system_id
@@ -115,6 +125,11 @@ class GroundStation:
             ground=(system_id, self.component_id),
             on_progress=on_progress,
         )
+        self.clearance = clearance
+        self.pilot = PilotWatch()
+        self._ready_s = math.inf
+        self._started_boot_s = 0.0
+        self._maneuver: Maneuver | None = None
         self._monitor = VehicleMonitor()
         self._change: ChangeSession | None = None
         self._tracks = TrackRecorder()
@@ -167,7 +182,7 @@ class GroundStation:
         """From the start of the mission until the vehicle tells that it has landed."""
         if self.started_s is None:
             return 0.0
-        return max(0.0, self._tracks.aloft_ms / 1e3 - self.started_s)
+        return max(0.0, self._tracks.aloft_ms / 1e3 - self._started_boot_s)
 
     @property
     def vehicle_state(self) -> VehicleState:
@@ -256,6 +271,8 @@ class GroundStation:
             out += self._after_upload(self._uploads.poll(now_s), now_s)
         if self.phase is Phase.WAIT and now_s >= self._arm_s:
             out += self._arm(now_s)
+        if self.phase is Phase.READY:
+            out += self._clear(now_s)
         if self._order is not None and now_s >= self._order.due_s:
             out += self._repeat_order(self._order, now_s)
         if self._change is not None and self.phase is Phase.FLIGHT and now_s >= self._change.next_deadline():
@@ -280,6 +297,8 @@ class GroundStation:
         deadline_s = self._heartbeat_s
         if self.phase is Phase.WAIT:
             deadline_s = min(deadline_s, self._arm_s)
+        if self.phase is Phase.READY and self.clearance is not None:
+            deadline_s = min(deadline_s, self.clearance.next_deadline())
         if self._order is not None:
             deadline_s = min(deadline_s, self._order.due_s)
         if self.phase is Phase.UPLOAD:
@@ -325,6 +344,8 @@ class GroundStation:
         self._flew |= self._armed and self.phase is Phase.FLIGHT
         if self.phase is Phase.FLIGHT:
             self._failures.on_heartbeat(message, len(self.texts) - self._texts_before)
+            if self.clearance is not None:
+                self.pilot.on_heartbeat(message, now_s, expects_change=self.changing or self._flies_home)
         if self.phase is Phase.CONTACT:
             self._autopilot = message.autopilot
             self.phase = Phase.UPLOAD
@@ -334,7 +355,7 @@ class GroundStation:
             # The mission's state may be told a moment after the disarming.
             self._disarmed_s = now_s
             if self._mission_state == _COMPLETE:
-                self._land(Outcome.COMPLETED, "", now_s)
+                self._complete(now_s)
         return self._ask_for_streams()
 
     def _ask_for_streams(self) -> list[Message]:
@@ -360,7 +381,7 @@ class GroundStation:
             if message.seq != UNKNOWN_ITEM:
                 self._progress = f" at item {message.seq} of {message.total}"
             if self.phase is Phase.FLIGHT and self._mission_state == _COMPLETE and self._ends_when_complete():
-                self._land(Outcome.COMPLETED, "", now_s)
+                self._complete(now_s)
         return []
 
     def _ends_when_complete(self) -> bool:
@@ -395,6 +416,9 @@ class GroundStation:
     def _on_sys_status(self, message: m.MAVLink_sys_status_message, now_s: float) -> list[Message]:  # noqa: ARG002
         if self._is_vehicle(message) and self.phase is Phase.FLIGHT:
             self._failures.on_sys_status(message)
+        if self._is_vehicle(message) and self.clearance is not None:
+            has_position = self._monitor.position_heard_s > -math.inf
+            self.clearance.on_sys_status(message, has_position=has_position)
         return []
 
     def _on_battery(self, message: m.MAVLink_battery_status_message, now_s: float) -> list[Message]:  # noqa: ARG002
@@ -406,6 +430,8 @@ class GroundStation:
     def _on_text(self, message: m.MAVLink_statustext_message, now_s: float) -> list[Message]:
         if self._is_vehicle(message):
             self._texts.on_text(message, now_s)
+            if self.clearance is not None:
+                self.clearance.on_text(message.text)
         return []
 
     def _on_image(self, message: Message, now_s: float) -> list[Message]:  # noqa: ARG002
@@ -428,11 +454,16 @@ class GroundStation:
         if answer is not Answer.ACCEPTED:
             return []
         self._order = None
+        if self.phase is Phase.MODE:
+            return self._arm(now_s)
         if self.phase is Phase.ARM:
             return self._give_order(Phase.START, m.MAV_CMD_MISSION_START, now_s, 0.0, 0.0)
         if self.phase is Phase.START:
             self.phase = Phase.FLIGHT
-            self.started_s = now_s
+            self.started_s = self._started_boot_s = now_s
+            if self.clearance is not None:
+                # A real vehicle's clock began long before ours.
+                self._started_boot_s = self._monitor.boot_s
             self._texts_before = len(self.texts)
         return []
 
@@ -444,9 +475,62 @@ class GroundStation:
             self._end(Outcome.UPLOAD_FAILED, self._texts.last_warning(self._uploads.failure), now_s)
         elif self._uploads.done and self._start_delay_s > 0.0:
             self.phase, self._arm_s = Phase.WAIT, now_s + self._start_delay_s
+        elif self._uploads.done and self.clearance is not None:
+            self.phase, self._ready_s = Phase.READY, now_s + _READY_S
         elif self._uploads.done:
             out += self._arm(now_s)
         return out
+
+    def _clear(self, now_s: float) -> list[Message]:
+        """Go on when the vehicle can arm and the operator agrees, or end it."""
+        clearance = self.clearance
+        assert clearance is not None
+        if clearance.stage is Stage.REFUSED:
+            self._end(Outcome.NOT_STARTED, "the operator did not let it start", now_s)
+        elif clearance.stage is Stage.CHECKING and now_s >= self._ready_s:
+            why = "; ".join(clearance.reasons) or f"it did not say that it can arm in {_READY_S:.0f} s"
+            self._end(Outcome.ARMING_REFUSED, why, now_s)
+        elif clearance.stage is Stage.GRANTED:
+            mode = arming_mode(self._autopilot, self._monitor.vehicle_type)
+            if mode is None:
+                return self._arm(now_s)
+            return self._give_order(Phase.MODE, m.MAV_CMD_DO_SET_MODE, now_s, mode.base, mode.main, mode.sub)
+        elif clearance.stage is Stage.ASKING:
+            self._ready_s = now_s + _READY_S
+        return clearance.poll(now_s)
+
+    @property
+    def _flies_home(self) -> bool:
+        """Whether no waypoint is left of the mission."""
+        item = self._monitor.state.item
+        return item is None or not any(
+            one.command == Command.NAV_WAYPOINT for one in self.mission.items[item:]
+        )
+
+    def maneuver(self, kind: Maneuver, now_s: float) -> list[Message]:
+        """Take the vehicle out of its mission: the operator wants it to hold, to return or to land.
+
+        Returns
+        -------
+        list of messages
+            To be sent.
+
+        Raises
+        ------
+        NotFlyingError
+            Before or after the flight, or while somebody else flies the vehicle.
+        """
+        if self.phase is not Phase.FLIGHT or self._disarmed_s is not None:
+            msg = f"the vehicle does not fly: the ground station is at {self.phase.value!r}"
+            raise NotFlyingError(msg)
+        if self.pilot.somebody_else_flies:
+            msg = f"somebody else flies the vehicle (mode {self.pilot.mode}); nothing is ordered"
+            raise NotFlyingError(msg)
+        self.pilot.on_order()
+        self._maneuver, self._change = kind, None
+        command, params = maneuver_command(kind, self._autopilot, self._monitor.vehicle_type)
+        self._order = Order(self._vehicle, command, *params)
+        return self._order.send(now_s)
 
     def _arm(self, now_s: float) -> list[Message]:
         return self._give_order(Phase.ARM, m.MAV_CMD_COMPONENT_ARM_DISARM, now_s, 1.0)
@@ -463,14 +547,28 @@ class GroundStation:
         return order.send(now_s)
 
     def _refused(self, why: str, now_s: float) -> None:
+        if self.phase is Phase.FLIGHT:
+            # The vehicle flies its mission on; the operator sees that it does.
+            self._order = self._maneuver = None
+            self._texts.note(f"{why}: the vehicle did not take the order", now_s)
+            return
         outcome = Outcome.ARMING_REFUSED if self.phase is Phase.ARM else Outcome.MISSION_REJECTED
         self._order = None
         self._end(outcome, self._texts.last_warning(why), now_s)
 
     def _why_aborted(self) -> tuple[Outcome, str]:
         """Outcome and reason of a flight that ended before its mission was complete."""
+        if self._maneuver is not None:
+            return Outcome.INTERRUPTED, f"the operator ordered it to {self._maneuver.value}"
         cause = self._failures.cause(self.texts[self._texts_before :])
+        if cause is None and self.pilot.somebody_else_flies:
+            return Outcome.PILOT_TOOK_OVER, self.pilot.reason
         return cause or (Outcome.FLIGHT_ABORTED, self._texts.last_warning(f"disarmed{self._progress}"))
+
+    def _complete(self, now_s: float) -> None:
+        """The vehicle tells that its mission is over; ArduPilot does so after every landing."""
+        aside = self._maneuver is not None or self.pilot.somebody_else_flies
+        self._land(*(self._why_aborted() if aside else (Outcome.COMPLETED, "")), now_s)
 
     def _land(self, outcome: Outcome, reason: str, now_s: float) -> None:
         """The flight is over: ask for images that were lost on the way, if any."""

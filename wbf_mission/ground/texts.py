@@ -33,6 +33,11 @@ class TextLog:
             self.texts.append((now_s, message.severity, message.text))
         self._chunk = (number, chunk)
 
+    def note(self, text: str, now_s: float) -> None:
+        """Add a warning of the ground station's own."""
+        if len(self.texts) < _MOST_TEXTS:
+            self.texts.append((now_s, _WARNING, text))
+
     def last_warning(self, otherwise: str) -> str:
         """The latest warning, which says more than a result code, or `otherwise` when there is none."""
         warnings = [text for _, severity, text in self.texts if severity <= _WARNING]

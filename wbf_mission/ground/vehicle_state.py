@@ -135,6 +135,11 @@ class VehicleMonitor:
         self.battery = Battery(remaining, consumed_wh)
 
     @property
+    def boot_s(self) -> float:
+        """The vehicle's own clock at its last position; 0 before the first."""
+        return 0.0 if self._position is None else self._position.time_boot_ms / 1e3
+
+    @property
     def custom_mode(self) -> int:
         """The flight mode, in the autopilot's own number; 0 before any heartbeat."""
         return 0 if self._heartbeat is None else int(self._heartbeat.custom_mode)

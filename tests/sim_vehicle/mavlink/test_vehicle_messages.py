@@ -185,6 +185,18 @@ def test_force_arming_skips_the_checks():
     assert peer.vehicle.outcome is Outcome.RUNNING
 
 
+@pytest.mark.parametrize(("autopilot", "begins"), [(PX4, "Preflight Fail: "), (ARDUPILOT, "PreArm: ")])
+def test_checks_before_arming_are_run_on_request(autopilot, begins):
+    peer = Peer(autopilot)
+    assert peer.result(401) == 0
+    assert not [text for text in peer.texts() if text.startswith(begins)]
+    peer.vehicle.pilot.arming.block = "test"
+    assert peer.result(401) == 0
+    assert f"{begins}test" in peer.texts()
+    assert peer.result(400, 1.0, 21196.0) == 0
+    assert peer.result(401) == 1
+
+
 def test_a_repeated_command_is_done_once():
     peer = Peer()
     assert peer.result(400, 1.0) == 0

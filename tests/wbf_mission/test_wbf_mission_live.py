@@ -1,0 +1,241 @@
+"""Flights of a vehicle behind a link: our simulator as the stand-in for the real thing, over real sockets."""
+
+import contextlib
+import json
+import os
+import pty
+import select
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from mission.link import MavlinkEndpoint, open_link
+from mission.link.codec.dialect import mavlink as m
+from mission.outcome import Outcome
+from sim_vehicle.host.server import Server
+from wbf_mission.flight import fly
+from wbf_mission.ground.modes import Maneuver, mode_named
+from wbf_mission.live.discovery import LiveFlightError
+from wbf_mission.live.link import LiveLink
+from wbf_mission.outcome import Phase
+from wbf_mission.scenario import Scenario
+from wbf_mission.simulator import make_components
+
+LONG_S = 120.0  # a limit against hanging, not a measure
+AUTOPILOTS = {"px4": m.MAV_AUTOPILOT_PX4, "ardupilot": m.MAV_AUTOPILOT_ARDUPILOTMEGA}
+
+
+def scenario(**more):
+    given = {"farm": "miniberry-10", "planner": "lawnmower", "budget": "60s", "estimator": "point"}
+    if "policy" in more:
+        del given["planner"]
+    return Scenario(**{**given, **more})
+
+
+@contextlib.contextmanager
+def stand_in(autopilot="px4", *, camera=False, speed=6.0, system_faults=(), **more):
+    """Serve a simulated vehicle over TCP from another thread; yields its address and the vehicle."""
+    made = make_components(scenario(autopilot=autopilot, **more), with_camera=camera)
+    with Server(made.components, ["tcpin:127.0.0.1:0"], speed=speed, faults=system_faults) as server:
+        thread = threading.Thread(target=server.run, daemon=True)
+        thread.start()
+        try:
+            yield server.urls[0].replace("tcpin", "tcp"), made
+        finally:
+            server.stop()
+            thread.join(LONG_S)
+
+
+class Watcher:
+    """An attendant who agrees, and does something once when the flight has gone so far."""
+
+    def __init__(self, *, agrees=True, images=10, act=lambda flight: None):
+        self.agrees, self.images, self.act = agrees, images, act
+        self.acted = False
+        self.phases = []
+        self.began_s = time.monotonic()
+
+    def tend(self, flight):
+        assert time.monotonic() < self.began_s + LONG_S, "the flight does not end"
+        (sortie,) = flight.sorties
+        ground = sortie.ground
+        if ground.phase not in self.phases:
+            self.phases.append(ground.phase)
+        if ground.phase is Phase.READY:
+            ground.clearance.agree() if self.agrees else ground.clearance.refuse()
+        seen = sortie.assembler.statistics.images
+        if ground.phase is Phase.FLIGHT and seen >= self.images and not self.acted:
+            self.acted = True
+            self.act(flight)
+
+
+def order(url, vehicle, command, *params):
+    """Send a command from a second ground station, as a pilot's stick or another operator would."""
+    endpoint = MavlinkEndpoint(open_link(url), 254, 190)
+    endpoint.send(m.MAVLink_command_long_message(vehicle, 1, command, 0, *params, *[0.0] * (7 - len(params))))
+    return endpoint
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+def test_the_whole_job_with_a_vehicle_behind_a_link(autopilot, tmp_path):
+    watcher = Watcher()
+    with stand_in(autopilot) as (url, made):
+        tlog = tmp_path / "run.tlog"
+        result = fly(scenario(), connect=LiveLink(url, watcher), tlog=tlog)
+    assert result.outcome is Outcome.COMPLETED
+    assert result.scenario.vehicle.autopilot == autopilot
+    assert watcher.phases == [*sorted(watcher.phases, key=list(Phase).index)]
+    assert Phase.READY in watcher.phases
+    assert result.flights[0].transfers[-1].verified
+    assert 0.5 < result.flights[0].flight_time_s / result.plan.prediction.duration_s < 2.0
+    assert len(result.observations) > 20
+    truth = result.truth[:, result.observations.x, result.observations.y]
+    assert (result.observations.values == truth.T).all()
+    assert result.final_score is not None
+    assert tlog.stat().st_size > 10_000
+    assert not made.vehicle.pilot.armed
+
+
+def test_a_camera_on_board_is_used_and_ours_stays_silent():
+    with stand_in(camera=True) as (url, made):
+        result = fly(scenario(), connect=LiveLink(url, Watcher()))
+        assert result.outcome is Outcome.COMPLETED
+        assert result.flights[0].camera.images == made.images > 30
+
+
+def test_a_policy_changes_the_mission_of_the_vehicle_behind_the_link():
+    with stand_in() as (url, _):
+        result = fly(scenario(policy="greedy"), connect=LiveLink(url, Watcher()))
+    assert result.outcome is Outcome.COMPLETED
+    changes = [one for record in result.decisions for one in record.changes if one.outcome == "flown"]
+    assert changes
+
+
+def test_without_the_operators_word_nothing_starts():
+    with stand_in() as (url, made):
+        result = fly(scenario(), connect=LiveLink(url, Watcher(agrees=False)))
+        assert result.outcome is Outcome.NOT_STARTED
+        assert not made.vehicle.pilot.armed
+    assert not len(result.observations)
+
+
+@pytest.mark.parametrize("kind", [Maneuver.RETURN, Maneuver.LAND])
+def test_the_operator_ends_the_mission(kind):
+    watcher = Watcher(act=lambda flight: flight.maneuver(kind))
+    with stand_in() as (url, _):
+        result = fly(scenario(), connect=LiveLink(url, watcher))
+    assert watcher.acted
+    assert result.outcome is Outcome.INTERRUPTED
+    assert result.reason == f"the operator ordered it to {kind.value}"
+    assert 0 < len(result.observations) < 90
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+def test_a_pilot_who_takes_over_is_noticed_and_not_fought(autopilot):
+    land = mode_named(AUTOPILOTS[autopilot], m.MAV_TYPE_QUADROTOR, "LAND")
+    endpoints = []
+
+    def take_over(_flight):
+        numbers = (land.base, land.main, land.sub)
+        endpoints.append(order(url, 1, m.MAV_CMD_DO_SET_MODE, *numbers))
+
+    watcher = Watcher(act=take_over)
+    with stand_in(autopilot) as (url, made):
+        result = fly(scenario(policy="greedy"), connect=LiveLink(url, watcher))
+        heard = [one for endpoint in endpoints for one in endpoint.receive()]
+        assert not made.vehicle.pilot.armed
+    assert any(one.get_type() == "COMMAND_ACK" for one in heard)
+    assert result.outcome is Outcome.PILOT_TOOK_OVER
+    assert "LAND" in result.reason
+
+
+def test_a_vehicle_of_another_kind_is_refused():
+    with (
+        stand_in(vehicle="rover") as (url, _),
+        pytest.raises(LiveFlightError, match="quad is a multirotor, but a rover is heard"),
+    ):
+        fly(scenario(vehicle="quad"), connect=LiveLink(url, Watcher()))
+
+
+@pytest.mark.parametrize(
+    ("more", "text"),
+    [
+        ({"vehicles": 2}, "2 vehicles"),
+        ({"days": 2}, "one flight"),
+        ({"vehicle": "ideal", "budget": "100 steps"}, "no real one"),
+    ],
+)
+def test_what_one_vehicle_cannot_do_is_refused_before_the_link_is_opened(more, text):
+    with pytest.raises(LiveFlightError, match=text):
+        fly(scenario(**more), connect=LiveLink("tcp:127.0.0.1:1", Watcher()))
+
+
+def talk(url, answers, cwd):
+    """Run the command at a terminal; give each answer once its question was asked."""
+    terminal, end = pty.openpty()
+    arguments = ["fly", "--farm", "miniberry-10", "--planner", "lawnmower", "--budget", "60s"]
+    arguments += ["--estimator", "point", "--connect", url, "--no-plots", "--out", "run", "--json"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "wbf_mission", *arguments],
+        cwd=cwd,
+        stdin=end,
+        stdout=subprocess.PIPE,
+        stderr=end,
+        text=True,
+        start_new_session=True,
+        env={**os.environ, "COLUMNS": "200", "TERM": "dumb"},
+    )
+    os.close(end)
+    shown = b""
+    for question, answer in answers:
+        while question not in shown:
+            assert select.select([terminal], [], [], LONG_S)[0], shown
+            shown += os.read(terminal, 65536)
+        answer(process) if callable(answer) else os.write(terminal, answer)
+    with contextlib.suppress(OSError):
+        while piece := os.read(terminal, 65536):
+            shown += piece
+    out, _ = process.communicate(timeout=LONG_S)
+    os.close(terminal)
+    return process.returncode, json.loads(out), shown.decode()
+
+
+def test_the_operator_at_the_terminal(tmp_path):
+    with stand_in() as (url, _):
+        code, summary, shown = talk(url, [(b"start the motors? [y/N]", b"y\n")], tmp_path)
+    assert (code, summary["outcome"]) == (0, "completed")
+    assert "heard: system 1, PX4" in shown
+    assert "MISSION, item" in shown
+    assert (tmp_path / "run" / "summary.json").is_file()
+
+
+def test_no_is_no(tmp_path):
+    with stand_in() as (url, made):
+        code, summary, _ = talk(url, [(b"start the motors? [y/N]", b"\n")], tmp_path)
+        assert not made.vehicle.pilot.armed
+    assert (code, summary["outcome"]) == (1, "not_started")
+
+
+def test_ctrl_c_asks_and_the_vehicle_returns(tmp_path):
+    answers = [
+        (b"start the motors? [y/N]", b"y\n"),
+        (b"MISSION, item", lambda process: os.killpg(process.pid, 2)),
+        (b"[h]old, [r]eturn", b"r\n"),
+    ]
+    with stand_in(speed=2.0) as (url, made):
+        _, summary, shown = talk(url, answers, tmp_path)
+        assert not made.vehicle.pilot.armed
+    assert summary["outcome"] == "interrupted"
+    assert "RTL" in shown or "returning" in shown.lower()
+
+
+def test_without_a_terminal_the_start_has_to_be_agreed_to_beforehand(tmp_path):
+    command = [sys.executable, "-m", "wbf_mission", "fly", "--connect", "tcp:127.0.0.1:1", "--no-files"]
+    done = subprocess.run(
+        command, cwd=tmp_path, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert "give --yes" in done.stderr

@@ -1,0 +1,160 @@
+"""The parts of a live flight, message by message: clearance, modes, pilot, the camera that rides along."""
+
+import pytest
+
+from mission.link.codec.dialect import mavlink as m
+from mission.model import Command, Mission, MissionItem
+from wbf_mission.ground.clearance import Clearance, Stage
+from wbf_mission.ground.modes import ModeError, mode_named
+from wbf_mission.ground.pilot_watch import PilotWatch
+from wbf_mission.live.riding_camera import RidingCamera
+
+PREARM = m.MAV_SYS_STATUS_PREARM_CHECK
+VEHICLE = (1, 1)
+
+
+def status(present, health):
+    return m.MAVLink_sys_status_message(present, present, health, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+
+
+def from_vehicle(message, component=1):
+    message.pack(m.MAVLink(None, 1, component))
+    return message
+
+
+def test_the_vehicle_and_the_operator_have_to_agree():
+    clearance = Clearance(VEHICLE)
+    assert {one.command for one in clearance.poll(0.0)} == {
+        m.MAV_CMD_SET_MESSAGE_INTERVAL,
+        m.MAV_CMD_RUN_PREARM_CHECKS,
+    }
+    assert clearance.poll(1.0) == []
+    clearance.on_sys_status(status(PREARM, 0), has_position=True)
+    clearance.on_text("PreArm: GPS 1: Bad fix")
+    clearance.on_text("PreArm: Battery low")
+    clearance.on_text("PreArm: GPS 1: Bad fix")
+    assert clearance.stage is Stage.CHECKING
+    assert clearance.reasons == ["Battery low", "GPS 1: Bad fix"]
+    clearance.on_sys_status(status(PREARM, PREARM), has_position=True)
+    assert clearance.stage is Stage.ASKING
+    clearance.on_sys_status(status(PREARM, 0), has_position=True)
+    assert clearance.stage is Stage.CHECKING, "it has thought better of it"
+    clearance.agree()
+    assert clearance.stage is Stage.CHECKING, "the operator cannot overrule it"
+    clearance.on_sys_status(status(PREARM, PREARM), has_position=True)
+    assert clearance.stage is Stage.GRANTED
+
+
+def test_an_autopilot_without_the_bit_is_ready_once_it_tells_where_it_is():
+    clearance = Clearance(VEHICLE, agreed=True)
+    clearance.on_sys_status(status(1, 1), has_position=False)
+    assert clearance.stage is Stage.CHECKING
+    clearance.on_sys_status(status(1, 1), has_position=True)
+    assert clearance.stage is Stage.GRANTED
+
+
+def test_an_unknown_mode_is_named_with_those_that_there_are():
+    with pytest.raises(ModeError, match=r"mode 'hover' is unknown to this vehicle; it has .*GUIDED"):
+        mode_named(m.MAV_AUTOPILOT_ARDUPILOTMEGA, m.MAV_TYPE_QUADROTOR, "hover")
+
+
+def beat(custom_mode):
+    return m.MAVLink_heartbeat_message(
+        m.MAV_TYPE_QUADROTOR, m.MAV_AUTOPILOT_ARDUPILOTMEGA, 209, custom_mode, 4, 3
+    )
+
+
+AUTO, GUIDED, LOITER, RTL = 3, 4, 5, 6
+
+
+def test_who_flies_is_told_by_the_mode():
+    watch = PilotWatch()
+    watch.on_heartbeat(beat(GUIDED), 0.0, expects_change=False)
+    assert not watch.somebody_else_flies, "the mission has not begun"
+    watch.on_heartbeat(beat(AUTO), 1.0, expects_change=False)
+    watch.on_heartbeat(beat(GUIDED), 2.0, expects_change=True)
+    assert not watch.somebody_else_flies, "we are changing the mission ourselves"
+    watch.on_heartbeat(beat(LOITER), 3.0, expects_change=False)
+    assert watch.somebody_else_flies
+    watch.on_heartbeat(beat(AUTO), 4.0, expects_change=False)
+    assert not watch.somebody_else_flies
+    watch.on_order()
+    watch.on_heartbeat(beat(RTL), 5.0, expects_change=False)
+    assert not watch.somebody_else_flies, "we ordered that"
+    assert [text for _, text in watch.events] == [
+        "taken out of its mission: mode LOITER",
+        "back in its mission (mode AUTO)",
+    ]
+
+
+class Optics:
+    """A leaf camera component that notes what it is told."""
+
+    system_id, component_id, wanted = 1, 100, frozenset()
+
+    def __init__(self):
+        self.orders = []
+
+    def next_deadline(self):
+        return 0.0
+
+    def poll(self, _now_s):
+        return ["heartbeat"]
+
+    def goodbye(self):
+        return ["goodbye"]
+
+    def receive(self, message, _now_s):
+        if message.get_type() == "COMMAND_LONG":
+            self.orders.append((message.command, message.param1))
+        return []
+
+
+LEG = MissionItem(Command.NAV_WAYPOINT, x=27.0, y=-82.0, z=10.0)
+MISSION = Mission(
+    (
+        LEG,
+        MissionItem(Command.DO_SET_CAM_TRIGG_DIST, param1=0.5),
+        LEG,
+        MissionItem(Command.DO_SET_CAM_TRIGG_DIST, param1=0.0),
+        LEG,
+    )
+)
+
+
+def riding():
+    optics = Optics()
+    camera = RidingCamera(optics, lambda: MISSION)
+    camera.receive(from_vehicle(m.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)), 0.0)
+    return camera, optics
+
+
+def item(sequence):
+    return from_vehicle(m.MAVLink_mission_current_message(sequence, 5, 3, 1))
+
+
+def test_a_camera_that_nobody_commands_follows_the_mission():
+    camera, optics = riding()
+    for k, sequence in enumerate([0, 2, 2, 65535, 4]):
+        camera.receive(item(sequence), float(k))
+    assert optics.orders == [(206, 0.5), (206, 0.0)]
+    assert camera.poll(0.5) == [], "it listens first"
+    assert camera.poll(5.0) == ["heartbeat"]
+    assert camera.goodbye() == ["goodbye"]
+
+
+def test_a_camera_that_the_autopilot_commands_does_not_read_the_mission():
+    camera, optics = riding()
+    order = m.MAVLink_command_long_message(1, 100, 206, 0, 0.7, 0, 1, 0, 0, 0, 0)
+    camera.receive(from_vehicle(order), 0.5)
+    camera.receive(item(2), 1.0)
+    assert optics.orders == [(206, pytest.approx(0.7))]
+
+
+def test_a_camera_on_board_has_the_field_to_itself():
+    camera, optics = riding()
+    camera.receive(from_vehicle(m.MAVLink_heartbeat_message(30, 8, 0, 0, 4, 3), component=100), 1.0)
+    camera.receive(item(2), 2.0)
+    assert optics.orders == []
+    assert not camera.rides
+    assert camera.poll(9.0) == camera.goodbye() == []

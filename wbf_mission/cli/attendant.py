@@ -1,0 +1,163 @@
+"""The operator at the terminal while a real vehicle flies."""
+
+from __future__ import annotations
+
+import select
+import sys
+from typing import TYPE_CHECKING
+
+from wbf_mission.cli import signals
+from wbf_mission.cli.output import Output, distance
+from wbf_mission.ground.clearance import Stage
+from wbf_mission.ground.modes import Maneuver
+from wbf_mission.ground.station import NotFlyingError
+from wbf_mission.outcome import Phase
+
+if TYPE_CHECKING:
+    from wbf_mission.joint_flight import JointFlight
+    from wbf_mission.sortie import Sortie
+
+__all__ = ["Operator"]
+
+_STATUS_S = 5.0
+_SILENCE_S = 5.0
+FARTHEST_M = 300.0
+"""A vehicle that stands farther from the start of its plan is not started."""
+_CHOICES = {"h": Maneuver.HOLD, "r": Maneuver.RETURN}
+
+
+class Operator:
+    """Shows how the flight goes, asks before the start, and asks what Ctrl-C means.
+
+    Parameters
+    ----------
+    output : Output
+    """
+
+    def __init__(self, output: Output) -> None:
+        self._output = output
+        self._texts = self._events = 0
+        self._phase: Phase | None = None
+        self._status_s = 0.0
+        self._asked = False
+        self._stopping = False
+        self._silent = False
+        self._reasons: list[str] = []
+
+    def tend(self, flight: JointFlight) -> None:
+        """Tell what is new, and take an answer if there is one."""
+        (sortie,) = flight.sorties
+        ground = sortie.ground
+        signals.defer(ground.phase is not Phase.DONE)
+        if signals.came() and not self._stopping:
+            self._on_signal(ground.phase)
+        if ground.phase is not self._phase:
+            self._phase = ground.phase
+            self._output.note(ground.phase.value)
+        for _, _, text in ground.texts[self._texts :]:
+            self._output.note(f"vehicle: {text}")
+        self._texts = len(ground.texts)
+        for _, event in ground.pilot.events[self._events :]:
+            self._output.warn(f"the vehicle was {event}; nothing is ordered until it is back in its mission")
+        self._events = len(ground.pilot.events)
+        self._tell_silence(sortie, flight.now_s)
+        if ground.phase is Phase.READY:
+            self._prepare(sortie)
+        if ground.phase is Phase.FLIGHT and flight.now_s >= self._status_s + _STATUS_S:
+            self._status_s = flight.now_s
+            self._output.note(status_line(sortie))
+        if self._stopping:
+            self._take_choice(flight)
+
+    def _on_signal(self, phase: Phase) -> None:
+        """Ask what is to become of the vehicle; before the flight, and without a terminal, just leave."""
+        if phase is not Phase.FLIGHT or not sys.stdin.isatty():
+            signals.defer(False)
+            raise KeyboardInterrupt
+        self._stopping = True
+        self._output.note("[h]old, [r]eturn, [l]eave it flying, [c]ontinue? Ctrl-C again leaves it flying")
+
+    def _prepare(self, sortie: Sortie) -> None:
+        """Ask for the start once the vehicle can arm; refuse it where the plan is not for here."""
+        clearance = sortie.ground.clearance
+        assert clearance is not None
+        if clearance.stage is Stage.CHECKING and clearance.reasons != self._reasons:
+            self._reasons = list(clearance.reasons)
+        if sortie.ground.vehicle_state.heard_s > float("-inf"):
+            away_m = start_distance_m(sortie)
+            if away_m > FARTHEST_M:
+                clearance.refuse()
+                self._output.warn(
+                    f"the vehicle stands {distance(away_m)} from the start of its plan: not started"
+                )
+                return
+        if clearance.stage is not Stage.ASKING:
+            return
+        if not self._asked:
+            self._asked = True
+            prediction = sortie.plan.prediction
+            self._output.note(
+                f"ready: {distance(prediction.path_length_m)}, {prediction.duration_s:.0f} s at "
+                f"{sortie.task.builder.level.altitude_m:g} m; start the motors? [y/N]"
+            )
+        answer = _line()
+        if answer is not None:
+            if answer.strip().lower() in ("y", "yes"):
+                clearance.agree()
+            else:
+                clearance.refuse()
+
+    def _take_choice(self, flight: JointFlight) -> None:
+        answer = _line()
+        if answer is None:
+            return
+        choice = answer.strip().lower()[:1]
+        if choice == "l":
+            signals.defer(False)
+            raise KeyboardInterrupt
+        if choice in _CHOICES:
+            try:
+                flight.maneuver(_CHOICES[choice])
+            except NotFlyingError as error:
+                self._output.warn(str(error))
+        if choice in ("c", *_CHOICES):
+            self._stopping = False
+            signals.forget()
+
+    def _tell_silence(self, sortie: Sortie, now_s: float) -> None:
+        heard_s = sortie.ground.vehicle_state.heard_s
+        silent = heard_s > float("-inf") and now_s - heard_s > _SILENCE_S
+        if silent != self._silent:
+            self._silent = silent
+            text = (
+                "nothing is heard of the vehicle; it flies its plan on"
+                if silent
+                else "the vehicle is heard again"
+            )
+            self._output.warn(text)
+
+
+def start_distance_m(sortie: Sortie) -> float:
+    """Return how far a vehicle is from where its plan starts."""
+    x_m, y_m = sortie.ground.vehicle_state.position_m(sortie.plan.farm.frame)
+    start_x_m, start_y_m = sortie.task.request.start_xy_m
+    return float(((x_m - start_x_m) ** 2 + (y_m - start_y_m) ** 2) ** 0.5)
+
+
+def status_line(sortie: Sortie) -> str:
+    """Return what is known of a vehicle in flight, in a line."""
+    ground, state = sortie.ground, sortie.ground.vehicle_state
+    parts = [
+        ground.pilot.mode or "mode not told",
+        "item -" if state.item is None else f"item {state.item + 1} of {len(ground.mission.items)}",
+        f"{state.height_m:.1f} m up, {state.ground_speed_m_s:.1f} m/s",
+        "battery -" if state.battery is None else f"battery {state.battery:.0%}",
+        f"{sortie.assembler.statistics.images} images",
+    ]
+    return ", ".join(parts)
+
+
+def _line() -> str | None:
+    """Return a line that was typed, None while there is none; the end of the input is an empty one."""
+    ready, _, _ = select.select([sys.stdin], [], [], 0.0)
+    return sys.stdin.readline() if ready else None

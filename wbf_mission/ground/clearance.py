@@ -1,0 +1,104 @@
+"""What has to hold before motors start: the vehicle says that it can arm, and the operator agrees."""
+
+from __future__ import annotations
+
+import math
+import re
+from enum import Enum
+
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+
+__all__ = ["Clearance", "Stage"]
+
+_PREARM = int(m.MAV_SYS_STATUS_PREARM_CHECK)
+_ASK_AGAIN_S = 5.0
+_STATUS_US = 1_000_000
+# ArduPilot and PX4 begin the reason why they would not arm so.
+_REASON = re.compile(r"(?:PreArm|Arm|Preflight Fail)\s*: *(.+)")
+_MOST_REASONS = 8
+
+
+class Stage(Enum):
+    """How far it is."""
+
+    CHECKING = "the vehicle does not say that it can arm"
+    ASKING = "the operator is asked"
+    GRANTED = "the motors may start"
+    REFUSED = "the operator does not want it to start"
+
+
+class Clearance:
+    """Waits for the vehicle's own checks, then for the operator.
+
+    The vehicle's word is the bit PREARM_CHECK of the healthy parts in SYS_STATUS, as ArduPilot and PX4 send
+    it. An autopilot that does not know the bit is taken as ready once it tells where it is.
+
+    Parameters
+    ----------
+    vehicle : tuple of int
+        System and component.
+    agreed : bool
+        The operator agrees beforehand.
+
+    Attributes
+    ----------
+    stage : Stage
+    reasons : list of str
+        Why the vehicle would not arm, in its own words, the latest last.
+    """
+
+    def __init__(self, vehicle: tuple[int, int], *, agreed: bool = False) -> None:
+        self.stage = Stage.CHECKING
+        self.reasons: list[str] = []
+        self._due_s = -math.inf
+        self._vehicle = vehicle
+        self._agreed = agreed
+
+    def poll(self, now_s: float) -> list[Message]:
+        """Ask for SYS_STATUS, and for the vehicle's checks to be run now, as long as it does not say yes."""
+        if self.stage is not Stage.CHECKING or now_s < self._due_s:
+            return []
+        self._due_s = now_s + _ASK_AGAIN_S
+        wanted = (
+            (m.MAV_CMD_SET_MESSAGE_INTERVAL, float(m.MAVLINK_MSG_ID_SYS_STATUS), float(_STATUS_US)),
+            (m.MAV_CMD_RUN_PREARM_CHECKS, 0.0, 0.0),
+        )
+        return [
+            m.MAVLink_command_long_message(*self._vehicle, int(command), 0, first, second, 0, 0, 0, 0, 0)
+            for command, first, second in wanted
+        ]
+
+    def next_deadline(self) -> float:
+        """When `poll` has something to do."""
+        if self.stage is Stage.CHECKING:
+            return self._due_s
+        return math.inf if self.stage is Stage.ASKING else -math.inf
+
+    def on_sys_status(self, message: m.MAVLink_sys_status_message, *, has_position: bool) -> None:
+        """Take what the vehicle says of itself; whether it told where it is."""
+        if self.stage not in (Stage.CHECKING, Stage.ASKING):
+            return
+        knows = bool(message.onboard_control_sensors_present & _PREARM)
+        healthy = bool(message.onboard_control_sensors_health & _PREARM)
+        if healthy or (not knows and has_position):
+            self.stage = Stage.GRANTED if self._agreed else Stage.ASKING
+        else:
+            self.stage = Stage.CHECKING
+
+    def on_text(self, text: str) -> None:
+        """Take a text of the vehicle."""
+        match = _REASON.match(text)
+        if match is not None:
+            reason = match.group(1).strip()
+            self.reasons = [*(one for one in self.reasons if one != reason), reason][-_MOST_REASONS:]
+
+    def agree(self) -> None:
+        """The operator agrees; what the vehicle says still counts."""
+        self._agreed = True
+        if self.stage is Stage.ASKING:
+            self.stage = Stage.GRANTED
+
+    def refuse(self) -> None:
+        """The operator does not want it to start."""
+        self.stage = Stage.REFUSED

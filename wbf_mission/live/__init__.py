@@ -1,0 +1,1 @@
+"""Flights of vehicles at the other end of a link."""

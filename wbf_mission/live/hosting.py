@@ -1,0 +1,134 @@
+"""Flights of a vehicle behind a link, on the wall clock."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from numpy.random import SeedSequence
+
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.link.tlog import TlogWriter
+from sim_vehicle.camera.component import LeafCameraComponent
+from sim_vehicle.component import NEVER, Component
+from sim_vehicle.host.server import Server
+from sim_vehicle.host.simulation import StopReason
+from wbf_mission.ground.clearance import Clearance
+from wbf_mission.live.riding_camera import RidingCamera
+from wbf_mission.sortie import Sortie
+
+__all__ = ["LinkHost", "LinkHosting"]
+
+_AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
+
+
+@dataclass(frozen=True, slots=True)
+class LinkHosting:
+    """A vehicle behind a link: ours are the ground station, and the leaf camera that rides along.
+
+    Parameters
+    ----------
+    url : str
+        See `sim_vehicle.host.ports.open_port`.
+    tlog : Path or None
+        Where every MAVLink frame is written.
+    agreed : bool
+        The operator agrees to the start beforehand.
+    """
+
+    url: str
+    tlog: Path | None = None
+    agreed: bool = False
+
+    @property
+    def pace(self) -> None:
+        """The vehicle decides."""
+        return
+
+    def clearance(self, system_id: int) -> Clearance:
+        """Return what has to hold before the motors start: the vehicle's own checks, and the operator."""
+        return Clearance((system_id, _AUTOPILOT), agreed=self.agreed)
+
+    def open(
+        self,
+        sorties: Sequence[Sortie],
+        writer: TlogWriter | None,
+        *,
+        offset_s: float,  # noqa: ARG002
+        seed: SeedSequence,  # noqa: ARG002
+        gone: Collection[int],  # noqa: ARG002
+    ) -> LinkHost:
+        """Open the link.
+
+        Raises
+        ------
+        LinkError
+            If the address is wrong, in use or not reachable.
+        """
+        components: list[Component] = []
+        for sortie in sorties:
+            camera = LeafCameraComponent(sortie.leaf_camera, sortie.plan.farm, system_id=sortie.system_id)
+            components += [RidingCamera(camera, sortie.held_mission), sortie.ground]
+        return LinkHost(Server(components, [self.url], tap=None if writer is None else _tap_of(writer)))
+
+
+class LinkHost:
+    """A server whose Ctrl-C is the caller's.
+
+    Parameters
+    ----------
+    server : Server
+    """
+
+    def __init__(self, server: Server) -> None:
+        self._server = server
+
+    @property
+    def now_s(self) -> float:
+        """Seconds since the link was opened."""
+        return self._server.now_s
+
+    @property
+    def frames(self) -> int:
+        """How many MAVLink frames were sent."""
+        return self._server.frames
+
+    def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
+        """Serve until a condition holds or so many more seconds went by.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            At Ctrl-C; the link stays open.
+        """
+        reason = self._server.run(until=until, limit_s=limit_s)
+        if reason is StopReason.STOPPED:
+            raise KeyboardInterrupt
+        return reason
+
+    def send(self, component: Component, messages: Iterable[Message]) -> None:
+        """Send messages of a component now."""
+        self._server.send(component, messages)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._server.close()
+
+
+def _tap_of(writer: TlogWriter) -> Callable[[bytes, float], None]:
+    """Return what writes each frame with the time of day."""
+    write = writer.write
+
+    def tap(frame: bytes, _now_s: float) -> None:
+        write(frame, time.time())
+
+    return tap

@@ -1,0 +1,73 @@
+"""The link to a vehicle that flies a run's mission."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from mission.transfer.driver import Vehicle as HeardVehicle
+from wbf_mission.fleet import Vehicle
+from wbf_mission.joint_flight import Attendant
+from wbf_mission.live.discovery import find_vehicle, fitted_to, require_single_flight
+from wbf_mission.live.hosting import LinkHosting
+from wbf_mission.scenario import Scenario
+
+__all__ = ["LiveLink"]
+
+
+def _silent(_text: str) -> None:
+    """Tell nobody."""
+
+
+@dataclass(slots=True)
+class LiveLink:
+    """A vehicle behind a link, and who stands by while it flies.
+
+    Parameters
+    ----------
+    url : str
+        ``udpin:``, ``udpout:``, ``tcp:`` or ``tcpin:HOST:PORT``, or ``serial:DEVICE:BAUD``.
+    attendant : Attendant
+    agreed : bool
+        The start of the motors is agreed to beforehand.
+    wait_s : float
+        How long to wait for the vehicle's heartbeat.
+    system_id : int or None
+        Of the vehicle; None: the first one that is heard.
+    note : callable
+        Takes lines for the operator.
+    """
+
+    url: str
+    attendant: Attendant
+    agreed: bool = False
+    wait_s: float = 10.0
+    system_id: int | None = None
+    note: Callable[[str], None] = _silent
+    _heard: HeardVehicle | None = field(default=None, init=False)
+
+    def fitted(self, scenario: Scenario) -> Scenario:
+        """Wait for the vehicle; return the scenario by the rules of its autopilot.
+
+        Raises
+        ------
+        LiveFlightError
+            If this vehicle cannot do the run.
+        LinkError, NoVehicleError
+            If there is no link, or nobody on it.
+        """
+        require_single_flight(scenario)
+        self._heard = find_vehicle(self.url, wait_s=self.wait_s, system_id=self.system_id, note=self.note)
+        self.note(f"heard: system {self._heard.system_id}, {self._heard.profile.name}")
+        return fitted_to(scenario, self._heard)
+
+    def numbered(self, vehicles: Sequence[Vehicle]) -> tuple[Vehicle, ...]:
+        """Return the run's vehicle with the system id of the one that was heard."""
+        assert self._heard is not None
+        number = self._heard.system_id
+        return tuple(replace(one, task=replace(one.task, system_id=number)) for one in vehicles)
+
+    def hosting(self, tlog: Path | None) -> LinkHosting:
+        """Return where the flight takes place."""
+        return LinkHosting(self.url, tlog, self.agreed)

@@ -104,10 +104,11 @@ def test_an_item_that_cannot_be_flown_is_an_outcome(tmp_path: Path) -> None:
 
 
 def test_a_battery_that_does_not_last_is_an_outcome(tmp_path: Path) -> None:
-    long = plan(scenario_with(QUAD, {"farm": "waterberry", "budget": "30km"}))
+    back_and_forth = {"farm": "miniberry-100", "planner": "random-waypoint", "budget": "12km"}
+    long = plan(scenario_with(QUAD, back_and_forth))
     path = tmp_path / "long.plan"
     write_mission(long.mission, path)
-    result = fly(scenario_with(QUAD, {"farm": "waterberry", "mission": str(path), "score_points": 1}))
+    result = fly(scenario_with(QUAD, {"farm": "miniberry-100", "mission": str(path), "score_points": 1}))
     assert result.outcome in (Outcome.BATTERY_LOW, Outcome.BATTERY_DEPLETED), result.reason
     assert result.battery_used is not None
     assert result.battery_used > 0.75

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -59,7 +60,21 @@ def vehicles_of(scenario: Scenario, tell: Progress = silent) -> tuple[Vehicle, .
         home_m = None if together else _start_m(scenario, farm, number)
         task = FlightTask.of(one, flight_builder(one, home_m), system_id=number, progress=tell)
         vehicles.append(Vehicle(task, one))
+    _check_radio(scenario, farm, vehicles)
     return tuple(vehicles)
+
+
+def _check_radio(scenario: Scenario, farm: Farm, vehicles: Sequence[Vehicle]) -> None:
+    """Raise ScenarioError if a vehicle would start beyond the radio's range: it could not be told to."""
+    range_m = scenario.vehicle.radio_range_m
+    for one in vehicles:
+        away_m = math.dist(one.task.builder.home_m, farm.home_m)
+        if range_m is not None and away_m >= range_m:
+            msg = (
+                f"radio range {range_m:g} m: vehicle {one.task.system_id} starts {away_m:.1f} m from the"
+                f" ground station; give more than {math.ceil(away_m)} m, or fewer vehicles"
+            )
+            raise ScenarioError(msg)
 
 
 def plan_fleet(scenario: Scenario, *, progress: Progress = silent) -> tuple[PlanResult, ...]:

@@ -12,11 +12,13 @@ from numpy.random import SeedSequence
 
 from mission.link.codec.dialect import Message
 from mission.link.tlog import TlogWriter
+from mission.model import GeoPoint
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.component import NEVER, Component
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.faults.fault import Fault
+from sim_vehicle.host.radio_range import RadioRange
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
 from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.ground.clearance import Clearance
@@ -119,15 +121,26 @@ class VirtualHosting:
         gone: Collection[int],
     ) -> AbstractContextManager[FlightHost]:
         """Return a simulation of the vehicles, their cameras and their ground stations."""
+        aboard = [_aboard(sortie) for sortie in sorties]
         simulation = Simulation(
-            [part for sortie in sorties for part in (*_aboard(sortie), sortie.ground)],
+            [part for on, sortie in zip(aboard, sorties, strict=True) for part in (*on, sortie.ground)],
             tap=_tap_of(writer, EPOCH_UNIX_S + offset_s),
             impairment=self.impairment,
             faults=[one for one in self.faults if one.vehicle not in gone],
             seed=seed,
             remote=[sortie.ground for sortie in sorties],
+            radio_range=_radio_range(sorties, [vehicle for vehicle, _ in aboard]),
         )
         return nullcontext(simulation)
+
+
+def _radio_range(sorties: Sequence[Sortie], vehicles: Sequence[SimVehicle]) -> RadioRange | None:
+    """Return the range of the radios of the ground stations, which all stand at the farm's home."""
+    range_m, farm = sorties[0].scenario.vehicle.radio_range_m, sorties[0].plan.farm
+    if range_m is None:
+        return None
+    latitude_deg, longitude_deg = farm.frame.to_wgs84(*farm.home_m)
+    return RadioRange(range_m, GeoPoint(latitude_deg, longitude_deg, farm.frame.altitude_m), vehicles)
 
 
 def _aboard(sortie: Sortie) -> tuple[SimVehicle, LeafCameraComponent]:

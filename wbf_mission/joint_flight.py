@@ -127,6 +127,7 @@ class JointFlight:
             self.learn()
             for sortie in self.sorties:
                 sortie.note_changes()
+                sortie.give_up_lost(self.now_s)
             self._decide()
             if any(sortie.ground.phase is Phase.FLIGHT for sortie in self.sorties):
                 longest_s = max(sortie.ground.flight_time_s for sortie in self.sorties)

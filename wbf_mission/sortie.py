@@ -11,6 +11,7 @@ from geo.errors import WbfMissionError
 from geo.seeds import stream
 from mission.link.codec.dialect import Message
 from mission.model import Command, Mission
+from mission.outcome import Outcome
 from mission.planners.path import Points, path_length
 from mission.policies.situation import Status, VehicleReport
 from sensors.camera.leaf_camera import LeafCamera, LeafCameraOptions
@@ -20,17 +21,20 @@ from sensors.observations import Observations
 from sim_vehicle.prediction.onward import InFlight
 from wbf_mission.deciding.record import PathChange
 from wbf_mission.flight_record import FlightRecord
-from wbf_mission.ground.change import ChangeOutcome
+from wbf_mission.ground.change import ChangeOutcome, leads_home
 from wbf_mission.ground.clearance import Clearance
+from wbf_mission.ground.contact import SILENCE_S
 from wbf_mission.ground.revision import revised_mission
 from wbf_mission.ground.station import GROUND_SYSTEM_ID, GroundStation
 from wbf_mission.outcome import Phase
 from wbf_mission.planning import FlightTask, PlanResult
+from wbf_mission.reach import ASIDE_S, WHOLE_S, reach_of
 from wbf_mission.scenario import Scenario
 from wbf_mission.sortie_number import SortieNumber
 
 SILENT_S = 30.0
-"""A vehicle that is not heard of for so long is lost, as far as decisions go."""
+"""A vehicle that is not heard of for so long is lost, as far as decisions go; beyond the radio's range it is
+for so long after it should have been back."""
 ENDING_S = 3.0
 """A policy is asked so long before a path ends."""
 SLOWEST_M_S = 0.3
@@ -79,6 +83,7 @@ class Sortie:
         start_delay_s: float = 0.0,
         clearance: Clearance | None = None,
     ) -> None:
+        self._reach = reach_of(scenario.vehicle, task, plan)
         farm, seed = plan.farm, scenario.seed
         self.start_delay_s = start_delay_s
         self.number, self.task, self.plan = number, task, plan
@@ -194,13 +199,36 @@ class Sortie:
             return Status.ENDED if ground.outcome.is_good else Status.LOST
         if ground.phase is not Phase.FLIGHT:
             return Status.READY
-        if now_s - state.heard_s > SILENT_S:
+        silent_s = now_s - state.heard_s
+        if silent_s > SILENT_S + self._absence_s(silent_s):
             return Status.LOST
+        if silent_s > SILENCE_S:
+            return Status.SILENT
         if ground.pilot.somebody_else_flies:
             return Status.PILOTED
         if ground.changing:
             return Status.CHANGING
         return Status.FLYING if self._rest else Status.RETURNING
+
+    def _absence_s(self, silent_s: float) -> float:
+        """Return how long the plan explains that nothing is heard of the vehicle."""
+        if self._reach is None or not SILENT_S < silent_s < math.inf:
+            return 0.0
+        onward = np.vstack((self._rest_points(), self._end_m()))
+        return self._reach.absence_s(self.ground.vehicle_state.position_m(self.plan.farm.frame), onward)
+
+    def _end_m(self) -> Points:
+        """Return where the vehicle flies after its path: home, or nowhere."""
+        home = self.task.request.start_xy_m
+        return np.array([home]) if leads_home(self.ground.mission.items, 0) else np.empty((0, 2))
+
+    def give_up_lost(self, now_s: float) -> None:
+        """End the flight of a vehicle that stays out of the radio's range at the end of its path."""
+        stays = self._reach is not None and not len(self._end_m())
+        if stays and not self.done and self.status(now_s) is Status.LOST:
+            silent_s = now_s - self.ground.vehicle_state.heard_s
+            why = f"its path ends beyond the radio's range; not heard of for {silent_s:.0f} s"
+            self.ground.interrupt(Outcome.LINK_LOST, why, now_s)
 
     def _spent(self, now_s: float) -> float:
         """Return what the flight has cost so far, in the unit of the budget."""
@@ -209,7 +237,8 @@ class Sortie:
             return 0.0
         flown_s = now_s - ground.started_s
         if budget.unit == "m":
-            return self._flown.measure()
+            # Where nothing was heard it cannot have flown farther than its speed allows.
+            return self._flown.measure() + ground.silent_s * self.task.builder.level.speed_m_s
         if budget.unit == "steps":
             return math.floor(flown_s / vehicle.step_s + 1e-6)
         if budget.unit == "Wh":
@@ -227,6 +256,10 @@ class Sortie:
         started_s = ground.started_s or 0.0
         position_m = ground.vehicle_state.position_m(frame)
         change = PathChange(self.system_id, position_m, points_m, math.nan, sent_s=now_s - started_s)
+        within_s = (ASIDE_S if ground.changes_aside else WHOLE_S) + self._delay_s
+        if self._reach is not None and self._reach.is_near_border(position_m, within_s):
+            change.outcome = "not sent: it might leave the radio's range before the change is over"
+            return change
         latitude, longitude = frame.to_wgs84(points_m[:, 0], points_m[:, 1])
         builder = self.task.builder
         mission, resume_at = revised_mission(

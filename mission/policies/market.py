@@ -146,7 +146,7 @@ class Market:
         returned: list[Package] = []
         for vehicle in situation.vehicles:
             contract = self._contracts.get(vehicle.system_id)
-            if contract is None or vehicle.status in (Status.CHANGING, Status.READY):
+            if contract is None or vehicle.status in (Status.CHANGING, Status.SILENT, Status.READY):
                 continue
             # Of a vehicle that is lost nothing may be known any more: then what was known before holds.
             silent = vehicle.status is Status.LOST and not len(vehicle.rest_m)

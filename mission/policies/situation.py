@@ -47,6 +47,9 @@ class Status(Enum):
     """On its path; the path can be changed."""
     CHANGING = "changing"
     """On its path, while another one is on its way to it; that one has to arrive first."""
+    SILENT = "silent"
+    """On its path as far as is known, but not heard of for a while: it flies its plan and cannot be told of
+    another one."""
     RETURNING = "returning"
     """On its way home, or landing; its path cannot be changed any more."""
     PILOTED = "piloted"
@@ -54,7 +57,7 @@ class Status(Enum):
     ENDED = "ended"
     """Back, as it was meant to be."""
     LOST = "lost"
-    """Failed, or silent for so long that nobody counts on it."""
+    """Failed, or silent for longer than its plan explains: nobody counts on it."""
 
 
 class Fares(Protocol):

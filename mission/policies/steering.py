@@ -144,7 +144,8 @@ class Steering:
 
 def _flies_on(vehicle: VehicleReport) -> bool:
     """Return whether a vehicle is going to see what its path leads over."""
-    return vehicle.status in (Status.READY, Status.FLYING, Status.CHANGING) and len(vehicle.rest_m) > 0
+    flies = vehicle.status in (Status.READY, Status.FLYING, Status.CHANGING, Status.SILENT)
+    return flies and len(vehicle.rest_m) > 0
 
 
 def far_route(problem: RouteProblem) -> list[Route]:

@@ -22,6 +22,40 @@ _GLOBAL_AND_MISSION = frozenset({0, 2, 3, 5, 6})
 
 
 @dataclass(frozen=True, slots=True)
+class NeededParameter:
+    """A parameter of a vehicle that has to have one of some values, or some bits set.
+
+    Parameters
+    ----------
+    name : str
+    good : frozenset of int
+        The values; empty if it is the bits that count.
+    value : int
+        The one that is set.
+    bits : int
+
+    Examples
+    --------
+    >>> options = NeededParameter("FS_OPTIONS", bits=2)
+    >>> options.wanted(16), options.wanted(18)
+    (18, 18)
+    >>> NeededParameter("FS_GCS_ENABLE", good=frozenset({1, 3}), value=1).wanted(3)
+    3
+    """
+
+    name: str
+    good: frozenset[int] = frozenset()
+    value: int = 0
+    bits: int = 0
+
+    def wanted(self, value: int) -> int:
+        """Return the value that it has to have; the present one if that is good."""
+        if self.good:
+            return value if value in self.good else self.value
+        return value | self.bits
+
+
+@dataclass(frozen=True, slots=True)
 class Profile:
     """One autopilot's habits.
 
@@ -104,6 +138,9 @@ class Profile:
         How a mission that is being flown is replaced most safely. None: in the mission mode, by the whole
         plan at once with the item to go on with marked as current. Otherwise aside from the mission, by a
         position in the guided mode: by MAV_TYPE the custom modes of the guided and of the mission mode.
+    change_failsafe : mapping of int to tuple of NeededParameter
+        By MAV_TYPE, what has to be set before that, so that a vehicle in the guided mode whose ground station
+        is gone comes home.
     """
 
     name: str
@@ -145,6 +182,7 @@ class Profile:
     text_prefix: str = ""
     streams_on_request: bool = False
     change_modes: Mapping[int, tuple[int, int]] | None = None
+    change_failsafe: Mapping[int, tuple[NeededParameter, ...]] = field(default_factory=dict)
 
 
 # After PX4's parse_mavlink_mission_item: commands in a global frame, and in the frame MISSION.
@@ -232,6 +270,14 @@ ARDUPILOT = Profile(
         mavlink.MAV_TYPE_FIXED_WING: (15, 10),
         mavlink.MAV_TYPE_GROUND_ROVER: (15, 10),
     },
+    # Return when the ground station is silent; but a mission goes on.
+    change_failsafe=dict.fromkeys(
+        _COPTERS,
+        (
+            NeededParameter("FS_GCS_ENABLE", good=frozenset({1, 2, 3, 6}), value=1),
+            NeededParameter("FS_OPTIONS", bits=2),
+        ),
+    ),
 )
 
 

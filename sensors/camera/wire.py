@@ -11,7 +11,9 @@ Nothing here needs a MAVLink library: messages are told by their ``id`` and read
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,8 +30,9 @@ CAMERA_IMAGE_CAPTURED = 263
 DEBUG_FLOAT_ARRAY = 350
 _ID_MASK = 0xFFFF
 _MAX_PENDING = 1024
-_MAX_KNOWN = 32768
-_MAX_MISSING = 10_000
+_MAX_KNOWN = 131_072
+_MAX_MISSING = 65_536
+_MOST_IMAGES = 1 << 24
 _E7 = 1e7
 _Key = tuple[int, int]
 
@@ -133,6 +136,8 @@ class ObservationAssembler:
         self._missing: dict[int, None] = {}
         self._highest = -1
         self._highest_ms = 0
+        self._from_first = False
+        self._since_us = -math.inf
         self._single: list[tuple[float, ...]] = []
         self._wide: list[_Image] = []
 
@@ -227,6 +232,10 @@ class ObservationAssembler:
     def _complete(self, key: _Key, image: _Image) -> None:
         del self._pending[key]
         self._finish(key, image.index)
+        if image.time_us < self._since_us:
+            self._missing = {index: None for index in self._missing if index > image.index}
+            self.statistics.lost = len(self._missing)
+            return
         self.statistics.images += 1
         if image.footprint_cells == 1:
             self._single.append((image.time_us, image.latitude_e7, image.longitude_e7, *image.parts[0]))
@@ -239,23 +248,45 @@ class ObservationAssembler:
         if len(known) > _MAX_KNOWN:
             del known[next(iter(known))]
         highest = self._highest
-        if index == highest + 1 or highest < 0:
+        if index == highest + 1 or (highest < 0 and not self._from_first):
             self._highest, self._highest_ms = index, key[1]
         elif index > highest:
-            self._missing.update(dict.fromkeys(range(max(highest + 1, index - _MAX_MISSING), index)))
+            self._miss(highest + 1, index)
             self._highest, self._highest_ms = index, key[1]
-            while len(self._missing) > _MAX_MISSING:
-                del self._missing[next(iter(self._missing))]
         elif index in self._missing:
             del self._missing[index]
         elif key[1] > self._highest_ms:  # a camera that counts anew
             self._highest, self._highest_ms = index, key[1]
         self.statistics.lost = len(self._missing)
 
-    def missing(self) -> list[int]:
-        """List the indexes of images that have not arrived whole: to be asked for again."""
+    def _miss(self, begin: int, end: int) -> None:
+        """Note that images have not arrived; only so many are remembered."""
+        self._missing.update(dict.fromkeys(range(max(begin, end - _MAX_MISSING), end)))
+        while len(self._missing) > _MAX_MISSING:
+            del self._missing[next(iter(self._missing))]
+
+    def expect_from_first(self, since_s: float = 0.0) -> None:
+        """Miss the images before the first one that arrives, too: the link was dead when they were taken.
+
+        Parameters
+        ----------
+        since_s : float
+            The vehicle's clock when the flight began; images that are older are of others.
+        """
+        self._from_first = True
+        self._since_us = 1e6 * since_s
+
+    def expect(self, count: int) -> None:
+        """Miss what has not arrived of so many images, the camera's own count."""
+        if self._highest + 1 < count < _MOST_IMAGES:
+            self._miss(self._highest + 1, count)
+            self._highest = count - 1
+            self.statistics.lost = len(self._missing)
+
+    def missing(self, most: int | None = None) -> list[int]:
+        """List the indexes of images that have not arrived whole, or some: to be asked for again."""
         waiting = (image.index for image in self._pending.values() if image.index >= 0)
-        return sorted({*self._missing, *waiting})
+        return sorted({*islice(self._missing, most), *waiting})[:most]
 
     @property
     def waiting(self) -> int:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.estimators.base import BaseEstimator, check_default_values
+from sensors.estimators.carrying import carried
 from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.scoring.information import InformationModel
 
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
 
 class PointEstimator(BaseEstimator):
     """The last observation of each cell, with uncertainty 0; the default and uncertainty 1 elsewhere.
+
+    What was observed on an earlier day is carried forward as the field's own dynamics have it
+    (`sensors.estimators.carrying`), with the part of the variance that this leaves open as its uncertainty.
 
     Parameters
     ----------
@@ -34,6 +38,7 @@ class PointEstimator(BaseEstimator):
 
     cells_: list[NDArray[np.intp]]
     values_: list[NDArray[np.float32]]
+    days_: list[NDArray[np.int32]]
 
     def __init__(
         self, default_values: Sequence[float] | None = None, fields: FieldSet = PAPER_FIELDS
@@ -45,6 +50,7 @@ class PointEstimator(BaseEstimator):
         self._defaults = check_default_values(self.default_values, self.fields)
         self.cells_ = [np.empty(0, np.intp) for _ in self.fields]
         self.values_ = [np.empty(0, np.float32) for _ in self.fields]
+        self.days_ = [np.empty(0, np.int32) for _ in self.fields]
 
     def _learn(self, observations: Observations) -> None:
         readings = np.minimum(np.maximum(observations.values, 0.0), 1.0)
@@ -53,14 +59,17 @@ class PointEstimator(BaseEstimator):
             # Newest first, because np.unique keeps the first of equals.
             newest = np.concatenate([cells[sensed][::-1], self.cells_[k]])
             values = np.concatenate([readings[sensed, k][::-1], self.values_[k]])
+            days = np.concatenate([observations.day[sensed][::-1], self.days_[k]])
             self.cells_[k], first = np.unique(newest, return_index=True)
-            self.values_[k] = values[first]
+            self.values_[k], self.days_[k] = values[first], days[first]
 
     def _estimate(self) -> InformationModel:
         model = InformationModel.uniform(
             self.grid_.shape, value=self._defaults, uncertainty=1.0, fields=self.fields.names
         )
-        for k in range(len(self.fields)):
-            model.value[k].reshape(-1)[self.cells_[k]] = self.values_[k]
-            model.uncertainty[k].reshape(-1)[self.cells_[k]] = 0.0
+        for k, field in enumerate(self.fields):
+            if self.latest_day_ is not None:
+                value, doubt = carried(field, self.grid_, self.values_[k], self.days_[k], self.latest_day_)
+                model.value[k].reshape(-1)[self.cells_[k]] = value
+                model.uncertainty[k].reshape(-1)[self.cells_[k]] = doubt
         return model

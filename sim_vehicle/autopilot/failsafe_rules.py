@@ -59,6 +59,8 @@ class FailsafeDefaults:
         Height above and distance from home; 0 is no limit.
     link_timeout_s : float
         Silence of the ground station after which it is lost.
+    failsafe_options : int
+        Bits of FS_OPTIONS.
     setpoint_timeout_s : float
         Age at which setpoints hold no more.
     low_voltage_v : float
@@ -73,6 +75,7 @@ class FailsafeDefaults:
     fence_ceiling_m: float = 0.0
     fence_radius_m: float = 0.0
     link_timeout_s: float = 10.0
+    failsafe_options: int = 0
     setpoint_timeout_s: float = 1.0
     low_voltage_v: float = 0.0
 
@@ -110,9 +113,11 @@ class FailsafeRules:
         A setpoint outside the fence is refused.
     tells_link_loss : bool
         The loss of the ground station is told even where nothing is done about it.
+    mission_goes_on_bit : int
+        The bit of `failsafe_options` with which a mission goes on without a ground station; 0 is none.
     preflight, arming : str
         Texts before the reason that arming is refused: the check's, and that of the order.
-    fence_text, fence_clear, link_lost, link_regained, stream_lost : str
+    fence_text, fence_clear, link_lost, link_regained, stream_lost, link_ignored : str
         Texts for the operator; ``fence_text`` and ``stream_lost`` have a ``{}`` for what follows.
     defaults : FailsafeDefaults
         Values with which the safety parameters start.
@@ -137,6 +142,8 @@ class FailsafeRules:
     link_regained: str
     stream_lost: str
     defaults: FailsafeDefaults = FailsafeDefaults()
+    mission_goes_on_bit: int = 0
+    link_ignored: str = ""
 
     def fence_action(self, parameters: ActionParameters) -> Action:
         """Action after a breach of the fence."""

@@ -40,6 +40,8 @@ class RuntimeParameters:
         The autopilot's own value; 0 is none.
     link_timeout_s : float
         Silence of the ground station after which it is lost.
+    failsafe_options : int
+        Bits of FS_OPTIONS (ArduPilot).
     setpoint_timeout_s : float
         Age at which setpoints hold no more.
     settings : dict of str to float
@@ -69,6 +71,7 @@ class RuntimeParameters:
     low_voltage_source: int = 0
     fence_type: int = 7
     link_action: int = 0
+    failsafe_options: int = 0
     settings: dict[str, float] = field(default_factory=dict)
 
     @classmethod
@@ -93,5 +96,6 @@ class RuntimeParameters:
             defaults.link_timeout_s,
             defaults.setpoint_timeout_s,
             defaults.low_voltage_for(spec),
+            failsafe_options=defaults.failsafe_options,
             settings=dict(spec.parameters),
         )

@@ -11,7 +11,7 @@ from sim_vehicle.camera.trigger import Exposure
 
 __all__ = ["RING_IMAGES", "STORAGE_MIB", "Image", "ImageMemory"]
 
-RING_IMAGES = 4096
+RING_IMAGES = 65_536
 STORAGE_MIB = 1024.0
 _MIB_PER_IMAGE = 1e-4
 _PADDING = [0.0] * 58
@@ -26,7 +26,7 @@ class Image(NamedTuple):
 
 
 class ImageMemory:
-    """Numbers images, keeps the last 4096 of them, and makes the messages that tell one.
+    """Numbers images, keeps the last 65,536 of them, and makes the messages that tell one.
 
     Parameters
     ----------

@@ -100,13 +100,13 @@ class FaultSession:
             wrapped.append(FaultyComponent(component, faults, self) if faults or watched else component)
         return wrapped
 
-    def link(self, name: str, number: int, client: int = 0) -> FaultyLink | None:
-        """Make the faulty radio of a link; None if no fault concerns it.
+    def link(self, name: str, number: int, client: int = 0, *, always: bool = False) -> FaultyLink | None:
+        """Make the faulty radio of a link; None if no fault concerns it, unless it is wanted in any case.
 
         ``number`` counts the host's links from 1, ``client`` those who share one; each has its own luck.
         """
         faults = [f for f in self.faults if f.group == "link" and _names(f.link, name, number)]
-        return FaultyLink(faults, self, self._seed, f"{number}.{client}") if faults else None
+        return FaultyLink(faults, self, self._seed, f"{number}.{client}") if faults or always else None
 
 
 def check_vehicles(faults: Iterable[Fault], systems: Collection[int]) -> None:

@@ -20,6 +20,7 @@ from sim_vehicle.component import NEVER, UNHEARD, Component, SaysMuch
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.faults.fault import Fault
 from sim_vehicle.faults.session import FaultSession, FaultyLink
+from sim_vehicle.host.radio_range import RadioRange
 from sim_vehicle.host.router import RoutingTable, frame_id, frame_source, frame_target
 from sim_vehicle.host.virtual_link import VirtualLink
 
@@ -106,6 +107,8 @@ class Simulation:
         Of the faults (the impairment has its own).
     signing : Signing, optional
         Signs what the components send; of `open_link` only what it accepts is received and forwarded.
+    radio_range : RadioRange, optional
+        What crosses a radio to or from a vehicle that is farther away is lost.
 
     Attributes
     ----------
@@ -135,8 +138,10 @@ class Simulation:
         faults: Sequence[Fault | str] = (),
         seed: int | np.random.SeedSequence = 0,
         signing: Signing | None = None,
+        radio_range: RadioRange | None = None,
     ) -> None:
         self._signing = signing
+        self._range = radio_range
         self.now_s = 0.0
         self.frames = 0
         self.bytes_sent = 0
@@ -218,7 +223,7 @@ class Simulation:
 
     def _add_radio(self, port: int, name: str) -> None:
         self._radio_count += 1
-        radio = self._session.link(name, self._radio_count)
+        radio = self._session.link(name, self._radio_count, always=self._range is not None)
         if radio is not None:
             self._radios[port] = radio
 
@@ -289,12 +294,19 @@ class Simulation:
         """Take what comes out of a radio now; damaged frames end here, but links see them."""
         for frame in radio.receive("up", self.now_s):
             if valid_frame_end(frame) == len(frame):
-                self._forward(frame, self._ports(port, frame_id(frame), frame_target(frame)))
+                ports = self._ports(port, frame_id(frame), frame_target(frame))
+                self._forward(frame, tuple(one for one in ports if self._reaches(one)))
         for frame in radio.receive("down", self.now_s):
             if port >= len(self._components):
                 self._links[port - len(self._components)].deliver(frame)
             elif valid_frame_end(frame) == len(frame):
                 self._inbox.append(((port,), frame))
+
+    def _reaches(self, port: int) -> bool:
+        """Return whether a radio of the ground reaches the component of a port."""
+        if self._range is None or port >= len(self._components) or port in self._radios:
+            return True
+        return self._range.reaches(self._components[port].system_id)
 
     def _send(self, source: int, messages: Iterable[mavlink.MAVLink_message]) -> None:
         """Pack each message once and send its bytes."""
@@ -369,7 +381,8 @@ class Simulation:
         system = frame_source(frame)[0]
         for port in ports:
             if port in self._radios:
-                self._radios[port].send("down", frame, system, self.now_s)
+                if self._range is None or self._range.reaches(system):
+                    self._radios[port].send("down", frame, system, self.now_s)
             elif port >= len(self._components):
                 self._links[port - len(self._components)].deliver(frame)
             else:

@@ -187,6 +187,11 @@ class SimVehicle:
         return self.state.home
 
     @property
+    def true_position_m(self) -> tuple[float, float, float]:
+        """Where it truly is: east and north of where it stood at the start, height above there, metres."""
+        return self.state.sensed.true_m
+
+    @property
     def errors(self) -> NavigationErrors | None:
         """The errors of its sensors; None for exact ones."""
         return self.state.errors

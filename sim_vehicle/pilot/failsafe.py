@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -60,6 +60,8 @@ class Failsafe:
         What the autopilot does.
     notices : NoticeLog
         Where the operator is told.
+    in_mission : callable
+        Tells whether the vehicle is in its mission mode.
 
     Attributes
     ----------
@@ -72,8 +74,15 @@ class Failsafe:
     """
 
     def __init__(
-        self, controls: Controls, parameters: RuntimeParameters, rules: FailsafeRules, notices: NoticeLog
+        self,
+        controls: Controls,
+        parameters: RuntimeParameters,
+        rules: FailsafeRules,
+        notices: NoticeLog,
+        *,
+        in_mission: Callable[[], bool],
     ) -> None:
+        self._in_mission = in_mission
         self.rules = rules
         self.battery = BatteryWatch(controls, parameters, by_voltage=rules.watches_voltage)
         self.fence = FenceWatch()
@@ -195,6 +204,10 @@ class Failsafe:
     def _lose_link(self) -> Iterator[Reaction]:
         self.link_lost = True
         action = self.rules.link_action(self._parameters)
+        goes_on = self.rules.mission_goes_on_bit & self._parameters.failsafe_options
+        if action is not Action.NONE and goes_on and self._in_mission():
+            self._notices.add(Severity.WARNING, self.rules.link_ignored)
+            return
         acts = action is not Action.NONE and self._controls.landed is not LandedState.ON_GROUND
         if self._tells_link:
             self._notices.add(Severity.WARNING, self.rules.link_lost + (f": {action.value}" if acts else ""))

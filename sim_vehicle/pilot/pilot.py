@@ -115,7 +115,9 @@ class Pilot:
         self._rules = rules
         self.habits = habits = MissionHabits() if habits is None else habits
         self.controls = Controls(self.executor)
-        self.failsafe = Failsafe(self.controls, parameters, rules, self._notices)
+        self.failsafe = Failsafe(
+            self.controls, parameters, rules, self._notices, in_mission=lambda: self.mode is Mode.MISSION
+        )
         self.arming = ArmingChecks(self.controls, parameters, self.failsafe)
         self.mission = MissionStatus(self.controls, self.failsafe)
         self.setpoints = SetpointFollower(self.controls, parameters, self.failsafe, self._notices)

@@ -15,6 +15,7 @@ from mission.errors import MissionError
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, GeoPoint, Mission, MissionItem
 from mission.outcome import Outcome
+from mission.transfer.profile import NeededParameter
 from sensors.camera.leaf_camera import LeafCamera
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot, with_autopilot
@@ -24,6 +25,7 @@ from sim_vehicle.host.simulation import Impairment, Simulation
 from sim_vehicle.mavlink import SimVehicle
 from wbf_mission import outcome
 from wbf_mission.ground.change import ChangeOutcome
+from wbf_mission.ground.guard import FailsafeGuard
 from wbf_mission.ground.revision import revised_mission
 from wbf_mission.ground.station import GroundStation, NotFlyingError
 
@@ -315,17 +317,80 @@ def test_on_the_ground_nothing_is_changed():
         GroundStation(planned()).change(planned(), 2, 0.0)
 
 
-@pytest.mark.parametrize(("autopilot", "failsafe"), [("px4", {}), ("ardupilot", {"FS_GCS_ENABLE": 1.0})])
-def test_a_ground_computer_that_dies_at_any_step_costs_the_change_and_not_the_vehicle(autopilot, failsafe):
-    for begin_s in (0.15, 0.4, 0.8, 1.2):
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+def test_a_ground_computer_that_dies_at_any_step_costs_the_change_and_not_the_vehicle(autopilot):
+    for begin_s in (0.05, 0.15, 0.4, 0.8, 1.2, 2.0):
         impairment = Impairment(delay_s=0.05, seed=3)
         flight = Flight(autopilot, other_path(NEW), at_item(5), impairment, dead=(begin_s, 0.0), forever=True)
-        for name, value in failsafe.items():
-            flight.vehicle.pilot.parameters.link_action = int(value)
-            assert name == "FS_GCS_ENABLE"
-        flight.vehicle.pilot.apply_parameters()
         flight.fly()
         check_safe(flight)
+        # Out of its mission nobody keeps it: it comes home, instead of hovering there.
+        if Mode.GUIDED in [mode for _, mode in flight.modes]:
+            assert flight.modes[-1][1] in (Mode.RTL, Mode.MISSION)
+
+
+def test_an_arducopter_gets_a_failsafe_before_it_leaves_its_mission():
+    flight = Flight("ardupilot", other_path(NEW), at_item(5), Impairment(delay_s=0.05)).fly()
+    assert [one.outcome for one in flight.station.changes] == [ChangeOutcome.DONE]
+    parameters = flight.vehicle.pilot.parameters
+    assert parameters.link_action == 1 and parameters.failsafe_options == 16 | 2
+    # What brings it home already is left as it is.
+    flight = Flight("ardupilot", other_path(NEW), at_item(5))
+    flight.vehicle.pilot.parameters.link_action = 3
+    flight.fly()
+    assert flight.vehicle.pilot.parameters.link_action == 3
+
+
+def test_a_failsafe_that_is_not_told_of_or_stays_as_it_is_is_missing():
+    enable = NeededParameter("FS_GCS_ENABLE", good=frozenset({1}), value=1)
+    needed = enable, NeededParameter("FS_OPTIONS", bits=2)
+
+    def told(name, value):
+        return m.MAVLink_param_value_message(name.encode(), value, 2, 70, 3)
+
+    silent = FailsafeGuard(needed, (1, 1))
+    asked = [len(silent.poll(float(now_s))) for now_s in range(6)]
+    assert asked == [2, 2, 2, 2, 0, 0] and "could not be read" in silent.refused and not silent.ready
+    stubborn = FailsafeGuard(needed, (1, 1))
+    stubborn.begin(0.0)
+    assert stubborn.receive(told("FS_OPTIONS", 18.0)) == []
+    [setting] = stubborn.receive(told("FS_GCS_ENABLE", 0.0))
+    assert setting.get_type() == "PARAM_SET" and setting.param_value == 1.0
+    assert stubborn.receive(told("FS_GCS_ENABLE", 0.0)) == [] and "stays 0, 1 is needed" in stubborn.refused
+    # Asked for again with the next change.
+    [again] = stubborn.begin(10.0)
+    assert again.get_type() == "PARAM_REQUEST_READ" and not stubborn.refused
+    assert stubborn.receive(told("OTHER", 1.0)) == stubborn.receive(told("FS_GCS_ENABLE", math.nan)) == []
+    assert stubborn.receive(told("FS_GCS_ENABLE", 1.0)) == [] and stubborn.ready
+
+
+def test_without_that_failsafe_it_does_not_leave_its_mission():
+    flight = Flight("ardupilot", other_path(NEW), at_item(5), Impairment(delay_s=0.02))
+    flight.far.swallows = ("PARAM_SET",)
+    flight.fly()
+    [record] = flight.station.changes
+    assert record.outcome is ChangeOutcome.REFUSED and "would not come home: FS_GCS_ENABLE" in record.text
+    assert Mode.GUIDED not in [mode for _, mode in flight.modes]
+    assert flight.station.outcome is Outcome.COMPLETED
+    check_safe(flight)
+    assert flight.misses(OLD) < 2.5
+
+
+def test_a_mission_goes_on_without_its_ground_station_when_the_options_say_so():
+    impairment = Impairment(delay_s=0.02)
+    flight = Flight(
+        "ardupilot", other_path(NEW), at_item(5), impairment, dead=(20.0, 0.0), forever=True
+    ).fly()
+    assert [one.outcome for one in flight.station.changes] == [ChangeOutcome.DONE]
+    assert flight.modes[-1][1] is Mode.MISSION and flight.misses(NEW) < 2.5
+    check_safe(flight)
+    # As ArduCopter comes: with the failsafe, but without the option, it returns from its mission, too.
+    flight = Flight("ardupilot", forever=True)
+    flight.vehicle.pilot.parameters.link_action = 1
+    flight.far.dead = (60.0, math.inf)
+    flight.fly()
+    assert flight.modes[-1][1] is Mode.RTL
+    check_safe(flight)
 
 
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)

@@ -43,7 +43,7 @@ wbf-mission sim --fault loss=0.2 --fault gps-loss,at=airborne,from=20,for=10
     VehicleOptions,
     WeatherOptions,
     CameraOptions,
-    without=("days", "flights_per_day", "vehicles", "separation", "camera_spacing_m"),
+    without=("days", "flights_per_day", "vehicles", "separation", "radio_range_m", "camera_spacing_m"),
     more=(SimOptions,),
 )
 def sim_command(

@@ -20,7 +20,7 @@ MARGIN_M = 1.0
 
 Positions = NDArray[np.float64]
 _WINDOW_S = 10
-_ALOFT = (Status.FLYING, Status.CHANGING, Status.RETURNING)
+_ALOFT = (Status.FLYING, Status.CHANGING, Status.SILENT, Status.RETURNING)
 
 
 def least_apart_m(first: Positions, second: Positions, later_s: float = 0.0) -> float:
@@ -116,5 +116,8 @@ class KeptDistance:
         """Return where a vehicle is at each full second from now on, until it is home."""
         points = np.vstack((vehicle.position_m, rest_m, vehicle.request.start_xy_m))
         along_m = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
-        now_m = np.arange(0.0, along_m[-1] + 1e-9, self.speeds_m_s[vehicle.system_id])
+        speed_m_s = self.speeds_m_s[vehicle.system_id]
+        # What was heard last of a silent vehicle is long ago.
+        since_m = speed_m_s * vehicle.age_s if vehicle.status is Status.SILENT else 0.0
+        now_m = np.arange(min(since_m, along_m[-1]), along_m[-1] + 1e-9, speed_m_s)
         return np.column_stack([np.interp(now_m, along_m, points[:, axis]) for axis in range(2)])

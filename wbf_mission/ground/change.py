@@ -13,6 +13,7 @@ from mission.model import Command, Mission, MissionItem, MissionType
 from mission.transfer import MissionDownload, Profile, VerifiedUpload
 from mission.transfer.client import RoundTrip
 from mission.transfer.upload import check_plan
+from wbf_mission.ground.guard import FailsafeGuard
 from wbf_mission.ground.texts import TextLog
 from wbf_mission.ground.vehicle_state import VehicleMonitor
 
@@ -112,6 +113,8 @@ class ChangeRequest:
         What it says.
     seconds_an_item : float
         What an item took to send and read back.
+    guard : FailsafeGuard or None
+        What has to be set before the vehicle leaves its mission.
     """
 
     old: Mission
@@ -124,6 +127,7 @@ class ChangeRequest:
     monitor: VehicleMonitor
     texts: TextLog
     seconds_an_item: float
+    guard: FailsafeGuard | None = None
 
 
 class ChangeSession(ABC):

@@ -53,6 +53,7 @@ _GUIDED_FLAG = float(m.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
 
 
 class _Step(Enum):
+    GUARDING = "setting the failsafe"
     WAITING = "waiting for the moment to begin"
     TURNING = "leaving the mission"
     SENDING = "sending the mission"
@@ -100,13 +101,21 @@ class AsideChange(ChangeSession):
     def start(self, now_s: float) -> list[Message]:
         """Begin, at once or when the target is near enough for a short window."""
         self._asked_s = self._heard_s = now_s
+        guard = self.request.guard
+        if guard is not None and not guard.ready:
+            self._step = _Step.GUARDING
+            return guard.begin(now_s)
         return self._begin(now_s)
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
         """Take a message of the vehicle; after the end, watch that it stays in its mission."""
         self._heard_s = now_s
-        if self._step is _Step.PAUSING:
-            return self._fly_to(now_s) + self._send(now_s)
+        if self._step is _Step.GUARDING:
+            return self._guard(message, now_s)
+        if self._step is _Step.PAUSING and isinstance(message, m.MAVLink_heartbeat_message):
+            # Meanwhile it may have returned home.
+            aside = self.request.monitor.custom_mode in (self._guided, self._auto)
+            return self._fly_to(now_s) + self._send(now_s) if aside else self._on_mode(now_s)
         if isinstance(message, m.MAVLink_command_ack_message):
             return self._on_ack(message, now_s)
         if isinstance(message, m.MAVLink_heartbeat_message):
@@ -120,6 +129,11 @@ class AsideChange(ChangeSession):
     def poll(self, now_s: float) -> list[Message]:
         """Do what is due."""
         out: list[Message] = []
+        guard = self.request.guard
+        if self._step is _Step.GUARDING and guard is not None and now_s >= guard.due_s:
+            out += guard.poll(now_s)
+            if guard.refused:
+                return self._finish(ChangeOutcome.REFUSED, guard.refused, now_s)
         for command, order in tuple(self._orders.items()):
             if now_s >= order.due_s:
                 out += self._give_up(command, now_s) if order.is_given_up else order.send(now_s)
@@ -143,9 +157,24 @@ class AsideChange(ChangeSession):
         deadlines = [order.due_s for order in self._orders.values()]
         if self._transfer is not None and (transfer_s := self._transfer.next_deadline()) is not None:
             deadlines.append(transfer_s)
+        if self._step is _Step.GUARDING and self.request.guard is not None:
+            deadlines.append(self.request.guard.due_s)
         return min([self._wake_s, *deadlines])
 
     # Leaving the mission.
+
+    def _guard(self, message: Message, now_s: float) -> list[Message]:
+        """Take what the vehicle tells of its failsafe, and go on when that is set."""
+        guard = self.request.guard
+        if guard is None or not isinstance(message, m.MAVLink_param_value_message):
+            return []
+        out = guard.receive(message)
+        if guard.refused:
+            return out + self._finish(ChangeOutcome.REFUSED, guard.refused, now_s)
+        if guard.ready:
+            self._step = _Step.WAITING
+            out += self._begin(now_s)
+        return out
 
     def _begin(self, now_s: float) -> list[Message]:
         request = self.request
@@ -429,7 +458,7 @@ class AsideChange(ChangeSession):
             if mode == self._guided and self._sent_s is not None and not self._orders:
                 return self._order(int(m.MAV_CMD_DO_SET_MODE), now_s, *self._mode_parameters())
             return []
-        if self._step is _Step.WAITING:
+        if self._step in (_Step.GUARDING, _Step.WAITING):
             return []
         if mode not in (self._guided, self._auto):
             # Who took it out of its mission gets it back, should a command of ours still be on its way.

@@ -34,23 +34,51 @@ class ImageFetch:
         self._assembler = assembler
         self._camera = (vehicle_system_id, int(m.MAV_COMP_ID_CAMERA))
         self._rounds = 0
+        self._lost = 0
+        self._counts = False
 
     def begin(self, now_s: float) -> bool:
         """Begin if any image is missing; tell whether there is."""
+        self._rounds = 0
         self.due_s = now_s
-        return bool(self._assembler.missing())
+        return self._counts or bool(self._assembler.missing(1))
+
+    def look_back(self, now_s: float, since_s: float) -> None:
+        """Begin after a silence: the camera has to tell how many images there are, too.
+
+        Parameters
+        ----------
+        now_s : float
+        since_s : float
+            The vehicle's clock when the flight began.
+        """
+        self._assembler.expect_from_first(since_s)
+        self._counts = True
+        self._rounds = 0
+        self.due_s = now_s
+
+    def on_capture_status(self, message: m.MAVLink_camera_capture_status_message) -> None:
+        """Take how many images the camera has."""
+        if message.get_srcSystem() == self._camera[0] and self._counts:
+            self._counts = False
+            self._assembler.expect(message.image_count)
 
     def ask(self, now_s: float) -> list[Message]:
-        """The next requests; none when nothing is missing any more, or it was asked for often enough."""
-        missing = self._assembler.missing()[:_AT_ONCE]
-        self._rounds += 1
-        if self._rounds > _ROUNDS:
+        """The next requests; none when nothing is missing any more, or it was asked in vain often enough."""
+        lost = self._assembler.statistics.lost
+        self._rounds = 1 if lost < self._lost else self._rounds + 1
+        self._lost = lost
+        missing = self._assembler.missing(_AT_ONCE)
+        if self._rounds > _ROUNDS or not (missing or self._counts):
+            self.due_s = math.inf
             return []
         self.due_s = now_s + _EACH_S
-        wanted = float(m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED)
+        wanted = [(m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED, index) for index in missing]
+        if self._counts:
+            wanted.append((m.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS, 0))
         return [
             m.MAVLink_command_long_message(
-                *self._camera, int(m.MAV_CMD_REQUEST_MESSAGE), 0, wanted, float(index), *[0.0] * 5
+                *self._camera, int(m.MAV_CMD_REQUEST_MESSAGE), 0, float(kind), float(index), *[0.0] * 5
             )
-            for index in missing
+            for kind, index in wanted
         ]

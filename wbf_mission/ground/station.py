@@ -14,13 +14,15 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import handler
 from mission.model import Command, Mission
 from mission.outcome import Outcome
-from mission.transfer import CLIENT_MESSAGES, TransferStatistics, profile_for
+from mission.transfer import CLIENT_MESSAGES, Profile, TransferStatistics, profile_for
 from sensors.camera.wire import ObservationAssembler
 from wbf_mission.ground.change import ChangeRecord, ChangeRequest, ChangeSession, check_change, leads_home
 from wbf_mission.ground.change_aside import AsideChange
 from wbf_mission.ground.change_whole import WholeListChange
 from wbf_mission.ground.clearance import Clearance, Stage
+from wbf_mission.ground.contact import ContactWatch
 from wbf_mission.ground.failures import FailureWatch
+from wbf_mission.ground.guard import FailsafeGuard
 from wbf_mission.ground.images import ImageFetch
 from wbf_mission.ground.modes import Maneuver, arming_mode, maneuver_command
 from wbf_mission.ground.orders import Answer, Order, result_name
@@ -131,7 +133,9 @@ class GroundStation:
         self._started_boot_s = 0.0
         self._maneuver: Maneuver | None = None
         self._monitor = VehicleMonitor()
+        self._contact = ContactWatch()
         self._change: ChangeSession | None = None
+        self._guard: FailsafeGuard | None = None
         self._tracks = TrackRecorder()
         self._texts = TextLog()
         self._fetch = None if assembler is None else ImageFetch(assembler, vehicle_system_id)
@@ -146,6 +150,7 @@ class GroundStation:
                     handler(m.MAVLink_sys_status_message, self._on_sys_status),
                     handler(m.MAVLink_mission_current_message, self._on_mission_current),
                     handler(m.MAVLink_extended_sys_state_message, self._on_landed),
+                    handler(m.MAVLink_param_value_message, self._on_parameter),
                     handler(m.MAVLink_hil_state_quaternion_message, self._on_truth),
                     handler(m.MAVLink_sim_state_message, self._on_truth),
                 )
@@ -155,6 +160,7 @@ class GroundStation:
         if assembler is not None:
             self._handlers[m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED] = self._on_image
             self._handlers[m.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY] = self._on_image
+            self._handlers[m.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS] = self._on_capture_status
         self.wanted: frozenset[int] | None = frozenset(self._handlers)
 
     @property
@@ -193,6 +199,12 @@ class GroundStation:
     def changing(self) -> bool:
         """Whether the mission is being changed."""
         return self._change is not None and not self._change.done
+
+    @property
+    def changes_aside(self) -> bool:
+        """Whether the vehicle leaves its mission while that is changed."""
+        modes = profile_for(self._autopilot).change_modes
+        return modes is not None and self._monitor.vehicle_type in modes
 
     def change(self, mission: Mission, resume_at: int, now_s: float) -> list[Message]:
         """Begin to change the mission that is being flown, by the safest way of the autopilot.
@@ -240,16 +252,25 @@ class GroundStation:
             monitor=self._monitor,
             texts=self._texts,
             seconds_an_item=self._uploads.seconds_an_item,
+            guard=self._guard_of(profile),
         )
-        aside = profile.change_modes is not None and self._monitor.vehicle_type in profile.change_modes
-        self._change = _WAYS[aside](request)
+        self._change = _WAYS[self.changes_aside](request)
         return self._after_change(self._change.start(now_s))
+
+    def _guard_of(self, profile: Profile) -> FailsafeGuard | None:
+        """Return what has to be set before the vehicle leaves its mission; the same one for a flight."""
+        needed = profile.change_failsafe.get(self._monitor.vehicle_type, ())
+        if self._guard is None and needed:
+            self._guard = FailsafeGuard(needed, self._vehicle)
+        return self._guard
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
         """Take one message and return the answers."""
         handle = self._handlers.get(type(message).id)
         if handle is None:
             return []
+        if message.get_srcSystem() == self._vehicle[0] and self.phase is Phase.FLIGHT:
+            self._on_contact(now_s)
         out = handle(message, now_s)
         if self._change is not None and self.phase is Phase.FLIGHT and self._is_vehicle(message):
             out = out + self._after_change(self._change.receive(message, now_s))
@@ -283,10 +304,10 @@ class GroundStation:
             and now_s >= self._disarmed_s + _STATE_S
         ):
             self._land(*self._why_aborted(), now_s)
-        if self._fetch is not None and self.phase is Phase.FETCH and now_s >= self._fetch.due_s:
+        if self._fetch is not None and self._fetches and now_s >= self._fetch.due_s:
             asked = self._fetch.ask(now_s)
             out += asked
-            if not asked:
+            if not asked and self.phase is Phase.FETCH:
                 self.phase = Phase.DONE
         return out
 
@@ -305,9 +326,19 @@ class GroundStation:
             deadline_s = min(deadline_s, self._uploads.next_deadline())
         if self._change is not None and self.phase is Phase.FLIGHT:
             deadline_s = min(deadline_s, self._change.next_deadline())
-        if self._fetch is not None and self.phase is Phase.FETCH:
+        if self._fetch is not None and self._fetches:
             deadline_s = min(deadline_s, self._fetch.due_s)
         return deadline_s
+
+    @property
+    def silent_s(self) -> float:
+        """How long the silences of the flight were, in which nothing was heard of the vehicle."""
+        return self._contact.silent_s
+
+    @property
+    def _fetches(self) -> bool:
+        """Whether lost images may be asked for."""
+        return self.phase in (Phase.FLIGHT, Phase.FETCH)
 
     def interrupt(self, outcome: Outcome, reason: str, now_s: float) -> None:
         """End the run from outside; what was received is kept."""
@@ -335,6 +366,14 @@ class GroundStation:
         return out
 
     # What arrives.
+
+    def _on_contact(self, now_s: float) -> None:
+        """Note that something is heard; after a silence, ask for what was missed."""
+        if self._contact.on_message(now_s):
+            # It was armed when its mission was started, whatever was heard of that.
+            self._flew = True
+            if self._fetch is not None:
+                self._fetch.look_back(now_s, self._started_boot_s)
 
     def _on_heartbeat(self, message: m.MAVLink_heartbeat_message, now_s: float) -> list[Message]:
         if not self._is_vehicle(message):
@@ -408,6 +447,10 @@ class GroundStation:
             self._tracks.on_landed_state(message)
         return []
 
+    def _on_parameter(self, message: m.MAVLink_param_value_message, now_s: float) -> list[Message]:  # noqa: ARG002
+        """Leave it to the change that asked for it."""
+        return []
+
     def _on_truth(self, message: TrueState, now_s: float) -> list[Message]:
         if self._is_vehicle(message):
             self._tracks.on_truth(message, now_s, flying=self.phase is Phase.FLIGHT)
@@ -440,6 +483,15 @@ class GroundStation:
             self._assembler.add(message)
         return []
 
+    def _on_capture_status(
+        self,
+        message: m.MAVLink_camera_capture_status_message,
+        now_s: float,  # noqa: ARG002
+    ) -> list[Message]:
+        assert self._fetch is not None
+        self._fetch.on_capture_status(message)
+        return []
+
     def _on_transfer(self, message: Message, now_s: float) -> list[Message]:
         if self.phase is not Phase.UPLOAD:
             return []
@@ -464,6 +516,7 @@ class GroundStation:
             if self.clearance is not None:
                 # A real vehicle's clock began long before ours.
                 self._started_boot_s = self._monitor.boot_s
+            self._contact.on_message(now_s)
             self._texts_before = len(self.texts)
         return []
 

@@ -195,6 +195,15 @@ class VehicleOptions(Part):
         needs_fleet=True,
         metavar="WAY",
     )
+    radio_range_m: float | None = option(
+        None,
+        "How far the radio of the ground station at home reaches; what a vehicle sees farther away arrives"
+        " when it is back",
+        VEHICLE,
+        low=1.0,
+        high=1e6,
+        default="everywhere",
+    )
 
     def check(self) -> None:
         """Refuse an empty name among several, and more vehicles than named or fewer."""

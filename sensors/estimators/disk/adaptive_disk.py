@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sensors.errors import EstimatorError
 from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.base import BaseEstimator, check_default_values
+from sensors.estimators.carrying import carried
 from sensors.estimators.disk import small_painting
 from sensors.estimators.disk.disks import Disk, DiskMap, centred_disk
 from sensors.fields import PAPER_FIELDS, FieldSet
@@ -20,6 +21,9 @@ from sensors.scoring.tiles import tile_shape
 if TYPE_CHECKING:
     from geo.grid import FarmGrid
     from sensors.observations import Observations
+
+
+_NOTHING = np.empty(0, np.float32), np.empty(0, np.float32)
 
 
 def _painter(tiles: tuple[int, ...]) -> Callable[..., None]:
@@ -41,6 +45,9 @@ class AdaptiveDiskEstimator(BaseEstimator):
     The model is kept and changed in place: further observations write only the cells of their own disks while
     the radius stays, and those that disks cover or covered when it shrinks. Readings beyond 0..1, which noise
     makes, are taken as 0 and 1: no field has such values.
+
+    What was observed on an earlier day is carried forward as the field's own dynamics have it
+    (`sensors.estimators.carrying`). Its uncertainty is the part of the variance that this leaves open.
 
     Parameters
     ----------
@@ -71,6 +78,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
     """
 
     incremental = True
+    _carries: ClassVar[bool] = True
 
     maps_: list[DiskMap]
     values_: list[GrowingArray]
@@ -104,6 +112,9 @@ class AdaptiveDiskEstimator(BaseEstimator):
             raise EstimatorError(msg)
         self.maps_ = [DiskMap(grid.shape, self._stamp, self.radius)] * len(self.fields)
         self.values_ = [GrowingArray((), np.float32) for _ in self.fields]
+        self._days = [GrowingArray((), np.int32) for _ in self.fields]
+        self._carried_to: int | None = None
+        self._carried: list[tuple[NDArray[np.float32], NDArray[np.float32]]] = [_NOTHING] * len(self.fields)
         self.revision_ = -1
 
     def _learn(self, observations: Observations) -> None:
@@ -123,8 +134,31 @@ class AdaptiveDiskEstimator(BaseEstimator):
         readings = self._possible(observations.values)
         for k in range(len(self.fields)):
             self.values_[k].append(readings[sensed[:, k], k])
+            self._days[k].append(observations.day[sensed[:, k]])
+
+    def _carry_forward(self, day: int) -> None:
+        """Carry what was read on earlier days to this one."""
+        self._carried_to = day
+        for k, field in enumerate(self.fields):
+            values, days = self.values_[k].array, self._days[k].array
+            if not (days < day).any():
+                continue
+            value, doubt = carried(field, self.grid_, values, days, day)
+            self._carried[k] = value.astype(np.float32), doubt.astype(np.float32)
+            # Each field has its own dynamics, and from now on its own disks.
+            self.maps_[k] = self.maps_[k].copy()
+            self.maps_[k].repaint()
+
+    def _readings(self, k: int, start: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return values of a field's disks and their uncertainty, from one disk on."""
+        value, doubt = self._carried[k]
+        fresh = self.values_[k].array[max(start, len(value)) :]
+        known = np.concatenate([value[start:], fresh])
+        return known, np.concatenate([doubt[start:], np.zeros(len(fresh), np.float32)])
 
     def _estimate(self) -> InformationModel:
+        if self._carries and self.latest_day_ is not None and self.latest_day_ != self._carried_to:
+            self._carry_forward(self.latest_day_)
         everything = self.revision_ < 0
         if everything:
             self._value = np.empty((len(self.fields), *self.grid_.shape), np.float32)
@@ -138,6 +172,8 @@ class AdaptiveDiskEstimator(BaseEstimator):
         for disks in maps:
             painting = disks.outstanding()
             fields = [k for k in range(len(self.fields)) if self.maps_[k] is disks]
+            readings = [self._readings(k, painting.start) for k in fields]
+            planes = fields if len(self._uncertainty) > 1 else [0]
             paint(
                 np.ones_like(painting.tiles) if everything else painting.tiles,
                 painting.reset or everything,
@@ -146,11 +182,12 @@ class AdaptiveDiskEstimator(BaseEstimator):
                 painting.disk.first,
                 painting.disk.low,
                 painting.disk.high,
-                np.stack([self.values_[k].array[painting.start :] for k in fields]),
+                np.stack([value for value, _ in readings]),
+                np.stack([doubt for _, doubt in readings[: len(planes)]]),
                 self._defaults[fields],
                 np.array(fields),
                 self._value,
-                np.array(fields if len(self._uncertainty) > 1 else [0]),
+                np.array(planes),
                 self._uncertainty,
                 changed,
             )

@@ -29,7 +29,7 @@ def misplaced_disk(radius: int) -> Disk:
 class AuthorsAdaptiveDiskEstimator(AdaptiveDiskEstimator):
     """The adaptive disk with the authors' misplaced stamp and their default of 0 ("destroyed") everywhere.
 
-    Readings are taken as they are.
+    Readings are taken as they are, whenever they were made.
 
     Only for comparison with what the authors published; use ``adaptive-disk`` for anything else.
 
@@ -41,6 +41,8 @@ class AuthorsAdaptiveDiskEstimator(AdaptiveDiskEstimator):
     radius : int, optional
         A fixed radius in cells in place of the adaptive one.
     """
+
+    _carries = False
 
     def __init__(self, default_values: Sequence[float] = (0.0, 0.0, 0.0), radius: int | None = None) -> None:
         # No parameter fields: what is reproduced are the benchmark's.

@@ -129,6 +129,10 @@ class DiskMap:
         other._covered = self._covered.copy()
         return other
 
+    def repaint(self) -> None:
+        """Count none of the disks as painted."""
+        self._radius = 0
+
     def outstanding(self) -> Painting:
         """Take the disks that are to be painted since the last call; they count as painted then.
 

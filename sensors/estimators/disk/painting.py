@@ -29,6 +29,7 @@ def paint(
     low: NDArray[np.int32],
     high: NDArray[np.int32],
     table: NDArray[np.float32],
+    doubts: NDArray[np.float32],
     defaults: NDArray[np.float32],
     fields: NDArray[np.int64],
     value: NDArray[np.float32],
@@ -49,7 +50,9 @@ def paint(
     first, low, high : int, int32[rows], int32[rows]
         The disk: row i has the cells ``x + first + i`` by ``[y + low[i], y + high[i])``.
     table : float32[fields, n]
-        The sensed values of the fields that these disks stand for.
+        The values of the fields that these disks stand for.
+    doubts : float32[planes, n]
+        The uncertainty in these disks, for each plane.
     defaults : float32[fields]
     fields : int64[fields]
         Where each of these fields is in `value`.
@@ -129,11 +132,11 @@ def paint(
                             continue
                         differs |= target[y0 + j] != new
                         target[y0 + j] = new
-                for plane in planes:
-                    doubt = uncertainty[plane, cell]
+                for p in range(len(planes)):
+                    doubt = uncertainty[planes[p], cell]
                     for j in range(size):
                         if (word >> np.uint64(j)) & _ONE:
-                            unsure = np.float32(0.0)
+                            unsure = doubts[p, owner[cell - x0, j]]
                         elif reset:
                             unsure = np.float32(1.0)
                         else:

@@ -17,6 +17,7 @@ def paint(
     low: NDArray[np.int32],
     high: NDArray[np.int32],
     table: NDArray[np.float32],
+    doubts: NDArray[np.float32],
     defaults: NDArray[np.float32],
     fields: NDArray[np.int64],
     value: NDArray[np.float32],
@@ -42,8 +43,9 @@ def paint(
     painted = np.broadcast_to(others, (len(fields), width, height))
     if len(x):
         painted = np.where(taken, table[:, owner], others)
-    doubts = np.where(taken, np.float32(0.0), np.float32(1.0) if reset else uncertainty[planes])
-    doubts = np.broadcast_to(doubts, (len(planes), width, height))
-    if (value[fields] != painted).any() or (uncertainty[planes] != doubts).any():
+    unsure = np.broadcast_to(np.float32(1.0) if reset else uncertainty[planes], (len(planes), width, height))
+    if len(x):
+        unsure = np.where(taken, doubts[:, owner], unsure)
+    if (value[fields] != painted).any() or (uncertainty[planes] != unsure).any():
         changed[0, 0] = True
-    value[fields], uncertainty[planes] = painted, doubts
+    value[fields], uncertainty[planes] = painted, unsure

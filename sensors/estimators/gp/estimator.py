@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -13,11 +14,12 @@ from numpy.typing import NDArray
 from geo.user_cache import user_cache_folder
 from sensors.errors import EstimatorError
 from sensors.estimators.base import LEARNING, BaseEstimator, Progress, Step, no_step
+from sensors.estimators.carrying import transition
 from sensors.estimators.gp.field import FieldProcess
 from sensors.estimators.gp.posterior_exact import ExactPosterior
 from sensors.estimators.gp.rbf import RbfKernel, fit_kernel
 from sensors.estimators.gp.threads import one_blas_thread
-from sensors.fields import PAPER_FIELDS, FieldSet
+from sensors.fields import PAPER_FIELDS, Field, FieldSet
 from sensors.scoring.expected import loss_of_deviation
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import ScoreWeights
@@ -33,6 +35,7 @@ PRIOR_SOURCES = ("model", "observations")
 
 _LOCAL_BYTES_A_CELL = 72
 _Values = NDArray[np.float32]
+_Floats = NDArray[np.float64]
 
 
 class GaussianProcessEstimator(BaseEstimator):
@@ -50,7 +53,12 @@ class GaussianProcessEstimator(BaseEstimator):
     more memory than allowed, it is computed tile by tile from the observations around, or, for kernels that
     are long against the farm, in sine functions (`sensors.estimators.gp.local`); an update then touches only
     what further observations reach, and the arrays that `predict` returns are the same ones at each call.
-    Repeated observations of a cell are independent looks.
+    Repeated observations of a cell on a day are independent looks.
+
+    *Days.* A reading of an earlier day is carried forward by the field's own dynamics, and what they leave
+    open is further noise (`sensors.estimators.carrying`); where kernels are learned from the observations, it
+    stays as it is, and the noise is what cells that were read twice changed by. What a cell showed before a
+    later day's reading counts no more.
 
     The uncertainty is the standard deviation of an observation, noise included, as in the paper: the noise is
     what a cell differs from its smooth neighbourhood by.
@@ -173,7 +181,8 @@ class GaussianProcessEstimator(BaseEstimator):
 
     def _learn(self, observations: Observations) -> None:
         for k, (process, sensed) in enumerate(zip(self._fields, observations.sensed.T, strict=True)):
-            process.append(observations.x[sensed], observations.y[sensed], observations.values[sensed, k])
+            values = observations.values[sensed, k]
+            process.append(observations.x[sensed], observations.y[sensed], values, observations.day[sensed])
 
     def _estimate(self) -> InformationModel:
         if self.optimise:
@@ -182,6 +191,9 @@ class GaussianProcessEstimator(BaseEstimator):
             else:
                 for process in self._fields:
                     process.fit(self._fit_kernel)
+        if self.latest_day_ is not None:
+            for field, process in zip(self.fields, self._fields, strict=True):
+                process.carry_to(self.latest_day_, partial(self._carry, field, process, self.latest_day_))
         exact = not self._needs_local()
         for name, process in zip(self.fields.names, self._fields, strict=True):
             try:
@@ -250,6 +262,14 @@ class GaussianProcessEstimator(BaseEstimator):
             if self.prior_mean is None:
                 process.mean = prior.mean
         self._learned_day = day
+
+    def _carry(
+        self, field: Field, process: FieldProcess, day: int, earlier: int, values: _Floats
+    ) -> tuple[_Floats, _Floats]:
+        """Return what readings of an earlier day tell of a day, and its variance."""
+        if self.learn_from == "observations":
+            return values, np.full(len(values), process.change_a_day * (day - earlier))
+        return transition(field, self.grid_, earlier, day, self.training_seed)(values)
 
     def _fit_kernel(
         self, x: NDArray[np.int32], y: NDArray[np.int32], residuals: NDArray[np.float64]

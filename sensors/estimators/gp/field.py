@@ -25,6 +25,8 @@ _FIT_POINTS = 512
 _FIT_RUNS = 8
 
 KernelFit = Callable[[Cells, Cells, Floats], RbfKernel]
+Carry = Callable[[int, Floats], tuple[Floats, Floats]]
+"""Takes an earlier day and readings of it; gives what they tell of the present day, and its variance."""
 
 
 class FieldProcess:
@@ -52,19 +54,29 @@ class FieldProcess:
         self._shape = shape
         self._cells = GrowingArray((2,), np.int32)
         self._values = GrowingArray((), np.float64)
+        self._days = GrowingArray((), np.int32)
+        self._day: int | None = None
+        self._carry: Carry | None = None
+        self._superseded = np.zeros(0, np.bool_)
+        self._changed, self._days_of_change = 0.0, 0
         self._fitted = 0
         self._conditioned = 0
         self._posterior: ExactPosterior | LocalPosterior | WholePosterior | None = None
-        self._made_for: tuple[RbfKernel, bool] | None = None
+        self._made_for: tuple[RbfKernel, bool, int | None] | None = None
         self._written: tuple[object, float] | None = None
 
     def __len__(self) -> int:
         return len(self._values)
 
-    def append(self, x: Cells, y: Cells, values: NDArray[np.floating]) -> None:
+    def append(self, x: Cells, y: Cells, values: NDArray[np.floating], days: NDArray[np.integer]) -> None:
         """Keep further observations."""
         self._cells.append(np.stack([x, y], axis=1))
         self._values.append(values)
+        self._days.append(days)
+
+    def carry_to(self, day: int, carry: Carry) -> None:
+        """Estimate this day: readings of earlier ones count by what they tell of it."""
+        self._day, self._carry = day, carry
 
     def fit(self, fit_kernel: KernelFit) -> None:
         """Fit the kernel to the observations if that is due."""
@@ -92,17 +104,74 @@ class FieldProcess:
             If the covariance of the observations is singular.
         """
         posterior = self._posterior
-        state = self.kernel, exact
-        if posterior is None or self._made_for != state:
+        state = self.kernel, exact, self._day
+        gone = self._newly_superseded()
+        # What an exact posterior has taken cannot be taken away from it again.
+        if posterior is None or self._made_for != state or (exact and (gone < self._conditioned).any()):
             self._posterior = posterior = self._new_posterior(exact)
             self._made_for = state
             self._conditioned = 0
         if self._conditioned < len(self):
-            x, y = self._cells.array[self._conditioned :].T
-            posterior.condition(x, y, self._values.array[self._conditioned :])
+            further = np.arange(self._conditioned, len(self))
+            self._take(posterior, further[~self._superseded[further]], 1.0)
+            self._take(posterior, gone[gone < self._conditioned], -1.0)
             self._conditioned = len(self)
         if not isinstance(posterior, ExactPosterior):
             posterior.solve()
+
+    def _newly_superseded(self) -> NDArray[np.intp]:
+        """Find the readings whose cells were read again on a later day: they tell nothing more.
+
+        Returns
+        -------
+        intp[n]
+            Those that were not known to be before.
+        """
+        known, count = self._superseded, len(self)
+        if len(known) == count:
+            return np.empty(0, np.intp)
+        self._superseded = np.concatenate([known, np.zeros(count - len(known), np.bool_)])
+        days = self._days.array
+        if not count or (days == days[0]).all():
+            return np.empty(0, np.intp)
+        cells = self._cells.array
+        _, cell = np.unique(cells[:, 0].astype(np.int64) * self._shape[1] + cells[:, 1], return_inverse=True)
+        latest = np.full(int(cell.max()) + 1, -1, np.int32)
+        np.maximum.at(latest, cell, days)
+        gone = np.flatnonzero((days < latest[cell]) & ~self._superseded)
+        self._superseded[gone] = True
+        newest = np.zeros(len(latest))
+        last = days == latest[cell]
+        newest[cell[last]] = self._values.array[last]
+        self._changed += float(np.sum((newest[cell[gone]] - self._values.array[gone]) ** 2))
+        self._days_of_change += int(np.sum(latest[cell[gone]] - days[gone]))
+        return gone
+
+    @property
+    def change_a_day(self) -> float:
+        """Mean square of what cells that were read on two days changed by, a day; 0 if there are none."""
+        return self._changed / self._days_of_change if self._days_of_change else 0.0
+
+    def _take(
+        self,
+        posterior: ExactPosterior | LocalPosterior | WholePosterior,
+        which: NDArray[np.intp],
+        sign: float,
+    ) -> None:
+        """Let a posterior take some readings, or take them away again."""
+        if not len(which):
+            return
+        x, y = self._cells.array[which].T
+        values, days = self._values.array[which], self._days.array[which]
+        if self._day is None or self._carry is None or (days == self._day).all():
+            posterior.condition(x, y, values)
+            return
+        carried, weights = values.copy(), np.ones(len(values))
+        for day in np.unique(days[days < self._day]).tolist():
+            of_day = days == day
+            carried[of_day], variance = self._carry(day, values[of_day])
+            weights[of_day] = posterior.kernel.noise / (posterior.kernel.noise + variance)
+        posterior.condition(x, y, carried, sign * weights)
 
     @property
     def used_kernel(self) -> RbfKernel:

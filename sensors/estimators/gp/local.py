@@ -136,12 +136,15 @@ class LocalPosterior:
         self._used = 0
         self._waiting = np.zeros((x.tiles, y.tiles), np.bool_)
 
-    def condition(self, x: Cells, y: Cells, values: Floats) -> None:
-        """Take further observations."""
+    def condition(self, x: Cells, y: Cells, values: Floats, weights: Floats | None = None) -> None:
+        """Take further observations, each for a part of one; negative weights take them away again."""
         self._make_room(len(x))
         values = np.ascontiguousarray(values, np.float64)
+        parts = np.ones(len(values)) if weights is None else np.ascontiguousarray(weights, np.float64)
         x, y = np.ascontiguousarray(x, np.int32), np.ascontiguousarray(y, np.int32)
-        self._used = gp_tile.add_to_cells(self._index, self._cells, self._sums, self._used, x, y, values)
+        self._used = gp_tile.add_to_cells(
+            self._index, self._cells, self._sums, self._used, x, y, values, parts
+        )
         spans = [
             part
             for axis, cells, reach in zip((self.lattice.x, self.lattice.y), (x, y), self._reach, strict=True)
@@ -238,8 +241,8 @@ class WholePosterior:
         spectrum = Spectrum(kernel, (sides[0], sides[1]), density)
         return spectrum if len(spectrum.terms) <= most_functions else None
 
-    def condition(self, x: Cells, y: Cells, values: Floats) -> None:
-        """Take further observations."""
+    def condition(self, x: Cells, y: Cells, values: Floats, weights: Floats | None = None) -> None:
+        """Take further observations, each for a part of one; negative weights take them away again."""
         for start in range(0, len(x), _BATCH * _BATCHES):
             found: dict[int, tuple[_Sums, _Sums]] = {}
 
@@ -248,7 +251,8 @@ class WholePosterior:
                     part = slice(begin, begin + _BATCH)
                     functions = self._functions(x[part], y[part])
                     data = np.stack([values[part], np.ones(len(functions))], axis=1)
-                    found[begin] = functions.T @ functions, functions.T @ data
+                    counted = functions if weights is None else weights[part, None] * functions
+                    found[begin] = counted.T @ functions, counted.T @ data
 
             in_parallel(work, range(start, min(start + _BATCH * _BATCHES, len(x)), _BATCH))
             # In this order, whatever was ready first: the sums do not depend on the number of cores.

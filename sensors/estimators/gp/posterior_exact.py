@@ -15,10 +15,21 @@ _BLOCK_ROWS = 128
 _RESULT_ROWS = 3
 
 
-def merge_repeated(x: Cells, y: Cells, values: Floats, noise: float) -> tuple[Cells, Cells, Floats, Floats]:
+def merge_repeated(
+    x: Cells, y: Cells, values: Floats, noise: float, weights: Floats | None = None
+) -> tuple[Cells, Cells, Floats, Floats]:
     """Merge observations of the same cell: their mean, with the noise variance divided by their number.
 
     For a Gaussian process this is exact: k looks with independent noise tell the same as their mean.
+
+    Parameters
+    ----------
+    x, y : int32[n]
+    values : float64[n]
+    noise : float
+        Variance of an observation's noise.
+    weights : float64[n], optional
+        The part of an observation that each counts for; its noise is `noise` divided by it.
 
     Returns
     -------
@@ -34,8 +45,10 @@ def merge_repeated(x: Cells, y: Cells, values: Floats, noise: float) -> tuple[Ce
     [[1, 2], [1, 2], [3.0, 1.5], [0.5, 0.25]]
     """
     keys = (x.astype(np.int64) << 32) | y
-    distinct, inverse, count = np.unique(keys, return_inverse=True, return_counts=True)
-    means = np.bincount(inverse, weights=values, minlength=len(distinct)) / count
+    distinct, inverse = np.unique(keys, return_inverse=True)
+    count = np.bincount(inverse, weights, minlength=len(distinct))
+    weighted = values if weights is None else weights * values
+    means = np.bincount(inverse, weighted, minlength=len(distinct)) / count
     return (distinct >> 32).astype(np.int32), (distinct & 0xFFFFFFFF).astype(np.int32), means, noise / count
 
 
@@ -75,9 +88,9 @@ class ExactPosterior:
         rows = -(-n_observations // _BLOCK_ROWS) * _BLOCK_ROWS
         return 8 * (rows + _RESULT_ROWS) * shape[0] * shape[1]
 
-    def condition(self, x: Cells, y: Cells, values: Floats) -> None:
-        """Take further observations."""
-        x, y, values, noise = merge_repeated(x, y, values, self.kernel.noise)
+    def condition(self, x: Cells, y: Cells, values: Floats, weights: Floats | None = None) -> None:
+        """Take further observations, each for a part of one."""
+        x, y, values, noise = merge_repeated(x, y, values, self.kernel.noise, weights)
         for start in range(0, len(x), _BLOCK_ROWS):
             part = slice(start, start + _BLOCK_ROWS)
             self._condition_block(x[part], y[part], values[part], noise[part])

@@ -33,6 +33,7 @@ def add_to_cells(
     x: NDArray[np.int32],
     y: NDArray[np.int32],
     values: Floats,
+    weights: Floats,
 ) -> int:
     """Add observations to the sums of their cells; return how many observed cells there are now.
 
@@ -41,11 +42,13 @@ def add_to_cells(
     index : int32[W, H]
         One more than the row of each cell in `sums`; 0 where nothing was observed. Changed.
     cells, sums : int32[n, 2], float64[n, 2]
-        Place, number and sum of the values, with room for the cells that are new. Changed.
+        Place, weight and sum of the weighted values, with room for the cells that are new. Changed.
     used : int
         Number of observed cells so far.
     x, y, values
         The observations.
+    weights : float64[k]
+        The part of an observation that each counts for; negative takes one away again.
     """
     for k in range(len(x)):
         row = index[x[k], y[k]] - 1
@@ -55,14 +58,14 @@ def add_to_cells(
             index[x[k], y[k]] = used
             cells[row, 0], cells[row, 1] = x[k], y[k]
             sums[row, :] = 0.0
-        sums[row, 0] += 1.0
-        sums[row, 1] += values[k]
+        sums[row, 0] += weights[k]
+        sums[row, 1] += weights[k] * values[k]
     return used
 
 
 @compiled(nogil=True)
 def gather(index: NDArray[np.int32], sums: Floats, box: Any) -> Floats:
-    """Return x, y, number and mean value of the observed cells in a box, float64[n, 4]."""
+    """Return x, y, weight and mean value of the observed cells in a box, float64[n, 4]."""
     x0, x1, y0, y1 = box
     found = 0
     for x in range(x0, x1):

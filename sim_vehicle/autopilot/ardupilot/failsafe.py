@@ -1,7 +1,7 @@
 """ArduPilot's failsafes: ArduCopter, ArduPlane, Rover.
 
-Source: ArduPilot parameter references (FENCE_ACTION, FS_GCS_ENABLE, BATT_FS_LOW_ACT, BATT_LOW_VOLT,
-GUID_TIMEOUT).
+Source: ArduPilot parameter references (FENCE_ACTION, FS_GCS_ENABLE, FS_OPTIONS, BATT_FS_LOW_ACT,
+BATT_LOW_VOLT, GUID_TIMEOUT) and ArduCopter/events.cpp.
 """
 
 from __future__ import annotations
@@ -39,11 +39,14 @@ COPTER_RULES = FailsafeRules(
         fence_ceiling_m=100.0,
         fence_radius_m=300.0,
         link_timeout_s=5.0,
+        failsafe_options=16,
         setpoint_timeout_s=3.0,
         low_battery_action=2,
         critical_battery_action=1,
         low_voltage_v=10.5,
     ),
+    mission_goes_on_bit=2,
+    link_ignored="GCS Failsafe - Continuing Auto Mode",
 )
 
 # ArduPlane's and Rover's own numbers; a low and a critical battery end the flight as the copter's do.
@@ -55,6 +58,7 @@ PLANE_RULES = replace(
     COPTER_RULES,
     fence_actions=actions_by_value(WARN="0", RETURN="1 6 7", HOLD="8", LAND="9"),
     link_actions=actions_by_value(NONE="0", RETURN="1 2 3"),
+    mission_goes_on_bit=0,
     battery_actions=(_PLANE_BATTERY, _PLANE_BATTERY, actions_by_value(WARN="0 1 2 3 4 5 6 7")),
     defaults=_PLANE_ROVER_DEFAULTS,
 )
@@ -63,6 +67,7 @@ ROVER_RULES = replace(
     COPTER_RULES,
     fence_actions=actions_by_value(WARN="0", RETURN="1 3", HOLD="2 4 5"),
     link_actions=actions_by_value(NONE="0", RETURN="1 2"),
+    mission_goes_on_bit=0,
     battery_actions=(_ROVER_BATTERY, _ROVER_BATTERY, actions_by_value(WARN="0 1 2 3 4 5 6 7")),
     defaults=_PLANE_ROVER_DEFAULTS,
 )

@@ -35,6 +35,7 @@ def copter_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
         *vehicle_parameters(spec, system_id),
         MavParameter("FRAME_CLASS", integer=True, value=1),
         MavParameter("FRAME_TYPE", integer=True, value=1),
+        MavParameter("FS_OPTIONS", "failsafe_options", integer=True, low=0, high=63),
         MavParameter("LAND_SPEED", "landing_speed_m_s", True, 100.0, 10, 100.0 * spec.descent_speed_m_s),
         MavParameter("PILOT_TKOFF_ALT", "takeoff_altitude_m", False, 100.0, 50.0, ceiling_cm),
         MavParameter("RTL_ALT", "return_altitude_m", True, 100.0, 50, ceiling_cm),

@@ -31,14 +31,15 @@ def test_disks_are_painted_alike(seed, shape, n, radius, stamp, reset, of_one_fi
     table = rng.choice([0.0, 0.5, 1.0], (len(fields), n)).astype(np.float32)
     value = rng.choice([0.0, 0.5, 1.0], (3, *shape)).astype(np.float32)
     doubt = rng.choice([0.0, 1.0], (3 if of_one_field else 1, *shape)).astype(np.float32)
+    unsure = rng.choice([0.0, 0.25], (len(planes), n)).astype(np.float32)
     defaults = np.ones(len(fields), np.float32)
     found = []
     for paint in (painting.paint, small_painting.paint):
         arrays = value.copy(), doubt.copy(), np.zeros((1, 1), np.bool_)
         tiles = np.ones((1, 1), np.bool_)
         paint(
-            tiles, reset, x, y, disk.first, disk.low, disk.high, table, defaults, fields,
-            arrays[0], planes, arrays[1], arrays[2],
+            tiles, reset, x, y, disk.first, disk.low, disk.high, table, unsure, defaults,
+            fields, arrays[0], planes, arrays[1], arrays[2],
         )  # fmt: skip
         found.append(arrays)
     for compiled, plain in zip(*found, strict=True):
@@ -71,7 +72,7 @@ def test_nothing_is_painted_where_nothing_is_to_be(module):
     tiles = np.zeros((1, 1), np.bool_)
     module.paint(
         tiles, True, np.ones(1, np.int32), np.ones(1, np.int32), disk.first, disk.low, disk.high,
-        np.ones((3, 1), np.float32), np.ones(3, np.float32), np.arange(3),
+        np.ones((3, 1), np.float32), np.zeros((1, 1), np.float32), np.ones(3, np.float32), np.arange(3),
         value, np.array([0]), np.zeros((1, 4, 4), np.float32), np.zeros((1, 1), np.bool_),
     )  # fmt: skip
     assert not value.any()

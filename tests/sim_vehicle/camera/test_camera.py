@@ -353,7 +353,8 @@ def test_a_lost_picture_comes_again_with_its_readings() -> None:
     assert len(assembler.take()) > 0
 
 
-def test_old_pictures_are_forgotten_and_formatting_forgets_all() -> None:
+def test_old_pictures_are_forgotten_and_formatting_forgets_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sim_vehicle.camera.image_memory.RING_IMAGES", 4096)
     camera = ready()
     ask(camera, 206, 0.02)
     fly(camera, 0.0, 30.0)

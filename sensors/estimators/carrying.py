@@ -1,0 +1,194 @@
+"""What a reading of an earlier day tells of a later one, as the model of the field has it.
+
+A reading is carried forward as the conditional mean of the later value, and what the later value may differ
+from that is its variance: the prediction of a Kalman filter (Kalman 1960, "A new approach to linear filtering
+and prediction problems") whose transition is learned from simulated environments, drawn with seeds of their
+own. Of a disease the transition is that of its classes, so infected plants grow old and lost ones stay lost.
+Of a continuous field it is the regression of the later humidity on the earlier one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geo.grid import FarmGrid
+from geo.seeds import stream
+from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters
+from sensors.dynamics.outbreak import simulate_outbreak, value_table
+from sensors.dynamics.soil import SoilParameters, simulate_coarse
+from sensors.fields import Field
+
+__all__ = ["Transition", "carried", "transition"]
+
+_LAND_CELLS = 64
+_OUTBREAKS = 100
+_WEATHERS = 64
+_SOIL_CELLS = 24
+_DAYS_AT_ONCE = 16
+_CLASSES = (0.0, 0.5, 1.0)
+_Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Transition:
+    """From readings of one day to what they tell of a later one.
+
+    Parameters
+    ----------
+    readings : float64[k]
+        Rising values of a reading; between them all is linear.
+    means : float64[k]
+        The mean of the later value after such a reading.
+    variances : float64[k]
+        Its variance.
+    spread : float
+        Variance of the later value without any reading.
+
+    Examples
+    --------
+    >>> half = Transition(np.array([0.0, 1.0]), np.array([0.2, 0.6]), np.array([0.1, 0.1]), 0.4)
+    >>> [part.tolist() for part in half(np.array([0.5]))]
+    [[0.4], [0.1]]
+    """
+
+    readings: _Floats
+    means: _Floats
+    variances: _Floats
+    spread: float
+
+    def __call__(self, values: NDArray[np.floating]) -> tuple[_Floats, _Floats]:
+        """Return mean and variance of the later values after readings, float64[n] each."""
+        return np.interp(values, self.readings, self.means), np.interp(values, self.readings, self.variances)
+
+    def doubt(self, variances: _Floats) -> _Floats:
+        """Return which part of what is unknown without a reading is unknown still: 0..1."""
+        return np.minimum(variances / self.spread, 1.0) if self.spread > 0.0 else np.zeros(len(variances))
+
+
+def carried(
+    field: Field,
+    grid: FarmGrid,
+    values: NDArray[np.floating],
+    days: NDArray[np.integer],
+    day: int,
+    seed: int = 0,
+) -> tuple[_Floats, _Floats]:
+    """Return what readings of several days tell of a day, and the `Transition.doubt` about it.
+
+    Parameters
+    ----------
+    field : Field
+    grid : FarmGrid
+    values : float[n]
+    days : int[n]
+        When each was read, at most the day.
+    day : int
+    seed : int
+        Of the simulations.
+
+    Returns
+    -------
+    value, doubt : float64[n]
+    """
+    value, doubt = np.asarray(values, np.float64).copy(), np.zeros(len(values))
+    for earlier in np.unique(days[days < day]).tolist():
+        of_day = days == earlier
+        step = transition(field, grid, earlier, day, seed)
+        value[of_day], variance = step(value[of_day])
+        doubt[of_day] = step.doubt(variance)
+    return value, doubt
+
+
+def transition(field: Field, grid: FarmGrid, earlier: int, later: int, seed: int = 0) -> Transition:
+    """Return what readings of a field on an earlier day tell of a later one.
+
+    Parameters
+    ----------
+    field : Field
+    grid : FarmGrid
+    earlier, later : int
+        Days of the environment.
+    seed : int
+        Of the simulations; equal seeds give equal transitions.
+    """
+    if field.kind == "disease":
+        hosts = int(np.count_nonzero(field.hosts(grid)))
+        return _of_classes(field.epidemic, grid.shape, hosts, earlier, later, seed, field.name)
+    return _of_humidity(field.humidity, grid.shape, earlier, later, seed, field.name)
+
+
+@lru_cache(maxsize=64)
+def _onsets(
+    parameters: EpidemicParameters, shape: tuple[int, int], hosts: int, days: int, seed: int, name: str
+) -> _Floats:
+    """Return how many plants of simulated outbreaks have which onset, read as an unsigned byte: float64[256].
+
+    The onsets up to a day do not depend on how long an outbreak is watched, so one simulation serves many
+    days. Farms are simulated in windows full of hosts, with as many seeds a host as the farm has.
+    """
+    land = np.ones((min(shape[0], _LAND_CELLS), min(shape[1], _LAND_CELLS)), np.bool_)
+    size = parameters.kernel_size
+    if size is None:
+        size = parameters.infection_rule(shape).kernel.size
+    seeds = max(1, round(parameters.seed_count(shape) * land.size / max(hosts, 1)))
+    local = replace(parameters, seeds=seeds, kernel_size=size)
+    counts = np.zeros(256)
+    for number in range(_OUTBREAKS):
+        rng = stream(seed, "carrying", name, str(number))
+        onset = simulate_outbreak(land, local, days, rng)
+        counts += np.bincount(onset.view(np.uint8).ravel(), minlength=256)
+    counts.flags.writeable = False
+    return counts
+
+
+def _of_classes(
+    parameters: EpidemicParameters,
+    shape: tuple[int, int],
+    hosts: int,
+    earlier: int,
+    later: int,
+    seed: int,
+    name: str,
+) -> Transition:
+    days = min(MAX_DAYS, -(-later // _DAYS_AT_ONCE) * _DAYS_AT_ONCE)
+    weights = _onsets(parameters, shape, hosts, days, seed, name)
+    before = np.asarray(value_table(parameters, earlier), np.float64)
+    after = np.asarray(value_table(parameters, later), np.float64)
+    means, variances = np.array(_CLASSES), np.zeros(len(_CLASSES))
+    for k, value in enumerate(_CLASSES):
+        part = np.where(before == value, weights, 0.0)
+        if part.sum() > 0.0:
+            means[k], variances[k] = _moments(part, after)
+    return Transition(np.array(_CLASSES), means, variances, _moments(weights, after)[1])
+
+
+def _moments(weights: _Floats, values: _Floats) -> tuple[float, float]:
+    mean = float(np.average(values, weights=weights))
+    return mean, float(np.average((values - mean) ** 2, weights=weights))
+
+
+@lru_cache(maxsize=256)
+def _humidity(parameters: SoilParameters, shape: tuple[int, int], day: int, seed: int, name: str) -> _Floats:
+    """Return simulated humidity on a day; the weather of equal seeds is the same up to every day."""
+    rngs = [stream(seed, "carrying", name, str(number)) for number in range(_WEATHERS)]
+    fields = simulate_coarse(parameters, shape, day, _SOIL_CELLS, rngs).ravel()
+    fields.flags.writeable = False
+    return fields
+
+
+def _of_humidity(
+    parameters: SoilParameters, shape: tuple[int, int], earlier: int, later: int, seed: int, name: str
+) -> Transition:
+    before, after = (_humidity(parameters, shape, day, seed, name) for day in (earlier, later))
+    spread = float(after.var())
+    if before.var() < 1e-12:
+        return Transition(np.array([0.0, 1.0]), np.full(2, after.mean()), np.full(2, spread), spread)
+    slope = float(np.mean((before - before.mean()) * (after - after.mean())) / before.var())
+    ends = np.array([0.0, 1.0])
+    means = np.clip(after.mean() + slope * (ends - before.mean()), 0.0, 1.0)
+    residual = float(np.var(after - after.mean() - slope * (before - before.mean())))
+    return Transition(ends, means, np.full(2, residual), spread)

@@ -1,0 +1,181 @@
+"""A ground station whose radio reaches only so far: what is seen beyond arrives later."""
+
+from collections import Counter
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from mission.outcome import Outcome
+from mission.policies.decision import GO_ON, Decision
+from mission.policies.policy import Asking, FixedPlan
+from mission.policies.situation import Event, Status
+from wbf_mission import Scenario, fly
+from wbf_mission.fleet import vehicles_of
+from wbf_mission.reach import SLOWER, SPARE_S, Reach
+from wbf_mission.scenario import ScenarioError
+from wbf_mission.sortie import SILENT_S
+
+ROWS = {
+    "farm": "miniberry-30",
+    "estimator": "point",
+    "planner": "lawnmower",
+    "budget": "60m",
+    "altitude_m": 3.0,
+}
+AUTOPILOTS = ("px4", "ardupilot")
+RANGES_M = (1.0, 4.0, 6.0)
+
+
+def test_reach_tells_how_long_a_plan_explains_silence():
+    reach = Reach(5.0, (0.0, 0.0), 3.0, 2.5, 2.0)
+    assert reach.radius_m == pytest.approx(4.0)
+    there = np.array([[20.0, 0.0], [0.0, 0.0]])
+
+    def seconds(length_m):
+        return pytest.approx(SLOWER * length_m / 2.0 + SPARE_S, abs=0.5)
+
+    # Out along x and well in again: 16 m there, 16.9 m back.
+    assert reach.absence_s((4.0, 0.0), there) == seconds(32.9)
+    # Inside first, out and in again, and the end of a path that does not come back.
+    assert reach.absence_s((0.0, 0.0), there) == seconds(36.9)
+    assert reach.absence_s((4.0, 0.0), there[:1]) == seconds(16.0)
+    # Heard well inside, with nothing to fly: it should be heard all the time.
+    assert reach.absence_s((1.0, 0.0), np.empty((0, 2))) == SPARE_S
+    assert Reach(2.0, (0.0, 0.0), 3.0, 2.0, 2.0).radius_m == 0.0
+    assert reach.is_near_border((0.0, 0.0), 8.0)
+    assert not Reach(50.0, (0.0, 0.0), 3.0, 2.0, 2.0).is_near_border((9.0, 0.0), 8.0)
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+@pytest.mark.parametrize("vehicles", [1, 2])
+def test_the_map_of_a_fixed_plan_is_the_same_in_the_end(autopilot, vehicles):
+    # Behind each other, or the first vehicle would start beyond the least range.
+    scenario = {**ROWS, "autopilot": autopilot, "vehicles": vehicles}
+    whole = fly(Scenario(**scenario))
+    for range_m in RANGES_M[vehicles - 1 :]:
+        limited = fly(Scenario(**scenario, radio_range_m=max(range_m, 4.5 * (vehicles - 1))))
+        assert limited.outcome is Outcome.COMPLETED, limited.reason
+        assert np.array_equal(limited.model.value, whole.model.value)
+        assert limited.final_score == whole.final_score
+        assert [one.camera.images for one in limited.flights] == [one.camera.images for one in whole.flights]
+        assert all(one.camera.lost == 0 for one in limited.flights)
+        assert [one.flight_time_s for one in limited.flights] == pytest.approx(
+            [one.flight_time_s for one in whole.flights], abs=0.5
+        )
+
+
+class Watching:
+    """Flies rows, and notes what is told every two seconds."""
+
+    asking = Asking(period_s=2.0)
+
+    def __init__(self):
+        self.plan = FixedPlan("lawnmower")
+        self.situations = []
+
+    def start(self):
+        self.situations = []
+        self.plan.start()
+
+    def decide(self, situation):
+        self.situations.append(situation)
+        return self.plan.decide(situation) if len(self.situations) == 1 else GO_ON
+
+
+def test_a_policy_knows_how_old_is_what_it_sees():
+    policy = Watching()
+    scenario = {key: value for key, value in ROWS.items() if key != "planner"}
+    result = fly(Scenario(**scenario, vehicles=2, radio_range_m=6.0), policy=policy)
+    assert result.outcome is Outcome.COMPLETED
+    # Only asked while somebody can be told something; then the other one may be silent.
+    reports = [one for situation in policy.situations for one in situation.vehicles]
+    silent = [one for one in reports if one.status is Status.SILENT]
+    assert silent and all(one.age_s > 2.0 and not one.steerable for one in silent)
+    heard = [one for one in reports if one.status is Status.FLYING]
+    assert heard and all(one.age_s <= 2.0 for one in heard)
+    assert Counter(one.status for one in reports)[Status.LOST] == 0
+
+
+def test_observations_come_when_it_is_in_range_again_and_not_before():
+    policy = Watching()
+    scenario = {key: value for key, value in ROWS.items() if key != "planner"}
+    result = fly(Scenario(**{**scenario, "budget": "120m"}, radio_range_m=6.0), policy=policy)
+    assert result.outcome is Outcome.COMPLETED
+    # Nobody is asked while nobody can be told: the questions, two seconds apart, have gaps.
+    gaps = [k for k, (a, b) in enumerate(pairwise(policy.situations)) if b.time_s - a.time_s > 4.0]
+    assert gaps
+    for k in gaps:
+        if k + 2 >= len(policy.situations):
+            continue
+        before, after = (policy.situations[i].observations.time_s for i in (k, k + 2))
+        since = (result.observations.time_s > before[-1]) & (result.observations.time_s <= after.max())
+        assert len(after) - len(before) == np.count_nonzero(since), "all that was seen meanwhile has come"
+
+
+class NearAndFar(Watching):
+    """The first vehicle stays near home for long, the second flies far out and back once."""
+
+    def decide(self, situation):
+        self.situations.append(situation)
+        if len(self.situations) > 1:
+            return GO_ON
+        near = [[0.5 + 3.0 * (k % 2), 0.5 + 0.04 * k] for k in range(50)]
+        return Decision({1: near, 2: [[8.5, 8.5], [8.5, 0.5], [0.5, 0.5]]})
+
+
+def test_a_vehicle_that_fails_beyond_the_range_is_lost_after_the_time_that_its_plan_explains():
+    policy = NearAndFar()
+    scenario = {key: value for key, value in ROWS.items() if key != "planner"}
+    fleet = Scenario(**{**scenario, "budget": "200m"}, vehicles=2, radio_range_m=7.0)
+    assert fly(fleet, policy=policy).outcome is Outcome.COMPLETED
+    reports = [(one.time_s, one.vehicle(2)) for one in policy.situations]
+    assert all(one.status is not Status.LOST for _, one in reports)
+    away_s = next(time_s for time_s, one in reports if one.status is Status.SILENT)
+    fly(fleet, policy=policy, faults=[f"motor-failure,vehicle=2,at=armed,from={away_s - 1.0}"])
+    assert policy.situations[-1].event is not Event.START
+    reports = [one.vehicle(2) for one in policy.situations]
+    silent = [one.age_s for one in reports if one.status is Status.SILENT]
+    lost = [one.age_s for one in reports if one.status is Status.LOST]
+    assert lost and SILENT_S < max(silent) < min(lost) < SILENT_S + 40.0
+    assert next(one for one in policy.situations if one.vehicle(2).status is Status.LOST).event is Event.LOST
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+@settings(max_examples=4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(range_m=st.floats(3.5, 14.0), vehicles=st.integers(1, 2), seed=st.integers(0, 99))
+def test_whatever_the_range_it_ends_at_home_within_its_battery(autopilot, range_m, vehicles, seed):
+    scenario = Scenario(
+        farm="miniberry-30",
+        estimator="point",
+        policy="greedy",
+        budget="70s",
+        altitude_m=3.0,
+        autopilot=autopilot,
+        vehicles=vehicles,
+        radio_range_m=max(range_m, 4.5 * (vehicles - 1)),
+        seed=seed,
+    )
+    result = fly(scenario)
+    for one, vehicle in zip(result.flights, vehicles_of(scenario), strict=True):
+        assert one.outcome is Outcome.COMPLETED, one.reason
+        end = one.track.x_m[-1], one.track.y_m[-1]
+        assert np.hypot(*np.subtract(end, vehicle.task.request.start_xy_m)) < 1.0
+        assert one.flight_time_s <= 70.0 * 1.15 and one.battery_used < 0.8
+        assert one.camera.lost == 0
+
+
+def test_the_papers_robot_does_not_come_home_and_is_given_up():
+    robot = {"farm": "miniberry-30", "vehicle": "ideal", "estimator": "point", "planner": "lawnmower"}
+    result = fly(Scenario(**robot, budget="100steps", radio_range_m=12.0))
+    assert result.outcome is Outcome.LINK_LOST and "beyond the radio's range" in result.reason
+    assert 0 < len(result.observations) < 100
+
+
+def test_a_vehicle_beyond_the_range_at_its_start_is_refused():
+    with pytest.raises(ScenarioError, match=r"radio range 3 m: vehicle 2 starts 4\.0 m .*give more than 4 m"):
+        fly(Scenario(**ROWS, vehicles=2, radio_range_m=3.0))
+    with pytest.raises(ScenarioError, match=r"radio range 0\.5 is out of range"):
+        Scenario(radio_range_m=0.5)

@@ -23,7 +23,7 @@ _GLOBAL_AND_MISSION = frozenset({0, 2, 3, 5, 6})
 
 @dataclass(frozen=True, slots=True)
 class NeededParameter:
-    """A parameter of a vehicle that has to have one of some values, or some bits set.
+    """A parameter of a vehicle that has to have one of some values, some bits set, or to be large enough.
 
     Parameters
     ----------
@@ -33,6 +33,7 @@ class NeededParameter:
     value : int
         The one that is set.
     bits : int
+    least : int
 
     Examples
     --------
@@ -47,12 +48,13 @@ class NeededParameter:
     good: frozenset[int] = frozenset()
     value: int = 0
     bits: int = 0
+    least: int = 0
 
     def wanted(self, value: int) -> int:
         """Return the value that it has to have; the present one if that is good."""
         if self.good:
             return value if value in self.good else self.value
-        return value | self.bits
+        return max(value | self.bits, self.least)
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,11 +272,12 @@ ARDUPILOT = Profile(
         mavlink.MAV_TYPE_FIXED_WING: (15, 10),
         mavlink.MAV_TYPE_GROUND_ROVER: (15, 10),
     },
-    # Return when the ground station is silent; but a mission goes on.
+    # Return when the ground station is silent for longer than a link may be dead; but a mission goes on.
     change_failsafe=dict.fromkeys(
         _COPTERS,
         (
             NeededParameter("FS_GCS_ENABLE", good=frozenset({1, 2, 3, 6}), value=1),
+            NeededParameter("FS_GCS_TIMEOUT", least=90),
             NeededParameter("FS_OPTIONS", bits=2),
         ),
     ),

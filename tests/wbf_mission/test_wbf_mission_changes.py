@@ -334,6 +334,7 @@ def test_an_arducopter_gets_a_failsafe_before_it_leaves_its_mission():
     assert [one.outcome for one in flight.station.changes] == [ChangeOutcome.DONE]
     parameters = flight.vehicle.pilot.parameters
     assert parameters.link_action == 1 and parameters.failsafe_options == 16 | 2
+    assert parameters.link_timeout_s == 90.0
     # What brings it home already is left as it is.
     flight = Flight("ardupilot", other_path(NEW), at_item(5))
     flight.vehicle.pilot.parameters.link_action = 3

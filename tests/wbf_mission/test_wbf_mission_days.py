@@ -70,7 +70,9 @@ def test_what_is_believed_is_scored_at_the_beginning_of_each_later_day(result: R
         first = history.days.index(day)
         before = result.observations[: history.observations[first]]
         assert set(before.day.tolist()) == set(range(5, day))
-        model = make_estimator("adaptive-disk").fit(grid, before).predict()
+        estimator = make_estimator("adaptive-disk").fit(grid, before)
+        advance_estimator(estimator, day)
+        model = estimator.predict()
         score = RunningScore(environment.values(day), PAPER_FIELDS.masks(grid))
         assert history.entries[first] == score.evaluate(model)
     assert result.score == np.mean(history.scores)

@@ -385,12 +385,14 @@ class AsideChange(ChangeSession):
             return self._resume(now_s) if near or self._is_far else []
         # A list that will be whole before the target is there needs no further waypoint.
         in_time = self._whole_s - now_s < distance / max(speed, 0.5) and distance > _LATE_M
-        if not self._has_target() or in_time or distance >= max(_CHAIN_M, _CHAIN_S * speed):
+        # The order is a round trip late: what is told is old, and it takes as long to arrive.
+        ahead = max(_CHAIN_M, _CHAIN_S * speed) + speed * (self._round_trip.seconds or 0.0)
+        if not self._has_target() or in_time or distance >= ahead:
             return []
         items, following = self._plan.items, next_flown_to(self._plan.items, self._leg)
         if following == self._leg or items[following].command != Command.NAV_WAYPOINT:
             return []
-        self._leg, self._is_far = following, True
+        self._leg = following
         return self._fly_to(now_s)
 
     def _distance(self) -> float:

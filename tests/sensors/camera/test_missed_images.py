@@ -14,7 +14,17 @@ FIELDS = ("tylcv", "ccr", "soil")
 def image(index, boot_ms):
     latitude, longitude = FARM.frame.to_wgs84(1.0, 1.0)
     return m.MAVLink_camera_image_captured_message(
-        boot_ms, 0, 0, round(latitude * 1e7), round(longitude * 1e7), 0, 0, (1.0, 0.0, 0.0, 0.0), index, 1, b""
+        boot_ms,
+        0,
+        0,
+        round(latitude * 1e7),
+        round(longitude * 1e7),
+        0,
+        0,
+        (1.0, 0.0, 0.0, 0.0),
+        index,
+        1,
+        b"",
     )
 
 

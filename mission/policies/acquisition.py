@@ -151,12 +151,13 @@ def _weighted(situation: Situation, of_field: Callable[[int, Field], NDArray[np.
     for k, field in enumerate(situation.fields):
         weight = situation.weights.field[k]
         if weight > 0.0:
-            total += _mask(field, grid) * (np.float32(weight) * of_field(k, field))
+            total += scored_cells(field, grid) * (np.float32(weight) * of_field(k, field))
     return total
 
 
 @lru_cache(maxsize=16)
-def _mask(field: Field, grid: FarmGrid) -> NDArray[np.bool_]:
+def scored_cells(field: Field, grid: FarmGrid) -> NDArray[np.bool_]:
+    """Return where a field is scored, bool[W, H]; not to be changed."""
     return field.mask(grid)
 
 

@@ -1,177 +1,222 @@
-"""The refining lawnmower: coarse rows over everything, then fine ones where sick plants showed."""
+"""The refining lawnmower: coarse rows, left for what lies about a sick plant as soon as it is found."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from mission.errors import PlanningError
 from mission.planners import Budget, make_planner
-from mission.planners.inside_routing import TOLERANCE_M
-from mission.planners.path import Points, path_length
+from mission.planners.inside_routing import Terrain
+from mission.planners.partition import STRIPS
+from mission.planners.path import Area, Points, path_length
 from mission.policies.decision import GO_ON, Decision
+from mission.policies.detour import detour
 from mission.policies.policy import LEAST_S, Asking
+from mission.policies.rolling_horizon import RollingHorizon
+from mission.policies.sharing import shared
 from mission.policies.situation import Event, Situation, VehicleReport
 from mission.policies.steering import affordable
 
-_SICK_BELOW = 0.75
-_EVERY = 4
 _RENEW_CELLS = 6.0
-_PATCHES_AT_ONCE = 3
 _NOTHING: Points = np.empty((0, 2))
 
 
-class RefiningLawnmower:
-    """Fly a planner's rows with a part of the budget, then rows close to each other about the sick plants.
-
-    Sick plants near each other make a patch. The patches are flown the most promising first: sick plants
-    seen there by the weight of their disease, for the length of the way there and of its rows. It works with
-    any estimator, as only the observations count.
+@dataclass(slots=True)
+class _Rows:
+    """What is left of a vehicle's coarse rows.
 
     Parameters
     ----------
-    planner : str
-        Of the coarse rows.
+    rest : float64[n, 2]
+        The points that are still to be reached, metres.
+    begin : float64[2]
+        Where the rows were left, or begin.
+    """
+
+    rest: Points
+    begin: NDArray[np.float64]
+
+    def resumed(self, from_m: NDArray[np.float64]) -> Points:
+        """Return the points of the rows for a vehicle that comes back to them from a place."""
+        if not len(self.rest):
+            return self.rest
+        leg = self.rest[0] - self.begin
+        length = float(leg @ leg)
+        part = float(np.clip((from_m - self.begin) @ leg / length, 0.0, 1.0)) if length > 0.0 else 0.0
+        return np.vstack((self.begin + part * leg, self.rest))
+
+
+class RefiningLawnmower:
+    """Fly coarse rows; where a sick plant is seen, leave them until all plants beside sick ones are known.
+
+    The land of the crop whose disease weighs most is flown first, in rows as close as the budget allows, but
+    not closer than outbreaks are wide; what is left of the budget goes to the rows of the next crop. When the
+    rows are done, `mission.policies.rolling_horizon.RollingHorizon` flies what is left of it. Until then the
+    observations alone count, so that it works with any estimator. Several vehicles get a strip of the land
+    each.
+
+    Parameters
+    ----------
     coarse : float
-        Part of the budget for them.
-    margin : float
-        How far the fine rows go beyond the sick plants, cells.
-    spacing : float
-        Distance of the fine rows, cells.
-    link : int
-        Sick plants at most so far apart along each axis are one patch, cells.
+        Part of the budget for the rows.
+    gap, later_gap : float
+        Least distance of the rows on the land that is flown first, and on that of other crops, cells.
+    least_rate : float
+        Plants beside sick ones a cell of flight below which no detour is made.
+    every : int
+        Look for a detour after so many observations.
+
+    Raises
+    ------
+    PlanningError
+        If a parameter is out of its range.
     """
 
     def __init__(
         self,
-        planner: str = "adaptive-lawnmower",
-        coarse: float = 0.5,
-        margin: float = 2.0,
-        spacing: float = 1.0,
-        link: int = 4,
+        coarse: float = 0.9,
+        gap: float = 5.0,
+        later_gap: float = 3.0,
+        least_rate: float = 0.2,
+        every: int = 2,
     ) -> None:
-        if not 0.0 < coarse < 1.0:
-            msg = f"refining-lawnmower: coarse must be between 0 and 1, not {coarse!r}"
+        if not 0.0 < coarse <= 1.0:
+            msg = f"refining-lawnmower: coarse must be above 0 and at most 1, not {coarse!r}"
             raise PlanningError(msg)
-        self._planner = planner
+        if not min(gap, later_gap) > 0.0:
+            msg = f"refining-lawnmower: gap and later_gap must be above 0, not {gap!r} and {later_gap!r}"
+            raise PlanningError(msg)
         self._coarse = float(coarse)
-        self._margin, self._spacing = float(margin), float(spacing)
-        self._link = int(link)
+        self._gaps = float(gap), float(later_gap)
+        self._least_rate = float(least_rate)
+        self._every = int(every)
+        self._after = RollingHorizon()
+        self._rows: dict[int, _Rows] = {}
+        self._away: set[int] = set()
+        self._terrains: dict[int, Terrain] = {}
 
     @property
     def asking(self) -> Asking:
-        """After some observations: a path is renewed before it ends."""
-        return Asking(observations=_EVERY, least_s=LEAST_S)
+        """After some observations."""
+        return Asking(observations=self._every, least_s=LEAST_S)
 
     def start(self) -> None:
-        """Nothing is remembered."""
+        """Forget the run before."""
+        self._rows, self._away = {}, set()
+        self._after.start()
 
     def decide(self, situation: Situation) -> Decision:
-        """Give coarse rows at the start, and fine ones when a vehicle's path is nearly flown."""
+        """Give rows at the start; then detours, the way back to the rows, and routes when these are flown."""
         if situation.event is Event.START:
-            return Decision(
-                {one.system_id: self._rows(one, self._coarse) for one in situation.steerable}, reason="coarse"
-            )
+            return self._begin(situation)
         paths: dict[int, Points] = {}
-        taken = np.zeros(situation.model.shape, np.bool_)
+        done: list[int] = []
         for vehicle in situation.steerable:
-            if not self._nearly_flown(vehicle, situation.farm.cell_size_m):
+            rows = self._rows.get(vehicle.system_id)
+            if rows is None:
+                done.append(vehicle.system_id)
                 continue
-            points = self._fine_rows(vehicle, situation, taken)
-            if not len(points):
-                points = self._more_rows(vehicle)
-            points = affordable(vehicle, points)
-            if len(points):
-                paths[vehicle.system_id] = points
-        return Decision(paths, reason="fine rows") if paths else GO_ON
+            path = self._path(vehicle, rows, situation, paths)
+            if path is None and _nearly_flown(vehicle, situation.farm.cell_size_m):
+                del self._rows[vehicle.system_id]
+                done.append(vehicle.system_id)
+            elif path is not None:
+                paths[vehicle.system_id] = path
+        if done:
+            paths |= self._route(situation, done)
+        return Decision(paths, reason="plants beside sick ones" if self._away else "rows") if paths else GO_ON
 
-    def _rows(self, vehicle: VehicleReport, part: float) -> Points:
-        """Plan coarse rows for a part of the budget; for all of it if the part is too small."""
-        budget = vehicle.request.budget
-        planner = make_planner(self._planner)
-        try:
-            return planner(replace(vehicle.request, budget=_PartOf(budget, part * budget.limit))).points_m
-        except PlanningError:
-            return planner(vehicle.request).points_m
+    def _begin(self, situation: Situation) -> Decision:
+        vehicles = situation.steerable
+        if not vehicles:
+            return GO_ON
+        parts = shared(vehicles, STRIPS)
+        self._rows, self._away = {}, set()
+        for one in vehicles:
+            self._terrains[one.system_id] = Terrain(one.request.area, one.request.footprint_m)
+            points = affordable(one, self._plan(one, parts[one.system_id], situation))
+            self._rows[one.system_id] = _Rows(points, np.asarray(one.position_m))
+        return Decision({system_id: rows.rest for system_id, rows in self._rows.items()}, reason="rows")
 
-    def _more_rows(self, vehicle: VehicleReport) -> Points:
-        """Plan rows from where the vehicle is with what is left; none if that is too little for them."""
-        if vehicle.left <= 0.0:
-            return _NOTHING
-        request = replace(
-            vehicle.request,
-            start_xy_m=vehicle.position_m,
-            budget=_PartOf(vehicle.request.budget, vehicle.left),
-        )
-        try:
-            return make_planner(self._planner)(request).points_m
-        except PlanningError:
-            return _NOTHING
+    def _plan(self, vehicle: VehicleReport, part: Area, situation: Situation) -> Points:
+        """Return the rows of one land after the other, as long as the budget for rows lasts."""
+        request, cell_m = vehicle.request, situation.farm.cell_size_m
+        points, here = _NOTHING, vehicle.position_m
+        for number, land in enumerate(self._lands(vehicle, part, situation)):
+            spent = vehicle.fares.rest([points])[0] if len(points) else 0.0
+            left = self._coarse * vehicle.left - spent
+            if left <= 0.0:
+                break
+            gap_m = max(self._gaps[min(number, 1)] * cell_m, request.footprint_m)
+            planner = make_planner("lawnmower", min_spacing_m=gap_m)
+            budget = _PartOf(request.budget, left)
+            task = replace(request, area=land, start_xy_m=here, budget=budget, crop_areas=())
+            try:
+                more = planner(task).points_m
+            except PlanningError:
+                continue
+            more = self._terrains[vehicle.system_id].join([more], here)
+            points = np.vstack((points, more))
+            here = (float(points[-1, 0]), float(points[-1, 1]))
+        if len(points):
+            return points
+        return make_planner("lawnmower")(replace(request, area=part)).points_m
 
     @staticmethod
-    def _nearly_flown(vehicle: VehicleReport, cell_m: float) -> bool:
-        path = np.vstack((np.asarray(vehicle.position_m)[None], vehicle.rest_m))
-        return path_length(path) <= _RENEW_CELLS * cell_m
+    def _lands(vehicle: VehicleReport, part: Area, situation: Situation) -> list[Area]:
+        """Return the land of the crops in a part of the area, that of the weightiest disease first."""
+        fields, weights = situation.fields, situation.weights.field
+        worth = {
+            crop: max(
+                weights[k] for k, one in enumerate(fields) if one.kind == "disease" and crop in one.crops
+            )
+            for crop in {crop for one in fields.diseases for crop in one.crops}
+        }
+        grown = [one for one in vehicle.request.crop_areas if worth.get(one.crop.name.lower(), 0.0) > 0.0]
+        grown.sort(key=lambda one: -worth[one.crop.name.lower()])
+        lands = []
+        for one in grown:
+            pieces = shapely.get_parts(shapely.intersection(one.area, part))
+            polygons = [piece for piece in pieces if isinstance(piece, shapely.Polygon)]
+            if polygons:
+                lands.append(polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons))
+        return lands or [part]
 
-    def _fine_rows(self, vehicle: VehicleReport, situation: Situation, taken: NDArray[np.bool_]) -> Points:
-        """Return rows over the patches, the best next one after the other; marks their cells as taken."""
-        worth = self._beside_sick(situation)
-        worth[taken] = 0.0
-        cell_m = situation.farm.cell_size_m
-        boxes = self._patches(worth)
-        here = np.asarray(vehicle.position_m) / cell_m
-        rows: list[NDArray[np.float64]] = []
-        for _ in range(_PATCHES_AT_ONCE):
-            best: tuple[float, int, NDArray[np.float64]] | None = None
-            for number, box in enumerate(boxes):
-                path = _rows_of(box, here, self._spacing)
-                length = path_length(np.vstack((here[None], path)))
-                rate = float(worth[box].sum()) / max(length, 1.0)
-                if best is None or rate > best[0]:
-                    best = (rate, number, path)
-            if best is None:
-                break
-            taken[boxes.pop(best[1])] = True
-            rows.append(best[2])
-            here = best[2][-1]
-        if not rows:
-            return _NOTHING
-        points: Points = np.concatenate(rows) * cell_m
-        inside = shapely.covers(shapely.buffer(vehicle.request.area, TOLERANCE_M), shapely.points(points))
-        kept: Points = points[inside]
-        return kept
+    def _path(
+        self, vehicle: VehicleReport, rows: _Rows, situation: Situation, new: dict[int, Points]
+    ) -> Points | None:
+        """Return a vehicle's new path while it has rows, and note where it is on them; None to go on."""
+        here = np.asarray(vehicle.position_m)
+        if len(vehicle.rest_m) <= len(rows.rest):
+            rows.rest, rows.begin = vehicle.rest_m, here
+            self._away.discard(vehicle.system_id)
+        promised = [
+            np.vstack((np.asarray(other.position_m), new.get(other.system_id, other.rest_m)))
+            for other in situation.vehicles
+            if other.system_id != vehicle.system_id and other.system_id in self._away
+        ]
+        route = detour(vehicle, situation, promised, self._least_rate)
+        if len(route):
+            self._away.add(vehicle.system_id)
+            return affordable(vehicle, self._joined(vehicle, [route, rows.resumed(route[-1])]))
+        if vehicle.system_id not in self._away:
+            return None
+        self._away.discard(vehicle.system_id)
+        return affordable(vehicle, self._joined(vehicle, [rows.resumed(here)]))
 
-    def _beside_sick(self, situation: Situation) -> NDArray[np.float64]:
-        """Return the weight of plants not observed within the margin of a sick one, float64[W, H]."""
-        seen, grid = situation.observations, situation.farm.grid()
-        seen = seen[seen.day == situation.day]
-        worth = np.zeros(grid.shape)
-        reach = math.ceil(self._margin)
-        axis = np.arange(-reach, reach + 1)
-        disk = axis[:, None] ** 2 + axis[None, :] ** 2 <= self._margin**2
-        for k, field in enumerate(situation.fields):
-            if field.kind != "disease":
-                continue
-            sick = np.zeros(grid.shape, np.bool_)
-            unknown = field.mask(grid)
-            known = seen[seen.sensed[:, k]]
-            unknown[known.x, known.y] = False
-            found = known[known.values[:, k] < _SICK_BELOW]
-            sick[found.x, found.y] = True
-            near = ndimage.binary_dilation(sick, disk)
-            worth += situation.weights.field[k] * (near & unknown)
-        return worth
+    def _joined(self, vehicle: VehicleReport, pieces: list[Points]) -> Points:
+        """Join pieces of a path, so that it stays in the area."""
+        kept = [piece for piece in pieces if len(piece)]
+        return self._terrains[vehicle.system_id].join(kept, vehicle.position_m) if kept else _NOTHING
 
-    def _patches(self, worth: NDArray[np.float64]) -> list[tuple[slice, slice]]:
-        """Return the boxes of the patches of cells that are worth something."""
-        near = ndimage.maximum_filter(worth > 0.0, size=self._link)
-        labels, _ = ndimage.label(near, structure=np.ones((3, 3)))
-        return [(box[0], box[1]) for box in ndimage.find_objects(np.where(worth > 0.0, labels, 0)) if box]
+    def _route(self, situation: Situation, done: list[int]) -> dict[int, Points]:
+        """Return routes of the vehicles whose rows are flown."""
+        found = self._after.decide(situation).paths
+        return {system_id: found[system_id] for system_id in done if system_id in found}
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,34 +234,6 @@ class _PartOf:
         return self.whole.cost(path_xy_m)
 
 
-def _rows_of(box: tuple[slice, slice], here: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
-    """Return rows to and fro over a box of cells, along its longer side, from the corner nearest to a place.
-
-    Parameters
-    ----------
-    box : tuple of slice
-        Cells.
-    here : float64[2]
-        The place, in cells.
-    spacing : float
-        Largest distance of rows, cells.
-
-    Returns
-    -------
-    float64[2 rows, 2]
-    """
-    low = np.array([side.start + 0.5 for side in box])
-    high = np.array([side.stop - 0.5 for side in box])
-    along = int(np.argmax(high - low))
-    across = 1 - along
-    count = math.ceil((high[across] - low[across]) / spacing - 1e-9) + 1
-    heights = np.linspace(low[across], high[across], count)
-    if abs(here[across] - high[across]) < abs(here[across] - low[across]):
-        heights = heights[::-1]
-    ends = np.array([low[along], high[along]])
-    if abs(here[along] - ends[1]) < abs(here[along] - ends[0]):
-        ends = ends[::-1]
-    path = np.empty((2 * count, 2))
-    path[:, across] = np.repeat(heights, 2)
-    path[:, along] = np.resize(np.concatenate((ends, ends[::-1])), 2 * count)
-    return path
+def _nearly_flown(vehicle: VehicleReport, cell_m: float) -> bool:
+    path = np.vstack((np.asarray(vehicle.position_m)[None], vehicle.rest_m))
+    return path_length(path) <= _RENEW_CELLS * cell_m

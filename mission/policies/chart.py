@@ -67,9 +67,13 @@ class Chart:
         if self.block == 1:
             return np.where(self.free, worth, np.float32(0.0)).astype(np.float32)
         width, height = self.free.shape
-        padded = np.zeros((width * self.block, height * self.block), np.float32)
-        padded[: worth.shape[0], : worth.shape[1]] = worth
-        sums = padded.reshape(width, self.block, height, self.block).sum(axis=(1, 3), dtype=np.float32)
+        sums = np.empty((width, height), np.float32)
+        column = np.zeros((self.block, height * self.block), np.float32)
+        for number in range(width):
+            part = worth[number * self.block : (number + 1) * self.block]
+            column[: len(part), : part.shape[1]] = part
+            column[len(part) :] = 0.0
+            sums[number] = column.reshape(self.block, height, self.block).sum(axis=(0, 2), dtype=np.float32)
         return np.where(self.free, sums, np.float32(0.0)).astype(np.float32)
 
     def shares(self, fine: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -20,6 +20,8 @@ PAPER_STEPS_PER_CELL = 0.4  # timesteps of a day for each of the owner's cells (
 
 Paths = Sequence[NDArray[np.float64]]
 
+_MOST_KNOWN = 2000
+
 
 @dataclass(frozen=True, slots=True)
 class FlightBudget:
@@ -70,9 +72,19 @@ def flight_budget(limit: float, unit: str, builder: MissionBuilder) -> FlightBud
         points = np.asarray(path_xy_m, dtype=np.float64).reshape(-1, 2)
         return builder.mission(PlannedPath(points[1:] if len(points) > 1 else points, None, "candidate"))
 
+    # The flights of many days are planned one after the other, mostly with the same candidates.
+    known: dict[bytes, float] = {}
+
     def price(paths_xy_m: Paths) -> list[float]:
-        predictions = builder.predict_all([mission_of(path) for path in paths_xy_m])
-        return [price_of(prediction) for prediction in predictions]
+        keys = [np.asarray(path, dtype=np.float64).tobytes() for path in paths_xy_m]
+        new = {key: path for key, path in zip(keys, paths_xy_m, strict=True) if key not in known}
+        costs = {key: known[key] for key in keys if key in known}
+        predictions = builder.predict_all([mission_of(path) for path in new.values()]) if new else []
+        costs |= zip(new, map(price_of, predictions), strict=True)
+        if len(known) + len(new) > _MOST_KNOWN:
+            known.clear()
+        known.update(costs)
+        return [costs[key] for key in keys]
 
     def price_of(prediction: Prediction) -> float:
         spent = prediction.duration_s if unit == "s" else prediction.energy_wh

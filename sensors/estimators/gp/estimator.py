@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
@@ -177,6 +177,7 @@ class GaussianProcessEstimator(BaseEstimator):
         self.kernels_ = [self.kernel] * len(self.fields)
         self._learned_day: int | None = None
         self._own: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
+        self._losses: NDArray[np.float32] | None = None
         self._revision = -1
 
     def _learn(self, observations: Observations) -> None:
@@ -226,10 +227,14 @@ class GaussianProcessEstimator(BaseEstimator):
         changed = np.zeros((len(self.fields), *tile_shape(shape)), np.bool_)
         for k, process in enumerate(self._fields):
             changed[k] = process.write_changes(self._own[0][k], self._own[1][k], clip=self.clip)
-        return self._model(*self._views(self._own), None if first else changed)
+        return self._model(*self._views(self._own), None if first else changed, self._loss_of)
 
     def _model(
-        self, value: _Values, uncertainty: _Values, changed: NDArray[np.bool_] | None
+        self,
+        value: _Values,
+        uncertainty: _Values,
+        changed: NDArray[np.bool_] | None,
+        loss_of: Callable[[_Values], _Values] | None = None,
     ) -> InformationModel:
         weights = ScoreWeights.of(self.fields)
         return InformationModel(
@@ -238,8 +243,16 @@ class GaussianProcessEstimator(BaseEstimator):
             changed,
             self._revision,
             self.fields.names,
-            loss_map=lambda: loss_of_deviation(uncertainty, weights),
+            loss_map=lambda: (
+                loss_of_deviation(uncertainty, weights) if loss_of is None else loss_of(uncertainty)
+            ),
         )
+
+    def _loss_of(self, uncertainty: _Values) -> _Values:
+        """Return the expected loss of a large farm, in an array that is made once."""
+        if self._losses is None:
+            self._losses = np.empty_like(uncertainty)
+        return loss_of_deviation(uncertainty, ScoreWeights.of(self.fields), self._losses)
 
     def _views(self, own: tuple[_Values, _Values]) -> tuple[_Values, _Values]:
         """Return the caller's read-only views, the very same ones every time."""

@@ -79,9 +79,9 @@ class RefiningLawnmower:
     def __init__(
         self,
         coarse: float = 0.9,
-        gap: float = 5.0,
-        later_gap: float = 3.0,
-        least_rate: float = 0.2,
+        gap: float = 6.0,
+        later_gap: float = 3.5,
+        least_rate: float = 0.35,
         every: int = 2,
     ) -> None:
         if not 0.0 < coarse <= 1.0:
@@ -152,9 +152,12 @@ class RefiningLawnmower:
             if left <= 0.0:
                 break
             gap_m = max(self._gaps[min(number, 1)] * cell_m, request.footprint_m)
-            planner = make_planner("lawnmower", min_spacing_m=gap_m)
+            planner = make_planner("lawnmower")
             budget = _PartOf(request.budget, left)
-            task = replace(request, area=land, start_xy_m=here, budget=budget, crop_areas=())
+            # Rows that each see a strip as wide as the gap, half of it from the border.
+            task = replace(
+                request, area=land, start_xy_m=here, budget=budget, crop_areas=(), footprint_m=gap_m
+            )
             try:
                 more = planner(task).points_m
             except PlanningError:

@@ -49,12 +49,12 @@ def main() -> None:
     parser.add_argument("--estimator", default="epidemic")
     parser.add_argument("--planner", default="lawnmower")
     parser.add_argument("--policy", default="greedy")
-    parser.add_argument("--most", type=int, default=MOST, help="how many robots at most")
+    parser.add_argument("--robots", type=int, nargs="*", default=list(range(1, MOST + 1)), help="how many")
     options = parser.parse_args()
     seeds = range(FIRST_SEED, FIRST_SEED + options.environments)
     who = {"planner": options.planner, "policy": options.policy}
     print(f"{'robots':>6} {'steps each':>10}" + "".join(f"{name:>26}" for name in who.values()))
-    for count in range(1, options.most + 1):
+    for count in options.robots:
         steps = options.steps // count if options.shared else options.steps
         begin = time.perf_counter()
         found = [

@@ -50,7 +50,12 @@ def exit_code_of(error: Exception) -> ExitCode:
     <ExitCode.BAD_INPUT: 2>
     """
     from mission.errors import LinkLostError, NoPeerError, TransferError
+    from wbf_mission.live.errors import VehicleRefusedError, VehicleSilentError
 
+    if isinstance(error, VehicleRefusedError):
+        return ExitCode.REFUSED
+    if isinstance(error, VehicleSilentError):
+        return ExitCode.LINK_LOST
     if isinstance(error, NoPeerError):
         return ExitCode.NO_VEHICLE
     if isinstance(error, LinkLostError):

@@ -104,6 +104,7 @@ def set_custom_mode(vehicle: CommandedVehicle, number: int) -> None:
         msg = f"Mode refused: unknown number {number}"
         raise RefusedError(msg, denied=True)
     vehicle.pilot.set_mode(mode)
+    vehicle.state.name_mode(number)
 
 
 def _available_modes(persona: Persona, index: int) -> tuple[Message, ...]:

@@ -73,7 +73,7 @@ def _heartbeat(source: WireState) -> Message:
         persona.identity.mav_type,
         persona.identity.mav_autopilot,
         base_mode(pilot.mode, pilot.armed),
-        persona.modes[pilot.mode],
+        source.custom_mode,
         status,
         3,
     )
@@ -279,8 +279,7 @@ def _gps_global_origin(source: WireState) -> Message:
 
 
 def _current_mode(source: WireState) -> Message:
-    number = source.firmware.persona.modes[source.pilot.mode]
-    return m.MAVLink_current_mode_message(0, number, number)
+    return m.MAVLink_current_mode_message(0, source.custom_mode, source.custom_mode)
 
 
 BUILDERS: dict[int, Callable[[WireState], Message]] = {

@@ -331,7 +331,7 @@ class SimVehicle:
         for notice in pilot.notices():
             self._outbox += self._texts.messages(notice.severity, notice.text)
         shown = (
-            (pilot.mode, pilot.armed),
+            (self.state.custom_mode, pilot.armed),
             pilot.landed,
             (pilot.mission.current_seq, pilot.mission_state, pilot.mission.size),
         )

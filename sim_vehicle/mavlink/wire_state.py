@@ -9,6 +9,7 @@ from sim_vehicle.airframe.sensor_errors import NavigationErrors, Sensed, SensorN
 
 if TYPE_CHECKING:
     from sim_vehicle.autopilot.autopilot import Firmware
+    from sim_vehicle.autopilot.modes import Mode
     from sim_vehicle.pilot.pilot import Pilot
 
 __all__ = ["WireState"]
@@ -75,6 +76,19 @@ class WireState:
         self._epoch_us = self.unix_us
         self._boot_us = 0
         self._unknown_until_us = 0
+        self._asked: tuple[Mode, int] | None = None
+
+    def name_mode(self, number: int) -> None:
+        """Note the number by which the mode was asked for: several are flown alike, as BRAKE and LOITER."""
+        self._asked = (self.pilot.mode, number)
+
+    @property
+    def custom_mode(self) -> int:
+        """The number of the flight mode that peers are told."""
+        mode = self.pilot.mode
+        if self._asked is not None and self._asked[0] is not mode:
+            self._asked = None
+        return self.firmware.persona.modes[mode] if self._asked is None else self._asked[1]
 
     def forget_item(self, until_s: float) -> None:
         """Tell no item in MISSION_CURRENT until a time."""

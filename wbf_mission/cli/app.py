@@ -13,7 +13,19 @@ import typer
 
 from geo.errors import WbfMissionError
 from geo.texts import printable
-from wbf_mission.cli import benchmark, check, farm, fly, plan, signals, sim, transfer, vehicle, warm_up
+from wbf_mission.cli import (
+    benchmark,
+    check,
+    farm,
+    fly,
+    operate,
+    plan,
+    signals,
+    sim,
+    transfer,
+    vehicle,
+    warm_up,
+)
 from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.output import StdoutError, to_stdout
 from wbf_mission.exit_codes import ExitCode, exit_code_of
@@ -40,6 +52,8 @@ app.command("sim", cls=HelpCommand, epilog=sim.EXAMPLES)(sim.sim_command)
 app.command("check", cls=HelpCommand, epilog=check.EXAMPLES)(check.check_command)
 app.command("upload", cls=HelpCommand, epilog=transfer.UPLOAD_EXAMPLES)(transfer.upload_command)
 app.command("download", cls=HelpCommand, epilog=transfer.DOWNLOAD_EXAMPLES)(transfer.download_command)
+app.command("monitor", cls=HelpCommand, epilog=operate.MONITOR_EXAMPLES)(operate.monitor_command)
+app.command("command", cls=HelpCommand, epilog=operate.COMMAND_EXAMPLES)(operate.command_command)
 app.add_typer(farm.app, name="farm")
 app.add_typer(vehicle.app, name="vehicle")
 app.command("warm-up", cls=HelpCommand, epilog=warm_up.EXAMPLES)(warm_up.warm_up_command)

@@ -21,6 +21,7 @@ __all__ = [
     "arming_mode",
     "is_in_mission",
     "maneuver_command",
+    "maneuver_modes",
     "mode_name",
     "mode_named",
 ]
@@ -129,6 +130,19 @@ def maneuver_command(kind: Maneuver, autopilot: int, vehicle_type: int) -> tuple
     else:
         return int(m.MAV_CMD_DO_PAUSE_CONTINUE), (0.0,)
     return int(m.MAV_CMD_DO_SET_MODE), (mode.base, mode.main, mode.sub)
+
+
+def maneuver_modes(kind: Maneuver, autopilot: int, vehicle_type: int) -> frozenset[str]:
+    """Return the names of the modes that show that a maneuver is flown; none where they are not known."""
+    if autopilot not in (m.MAV_AUTOPILOT_PX4, m.MAV_AUTOPILOT_ARDUPILOTMEGA):
+        return frozenset()
+    if kind is Maneuver.RETURN:
+        return frozenset({"RTL", "SMART_RTL"})
+    if kind is Maneuver.LAND:
+        return frozenset({"LAND"})
+    if autopilot == m.MAV_AUTOPILOT_PX4:
+        return frozenset({_PX4_HOLD})
+    return frozenset({_ARDUPILOT_HOLD.get(vehicle_type, _COPTER_HOLD)})
 
 
 def is_in_mission(autopilot: int, vehicle_type: int, base_mode: int, custom_mode: int) -> bool:

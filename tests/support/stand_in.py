@@ -1,0 +1,31 @@
+"""Our simulator in the place of a real vehicle: over real sockets, in a thread of its own."""
+
+import contextlib
+import threading
+
+from sim_vehicle.host.server import Server
+from wbf_mission.scenario import Scenario
+from wbf_mission.simulator import make_components
+
+LONG_S = 120.0  # a limit against hanging, not a measure
+
+
+def scenario(**more):
+    given = {"farm": "miniberry-10", "planner": "lawnmower", "budget": "60s", "estimator": "point"}
+    if "policy" in more:
+        del given["planner"]
+    return Scenario(**{**given, **more})
+
+
+@contextlib.contextmanager
+def stand_in(autopilot="px4", *, camera=False, speed=6.0, system_faults=(), **more):
+    """Serve a simulated vehicle over TCP from another thread; yields its address and the vehicle."""
+    made = make_components(scenario(autopilot=autopilot, **more), with_camera=camera)
+    with Server(made.components, ["tcpin:127.0.0.1:0"], speed=speed, faults=system_faults) as server:
+        thread = threading.Thread(target=server.run, daemon=True)
+        thread.start()
+        try:
+            yield server.urls[0].replace("tcpin", "tcp"), made
+        finally:
+            server.stop()
+            thread.join(LONG_S)

@@ -1,0 +1,118 @@
+"""``wbf-mission monitor`` and ``wbf-mission command``, against our simulator over real sockets."""
+
+import json
+
+import pytest
+from stand_in import stand_in
+
+from mission.outcome import Outcome
+from wbf_mission.cli.app import main
+from wbf_mission.ground.link import upload
+from wbf_mission.live.commanding import OrderError, Wish
+from wbf_mission.planning import plan
+from wbf_mission.scenario import Scenario
+
+FAST = 8.0
+
+
+def command(capsys, url, *words, code=0):
+    assert main(["command", url, *words, "--json", "-q"]) == code
+    out, err = capsys.readouterr()
+    return json.loads(out) if code == 0 else err.strip()
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_orders_are_confirmed_by_what_the_vehicle_shows(autopilot, capsys):
+    rows = Scenario(farm="miniberry-10", planner="lawnmower", budget="60s", autopilot=autopilot)
+    guided = {"px4": "HOLD", "ardupilot": "GUIDED"}[autopilot]
+    shown = {"px4": ("LOITER", "MISSION", "LOITER"), "ardupilot": ("GUIDED", "AUTO", "BRAKE")}[autopilot]
+    with stand_in(autopilot, speed=FAST) as (url, made):
+        assert (
+            command(capsys, url, "takeoff", "8", code=2)
+            == "error: takeoff: the motors stand still; arm first"
+        )
+        upload(plan(rows).mission, url)
+        assert command(capsys, url, "mode", guided)["mode"] == shown[0]
+        assert not made.vehicle.pilot.armed
+        command(capsys, url, "arm")
+        assert made.vehicle.pilot.armed
+        command(capsys, url, "takeoff", "8")
+        assert command(capsys, url, "mission")["mode"] == shown[1]
+        command(capsys, url, "set-item", "3")
+        assert command(capsys, url, "hold")["mode"] == shown[2]
+        assert command(capsys, url, "return")["mode"] == "RTL"
+        assert command(capsys, url, "land")["mode"] == "LAND"
+        assert made.vehicle.pilot.state.position_m[2] > 0.5
+        text = command(capsys, url, "disarm", code=5)
+        assert text.startswith("error: system 1 refused disarm: ")
+
+
+def test_a_refusal_is_told_in_the_words_of_the_vehicle(capsys):
+    with stand_in() as (url, made):
+        made.vehicle.pilot.arming.block = "the propellers are off"
+        text = command(capsys, url, "arm", code=5)
+        assert text == "error: system 1 refused arm: Arming denied: the propellers are off"
+
+
+def test_a_vehicle_that_is_not_there(capsys):
+    with stand_in() as (url, _):
+        assert "no vehicle was heard in 1 s" in command(
+            capsys, url, "arm", "--system-id", "9", "--wait", "1", code=3
+        )
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (("jump",), "order 'jump' is unknown; there are arm, disarm"),
+        (("takeoff",), "takeoff '': give a height in metres"),
+        (("takeoff", "nan"), "give a height in metres"),
+        (("set-item", "1.5"), "give the number of an item"),
+        (("arm", "now"), "arm takes nothing more"),
+    ],
+)
+def test_orders_that_are_none_open_no_link(capsys, words, text):
+    assert text in command(capsys, "tcp:127.0.0.1:1", *words, code=2)
+    with pytest.raises(OrderError):
+        Wish(*words)
+
+
+def test_a_mode_that_the_vehicle_does_not_have(capsys):
+    with stand_in() as (url, _):
+        text = command(capsys, url, "mode", "HOVER", code=2)
+        assert text.startswith("error: mode 'HOVER' is unknown to this vehicle; it has ACRO, ")
+
+
+def test_monitor_tells_lines_of_json(capsys):
+    with stand_in("ardupilot", speed=FAST) as (url, _):
+        assert main(["monitor", url, "--json", "--duration", "3", "--interval", "0.5"]) == 0
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    last = [line for line in lines if "mode" in line][-1]
+    assert last["system_id"] == 1
+    assert last["autopilot"] == "ArduPilot"
+    assert last["mode"] == "STABILIZE"
+    assert last["armed"] is False
+    assert last["latitude_deg"] == pytest.approx(28.0, abs=1.0), "it was asked for its telemetry"
+    assert last["link_quality"] == pytest.approx(1.0)
+    assert last["silent_s"] < 1.0
+
+
+def test_monitor_shows_a_table(capsys):
+    with stand_in(speed=FAST) as (url, _):
+        assert main(["monitor", url, "--duration", "2"]) == 0
+    out = capsys.readouterr().out
+    assert "PX4" in out
+    assert "LOITER" in out
+    assert "100%" in out
+
+
+def test_monitor_hears_nobody(capsys):
+    assert main(["monitor", "udpin:127.0.0.1:0", "--duration", "0.3"]) == 3
+    assert capsys.readouterr().out == ""
+
+
+def test_an_empty_mission_is_not_started(capsys):
+    with stand_in() as (url, made):
+        text = command(capsys, url, "mission", code=5)
+        assert "refused mission" in text
+        assert made.vehicle.outcome is Outcome.RUNNING

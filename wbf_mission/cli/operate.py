@@ -1,0 +1,185 @@
+"""``wbf-mission monitor`` and ``wbf-mission command``."""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from wbf_mission.cli import options
+from wbf_mission.cli.output import Output
+from wbf_mission.exit_codes import ExitCode
+
+if TYPE_CHECKING:
+    from wbf_mission.live.watching import FleetWatch
+
+_LINK = "udpin:, udpout:, tcp: or tcpin:HOST:PORT, or serial:DEVICE:BAUD."
+MONITOR_EXAMPLES = """
+Examples
+
+wbf-mission monitor udpin:127.0.0.1:14550
+
+wbf-mission monitor tcp:127.0.0.1:5760 --json --duration 10
+"""
+COMMAND_EXAMPLES = """
+Examples
+
+wbf-mission command udpin:127.0.0.1:14550 arm
+
+wbf-mission command udpin:127.0.0.1:14550 takeoff 10
+
+wbf-mission command tcp:127.0.0.1:5760 mode LOITER
+"""
+SystemId = Annotated[
+    int | None,
+    typer.Option(
+        help="The vehicle's system id.  [default: the first one heard]",
+        parser=options.whole_number_in(1, 255),
+        show_default=False,
+    ),
+]
+_HEADER = ["vehicle", "autopilot", "mode", "armed", "item", "height", "speed", "battery", "GPS", "link"]
+
+
+def monitor_command(
+    url: Annotated[str, typer.Argument(help=f"The link: {_LINK}")],
+    duration: Annotated[
+        float | None,
+        typer.Option(
+            help="Seconds to watch.  [default: until Ctrl-C]", parser=options.number, show_default=False
+        ),
+    ] = None,
+    interval: Annotated[
+        float, typer.Option(help="Seconds between two reports.", parser=options.number)
+    ] = 1.0,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print a line of JSON for each vehicle and each text.")
+    ] = False,
+    quiet: options.Quiet = False,
+) -> int:
+    """Show what the vehicles on a link tell of themselves: mode, item, position, battery, link, texts."""
+    from sim_vehicle.host.server import Server
+    from sim_vehicle.host.simulation import StopReason
+    from wbf_mission.live.watching import FleetWatch
+    from wbf_mission.scenario import ScenarioError
+
+    if not 0.05 <= interval <= 3600.0 or not (duration is None or 0.0 < duration <= 1e7):
+        msg = "--interval takes 0.05 to 3600 seconds, --duration up to 10000000"
+        raise ScenarioError(msg)
+    output = Output(as_json=json, quiet=quiet)
+    watch = FleetWatch()
+    told = _Told(output, watch, as_json=json)
+    with Server([watch], [url]) as server:
+        output.note(f"listening on {server.urls[0]}; Ctrl-C ends it")
+        end_s = math.inf if duration is None else duration
+        while server.now_s < end_s:
+            if server.run(limit_s=min(interval, end_s - server.now_s)) is StopReason.STOPPED:
+                break
+            told.report(server.now_s)
+    return ExitCode.GOOD if watch.vehicles else ExitCode.NO_VEHICLE
+
+
+class _Told:
+    """What was printed of a watched fleet so far."""
+
+    def __init__(self, output: Output, watch: FleetWatch, *, as_json: bool) -> None:
+        self._output, self._watch, self._as_json = output, watch, as_json
+        self._texts: dict[int, int] = {}
+
+    def report(self, now_s: float) -> None:
+        """Print what there is now, and the texts since the last time."""
+        for number, vehicle in self._watch.vehicles.items():
+            texts = vehicle.texts.texts
+            for time_s, severity, text in texts[self._texts.get(number, 0) :]:
+                if self._as_json:
+                    _line({"time_s": time_s, "system_id": number, "severity": severity, "text": text})
+                else:
+                    self._output.note(f"vehicle {number}: {text}")
+            self._texts[number] = len(texts)
+        values = [vehicle.summary(now_s) for vehicle in self._watch.vehicles.values()]
+        if self._as_json:
+            for one in values:
+                _line({"time_s": now_s, **one})
+        elif values:
+            self._output.table(
+                None, _HEADER, [_row(one) for one in values], title=f"{now_s:.0f} s", left=True
+            )
+
+
+def _line(values: dict[str, Any]) -> None:
+    """Print one line of JSON at once."""
+    import msgspec
+
+    from wbf_mission.cli.output import to_stdout
+
+    with to_stdout():
+        sys.stdout.write(msgspec.json.encode(values).decode() + "\n")
+
+
+def _row(one: dict[str, Any]) -> list[str]:
+    """Return a vehicle's row of the table."""
+
+    def text(value: Any, form: str) -> str:
+        return "-" if value is None else form.format(value)
+
+    silent = one["silent_s"] > 3.0
+    item = "-" if one["item"] is None else f"{one['item'] + 1}" + text(one["items"], " of {}")
+    link = f"silent for {one['silent_s']:.0f} s" if silent else text(one["link_quality"], "{:.0%}")
+    return [
+        str(one["system_id"]),
+        one["autopilot"],
+        one["mode"],
+        "yes" if one["armed"] else "no",
+        item,
+        text(one["height_m"], "{:.1f} m"),
+        text(one["ground_speed_m_s"], "{:.1f} m/s"),
+        text(one["battery"], "{:.0%}"),
+        "-" if one["gps_fix"] is None else f"fix {one['gps_fix']}, {one['satellites']} sat",
+        link,
+    ]
+
+
+def command_command(
+    url: Annotated[str, typer.Argument(help=f"The link: {_LINK}")],
+    order: Annotated[
+        str,
+        typer.Argument(
+            help="arm, disarm, takeoff HEIGHT, mission, hold, return, land, set-item NUMBER or mode NAME."
+        ),
+    ],
+    value: Annotated[str, typer.Argument(help="What the order takes.", show_default=False)] = "",
+    system_id: SystemId = None,
+    wait: Annotated[
+        float,
+        typer.Option(help="Seconds to wait for the vehicle's heartbeat.", parser=options.number),
+    ] = 10.0,
+    json: options.Json = False,
+    quiet: options.Quiet = False,
+) -> None:
+    """Give a vehicle one order, and wait until it shows that it obeys."""
+    from mission.transfer.errors import NoVehicleError
+    from sim_vehicle.host.server import Server
+    from sim_vehicle.host.simulation import StopReason
+    from wbf_mission.live.commanding import CommandSession, Wish
+
+    output = Output(as_json=json, quiet=quiet)
+    session = CommandSession(Wish(order, value), system_id=system_id)
+    with Server([session], [url]) as server:
+        reason = server.run(until=lambda _now_s: session.vehicle is not None, limit_s=wait)
+        if reason is StopReason.FINISHED:
+            reason = server.run(until=lambda _now_s: session.done)
+        name = server.urls[0]
+    if reason is StopReason.STOPPED:
+        raise KeyboardInterrupt
+    if session.vehicle is None:
+        msg = f"{name}: no vehicle was heard in {wait:g} s; start the vehicle, or check the address"
+        raise NoVehicleError(msg)
+    for text in session.texts:
+        output.note(f"vehicle: {text}")
+    if session.error is not None:
+        raise session.error
+    done = {"system_id": session.vehicle[0], "order": order, "value": value or None, "mode": session.mode}
+    told = f"{order} {value}".strip()
+    output.result(done, {"vehicle": f"system {session.vehicle[0]}", "done": told, "mode": session.mode})

@@ -1,0 +1,170 @@
+"""Watching any number of vehicles on a link: what each told last, and how well it is heard."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Any
+
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.transfer import profile_for
+from wbf_mission.ground.modes import mode_name
+from wbf_mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
+from wbf_mission.ground.texts import TextLog
+from wbf_mission.ground.vehicle_state import VehicleMonitor
+
+__all__ = ["FleetWatch", "WatchedVehicle"]
+
+_HEARTBEAT_S = 1.0
+_STREAM_HZ = 2
+_ASK_AGAIN_S = 5.0
+_SILENT_S = 3.0
+_WINDOW = 200
+_MOST_VEHICLES = 250
+_SEQUENCES = 256
+
+
+class WatchedVehicle:
+    """One vehicle.
+
+    Attributes
+    ----------
+    system_id : int
+    monitor : VehicleMonitor
+    texts : TextLog
+    heard_s : float
+        When its last message came.
+    gps_fix, satellites : int or None
+        GPS_FIX_TYPE, and how many satellites are seen.
+    """
+
+    def __init__(self, system_id: int) -> None:
+        self.system_id = system_id
+        self.monitor = VehicleMonitor()
+        self.texts = TextLog()
+        self.heard_s = -math.inf
+        self.gps_fix: int | None = None
+        self.satellites: int | None = None
+        self._base_mode = 0
+        self._sequence: int | None = None
+        self._steps: deque[int] = deque(maxlen=_WINDOW)
+
+    def receive(self, message: Message, now_s: float) -> None:
+        """Take a message of its autopilot."""
+        self.heard_s = now_s
+        sequence = message.get_seq()
+        if self._sequence is not None:
+            self._steps.append((sequence - self._sequence) % _SEQUENCES)
+        self._sequence = sequence
+        if isinstance(message, m.MAVLink_heartbeat_message):
+            self._base_mode = message.base_mode
+            self.monitor.on_heartbeat(message, now_s)
+        elif isinstance(message, m.MAVLink_global_position_int_message):
+            self.monitor.on_position(message, now_s)
+        elif isinstance(message, m.MAVLink_mission_current_message):
+            self.monitor.on_mission_current(message, now_s)
+        elif isinstance(message, m.MAVLink_battery_status_message):
+            self.monitor.on_battery(message)
+        elif isinstance(message, m.MAVLink_statustext_message):
+            self.texts.on_text(message, now_s)
+        elif isinstance(message, m.MAVLink_gps_raw_int_message):
+            self.gps_fix, self.satellites = message.fix_type, message.satellites_visible
+
+    @property
+    def mode(self) -> str:
+        """Name of its flight mode."""
+        monitor = self.monitor
+        return mode_name(monitor.autopilot, monitor.vehicle_type, self._base_mode, monitor.custom_mode)
+
+    @property
+    def link_quality(self) -> float | None:
+        """Part of its last frames that arrived, by their sequence numbers; None before there are some."""
+        sent = sum(self._steps)
+        return len(self._steps) / sent if sent else None
+
+    def summary(self, now_s: float) -> dict[str, Any]:
+        """Return plain values for JSON; what is not known is None."""
+        state = self.monitor.state
+        located = state.heard_s > -math.inf
+        return {
+            "system_id": self.system_id,
+            "autopilot": profile_for(self.monitor.autopilot).name,
+            "mode": self.mode,
+            "armed": state.armed,
+            "latitude_deg": state.latitude_deg if located else None,
+            "longitude_deg": state.longitude_deg if located else None,
+            "height_m": state.height_m if located else None,
+            "ground_speed_m_s": state.ground_speed_m_s if located else None,
+            "item": state.item,
+            "items": state.total,
+            "battery": state.battery,
+            "gps_fix": self.gps_fix,
+            "satellites": self.satellites,
+            "link_quality": self.link_quality,
+            "silent_s": max(0.0, now_s - self.heard_s),
+        }
+
+    def is_silent(self, now_s: float) -> bool:
+        """Whether nothing was heard of it for a while."""
+        return now_s - self.heard_s > _SILENT_S
+
+
+class FleetWatch:
+    """A ground station that only listens, to all vehicles that are there.
+
+    It sends a heartbeat, and asks autopilots that stream nothing unasked for their telemetry.
+
+    Attributes
+    ----------
+    vehicles : dict of int to WatchedVehicle
+        By system id, as they were heard.
+    """
+
+    system_id = GROUND_SYSTEM_ID
+    component_id = GROUND_COMPONENT_ID
+    wanted: frozenset[int] | None = None
+
+    def __init__(self) -> None:
+        self.vehicles: dict[int, WatchedVehicle] = {}
+        self._heartbeat_s = -math.inf
+        self._asked_s: dict[int, float] = {}
+
+    def receive(self, message: Message, now_s: float) -> list[Message]:
+        """Take one message."""
+        if message.get_srcComponent() != m.MAV_COMP_ID_AUTOPILOT1:
+            return []
+        system_id = message.get_srcSystem()
+        vehicle = self.vehicles.get(system_id)
+        if vehicle is None:
+            is_beat = isinstance(message, m.MAVLink_heartbeat_message)
+            if not is_beat or len(self.vehicles) >= _MOST_VEHICLES:
+                return []
+            vehicle = self.vehicles[system_id] = WatchedVehicle(system_id)
+        vehicle.receive(message, now_s)
+        return []
+
+    def poll(self, now_s: float) -> list[Message]:
+        """Send the heartbeat, and requests for telemetry that does not come."""
+        if now_s < self._heartbeat_s:
+            return []
+        self._heartbeat_s = now_s + _HEARTBEAT_S
+        out: list[Message] = [
+            m.MAVLink_heartbeat_message(m.MAV_TYPE_GCS, m.MAV_AUTOPILOT_INVALID, 0, 0, m.MAV_STATE_ACTIVE, 3)
+        ]
+        for system_id, vehicle in self.vehicles.items():
+            if not profile_for(vehicle.monitor.autopilot).streams_on_request:
+                continue
+            quiet = now_s - vehicle.monitor.position_heard_s > _ASK_AGAIN_S
+            if quiet and now_s - self._asked_s.get(system_id, -math.inf) >= _ASK_AGAIN_S:
+                self._asked_s[system_id] = now_s
+                out.append(
+                    m.MAVLink_request_data_stream_message(
+                        system_id, m.MAV_COMP_ID_AUTOPILOT1, m.MAV_DATA_STREAM_ALL, _STREAM_HZ, 1
+                    )
+                )
+        return out
+
+    def next_deadline(self) -> float:
+        """When `poll` has something to do."""
+        return self._heartbeat_s

@@ -4,9 +4,11 @@ Every policy and every fixed planner meets the same environments (day 6, seeds t
 trained on) with the `epidemic` estimator. The robot moves one cell a step and observes the cell where it
 arrives; there is no MAVLink, only the contract of policies. The loss is the paper's weighted one of both
 diseases; the soil is neither scored nor sensed. ``run`` is the mean loss over 36 scored times of the whole
-budget (the last estimate holds when a path ends early), ``end`` the one at its end. The best fixed plan of a
-measure is the best of lawnmower, spiral and adaptive-lawnmower by that measure; a fleet's fixed plans share
-the farm in strips. Intervals are 95 % bootstrap intervals of the ratio of means, over environments.
+budget (the last estimate holds when a path ends early), ``end`` the one at its end, ``expected`` what the
+estimator itself expects it to be there: the same on average, but without the luck of whether there is an
+outbreak where nobody looked. The best fixed plan of a measure is the best of lawnmower, spiral and
+adaptive-lawnmower by that measure; a fleet's fixed plans share the farm in strips. Intervals are 95 %
+bootstrap intervals of the ratio of means, over environments.
 
 Examples::
 
@@ -131,11 +133,12 @@ class Robot:
         )
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Run:
     """What came of one flight."""
 
     losses: Losses  # [36, MEASURES]
+    expected: float  # loss of both diseases that the estimator itself expects at the end
     decisions: int
     seconds: float
     tracks: tuple[NDArray[np.float64], ...] = ()  # of each robot, metres
@@ -235,7 +238,10 @@ def fly(case: Case, policy: Policy, seed: int, every: int | None = None) -> Run:
         if (due or waypoint) and step < steps:
             fresh = 0
             ask(Event.OBSERVATIONS if due else Event.WAYPOINT, step)
-    return Run(np.array(losses), decisions, spent_s, tuple(np.array(track) for track in tracks))
+    assert model.expected_loss is not None
+    doubts = [float(model.expected_loss[k].sum(dtype=np.float64)) for k in range(len(weights))]
+    expected = float(np.dot(WEIGHTS.field[:2], doubts) / weights.sum())
+    return Run(np.array(losses), expected, decisions, spent_s, tuple(np.array(track) for track in tracks))
 
 
 def made(name: str) -> Policy:
@@ -249,7 +255,7 @@ def run_cached(case: Case, name: str, seed: int, cache: Path | None) -> Run:
     file = None if cache is None else cache / f"{case.name}-{name.split(':')[0]}-{key}-{seed}.json"
     if file is not None and file.exists():
         kept = json.loads(file.read_text(encoding="utf-8"))
-        return Run(np.array(kept["losses"]), kept["decisions"], kept["seconds"])
+        return Run(np.array(kept["losses"]), kept["expected"], kept["decisions"], kept["seconds"])
     with threadpool_limits(1):
         try:
             done = fly(case, made(name), seed)
@@ -257,10 +263,15 @@ def run_cached(case: Case, name: str, seed: int, cache: Path | None) -> Run:
             if name not in PLANNERS:
                 raise
             # The steps of a vehicle are too few for this planner's sparsest path.
-            done = Run(np.empty((0, len(MEASURES))), 0, 0.0)
+            done = Run(np.empty((0, len(MEASURES))), math.nan, 0, 0.0)
     if file is not None:
         file.parent.mkdir(parents=True, exist_ok=True)
-        kept = {"losses": done.losses.tolist(), "decisions": done.decisions, "seconds": done.seconds}
+        kept = {
+            "losses": done.losses.tolist(),
+            "expected": done.expected,
+            "decisions": done.decisions,
+            "seconds": done.seconds,
+        }
         with atomic_write(file) as out:
             out.write(json.dumps(kept))
     return done
@@ -284,12 +295,21 @@ def show(case: Case, runs: dict[str, list[Run]]) -> bool:
     """Print the table of a case; return whether its bars are held by some policy."""
     curves = {name: np.stack([run.losses for run in found]) for name, found in runs.items()}
     print(f"\n{case.name}: {len(next(iter(curves.values())))} environments, losses run | end")
-    print(f"{'':<34}" + "".join(f"{measure:>18}" for measure in MEASURES) + f"{'worst end':>12}{'ms':>7}")
+    print(
+        f"{'':<34}"
+        + "".join(f"{measure:>18}" for measure in MEASURES)
+        + f"{'worst end':>12}{'expected':>10}{'ms':>7}"
+    )
     for name, curve in curves.items():
         means = [f"{curve[:, :, k].mean():.4f}|{curve[:, -1, k].mean():.4f}" for k in range(len(MEASURES))]
         worst = f"{curve[:, -1, 0].max():.4f}"
         cost = 1e3 * sum(run.seconds for run in runs[name]) / sum(run.decisions for run in runs[name])
-        print(f"{name:<34.34}" + "".join(f"{text:>18}" for text in means) + f"{worst:>12}{cost:>7.1f}")
+        doubt = f"{np.mean([run.expected for run in runs[name]]):.4f}"
+        print(
+            f"{name:<34.34}"
+            + "".join(f"{text:>18}" for text in means)
+            + f"{worst:>12}{doubt:>10}{cost:>7.1f}"
+        )
     fixed = [name for name in PLANNERS if name in curves]
     held = False
     for name in [name for name in curves if name not in fixed]:

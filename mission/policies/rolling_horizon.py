@@ -44,7 +44,7 @@ class RollingHorizon(MapPolicy):
         acquisition: str | Acquisition = "expected-loss",
         horizon: float = 40.0,
         patience: float = 60.0,
-        share: float = 0.12,
+        share: float = 0.2,
         spread: float = 4.5,
         beam: int = 8,
         interval: float = 5.0,

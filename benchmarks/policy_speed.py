@@ -30,8 +30,8 @@ from wbf_mission.scenario import Scenario
 
 POLICY_BAR = 100.0
 FLEET_BAR_S, DAYS_BAR_S = 180.0, 60.0
-# Three quads that take about four pictures a second each: so many come in ten seconds.
-FLEET = ("--farm", "waterberry", "--policy", "greedy:every=130", "--vehicles", "3")
+# Three quads that take about twelve pictures a second each: so many come in ten seconds.
+FLEET = ("--farm", "waterberry", "--policy", "greedy:every=370", "--vehicles", "3")
 DAYS = ("--farm", "miniberry-100", "--days", "15", "--flights-per-day", "2")
 
 
@@ -71,7 +71,7 @@ def process(arguments: tuple[str, ...], cold: bool) -> Taken:
         command = [sys.executable, "-m", "wbf_mission", "fly", *arguments, "--json", "--quiet"]
         before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
         done = subprocess.run(
-            [*command, "--out", f"{folder}/run"], capture_output=True, text=True, check=True, env=environment
+            [*command, "--out", f"{folder}/run"], capture_output=True, text=True, env=environment, check=False
         )
         wall_s, after = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
     summary = json.loads(done.stdout)

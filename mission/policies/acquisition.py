@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Protocol, TypeAlias
 
@@ -119,6 +119,35 @@ class WithCoverage:
             far = 1.0 - np.exp(-((distance / np.float32(self.reach)) ** 4))
         far *= np.float32(self.caution)
         return worth + _weighted(situation, lambda _k, field: far if field.kind == "disease" else 0.0 * far)
+
+
+@dataclass(frozen=True, slots=True)
+class Balanced:
+    """An acquisition by weights of which none is much smaller than the largest.
+
+    With the score's own weights a disease that counts little is looked for last, maybe too late.
+
+    Parameters
+    ----------
+    acquisition : Acquisition
+    least_weight : float
+        A disease that counts at all counts at least this part of the weightiest one; 0: by its weight.
+    """
+
+    acquisition: Acquisition
+    least_weight: float
+
+    def __call__(self, situation: Situation, /) -> Worth:
+        """Return the worth of each cell."""
+        weights = situation.weights.field
+        least = self.least_weight * max(weights)
+        balanced = tuple(
+            max(weight, least) if weight > 0.0 and field.kind == "disease" else weight
+            for weight, field in zip(weights, situation.fields, strict=True)
+        )
+        if balanced == tuple(weights):
+            return self.acquisition(situation)
+        return self.acquisition(replace(situation, weights=replace(situation.weights, field=balanced)))
 
 
 ACQUISITIONS: dict[str, Acquisition] = {

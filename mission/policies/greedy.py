@@ -34,6 +34,8 @@ class Greedy(MapPolicy):
         Choose again after so many observations.
     caution, reach : float
         See `mission.policies.acquisition.WithCoverage`.
+    least_weight : float
+        See `mission.policies.acquisition.Balanced`.
     coordination : {"sequential", "auction"} or Coordination
         Who of a fleet flies where (`mission.policies.coordination`).
     """
@@ -50,6 +52,7 @@ class Greedy(MapPolicy):
         every: int = 5,
         caution: float = 0.0,
         reach: float = 3.0,
+        least_weight: float = 0.0,
         coordination: str | Coordination = "sequential",
     ) -> None:
         super().__init__(
@@ -59,6 +62,7 @@ class Greedy(MapPolicy):
             every=every,
             caution=caution,
             reach=reach,
+            least_weight=least_weight,
             coordination=coordination,
         )
         self._offsets = leg_offsets(max(1, int(longest)))

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar
 
-from mission.policies.acquisition import Acquisition, WithCoverage, make_acquisition
+from mission.policies.acquisition import Acquisition, Balanced, WithCoverage, make_acquisition
 from mission.policies.coordination import Coordination, make_coordination
 from mission.policies.decision import Decision
 from mission.policies.policy import LEAST_S, Asking
@@ -30,6 +30,8 @@ class MapPolicy(ABC):
         Search again after so many observations.
     caution, reach : float
         See `mission.policies.acquisition.WithCoverage`.
+    least_weight : float
+        See `mission.policies.acquisition.Balanced`.
     coordination : {"sequential", "auction"} or Coordination
         Who of a fleet flies where (`mission.policies.coordination`).
     """
@@ -46,10 +48,11 @@ class MapPolicy(ABC):
         every: int,
         caution: float,
         reach: float,
+        least_weight: float,
         coordination: str | Coordination,
     ) -> None:
         self._steering = Steering(
-            WithCoverage(make_acquisition(acquisition), caution, reach),
+            Balanced(WithCoverage(make_acquisition(acquisition), caution, reach), least_weight),
             neighbour_shares(share, spread, _RADIUS),
             make_coordination(coordination),
         )

@@ -42,6 +42,8 @@ class Orienteering(MapPolicy):
         Plan again after so many observations.
     caution, reach : float
         See `mission.policies.acquisition.WithCoverage`.
+    least_weight : float
+        See `mission.policies.acquisition.Balanced`.
     coordination : {"sequential", "auction"} or Coordination
         Who of a fleet flies where (`mission.policies.coordination`).
     """
@@ -61,6 +63,7 @@ class Orienteering(MapPolicy):
         every: int = 5,
         caution: float = 0.0,
         reach: float = 3.0,
+        least_weight: float = 0.0,
         coordination: str | Coordination = "sequential",
     ) -> None:
         super().__init__(
@@ -70,6 +73,7 @@ class Orienteering(MapPolicy):
             every=every,
             caution=caution,
             reach=reach,
+            least_weight=least_weight,
             coordination=coordination,
         )
         self._places, self._near = int(places), int(near)

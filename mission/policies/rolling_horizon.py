@@ -33,6 +33,8 @@ class RollingHorizon(MapPolicy):
         Search again after so many observations.
     caution, reach : float
         See `mission.policies.acquisition.WithCoverage`.
+    least_weight : float
+        See `mission.policies.acquisition.Balanced`.
     coordination : {"sequential", "auction"} or Coordination
         Who of a fleet flies where (`mission.policies.coordination`).
     """
@@ -51,6 +53,7 @@ class RollingHorizon(MapPolicy):
         every: int = 5,
         caution: float = 0.0,
         reach: float = 3.0,
+        least_weight: float = 0.0,
         coordination: str | Coordination = "sequential",
     ) -> None:
         super().__init__(
@@ -60,6 +63,7 @@ class RollingHorizon(MapPolicy):
             every=every,
             caution=caution,
             reach=reach,
+            least_weight=least_weight,
             coordination=coordination,
         )
         self._horizon = float(horizon)

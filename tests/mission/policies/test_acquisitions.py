@@ -5,7 +5,14 @@ import pytest
 
 from geo import get_farm
 from mission.errors import PlanningError
-from mission.policies.acquisition import ACQUISITIONS, WithCoverage, expected_loss, make_acquisition
+from mission.policies.acquisition import (
+    ACQUISITIONS,
+    Balanced,
+    WithCoverage,
+    expected_loss,
+    make_acquisition,
+    variance,
+)
 from mission.policies.situation import Event, Situation
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
@@ -72,3 +79,13 @@ def test_coverage_grows_with_the_distance_from_what_was_seen_today():
 def test_unknown_names_are_refused():
     with pytest.raises(PlanningError, match="no acquisition is named 'luck'; there are expected-loss"):
         make_acquisition("luck")
+
+
+def test_a_light_disease_counts_at_least_a_part_of_the_weightiest():
+    told = _situation(InformationModel.uniform((10, 10), value=(1.0, 1.0, 0.4), uncertainty=1.0))
+    plain, balanced = (Balanced(variance, least)(told) for least in (0.0, 0.5))
+    tomatoes, strawberries = (field.mask(told.farm.grid()) for field in told.fields.diseases)
+    assert np.array_equal(plain, variance(told))
+    assert np.allclose(balanced[tomatoes], plain[tomatoes])
+    soil = told.weights.field[2]
+    assert np.allclose(plain[strawberries], 0.2 + soil) and np.allclose(balanced[strawberries], 0.5 + soil)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mission.errors import PlanningError
 from mission.planners import Budget, make_planner
-from mission.planners.inside_routing import Terrain
+from mission.planners.inside_routing import TOLERANCE_M, Terrain
 from mission.planners.partition import STRIPS
 from mission.planners.path import Area, Points, path_length
 from mission.policies.decision import GO_ON, Decision
@@ -205,16 +205,24 @@ class RefiningLawnmower:
         route = detour(vehicle, situation, promised, self._least_rate)
         if len(route):
             self._away.add(vehicle.system_id)
-            return affordable(vehicle, self._joined(vehicle, [route, rows.resumed(route[-1])]))
+            return self._joined(vehicle, [route, rows.resumed(route[-1])])
         if vehicle.system_id not in self._away:
             return None
         self._away.discard(vehicle.system_id)
-        return affordable(vehicle, self._joined(vehicle, [rows.resumed(here)]))
+        return self._joined(vehicle, [rows.resumed(here)])
 
     def _joined(self, vehicle: VehicleReport, pieces: list[Points]) -> Points:
-        """Join pieces of a path, so that it stays in the area."""
-        kept = [piece for piece in pieces if len(piece)]
-        return self._terrains[vehicle.system_id].join(kept, vehicle.position_m) if kept else _NOTHING
+        """Join pieces of a path, so that it stays in the area, as far as the vehicle can pay for it.
+
+        Rows may be left, and a path may be cut, on the way from one part of the area to another.
+        """
+        area = shapely.buffer(vehicle.request.area, TOLERANCE_M)
+        kept = [piece[shapely.covers(area, shapely.points(piece))] for piece in pieces if len(piece)]
+        kept = [piece for piece in kept if len(piece)]
+        if not kept:
+            return _NOTHING
+        path = affordable(vehicle, self._terrains[vehicle.system_id].join(kept, vehicle.position_m))
+        return path[:-1] if len(path) and not shapely.covers(area, shapely.Point(path[-1])) else path
 
     def _route(self, situation: Situation, done: list[int]) -> dict[int, Points]:
         """Return routes of the vehicles whose rows are flown."""

@@ -232,8 +232,8 @@ def fly_command(
         "loss a cell at the end": losses or "-",
         **(result.report.rows() if result.report is not None else {}),
         "observations": f"{summary['observations']} of {summary['cells_observed']} different cells",
-        "flown": f"{distance(summary['path_length_m'])} in {duration(summary['flight_time_s'])} "
-        f"(predicted {duration(summary['predicted_time_s'])})",
+        "flown": f"{distance(summary['path_length_m'])} in {duration(summary['flight_time_s'])}"
+        + _prediction(result, summary["predicted_time_s"]),
         **_decision_rows(result),
         "battery used": "-" if summary["battery_used"] is None else f"{summary['battery_used']:.1%}",
         "mission transfer": f"{transfer['items']} items, {transfer['retries']} retries, "
@@ -267,6 +267,11 @@ def _live_link(output: Output, url: str, *, agreed: bool, wait_s: float, system_
     return LiveLink(
         url, Operator(output), agreed=agreed, wait_s=wait_s, system_id=system_id, note=output.note
     )
+
+
+def _prediction(result: Result, predicted_s: float) -> str:
+    """Return what was predicted of a flight by a planner; of a policy only the first path is known before."""
+    return "" if result.scenario.mission.policy is not None else f" (predicted {duration(predicted_s)})"
 
 
 def _decision_rows(result: Result) -> dict[str, str]:

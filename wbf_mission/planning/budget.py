@@ -21,6 +21,7 @@ PAPER_STEPS_PER_CELL = 0.4  # timesteps of a day for each of the owner's cells (
 Paths = Sequence[NDArray[np.float64]]
 
 _MOST_KNOWN = 2000
+_SPARED = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +99,7 @@ def flight_budget(limit: float, unit: str, builder: MissionBuilder) -> FlightBud
     return FlightBudget(limit, unit, price, explain)
 
 
-def make_budget(text: str | None, builder: MissionBuilder) -> tuple[Budget, str]:
+def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = False) -> tuple[Budget, str]:
     """Return a budget and how to say it.
 
     Parameters
@@ -107,6 +108,9 @@ def make_budget(text: str | None, builder: MissionBuilder) -> tuple[Budget, str]
         As of `mission.planners.parse_budget`; None: the vehicle's battery less its reserve, for the ideal
         vehicle 0.4 times the owner's cells in timesteps.
     builder : MissionBuilder
+    steered : bool
+        The path is decided in flight: of the battery's usable part a little is spared then, because the last
+        decision is priced from what telemetry tells, which is rounded and a moment old.
 
     Raises
     ------
@@ -125,7 +129,11 @@ def make_budget(text: str | None, builder: MissionBuilder) -> tuple[Budget, str]
             msg = f"vehicle {vehicle.name} has no battery to budget by: give --budget, such as 8000m or 25min"
             raise ScenarioError(msg)
         usable = vehicle.battery.capacity_wh * (1.0 - vehicle.battery.reserve_fraction)
-        words = f"{usable:.1f} Wh (the battery less {vehicle.battery.reserve_fraction:.0%} reserve)"
+        less = f"{vehicle.battery.reserve_fraction:.0%} reserve"
+        if steered:
+            usable *= 1.0 - _SPARED
+            less += f" and {_SPARED:.0%} of the rest"
+        words = f"{usable:.1f} Wh (the battery less {less})"
         return flight_budget(usable, "Wh", builder), words
     value, unit = parse_budget(text)
     if unit == "m":

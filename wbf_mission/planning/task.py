@@ -63,7 +63,8 @@ class FlightTask:
             If the budget is not understood, or does not fit the vehicle.
         """
         farm = builder.farm
-        budget, text = make_budget(scenario.mission.budget, builder)
+        steered = scenario.mission.policy is not None
+        budget, text = make_budget(scenario.mission.budget, builder, steered=steered)
         request = PlanningRequest(
             area=free_area(farm),
             start_xy_m=builder.home_m,

@@ -11,7 +11,7 @@ from mission.policies.coordination import Coordination
 from mission.policies.leg_search import leg_values
 from mission.policies.map_policy import MapPolicy
 from mission.policies.route_search import leg_offsets, pool, take_leg
-from mission.policies.steering import Route, RouteProblem, far_route
+from mission.policies.steering import Route, RouteProblem
 
 _ALTERNATIVES = 4
 _LEAST_LEGS = 4
@@ -96,4 +96,4 @@ class Greedy(MapPolicy):
             corners.append((x, y))
             spent += float(costs[best])
             gained += float(values[best])
-        return [Route(np.array(corners), gained), *others] if corners else far_route(problem)
+        return [Route(np.array(corners), gained), *others] if corners else []

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import ClassVar
+
+import numpy as np
 
 from mission.policies.acquisition import Acquisition, Balanced, WithCoverage, make_acquisition
 from mission.policies.coordination import Coordination, make_coordination
 from mission.policies.decision import Decision
 from mission.policies.policy import LEAST_S, Asking
-from mission.policies.route_search import neighbour_shares
+from mission.policies.route_search import neighbour_shares, take_leg
 from mission.policies.situation import Situation
-from mission.policies.steering import Route, RouteProblem, Steering
+from mission.policies.steering import Route, RouteProblem, Steering, far_route
 
 _RADIUS = 3
+CELLS_A_LEG = 8.0
+"""About how far a route flies between two turns."""
 
 
 class MapPolicy(ABC):
@@ -69,8 +74,23 @@ class MapPolicy(ABC):
 
     def decide(self, situation: Situation) -> Decision:
         """Search a route for every vehicle, in turn."""
-        return self._steering.decide(situation, self._search, self.reason)
+        return self._steering.decide(situation, self._routes, self.reason)
+
+    def _routes(self, problem: RouteProblem) -> Sequence[Route]:
+        """Search; where nothing is to be gained near the vehicle, go far first and search on from there."""
+        routes = self._search(problem)
+        far = [] if routes else far_route(problem)
+        if not far:
+            return routes
+        x, y = far[0].corners[-1].tolist()
+        worth = problem.worth.copy()
+        take_leg(worth, problem.shares, problem.x, problem.y, x, y)
+        onward = self._search(replace(problem, worth=worth, x=x, y=y))
+        if not onward:
+            return far
+        corners = np.vstack((far[0].corners, onward[0].corners))
+        return [Route(corners, far[0].value + onward[0].value)]
 
     @abstractmethod
     def _search(self, problem: RouteProblem) -> Sequence[Route]:
-        """Return routes of one vehicle, the best first; none if there is nothing to gain."""
+        """Return routes of one vehicle, the best first; none if there is nothing to gain near it."""

@@ -9,13 +9,12 @@ import numpy as np
 from mission.policies.acquisition import Acquisition
 from mission.policies.coordination import Coordination
 from mission.policies.fares import pays_for_return
-from mission.policies.map_policy import MapPolicy
+from mission.policies.map_policy import CELLS_A_LEG, MapPolicy
 from mission.policies.route_search import pool
 from mission.policies.steering import Route, RouteProblem
 from mission.policies.tour_search import candidate_places, search_tour
 
 _MOST_STOPS = 40
-_CELLS_A_LEG = 8.0
 
 
 class Orienteering(MapPolicy):
@@ -95,7 +94,7 @@ class Orienteering(MapPolicy):
             else np.zeros(len(places))
         )
         # With a turn every few cells: a vehicle whose turns cost more than its way would get nowhere.
-        per_cell = problem.costs.per_cell + problem.costs.turn / _CELLS_A_LEG
+        per_cell = problem.costs.per_cell + problem.costs.turn / CELLS_A_LEG
         limit = min(vehicle.left, self._horizon * per_cell + float(back[0]))
         order, value = search_tour(
             places, costs, back, pooled, self._patience * per_cell, limit, self._rounds, _MOST_STOPS

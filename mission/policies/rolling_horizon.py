@@ -8,9 +8,9 @@ import numpy as np
 
 from mission.policies.acquisition import Acquisition
 from mission.policies.coordination import Coordination
-from mission.policies.map_policy import MapPolicy
+from mission.policies.map_policy import CELLS_A_LEG, MapPolicy
 from mission.policies.route_search import COST, WORTH, leg_offsets, search_route
-from mission.policies.steering import Route, RouteProblem, far_route
+from mission.policies.steering import Route, RouteProblem
 
 
 class RollingHorizon(MapPolicy):
@@ -74,11 +74,13 @@ class RollingHorizon(MapPolicy):
 
     def _search(self, problem: RouteProblem) -> Sequence[Route]:
         per_cell = problem.costs.per_cell
+        # With a turn every few cells: a vehicle whose turns cost more than its way would see nothing ahead.
+        horizon = self._horizon * (per_cell + problem.costs.turn / CELLS_A_LEG)
         route = search_route(
             problem.worth, problem.shares, problem.chart.free, problem.x, problem.y, self._offsets,
-            min(self._horizon * per_cell, problem.vehicle.left), problem.costs.turn, problem.costs.slopes,
+            min(horizon, problem.vehicle.left), problem.costs.turn, problem.costs.slopes,
             self._patience * per_cell, self._groups, self._beam,
         )  # fmt: skip
         if not len(route):
-            return far_route(problem)
+            return []
         return [Route(np.ascontiguousarray(route[:, :COST]), float(route[-1, WORTH]))]

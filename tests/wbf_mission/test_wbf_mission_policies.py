@@ -228,3 +228,20 @@ def test_a_policy_is_scored_as_often_as_a_planner() -> None:
     result = fly(scenario_with(QUAD, {"score_points": 12}), policy=short)
     assert len(result.decisions) > 3
     assert 6 <= len(result.history.entries) <= 24
+
+
+@pytest.mark.parametrize("policy", ["greedy", "rolling-horizon", "orienteering"])
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_vehicle_whose_turns_cost_time_uses_its_budget(policy: str, autopilot: str) -> None:
+    run = fly(scenario_with(QUAD, {"policy": policy, "autopilot": autopilot, "budget": "3min"}))
+    assert run.outcome is Outcome.COMPLETED
+    assert 0.8 * 180.0 < run.flights[0].flight_time_s <= 181.0
+    assert len(run.observations) > 200
+
+
+def test_a_battery_is_flown_down_to_its_reserve_and_no_further() -> None:
+    whole = {"policy": "greedy", "farm": "miniberry-100", "estimator": "point", "budget": None}
+    run = fly(scenario_with(QUAD, whole))
+    assert run.outcome is Outcome.COMPLETED
+    assert run.battery_used is not None
+    assert 0.7 < run.battery_used < 0.8

@@ -240,8 +240,7 @@ def test_a_vehicle_whose_turns_cost_time_uses_its_budget(policy: str, autopilot:
 
 
 def test_a_battery_is_flown_down_to_its_reserve_and_no_further() -> None:
-    whole = {"policy": "greedy", "farm": "miniberry-100", "estimator": "point", "budget": None}
-    run = fly(scenario_with(QUAD, whole))
+    run = fly(Scenario(farm="miniberry-100", policy="greedy", estimator="point"))
     assert run.outcome is Outcome.COMPLETED
     assert run.battery_used is not None
     assert 0.7 < run.battery_used < 0.8

@@ -156,5 +156,5 @@ def test_a_camera_on_board_has_the_field_to_itself():
     camera.receive(from_vehicle(m.MAVLink_heartbeat_message(30, 8, 0, 0, 4, 3), component=100), 1.0)
     camera.receive(item(2), 2.0)
     assert optics.orders == []
-    assert not camera.rides
+    assert camera.next_deadline() == float("inf")
     assert camera.poll(9.0) == camera.goodbye() == []

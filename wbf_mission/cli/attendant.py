@@ -42,7 +42,6 @@ class Operator:
         self._asked = False
         self._stopping = False
         self._silent = False
-        self._reasons: list[str] = []
 
     def tend(self, flight: JointFlight) -> None:
         """Tell what is new, and take an answer if there is one."""
@@ -81,8 +80,6 @@ class Operator:
         """Ask for the start once the vehicle can arm; refuse it where the plan is not for here."""
         clearance = sortie.ground.clearance
         assert clearance is not None
-        if clearance.stage is Stage.CHECKING and clearance.reasons != self._reasons:
-            self._reasons = list(clearance.reasons)
         if sortie.ground.vehicle_state.heard_s > float("-inf"):
             away_m = start_distance_m(sortie)
             if away_m > FARTHEST_M:

@@ -53,11 +53,6 @@ class RidingCamera:
         self._home = 0
         self._spacing_m: float | None = None
 
-    @property
-    def rides(self) -> bool:
-        """Whether it is this camera that looks, and not one on board."""
-        return not self._other
-
     def next_deadline(self) -> float:
         """Return when the camera has something to say."""
         if self._other:

@@ -57,7 +57,8 @@ class Operator:
             self._output.note(f"vehicle: {text}")
         self._texts = len(ground.texts)
         for _, event in ground.pilot.events[self._events :]:
-            self._output.warn(f"the vehicle was {event}; nothing is ordered until it is back in its mission")
+            waits = "; nothing is ordered until it is back in its mission"
+            self._output.warn(f"the vehicle: {event}{waits * ground.pilot.somebody_else_flies}")
         self._events = len(ground.pilot.events)
         self._tell_silence(sortie, flight.now_s)
         if ground.phase is Phase.READY:

@@ -27,6 +27,11 @@
     |   +-- sim_vehicle.pilot.notices.RefusedError        a command that the vehicle refuses
     +-- wbf_mission.scenario.option.ScenarioError         a scenario or one of its options
     +-- wbf_mission.ground.station.NotFlyingError         a mission that cannot be changed now
+    +-- wbf_mission.ground.modes.ModeError                a flight mode that the vehicle does not have
+    +-- wbf_mission.live.commanding.OrderError            an order that is none, or not for this vehicle
+    +-- wbf_mission.live.discovery.LiveFlightError        a run that a vehicle behind a link cannot do
+    +-- wbf_mission.live.errors.VehicleRefusedError       a vehicle that does not do what it is told
+    +-- wbf_mission.live.errors.VehicleSilentError        a vehicle that does not answer any more
     +-- wbf_mission.flight.FlightError                    a flight that cannot go on
     +-- wbf_mission.animation.AnimationError              a moving picture of a run
     +-- wbf_mission.arrays.ArrayFileError                 arrays of a result

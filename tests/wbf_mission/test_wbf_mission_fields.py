@@ -164,7 +164,7 @@ def test_a_vehicle_that_senses_other_fields_is_warned_of(
         camera = LeafCamera(environment, farm.grid().shape, 6, options, np.random.default_rng(1))
         return LeafCameraComponent(camera, farm, **more)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("wbf_mission.sortie.LeafCameraComponent", carry)
+    monkeypatch.setattr("wbf_mission.hosting.LeafCameraComponent", carry)
     out = tmp_path / "run"
     assert main([*FLY, "--out", str(out), "--no-plots", "-q"]) == 1
     told = "the camera senses tylcv, ccr, soil, nitrogen, expected tylcv, ccr, soil; give both sides the same"

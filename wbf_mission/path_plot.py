@@ -23,6 +23,7 @@ PLANNED = "#1f4e79"
 CHANGED = "#0b6e4f"
 MOST_ABANDONED = 12
 """So many abandoned rests of paths are drawn; more would hide the path that was flown."""
+_MOST_RINGS = 60
 _MOST_NAMED = 8
 
 _Points = NDArray[np.float64]
@@ -95,15 +96,18 @@ def _draw_changes(axes: Axes, decisions: Sequence[DecisionRecord]) -> None:
     if not flown:
         return
     places = np.array([one.position_m for one, _ in flown])
+    few = len(flown) <= _MOST_RINGS
+    # Where there are many, they are points beneath the paths, so that these can be seen.
     axes.plot(
         *places.T,
-        marker="o",
-        markersize=5,
-        markerfacecolor="white",
+        marker="o" if few else ".",
+        markersize=5 if few else 2,
+        markerfacecolor="white" if few else CHANGED,
         markeredgecolor=CHANGED,
+        markeredgewidth=None if few else 0.0,
         linestyle="",
         label="path changed",
-        zorder=5,
+        zorder=5 if few else 1.5,
     )
     if len(flown) > MOST_ABANDONED:
         return

@@ -1,6 +1,8 @@
 """How commands speak: text that cannot be encoded, bars on a terminal; obstacles in the picture of a farm."""
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 
 import shapely
@@ -33,3 +35,14 @@ def test_obstacles_are_in_the_picture_of_a_farm(tmp_path):
     drawn = plot_farm(farm, tmp_path / "farm.png").read_bytes()
     assert drawn.startswith(b"\x89PNG")
     assert drawn != bare
+
+
+def test_tasks_that_ctrl_c_left_behind_end_in_silence():
+    """As asyncio tells it of a write of zarr's that was not waited for."""
+    script = (
+        "import logging; from wbf_mission.cli.app import main; main(['vehicle', 'list', '--json']);"
+        "logging.getLogger('asyncio').error('Future exception was never retrieved', exc_info=OSError('late'))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("[")
+    assert done.stderr == ""

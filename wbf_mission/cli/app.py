@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import logging
 import os
 import sys
 import warnings
@@ -83,6 +84,7 @@ def main(arguments: list[str] | None = None) -> int:
     The exit codes are those of `wbf_mission.exit_codes`.
     """
     warnings.formatwarning = _one_line_warning
+    _silence_asyncio()
     try:
         code = _run(sys.argv[1:] if arguments is None else arguments)
         with to_stdout():
@@ -93,6 +95,14 @@ def main(arguments: list[str] | None = None) -> int:
             return ExitCode.OUTPUT_CLOSED
         return _complain(f"stdout cannot be written to: {error}", ExitCode.BAD_INPUT)
     return signals.exit_code(code) if code == ExitCode.INTERRUPTED else code
+
+
+def _silence_asyncio() -> None:
+    """Let tasks of libraries that Ctrl-C left behind end without a traceback on the terminal."""
+    logger = logging.getLogger("asyncio")
+    logger.propagate = False
+    if not logger.handlers:
+        logger.addHandler(logging.NullHandler())
 
 
 def _run(arguments: list[str]) -> int:

@@ -83,14 +83,7 @@ def fly_command(
             show_default=False,
         ),
     ] = None,
-    wait: Annotated[
-        float,
-        typer.Option(
-            help="With --connect: seconds to wait for the vehicle's heartbeat.",
-            parser=options.number,
-            rich_help_panel=_REAL,
-        ),
-    ] = 10.0,
+    wait: options.Wait = 10.0,
     fault: Annotated[
         list[str] | None,
         typer.Option(

@@ -151,10 +151,7 @@ def command_command(
     ],
     value: Annotated[str, typer.Argument(help="What the order takes.", show_default=False)] = "",
     system_id: SystemId = None,
-    wait: Annotated[
-        float,
-        typer.Option(help="Seconds to wait for the vehicle's heartbeat.", parser=options.number),
-    ] = 10.0,
+    wait: options.Wait = 10.0,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> None:

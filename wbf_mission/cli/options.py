@@ -93,6 +93,10 @@ ScenarioFile = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.", rich_help_panel=_OUTPUT)]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no notes.", rich_help_panel=_OUTPUT)]
 
+Wait = Annotated[
+    float, typer.Option(help="Seconds to wait for the vehicle's heartbeat.", min=0.1, max=3600.0)
+]
+
 
 @dataclass(frozen=True, slots=True)
 class Given:

@@ -13,9 +13,7 @@ from wbf_mission.cli.targets import MISSION_SUFFIXES, Force, refuse_overwrite
 
 _CONNECT_HELP = "Link to the vehicle: udpin:, udpout:, tcp: or tcpin:HOST:PORT, or serial:DEVICE:BAUD."
 Connect = Annotated[str, typer.Option(help=_CONNECT_HELP)]
-Wait = Annotated[
-    float, typer.Option(help="Seconds to wait for the vehicle's heartbeat.", min=0.1, max=3600.0)
-]
+
 
 UPLOAD_EXAMPLES = """
 Examples
@@ -34,7 +32,7 @@ wbf-mission download --connect udpin:127.0.0.1:14550 --out onboard.plan
 def upload_command(
     file: Annotated[Path, typer.Argument(help="Mission file: .plan, .waypoints or .json.")],
     connect: Connect = "udpin:127.0.0.1:14550",
-    wait: Wait = 10.0,
+    wait: options.Wait = 10.0,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> None:
@@ -59,7 +57,7 @@ def upload_command(
 def download_command(
     out: Annotated[Path, typer.Option(help="Mission file to write: .plan, .waypoints or .json.")],
     connect: Connect = "udpin:127.0.0.1:14550",
-    wait: Wait = 10.0,
+    wait: options.Wait = 10.0,
     force: Force = False,
     json: options.Json = False,
     quiet: options.Quiet = False,

@@ -88,6 +88,22 @@ def download(
         return mission, replace(_report(vehicle, costs), items=counts)
 
 
+def find_vehicle(
+    url: str, *, wait_s: float = 10.0, system_id: int | None = None, note: Note = _silent
+) -> Vehicle:
+    """Wait for the heartbeat of a vehicle behind ``url``.
+
+    Raises
+    ------
+    LinkError
+        If the link cannot be opened or breaks.
+    NoVehicleError
+        If none is heard.
+    """
+    with _driver(url, _silent, "") as driver:
+        return _find(driver, wait_s, note, system_id)
+
+
 def _driver(url: str, progress: ProgressCallback, what: str) -> TransferDriver:
     def on_event(event: Event) -> None:
         if isinstance(event, Progress):
@@ -97,9 +113,9 @@ def _driver(url: str, progress: ProgressCallback, what: str) -> TransferDriver:
     return TransferDriver(endpoint, on_event=on_event)
 
 
-def _find(driver: TransferDriver, wait_s: float, note: Note) -> Vehicle:
+def _find(driver: TransferDriver, wait_s: float, note: Note, system_id: int | None = None) -> Vehicle:
     note(f"waiting for a vehicle on {driver.endpoint.link.name}")
-    return driver.wait_for_vehicle(wait_s)
+    return driver.wait_for_vehicle(wait_s, system_id=system_id)
 
 
 def _report(vehicle: Vehicle, costs: Iterable[TransferStatistics]) -> TransferReport:

@@ -1,18 +1,14 @@
-"""Which vehicle is at the other end of a link, and what that means for a run."""
+"""What the vehicle at the other end of a link means for a run."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from geo.errors import WbfMissionError
-from mission.link import MavlinkEndpoint, open_link
 from mission.link.codec.dialect import mavlink as m
-from mission.transfer.driver import TransferDriver, Vehicle
+from mission.transfer.driver import Vehicle
 from sim_vehicle.airframe.catalog import get_vehicle
-from wbf_mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
 from wbf_mission.scenario import Scenario, scenario_with
 
-__all__ = ["LiveFlightError", "find_vehicle", "fitted_to", "require_single_flight"]
+__all__ = ["LiveFlightError", "fitted_to", "require_single_flight"]
 
 _AUTOPILOTS = {int(m.MAV_AUTOPILOT_PX4): "px4", int(m.MAV_AUTOPILOT_ARDUPILOTMEGA): "ardupilot"}
 _KINDS = {int(m.MAV_TYPE_FIXED_WING): "fixed-wing", int(m.MAV_TYPE_GROUND_ROVER): "rover"}
@@ -39,24 +35,6 @@ def require_single_flight(scenario: Scenario) -> None:
     if get_vehicle(scenario.vehicle.fleet[0]).is_ideal:
         msg = f"vehicle {scenario.vehicle.fleet[0]} is no real one: name what flies, such as quad"
         raise LiveFlightError(msg)
-
-
-def find_vehicle(
-    url: str, *, wait_s: float = 10.0, system_id: int | None = None, note: Callable[[str], None]
-) -> Vehicle:
-    """Wait for the heartbeat of a vehicle behind a link.
-
-    Raises
-    ------
-    LinkError
-        If the address is wrong, in use or not reachable.
-    NoVehicleError
-        If none is heard.
-    """
-    endpoint = MavlinkEndpoint(open_link(url), GROUND_SYSTEM_ID, GROUND_COMPONENT_ID)
-    with TransferDriver(endpoint) as driver:
-        note(f"waiting for a vehicle on {endpoint.link.name}")
-        return driver.wait_for_vehicle(wait_s, system_id=system_id)
 
 
 def fitted_to(scenario: Scenario, vehicle: Vehicle) -> Scenario:

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from mission.transfer.driver import Vehicle as HeardVehicle
 from wbf_mission.fleet import Vehicle
+from wbf_mission.ground.link import find_vehicle
 from wbf_mission.joint_flight import Attendant
-from wbf_mission.live.discovery import find_vehicle, fitted_to, require_single_flight
+from wbf_mission.live.discovery import fitted_to, require_single_flight
 from wbf_mission.live.hosting import LinkHosting
 from wbf_mission.scenario import Scenario
 

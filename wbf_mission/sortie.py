@@ -204,7 +204,7 @@ class Sortie:
             return Status.LOST
         if silent_s > SILENCE_S:
             return Status.SILENT
-        if ground.pilot.somebody_else_flies:
+        if ground.pilot.taken_out:
             return Status.PILOTED
         if ground.changing:
             return Status.CHANGING

@@ -53,7 +53,7 @@ class Status(Enum):
     RETURNING = "returning"
     """On its way home, or landing; its path cannot be changed any more."""
     PILOTED = "piloted"
-    """Flown by somebody else: its pilot, or a safety function of its own; nobody changes its path then."""
+    """Taken out of its mission by a pilot, an operator or a safety function; nobody changes its path then."""
     ENDED = "ended"
     """Back, as it was meant to be."""
     LOST = "lost"

@@ -5,7 +5,7 @@ import pytest
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Mission, MissionItem
 from wbf_mission.ground.clearance import Clearance, Stage
-from wbf_mission.ground.modes import ModeError, mode_named
+from wbf_mission.ground.modes import Maneuver, ModeError, mode_named
 from wbf_mission.ground.pilot_watch import PilotWatch
 from wbf_mission.live.riding_camera import RidingCamera
 
@@ -78,9 +78,11 @@ def test_who_flies_is_told_by_the_mode():
     assert watch.somebody_else_flies
     watch.on_heartbeat(beat(AUTO), 4.0, expects_change=False)
     assert not watch.somebody_else_flies
-    watch.on_order()
+    watch.ordered = Maneuver.RETURN
+    watch.on_heartbeat(beat(AUTO), 4.5, expects_change=False)  # sent before the order arrived
     watch.on_heartbeat(beat(RTL), 5.0, expects_change=False)
     assert not watch.somebody_else_flies, "we ordered that"
+    assert watch.taken_out
     assert [text for _, text in watch.events] == [
         "taken out of its mission: mode LOITER",
         "back in its mission (mode AUTO)",

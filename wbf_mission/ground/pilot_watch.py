@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mission.link.codec.dialect import mavlink as m
-from wbf_mission.ground.modes import is_in_mission, mode_name
+from wbf_mission.ground.modes import Maneuver, is_in_mission, mode_name
 
 __all__ = ["PilotWatch"]
 
@@ -19,27 +19,30 @@ class PilotWatch:
         Time in seconds, and what happened.
     mode : str
         Name of the flight mode that was told last.
+    ordered : Maneuver or None
+        What we ourselves took the vehicle out of its mission for; None again when it is back.
     """
 
     def __init__(self) -> None:
         self.events: list[tuple[float, str]] = []
         self.mode = ""
         self._in_mission: bool | None = None
-        self._ordered = False
+        self.ordered: Maneuver | None = None
 
     @property
     def somebody_else_flies(self) -> bool:
         """Whether the vehicle left its mission without having been told to by us."""
-        return self._in_mission is False and not self._ordered
+        return self._in_mission is False and self.ordered is None
+
+    @property
+    def taken_out(self) -> bool:
+        """Whether the vehicle was taken out of its mission, by somebody else or by us."""
+        return self._in_mission is False or self.ordered is not None
 
     @property
     def reason(self) -> str:
         """How somebody else took the vehicle over last; empty if nobody did."""
         return next((text for _, text in reversed(self.events) if text.startswith(_TAKEN)), "")
-
-    def on_order(self) -> None:
-        """Note that we ourselves take the vehicle out of its mission."""
-        self._ordered = True
 
     def on_heartbeat(
         self, message: m.MAVLink_heartbeat_message, now_s: float, *, expects_change: bool
@@ -58,10 +61,15 @@ class PilotWatch:
         if is_in_mission(*kind):
             if self.somebody_else_flies:
                 self.events.append((now_s, f"back in its mission (mode {self.mode})"))
-            self._in_mission, self._ordered = True, False
+            if self._in_mission is False:
+                self.ordered = None
+            self._in_mission = True
             return
         # Before the mission's mode was seen for the first time nobody has left it.
-        if expects_change or self._ordered or self._in_mission is None:
+        if self.ordered is not None:
+            self._in_mission = False
+            return
+        if expects_change or self._in_mission is None:
             return
         if self._in_mission:
             self.events.append((now_s, f"{_TAKEN}: mode {self.mode}"))

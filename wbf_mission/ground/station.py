@@ -131,7 +131,6 @@ class GroundStation:
         self.pilot = PilotWatch()
         self._ready_s = math.inf
         self._started_boot_s = 0.0
-        self._maneuver: Maneuver | None = None
         self._monitor = VehicleMonitor()
         self._contact = ContactWatch()
         self._change: ChangeSession | None = None
@@ -579,8 +578,7 @@ class GroundStation:
         if self.pilot.somebody_else_flies:
             msg = f"somebody else flies the vehicle (mode {self.pilot.mode}); nothing is ordered"
             raise NotFlyingError(msg)
-        self.pilot.on_order()
-        self._maneuver, self._change = kind, None
+        self.pilot.ordered, self._change = kind, None
         command, params = maneuver_command(kind, self._autopilot, self._monitor.vehicle_type)
         self._order = Order(self._vehicle, command, *params)
         return self._order.send(now_s)
@@ -602,7 +600,7 @@ class GroundStation:
     def _refused(self, why: str, now_s: float) -> None:
         if self.phase is Phase.FLIGHT:
             # The vehicle flies its mission on; the operator sees that it does.
-            self._order = self._maneuver = None
+            self._order = self.pilot.ordered = None
             self._texts.note(f"{why}: the vehicle did not take the order", now_s)
             return
         outcome = Outcome.ARMING_REFUSED if self.phase is Phase.ARM else Outcome.MISSION_REJECTED
@@ -611,8 +609,8 @@ class GroundStation:
 
     def _why_aborted(self) -> tuple[Outcome, str]:
         """Outcome and reason of a flight that ended before its mission was complete."""
-        if self._maneuver is not None:
-            return Outcome.INTERRUPTED, f"the operator ordered it to {self._maneuver.value}"
+        if self.pilot.ordered is not None:
+            return Outcome.INTERRUPTED, f"the operator ordered it to {self.pilot.ordered.value}"
         cause = self._failures.cause(self.texts[self._texts_before :])
         if cause is None and self.pilot.somebody_else_flies:
             return Outcome.PILOT_TOOK_OVER, self.pilot.reason
@@ -620,8 +618,7 @@ class GroundStation:
 
     def _complete(self, now_s: float) -> None:
         """The vehicle tells that its mission is over; ArduPilot does so after every landing."""
-        aside = self._maneuver is not None or self.pilot.somebody_else_flies
-        self._land(*(self._why_aborted() if aside else (Outcome.COMPLETED, "")), now_s)
+        self._land(*(self._why_aborted() if self.pilot.taken_out else (Outcome.COMPLETED, "")), now_s)
 
     def _land(self, outcome: Outcome, reason: str, now_s: float) -> None:
         """The flight is over: ask for images that were lost on the way, if any."""

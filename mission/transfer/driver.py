@@ -220,11 +220,7 @@ class TransferDriver:
     def _beat(self, now_s: float) -> None:
         if now_s >= self._heartbeat_s + _HEARTBEAT_S:
             self._heartbeat_s = now_s
-            self.endpoint.send(
-                mavlink.MAVLink_heartbeat_message(
-                    mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
-                )
-            )
+            self.endpoint.send(wire.ground_heartbeat())
 
     def _options(self) -> dict[str, Any]:
         vehicle = self.vehicle or self.wait_for_vehicle()

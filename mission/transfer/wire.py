@@ -87,6 +87,13 @@ _MEANINGS = {
 }
 
 
+def ground_heartbeat() -> Message:
+    """Return the HEARTBEAT of a ground station."""
+    return mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
+    )
+
+
 def to_server(message: Message) -> TypeIs[MissionMessage]:
     """Tell whether a vehicle has to look at the message."""
     return type(message).id in SERVER_MESSAGES

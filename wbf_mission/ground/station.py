@@ -15,6 +15,7 @@ from mission.link.codec.typed import handler
 from mission.model import Command, Mission
 from mission.outcome import Outcome
 from mission.transfer import CLIENT_MESSAGES, Profile, TransferStatistics, profile_for
+from mission.transfer.wire import ground_heartbeat
 from sensors.camera.wire import ObservationAssembler
 from wbf_mission.ground.change import ChangeRecord, ChangeRequest, ChangeSession, check_change, leads_home
 from wbf_mission.ground.change_aside import AsideChange
@@ -282,7 +283,7 @@ class GroundStation:
             self._first_s = now_s
         if now_s >= self._heartbeat_s:
             self._heartbeat_s = now_s + _HEARTBEAT_S
-            out.append(m.MAVLink_heartbeat_message(m.MAV_TYPE_GCS, m.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3))
+            out.append(ground_heartbeat())
         if self.phase is Phase.CONTACT and now_s - self._first_s > _CONTACT_S:
             self._end(
                 Outcome.NO_CONTACT, f"no heartbeat of system {self._vehicle[0]} in {_CONTACT_S:.0f} s", now_s

@@ -10,6 +10,7 @@ from geo.errors import WbfMissionError
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer import profile_for
+from mission.transfer.wire import ground_heartbeat
 from wbf_mission.ground.modes import (
     Maneuver,
     ModeNumbers,
@@ -201,11 +202,7 @@ class CommandSession:
         out: list[Message] = []
         if now_s >= self._heartbeat_s:
             self._heartbeat_s = now_s + _HEARTBEAT_S
-            out.append(
-                m.MAVLink_heartbeat_message(
-                    m.MAV_TYPE_GCS, m.MAV_AUTOPILOT_INVALID, 0, 0, m.MAV_STATE_ACTIVE, 3
-                )
-            )
+            out.append(ground_heartbeat())
         if self._order is not None and now_s >= self._order.due_s:
             if self._order.is_given_up:
                 self._fail(VehicleSilentError(f"{self._name}: no answer to {self._wish.order}"))

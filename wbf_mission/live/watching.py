@@ -9,6 +9,7 @@ from typing import Any
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer import profile_for
+from mission.transfer.wire import ground_heartbeat
 from wbf_mission.ground.modes import mode_name
 from wbf_mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
 from wbf_mission.ground.texts import TextLog
@@ -149,9 +150,7 @@ class FleetWatch:
         if now_s < self._heartbeat_s:
             return []
         self._heartbeat_s = now_s + _HEARTBEAT_S
-        out: list[Message] = [
-            m.MAVLink_heartbeat_message(m.MAV_TYPE_GCS, m.MAV_AUTOPILOT_INVALID, 0, 0, m.MAV_STATE_ACTIVE, 3)
-        ]
+        out: list[Message] = [ground_heartbeat()]
         for system_id, vehicle in self.vehicles.items():
             if not profile_for(vehicle.monitor.autopilot).streams_on_request:
                 continue

@@ -10,6 +10,7 @@ from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import DEGREES_E7
 from mission.transfer import profile_for
+from wbf_mission.ground.modes import is_in_mission, mode_name
 
 __all__ = ["UNKNOWN_ITEM", "Battery", "VehicleMonitor", "VehicleState"]
 
@@ -143,6 +144,26 @@ class VehicleMonitor:
     def custom_mode(self) -> int:
         """The flight mode, in the autopilot's own number; 0 before any heartbeat."""
         return 0 if self._heartbeat is None else int(self._heartbeat.custom_mode)
+
+    @property
+    def mode(self) -> str:
+        """Name of the flight mode; empty before any heartbeat."""
+        beat = self._heartbeat
+        if beat is None:
+            return ""
+        return mode_name(beat.autopilot, beat.type, beat.base_mode, beat.custom_mode)
+
+    @property
+    def in_mission(self) -> bool:
+        """Whether the vehicle flies its mission by itself."""
+        beat = self._heartbeat
+        return beat is not None and is_in_mission(beat.autopilot, beat.type, beat.base_mode, beat.custom_mode)
+
+    @property
+    def home_altitude_m(self) -> float:
+        """How high home is above the sea; 0 before the first position."""
+        position = self._position
+        return 0.0 if position is None else (position.alt - position.relative_alt) / 1e3
 
     @property
     def state(self) -> VehicleState:

@@ -14,15 +14,14 @@ from mission.transfer.wire import ground_heartbeat
 from wbf_mission.ground.modes import (
     Maneuver,
     ModeNumbers,
-    is_in_mission,
     maneuver_command,
     maneuver_modes,
-    mode_name,
     mode_named,
 )
 from wbf_mission.ground.orders import Answer, Order, result_name
 from wbf_mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
 from wbf_mission.ground.texts import TextLog
+from wbf_mission.ground.vehicle_state import VehicleMonitor
 from wbf_mission.live.errors import VehicleRefusedError, VehicleSilentError
 
 __all__ = ["ORDERS", "CommandSession", "OrderError", "Wish"]
@@ -39,35 +38,6 @@ _TAKES = {"takeoff": "a height in metres", "set-item": "the number of an item, f
 
 class OrderError(WbfMissionError, ValueError):
     """An order that is none, or not one for this vehicle now."""
-
-
-@dataclass(slots=True)
-class _Heard:
-    """What the vehicle told."""
-
-    beat: m.MAVLink_heartbeat_message | None = None
-    position: m.MAVLink_global_position_int_message | None = None
-    item: int | None = None
-
-    @property
-    def mode(self) -> str:
-        beat = self.beat
-        if beat is None:
-            return ""
-        return mode_name(beat.autopilot, beat.type, beat.base_mode, beat.custom_mode)
-
-    @property
-    def armed(self) -> bool:
-        return self.beat is not None and bool(self.beat.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
-
-    @property
-    def in_mission(self) -> bool:
-        beat = self.beat
-        return beat is not None and is_in_mission(beat.autopilot, beat.type, beat.base_mode, beat.custom_mode)
-
-    @property
-    def height_m(self) -> float:
-        return 0.0 if self.position is None else self.position.relative_alt / 1e3
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +97,7 @@ class _Step:
 
     command: int
     params: tuple[float, ...]
-    shown: Callable[[_Heard], bool]
+    shown: Callable[[VehicleMonitor], bool]
     otherwise: Message | None = field(default=None)
 
 
@@ -167,7 +137,7 @@ class CommandSession:
         self.vehicle: tuple[int, int] | None = None
         self._wish = wish
         self._only = system_id
-        self._heard = _Heard()
+        self._heard = VehicleMonitor()
         self._texts = TextLog()
         self._step: _Step | None = None
         self._order: Order | None = None
@@ -234,11 +204,11 @@ class CommandSession:
     def _note(self, message: Message, now_s: float) -> list[Message]:
         heard = self._heard
         if isinstance(message, m.MAVLink_heartbeat_message):
-            heard.beat = message
+            heard.on_heartbeat(message, now_s)
         elif isinstance(message, m.MAVLink_global_position_int_message):
-            heard.position = message
+            heard.on_position(message, now_s)
         elif isinstance(message, m.MAVLink_mission_current_message):
-            heard.item = message.seq
+            heard.on_mission_current(message, now_s)
         elif isinstance(message, m.MAVLink_statustext_message):
             self._texts.on_text(message, now_s)
         elif isinstance(message, m.MAVLink_command_ack_message):
@@ -251,7 +221,7 @@ class CommandSession:
 
     def _begin(self, now_s: float) -> list[Message]:
         """Give the order, once all is known that it takes."""
-        if self._wish.order == "takeoff" and self._heard.position is None:
+        if self._wish.order == "takeoff" and self._heard.position_heard_s == -math.inf:
             return []
         try:
             self._step = self._step_of(self._wish)
@@ -281,22 +251,24 @@ class CommandSession:
 
     def _step_of(self, wish: Wish) -> _Step:
         """Return the command of an order for this vehicle."""
-        beat, vehicle = self._heard.beat, self.vehicle
-        assert beat is not None
+        heard, vehicle = self._heard, self.vehicle
         assert vehicle is not None
-        kind = (beat.autopilot, beat.type)
+        kind = (heard.autopilot, heard.vehicle_type)
         if wish.order in ("arm", "disarm"):
             wanted = wish.order == "arm"
-            return _Step(m.MAV_CMD_COMPONENT_ARM_DISARM, (float(wanted),), lambda one: one.armed == wanted)
+            return _Step(
+                m.MAV_CMD_COMPONENT_ARM_DISARM, (float(wanted),), lambda one: one.state.armed == wanted
+            )
         if wish.order == "takeoff":
             return self._takeoff(float(wish.value))
         if wish.order == "mission":
             return _Step(m.MAV_CMD_MISSION_START, (), lambda one: one.in_mission)
         if wish.order == "set-item":
-            seq = int(float(wish.value)) - 1 + (1 if profile_for(beat.autopilot).home_at_zero else 0)
+            item = int(float(wish.value)) - 1
+            seq = item + (1 if profile_for(heard.autopilot).home_at_zero else 0)
             by_message = m.MAVLink_mission_set_current_message(*vehicle, seq)
             command = m.MAV_CMD_DO_SET_MISSION_CURRENT
-            return _Step(command, (float(seq),), lambda one: one.item == seq, by_message)
+            return _Step(command, (float(seq),), lambda one: one.state.item == item, by_message)
         if wish.order == "mode":
             return _to_mode(mode_named(*kind, wish.value), _spoken(kind, wish.value))
         maneuver = Maneuver(wish.order)
@@ -306,19 +278,16 @@ class CommandSession:
 
     def _takeoff(self, height_m: float) -> _Step:
         heard = self._heard
-        assert heard.beat is not None
-        assert heard.position is not None
-        if not heard.armed:
+        if not heard.state.armed:
             msg = "takeoff: the motors stand still; arm first"
             raise OrderError(msg)
-        altitude_m = height_m
-        if heard.beat.autopilot != m.MAV_AUTOPILOT_ARDUPILOTMEGA:
-            # Above sea level; ArduPilot counts from home.
-            altitude_m += (heard.position.alt - heard.position.relative_alt) / 1e3
+        # Above sea level; ArduPilot counts from home.
+        from_home = heard.autopilot == m.MAV_AUTOPILOT_ARDUPILOTMEGA
+        altitude_m = height_m if from_home else height_m + heard.home_altitude_m
         params = (0.0, 0.0, 0.0, math.nan, math.nan, math.nan, altitude_m)
-        if heard.beat.autopilot == m.MAV_AUTOPILOT_ARDUPILOTMEGA:
+        if from_home:
             params = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, altitude_m)
-        return _Step(m.MAV_CMD_NAV_TAKEOFF, params, lambda one: one.height_m > _OFF_GROUND_M)
+        return _Step(m.MAV_CMD_NAV_TAKEOFF, params, lambda one: one.state.height_m > _OFF_GROUND_M)
 
     def _not_shown(self) -> Exception:
         if self._accepted:

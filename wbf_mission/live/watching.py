@@ -10,7 +10,6 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer import profile_for
 from mission.transfer.wire import ground_heartbeat
-from wbf_mission.ground.modes import mode_name
 from wbf_mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
 from wbf_mission.ground.texts import TextLog
 from wbf_mission.ground.vehicle_state import VehicleMonitor
@@ -47,7 +46,6 @@ class WatchedVehicle:
         self.heard_s = -math.inf
         self.gps_fix: int | None = None
         self.satellites: int | None = None
-        self._base_mode = 0
         self._sequence: int | None = None
         self._steps: deque[int] = deque(maxlen=_WINDOW)
 
@@ -59,7 +57,6 @@ class WatchedVehicle:
             self._steps.append((sequence - self._sequence) % _SEQUENCES)
         self._sequence = sequence
         if isinstance(message, m.MAVLink_heartbeat_message):
-            self._base_mode = message.base_mode
             self.monitor.on_heartbeat(message, now_s)
         elif isinstance(message, m.MAVLink_global_position_int_message):
             self.monitor.on_position(message, now_s)
@@ -71,12 +68,6 @@ class WatchedVehicle:
             self.texts.on_text(message, now_s)
         elif isinstance(message, m.MAVLink_gps_raw_int_message):
             self.gps_fix, self.satellites = message.fix_type, message.satellites_visible
-
-    @property
-    def mode(self) -> str:
-        """Name of its flight mode."""
-        monitor = self.monitor
-        return mode_name(monitor.autopilot, monitor.vehicle_type, self._base_mode, monitor.custom_mode)
 
     @property
     def link_quality(self) -> float | None:
@@ -91,7 +82,7 @@ class WatchedVehicle:
         return {
             "system_id": self.system_id,
             "autopilot": profile_for(self.monitor.autopilot).name,
-            "mode": self.mode,
+            "mode": self.monitor.mode,
             "armed": state.armed,
             "latitude_deg": state.latitude_deg if located else None,
             "longitude_deg": state.longitude_deg if located else None,

@@ -318,6 +318,7 @@ class Campaign:
                 self._on_transfer,
                 delay,
                 hosting.clearance(number.system_id),
+                hosting.transfers,
             )
             for (number, one, plan), delay in zip(planned.sorties, delays, strict=True)
         ]

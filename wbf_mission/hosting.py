@@ -13,6 +13,7 @@ from numpy.random import SeedSequence
 from mission.link.codec.dialect import Message
 from mission.link.tlog import TlogWriter
 from mission.model import GeoPoint
+from mission.transfer.making import OWN_TRANSFERS, OwnTransfers, TransferMaker
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.component import NEVER, Component
@@ -57,6 +58,10 @@ class Hosting(Protocol):
     @property
     def tlog(self) -> Path | None:
         """Where every MAVLink frame is written; its folder is made when the first flight begins."""
+
+    @property
+    def transfers(self) -> TransferMaker:
+        """Who carries the plans up to the vehicles."""
 
     def clearance(self, system_id: int) -> Clearance | None:
         """Return what has to hold before the motors of a vehicle start."""
@@ -106,6 +111,11 @@ class VirtualHosting:
     tlog: Path | None = None
     impairment: Impairment | None = None
     faults: tuple[Fault, ...] = ()
+
+    @property
+    def transfers(self) -> OwnTransfers:
+        """Who carries the plans up to the vehicles."""
+        return OWN_TRANSFERS
 
     def clearance(self, system_id: int) -> None:  # noqa: ARG002
         """Nobody has to agree."""

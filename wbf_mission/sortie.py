@@ -14,6 +14,7 @@ from mission.model import Command, Mission
 from mission.outcome import Outcome
 from mission.planners.path import Points, path_length
 from mission.policies.situation import Status, VehicleReport
+from mission.transfer.making import OWN_TRANSFERS, TransferMaker
 from sensors.camera.leaf_camera import LeafCamera, LeafCameraOptions
 from sensors.camera.wire import ObservationAssembler
 from sensors.environment import Environment
@@ -60,6 +61,8 @@ class Sortie:
         How long it waits before it starts.
     clearance : Clearance, optional
         What has to hold before its motors start.
+    maker : TransferMaker
+        Who carries its plans up.
 
     Attributes
     ----------
@@ -82,6 +85,7 @@ class Sortie:
         on_transfer: Callable[[int, int], None] | None = None,
         start_delay_s: float = 0.0,
         clearance: Clearance | None = None,
+        maker: TransferMaker = OWN_TRANSFERS,
     ) -> None:
         self._reach = reach_of(scenario.vehicle, task, plan)
         farm, seed = plan.farm, scenario.seed
@@ -105,6 +109,7 @@ class Sortie:
             on_progress=on_transfer,
             start_delay_s=start_delay_s,
             clearance=clearance,
+            maker=maker,
         )
         self._flown = self.ground.flown_length(farm.frame)
         self._fares = task.fares_in_flight()

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import select
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 from mission.link.address import Link
 from mission.link.codec.dialect import Message, mavlink
@@ -17,11 +18,10 @@ from mission.model import GeoPoint, Mission, MissionType
 from mission.transfer import wire
 from mission.transfer.clear import MissionClear
 from mission.transfer.client import ClientTimers, RoundTrip
-from mission.transfer.download import MissionDownload
 from mission.transfer.errors import NoVehicleError, RemoteTransferError
 from mission.transfer.events import DownloadComplete, Event, Output, TransferFailed, TransferStatistics
+from mission.transfer.making import OWN_TRANSFERS, Transfer, TransferMaker
 from mission.transfer.profile import Profile, profile_for
-from mission.transfer.verified import VerifiedUpload
 
 OnEvent = Callable[[Event], None]
 _HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
@@ -29,32 +29,6 @@ _WANTED = wire.CLIENT_MESSAGES | {_HEARTBEAT}
 _HEARTBEAT_S = 1.0
 _LONGEST_WAIT_S = 0.25
 _ORDER = (MissionType.FENCE, MissionType.RALLY, MissionType.MISSION)
-
-
-class Transfer(Protocol):
-    """What the driver can run: uploads, downloads, clears, verified uploads."""
-
-    @property
-    def done(self) -> bool:
-        """Whether it is over."""
-
-    def start(self, now_s: float) -> Output:
-        """Begin."""
-
-    def receive(self, message: Message, now_s: float) -> Output:
-        """Take one message."""
-
-    def poll(self, now_s: float) -> Output:
-        """Act on timers."""
-
-    def next_deadline(self) -> float | None:
-        """When to poll."""
-
-    def cancel(self, now_s: float) -> Output:
-        """Break off."""
-
-    def statistics(self, now_s: float | None = None) -> TransferStatistics:
-        """What it has cost."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +84,10 @@ class TransferDriver:
         How long to wait for answers.
     on_event : callable, optional
         Called with each event, for a progress bar.
+    maker : TransferMaker
+        Who carries the plans up and down.
+    heartbeat : bool
+        Send a ground station's heartbeat; False where the link does.
     """
 
     def __init__(
@@ -120,6 +98,8 @@ class TransferDriver:
         wait: Callable[[Link, float], None] = wait_readable,
         timers: ClientTimers | None = None,
         on_event: OnEvent | None = None,
+        maker: TransferMaker = OWN_TRANSFERS,
+        heartbeat: bool = True,
     ) -> None:
         self.endpoint = endpoint
         self.timers = ClientTimers() if timers is None else timers
@@ -128,7 +108,8 @@ class TransferDriver:
         self._wait = wait
         self._on_event = on_event
         self._round_trip = RoundTrip()
-        self._heartbeat_s = -1e9
+        self._maker = maker
+        self._heartbeat_s = -1e9 if heartbeat else math.inf
         endpoint.wanted = _WANTED if endpoint.wanted is None else endpoint.wanted | _WANTED
 
     def __enter__(self) -> Self:
@@ -264,7 +245,7 @@ class TransferDriver:
         chosen = wanted if types is None else set(types)
         options = self._options()
         uploads = [
-            VerifiedUpload(mission.plan(kind), kind, home=mission.home, **options)
+            self._maker.upload(mission.plan(kind), kind, home=mission.home, **options)
             for kind in _ORDER
             if kind in chosen
         ]
@@ -293,7 +274,7 @@ class TransferDriver:
         options = self._options()
         for kind in types:
             try:
-                end, cost = self.run(MissionDownload(kind, **options))
+                end, cost = self.run(self._maker.download(kind, **options))
             except RemoteTransferError as error:
                 result = None if error.failure is None else error.failure.result
                 if kind == MissionType.MISSION or result != wire.UNSUPPORTED:

@@ -10,8 +10,9 @@ from enum import Enum
 from mission.errors import MissionError
 from mission.link.codec.dialect import Message
 from mission.model import Command, Mission, MissionItem, MissionType
-from mission.transfer import MissionDownload, Profile, VerifiedUpload
+from mission.transfer import Profile
 from mission.transfer.client import RoundTrip
+from mission.transfer.making import OWN_TRANSFERS, Transfer, TransferMaker, Upload
 from mission.transfer.upload import check_plan
 from wbf_mission.ground.guard import FailsafeGuard
 from wbf_mission.ground.texts import TextLog
@@ -115,6 +116,8 @@ class ChangeRequest:
         What an item took to send and read back.
     guard : FailsafeGuard or None
         What has to be set before the vehicle leaves its mission.
+    maker : TransferMaker
+        Who carries the plans.
     """
 
     old: Mission
@@ -128,6 +131,7 @@ class ChangeRequest:
     texts: TextLog
     seconds_an_item: float
     guard: FailsafeGuard | None = None
+    maker: TransferMaker = OWN_TRANSFERS
 
 
 class ChangeSession(ABC):
@@ -197,10 +201,10 @@ class ChangeSession(ABC):
             self._retries,
         )
 
-    def _upload(self, items: tuple[MissionItem, ...], start_sequence: int | None) -> VerifiedUpload:
+    def _upload(self, items: tuple[MissionItem, ...], start_sequence: int | None) -> Upload:
         """Return an upload of a mission."""
         request = self.request
-        return VerifiedUpload(
+        return request.maker.upload(
             items,
             MissionType.MISSION,
             home=request.old.home,
@@ -211,10 +215,10 @@ class ChangeSession(ABC):
             round_trip=self._round_trip,
         )
 
-    def _download(self) -> MissionDownload:
+    def _download(self) -> Transfer:
         """Return a reading of the mission."""
         request = self.request
-        return MissionDownload(
+        return request.maker.download(
             MissionType.MISSION,
             target=request.vehicle,
             source=request.ground,

@@ -18,8 +18,8 @@ from mission.transfer import (
     Output,
     TransferFailed,
     UploadVerified,
-    VerifiedUpload,
 )
+from mission.transfer.making import Upload
 from wbf_mission.ground.change import (
     ChangeOutcome,
     ChangeRequest,
@@ -82,7 +82,7 @@ class AsideChange(ChangeSession):
         self._plan: Mission = request.new
         self._leg = request.resume_at
         self._orders: dict[int, Order] = {}
-        self._transfer: VerifiedUpload | None = None
+        self._transfer: Upload | None = None
         self._flown_next = request.resume_at
         self._is_far = False
         self._near = -1

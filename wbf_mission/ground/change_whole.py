@@ -10,14 +10,13 @@ from mission.transfer import (
     CLIENT_MESSAGES,
     DownloadComplete,
     FailureReason,
-    MissionDownload,
     Output,
     PlanState,
     TransferFailed,
     UploadVerified,
-    VerifiedUpload,
     compare_plans,
 )
+from mission.transfer.making import Transfer, Upload
 from wbf_mission.ground.change import (
     ChangeOutcome,
     ChangeRequest,
@@ -48,7 +47,8 @@ class WholeListChange(ChangeSession):
     def __init__(self, request: ChangeRequest) -> None:
         super().__init__(request)
         self._mark = item_to_mark(request.old, request.item, request.new, self._next_then())
-        self._transfer: VerifiedUpload | MissionDownload | None = None
+        self._upload_sent: Upload | None = None
+        self._transfer: Transfer | None = None
         self._verified = False
         self._due_s = math.inf
         self._marks = 0
@@ -78,7 +78,7 @@ class WholeListChange(ChangeSession):
     def start(self, now_s: float) -> list[Message]:
         """Begin the upload."""
         self._asked_s = self._sent_s = now_s
-        self._transfer = self._upload(self.request.new.items, self._mark)
+        self._transfer = self._upload_sent = self._upload(self.request.new.items, self._mark)
         return self._take(self._transfer.start(now_s), now_s)
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
@@ -115,8 +115,9 @@ class WholeListChange(ChangeSession):
 
     def _take(self, output: Output, now_s: float) -> list[Message]:
         out = list(output.messages)
-        if isinstance(self._transfer, VerifiedUpload) and self._acknowledged_s is None:
-            self._acknowledged_s = self._transfer.confirmed_s
+        sent = self._upload_sent
+        if sent is not None and self._acknowledged_s is None:
+            self._acknowledged_s = sent.confirmed_s
         for event in output.events:
             if isinstance(event, UploadVerified):
                 self._finish_transfer(now_s)
@@ -127,7 +128,7 @@ class WholeListChange(ChangeSession):
                 self._finish_transfer(now_s)
                 self._compare(event, now_s)
             elif isinstance(event, TransferFailed):
-                reading = isinstance(self._transfer, MissionDownload)
+                reading = self._transfer is not sent
                 self._finish_transfer(now_s)
                 if not reading:
                     self._why = self._said(event.text)
@@ -137,8 +138,8 @@ class WholeListChange(ChangeSession):
     def _finish_transfer(self, now_s: float) -> None:
         if self._transfer is not None:
             self._retries += self._transfer.statistics(now_s).retries
-            if isinstance(self._transfer, VerifiedUpload):
-                self._id = self._transfer.opaque_id
+            if self._upload_sent is not None and self._transfer is self._upload_sent:
+                self._id = self._upload_sent.opaque_id
             self._transfer = None
 
     def _after_failure(self, failed: TransferFailed, now_s: float, *, reading: bool) -> None:
@@ -170,8 +171,8 @@ class WholeListChange(ChangeSession):
     def _look(self, now_s: float) -> None:
         """See whether the new mission is flown, and end when it is proved."""
         state = self.request.monitor.state
-        transfer = self._transfer
-        known_id = transfer.opaque_id if isinstance(transfer, VerifiedUpload) else self._id
+        sent = self._upload_sent
+        known_id = self._id if sent is None or self._transfer is not sent else sent.opaque_id
         confirmed_s = self._acknowledged_s
         if self._in_effect_s is None and confirmed_s is not None:
             heard = self.request.monitor.item_heard_s >= confirmed_s

@@ -15,6 +15,7 @@ from mission.link.codec.typed import handler
 from mission.model import Command, Mission
 from mission.outcome import Outcome
 from mission.transfer import CLIENT_MESSAGES, Profile, TransferStatistics, profile_for
+from mission.transfer.making import OWN_TRANSFERS, TransferMaker
 from mission.transfer.wire import ground_heartbeat
 from sensors.camera.wire import ObservationAssembler
 from wbf_mission.ground.change import ChangeRecord, ChangeRequest, ChangeSession, check_change, leads_home
@@ -70,6 +71,8 @@ class GroundStation:
     clearance : Clearance, optional
         What has to hold before the motors start; without, they start at once. With it somebody else may fly
         the vehicle, too: that is noticed, and then nothing is ordered any more.
+    maker : TransferMaker
+        Who carries the plans up.
 
     Attributes
     ----------
@@ -97,6 +100,7 @@ class GroundStation:
         on_progress: Callable[[int, int], None] | None = None,
         start_delay_s: float = 0.0,
         clearance: Clearance | None = None,
+        maker: TransferMaker = OWN_TRANSFERS,
     ) -> None:
         self.mission = mission
         self.system_id = system_id
@@ -127,7 +131,9 @@ class GroundStation:
             vehicle=self._vehicle,
             ground=(system_id, self.component_id),
             on_progress=on_progress,
+            maker=maker,
         )
+        self._maker = maker
         self.clearance = clearance
         self.pilot = PilotWatch()
         self._ready_s = math.inf
@@ -253,6 +259,7 @@ class GroundStation:
             texts=self._texts,
             seconds_an_item=self._uploads.seconds_an_item,
             guard=self._guard_of(profile),
+            maker=self._maker,
         )
         self._change = _WAYS[self.changes_aside](request)
         return self._after_change(self._change.start(now_s))

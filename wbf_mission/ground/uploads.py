@@ -16,8 +16,8 @@ from mission.transfer import (
     TransferFailed,
     TransferStatistics,
     UploadVerified,
-    VerifiedUpload,
 )
+from mission.transfer.making import OWN_TRANSFERS, Transfer, TransferMaker
 
 __all__ = ["PlanUploads"]
 
@@ -35,6 +35,8 @@ class PlanUploads:
         System and component ids.
     on_progress : callable, optional
         ``on_progress(done, total)`` as items cross.
+    maker : TransferMaker
+        Who carries the plans.
 
     Attributes
     ----------
@@ -51,18 +53,20 @@ class PlanUploads:
         vehicle: tuple[int, int],
         ground: tuple[int, int],
         on_progress: Callable[[int, int], None] | None = None,
+        maker: TransferMaker = OWN_TRANSFERS,
     ) -> None:
         self.statistics: list[TransferStatistics] = []
         self.failure = ""
         self._mission = mission
         self._vehicle, self._ground = vehicle, ground
         self._on_progress = on_progress
+        self._maker = maker
         self._kinds = deque(
             kind
             for kind in (MissionType.FENCE, MissionType.RALLY, MissionType.MISSION)
             if mission.plan(kind) or kind is MissionType.MISSION
         )
-        self._transfer: VerifiedUpload | None = None
+        self._transfer: Transfer | None = None
         self._profile = GENERIC
 
     @property
@@ -104,7 +108,7 @@ class PlanUploads:
 
     def _next(self, now_s: float) -> list[Message]:
         kind = self._kinds.popleft()
-        self._transfer = VerifiedUpload(
+        self._transfer = self._maker.upload(
             self._mission.plan(kind),
             kind,
             home=self._mission.home,

@@ -14,6 +14,7 @@ from numpy.random import SeedSequence
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import TlogWriter
+from mission.transfer.making import OWN_TRANSFERS, OwnTransfers
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.component import NEVER, Component
 from sim_vehicle.host.server import Server
@@ -49,6 +50,11 @@ class LinkHosting:
     def pace(self) -> None:
         """The vehicle decides."""
         return
+
+    @property
+    def transfers(self) -> OwnTransfers:
+        """Who carries the plans up to the vehicle."""
+        return OWN_TRANSFERS
 
     def clearance(self, system_id: int) -> Clearance:
         """Return what has to hold before the motors start: the vehicle's own checks, and the operator."""

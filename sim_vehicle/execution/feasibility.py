@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from mission.model import Command, Frame
@@ -31,6 +32,37 @@ _WAYPOINT = int(Command.NAV_WAYPOINT)
 _WITH_POSITION = POSITION_COMMANDS | {int(Command.NAV_TAKEOFF), int(Command.NAV_LAND)}
 _FRAMES = frozenset({int(Frame.GLOBAL), int(Frame.GLOBAL_RELATIVE_ALT)})
 _TIMED = frozenset({16, 19, 82, 93, 112})
+
+
+@dataclass(frozen=True, slots=True)
+class ItemProblem:
+    """Why a vehicle cannot fly an item, or the mission.
+
+    Parameters
+    ----------
+    item : int or None
+        Counted from 0; None for the mission as a whole.
+    command : int
+        MAV_CMD of the item; 0 for the mission as a whole.
+    code : str
+        What kind of problem, in words joined by hyphens.
+    reason : str
+
+    Examples
+    --------
+    >>> str(ItemProblem(3, 16, "altitude", "altitude -1.0 m above home is outside 0..500"))
+    'item 3 (NAV_WAYPOINT): altitude -1.0 m above home is outside 0..500'
+    """
+
+    item: int | None
+    command: int
+    code: str
+    reason: str
+
+    def __str__(self) -> str:
+        if self.item is None:
+            return self.reason
+        return f"item {self.item} ({_name(self.command)}): {self.reason}"
 
 
 def check_mission(
@@ -69,7 +101,7 @@ def check_mission(
     ['item 0 (NAV_WAYPOINT): no take-off before it']
     """
     positions = item_positions(items, frame)
-    problems = mission_problems(items, positions, spec, needs_takeoff=needs_takeoff)
+    problems = [str(one) for one in mission_problems(items, positions, spec, needs_takeoff=needs_takeoff)]
     if outside is not None and not problems:
         for seq, (item, position) in enumerate(zip(items, positions, strict=True)):
             reason = (
@@ -86,29 +118,34 @@ def mission_problems(
     spec: VehicleSpec,
     *,
     needs_takeoff: bool = True,
-) -> list[str]:
+) -> list[ItemProblem]:
     """As `check_mission`, with the positions of the items known."""
     if not items:
-        return ["the mission is empty"]
-    problems: list[str] = []
+        return [ItemProblem(None, 0, "empty", "the mission is empty")]
+    problems: list[ItemProblem] = []
     flying = not needs_takeoff or spec.kind == "rover"
     for seq, (item, position) in enumerate(zip(items, positions, strict=True)):
         reasons = _item_problems(item, position, len(items), spec)
         if item.command == Command.NAV_TAKEOFF:
             flying = True
         elif not flying and item.command in POSITION_COMMANDS:
-            reasons.append("no take-off before it")
+            reasons.append(("no-takeoff", "no take-off before it"))
             flying = True
-        problems += [f"item {seq} ({_name(item.command)}): {reason}" for reason in reasons]
+        problems += [ItemProblem(seq, item.command, code, reason) for code, reason in reasons]
     if must_circle(spec):
-        problems += landing_problems(items, positions, spec)
+        land = int(Command.NAV_LAND)
+        problems += [
+            ItemProblem(seq, land, "approach", reason)
+            for seq, reason in landing_problems(items, positions, spec)
+        ]
     if not any(item.command in NAV_COMMANDS for item in items):
-        problems.append("the mission has no position to fly to")
+        problems.append(ItemProblem(None, 0, "no-position", "the mission has no position to fly to"))
     if not problems:
         settings = Settings(spec.cruise_speed_m_s)
         for seq in range(len(items)):
             if items[seq].command == Command.DO_JUMP and do_items(items, seq, settings.copy(), 1.0)[1] < 0:
-                problems.append(f"item {seq} (DO_JUMP): jumps never lead to a position")
+                jump = int(Command.DO_JUMP)
+                problems.append(ItemProblem(seq, jump, "jump-loop", "jumps never lead to a position"))
                 break
     return problems
 
@@ -122,43 +159,44 @@ def _name(command: int) -> str:
 
 def _item_problems(
     item: MissionItem, position: tuple[float, float, float], count: int, spec: VehicleSpec
-) -> list[str]:
+) -> list[tuple[str, str]]:
+    """Return the code and the reason of each problem."""
     command = item.command
     if command not in NAV_COMMANDS and command not in DO_COMMANDS:
-        return ["the vehicle does not know this command"]
-    problems: list[str] = []
+        return [("unknown-command", "the vehicle does not know this command")]
+    problems: list[tuple[str, str]] = []
     has_to_be_placed = command in _WITH_POSITION
     if has_to_be_placed and item.frame not in _FRAMES:
-        return [f"frame {item.frame} is not supported (use 0 or 3)"]
+        return [("frame", f"frame {item.frame} is not supported (use 0 or 3)")]
     if has_to_be_placed:
         x, y, z = position
         high = 0.0 < z <= spec.max_altitude_m or spec.kind == "rover"
         if not high and command != Command.NAV_LAND:
-            problems.append(f"altitude {z:.1f} m above home is outside 0..{spec.max_altitude_m:g}")
+            reason = f"altitude {z:.1f} m above home is outside 0..{spec.max_altitude_m:g}"
+            problems.append(("altitude", reason))
         if x * x + y * y > spec.max_distance_m * spec.max_distance_m:
-            problems.append(
-                f"{math.hypot(x, y):.0f} m from home, the vehicle may go {spec.max_distance_m:.0f} m"
-            )
+            reason = f"{math.hypot(x, y):.0f} m from home, the vehicle may go {spec.max_distance_m:.0f} m"
+            problems.append(("far-from-home", reason))
     first, second = number(item.param1), number(item.param2)
     if command == Command.NAV_DELAY and first < 0.0:
         day = (second, number(item.param3), number(item.param4))
         if any(not -1.0 <= value < limit for value, limit in zip(day, (24.0, 60.0, 60.0), strict=True)):
-            problems.append("time of day {:g}:{:g}:{:g} is none".format(*day))
+            problems.append(("time", "time of day {:g}:{:g}:{:g} is none".format(*day)))
     elif not 0.0 <= first <= 86_400.0 and command in _TIMED:
-        problems.append(f"time {first:g} s is outside 0..86400")
+        problems.append(("time", f"time {first:g} s is outside 0..86400"))
     if command == _WAYPOINT:
         if not 0.0 <= second <= 10_000.0:
-            problems.append(f"acceptance radius {second:g} m is outside 0..10000")
+            problems.append(("radius", f"acceptance radius {second:g} m is outside 0..10000"))
         return problems
     if command == Command.NAV_LOITER_TURNS:
         if not 0.0 < first <= MAX_TURNS:
-            problems.append(f"{first:g} turns are outside 0..{MAX_TURNS:g}")
+            problems.append(("turns", f"{first:g} turns are outside 0..{MAX_TURNS:g}"))
         radius = number(item.param3)
         most = MAX_RADIUS_M if must_circle(spec) else 1000.0
         if radius != 0.0 and not 0.5 <= abs(radius) <= most:
-            problems.append(f"radius {radius:g} m is outside 0.5..{most:g}")
+            problems.append(("radius", f"radius {radius:g} m is outside 0.5..{most:g}"))
     if command == Command.DO_JUMP and not (0.0 <= first < count and first == int(first)):
-        problems.append(f"jumps to item {first:g} of {count}")
+        problems.append(("jump-target", f"jumps to item {first:g} of {count}"))
     if command == Command.CONDITION_DISTANCE and first < 0.0:
-        problems.append(f"distance {first:g} m is negative")
+        problems.append(("distance", f"distance {first:g} m is negative"))
     return problems

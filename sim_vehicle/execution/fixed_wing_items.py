@@ -116,8 +116,8 @@ def next_position(items: Sequence[MissionItem], positions: Sequence[Position], s
 
 def landing_problems(
     items: Sequence[MissionItem], positions: Sequence[Position], spec: VehicleSpec
-) -> list[str]:
-    """List what is wrong with the landings of a fixed wing; PX4 refuses an approach that is too steep.
+) -> list[tuple[int, str]]:
+    """List items and what is wrong with the landings there; PX4 refuses an approach that is too steep.
 
     Only an approach from a waypoint is judged: a circle is left where it points to the landing.
     """
@@ -125,20 +125,21 @@ def landing_problems(
     if bound is None:
         return []
     parameter, steepest = bound
-    problems = []
+    problems: list[tuple[int, str]] = []
     before: tuple[int, Position] | None = None
     for seq, (item, position) in enumerate(zip(items, positions, strict=True)):
         if item.command == Command.NAV_LAND:
             if before is None:
-                problems.append(f"item {seq} (NAV_LAND): no position before it to approach it from")
+                problems.append((seq, "no position before it to approach it from"))
             elif before[0] == _WAYPOINT and not math.isnan(position[0] + before[1][0]):
                 distance = math.hypot(position[0] - before[1][0], position[1] - before[1][1])
                 slope = math.degrees(math.atan2(before[1][2], max(distance, 1e-3)))
                 if slope > steepest + 0.05:
-                    problems.append(
-                        f"item {seq} (NAV_LAND): the approach of {slope:.1f} degrees is steeper than "
-                        f"{parameter} {steepest:g}: begin it farther away or lower"
+                    reason = (
+                        f"the approach of {slope:.1f} degrees is steeper than {parameter} {steepest:g}: "
+                        "begin it farther away or lower"
                     )
+                    problems.append((seq, reason))
         if item.command in _WITH_POSITION or item.command == Command.NAV_TAKEOFF:
             before = (item.command, position)
     return problems

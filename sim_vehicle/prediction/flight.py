@@ -119,7 +119,7 @@ class PredictedFlight:
             assert self._problem is not None
             track = np.zeros((1, 3))
             return Prediction(
-                0.0, 0.0, 1.0, 0.0, track, self._track_step_s, feasible=False, reason=self._problem
+                0.0, 0.0, 1.0, 0.0, track, self._track_step_s, feasible=False, reason=str(self._problem)
             )
         if self.events is None:
             self.events = executor.fly_through(self.longest_s)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.weather.wind import Wind
 
-__all__ = ["expected_flights", "predict_flight", "predict_flights", "rehearsals"]
+__all__ = ["expected_flights", "mean_prediction", "predict_flight", "predict_flights", "rehearsals"]
 
 _REHEARSAL_SEED = 0x1D8F
 REHEARSAL_PAIRS = 2
@@ -149,11 +149,11 @@ def expected_flights(
         for air in winds
     ]
     fly_all(flights, threads)
-    return [_mean(flights[k : k + len(winds)]) for k in range(0, len(flights), len(winds))]
+    return [mean_prediction(flights[k : k + len(winds)]) for k in range(0, len(flights), len(winds))]
 
 
-def _mean(flights: list[PredictedFlight]) -> Prediction:
-    """The expected result of a mission that was flown in several winds."""
+def mean_prediction(flights: Sequence[PredictedFlight]) -> Prediction:
+    """Return the expected result of one mission that was flown in several winds."""
     predictions = [flight.prediction() for flight in flights]
     done = [one for one, flight in zip(predictions, flights, strict=True) if flight.completed]
     if len(done) == 1 == len(flights):

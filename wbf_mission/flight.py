@@ -121,9 +121,12 @@ def fly(
     farm = campaign.farm
     if not decider.steers:
         # A planner needs no estimate: what it cannot plan is told before anything takes long.
-        campaign.plan(scenario.farm.day)
+        plans = campaign.plan(scenario.farm.day)
         tell("planning", 1, 1)
         watch.lap("plan")
+        if connect is not None:
+            connect.check(plans[0], scenario)
+            watch.lap("preflight")
     require_run_memory(farm, learner, round(campaign.expected_readings))
     environment, cached = find_environment(scenario, farm, progress, use_cache=use_cache)
     watch.lap("environment")
@@ -137,9 +140,12 @@ def fly(
         try:
             if decider.steers:
                 decider.policy.start()
-                campaign.plan(scenario.farm.day)
+                plans = campaign.plan(scenario.farm.day)
                 tell("planning", 1, 1)
                 watch.lap("plan")
+                if connect is not None:
+                    connect.check(plans[0], scenario)
+                    watch.lap("preflight")
             try:
                 if connect is None:
                     campaign.fly(environment, VirtualHosting(pace, tlog, impairment, breaking))

@@ -140,7 +140,7 @@ class TransferDriver:
         end_s = self._clock() + timeout_s
         while True:
             for message in self.endpoint.receive():
-                found = _vehicle_of(message)
+                found = vehicle_of(message)
                 if found is not None and system_id in (None, found.system_id):
                     self.vehicle = found
                     return found
@@ -299,7 +299,7 @@ class TransferDriver:
         return tuple(self.run(MissionClear(kind, **options))[1] for kind in types)
 
 
-def _vehicle_of(message: Message) -> Vehicle | None:
+def vehicle_of(message: Message) -> Vehicle | None:
     """Return the vehicle whose autopilot's heartbeat this is, None if it is anything else."""
     if (
         not is_a(message, mavlink.MAVLink_heartbeat_message)
@@ -311,4 +311,4 @@ def _vehicle_of(message: Message) -> Vehicle | None:
     return Vehicle(message.get_srcSystem(), message.get_srcComponent(), message.autopilot, message.type)
 
 
-__all__ = ["TransferDriver", "Vehicle", "wait_readable"]
+__all__ = ["TransferDriver", "Vehicle", "vehicle_of", "wait_readable"]

@@ -44,7 +44,10 @@ def loaded(*arguments, **environment):
 
 COMMANDS = (
     (),
-    *((name,) for name in ("plan", "fly", "sim", "check", "upload", "download", "monitor", "command")),
+    *(
+        (name,)
+        for name in ("plan", "fly", "sim", "check", "preflight", "upload", "download", "monitor", "command")
+    ),
     *((name,) for name in ("benchmark", "warm-up")),
     ("farm",),
     *(("farm", name) for name in ("list", "show", "draw", "save", "generate")),

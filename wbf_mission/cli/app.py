@@ -21,6 +21,7 @@ from wbf_mission.cli import (
     fly,
     operate,
     plan,
+    preflight,
     signals,
     sim,
     transfer,
@@ -51,6 +52,7 @@ app.command("plan", cls=HelpCommand, epilog=plan.EXAMPLES)(plan.plan_command)
 app.command("fly", cls=HelpCommand, epilog=fly.EXAMPLES)(fly.fly_command)
 app.command("sim", cls=HelpCommand, epilog=sim.EXAMPLES)(sim.sim_command)
 app.command("check", cls=HelpCommand, epilog=check.EXAMPLES)(check.check_command)
+app.command("preflight", cls=HelpCommand, epilog=preflight.EXAMPLES)(preflight.preflight_command)
 app.command("upload", cls=HelpCommand, epilog=transfer.UPLOAD_EXAMPLES)(transfer.upload_command)
 app.command("download", cls=HelpCommand, epilog=transfer.DOWNLOAD_EXAMPLES)(transfer.download_command)
 app.command("monitor", cls=HelpCommand, epilog=operate.MONITOR_EXAMPLES)(operate.monitor_command)

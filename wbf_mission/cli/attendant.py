@@ -12,6 +12,7 @@ from wbf_mission.ground.clearance import Stage
 from wbf_mission.ground.modes import Maneuver
 from wbf_mission.ground.station import NotFlyingError
 from wbf_mission.outcome import Phase
+from wbf_mission.preflight.vehicle.standing import FARTHEST_M
 
 if TYPE_CHECKING:
     from wbf_mission.joint_flight import JointFlight
@@ -21,8 +22,6 @@ __all__ = ["Operator"]
 
 _STATUS_S = 5.0
 _SILENCE_S = 5.0
-FARTHEST_M = 300.0
-"""A vehicle that stands farther from the start of its plan is not started."""
 _CHOICES = {"h": Maneuver.HOLD, "r": Maneuver.RETURN}
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -131,7 +132,8 @@ def fly_command(
         bool,
         typer.Option(
             "--force",
-            help="Replace the result of another run in the folder, or write among other files.",
+            help="Replace the result of another run in the folder, or write among other files; with --connect"
+            " fly though the preflight check finds errors.",
             rich_help_panel="Output",
         ),
     ] = False,
@@ -160,7 +162,7 @@ def fly_command(
     chosen = given.change(base)
     live = None
     if connect is not None:
-        live = _live_link(output, connect, agreed=yes, wait_s=wait, system_id=system_id)
+        live = _live_link(output, connect, agreed=yes, wait_s=wait, system_id=system_id, force=force)
         if speed is not None or fault or in_file:
             msg = "--speed and --fault are of simulated flights: leave them out with --connect"
             raise ScenarioError(msg)
@@ -249,16 +251,26 @@ def fly_command(
     return ExitCode.NOT_GOOD if blind else exit_code_of_flight(result.outcome)
 
 
-def _live_link(output: Output, url: str, *, agreed: bool, wait_s: float, system_id: int | None) -> LiveLink:
+def _live_link(
+    output: Output, url: str, *, agreed: bool, wait_s: float, system_id: int | None, force: bool
+) -> LiveLink:
     """Return the link to a vehicle, with the operator at this terminal."""
     from wbf_mission.cli.attendant import Operator
+    from wbf_mission.cli.preflight import tell
     from wbf_mission.live.link import LiveLink
 
     if not agreed and not sys.stdin.isatty():
         msg = "--connect asks before the motors start, but nobody is at the terminal: give --yes"
         raise ScenarioError(msg)
     return LiveLink(
-        url, Operator(output), agreed=agreed, wait_s=wait_s, system_id=system_id, note=output.note
+        url,
+        Operator(output),
+        agreed=agreed,
+        wait_s=wait_s,
+        system_id=system_id,
+        note=output.note,
+        force=force,
+        tell=partial(tell, output),
     )
 
 

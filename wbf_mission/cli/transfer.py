@@ -33,15 +33,29 @@ def upload_command(
     file: Annotated[Path, typer.Argument(help="Mission file: .plan, .waypoints or .json.")],
     connect: Connect = "udpin:127.0.0.1:14550",
     wait: options.Wait = 10.0,
+    vehicle: Annotated[
+        str | None,
+        typer.Option(
+            help="Vehicle that the plan is checked for: a name or a .toml file.  [default: a typical one of"
+            " the kind that is heard]",
+            autocompletion=options.complete("vehicle"),
+            show_default=False,
+        ),
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Send it though the preflight check finds errors.")
+    ] = False,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> None:
-    """Upload a mission file (mission, fence, rally points), download it again and compare."""
+    """Check a mission file, upload it (mission, fence, rally points), download it again and compare."""
     from mission.files import read_mission
+    from wbf_mission.cli.preflight import check_before_upload
     from wbf_mission.ground.link import upload
 
     output = Output(as_json=json, quiet=quiet)
     mission = read_mission(file)
+    checked = check_before_upload(output, mission, connect, vehicle=vehicle, wait_s=wait, force=force)
     with output.progress() as progress:
         report = upload(mission, connect, wait_s=wait, progress=progress, note=output.note)
     rows = {
@@ -51,7 +65,8 @@ def upload_command(
         f"{report.retries} retries",
         "time": duration(report.duration_s),
     }
-    output.result({"file": str(file), **report.summary()}, rows, title="Uploaded")
+    findings = [finding.summary() for finding in checked.findings]
+    output.result({"file": str(file), **report.summary(), "findings": findings}, rows, title="Uploaded")
 
 
 def download_command(

@@ -8,10 +8,11 @@ from mission.transfer.driver import Vehicle
 from sim_vehicle.airframe.catalog import get_vehicle
 from wbf_mission.scenario import Scenario, scenario_with
 
-__all__ = ["LiveFlightError", "fitted_to", "require_single_flight"]
+__all__ = ["LiveFlightError", "fitted_to", "require_single_flight", "typical_vehicle"]
 
 _AUTOPILOTS = {int(m.MAV_AUTOPILOT_PX4): "px4", int(m.MAV_AUTOPILOT_ARDUPILOTMEGA): "ardupilot"}
 _KINDS = {int(m.MAV_TYPE_FIXED_WING): "fixed-wing", int(m.MAV_TYPE_GROUND_ROVER): "rover"}
+_TYPICAL = {"multirotor": "quad", "fixed-wing": "fixed-wing", "rover": "rover"}
 
 
 class LiveFlightError(WbfMissionError, ValueError):
@@ -46,8 +47,23 @@ def fitted_to(scenario: Scenario, vehicle: Vehicle) -> Scenario:
         If the scenario's vehicle is one of another kind.
     """
     name = scenario.vehicle.fleet[0]
-    planned, heard = get_vehicle(name).kind, _KINDS.get(vehicle.vehicle_type, "multirotor")
+    planned, heard = get_vehicle(name).kind, _kind_of(vehicle)
     if planned != heard:
         msg = f"vehicle {name} is a {planned}, but a {heard} is heard; name one of its kind with --vehicle"
         raise LiveFlightError(msg)
     return scenario_with(scenario, {"autopilot": _AUTOPILOTS.get(vehicle.autopilot, "generic")})
+
+
+def typical_vehicle(vehicle: Vehicle) -> str:
+    """Return the name of a vehicle of the kind that was heard, for who does not say which it is.
+
+    Examples
+    --------
+    >>> typical_vehicle(Vehicle(1, 1, 12, 1))
+    'fixed-wing'
+    """
+    return _TYPICAL[_kind_of(vehicle)]
+
+
+def _kind_of(vehicle: Vehicle) -> str:
+    return _KINDS.get(vehicle.vehicle_type, "multirotor")

@@ -12,6 +12,10 @@ from wbf_mission.ground.link import find_vehicle
 from wbf_mission.joint_flight import Attendant
 from wbf_mission.live.discovery import fitted_to, require_single_flight
 from wbf_mission.live.hosting import LinkHosting
+from wbf_mission.planning import PlanResult
+from wbf_mission.preflight.finding import Concern, Report
+from wbf_mission.preflight.run import Circumstances, check_mission
+from wbf_mission.preflight.vehicle.asking import ask_vehicle
 from wbf_mission.scenario import Scenario
 
 __all__ = ["LiveLink"]
@@ -19,6 +23,10 @@ __all__ = ["LiveLink"]
 
 def _silent(_text: str) -> None:
     """Tell nobody."""
+
+
+def _tell_nobody(_report: Report) -> None:
+    """Tell nobody what was found."""
 
 
 @dataclass(slots=True)
@@ -38,6 +46,10 @@ class LiveLink:
         Of the vehicle; None: the first one that is heard.
     note : callable
         Takes lines for the operator.
+    force : bool
+        Fly a plan in which the preflight check finds errors.
+    tell : callable
+        Takes what the preflight check finds.
     """
 
     url: str
@@ -46,6 +58,8 @@ class LiveLink:
     wait_s: float = 10.0
     system_id: int | None = None
     note: Callable[[str], None] = _silent
+    force: bool = False
+    tell: Callable[[Report], None] = _tell_nobody
     _heard: HeardVehicle | None = field(default=None, init=False)
 
     def fitted(self, scenario: Scenario) -> Scenario:
@@ -68,6 +82,28 @@ class LiveLink:
         assert self._heard is not None
         number = self._heard.system_id
         return tuple(replace(one, task=replace(one.task, system_id=number)) for one in vehicles)
+
+    def check(self, plan: PlanResult, scenario: Scenario) -> None:
+        """Check a plan before it goes up, and ask the vehicle for what the plan assumes.
+
+        That the vehicle cannot arm yet is no error: the start waits for it.
+
+        Raises
+        ------
+        PreflightFailedError
+            If there are errors, unless they are overruled.
+        LinkError, NoVehicleError
+            If the vehicle is not there any more.
+        """
+        assert self._heard is not None
+        number = self._heard.system_id
+        snapshot = ask_vehicle(self.url, wait_s=self.wait_s, system_id=number, note=self.note)
+        circumstances = Circumstances(scenario.vehicle, scenario.weather, plan.farm, snapshot=snapshot)
+        report = check_mission(plan.mission, circumstances).report
+        self.tell(report)
+        if not self.force:
+            counted = report.about(Concern.PLAN, Concern.PARAMETERS, Concern.STATE)
+            counted.require_no_errors("nothing was sent")
 
     def hosting(self, tlog: Path | None) -> LinkHosting:
         """Return where the flight takes place."""

@@ -1,0 +1,1 @@
+"""The checks of a plan; each module looks at one thing."""

@@ -1,0 +1,171 @@
+"""The list of items itself: what cannot be flown, is never flown, or does not fit into the autopilot."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+from mission.model import Frame, MissionType
+from mission.transfer import count_warning
+from sim_vehicle.execution.feasibility import ItemProblem
+from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS
+from wbf_mission.preflight.checks.legs import PLACED
+from wbf_mission.preflight.finding import Finding, Measure, Severity
+from wbf_mission.preflight.flow import never_ends, reachable
+from wbf_mission.preflight.subject import Subject, command_name
+
+__all__ = ["check_ends", "check_flown", "check_frames", "check_limits", "check_problems", "check_unknown"]
+
+_FRAMES = {
+    int(Frame.GLOBAL): "above the sea",
+    int(Frame.GLOBAL_RELATIVE_ALT): "above home",
+    int(Frame.GLOBAL_TERRAIN_ALT): "above the terrain",
+}
+_FIXES = {
+    "empty": "give a mission with items",
+    "no-position": "add a waypoint",
+    "no-takeoff": "begin with NAV_TAKEOFF",
+    "altitude": "give a height within the limits",
+    "far-from-home": "plan from a home nearby",
+    "frame": "use frame 0 or 3",
+    "jump-target": "jump to an item that is there",
+    "jump-loop": "jump to a position, or before one",
+}
+
+
+def check_problems(subject: Subject) -> Iterator[Finding]:
+    """What the vehicle cannot fly, as its own checks before arming find it."""
+    for code in dict.fromkeys(one.code for one in subject.problems):
+        yield _problem_finding([one for one in subject.problems if one.code == code])
+    if subject.stopped is not None:
+        item, reason = subject.stopped
+        fix = "change the item, or fly another vehicle"
+        yield Finding(
+            Severity.WARNING if subject.assumed else Severity.ERROR,
+            "stops",
+            reason,
+            fix,
+            item=item + 1,
+            command=subject.name_of(item),
+        )
+
+
+def _problem_finding(problems: list[ItemProblem]) -> Finding:
+    first = problems[0]
+    return Finding(
+        Severity.ERROR,
+        first.code,
+        _one_based(first),
+        _FIXES.get(first.code, "correct the item"),
+        item=None if first.item is None else first.item + 1,
+        command="" if first.item is None else command_name(first.command),
+        count=len(problems),
+    )
+
+
+def _one_based(problem: ItemProblem) -> str:
+    """Return the reason; the target of a jump counts from 1, as the items of a finding do."""
+    if problem.code != "jump-target":
+        return problem.reason
+    return "jumps to an item that is not there"
+
+
+def check_unknown(subject: Subject) -> Iterator[Finding]:
+    """Commands and heights that the prediction leaves out."""
+    unknown = [
+        k
+        for k, item in enumerate(subject.items)
+        if item.command not in NAV_COMMANDS and item.command not in DO_COMMANDS
+    ]
+    if unknown:
+        first = unknown[0]
+        yield Finding(
+            Severity.WARNING,
+            "not-predicted",
+            "this command is not predicted: time, path and battery are without it",
+            "check the item by hand",
+            item=first + 1,
+            command=subject.name_of(first),
+            count=len(unknown),
+        )
+    terrain = [k for k, item in enumerate(subject.items) if item.frame == Frame.GLOBAL_TERRAIN_ALT]
+    if terrain:
+        yield Finding(
+            Severity.WARNING,
+            "terrain-heights",
+            "heights above the terrain are predicted as heights above home",
+            "check heights and battery where the ground rises",
+            item=terrain[0] + 1,
+            command=subject.name_of(terrain[0]),
+            count=len(terrain),
+        )
+
+
+def check_flown(subject: Subject) -> Iterator[Finding]:
+    """Items behind the end of the mission."""
+    seen = reachable(subject.items)
+    never = [k for k in range(len(subject.items)) if k not in seen]
+    if never:
+        yield Finding(
+            Severity.WARNING,
+            "unreachable",
+            "is never flown: what is before it ends the mission, and nothing jumps there",
+            "remove it, or put the end of the mission behind it",
+            item=never[0] + 1,
+            command=subject.name_of(never[0]),
+            count=len(never),
+        )
+
+
+def check_ends(subject: Subject) -> Iterator[Finding]:
+    """Jumps that go round for ever."""
+    if never_ends(subject.items):
+        jump = max((k for k in reachable(subject.items) if k < len(subject.items)), default=0)
+        yield Finding(
+            Severity.WARNING,
+            "endless",
+            "the mission goes round until the battery is low",
+            "give DO_JUMP a number of times",
+            item=jump + 1,
+            command=subject.name_of(jump),
+        )
+
+
+def check_frames(subject: Subject) -> Iterator[Finding]:
+    """Heights that count from different levels."""
+    frames = [
+        (k, item.frame)
+        for k, item in enumerate(subject.items)
+        if item.command in PLACED and item.frame in _FRAMES and item.has_position
+    ]
+    usual = Counter(frame for _, frame in frames).most_common()
+    if len(usual) > 1:
+        others = [(k, frame) for k, frame in frames if frame != usual[0][0]]
+        item, frame = others[0]
+        yield Finding(
+            Severity.WARNING,
+            "mixed-frames",
+            f"its height counts {_FRAMES[frame]}, that of others {_FRAMES[usual[0][0]]}",
+            "give all heights in one frame",
+            item=item + 1,
+            command=subject.name_of(item),
+            count=len(others),
+        )
+
+
+def check_limits(subject: Subject) -> Iterator[Finding]:
+    """More items than an autopilot holds, and than many boards do."""
+    for kind in MissionType:
+        number = len(subject.mission.plan(kind))
+        name, most = kind.name.lower(), subject.profile.capacity[kind]
+        warning = count_warning(subject.profile, kind, number)
+        if number > most:
+            text = f"{number} items: {subject.profile.name} holds no more than {most}"
+            measure = Measure(number, "items", most)
+            fix = "fly it in parts"
+            yield Finding(Severity.ERROR, "too-many-items", text, fix, plan=name, measure=measure)
+        elif warning is not None:
+            usual = subject.profile.usual_limits[kind]
+            measure = Measure(number, "items", usual)
+            fix = "look up what the board holds, or fly it in parts"
+            yield Finding(Severity.WARNING, "many-items", warning, fix, plan=name, measure=measure)

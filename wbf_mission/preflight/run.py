@@ -1,0 +1,126 @@
+"""The preflight check as the command line, an upload and a live flight ask for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from geo import Farm
+from mission.model import Frame, Mission
+from mission.transfer import Profile, profile_for
+from sim_vehicle.camera.component import MIN_INTERVAL_S
+from wbf_mission.planning.builder import flown_vehicle
+from wbf_mission.preflight.checks.legs import PLACED
+from wbf_mission.preflight.finding import PreflightError, Report
+from wbf_mission.preflight.inspection import inspect
+from wbf_mission.preflight.subject import DEFAULT_MARGIN_M, Subject, subject_of
+from wbf_mission.preflight.vehicle.snapshot import VehicleSnapshot
+from wbf_mission.scenario import MissionOptions, VehicleOptions, WeatherOptions
+from wbf_mission.weather import flight_level, wind_of
+
+__all__ = ["Circumstances", "Preflight", "check_mission"]
+
+
+@dataclass(frozen=True, slots=True)
+class Circumstances:
+    """Who flies a plan, where and in what air.
+
+    Parameters
+    ----------
+    vehicle : VehicleOptions
+        Of one vehicle.
+    weather : WeatherOptions
+    farm : Farm or None
+        Whose obstacles count.
+    margin_m : float
+        How far the flown path has to stay away from fence and obstacles.
+    image_interval_s : float
+        The camera's shortest interval.
+    assumed : bool
+        Nobody said what vehicle it is.
+    snapshot : VehicleSnapshot or None
+        What the vehicle told of itself.
+    """
+
+    vehicle: VehicleOptions = field(default_factory=VehicleOptions)
+    weather: WeatherOptions = field(default_factory=WeatherOptions)
+    farm: Farm | None = None
+    margin_m: float = DEFAULT_MARGIN_M
+    image_interval_s: float = MIN_INTERVAL_S
+    assumed: bool = False
+    snapshot: VehicleSnapshot | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Preflight:
+    """A checked plan.
+
+    Parameters
+    ----------
+    subject : Subject
+        The plan with its predicted flight.
+    report : Report
+    """
+
+    subject: Subject
+    report: Report
+
+
+def check_mission(mission: Mission, circumstances: Circumstances | None = None) -> Preflight:
+    """Check a plan before it goes up.
+
+    Raises
+    ------
+    VehicleError
+        If the vehicle or a parameter of its autopilot is unknown, or a value out of range.
+    PreflightError
+        If several vehicles are named, or nothing tells where the mission begins.
+
+    Examples
+    --------
+    >>> from mission.model import GeoPoint, MissionItem
+    >>> takeoff = MissionItem(22, 3, 0, 0, 0, None, 28.05, -82.15, 10.0)
+    >>> there = MissionItem.waypoint(28.051, -82.15, 10.0, acceptance_radius_m=2.0)
+    >>> checked = check_mission(Mission((takeoff, there), GeoPoint(28.05, -82.15)))
+    >>> [str(one) for one in checked.report.findings if one.code == "no-landing"][0][:39]
+    'item 2 NAV_WAYPOINT: the mission ends i'
+    """
+    given = circumstances or Circumstances()
+    options = given.vehicle
+    if len(options.fleet) > 1:
+        msg = f"vehicle {options.name}: a plan is one vehicle's; name one"
+        raise PreflightError(msg)
+    if not _tells_where(mission) and given.farm is None and _stands_at(given.snapshot) is None:
+        msg = "the mission has no home and no position: where does it begin? Give the plan a home"
+        raise PreflightError(msg)
+    level = flight_level(MissionOptions(), options)
+    heights = [
+        item.z
+        for item in mission.items
+        if item.command in PLACED and item.frame == Frame.GLOBAL_RELATIVE_ALT and item.z > 0.0
+    ]
+    level = replace(level, altitude_m=max(heights, default=level.altitude_m))
+    subject = subject_of(
+        mission,
+        flown_vehicle(options),
+        profile=_heard_profile(given.snapshot),
+        wind=wind_of(given.weather, level),
+        farm=given.farm,
+        margin_m=given.margin_m,
+        image_interval_s=given.image_interval_s,
+        assumed=given.assumed,
+        snapshot=given.snapshot,
+    )
+    return Preflight(subject, inspect(subject))
+
+
+def _tells_where(mission: Mission) -> bool:
+    places = (item for item in mission.items if item.has_position and (item.x, item.y) != (0.0, 0.0))
+    return mission.home is not None or next(places, None) is not None
+
+
+def _stands_at(snapshot: VehicleSnapshot | None) -> object:
+    return None if snapshot is None else snapshot.position
+
+
+def _heard_profile(snapshot: VehicleSnapshot | None) -> Profile | None:
+    return None if snapshot is None else profile_for(snapshot.autopilot)

@@ -1,0 +1,261 @@
+"""What a plan is checked for: vehicle, autopilot, air, surroundings; and its flight as it is predicted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from geo import Farm
+from geo.frame import LocalFrame
+from mission.link.codec.dialect import mavlink as m
+from mission.model import Frame, Mission, MissionItem
+from mission.transfer import GENERIC, Profile
+from sim_vehicle.airframe.spec import VehicleSpec
+from sim_vehicle.autopilot import firmware_of
+from sim_vehicle.camera.component import MIN_INTERVAL_S
+from sim_vehicle.epoch import EPOCH_UNIX_S
+from sim_vehicle.execution.feasibility import ItemProblem, mission_problems
+from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS, item_positions
+from sim_vehicle.execution.state import CannotFly, CurrentChanged
+from sim_vehicle.motion.legs import Position
+from sim_vehicle.prediction.flight import PredictedFlight, Prediction, climbs_by_itself, fly_all, home_frame
+from sim_vehicle.prediction.predict import mean_prediction, rehearsals
+from sim_vehicle.weather.wind import Wind
+from wbf_mission.preflight.flow import never_ends
+from wbf_mission.preflight.vehicle.snapshot import VehicleSnapshot
+
+__all__ = ["DEFAULT_MARGIN_M", "FlownTrack", "Subject", "command_name", "subject_of"]
+
+DEFAULT_MARGIN_M = 2.0
+"""How far the flown path stays away from fence and obstacles, unless something else is asked for."""
+_TRACK_STEP_S = 0.2
+_ON_THE_GROUND_M = 0.3
+# A DO item that changes nothing of the flight.
+_NO_OPERATION = int(m.MAV_CMD_SET_CAMERA_MODE)
+
+
+@dataclass(frozen=True, slots=True)
+class FlownTrack:
+    """A flight of the plan as it is predicted.
+
+    Parameters
+    ----------
+    points_m : float64[n, 3]
+        East, north, up about home.
+    items : int64[n]
+        The item that is flown at each, counted from 0.
+    """
+
+    points_m: NDArray[np.float64]
+    items: NDArray[np.int64]
+
+    @property
+    def aloft(self) -> NDArray[np.bool_]:
+        """Where it is off the ground."""
+        return self.points_m[:, 2] > _ON_THE_GROUND_M
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """A plan with everything that its checks need.
+
+    Parameters
+    ----------
+    mission : Mission
+        With home, if that is known from anywhere.
+    vehicle : VehicleSpec
+        As its autopilot flies it.
+    profile : mission.transfer.Profile
+        How that autopilot speaks the mission protocol.
+    frame : LocalFrame
+        East and north about home.
+    positions : tuple of Position
+        Of the items: east, north, up about home; NaN where they have none.
+    problems : tuple of ItemProblem
+        Why the vehicle cannot fly it.
+    tracks : tuple of FlownTrack
+        Flights in the wind, one for each rehearsal of its gusts; empty if it cannot be flown.
+    prediction : Prediction or None
+        The mean of them; the battery may be empty before the end.
+    stopped : tuple of (int, str) or None
+        The item, from 0, that ended a predicted flight, and why.
+    wind : Wind or None
+    obstacles : tuple of shapely geometries
+        Where no flight may pass, metres about home.
+    margin_m : float
+        How far the path has to stay away from fence and obstacles.
+    image_interval_s : float
+        The camera's shortest interval.
+    assumed : bool
+        Nobody said what vehicle it is: what depends on that is no error.
+    snapshot : VehicleSnapshot or None
+        What the vehicle told of itself.
+    """
+
+    mission: Mission
+    vehicle: VehicleSpec
+    profile: Profile
+    frame: LocalFrame
+    positions: tuple[Position, ...]
+    problems: tuple[ItemProblem, ...]
+    tracks: tuple[FlownTrack, ...]
+    prediction: Prediction | None
+    stopped: tuple[int, str] | None
+    wind: Wind | None = None
+    obstacles: tuple[shapely.Geometry, ...] = ()
+    margin_m: float = DEFAULT_MARGIN_M
+    image_interval_s: float = MIN_INTERVAL_S
+    assumed: bool = False
+    snapshot: VehicleSnapshot | None = None
+
+    @property
+    def items(self) -> tuple[MissionItem, ...]:
+        """The items of the mission."""
+        return self.mission.items
+
+    def name_of(self, item: int) -> str:
+        """Return the name of an item's command."""
+        return command_name(self.items[item].command)
+
+    @property
+    def needed_wh(self) -> float:
+        """Energy of the whole flight; 0 without a power model or a prediction."""
+        return 0.0 if self.prediction is None else self.prediction.energy_wh
+
+
+def command_name(command: int) -> str:
+    """Return the name of a MAV_CMD without its prefix.
+
+    >>> command_name(16), command_name(60000)
+    ('NAV_WAYPOINT', 'command 60000')
+    """
+    entry = m.enums["MAV_CMD"].get(command)
+    return f"command {command}" if entry is None else str(entry.name).removeprefix("MAV_CMD_")
+
+
+def subject_of(
+    mission: Mission,
+    vehicle: VehicleSpec,
+    *,
+    profile: Profile | None = None,
+    wind: Wind | None = None,
+    farm: Farm | None = None,
+    margin_m: float = DEFAULT_MARGIN_M,
+    image_interval_s: float = MIN_INTERVAL_S,
+    assumed: bool = False,
+    snapshot: VehicleSnapshot | None = None,
+) -> Subject:
+    """Fly a plan in prediction, and gather what its checks need.
+
+    Parameters
+    ----------
+    mission : Mission
+    vehicle : VehicleSpec
+        As its autopilot flies it.
+    profile : mission.transfer.Profile, optional
+        Of an autopilot that was heard; by default that of the vehicle's autopilot.
+    wind : Wind, optional
+    farm : Farm, optional
+        Whose obstacles count, and whose home it is where the mission has none.
+    margin_m, image_interval_s, assumed, snapshot
+        As in `Subject`.
+
+    Raises
+    ------
+    VehicleError
+        If nothing tells where the mission begins.
+    """
+    placed = _with_home(mission, farm, snapshot)
+    frame = home_frame(placed)
+    flown = replace(placed, items=tuple(_predictable(item) for item in placed.items))
+    positions = tuple(item_positions(flown.items, frame))
+    problems = mission_problems(flown.items, positions, vehicle, needs_takeoff=not climbs_by_itself(vehicle))
+    tracks: tuple[FlownTrack, ...] = ()
+    prediction, stopped = None, None
+    if not problems:
+        tracks, prediction, stopped = _fly(flown, vehicle, wind, frame)
+    firmware = firmware_of(vehicle)
+    return Subject(
+        mission=placed,
+        vehicle=vehicle,
+        profile=profile or (GENERIC if firmware is None else firmware.profile),
+        frame=frame,
+        positions=positions,
+        problems=tuple(problems),
+        tracks=tracks,
+        prediction=prediction,
+        stopped=stopped,
+        wind=wind,
+        obstacles=() if farm is None else _about_home(farm, frame),
+        margin_m=margin_m,
+        image_interval_s=image_interval_s,
+        assumed=assumed,
+        snapshot=snapshot,
+    )
+
+
+def _with_home(mission: Mission, farm: Farm | None, snapshot: VehicleSnapshot | None) -> Mission:
+    """Return the mission with the home of its file, else the farm's, else where the vehicle stands."""
+    if mission.home is not None:
+        return mission
+    if farm is not None:
+        from wbf_mission.planning import home_of
+
+        return replace(mission, home=home_of(mission, farm))
+    if snapshot is not None and snapshot.position is not None:
+        return replace(mission, home=snapshot.position)
+    return mission
+
+
+def _predictable(item: MissionItem) -> MissionItem:
+    """Return an item as the prediction takes it: heights above terrain as above home, others do nothing."""
+    if item.frame == Frame.GLOBAL_TERRAIN_ALT:
+        item = replace(item, frame=int(Frame.GLOBAL_RELATIVE_ALT))
+    known = item.command in NAV_COMMANDS or item.command in DO_COMMANDS
+    return item if known else MissionItem(_NO_OPERATION)
+
+
+def _fly(
+    mission: Mission, vehicle: VehicleSpec, wind: Wind | None, frame: LocalFrame
+) -> tuple[tuple[FlownTrack, ...], Prediction, tuple[int, str] | None]:
+    flights = [
+        PredictedFlight(
+            mission,
+            vehicle,
+            air,
+            frame,
+            track_step_s=_TRACK_STEP_S,
+            epoch_unix_s=EPOCH_UNIX_S,
+            endless=not never_ends(mission.items),
+        )
+        for air in rehearsals(wind)
+    ]
+    fly_all(flights, threads=1)
+    prediction = mean_prediction(flights)
+    stopped = None
+    for flight in flights:
+        for event in flight.events or ():
+            if isinstance(event, CannotFly) and event.seq >= 0:
+                stopped = event.seq, event.reason
+    return tuple(_track_of(flight) for flight in flights), prediction, stopped
+
+
+def _track_of(flight: PredictedFlight) -> FlownTrack:
+    one = flight.prediction()
+    times = one.track_step_s * np.arange(1, len(one.track_m) + 1)
+    changes = [event for event in flight.events or () if isinstance(event, CurrentChanged)]
+    since = np.array([event.time_s for event in changes])
+    numbers = np.array([0, *(event.seq for event in changes)], dtype=np.int64)
+    return FlownTrack(one.track_m, numbers[np.searchsorted(since, times, side="left")])
+
+
+def _about_home(farm: Farm, frame: LocalFrame) -> tuple[shapely.Geometry, ...]:
+    """Return the obstacles of a farm in metres about home."""
+
+    def moved(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.column_stack(frame.from_wgs84(*farm.frame.to_wgs84(points[:, 0], points[:, 1])))
+
+    return tuple(shapely.transform(one, moved) for one in farm.obstacles)

@@ -1,0 +1,285 @@
+"""What is set on the vehicle against what the plan assumes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from mission.model import Command
+from mission.transfer import ARDUPILOT, PX4
+from sim_vehicle.airframe.parameters import parameter_value
+from sim_vehicle.autopilot import firmware_of
+from wbf_mission.preflight.checks.legs import legs_of
+from wbf_mission.preflight.finding import Concern, Finding, Measure, Severity
+from wbf_mission.preflight.subject import Subject
+from wbf_mission.preflight.vehicle.questions import Meaning, Question, answer_to, questions_for
+
+__all__ = [
+    "check_calibration",
+    "check_failsafes",
+    "check_fence_settings",
+    "check_landing_rules",
+    "check_motion_settings",
+    "check_unread",
+]
+
+_NOTICEABLE = 0.05
+_NOTICEABLE_RADIUS_M = 0.5
+_NOTICEABLE_HEIGHT_M = 1.0
+_HIGHEST_M = 120.0
+_LANDINGS = frozenset({int(Command.NAV_LAND), 85})
+_TAKEOFFS = frozenset({int(Command.NAV_TAKEOFF), 84})
+_CEILING_BIT, _RADIUS_BIT = 1, 2  # FENCE_TYPE of ArduPilot
+_CONTINUES_BIT = 2  # FS_OPTIONS of ArduCopter: a mission goes on without a ground station
+_LINK_GOES_ON = 2  # FS_GCS_ENABLE of old ArduCopters
+
+
+def _value(subject: Subject, meaning: Meaning) -> tuple[str, float] | None:
+    snapshot = subject.snapshot
+    return None if snapshot is None else answer_to(meaning, _questions(subject), snapshot.parameters)
+
+
+def _questions(subject: Subject) -> tuple[Question, ...]:
+    snapshot = subject.snapshot
+    return () if snapshot is None else questions_for(snapshot.autopilot, snapshot.vehicle_type)
+
+
+def _finding(
+    severity: Severity, code: str, text: str, fix: str = "", measure: Measure | None = None
+) -> Finding:
+    return Finding(severity, code, text, fix, measure=measure, concern=Concern.PARAMETERS)
+
+
+def check_unread(subject: Subject) -> Iterator[Finding]:
+    """Parameters that the vehicle does not have, or did not tell."""
+    snapshot = subject.snapshot
+    if snapshot is None:
+        return
+    missing = [
+        " or ".join(name for name, _ in one.names)
+        for one in _questions(subject)
+        if not any(name in snapshot.parameters for name, _ in one.names)
+    ]
+    if missing:
+        text = f"could not be read: {', '.join(missing)}"
+        yield _finding(Severity.NOTE, "parameter-unread", text)
+
+
+def _assumed(subject: Subject, name: str, otherwise: float) -> float:
+    """Return what the prediction flies with: the parameter of that name, else what it decides."""
+    firmware = firmware_of(subject.vehicle)
+    if firmware is None or name not in firmware.procedures.parameters:
+        return otherwise
+    unit = next(
+        (unit for question in _questions(subject) for one, unit in question.names if one == name), 1.0
+    )
+    return unit * parameter_value(subject.vehicle, name, firmware.procedures.parameters)
+
+
+def check_motion_settings(subject: Subject) -> Iterator[Finding]:
+    """Speeds, acceptance radius and return height other than those that the prediction flies with."""
+    vehicle, legs = subject.vehicle, legs_of(subject)
+    cruise = _value(subject, Meaning.CRUISE_SPEED)
+    first_order = next(
+        (k for k, one in enumerate(subject.items) if one.command == Command.DO_CHANGE_SPEED), math.inf
+    )
+    uses_cruise = any(leg.item < first_order and leg.length_m > 1.0 for leg in legs)
+    if cruise is not None and uses_cruise:
+        name, value = cruise
+        assumed = _assumed(subject, name, vehicle.cruise_speed_m_s)
+        if abs(value - assumed) > _NOTICEABLE * assumed:
+            yield _finding(
+                Severity.WARNING,
+                "other-speed",
+                f"{name}: the plan is predicted with another speed",
+                f"set {name}, order the speed in the mission, or predict with --param",
+                Measure(value, "m/s", assumed),
+            )
+    fastest = _value(subject, Meaning.FASTEST)
+    wanted = max((leg.speed_m_s for leg in legs), default=0.0)
+    if fastest is not None and wanted > fastest[1] * (1.0 + _NOTICEABLE):
+        yield _finding(
+            Severity.WARNING,
+            "speed-limit",
+            f"{fastest[0]} is lower than the speed of the plan: the flight takes longer than predicted",
+            f"fly slower, or raise {fastest[0]}",
+            Measure(wanted, "m/s", fastest[1]),
+        )
+    radius = _value(subject, Meaning.ACCEPTANCE_RADIUS)
+    lossy = "param2" in subject.profile.lossy.get(int(Command.NAV_WAYPOINT), frozenset())
+    own = any(item.command == Command.NAV_WAYPOINT and (lossy or not item.param2) for item in subject.items)
+    if radius is not None and own:
+        name, value = radius
+        assumed = _assumed(subject, name, vehicle.acceptance_radius_m)
+        if abs(value - assumed) > _NOTICEABLE_RADIUS_M:
+            yield _finding(
+                Severity.WARNING,
+                "other-radius",
+                f"{name}: the plan is predicted with another acceptance radius",
+                f"set {name}, or predict with --param",
+                Measure(value, "m", assumed),
+            )
+    yield from _return_height(subject)
+
+
+def _return_height(subject: Subject) -> Iterator[Finding]:
+    found = _value(subject, Meaning.RETURN_HEIGHT)
+    if found is None or subject.vehicle.kind == "rover":
+        return
+    name, value = found
+    if value > _HIGHEST_M:
+        yield _finding(
+            Severity.WARNING,
+            "high-return",
+            f"{name}: the return climbs higher than most rules allow",
+            f"lower {name}",
+            Measure(value, "m", _HIGHEST_M),
+        )
+        return
+    assumed = _assumed(subject, name, subject.vehicle.return_altitude_m)
+    if abs(value - assumed) > _NOTICEABLE_HEIGHT_M:
+        yield _finding(
+            Severity.NOTE,
+            "other-return",
+            f"{name}: the plan is predicted with another height of the return",
+            measure=Measure(value, "m", assumed),
+        )
+
+
+def check_failsafes(subject: Subject) -> Iterator[Finding]:
+    """What a low battery and a lost link do to the mission."""
+    battery = _value(subject, Meaning.LOW_BATTERY)
+    if battery is not None and battery[1] == 0.0:
+        yield _finding(
+            Severity.WARNING,
+            "no-battery-failsafe",
+            f"{battery[0]} is 0: a low battery is only told",
+            f"set {battery[0]} to return or land",
+        )
+    link = _value(subject, Meaning.LINK_LOST)
+    if link is None:
+        return
+    name, value = link
+    options = _value(subject, Meaning.LINK_LOST_OPTIONS)
+    goes_on = options is not None and bool(int(options[1]) & _CONTINUES_BIT)
+    if subject.profile.autopilot == ARDUPILOT.autopilot:
+        goes_on = goes_on or value == _LINK_GOES_ON
+    if value == 0.0 or goes_on:
+        yield _finding(
+            Severity.NOTE,
+            "link-lost-flies-on",
+            f"{name} is {value:g}: without a link the mission is flown on",
+        )
+    else:
+        yield _finding(
+            Severity.NOTE, "link-lost-ends", f"{name} is {value:g}: a link lost for long ends the mission"
+        )
+
+
+def check_landing_rules(subject: Subject) -> Iterator[Finding]:
+    """Missions that the autopilot would not arm with: without the landing that it wants, or with one."""
+    commands = {item.command for item in subject.items}
+    takes_off, lands = bool(commands & _TAKEOFFS), bool(commands & _LANDINGS)
+    rule = _value(subject, Meaning.TAKEOFF_AND_LANDING)
+    if rule is not None:
+        name, value = rule
+        missing = {
+            1.0: () if takes_off else ("a take-off",),
+            2.0: () if lands else ("a landing",),
+            3.0: (*(() if takes_off else ("a take-off",)), *(() if lands else ("a landing",))),
+            4.0: () if takes_off == lands else ("a take-off" if lands else "a landing",),
+            5.0: () if takes_off == lands else ("a take-off" if lands else "a landing",),
+        }.get(value, ())
+        if missing:
+            yield _finding(
+                Severity.ERROR,
+                "landing-rule",
+                f"{name} is {value:g}: the vehicle refuses a mission without {' and '.join(missing)}"
+                " (a return is no landing)",
+                f"end with NAV_LAND, or set {name} to 0" if "a landing" in missing else "add NAV_TAKEOFF",
+            )
+    autoland = _value(subject, Meaning.LANDS_AS_MISSION)
+    if autoland is not None and autoland[1] == 0.0:
+        if Command.DO_LAND_START in commands:
+            yield _finding(
+                Severity.ERROR,
+                "landing-rule",
+                f"{autoland[0]} is 0: the vehicle does not arm with DO_LAND_START in the mission",
+                f"set {autoland[0]} to 1 or 2",
+            )
+        elif Command.NAV_RETURN_TO_LAUNCH in commands:
+            yield _finding(
+                Severity.WARNING,
+                "circles-at-home",
+                f"{autoland[0]} is 0: the return circles over home and does not land",
+                "end with a landing, or land by hand",
+            )
+
+
+def check_fence_settings(subject: Subject) -> Iterator[Finding]:
+    """A fence that does nothing, and a ceiling or a radius that the plan breaks."""
+    on, action = _value(subject, Meaning.FENCE_ON), _value(subject, Meaning.FENCE_ACTION)
+    off = next((one for one in (on,) if one is not None and one[1] == 0.0), None)
+    px4 = subject.profile.autopilot == PX4.autopilot
+    if off is None and px4 and action is not None and action[1] == 0.0:
+        off = action
+    weak = action is not None and action[1] == (1.0 if px4 else 0.0)
+    if subject.mission.fence:
+        if off is not None:
+            yield _finding(
+                Severity.WARNING,
+                "fence-off",
+                f"{off[0]} is 0: the fence of the plan does nothing",
+                f"set {off[0]}",
+            )
+        elif weak and action is not None:
+            yield _finding(
+                Severity.WARNING,
+                "fence-tells-only",
+                f"{action[0]} is {action[1]:g}: a broken fence is only told",
+                f"set {action[0]} to return or land",
+            )
+    if off is not None:
+        return
+    types = _value(subject, Meaning.FENCE_TYPES)
+    bits = _CEILING_BIT | _RADIUS_BIT if types is None else int(types[1])
+    for meaning, bit, reached, code in (
+        (Meaning.FENCE_CEILING, _CEILING_BIT, _highest_m(subject), "above-ceiling"),
+        (Meaning.FENCE_RADIUS, _RADIUS_BIT, _farthest_m(subject), "beyond-fence-radius"),
+    ):
+        bound = _value(subject, meaning)
+        if bound is not None and bits & bit and 0.0 < bound[1] < reached:
+            yield _finding(
+                Severity.ERROR,
+                code,
+                f"{bound[0]}: the plan leaves the fence of the vehicle",
+                f"change the plan, or raise {bound[0]}",
+                Measure(reached, "m", bound[1]),
+            )
+
+
+def _highest_m(subject: Subject) -> float:
+    """Return the height above home of the highest item or of the predicted return."""
+    planned = [leg.end_m[2] for leg in legs_of(subject)]
+    # The controllers overshoot by centimetres.
+    flown = [float(track.points_m[:, 2].max()) - 0.5 for track in subject.tracks]
+    return max((*planned, *flown), default=0.0)
+
+
+def _farthest_m(subject: Subject) -> float:
+    planned = [math.hypot(*leg.end_m[:2]) for leg in legs_of(subject)]
+    return max(planned, default=0.0)
+
+
+def check_calibration(subject: Subject) -> Iterator[Finding]:
+    """Sensors that were never calibrated."""
+    for meaning in (Meaning.ACCELEROMETER, Meaning.GYROSCOPE, Meaning.COMPASS):
+        found = _value(subject, meaning)
+        if found is not None and found[1] == 0.0:
+            what = meaning.value.removeprefix("the ").removesuffix("'s calibration")
+            yield _finding(
+                Severity.WARNING if meaning is Meaning.COMPASS else Severity.ERROR,
+                "not-calibrated",
+                f"{found[0]} is 0: there is no calibrated {what}",
+                "calibrate it" if meaning is not Meaning.COMPASS else "calibrate it, if the vehicle has one",
+            )

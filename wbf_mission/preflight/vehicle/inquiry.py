@@ -1,0 +1,247 @@
+"""Asking a vehicle: parameters one by one, and messages that tell how it stands there. Sans-IO."""
+
+from __future__ import annotations
+
+import math
+import struct
+from types import MappingProxyType
+
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.transfer import ARDUPILOT, PX4
+from mission.transfer.driver import vehicle_of
+from mission.transfer.wire import ground_heartbeat
+from wbf_mission.ground.clearance import Clearance
+from wbf_mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
+from wbf_mission.ground.texts import TextLog
+from wbf_mission.preflight.vehicle.heard import ESTIMATES, STATE_MESSAGES, HeardState
+from wbf_mission.preflight.vehicle.questions import Question, questions_for
+from wbf_mission.preflight.vehicle.snapshot import VehicleSnapshot
+
+__all__ = ["Inquiry", "decoded"]
+
+_HEARTBEAT_S = 1.0
+_FIRST_RETRY_S = 0.5
+_TRIES = 4
+_LONGEST_S = 30.0
+_LONGEST_SILENCE_S = 8.0
+_REASONS_S = 1.5
+_INTEGERS = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
+
+
+class Inquiry:
+    """A component that asks one vehicle, until it has answered or does not.
+
+    What is not answered is asked again, at the pace of the link: as long as the first answer took. A
+    parameter that a vehicle does not have is never answered; it is given up after some tries.
+
+    Parameters
+    ----------
+    system_id : int, optional
+        Of the vehicle; by default the first one that is heard.
+
+    Attributes
+    ----------
+    done : bool
+    vehicle : tuple of int or None
+        System and component, once it was heard.
+    """
+
+    system_id = GROUND_SYSTEM_ID
+    component_id = GROUND_COMPONENT_ID
+    wanted: frozenset[int] | None = frozenset(
+        {
+            *STATE_MESSAGES,
+            *ESTIMATES,
+            m.MAVLINK_MSG_ID_HEARTBEAT,
+            m.MAVLINK_MSG_ID_PARAM_VALUE,
+            m.MAVLINK_MSG_ID_STATUSTEXT,
+        }
+    )
+
+    def __init__(self, *, system_id: int | None = None) -> None:
+        self.done = False
+        self.vehicle: tuple[int, int] | None = None
+        self._only = system_id
+        self._heard = HeardState()
+        self._texts = TextLog()
+        self._reasons: Clearance | None = None
+        self._questions: tuple[Question, ...] = ()
+        self._parameters: dict[str, float] = {}
+        self._tries: dict[str | int, int] = {}
+        self._begun_s = math.inf
+        self._answer_s: float | None = None
+        self._due_s = math.inf
+        self._settled_s: float | None = None
+        self._heartbeat_s = -math.inf
+
+    def receive(self, message: Message, now_s: float) -> list[Message]:
+        """Take one message."""
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        if self.done or self._only not in (None, source[0]) or self.vehicle not in (None, source):
+            return []
+        if isinstance(message, m.MAVLink_heartbeat_message) and vehicle_of(message) is not None:
+            self._heard.monitor.on_heartbeat(message, now_s)
+            if self.vehicle is None:
+                self.vehicle = source
+                return self._begin(now_s)
+        elif source == self.vehicle:
+            self._take(message, now_s)
+            self._settle(now_s)
+        return []
+
+    def poll(self, now_s: float) -> list[Message]:
+        """Send the heartbeat, and ask again what was not answered."""
+        if self.done:
+            return []
+        out: list[Message] = []
+        if now_s >= self._heartbeat_s:
+            self._heartbeat_s = now_s + _HEARTBEAT_S
+            out.append(ground_heartbeat())
+        if self._settled_s is None and now_s >= self._due_s:
+            out += self._ask(now_s)
+        self._settle(now_s)
+        return out
+
+    def next_deadline(self) -> float:
+        """When `poll` has something to do."""
+        if self.done:
+            return math.inf
+        waits_s = self._due_s if self._settled_s is None else self._settled_s
+        return min(self._heartbeat_s, waits_s)
+
+    def snapshot(self) -> VehicleSnapshot:
+        """Return what the vehicle told until now; it has to have been heard."""
+        assert self.vehicle is not None
+        heard, status = self._heard, self._heard.status
+        monitor = heard.monitor
+        return VehicleSnapshot(
+            system_id=self.vehicle[0],
+            autopilot=monitor.autopilot,
+            vehicle_type=monitor.vehicle_type,
+            armed=monitor.state.armed,
+            parameters=MappingProxyType(dict(self._parameters)),
+            version=heard.version,
+            sensors_present=None if status is None else status.onboard_control_sensors_present,
+            sensors_enabled=None if status is None else status.onboard_control_sensors_enabled,
+            sensors_health=None if status is None else status.onboard_control_sensors_health,
+            gps=heard.gps,
+            estimator_flags=heard.estimator_flags,
+            position=heard.position,
+            battery=heard.battery,
+            reasons=() if self._reasons is None else tuple(self._reasons.reasons),
+        )
+
+    @property
+    def _estimator(self) -> int:
+        """The message that tells of the estimator."""
+        return ESTIMATES[self._heard.monitor.autopilot == ARDUPILOT.autopilot]
+
+    def _begin(self, now_s: float) -> list[Message]:
+        assert self.vehicle is not None
+        self._begun_s = now_s
+        self._reasons = Clearance(self.vehicle)
+        self._questions = questions_for(self._heard.monitor.autopilot, self._heard.monitor.vehicle_type)
+        checks = self._command(int(m.MAV_CMD_RUN_PREARM_CHECKS), 0.0)
+        return [*self._ask(now_s), *([] if self._heard.monitor.state.armed else [checks])]
+
+    @property
+    def _open(self) -> list[str | int]:
+        """Names of parameters and ids of messages that are not answered and not given up."""
+        names = [
+            name
+            for question in self._questions
+            if not any(name in self._parameters for name, _ in question.names)
+            for name, _ in question.names
+        ]
+        messages = [one for one in (*STATE_MESSAGES, self._estimator) if one not in self._heard.ids]
+        every: list[str | int] = [*names, *messages]
+        return [one for one in every if self._answer_s is None or self._tries.get(one, 0) <= _TRIES]
+
+    def _ask(self, now_s: float) -> list[Message]:
+        assert self.vehicle is not None
+        # Before the first answer it is not known how slow the link is.
+        pace_s = _FIRST_RETRY_S if self._answer_s is None else max(_FIRST_RETRY_S, 1.5 * self._answer_s)
+        self._due_s = now_s + (2.0 * pace_s if self._answer_s is None else pace_s)
+        out: list[Message] = []
+        for one in self._open:
+            tries = self._tries[one] = self._tries.get(one, 0) + (self._answer_s is not None)
+            if tries > _TRIES:
+                continue
+            if isinstance(one, str):
+                out.append(m.MAVLink_param_request_read_message(*self.vehicle, one.encode(), -1))
+            else:
+                out.append(self._command(int(m.MAV_CMD_REQUEST_MESSAGE), float(one)))
+        return out
+
+    def _command(self, command: int, first: float) -> Message:
+        assert self.vehicle is not None
+        return m.MAVLink_command_long_message(*self.vehicle, command, 0, first, 0, 0, 0, 0, 0, 0)
+
+    def _take(self, message: Message, now_s: float) -> None:
+        if isinstance(message, m.MAVLink_param_value_message):
+            self._on_parameter(message, now_s)
+        elif isinstance(message, m.MAVLink_statustext_message):
+            self._texts.on_text(message, now_s)
+            for _, _, text in self._texts.texts:
+                if self._reasons is not None:
+                    self._reasons.on_text(text)
+        else:
+            self._heard.take(message)
+            if not self._questions:
+                # Otherwise parameters tell it: they come when asked only, these may have come by themselves.
+                self._measure_pace(now_s)
+
+    def _on_parameter(self, message: m.MAVLink_param_value_message, now_s: float) -> None:
+        name = str(message.param_id)
+        if not any(name == one for question in self._questions for one, _ in question.names):
+            return
+        value = decoded(message.param_value, message.param_type, bytewise=self._bytewise)
+        if value is not None:
+            self._parameters[name] = value
+            self._measure_pace(now_s)
+
+    def _measure_pace(self, now_s: float) -> None:
+        """Take the first answer as the measure of how slow the link is."""
+        if self._answer_s is None:
+            self._answer_s = now_s - self._begun_s
+            self._due_s = min(self._due_s, now_s + max(_FIRST_RETRY_S, 1.5 * self._answer_s))
+
+    @property
+    def _bytewise(self) -> bool:
+        return self._heard.monitor.autopilot == PX4.autopilot
+
+    def _settle(self, now_s: float) -> None:
+        """Be done once everything is answered or given up, and the vehicle had time to say why not."""
+        if self.vehicle is None:
+            return
+        longest_s = _LONGEST_SILENCE_S if self._answer_s is None else _LONGEST_S
+        if self._settled_s is None and (not self._open or now_s >= self._begun_s + longest_s):
+            ready = self._heard.monitor.state.armed or self._heard.says_ready
+            self._settled_s = now_s + (0.0 if ready else _REASONS_S)
+        if self._settled_s is not None and now_s >= self._settled_s:
+            self.done = True
+
+
+def decoded(value: float, kind: int, *, bytewise: bool) -> float | None:
+    """Return the number that PARAM_VALUE carries; None for one that is not finite.
+
+    Parameters
+    ----------
+    value : float
+        param_value.
+    kind : int
+        MAV_PARAM_TYPE.
+    bytewise : bool
+        Whether integers travel as the bytes of the float (PX4), not as numbers (ArduPilot).
+
+    Examples
+    --------
+    >>> decoded(struct.unpack("<f", struct.pack("<i", 3))[0], 6, bytewise=True)
+    3.0
+    >>> decoded(3.0, 2, bytewise=False)
+    3.0
+    """
+    if bytewise and kind in _INTEGERS:
+        return float(struct.unpack_from(_INTEGERS[kind], struct.pack("<f", value))[0])
+    return float(value) if math.isfinite(value) else None

@@ -36,7 +36,7 @@ def failed(report, *, required=True):
     return {
         result.check.id
         for result in report.results
-        if result.verdict is Verdict.FAILED and (result.check.required or not required)
+        if result.verdict is Verdict.FAILED and (result.required or not required)
     }
 
 

@@ -1,7 +1,10 @@
 """The checks are registered explicitly: a module's checks are those that it lists."""
 
+from pathlib import Path
+
 import pytest
 
+from mission.transfer import ARDUPILOT, PX4
 from wbf_mission.check.catalog import _MODULES, all_checks, chosen_checks
 from wbf_mission.check.errors import CheckError
 from wbf_mission.check.registry import CheckResult, Checks, Verdict
@@ -22,12 +25,18 @@ def test_another_list_does_not_change_the_catalog():
     before = all_checks()
     checks = Checks()
 
-    @checks("identity.mine", "something of mine", required=False, flies=True)
+    @checks("identity.mine", "something of mine", required=False, flies=True, suffers="me")
     def mine(peer):
         raise AssertionError(peer)
 
     (one,) = checks
-    assert (one.group, one.required, one.flies, one.function) == ("identity", False, True, mine)
+    assert (one.group, one.required_of, one.flies, one.suffers, one.function) == (
+        "identity",
+        "",
+        True,
+        "me",
+        mine,
+    )
     assert all_checks() == before
 
 
@@ -42,9 +51,37 @@ def test_choosing_by_id_and_by_group():
 
 
 def test_only_what_is_required_makes_a_result_bad():
-    checks = {check.required: check for check in all_checks()}
-    assert CheckResult(checks[True], Verdict.FAILED, "", 0.1).bad
-    assert not CheckResult(checks[True], Verdict.SKIPPED, "", 0.1).bad
-    assert not CheckResult(checks[False], Verdict.FAILED, "", 0.1).bad
-    summary = CheckResult(checks[False], Verdict.FAILED, "why", 0.12345).summary()
-    assert (summary["result"], summary["detail"], summary["seconds"]) == ("failed", "why", 0.123)
+    one = all_checks()[0]
+    assert CheckResult(one, True, Verdict.FAILED, "", 0.1).bad
+    assert not CheckResult(one, True, Verdict.SKIPPED, "", 0.1).bad
+    assert not CheckResult(one, False, Verdict.FAILED, "", 0.1).bad
+    summary = CheckResult(one, False, Verdict.FAILED, "why", 0.12345).summary()
+    assert (summary["required"], summary["result"], summary["detail"]) == (False, "failed", "why")
+    assert summary["seconds"] == 0.123
+
+
+def test_a_requirement_may_hold_for_some_autopilots_only():
+    checks = Checks()
+
+    @checks("mission.kept", "it is kept", required=lambda profile: profile.atomic, suffers="who flies it")
+    def kept(peer):
+        raise AssertionError(peer)
+
+    (one,) = checks
+    assert (one.requirement(PX4), one.requirement(ARDUPILOT), one.required_of) == (True, False, "PX4")
+    assert CheckResult(one, False, Verdict.FAILED, "lost", 0.0).told == "lost (trouble for who flies it)"
+    assert CheckResult(one, True, Verdict.FAILED, "lost", 0.0).told == "lost"
+    assert CheckResult(one, False, Verdict.PASSED, "", 0.0).told == ""
+
+
+def test_advice_says_who_has_trouble_without_it():
+    for one in all_checks():
+        assert bool(one.suffers) == (one.required_of != "all"), one.id
+
+
+def test_the_page_prints_the_checks():
+    page = (Path(__file__).parents[2] / "docs" / "check.md").read_text(encoding="utf-8")
+    printed = [line for line in page.splitlines() if line.startswith("| `")]
+    assert printed == [
+        f"| `{one.id}` | {one.text} | {one.required_of} | {one.suffers} |" for one in all_checks()
+    ]

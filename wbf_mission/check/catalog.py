@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from wbf_mission.check import commands, flight, identity, missions, parameters, transfers
+from wbf_mission.check import addressing, commands, flight, identity, missions, parameters, transfers
 from wbf_mission.check.errors import CheckError
 from wbf_mission.check.registry import Check
 
 __all__ = ["all_checks", "chosen_checks"]
 
-_MODULES = (identity, commands, parameters, missions, transfers, flight)
+_MODULES = (identity, commands, parameters, missions, transfers, addressing, flight)
 _GROUPS = ("identity", "command", "telemetry", "param", "mission", "transfer", "fly")
 
 

@@ -34,15 +34,18 @@ def unknown_int(peer: Peer) -> None:
         raise FailedError(f"it is answered {result_name(answer.result)}")
 
 
-@check("command.ack-address", "COMMAND_ACK is addressed to the sender", required=False)
-def ack_address(peer: Peer) -> None:
+@check("command.ack-address", "COMMAND_ACK is addressed to the sender, or (as in MAVLink 1) to nobody")
+def ack_address(peer: Peer) -> str | None:
     """Look at the target of an answer."""
     answer = peer.command(_UNKNOWN)
     if answer is None:
         raise FailedError("no COMMAND_ACK")
     target = (answer.target_system, answer.target_component)
+    if target == (0, 0):
+        return "to nobody: where there are several ground stations, each takes it for its own"
     if target != (peer.endpoint.system_id, peer.endpoint.component_id):
         raise FailedError(f"it is addressed to {target}")
+    return None
 
 
 @check("command.request-message", "REQUEST_MESSAGE is acknowledged")
@@ -86,7 +89,12 @@ def foreign_system(peer: Peer) -> None:
         raise FailedError(f"it answers a command for system {other}")
 
 
-@check("command.broadcast", "a command for system 0, component 0 is answered", required=False)
+@check(
+    "command.broadcast",
+    "a command for system 0, component 0 is answered",
+    required=False,
+    suffers="scripts that send commands before they know who is there",
+)
 def broadcast(peer: Peer) -> None:
     """Send one to everybody."""
     question = m.MAVLink_command_long_message(0, 0, _UNKNOWN, 0, *[0.0] * 7)

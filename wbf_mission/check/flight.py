@@ -71,7 +71,7 @@ def takeoff_land(peer: Peer) -> str:
     return f"{peer.now() - began_s:.0f} s"
 
 
-@check("fly.mission", "it flies a mission, reports each item reached, returns and disarms", flies=True)
+@check("fly.mission", "it flies a mission, reports the waypoints reached, returns and disarms", flies=True)
 def mission(peer: Peer) -> str:
     """Take-off, three waypoints, return."""
     home = peer.home

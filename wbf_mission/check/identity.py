@@ -6,7 +6,7 @@ from itertools import pairwise
 
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from wbf_mission.check.errors import FailedError
+from wbf_mission.check.errors import FailedError, SkippedError
 from wbf_mission.check.peer import Peer
 from wbf_mission.check.registry import Checks
 
@@ -45,7 +45,12 @@ def heartbeat_fields(peer: Peer) -> str:
     return f"type {message.type}, autopilot {message.autopilot}, custom mode {message.custom_mode:#x}"
 
 
-@check("identity.component", "the autopilot is component 1", required=False)
+@check(
+    "identity.component",
+    "the autopilot is component 1",
+    required=False,
+    suffers="MAVSDK and QGroundControl, which look for the autopilot there",
+)
 def component(peer: Peer) -> None:
     """Look at the address."""
     if peer.vehicle.component_id != m.MAV_COMP_ID_AUTOPILOT1:
@@ -72,7 +77,12 @@ def version(peer: Peer) -> str:
     return f"firmware {number >> 24}.{number >> 16 & 255}.{number >> 8 & 255}"
 
 
-@check("identity.version-old", "AUTOPILOT_VERSION is sent on REQUEST_AUTOPILOT_CAPABILITIES", required=False)
+@check(
+    "identity.version-old",
+    "AUTOPILOT_VERSION is sent on REQUEST_AUTOPILOT_CAPABILITIES",
+    required=False,
+    suffers="older clients; MAVSDK asks so each second time",
+)
 def version_old(peer: Peer) -> None:
     """Ask in the old way, as MAVSDK does each second time."""
     peer.forget()
@@ -83,9 +93,12 @@ def version_old(peer: Peer) -> None:
         raise FailedError("it does not come")
 
 
-@check("identity.capabilities", "capabilities: MISSION_INT, MAVLINK2, and one way to encode parameters")
+@check("identity.capabilities", "capabilities: MISSION_INT, MAVLINK2, parameters not encoded in two ways")
 def capabilities(peer: Peer) -> str:
-    """Look at the bits that clients test."""
+    """Look at the bits that clients test.
+
+    Of the way to encode parameters there may be no word but PARAM_FLOAT (ArduPilot): values are cast then.
+    """
     message = peer.request(m.MAVLink_autopilot_version_message)
     if message is None:
         raise FailedError("no AUTOPILOT_VERSION")
@@ -95,14 +108,19 @@ def capabilities(peer: Peer) -> str:
             raise FailedError(f"the bit {name} is missing: clients refuse to transfer missions")
     bytewise = bool(bits & m.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE)
     cast = bool(bits & m.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST)
-    if bytewise == cast:
-        raise FailedError(
-            "parameters are encoded both bytewise and cast" if cast else "no parameter encoding"
-        )
-    return f"{bits:#x}"
+    if bytewise and cast:
+        raise FailedError("parameters are encoded both bytewise and cast")
+    if not bytewise and not cast and not bits & m.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT:
+        raise FailedError("no parameter encoding")
+    return f"{bits} ({bits:#x}), parameters {'bytewise' if bytewise else 'cast'}"
 
 
-@check("identity.protocol-version", "PROTOCOL_VERSION is sent on REQUEST_MESSAGE", required=False)
+@check(
+    "identity.protocol-version",
+    "PROTOCOL_VERSION is sent on REQUEST_MESSAGE",
+    required=False,
+    suffers="clients that begin with MAVLink 1 and change to MAVLink 2 by it",
+)
 def protocol_version(peer: Peer) -> str:
     """Ask for it."""
     message = peer.request(m.MAVLink_protocol_version_message)
@@ -160,8 +178,8 @@ def landed_state(peer: Peer) -> str:
     """Look for it and for the landed state."""
     note = _streamed(peer, m.MAVLink_extended_sys_state_message, "EXTENDED_SYS_STATE")
     message = peer.expect(m.MAVLink_extended_sys_state_message, 3.0)
-    if message is not None and message.landed_state == m.MAV_LANDED_STATE_UNDEFINED:
-        raise FailedError("landed_state is undefined")
+    if message is not None and message.landed_state != m.MAV_LANDED_STATE_ON_GROUND:
+        raise FailedError(f"landed_state is {message.landed_state} on a vehicle that is disarmed")
     return note
 
 
@@ -180,6 +198,9 @@ def home(peer: Peer) -> str:
         question = m.MAVLink_command_long_message(*peer.address, m.MAV_CMD_GET_HOME_POSITION, 0, *[0.0] * 7)
         message = peer.ask(question, kind)
     if message is None:
+        fix = peer.request(m.MAVLink_gps_raw_int_message)
+        if fix is not None and fix.fix_type < 3:
+            raise SkippedError(f"it has no home before it has a position: GPS fix {fix.fix_type}")
         raise FailedError("it does not come")
     return f"{message.latitude / 1e7:.6f}, {message.longitude / 1e7:.6f}"
 
@@ -199,7 +220,12 @@ def interval(peer: Peer) -> str:
     return f"{rate_hz:.1f} Hz"
 
 
-@check("telemetry.interval-off", "SET_MESSAGE_INTERVAL with -1 stops a message", required=False)
+@check(
+    "telemetry.interval-off",
+    "SET_MESSAGE_INTERVAL with -1 stops a message",
+    required=False,
+    suffers="ground stations that spare a slow radio",
+)
 def interval_off(peer: Peer) -> None:
     """Stop one and listen."""
     kind = m.MAVLink_attitude_message
@@ -211,7 +237,12 @@ def interval_off(peer: Peer) -> None:
         raise FailedError(f"{len(found)} messages in 2 s")
 
 
-@check("telemetry.interval-get", "GET_MESSAGE_INTERVAL is answered by MESSAGE_INTERVAL", required=False)
+@check(
+    "telemetry.interval-get",
+    "GET_MESSAGE_INTERVAL is answered by MESSAGE_INTERVAL",
+    required=False,
+    suffers="scripts that look at a rate before they change it",
+)
 def interval_get(peer: Peer) -> str:
     """Ask for the interval of the heartbeat."""
     kind = m.MAVLink_message_interval_message
@@ -234,7 +265,12 @@ def timesync(peer: Peer) -> None:
         raise FailedError("the vehicle's time is 0")
 
 
-@check("telemetry.ping", "PING to everybody is answered to the sender", required=False)
+@check(
+    "telemetry.ping",
+    "PING to everybody is answered to the sender",
+    required=False,
+    suffers="who measures the round trip so; MAVSDK pings all but ArduPilot every 5 s",
+)
 def ping(peer: Peer) -> None:
     """Send one."""
     answer = peer.ask(
@@ -246,7 +282,12 @@ def ping(peer: Peer) -> None:
         raise FailedError(f"it is addressed to system {answer.target_system}")
 
 
-@check("telemetry.system-time", "SYSTEM_TIME comes", required=False)
+@check(
+    "telemetry.system-time",
+    "SYSTEM_TIME comes",
+    required=False,
+    suffers="who wants the date in a telemetry log",
+)
 def system_time(peer: Peer) -> str:
     """Look for it."""
     return _streamed(peer, m.MAVLink_system_time_message, "SYSTEM_TIME", 1e6)

@@ -1,341 +1,280 @@
-"""Checks of what a vehicle does when its peer breaks the rules of the mission transfer."""
+"""Checks of whole plans: up, down and compared, by our own transfer client."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import replace
 
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.typed import is_a
-from mission.model import MissionItem, MissionType
-from mission.transfer import result_text, wire
-from wbf_mission.check.errors import FailedError
+from mission.model import Command, Frame, GeoPoint, Mission, MissionItem, MissionType
+from mission.transfer import compare_plans, result_text, wire
+from wbf_mission.check.errors import FailedError, SkippedError
 from wbf_mission.check.peer import Peer
 from wbf_mission.check.registry import Checks
-from wbf_mission.check.sender import (
-    ACK,
-    ANSWERS,
-    MISSION,
-    RE_REQUEST_S,
-    REQUESTS,
-    Sender,
-    require_accepted,
-    told,
-)
+from wbf_mission.check.sender import ACK, ANSWERS, MISSION, RE_REQUEST_S, Sender, require_accepted, told
 
 check = Checks()
 
-_ITEMS: tuple[type[wire.ItemMessage], ...] = (
-    m.MAVLink_mission_item_int_message,
-    m.MAVLink_mission_item_message,
-)
-_GIVE_UP_S = 12.0
+_FENCE_BIT = m.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
+_RALLY_BIT = m.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
+_HOME_DEG = 1e-5
 
 
-def _holds(peer: Peer, number: int) -> None:
-    found = len(peer.download())
-    if found != number:
-        raise FailedError(f"the mission has {found} items instead of {number}")
-
-
-@check("transfer.final-ack", "the last item is acknowledged by MISSION_ACK, addressed to us")
-def final_ack(peer: Peer) -> None:
-    """Send a whole plan by hand."""
-    sender = Sender(peer, peer.items(3))
-    sender.begin()
-    answer = sender.finish()
-    require_accepted(answer)
-    if answer.target_system not in (0, peer.endpoint.system_id):
-        raise FailedError(f"it is addressed to system {answer.target_system}")
-
-
-@check("transfer.asks-first", "COUNT is answered by a request for item 0, addressed to us")
-def asks_first(peer: Peer) -> str:
-    """Look at the request."""
-    sender = Sender(peer, peer.items(4))
-    sender.begin()
-    answer = peer.expect(REQUESTS, RE_REQUEST_S)
-    sender.cancel()
-    if answer is None:
-        return "asked once"
-    if (answer.target_system, answer.target_component) not in (
-        (peer.endpoint.system_id, peer.endpoint.component_id),
-        (peer.endpoint.system_id, 0),
-    ):
-        raise FailedError(f"it is addressed to {answer.target_system}/{answer.target_component}")
-    return str(answer.get_type())
-
-
-@check("transfer.asks-again", "an item that does not come is asked for again")
-def asks_again(peer: Peer) -> str:
-    """Keep item 1 back."""
-    sender = Sender(peer, peer.items(4))
-    sender.begin()
-    sender.send(0)
-    seen = 0
+def _round_trip(peer: Peer, number: int) -> str:
     began_s = peer.now()
-    while peer.now() - began_s < RE_REQUEST_S and seen < 2:
-        answer = peer.expect(REQUESTS, RE_REQUEST_S)
-        seen += answer is not None and answer.seq == 1
-    after_s = peer.now() - began_s
-    if seen < 2:
-        sender.cancel()
-        raise FailedError(f"it is not asked for again in {RE_REQUEST_S} s")
-    require_accepted(sender.finish(1))
-    return f"after {after_s:.2f} s"
+    peer.upload(peer.items(number))
+    return f"up and down in {peer.now() - began_s:.2f} s"
 
 
-@check("transfer.duplicate-count", "a COUNT that comes twice does not spoil the upload")
-def duplicate_count(peer: Peer) -> None:
-    """Send it again before item 0."""
-    sender = Sender(peer, peer.items(4))
-    sender.begin()
-    peer.send(m.MAVLink_mission_count_message(*peer.address, len(sender.items), MISSION))
-    require_accepted(sender.finish())
-    _holds(peer, 4)
+@check("mission.one-item", "a mission of 1 item goes up, comes down and is equal")
+def one_item(peer: Peer) -> str:
+    """The smallest."""
+    return _round_trip(peer, 1)
 
 
-@check("transfer.duplicate-item", "an item that comes twice does not spoil the upload")
-def duplicate_item(peer: Peer) -> None:
-    """Send item 0 twice."""
-    sender = Sender(peer, peer.items(4))
-    sender.begin()
-    sender.send(0)
-    require_accepted(sender.finish())
-    peer.sleep(0.5)
-    _holds(peer, 4)
+@check(
+    "mission.ten-items",
+    "a mission of 10 items (take-off, waypoints, return) goes up and comes down equal",
+)
+def ten_items(peer: Peer) -> str:
+    """A usual one."""
+    return _round_trip(peer, 10)
 
 
-@check("transfer.out-of-order", "an item out of order is not taken for the one that was asked for")
-def out_of_order(peer: Peer) -> None:
-    """Send item 2 when item 0 is asked for, then go on as asked."""
-    sender = Sender(peer, peer.items(5))
-    sender.begin()
-    sender.send(2)
-    answer = peer.expect(ANSWERS, RE_REQUEST_S)
-    if answer is not None and is_a(answer, ACK):
-        if answer.type == wire.ACCEPTED:
-            raise FailedError("it is accepted")
-        if peer.profile.order_result is None:
-            return
-    require_accepted(sender.finish())
-    _holds(peer, 5)
+@check("mission.hundred-items", "a mission of 100 items goes up, comes down and is equal")
+def hundred_items(peer: Peer) -> str:
+    """A long one."""
+    return _round_trip(peer, 100)
 
 
-@check("transfer.wrong-type", "an item of another plan is not taken into the mission")
-def wrong_type(peer: Peer) -> None:
-    """Send a fence item, then go on as asked."""
-    sender = Sender(peer, peer.items(4))
-    sender.begin()
-    peer.send(sender.message(0, int(MissionType.FENCE)))
-    answer = peer.expect(ANSWERS, RE_REQUEST_S)
-    if answer is not None and wire.is_request(answer) and answer.seq > 0:
-        sender.cancel()
-        raise FailedError(f"it is taken: the vehicle asks for item {answer.seq}")
-    if answer is not None and is_a(answer, ACK) and answer.type == wire.ACCEPTED:
-        raise FailedError("it is accepted")
-    sender.cancel()
+@check(
+    "mission.five-hundred-items",
+    "a mission of 500 items fits",
+    required=False,
+    suffers="surveys; 100 waypoints of MAVSDK with camera and gimbal are 500 items",
+)
+def five_hundred_items(peer: Peer) -> str:
+    """What most boards hold."""
+    return _round_trip(peer, 500)
 
 
-@check("transfer.cancel", "after OPERATION_CANCELLED in an upload a new one works")
-def cancel(peer: Peer) -> None:
-    """Break off after the first item."""
-    sender = Sender(peer, peer.items(6))
-    sender.begin()
-    sender.send(0)
-    sender.cancel()
-    peer.upload(peer.items(3))
+@check("mission.camera-items", "speed change, hold time and camera trigger distance are kept")
+def camera_items(peer: Peer) -> None:
+    """The commands of a survey."""
+    first, *rest, last = peer.items(6)
+    survey = (
+        MissionItem(Command.DO_CHANGE_SPEED, Frame.MISSION, 1.0, 3.0, -1.0),
+        MissionItem(Command.DO_SET_CAM_TRIGG_DIST, Frame.MISSION, 2.0, 0.0, 1.0),
+        MissionItem.waypoint(peer.home.latitude_deg, peer.home.longitude_deg, 12.0, hold_s=3.0),
+        MissionItem(Command.DO_SET_CAM_TRIGG_DIST, Frame.MISSION, 0.0),
+    )
+    peer.upload((first, *survey, *rest, last))
 
 
-@check("transfer.cancel-download", "after OPERATION_CANCELLED in a download a new transfer works")
-def cancel_download(peer: Peer) -> None:
-    """Break off after COUNT."""
+@check("mission.replaced", "a shorter mission replaces a longer one")
+def replaced(peer: Peer) -> None:
+    """Nothing of the old one is left."""
+    peer.upload(peer.items(12))
     peer.upload(peer.items(4))
-    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, MISSION), m.MAVLink_mission_count_message)
-    peer.send(m.MAVLink_mission_ack_message(*peer.address, wire.OPERATION_CANCELLED, MISSION))
-    peer.upload(peer.items(3))
+    left = len(peer.download())
+    if left != 4:
+        raise FailedError(f"{left} items are there instead of 4")
 
 
-@check("transfer.old-plan-kept", "a broken-off upload leaves the old mission as it was", required=False)
-def old_plan_kept(peer: Peer) -> None:
-    """Send a mission, begin another, break off, read."""
+@check("mission.clear", "MISSION_CLEAR_ALL empties the mission")
+def clear(peer: Peer) -> None:
+    """Read it afterwards."""
     peer.upload(peer.items(5))
-    sender = Sender(peer, peer.items(9))
-    sender.begin()
-    sender.send(0)
-    peer.expect(REQUESTS)
-    sender.cancel()
-    peer.sleep(1.0)
-    _holds(peer, 5)
+    peer.driver.clear([MissionType.MISSION])
+    left = len(peer.download())
+    if left:
+        raise FailedError(f"{left} items are left")
 
 
-@check("transfer.silence", "after a client that fell silent a new upload works in 12 s")
-def silence(peer: Peer) -> str:
-    """Vanish after item 0."""
-    sender = Sender(peer, peer.items(6))
-    sender.begin()
-    sender.send(0)
-    peer.sleep(_GIVE_UP_S)
-    peer.upload(peer.items(3))
-    return f"tried after {_GIVE_UP_S:g} s"
+@check("mission.clear-empty", "an empty mission is cleared and read without error")
+def clear_empty(peer: Peer) -> None:
+    """Twice nothing is nothing."""
+    peer.driver.clear([MissionType.MISSION])
+    peer.driver.clear([MissionType.MISSION])
+    if peer.download():
+        raise FailedError("it is not empty")
 
 
-@check("transfer.late-item", "an item that nobody asked for changes nothing")
-def late_item(peer: Peer) -> None:
-    """Send one while no transfer runs."""
+@check(
+    "mission.home",
+    "item 0 is home, whatever was sent as such, where the autopilot keeps home in the mission",
+    required=lambda profile: profile.home_at_zero,
+    suffers="MAVProxy, Mission Planner and QGroundControl, which show item 0 as home",
+)
+def home(peer: Peer) -> str:
+    """Send another home, read item 0."""
+    if not peer.profile.home_at_zero:
+        raise SkippedError("its autopilot keeps no home in the mission")
+    place = peer.request(m.MAVLink_home_position_message)
+    if place is None:
+        raise SkippedError("its home is not known")
+    elsewhere = GeoPoint(peer.home.latitude_deg + 0.01, peer.home.longitude_deg, peer.home.altitude_m)
+    peer.driver.upload(Mission(peer.items(3), home=elsewhere), types=[MissionType.MISSION])
+    found = peer.driver.download(types=[MissionType.MISSION])[0].home
+    if found is None:
+        raise FailedError("item 0 has no position")
+    here = place.latitude / 1e7, place.longitude / 1e7
+    away = abs(found.latitude_deg - here[0]), abs(found.longitude_deg - here[1])
+    if max(away) > _HOME_DEG:
+        seen = f"{found.latitude_deg:.7f}, {found.longitude_deg:.7f}"
+        raise FailedError(f"item 0 is at {seen}, home at {here[0]:.7f}, {here[1]:.7f}")
+    return f"{found.latitude_deg:.6f}, {found.longitude_deg:.6f}, {found.altitude_m:.1f} m"
+
+
+@check(
+    "mission.clear-all",
+    "MISSION_CLEAR_ALL of all plans is answered, and done where it is accepted",
+)
+def clear_all(peer: Peer) -> str:
+    """Clear type 255, read the mission afterwards."""
     peer.upload(peer.items(4))
-    peer.send(Sender(peer, peer.items(4)).message(1))
-    peer.sleep(0.5)
-    _holds(peer, 4)
-
-
-@check("transfer.last-ack-again", "the last item sent again is acknowledged again", required=False)
-def last_ack_again(peer: Peer) -> None:
-    """Do as if the last ACK had been lost."""
-    sender = Sender(peer, peer.items(4))
-    sender.begin()
-    require_accepted(sender.finish())
-    peer.forget()
-    sender.send(len(sender.items) - 1)
-    if peer.expect(ACK) is None:
-        raise FailedError("no MISSION_ACK")
-
-
-@check("transfer.unknown-command", "an item with an unknown command is refused by MISSION_ACK")
-def unknown_command(peer: Peer) -> str:
-    """Send a command that nobody has."""
-    items = peer.items(4)
-    return _refused(peer, [*items[:2], MissionItem(31999), *items[2:]])
-
-
-@check("transfer.unknown-frame", "an item in a frame that does not exist is refused by MISSION_ACK")
-def unknown_frame(peer: Peer) -> str:
-    """Send a waypoint in frame 200."""
-    sender = Sender(peer, peer.items(3))
-    wrong = sender.message(1)
-    wrong.frame = 200
-    return _refused_message(sender, wrong, 1)
-
-
-@check("transfer.bad-latitude", "a latitude of 95 degrees is refused", required=False)
-def bad_latitude(peer: Peer) -> str:
-    """Send a position that is none."""
-    sender = Sender(peer, peer.items(3))
-    wrong = sender.message(1)
-    wrong.x = 950_000_000
-    return _refused_message(sender, wrong, 1)
-
-
-@check("transfer.nan", "a yaw of NaN is stored or refused, and the vehicle lives on")
-def nan(peer: Peer) -> str:
-    """Send it by hand, read it back."""
-    sender = Sender(peer, peer.items(4))
-    sender.begin()
-    index = 2 if peer.profile.home_at_zero else 1
-    for number in range(index):
-        sender.send(number)
-        peer.expect(REQUESTS, RE_REQUEST_S, lambda a, number=number: a.seq == number + 1)  # type: ignore[misc]
-    item = sender.message(index)
-    item.param4 = float("nan")
-    peer.send(item)
-    answer = peer.expect(ANSWERS, RE_REQUEST_S)
-    if answer is None:
-        raise FailedError("the vehicle falls silent")
-    if is_a(answer, ACK) and answer.type != wire.ACCEPTED:
-        return f"refused: {result_text(answer.type)}"
-    sender.cancel()
-    return "taken"
-
-
-@check("transfer.too-many", "a COUNT of 65535 is refused or can be broken off", required=False)
-def too_many(peer: Peer) -> str:
-    """Announce more than anybody holds."""
-    question = m.MAVLink_mission_count_message(*peer.address, 65535, MISSION)
-    answer = peer.ask(question, ANSWERS)
-    Sender(peer, ()).cancel()
-    if answer is None:
-        raise FailedError("no answer")
-    if is_a(answer, ACK) and answer.type == wire.ACCEPTED:
-        raise FailedError("it is accepted")
-    return told(answer)
-
-
-@check("transfer.count-zero", "COUNT 0 clears the mission")
-def count_zero(peer: Peer) -> None:
-    """Announce nothing."""
-    peer.upload(peer.items(4))
-    answer = peer.ask(m.MAVLink_mission_count_message(*peer.address, 0, MISSION), ACK)
+    answer = peer.ask(wire.clear_all(peer.address, wire.ALL_TYPES), ACK)
     if answer is None:
         raise FailedError("no MISSION_ACK")
-    require_accepted(answer)
-    # PX4 refuses the next uploads for some seconds.
-    peer.sleep(6.0)
-    _holds(peer, 0)
-
-
-@check("transfer.unknown-type", "a COUNT with a plan type that does not exist is refused", required=False)
-def unknown_type(peer: Peer) -> str:
-    """Announce plan type 77."""
-    answer = peer.ask(m.MAVLink_mission_count_message(*peer.address, 3, 77), ANSWERS)
-    Sender(peer, ()).cancel()
-    if answer is None:
-        raise FailedError("no answer")
-    if wire.is_request(answer) or answer.type == wire.ACCEPTED:
+    accepted = answer.type == wire.ACCEPTED
+    left, expected = len(peer.download()), 0 if accepted else 4
+    if left != expected:
+        raise FailedError(f"{told(answer)}, and {left} items are left")
+    if accepted:
+        return "cleared"
+    if peer.profile.clear_all_types:
         raise FailedError(told(answer))
-    return told(answer)
+    return f"refused, so each plan is cleared by itself: {result_text(answer.type)}"
 
 
-@check("transfer.request-beyond", "a request beyond the mission is not answered by an item")
-def request_beyond(peer: Peer) -> None:
-    """Ask for item 300 of 3."""
-    peer.upload(peer.items(3))
-    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, MISSION), m.MAVLink_mission_count_message)
+@check("mission.part", "MISSION_WRITE_PARTIAL_LIST changes what it says, or nothing")
+def part(peer: Peer) -> str:
+    """Replace the second item, as MAVProxy does when a waypoint is moved."""
+    items = peer.items(5)
+    peer.upload(items)
+    changed = (items[0], replace(items[1], z=items[1].z + 7.0), *items[2:])
+    sender = Sender(peer, changed)
+    number = len(sender.items) - len(items) + 1
     peer.forget()
-    peer.send(m.MAVLink_mission_request_int_message(*peer.address, 300, MISSION))
-    answer = peer.expect(_ITEMS, 1.0)
-    peer.send(m.MAVLink_mission_ack_message(*peer.address, wire.OPERATION_CANCELLED, MISSION))
-    if answer is not None:
-        raise FailedError(f"item {answer.seq} comes")
-    peer.upload(peer.items(2))
-
-
-@check("transfer.re-read", "a request that comes again is answered again")
-def re_read(peer: Peer) -> None:
-    """Ask for item 0 twice, as after a loss."""
-    peer.upload(peer.items(3))
-    peer.ask(m.MAVLink_mission_request_list_message(*peer.address, MISSION), m.MAVLink_mission_count_message)
-    question = m.MAVLink_mission_request_int_message(*peer.address, 0, MISSION)
-    for number in (1, 2):
-        if peer.ask(question, m.MAVLink_mission_item_int_message, where=lambda a: a.seq == 0) is None:
-            raise FailedError(f"request {number} of item 0 gives no MISSION_ITEM_INT")
-    peer.send(m.MAVLink_mission_ack_message(*peer.address, wire.OPERATION_CANCELLED, MISSION))
-
-
-def _refused(peer: Peer, items: Sequence[MissionItem]) -> str:
-    sender = Sender(peer, items)
-    sender.begin()
-    answer = sender.finish()
-    if answer.type == wire.ACCEPTED:
-        raise FailedError("it is accepted")
-    return result_text(answer.type)
-
-
-def _refused_message(sender: Sender, wrong: wire.ItemMessage, number: int) -> str:
-    """Send an upload in which one item is replaced, and return how it was refused."""
-    peer = sender.peer
-    sender.begin()
-    sender.send(0)
-    for _ in range(4 * len(sender.items) + 20):
-        answer = peer.expect(ANSWERS, RE_REQUEST_S)
-        if answer is None:
+    peer.send(m.MAVLink_mission_write_partial_list_message(*peer.address, number, number, MISSION))
+    answer = peer.expect(ANSWERS)
+    if answer is not None and wire.is_request(answer):
+        if answer.seq != number:
             sender.cancel()
-            raise FailedError("the vehicle falls silent")
-        if is_a(answer, ACK):
-            if answer.type == wire.ACCEPTED:
-                raise FailedError("it is accepted")
-            return result_text(answer.type)
-        if answer.seq == number:
-            peer.send(wrong)
-        else:
-            sender.send(min(answer.seq, len(sender.items) - 1))
-    sender.cancel()
-    raise FailedError("it is neither refused nor accepted")
+            raise FailedError(f"{told(answer)} instead of {number}")
+        peer.forget()
+        sender.send(number)
+        end = peer.expect(ACK, RE_REQUEST_S)
+        if end is None:
+            raise FailedError("the item is not acknowledged")
+        require_accepted(end)
+        _holds(peer, changed)
+        return "changed"
+    note = "no answer" if answer is None else told(answer)
+    if peer.profile.partial_write:
+        raise FailedError(note)
+    _holds(peer, items)
+    return f"not taken ({note}): MAVProxy cannot move a single waypoint"
+
+
+def _holds(peer: Peer, items: tuple[MissionItem, ...]) -> None:
+    differences = compare_plans(items, peer.download(), peer.profile)
+    if differences:
+        raise FailedError(str(differences[0]))
+
+
+@check(
+    "mission.total",
+    "MISSION_CURRENT tells how many items there are, without home",
+    required=False,
+    suffers="who shows the progress of a mission",
+)
+def total(peer: Peer) -> str:
+    """Compare with what was sent."""
+    peer.upload(peer.items(7))
+    peer.sleep(1.0)
+    message = peer.request(m.MAVLink_mission_current_message)
+    if message is None:
+        raise FailedError("no MISSION_CURRENT")
+    if message.total != 7:
+        raise FailedError(f"total is {message.total} with 7 items")
+    return f"total {message.total}, state {message.mission_state}"
+
+
+@check("mission.set-current", "MISSION_SET_CURRENT or DO_SET_MISSION_CURRENT changes the current item")
+def set_current(peer: Peer) -> str:
+    """Choose item 3, in both ways."""
+    peer.upload(peer.items(7))
+    for _ in range(2):
+        peer.command(m.MAV_CMD_DO_SET_MISSION_CURRENT, 3.0, tries=1)
+        if _becomes(peer, 3):
+            return "by DO_SET_MISSION_CURRENT"
+        peer.send(m.MAVLink_mission_set_current_message(*peer.address, 3))
+        if _becomes(peer, 3):
+            return "by MISSION_SET_CURRENT"
+    raise FailedError("MISSION_CURRENT does not become 3")
+
+
+@check("mission.set-current-beyond", "an item beyond the mission does not become the current one")
+def set_current_beyond(peer: Peer) -> None:
+    """Ask for item 999."""
+    peer.upload(peer.items(5))
+    answer = peer.command(m.MAV_CMD_DO_SET_MISSION_CURRENT, 999.0, tries=1)
+    peer.send(m.MAVLink_mission_set_current_message(*peer.address, 999))
+    if _becomes(peer, 999):
+        raise FailedError("MISSION_CURRENT becomes 999")
+    if answer is not None and answer.result == m.MAV_RESULT_ACCEPTED:
+        raise FailedError("DO_SET_MISSION_CURRENT is accepted")
+
+
+def _becomes(peer: Peer, number: int) -> bool:
+    """Tell whether the item becomes the current one; some autopilots have to be asked for it."""
+    current = m.MAVLink_mission_current_message
+    if peer.expect(current, 2.5, lambda a: a.seq == number) is not None:
+        return True
+    message = peer.request(current)
+    return message is not None and message.seq == number
+
+
+def _needs(peer: Peer, bit: int, what: str) -> None:
+    message = peer.request(m.MAVLink_autopilot_version_message)
+    if message is not None and not message.capabilities & bit:
+        raise SkippedError(f"its capabilities say that it has no {what}")
+
+
+def _corner(peer: Peer, north: float, east: float) -> tuple[float, float]:
+    return peer.home.latitude_deg + north * 1e-3, peer.home.longitude_deg + east * 1e-3
+
+
+@check("mission.fence", "a fence (polygon and circle) goes up, comes down and is equal")
+def fence(peer: Peer) -> None:
+    """A square around home and a hole."""
+    _needs(peer, _FENCE_BIT, "fence")
+    corners = [_corner(peer, north, east) for north, east in ((-2, -2), (-2, 2), (2, 2), (2, -2))]
+    items = [MissionItem(Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION, 0, 4.0, x=x, y=y) for x, y in corners]
+    x, y = _corner(peer, 1.0, 1.0)
+    items.append(MissionItem(Command.NAV_FENCE_CIRCLE_EXCLUSION, 0, 15.0, x=x, y=y))
+    peer.upload(items, MissionType.FENCE)
+    peer.driver.clear([MissionType.FENCE])
+
+
+@check("mission.rally", "rally points go up, come down and are equal")
+def rally(peer: Peer) -> None:
+    """Two of them."""
+    _needs(peer, _RALLY_BIT, "rally points")
+    corners = [_corner(peer, 0.3, 0.3), _corner(peer, -0.3, 0.2)]
+    items = [
+        MissionItem(Command.NAV_RALLY_POINT, Frame.GLOBAL_RELATIVE_ALT, x=x, y=y, z=20.0) for x, y in corners
+    ]
+    peer.upload(items, MissionType.RALLY)
+    peer.driver.clear([MissionType.RALLY])
+
+
+@check("mission.types-apart", "clearing the fence leaves the mission alone")
+def types_apart(peer: Peer) -> None:
+    """Send a mission, clear the fence, read the mission."""
+    peer.upload(peer.items(5))
+    _needs(peer, _FENCE_BIT, "fence")
+    peer.driver.clear([MissionType.FENCE])
+    left = len(peer.download())
+    if left != 5:
+        raise FailedError(f"the mission has {left} items instead of 5")

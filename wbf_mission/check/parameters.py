@@ -17,13 +17,17 @@ _NOBODYS = "NO_SUCH_THING_X"
 _QUIET_S = 1.5
 _LONGEST_S = 120.0
 _ROUNDS = 5
+# PX4's, ArduCopter's of 4.7, and those of before.
 _HARMLESS = (
     "MIS_TAKEOFF_ALT",
-    "PILOT_TKOFF_ALT",
     "RTL_RETURN_ALT",
+    "MPC_XY_CRUISE",
+    "PILOT_TKO_ALT_M",
+    "RTL_ALT_M",
+    "WP_SPD",
+    "PILOT_TKOFF_ALT",
     "RTL_ALT",
     "WPNAV_SPEED",
-    "MPC_XY_CRUISE",
 )
 
 
@@ -118,7 +122,12 @@ def read_name(peer: Peer) -> str:
     return name
 
 
-@check("param.read-unknown", "a parameter that does not exist gives no value", required=False)
+@check(
+    "param.read-unknown",
+    "a parameter that does not exist gives no value",
+    required=False,
+    suffers="clients that ask for a name to learn which autopilot or version it is",
+)
 def read_unknown(peer: Peer) -> None:
     """Ask for a name that nobody has."""
     if _read(peer, _NOBODYS, tries=1) is not None:
@@ -153,7 +162,12 @@ def _set(peer: Peer, name: str, value: float, kind: int, tries: int = 3) -> _Val
     return peer.ask(question, _Value, where=lambda answer: _name(answer) == name, tries=tries)
 
 
-@check("param.set-unknown", "PARAM_SET of a name that does not exist adds nothing", required=False)
+@check(
+    "param.set-unknown",
+    "PARAM_SET of a name that does not exist adds nothing",
+    required=False,
+    suffers="who loads the parameter file of another version",
+)
 def set_unknown(peer: Peer) -> None:
     """Set a name that nobody has."""
     _set(peer, _NOBODYS, 1.0, m.MAV_PARAM_TYPE_REAL32, tries=1)

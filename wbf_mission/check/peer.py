@@ -105,6 +105,12 @@ class Peer:
         for message in messages:
             self.endpoint.send(message)
 
+    def send_as(self, system_id: int, *messages: Message) -> None:
+        """Send messages as another ground station."""
+        other = MavlinkEndpoint(self.endpoint.link, system_id, self.endpoint.component_id)
+        for message in messages:
+            other.send(message)
+
     def forget(self) -> None:
         """Drop what has arrived so far."""
         self._receive()

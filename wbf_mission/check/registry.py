@@ -7,11 +7,14 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
+from mission.transfer import ARDUPILOT, PX4, Profile
 from wbf_mission.check.peer import Peer
 
 __all__ = ["Check", "CheckResult", "Checks", "Verdict"]
 
 Function = Callable[[Peer], str | None]
+Requirement = Callable[[Profile], bool]
+_KNOWN = (PX4, ARDUPILOT)
 
 
 class Verdict(Enum):
@@ -32,19 +35,29 @@ class Check:
         ``group.name``.
     text : str
         What must hold, in one line.
-    required : bool
-        Ground software relies on it; otherwise it is good to have.
+    requirement : callable
+        ``requirement(profile)`` tells whether autopilots with these habits have to do so: ground software
+        relies on it, and the real ones do it. Otherwise it is advice.
     flies : bool
         It arms the vehicle.
+    suffers : str
+        Who has trouble with a vehicle that does not do so; empty where it is required of everybody.
     function : callable
         ``function(peer)`` returns a note or None, and raises `FailedError` or `SkippedError`.
     """
 
     id: str
     text: str
-    required: bool
+    requirement: Requirement
     flies: bool
+    suffers: str
     function: Function
+
+    @property
+    def required_of(self) -> str:
+        """Of whom it is required, in a word: ``all``, the names of autopilots, or nothing."""
+        names = [profile.name for profile in _KNOWN if self.requirement(profile)]
+        return "all" if len(names) == len(_KNOWN) else ", ".join(names)
 
     @property
     def group(self) -> str:
@@ -59,6 +72,8 @@ class CheckResult:
     Parameters
     ----------
     check : Check
+    required : bool
+        It is required of this vehicle's autopilot.
     verdict : Verdict
     detail : str
         Why, or what was measured.
@@ -67,6 +82,7 @@ class CheckResult:
     """
 
     check: Check
+    required: bool
     verdict: Verdict
     detail: str
     seconds: float
@@ -74,18 +90,34 @@ class CheckResult:
     @property
     def bad(self) -> bool:
         """Whether something required does not hold."""
-        return self.verdict is Verdict.FAILED and self.check.required
+        return self.verdict is Verdict.FAILED and self.required
+
+    @property
+    def told(self) -> str:
+        """What was seen, and for advice that does not hold, who has trouble with it."""
+        if self.verdict is Verdict.FAILED and not self.required and self.check.suffers:
+            return f"{self.detail} (trouble for {self.check.suffers})"
+        return self.detail
 
     def summary(self) -> dict[str, Any]:
         """Return plain values for JSON."""
         return {
             "id": self.check.id,
             "text": self.check.text,
-            "required": self.check.required,
+            "required": self.required,
             "result": self.verdict.value,
             "detail": self.detail,
+            "suffers": self.check.suffers,
             "seconds": round(self.seconds, 3),
         }
+
+
+def _everybody(_profile: Profile) -> bool:
+    return True
+
+
+def _nobody(_profile: Profile) -> bool:
+    return False
 
 
 class Checks:
@@ -97,20 +129,30 @@ class Checks:
     >>> @checks("identity.nothing", "it is there")
     ... def nothing(peer):
     ...     return None
-    >>> [(one.id, one.required) for one in checks]
-    [('identity.nothing', True)]
+    >>> [(one.id, one.required_of) for one in checks]
+    [('identity.nothing', 'all')]
     """
 
     def __init__(self) -> None:
         self._checks: list[Check] = []
 
     def __call__(
-        self, name: str, text: str, *, required: bool = True, flies: bool = False
+        self,
+        name: str,
+        text: str,
+        *,
+        required: bool | Requirement = True,
+        flies: bool = False,
+        suffers: str = "",
     ) -> Callable[[Function], Function]:
-        """Make the decorated function a check; the parameters are those of `Check`."""
+        """Make the decorated function a check.
+
+        The parameters are those of `Check`; ``required`` is a requirement, or True or False for everybody.
+        """
+        requirement = required if callable(required) else _everybody if required else _nobody
 
         def add(function: Function) -> Function:
-            self._checks.append(Check(name, text, required, flies, function))
+            self._checks.append(Check(name, text, requirement, flies, suffers, function))
             return function
 
         return add

@@ -221,7 +221,7 @@ def _run(one: Check, peer: Peer) -> CheckResult:
         raise
     except WbfMissionError as error:
         verdict, detail = Verdict.FAILED, str(error)
-    return CheckResult(one, verdict, detail, peer.now() - began_s)
+    return CheckResult(one, one.requirement(peer.profile), verdict, detail, peer.now() - began_s)
 
 
 def _silent(_result: CheckResult) -> None:

@@ -54,29 +54,29 @@ def check_command(
 
     output = Output(as_json=json, quiet=quiet)
     if list_checks:
-        rows = [[one.id, "required" if one.required else "", one.text] for one in all_checks()]
-        values = [{"id": one.id, "required": one.required, "text": one.text} for one in all_checks()]
-        output.table(values, ["check", "", "what must hold"], rows, title="Checks", left=True)
+        rows = [[one.id, one.required_of, one.text, one.suffers] for one in all_checks()]
+        values = [
+            {"id": one.id, "required_of": one.required_of, "text": one.text, "suffers": one.suffers}
+            for one in all_checks()
+        ]
+        headings = ["check", "required of", "what must hold", "otherwise trouble for"]
+        output.table(values, headings, rows, title="Checks", left=True)
         return
     if url is None:
         msg = "give the link to the vehicle, such as udpin:127.0.0.1:14550, or --list"
         raise typer.BadParameter(msg)
 
     def tell(result: CheckResult) -> None:
-        output.note(
-            f"{result.verdict.value:8}{result.check.id}{': ' + result.detail if result.detail else ''}"
-        )
+        output.note(f"{result.verdict.value:8}{result.check.id}{': ' + result.told if result.told else ''}")
 
     report = check_vehicle(url, fly=fly, only=only or (), system_id=system, wait_s=wait, on_result=tell)
     marks = {Verdict.PASSED: "holds", Verdict.SKIPPED: "skipped", Verdict.FAILED: "FAILS"}
     rows = [
         [
             result.check.id,
-            marks[result.verdict]
-            if result.check.required or result.verdict is not Verdict.FAILED
-            else "fails",
+            marks[result.verdict] if result.required or result.verdict is not Verdict.FAILED else "fails",
             result.check.text,
-            result.detail,
+            result.told,
         ]
         for result in report.results
     ]

@@ -195,6 +195,8 @@ _PX4_UNPLACED = frozenset(
     {20, 80, 93, 112, 114, 177, 178, 179, 187, 189, 196, 197, 200, 201, 203, 204, 205, 206, 211, 214}
     | {260, 530, 531, 532, 1000, 1001, 2000, 2001, 2003, 2500, 2501, 3000, 42600}
 )
+# Of fence and rally items neither keeps it.
+_NOT_KEPT = dict.fromkeys((5000, 5001, 5002, 5003, 5004, 5100), frozenset({"autocontinue"}))
 _YAW = frozenset({"param4"})
 # MAV_TYPEs of ArduCopter: quadrotor, coaxial, helicopter, hexa-, octo-, tri-, dodecarotor, decarotor.
 _COPTERS = (2, 3, 4, 13, 14, 15, 29, 35)
@@ -217,6 +219,7 @@ PX4 = Profile(
     text_prefix="WPM: ",
     usual_limits=(500, 64, 32),
     lossy={
+        **_NOT_KEPT,
         Command.NAV_WAYPOINT: frozenset({"param3"}),
         Command.NAV_TAKEOFF: frozenset({"param1", "param2", "param3"}),
         Command.NAV_LAND: frozenset({"param1", "param2", "param3"}),
@@ -256,6 +259,7 @@ ARDUPILOT = Profile(
     timeout_text="Mission upload timeout",
     usual_limits=(718, 200, None),
     lossy={
+        **_NOT_KEPT,
         Command.NAV_WAYPOINT: frozenset({"param2", "param3", "param4", "autocontinue"}),
         Command.NAV_TAKEOFF: frozenset({"param1", "param2", "param3", "param4", "x", "y", "frame"}),
         Command.NAV_LAND: frozenset({"param2", "param3", "param4"}),

@@ -19,18 +19,19 @@ _OTHER_GROUND = GROUND[0] - 1
 @check("transfer.second-station", "a second ground station does not get into an upload")
 def second_station(peer: Peer) -> str:
     """Announce a plan from another system while ours goes up."""
-    sender = Sender(peer, peer.items(4))
+    items = peer.items(4)
+    sender = Sender(peer, items)
     sender.begin()
     peer.forget()
     peer.send_as(_OTHER_GROUND, _COUNT(*peer.address, 2, MISSION))
     answer = peer.expect(ANSWERS, where=lambda a: a.target_system == _OTHER_GROUND)
     if answer is not None and not (is_a(answer, ACK) and answer.type != wire.ACCEPTED):
-        sender.cancel()
-        raise FailedError(f"{told(answer)} the second station")
+        peer.send_as(_OTHER_GROUND, wire.ack(peer.address, wire.OPERATION_CANCELLED, MISSION))
+        # Not all know cancelling: what is left of it runs out.
+        peer.sleep(peer.profile.abort_s + 1.0)
+        raise FailedError(f"{told(answer)} of the second station")
     require_accepted(sender.finish())
-    found = len(peer.download())
-    if found != len(peer.items(4)):
-        raise FailedError(f"the mission has {found} items instead of 4")
+    peer.require_equal(items)
     return "not answered" if answer is None else told(answer)
 
 

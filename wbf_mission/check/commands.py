@@ -103,7 +103,7 @@ def broadcast(peer: Peer) -> None:
 
 
 @check("command.bad-arming", "arming with a parameter that is neither 0 nor 1 does not arm")
-def bad_arming(peer: Peer) -> None:
+def bad_arming(peer: Peer) -> str:
     """Ask for something between."""
     answer = peer.command(m.MAV_CMD_COMPONENT_ARM_DISARM, 0.3)
     peer.sleep(1.2)
@@ -112,3 +112,4 @@ def bad_arming(peer: Peer) -> None:
         raise FailedError("it armed")
     if answer is None:
         raise FailedError("no COMMAND_ACK")
+    return f"answered {result_name(answer.result)}"

@@ -57,6 +57,7 @@ def _is_disarmed(message: Message) -> bool:
 def takeoff_land(peer: Peer) -> str:
     """Up and down."""
     began_s = peer.now()
+    peer.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT), 500_000.0)
     _ready_mode(peer)
     default = math.nan if peer.profile.nan_parameters is None else 0.0
     base_m = peer.home.altitude_m if peer.persona.takeoff_above_sea else 0.0

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem, MissionType
-from mission.transfer import compare_plans, result_text, wire
+from mission.transfer import result_text, wire
 from wbf_mission.check.errors import FailedError, SkippedError
 from wbf_mission.check.peer import Peer
 from wbf_mission.check.registry import Checks
@@ -167,19 +167,13 @@ def part(peer: Peer) -> str:
         if end is None:
             raise FailedError("the item is not acknowledged")
         require_accepted(end)
-        _holds(peer, changed)
+        peer.require_equal(changed)
         return "changed"
     note = "no answer" if answer is None else told(answer)
     if peer.profile.partial_write:
         raise FailedError(note)
-    _holds(peer, items)
+    peer.require_equal(items)
     return f"not taken ({note}): MAVProxy cannot move a single waypoint"
-
-
-def _holds(peer: Peer, items: tuple[MissionItem, ...]) -> None:
-    differences = compare_plans(items, peer.download(), peer.profile)
-    if differences:
-        raise FailedError(str(differences[0]))
 
 
 @check(

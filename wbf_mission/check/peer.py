@@ -15,7 +15,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from mission.link.endpoint import MavlinkEndpoint
 from mission.model import Command, GeoPoint, Mission, MissionItem, MissionType
-from mission.transfer import Profile
+from mission.transfer import Profile, compare_plans
 from mission.transfer.driver import TransferDriver, Vehicle, wait_readable
 from sim_vehicle.autopilot import autopilot_of_number
 from sim_vehicle.autopilot.persona import Persona
@@ -267,6 +267,12 @@ class Peer:
     def download(self, kind: MissionType = MissionType.MISSION) -> tuple[MissionItem, ...]:
         """Read a plan."""
         return self.driver.download(types=[kind])[0].plan(kind)
+
+    def require_equal(self, items: tuple[MissionItem, ...]) -> None:
+        """Read the mission; FailedError if it is not this one."""
+        differences = compare_plans(items, self.download(), self.profile)
+        if differences:
+            raise FailedError(f"the mission is another: {differences[0]}")
 
     @contextmanager
     def plans_kept(self) -> Iterator[None]:

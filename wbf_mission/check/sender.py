@@ -19,6 +19,7 @@ REQUESTS: tuple[type[wire.RequestMessage], ...] = (
 ANSWERS: tuple[type[wire.RequestMessage | wire.AckMessage], ...] = (*REQUESTS, ACK)
 RE_REQUEST_S = 4.0
 MISSION = int(MissionType.MISSION)
+_SETTLE_S = 1.0  # what is still on its way over a slow radio belongs to the check before
 
 
 class Sender:
@@ -64,6 +65,9 @@ class Sender:
                 return answer
             if answer.seq >= len(self.items):
                 raise FailedError(f"item {answer.seq} of {len(self.items)} is asked for")
+            if answer.seq > asked + 1:
+                self.cancel()
+                raise FailedError(f"item {answer.seq} is asked for after item {asked}")
             asked = answer.seq
             self.send(asked)
         self.cancel()
@@ -72,7 +76,7 @@ class Sender:
     def cancel(self) -> None:
         """Break off, and wait until the vehicle has."""
         self.peer.send(m.MAVLink_mission_ack_message(*self.peer.address, wire.OPERATION_CANCELLED, MISSION))
-        self.peer.sleep(0.3)
+        self.peer.sleep(_SETTLE_S)
 
 
 def told(message: wire.RequestMessage | wire.AckMessage) -> str:

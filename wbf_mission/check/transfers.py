@@ -8,7 +8,7 @@ from dataclasses import replace
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from mission.model import MissionItem, MissionType
-from mission.transfer import compare_plans, result_text, wire
+from mission.transfer import result_text, wire
 from wbf_mission.check.errors import FailedError
 from wbf_mission.check.peer import Peer
 from wbf_mission.check.registry import Checks
@@ -32,10 +32,11 @@ _ITEMS: tuple[type[wire.ItemMessage], ...] = (
 _GIVE_UP_S = 12.0
 
 
-def _holds(peer: Peer, number: int) -> None:
-    found = len(peer.download())
-    if found != number:
-        raise FailedError(f"the mission has {found} items instead of {number}")
+def _require_ours(peer: Peer, answer: wire.RequestMessage | wire.AckMessage) -> None:
+    """Raise FailedError unless it is addressed to us: MAVSDK takes what goes to everybody for the end."""
+    target = answer.target_system, answer.target_component
+    if target[0] != peer.endpoint.system_id or target[1] not in (0, peer.endpoint.component_id):
+        raise FailedError(f"it is addressed to {target[0]}/{target[1]}")
 
 
 @check("transfer.final-ack", "the last item is acknowledged by MISSION_ACK, addressed to us")
@@ -45,8 +46,7 @@ def final_ack(peer: Peer) -> None:
     sender.begin()
     answer = sender.finish()
     require_accepted(answer)
-    if answer.target_system not in (0, peer.endpoint.system_id):
-        raise FailedError(f"it is addressed to system {answer.target_system}")
+    _require_ours(peer, answer)
 
 
 @check("transfer.asks-first", "COUNT is answered by a request for item 0, addressed to us")
@@ -58,11 +58,7 @@ def asks_first(peer: Peer) -> str:
     sender.cancel()
     if answer is None:
         return "asked once"
-    if (answer.target_system, answer.target_component) not in (
-        (peer.endpoint.system_id, peer.endpoint.component_id),
-        (peer.endpoint.system_id, 0),
-    ):
-        raise FailedError(f"it is addressed to {answer.target_system}/{answer.target_component}")
+    _require_ours(peer, answer)
     return str(answer.get_type())
 
 
@@ -92,7 +88,7 @@ def duplicate_count(peer: Peer) -> None:
     sender.begin()
     peer.send(m.MAVLink_mission_count_message(*peer.address, len(sender.items), MISSION))
     require_accepted(sender.finish())
-    _holds(peer, 4)
+    peer.require_equal(peer.items(4))
 
 
 @check("transfer.duplicate-item", "an item that comes twice does not spoil the upload")
@@ -103,7 +99,7 @@ def duplicate_item(peer: Peer) -> None:
     sender.send(0)
     require_accepted(sender.finish())
     peer.sleep(0.5)
-    _holds(peer, 4)
+    peer.require_equal(peer.items(4))
 
 
 @check("transfer.out-of-order", "an item out of order is not taken for the one that was asked for")
@@ -113,13 +109,16 @@ def out_of_order(peer: Peer) -> None:
     sender.begin()
     sender.send(2)
     answer = peer.expect(ANSWERS, RE_REQUEST_S)
+    if answer is not None and wire.is_request(answer) and answer.seq > 0:
+        sender.cancel()
+        raise FailedError(f"it is taken: the vehicle asks for item {answer.seq}")
     if answer is not None and is_a(answer, ACK):
         if answer.type == wire.ACCEPTED:
             raise FailedError("it is accepted")
         if peer.profile.order_result is None:
             return
     require_accepted(sender.finish())
-    _holds(peer, 5)
+    peer.require_equal(peer.items(5))
 
 
 @check("transfer.wrong-type", "an item of another plan is not taken into the mission")
@@ -176,9 +175,7 @@ def old_plan_kept(peer: Peer) -> None:
     if not peer.profile.atomic:
         # ArduPilot knows no cancelling: it waits for its timer, and is not to be read before.
         peer.sleep(peer.profile.abort_s + 2.0)
-    differences = compare_plans(old, peer.download(), peer.profile)
-    if differences:
-        raise FailedError(f"the two are mixed: {differences[0]}")
+    peer.require_equal(old)
 
 
 @check("transfer.silence", "after a client that fell silent a new upload works in 12 s")
@@ -198,7 +195,7 @@ def late_item(peer: Peer) -> None:
     peer.upload(peer.items(4))
     peer.send(Sender(peer, peer.items(4)).message(1))
     peer.sleep(0.5)
-    _holds(peer, 4)
+    peer.require_equal(peer.items(4))
 
 
 @check(
@@ -297,7 +294,9 @@ def count_zero(peer: Peer) -> None:
     require_accepted(answer)
     # PX4 refuses the next uploads for some seconds.
     peer.sleep(6.0)
-    _holds(peer, 0)
+    left = len(peer.download())
+    if left:
+        raise FailedError(f"{left} items are left")
 
 
 @check(

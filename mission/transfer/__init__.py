@@ -8,7 +8,6 @@ if TYPE_CHECKING:
     from mission.transfer.clear import MissionClear as MissionClear
     from mission.transfer.client import ClientTimers as ClientTimers
     from mission.transfer.client import ClientTransfer as ClientTransfer
-    from mission.transfer.client import RoundTrip as RoundTrip
     from mission.transfer.compare import Difference as Difference
     from mission.transfer.compare import compare_plans as compare_plans
     from mission.transfer.download import MissionDownload as MissionDownload
@@ -37,6 +36,7 @@ if TYPE_CHECKING:
     from mission.transfer.profile import Profile as Profile
     from mission.transfer.profile import count_warning as count_warning
     from mission.transfer.profile import profile_for as profile_for
+    from mission.transfer.round_trip import RoundTrip as RoundTrip
     from mission.transfer.server import MissionServer as MissionServer
     from mission.transfer.upload import MissionUpload as MissionUpload
     from mission.transfer.upload import check_plan as check_plan
@@ -52,7 +52,7 @@ else:
         __name__,
         {
             "mission.transfer.clear": ("MissionClear",),
-            "mission.transfer.client": ("ClientTimers", "ClientTransfer", "RoundTrip"),
+            "mission.transfer.client": ("ClientTimers", "ClientTransfer"),
             "mission.transfer.compare": ("Difference", "compare_plans"),
             "mission.transfer.download": ("MissionDownload",),
             "mission.transfer.errors": ("LocalTransferError", "RemoteTransferError"),
@@ -83,6 +83,7 @@ else:
                 "profile_for",
             ),
             "mission.transfer.plan_store": ("StoredPlan",),
+            "mission.transfer.round_trip": ("RoundTrip",),
             "mission.transfer.server": ("MissionServer",),
             "mission.transfer.upload": ("MissionUpload", "check_plan"),
             "mission.transfer.verified": ("VerifiedUpload",),

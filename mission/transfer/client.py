@@ -28,6 +28,7 @@ from mission.transfer.events import (
     TransferStatistics,
 )
 from mission.transfer.profile import GENERIC, Profile
+from mission.transfer.round_trip import RoundTrip
 
 _I = ClientInput
 _A = ClientAction
@@ -43,15 +44,16 @@ class ClientTimers:
     ----------
     reply_s : float
         Repeat COUNT, LIST or CLEAR_ALL if nothing has come for so long (earlier, but not before twice
-        ``item_s``, once the round trip time is known).
+        ``item_s``, once the round trip time is known; later where that is longer).
     item_s : float
         Repeat the request for an item. Once the round trip time is known: four times that, at least
-        ``floor_s``.
+        ``floor_s`` (`RoundTrip.wait`).
     retries : int
-        COUNT, LIST and CLEAR_ALL are repeated for the time that so many repetitions each ``reply_s`` take.
+        COUNT, LIST and CLEAR_ALL are repeated for the time that so many repetitions each ``reply_s``, or each
+        a long round trip, take.
     silence_s : float
         Give up when no new item has crossed for so long (longer than the vehicle's own limit of 5 or 8 s;
-        on slow links up to 20 ``reply_s``).
+        on slow links up to 20 ``reply_s``, at least six times the wait for an item).
     floor_s : float
         The shortest waiting time derived from the round trip.
     """
@@ -61,36 +63,6 @@ class ClientTimers:
     retries: int = 5
     silence_s: float = 10.0
     floor_s: float = 0.1
-
-
-class RoundTrip:
-    """A smoothed round trip time, shared by the transfers over one link.
-
-    Examples
-    --------
-    >>> trip = RoundTrip()
-    >>> trip.wait(0.25, 0.1, 1.5)
-    0.25
-    >>> trip.sample(0.2)
-    >>> trip.wait(0.25, 0.1, 1.5)
-    0.8
-    """
-
-    __slots__ = ("seconds",)
-
-    def __init__(self) -> None:
-        self.seconds: float | None = None
-
-    def sample(self, seconds: float) -> None:
-        """Add a measurement (smoothed by 1/8, as TCP does: RFC 6298)."""
-        known = self.seconds
-        self.seconds = seconds if known is None else known + (seconds - known) / 8.0
-
-    def wait(self, default_s: float, floor_s: float, most_s: float) -> float:
-        """Return how long to wait for an answer before asking again."""
-        if self.seconds is None:
-            return default_s
-        return min(max(4.0 * self.seconds, floor_s), most_s)
 
 
 class ClientTransfer(ABC):
@@ -238,22 +210,26 @@ class ClientTransfer(ABC):
         """Return how many items the plan has."""
 
     def _retry_s(self) -> float:
+        return self._sent_s + self._retry_wait_s()
+
+    def _retry_wait_s(self) -> float:
         timers = self.timers
-        return self._sent_s + self.round_trip.wait(timers.reply_s, 2.0 * timers.item_s, timers.reply_s)
+        return self.round_trip.wait(timers.reply_s, 2.0 * timers.item_s, timers.reply_s)
 
     def _judge_retry(self) -> ClientInput:
         return _I.RETRY
 
     def _opening_limit_s(self) -> float:
         """When the opening message has been repeated in vain for long enough."""
-        return self._opened_s + (self.timers.retries + 1) * self.timers.reply_s
+        timers = self.timers
+        each_s = self.round_trip.wait(timers.reply_s, timers.reply_s, timers.reply_s)
+        return self._opened_s + (timers.retries + 1) * each_s
 
     def _silence_s(self) -> float:
         """How long no item may cross: on a slow link long enough for twenty attempts."""
         timers = self.timers
-        return max(
-            timers.silence_s, 20.0 * self.round_trip.wait(timers.item_s, timers.floor_s, timers.reply_s)
-        )
+        wait_s = self.round_trip.wait(timers.item_s, timers.floor_s, timers.reply_s)
+        return max(timers.silence_s, min(20.0 * wait_s, 20.0 * timers.reply_s), 6.0 * wait_s)
 
     def _give_up_s(self) -> float:
         return self._opening_limit_s()
@@ -335,6 +311,13 @@ class ClientTransfer(ABC):
     def _repeat_opening(self, now_s: float) -> Output:
         self._retries += 1
         return self._send_opening(now_s)
+
+    def _measure_opening(self, now_s: float) -> None:
+        """Take the round trip from the answer to the opening; of one that was repeated it is only a bound."""
+        if self._openings == 1:
+            self.round_trip.sample(now_s - self._sent_s)
+        else:
+            self.round_trip.limit(now_s - self._opened_s)
 
     def _note_trouble(self, message: wire.AckMessage, now_s: float) -> Output:
         self._trouble = (message.type, now_s)

@@ -100,8 +100,7 @@ class MissionDownload(ClientTransfer):
                 return super()._act(action, message, now_s)
 
     def _ask_first(self, message: wire.CountMessage, now_s: float) -> Output:
-        if self._openings == 1:
-            self.round_trip.sample(now_s - self._sent_s)
+        self._measure_opening(now_s)
         if not self._restarts:
             self._progress_s = now_s
         self._items = [None] * message.count
@@ -154,23 +153,33 @@ class MissionDownload(ClientTransfer):
         timers = self.timers
         return self.round_trip.wait(timers.item_s, timers.floor_s, timers.reply_s)
 
+    def _again_s(self, asked_s: float, times: int) -> float:
+        """When an item that was asked for so often is asked for again."""
+        copies, apart_s = self.round_trip.copies(self.profile.abort_s)
+        if times % copies != 0:
+            return asked_s + apart_s
+        return asked_s + max(self._wait_s() - (copies - 1) * apart_s, apart_s)
+
     def _retry_s(self) -> float:
         if self._state is LISTING:
             return super()._retry_s()
-        return min(asked_s for asked_s, _ in self._asked.values()) + self._wait_s()
+        return min(self._again_s(*asked) for asked in self._asked.values())
 
     def _judge_retry(self) -> ClientInput:
         if self._state is LISTING:
             return _I.RETRY
         if self._restarts >= self.timers.retries:
             return _I.RETRY
-        vain = any(times > 2 * self.timers.retries for _, times in self._asked.values())
+        copies, _ = self.round_trip.copies(self.profile.abort_s)
+        vain = any(times > 2 * self.timers.retries * copies for _, times in self._asked.values())
         return _I.RESTART if vain or self._trouble is not None else _I.RETRY
 
     def _ask_again(self, now_s: float) -> Output:
-        wait_s = self._wait_s()
-        asked = self._asked.items()
-        late = [(number, times) for number, (asked_s, times) in asked if now_s >= asked_s + wait_s]
+        late = [
+            (number, times)
+            for number, (asked_s, times) in self._asked.items()
+            if now_s >= self._again_s(asked_s, times)
+        ]
         self._retries += len(late)
         return Output(tuple(self._ask(sequence, now_s, times + 1) for sequence, times in late))
 

@@ -17,11 +17,12 @@ from mission.link.endpoint import MavlinkEndpoint
 from mission.model import GeoPoint, Mission, MissionType
 from mission.transfer import wire
 from mission.transfer.clear import MissionClear
-from mission.transfer.client import ClientTimers, RoundTrip
+from mission.transfer.client import ClientTimers
 from mission.transfer.errors import NoVehicleError, RemoteTransferError
 from mission.transfer.events import DownloadComplete, Event, Output, TransferFailed, TransferStatistics
 from mission.transfer.making import OWN_TRANSFERS, Transfer, TransferMaker
 from mission.transfer.profile import Profile, profile_for
+from mission.transfer.round_trip import RoundTrip
 
 OnEvent = Callable[[Event], None]
 _HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from mission.link.codec.dialect import Message, mavlink
@@ -22,7 +23,16 @@ _I = ClientInput
 _FENCE = range(5000, 5005)
 _RALLY = 5100
 _SHORTEST_TRIP_S = 0.02
-_LONGEST_TRIP_S = 0.5
+
+
+@dataclass(slots=True)
+class _Answers:
+    """When an item was sent, first and last, in the round trip that runs, and how often in it."""
+
+    first_s: float
+    last_s: float
+    copies: int = 1
+    repeated: bool = False
 
 
 def check_plan(items: Sequence[MissionItem], mission_type: MissionType) -> None:
@@ -108,8 +118,7 @@ class MissionUpload(ClientTransfer):
             for item in to_wire_order(self.items, mission_type, self.profile, home)
         )
         self._current = None if start_sequence is None else start_sequence + len(self._wire) - len(self.items)
-        self._answered_s: list[float | None] = [None] * len(self._wire)
-        self._repeated: set[int] = set()
+        self._answers: list[_Answers | None] = [None] * len(self._wire)
         self._unsent = len(self._wire)
         self._highest = -1
         self._last = -1
@@ -127,14 +136,24 @@ class MissionUpload(ClientTransfer):
         if wire.is_request(message) and self._state is not CLEARING:
             if message.seq >= len(self._wire):
                 return _I.STRAY
-            answered_s = self._answered_s[message.seq]
-            if answered_s is None:
+            answers = self._answers[message.seq]
+            if answers is None:
                 return _I.REQUEST_LAST if self._unsent == 1 else _I.REQUEST
-            trip_s = min(max(self.round_trip.seconds or 0.0, _SHORTEST_TRIP_S), _LONGEST_TRIP_S)
-            return _I.REQUEST_REPEATED if now_s < answered_s + trip_s else _I.REQUEST
+            return _I.REQUEST if self._is_worth_sending(answers, now_s) else _I.REQUEST_REPEATED
         if is_a(message, mavlink.MAVLink_mission_ack_message):
             return self._judge_ack(message, accepted=self._state in (CONFIRMING, CLEARING))
         return _I.STRAY
+
+    @property
+    def _trip_s(self) -> float:
+        return max(self.round_trip.known_s or 0.0, _SHORTEST_TRIP_S)
+
+    def _is_worth_sending(self, answers: _Answers, now_s: float) -> bool:
+        """Whether an item that was asked for again was lost, and not just asked for before it arrived."""
+        if now_s >= answers.first_s + self._trip_s:
+            return True
+        copies, apart_s = self.round_trip.copies(self.profile.abort_s)
+        return answers.copies < copies and now_s >= answers.last_s + apart_s
 
     def _act(self, action: ClientAction, message: Any, now_s: float) -> Output:
         match action:
@@ -151,15 +170,13 @@ class MissionUpload(ClientTransfer):
     def _send_item(self, message: wire.RequestMessage, now_s: float) -> Output:
         sequence = message.seq
         self._trouble = None
-        answered_s = self._answered_s[sequence]
         events: tuple[Progress, ...] = ()
-        if answered_s is None:
+        if self._answers[sequence] is None:
             self._measure(sequence, now_s)
             self._unsent -= 1
             events = (Progress(self.mission_type, len(self._wire) - self._unsent, len(self._wire)),)
         else:
             self._retries += 1
-            self._repeated.add(sequence)
         if sequence > self._highest:
             self._highest = sequence
             self._progress_s = now_s
@@ -168,16 +185,22 @@ class MissionUpload(ClientTransfer):
     def _measure(self, sequence: int, now_s: float) -> None:
         """Take the round trip from messages that were sent once only (Karn's rule)."""
         if sequence == 0:
-            if self._openings == 1:
-                self.round_trip.sample(now_s - self._sent_s)
+            self._measure_opening(now_s)
             return
-        before_s = self._answered_s[sequence - 1]
-        if before_s is not None and sequence - 1 not in self._repeated:
-            self.round_trip.sample(now_s - before_s)
+        before = self._answers[sequence - 1]
+        if before is not None and not before.repeated:
+            self.round_trip.sample(now_s - before.first_s)
 
     def _item(self, sequence: int, now_s: float) -> Output:
         self._last = sequence
-        self._answered_s[sequence] = self._sent_s = now_s
+        self._sent_s = now_s
+        answers = self._answers[sequence]
+        if answers is None:
+            self._answers[sequence] = _Answers(now_s, now_s)
+        elif now_s < answers.first_s + self._trip_s:
+            self._answers[sequence] = _Answers(answers.first_s, now_s, answers.copies + 1, repeated=True)
+        else:
+            self._answers[sequence] = _Answers(now_s, now_s, repeated=True)
         message = wire.item_to_message(
             self._wire[sequence],
             sequence,
@@ -190,12 +213,11 @@ class MissionUpload(ClientTransfer):
     def _repeat_item(self, now_s: float) -> Output:
         """Send the item again that was sent last: the item, or the answer to it, was lost."""
         self._retries += 1
-        self._repeated.add(self._last)
         return self._item(self._last, now_s)
 
     def _retry_s(self) -> float:
         if self._state is UPLOADING:  # the vehicle's timer asks again; ours is for vehicles that have none
-            return self._sent_s + self.timers.reply_s
+            return self._sent_s + max(self.timers.reply_s, self._retry_wait_s())
         return super()._retry_s()
 
     def _give_up_s(self) -> float:
@@ -203,7 +225,7 @@ class MissionUpload(ClientTransfer):
             return self._opening_limit_s()
         limit_s = self._progress_s + self._silence_s()
         if self._trouble is not None:
-            trip_s = self.round_trip.seconds or 0.0
+            trip_s = self.round_trip.known_s or 0.0
             limit_s = min(limit_s, self._trouble[1] + 2.0 * (self.timers.reply_s + trip_s))
         return limit_s
 

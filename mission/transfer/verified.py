@@ -14,11 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from mission.link.codec.dialect import Message
 from mission.model import GeoPoint, MissionItem, MissionType
-from mission.transfer.client import ClientTransfer, RoundTrip, common_options
+from mission.transfer import wire
+from mission.transfer.client import ClientTransfer, common_options
 from mission.transfer.client_table import READY, ClientState
 from mission.transfer.compare import Difference, compare_plans
 from mission.transfer.download import MissionDownload
@@ -36,11 +38,19 @@ from mission.transfer.events import (
     UploadComplete,
     UploadVerified,
 )
+from mission.transfer.round_trip import RoundTrip
 from mission.transfer.upload import MissionUpload
+
+_RESTARTS = 5
+# What vehicles answer when they gave an upload up: PX4 to the items that come then, ArduPilot by itself.
+_GIVEN_UP = frozenset({wire.ERROR, wire.OPERATION_CANCELLED})
 
 
 class VerifiedUpload:
     """Sends a plan, reads it back and compares; used like any other transfer.
+
+    Over a link that loses so much that a vehicle may give up by bad luck (`RoundTrip.copies`), an upload or
+    a reading that was given up is made again, five times at most.
 
     Parameters
     ----------
@@ -75,7 +85,8 @@ class VerifiedUpload:
         **options: Any,
     ) -> None:
         options["round_trip"] = options.get("round_trip") or RoundTrip()
-        upload = MissionUpload(items, mission_type, home=home, **options)
+        self._make = partial(MissionUpload, items, mission_type, home=home, **options)
+        upload = self._make()
         self.mission_type = mission_type
         self.items = upload.items
         self.differences: tuple[Difference, ...] = ()
@@ -83,6 +94,7 @@ class VerifiedUpload:
         self._part: ClientTransfer = upload
         self._parts: list[ClientTransfer] = [upload]
         self._readings = readings
+        self._restarts = _RESTARTS
         self._verified = False
         self.confirmed_s: float | None = None
         self.opaque_id = 0
@@ -161,11 +173,30 @@ class VerifiedUpload:
     def _after_failure(self, failed: TransferFailed, now_s: float) -> Output:
         cancelled = failed.reason is FailureReason.CANCELLED
         if self._part is self._upload:
+            if self._is_bad_luck(failed):
+                return self._send_again(now_s)
             if failed.vehicle_plan is PlanState.UNKNOWN and not cancelled:
                 return self._read_back(now_s)
             return Output(events=(failed,))
+        if self._is_bad_luck(failed):
+            self._restarts -= 1
+            return self._read_back(now_s)
         text = f"the {self.mission_type.name.lower()} was sent but not verified: {failed.text}"
         return Output(events=(replace(failed, text=text, vehicle_plan=PlanState.UNKNOWN),))
+
+    def _is_bad_luck(self, failed: TransferFailed) -> bool:
+        """Whether the vehicle may have given up because too many frames in a row were lost."""
+        upload = self._upload
+        copies, _ = upload.round_trip.copies(upload.profile.abort_s)
+        gave_up = failed.reason is FailureReason.TIMEOUT or failed.result in _GIVEN_UP
+        was_heard = upload.statistics().messages_received > 0
+        return copies > 1 and gave_up and was_heard and self._restarts > 0
+
+    def _send_again(self, now_s: float) -> Output:
+        self._restarts -= 1
+        self._part = self._upload = self._make()
+        self._parts.append(self._upload)
+        return self._upload.start(now_s)
 
     def _read_back(self, now_s: float) -> Output:
         self._part = MissionDownload(self.mission_type, **common_options(self._upload))

@@ -11,8 +11,8 @@ from mission.errors import MissionError
 from mission.link.codec.dialect import Message
 from mission.model import Command, Mission, MissionItem, MissionType
 from mission.transfer import Profile
-from mission.transfer.client import RoundTrip
 from mission.transfer.making import OWN_TRANSFERS, Transfer, TransferMaker, Upload
+from mission.transfer.round_trip import RoundTrip
 from mission.transfer.upload import check_plan
 from wbf_mission.ground.guard import FailsafeGuard
 from wbf_mission.ground.texts import TextLog

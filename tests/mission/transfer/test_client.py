@@ -341,8 +341,11 @@ def test_adaptive_waiting():
         trip.sample(0.01)
     assert trip.wait(0.25, 0.1, 1.5) == pytest.approx(0.1)
     for _ in range(100):
-        trip.sample(2.0)
+        trip.sample(0.6)
     assert trip.wait(0.25, 0.1, 1.5) == 1.5
+    for _ in range(100):
+        trip.sample(4.0)
+    assert trip.wait(0.25, 0.1, 1.5) == pytest.approx(4.4, rel=1e-3), "never before an answer can have come"
 
 
 def test_the_table_uses_every_action_input_and_state():

@@ -21,6 +21,7 @@ from mission.transfer import (
     MissionUpload,
     PlanReplaced,
     PlanState,
+    RoundTrip,
     TransferFailed,
     UploadComplete,
     UploadVerified,
@@ -179,6 +180,71 @@ def test_seeded_runs_at_thirty_percent_loss_each_way(profile):
             assert done or end.vehicle_plan is PlanState.UNKNOWN or held == old
             outcomes["new" if done else "unknown"] += 1
     assert outcomes["new"] >= 135
+
+
+class Counting(Network):
+    """A network that counts what the ground sends."""
+
+    def __init__(self, *given) -> None:
+        super().__init__(*given)
+        self.sent: list = []
+
+    def ground(self, output) -> None:
+        self.sent += [(self.now_s, message) for message in output.messages]
+        super().ground(output)
+
+    def copies(self, kind):
+        """When each item went up, or was asked for."""
+        found: dict[int, list[float]] = {}
+        for time_s, message in self.sent:
+            if message.get_type() == kind:
+                found.setdefault(message.seq, []).append(time_s)
+        return found
+
+
+@pytest.mark.parametrize("profile", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
+@pytest.mark.parametrize("delay_s", [0.05, 0.5, 1.0, 2.0])
+def test_a_slow_link_is_not_flooded(profile, delay_s):
+    """A vehicle that asks every quarter of a second is answered once in a round trip."""
+    server = MissionServer(1, profile=profile)
+    new = make_items(12, 4)
+    link = Faults(delay_s=delay_s, baud=57600.0)
+    network = Counting(server, link, link, 1)
+    client = VerifiedUpload(new, source=GROUND, profile=profile)
+    assert isinstance(network.run(client), UploadVerified)
+    counts = [message for _, message in network.sent if message.get_type() == "MISSION_COUNT"]
+    assert len(counts) <= 1 + 2.0 * delay_s / 1.5
+    for times_s in network.copies("MISSION_ITEM_INT").values():
+        assert len(times_s) <= 2
+        assert np.all(np.diff(times_s) >= 2.0 * delay_s - 1e-6)
+    asked = network.copies("MISSION_REQUEST_INT")
+    assert sum(map(len, asked.values())) <= 2 * len(asked)
+    # Items, requests and their answers; nothing is sent that nobody asked for.
+    assert sum(len(network.ground_out.encode(message)) for _, message in network.sent) < 120 * len(new) + 200
+
+
+@pytest.mark.parametrize("profile", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
+@pytest.mark.parametrize("delay_s", [0.3, 1.0, 2.0])
+def test_thirty_percent_loss_each_way_on_a_slow_link(profile, delay_s):
+    """A vehicle gives up after 5 or 8 s of nothing new: a few copies a round trip, and it works."""
+    uploaded = 0
+    for seed in range(12):
+        server = MissionServer(1, profile=profile)
+        new = make_items(15, seed)
+        bad = Faults(loss=0.3, delay_s=delay_s, baud=57600.0)
+        network = Counting(server, bad, bad, seed)
+        trip = RoundTrip()
+        trip.loss = 0.3
+        client = VerifiedUpload(new, source=GROUND, profile=profile, round_trip=trip)
+        uploaded += isinstance(network.run(client), UploadVerified)
+        most = trip.copies(profile.abort_s)[0]
+        for times_s in network.copies("MISSION_ITEM_INT").values():
+            for time_s in times_s:
+                in_a_trip = [one for one in times_s if time_s <= one < time_s + 2.0 * delay_s - 1e-6]
+                assert len(in_a_trip) <= 2 * most <= 8
+        sent = sum(len(network.ground_out.encode(message)) for _, message in network.sent)
+        assert sent < 0.1 * 5760.0 * (network.now_s - 100.0), "a tenth of the line is enough"
+    assert uploaded >= 11
 
 
 def test_plain_upload_names_the_unconfirmed_case():

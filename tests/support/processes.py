@@ -1,0 +1,121 @@
+"""Simulator and ground program as processes of their own, as two terminals run them."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+
+LONG_S = 150.0  # a limit against hanging, not a measure
+FARM = ("--farm", "miniberry-10")
+JOB = ("--budget", "60s", "--estimator", "point")
+ENVIRONMENT = {**os.environ, "COLUMNS": "200", "TERM": "dumb"}
+
+
+def command(*words):
+    """Return a call of the command line."""
+    return [sys.executable, "-m", "wbf_mission", *map(str, words)]
+
+
+def wait_until(condition, what, limit_s=LONG_S):
+    """Wait until a condition holds, and return what it returned."""
+    end_s = time.monotonic() + limit_s
+    while not (found := condition()):
+        assert time.monotonic() < end_s, what
+        time.sleep(0.05)
+    return found
+
+
+@contextlib.contextmanager
+def running(words, cwd, **options):
+    """Run a process; it is stopped at the end if it still runs."""
+    process = subprocess.Popen(words, cwd=cwd, text=True, start_new_session=True, env=ENVIRONMENT, **options)
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGTERM)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(10.0)
+        if process.poll() is None:
+            process.kill()
+            process.wait(10.0)
+
+
+@contextlib.contextmanager
+def simulator(cwd, *options, autopilot="px4", speed=5, listen=("tcpin:127.0.0.1:0",), camera=False):
+    """Run ``wbf-mission sim``; yields what others call to reach it, one address for each link."""
+    ready = cwd / "sim.ready"
+    links = [word for url in listen for word in ("--listen", url)]
+    words = command(
+        "sim", *FARM, "--autopilot", autopilot, "--speed", speed, "--ready-file", ready, *links, *options
+    )
+    with (cwd / "sim.err").open("w") as log:
+        extra = [] if camera else ["--no-camera"]
+        with running([*words, *extra], cwd, stdout=subprocess.DEVNULL, stderr=log) as process:
+            wait_until(lambda: ready.exists() or process.poll() is not None, "the simulator does not start")
+            assert process.poll() is None, (cwd / "sim.err").read_text()
+            yield [_other_end(url) for url in ready.read_text().split()]
+
+
+def _other_end(url):
+    for ours, theirs in (("tcpin:", "tcp:"), ("udpin:", "udpout:"), ("udpout:", "udpin:")):
+        if url.startswith(ours):
+            return theirs + url.removeprefix(ours)
+    return url
+
+
+@dataclass
+class Flown:
+    """What a ground program came to."""
+
+    code: int
+    summary: dict
+    told: str
+
+    @property
+    def ended(self):
+        """Exit code and outcome."""
+        return self.code, self.summary["outcome"]
+
+
+class Ground:
+    """A running ``wbf-mission fly --connect``; what it tells can be waited for."""
+
+    def __init__(self, process, cwd):
+        self.process, self._cwd = process, cwd
+
+    @property
+    def told(self):
+        """What it wrote for the operator so far."""
+        return (self._cwd / "fly.err").read_text()
+
+    def wait_for(self, text):
+        """Wait until it tells this."""
+        wait_until(lambda: text in self.told or self.process.poll() is not None, text)
+        assert text in self.told, self.told
+
+    def end(self):
+        """Wait until it is over."""
+        self.process.wait(LONG_S)
+        told, out = self.told, (self._cwd / "fly.json").read_text()
+        assert "Traceback" not in told, told
+        return Flown(self.process.returncode, json.loads(out) if out else {}, told)
+
+
+@contextlib.contextmanager
+def flying(cwd, url, *options, decider=("--planner", "lawnmower")):
+    """Run ``wbf-mission fly --connect``, whose start is agreed to beforehand."""
+    words = command("fly", *FARM, *JOB, *decider, "--connect", url, "--yes", "--json", "--no-plots")
+    with (cwd / "fly.err").open("w") as log, (cwd / "fly.json").open("w") as out:
+        with running([*words, "--out", "run", *options], cwd, stdout=out, stderr=log) as process:
+            yield Ground(process, cwd)
+
+
+def flown(cwd, url, *options, **more):
+    """Fly to the end."""
+    with flying(cwd, url, *options, **more) as ground:
+        return ground.end()

@@ -9,6 +9,7 @@ import numpy as np
 
 from mission.outcome import Outcome
 from sensors.camera.wire import AssemblerStatistics
+from wbf_mission.ground.link_state import LinkReport
 from wbf_mission.outcome import Track
 from wbf_mission.planning import PlanResult
 
@@ -41,6 +42,8 @@ class FlightRecord:
         Fraction of the battery, from the vehicle's telemetry.
     flight_time_s : float
         Simulated seconds from the mission's start to its end.
+    link : LinkReport or None
+        How good the link to a real vehicle was; None in a simulation.
     seen_before : int
         How many observations of the run there were when it began.
     texts : list
@@ -61,6 +64,7 @@ class FlightRecord:
     transfers: list[Any]
     battery_used: float | None
     flight_time_s: float
+    link: LinkReport | None = None
     seen_before: int = 0
     texts: list[tuple[float, int, str]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -88,4 +92,5 @@ class FlightRecord:
             "battery_used": self.battery_used,
             "predicted_battery_used": self.plan.battery_used,
             "images": asdict(self.camera),
+            "link": None if self.link is None else {**asdict(self.link), "loss": self.link.loss},
         }

@@ -321,6 +321,7 @@ class Sortie:
             battery_used=used,
             flight_time_s=ground.flight_time_s,
             texts=ground.texts,
+            link=ground.link_report,
             warnings=[*self.plan.warnings, *filter(None, [self.assembler.mismatch()])],
         )
 

@@ -110,9 +110,13 @@ class Ground:
 def flying(cwd, url, *options, decider=("--planner", "lawnmower")):
     """Run ``wbf-mission fly --connect``, whose start is agreed to beforehand."""
     words = command("fly", *FARM, *JOB, *decider, "--connect", url, "--yes", "--json", "--no-plots")
-    with (cwd / "fly.err").open("w") as log, (cwd / "fly.json").open("w") as out:
-        with running([*words, "--out", "run", *options], cwd, stdout=out, stderr=log) as process:
-            yield Ground(process, cwd)
+    words += ["--out", "run", *options]
+    with (
+        (cwd / "fly.err").open("w") as log,
+        (cwd / "fly.json").open("w") as out,
+        running(words, cwd, stdout=out, stderr=log) as process,
+    ):
+        yield Ground(process, cwd)
 
 
 def flown(cwd, url, *options, **more):

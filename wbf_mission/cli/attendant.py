@@ -122,7 +122,7 @@ class Operator:
             signals.forget()
 
     def _tell_silence(self, sortie: Sortie, now_s: float) -> None:
-        heard_s = sortie.ground.vehicle_state.heard_s
+        heard_s = sortie.ground.link.heard_s
         silent = heard_s > float("-inf") and now_s - heard_s > _SILENCE_S
         if silent != self._silent:
             self._silent = silent
@@ -150,6 +150,7 @@ def status_line(sortie: Sortie) -> str:
         f"{state.height_m:.1f} m up, {state.ground_speed_m_s:.1f} m/s",
         "battery -" if state.battery is None else f"battery {state.battery:.0%}",
         f"{sortie.assembler.statistics.images} images",
+        ground.link.brief(),
     ]
     return ", ".join(parts)
 

@@ -124,9 +124,14 @@ def _row(one: dict[str, Any]) -> list[str]:
     def text(value: Any, form: str) -> str:
         return "-" if value is None else form.format(value)
 
+    def text_after(trip_s: float | None) -> str:
+        return "" if trip_s is None else f", {trip_s:.2g} s"
+
     silent = one["silent_s"] > 3.0
     item = "-" if one["item"] is None else f"{one['item'] + 1}" + text(one["items"], " of {}")
-    link = f"silent for {one['silent_s']:.0f} s" if silent else text(one["link_quality"], "{:.0%}")
+    link = text(one["link_quality"], "{:.0%}") + text_after(one["round_trip_s"])
+    if silent:
+        link = f"silent for {one['silent_s']:.0f} s"
     return [
         str(one["system_id"]),
         one["autopilot"],

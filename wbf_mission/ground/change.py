@@ -118,6 +118,8 @@ class ChangeRequest:
         What has to be set before the vehicle leaves its mission.
     maker : TransferMaker
         Who carries the plans.
+    round_trip : RoundTrip or None
+        Of the link; the change measures its own without.
     """
 
     old: Mission
@@ -132,6 +134,7 @@ class ChangeRequest:
     seconds_an_item: float
     guard: FailsafeGuard | None = None
     maker: TransferMaker = OWN_TRANSFERS
+    round_trip: RoundTrip | None = None
 
 
 class ChangeSession(ABC):
@@ -152,7 +155,7 @@ class ChangeSession(ABC):
         self.request = request
         self.record: ChangeRecord | None = None
         self.held = request.old
-        self._round_trip = RoundTrip()
+        self._round_trip = request.round_trip or RoundTrip()
         self._asked_s = 0.0
         self._sent_s: float | None = None
         self._turned_s: float | None = None

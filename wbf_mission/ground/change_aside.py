@@ -231,9 +231,12 @@ class AsideChange(ChangeSession):
         now_s: float,
         *params: float,
         position: tuple[float, float, float] | None = None,
-        tries: int = 4,
+        tries: int | None = None,
     ) -> list[Message]:
-        order = Order(self.request.vehicle, command, *params, position=position, tries=tries)
+        request = self.request
+        order = Order(
+            request.vehicle, command, *params, position=position, tries=tries, round_trip=request.round_trip
+        )
         self._orders[command] = order
         return order.send(now_s)
 

@@ -19,11 +19,13 @@ class ContactWatch:
         When the last one did; -inf for never.
     silent_s : float
         How long all silences of the flight were together.
+    worst_s : float
+        How long the longest of them was.
     """
 
     def __init__(self) -> None:
         self.heard_s = -math.inf
-        self.silent_s = 0.0
+        self.silent_s = self.worst_s = 0.0
 
     def on_message(self, now_s: float) -> bool:
         """Note a message; tell whether it ends a silence."""
@@ -31,4 +33,5 @@ class ContactWatch:
         if not SILENCE_S < gap_s < math.inf:
             return False
         self.silent_s += gap_s
+        self.worst_s = max(self.worst_s, gap_s)
         return True

@@ -7,12 +7,11 @@ from collections.abc import Sequence
 
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
+from mission.transfer import RoundTrip
 from mission.transfer.profile import NeededParameter
+from wbf_mission.ground.orders import retry_s_over, tries_over
 
 __all__ = ["FailsafeGuard"]
-
-_RETRY_S = 1.0
-_TRIES = 4
 
 
 class FailsafeGuard:
@@ -23,6 +22,8 @@ class FailsafeGuard:
     needed : sequence of NeededParameter
     vehicle : tuple of int
         System and component ids.
+    round_trip : RoundTrip, optional
+        Of the link.
 
     Attributes
     ----------
@@ -32,13 +33,19 @@ class FailsafeGuard:
         When `poll` has something to do; infinity for never.
     """
 
-    def __init__(self, needed: Sequence[NeededParameter], vehicle: tuple[int, int]) -> None:
+    def __init__(
+        self,
+        needed: Sequence[NeededParameter],
+        vehicle: tuple[int, int],
+        round_trip: RoundTrip | None = None,
+    ) -> None:
         self.refused = ""
         self.due_s = math.inf
         self._vehicle = vehicle
         self._open = {one.name: one for one in needed}
         self._set: dict[str, tuple[int, int]] = {}
         self._tries = 0
+        self._round_trip = round_trip
 
     @property
     def ready(self) -> bool:
@@ -54,11 +61,11 @@ class FailsafeGuard:
         """Ask for what is not told, and set what is not confirmed."""
         if self.ready:
             return []
-        if self._tries >= _TRIES:
+        if self._tries >= tries_over(self._round_trip):
             self._refuse(f"{', '.join(sorted(self._open))} could not be read or set")
             return []
         self._tries += 1
-        self.due_s = now_s + _RETRY_S
+        self.due_s = now_s + retry_s_over(self._round_trip)
         return [self._setting(name) if name in self._set else self._question(name) for name in self._open]
 
     def receive(self, message: m.MAVLink_param_value_message) -> list[Message]:

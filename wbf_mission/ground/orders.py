@@ -8,11 +8,14 @@ from enum import Enum
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import DEGREES_E7, Frame
+from mission.transfer import RoundTrip
 
-__all__ = ["Answer", "Order", "result_name"]
+__all__ = ["Answer", "Order", "result_name", "retry_s_over", "tries_over"]
 
 _RETRY_S = 1.0
 _TRIES = 4
+_MOST_TRIES = 12
+_FAILS = 0.001
 
 
 class Answer(Enum):
@@ -36,8 +39,10 @@ class Order:
         The first parameters; the others are 0.
     position : tuple of 3 floats, optional
         Latitude and longitude in degrees, altitude above home in metres.
-    tries : int
-        So often it is worth sending.
+    tries : int, optional
+        So often it is worth sending; by default four times, more often over a link that loses frames.
+    round_trip : RoundTrip, optional
+        Of the link: an answer is waited for before the order is sent again.
 
     Attributes
     ----------
@@ -51,11 +56,13 @@ class Order:
         command: int,
         *params: float,
         position: tuple[float, float, float] | None = None,
-        tries: int = _TRIES,
+        tries: int | None = None,
+        round_trip: RoundTrip | None = None,
     ) -> None:
         self.due_s = -math.inf
         self._position = position
-        self._most = tries
+        self._most = tries_over(round_trip) if tries is None else tries
+        self._retry_s = retry_s_over(round_trip)
         self._target = target
         self._command = command
         self._params = (*params, *[0.0] * (7 - len(params)))
@@ -75,7 +82,7 @@ class Order:
         """Send it, with the number of the try as confirmation."""
         confirmation = self._tries
         self._tries += 1
-        self.due_s = now_s + _RETRY_S
+        self.due_s = now_s + self._retry_s
         if self._position is not None:
             latitude, longitude, altitude_m = self._position
             first, second, third, fourth = self._params[:4]
@@ -104,10 +111,34 @@ class Order:
         if message.result == m.MAV_RESULT_ACCEPTED:
             return Answer.ACCEPTED
         if message.result == m.MAV_RESULT_IN_PROGRESS:
-            self.due_s = now_s + 3.0 * _RETRY_S
+            self.due_s = now_s + 3.0 * self._retry_s
             return Answer.NONE
         later = message.result == m.MAV_RESULT_TEMPORARILY_REJECTED and not self.is_given_up
         return Answer.NONE if later else Answer.REFUSED
+
+
+def tries_over(round_trip: RoundTrip | None) -> int:
+    """Return how often a question is worth sending: until its answer is missed once in a thousand times.
+
+    Examples
+    --------
+    >>> trip = RoundTrip()
+    >>> tries_over(trip)
+    4
+    >>> trip.loss = 0.3
+    >>> tries_over(trip)
+    11
+    """
+    arrives = 1.0 if round_trip is None else (1.0 - round_trip.loss) ** 2
+    if arrives >= 1.0:
+        return _TRIES
+    tries = math.log(_FAILS) / math.log(1.0 - arrives) if arrives > 0.0 else math.inf
+    return min(max(_TRIES, math.ceil(min(tries, _MOST_TRIES))), _MOST_TRIES)
+
+
+def retry_s_over(round_trip: RoundTrip | None) -> float:
+    """Return how long an answer is waited for: a second, or a little more than a round trip."""
+    return _RETRY_S if round_trip is None else round_trip.wait(_RETRY_S, _RETRY_S, _RETRY_S)
 
 
 def result_name(result: int) -> str:

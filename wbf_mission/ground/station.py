@@ -14,7 +14,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import handler
 from mission.model import Command, Mission
 from mission.outcome import Outcome
-from mission.transfer import CLIENT_MESSAGES, Profile, TransferStatistics, profile_for
+from mission.transfer import CLIENT_MESSAGES, Profile, RoundTrip, TransferStatistics, profile_for
 from mission.transfer.making import OWN_TRANSFERS, TransferMaker
 from mission.transfer.wire import ground_heartbeat
 from sensors.camera.wire import ObservationAssembler
@@ -26,6 +26,7 @@ from wbf_mission.ground.contact import ContactWatch
 from wbf_mission.ground.failures import FailureWatch
 from wbf_mission.ground.guard import FailsafeGuard
 from wbf_mission.ground.images import ImageFetch
+from wbf_mission.ground.link_state import LinkReport, LinkState
 from wbf_mission.ground.modes import Maneuver, arming_mode, maneuver_command
 from wbf_mission.ground.orders import Answer, Order, result_name
 from wbf_mission.ground.pilot_watch import PilotWatch
@@ -82,6 +83,8 @@ class GroundStation:
         Why it ended so, in the vehicle's words where it said any.
     pilot : PilotWatch
         Who else flies the vehicle.
+    link : LinkState
+        How well a real vehicle is heard.
     changes : list of ChangeRecord
         What came of each change of the mission in flight.
     started_s, ended_s : float or None
@@ -126,12 +129,14 @@ class GroundStation:
         self._disarmed_s: float | None = None
         self._heartbeat_s = -math.inf
         self._order: Order | None = None
+        self.link = LinkState()
         self._uploads = PlanUploads(
             mission,
             vehicle=self._vehicle,
             ground=(system_id, self.component_id),
             on_progress=on_progress,
             maker=maker,
+            round_trip=None if clearance is None else self.link.round_trip,
         )
         self._maker = maker
         self.clearance = clearance
@@ -167,7 +172,8 @@ class GroundStation:
             self._handlers[m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED] = self._on_image
             self._handlers[m.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY] = self._on_image
             self._handlers[m.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS] = self._on_capture_status
-        self.wanted: frozenset[int] | None = frozenset(self._handlers)
+        # Of a real vehicle every frame tells how good the link is.
+        self.wanted: frozenset[int] | None = None if clearance is not None else frozenset(self._handlers)
 
     @property
     def done(self) -> bool:
@@ -260,6 +266,7 @@ class GroundStation:
             seconds_an_item=self._uploads.seconds_an_item,
             guard=self._guard_of(profile),
             maker=self._maker,
+            round_trip=self._round_trip,
         )
         self._change = _WAYS[self.changes_aside](request)
         return self._after_change(self._change.start(now_s))
@@ -268,11 +275,18 @@ class GroundStation:
         """Return what has to be set before the vehicle leaves its mission; the same one for a flight."""
         needed = profile.change_failsafe.get(self._monitor.vehicle_type, ())
         if self._guard is None and needed:
-            self._guard = FailsafeGuard(needed, self._vehicle)
+            self._guard = FailsafeGuard(needed, self._vehicle, self._round_trip)
         return self._guard
+
+    @property
+    def _round_trip(self) -> RoundTrip | None:
+        """Of the link to a real vehicle, where it is measured."""
+        return None if self.clearance is None else self.link.round_trip
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
         """Take one message and return the answers."""
+        if self.clearance is not None and self._is_vehicle(message):
+            self.link.receive(message, now_s)
         handle = self._handlers.get(type(message).id)
         if handle is None:
             return []
@@ -291,6 +305,8 @@ class GroundStation:
         if now_s >= self._heartbeat_s:
             self._heartbeat_s = now_s + _HEARTBEAT_S
             out.append(ground_heartbeat())
+        if self.clearance is not None and not self.done:
+            out += self.link.poll(now_s)
         if self.phase is Phase.CONTACT and now_s - self._first_s > _CONTACT_S:
             self._end(
                 Outcome.NO_CONTACT, f"no heartbeat of system {self._vehicle[0]} in {_CONTACT_S:.0f} s", now_s
@@ -323,6 +339,8 @@ class GroundStation:
         if self.done:
             return math.inf
         deadline_s = self._heartbeat_s
+        if self.clearance is not None:
+            deadline_s = min(deadline_s, self.link.next_deadline())
         if self.phase is Phase.WAIT:
             deadline_s = min(deadline_s, self._arm_s)
         if self.phase is Phase.READY and self.clearance is not None:
@@ -336,6 +354,16 @@ class GroundStation:
         if self._fetch is not None and self._fetches:
             deadline_s = min(deadline_s, self._fetch.due_s)
         return deadline_s
+
+    @property
+    def link_report(self) -> LinkReport | None:
+        """How good the link to a real vehicle was; None where the link is none."""
+        if self.clearance is None:
+            return None
+        link, contact = self.link, self._contact
+        return LinkReport(
+            link.frames, link.lost_frames, link.round_trip.seconds, contact.worst_s, contact.silent_s
+        )
 
     @property
     def silent_s(self) -> float:
@@ -588,7 +616,7 @@ class GroundStation:
             raise NotFlyingError(msg)
         self.pilot.ordered, self._change = kind, None
         command, params = maneuver_command(kind, self._autopilot, self._monitor.vehicle_type)
-        self._order = Order(self._vehicle, command, *params)
+        self._order = Order(self._vehicle, command, *params, round_trip=self._round_trip)
         return self._order.send(now_s)
 
     def _arm(self, now_s: float) -> list[Message]:
@@ -596,7 +624,7 @@ class GroundStation:
 
     def _give_order(self, phase: Phase, command: int, now_s: float, *params: float) -> list[Message]:
         self.phase = phase
-        self._order = Order(self._vehicle, command, *params)
+        self._order = Order(self._vehicle, command, *params, round_trip=self._round_trip)
         return self._order.send(now_s)
 
     def _repeat_order(self, order: Order, now_s: float) -> list[Message]:

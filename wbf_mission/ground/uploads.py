@@ -13,6 +13,7 @@ from mission.transfer import (
     Output,
     Profile,
     Progress,
+    RoundTrip,
     TransferFailed,
     TransferStatistics,
     UploadVerified,
@@ -37,6 +38,8 @@ class PlanUploads:
         ``on_progress(done, total)`` as items cross.
     maker : TransferMaker
         Who carries the plans.
+    round_trip : RoundTrip, optional
+        Of the link; each plan measures its own without.
 
     Attributes
     ----------
@@ -54,6 +57,7 @@ class PlanUploads:
         ground: tuple[int, int],
         on_progress: Callable[[int, int], None] | None = None,
         maker: TransferMaker = OWN_TRANSFERS,
+        round_trip: RoundTrip | None = None,
     ) -> None:
         self.statistics: list[TransferStatistics] = []
         self.failure = ""
@@ -61,6 +65,7 @@ class PlanUploads:
         self._vehicle, self._ground = vehicle, ground
         self._on_progress = on_progress
         self._maker = maker
+        self._round_trip = round_trip
         self._kinds = deque(
             kind
             for kind in (MissionType.FENCE, MissionType.RALLY, MissionType.MISSION)
@@ -115,6 +120,7 @@ class PlanUploads:
             target=self._vehicle,
             source=self._ground,
             profile=self._profile,
+            round_trip=self._round_trip,
         )
         return self._take(self._transfer.start(now_s), now_s)
 

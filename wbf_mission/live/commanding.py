@@ -11,6 +11,7 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer import profile_for
 from mission.transfer.wire import ground_heartbeat
+from wbf_mission.ground.link_state import LinkState
 from wbf_mission.ground.modes import (
     Maneuver,
     ModeNumbers,
@@ -28,6 +29,8 @@ __all__ = ["ORDERS", "CommandSession", "OrderError", "Wish"]
 
 _HEARTBEAT_S = 1.0
 _PATIENCE_S = 15.0
+_ROUND_TRIPS = 12.0
+_ASK_AGAIN_S = 3.0
 _OFF_GROUND_M = 0.5
 _FAST_US = 200_000.0
 _STREAMED = (m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, m.MAVLINK_MSG_ID_MISSION_CURRENT)
@@ -121,15 +124,7 @@ class CommandSession:
 
     system_id = GROUND_SYSTEM_ID
     component_id = GROUND_COMPONENT_ID
-    wanted: frozenset[int] | None = frozenset(
-        {
-            m.MAVLINK_MSG_ID_HEARTBEAT,
-            m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
-            m.MAVLINK_MSG_ID_MISSION_CURRENT,
-            m.MAVLINK_MSG_ID_COMMAND_ACK,
-            m.MAVLINK_MSG_ID_STATUSTEXT,
-        }
-    )
+    wanted: frozenset[int] | None = None
 
     def __init__(self, wish: Wish, *, system_id: int | None = None) -> None:
         self.done = False
@@ -138,12 +133,13 @@ class CommandSession:
         self._wish = wish
         self._only = system_id
         self._heard = VehicleMonitor()
+        self._link = LinkState()
         self._texts = TextLog()
         self._step: _Step | None = None
         self._order: Order | None = None
         self._accepted = False
-        self._end_s = math.inf
-        self._heartbeat_s = -math.inf
+        self._begun_s = math.inf
+        self._heartbeat_s = self._streams_s = -math.inf
 
     @property
     def mode(self) -> str:
@@ -161,9 +157,13 @@ class CommandSession:
         if self.done or source[1] != m.MAV_COMP_ID_AUTOPILOT1 or self._only not in (None, source[0]):
             return []
         if self.vehicle is None and isinstance(message, m.MAVLink_heartbeat_message):
-            self.vehicle, self._end_s = source, now_s + _PATIENCE_S
-            return [*self._note(message, now_s), *self._ask_for_streams()]
-        return self._note(message, now_s) if source == self.vehicle else []
+            self.vehicle, self._begun_s = source, now_s
+            self._link.receive(message, now_s)
+            return self._note(message, now_s)
+        if source != self.vehicle:
+            return []
+        self._link.receive(message, now_s)
+        return self._note(message, now_s)
 
     def poll(self, now_s: float) -> list[Message]:
         """Send what is due."""
@@ -173,6 +173,10 @@ class CommandSession:
         if now_s >= self._heartbeat_s:
             self._heartbeat_s = now_s + _HEARTBEAT_S
             out.append(ground_heartbeat())
+        out += self._link.poll(now_s)
+        if self.vehicle is not None and now_s >= self._streams_s:
+            self._streams_s = now_s + _ASK_AGAIN_S
+            out += self._ask_for_streams()
         if self._order is not None and now_s >= self._order.due_s:
             if self._order.is_given_up:
                 self._fail(VehicleSilentError(f"{self._name}: no answer to {self._wish.order}"))
@@ -187,13 +191,20 @@ class CommandSession:
         if self.done:
             return math.inf
         order_s = math.inf if self._order is None else self._order.due_s
-        return min(self._heartbeat_s, self._end_s, order_s)
+        streams_s = math.inf if self.vehicle is None else self._streams_s
+        return min(self._heartbeat_s, self._end_s, order_s, streams_s, self._link.next_deadline())
+
+    @property
+    def _end_s(self) -> float:
+        """When the vehicle has to have shown that it obeys; later over a slow link, whose orders repeat."""
+        return self._begun_s + _PATIENCE_S + _ROUND_TRIPS * (self._link.round_trip.known_s or 0.0)
 
     @property
     def _name(self) -> str:
         return "vehicle" if self.vehicle is None else f"system {self.vehicle[0]}"
 
     def _ask_for_streams(self) -> list[Message]:
+        """Ask for what shows that it obeys; again and again, for a request may get lost."""
         assert self.vehicle is not None
         interval = int(m.MAV_CMD_SET_MESSAGE_INTERVAL)
         return [
@@ -229,7 +240,9 @@ class CommandSession:
             self._fail(error)
             return []
         assert self.vehicle is not None
-        self._order = Order(self.vehicle, self._step.command, *self._step.params)
+        self._order = Order(
+            self.vehicle, self._step.command, *self._step.params, round_trip=self._link.round_trip
+        )
         return self._order.send(now_s)
 
     def _on_ack(self, message: m.MAVLink_command_ack_message, now_s: float) -> list[Message]:
@@ -292,7 +305,7 @@ class CommandSession:
     def _not_shown(self) -> Exception:
         if self._accepted:
             text = self._texts.last_warning(f"mode {self.mode}")
-            shown = f"does not show it in {_PATIENCE_S:.0f} s: {text}"
+            shown = f"does not show it in {self._end_s - self._begun_s:.0f} s: {text}"
             return VehicleRefusedError(f"{self._name} accepted {self._wish.order}, but {shown}")
         return VehicleSilentError(f"{self._name}: no answer to {self._wish.order}")
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from typing import Any
 
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer import profile_for
 from mission.transfer.wire import ground_heartbeat
+from wbf_mission.ground.link_state import LinkState
 from wbf_mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
 from wbf_mission.ground.texts import TextLog
 from wbf_mission.ground.vehicle_state import VehicleMonitor
@@ -20,9 +20,7 @@ _HEARTBEAT_S = 1.0
 _STREAM_HZ = 2
 _ASK_AGAIN_S = 5.0
 _SILENT_S = 3.0
-_WINDOW = 200
 _MOST_VEHICLES = 250
-_SEQUENCES = 256
 
 
 class WatchedVehicle:
@@ -33,8 +31,8 @@ class WatchedVehicle:
     system_id : int
     monitor : VehicleMonitor
     texts : TextLog
-    heard_s : float
-        When its last message came.
+    link : LinkState
+        How well it is heard.
     gps_fix, satellites : int or None
         GPS_FIX_TYPE, and how many satellites are seen.
     """
@@ -43,19 +41,13 @@ class WatchedVehicle:
         self.system_id = system_id
         self.monitor = VehicleMonitor()
         self.texts = TextLog()
-        self.heard_s = -math.inf
+        self.link = LinkState()
         self.gps_fix: int | None = None
         self.satellites: int | None = None
-        self._sequence: int | None = None
-        self._steps: deque[int] = deque(maxlen=_WINDOW)
 
     def receive(self, message: Message, now_s: float) -> None:
         """Take a message of its autopilot."""
-        self.heard_s = now_s
-        sequence = message.get_seq()
-        if self._sequence is not None:
-            self._steps.append((sequence - self._sequence) % _SEQUENCES)
-        self._sequence = sequence
+        self.link.receive(message, now_s)
         if isinstance(message, m.MAVLink_heartbeat_message):
             self.monitor.on_heartbeat(message, now_s)
         elif isinstance(message, m.MAVLink_global_position_int_message):
@@ -68,12 +60,6 @@ class WatchedVehicle:
             self.texts.on_text(message, now_s)
         elif isinstance(message, m.MAVLink_gps_raw_int_message):
             self.gps_fix, self.satellites = message.fix_type, message.satellites_visible
-
-    @property
-    def link_quality(self) -> float | None:
-        """Part of its last frames that arrived, by their sequence numbers; None before there are some."""
-        sent = sum(self._steps)
-        return len(self._steps) / sent if sent else None
 
     def summary(self, now_s: float) -> dict[str, Any]:
         """Return plain values for JSON; what is not known is None."""
@@ -93,13 +79,15 @@ class WatchedVehicle:
             "battery": state.battery,
             "gps_fix": self.gps_fix,
             "satellites": self.satellites,
-            "link_quality": self.link_quality,
-            "silent_s": max(0.0, now_s - self.heard_s),
+            "link_quality": self.link.quality,
+            "lost_frames": self.link.lost_frames,
+            "round_trip_s": self.link.round_trip.seconds,
+            "silent_s": max(0.0, now_s - self.link.heard_s),
         }
 
     def is_silent(self, now_s: float) -> bool:
         """Whether nothing was heard of it for a while."""
-        return now_s - self.heard_s > _SILENT_S
+        return now_s - self.link.heard_s > _SILENT_S
 
 
 class FleetWatch:
@@ -143,6 +131,7 @@ class FleetWatch:
         self._heartbeat_s = now_s + _HEARTBEAT_S
         out: list[Message] = [ground_heartbeat()]
         for system_id, vehicle in self.vehicles.items():
+            out += vehicle.link.poll(now_s)
             if not profile_for(vehicle.monitor.autopilot).streams_on_request:
                 continue
             quiet = now_s - vehicle.monitor.position_heard_s > _ASK_AGAIN_S

@@ -10,9 +10,10 @@ import numpy as np
 from geo.errors import WbfMissionError
 from geo.seeds import stream
 from mission.link.codec.dialect import Message
-from mission.model import Command, Mission
+from mission.model import Command, Mission, MissionItem
 from mission.outcome import Outcome
 from mission.planners.path import Points, path_length
+from mission.planners.turns import Waypoints
 from mission.policies.situation import Status, VehicleReport
 from mission.transfer.making import OWN_TRANSFERS, TransferMaker
 from sensors.camera.leaf_camera import LeafCamera, LeafCameraOptions
@@ -115,8 +116,13 @@ class Sortie:
         self._fares = task.fares_in_flight()
         self._last_item = 0
         self._passed = 0
-        self._on_path = len(self._rest)
-        self._ending_told = False
+        # Paths whose legs are led, by the items that fly them.
+        self._led: list[tuple[tuple[MissionItem, ...], Points, Waypoints]] = []
+        if task.builder.turns.lead_m > 0.0 and scenario.mission.file is None:
+            sent = task.builder.waypoints(plan.path_m, task.request.start_xy_m)
+            self._led = [(plan.mission.items, plan.path_m, sent)]
+        self._on_path = len(self._rest_points())
+        self._ending_told: int | None = None
         self._open: list[tuple[int, PathChange]] = []
 
     @property
@@ -139,7 +145,7 @@ class Sortie:
 
     @property
     def _rest(self) -> list[int]:
-        """The items of the waypoints that are still to be reached."""
+        """The items of the waypoints that are still to be flown to."""
         items = self.ground.mission.items
         return [k for k in range(self._item, len(items)) if items[k].command == Command.NAV_WAYPOINT]
 
@@ -152,26 +158,35 @@ class Sortie:
         return self._last_item
 
     def _rest_points(self) -> Points:
-        """Return these waypoints in metres of the farm frame."""
-        items = self.ground.mission.items
-        rest = np.array([(items[k].x, items[k].y) for k in self._rest]).reshape(-1, 2)
+        """Return the points of the path that are still to be reached, in metres of the farm frame."""
+        items, left = self.ground.mission.items, self._rest
+        for held, path_m, sent in self._led:
+            if held is items:
+                return path_m[sent.of_point[-len(left)] :] if left else path_m[:0]
+        rest = np.array([(items[k].x, items[k].y) for k in left]).reshape(-1, 2)
         return np.column_stack(self.plan.farm.frame.from_wgs84(rest[:, 0], rest[:, 1]))
 
     @property
     def waypoints_reached(self) -> int:
         """How many waypoints the vehicle has passed on the paths that it was given."""
-        return self._passed + self._on_path - len(self._rest)
+        return self._passed + self._on_path - len(self._rest_points())
 
     def is_ending(self, now_s: float) -> bool:
-        """Return whether the vehicle is about to reach the end of its path; True once for each path."""
-        if self._ending_told or self.status(now_s) is not Status.FLYING:
+        """Return whether the vehicle is about to reach the end of its path; True once for each point left."""
+        if self.status(now_s) is not Status.FLYING:
             return False
         rest = self._rest_points()
+        if self._ending_told == len(rest):
+            return False
         path = np.vstack((self.ground.vehicle_state.position_m(self.plan.farm.frame), rest))
         length_m = path_length(path)
         speed_m_s = max(self.ground.vehicle_state.ground_speed_m_s, SLOWEST_M_S)
-        self._ending_told = length_m < speed_m_s * (ENDING_S + self._delay_s)
-        return self._ending_told
+        # The last point counts as reached within the radius.
+        left_m = length_m - self.task.builder.turns.radius_m
+        ends = left_m < speed_m_s * (ENDING_S + self._delay_s)
+        if ends:
+            self._ending_told = len(rest)
+        return ends
 
     def report(self, now_s: float) -> VehicleReport:
         """Return what is known of the vehicle from its telemetry."""
@@ -265,22 +280,25 @@ class Sortie:
         if self._reach is not None and self._reach.is_near_border(position_m, within_s):
             change.outcome = "not sent: it might leave the radio's range before the change is over"
             return change
-        latitude, longitude = frame.to_wgs84(points_m[:, 0], points_m[:, 1])
         builder = self.task.builder
+        sent = builder.waypoints(points_m, position_m)
+        latitude, longitude = frame.to_wgs84(sent.points_m[:, 0], sent.points_m[:, 1])
         mission, resume_at = revised_mission(
             ground.mission,
             self._item,
             list(zip(latitude.tolist(), longitude.tolist(), strict=True)),
             altitude_m=builder.level.altitude_m,
-            acceptance_radius_m=builder.acceptance_radius_of(points_m),
+            acceptance_radius_m=sent.radius_m,
         )
+        if builder.turns.lead_m > 0.0:
+            self._led = [*self._led[-1:], (mission.items, points_m, sent)]
         try:
             messages = ground.change(mission, resume_at, now_s)
         except WbfMissionError as error:
             change.outcome = str(error)
             return change
         self._passed, self._on_path = self.waypoints_reached, len(points_m)
-        self._ending_told = False
+        self._ending_told = None
         self._open.append((len(ground.changes), change))
         self.send(messages)
         return change

@@ -6,11 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from mission.errors import PlanningError
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
-from mission.planners.path import PlannedPath, Points, drop_coincident
+from mission.planners.path import Area, PlannedPath
+from mission.planners.turns import Turns
 
 if TYPE_CHECKING:
     from geo.frame import LocalFrame
@@ -55,7 +54,8 @@ def build_mission(
     speed_m_s: float,
     camera_distance_m: float | None = None,
     camera_interval_s: float | None = None,
-    acceptance_radius_m: float | None = None,
+    turns: Turns | None = None,
+    avoid: Area | None = None,
     camera_on_approach: bool = False,
     return_home: bool = True,
     pattern: WingPattern | None = None,
@@ -78,7 +78,8 @@ def build_mission(
     place of the return: ``DO_LAND_START``, ``NAV_LOITER_TO_ALT`` on a circle that touches the final approach,
     ``NAV_LAND`` at home.
 
-    Points closer than 1 cm to the one before are dropped; the heading is left to the vehicle.
+    Points closer than 1 cm to the one before are dropped, and legs are led on where the autopilot turns early
+    (`mission.planners.turns.Turns`); the heading is left to the vehicle.
 
     Parameters
     ----------
@@ -94,9 +95,11 @@ def build_mission(
         Ground speed.
     camera_distance_m, camera_interval_s : float, optional
         Distance or time between two images; at most one of them.
-    acceptance_radius_m : float, optional
-        How near counts as reached. Default: a quarter of the path's shortest leg, at least 0.5 m and at
-        most 2 m.
+    turns : Turns, optional
+        How the autopilot takes corners; by default it is sent to the points of the path, within its own
+        acceptance radius.
+    avoid : Polygon or MultiPolygon, optional
+        What must not be flown over, in metres of the farm frame.
     camera_on_approach : bool
         Start the camera before the first point of the path, not there: item 4 comes before item 3.
     return_home : bool
@@ -117,9 +120,8 @@ def build_mission(
     _check_positive("altitude", altitude_m, "m")
     _check_positive("speed", speed_m_s, "m/s")
     camera = _camera_command(camera_distance_m, camera_interval_s)
-    points = drop_coincident(path.points_m)
-    radius = default_radius(points) if acceptance_radius_m is None else acceptance_radius_m
-    _check_positive("acceptance radius", radius, "m")
+    route = (turns or Turns()).waypoints(path.points_m, home_xy_m, avoid=avoid)
+    points = route.points_m
     ending = 3 if pattern is not None else 1
     count = len(points) + 2 + (2 if camera else 0) + (ending if return_home else 0)
     if count > MAX_ITEMS:
@@ -132,7 +134,7 @@ def build_mission(
     home_latitude, home_longitude = (float(value) for value in frame.to_wgs84(*home_xy_m))
     latitudes, longitudes = frame.to_wgs84(points[:, 0], points[:, 1])
     waypoints = [
-        MissionItem.waypoint(latitude, longitude, altitude_m, acceptance_radius_m=radius)
+        MissionItem.waypoint(latitude, longitude, altitude_m, acceptance_radius_m=route.radius_m)
         for latitude, longitude in zip(latitudes.tolist(), longitudes.tolist(), strict=True)
     ]
     relative = Frame.GLOBAL_RELATIVE_ALT
@@ -207,13 +209,6 @@ def _camera_command(
         command = Command.DO_SET_CAM_TRIGG_INTERVAL
         return (MissionItem(command, param1=interval_s * 1000.0),), (MissionItem(command),)
     return None
-
-
-def default_radius(points: Points) -> float:
-    """Return a quarter of the shortest leg, the distance of rows; no vehicle holds less than 0.5 m."""
-    steps = np.diff(points, axis=0)
-    shortest = float(np.hypot(steps[:, 0], steps[:, 1]).min(initial=8.0))
-    return min(max(shortest / 4.0, 0.5), 2.0)
 
 
 def _check_positive(name: str, value: float, unit: str) -> None:

@@ -85,12 +85,18 @@ def drop_coincident(path_xy_m: ArrayLike, tolerance_m: float = COINCIDENT_M) -> 
     [[0.0, 0.0], [1.0, 0.0]]
     """
     path = np.asarray(path_xy_m, dtype=np.float64).reshape(-1, 2)
-    steps = np.diff(path, axis=0)
-    if path.shape[0] < 2 or bool((np.hypot(steps[:, 0], steps[:, 1]) >= tolerance_m).all()):
-        return path
+    return path[distinct(path, tolerance_m)]
+
+
+def distinct(path_xy_m: Points, tolerance_m: float = COINCIDENT_M) -> NDArray[np.int64]:
+    """Return which points of a path `drop_coincident` keeps, int64[n]."""
+    steps = np.diff(path_xy_m, axis=0)
+    count = len(path_xy_m)
+    if count < 2 or bool((np.hypot(steps[:, 0], steps[:, 1]) >= tolerance_m).all()):
+        return np.arange(count)
     kept = [0]
-    for index in range(1, path.shape[0]):
-        last = path[kept[-1]]
-        if math.hypot(path[index, 0] - last[0], path[index, 1] - last[1]) >= tolerance_m:
+    for index in range(1, count):
+        x, y = path_xy_m[index] - path_xy_m[kept[-1]]
+        if math.hypot(x, y) >= tolerance_m:
             kept.append(index)
-    return path[kept]
+    return np.array(kept, dtype=np.int64)

@@ -121,7 +121,8 @@ class RefiningLawnmower:
                 done.append(vehicle.system_id)
                 continue
             path = self._path(vehicle, rows, situation, paths)
-            if path is None and _nearly_flown(vehicle, situation.farm.cell_size_m):
+            ends = situation.event is Event.ENDING and len(vehicle.rest_m) <= 1
+            if path is None and (ends or _nearly_flown(vehicle, situation.farm.cell_size_m)):
                 del self._rows[vehicle.system_id]
                 done.append(vehicle.system_id)
             elif path is not None:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from mission.planners.turns import Turns
 from sim_vehicle.autopilot.mav_parameter import MavParameter
 from sim_vehicle.autopilot.mission_habits import MissionHabits
 from sim_vehicle.errors import VehicleError
@@ -42,6 +43,8 @@ class Firmware:
         A mission that begins on the ground needs no take-off item.
     habits : MissionHabits
         How it takes a mission that is changed while it flies.
+    turns : Turns
+        How it takes the corners of a path, and the acceptance radius that it can hold.
     """
 
     title: str
@@ -52,6 +55,7 @@ class Firmware:
     procedures: FlightProcedures
     takes_off: bool = False
     habits: MissionHabits = field(default_factory=MissionHabits)
+    turns: Turns = field(default_factory=Turns)
 
     def parameters(self, spec: VehicleSpec, system_id: int) -> tuple[MavParameter, ...]:
         """Parameters of a vehicle over MAVLink, sorted by name.

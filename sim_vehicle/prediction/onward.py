@@ -10,6 +10,7 @@ import numpy as np
 
 from geo.frame import LocalFrame
 from mission.model import Command, Frame, MissionItem
+from mission.planners.turns import Turns
 from sim_vehicle.autopilot import flight_procedures
 from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.errors import VehicleError
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from mission.planners.turns import Waypoints
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.batch import VehicleBatch
     from sim_vehicle.motion.legs import Position
@@ -83,8 +85,9 @@ class OnwardPredictor:
         Of the waypoints, above home.
     speed_m_s : float, optional
         Of the mission; the vehicle's own without.
-    acceptance_radius_m : float or callable, optional
-        Of the waypoints, or what tells it of a path, float64[n, 2]; the vehicle's own without.
+    waypoints : callable, optional
+        Given a path, float64[n, 2], and where the vehicle is, the waypoints that it is sent to; without, they
+        are the points of the path.
     ending : tuple of MissionItem
         What follows the last waypoint: a return to launch, or the landing of a fixed wing; none: it ends
         at the last waypoint.
@@ -111,7 +114,7 @@ class OnwardPredictor:
         *,
         altitude_m: float,
         speed_m_s: float | None = None,
-        acceptance_radius_m: float | Callable[[NDArray[np.float64]], float] | None = None,
+        waypoints: Callable[[NDArray[np.float64], tuple[float, float]], Waypoints] | None = None,
         ending: tuple[MissionItem, ...] = RETURN_HOME,
         wind: Wind | None = None,
     ) -> None:
@@ -121,7 +124,7 @@ class OnwardPredictor:
         self.spec = spec
         self._altitude_m = altitude_m
         self._speed_m_s = min(speed_m_s or spec.cruise_speed_m_s, spec.top_speed_m_s)
-        self._radius_m = acceptance_radius_m or spec.acceptance_radius_m
+        self._waypoints = waypoints or Turns().waypoints
         latitude, longitude = frame.to_wgs84(*home_m)
         about_home = LocalFrame(latitude, longitude, frame.altitude_m)
         self._home_m = np.array(home_m)
@@ -158,7 +161,7 @@ class OnwardPredictor:
             If the position, the velocity or a path has numbers that are not finite.
         """
         here, velocity, heading = self._start(state)
-        flights = [_Flight(self._through(here, np.asarray(path, dtype=np.float64))) for path in paths]
+        flights = [_Flight(self._through(state, here, np.asarray(path, dtype=np.float64))) for path in paths]
         self._on_path.place(flights, [(here, velocity, heading)] * len(flights))
         self._on_path.fly(flights)
         if self._ending:
@@ -178,16 +181,17 @@ class OnwardPredictor:
             heading = math.atan2(east, north)
         return (x, y, state.height_m), (east, north, state.climb_m_s), heading
 
-    def _through(self, here: Position, path: NDArray[np.float64]) -> Route | None:
+    def _through(self, state: InFlight, here: Position, path: NDArray[np.float64]) -> Route | None:
         """Return the route through the waypoints, None without any."""
         points = path.reshape(-1, 2)
         if not np.isfinite(points).all():
             msg = f"vehicle {self.spec.name}: a path has a point that is not finite"
             raise VehicleError(msg)
-        count = len(points)
-        if not count:
+        if not len(points):
             return None
-        radius_m = self._radius_m(points) if callable(self._radius_m) else self._radius_m
+        sent = self._waypoints(points, state.position_m)
+        points, radius_m = sent.points_m, sent.radius_m or self.spec.acceptance_radius_m
+        count = len(points)
         places = np.empty((count, 3))
         places[:, :2] = (points - self._home_m) @ self._axes.T
         places[:, 2] = self._altitude_m

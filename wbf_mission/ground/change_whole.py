@@ -177,7 +177,8 @@ class WholeListChange(ChangeSession):
         if self._in_effect_s is None and confirmed_s is not None:
             heard = self.request.monitor.item_heard_s >= confirmed_s
             same = known_id in (0, state.mission_id)
-            if heard and same and state.item is not None and state.item >= self._mark:
+            flies = not self.request.monitor.left_mission
+            if heard and same and flies and state.item is not None and state.item >= self._mark:
                 self._in_effect_s, self._turned_s = now_s, confirmed_s
         if self._verified and self._in_effect_s is not None:
             self._end(ChangeOutcome.DONE, "", now_s)
@@ -190,6 +191,10 @@ class WholeListChange(ChangeSession):
         told = monitor.item_heard_s > now_s - _SHOWN_S and self._id in (0, state.mission_id)
         # Of a vehicle that is not heard nobody knows how far it is.
         if not told or state.item is None:
+            return []
+        if monitor.left_mission:
+            self.held = self.request.new
+            self._end(ChangeOutcome.GIVEN_UP, f"the vehicle had left its mission ({monitor.mode})", now_s)
             return []
         self._marks += 1
         if self._marks > _MARKS:

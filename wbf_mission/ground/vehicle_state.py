@@ -92,6 +92,10 @@ class VehicleState:
         return math.hypot(*self.velocity_m_s[:2])
 
 
+# MISSION_CURRENT.mission_mode; 0 is unknown, 1 in the mission.
+_SUSPENDED = 2
+
+
 class VehicleMonitor:
     """Keeps what a vehicle tells of itself.
 
@@ -158,6 +162,12 @@ class VehicleMonitor:
         """Whether the vehicle flies its mission by itself."""
         beat = self._heartbeat
         return beat is not None and is_in_mission(beat.autopilot, beat.type, beat.base_mode, beat.custom_mode)
+
+    @property
+    def left_mission(self) -> bool:
+        """Whether the vehicle tells that its mission is suspended: it returns, holds, or is flown."""
+        current = self._current
+        return current is not None and current.mission_mode == _SUSPENDED
 
     @property
     def home_altitude_m(self) -> float:

@@ -5,16 +5,18 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import shapely
 
 from geo import Farm
 from mission.model import Mission
 from mission.planners import PlannedPath, WingPattern, build_mission
-from mission.planners.build import default_radius
-from mission.planners.path import Points, drop_coincident
+from mission.planners.path import Area, Points
+from mission.planners.turns import Turns, Waypoints
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.spec import VehicleSpec
-from sim_vehicle.autopilot import fixed_wing_procedures, with_autopilot
+from sim_vehicle.autopilot import firmware_of, fixed_wing_procedures, with_autopilot
 from sim_vehicle.execution.fixed_wing_items import must_circle
 from sim_vehicle.prediction.battery_swaps import batteries_needed
 from sim_vehicle.prediction.flight import Prediction
@@ -43,8 +45,8 @@ class MissionBuilder:
     weather : WeatherOptions
     image_spacing_m : float
         Distance between images.
-    acceptance_radius_m : float or None
-        Of the waypoints; None: from their spacing.
+    turns : Turns
+        How the autopilot takes the corners of a path.
     home_m : tuple of float
         Where the vehicle takes off and lands, in metres of the farm frame.
     """
@@ -54,7 +56,7 @@ class MissionBuilder:
     level: FlightLevel
     weather: WeatherOptions
     image_spacing_m: float
-    acceptance_radius_m: float | None
+    turns: Turns
     home_m: tuple[float, float]
 
     @classmethod
@@ -68,14 +70,15 @@ class MissionBuilder:
         """
         camera: CameraOptions = scenario.camera
         mission: MissionOptions = scenario.mission
+        vehicle = flown_vehicle(scenario.vehicle)
         return cls(
             farm,
-            flown_vehicle(scenario.vehicle),
+            vehicle,
             # What the vehicle was built for, not what an autopilot does that is told nothing.
             flight_level(mission, scenario.vehicle),
             scenario.weather,
             camera.spacing_m or farm.cell_size_m * camera.footprint,
-            mission.acceptance_radius_m,
+            turns_of(vehicle, mission.acceptance_radius_m),
             farm.home_m if home_m is None else home_m,
         )
 
@@ -90,21 +93,20 @@ class MissionBuilder:
             speed_m_s=min(self.level.speed_m_s, vehicle.top_speed_m_s),
             camera_distance_m=None if vehicle.is_ideal else self.image_spacing_m,
             camera_interval_s=vehicle.step_s if vehicle.is_ideal else None,
-            acceptance_radius_m=self.acceptance_radius_of(path.points_m),
+            turns=self.turns,
+            avoid=self._obstacles(),
             camera_on_approach=camera_on_approach,
             return_home=not vehicle.is_ideal,
             pattern=self._pattern(),
         )
 
-    def acceptance_radius_of(self, points_m: Points) -> float:
-        """Return the acceptance radius of a path's waypoints: as asked for, else as their spacing allows."""
-        if self.acceptance_radius_m is not None:
-            return self.acceptance_radius_m
-        return (
-            self.vehicle.acceptance_radius_m
-            if self.vehicle.is_ideal
-            else default_radius(drop_coincident(points_m))
-        )
+    def waypoints(self, path_m: Points, from_m: tuple[float, float]) -> Waypoints:
+        """Return where the vehicle is sent to fly a path from somewhere."""
+        return self.turns.waypoints(path_m, from_m, avoid=self._obstacles())
+
+    def _obstacles(self) -> Area | None:
+        """Return what must not be flown over."""
+        return shapely.union_all(list(self.farm.obstacles)) if self.farm.obstacles else None
 
     def _pattern(self) -> WingPattern | None:
         """Return how a fixed wing takes off and lands, into the wind."""
@@ -147,6 +149,13 @@ def flown_vehicle(vehicle: VehicleOptions) -> VehicleSpec:
         If the vehicle or a parameter is unknown, or a value out of range.
     """
     return with_autopilot(get_vehicle(vehicle.name), vehicle.autopilot, vehicle.parameters)
+
+
+def turns_of(vehicle: VehicleSpec, radius_m: float | None = None) -> Turns:
+    """Return how a vehicle takes the corners of a path, with the acceptance radius that was asked for."""
+    firmware = firmware_of(vehicle)
+    own = Turns() if firmware is None else firmware.turns
+    return own if radius_m is None else replace(own, radius_m=radius_m)
 
 
 def _threads() -> int:

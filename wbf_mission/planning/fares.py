@@ -125,7 +125,7 @@ def onward_predictor(builder: MissionBuilder) -> OnwardPredictor:
         builder.home_m,
         altitude_m=builder.level.altitude_m,
         speed_m_s=min(builder.level.speed_m_s, vehicle.top_speed_m_s),
-        acceptance_radius_m=builder.acceptance_radius_of,
+        waypoints=builder.waypoints,
         wind=wind_of(builder.weather, builder.level, gusts=False),
     )
 

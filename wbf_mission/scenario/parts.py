@@ -68,8 +68,8 @@ class MissionOptions(Part):
     """What is flown: a mission file, or what a planner makes within a budget.
 
     ``budget`` None is the vehicle's battery less its reserve; for the ideal vehicle 0.4 times the owner's
-    cells in timesteps, as in the paper. ``acceptance_radius_m`` None is a quarter of the shortest leg,
-    between 0.5 m and 2 m.
+    cells in timesteps, as in the paper. ``acceptance_radius_m`` None is what the autopilot can hold
+    (`mission.planners.turns.Turns`).
     """
 
     planner: Any = option(
@@ -133,7 +133,7 @@ class MissionOptions(Part):
         VEHICLE,
         low=0.05,
         high=50.0,
-        default="from the spacing",
+        default="2 m; ArduCopter and rovers: their own",
         not_with=("mission",),
     )
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from mission.model import Command
+from mission.planners.turns import Turns
 from mission.transfer import profile
 from sim_vehicle.autopilot.ardupilot.copter import ARDUCOPTER
 from sim_vehicle.autopilot.ardupilot.failsafe import COPTER_RULES, PLANE_RULES, ROVER_RULES
@@ -55,6 +56,8 @@ ARDUPILOT = Autopilot(
                 parameter_table=vehicle_parameters,
                 procedures=ARDUPLANE,
                 habits=HABITS,
+                # Flown to, not turned before as within WP_RADIUS.
+                turns=Turns(2.0),
             ),
             "rover": Firmware(
                 title="Rover",

@@ -6,6 +6,7 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from mission.link.codec.dialect import mavlink as m
+from mission.planners.turns import Turns
 from mission.transfer import profile
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.px4.copter import PX4_MULTIROTOR
@@ -36,6 +37,8 @@ _COPTER = Firmware(
     procedures=PX4_MULTIROTOR,
     takes_off=True,
     habits=HABITS,
+    # NAV_ACC_RAD. Less it cannot hold: the error of its height estimate, 0.55 m, counts in the radius.
+    turns=Turns(2.0, leads=True),
 )
 PX4 = Autopilot(
     name="px4",
@@ -49,12 +52,14 @@ PX4 = Autopilot(
                 parameter_table=fixed_wing_parameters,
                 procedures=PX4_FIXED_WING,
                 takes_off=False,
+                turns=Turns(2.0),
             ),
             "rover": replace(
                 _COPTER,
                 persona=persona_of(m.MAV_TYPE_GROUND_ROVER),
                 parameter_table=rover_parameters,
                 procedures=PX4_ROVER,
+                turns=Turns(),
             ),
         }
     ),

@@ -23,6 +23,7 @@ from mission.planners import (
 from mission.planners.area_coverage import EXACT_LEGS
 from mission.planners.path import drop_coincident
 from mission.planners.sweep import Sweep
+from mission.planners.turns import Turns
 
 FRAME = LocalFrame(28.05, -82.15, 30.0, rotation_deg=20.0)
 ARGUMENTS = {"frame": FRAME, "home_xy_m": (-5.0, -5.0), "altitude_m": 12.0, "speed_m_s": 6.0}
@@ -43,7 +44,7 @@ def test_the_items_are_in_the_documented_order():
     assert (takeoff.z, takeoff.param4, takeoff.frame) == (12.0, None, Frame.GLOBAL_RELATIVE_ALT)
     assert mission.home.altitude_m == 30.0
     assert (speed.param1, speed.param2, speed.param3) == (1.0, 6.0, -1.0)
-    assert (first.param1, first.param2, first.param4, first.z) == (0.0, 0.5, None, 12.0)
+    assert (first.param1, first.param2, first.param4, first.z) == (0.0, 0.0, None, 12.0)
     assert (start.param1, start.param3) == (0.5, 1.0)
     assert (stop.param1, stop.param3) == (0.0, 0.0)
     assert FRAME.from_wgs84(last.x, last.y) == pytest.approx((0.0, 2.0), abs=0.012)
@@ -90,12 +91,18 @@ def test_interval_no_camera_and_no_return():
     assert [item.command for item in mission.items] == [22, 178, 16, 20]
 
 
-@pytest.mark.parametrize(("shortest", "radius"), [(0.1, 0.5), (2.0, 0.5), (3.0, 0.75), (8.5, 2.0)])
-def test_acceptance_radius_follows_the_shortest_leg(shortest, radius):
-    mission = build_mission(planned([(0, 0), (9, 0), (9, shortest)]), **ARGUMENTS)
-    assert {i.param2 for i in mission.items if i.command == Command.NAV_WAYPOINT} == {radius}
-    mission = build_mission(planned([(0, 0), (9, 0)]), acceptance_radius_m=1.25, **ARGUMENTS)
-    assert mission.items[2].param2 == 1.25
+def test_waypoints_have_the_radius_and_the_leads_that_the_autopilot_wants():
+    path = planned([(0, 0), (30, 0), (30, 1), (0, 1)])
+    mission = build_mission(path, turns=Turns(2.0, leads=True), **ARGUMENTS)
+    waypoints = [item for item in mission.items if item.command == Command.NAV_WAYPOINT]
+    assert {item.param2 for item in waypoints} == {2.0}
+    x, y = FRAME.from_wgs84(*np.array([(item.x, item.y) for item in waypoints]).T)
+    # From home it comes another way than along the first row.
+    expected = [(1.06, 1.06), (-1.5, 0), (31.5, 0), (31.5, 1), (-1.5, 1)]
+    assert np.column_stack((x, y)) == pytest.approx(np.array(expected), abs=0.02)
+    wall = shapely.box(30.5, -5.0, 40.0, 5.0)
+    around = build_mission(path, turns=Turns(2.0, leads=True), avoid=wall, **ARGUMENTS)
+    assert max(FRAME.from_wgs84(item.x, item.y)[0] for item in around.items[2:7]) < 30.1
 
 
 def test_a_mission_has_at_most_65535_items():
@@ -107,9 +114,7 @@ def test_a_mission_has_at_most_65535_items():
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
-@pytest.mark.parametrize(
-    "name", ["altitude_m", "speed_m_s", "camera_distance_m", "camera_interval_s", "acceptance_radius_m"]
-)
+@pytest.mark.parametrize("name", ["altitude_m", "speed_m_s", "camera_distance_m", "camera_interval_s"])
 def test_numbers_out_of_range_are_refused(name, value):
     with pytest.raises(PlanningError, match="above zero") as caught:
         build_mission(planned([(0, 0), (1, 0)]), **{**ARGUMENTS, name: value})

@@ -5,6 +5,7 @@ import pytest
 
 from geo.frame import LocalFrame
 from mission.model import MissionItem
+from mission.planners.turns import Turns
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.energy.battery import WH_J
@@ -82,7 +83,7 @@ def test_the_rest_of_a_mission_costs_what_the_whole_flight_says(vehicle, autopil
         HOME_M,
         altitude_m=HEIGHT_M,
         speed_m_s=speed,
-        acceptance_radius_m=RADIUS_M,
+        waypoints=Turns(RADIUS_M).waypoints,
         wind=wind,
     )
     assert len(states) > 50
@@ -108,7 +109,7 @@ def test_a_fixed_wing_is_priced_with_its_own_landing():
         HOME_M,
         altitude_m=HEIGHT_M,
         speed_m_s=15.0,
-        acceptance_radius_m=20.0,
+        waypoints=Turns(20.0).waypoints,
         ending=ending,
     )
     for time_s, before_wh, motion, target in states[20::40]:
@@ -117,19 +118,18 @@ def test_a_fixed_wing_is_priced_with_its_own_landing():
         assert watt_hours[0] == pytest.approx(used_wh - before_wh, abs=0.03 * used_wh)
 
 
-def test_each_path_has_the_radius_of_its_own_legs():
+def test_a_path_is_priced_by_the_waypoints_that_fly_it():
     spec = with_autopilot(get_vehicle("quad"), "px4")
-    here, paths = InFlight((0.0, 0.0), HEIGHT_M, (3.0, 0.0)), [rows(4), rows(4, spacing=2.0)]
+    here, path = InFlight((0.0, 0.0), HEIGHT_M, (3.0, 0.0)), rows(4)
 
-    def priced(radius_m, priced_paths):
-        return OnwardPredictor(spec, FARM, HOME_M, altitude_m=HEIGHT_M, acceptance_radius_m=radius_m).rest(
-            here, priced_paths
-        )
+    def priced(turns, points):
+        predictor = OnwardPredictor(spec, FARM, HOME_M, altitude_m=HEIGHT_M, waypoints=turns.waypoints)
+        return predictor.rest(here, [points])[0][0]
 
-    together = np.array(priced(lambda path: 1.5 if np.array_equal(path, paths[0]) else 0.5, paths))
-    alone = [priced(radius, [path]) for path, radius in zip(paths, (1.5, 0.5), strict=True)]
-    assert np.array_equal(together, np.array(alone)[:, :, 0].T)
-    assert priced(0.5, paths)[0][0] > priced(1.5, paths)[0][0], "a small radius costs time"
+    led = Turns(2.0, leads=True)
+    sent = led.waypoints(path, (0.0, 0.0))
+    assert priced(led, path) == priced(Turns(2.0), sent.points_m)
+    assert priced(Turns(0.5), path) > priced(Turns(1.5), path), "a small radius costs time"
 
 
 def test_paths_priced_together_cost_what_they_cost_alone_and_in_any_order():

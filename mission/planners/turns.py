@@ -1,0 +1,137 @@
+"""Where a vehicle has to be sent so that it flies a planned path: an autopilot turns before it is there."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from mission.errors import PlanningError
+from mission.planners.path import Area, Points, distinct
+
+__all__ = ["Turns", "Waypoints"]
+
+# Legs shorter than so many radii, between rows or on a curve, are flown as they are.
+_LEAST_LEG = 0.75
+# The lead is so much less than the radius: the vehicle turns a little before the corner and swings less wide.
+_BEFORE_M = 0.5
+# Where the path goes straight on, or nearly so, nothing is cut: 15 degrees.
+_STRAIGHT = math.cos(math.radians(15.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Waypoints:
+    """The waypoints of a path.
+
+    Parameters
+    ----------
+    points_m : float64[n, 2]
+        In metres of the farm frame.
+    of_point : int64[n]
+        For each the point of the path that it stands for, in ascending order.
+    radius_m : float
+        Their acceptance radius; 0 is the autopilot's own.
+    """
+
+    points_m: Points
+    of_point: NDArray[np.int64]
+    radius_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Turns:
+    """How an autopilot takes the corners of a path that it is given.
+
+    PX4 turns to the next waypoint as soon as it is within the acceptance radius of one. That radius cannot
+    be small, because the error of the height estimate counts in it: with 0.5 m a real PX4 hangs at waypoints
+    for seconds. So that it still sees a path to its corners, every leg is led on beyond its end, and begun as
+    much before its start, where it comes from another direction: by the radius less half a metre.
+
+    Parameters
+    ----------
+    radius_m : float
+        Acceptance radius of the waypoints; 0 is the autopilot's own.
+    leads : bool
+        The vehicle turns within that radius, and legs are led.
+
+    Raises
+    ------
+    PlanningError
+        If the radius is negative or not finite.
+
+    Examples
+    --------
+    >>> rows = np.array([[0.0, 0.0], [30.0, 0.0], [30.0, 1.0], [0.0, 1.0]])
+    >>> Turns(2.0, leads=True).waypoints(rows, (0.0, 0.0)).points_m.tolist()
+    [[-1.5, 0.0], [31.5, 0.0], [31.5, 1.0], [-1.5, 1.0]]
+    """
+
+    radius_m: float = 0.0
+    leads: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.radius_m < math.inf:
+            msg = f"mission: acceptance radius {self.radius_m} m must be a finite number, not below zero"
+            raise PlanningError(msg)
+
+    @property
+    def lead_m(self) -> float:
+        """How far legs are led on."""
+        return max(self.radius_m - _BEFORE_M, 0.0) if self.leads else 0.0
+
+    def waypoints(
+        self, path_m: Points, start_m: tuple[float, float] | None = None, *, avoid: Area | None = None
+    ) -> Waypoints:
+        """Return the waypoints of a path, without points closer than 1 cm to the one before.
+
+        Parameters
+        ----------
+        path_m : float64[n, 2]
+            In metres of the farm frame.
+        start_m : tuple of float, optional
+            Where the vehicle comes from.
+        avoid : Polygon or MultiPolygon, optional
+            A leg is not led into what must not be flown over.
+        """
+        of_point = distinct(path_m)
+        points = path_m[of_point]
+        if self.lead_m > 0.0 and len(points):
+            places, led = self._led(points, start_m, avoid)
+            kept = distinct(led)
+            points, of_point = led[kept], of_point[places[kept]]
+        return Waypoints(points, of_point, self.radius_m)
+
+    def _led(
+        self, points: Points, start_m: tuple[float, float] | None, avoid: Area | None
+    ) -> tuple[NDArray[np.int64], Points]:
+        """Return the waypoints of a path whose legs are led, and which points they stand for."""
+        come, go = self._directions(points, start_m)
+        # Where the leg that comes in ends, where the one that goes out begins, and the point itself.
+        places = np.stack((points + self.lead_m * come, points - self.lead_m * go, points), axis=1)
+        use = np.stack((come.any(axis=1), go.any(axis=1), np.ones(len(points), np.bool_)), axis=1)
+        if avoid is not None:
+            leads = np.stack((np.repeat(points[:, None], 2, axis=1), places[:, :2]), axis=2)
+            use[:, :2] &= ~shapely.intersects(shapely.linestrings(leads), avoid)
+        use[:, 2] = ~use[:, :2].any(axis=1)
+        return np.nonzero(use)[0], places[use]
+
+    def _directions(self, points: Points, start_m: tuple[float, float] | None) -> tuple[Points, Points]:
+        """Return the directions in which each point is come to and left; zero where a leg is not led."""
+        flown = points if start_m is None else np.vstack((start_m, points))
+        steps = np.diff(flown, axis=0)
+        length_m = np.hypot(steps[:, 0], steps[:, 1])[:, None]
+        every = steps / np.maximum(length_m, 1e-9)
+        along = np.where(length_m < _LEAST_LEG * self.radius_m, 0.0, every)
+        nowhere = np.zeros((1, 2))
+        come = along if start_m is not None else np.vstack((nowhere, along))
+        go = np.vstack((along[len(along) - len(points) + 1 :], nowhere))
+        straight = (come * go).sum(axis=1) > _STRAIGHT
+        come, go = come.copy(), go.copy()
+        come[straight] = go[straight] = 0.0
+        # After the last point comes no corner.
+        if len(every):
+            come[-1] = every[-1]
+        return come, go

@@ -68,6 +68,7 @@ class MissionType(IntEnum):
     RALLY = 2
 
 
+_FENCE_COMMANDS = range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE_EXCLUSION + 1)
 GLOBAL_FRAMES = frozenset({0, 3, 5, 6, 10, 11})
 RELATIVE_FRAMES = frozenset({3, 6})
 DEGREES_E7 = 1e7
@@ -87,6 +88,17 @@ _ALTITUDE_COMMANDS = frozenset({30})
 def has_position(command: int) -> bool:
     """Tell whether the command's x, y, z are a position (otherwise they are parameters 5 to 7)."""
     return command in _POSITION_COMMANDS
+
+
+def plan_of(command: int) -> MissionType:
+    """Return the plan in which a command stands.
+
+    >>> plan_of(5100).name
+    'RALLY'
+    """
+    if command in _FENCE_COMMANDS:
+        return MissionType.FENCE
+    return MissionType.RALLY if command == Command.NAV_RALLY_POINT else MissionType.MISSION
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,6 +36,11 @@ if TYPE_CHECKING:
     from mission.transfer.profile import Profile as Profile
     from mission.transfer.profile import count_warning as count_warning
     from mission.transfer.profile import profile_for as profile_for
+    from mission.transfer.remark import Remark as Remark
+    from mission.transfer.remark import Severity as Severity
+    from mission.transfer.rendering import Rendered as Rendered
+    from mission.transfer.rendering import refuse_errors as refuse_errors
+    from mission.transfer.rendering import render as render
     from mission.transfer.round_trip import RoundTrip as RoundTrip
     from mission.transfer.server import MissionServer as MissionServer
     from mission.transfer.upload import MissionUpload as MissionUpload
@@ -83,6 +88,8 @@ else:
                 "profile_for",
             ),
             "mission.transfer.plan_store": ("StoredPlan",),
+            "mission.transfer.remark": ("Remark", "Severity"),
+            "mission.transfer.rendering": ("Rendered", "refuse_errors", "render"),
             "mission.transfer.round_trip": ("RoundTrip",),
             "mission.transfer.server": ("MissionServer",),
             "mission.transfer.upload": ("MissionUpload", "check_plan"),

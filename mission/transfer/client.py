@@ -324,19 +324,20 @@ class ClientTransfer(ABC):
         return NOTHING
 
     def _failed(self, reason: FailureReason, text: str, result: int | None, *, tell: bool) -> Output:
-        failed = TransferFailed(self.mission_type, reason, text, result, self._plan_state())
+        item = self._refused_item() if reason is FailureReason.REFUSED else None
+        failed = TransferFailed(self.mission_type, reason, text, result, self._plan_state(), item)
         messages = (wire.ack(self.target, wire.OPERATION_CANCELLED, self.mission_type),) if tell else ()
         return Output(messages, (failed,))
 
     def _fail_refused(self, message: wire.AckMessage) -> Output:
-        text = f"{self._what()} was refused: {wire.result_text(message.type)}"
+        text = f"{self._what()} was refused{self._at()}: {wire.result_text(message.type)}"
         return self._failed(FailureReason.REFUSED, text, message.type, tell=False)
 
     def _fail_silent(self) -> Output:
         where = self._where()
         if self._trouble is not None:
             result = self._trouble[0]
-            text = f"{self._what()} failed {where}: {wire.result_text(result)}"
+            text = f"{self._what()} failed{self._at() or ' ' + where}: {wire.result_text(result)}"
             return self._failed(FailureReason.REFUSED, text, result, tell=True)
         text = f"{self._what()} failed {where}: the vehicle did not answer; check the link and try again"
         return self._failed(FailureReason.TIMEOUT, text, None, tell=True)
@@ -354,6 +355,14 @@ class ClientTransfer(ABC):
 
     def _where(self) -> str:
         return "at the start"
+
+    def _refused_item(self) -> int | None:
+        """Return the item that the vehicle has judged last, None before any."""
+        return None
+
+    def _at(self) -> str:
+        """Return which item the vehicle has judged last, for a text; empty before any."""
+        return ""
 
 
 def common_options(transfer: ClientTransfer) -> dict[str, Any]:

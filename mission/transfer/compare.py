@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from mission.model import Command, MissionItem
+from mission.model import Command, MissionItem, plan_of
 from mission.transfer.profile import GENERIC, Profile
 
 _PLACE_DEG = 2.5e-7
 _ALTITUDE_M = 0.011
 _RELATIVE = 1e-5
 _YAW_DEG = 1e-2
+_WITH_YAW = frozenset({Command.NAV_WAYPOINT, Command.NAV_LOITER_UNLIM, Command.NAV_LAND, Command.NAV_TAKEOFF})
 _FIELDS = ("command", "frame", "autocontinue", "param1", "param2", "param3", "param4", "x", "y", "z")
 
 
@@ -22,7 +23,7 @@ class Difference:
     Parameters
     ----------
     sequence : int
-        The item, -1 for the plan as a whole.
+        The item, from 0 (a user counts from 1); -1 for the plan as a whole.
     field : str
         ``count``, or a field of `MissionItem`.
     sent, received : float or None
@@ -37,15 +38,19 @@ class Difference:
     def __str__(self) -> str:
         if self.sequence < 0:
             return f"{self.sent:g} items were sent, the vehicle holds {self.received:g}"
-        return (
-            f"item {self.sequence}: {self.field} was sent as {self.sent}, the vehicle holds {self.received}"
-        )
+        sent = f"item {self.sequence + 1}: {self.field} was sent as {self.sent}"
+        return f"{sent}, the vehicle holds {self.received}"
 
 
 def _equal(name: str, one: MissionItem, other: MissionItem, profile: Profile) -> bool:
     sent: float | None = getattr(one, name)
     received: float | None = getattr(other, name)
     if name == "frame" and not profile.keeps_frame and not one.has_position:
+        return True
+    if name == "autocontinue" and plan_of(one.command) not in profile.keeps_autocontinue:
+        return True
+    known = profile.read_back.get(one.command, {}).get(name)
+    if known is not None and received is not None and known.of(sent) == received:
         return True
     if sent is None or received is None:
         return sent is received or (sent is None and received == 0.0 and not profile.keeps_default)
@@ -62,7 +67,7 @@ def _equal(name: str, one: MissionItem, other: MissionItem, profile: Profile) ->
         return int(sent) == int(received)
     if one.command == Command.NAV_WAYPOINT and name == "param1" and profile.whole_seconds:
         return difference < 1.0
-    if one.command == Command.NAV_WAYPOINT and name == "param4":
+    if one.command in _WITH_YAW and name == "param4":
         return abs(math.remainder(difference, 360.0)) <= _YAW_DEG
     return False
 
@@ -77,8 +82,8 @@ def compare_plans(
     """List what differs between two plans, beyond what the wire and the autopilot's storage change.
 
     Allowed are: 32-bit floats (1e-5 relative), 2.5e-7 degree, 1.1 cm of altitude, a yaw that differs by
-    full turns, the frames 5/6/11 for 0/3/10 (the same by `MissionItem`), and the fields that the profile
-    calls lossy.
+    full turns, the frames 5/6/11 for 0/3/10 (the same by `MissionItem`), and what the profile says of the
+    fields that an autopilot does not keep, or keeps roughly.
 
     Parameters
     ----------

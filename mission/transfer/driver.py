@@ -22,12 +22,16 @@ from mission.transfer.errors import NoVehicleError, RemoteTransferError
 from mission.transfer.events import DownloadComplete, Event, Output, TransferFailed, TransferStatistics
 from mission.transfer.making import OWN_TRANSFERS, Transfer, TransferMaker
 from mission.transfer.profile import Profile, profile_for
+from mission.transfer.rendering import Rendered, refuse_errors, render
 from mission.transfer.round_trip import RoundTrip
 
 OnEvent = Callable[[Event], None]
+OnText = Callable[[mavlink.MAVLink_statustext_message, float], None]
 _HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 _WANTED = wire.CLIENT_MESSAGES | {_HEARTBEAT}
+_STATUSTEXT = mavlink.MAVLINK_MSG_ID_STATUSTEXT
 _HEARTBEAT_S = 1.0
+_LAST_WORDS_S = 0.5
 _LONGEST_WAIT_S = 0.25
 _ORDER = (MissionType.FENCE, MissionType.RALLY, MissionType.MISSION)
 
@@ -89,6 +93,8 @@ class TransferDriver:
         Who carries the plans up and down.
     heartbeat : bool
         Send a ground station's heartbeat; False where the link does.
+    on_text : callable, optional
+        Called with each STATUSTEXT of the vehicle, and the time; after a failure it is waited for one.
     """
 
     def __init__(
@@ -101,6 +107,7 @@ class TransferDriver:
         on_event: OnEvent | None = None,
         maker: TransferMaker = OWN_TRANSFERS,
         heartbeat: bool = True,
+        on_text: OnText | None = None,
     ) -> None:
         self.endpoint = endpoint
         self.timers = ClientTimers() if timers is None else timers
@@ -108,10 +115,12 @@ class TransferDriver:
         self._clock = clock
         self._wait = wait
         self._on_event = on_event
+        self._on_text = on_text
         self._round_trip = RoundTrip()
         self._maker = maker
         self._heartbeat_s = -1e9 if heartbeat else math.inf
-        endpoint.wanted = _WANTED if endpoint.wanted is None else endpoint.wanted | _WANTED
+        wanted = _WANTED if on_text is None else _WANTED | {_STATUSTEXT}
+        endpoint.wanted = wanted if endpoint.wanted is None else endpoint.wanted | wanted
 
     def __enter__(self) -> Self:
         return self
@@ -176,12 +185,14 @@ class TransferDriver:
             raise
         assert last is not None
         if isinstance(last, TransferFailed):
+            self._hear_last_words()
             raise RemoteTransferError(last.text, last)
         return last, transfer.statistics()
 
     def _turn(self, transfer: Transfer) -> Event | None:
         last: Event | None = None
         for message in self.endpoint.receive():
+            self._note_text(message)
             last = self._hand_on(transfer.receive(message, self._clock())) or last
         now_s = self._clock()
         last = self._hand_on(transfer.poll(now_s)) or last
@@ -190,6 +201,24 @@ class TransferDriver:
             self._beat(now_s)
             self._wait(self.endpoint.link, min(max(deadline_s - now_s, 0.0), _LONGEST_WAIT_S))
         return last
+
+    def _note_text(self, message: Message) -> None:
+        """Hand on what the vehicle says in words."""
+        if (
+            self._on_text is not None
+            and self.vehicle is not None
+            and is_a(message, mavlink.MAVLink_statustext_message)
+            and message.get_srcSystem() == self.vehicle.system_id
+        ):
+            self._on_text(message, self._clock())
+
+    def _hear_last_words(self) -> None:
+        """Wait a moment for what the vehicle says about a failure: its text may come after its answer."""
+        end_s = self._clock() + _LAST_WORDS_S
+        while self._on_text is not None and (rest_s := end_s - self._clock()) > 0.0:
+            self._wait(self.endpoint.link, rest_s)
+            for message in self.endpoint.receive():
+                self._note_text(message)
 
     def _hand_on(self, output: Output) -> Event | None:
         for message in output.messages:
@@ -214,12 +243,26 @@ class TransferDriver:
             "round_trip": self._round_trip,
         }
 
+    def render(self, mission: Mission) -> Rendered:
+        """Return a mission as the vehicle's autopilot takes it, with remarks (`mission.transfer.rendering`).
+
+        Raises
+        ------
+        NoVehicleError
+            If none is heard.
+        LinkError
+            If the link breaks.
+        """
+        vehicle = self.vehicle or self.wait_for_vehicle()
+        return render(mission, vehicle.profile, vehicle.vehicle_type)
+
     def upload(
-        self, mission: Mission, *, types: Iterable[MissionType] | None = None
+        self, mission: Mission, *, types: Iterable[MissionType] | None = None, force: bool = False
     ) -> tuple[TransferStatistics, ...]:
         """Send the plans of a mission, read them back and compare.
 
-        Fence and rally points go first, so that the mission is never checked against an old fence.
+        They are sent as the vehicle's autopilot takes them (`render`). Fence and rally points go first, so
+        that the mission is never checked against an old fence.
 
         Parameters
         ----------
@@ -227,6 +270,8 @@ class TransferDriver:
             What to send.
         types : iterable of MissionType, optional
             Which plans; default the mission, and fence and rally points if there are any.
+        force : bool
+            Send also what the autopilot would refuse or not fly.
 
         Returns
         -------
@@ -236,7 +281,7 @@ class TransferDriver:
         Raises
         ------
         LocalTransferError
-            If a plan cannot be sent; nothing has been sent then.
+            If a plan cannot be sent, or the autopilot would not take it; nothing has been sent then.
         RemoteTransferError
             If the vehicle refuses, holds something else afterwards, or does not answer.
         LinkError
@@ -245,8 +290,17 @@ class TransferDriver:
         wanted = {MissionType.MISSION, *(kind for kind in _ORDER if mission.plan(kind))}
         chosen = wanted if types is None else set(types)
         options = self._options()
+        rendered = self.render(mission)
+        if not force:
+            refuse_errors(rendered)
         uploads = [
-            self._maker.upload(mission.plan(kind), kind, home=mission.home, **options)
+            self._maker.upload(
+                rendered.mission.plan(kind),
+                kind,
+                home=mission.home,
+                origins=rendered.origins_of(kind),
+                **options,
+            )
             for kind in _ORDER
             if kind in chosen
         ]

@@ -94,12 +94,15 @@ class TransferFailed(Event):
         The MAV_MISSION_RESULT that was received or sent, if any.
     vehicle_plan : PlanState
         What the vehicle holds now.
+    item : int or None
+        The item, from 0, that was sent last when a vehicle refused an upload.
     """
 
     reason: FailureReason
     text: str
     result: int | None = None
     vehicle_plan: PlanState = PlanState.OLD
+    item: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

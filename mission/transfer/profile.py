@@ -15,6 +15,18 @@ from mission.errors import TransferError
 from mission.link.codec.dialect import mavlink
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
+from mission.transfer.dialect import ARDUPILOT_DIALECT, COPTERS, FIXED_WING, PX4_DIALECT, ROVER, Dialect
+from mission.transfer.item_tables import (
+    ARDUPILOT_LOSSY,
+    ARDUPILOT_PLACED,
+    ARDUPILOT_READ_BACK,
+    ARDUPILOT_UNPLACED,
+    PX4_LOSSY,
+    PX4_PLACED,
+    PX4_READ_BACK,
+    PX4_UNPLACED,
+    ReadBack,
+)
 
 PROFILE_GROUP = "wbf_mission.transfer_profiles"
 """The entry point group in which further packages give a `Profile`, found by its MAV_AUTOPILOT."""
@@ -98,8 +110,12 @@ class Profile:
         Items that common boards hold, per plan; beyond it `count_warning` speaks up.
     lossy : mapping
         Per command, the fields of an item that it does not keep, for the comparison after an upload.
+    read_back : mapping
+        Per command, the fields that come back otherwise than they were sent, and what of them.
     whole_seconds : bool
         A waypoint's hold time is kept in whole seconds.
+    keeps_autocontinue : frozenset of MissionType
+        Plans whose items come back with their ``autocontinue``.
     keeps_default : bool
         A NaN parameter reads back as NaN (otherwise as 0).
     keeps_frame : bool
@@ -143,6 +159,8 @@ class Profile:
     change_failsafe : mapping of int to tuple of NeededParameter
         By MAV_TYPE, what has to be set before that, so that a vehicle in the guided mode whose ground station
         is gone comes home.
+    dialect : Dialect
+        In which form it takes items, for `mission.transfer.rendering`.
     """
 
     name: str
@@ -163,7 +181,9 @@ class Profile:
     frames: frozenset[int] | None = None
     usual_limits: tuple[int | None, int | None, int | None] = (None, None, None)
     lossy: Mapping[int, frozenset[str]] = field(default_factory=dict)
+    read_back: Mapping[int, Mapping[str, ReadBack]] = field(default_factory=dict)
     whole_seconds: bool = False
+    keeps_autocontinue: frozenset[MissionType] = frozenset(MissionType)
     keeps_default: bool = True
     keeps_frame: bool = True
     int_frames: bool = False
@@ -185,21 +205,10 @@ class Profile:
     streams_on_request: bool = False
     change_modes: Mapping[int, tuple[int, int]] | None = None
     change_failsafe: Mapping[int, tuple[NeededParameter, ...]] = field(default_factory=dict)
+    dialect: Dialect = field(default_factory=Dialect)
 
 
-# After PX4's parse_mavlink_mission_item: commands in a global frame, and in the frame MISSION.
-_PX4_PLACED = frozenset(
-    {16, 17, 19, 21, 22, 31, 80, 84, 85, 195, 201, 4501, 5000, 5001, 5002, 5003, 5004, 5100}
-)
-_PX4_UNPLACED = frozenset(
-    {20, 80, 93, 112, 114, 177, 178, 179, 187, 189, 196, 197, 200, 201, 203, 204, 205, 206, 211, 214}
-    | {260, 530, 531, 532, 1000, 1001, 2000, 2001, 2003, 2500, 2501, 3000, 42600}
-)
-# Of fence and rally items neither keeps it.
-_NOT_KEPT = dict.fromkeys((5000, 5001, 5002, 5003, 5004, 5100), frozenset({"autocontinue"}))
 _YAW = frozenset({"param4"})
-# MAV_TYPEs of ArduCopter: quadrotor, coaxial, helicopter, hexa-, octo-, tri-, dodecarotor, decarotor.
-_COPTERS = (2, 3, 4, 13, 14, 15, 29, 35)
 
 GENERIC = Profile("the vehicle", mavlink.MAV_AUTOPILOT_GENERIC)
 
@@ -211,19 +220,17 @@ PX4 = Profile(
     range_result=None,
     int_frames=True,
     range_checked=False,
-    placed=_PX4_PLACED,
-    unplaced=_PX4_UNPLACED,
+    placed=PX4_PLACED,
+    unplaced=PX4_UNPLACED,
     capacity=(wire.MAX_ITEMS - 1, wire.MAX_ITEMS, wire.MAX_ITEMS),
     partial_result=None,
     empty_hold_s=5.0,
     text_prefix="WPM: ",
     usual_limits=(500, 64, 32),
-    lossy={
-        **_NOT_KEPT,
-        Command.NAV_WAYPOINT: frozenset({"param3"}),
-        Command.NAV_TAKEOFF: frozenset({"param1", "param2", "param3"}),
-        Command.NAV_LAND: frozenset({"param1", "param2", "param3"}),
-    },
+    lossy=PX4_LOSSY,
+    read_back=PX4_READ_BACK,
+    keeps_autocontinue=frozenset({MissionType.MISSION}),
+    dialect=PX4_DIALECT,
 )
 
 ARDUPILOT = Profile(
@@ -257,28 +264,24 @@ ARDUPILOT = Profile(
     partial_write=True,
     received_texts=("Flight plan received", "Fence received", "Rally points received"),
     timeout_text="Mission upload timeout",
-    usual_limits=(718, 200, None),
-    lossy={
-        **_NOT_KEPT,
-        Command.NAV_WAYPOINT: frozenset({"param2", "param3", "param4", "autocontinue"}),
-        Command.NAV_TAKEOFF: frozenset({"param1", "param2", "param3", "param4", "x", "y", "frame"}),
-        Command.NAV_LAND: frozenset({"param2", "param3", "param4"}),
-        Command.NAV_RETURN_TO_LAUNCH: frozenset({"x", "y", "z", "param2", "param3", "param4"}),
-        Command.DO_CHANGE_SPEED: frozenset({"param4"}),
-        Command.DO_SET_CAM_TRIGG_DIST: frozenset({"param2", "param4"}),
-        Command.DO_JUMP: frozenset({"param3", "param4"}),
-    },
+    usual_limits=(650, 200, None),
+    placed=ARDUPILOT_PLACED,
+    unplaced=ARDUPILOT_UNPLACED,
+    lossy=ARDUPILOT_LOSSY,
+    read_back=ARDUPILOT_READ_BACK,
     whole_seconds=True,
+    keeps_autocontinue=frozenset(),
+    dialect=ARDUPILOT_DIALECT,
     keeps_default=False,
     streams_on_request=True,
     change_modes={
-        **dict.fromkeys(_COPTERS, (4, 3)),
-        mavlink.MAV_TYPE_FIXED_WING: (15, 10),
-        mavlink.MAV_TYPE_GROUND_ROVER: (15, 10),
+        **dict.fromkeys(COPTERS, (4, 3)),
+        FIXED_WING: (15, 10),
+        ROVER: (15, 10),
     },
     # Return when the ground station is silent for longer than a link may be dead; but a mission goes on.
     change_failsafe=dict.fromkeys(
-        _COPTERS,
+        COPTERS,
         (
             NeededParameter("FS_GCS_ENABLE", good=frozenset({1, 2, 3, 6}), value=1),
             NeededParameter("FS_GCS_TIMEOUT", least=90),

@@ -20,7 +20,7 @@ from mission.transfer.profile import Profile
 from mission.transfer.server_replies import ServerReplies
 from mission.transfer.server_session import ServerSession
 from mission.transfer.server_table import SENDING
-from mission.transfer.storage import frame_on_wire
+from mission.transfer.storage import as_read_back, frame_on_wire
 
 _CRITICAL = mavlink.MAV_SEVERITY_CRITICAL
 _Sender = tuple[int, int]
@@ -71,7 +71,7 @@ class OutgoingPlan:
         asked_int = type(message).id == wire.REQUEST_INT
         session.asked_int |= asked_int
         integer = asked_int or not self._profile.float_answers
-        item = items[message.seq]
+        item = as_read_back(items[message.seq], self._profile)
         frame = frame_on_wire(item, self._profile, integer=integer)
         reply = wire.item_to_message(
             item, message.seq, mission_type, sender, current=current, integer=integer, frame=frame

@@ -10,11 +10,11 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from mission.model import Command, Frame, MissionItem, has_position
+from mission.model import Command, Frame, MissionItem, MissionType, has_position, plan_of
 from mission.transfer import wire
 from mission.transfer.profile import Profile
 
-__all__ = ["UncheckedItem", "as_stored", "frame_on_wire", "judge_item", "judge_numbers", "without_nan"]
+__all__ = ["UncheckedItem", "as_read_back", "as_stored", "frame_on_wire", "judge_item", "judge_numbers"]
 
 _PARAMETERS = ("param1", "param2", "param3", "param4")
 _INT_FRAMES = {0: 5, 3: 6, 10: 11}
@@ -57,24 +57,6 @@ def judge_numbers(message: wire.ItemMessage, profile: Profile) -> int:
     if math.isnan(message.z):
         return int(wire.INVALID_PARAM5_X) + 2
     return int(wire.ACCEPTED)
-
-
-def without_nan(item: MissionItem, profile: Profile) -> MissionItem:
-    """Return the item with 0 for each unset parameter that the autopilot would refuse as NaN.
-
-    Examples
-    --------
-    >>> from mission.transfer.profile import ARDUPILOT
-    >>> without_nan(MissionItem(Command.NAV_DELAY, param2=None), ARDUPILOT).param2
-    0.0
-    """
-    if profile.nan_parameters is None:
-        return item
-    allowed = profile.nan_parameters.get(item.command, frozenset())
-    unset: dict[str, Any] = {
-        name: 0.0 for name in _PARAMETERS if getattr(item, name) is None and name not in allowed
-    }
-    return replace(item, **unset) if unset else item
 
 
 def judge_item(item: MissionItem, count: int, profile: Profile) -> int:
@@ -129,12 +111,39 @@ def as_stored(item: MissionItem, profile: Profile) -> MissionItem:
         if not profile.keeps_frame and item.frame != Frame.GLOBAL:
             changes["frame"] = Frame.GLOBAL
         changes |= {name: 0.0 for name in ("x", "y", "z") if name in lost and getattr(item, name) != 0.0}
-    if "autocontinue" in lost and not item.autocontinue:
+    if not item.autocontinue and _goes_on(item, profile):
         changes["autocontinue"] = True
     if profile.whole_seconds and item.command == Command.NAV_WAYPOINT and item.param1:
         whole = float(min(65535, max(0, int(item.param1))))
         if whole != item.param1:
             changes["param1"] = whole
+    return replace(item, **changes) if changes else item
+
+
+def _goes_on(item: MissionItem, profile: Profile) -> bool:
+    """Whether the autopilot goes on after the item, whatever the item says."""
+    kind = MissionType.MISSION
+    return kind not in profile.keeps_autocontinue and plan_of(item.command) is kind
+
+
+def as_read_back(item: MissionItem, profile: Profile) -> MissionItem:
+    """Return a stored item as it comes back in a download.
+
+    Examples
+    --------
+    >>> from mission.transfer.profile import ARDUPILOT
+    >>> loiter = MissionItem(Command.NAV_LOITER_TIME, 3, 2.5, x=28.05, y=-82.15, z=10.0)
+    >>> back = as_read_back(loiter, ARDUPILOT)
+    >>> back.param1, back.param3
+    (2.0, 1.0)
+    """
+    known = profile.read_back.get(item.command, {})
+    changes: dict[str, Any] = {name: kind.of(getattr(item, name)) for name, kind in known.items()}
+    if "frame" in changes:
+        changes["frame"] = int(changes["frame"])
+    kind = plan_of(item.command)
+    if kind not in profile.keeps_autocontinue:
+        changes["autocontinue"] = kind is MissionType.MISSION
     return replace(item, **changes) if changes else item
 
 

@@ -10,18 +10,15 @@ from typing import Any
 
 from mission.link.codec.dialect import Message, mavlink
 from mission.link.codec.typed import is_a
-from mission.model import GeoPoint, MissionItem, MissionType
+from mission.model import GeoPoint, MissionItem, MissionType, plan_of
 from mission.transfer import wire
 from mission.transfer.client import ClientTransfer
 from mission.transfer.client_table import CLEARING, CONFIRMING, COUNTING, UPLOADING, ClientAction, ClientInput
 from mission.transfer.errors import LocalTransferError
 from mission.transfer.events import NOTHING, Output, PlanState, Progress, UploadComplete
 from mission.transfer.profile import to_wire_order
-from mission.transfer.storage import without_nan
 
 _I = ClientInput
-_FENCE = range(5000, 5005)
-_RALLY = 5100
 _SHORTEST_TRIP_S = 0.02
 
 
@@ -56,14 +53,7 @@ def check_plan(items: Sequence[MissionItem], mission_type: MissionType) -> None:
         msg = f"{len(items)} items: MAVLink counts to {wire.MAX_ITEMS}; send a shorter plan"
         raise LocalTransferError(msg)
     for sequence, item in enumerate(items):
-        kind = (
-            MissionType.FENCE
-            if item.command in _FENCE
-            else MissionType.RALLY
-            if item.command == _RALLY
-            else MissionType.MISSION
-        )
-        if kind != mission_type:
+        if plan_of(item.command) != mission_type:
             plan = mission_type.name.lower()
             msg = f"item {sequence}: command {item.command} does not belong into a {plan} plan"
             raise LocalTransferError(msg)
@@ -77,13 +67,15 @@ class MissionUpload(ClientTransfer):
     Parameters
     ----------
     items : sequence of MissionItem
-        The plan, without a home item.
+        The plan, without a home item, as the autopilot takes it (`mission.transfer.rendering`).
     mission_type : MissionType
         Which plan it is.
     home : GeoPoint, optional
         Home position for autopilots that want it as item 0.
     start_sequence : int or None
         The item to mark as current, None for none.
+    origins : sequence of int, optional
+        For each item its number, from 0, in the plan that the user knows; without, its own.
     **options
         See `mission.transfer.client.ClientTransfer`.
 
@@ -108,15 +100,14 @@ class MissionUpload(ClientTransfer):
         *,
         home: GeoPoint | None = None,
         start_sequence: int | None = 0,
+        origins: Sequence[int] | None = None,
         **options: Any,
     ) -> None:
         super().__init__(mission_type, **options)
         check_plan(items, mission_type)
         self.items = tuple(items)
-        self._wire = tuple(
-            without_nan(item, self.profile)
-            for item in to_wire_order(self.items, mission_type, self.profile, home)
-        )
+        self._wire = to_wire_order(self.items, mission_type, self.profile, home)
+        self._origins = range(len(self.items)) if origins is None else origins
         self._current = None if start_sequence is None else start_sequence + len(self._wire) - len(self.items)
         self._answers: list[_Answers | None] = [None] * len(self._wire)
         self._unsent = len(self._wire)
@@ -240,4 +231,21 @@ class MissionUpload(ClientTransfer):
     def _where(self) -> str:
         if self._state is CONFIRMING:
             return "after the last item"
-        return "at the start" if self._last < 0 else f"after item {self._last} of {len(self._wire)}"
+        if self._refused_item() is None:
+            return "at the start"
+        return f"after item {self._named_item()}, {len(self._wire) - self._unsent} of {len(self._wire)} sent"
+
+    def _refused_item(self) -> int | None:
+        own = self._last - (len(self._wire) - len(self.items))
+        return self._origins[own] if own >= 0 else None
+
+    def _at(self) -> str:
+        if self._refused_item() is None:
+            return ""
+        return f" at item {self._named_item()}"
+
+    def _named_item(self) -> str:
+        """Return number, from 1, and command of the item that was sent last."""
+        number = self._refused_item()
+        assert number is not None
+        return f"{number + 1} ({wire.command_name(self._wire[self._last].command)})"

@@ -5,7 +5,10 @@ two generals' problem). Reading the plan back decides it. The outcomes are:
 
 - `UploadVerified`: the vehicle holds the plan that was sent.
 - `TransferFailed` with ``vehicle_plan`` OLD: the vehicle never had the whole plan, or said no; it keeps
-the old one. - `TransferFailed` with reason DIFFERENT: it was read back and is not the plan that was sent.
+  the old one.
+- `TransferFailed` with reason REFUSED and ``vehicle_plan`` UNKNOWN: a vehicle that overwrites its plan in
+  place (ArduPilot) said no; the text tells what it holds now.
+- `TransferFailed` with reason DIFFERENT: it was read back and is not the plan that was sent.
 - `TransferFailed` with ``vehicle_plan`` UNKNOWN: the vehicle fell silent after the last item, or during
 the reading.
 """
@@ -62,6 +65,8 @@ class VerifiedUpload:
         Home position for autopilots that want it as item 0.
     readings : int
         How often to read back before a difference is believed (an echo of an older transfer can spoil one).
+    origins : sequence of int, optional
+        See `mission.transfer.upload.MissionUpload`.
     **options
         See `mission.transfer.client.ClientTransfer`.
 
@@ -82,10 +87,11 @@ class VerifiedUpload:
         *,
         home: GeoPoint | None = None,
         readings: int = 2,
+        origins: Sequence[int] | None = None,
         **options: Any,
     ) -> None:
         options["round_trip"] = options.get("round_trip") or RoundTrip()
-        self._make = partial(MissionUpload, items, mission_type, home=home, **options)
+        self._make = partial(MissionUpload, items, mission_type, home=home, origins=origins, **options)
         upload = self._make()
         self.mission_type = mission_type
         self.items = upload.items
@@ -96,6 +102,8 @@ class VerifiedUpload:
         self._readings = readings
         self._restarts = _RESTARTS
         self._verified = False
+        self._refusal: TransferFailed | None = None
+        self._origins = range(len(self.items)) if origins is None else origins
         self.confirmed_s: float | None = None
         self.opaque_id = 0
 
@@ -176,11 +184,15 @@ class VerifiedUpload:
             if self._is_bad_luck(failed):
                 return self._send_again(now_s)
             if failed.vehicle_plan is PlanState.UNKNOWN and not cancelled:
+                self._refusal = failed if failed.reason is FailureReason.REFUSED else None
                 return self._read_back(now_s)
             return Output(events=(failed,))
         if self._is_bad_luck(failed):
             self._restarts -= 1
             return self._read_back(now_s)
+        if self._refusal is not None:
+            text = f"{self._refusal.text}; what the vehicle holds now could not be read"
+            return Output(events=(replace(self._refusal, text=text),))
         text = f"the {self.mission_type.name.lower()} was sent but not verified: {failed.text}"
         return Output(events=(replace(failed, text=text, vehicle_plan=PlanState.UNKNOWN),))
 
@@ -204,13 +216,19 @@ class VerifiedUpload:
         return self._part.start(now_s)
 
     def _compare(self, received: DownloadComplete, now_s: float) -> Output:
-        self.differences = compare_plans(self.items, received.items, self._upload.profile)
+        found = compare_plans(self.items, received.items, self._upload.profile)
+        self.differences = tuple(
+            one if one.sequence < 0 else replace(one, sequence=self._origins[one.sequence]) for one in found
+        )
         if not self.differences:
             self._verified = True
             return Output(events=(UploadVerified(self.mission_type, len(self.items)),))
         self._readings -= 1
         if self._readings > 0:
             return self._read_back(now_s)
+        if self._refusal is not None:
+            text = f"{self._refusal.text}; {self._held(received.items)}"
+            return Output(events=(replace(self._refusal, text=text),))
         number = len(self.differences)
         plan = self.mission_type.name.lower()
         text = f"the vehicle does not hold the {plan} that was sent: {self.differences[0]}"
@@ -222,3 +240,15 @@ class VerifiedUpload:
             else PlanState.OLD
         )
         return Output(events=(TransferFailed(self.mission_type, FailureReason.DIFFERENT, text, None, state),))
+
+    def _held(self, items: tuple[MissionItem, ...]) -> str:
+        """Return what a vehicle that overwrites in place holds after a refusal."""
+        new = 0
+        for one, other in zip(self.items, items, strict=False):
+            if compare_plans((one,), (other,), self._upload.profile):
+                break
+            new += 1
+        if not items:
+            return "the vehicle now holds no items"
+        told = "none" if not new else "all" if new == len(items) else f"the first {new}"
+        return f"the vehicle now holds {len(items)} items, {told} as sent: upload again before flying"

@@ -132,6 +132,18 @@ def result_text(result: int) -> str:
     return f"{_MEANINGS.get(result, 'it answers with an unknown result')} ({name})"
 
 
+def command_name(command: int) -> str:
+    """Name of a MAV_CMD without its prefix.
+
+    Examples
+    --------
+    >>> command_name(16), command_name(4)
+    ('NAV_WAYPOINT', 'command 4')
+    """
+    entry = mavlink.enums["MAV_CMD"].get(command)
+    return f"command {command}" if entry is None else str(entry.name).removeprefix("MAV_CMD_")
+
+
 def ack(target: tuple[int, int], result: int, mission_type: int, opaque_id: int = 0) -> AckMessage:
     """A MISSION_ACK, with the plan's id (0 for none)."""
     return mavlink.MAVLink_mission_ack_message(

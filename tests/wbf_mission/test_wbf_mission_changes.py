@@ -398,7 +398,8 @@ def test_a_mission_goes_on_without_its_ground_station_when_the_options_say_so():
 def test_a_refused_item_leaves_the_old_mission(autopilot):
     def change(held, item):
         new, resume_at = other_path(NEW)(held, item)
-        unknown = MissionItem(92, param1=1.0)
+        # Autopilots know the take-off of a VTOL; this vehicle is none.
+        unknown = MissionItem(84, 3, x=28.05, y=-82.15, z=10.0)
         return replace(
             new, items=(*new.items[: resume_at + 1], unknown, *new.items[resume_at + 1 :])
         ), resume_at

@@ -342,8 +342,8 @@ telemetry.mission-current telemetry.interval
         (BothEncodings, "identity.capabilities", "both bytewise and cast"),
         (KnowsNoIntegers, "identity.capabilities", "the bit MISSION_INT is missing"),
         (ClearsNothing, "mission.clear-all", "and 4 items are left"),
-        (LosesTheRadius, "mission.fence", "item 4: param1"),
-        (LosesTheAltitude, "mission.rally", "item 0: z"),
+        (LosesTheRadius, "mission.fence", "item 5: param1"),
+        (LosesTheAltitude, "mission.rally", "item 1: z"),
         (LosesTheHold, "mission.camera-items", "param1"),
         (HasNoHome, READS_THE_MISSION, "3 items were sent, the vehicle holds 2"),
         (

@@ -231,14 +231,13 @@ class ChangeSession(ABC):
 
     def _said(self, otherwise: str) -> str:
         """Return the latest warning since the beginning, which says more than a result code."""
-        warnings = [
-            text for _, severity, text in self.request.texts.texts[self._texts_before :] if severity <= 4
-        ]
-        return warnings[-1] if warnings else otherwise
+        return self.request.texts.last_warning(otherwise, self._texts_before)
 
 
-def check_change(new: Mission, resume_at: int, old: Mission, profile: Profile) -> None:
+def check_change(new: Mission, resume_at: int, old: Mission) -> None:
     """Refuse a mission that must not be sent to a vehicle in flight; PX4 itself checks no ranges.
+
+    What the autopilot would not take is told by `mission.transfer.rendering`.
 
     Raises
     ------
@@ -250,9 +249,8 @@ def check_change(new: Mission, resume_at: int, old: Mission, profile: Profile) -
 
     Examples
     --------
-    >>> from mission.transfer import PX4
     >>> there = Mission((MissionItem.waypoint(28.05, -82.15, 10.0),))
-    >>> check_change(there, 1, there, PX4)
+    >>> check_change(there, 1, there)
     Traceback (most recent call last):
         ...
     mission.errors.MissionError: mission: item 1 to go on with does not exist; there are 1 items
@@ -282,9 +280,6 @@ def check_change(new: Mission, resume_at: int, old: Mission, profile: Profile) -
             and max(abs(item.x - home.latitude_deg), abs(item.y - home.longitude_deg)) > _FARTHEST_DEG
         ):
             msg = f"mission: item {k} is more than {_FARTHEST_DEG:g} degree from home; is it in degrees?"
-            raise MissionError(msg)
-        if profile.frames is not None and item.frame not in profile.frames:
-            msg = f"mission: item {k} is in frame {item.frame}, which {profile.name} does not take"
             raise MissionError(msg)
 
 

@@ -14,7 +14,15 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import handler
 from mission.model import Command, Mission
 from mission.outcome import Outcome
-from mission.transfer import CLIENT_MESSAGES, Profile, RoundTrip, TransferStatistics, profile_for
+from mission.transfer import (
+    CLIENT_MESSAGES,
+    Profile,
+    RoundTrip,
+    TransferStatistics,
+    profile_for,
+    refuse_errors,
+    render,
+)
 from mission.transfer.making import OWN_TRANSFERS, TransferMaker
 from mission.transfer.wire import ground_heartbeat
 from sensors.camera.wire import ObservationAssembler
@@ -74,6 +82,8 @@ class GroundStation:
         the vehicle, too: that is noticed, and then nothing is ordered any more.
     maker : TransferMaker
         Who carries the plans up.
+    force : bool
+        Send also what the autopilot would refuse or not fly.
 
     Attributes
     ----------
@@ -104,6 +114,7 @@ class GroundStation:
         start_delay_s: float = 0.0,
         clearance: Clearance | None = None,
         maker: TransferMaker = OWN_TRANSFERS,
+        force: bool = False,
     ) -> None:
         self.mission = mission
         self.system_id = system_id
@@ -137,6 +148,7 @@ class GroundStation:
             on_progress=on_progress,
             maker=maker,
             round_trip=None if clearance is None else self.link.round_trip,
+            force=force,
         )
         self._maker = maker
         self.clearance = clearance
@@ -251,7 +263,10 @@ class GroundStation:
             msg = "the mission is being changed; wait until that is over"
             raise NotFlyingError(msg)
         profile = profile_for(self._autopilot)
-        check_change(mission, resume_at, self.mission, profile)
+        rendered = render(mission, profile, self._monitor.vehicle_type)
+        refuse_errors(rendered)
+        mission, resume_at = rendered.mission, rendered.index_of(resume_at)
+        check_change(mission, resume_at, self.mission)
         item = self._monitor.state.item
         request = ChangeRequest(
             old=self.mission,
@@ -423,7 +438,9 @@ class GroundStation:
         if self.phase is Phase.CONTACT:
             self._autopilot = message.autopilot
             self.phase = Phase.UPLOAD
-            begun = self._uploads.start(profile_for(self._autopilot), now_s)
+            self._texts_before = len(self.texts)
+            begun = self._uploads.start(profile_for(self._autopilot), message.type, now_s)
+            self.mission = self._uploads.mission
             return self._ask_for_streams() + self._after_upload(begun, now_s)
         if self.phase is Phase.FLIGHT and self._flew and not self._armed and self._disarmed_s is None:
             # The mission's state may be told a moment after the disarming.
@@ -560,7 +577,8 @@ class GroundStation:
     def _after_upload(self, out: list[Message], now_s: float) -> list[Message]:
         """Go on when the plans have arrived, or one has not."""
         if self._uploads.failure:
-            self._end(Outcome.UPLOAD_FAILED, self._texts.last_warning(self._uploads.failure), now_s)
+            reason = self._texts.explain(self._uploads.failure, self._texts_before)
+            self._end(Outcome.UPLOAD_FAILED, reason, now_s)
         elif self._uploads.done and self._start_delay_s > 0.0:
             self.phase, self._arm_s = Phase.WAIT, now_s + self._start_delay_s
         elif self._uploads.done and self.clearance is not None:

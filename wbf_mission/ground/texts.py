@@ -38,7 +38,23 @@ class TextLog:
         if len(self.texts) < _MOST_TEXTS:
             self.texts.append((now_s, _WARNING, text))
 
-    def last_warning(self, otherwise: str) -> str:
-        """The latest warning, which says more than a result code, or `otherwise` when there is none."""
-        warnings = [text for _, severity, text in self.texts if severity <= _WARNING]
+    def warnings(self, since: int = 0) -> list[str]:
+        """The different texts that warn or worse, from the one with number `since` on."""
+        told = (text for _, severity, text in self.texts[since:] if severity <= _WARNING)
+        return list(dict.fromkeys(told))
+
+    def explain(self, failure: str, since: int = 0) -> str:
+        """A failure with what the vehicle said about it, if anything.
+
+        >>> log = TextLog()
+        >>> log.note("WPM: REJ. CMD: Busy", 0.0)
+        >>> log.explain("upload of the mission was refused")
+        'upload of the mission was refused; the vehicle says: WPM: REJ. CMD: Busy'
+        """
+        said = "; ".join(self.warnings(since))
+        return f"{failure}; the vehicle says: {said}" if said else failure
+
+    def last_warning(self, otherwise: str, since: int = 0) -> str:
+        """The latest warning from the text with number `since` on; `otherwise` when there is none."""
+        warnings = [text for _, severity, text in self.texts[since:] if severity <= _WARNING]
         return warnings[-1] if warnings else otherwise

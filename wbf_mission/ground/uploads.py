@@ -10,19 +10,24 @@ from mission.link.codec.dialect import Message
 from mission.model import Mission, MissionType
 from mission.transfer import (
     GENERIC,
+    LocalTransferError,
     Output,
     Profile,
     Progress,
+    Rendered,
     RoundTrip,
     TransferFailed,
     TransferStatistics,
     UploadVerified,
+    refuse_errors,
+    render,
 )
 from mission.transfer.making import OWN_TRANSFERS, Transfer, TransferMaker
 
 __all__ = ["PlanUploads"]
 
 _AN_ITEM_S = 0.1
+_LAST_WORDS_S = 0.5
 
 
 class PlanUploads:
@@ -40,6 +45,8 @@ class PlanUploads:
         Who carries the plans.
     round_trip : RoundTrip, optional
         Of the link; each plan measures its own without.
+    force : bool
+        Send also what the autopilot would refuse or not fly.
 
     Attributes
     ----------
@@ -58,10 +65,13 @@ class PlanUploads:
         on_progress: Callable[[int, int], None] | None = None,
         maker: TransferMaker = OWN_TRANSFERS,
         round_trip: RoundTrip | None = None,
+        force: bool = False,
     ) -> None:
         self.statistics: list[TransferStatistics] = []
         self.failure = ""
-        self._mission = mission
+        self._rendered = Rendered(mission, (), tuple(range(len(mission.items))))
+        self._force = force
+        self._ending: tuple[str, float] | None = None
         self._vehicle, self._ground = vehicle, ground
         self._on_progress = on_progress
         self._maker = maker
@@ -75,9 +85,14 @@ class PlanUploads:
         self._profile = GENERIC
 
     @property
+    def mission(self) -> Mission:
+        """The mission as the vehicle's autopilot takes it, once that is known."""
+        return self._rendered.mission
+
+    @property
     def done(self) -> bool:
         """Whether every plan has arrived."""
-        return not self.failure and self._transfer is None and not self._kinds
+        return not self.failure and self._ending is None and self._transfer is None and not self._kinds
 
     @property
     def seconds_an_item(self) -> float:
@@ -89,9 +104,27 @@ class PlanUploads:
         ]
         return times[-1] if times else _AN_ITEM_S
 
-    def start(self, profile: Profile, now_s: float) -> list[Message]:
-        """Begin with the first plan, in the way of an autopilot, and return what is to be sent."""
+    def start(self, profile: Profile, vehicle_type: int, now_s: float) -> list[Message]:
+        """Begin with the first plan, in the way of an autopilot, and return what is to be sent.
+
+        Nothing is sent, and `failure` tells why, if the autopilot would not take a plan.
+
+        Parameters
+        ----------
+        profile : Profile
+        vehicle_type : int
+            MAV_TYPE.
+        now_s : float
+        """
         self._profile = profile
+        self._rendered = render(self._rendered.mission, profile, vehicle_type)
+        try:
+            if not self._force:
+                refuse_errors(self._rendered)
+        except LocalTransferError as error:
+            self._kinds.clear()
+            self.failure = str(error)
+            return []
         return self._next(now_s)
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
@@ -102,21 +135,26 @@ class PlanUploads:
 
     def poll(self, now_s: float) -> list[Message]:
         """Do what is due."""
+        if self._ending is not None and now_s >= self._ending[1]:
+            self.failure, self._ending = self._ending[0], None
         if self._transfer is None or now_s < self.next_deadline():
             return []
         return self._take(self._transfer.poll(now_s), now_s)
 
     def next_deadline(self) -> float:
         """When `poll` has something to do; infinity for never."""
+        if self._ending is not None:
+            return self._ending[1]
         deadline_s = None if self._transfer is None else self._transfer.next_deadline()
         return math.inf if deadline_s is None else deadline_s
 
     def _next(self, now_s: float) -> list[Message]:
         kind = self._kinds.popleft()
         self._transfer = self._maker.upload(
-            self._mission.plan(kind),
+            self.mission.plan(kind),
             kind,
-            home=self._mission.home,
+            home=self.mission.home,
+            origins=self._rendered.origins_of(kind),
             target=self._vehicle,
             source=self._ground,
             profile=self._profile,
@@ -135,7 +173,9 @@ class PlanUploads:
                     out += self._next(now_s)
             elif isinstance(event, TransferFailed):
                 self._end_transfer(now_s)
-                self.failure = event.text
+                # The vehicle's text about it may come after its answer.
+                self._kinds.clear()
+                self._ending = (event.text, now_s + _LAST_WORDS_S)
         return out
 
     def _end_transfer(self, now_s: float) -> None:

@@ -30,7 +30,7 @@ _PLANE_PROFILE = replace(
     profile.ARDUPILOT,
     lossy={
         **profile.ARDUPILOT.lossy,
-        Command.NAV_WAYPOINT: frozenset({"param4", "autocontinue"}),
+        Command.NAV_WAYPOINT: frozenset({"param4"}),
         Command.NAV_TAKEOFF: frozenset({"param2", "param3", "param4"}),
     },
 )

@@ -314,7 +314,7 @@ def test_verified_upload():
     assert statistics.messages_sent == 3 + 4
     machine, end = verified((A, C))
     assert end.reason is FailureReason.DIFFERENT
-    assert "item 1: x was sent as" in end.text
+    assert "item 2: x was sent as" in end.text
     assert [difference.field for difference in machine.differences] == ["x", "z"]
     assert not machine.statistics().verified
     _, end = verified((A,))

@@ -118,7 +118,7 @@ def test_profiles_and_warnings():
     assert (profile_for(12), profile_for(3), profile_for(0)) == (PX4, ARDUPILOT, GENERIC)
     assert count_warning(PX4, MissionType.MISSION, 500) is None
     assert "64" in count_warning(PX4, MissionType.FENCE, 65)
-    assert "718" in count_warning(ARDUPILOT, MissionType.MISSION, 719)
+    assert "650" in count_warning(ARDUPILOT, MissionType.MISSION, 651)
     assert count_warning(GENERIC, MissionType.MISSION, 60000) is None
 
 
@@ -168,7 +168,7 @@ def changed(**fields):
 def test_comparison(fields, profile, found):
     differences = compare_plans((WAYPOINT,), (changed(**fields),), profile)
     assert [difference.field for difference in differences] == found
-    assert all("item 0" in str(difference) for difference in differences)
+    assert all("item 1" in str(difference) for difference in differences)
 
 
 def test_comparison_of_whole_plans():

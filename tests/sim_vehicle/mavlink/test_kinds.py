@@ -34,7 +34,8 @@ def land_start(autopilot):
 def flight(name, items, autopilot, limit_s=3000.0):
     """Fly a mission as a ground station does it; return vehicle, ground station and all messages."""
     vehicle = SimVehicle(get_vehicle(name), POINT, autopilot=autopilot)
-    ground = GroundStation(Mission(items, POINT))
+    # A real PX4 flies no mission of a fixed wing that does not land; the simulated one does.
+    ground = GroundStation(Mission(items, POINT), force=True)
     heard = []
     codec = m.MAVLink(None)
 

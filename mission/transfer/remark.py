@@ -1,0 +1,61 @@
+"""What is said of a plan before it is sent: what an autopilot would refuse, change or ignore."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from mission.model import MissionType
+from mission.transfer.wire import command_name
+
+__all__ = ["Remark", "Severity"]
+
+
+class Severity(StrEnum):
+    """How much a remark matters."""
+
+    ERROR = "error"
+    """The autopilot would refuse the plan, or would not fly it."""
+    WARNING = "warning"
+    """Something is ignored or sent in another way, which the flight shows."""
+    NOTE = "note"
+    """Something is ignored that hardly matters."""
+
+
+@dataclass(frozen=True, slots=True)
+class Remark:
+    """One thing about a plan that an autopilot does not take as it is.
+
+    Parameters
+    ----------
+    plan : MissionType
+    item : int or None
+        The item of the plan that was made, from 0 (a user counts from 1); None for the plan as a whole.
+    severity : Severity
+    text : str
+        What is wrong, or what is done about it.
+    fix : str
+        What would be accepted; empty where nothing has to be done.
+    command : int or None
+        MAV_CMD of the item.
+
+    Examples
+    --------
+    >>> print(Remark(MissionType.MISSION, 4, Severity.ERROR, "PX4 does not know it", "leave it out", 18))
+    mission item 5 (NAV_LOITER_TURNS): PX4 does not know it; leave it out
+    """
+
+    plan: MissionType
+    item: int | None
+    severity: Severity
+    text: str
+    fix: str = ""
+    command: int | None = None
+
+    def __str__(self) -> str:
+        where = self.plan.name.lower()
+        if self.item is not None:
+            where += f" item {self.item + 1}"
+        if self.command is not None:
+            where += f" ({command_name(self.command)})"
+        return f"{where}: {self.text}" + (f"; {self.fix}" if self.fix else "")

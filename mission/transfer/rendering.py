@@ -1,0 +1,414 @@
+"""A plan as one autopilot takes it, and what of it that autopilot would refuse, change or ignore.
+
+Everything is said before the first byte is sent; nothing here knows a link.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from mission.link.codec.dialect import mavlink
+from mission.model import GLOBAL_FRAMES, Command, Frame, Mission, MissionItem, MissionType, has_position
+from mission.transfer.dialect import ArmingCondition
+from mission.transfer.errors import LocalTransferError
+from mission.transfer.profile import Profile, count_warning
+from mission.transfer.remark import Remark, Severity
+
+__all__ = ["Rendered", "refuse_errors", "render"]
+
+_PARAMETERS = ("param1", "param2", "param3", "param4")
+_QUADROTOR = int(mavlink.MAV_TYPE_QUADROTOR)
+_FLOWN_TO = frozenset({16, 17, 18, 19, 21, 22, 31, 82})
+_POLYGON = frozenset({5001, 5002})
+_CIRCLES = frozenset({5003, 5004})
+_ROI_NONE = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Rendered:
+    """A plan as an autopilot takes it.
+
+    Parameters
+    ----------
+    mission : Mission
+        What is to be sent, and compared with what is read back.
+    remarks : tuple of Remark
+        In the order of the plans and their items; with the numbers of the plan that was given.
+    origins : tuple of int
+        For each item of ``mission.items``, which item of the mission that was given it stands for.
+    """
+
+    mission: Mission
+    remarks: tuple[Remark, ...]
+    origins: tuple[int, ...]
+
+    @property
+    def errors(self) -> tuple[Remark, ...]:
+        """What the autopilot would refuse or not fly."""
+        return tuple(remark for remark in self.remarks if remark.severity is Severity.ERROR)
+
+    def origins_of(self, kind: MissionType) -> tuple[int, ...]:
+        """Return for each item of a plan which item of the given plan it stands for."""
+        return self.origins if kind is MissionType.MISSION else tuple(range(len(self.mission.plan(kind))))
+
+    def index_of(self, item: int) -> int:
+        """Return the number of an item of the given mission in the one that is sent, or of the next one."""
+        return bisect_left(self.origins, item)
+
+
+def render(
+    mission: Mission,
+    profile: Profile,
+    vehicle_type: int = _QUADROTOR,
+    *,
+    parameters: Mapping[str, float] | None = None,
+) -> Rendered:
+    """Return a plan as an autopilot takes it, with remarks on all that it does not take as it is.
+
+    Frames, unset parameters and positions are written in the autopilot's way. What it does not know is
+    replaced or left out where the flight stays the same, which a remark tells. Everything else that it would
+    refuse, or would fly as something else, is an error and stays as it is.
+
+    Parameters
+    ----------
+    mission : Mission
+    profile : Profile
+        The autopilot.
+    vehicle_type : int
+        MAV_TYPE.
+    parameters : mapping of str to float, optional
+        Parameters of the vehicle as far as they are known.
+
+    Examples
+    --------
+    >>> from mission.transfer.profile import PX4
+    >>> rtl = MissionItem(Command.NAV_RETURN_TO_LAUNCH, Frame.GLOBAL_RELATIVE_ALT)
+    >>> turns = MissionItem(Command.NAV_LOITER_TURNS, 3, 2.0, x=28.05, y=-82.15, z=10.0)
+    >>> rendered = render(Mission((turns, rtl)), PX4)
+    >>> rendered.mission.items[1].frame
+    2
+    >>> rendered.errors[0].text, rendered.errors[0].fix
+    ('PX4 does not know this command', 'use NAV_LOITER_TIME, or waypoints around the circle')
+    """
+    writer = _Writer(mission, profile, vehicle_type)
+    writer.replace_unknown()
+    writer.place()
+    writer.check_frames()
+    writer.set_defaults()
+    writer.renumber_jumps()
+    writer.tell_ignored()
+    for condition in profile.dialect.conditions:
+        writer.check_condition(condition, parameters or {})
+    writer.check_areas()
+    writer.check_counts()
+    items = tuple(item for _, item in writer.entries)
+    found = sorted(writer.remarks, key=lambda one: (one.plan, -1 if one.item is None else one.item))
+    return Rendered(
+        mission if items == mission.items else replace(mission, items=items),
+        tuple(found),
+        tuple(number for number, _ in writer.entries),
+    )
+
+
+def refuse_errors(rendered: Rendered) -> None:
+    """Refuse a plan that the autopilot would not take.
+
+    Raises
+    ------
+    LocalTransferError
+        With the first error, which says what would be accepted.
+    """
+    if rendered.errors:
+        more = f" (and {len(rendered.errors) - 1} more)" if len(rendered.errors) > 1 else ""
+        msg = f"{rendered.errors[0]}{more}"
+        raise LocalTransferError(msg)
+
+
+class _Writer:
+    """Writes the items of a mission anew, step by step; each entry is an item and its given number."""
+
+    def __init__(self, mission: Mission, profile: Profile, vehicle_type: int) -> None:
+        self.mission = mission
+        self.remarks: list[Remark] = []
+        self._profile = profile
+        self._dialect = profile.dialect
+        self._type = vehicle_type
+        standard = self._dialect.standard_frames
+        self.entries = [
+            (number, item.in_standard_frame() if standard else item)
+            for number, item in enumerate(mission.items)
+        ]
+
+    def _say(self, number: int | None, severity: Severity, text: str, fix: str = "") -> None:
+        command = None if number is None else self.mission.items[number].command
+        self.remarks.append(Remark(MissionType.MISSION, number, severity, text, fix, command))
+
+    def _knows(self, command: int) -> bool:
+        placed, unplaced = self._profile.placed, self._profile.unplaced
+        if command in self._dialect.not_for.get(self._type, ()):
+            return False
+        return placed is None or unplaced is None or command in placed or command in unplaced
+
+    def replace_unknown(self) -> None:
+        """Replace or leave out the commands that the autopilot does not know, where that is the same."""
+        if self._dialect.yaw_in_waypoints:
+            self._fold_yaw()
+        written = []
+        for number, item in self.entries:
+            known = self._knows(item.command)
+            substitute = None if known else self._dialect.substitutes.get(item.command)
+            if substitute is not None:
+                self._say(number, Severity.WARNING, substitute.text)
+                made = substitute.make(item)
+                if made is not None:
+                    written.append((number, made))
+                continue
+            if not known:
+                text = f"{self._profile.name} does not know this command"
+                fix = self._dialect.instead.get(item.command, "leave it out")
+                self._say(number, Severity.ERROR, text, fix)
+            written.append((number, self._plain_roi(item)))
+        self.entries = written
+
+    def _plain_roi(self, item: MissionItem) -> MissionItem:
+        """Return DO_SET_ROI that looks at nothing without a position, as PX4 takes it."""
+        modes = self._dialect.roi_modes
+        if modes is None or item.command != Command.DO_SET_ROI or (item.param1 or 0.0) != _ROI_NONE:
+            return item
+        return MissionItem(Command.DO_SET_ROI_NONE, autocontinue=item.autocontinue)
+
+    def _fold_yaw(self) -> None:
+        """Turn CONDITION_YAW into the heading of the waypoint that is flown to next."""
+        written: list[tuple[int, MissionItem]] = []
+        pending: tuple[int, float] | None = None
+        for number, item in self.entries:
+            if item.command == Command.CONDITION_YAW and item.param1 is not None and not item.param4:
+                pending = (number, item.param1)
+                self._say(number, Severity.WARNING, "sent as the heading (param4) of the waypoint after it")
+                continue
+            if pending is not None and item.command in _FLOWN_TO:
+                yaw_number, yaw_deg = pending
+                pending = None
+                if item.command == Command.NAV_WAYPOINT and item.param4 is None:
+                    item = replace(item, param4=yaw_deg)
+                else:
+                    self._keep_yaw(written, yaw_number)
+            written.append((number, item))
+        if pending is not None:
+            self._keep_yaw(written, pending[0])
+        self.entries = sorted(written, key=lambda entry: entry[0])
+
+    def _keep_yaw(self, written: list[tuple[int, MissionItem]], number: int) -> None:
+        """Take back that a heading was put into a waypoint; what remains is an error."""
+        self.remarks = [one for one in self.remarks if one.item != number]
+        written.append((number, self.mission.items[number]))
+
+    def place(self) -> None:
+        """Write positions in the autopilot's way: of DO_LAND_START, and of items that mean where it is."""
+        dialect = self._dialect
+        home = self.mission.home
+        before = None if home is None else (home.latitude_deg, home.longitude_deg)
+        for k, (number, item) in enumerate(self.entries):
+            if item.command == Command.DO_LAND_START:
+                self.entries[k] = (number, self._landing_start(k, item))
+                continue
+            if not item.has_position or item.command not in _FLOWN_TO:
+                continue
+            if item.x == item.y == 0.0 and not dialect.zero_is_here:
+                here = before or self._position_after(k)
+                if here is None:
+                    text = f"{self._profile.name} takes latitude and longitude 0, 0 as they are"
+                    self._say(number, Severity.ERROR, text, "give it a position")
+                    continue
+                text = f"{self._profile.name} takes latitude and longitude 0, 0 as they are; "
+                text += f"sent as {here[0]:.7f}, {here[1]:.7f}, where the vehicle is then"
+                self._say(number, Severity.WARNING, text)
+                item = replace(item, x=here[0], y=here[1])
+                self.entries[k] = (number, item)
+            if item.x or item.y:
+                before = (item.x, item.y)
+
+    def _position_after(self, k: int) -> tuple[float, float] | None:
+        """Return the first position after an entry."""
+        for _, item in self.entries[k + 1 :]:
+            if item.has_position and (item.x or item.y):
+                return item.x, item.y
+        return None
+
+    def _landing_start(self, k: int, item: MissionItem) -> MissionItem:
+        """Return DO_LAND_START with the position of the item after it, or without any."""
+        if self._dialect.land_start_placed is False and item.frame != Frame.MISSION:
+            return MissionItem(Command.DO_LAND_START, autocontinue=item.autocontinue)
+        if self._dialect.land_start_placed and item.frame == Frame.MISSION:
+            for _, following in self.entries[k + 1 :]:
+                if following.has_position and following.command in _FLOWN_TO:
+                    return replace(item, frame=following.frame, x=following.x, y=following.y, z=following.z)
+        return item
+
+    def check_frames(self) -> None:
+        """Tell positions in frames that the autopilot does not take, or that it would take as another."""
+        profile, name = self._profile, self._profile.name
+        for number, item in self.entries:
+            if not has_position(item.command) or not self._knows(item.command):
+                continue
+            unplaced = profile.unplaced is not None and item.command in profile.unplaced
+            if item.frame == Frame.MISSION and profile.unplaced is not None and not unplaced:
+                text = "a position has no place in frame 2 (MISSION)"
+                self._say(number, Severity.ERROR, text, "give frame 3 (above home) or 0 (above sea level)")
+            elif (
+                item.frame in GLOBAL_FRAMES
+                and profile.placed is not None
+                and item.command not in profile.placed
+            ):
+                self._say(
+                    number,
+                    Severity.ERROR,
+                    f"{name} takes this command without a position only",
+                    "give it in frame 2 (MISSION)",
+                )
+            elif (
+                profile.frames is not None
+                and item.frame not in profile.frames
+                and not (item.frame == Frame.MISSION and unplaced)
+            ):
+                frame = _frame_name(item.frame)
+                fix = "give altitudes above home (frame 3) or above sea level (frame 0)"
+                self._say(number, Severity.ERROR, f"{name} does not take frame {frame}", fix)
+            elif item.has_position and abs(item.z) >= self._dialect.highest_m:
+                text = f"altitude {item.z:g} m: {name} takes less than {self._dialect.highest_m:g} m"
+                self._say(number, Severity.ERROR, text, "fly lower")
+            if (
+                self._dialect.roi_modes is not None
+                and item.command == Command.DO_SET_ROI
+                and item.has_position
+                and (item.param1 or 0.0) not in self._dialect.roi_modes
+            ):
+                text = f"{name} takes DO_SET_ROI of mode {item.param1 or 0.0:g} without a position only"
+                self._say(number, Severity.ERROR, text, "use DO_SET_ROI_LOCATION")
+
+    def set_defaults(self) -> None:
+        """Give unset parameters a number where the autopilot refuses NaN."""
+        if self._profile.nan_parameters is None:
+            return
+        for k, (number, item) in enumerate(self.entries):
+            self.entries[k] = (number, _without_nan(item, self._profile))
+
+    def renumber_jumps(self) -> None:
+        """Let jumps lead to where they led before items were left out; tell those that lead nowhere."""
+        origins = [number for number, _ in self.entries]
+        count = len(self.mission.items)
+        jumps = 0
+        for k, (number, item) in enumerate(self.entries):
+            if item.command != Command.DO_JUMP:
+                continue
+            jumps += 1
+            target = item.param1
+            if target is None or not 0.0 <= target < count or target != int(target):
+                told = "nowhere" if target is None else f"to item {target + 1:g}"
+                self._say(number, Severity.ERROR, f"jumps {told}", f"give an item from 1 to {count}")
+                continue
+            there = float(bisect_left(origins, int(target)))
+            if there != target:
+                self.entries[k] = (number, replace(item, param1=there))
+        most = self._dialect.most_jumps
+        if most is not None and jumps > most:
+            text = f"{jumps} DO_JUMP items: many {self._profile.name} boards count only {most}"
+            self._say(None, Severity.WARNING, text, "fly the mission in parts")
+
+    def tell_ignored(self) -> None:
+        """Tell the parameters that are not heeded; of many items alike the first."""
+        for row in self._dialect.ignored:
+            if row.vehicle_types is not None and self._type not in row.vehicle_types:
+                continue
+            found = [n for n, item in self.entries if item.command == row.command and getattr(item, row.name)]
+            self._say_of_all(found, row.severity, row.text, row.fix)
+        if MissionType.MISSION not in self._profile.keeps_autocontinue:
+            stops = [number for number, item in self.entries if not item.autocontinue]
+            text = f"{self._profile.name} does not stop after an item (autocontinue)"
+            self._say_of_all(stops, Severity.WARNING, text, "use NAV_LOITER_UNLIM where it is to stay")
+
+    def _say_of_all(self, numbers: list[int], severity: Severity, text: str, fix: str) -> None:
+        if numbers:
+            more = f" (and {len(numbers) - 1} more items)" if len(numbers) > 1 else ""
+            self._say(numbers[0], severity, text + more, fix)
+
+    def check_condition(self, condition: ArmingCondition, parameters: Mapping[str, float]) -> None:
+        """Tell what a parameter of the vehicle asks of the mission."""
+        value = parameters.get(condition.parameter, condition.usual)
+        if self._type not in condition.vehicle_types or value not in condition.refusing or not self.entries:
+            return
+        severity = Severity.ERROR if condition.parameter in parameters else condition.unknown
+        barred = [number for number, item in self.entries if item.command in condition.barred]
+        missing = condition.needed and not any(item.command in condition.needed for _, item in self.entries)
+        if barred or missing:
+            text = condition.text.format(value=value)
+            self._say(barred[0] if barred else None, severity, text, condition.fix)
+
+    def check_areas(self) -> None:
+        """Tell fence and rally items that no autopilot with rules of its own takes."""
+        if self._profile.placed is None:
+            return
+        for kind in (MissionType.FENCE, MissionType.RALLY):
+            self._check_area(kind, self.mission.plan(kind))
+
+    def _check_area(self, kind: MissionType, items: tuple[MissionItem, ...]) -> None:
+        allowed = self._profile.frames or GLOBAL_FRAMES
+        due = 0  # where the next polygon begins
+        for k, item in enumerate(items):
+            if item.frame not in allowed or not item.has_position:
+                text = f"{self._profile.name} does not take frame {_frame_name(item.frame)}"
+                self._say_of_area(kind, k, item, text, "give frame 3 (above home) or 0 (above sea level)")
+            if item.command in _CIRCLES and not (item.param1 or 0.0) > 0.0:
+                text = f"a circle of radius {item.param1 or 0.0:g} m"
+                self._say_of_area(kind, k, item, text, "give a radius above 0 m")
+            if item.command not in _POLYGON or k < due:
+                continue
+            corners = int(item.param1 or 0.0)
+            due = k + 1
+            while due < min(k + corners, len(items)) and _same_polygon(items[due], item):
+                due += 1
+            if corners < 3 or due - k < corners:
+                text = f"a polygon of {corners} corners (param1), of which {due - k} are here"
+                self._say_of_area(kind, k, item, text, "give three or more, each with their number")
+
+    def _say_of_area(self, kind: MissionType, k: int, item: MissionItem, text: str, fix: str) -> None:
+        self.remarks.append(Remark(kind, k, Severity.ERROR, text, fix, item.command))
+
+    def check_counts(self) -> None:
+        """Tell plans that are longer than the autopilot, or many of its boards, can hold."""
+        counts = {kind: len(self.mission.plan(kind)) for kind in MissionType}
+        counts[MissionType.MISSION] = len(self.entries)
+        for kind, count in counts.items():
+            most = self._profile.capacity[kind]
+            text = count_warning(self._profile, kind, count)
+            severity = Severity.WARNING
+            if count > most:
+                severity = Severity.ERROR
+                text = f"{count} items: {self._profile.name} holds at most {most}"
+            if text is not None:
+                fix = "send a shorter plan" if kind is not MissionType.MISSION else "fly the mission in parts"
+                self.remarks.append(Remark(kind, None, severity, text, fix))
+
+
+def _without_nan(item: MissionItem, profile: Profile) -> MissionItem:
+    """Return the item with the default for each unset parameter that the autopilot would refuse as NaN."""
+    allowed = (profile.nan_parameters or {}).get(item.command, frozenset())
+    defaults = profile.dialect.defaults.get(item.command, {})
+    unset: dict[str, Any] = {
+        name: defaults.get(name, 0.0)
+        for name in _PARAMETERS
+        if getattr(item, name) is None and name not in allowed
+    }
+    return replace(item, **unset) if unset else item
+
+
+def _same_polygon(one: MissionItem, other: MissionItem) -> bool:
+    return one.command == other.command and one.param1 == other.param1
+
+
+def _frame_name(frame: int) -> str:
+    entry = mavlink.enums["MAV_FRAME"].get(frame)
+    return str(frame) if entry is None else f"{frame} ({str(entry.name).removeprefix('MAV_FRAME_')})"

@@ -189,7 +189,7 @@ def _fitted(chosen: Scenario, snapshot: VehicleSnapshot, *, named: bool, autopil
     if not named:
         chosen = scenario_with(chosen, {"vehicle": typical_vehicle(heard)})
     fitted = fitted_to(chosen, heard)
-    if autopilot is not None and autopilot != fitted.vehicle.autopilot:
+    if autopilot not in (None, fitted.vehicle.autopilot):
         msg = f"--autopilot {autopilot}, but {heard.profile.name} is heard: leave --autopilot out"
         raise ScenarioError(msg)
     return fitted

@@ -41,6 +41,8 @@ def require_single_flight(scenario: Scenario) -> None:
 def fitted_to(scenario: Scenario, vehicle: Vehicle) -> Scenario:
     """Return a scenario as the vehicle that was heard flies it: by the rules of its autopilot.
 
+    Those of the scenario hold for an autopilot of which no rules are known.
+
     Raises
     ------
     LiveFlightError
@@ -51,7 +53,8 @@ def fitted_to(scenario: Scenario, vehicle: Vehicle) -> Scenario:
     if planned != heard:
         msg = f"vehicle {name} is a {planned}, but a {heard} is heard; name one of its kind with --vehicle"
         raise LiveFlightError(msg)
-    return scenario_with(scenario, {"autopilot": _AUTOPILOTS.get(vehicle.autopilot, "generic")})
+    autopilot = _AUTOPILOTS.get(vehicle.autopilot)
+    return scenario if autopilot is None else scenario_with(scenario, {"autopilot": autopilot})
 
 
 def typical_vehicle(vehicle: Vehicle) -> str:

@@ -15,6 +15,8 @@ from wbf_mission.preflight.subject import FlownTrack, Subject
 
 __all__ = ["check_fence", "check_obstacles"]
 
+_STEP_M, _MOST_STEPS = 1.0, 1000
+
 
 def check_fence(subject: Subject) -> Iterator[Finding]:
     """Whether home, the rally points and the path that is flown stay within the fence, with the margin."""
@@ -132,4 +134,8 @@ def _paths(subject: Subject) -> list[FlownTrack]:
     if not placed:
         return []
     points = np.array([(0.0, 0.0, 0.0), *(position for _, position in placed)])
-    return [FlownTrack(points, np.array([placed[0][0], *(k for k, _ in placed)], dtype=np.int64))]
+    ends = np.array([k for k, _ in placed], dtype=np.int64)
+    lengths = np.hypot(*np.diff(points[:, :2], axis=0).T)
+    steps = np.clip(np.ceil(lengths / _STEP_M), 1, _MOST_STEPS).astype(np.int64)
+    path = [np.linspace(points[k], points[k + 1], n, endpoint=False) for k, n in enumerate(steps)]
+    return [FlownTrack(np.vstack((*path, points[-1:])), np.append(np.repeat(ends, steps), ends[-1]))]

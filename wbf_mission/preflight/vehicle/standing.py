@@ -172,7 +172,7 @@ def check_place(subject: Subject) -> Iterator[Finding]:
         far = away_m > FARTHEST_M
         yield _finding(
             Severity.ERROR if far else Severity.WARNING,
-            "far-from-home",
+            "away-from-home",
             "the vehicle stands far from the home of the plan, and returns to where it starts",
             "carry it there, or plan from where it stands",
             Measure(away_m, "m", FARTHEST_M if far else _FAR_M),

@@ -1,0 +1,322 @@
+"""Each finding in a plan: a mission that has it, and one like it that has not."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from preflight_plans import (
+    CAMERA_OFF,
+    HOME,
+    RTL,
+    at,
+    box,
+    camera,
+    checked,
+    farm_with_obstacle,
+    fence,
+    fenced,
+    findings,
+    good,
+    speed,
+    takeoff,
+)
+
+from mission.model import Command, Frame, Mission, MissionItem
+from wbf_mission.preflight.finding import Severity
+
+JUMP = Command.DO_JUMP
+PATTERN = (
+    MissionItem(Command.DO_LAND_START),
+    at(-400, 80, 30.0, Command.NAV_LOITER_TO_ALT, param1=1.0, param2=80.0, param4=1.0),
+    at(0, 0, 0.0, Command.NAV_LAND),
+)
+WING_START = (at(0, 150, 40.0, Command.NAV_TAKEOFF, param1=10.0),)
+WING = {"vehicle": "fixed-wing"}
+
+
+def wing(*middle, end=PATTERN, airspeed=15.0):
+    order = MissionItem(Command.DO_CHANGE_SPEED, param1=0.0, param2=airspeed, param3=-1.0)
+    return Mission((*WING_START, order, *middle, *end), HOME)
+
+
+WIDE = (at(0, 500, 40.0), at(500, 500, 40.0), at(500, 0, 40.0))
+LAST = (at(40, 0), at(40, 40))
+
+
+def jumps(target, times):
+    return MissionItem(JUMP, param1=float(target), param2=float(times))
+
+
+# code: (mission with it, mission without, severity, item, options of the check)
+CASES = {
+    "empty": (Mission((), HOME), good(), "error", None, {}),
+    "no-position": (Mission((speed(5.0),), HOME), good(), "error", None, {}),
+    "no-takeoff": (good(start=()), good(), "error", 3, {"autopilot": "ardupilot"}),
+    "altitude": (good(at(40, 0, -5.0)), good(), "error", 4, {}),
+    "far-from-home": (good(at(0, 25_000)), good(), "error", 4, {}),
+    "frame": (good(at(40, 0), at(40, 40, frame=4)), good(), "error", 5, {}),
+    "time": (good(at(40, 0, param1=-5.0)), good(at(40, 0, param1=5.0)), "error", 4, {}),
+    "radius": (good(at(40, 0, param2=-1.0)), good(), "error", 4, {}),
+    "turns": (
+        good(at(40, 0, command=18, param1=0.0)),
+        good(at(40, 0, command=18, param1=1.0, param3=10.0)),
+        "error",
+        4,
+        {},
+    ),
+    "distance": (
+        good(MissionItem(Command.CONDITION_DISTANCE, param1=-1.0), *LAST),
+        good(MissionItem(Command.CONDITION_DISTANCE, param1=1.0), *LAST),
+        "error",
+        4,
+        {},
+    ),
+    "jump-target": (good(*LAST, jumps(40, 1)), good(*LAST, jumps(3, 1)), "error", 6, {}),
+    "jump-loop": (good(*LAST, jumps(5, -1)), good(*LAST, jumps(3, 1)), "error", 6, {}),
+    "approach": (
+        wing(*WIDE, at(60, 0, 40.0), end=PATTERN[2:]),
+        wing(*WIDE, at(600, 0, 40.0), end=PATTERN[2:]),
+        "error",
+        7,
+        WING,
+    ),
+    "stops": (good(), good(), "error", 4, {"wind": (30.0, 0.0)}),
+    "too-many-items": (
+        replace(good(), rally=(at(0, 0, 20.0, Command.NAV_RALLY_POINT),) * 101),
+        replace(good(), rally=(at(0, 0, 20.0, Command.NAV_RALLY_POINT),) * 100),
+        "error",
+        None,
+        {"autopilot": "ardupilot"},
+    ),
+    "many-items": (
+        replace(good(), rally=(at(0, 0, 20.0, Command.NAV_RALLY_POINT),) * 33),
+        replace(good(), rally=(at(0, 0, 20.0, Command.NAV_RALLY_POINT),) * 32),
+        "warning",
+        None,
+        {},
+    ),
+    "not-predicted": (good(*LAST, at(20, 20, command=94)), good(), "warning", 6, {}),
+    "terrain-heights": (
+        good(*LAST, at(20, 20, frame=10)),
+        good(*LAST, at(20, 20)),
+        "warning",
+        6,
+        {"autopilot": "ardupilot"},
+    ),
+    "unreachable": (good(*LAST, end=(RTL, at(0, 0), at(0, 9))), good(), "warning", 7, {}),
+    "endless": (good(*LAST, jumps(3, -1), end=()), good(*LAST, jumps(3, 2)), "warning", 6, {}),
+    "mixed-frames": (good(*LAST, at(20, 20, 30.0, frame=0)), good(), "warning", 6, {}),
+    "late-takeoff": (
+        Mission((at(5, 0), takeoff(), *LAST, RTL), HOME),
+        Mission((takeoff(), at(5, 0), *LAST, RTL), HOME),
+        "warning",
+        1,
+        {},
+    ),
+    "climbs-by-itself": (good(start=()), good(), "warning", 3, {}),
+    "low-takeoff": (good(start=(takeoff(1.0),)), good(), "warning", 1, {}),
+    "no-landing": (good(end=(CAMERA_OFF,)), good(), "warning", 6, {}),
+    "lands-elsewhere": (
+        good(end=(CAMERA_OFF, at(90, 40, 0.0, Command.NAV_LAND))),
+        good(end=(CAMERA_OFF, at(0, 0, 0.0, Command.NAV_LAND))),
+        "warning",
+        8,
+        {},
+    ),
+    "bad-fence": (
+        fenced(good(), box(-9, -9, 60, 60)[:3]),
+        fenced(good(), box(-9, -9, 60, 60)),
+        "error",
+        None,
+        {},
+    ),
+    "home-outside-fence": (
+        fenced(good(), box(10, -20, 60, 60)),
+        fenced(good(), box(-20, -20, 60, 60)),
+        "error",
+        None,
+        {},
+    ),
+    "rally-outside-fence": (
+        fenced(replace(good(), rally=(at(0, 90, 20.0, Command.NAV_RALLY_POINT),)), box(-20, -20, 60, 60)),
+        fenced(replace(good(), rally=(at(0, 50, 20.0, Command.NAV_RALLY_POINT),)), box(-20, -20, 60, 60)),
+        "warning",
+        1,
+        {},
+    ),
+    "outside-fence": (
+        fenced(good(), box(-20, -20, 60, 60), box(15, 35, 25, 45, inside=False)),
+        fenced(good(), box(-20, -20, 60, 60), box(15, 15, 25, 25, inside=False)),
+        "error",
+        6,
+        {},
+    ),
+    "near-fence": (
+        fenced(good(), box(-20, -20, 41.5, 60)),
+        fenced(good(), box(-20, -20, 44, 60)),
+        "warning",
+        5,
+        {},
+    ),
+    "obstacle": (
+        good(),
+        good(),
+        "error",
+        6,
+        {"farm": (farm_with_obstacle(10, 35, 20, 45), farm_with_obstacle(10, 10, 20, 20))},
+    ),
+    "near-obstacle": (
+        good(),
+        good(),
+        "warning",
+        6,
+        {"farm": (farm_with_obstacle(10, 41.5, 20, 45), farm_with_obstacle(10, 44, 20, 46))},
+    ),
+    "too-high": (good(at(40, 0), at(40, 40, 130.0)), good(), "warning", 5, {}),
+    "too-low": (good(at(40, 0), at(40, 40, 1.0)), good(), "warning", 5, {}),
+    "far-start": (good(at(1200, 0)), good(at(900, 0)), "warning", 4, {}),
+    "zero-leg": (good(at(40, 0), at(40, 0)), good(at(40, 0), at(40, 1, param2=0.5)), "warning", 5, {}),
+    "short-leg": (good(at(40, 0), at(40, 1)), good(at(40, 0), at(40, 3)), "warning", 5, {}),
+    "long-leg": (good(at(10_500, 0)), good(at(900, 0)), "warning", 4, {}),
+    "small-radius": (good(at(40, 0, param2=0.5)), good(at(40, 0, param2=0.0)), "warning", 4, {}),
+    "too-fast": (good(speed(20.0), *LAST), good(speed(8.0), *LAST), "warning", 4, {}),
+    "too-slow": (wing(*WIDE, airspeed=6.0), wing(*WIDE), "warning", 2, WING),
+    "tight-turn": (
+        wing(*WIDE, at(520, 0, 40.0), at(520, 20, 40.0)),
+        wing(*WIDE),
+        "warning",
+        6,
+        WING,
+    ),
+    "steep-leg": (wing(*WIDE, at(500, -50, 120.0)), wing(*WIDE), "warning", 6, WING),
+    "too-windy": (good(), good(), "error", None, {"wind": (25.0, 5.0)}),
+    "battery": (
+        good(at(800, 0), at(0, 0), jumps(3, 12)),
+        good(at(800, 0), at(0, 0), jumps(3, 1)),
+        "error",
+        None,
+        {},
+    ),
+    "battery-close": (
+        good(at(400, 0), at(0, 0), jumps(3, 8)),
+        good(at(400, 0), at(0, 0), jumps(3, 1)),
+        "warning",
+        None,
+        {},
+    ),
+    "camera-too-fast": (good(camera(0.02), *LAST), good(camera(0.5), *LAST), "warning", 4, {}),
+    "camera-left-on": (good(end=(RTL,)), good(), "note", 3, {}),
+    "no-camera": (Mission((takeoff(), *LAST, RTL), HOME), good(), "note", None, {}),
+    "flight": (good(), Mission((), HOME), "note", None, {}),
+}
+
+
+@pytest.mark.parametrize("code", CASES)
+def test_a_plan_that_has_it_and_one_that_has_not(code):
+    bad, fine, severity, item, options = CASES[code]
+    with_it = {name: value[0] if isinstance(value, tuple) else value for name, value in options.items()}
+    without = {name: value[1] if isinstance(value, tuple) else value for name, value in options.items()}
+    found = findings(bad, **with_it)
+    assert code in found, list(found)
+    finding = found[code]
+    assert (finding.severity, finding.item) == (Severity(severity), item), str(finding)
+    assert finding.text
+    assert finding.fix or severity == "note"
+    if finding.measure is not None:
+        assert math.isfinite(finding.measure.value)
+    assert code not in findings(fine, **without)
+
+
+def test_a_good_plan_has_only_the_note_of_its_flight():
+    for autopilot in ("px4", "ardupilot"):
+        assert set(findings(good(), autopilot=autopilot)) == {"flight"}
+    assert set(findings(wing(*WIDE), **WING)) == {"flight", "no-camera"}
+
+
+def test_the_path_that_is_flown_counts_not_the_straight_legs():
+    """The legs pass the zone at 0.8 m; ArduCopter's curve leads through its corner."""
+    mission = fenced(good(), box(30, 30, 39.2, 39.2, inside=False))
+    found = findings(mission, autopilot="ardupilot")["outside-fence"]
+    assert (found.item in (5, 6), found.measure.value) == (True, pytest.approx(-0.4, abs=0.3))
+    assert findings(mission, autopilot="px4")["near-fence"].measure.value > 0.0
+
+
+def test_wind_is_in_the_battery_and_in_the_path():
+    calm, windy = checked(good()), checked(good(), wind=9.0)
+    assert windy.subject.prediction.energy_wh > calm.subject.prediction.energy_wh
+
+
+def test_inside_one_area_or_all_of_them_as_the_autopilot_has_it():
+    zones = fenced(good(), box(-20, -20, 60, 60), box(-20, -20, 20, 60))
+    assert "outside-fence" not in findings(zones, autopilot="px4")
+    assert "outside-fence" in findings(zones, autopilot="ardupilot")
+
+
+def test_the_margin_is_the_callers():
+    mission = fenced(good(), box(-20, -20, 48, 60))
+    assert "near-fence" not in findings(mission)
+    assert findings(mission, margin_m=10.0)["near-fence"].measure.limit == 10.0
+
+
+def test_the_cameras_shortest_interval_is_the_callers():
+    found = findings(good(), image_interval_s=1.2)["camera-too-fast"]
+    assert found.measure.value == pytest.approx(1.0)
+    assert found.command == "DO_SET_CAM_TRIGG_DIST"
+    assert "camera-too-fast" not in findings(good(), image_interval_s=0.9)
+
+
+def test_a_vehicle_that_nobody_named_gives_no_errors_of_its_own():
+    long = CASES["battery"][0]
+    assert findings(long)["battery"].severity is Severity.ERROR
+    assert findings(long, assumed=True)["battery"].severity is Severity.WARNING
+
+
+def test_findings_of_several_items_are_one_with_the_worst():
+    found = findings(good(at(40, 0), at(40, 1), at(41, 1), at(41, 1.5)))["short-leg"]
+    assert (found.item, found.count) == (7, 3)
+    assert found.measure.value == pytest.approx(0.5, abs=0.02)
+    assert found.where == "item 7 NAV_WAYPOINT and 2 more"
+
+
+def test_an_item_that_is_not_predicted_leaves_the_others_to_be_checked():
+    found = findings(fenced(good(*LAST, at(20, 20, command=94)), box(-20, -20, 39, 60)))
+    assert {"not-predicted", "outside-fence", "flight"} <= set(found)
+
+
+def test_a_plan_that_cannot_be_flown_is_judged_from_position_to_position():
+    mission = fenced(good(at(40, 0), at(40, 40, 0.0)), box(-20, -20, 39, 60))
+    found = findings(mission)
+    assert found["altitude"].severity is Severity.ERROR
+    assert found["outside-fence"].item == 5
+    assert "flight" not in found
+    between = fenced(good(at(40, 0), at(40, 40, 0.0)), box(35, 15, 45, 25, inside=False))
+    assert findings(between)["outside-fence"].item == 5
+
+
+def test_a_landing_in_between_is_no_end_when_a_takeoff_follows():
+    land = at(40, 0, 0.0, Command.NAV_LAND)
+    found = findings(good(at(40, 0), land, at(40, 0, 10.0, Command.NAV_TAKEOFF), at(0, 40)))
+    assert "unreachable" not in found
+    found = findings(good(at(40, 0), land, at(0, 40)))
+    assert found["unreachable"].item == 6
+
+
+def test_a_landing_that_a_return_enters_is_reachable():
+    assert "unreachable" not in findings(wing(*WIDE, RTL), **WING)
+
+
+def test_without_home_the_first_position_stands_for_it():
+    mission = replace(good(), home=None)
+    assert set(findings(mission)) == {"flight"}
+    assert findings(mission, farm=farm_with_obstacle(10, 35, 20, 45))["obstacle"].item == 6
+
+
+def test_heights_above_the_sea_count_from_home():
+    rows = tuple(replace(one, frame=int(Frame.GLOBAL), z=30.0) for one in LAST)
+    start = (replace(takeoff(), frame=int(Frame.GLOBAL), z=30.0),)
+    assert set(findings(good(*rows, start=start))) == {"flight"}
+
+
+def test_an_empty_fence_of_no_kind_is_told():
+    assert "bad-fence" in findings(replace(good(), fence=(at(0, 0),)))
+    assert "bad-fence" not in findings(fenced(good(), fence([(-50, -50), (100, -50), (0, 150)])))

@@ -132,6 +132,8 @@ class Profile:
         Commands that are taken in a global frame, and in the frame MISSION; None for any.
     checks_jumps : bool
         A DO_JUMP out of the plan is refused.
+    marks_current : bool
+        A download says which item is the current one.
     opaque_ids : bool
         Plans have ids.
     capacity : tuple of int
@@ -193,6 +195,7 @@ class Profile:
     placed: frozenset[int] | None = None
     unplaced: frozenset[int] | None = None
     checks_jumps: bool = False
+    marks_current: bool = True
     opaque_ids: bool = True
     capacity: tuple[int, int, int] = (wire.MAX_ITEMS, wire.MAX_ITEMS, wire.MAX_ITEMS)
     type_result: int = wire.INVALID
@@ -258,6 +261,7 @@ ARDUPILOT = Profile(
         Command.NAV_TAKEOFF: _YAW,
     },
     checks_jumps=True,
+    marks_current=False,
     opaque_ids=False,
     capacity=(4366, 500, 100),
     type_result=wire.UNSUPPORTED,

@@ -65,8 +65,10 @@ class OutgoingPlan:
         mission_type = MissionType(message.mission_type)
         items = session.outgoing if session.state is SENDING else self._store.wire_items(mission_type)
         session.next = max(session.next, message.seq + 1)
-        current = mission_type == MissionType.MISSION and message.seq == (
-            current_sequence + self._store.home_items(mission_type)
+        current = (
+            self._profile.marks_current
+            and mission_type == MissionType.MISSION
+            and message.seq == current_sequence + self._store.home_items(mission_type)
         )
         asked_int = type(message).id == wire.REQUEST_INT
         session.asked_int |= asked_int

@@ -10,7 +10,7 @@ from typing import Literal
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.autopilot.modes import Mode
 
-__all__ = ["COMMON_CAPABILITIES", "Identity", "ModeTable", "Persona", "px4_custom_mode"]
+__all__ = ["COMMON_CAPABILITIES", "BaseModes", "Identity", "ModeTable", "Persona", "px4_custom_mode"]
 
 COMMON_CAPABILITIES = int(
     m.MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT
@@ -22,6 +22,7 @@ COMMON_CAPABILITIES = int(
     | m.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
 )
 """MAV_PROTOCOL_CAPABILITY bits of what the simulated vehicle does under any autopilot."""
+_FIX_3D = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +55,45 @@ class Identity:
 
 
 @dataclass(frozen=True, slots=True)
+class BaseModes:
+    """What HEARTBEAT's base mode says of each mode, besides armed and the custom mode bit.
+
+    Parameters
+    ----------
+    manual, altitude, position : int
+        MAV_MODE_FLAG bits in MANUAL, ALTITUDE and POSITION.
+    landing : int
+        In LAND.
+    other : int
+        In the modes that fly by themselves.
+    """
+
+    manual: int = int(m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED)
+    altitude: int = int(m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED | m.MAV_MODE_FLAG_STABILIZE_ENABLED)
+    position: int = int(
+        m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
+        | m.MAV_MODE_FLAG_STABILIZE_ENABLED
+        | m.MAV_MODE_FLAG_GUIDED_ENABLED
+    )
+    landing: int = int(
+        m.MAV_MODE_FLAG_AUTO_ENABLED | m.MAV_MODE_FLAG_STABILIZE_ENABLED | m.MAV_MODE_FLAG_GUIDED_ENABLED
+    )
+    other: int = int(
+        m.MAV_MODE_FLAG_AUTO_ENABLED | m.MAV_MODE_FLAG_STABILIZE_ENABLED | m.MAV_MODE_FLAG_GUIDED_ENABLED
+    )
+
+    def of(self, mode: Mode) -> int:
+        """Bits in a mode."""
+        known = {
+            Mode.MANUAL: self.manual,
+            Mode.ALTITUDE: self.altitude,
+            Mode.POSITION: self.position,
+            Mode.LAND: self.landing,
+        }
+        return known.get(mode, self.other)
+
+
+@dataclass(frozen=True, slots=True)
 class ModeTable:
     """The custom modes of a firmware.
 
@@ -69,6 +109,8 @@ class ModeTable:
         The mode that DO_REPOSITION, DO_ORBIT and DO_CHANGE_ALTITUDE lead to.
     aliases : mapping of int to Mode
         Further custom modes that are accepted, flown as another mode.
+    base : BaseModes
+        What the base mode of the heartbeat says of them.
     main_and_sub : bool
         DO_SET_MODE carries main and sub mode in parameters 2 and 3 (PX4), not the custom mode in parameter 2.
     """
@@ -78,6 +120,7 @@ class ModeTable:
     after_takeoff: Mode
     after_command: Mode
     aliases: Mapping[int, Mode] = field(default_factory=lambda: MappingProxyType({}))
+    base: BaseModes = field(default_factory=BaseModes)
     main_and_sub: bool = False
 
     def __getitem__(self, mode: Mode) -> int:
@@ -127,6 +170,8 @@ class Persona:
         REQUEST_DATA_STREAM changes rates (ArduPilot); otherwise it is ignored.
     rates_hz : mapping of int to float
         Message id to rate after the start.
+    gps_fix : int
+        GPS_FIX_TYPE in GPS_RAW_INT while the position is known.
     truth_message : int
         Message in which the autopilot's simulator sends the true state of the vehicle.
     reached_repeats : int
@@ -161,6 +206,7 @@ class Persona:
     data_streams: bool
     rates_hz: Mapping[int, float]
     truth_message: int
+    gps_fix: int = _FIX_3D
     reached_repeats: int = 0
     reached_merged: bool = False
     current_lag_s: float = 0.1

@@ -45,26 +45,14 @@ _CHARGE_STATES = (
 )
 _HOME_Q = [1.0, 0.0, 0.0, 0.0]
 _NAN = math.nan
-_BASE_MODE = {
-    Mode.MANUAL: m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED,
-    Mode.ALTITUDE: m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED | m.MAV_MODE_FLAG_STABILIZE_ENABLED,
-    Mode.POSITION: (
-        m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
-        | m.MAV_MODE_FLAG_STABILIZE_ENABLED
-        | m.MAV_MODE_FLAG_GUIDED_ENABLED
-    ),
-}
-_AUTO_MODE = m.MAV_MODE_FLAG_AUTO_ENABLED | m.MAV_MODE_FLAG_STABILIZE_ENABLED | m.MAV_MODE_FLAG_GUIDED_ENABLED
-
-
-def base_mode(mode: Mode, armed: bool) -> int:
-    """Return the base mode of HEARTBEAT; its custom mode bit makes peers read the custom mode."""
-    flags = m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | _BASE_MODE.get(mode, _AUTO_MODE)
-    return int(flags | m.MAV_MODE_FLAG_SAFETY_ARMED if armed else flags)
 
 
 def _heartbeat(source: WireState) -> Message:
     pilot, persona = source.pilot, source.firmware.persona
+    # Without the custom mode bit peers do not read the custom mode.
+    base_mode = m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | persona.modes.base.of(pilot.mode)
+    if pilot.armed:
+        base_mode |= m.MAV_MODE_FLAG_SAFETY_ARMED
     if pilot.failsafe.active:
         status = m.MAV_STATE_EMERGENCY if pilot.state.phase is FlightPhase.DEPLETED else m.MAV_STATE_CRITICAL
     else:
@@ -72,7 +60,7 @@ def _heartbeat(source: WireState) -> Message:
     return m.MAVLink_heartbeat_message(
         persona.identity.mav_type,
         persona.identity.mav_autopilot,
-        base_mode(pilot.mode, pilot.armed),
+        int(base_mode),
         source.custom_mode,
         status,
         3,
@@ -82,6 +70,7 @@ def _heartbeat(source: WireState) -> Message:
 def _sys_status(source: WireState) -> Message:
     pilot = source.pilot
     health = _SENSORS
+    enabled = _SENSORS if pilot.parameters.fence_enable else _SENSORS & ~_FENCE
     if not pilot.controls.position_ok:
         health &= ~_GPS
     if pilot.failsafe.fence.breach and pilot.armed:
@@ -94,7 +83,7 @@ def _sys_status(source: WireState) -> Message:
         millivolts, centiamps = round(1000.0 * battery.voltage_v), int16(100.0 * battery.current_a)
         percent = math.ceil(100.0 * battery.fraction)
     return m.MAVLink_sys_status_message(
-        _SENSORS, _SENSORS, health, 100, millivolts, centiamps, percent, 0, 0, 0, 0, 0, 0
+        _SENSORS, enabled, health, 100, millivolts, centiamps, percent, 0, 0, 0, 0, 0, 0
     )
 
 

@@ -1,6 +1,7 @@
 """ArduCopter, ArduPlane and Rover as their MAVLink peers see them.
 
-Sources of the custom modes: ``mode.h`` of ArduCopter, ArduPlane and Rover.
+Sources of the custom modes: ``mode.h`` of ArduCopter, ArduPlane and Rover; of ArduCopter's base modes its
+``GCS_MAVLink_Copter.cpp``.
 """
 
 from __future__ import annotations
@@ -10,16 +11,26 @@ from types import MappingProxyType
 
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.autopilot.persona import COMMON_CAPABILITIES, Identity, ModeTable, Persona
+from sim_vehicle.autopilot.persona import COMMON_CAPABILITIES, BaseModes, Identity, ModeTable, Persona
 
 __all__ = ["COPTER_PERSONA", "PLANE_PERSONA", "ROVER_PERSONA"]
+
+# ArduCopter 4.7 claims 64495: FTP, attitude targets, terrain and compass calibration besides, which the
+# simulated one does not do. It says nothing of how parameters are encoded (they are cast).
+_CAPABILITIES = COMMON_CAPABILITIES | int(
+    m.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
+    | m.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
+    | m.MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION
+)
+_STICKS = int(m.MAV_MODE_FLAG_STABILIZE_ENABLED | m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED)
+_GUIDED = _STICKS | int(m.MAV_MODE_FLAG_GUIDED_ENABLED)
 
 COPTER_PERSONA = Persona(
     identity=Identity(
         mav_autopilot=int(m.MAV_AUTOPILOT_ARDUPILOTMEGA),
         mav_type=int(m.MAV_TYPE_QUADROTOR),
         version=(4, 6, 0),
-        capabilities=COMMON_CAPABILITIES | int(m.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST),
+        capabilities=_CAPABILITIES,
     ),
     modes=ModeTable(
         numbers=MappingProxyType(
@@ -39,11 +50,13 @@ COPTER_PERSONA = Persona(
         boot=Mode.MANUAL,
         after_takeoff=Mode.GUIDED,
         after_command=Mode.GUIDED,
+        base=BaseModes(_STICKS, _STICKS, position=_GUIDED, landing=_STICKS, other=_GUIDED),
     ),
     parameter_encoding="cast",
     data_streams=True,
     rates_hz=MappingProxyType({m.MAVLINK_MSG_ID_HEARTBEAT: 1.0}),
     truth_message=int(m.MAVLINK_MSG_ID_SIM_STATE),
+    gps_fix=6,
     refused_result=int(m.MAV_RESULT_FAILED),
     unsupported=frozenset({int(m.MAV_CMD_DO_ORBIT), int(m.MAV_CMD_DO_CHANGE_ALTITUDE)}),
     int_only=frozenset({int(m.MAV_CMD_DO_REPOSITION)}),
@@ -76,6 +89,7 @@ PLANE_PERSONA = replace(
             {1: Mode.HOLD, 2: Mode.MANUAL, 3: Mode.MANUAL, 4: Mode.MANUAL, 5: Mode.MANUAL, 8: Mode.MANUAL}
         ),
         after_takeoff=Mode.TAKEOFF,
+        base=BaseModes(),
     ),
 )
 ROVER_PERSONA = replace(
@@ -99,5 +113,6 @@ ROVER_PERSONA = replace(
             }
         ),
         aliases=MappingProxyType({5: Mode.HOLD, 7: Mode.MANUAL, 12: Mode.RTL}),
+        base=BaseModes(),
     ),
 )

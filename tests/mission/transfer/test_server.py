@@ -283,6 +283,12 @@ def test_cancel(server):
     assert not server.busy
 
 
+def test_ardupilot_marks_no_item_in_a_download():
+    made = MissionServer(1, profile=ARDUPILOT, home=GeoPoint(28.0, -82.0, 12.0))
+    made.set_plan(MISSION, (A, B))
+    assert [made.receive(request(number), 0.1).messages[0].current for number in range(3)] == [0, 0, 0]
+
+
 def test_download(server):
     server.set_plan(MISSION, (A, B))
     server.current_sequence = 1

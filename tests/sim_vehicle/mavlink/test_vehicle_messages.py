@@ -121,6 +121,56 @@ def test_capabilities_and_home_by_the_old_commands():
     assert (home.latitude, home.longitude, home.altitude) == (280500000, -821500000, 20000)
 
 
+def requested(peer, number):
+    return peer.order(m.MAV_CMD_REQUEST_MESSAGE, number)[1]
+
+
+def test_ardupilot_claims_what_a_real_one_claims_and_does_it():
+    found = requested(Peer(ARDUPILOT), m.MAVLINK_MSG_ID_AUTOPILOT_VERSION).capabilities
+    # ArduCopter 4.7 claims 64495; FTP, attitude targets, terrain and compass calibration are not there.
+    assert found == 64495 & ~(32 | 64 | 512 | 4096)
+    px4 = requested(Peer(PX4), m.MAVLINK_MSG_ID_AUTOPILOT_VERSION).capabilities
+    assert px4 & m.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+
+
+@pytest.mark.parametrize(
+    ("mode", "expected"),
+    [(Mode.MANUAL, 81), (Mode.ALTITUDE, 81), (Mode.LAND, 81), (Mode.POSITION, 89), (Mode.MISSION, 89)],
+)
+def test_base_modes_of_arducopter(mode, expected):
+    peer = Peer(ARDUPILOT)
+    peer.upload(survey(home_item=True))
+    assert peer.result(176, 1.0, ARDUPILOT.for_vehicle("multirotor").persona.modes[mode]) == 0
+    assert requested(peer, m.MAVLINK_MSG_ID_HEARTBEAT).base_mode == expected
+
+
+def test_base_modes_of_px4_and_arduplane():
+    assert requested(Peer(PX4), m.MAVLINK_MSG_ID_HEARTBEAT).base_mode == 29
+    assert requested(Peer(ARDUPILOT, "fixed-wing"), m.MAVLINK_MSG_ID_HEARTBEAT).base_mode == 65
+
+
+def test_the_fix_is_that_of_each_autopilots_simulator():
+    assert requested(Peer(PX4), m.MAVLINK_MSG_ID_GPS_RAW_INT).fix_type == 3
+    assert requested(Peer(ARDUPILOT), m.MAVLINK_MSG_ID_GPS_RAW_INT).fix_type == 6
+
+
+def test_ardupilots_fence_is_enabled_by_its_parameter():
+    fence = m.MAV_SYS_STATUS_GEOFENCE
+
+    def status(peer):
+        found = requested(peer, m.MAVLINK_MSG_ID_SYS_STATUS)
+        return tuple(
+            bool(getattr(found, f"onboard_control_sensors_{name}") & fence)
+            for name in ("present", "enabled", "health")
+        )
+
+    peer = Peer(ARDUPILOT)
+    assert status(peer) == (True, False, True)
+    peer.tell(m.MAVLink_param_set_message(1, 1, b"FENCE_ENABLE", 1.0, 9))
+    assert status(peer) == (True, True, True)
+    assert status(Peer(PX4)) == (True, True, True)
+
+
 @pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
 @pytest.mark.parametrize("mode", [Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION, Mode.HOLD, Mode.RTL, Mode.LAND])
 def test_modes_by_command_and_by_message(autopilot, mode):

@@ -181,6 +181,9 @@ class ArduCopter(Recorded):
         if item.command == 22:
             # "alt only"
             return Item(frame, 22, 1, (0.0,) * 4, 0, 0, item.z)
+        if item.command == 19:
+            # "LOITER_TIME's NaN or 0 parameters come back as 0 or 1": the direction as 1 or -1
+            return Item(frame, 19, 1, (float(int(one)), 0.0, -1.0 if three < 0 else 1.0, 0.0), *item[4:])
         if item.command in PLACED:
             return Item(frame, item.command, 1, (one, two, three, 0.0), item.x, item.y, item.z)
         # "RTL reads back as frame 0"

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from recorded import Bench, served
+from recorded import HOME, Bench, Item, served
 from recorded_ardupilot import ArduCopter
 from recorded_px4 import Px4
 
@@ -44,6 +44,68 @@ def test_the_stand_ins_have_nothing_of_our_own_vehicle():
         text = path.read_text(encoding="utf-8")
         assert "sim_vehicle" not in text
         assert "mission.transfer" not in text
+
+
+def place(frame, command, x, y, z, p1=0.0, autocontinue=0):
+    return Item(frame, command, autocontinue, (p1, 0.0, 0.0, 0.0), x, y, z)
+
+
+# As each keeps them: PX4 gives the frames 5 and 6 for 0 and 3.
+PLANS = {
+    "PX4": {
+        0: [
+            place(6, 16, -353_630_000, 1_491_650_000, 12.0, 3.0, 1),
+            place(6, 19, -353_631_000, 1_491_651_000, 9.0, 30.0, 1),
+        ],
+        1: [place(5, 5003, -353_632_622, 1_491_652_376, 0.0, 30.0)],
+        2: [place(6, 5100, -353_631_000, 1_491_652_000, 15.0)],
+    },
+    "ArduPilot": {
+        0: [
+            place(0, 16, *HOME[:2], HOME[2] / 1000, autocontinue=1),
+            place(3, 16, -353_630_000, 1_491_650_000, 12.0, 3.0, 1),
+            place(3, 18, -353_631_000, 1_491_651_000, 9.0, 3.0, 1),
+        ],
+        1: [place(0, 5003, -353_632_622, 1_491_652_376, 0.0, 30.0)],
+        2: [place(3, 5100, -353_631_000, 1_491_652_000, 15.0)],
+    },
+}
+
+
+@pytest.mark.parametrize("only", ["transfer", "transfer.nan", "mission.types-apart"])
+@pytest.mark.parametrize("empty", [(), (0,), (0, 1, 2)])
+@pytest.mark.parametrize("name", REAL)
+def test_its_own_plans_are_there_afterwards(name, empty, only):
+    plans = {kind: [] if kind in empty else plan for kind, plan in PLANS[name].items()}
+    vehicle = REAL[name]()
+    vehicle.plans = {kind: list(plan) for kind, plan in plans.items()}
+    report = run(vehicle, only=(only,))
+    assert report.warnings == ()
+    assert vehicle.plans == plans
+
+
+class SaysNothingOfItsPlans(Px4):
+    def on_mission_request_list(self, message, sender):
+        """Say nothing."""
+
+
+class TakesOnePlan(Px4):
+    """Refuses what comes after the check."""
+
+    def on_mission_count(self, message, sender):
+        if self.last_upload is None:
+            super().on_mission_count(message, sender)
+        else:
+            self.ack(sender, 1, message.mission_type)
+
+
+def test_plans_that_are_lost_are_told():
+    (text,) = run(SaysNothingOfItsPlans(), only=("mission.one-item",)).warnings
+    assert text.startswith("the vehicle's own plans could not be read, so they are not put back: ")
+    vehicle = TakesOnePlan()
+    vehicle.plans[0] = list(PLANS["PX4"][0])
+    (text,) = run(vehicle, only=("mission.one-item",)).warnings
+    assert text.startswith("the vehicle's own plans could not be put back: ")
 
 
 def test_over_a_socket():
@@ -303,8 +365,8 @@ class SkipsReached(ArduCopter):
 
 READS_THE_MISSION = """
 mission.one-item mission.ten-items mission.hundred-items mission.camera-items mission.replaced mission.clear
-mission.home mission.clear-all mission.part mission.set-current mission.set-current-beyond mission.types-apart
-transfer.duplicate-count transfer.duplicate-item transfer.out-of-order transfer.cancel
+mission.loiter mission.home mission.clear-all mission.part mission.set-current mission.set-current-beyond
+mission.types-apart transfer.duplicate-count transfer.duplicate-item transfer.out-of-order transfer.cancel
 transfer.cancel-download transfer.late-item transfer.count-zero transfer.re-read transfer.request-beyond
 transfer.second-station
 transfer.silence

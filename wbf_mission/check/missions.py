@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mission.link.codec.dialect import mavlink as m
-from mission.model import Command, Frame, GeoPoint, Mission, MissionItem, MissionType
+from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType
 from mission.transfer import result_text, wire
 from wbf_mission.check.errors import FailedError, SkippedError
 from wbf_mission.check.peer import Peer
@@ -70,6 +70,15 @@ def camera_items(peer: Peer) -> None:
     peer.upload((first, *survey, *rest, last))
 
 
+@check("mission.loiter", "the time of a LOITER_TIME is kept; of its other parameters 0 or 1 may come back")
+def loiter(peer: Peer) -> None:
+    """Send one with a time and nothing else."""
+    first, *rest, last = peer.items(4)
+    home = peer.home
+    wait = MissionItem(Command.NAV_LOITER_TIME, 3, 5.0, x=home.latitude_deg, y=home.longitude_deg, z=11.0)
+    peer.upload((first, *rest, wait, last))
+
+
 @check("mission.replaced", "a shorter mission replaces a longer one")
 def replaced(peer: Peer) -> None:
     """Nothing of the old one is left."""
@@ -113,7 +122,7 @@ def home(peer: Peer) -> str:
     if place is None:
         raise SkippedError("its home is not known")
     elsewhere = GeoPoint(peer.home.latitude_deg + 0.01, peer.home.longitude_deg, peer.home.altitude_m)
-    peer.driver.upload(Mission(peer.items(3), home=elsewhere), types=[MissionType.MISSION])
+    peer.upload(peer.items(3), home=elsewhere)
     found = peer.driver.download(types=[MissionType.MISSION])[0].home
     if found is None:
         raise FailedError("item 0 has no position")

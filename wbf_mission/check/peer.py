@@ -6,7 +6,6 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
 from typing import TypeAlias, TypeVar
 
 from mission.link.address import Link
@@ -15,7 +14,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from mission.link.endpoint import MavlinkEndpoint
 from mission.model import Command, GeoPoint, Mission, MissionItem, MissionType
-from mission.transfer import Profile, compare_plans
+from mission.transfer import Profile, RoundTrip, VerifiedUpload, compare_plans, wire
 from mission.transfer.driver import TransferDriver, Vehicle, wait_readable
 from sim_vehicle.autopilot import autopilot_of_number
 from sim_vehicle.autopilot.persona import Persona
@@ -70,6 +69,7 @@ class Peer:
         self._wait = wait
         self._queue: deque[tuple[float, Message]] = deque()
         self._beat_s = -math.inf
+        self._round_trip = RoundTrip()
 
     def now(self) -> float:
         """Seconds of the clock."""
@@ -209,7 +209,7 @@ class Peer:
     def must(self, command: int, *params: float) -> Ack:
         """Send a command that has to be accepted; FailedError otherwise."""
         answer = self.command(command, *params)
-        name = command_name(command)
+        name = wire.command_name(command)
         if answer is None:
             raise FailedError(f"no COMMAND_ACK for {name}")
         if answer.result != m.MAV_RESULT_ACCEPTED:
@@ -252,17 +252,24 @@ class Peer:
         ]
         return (takeoff, *waypoints, MissionItem(Command.NAV_RETURN_TO_LAUNCH))
 
-    def upload(self, items: Iterable[MissionItem], kind: MissionType = MissionType.MISSION) -> None:
-        """Send a plan, read it back and compare; RemoteTransferError if that fails."""
-        plan = tuple(items)
-        empty: tuple[MissionItem, ...] = ()
-        mission = Mission(
-            plan if kind is MissionType.MISSION else empty,
-            home=self.home,
-            fence=plan if kind is MissionType.FENCE else empty,
-            rally=plan if kind is MissionType.RALLY else empty,
+    def upload(
+        self,
+        items: Iterable[MissionItem],
+        kind: MissionType = MissionType.MISSION,
+        *,
+        home: GeoPoint | None = None,
+    ) -> None:
+        """Send a plan just as it is, read it back and compare; RemoteTransferError if that fails."""
+        upload = VerifiedUpload(
+            tuple(items),
+            kind,
+            home=home or self.home,
+            target=self.address,
+            source=GROUND,
+            profile=self.profile,
+            round_trip=self._round_trip,
         )
-        self.driver.upload(mission, types=[kind])
+        self.driver.run(upload)
 
     def download(self, kind: MissionType = MissionType.MISSION) -> tuple[MissionItem, ...]:
         """Read a plan."""
@@ -274,36 +281,23 @@ class Peer:
         if differences:
             raise FailedError(f"the mission is another: {differences[0]}")
 
-    @contextmanager
-    def plans_kept(self) -> Iterator[None]:
-        """Put the vehicle's own plans back at the end."""
-        mission, _ = self.driver.download()
-        try:
-            yield
-        finally:
-            self.sleep(0.2)
-            for kind in MissionType:
-                plan = mission.plan(kind)
-                if plan:
-                    self.upload(plan, kind)
-            empty = [kind for kind in MissionType if not mission.plan(kind)]
-            self.driver.clear([kind for kind in empty if self.download(kind)])
+    def plans(self) -> Mission:
+        """Read all plans; RemoteTransferError if that fails."""
+        return self.driver.download()[0]
+
+    def put_back(self, plans: Mission) -> None:
+        """Give the vehicle these plans, and no others; TransferError if that fails."""
+        self.sleep(0.2)
+        for kind in MissionType:
+            plan = plans.plan(kind)
+            if plan:
+                self.upload(plan, kind)
+            elif self.download(kind):
+                self.driver.clear([kind])
 
     def close(self) -> None:
         """Close the link."""
         self.endpoint.close()
-
-
-def command_name(command: int) -> str:
-    """Return the name of a MAV_CMD.
-
-    Examples
-    --------
-    >>> command_name(400)
-    'COMPONENT_ARM_DISARM'
-    """
-    entry = m.enums["MAV_CMD"].get(command)
-    return f"command {command}" if entry is None else str(entry.name).removeprefix("MAV_CMD_")
 
 
 def result_name(result: int) -> str:

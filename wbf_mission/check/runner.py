@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from geo.errors import WbfMissionError
-from mission.errors import LinkError
+from mission.errors import LinkError, TransferError
 from mission.link import open_link
 from mission.link.address import Link
 from mission.link.codec.dialect import mavlink as m
@@ -38,11 +38,14 @@ class CheckReport:
         The link.
     vehicle : Vehicle
     results : tuple of CheckResult
+    warnings : tuple of str
+        What the vehicle lost by being checked.
     """
 
     name: str
     vehicle: Vehicle
     results: tuple[CheckResult, ...]
+    warnings: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -68,6 +71,7 @@ class CheckReport:
             "passed": self.passed,
             "counts": {verdict.value: verdicts.count(verdict) for verdict in Verdict},
             "checks": [result.summary() for result in self.results],
+            "warnings": list(self.warnings),
         }
 
 
@@ -156,34 +160,40 @@ def check_link(
         raise CheckError(msg)
     _find_home(peer)
     results: list[CheckResult] = []
+    warnings: list[str] = []
     tell = on_result or _silent
     with ExitStack() as stack:
         kept = False
         for one in checks:
             if one.group in _MISSION_GROUPS and not kept:
-                kept = _keep_plans(peer, stack)
+                kept = True
+                _keep_plans(peer, stack, warnings)
             result = _run(one, peer)
             results.append(result)
             tell(result)
-    return CheckReport(link.name, vehicle, tuple(results))
+    return CheckReport(link.name, vehicle, tuple(results), tuple(warnings))
 
 
-def _keep_plans(peer: Peer, stack: ExitStack) -> bool:
+def _keep_plans(peer: Peer, stack: ExitStack, warnings: list[str]) -> None:
     """Read the vehicle's plans, to be put back at the end as well as it lets us."""
-    keeper = peer.plans_kept()
     try:
-        keeper.__enter__()
-    except RemoteTransferError:
-        return True
+        plans = peer.plans()
+    except RemoteTransferError as error:
+        warnings.append(f"the vehicle's own plans could not be read, so they are not put back: {error}")
+        return
 
     def put_back() -> None:
         try:
-            keeper.__exit__(None, None, None)
-        except RemoteTransferError:
-            peer.texts.append("the vehicle's own plans could not be put back")
+            try:
+                peer.put_back(plans)
+            except TransferError:
+                # A check may have left an upload that the vehicle has to give up first.
+                peer.sleep(peer.profile.abort_s + 1.0)
+                peer.put_back(plans)
+        except TransferError as error:
+            warnings.append(f"the vehicle's own plans could not be put back: {error}")
 
     stack.callback(put_back)
-    return True
 
 
 _Where: TypeAlias = m.MAVLink_home_position_message | m.MAVLink_global_position_int_message

@@ -70,6 +70,8 @@ def check_command(
         output.note(f"{result.verdict.value:8}{result.check.id}{': ' + result.told if result.told else ''}")
 
     report = check_vehicle(url, fly=fly, only=only or (), system_id=system, wait_s=wait, on_result=tell)
+    for text in report.warnings:
+        output.warn(text)
     marks = {Verdict.PASSED: "holds", Verdict.SKIPPED: "skipped", Verdict.FAILED: "FAILS"}
     rows = [
         [

@@ -41,6 +41,8 @@ class Outcome(Enum):
     """No vehicle was heard."""
     UPLOAD_FAILED = "upload_failed"
     """The vehicle did not take the mission."""
+    NO_ANSWER = "no_answer"
+    """The vehicle was heard, but then it was silent; what became of it is not known."""
     TIME_LIMIT = "time_limit"
     """The flight took much longer than it should."""
     NOT_STARTED = "not_started"
@@ -58,7 +60,13 @@ class Outcome(Enum):
     @property
     def loses_vehicle(self) -> bool:
         """Whether there is no vehicle to fly again: it fell, or nobody knows where it is."""
-        return self in (Outcome.CRASHED, Outcome.BATTERY_DEPLETED, Outcome.NO_CONTACT, Outcome.TIME_LIMIT)
+        return self in (
+            Outcome.CRASHED,
+            Outcome.BATTERY_DEPLETED,
+            Outcome.NO_CONTACT,
+            Outcome.NO_ANSWER,
+            Outcome.TIME_LIMIT,
+        )
 
     @property
     def is_good(self) -> bool:

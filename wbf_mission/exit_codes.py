@@ -70,6 +70,7 @@ _OF_OUTCOMES = {
     Outcome.COMPLETED: ExitCode.GOOD,
     Outcome.INTERRUPTED: ExitCode.INTERRUPTED,
     Outcome.NO_CONTACT: ExitCode.NO_VEHICLE,
+    Outcome.NO_ANSWER: ExitCode.LINK_LOST,
     Outcome.UPLOAD_FAILED: ExitCode.REFUSED,
     Outcome.ARMING_REFUSED: ExitCode.REFUSED,
     Outcome.MISSION_REJECTED: ExitCode.REFUSED,

@@ -44,6 +44,8 @@ class FlightRecord:
         Simulated seconds from the mission's start to its end.
     link : LinkReport or None
         How good the link to a real vehicle was; None in a simulation.
+    missing_images : int
+        Images that will not come any more: lost on the way, or never taken because the link was dead.
     seen_before : int
         How many observations of the run there were when it began.
     texts : list
@@ -65,6 +67,7 @@ class FlightRecord:
     battery_used: float | None
     flight_time_s: float
     link: LinkReport | None = None
+    missing_images: int = 0
     seen_before: int = 0
     texts: list[tuple[float, int, str]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -92,5 +95,6 @@ class FlightRecord:
             "battery_used": self.battery_used,
             "predicted_battery_used": self.plan.battery_used,
             "images": asdict(self.camera),
+            "missing_images": self.missing_images,
             "link": None if self.link is None else {**asdict(self.link), "loss": self.link.loss},
         }

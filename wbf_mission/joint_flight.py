@@ -22,6 +22,9 @@ from wbf_mission.stopwatch import Stopwatch
 SLICE_S = 1.0
 FLIGHT_LIMIT_FACTOR = 3.0
 FLIGHT_LIMIT_EXTRA_S = 600.0
+SILENT_FACTOR = 1.5
+SILENT_FOR_GOOD_S = 60.0
+"""A real vehicle that is silent for so long, and should have landed long ago, is not waited for."""
 
 
 class Attendant(Protocol):
@@ -122,6 +125,7 @@ class JointFlight:
                 self._keep_pace(begin, self._pace)
             if self._attendant is not None:
                 self._attendant.tend(self)
+                self._give_up_silent()
             elif self.now_s > limit_s or stop in (StopReason.IDLE, StopReason.STALLED):
                 self._give_up()
             self.learn()
@@ -179,6 +183,24 @@ class JointFlight:
             phase = sortie.ground.phase
             why = f"not over after {self.now_s:.0f} simulated seconds ({phase.value})"
             sortie.ground.interrupt(Outcome.TIME_LIMIT, why, self.now_s)
+
+    def _give_up_silent(self) -> None:
+        """End the flight of a real vehicle that nobody has heard of for longer than it can fly."""
+        for sortie in self.sorties:
+            ground = sortie.ground
+            if ground.phase is not Phase.FLIGHT or ground.started_s is None:
+                continue
+            silent_s = self.now_s - ground.link.heard_s
+            flown_s = self.now_s - ground.started_s
+            if (
+                silent_s > SILENT_FOR_GOOD_S
+                and flown_s > SILENT_FACTOR * self._expected_s + SILENT_FOR_GOOD_S
+            ):
+                why = (
+                    f"nothing was heard of the vehicle for {silent_s:.0f} s; "
+                    f"its flight was to take {self._expected_s:.0f} s"
+                )
+                ground.interrupt(Outcome.NO_ANSWER, why, self.now_s)
 
     def _keep_pace(self, begin: float, pace: float) -> None:
         ahead_s = self.now_s / pace - (time.perf_counter() - begin)

@@ -71,6 +71,8 @@ class Sortie:
         What it looks with.
     ground : GroundStation
         What flies it.
+    images_missed : callable
+        Returns how many images were never taken because the link was dead; the host sets it.
     send : callable
         Sends messages of the ground station; the host sets it.
     """
@@ -93,6 +95,7 @@ class Sortie:
         self.start_delay_s = start_delay_s
         self.number, self.task, self.plan = number, task, plan
         self.send: Callable[[list[Message]], None] = _nobody_sends
+        self.images_missed: Callable[[], int] = _none_missed
         self.scenario = scenario
         self.leaf_camera = LeafCamera(
             environment,
@@ -340,8 +343,26 @@ class Sortie:
             flight_time_s=ground.flight_time_s,
             texts=ground.texts,
             link=ground.link_report,
-            warnings=[*self.plan.warnings, *filter(None, [self.assembler.mismatch()])],
+            missing_images=self._missing_images,
+            warnings=[*self.plan.warnings, *filter(None, [self.assembler.mismatch(), self._missing()])],
         )
+
+    @property
+    def _missing_images(self) -> int:
+        """How many images will not come any more: lost on the way, or never taken over a dead link."""
+        return len(self.assembler.missing()) + self.images_missed()
+
+    def _missing(self) -> str | None:
+        """Say how many images of a real flight are missing for good; None if none are."""
+        missing, report = self._missing_images, self.ground.link_report
+        if report is None or not missing:
+            return None
+        silent = f"; nothing was heard of the vehicle for {report.silent_s:.0f} s" if report.silent_s else ""
+        return f"about {missing} images are missing for good{silent}"
+
+
+def _none_missed() -> int:
+    return 0
 
 
 def _nobody_sends(_messages: list[Message]) -> None:

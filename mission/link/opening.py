@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mission.link.address import SERIAL, Link, parse_link_url
-from mission.link.reconnect import TcpClientLink
+from mission.link.reconnect import SerialClientLink, TcpClientLink
 from mission.link.serial import SerialLink
 from mission.link.sockets import TcpLink, TcpServerLink, UdpInLink, UdpOutLink
 
@@ -18,8 +18,8 @@ def open_link(url: str, *, timeout_s: float = 5.0, reconnect: bool = False) -> L
     timeout_s : float
         How long a TCP connection may take to be made.
     reconnect : bool
-        A ``tcp`` link that is lost is made again as soon as the other side is there, and drops what is sent
-        in between; without, it raises LinkError.
+        A ``tcp`` link or serial line that is lost is made again as soon as the other side is there, and drops
+        what is sent in between; without, it raises LinkError.
 
     Raises
     ------
@@ -29,7 +29,7 @@ def open_link(url: str, *, timeout_s: float = 5.0, reconnect: bool = False) -> L
     """
     address = parse_link_url(url)
     if address.scheme == SERIAL:
-        return SerialLink(address)
+        return SerialClientLink(address) if reconnect else SerialLink(address)
     if address.scheme == "udpin":
         return UdpInLink(address)
     if address.scheme == "udpout":

@@ -1,4 +1,4 @@
-"""A TCP connection that is made again when it was lost."""
+"""Links that are made again when they were lost: a TCP connection, a serial line."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 from mission.errors import LinkError
 from mission.link.address import LinkAddress
+from mission.link.serial import SerialLink
 from mission.link.sockets import TcpLink
 
 _RETRY_S = 1.0
@@ -142,4 +143,85 @@ class TcpClientLink:
                 trying.close()
 
 
-__all__ = ["TcpClientLink"]
+class SerialClientLink:
+    """A serial line whose device may disappear and come back, as that of a radio on USB does.
+
+    While it is away, what is sent is dropped and it is tried again each second.
+
+    Parameters
+    ----------
+    address : LinkAddress
+        ``host`` is the device, ``port`` the bits per second.
+    clock : callable
+        Monotonic seconds.
+
+    Attributes
+    ----------
+    connections : int
+        How often it was opened.
+
+    Raises
+    ------
+    LinkError
+        If it cannot be opened the first time.
+    """
+
+    def __init__(self, address: LinkAddress, *, clock: Callable[[], float] = time.monotonic) -> None:
+        self.name = str(address)
+        self.connections = 1
+        self._address = address
+        self._clock = clock
+        self._link: SerialLink | None = SerialLink(address)
+        self._next_s = 0.0
+        self._closed = False
+
+    def send(self, data: bytes) -> None:
+        """Send, or drop it while the device is away."""
+        link = self._link or self._try()
+        if link is None:
+            return
+        try:
+            link.send(data)
+        except LinkError:
+            self._lose()
+
+    def receive(self) -> list[bytes]:
+        """Return the bytes that have arrived; nothing while the device is away."""
+        link = self._link or self._try()
+        if link is None:
+            return []
+        try:
+            return link.receive()
+        except LinkError:
+            self._lose()
+            return []
+
+    def close(self) -> None:
+        """Close the line and stop trying."""
+        self._closed = True
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+
+    def fileno(self) -> int | None:
+        """Return the line's descriptor, None while there is none."""
+        return None if self._link is None else self._link.fileno()
+
+    def _lose(self) -> None:
+        if self._link is not None:
+            self._link.close()
+        self._link = None
+        self._next_s = self._clock() + _RETRY_S
+
+    def _try(self) -> SerialLink | None:
+        now_s = self._clock()
+        if self._closed or now_s < self._next_s:
+            return None
+        self._next_s = now_s + _RETRY_S
+        with contextlib.suppress(LinkError):
+            self._link = SerialLink(self._address)
+            self.connections += 1
+        return self._link
+
+
+__all__ = ["SerialClientLink", "TcpClientLink"]

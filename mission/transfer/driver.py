@@ -33,6 +33,7 @@ _STATUSTEXT = mavlink.MAVLINK_MSG_ID_STATUSTEXT
 _HEARTBEAT_S = 1.0
 _LAST_WORDS_S = 0.5
 _LONGEST_WAIT_S = 0.25
+_FEWEST_FRAMES = 20
 _ORDER = (MissionType.FENCE, MissionType.RALLY, MissionType.MISSION)
 
 
@@ -189,8 +190,18 @@ class TransferDriver:
             raise RemoteTransferError(last.text, last)
         return last, transfer.statistics()
 
+    def _measure_loss(self) -> None:
+        """Take what part of the vehicle's frames is missing."""
+        vehicle = self.vehicle
+        heard = (
+            None if vehicle is None else self.endpoint.sources.get((vehicle.system_id, vehicle.component_id))
+        )
+        if heard is not None and heard.received >= _FEWEST_FRAMES:
+            self._round_trip.loss = heard.lost / (heard.lost + heard.received)
+
     def _turn(self, transfer: Transfer) -> Event | None:
         last: Event | None = None
+        self._measure_loss()
         for message in self.endpoint.receive():
             self._note_text(message)
             last = self._hand_on(transfer.receive(message, self._clock())) or last

@@ -287,9 +287,10 @@ ARDUPILOT = Profile(
     change_failsafe=dict.fromkeys(
         COPTERS,
         (
-            NeededParameter("FS_GCS_ENABLE", good=frozenset({1, 2, 3, 6}), value=1),
-            NeededParameter("FS_GCS_TIMEOUT", least=90),
+            # In this order: switched on last, it never finds a mission that it would break off.
             NeededParameter("FS_OPTIONS", bits=2),
+            NeededParameter("FS_GCS_TIMEOUT", least=90),
+            NeededParameter("FS_GCS_ENABLE", good=frozenset({1, 2, 3, 6}), value=1),
         ),
     ),
 )

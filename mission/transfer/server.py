@@ -172,6 +172,12 @@ class MissionServer:
             return self._step(_I.RETRY, None, self._session.partner, now_s)
         return NOTHING
 
+    def restart(self, now_s: float) -> Output:
+        """Forget the transfer that runs, without a word: the vehicle starts again. The plans stay."""
+        if self._session.state is IDLE:
+            return NOTHING
+        return Output((), self._step(_I.ABORT, None, self._session.partner, now_s).events)
+
     def next_deadline(self) -> float | None:
         """When `poll` has something to do, None if no transfer runs."""
         if self._session.state is IDLE:

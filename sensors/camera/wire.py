@@ -81,7 +81,7 @@ class _Image:
     index: int = -1
     latitude_e7: int = 0
     longitude_e7: int = 0
-    time_us: int = 0
+    time_us: float = 0
     footprint_cells: int = 0
     parts: dict[int, list[float]] = field(default_factory=dict)
     cells: int = 0
@@ -137,6 +137,7 @@ class ObservationAssembler:
         self._highest = -1
         self._highest_ms = 0
         self._from_first = False
+        self._moved_us = 0.0
         self._since_us = -math.inf
         self._single: list[tuple[float, ...]] = []
         self._wide: list[_Image] = []
@@ -232,6 +233,7 @@ class ObservationAssembler:
     def _complete(self, key: _Key, image: _Image) -> None:
         del self._pending[key]
         self._finish(key, image.index)
+        image.time_us += self._moved_us
         if image.time_us < self._since_us:
             self._missing = {index: None for index in self._missing if index > image.index}
             self.statistics.lost = len(self._missing)
@@ -275,6 +277,10 @@ class ObservationAssembler:
         """
         self._from_first = True
         self._since_us = 1e6 * since_s
+
+    def move_clock(self, seconds: float) -> None:
+        """Add so many seconds to the times of images from now on: the vehicle's clock has started again."""
+        self._moved_us = 1e6 * seconds
 
     def expect(self, count: int) -> None:
         """Miss what has not arrived of so many images, the camera's own count."""

@@ -24,7 +24,9 @@ __all__ = ["KINDS", "TRIGGERS", "Direction", "Fault", "FaultError", "Kind", "loa
 
 Direction = Literal["up", "down", "both"]
 Group = Literal["link", "message", "vehicle"]
-ValueKind = Literal["chance", "seconds", "baud", "item", "message", "result", "component", "none"]
+ValueKind = Literal[
+    "chance", "part", "seconds", "baud", "item", "message", "result", "command", "component", "none"
+]
 
 
 class FaultError(VehicleError, ValueError):
@@ -77,9 +79,12 @@ KINDS: dict[str, Kind] = {
     ),
     "no-final-ack": Kind("message", "none", "the MISSION_ACK that accepts is not sent"),
     "final-ack-error": Kind("message", "result", "the last MISSION_ACK has this result instead", 1.0),
+    "refuse": Kind("message", "command", "commands with this number (400: arm) are denied"),
     "gps-loss": Kind("vehicle", "none", "the vehicle has no position"),
     "motor-failure": Kind("vehicle", "none", "a motor stops"),
     "dead-battery": Kind("vehicle", "none", "the battery is empty at once"),
+    "low-battery": Kind("vehicle", "part", "no more than this part of the battery is left", 0.1),
+    "reboot": Kind("vehicle", "none", "the autopilot starts again, and flies on"),
     "stuck-camera": Kind("vehicle", "none", "the shutter does not open: images fail"),
 }
 """Every kind of fault by name."""
@@ -91,6 +96,8 @@ _ITEM = re.compile(r"item:[0-9]{1,5}")
 _DIRECTIONS = ("up", "down", "both")
 _RANGES: dict[ValueKind, tuple[float, float, str]] = {
     "chance": (0.0, 1.0, "a chance from 0 to 1"),
+    "part": (0.0, 1.0, "a part from 0 to 1"),
+    "command": (0.0, 65535.0, "the number of a command, such as 400"),
     "seconds": (0.0, 3600.0, "seconds from 0 to 3600"),
     "baud": (1.0, 1e9, "bits per second, such as 57600"),
     "item": (0.0, 65535.0, "the number of an item, from 0"),
@@ -197,7 +204,7 @@ class Fault:
         low, high, text = _RANGES[kind.value]
         self._require(value is not None, f"it needs a value: {text}")
         number = _message_id(value) if kind.value == "message" else _number(value)
-        whole = kind.value in ("item", "message", "result", "component")
+        whole = kind.value in ("item", "message", "result", "command", "component")
         good = low <= number <= high and (not whole or number == int(number))
         self._require(
             good, f"{value:g} is not {text}" if isinstance(value, float) else f"{value} is not {text}"

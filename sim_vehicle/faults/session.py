@@ -265,6 +265,8 @@ class FaultyComponent:
             self._session.fire(self.system_id, trigger, now_s)
         if self._silent(now_s) or self._swallows(message, now_s):
             return []
+        if (refusal := self._refusal(message, now_s)) is not None:
+            return [refusal]
         return self._spoil(self.inner.receive(message, now_s), now_s)
 
     def poll(self, now_s: float) -> list[Message]:
@@ -302,7 +304,7 @@ class FaultyComponent:
             if active != broken:
                 self._broken[fault] = active
                 still = any(on for other, on in self._broken.items() if other.kind == fault.kind)
-                break_vehicle(self.inner, fault.kind, still)
+                break_vehicle(self.inner, fault.kind, still, fault.number)
 
     def _take(self, fault: Fault, now_s: float) -> bool:
         """Whether a fault happens to a message that it fits; counts it."""
@@ -324,6 +326,19 @@ class FaultyComponent:
             if fits and self._take(fault, now_s):
                 return True
         return False
+
+    def _refusal(self, message: Message, now_s: float) -> Message | None:
+        """The answer to a command that is denied; None where the component itself answers."""
+        commands = (m.MAVLink_command_long_message, m.MAVLink_command_int_message)
+        if not isinstance(message, commands) or message.target_system not in (0, self.system_id):
+            return None
+        for fault in self._messages:
+            fits = fault.kind == "refuse" and message.command == fault.number
+            if fits and self._take(fault, now_s):
+                denied = int(m.MAV_RESULT_DENIED)
+                source = message.get_srcSystem(), message.get_srcComponent()
+                return m.MAVLink_command_ack_message(message.command, denied, 0, 0, *source)
+        return None
 
     def _spoil(self, messages: list[Message], now_s: float) -> list[Message]:
         """The messages that are sent in place of the component's own."""

@@ -10,7 +10,7 @@ from sim_vehicle.component import Component
 __all__ = ["break_vehicle"]
 
 
-def break_vehicle(component: Component, kind: str, broken: bool) -> None:
+def break_vehicle(component: Component, kind: str, broken: bool, value: float = 0.0) -> None:
     """Break or mend something of a vehicle; a component that has no such part is left alone.
 
     Parameters
@@ -21,28 +21,36 @@ def break_vehicle(component: Component, kind: str, broken: bool) -> None:
         A fault of the group vehicle in `sim_vehicle.faults.fault.KINDS`.
     broken : bool
         False mends it.
+    value : float
+        The fault's value; 0 for none.
     """
-    pilot = getattr(component, "pilot", None)
     switch = _SWITCHES.get(kind)
-    if pilot is not None and switch is not None:
-        switch(pilot, broken)
+    if getattr(component, "pilot", None) is not None and switch is not None:
+        switch(component, broken, value)
 
 
-def _gps(pilot: Any, broken: bool) -> None:
-    pilot.controls.position_ok = not broken
+def _gps(vehicle: Any, broken: bool, _value: float) -> None:
+    vehicle.pilot.controls.position_ok = not broken
 
 
-def _motor(pilot: Any, broken: bool) -> None:
-    pilot.fail_motor(broken)
+def _motor(vehicle: Any, broken: bool, _value: float) -> None:
+    vehicle.pilot.fail_motor(broken)
 
 
-def _battery(pilot: Any, broken: bool) -> None:
+def _battery(vehicle: Any, broken: bool, value: float) -> None:
     # Nobody changes a battery in flight: the end of the fault does not charge it.
     if broken:
-        pilot.drain_battery(0.0)
+        vehicle.pilot.drain_battery(value)
 
 
-_SWITCHES: dict[str, Callable[[Any, bool], None]] = {
+def _reboot(vehicle: Any, broken: bool, _value: float) -> None:
+    if broken:
+        vehicle.reboot()
+
+
+_SWITCHES: dict[str, Callable[[Any, bool, float], None]] = {
+    "low-battery": _battery,
+    "reboot": _reboot,
     "gps-loss": _gps,
     "motor-failure": _motor,
     "dead-battery": _battery,

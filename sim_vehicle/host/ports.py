@@ -223,7 +223,7 @@ class _TcpPort:
 
 
 class _LinkPort:
-    """One peer behind a link: a serial line, or a TCP connection that we make (again, when it was lost)."""
+    """One peer behind a link that we make, and make again when it was lost: a serial line, or TCP."""
 
     def __init__(self, link: Link) -> None:
         self.name = link.name
@@ -273,8 +273,8 @@ def open_port(url: str) -> ServerPort:
     url : str
         ``udpin:HOST:PORT`` waits for clients, ``udpout:HOST:PORT`` sends to one (and serves whoever answers),
         ``tcpin:HOST:PORT`` waits for connections, ``tcp:HOST:PORT`` makes one and makes it again when it was
-        lost, ``serial:DEVICE:BAUD`` is a serial line. After ``udpout`` the local port may follow:
-        ``udpout:127.0.0.1:14550,18570``.
+        lost, ``serial:DEVICE:BAUD`` is a serial line, opened again after its device was away.
+        After ``udpout`` the local port may follow: ``udpout:127.0.0.1:14550,18570``.
 
     Raises
     ------
@@ -285,7 +285,7 @@ def open_port(url: str) -> ServerPort:
     """
     text, comma, local = url.partition(",")
     if text.strip().lower().startswith(SERIAL):
-        return _LinkPort(open_link(url))
+        return _LinkPort(open_link(url, reconnect=True))
     address = parse_link_url(text)
     port = 0
     if comma:

@@ -90,6 +90,10 @@ class PlanReceiver:
         self._take_part(now_s)
         return self._take(self.server.poll(now_s), now_s) if self.next_deadline() <= now_s else []
 
+    def restart(self, now_s: float) -> None:
+        """Forget the transfer that runs: the vehicle starts again."""
+        self._take(self.server.restart(now_s), now_s)
+
     def next_deadline(self) -> float:
         """When `poll` has something to do."""
         deadline_s = self.server.next_deadline()

@@ -378,9 +378,15 @@ class SimVehicle:
         return built(message_id, self.state)
 
     def reboot(self) -> None:
-        """Start again: time since boot, mode, message rates; the plans are kept."""
+        """Start again: time since boot, ids of plans, message rates, transfers; the plans are kept.
+
+        On the ground it comes up in its first mode. In flight it flies on in the mode that it was in: that is
+        for the ground station's side of it, a simplification of what autopilots do whose watchdog bites.
+        """
         self.state.reboot()
-        self.pilot.modes.override(self.firmware.persona.modes.boot)
+        self._plans.restart(self.state.now_us / 1e6)
+        if not self.pilot.armed:
+            self.pilot.modes.override(self.firmware.persona.modes.boot)
         self.schedule = self._default_schedule()
 
     def _default_schedule(self) -> Schedule:

@@ -128,9 +128,10 @@ class WireState:
         return GeoPoint(latitude, longitude, self.home.altitude_m)
 
     def reboot(self) -> None:
-        """Count the time since boot from now on."""
+        """Count the time since boot from now on, and tell no ids of plans until they come anew."""
         self._boot_us = self.now_us
         self.boot_ms = 0
+        self.plan_ids = (0, 0, 0)
 
     def wire_seq(self, seq: int) -> int:
         """Number of one of our mission items on the wire (ArduPilot counts home as item 0)."""

@@ -371,6 +371,7 @@ def test_without_that_failsafe_it_does_not_leave_its_mission():
     flight.fly()
     [record] = flight.station.changes
     assert record.outcome is ChangeOutcome.REFUSED and "would not come home: FS_GCS_ENABLE" in record.text
+    assert flight.vehicle.pilot.parameters.link_action == 0
     assert Mode.GUIDED not in [mode for _, mode in flight.modes]
     assert flight.station.outcome is Outcome.COMPLETED
     check_safe(flight)

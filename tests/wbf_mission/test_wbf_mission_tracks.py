@@ -24,7 +24,8 @@ def test_the_length_grows_with_the_track_however_often_it_is_asked_for(every: in
     flown = FlownLength(tracks, FRAME)
     assert flown.measure() == 0.0
     for number, (x_m, y_m) in enumerate(places):
-        tracks.on_position(fix(number, x_m, y_m), is_rover=False)
+        one = fix(number, x_m, y_m)
+        tracks.on_position(one, one.time_boot_ms, is_rover=False)
         if number % every == 0:
             assert flown.measure() == pytest.approx(tracks.track(FRAME).length_m, rel=1e-12)
     assert flown.measure() == flown.measure() == pytest.approx(tracks.track(FRAME).length_m, rel=1e-12)

@@ -87,7 +87,7 @@ class AsideChange(ChangeSession):
         self._is_far = False
         self._near = -1
         self._failures = 0
-        self._heard_s = -math.inf
+        self._heard_s = self._waits_s = -math.inf
         self._wake_s = math.inf
         self._verified_s = math.inf
         self._whole_s = math.inf
@@ -100,7 +100,7 @@ class AsideChange(ChangeSession):
 
     def start(self, now_s: float) -> list[Message]:
         """Begin, at once or when the target is near enough for a short window."""
-        self._asked_s = self._heard_s = now_s
+        self._asked_s = self._waits_s = self._heard_s = now_s
         guard = self.request.guard
         if guard is not None and not guard.ready:
             self._step = _Step.GUARDING
@@ -172,14 +172,14 @@ class AsideChange(ChangeSession):
         if guard.refused:
             return out + self._finish(ChangeOutcome.REFUSED, guard.refused, now_s)
         if guard.ready:
-            self._step = _Step.WAITING
+            self._step, self._waits_s = _Step.WAITING, now_s
             out += self._begin(now_s)
         return out
 
     def _begin(self, now_s: float) -> list[Message]:
         request = self.request
         state = request.monitor.state
-        if now_s - self._asked_s > _PATIENCE_S:
+        if now_s - self._waits_s > _PATIENCE_S:
             return self._finish(ChangeOutcome.GIVEN_UP, "no good moment came", now_s)
         self._wake_s = now_s + 0.5 * _FRESH_S
         item = request.item if state.item is None else state.item

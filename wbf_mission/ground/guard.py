@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 
 from mission.link.codec.dialect import Message
@@ -17,9 +18,13 @@ __all__ = ["FailsafeGuard"]
 class FailsafeGuard:
     """Reads parameters and sets those that are not as needed, sans-IO; once for each flight.
 
+    One is set after the other: the link may break after each of them, and what the last one switches on
+    must then find the others as they have to be.
+
     Parameters
     ----------
     needed : sequence of NeededParameter
+        In the order in which they are set.
     vehicle : tuple of int
         System and component ids.
     round_trip : RoundTrip, optional
@@ -44,6 +49,8 @@ class FailsafeGuard:
         self._vehicle = vehicle
         self._open = {one.name: one for one in needed}
         self._set: dict[str, tuple[int, int]] = {}
+        self._sent: set[str] = set()
+        self._asked: Counter[str] = Counter()
         self._tries = 0
         self._round_trip = round_trip
 
@@ -66,7 +73,9 @@ class FailsafeGuard:
             return []
         self._tries += 1
         self.due_s = now_s + retry_s_over(self._round_trip)
-        return [self._setting(name) if name in self._set else self._question(name) for name in self._open]
+        return [self._question(name) for name in self._open if name not in self._set] + self._next_setting(
+            again=True
+        )
 
     def receive(self, message: m.MAVLink_param_value_message) -> list[Message]:
         """Take the value of a parameter."""
@@ -78,20 +87,34 @@ class FailsafeGuard:
         wanted = needed.wanted(value)
         if wanted == value:
             del self._open[name]
+            self._tries = 0
             self.due_s = math.inf if self.ready else self.due_s
-            return []
-        if name in self._set:
+            return self._next_setting()
+        # What answers a question that was asked twice is older than the setting.
+        self._asked[name] -= 1
+        if name in self._sent and self._asked[name] < 0:
             self._refuse(f"{name} stays {value}, {wanted} is needed")
             return []
         self._set[name] = wanted, message.param_type
+        return self._next_setting()
+
+    def _next_setting(self, *, again: bool = False) -> list[Message]:
+        """What is to be set next; nothing before the vehicle has told what it has."""
+        name = next(iter(self._open), None)
+        if name is None or name not in self._set or (name in self._sent and not again):
+            return []
+        self._sent.add(name)
         return [self._setting(name)]
 
     def _refuse(self, why: str) -> None:
         self.refused = f"a vehicle without its ground station would not come home: {why}"
         self.due_s = math.inf
         self._set.clear()
+        self._sent.clear()
+        self._asked.clear()
 
     def _question(self, name: str) -> Message:
+        self._asked[name] += 1
         return m.MAVLink_param_request_read_message(*self._vehicle, name.encode(), -1)
 
     def _setting(self, name: str) -> Message:

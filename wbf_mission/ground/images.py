@@ -6,6 +6,7 @@ import math
 
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
+from mission.transfer import RoundTrip
 from sensors.camera.wire import ObservationAssembler
 
 __all__ = ["ImageFetch"]
@@ -13,6 +14,8 @@ __all__ = ["ImageFetch"]
 _EACH_S = 0.5
 _ROUNDS = 20
 _AT_ONCE = 50
+_FEW = 5
+_MANY_CAME, _FEW_CAME = 0.6, 0.3
 
 
 class ImageFetch:
@@ -22,6 +25,8 @@ class ImageFetch:
     ----------
     assembler : ObservationAssembler
     vehicle_system_id : int
+    round_trip : RoundTrip, optional
+        Of a real link: answers are waited for, and so many are asked for at once as come back.
 
     Attributes
     ----------
@@ -29,13 +34,21 @@ class ImageFetch:
         When to ask (again).
     """
 
-    def __init__(self, assembler: ObservationAssembler, vehicle_system_id: int) -> None:
+    def __init__(
+        self,
+        assembler: ObservationAssembler,
+        vehicle_system_id: int,
+        round_trip: RoundTrip | None = None,
+    ) -> None:
         self.due_s = math.inf
         self._assembler = assembler
         self._camera = (vehicle_system_id, int(m.MAV_COMP_ID_CAMERA))
         self._rounds = 0
         self._lost = 0
         self._counts = False
+        self._round_trip = round_trip
+        self._at_once = _AT_ONCE if round_trip is None else _FEW
+        self._asked: tuple[int, ...] = ()
 
     def begin(self, now_s: float) -> bool:
         """Begin if any image is missing; tell whether there is."""
@@ -68,11 +81,15 @@ class ImageFetch:
         lost = self._assembler.statistics.lost
         self._rounds = 1 if lost < self._lost else self._rounds + 1
         self._lost = lost
-        missing = self._assembler.missing(_AT_ONCE)
+        if self._round_trip is not None:
+            self._adapt()
+        missing = self._assembler.missing(self._at_once)
+        self._asked = tuple(missing)
         if self._rounds > _ROUNDS or not (missing or self._counts):
             self.due_s = math.inf
             return []
-        self.due_s = now_s + _EACH_S
+        trip = self._round_trip
+        self.due_s = now_s + (_EACH_S if trip is None else trip.wait(_EACH_S, _EACH_S, _EACH_S))
         wanted = [(m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED, index) for index in missing]
         if self._counts:
             wanted.append((m.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS, 0))
@@ -82,3 +99,14 @@ class ImageFetch:
             )
             for kind, index in wanted
         ]
+
+    def _adapt(self) -> None:
+        """Ask for more at once where most of it came, for less where little did: a slow line fills up."""
+        if not self._asked:
+            return
+        still = set(self._assembler.missing())
+        came = sum(index not in still for index in self._asked) / len(self._asked)
+        if came >= _MANY_CAME:
+            self._at_once = min(2 * self._at_once, _AT_ONCE)
+        elif came <= _FEW_CAME:
+            self._at_once = max(self._at_once // 2, 1)

@@ -161,7 +161,9 @@ class GroundStation:
         self._guard: FailsafeGuard | None = None
         self._tracks = TrackRecorder()
         self._texts = TextLog()
-        self._fetch = None if assembler is None else ImageFetch(assembler, vehicle_system_id)
+        self._fetch = (
+            None if assembler is None else ImageFetch(assembler, vehicle_system_id, self._round_trip)
+        )
         self._handlers: dict[int, Callable[[Any, float], list[Message]]] = {
             **dict(
                 (
@@ -488,11 +490,20 @@ class GroundStation:
         if not self._is_vehicle(message):
             return []
         self._silent = False
-        self._monitor.on_position(message, now_s)
+        monitor, restarts = self._monitor, self._monitor.clock.restarts
+        monitor.on_position(message, now_s)
+        if monitor.clock.restarts > restarts:
+            self._on_restart(now_s)
         if self.phase is Phase.FLIGHT:
-            is_rover = self._monitor.vehicle_type == m.MAV_TYPE_GROUND_ROVER
-            self._tracks.on_position(message, is_rover=is_rover)
+            is_rover = monitor.vehicle_type == m.MAV_TYPE_GROUND_ROVER
+            self._tracks.on_position(message, round(1e3 * monitor.boot_s), is_rover=is_rover)
         return []
+
+    def _on_restart(self, now_s: float) -> None:
+        """The autopilot has started again: its clock, its telemetry and its camera begin anew."""
+        self.pilot.events.append((now_s, "its autopilot has started again"))
+        if self._assembler is not None:
+            self._assembler.move_clock(self._monitor.clock.offset_ms / 1e3)
 
     def _on_landed(self, message: m.MAVLink_extended_sys_state_message, now_s: float) -> list[Message]:  # noqa: ARG002
         if self._is_vehicle(message):
@@ -554,7 +565,11 @@ class GroundStation:
             return []
         answer = self._order.answer(message, now_s)
         if answer is Answer.REFUSED:
+            armed = self.phase is Phase.START
             self._refused(result_name(message.result), now_s)
+            if armed and self.clearance is not None:
+                # Its motors run, and it does not fly.
+                return Order(self._vehicle, int(m.MAV_CMD_COMPONENT_ARM_DISARM), 0.0).send(now_s)
         if answer is not Answer.ACCEPTED:
             return []
         self._order = None
@@ -578,7 +593,9 @@ class GroundStation:
         """Go on when the plans have arrived, or one has not."""
         if self._uploads.failure:
             reason = self._texts.explain(self._uploads.failure, self._texts_before)
-            self._end(Outcome.UPLOAD_FAILED, reason, now_s)
+            silent = self.clearance is not None and self._uploads.fell_silent
+            outcome = Outcome.NO_ANSWER if silent else Outcome.UPLOAD_FAILED
+            self._end(outcome, reason, now_s)
         elif self._uploads.done and self._start_delay_s > 0.0:
             self.phase, self._arm_s = Phase.WAIT, now_s + self._start_delay_s
         elif self._uploads.done and self.clearance is not None:
@@ -647,7 +664,10 @@ class GroundStation:
 
     def _repeat_order(self, order: Order, now_s: float) -> list[Message]:
         if order.is_given_up:
-            self._refused("no answer", now_s)
+            if self.clearance is not None and self.phase is not Phase.FLIGHT:
+                self._end(Outcome.NO_ANSWER, f"no answer while {self.phase.value}", now_s)
+            else:
+                self._refused("no answer", now_s)
             return []
         return order.send(now_s)
 

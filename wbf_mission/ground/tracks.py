@@ -37,13 +37,15 @@ class TrackRecorder:
         self._ground_mm: int | None = None
         self._grounded = False
 
-    def on_position(self, message: m.MAVLink_global_position_int_message, *, is_rover: bool) -> None:
-        """Note a GLOBAL_POSITION_INT of the flight."""
-        self._fixes.append((message.time_boot_ms, message.lat, message.lon, message.relative_alt))
+    def on_position(
+        self, message: m.MAVLink_global_position_int_message, time_ms: int, *, is_rover: bool
+    ) -> None:
+        """Note a GLOBAL_POSITION_INT of the flight, at a time of the vehicle's clock."""
+        self._fixes.append((time_ms, message.lat, message.lon, message.relative_alt))
         off_ground = message.relative_alt > _GROUND_MM or is_rover
         # From the first fix in the air until the vehicle tells that it has landed: it takes it a while.
         if (off_ground or self.aloft_ms > 0) and not self._grounded:
-            self.aloft_ms = message.time_boot_ms
+            self.aloft_ms = time_ms
 
     def on_landed_state(self, message: m.MAVLink_extended_sys_state_message) -> None:
         """Note an EXTENDED_SYS_STATE."""

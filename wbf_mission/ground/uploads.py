@@ -10,6 +10,7 @@ from mission.link.codec.dialect import Message
 from mission.model import Mission, MissionType
 from mission.transfer import (
     GENERIC,
+    FailureReason,
     LocalTransferError,
     Output,
     Profile,
@@ -54,6 +55,8 @@ class PlanUploads:
         Of each plan that was sent.
     failure : str
         Why a plan did not arrive; empty as long as none failed.
+    fell_silent : bool
+        The vehicle did not answer, in place of refusing it.
     """
 
     def __init__(
@@ -72,6 +75,7 @@ class PlanUploads:
         self._rendered = Rendered(mission, (), tuple(range(len(mission.items))))
         self._force = force
         self._ending: tuple[str, float] | None = None
+        self.fell_silent = False
         self._vehicle, self._ground = vehicle, ground
         self._on_progress = on_progress
         self._maker = maker
@@ -176,6 +180,7 @@ class PlanUploads:
                 # The vehicle's text about it may come after its answer.
                 self._kinds.clear()
                 self._ending = (event.text, now_s + _LAST_WORDS_S)
+                self.fell_silent = event.reason is FailureReason.TIMEOUT
         return out
 
     def _end_transfer(self, now_s: float) -> None:

@@ -10,6 +10,7 @@ from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import DEGREES_E7
 from mission.transfer import profile_for
+from wbf_mission.ground.boot_clock import BootClock
 from wbf_mission.ground.modes import is_in_mission, mode_name
 
 __all__ = ["UNKNOWN_ITEM", "Battery", "VehicleMonitor", "VehicleState"]
@@ -104,6 +105,8 @@ class VehicleMonitor:
     vehicle_type, autopilot : int
         MAV_TYPE and MAV_AUTOPILOT of its heartbeat.
     battery : Battery
+    clock : BootClock
+        Of its positions.
     mode_heard_s, item_heard_s, position_heard_s : float
         When mode, item and position were heard; -inf for never.
     """
@@ -116,6 +119,8 @@ class VehicleMonitor:
         self._position: m.MAVLink_global_position_int_message | None = None
         self._current: m.MAVLink_mission_current_message | None = None
         self.battery = Battery()
+        self.clock = BootClock()
+        self._boot_ms = 0
 
     def on_heartbeat(self, message: m.MAVLink_heartbeat_message, now_s: float) -> None:
         """Take type, autopilot, mode and whether it is armed."""
@@ -125,6 +130,7 @@ class VehicleMonitor:
     def on_position(self, message: m.MAVLink_global_position_int_message, now_s: float) -> None:
         """Take position, velocity and heading."""
         self._position, self.position_heard_s = message, now_s
+        self._boot_ms = self.clock.take(message.time_boot_ms, now_s)
 
     def on_mission_current(self, message: m.MAVLink_mission_current_message, now_s: float) -> None:
         """Take the item and the mission's id."""
@@ -141,8 +147,8 @@ class VehicleMonitor:
 
     @property
     def boot_s(self) -> float:
-        """The vehicle's own clock at its last position; 0 before the first."""
-        return 0.0 if self._position is None else self._position.time_boot_ms / 1e3
+        """The vehicle's own clock at its last position, across restarts; 0 before the first."""
+        return self._boot_ms / 1e3
 
     @property
     def custom_mode(self) -> int:

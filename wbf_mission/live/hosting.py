@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -79,7 +80,9 @@ class LinkHosting:
         components: list[Component] = []
         for sortie in sorties:
             camera = LeafCameraComponent(sortie.leaf_camera, sortie.plan.farm, system_id=sortie.system_id)
-            components += [RidingCamera(camera, sortie.held_mission), sortie.ground]
+            riding = RidingCamera(camera, sortie.held_mission)
+            sortie.images_missed = partial(_missed_by, riding)
+            components += [riding, sortie.ground]
         return LinkHost(Server(components, [self.url], tap=None if writer is None else _tap_of(writer)))
 
 
@@ -128,6 +131,10 @@ class LinkHost:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._server.close()
+
+
+def _missed_by(camera: RidingCamera) -> int:
+    return camera.missed
 
 
 def _tap_of(writer: TlogWriter) -> Callable[[bytes, float], None]:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 from mission.link.codec.dialect import Message, mavlink
 from mission.model import Command, Mission
 from mission.transfer import profile_for
 from sim_vehicle.camera.component import LeafCameraComponent
+from sim_vehicle.camera.trigger import MAX_GAP_MS
+from wbf_mission.ground.boot_clock import BootClock
 
 __all__ = ["RidingCamera"]
 
@@ -38,6 +41,11 @@ class RidingCamera:
         Of the vehicle's system.
     mission : callable
         Returns the mission that the vehicle holds.
+
+    Attributes
+    ----------
+    missed : int
+        About how many images were not taken because nothing was heard of the vehicle.
     """
 
     def __init__(self, camera: LeafCameraComponent, mission: Callable[[], Mission]) -> None:
@@ -52,6 +60,9 @@ class RidingCamera:
         self._commanded = False
         self._home = 0
         self._spacing_m: float | None = None
+        self._clock = BootClock()
+        self._before: Any = None
+        self.missed = 0
 
     def next_deadline(self) -> float:
         """Return when the camera has something to say."""
@@ -78,12 +89,28 @@ class RidingCamera:
         if isinstance(message, mavlink.MAVLink_heartbeat_message) and self._is_autopilot(message):
             self._heard_s = min(self._heard_s, now_s)
             self._home = 1 if profile_for(message.autopilot).home_at_zero else 0
+        if isinstance(message, mavlink.MAVLink_global_position_int_message) and self._is_autopilot(message):
+            self._on_position(message, now_s)
         if isinstance(message, mavlink.MAVLink_mission_current_message):
             if self._is_autopilot(message):
                 self._on_item(message.seq, now_s)
             return []
         self._commanded |= _commands_camera(message) and message.get_srcSystem() == self.system_id
         return self._camera.receive(message, now_s)
+
+    def _on_position(self, message: mavlink.MAVLink_global_position_int_message, now_s: float) -> None:
+        """Count what a silence cost; after a restart of the autopilot nobody has told the camera to shoot."""
+        before, self._before = self._before, message
+        restarts = self._clock.restarts
+        before_ms = 0 if before is None else before.time_boot_ms + self._clock.offset_ms
+        time_ms = self._clock.take(message.time_boot_ms, now_s)
+        if self._clock.restarts > restarts:
+            self._commanded, self._spacing_m = False, None
+        spacing_m = self._camera.trigger.distance_m
+        if before is not None and spacing_m > 0.0 and time_ms - before_ms > MAX_GAP_MS:
+            # The way between is not known; its length is, about, by the speeds at its ends.
+            speed_m_s = 0.005 * sum(math.hypot(one.vx, one.vy) for one in (before, message))
+            self.missed += int(speed_m_s * (time_ms - before_ms) / 1000.0 / spacing_m)
 
     def _is_autopilot(self, message: Message) -> bool:
         return (

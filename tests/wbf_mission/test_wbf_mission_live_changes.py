@@ -1,0 +1,85 @@
+"""A real vehicle's mission is changed over links that break after any message of the change."""
+
+import math
+
+import pytest
+from live_changes import LONG, LiveChange, keys
+
+from mission.outcome import Outcome
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.host.simulation import Impairment
+from wbf_mission.ground.change import ChangeOutcome
+
+AUTOPILOTS = ("px4", "ardupilot")
+GOOD = frozenset({Outcome.COMPLETED, Outcome.LINK_LOST})
+
+
+def messages_of_a_change(autopilot):
+    """Return how many messages of the protocols cross the link while a mission is changed."""
+    flight = LiveChange(autopilot).fly()
+    assert [one.outcome for one in flight.station.changes] == [ChangeOutcome.DONE]
+    flight.check_safe()
+    return len(flight.link.crossed)
+
+
+def check_break(autopilot, after, dead_s):
+    flight = LiveChange(autopilot, after=after, dead_s=dead_s).fly()
+    assert flight.link.broke_s < math.inf
+    flight.check_safe()
+    if math.isinf(dead_s):
+        return
+    assert flight.station.outcome in GOOD, (after, flight.station.reason)
+    done = [one.outcome for one in flight.station.changes] == [ChangeOutcome.DONE]
+    held = keys(flight.new) if done else keys(flight.old)
+    assert tuple((one.command, one.x, one.y) for one in flight.vehicle.pilot.mission.items) == held
+    assert keys(flight.station.mission) == held, "the ground knows which one it holds"
+    report = flight.station.link_report
+    assert report.worst_silence_s >= dead_s - 3.0
+    assert report.silent_s >= report.worst_silence_s
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+def test_a_link_that_breaks_during_a_change(autopilot):
+    count = messages_of_a_change(autopilot)
+    for after in range(2, count, count // 4):
+        check_break(autopilot, after, 40.0)
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+def test_a_ground_computer_that_dies_during_a_change(autopilot):
+    count = messages_of_a_change(autopilot)
+    for after in range(4, count, count // 4):
+        check_break(autopilot, after, math.inf)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+@pytest.mark.parametrize("dead_s", [40.0, math.inf])
+def test_a_link_that_breaks_after_any_message_of_a_change(autopilot, dead_s):
+    for after in range(1, messages_of_a_change(autopilot) + 1):
+        check_break(autopilot, after, dead_s)
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+def test_a_change_over_a_link_that_loses_a_third_and_takes_two_seconds(autopilot):
+    bad = Impairment(loss=0.3, delay_s=2.0, seed=4)
+    flight = LiveChange(autopilot, impairment=bad, old=LONG).fly()
+    flight.check_safe()
+    (record,) = flight.station.changes
+    assert record.outcome is ChangeOutcome.DONE, record
+    assert flight.station.outcome is Outcome.COMPLETED
+    assert keys(flight.station.mission) == keys(flight.new)
+    report = flight.station.link_report
+    assert report.round_trip_s == pytest.approx(4.0, abs=0.3)
+    assert report.loss == pytest.approx(0.3, abs=0.1)
+
+
+def test_an_arducopter_never_gets_a_failsafe_that_would_break_its_mission_off():
+    """The link breaks after each setting; the mission in the mission mode goes on."""
+    flight = LiveChange("ardupilot").fly()
+    settings = [k for k, kind in enumerate(flight.link.crossed, 1) if kind == "PARAM_SET"]
+    assert len(settings) == 3
+    for after in settings:
+        flight = LiveChange("ardupilot", after=after, dead_s=math.inf).fly()
+        assert Mode.RTL not in flight.modes
+        flight.check_safe()

@@ -9,6 +9,7 @@ import threading
 import time
 import tty
 from collections import deque
+from pathlib import Path
 
 from mission.link.codec.frames import FrameReader
 
@@ -22,7 +23,7 @@ class _Way:
         self.source, self.sink = source, sink
         self._rate = baud / _BITS_A_BYTE
         self._buffer_bytes, self._delay_s, self._loss = buffer_bytes, delay_s, loss
-        self._luck = random.Random(seed)  # noqa: S311
+        self._luck = random.Random(seed)
         self._frames = []
         self._reader = FrameReader(wanted=(), tap=self._frames.append)
         self._flying = deque()
@@ -61,21 +62,20 @@ class ShapedLine:
     Attributes
     ----------
     devices : tuple of str
-        Of the vehicle and of the ground station; given as links they keep their names when they come back.
+        Of the vehicle and of the ground station: names that stay when the device behind them is another.
+    up, down : _Way
+        To the vehicle, and from it.
     """
 
     def __init__(self, folder, *, baud=57600, buffer_bytes=2048, delay_s=0.0, loss=0.0, seed=1):
-        self._folder = folder
-        self._options = {"baud": baud, "buffer_bytes": buffer_bytes, "delay_s": delay_s, "loss": loss}
-        self._seed = seed
+        shape = {"baud": baud, "buffer_bytes": buffer_bytes, "delay_s": delay_s, "loss": loss}
         self.devices = (str(folder / "vehicle.tty"), str(folder / "ground.tty"))
         self._ends = {}
-        self._dead = False
         for device in self.devices:
             self._plug(device)
         near, far = (self._ends[device][0] for device in self.devices)
-        self.down = _Way(near, far, seed=seed, **self._options)
-        self.up = _Way(far, near, seed=seed + 1, **self._options)
+        self.down = _Way(near, far, seed=seed, **shape)
+        self.up = _Way(far, near, seed=seed + 1, **shape)
         self._stopping = threading.Event()
         self._lock = threading.Lock()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -85,20 +85,16 @@ class ShapedLine:
         tty.setraw(near)
         tty.setraw(far)
         os.set_blocking(near, False)
-        with contextlib.suppress(FileNotFoundError):
-            os.unlink(device)
-        os.symlink(os.ttyname(far), device)
-        # The far end stays open only at those who use the device.
-        os.close(far) if self._ends else None
+        Path(device).symlink_to(os.ttyname(far))
         self._ends[device] = (near, far)
 
     def unplug_ground(self):
         """Let the device of the ground station disappear."""
         device = self.devices[1]
         with self._lock:
-            near, _ = self._ends.pop(device)
-            os.unlink(device)
-            os.close(near)
+            Path(device).unlink()
+            for end in self._ends.pop(device):
+                os.close(end)
             self.up.source = self.down.sink = -1
 
     def plug_ground(self):
@@ -128,5 +124,5 @@ class ShapedLine:
     def __exit__(self, *_):
         self._stopping.set()
         self._thread.join(10.0)
-        for near, _ in self._ends.values():
-            os.close(near)
+        for end in sum(self._ends.values(), ()):
+            os.close(end)

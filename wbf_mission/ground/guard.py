@@ -72,7 +72,7 @@ class FailsafeGuard:
             self._refuse(f"{', '.join(sorted(self._open))} could not be read or set")
             return []
         self._tries += 1
-        self.due_s = now_s + retry_s_over(self._round_trip)
+        self.due_s = now_s + retry_s_over(self._round_trip, self._tries - 1)
         return [self._question(name) for name in self._open if name not in self._set] + self._next_setting(
             again=True
         )

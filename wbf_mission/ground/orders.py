@@ -16,6 +16,7 @@ _RETRY_S = 1.0
 _TRIES = 4
 _MOST_TRIES = 12
 _FAILS = 0.001
+_DOUBLINGS = 3
 
 
 class Answer(Enum):
@@ -61,8 +62,8 @@ class Order:
     ) -> None:
         self.due_s = -math.inf
         self._position = position
-        self._most = tries_over(round_trip) if tries is None else tries
-        self._retry_s = retry_s_over(round_trip)
+        self._most = tries
+        self._round_trip = round_trip
         self._target = target
         self._command = command
         self._params = (*params, *[0.0] * (7 - len(params)))
@@ -71,7 +72,7 @@ class Order:
     @property
     def is_given_up(self) -> bool:
         """Whether it was sent as often as it is worth."""
-        return self._tries >= self._most
+        return self._tries >= (tries_over(self._round_trip) if self._most is None else self._most)
 
     @property
     def repeats(self) -> int:
@@ -82,7 +83,7 @@ class Order:
         """Send it, with the number of the try as confirmation."""
         confirmation = self._tries
         self._tries += 1
-        self.due_s = now_s + self._retry_s
+        self.due_s = now_s + retry_s_over(self._round_trip, confirmation)
         if self._position is not None:
             latitude, longitude, altitude_m = self._position
             first, second, third, fourth = self._params[:4]
@@ -111,7 +112,7 @@ class Order:
         if message.result == m.MAV_RESULT_ACCEPTED:
             return Answer.ACCEPTED
         if message.result == m.MAV_RESULT_IN_PROGRESS:
-            self.due_s = now_s + 3.0 * self._retry_s
+            self.due_s = now_s + 3.0 * retry_s_over(self._round_trip)
             return Answer.NONE
         later = message.result == m.MAV_RESULT_TEMPORARILY_REJECTED and not self.is_given_up
         return Answer.NONE if later else Answer.REFUSED
@@ -136,9 +137,19 @@ def tries_over(round_trip: RoundTrip | None) -> int:
     return min(max(_TRIES, math.ceil(min(tries, _MOST_TRIES))), _MOST_TRIES)
 
 
-def retry_s_over(round_trip: RoundTrip | None) -> float:
-    """Return how long an answer is waited for: a second, or a little more than a round trip."""
-    return _RETRY_S if round_trip is None else round_trip.wait(_RETRY_S, _RETRY_S, _RETRY_S)
+def retry_s_over(round_trip: RoundTrip | None, repeats: int = 0) -> float:
+    """Return how long an answer is waited for: a second, or a little more than a round trip.
+
+    While that is not known yet, each wait is twice as long as the one before it, up to eight seconds.
+
+    Examples
+    --------
+    >>> [retry_s_over(RoundTrip(), repeats) for repeats in range(5)]
+    [1.0, 2.0, 4.0, 8.0, 8.0]
+    """
+    if round_trip is None:
+        return _RETRY_S
+    return round_trip.wait(_RETRY_S * 2.0 ** min(repeats, _DOUBLINGS), _RETRY_S, _RETRY_S)
 
 
 def result_name(result: int) -> str:

@@ -307,7 +307,9 @@ class GroundStation:
         handle = self._handlers.get(type(message).id)
         if handle is None:
             return []
-        if message.get_srcSystem() == self._vehicle[0] and self.phase is Phase.FLIGHT:
+        # Beside a real vehicle rides a camera of ours, which is always heard.
+        its = message.get_srcSystem() == self._vehicle[0]
+        if self.phase is Phase.FLIGHT and (self._is_vehicle(message) if self.clearance is not None else its):
             self._on_contact(now_s)
         out = handle(message, now_s)
         if self._change is not None and self.phase is Phase.FLIGHT and self._is_vehicle(message):

@@ -1,0 +1,166 @@
+"""The simulator in a process of its own as the stand-in for a real vehicle, and what goes wrong in flight.
+
+Real sockets and serial lines, real time times five, both autopilots; each ground program is a process, too.
+"""
+
+import json
+import subprocess
+
+import pytest
+from processes import ENVIRONMENT, LONG_S, command, flown, flying, simulator
+from shaped_line import ShapedLine
+
+AUTOPILOTS = ("px4", "ardupilot")
+WAITS = "MISSION, item", "AUTO, item"
+
+
+def sim_faults(*faults):
+    return [word for fault in faults for word in ("--fault", fault)]
+
+
+def run(*words, cwd):
+    """Run a command to its end; what it printed."""
+    done = subprocess.run(
+        command(*words), cwd=cwd, capture_output=True, text=True, env=ENVIRONMENT, timeout=LONG_S, check=False
+    )
+    assert "Traceback" not in done.stderr, done.stderr
+    return done
+
+
+CASES = {
+    "a third of the frames is lost": ("loss=0.3,at=airborne,from=5", (0, "completed"), ""),
+    "the link is dead for a while": (
+        "link-loss,at=airborne,from=10,for=40",
+        (0, "completed"),
+        "the vehicle is heard again",
+    ),
+    "the autopilot is silent": ("silence=1,at=airborne,from=12,for=18", (0, "completed"), ""),
+    "it starts again": ("reboot,at=airborne,from=15", (0, "completed"), "its autopilot has started again"),
+    "no position": ("gps-loss,at=airborne,from=15", (1, "position_lost"), "position_lost: position lost"),
+    "an empty battery": ("dead-battery,at=airborne,from=15", (1, "battery_depleted"), "battery empty"),
+    "a low battery": ("low-battery=0.08,at=airborne,from=12", (1, "battery_low"), "battery_low: battery"),
+    "it does not arm": ("refuse=400", (5, "arming_refused"), "arming_refused: denied"),
+    "it does not start": ("refuse=300", (5, "mission_rejected"), "mission_rejected: denied"),
+    "it takes no mission": ("no-count", (4, "no_answer"), "the vehicle did not answer"),
+    "it never answers": ("drop=COMMAND_ACK,direction=down", (4, "no_answer"), "no answer while"),
+}
+QUICK = {("ardupilot", "it starts again"), ("px4", "the link is dead for a while")}
+
+
+def check(autopilot, case, cwd):
+    fault, ended, words = CASES[case]
+    with simulator(cwd, *sim_faults(fault), autopilot=autopilot) as (url,):
+        ground = flown(cwd, url)
+    assert ground.ended == ended, ground.told
+    assert words in ground.told
+    flight = ground.summary["flights"][0]
+    assert flight["link"]["frames"] > 10
+    if ended[0] in (0, 1):
+        assert ground.summary["observations"] > 5, "what was seen is kept"
+        assert (cwd / "run" / "result.json").is_file()
+        saved = json.loads((cwd / "run" / "summary.json").read_text())
+        assert saved["outcome"] == ended[1]
+    if case == "the link is dead for a while":
+        assert flight["link"]["worst_silence_s"] > 2.0
+        if autopilot == "px4":
+            # The other one has looked at its only row by then.
+            assert flight["missing_images"] > 0
+            assert "images are missing for good; nothing was heard of the vehicle for" in ground.told
+    if case == "it starts again":
+        assert 30.0 < flight["flight_time_s"] < 120.0, "its clock goes on"
+        assert flight["missing_images"] < 10
+
+
+@pytest.mark.parametrize(("autopilot", "case"), sorted(QUICK))
+def test_what_goes_wrong_in_flight(autopilot, case, tmp_path):
+    check(autopilot, case, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+def test_whatever_goes_wrong_in_flight(autopilot, case, tmp_path):
+    check(autopilot, case, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("autopilot", "hold"), [("px4", "POSCTL"), ("ardupilot", "LOITER")])
+def test_a_pilot_takes_over_from_another_process(autopilot, hold, tmp_path):
+    """He flies by himself for a moment, gives the vehicle back, and takes it again to land it."""
+    links = ("tcpin:127.0.0.1:0", "udpin:127.0.0.1:0")
+    with (
+        simulator(tmp_path, autopilot=autopilot, listen=links) as (mine, his),
+        flying(tmp_path, mine) as ground,
+    ):
+        ground.wait_for(", item")
+        assert run("command", his, "land", cwd=tmp_path).returncode == 0
+        ended = ground.end()
+    assert ended.ended == (1, "pilot_took_over"), ended.told
+    assert "taken out of its mission: mode LAND" in ended.told
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("listen", ["udpin:127.0.0.1:0", "tcpin:127.0.0.1:0"])
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+def test_a_policy_over_a_bad_link(autopilot, listen, tmp_path):
+    bad = sim_faults("loss=0.2", "delay=0.5")
+    with simulator(tmp_path, *bad, autopilot=autopilot, listen=(listen,)) as (url,):
+        ground = flown(tmp_path, url, decider=("--policy", "greedy"))
+    assert ground.ended == (0, "completed"), ground.told
+    assert ground.summary["decisions"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+def test_everything_over_a_serial_line_of_57600_baud(autopilot, tmp_path):
+    """Upload, download, monitor, command and a flight, with loss and delay; the line is never flooded."""
+    mode = {"px4": "HOLD", "ardupilot": "GUIDED"}[autopilot]
+    plan = tmp_path / "rows.plan"
+    rows = run("plan", "--farm", "miniberry-10", "--planner", "lawnmower", "--out", plan, cwd=tmp_path)
+    assert rows.returncode == 0, rows.stderr
+    with ShapedLine(tmp_path, delay_s=0.1, loss=0.1) as line:
+        vehicle, device = line.devices
+        listen = (f"serial:{vehicle}:57600",)
+        with simulator(tmp_path, autopilot=autopilot, listen=listen, speed=2):
+            url = f"serial:{device}:57600"
+            up = run("upload", plan, "--connect", url, "--json", cwd=tmp_path)
+            assert up.returncode == 0, up.stderr
+            down = run("download", tmp_path / "back.plan", "--connect", url, cwd=tmp_path)
+            assert down.returncode == 0, down.stderr
+            told = run("monitor", url, "--json", "--duration", "5", "--interval", "1", cwd=tmp_path)
+            last = [json.loads(one) for one in told.stdout.splitlines() if "link_quality" in one][-1]
+            assert 0.5 < last["link_quality"] < 1.0
+            assert last["round_trip_s"] > 0.15
+            assert run("command", url, "mode", mode, cwd=tmp_path).returncode == 0
+            ground = flown(tmp_path, url)
+    assert ground.ended == (0, "completed"), ground.told
+    assert 0.02 < ground.summary["flights"][0]["link"]["loss"] < 0.6
+    assert line.up.overrun == 0
+    assert line.up.offered < 0.2 * line.down.offered
+
+
+@pytest.mark.slow
+def test_a_radio_that_is_unplugged_in_flight(tmp_path):
+    """The device disappears and comes back as another one of the same name."""
+    with ShapedLine(tmp_path, baud=460800) as line:
+        vehicle, device = line.devices
+        with (
+            simulator(tmp_path, listen=(f"serial:{vehicle}:460800",)),
+            flying(tmp_path, f"serial:{device}:460800") as ground,
+        ):
+            ground.wait_for("MISSION, item")
+            line.unplug_ground()
+            ground.wait_for("nothing is heard of the vehicle")
+            line.plug_ground()
+            ended = ground.end()
+    assert ended.ended == (0, "completed"), ended.told
+    assert "the vehicle is heard again" in ended.told
+
+
+@pytest.mark.slow
+def test_a_vehicle_that_is_never_heard_again_is_not_waited_for_for_ever(tmp_path):
+    with simulator(tmp_path, *sim_faults("link-loss,at=airborne,from=15"), speed=5) as (url,):
+        ground = flown(tmp_path, url)
+    assert ground.ended == (4, "no_answer"), ground.told
+    assert "nothing was heard of the vehicle for" in ground.summary["reason"]
+    assert ground.summary["observations"] > 5

@@ -39,6 +39,11 @@ class Evidence:
         if self.estimate is not None:
             self.estimate.add(part, offset_s)
 
+    @property
+    def parts(self) -> tuple[Observations, ...]:
+        """All observations, in the parts and the order in which they arrived."""
+        return tuple(part for part in self._parts if len(part))
+
     def observations(self) -> Observations:
         """Return all observations, in the order in which they arrived."""
         if len(self._parts) != 1:

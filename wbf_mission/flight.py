@@ -17,10 +17,11 @@ from sensors.scoring.score import ScoreWeights
 from sim_vehicle.faults.fault import Fault, parse_fault
 from sim_vehicle.faults.session import check_vehicles
 from sim_vehicle.host.simulation import Impairment
-from wbf_mission.campaign import Campaign, Decider
+from wbf_mission.campaign import Campaign
 from wbf_mission.estimation import estimator_of, prepare_days, require_run_memory, resolved
 from wbf_mission.field_maps import FieldMap, true_map
 from wbf_mission.fleet import vehicles_of
+from wbf_mission.flights import Decider
 from wbf_mission.hosting import VirtualHosting
 from wbf_mission.live.link import LiveLink
 from wbf_mission.planning import plan, planner_of

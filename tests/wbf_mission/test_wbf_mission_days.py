@@ -8,6 +8,7 @@ import pytest
 
 import wbf_mission.campaign
 import wbf_mission.day_record
+import wbf_mission.flights
 from geo.farms import get_farm
 from mission.outcome import Outcome
 from sensors.environment import Environment
@@ -140,7 +141,7 @@ def spoil(monkeypatch: pytest.MonkeyPatch, outcome: Outcome, of: set[int]) -> No
                 self.sorties[0].ground.outcome = outcome
                 self.sorties[0].ground.reason = "spoilt"
 
-    monkeypatch.setattr(wbf_mission.campaign, "JointFlight", Spoilt)
+    monkeypatch.setattr(wbf_mission.flights, "JointFlight", Spoilt)
 
 
 def test_a_flight_that_went_wrong_does_not_end_the_run(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,6 +25,7 @@ from sensors.estimators.epidemic.features import (
     padded_codes,
 )
 from sensors.estimators.epidemic.judge import FieldJudge
+from sensors.estimators.epidemic.last_readings import EXACT, LastReadings
 from sensors.estimators.epidemic.network import Network
 from sensors.estimators.epidemic.rings import REACH
 from sensors.estimators.epidemic.training import (
@@ -35,7 +36,6 @@ from sensors.estimators.epidemic.training import (
     network_for,
 )
 
-_EXACT = 1e-3
 _SOFT = 1e-3
 _TINY = 1e-12
 _CHUNK_CELLS = 1 << 16
@@ -89,6 +89,7 @@ class DiseaseBelief:
         self.whole = hosts.size <= WHOLE_FARM_CELLS
         self._day: int | None = None
         self._seen = 0
+        self._last = LastReadings(hosts)
         self.value = np.ones(hosts.shape, np.float32)
         self.uncertainty = np.zeros(hosts.shape, np.float32)
         # Large farms pay for these two only when they are asked for.
@@ -290,18 +291,19 @@ class DiseaseBelief:
         exact : bool
             Whether readings are taken as the truth.
         """
+        if self._misreading_rate == 0.0:
+            self._last.follow(cells, days, values)
+            if self._last.exact:
+                distinct, classes, days = self._last.known()
+                exactly = CLASS_VALUES[classes]
+                return distinct, self._single(day, days, exactly, classes, 0.0), day - days, True
         classes = classes_of(values)
         sensed = (classes >= 0) & self._hosts[cells[:, 0], cells[:, 1]]
         cells, days, values, classes = cells[sensed], days[sensed], values[sensed], classes[sensed]
         flat = cells[:, 0].astype(np.int64) * self._hosts.shape[1] + cells[:, 1]
         off = np.abs(values - CLASS_VALUES[classes])
-        exact = self._misreading_rate == 0.0 and not (off > _EXACT).any()
-        noise = 0.0 if exact or not len(off) else float(np.sqrt(np.mean(off**2)))
+        noise = float(np.sqrt(np.mean(off**2))) if len(off) else 0.0
         single = self._single(day, days, values, classes, noise)
-        if exact:
-            # The last reading counts, should there be several that contradict each other.
-            distinct, last = np.unique(flat[::-1], return_index=True)
-            return distinct, single[::-1][last], (day - days[::-1])[last], True
         distinct, inverse = np.unique(flat, return_inverse=True)
         logs = np.log(single + _TINY)
         total = np.stack([np.bincount(inverse, log, len(distinct)) for log in logs.T], axis=1)
@@ -313,7 +315,7 @@ class DiseaseBelief:
         self, day: int, days: NDArray[np.int32], values: Floats, classes: NDArray[np.int8], noise: float
     ) -> Floats:
         """Return the likelihood of each class today from every reading on its own, float64[n, 3]."""
-        if noise > _EXACT:
+        if noise > EXACT:
             shown = np.exp(-0.5 * ((values[:, None] - CLASS_VALUES) / noise) ** 2)
         else:
             shown = np.eye(len(CLASS_VALUES))[classes]
@@ -327,7 +329,7 @@ class DiseaseBelief:
             sick = np.stack([np.zeros(len(ill)), ill, 1.0 - ill], axis=1)
             healthy = self._since_healthy(day)[day - days[old]]
             likelihood[old] = np.where((classes[old] == 0)[:, None], healthy, sick)
-            if noise > _EXACT or rate:
+            if noise > EXACT or rate:
                 likelihood[old] += _SOFT
         return likelihood
 

@@ -44,6 +44,7 @@ _NOISE_ROUNDS = 3
 _LEAST_FOR_NOISE = 30
 _NOISE_GROWTH = 1.2
 _MOST_AT_ONCE = 256
+_KEPT_NOISES = 3
 _SMALLEST_VARIANCE = 1e-4
 
 
@@ -103,6 +104,7 @@ class SoilField:
         self._sums: dict[int, _Sums] = {}
         self._waiting: dict[int, list[tuple[Cells, Cells, Floats]]] = {}
         self._posterior: _Posterior | None = None
+        self._known_before: dict[object, tuple[Floats, Floats]] = {}
         # Day, readings of that day and of others, and the noise that they gave.
         self._noise_known = (-1, 0, 0, _FIRST_NOISE)
 
@@ -116,6 +118,7 @@ class SoilField:
 
     def _take_in(self) -> None:
         """Add what was learned to the sums and to the posterior: many readings at once cost little more."""
+        learned = []
         for day, parts in self._waiting.items():
             x, y, values = (np.concatenate(column) for column in zip(*parts, strict=True))
             sums = self._sums.setdefault(day, _Sums(1 + self._functions_an_axis**2))
@@ -125,12 +128,20 @@ class SoilField:
                 functions = self._functions(x[part], y[part])
                 readings = values[part] - self._prior(day).mean
                 sums.add(functions, readings)
-                if self._posterior is not None:
-                    self._posterior.learn(day, functions, readings)
-                    if self._posterior.is_outdated(day, self._noise_from(day)):
-                        self._posterior = None
+                learned.append((day, functions, readings))
                 start = part.stop
         self._waiting.clear()
+        posterior = self._posterior
+        if posterior is None or not learned:
+            return
+        if all(
+            posterior.can_learn(day, len(readings)) and not posterior.is_outdated(day, self._noise_from(day))
+            for day, _, readings in learned
+        ):
+            for _, functions, readings in learned:
+                posterior.learn(functions, readings)
+        else:
+            self._posterior = None
 
     def fill(self, day: int, value: NDArray[np.float32], uncertainty: NDArray[np.float32]) -> float:
         """Write the posterior mean, within 0 .. 1, and standard deviation of a day into arrays [W, H].
@@ -212,13 +223,31 @@ class SoilField:
         """Return the weights' precision matrix, and it times their mean, from the totals of all days."""
         before = np.concatenate([[prior.level], prior.shape * self._spectrum])
         rain = (self._parameters.mean_rain**2) * self._parameters.rain_probability
-        precision, response = np.diag(1.0 / before), np.zeros(len(before))
+        precision, response = self._before(day, before, noise, rain)
         for seen, sums in sorted(self._sums.items()):
-            totals = instead.get(seen, sums.now)
-            share = 1.0 / (noise + rain * abs(day - seen))
-            precision += share * totals.squares
-            response += share * totals.response
+            if seen >= day:
+                totals = instead.get(seen, sums.now)
+                share = 1.0 / (noise + rain * abs(day - seen))
+                precision += share * totals.squares
+                response += share * totals.response
         return precision, response
+
+    def _before(self, day: int, before: Floats, noise: float, rain: float) -> tuple[Floats, Floats]:
+        """Return the part of the precision and of the response that is known before a day."""
+        earlier = sorted(item for item in self._sums.items() if item[0] < day)
+        key = day, noise, tuple((seen, sums.now.count) for seen, sums in earlier)
+        known = self._known_before.pop(key, None)
+        if known is None:
+            known = np.diag(1.0 / before), np.zeros(len(before))
+            for seen, sums in earlier:
+                share = 1.0 / (noise + rain * (day - seen))
+                known[0].__iadd__(share * sums.now.squares)
+                known[1].__iadd__(share * sums.now.response)
+        # The noise that is assumed at first, and the one that was found last, are asked for again and again.
+        self._known_before[key] = known
+        while len(self._known_before) > _KEPT_NOISES:
+            del self._known_before[next(iter(self._known_before))]
+        return known[0].copy(), known[1].copy()
 
 
 class _Posterior:
@@ -257,11 +286,12 @@ class _Posterior:
         """Return whether it is of another day, or of a noise estimated from other readings."""
         return self.day != day or self.noise_from != noise_from
 
-    def learn(self, day: int, functions: Floats, readings: Floats) -> None:
-        """Take further readings; those of another day, or very many, make this posterior out of date."""
-        if day != self.day or len(readings) > _MOST_AT_ONCE:
-            self.day = -1
-            return
+    def can_learn(self, day: int, count: int) -> bool:
+        """Return whether it can take so many further readings of a day, without being made anew."""
+        return day == self.day and count <= _MOST_AT_ONCE
+
+    def learn(self, functions: Floats, readings: Floats) -> None:
+        """Take further readings of its day."""
         # Woodbury's identity.
         moved = self._covariance @ functions.T
         within = functions @ moved

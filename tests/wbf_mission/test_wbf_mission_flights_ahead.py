@@ -1,0 +1,135 @@
+"""Flights that are flown in other processes: the same as one after the other, also if a process dies."""
+
+import os
+import signal
+from collections.abc import Callable
+from typing import Any
+
+import joblib
+import numpy as np
+import pytest
+
+import wbf_mission.flights_ahead
+from mission.outcome import Outcome
+from sensors.fields import PAPER_FIELDS
+from sensors.scoring.score import ScoreWeights
+from wbf_mission.fleet import vehicles_of
+from wbf_mission.flight import decider_of, fly
+from wbf_mission.flights import Flights
+from wbf_mission.flights_ahead import FlightsAhead, can_fly_ahead
+from wbf_mission.hosting import VirtualHosting
+from wbf_mission.result import Result
+from wbf_mission.scenario import Scenario
+from wbf_mission.surroundings import camera_options
+
+SHORT = Scenario(
+    farm="miniberry-10",
+    vehicle="quad",
+    budget="60m",
+    planner="random-waypoint",
+    estimator="gp",
+    seed=3,
+    days=2,
+    flights_per_day=2,
+)
+
+
+@pytest.fixture
+def worth(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make every run worth other processes, on a machine of two cores."""
+    monkeypatch.setattr(wbf_mission.flights_ahead, "WORTH_S", 0.0)
+    monkeypatch.setattr(joblib, "cpu_count", lambda: 2)
+
+
+def flights_of(scenario: Scenario) -> Flights:
+    options = camera_options(scenario.camera, PAPER_FIELDS)
+    return Flights(
+        scenario, vehicles_of(scenario), decider_of(scenario), options, ScoreWeights.of(PAPER_FIELDS)
+    )
+
+
+def assert_alike(one: Result, other: Result) -> None:
+    assert one.history == other.history
+    assert one.outcome == other.outcome and one.reason == other.reason
+    assert one.simulated_s == other.simulated_s and one.frames == other.frames
+    np.testing.assert_array_equal(one.observations.values, other.observations.values)
+    np.testing.assert_array_equal(one.observations.time_s, other.observations.time_s)
+    assert one.model is not None and other.model is not None
+    np.testing.assert_array_equal(one.model.value, other.model.value)
+    assert [record.summary() for record in one.flights] == [record.summary() for record in other.flights]
+    assert [record.seen_before for record in one.flights] == [record.seen_before for record in other.flights]
+    assert timeless(one) == timeless(other)
+
+
+def timeless(run: Result) -> list[dict[str, Any]]:
+    return [{**record.summary(), "compute_s": 0.0} for record in run.decisions]
+
+
+def counted(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Note what the flights flown ahead gave."""
+    taken: list[Any] = []
+    take = FlightsAhead.take
+
+    def noted(self: FlightsAhead, day: int, flight: int) -> Any:
+        taken.append(take(self, day, flight))
+        return taken[-1]
+
+    monkeypatch.setattr(FlightsAhead, "take", noted)
+    return taken
+
+
+def test_flights_ahead_are_those_one_after_the_other(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    taken = counted(monkeypatch)
+    alone = fly(SHORT)
+    assert not taken, "a short run needs no other processes"
+    request.getfixturevalue("worth")
+    ahead = fly(SHORT)
+    assert len(taken) == 4 and None not in taken
+    assert_alike(ahead, alone)
+    assert [one.observations for one in ahead.decisions] == [one.seen_before for one in ahead.flights]
+
+
+@pytest.mark.usefixtures("worth")
+def test_a_fleet_that_loses_a_vehicle_is_flown_one_after_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    faults = ["motor-failure,vehicle=2,at=airborne,from=10"]
+    fleet = Scenario(**{**SHORT.to_dict(), "vehicles": 2})
+    taken = counted(monkeypatch)
+    ahead = fly(fleet, faults=faults)
+    assert len(taken) == 1, "what is lost in the first flight is missing in all others"
+    monkeypatch.setattr(wbf_mission.flights_ahead, "WORTH_S", np.inf)
+    assert_alike(ahead, fly(fleet, faults=faults))
+    assert ahead.outcome is Outcome.CRASHED
+
+
+@pytest.mark.usefixtures("worth")
+@pytest.mark.parametrize(
+    ("options", "hosting"),
+    [
+        ({"planner": None, "policy": "greedy"}, VirtualHosting()),
+        ({}, VirtualHosting(pace=10.0)),
+        ({"farm": "waterberry"}, VirtualHosting()),
+    ],
+)
+def test_some_runs_are_not_flown_ahead(options: dict[str, Any], hosting: VirtualHosting) -> None:
+    assert can_fly_ahead(flights_of(SHORT), VirtualHosting(), 1.0)
+    given = {key: value for key, value in {**SHORT.to_dict(), **options}.items() if value is not None}
+    assert not can_fly_ahead(flights_of(Scenario(**given)), hosting, 1e9)
+
+
+def _dies(day: int, flight: int) -> int:
+    """Fly nothing; the process of one flight is killed, as by a lack of memory."""
+    if (day, flight) == (6, 2):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return day + flight
+
+
+def test_what_a_killed_process_should_have_flown_is_flown_here() -> None:
+    killed: Callable[..., Any] = _dies
+    ahead = FlightsAhead(killed, [(6, 2), (7, 1)])  # type: ignore[arg-type]
+    try:
+        assert ahead.take(6, 2) is None
+        assert ahead.take(9, 9) is None
+    finally:
+        ahead.close()

@@ -1,0 +1,301 @@
+"""Planning and setting up the flights of a run, each on its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+
+from geo import Farm
+from geo.seeds import child_seed
+from mission.link.tlog import TlogWriter
+from mission.policies.policy import FixedPlan, KeepPath, Policy
+from sensors.camera.leaf_camera import LeafCameraOptions
+from sensors.environment import Environment
+from sensors.fields import FieldSet
+from sensors.scoring.score import ScoreWeights
+from wbf_mission.deciding.loop import DecisionLoop, Knowledge
+from wbf_mission.deciding.record import DecisionRecord
+from wbf_mission.deciding.spacing import KeptDistance
+from wbf_mission.departures import departure_delays
+from wbf_mission.evidence import Evidence
+from wbf_mission.fleet import Vehicle
+from wbf_mission.hosting import Hosting
+from wbf_mission.joint_flight import Attendant, JointFlight
+from wbf_mission.planning import PlanResult
+from wbf_mission.progress import Progress
+from wbf_mission.scenario import CameraOptions, Scenario
+from wbf_mission.scenario.separation import DISTANCE
+from wbf_mission.sortie import Sortie
+from wbf_mission.sortie_number import SortieNumber
+from wbf_mission.stopwatch import Stopwatch
+
+
+@dataclass(frozen=True, slots=True)
+class Decider:
+    """Who decides where the vehicles fly.
+
+    Parameters
+    ----------
+    policy : Policy
+        A `FixedPlan` for a planner, a `KeepPath` for a mission from a file.
+    name : str
+        What messages call it: ``planner spiral``, ``policy greedy``.
+    label : str
+        Its name with its parameters.
+    mission : PlanResult or None
+        A mission from a file, which is flown.
+    """
+
+    policy: Policy
+    name: str
+    label: str
+    mission: PlanResult | None = None
+
+    @property
+    def steers(self) -> bool:
+        """Whether it decides by what is believed of the farm; a planner and a mission file do not."""
+        return not isinstance(self.policy, FixedPlan | KeepPath)
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedFlight:
+    """A flight before it begins.
+
+    Parameters
+    ----------
+    day, flight : int
+    loop : DecisionLoop
+        Who is asked during it.
+    sorties : tuple of (SortieNumber, Vehicle, PlanResult)
+        Of each vehicle.
+    times : tuple of float
+        Who decides in flight begins with a short path: how many such paths the budget of each pays for.
+    """
+
+    day: int
+    flight: int
+    loop: DecisionLoop
+    sorties: tuple[tuple[SortieNumber, Vehicle, PlanResult], ...]
+    times: tuple[float, ...]
+
+    @property
+    def plans(self) -> tuple[PlanResult, ...]:
+        """The plan of each vehicle."""
+        return tuple(plan for _, _, plan in self.sorties)
+
+    @property
+    def expected_s(self) -> float:
+        """About how many seconds the vehicles fly, all together."""
+        return sum(
+            times * plan.prediction.duration_s for times, plan in zip(self.times, self.plans, strict=True)
+        )
+
+    def expected_readings(self, camera: CameraOptions) -> float:
+        """Return how many readings of cells are expected."""
+        readings = [_expected_readings(camera, plan) for plan in self.plans]
+        return sum(times * one for times, one in zip(self.times, readings, strict=True))
+
+
+@dataclass(frozen=True, slots=True)
+class Flights:
+    """Plans and sets up any flight of a run; it remembers nothing of them but what the policy does.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        The run's.
+    vehicles : tuple of Vehicle
+    decider : Decider
+    options : LeafCameraOptions
+    weights : ScoreWeights
+    """
+
+    scenario: Scenario
+    vehicles: tuple[Vehicle, ...]
+    decider: Decider
+    options: LeafCameraOptions
+    weights: ScoreWeights
+
+    @property
+    def farm(self) -> Farm:
+        """Where the vehicles fly."""
+        return self.vehicles[0].task.builder.farm
+
+    @property
+    def fields(self) -> FieldSet:
+        """What there is to see."""
+        return self.options.fields
+
+    def plan(
+        self,
+        day: int,
+        flight: int,
+        evidence: Evidence,
+        decisions: list[DecisionRecord],
+        gone: Collection[int] = (),
+    ) -> PlannedFlight:
+        """Ask for the paths of a flight.
+
+        Parameters
+        ----------
+        day, flight : int
+        evidence : Evidence
+            What is known by then.
+        decisions : list of DecisionRecord
+            Takes what is decided.
+        gone : collection of int
+            System ids of the vehicles that do not fly any more.
+
+        Raises
+        ------
+        WbfMissionError
+            If there is no path within the budget.
+        """
+        first = self.scenario.farm.day
+        there = [one for one in self.vehicles if one.task.system_id not in gone]
+        numbers = [SortieNumber(day, flight, one.task.system_id, first) for one in there]
+        vehicles = [
+            replace(one, task=one.task.of_sortie(number)) for one, number in zip(there, numbers, strict=True)
+        ]
+        decider = self.decider
+        knowledge = Knowledge(
+            self.farm, day, self.fields, self.weights, evidence.model, evidence.observations
+        )
+        loop = DecisionLoop(
+            decider.policy,
+            decider.name,
+            knowledge,
+            flight=flight,
+            records=decisions,
+            kept_distance=self._kept_distance(vehicles),
+        )
+        times = (1.0,) * len(vehicles)
+        if decider.mission is not None:
+            plans = (decider.mission,) * len(vehicles)
+        else:
+            answer = loop.start([one.task.report() for one in vehicles])
+            plans = tuple(
+                one.task.plan_of(answer.decision, decider.label, camera_on_approach=decider.steers)
+                for one in vehicles
+            )
+            if decider.steers:
+                tasks = [one.task for one in vehicles]
+                times = tuple(
+                    max(1.0, one.request.budget.limit / max(answer.costs[one.system_id], 1e-9))
+                    for one in tasks
+                )
+        return PlannedFlight(day, flight, loop, tuple(zip(numbers, vehicles, plans, strict=True)), times)
+
+    def fly(
+        self,
+        planned: PlannedFlight,
+        evidence: Evidence,
+        environment: Environment,
+        hosting: Hosting,
+        *,
+        tell: Progress,
+        watch: Stopwatch,
+        began: Callable[[JointFlight], None] | None = None,
+        attendant: Attendant | None = None,
+        writer: TlogWriter | None = None,
+        offset_s: float = 0.0,
+        gone: Collection[int] = (),
+    ) -> JointFlight:
+        """Fly a flight to its end.
+
+        Parameters
+        ----------
+        planned : PlannedFlight
+        evidence : Evidence
+            Takes what is seen.
+        environment : Environment
+        hosting : Hosting
+        tell : callable
+            Progress.
+        watch : Stopwatch
+        began : callable, optional
+            Takes the flight before it begins.
+        attendant : Attendant or None
+            Stands by.
+        writer : TlogWriter or None
+            Takes every frame.
+        offset_s : float
+            When it begins, in seconds since the beginning of the run.
+        gone : collection of int
+            System ids of the vehicles that do not fly any more.
+        """
+        delays = self._start_delays(planned.plans)
+        sorties = [
+            Sortie(
+                number,
+                one.task,
+                plan,
+                one.scenario,
+                environment,
+                self.options,
+                lambda done, total: tell("uploading", done, total),
+                delay,
+                hosting.clearance(number.system_id),
+                hosting.transfers,
+            )
+            for (number, one, plan), delay in zip(planned.sorties, delays, strict=True)
+        ]
+        opened = hosting.open(
+            sorties,
+            writer,
+            offset_s=offset_s,
+            seed=child_seed(self.scenario.seed, "faults", f"day-{planned.day}", f"flight-{planned.flight}"),
+            gone=gone,
+        )
+        with opened as host:
+            flying = JointFlight(
+                sorties,
+                planned.loop,
+                evidence,
+                host,
+                offset_s=offset_s,
+                pace=hosting.pace,
+                attendant=attendant,
+                expected_s=max(
+                    one.start_delay_s + times * one.plan.prediction.duration_s
+                    for one, times in zip(sorties, planned.times, strict=True)
+                ),
+                tell=tell,
+                watch=watch,
+            )
+            if began is not None:
+                began(flying)
+            flying.fly()
+        return flying
+
+    def _start_delays(self, plans: Sequence[PlanResult]) -> Sequence[float]:
+        """Return how many seconds after the first start each vehicle starts."""
+        keeps = self.scenario.vehicle.keeps
+        if keeps.kind != DISTANCE or len(plans) == 1:
+            return [0.0] * len(plans)
+        return departure_delays(plans, keeps.metres)
+
+    def _kept_distance(self, vehicles: Sequence[Vehicle]) -> KeptDistance | None:
+        """Return the distance that vehicles keep in flight; None if they need not."""
+        keeps = self.scenario.vehicle.keeps
+        if keeps.kind != DISTANCE:
+            return None
+        builders = {one.task.system_id: one.task.builder for one in vehicles}
+        return KeptDistance(
+            keeps.metres,
+            {
+                number: min(one.level.speed_m_s, one.vehicle.top_speed_m_s)
+                for number, one in builders.items()
+                if not one.vehicle.is_ideal
+            },
+        )
+
+
+def _expected_readings(camera: CameraOptions, planned: PlanResult) -> float:
+    """Return how many readings of cells are expected of a flight."""
+    if planned.vehicle.is_ideal:
+        images = planned.prediction.duration_s / planned.vehicle.step_s
+    else:
+        spacing_m = camera.spacing_m or planned.farm.cell_size_m * camera.footprint
+        images = planned.prediction.path_length_m / spacing_m
+    return images * camera.footprint**2

@@ -1,0 +1,163 @@
+"""Flights of a fixed plan, flown in processes of their own while the estimate learns from those before them.
+
+What a planner flies does not depend on what was seen, so the flights of a run need not wait for each other.
+They are the same as one after the other: each draws from the random streams of its own number.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import signal
+from collections.abc import Sequence
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+
+from threadpoolctl import threadpool_limits
+
+from geo.errors import WbfMissionError
+from sensors.environment import Environment
+from sensors.observations import Observations
+from wbf_mission.deciding.record import DecisionRecord
+from wbf_mission.evidence import Evidence
+from wbf_mission.flight_record import FlightRecord
+from wbf_mission.flights import Flights
+from wbf_mission.hosting import Hosting, VirtualHosting
+from wbf_mission.progress import silent
+from wbf_mission.stopwatch import Stopwatch
+
+__all__ = ["FlightAlone", "FlightsAhead", "FlownFlight", "can_fly_ahead"]
+
+WORTH_S = 6000.0
+"""Seconds of simulated flight of a run from which on processes are worth their start."""
+MOST_CELLS = 500_000
+"""A larger environment is not sent to other processes."""
+
+
+@dataclass(frozen=True, slots=True)
+class FlownFlight:
+    """What a flight gave that was flown in another process.
+
+    Parameters
+    ----------
+    records : list of FlightRecord
+        Of each vehicle.
+    parts : tuple of Observations
+        In the order in which they arrived.
+    decisions : list of DecisionRecord
+        With the number of observations since the flight began.
+    duration_s : float
+        Simulated seconds.
+    frames : int
+    """
+
+    records: list[FlightRecord]
+    parts: tuple[Observations, ...]
+    decisions: list[DecisionRecord]
+    duration_s: float
+    frames: int
+
+
+@dataclass(frozen=True, slots=True)
+class FlightAlone:
+    """Flies any flight of a run without the others.
+
+    Parameters
+    ----------
+    flights : Flights
+        With a decider that does not ask what is believed.
+    environment : Environment
+    hosting : Hosting
+    """
+
+    flights: Flights
+    environment: Environment
+    hosting: Hosting
+
+    def __call__(self, day: int, flight: int) -> FlownFlight:
+        """Plan a flight and fly it."""
+        of = self.flights
+        evidence, decisions = Evidence(of.farm, of.fields), list[DecisionRecord]()
+        with threadpool_limits(1, user_api="blas"):
+            planned = of.plan(day, flight, evidence, decisions)
+            flown = of.fly(planned, evidence, self.environment, self.hosting, tell=silent, watch=Stopwatch())
+        records = [sortie.record() for sortie in flown.sorties]
+        return FlownFlight(records, evidence.parts, decisions, flown.now_s, flown.frames)
+
+
+def can_fly_ahead(flights: Flights, hosting: Hosting, expected_s: float) -> bool:
+    """Return whether the flights of a run can be flown in other processes, and whether that is worth it.
+
+    Who steers has to see first; a flight in real time, or one whose frames are written down, is followed
+    while it goes on. A planner that is an object may be bound to this process. Where this process is itself
+    one of several, these share the cores already.
+
+    Parameters
+    ----------
+    flights : Flights
+    hosting : Hosting
+    expected_s : float
+        About how many seconds all vehicles fly in all flights.
+    """
+    from joblib import cpu_count
+
+    farm, scenario = flights.farm, flights.scenario
+    plain = isinstance(hosting, VirtualHosting) and hosting.pace is None and hosting.tlog is None
+    named = flights.decider.mission is not None or scenario.mission.planner.made is None
+    return (
+        plain
+        and named
+        and not flights.decider.steers
+        and expected_s >= WORTH_S
+        and farm.width_cells * farm.height_cells <= MOST_CELLS
+        and cpu_count() > 1
+        and multiprocessing.current_process().name == "MainProcess"
+    )
+
+
+class FlightsAhead:
+    """Flies flights in as many processes as there are cores, and gives them in their order.
+
+    Parameters
+    ----------
+    fly : FlightAlone
+    numbers : sequence of (int, int)
+        Day and flight of each, in their order.
+    """
+
+    def __init__(self, fly: FlightAlone, numbers: Sequence[tuple[int, int]]) -> None:
+        from joblib import cpu_count
+
+        # Its processes do not run the caller's script again, as those of the standard library do.
+        from joblib.externals.loky import ProcessPoolExecutor
+
+        self._pool = ProcessPoolExecutor(min(len(numbers), cpu_count()), initializer=_ignore_interrupts)
+        self._open: dict[tuple[int, int], Future[FlownFlight]] = {
+            number: self._pool.submit(fly, *number) for number in numbers
+        }
+
+    def take(self, day: int, flight: int) -> FlownFlight | None:
+        """Wait for a flight and return it.
+
+        None if it has to be flown here in its turn: a process was killed, something is wrong that is found
+        again and told here, or something was decided on the way, by what was known when it was flown.
+        """
+        future = self._open.pop((day, flight), None)
+        if future is None:
+            return None
+        with contextlib.suppress(WbfMissionError, MemoryError, BrokenProcessPool):
+            flown = future.result()
+            if len(flown.decisions) <= 1:
+                return flown
+        return None
+
+    def close(self) -> None:
+        """End the processes."""
+        self._open = {}
+        self._pool.shutdown(wait=True, kill_workers=True)
+
+
+def _ignore_interrupts() -> None:
+    """Leave Ctrl-C to the process that waits."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,5 +1,6 @@
 """The conformance kit against stand-ins that answer as real autopilots were seen to answer."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from recorded_px4 import Px4
 
 from wbf_mission.check import Verdict, all_checks, check_vehicle
 from wbf_mission.check.runner import check_link
+from wbf_mission.cli.app import main
 
 REAL = {"ArduPilot": ArduCopter, "PX4": Px4}
 # What one of the two does not do.
@@ -114,6 +116,17 @@ def test_over_a_socket():
             report = check_vehicle(url, only=("identity.capabilities", "mission.fence", "mission.clear-all"))
         assert failed(report) == {}
         assert report.result("mission.fence").verdict is Verdict.PASSED
+
+
+def test_the_command_says_who_has_trouble_without_advice(capsys):
+    with served(Px4()) as url:
+        assert main(["check", url, "--only", "transfer.bad-latitude", "--json"]) == 0
+    captured = capsys.readouterr()
+    told = "failed  transfer.bad-latitude: it is accepted (trouble for who does not check before sending"
+    assert told in captured.err
+    (check,) = json.loads(captured.out)["checks"]
+    assert (check["result"], check["required"]) == ("failed", False)
+    assert "MAVSDK" in check["suffers"]
 
 
 # -- habits of which the record knows two, or which another version may have

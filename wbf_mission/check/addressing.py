@@ -8,7 +8,16 @@ from mission.transfer import wire
 from wbf_mission.check.errors import FailedError
 from wbf_mission.check.peer import GROUND, Peer
 from wbf_mission.check.registry import Checks
-from wbf_mission.check.sender import ACK, ANSWERS, MISSION, Sender, require_accepted, told
+from wbf_mission.check.sender import (
+    ACK,
+    ANSWERS,
+    MISSION,
+    RE_REQUEST_S,
+    REQUESTS,
+    Sender,
+    require_accepted,
+    told,
+)
 
 check = Checks()
 
@@ -18,10 +27,12 @@ _OTHER_GROUND = GROUND[0] - 1
 
 @check("transfer.second-station", "a second ground station does not get into an upload")
 def second_station(peer: Peer) -> str:
-    """Announce a plan from another system while ours goes up."""
+    """Announce a plan from another system in the middle of ours."""
     items = peer.items(4)
     sender = Sender(peer, items)
     sender.begin()
+    sender.send(0)
+    peer.expect(REQUESTS, RE_REQUEST_S, lambda a: a.seq == 1)
     peer.forget()
     peer.send_as(_OTHER_GROUND, _COUNT(*peer.address, 2, MISSION))
     answer = peer.expect(ANSWERS, where=lambda a: a.target_system == _OTHER_GROUND)
@@ -30,7 +41,7 @@ def second_station(peer: Peer) -> str:
         # Not all know cancelling: what is left of it runs out.
         peer.sleep(peer.profile.abort_s + 1.0)
         raise FailedError(f"{told(answer)} of the second station")
-    require_accepted(sender.finish())
+    require_accepted(sender.finish(1))
     peer.require_equal(items)
     return "not answered" if answer is None else told(answer)
 

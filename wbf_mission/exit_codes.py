@@ -51,10 +51,7 @@ def exit_code_of(error: Exception) -> ExitCode:
     """
     from mission.errors import LinkLostError, NoPeerError, TransferError
     from wbf_mission.live.errors import VehicleRefusedError, VehicleSilentError
-    from wbf_mission.preflight.finding import PreflightFailedError
 
-    if isinstance(error, PreflightFailedError):
-        return ExitCode.NOT_GOOD
     if isinstance(error, VehicleRefusedError):
         return ExitCode.REFUSED
     if isinstance(error, VehicleSilentError):

@@ -90,7 +90,7 @@ class LiveLink:
 
         Raises
         ------
-        PreflightFailedError
+        PreflightError
             If there are errors, unless they are overruled.
         LinkError, NoVehicleError
             If the vehicle is not there any more.

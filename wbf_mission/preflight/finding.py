@@ -9,6 +9,7 @@ from enum import Enum
 from typing import Any
 
 from geo.errors import WbfMissionError
+from mission.transfer.remark import Severity
 
 __all__ = [
     "Concern",
@@ -16,7 +17,6 @@ __all__ = [
     "Hit",
     "Measure",
     "PreflightError",
-    "PreflightFailedError",
     "Report",
     "Severity",
     "worst_of",
@@ -24,22 +24,7 @@ __all__ = [
 
 
 class PreflightError(WbfMissionError, ValueError):
-    """A plan that cannot be checked."""
-
-
-class PreflightFailedError(PreflightError):
-    """A plan that must not go up: the preflight check found errors."""
-
-
-class Severity(Enum):
-    """How bad a finding is."""
-
-    ERROR = "error"
-    """The plan must not go up."""
-    WARNING = "warning"
-    """It may go up; somebody should look at it first."""
-    NOTE = "note"
-    """Good to know."""
+    """A plan that must not go up, because the preflight check found errors, or that cannot be checked."""
 
 
 class Concern(Enum):
@@ -197,12 +182,12 @@ class Report:
         return {f"{severity.value}s": len(self.of(severity)) for severity in Severity}
 
     def require_no_errors(self, consequence: str) -> None:
-        """Raise PreflightFailedError if there are errors; ``consequence`` tells what was not done."""
+        """Raise PreflightError if there are errors; ``consequence`` tells what was not done."""
         errors = self.of(Severity.ERROR)
         if errors:
             number = "an error" if len(errors) == 1 else f"{len(errors)} errors, the first"
             msg = f"preflight check, {number}: {errors[0]}; {consequence}; --force does it nevertheless"
-            raise PreflightFailedError(msg)
+            raise PreflightError(msg)
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ __all__ = ["CHECKS", "inspect"]
 
 CHECKS: tuple[Callable[[Subject], Iterable[Finding]], ...] = (
     items.check_problems,
-    items.check_limits,
+    items.check_dialect,
     items.check_unknown,
     items.check_flown,
     items.check_ends,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Frame, Mission, MissionItem
 from mission.transfer import GENERIC, Profile
+from mission.transfer.wire import command_name
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import firmware_of
 from sim_vehicle.camera.component import MIN_INTERVAL_S
@@ -27,7 +29,7 @@ from sim_vehicle.weather.wind import Wind
 from wbf_mission.preflight.flow import never_ends
 from wbf_mission.preflight.vehicle.snapshot import VehicleSnapshot
 
-__all__ = ["DEFAULT_MARGIN_M", "FlownTrack", "Subject", "command_name", "subject_of"]
+__all__ = ["DEFAULT_MARGIN_M", "FlownTrack", "Subject", "subject_of"]
 
 DEFAULT_MARGIN_M = 2.0
 """How far the flown path stays away from fence and obstacles, unless something else is asked for."""
@@ -121,19 +123,22 @@ class Subject:
         return command_name(self.items[item].command)
 
     @property
+    def vehicle_type(self) -> int:
+        """MAV_TYPE: as heard, else of the firmware that flies such a vehicle."""
+        if self.snapshot is not None:
+            return self.snapshot.vehicle_type
+        firmware = firmware_of(self.vehicle)
+        return int(m.MAV_TYPE_QUADROTOR) if firmware is None else firmware.persona.identity.mav_type
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """What is known of the vehicle's parameters: those that it told."""
+        return {} if self.snapshot is None else self.snapshot.parameters
+
+    @property
     def needed_wh(self) -> float:
         """Energy of the whole flight; 0 without a power model or a prediction."""
         return 0.0 if self.prediction is None else self.prediction.energy_wh
-
-
-def command_name(command: int) -> str:
-    """Return the name of a MAV_CMD without its prefix.
-
-    >>> command_name(16), command_name(60000)
-    ('NAV_WAYPOINT', 'command 60000')
-    """
-    entry = m.enums["MAV_CMD"].get(command)
-    return f"command {command}" if entry is None else str(entry.name).removeprefix("MAV_CMD_")
 
 
 def subject_of(

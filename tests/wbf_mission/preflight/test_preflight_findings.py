@@ -10,7 +10,7 @@ from mission.model import Command, MissionItem
 from wbf_mission.preflight.finding import (
     Finding,
     Measure,
-    PreflightFailedError,
+    PreflightError,
     Report,
     Severity,
 )
@@ -31,7 +31,7 @@ def test_the_worst_comes_first_and_is_counted():
 
 
 def test_an_error_is_told_in_one_line_with_the_way_out():
-    with pytest.raises(PreflightFailedError) as caught:
+    with pytest.raises(PreflightError) as caught:
         Report((NOTE, ERROR)).require_no_errors("nothing was sent")
     text = "an error: item 3 NAV_LAND: is wrong (1 m, limit 2 m); change it; nothing was sent; --force"
     assert text in str(caught.value)

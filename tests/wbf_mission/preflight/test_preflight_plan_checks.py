@@ -71,7 +71,9 @@ CASES = {
         4,
         {},
     ),
-    "jump-target": (good(*LAST, jumps(40, 1)), good(*LAST, jumps(3, 1)), "error", 6, {}),
+    "autopilot-refuses": (good(*LAST, jumps(40, 1)), good(*LAST, jumps(3, 1)), "error", 6, {}),
+    "autopilot-changes": (good(*LAST, at(9, 9, command=82)), good(), "warning", 6, {}),
+    "autopilot-ignores": (good(*LAST, at(9, 9, param3=5.0)), good(), "note", 6, {}),
     "jump-loop": (good(*LAST, jumps(5, -1)), good(*LAST, jumps(3, 1)), "error", 6, {}),
     "approach": (
         wing(*WIDE, at(60, 0, 40.0), end=PATTERN[2:]),
@@ -81,20 +83,6 @@ CASES = {
         WING,
     ),
     "stops": (good(), good(), "error", 4, {"wind": (30.0, 0.0)}),
-    "too-many-items": (
-        replace(good(), rally=(at(0, 0, 20.0, Command.NAV_RALLY_POINT),) * 101),
-        replace(good(), rally=(at(0, 0, 20.0, Command.NAV_RALLY_POINT),) * 100),
-        "error",
-        None,
-        {"autopilot": "ardupilot"},
-    ),
-    "many-items": (
-        replace(good(), rally=(at(0, 0, 20.0, Command.NAV_RALLY_POINT),) * 33),
-        replace(good(), rally=(at(0, 0, 20.0, Command.NAV_RALLY_POINT),) * 32),
-        "warning",
-        None,
-        {},
-    ),
     "not-predicted": (good(*LAST, at(20, 20, command=94)), good(), "warning", 6, {}),
     "terrain-heights": (
         good(*LAST, at(20, 20, frame=10)),
@@ -124,7 +112,7 @@ CASES = {
         {},
     ),
     "bad-fence": (
-        fenced(good(), box(-9, -9, 60, 60)[:3]),
+        fenced(good(), box(-9, -9, 60, 60), (at(0, 0),)),
         fenced(good(), box(-9, -9, 60, 60)),
         "error",
         None,
@@ -221,15 +209,17 @@ def test_a_plan_that_has_it_and_one_that_has_not(code):
     finding = found[code]
     assert (finding.severity, finding.item) == (Severity(severity), item), str(finding)
     assert finding.text
-    assert finding.fix or severity == "note"
+    assert finding.fix or severity == "note" or code == "autopilot-changes"
     if finding.measure is not None:
         assert math.isfinite(finding.measure.value)
     assert code not in findings(fine, **without)
 
 
 def test_a_good_plan_has_only_the_note_of_its_flight():
-    for autopilot in ("px4", "ardupilot"):
-        assert set(findings(good(), autopilot=autopilot)) == {"flight"}
+    assert set(findings(good())) == {"flight"}
+    told = findings(good(), autopilot="ardupilot")
+    assert set(told) == {"flight", "autopilot-ignores"}
+    assert "does not store the acceptance radius" in told["autopilot-ignores"].text
     assert set(findings(wing(*WIDE), **WING)) == {"flight", "no-camera"}
 
 
@@ -317,6 +307,7 @@ def test_heights_above_the_sea_count_from_home():
     assert set(findings(good(*rows, start=start))) == {"flight"}
 
 
-def test_an_empty_fence_of_no_kind_is_told():
-    assert "bad-fence" in findings(replace(good(), fence=(at(0, 0),)))
+def test_a_broken_polygon_is_told_once():
+    report = checked(fenced(good(), box(-9, -9, 60, 60)[:3])).report
+    assert [one.code for one in report.findings if one.severity is Severity.ERROR] == ["autopilot-refuses"]
     assert "bad-fence" not in findings(fenced(good(), fence([(-50, -50), (100, -50), (0, 150)])))

@@ -3,7 +3,20 @@
 from dataclasses import replace
 
 import pytest
-from preflight_plans import CAMERA_OFF, FRAME, HOME, RTL, at, box, camera, fenced, findings, good, takeoff
+from preflight_plans import (
+    CAMERA_OFF,
+    FRAME,
+    HOME,
+    RTL,
+    at,
+    box,
+    camera,
+    checked,
+    fenced,
+    findings,
+    good,
+    takeoff,
+)
 
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
@@ -137,7 +150,6 @@ CASES = [
     ("landing-rule", good(), px4(MIS_TKO_LAND_REQ=2.0), px4(), "error", {}),
     ("landing-rule", good(start=()), px4(MIS_TKO_LAND_REQ=1.0), px4(), "error", {}),
     ("landing-rule", good(), px4(MIS_TKO_LAND_REQ=4.0), px4(MIS_TKO_LAND_REQ=1.0), "error", {}),
-    ("landing-rule", WING, plane(RTL_AUTOLAND=0.0), plane(), "error", PLANE),
     ("circles-at-home", WING_HOME, plane(RTL_AUTOLAND=0.0), plane(), "warning", PLANE),
     ("fence-off", FENCED, px4(GF_ACTION=0.0), px4(), "warning", {}),
     ("fence-off", FENCED, copter(FENCE_ENABLE=0.0), copter(), "warning", COPTER),
@@ -202,6 +214,12 @@ def test_a_vehicle_as_it_should_be_gives_notes_only(answers, options):
     found = findings(mission, snapshot=answers, **options)
     assert {code for code, one in found.items() if one.severity is not Severity.NOTE} <= {"tight-turn"}
     assert "firmware" in found
+
+
+def test_a_landing_that_the_vehicle_does_not_arm_with_is_told_once():
+    report = checked(WING, snapshot=plane(RTL_AUTOLAND=0.0), **PLANE).report
+    assert [one.code for one in report.findings if "RTL_AUTOLAND" in one.text] == ["autopilot-refuses"]
+    assert not checked(WING, snapshot=plane(), **PLANE).report.has_errors
 
 
 def test_what_counts_for_an_upload_and_what_for_a_start():

@@ -5,21 +5,36 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 
-from mission.model import Frame, MissionType
-from mission.transfer import count_warning
+from mission.model import Frame
+from mission.transfer.remark import Remark
+from mission.transfer.rendering import render
+from mission.transfer.wire import command_name
 from sim_vehicle.execution.feasibility import ItemProblem
 from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS
 from wbf_mission.preflight.checks.legs import PLACED
-from wbf_mission.preflight.finding import Finding, Measure, Severity
+from wbf_mission.preflight.finding import Finding, Severity
 from wbf_mission.preflight.flow import never_ends, reachable
-from wbf_mission.preflight.subject import Subject, command_name
+from wbf_mission.preflight.subject import Subject
 
-__all__ = ["check_ends", "check_flown", "check_frames", "check_limits", "check_problems", "check_unknown"]
+__all__ = [
+    "check_dialect",
+    "check_ends",
+    "check_flown",
+    "check_frames",
+    "check_problems",
+    "check_unknown",
+    "remarks_of",
+]
 
 _FRAMES = {
     int(Frame.GLOBAL): "above the sea",
     int(Frame.GLOBAL_RELATIVE_ALT): "above home",
     int(Frame.GLOBAL_TERRAIN_ALT): "above the terrain",
+}
+_REMARKS = {
+    Severity.ERROR: "autopilot-refuses",
+    Severity.WARNING: "autopilot-changes",
+    Severity.NOTE: "autopilot-ignores",
 }
 _FIXES = {
     "empty": "give a mission with items",
@@ -28,15 +43,16 @@ _FIXES = {
     "altitude": "give a height within the limits",
     "far-from-home": "plan from a home nearby",
     "frame": "use frame 0 or 3",
-    "jump-target": "jump to an item that is there",
     "jump-loop": "jump to a position, or before one",
 }
 
 
 def check_problems(subject: Subject) -> Iterator[Finding]:
     """What the vehicle cannot fly, as its own checks before arming find it."""
-    for code in dict.fromkeys(one.code for one in subject.problems):
-        yield _problem_finding([one for one in subject.problems if one.code == code])
+    # Where a jump leads is told of every autopilot.
+    problems = [one for one in subject.problems if one.code != "jump-target"]
+    for code in dict.fromkeys(one.code for one in problems):
+        yield _problem_finding([one for one in problems if one.code == code])
     if subject.stopped is not None:
         item, reason = subject.stopped
         fix = "change the item, or fly another vehicle"
@@ -55,19 +71,12 @@ def _problem_finding(problems: list[ItemProblem]) -> Finding:
     return Finding(
         Severity.ERROR,
         first.code,
-        _one_based(first),
+        first.reason,
         _FIXES.get(first.code, "correct the item"),
         item=None if first.item is None else first.item + 1,
         command="" if first.item is None else command_name(first.command),
         count=len(problems),
     )
-
-
-def _one_based(problem: ItemProblem) -> str:
-    """Return the reason; the target of a jump counts from 1, as the items of a finding do."""
-    if problem.code != "jump-target":
-        return problem.reason
-    return "jumps to an item that is not there"
 
 
 def check_unknown(subject: Subject) -> Iterator[Finding]:
@@ -153,19 +162,21 @@ def check_frames(subject: Subject) -> Iterator[Finding]:
         )
 
 
-def check_limits(subject: Subject) -> Iterator[Finding]:
-    """More items than an autopilot holds, and than many boards do."""
-    for kind in MissionType:
-        number = len(subject.mission.plan(kind))
-        name, most = kind.name.lower(), subject.profile.capacity[kind]
-        warning = count_warning(subject.profile, kind, number)
-        if number > most:
-            text = f"{number} items: {subject.profile.name} holds no more than {most}"
-            measure = Measure(number, "items", most)
-            fix = "fly it in parts"
-            yield Finding(Severity.ERROR, "too-many-items", text, fix, plan=name, measure=measure)
-        elif warning is not None:
-            usual = subject.profile.usual_limits[kind]
-            measure = Measure(number, "items", usual)
-            fix = "look up what the board holds, or fly it in parts"
-            yield Finding(Severity.WARNING, "many-items", warning, fix, plan=name, measure=measure)
+def check_dialect(subject: Subject) -> Iterator[Finding]:
+    """What the autopilot would refuse, change or ignore, as `mission.transfer.rendering` tells."""
+    for remark in remarks_of(subject):
+        yield Finding(
+            remark.severity,
+            _REMARKS[remark.severity],
+            remark.text,
+            remark.fix,
+            plan=remark.plan.name.lower(),
+            item=None if remark.item is None else remark.item + 1,
+            command="" if remark.command is None else command_name(remark.command),
+        )
+
+
+def remarks_of(subject: Subject) -> tuple[Remark, ...]:
+    """Return what is to be said of the plan before it is sent to such an autopilot."""
+    mission, profile = subject.mission, subject.profile
+    return render(mission, profile, subject.vehicle_type, parameters=subject.parameters).remarks

@@ -9,7 +9,9 @@ import shapely
 
 from mission.errors import MissionFileError
 from mission.files.fence import geo_fence
+from mission.model import MissionType
 from sim_vehicle.pilot.fence import Fence
+from wbf_mission.preflight.checks.items import remarks_of
 from wbf_mission.preflight.finding import Finding, Hit, Measure, Severity, worst_of
 from wbf_mission.preflight.subject import FlownTrack, Subject
 
@@ -25,7 +27,11 @@ def check_fence(subject: Subject) -> Iterator[Finding]:
     try:
         geo_fence(subject.mission.fence)
     except MissionFileError as error:
-        yield Finding(Severity.ERROR, "bad-fence", str(error), "draw the fence again", plan="fence")
+        told = any(
+            one.plan is MissionType.FENCE and one.severity is Severity.ERROR for one in remarks_of(subject)
+        )
+        if not told:
+            yield Finding(Severity.ERROR, "bad-fence", str(error), "draw the fence again", plan="fence")
         return
     fence = _fence_of(subject)
     home_m = fence.margin_m(0.0, 0.0)

@@ -181,15 +181,9 @@ def check_landing_rules(subject: Subject) -> Iterator[Finding]:
     commands = {item.command for item in subject.items}
     takes_off, lands = bool(commands & _TAKEOFFS), bool(commands & _LANDINGS)
     rule = _value(subject, Meaning.TAKEOFF_AND_LANDING)
-    if rule is not None:
+    if rule is not None and not _told_by_dialect(subject, *rule):
         name, value = rule
-        missing = {
-            1.0: () if takes_off else ("a take-off",),
-            2.0: () if lands else ("a landing",),
-            3.0: (*(() if takes_off else ("a take-off",)), *(() if lands else ("a landing",))),
-            4.0: () if takes_off == lands else ("a take-off" if lands else "a landing",),
-            5.0: () if takes_off == lands else ("a take-off" if lands else "a landing",),
-        }.get(value, ())
+        missing = _missing(value, takes_off=takes_off, lands=lands)
         if missing:
             yield _finding(
                 Severity.ERROR,
@@ -199,21 +193,29 @@ def check_landing_rules(subject: Subject) -> Iterator[Finding]:
                 f"end with NAV_LAND, or set {name} to 0" if "a landing" in missing else "add NAV_TAKEOFF",
             )
     autoland = _value(subject, Meaning.LANDS_AS_MISSION)
-    if autoland is not None and autoland[1] == 0.0:
-        if Command.DO_LAND_START in commands:
-            yield _finding(
-                Severity.ERROR,
-                "landing-rule",
-                f"{autoland[0]} is 0: the vehicle does not arm with DO_LAND_START in the mission",
-                f"set {autoland[0]} to 1 or 2",
-            )
-        elif Command.NAV_RETURN_TO_LAUNCH in commands:
-            yield _finding(
-                Severity.WARNING,
-                "circles-at-home",
-                f"{autoland[0]} is 0: the return circles over home and does not land",
-                "end with a landing, or land by hand",
-            )
+    if autoland is not None and autoland[1] == 0.0 and Command.NAV_RETURN_TO_LAUNCH in commands:
+        yield _finding(
+            Severity.WARNING,
+            "circles-at-home",
+            f"{autoland[0]} is 0: the return circles over home and does not land",
+            "end with a landing, or land by hand",
+        )
+
+
+def _told_by_dialect(subject: Subject, name: str, value: float) -> bool:
+    """Return whether the remarks on the autopilot's dialect tell what such a parameter asks for."""
+    return any(
+        one.parameter == name and subject.vehicle_type in one.vehicle_types and value in one.refusing
+        for one in subject.profile.dialect.conditions
+    )
+
+
+def _missing(rule: float, *, takes_off: bool, lands: bool) -> list[str]:
+    """Return what MIS_TKO_LAND_REQ misses: 1 take-off, 2 landing, 3 both, 4 and 5 both or neither."""
+    wants_takeoff = rule in (1.0, 3.0) or (rule in (4.0, 5.0) and lands)
+    wants_landing = rule in (2.0, 3.0) or (rule in (4.0, 5.0) and takes_off)
+    missing = ["a take-off"] if wants_takeoff and not takes_off else []
+    return [*missing, "a landing"] if wants_landing and not lands else missing
 
 
 def check_fence_settings(subject: Subject) -> Iterator[Finding]:

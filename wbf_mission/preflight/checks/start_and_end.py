@@ -56,7 +56,9 @@ def check_end(subject: Subject) -> Iterator[Finding]:
     """An end in the air, or far from home."""
     if not subject.items or subject.vehicle.is_ideal:
         return
-    lasts = [k for k in sorted(reachable(subject.items)) if k < len(subject.items) and _is_last(subject, k)]
+    endless = never_ends(subject.items)
+    flown = (k for k in sorted(reachable(subject.items)) if k < len(subject.items))
+    lasts = [] if endless else [k for k in flown if _is_last(subject, k)]
     for last in lasts[:1]:
         command = subject.items[last].command
         if command not in _LANDINGS and command != Command.NAV_RETURN_TO_LAUNCH:
@@ -85,7 +87,7 @@ def check_end(subject: Subject) -> Iterator[Finding]:
 def _is_last(subject: Subject, item: int) -> bool:
     """Return whether the mission ends with a NAV item: nothing but DO items may follow it."""
     items = subject.items
-    if items[item].command > _LAST_NAV or never_ends(items):
+    if items[item].command > _LAST_NAV:
         return False
     open_, seen = list(followers(items, item)), set()
     while open_:

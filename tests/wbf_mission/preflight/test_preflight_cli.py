@@ -1,0 +1,180 @@
+"""``wbf-mission preflight``, and what goes up only with ``--force``; with our simulator over a socket."""
+
+import json
+from dataclasses import replace
+
+import pytest
+from preflight_plans import at, box, fenced, good
+from stand_in import stand_in
+
+from mission.files import write_mission
+from mission.model import Command, MissionItem
+from wbf_mission.cli.app import main
+from wbf_mission.planning import plan
+from wbf_mission.scenario import Scenario
+
+ROWS = {"farm": "miniberry-10", "planner": "lawnmower", "budget": "60s"}
+
+
+@pytest.fixture
+def file(tmp_path):
+    """A plan where our simulator stands."""
+    path = tmp_path / "rows.plan"
+    write_mission(plan(Scenario(**ROWS)).mission, path)
+    return str(path)
+
+
+@pytest.fixture
+def broken(tmp_path):
+    """A plan that leaves its fence."""
+    mission = plan(Scenario(**ROWS)).mission
+    home = mission.home
+    circle = Command.NAV_FENCE_CIRCLE_INCLUSION
+    fence = (MissionItem(circle, 0, 2.0, x=home.latitude_deg, y=home.longitude_deg),)
+    path = tmp_path / "broken.plan"
+    write_mission(replace(mission, fence=fence), path)
+    return str(path)
+
+
+def run(capsys, *words, code=0):
+    assert main(list(words)) == code
+    return capsys.readouterr()
+
+
+def codes(document):
+    return {one["code"] for one in document["findings"]}
+
+
+def test_a_good_file_is_told_in_a_table(file, capsys):
+    out = run(capsys, "preflight", file).out
+    assert "rows.plan: quad, PX4; 0 errors" in out
+    assert "predicted: " in out
+
+
+def test_one_document_with_every_finding(tmp_path, capsys):
+    path = tmp_path / "far.plan"
+    write_mission(fenced(good(at(60, 0), at(60, 40), at(0, 40)), box(20, -9, 40, 9, inside=False)), path)
+    document = json.loads(run(capsys, "preflight", str(path), "--json", "-q", code=1).out)
+    assert document["errors"] == 1
+    assert (document["vehicle"], document["autopilot"], document["system_id"]) == ("quad", "PX4", None)
+    (found,) = [one for one in document["findings"] if one["severity"] == "error"]
+    assert (found["code"], found["item"], found["command"]) == ("outside-fence", 4, "NAV_WAYPOINT")
+    assert found["value"] == pytest.approx(-9.0, abs=1.0)
+    assert found["fix"]
+
+
+def test_wind_vehicle_margin_and_camera_are_options(tmp_path, capsys):
+    path = tmp_path / "good.plan"
+    write_mission(fenced(good(), box(-20, -20, 48, 60)), path)
+    words = ("preflight", str(path), "--json", "-q")
+    assert codes(json.loads(run(capsys, *words).out)) == {"flight"}
+    assert "near-fence" in codes(json.loads(run(capsys, *words, "--margin", "12").out))
+    assert "camera-too-fast" in codes(json.loads(run(capsys, *words, "--camera-interval", "1.2").out))
+    windy = json.loads(run(capsys, *words, "--wind", "30,270", code=1).out)
+    assert "too-windy" in codes(windy)
+    other = json.loads(run(capsys, *words, "--vehicle", "mini-quad", "--autopilot", "ardupilot", code=0).out)
+    assert (other["vehicle"], other["autopilot"]) == ("mini-quad", "ArduPilot")
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (("absent.plan",), "absent.plan"),
+        (("FILE", "--margin", "-1"), "--margin -1 is out of range"),
+        (("FILE", "--margin", "nan"), "--margin"),
+        (("FILE", "--camera-interval", "0"), "--camera-interval 0 is out of range"),
+        (("FILE", "--vehicle", "quad,quad"), "name one"),
+        (("FILE", "--vehicle", "zeppelin"), "unknown vehicle 'zeppelin'"),
+        (("FILE", "--farm", "nowhere"), "nowhere"),
+        (("FILE", "--system-id", "3"), "--system-id goes with --connect"),
+    ],
+)
+def test_bad_input_is_one_line(words, text, file, capsys):
+    out, err = run(capsys, "preflight", *(file if one == "FILE" else one for one in words), code=2)
+    assert out == ""
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert text in err
+
+
+def test_nobody_to_ask(file, capsys):
+    err = run(capsys, "preflight", file, "--connect", "udpin:127.0.0.1:0", "--wait", "0.2", "-q", code=3).err
+    assert "no vehicle was heard" in err
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_the_vehicle_is_asked(autopilot, file, capsys):
+    with stand_in(autopilot, speed=6.0) as (url, made):
+        words = ("preflight", file, "--vehicle", "quad", "--connect", url, "--json", "-q")
+        document = json.loads(run(capsys, *words).out)
+        assert document["system_id"] == 1
+        assert "firmware" in codes(document)
+        made.vehicle.pilot.arming.block = "the propellers are off"
+        ill = json.loads(run(capsys, *words, code=1).out)
+        (found,) = [one for one in ill["findings"] if one["severity"] == "error"]
+        assert found["code"] == "not-ready"
+        assert "the propellers are off" in found["text"]
+
+
+def test_an_autopilot_that_is_not_heard(file, capsys):
+    with stand_in("px4", speed=6.0) as (url, _):
+        words = ("preflight", file, "--connect", url, "-q")
+        assert "but PX4 is heard" in run(capsys, *words, "--autopilot", "ardupilot", code=2).err
+        assert "a multirotor is heard" in run(capsys, *words, "--vehicle", "rover", code=2).err
+
+
+def test_an_upload_with_an_error_is_refused_and_forced(broken, capsys):
+    with stand_in("px4", speed=6.0) as (url, made):
+        out, err = run(capsys, "upload", broken, "--connect", url, "-q", code=2)
+        assert out == ""
+        assert "error: preflight check" in err
+        assert "leaves the fence" in err
+        assert "nothing was sent; --force does it nevertheless" in err
+        assert made.vehicle.pilot.mission.items == ()
+        document = json.loads(run(capsys, "upload", broken, "--connect", url, "--json", "-q", "--force").out)
+        assert document["verified"]
+        assert "outside-fence" in codes(document)
+        assert len(made.vehicle.pilot.mission.items) > 0
+
+
+def test_what_only_matters_for_a_start_does_not_hinder_an_upload(file, capsys):
+    with stand_in("ardupilot", speed=6.0) as (url, made):
+        made.vehicle.pilot.arming.block = "the propellers are off"
+        document = json.loads(run(capsys, "upload", file, "--connect", url, "--json", "-q").out)
+        assert document["verified"]
+        assert not [one for one in document["findings"] if one["severity"] == "error"]
+
+
+def test_a_live_flight_with_an_error_does_not_begin(broken, capsys, tmp_path):
+    with stand_in("px4", speed=6.0) as (url, made):
+        words = (
+            "fly",
+            "--farm",
+            "miniberry-10",
+            "--mission",
+            broken,
+            "--connect",
+            url,
+            "--yes",
+            "--no-files",
+        )
+        err = run(capsys, *words, "-q", code=2).err
+        assert "nothing was sent" in err
+        assert made.vehicle.pilot.mission.items == ()
+        assert not made.vehicle.pilot.armed
+
+
+def test_a_policy_is_checked_too(capsys):
+    with stand_in("px4", speed=6.0, policy="greedy") as (url, made):
+        words = ("fly", "--farm", "miniberry-10", "--policy", "greedy", "--budget", "60s", "--wind", "30,270")
+        err = run(capsys, *words, "--connect", url, "--yes", "--no-files", "-q", code=2).err
+        assert "would be blown away" in err
+        assert made.vehicle.pilot.mission.items == ()
+
+
+def test_the_table_is_plain_text_for_hostile_names(tmp_path, capsys):
+    path = tmp_path / "[red]x\x1b.plan"
+    write_mission(good(), path)
+    out = run(capsys, "preflight", str(path)).out
+    assert "[red]x" in out
+    assert "\x1b" not in out

@@ -1,0 +1,51 @@
+"""What our own planners make has no errors, whoever flies it."""
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from mission.errors import PlanningError
+from wbf_mission.planning import plan
+from wbf_mission.preflight.finding import Severity
+from wbf_mission.preflight.run import Circumstances, check_mission
+from wbf_mission.scenario import Scenario
+
+PLANNERS = ("lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint")
+VEHICLES = (("quad", "px4"), ("quad", "ardupilot"), ("fixed-wing", "px4"), ("fixed-wing", "ardupilot"))
+
+
+COMBINATIONS = [
+    # A fixed wing flies thousands of random waypoints in these minutes.
+    pytest.param(*vehicle, planner, marks=pytest.mark.slow if wide else ())
+    for vehicle in VEHICLES
+    for planner in PLANNERS
+    for wide in [vehicle[0] == "fixed-wing" and planner == "random-waypoint"]
+]
+
+
+@pytest.mark.parametrize(("vehicle", "autopilot", "planner"), COMBINATIONS)
+@settings(max_examples=3, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    farm=st.sampled_from(("miniberry-10", "miniberry-30")),
+    minutes=st.integers(2, 4),
+    wind=st.sampled_from(((0.0, 0.0), (4.0, 250.0))),
+    seed=st.integers(0, 1000),
+)
+def test_no_planner_makes_a_plan_with_an_error(planner, vehicle, autopilot, farm, minutes, wind, seed):
+    scenario = Scenario(
+        farm=farm,
+        planner=planner,
+        budget=f"{minutes}min",
+        vehicle=vehicle,
+        autopilot=autopilot,
+        wind_speed_m_s=wind[0],
+        wind_direction_deg=wind[1],
+        seed=seed,
+    )
+    try:
+        made = plan(scenario)
+    except PlanningError:
+        return  # no path within the budget
+    checked = check_mission(made.mission, Circumstances(scenario.vehicle, scenario.weather, made.farm))
+    assert not checked.report.has_errors, [str(one) for one in checked.report.of(Severity.ERROR)]
+    assert checked.subject.prediction.duration_s == pytest.approx(made.prediction.duration_s, rel=1e-6)

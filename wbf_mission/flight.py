@@ -11,6 +11,7 @@ from geo.errors import WbfMissionError
 from mission.planners import Planner
 from mission.policies.policy import FixedPlan, KeepPath, Policy
 from mission.policies.registry import make_policy
+from mission.transfer import refuse_errors
 from sensors.estimators import Estimator
 from sensors.field_files import load_field_set
 from sensors.scoring.score import ScoreWeights
@@ -125,6 +126,10 @@ def fly(
         plans = campaign.plan(scenario.farm.day)
         tell("planning", 1, 1)
         watch.lap("plan")
+        for one in plans:
+            # The autopilot of a vehicle behind a link is known better when it is asked.
+            if connect is None:
+                refuse_errors(one.rendered)
         if connect is not None:
             connect.check(plans[0], scenario)
             watch.lap("preflight")

@@ -237,6 +237,7 @@ class Flights:
                 delay,
                 hosting.clearance(number.system_id),
                 hosting.transfers,
+                force=hosting.force,
             )
             for (number, one, plan), delay in zip(planned.sorties, delays, strict=True)
         ]

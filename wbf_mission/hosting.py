@@ -63,6 +63,10 @@ class Hosting(Protocol):
     def transfers(self) -> TransferMaker:
         """Who carries the plans up to the vehicles."""
 
+    @property
+    def force(self) -> bool:
+        """Whether plans are sent that the autopilot would refuse or not fly."""
+
     def clearance(self, system_id: int) -> Clearance | None:
         """Return what has to hold before the motors of a vehicle start."""
 
@@ -116,6 +120,11 @@ class VirtualHosting:
     def transfers(self) -> OwnTransfers:
         """Who carries the plans up to the vehicles."""
         return OWN_TRANSFERS
+
+    @property
+    def force(self) -> bool:
+        """Nothing is sent that the autopilot would refuse."""
+        return False
 
     def clearance(self, system_id: int) -> None:  # noqa: ARG002
         """Nobody has to agree."""

@@ -62,6 +62,8 @@ class Sortie:
         How long it waits before it starts.
     clearance : Clearance, optional
         What has to hold before its motors start.
+    force : bool
+        Send also what the autopilot would refuse or not fly.
     maker : TransferMaker
         Who carries its plans up.
 
@@ -89,6 +91,8 @@ class Sortie:
         start_delay_s: float = 0.0,
         clearance: Clearance | None = None,
         maker: TransferMaker = OWN_TRANSFERS,
+        *,
+        force: bool = False,
     ) -> None:
         self._reach = reach_of(scenario.vehicle, task, plan)
         farm, seed = plan.farm, scenario.seed
@@ -114,6 +118,7 @@ class Sortie:
             start_delay_s=start_delay_s,
             clearance=clearance,
             maker=maker,
+            force=force,
         )
         self._flown = self.ground.flown_length(farm.frame)
         self._fares = task.fares_in_flight()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 from mission.model import MissionType
 from mission.transfer.wire import command_name
@@ -51,6 +52,17 @@ class Remark:
     text: str
     fix: str = ""
     command: int | None = None
+
+    def summary(self) -> dict[str, Any]:
+        """Return plain values for JSON; items count from 1."""
+        return {
+            "plan": self.plan.name.lower(),
+            "item": None if self.item is None else self.item + 1,
+            "command": None if self.command is None else command_name(self.command),
+            "severity": self.severity.value,
+            "text": self.text,
+            "fix": self.fix,
+        }
 
     def __str__(self) -> str:
         where = self.plan.name.lower()

@@ -57,7 +57,7 @@ def upload_command(
     mission = read_mission(file)
     checked = check_before_upload(output, mission, connect, vehicle=vehicle, wait_s=wait, force=force)
     with output.progress() as progress:
-        report = upload(mission, connect, wait_s=wait, progress=progress, note=output.note)
+        report = upload(mission, connect, wait_s=wait, progress=progress, note=output.note, force=force)
     rows = {
         "vehicle": f"system {report.system_id}, component {report.component_id}",
         **{name: f"{count} items, verified" for name, count in report.items.items()},

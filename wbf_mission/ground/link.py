@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mission.link import MavlinkEndpoint, open_link
 from mission.model import Mission, MissionType
-from mission.transfer import Event, Progress, TransferStatistics, count_warning
-from mission.transfer.driver import TransferDriver, Vehicle
+from mission.transfer import Event, Progress, RemoteTransferError, TransferStatistics
+from mission.transfer.driver import OnText, TransferDriver, Vehicle
 from wbf_mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
+from wbf_mission.ground.texts import TextLog
 
 ProgressCallback = Callable[[str, float, float], None]
 Note = Callable[[str], None]
@@ -30,6 +31,10 @@ class TransferReport:
         Every plan was read back and found equal.
     messages_sent, messages_received, retries : int
     duration_s : float
+    texts : list of str
+        What the vehicle warned of meanwhile (STATUSTEXT).
+    remarks : list of dict
+        What its autopilot does not take as it is (`mission.transfer.remark.Remark`).
     """
 
     system_id: int
@@ -41,6 +46,8 @@ class TransferReport:
     messages_received: int
     retries: int
     duration_s: float
+    texts: list[str] = field(default_factory=list)
+    remarks: list[dict[str, Any]] = field(default_factory=list)
 
     def summary(self) -> dict[str, Any]:
         """Return plain values for JSON."""
@@ -58,23 +65,47 @@ def upload(
     wait_s: float = 10.0,
     progress: ProgressCallback = _silent,
     note: Note = _silent,
+    force: bool = False,
 ) -> TransferReport:
     """Send a mission to the vehicle behind ``url``, read it back and compare.
+
+    It is sent as the vehicle's autopilot takes it. What the vehicle warns of meanwhile is noted.
+
+    Parameters
+    ----------
+    mission : Mission
+    url : str
+    wait_s : float
+        How long to wait for a vehicle.
+    progress : callable
+        Told how far it is.
+    note : callable
+        Takes lines for the operator.
+    force : bool
+        Send also what the autopilot would refuse or not fly.
 
     Raises
     ------
     LinkError
         If the link cannot be opened or breaks.
-    TransferError
-        If no vehicle is heard, it refuses, or it holds something else afterwards.
+    LocalTransferError
+        If the autopilot would refuse an item or not fly the mission; nothing was sent then.
+    RemoteTransferError
+        If no vehicle is heard, it refuses, or it holds something else afterwards. The text names the item
+        and has the vehicle's own words.
     """
-    with _driver(url, progress, "uploading") as driver:
+    texts = TextLog()
+    with _driver(url, progress, "uploading", texts.on_text) as driver:
         vehicle = _find(driver, wait_s, note)
-        for kind in MissionType:
-            warning = count_warning(vehicle.profile, kind, len(mission.plan(kind)))
-            if warning:
-                note(f"warning: {warning}")
-        return _report(vehicle, driver.upload(mission))
+        remarks = [remark.summary() for remark in driver.render(mission).remarks]
+        try:
+            costs = driver.upload(mission, force=force)
+        except RemoteTransferError as error:
+            raise RemoteTransferError(texts.explain(str(error)), error.failure) from error
+    said = texts.warnings()
+    for text in said:
+        note(f"the vehicle says: {text}")
+    return replace(_report(vehicle, costs), texts=said, remarks=remarks)
 
 
 def download(
@@ -104,13 +135,13 @@ def find_vehicle(
         return _find(driver, wait_s, note, system_id)
 
 
-def _driver(url: str, progress: ProgressCallback, what: str) -> TransferDriver:
+def _driver(url: str, progress: ProgressCallback, what: str, on_text: OnText | None = None) -> TransferDriver:
     def on_event(event: Event) -> None:
         if isinstance(event, Progress):
             progress(f"{what} {event.mission_type.name.lower()}", event.done, event.total)
 
     endpoint = MavlinkEndpoint(open_link(url), GROUND_SYSTEM_ID, GROUND_COMPONENT_ID)
-    return TransferDriver(endpoint, on_event=on_event)
+    return TransferDriver(endpoint, on_event=on_event, on_text=on_text)
 
 
 def _find(driver: TransferDriver, wait_s: float, note: Note, system_id: int | None = None) -> Vehicle:

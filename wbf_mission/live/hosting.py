@@ -41,11 +41,14 @@ class LinkHosting:
         Where every MAVLink frame is written.
     agreed : bool
         The operator agrees to the start beforehand.
+    force : bool
+        Send also what the autopilot would refuse or not fly.
     """
 
     url: str
     tlog: Path | None = None
     agreed: bool = False
+    force: bool = False
 
     @property
     def pace(self) -> None:

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from geo import Farm
 from mission.model import Mission
+from mission.transfer import GENERIC, Rendered, Severity, render
 from sim_vehicle.airframe.spec import VehicleSpec
+from sim_vehicle.autopilot import firmware_of
 from sim_vehicle.prediction.flight import Prediction
 
 _CAMERA_STARTS = frozenset({206, 214, 2000})
@@ -74,6 +76,15 @@ class PlanResult:
         return not shapely.MultiPoint(self.path_m).intersects(ground)
 
     @property
+    def rendered(self) -> Rendered:
+        """The mission as the vehicle's autopilot takes it; parameters count as far as they were given."""
+        firmware = firmware_of(self.vehicle)
+        if firmware is None:
+            return render(self.mission, GENERIC)
+        given = dict(self.vehicle.parameters)
+        return render(self.mission, firmware.profile, firmware.persona.identity.mav_type, parameters=given)
+
+    @property
     def warnings(self) -> list[str]:
         """Return what an operator should know before flying, each in one line."""
         found = []
@@ -85,6 +96,7 @@ class PlanResult:
             found.append("the mission never starts the camera: there will be no observations")
         if self.misses_farm:
             found.append(f"no waypoint lies on the farm {self.farm.name}: is this the right --farm?")
+        found += [str(one) for one in self.rendered.remarks if one.severity is not Severity.NOTE]
         return found
 
     @property
@@ -112,4 +124,5 @@ class PlanResult:
             "feasible": self.prediction.feasible,
             "reason": self.prediction.reason,
             "warnings": self.warnings,
+            "remarks": [remark.summary() for remark in self.rendered.remarks],
         }

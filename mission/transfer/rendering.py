@@ -332,7 +332,7 @@ class _Writer:
 
     def _say_of_all(self, numbers: list[int], severity: Severity, text: str, fix: str) -> None:
         if numbers:
-            more = f" (and {len(numbers) - 1} more items)" if len(numbers) > 1 else ""
+            more = f" (and {len(numbers) - 1} more)" if len(numbers) > 1 else ""
             self._say(numbers[0], severity, text + more, fix)
 
     def check_condition(self, condition: ArmingCondition, parameters: Mapping[str, float]) -> None:

@@ -18,7 +18,6 @@ __all__ = ["UncheckedItem", "as_read_back", "as_stored", "frame_on_wire", "judge
 
 _PARAMETERS = ("param1", "param2", "param3", "param4")
 _INT_FRAMES = {0: 5, 3: 6, 10: 11}
-_ROI_LOCATION = 3
 
 
 class UncheckedItem(MissionItem):
@@ -87,7 +86,8 @@ def judge_item(item: MissionItem, count: int, profile: Profile) -> int:
         if not 0 < target < count:
             return int(wire.ERROR)
     roi = item.command == Command.DO_SET_ROI and item.frame != Frame.MISSION
-    if roi and profile.placed is not None and item.param1 != _ROI_LOCATION:
+    modes = profile.dialect.roi_modes
+    if roi and modes is not None and item.param1 not in modes:
         return int(wire.INVALID_PARAM1)
     return int(wire.ACCEPTED)
 

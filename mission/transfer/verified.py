@@ -227,6 +227,8 @@ class VerifiedUpload:
         if self._readings > 0:
             return self._read_back(now_s)
         if self._refusal is not None:
+            if self._upload.profile.atomic:
+                return Output(events=(replace(self._refusal, vehicle_plan=PlanState.OLD),))
             text = f"{self._refusal.text}; {self._held(received.items)}"
             return Output(events=(replace(self._refusal, text=text),))
         number = len(self.differences)

@@ -337,15 +337,22 @@ class _Writer:
 
     def check_condition(self, condition: ArmingCondition, parameters: Mapping[str, float]) -> None:
         """Tell what a parameter of the vehicle asks of the mission."""
-        value = parameters.get(condition.parameter, condition.usual)
-        if self._type not in condition.vehicle_types or value not in condition.refusing or not self.entries:
+        if self._type not in condition.vehicle_types or not self.entries:
             return
-        severity = Severity.ERROR if condition.parameter in parameters else condition.unknown
         barred = [number for number, item in self.entries if item.command in condition.barred]
-        missing = condition.needed and not any(item.command in condition.needed for _, item in self.entries)
-        if barred or missing:
-            text = condition.text.format(value=value)
-            self._say(barred[0] if barred else None, severity, text, condition.fix)
+        has_needed = any(item.command in condition.needed for _, item in self.entries)
+        if not barred and (has_needed or not condition.needed):
+            return
+        value = parameters.get(condition.parameter)
+        first = barred[0] if barred else None
+        if value is None and condition.usual in condition.refusing:
+            text = condition.text.format(value=condition.usual)
+            self._say(first, condition.unknown, text, condition.fix)
+        elif value in condition.refusing:
+            self._say(first, Severity.ERROR, condition.text.format(value=value), condition.fix)
+        elif value is not None and condition.usual in condition.refusing:
+            text = condition.text.format(value=condition.usual) + f"; planned with {value:g}"
+            self._say(first, Severity.NOTE, text, f"look that {condition.parameter} is so on the vehicle")
 
     def check_areas(self) -> None:
         """Tell fence and rally items that no autopilot with rules of its own takes."""

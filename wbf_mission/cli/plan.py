@@ -66,6 +66,7 @@ def plan_command(
 ) -> None:
     """Plan a mission within a budget and say what it takes: length, time, coverage, battery."""
     from mission.files import write_mission, writer_for
+    from mission.transfer import Severity
     from wbf_mission.fleet import plan_fleet
     from wbf_mission.flight import check_flight
 
@@ -85,6 +86,9 @@ def plan_command(
         progress("planning", 1, 1)
     for warning in dict.fromkeys(warning for result in results for warning in result.warnings):
         output.warn(warning)
+    notes = [one for result in results for one in result.rendered.remarks if one.severity is Severity.NOTE]
+    for note in dict.fromkeys(str(one) for one in notes):
+        output.note(f"note: {note}")
     for result, path in zip(results, files, strict=True):
         if path is not None:
             write_mission(result.mission, path)

@@ -221,13 +221,15 @@ def test_what_a_fixed_wing_needs_to_be_armed():
     assert error.item is None
     assert "MIS_TKO_LAND_REQ is 2" in error.text
     assert not rendered(LAND, vehicle_type=PLANE).remarks
-    assert not rendered(BACK, vehicle_type=PLANE, parameters={"MIS_TKO_LAND_REQ": 0.0}).remarks
+    assert told(rendered(BACK, vehicle_type=PLANE, parameters={"MIS_TKO_LAND_REQ": 0.0})) == [("note", None)]
     assert not rendered(BACK).remarks
     landing = (MissionItem(189), LAND)
     plane = {"profile": ARDUPILOT, "vehicle_type": PLANE}
     assert told(rendered(*landing, **plane)) == [("warning", 3)]
     assert told(rendered(*landing, **plane, parameters={"RTL_AUTOLAND": 0.0})) == [("error", 3)]
-    assert not rendered(*landing, **plane, parameters={"RTL_AUTOLAND": 2.0}).remarks
+    (note,) = rendered(*landing, **plane, parameters={"RTL_AUTOLAND": 2.0}).remarks
+    assert (note.severity.value, note.item) == ("note", 2)
+    assert "planned with 2; look that RTL_AUTOLAND is so on the vehicle" in str(note)
     assert not rendered(LAND, **plane).remarks
 
 

@@ -75,10 +75,11 @@ def judge_item(item: MissionItem, count: int, profile: Profile) -> int:
     >>> judge_item(MissionItem(Command.NAV_RETURN_TO_LAUNCH, Frame.GLOBAL_RELATIVE_ALT), 1, PX4)
     3
     """
-    placed = has_position(item.command)
-    if profile.frames is not None and item.frame not in profile.frames and (placed or profile.strict_frames):
-        return int(wire.UNSUPPORTED_FRAME)
     known = profile.unplaced if item.frame == Frame.MISSION else profile.placed
+    without = item.frame == Frame.MISSION and known is not None and item.command in known
+    judged = (has_position(item.command) and not without) or profile.strict_frames
+    if profile.frames is not None and item.frame not in profile.frames and judged:
+        return int(wire.UNSUPPORTED_FRAME)
     if known is not None and item.command not in known:
         return int(wire.UNSUPPORTED)
     if item.command == Command.DO_JUMP and profile.checks_jumps:

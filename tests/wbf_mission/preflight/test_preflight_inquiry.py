@@ -183,7 +183,7 @@ def test_our_simulator_over_a_socket(autopilot):
     low = {"px4": "COM_LOW_BAT_ACT", "ardupilot": "BATT_FS_LOW_ACT"}[autopilot]
     assert answers.parameters[low] == float(int(answers.parameters[low]))
     assert answers.battery == 1.0
-    assert answers.gps.fix == 3
+    assert answers.gps.fix >= 3
     assert answers.version is not None
     assert answers.position.latitude_deg == pytest.approx(28.05, abs=0.1)
     assert not answers.armed

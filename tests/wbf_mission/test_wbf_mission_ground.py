@@ -95,6 +95,41 @@ def test_a_refusal_carries_the_vehicles_own_words() -> None:
     assert ground.reason == "Arming denied: battery low"
 
 
+def test_a_refused_item_is_named_with_what_the_vehicle_says_after_its_answer() -> None:
+    ground = GroundStation(MISSION)
+    ground.receive(from_vehicle(m.MAVLink_statustext_message(4, b"said before")), 0.5)
+    ground.receive(heartbeat(), 1.0)
+    for seq in (0, 1):
+        ground.receive(from_vehicle(m.MAVLink_mission_request_int_message(255, 190, seq)), 1.1)
+    ground.receive(from_vehicle(m.MAVLink_mission_ack_message(255, 190, 3)), 1.2)
+    assert ground.phase is Phase.UPLOAD
+    ground.receive(from_vehicle(m.MAVLink_statustext_message(2, b"WPM: it cannot be flown")), 1.3)
+    assert ground.next_deadline() <= 1.7
+    ground.poll(1.7)
+    assert ground.outcome is Outcome.UPLOAD_FAILED
+    assert ground.reason.startswith("upload of the mission was refused at item 2 (NAV_WAYPOINT): ")
+    assert ground.reason.endswith("(MAV_MISSION_UNSUPPORTED); the vehicle says: WPM: it cannot be flown")
+
+
+def test_nothing_goes_up_that_the_autopilot_would_refuse() -> None:
+    turns = MissionItem(Command.NAV_LOITER_TURNS, 3, 2.0, x=28.05, y=-82.15, z=5.0)
+    bad = Mission((MISSION.items[0], turns, MISSION.items[2]), MISSION.home)
+    ground = GroundStation(bad)
+    out = ground.receive(heartbeat(), 1.0)
+    assert not [message for message in out if message.get_type() == "MISSION_COUNT"]
+    assert ground.outcome is Outcome.UPLOAD_FAILED
+    assert "mission item 2 (NAV_LOITER_TURNS)" in ground.reason
+    forced = GroundStation(bad, force=True)
+    assert [x.count for x in forced.receive(heartbeat(), 1.0) if x.get_type() == "MISSION_COUNT"] == [3]
+
+
+def test_the_mission_that_is_flown_is_the_one_that_was_sent() -> None:
+    nowhere = MissionItem(Command.NAV_TAKEOFF, 3, param4=None, z=5.0)
+    ground = GroundStation(Mission((nowhere, *MISSION.items[1:]), MISSION.home))
+    uploaded(ground)
+    assert ground.mission == MISSION
+
+
 @pytest.mark.parametrize(("state", "outcome"), [(5, Outcome.COMPLETED), (3, Outcome.FLIGHT_ABORTED)])
 def test_disarming_ends_the_flight_by_the_missions_state(state: int, outcome: Outcome) -> None:
     ground = GroundStation(MISSION)

@@ -1,0 +1,53 @@
+"""The page of the preflight check names every finding, and no other; each has a test."""
+
+import ast
+import re
+from pathlib import Path
+
+import wbf_mission.preflight
+
+ROOT = Path(__file__).parents[3]
+CODE = re.compile(r"[a-z]+(-[a-z]+)*")
+
+
+def codes_on_the_page():
+    text = (ROOT / "docs" / "preflight.md").read_text(encoding="utf-8")
+    tables = text[text.index("## Findings in the plan") : text.index("## From Python")]
+    cells = re.findall(r"^\| (`[^|]+`) \|", tables, flags=re.MULTILINE)
+    return [code for cell in cells for code in re.findall(r"`([^`]+)`", cell)]
+
+
+def codes_in_the_source():
+    """Second arguments of findings, and the codes of problems that stand in the executor's checks."""
+    found = set()
+    folder = Path(wbf_mission.preflight.__file__).parent
+    sources = [*folder.rglob("*.py"), ROOT / "sim_vehicle" / "execution" / "feasibility.py"]
+    for path in sources:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and CODE.fullmatch(node.value):
+                found.add(node.value)
+    return found
+
+
+def codes_in_the_tests():
+    """Of the tables CASES beside this file: keys, or what comes first in each row."""
+    found = set()
+    for path in Path(__file__).parent.glob("*_checks.py"):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "CASES":
+                table = node.value
+                first = table.keys if isinstance(table, ast.Dict) else [row.elts[0] for row in table.elts]
+                found |= {one.value for one in first}
+    return found
+
+
+def test_every_finding_that_a_test_knows_is_on_the_page():
+    tested = codes_in_the_tests()
+    assert len(tested) > 80
+    page = codes_on_the_page()
+    assert len(page) == len(set(page))
+    assert set(page) == tested
+
+
+def test_every_finding_on_the_page_is_in_the_source():
+    assert set(codes_on_the_page()) <= codes_in_the_source()

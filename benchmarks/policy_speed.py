@@ -9,8 +9,10 @@
 - *days*: 15 days of Miniberry-100, two flights a day with the whole battery each; the whole process. Bar:
   1 minute.
 
-Each is told in seconds of wall and processor time and as a ratio of simulated time to wall time. With
-``--cold`` the whole processes run with an empty cache: they compile, generate the environment and train.
+Each is told in seconds of wall and processor time, as a ratio to its bar (1 and more: reached), and with the
+parts of the wall time. Where others use the machine, too, wall time says little: the ratio by processor time
+is what one core of one's own would reach; *days* uses several. With ``--cold`` the whole processes run with an
+empty cache: they compile, generate the environment and train.
 """
 
 from __future__ import annotations
@@ -37,20 +39,26 @@ DAYS = ("--farm", "miniberry-100", "--days", "15", "--flights-per-day", "2")
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """What a run took: wall and processor seconds; and what it gave."""
+    """What a run took: wall and processor seconds, the wall seconds of its parts; and what it gave."""
 
     wall_s: float
     cpu_s: float
     simulated_s: float
     decisions: int
+    parts_s: dict[str, float]
 
-    def line(self, name: str, bar: str) -> str:
-        """Return one line for people."""
+    def lines(self, name: str, bar: str, bar_s: float) -> str:
+        """Return what people read; the bar is in wall seconds."""
         ratio = self.simulated_s / self.wall_s
+        parts = sorted(self.parts_s.items(), key=lambda part: -part[1])
+        told = ", ".join(f"{part} {seconds / self.wall_s:.0%}" for part, seconds in parts)
         return (
             f"{name}: {self.wall_s:.1f} s wall, {self.cpu_s:.1f} s CPU, {self.simulated_s:.0f} s flown"
             f" with {self.decisions} decisions, {ratio:.0f} x real time"
-            f" ({self.simulated_s / self.cpu_s:.0f} x by CPU); bar: {bar}"
+            f" ({self.simulated_s / self.cpu_s:.0f} x by CPU)\n"
+            f"  bar {bar}: reached {bar_s / self.wall_s:.2f} of it by wall time,"
+            f" {bar_s / self.cpu_s:.2f} by CPU on one core\n"
+            f"  parts: {told}"
         )
 
 
@@ -61,7 +69,7 @@ def policy() -> Taken:
     wall_s, cpu_s = time.perf_counter(), time.process_time()
     result = fly(scenario)
     wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
-    return Taken(wall_s, cpu_s, result.simulated_s, len(result.decisions))
+    return Taken(wall_s, cpu_s, result.simulated_s, len(result.decisions), result.timings_s)
 
 
 def process(arguments: tuple[str, ...], cold: bool) -> Taken:
@@ -74,10 +82,12 @@ def process(arguments: tuple[str, ...], cold: bool) -> Taken:
             [*command, "--out", f"{folder}/run"], capture_output=True, text=True, env=environment, check=False
         )
         wall_s, after = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
+    if done.returncode:
+        sys.exit(f"{' '.join(command)}: exit code {done.returncode}\n{done.stderr}")
     summary = json.loads(done.stdout)
     cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     simulated_s = summary["realtime_factor"] * summary["timings_s"]["flight"]
-    return Taken(wall_s, cpu_s, simulated_s, len(summary["decisions"]))
+    return Taken(wall_s, cpu_s, simulated_s, len(summary["decisions"]), summary["timings_s"])
 
 
 def main() -> int:
@@ -92,12 +102,13 @@ def main() -> int:
     good = True
     if "policy" in cases:
         taken = policy()
-        print(taken.line("policy", f"{POLICY_BAR:.0f} x real time"), flush=True)
-        good &= taken.simulated_s / taken.wall_s >= POLICY_BAR
+        bar_s = taken.simulated_s / POLICY_BAR
+        print(taken.lines("policy", f"{POLICY_BAR:.0f} x real time", bar_s), flush=True)
+        good &= taken.wall_s <= bar_s
     for name, options, bar_s in (("fleet", FLEET, FLEET_BAR_S), ("days", DAYS, DAYS_BAR_S)):
         if name in cases:
             taken = process(options, arguments.cold)
-            print(taken.line(name, f"{bar_s:.0f} s wall"), flush=True)
+            print(taken.lines(name, f"{bar_s:.0f} s", bar_s), flush=True)
             good &= taken.wall_s <= bar_s
     return 0 if good else 1
 

@@ -78,10 +78,11 @@ class Steering:
     shares: NDArray[np.float32]
     coordination: Coordination = sequential
     _charts: dict[int, Chart] = field(default_factory=dict, init=False)
+    _drawn: dict[tuple[bytes, float], Chart] = field(default_factory=dict, init=False)
 
     def start(self) -> None:
         """Forget the charts of the run before."""
-        self._charts = {}
+        self._charts, self._drawn = {}, {}
 
     def decide(self, situation: Situation, search: Search, reason: str) -> Decision:
         """Find new routes for all vehicles that can be steered.
@@ -90,10 +91,13 @@ class Steering:
         """
         worth = self.acquisition(situation)
         found: dict[int, list[Alternative]] = {}
+        pooled: dict[Chart, Worth] = {}
 
         def bid(vehicle: VehicleReport, promised: Promised) -> Bid | None:
             chart = self._chart(situation, vehicle)
-            problem = self._problem(vehicle, chart, chart.pooled(worth), situation, promised)
+            if chart not in pooled:
+                pooled[chart] = chart.pooled(worth)
+            problem = self._problem(vehicle, chart, pooled[chart].copy(), situation, promised)
             routes = search(problem)
             paths = [chart.inside(vehicle.position_m, route.corners * chart.cell_m) for route in routes]
             mine = []
@@ -117,9 +121,13 @@ class Steering:
     def _chart(self, situation: Situation, vehicle: VehicleReport) -> Chart:
         chart = self._charts.get(vehicle.system_id)
         if chart is None:
+            # Vehicles with the same area share its chart, and what is worked out on it.
             request, shape = vehicle.request, situation.model.shape
-            chart = Chart.of(request.area, shape, situation.farm.cell_size_m, request.footprint_m)
-            self._charts[vehicle.system_id] = chart
+            area = request.area.wkb, request.footprint_m
+            if area not in self._drawn:
+                drawn = Chart.of(request.area, shape, situation.farm.cell_size_m, request.footprint_m)
+                self._drawn[area] = drawn
+            chart = self._charts[vehicle.system_id] = self._drawn[area]
         return chart
 
     def _problem(

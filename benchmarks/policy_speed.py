@@ -11,8 +11,8 @@
 
 Each is told in seconds of wall and processor time, as a ratio to its bar (1 and more: reached), and with the
 parts of the wall time. Where others use the machine, too, wall time says little: the ratio by processor time
-is what one core of one's own would reach; *days* uses several. With ``--cold`` the whole processes run with an
-empty cache: they compile, generate the environment and train.
+is what one core of one's own would reach; *days* uses several. With ``--cold`` the whole processes run with
+an empty cache: they compile, generate the environment and train.
 """
 
 from __future__ import annotations

@@ -129,6 +129,8 @@ class Observations:
                 kept.append(part)
         if not kept:
             return cls.empty(fields)
+        if len(kept) == 1:
+            return kept[0]
         x, y, time_s, day, values = (
             np.concatenate([getattr(part, name) for part in kept]) for name in _ARRAYS
         )

@@ -250,7 +250,8 @@ class RunEstimate:
         start = 0
         while start < len(observations):
             due = self.every - (self._seen - self._seen_before) % self.every
-            part = observations[start : start + due]
+            whole = start == 0 and len(observations) <= due
+            part = observations if whole else observations[start : start + due]
             begin = time.perf_counter()
             with attribute_errors_to(self.estimator):
                 self.estimator.partial_fit(part)

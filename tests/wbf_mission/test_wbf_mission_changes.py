@@ -395,6 +395,23 @@ def test_a_mission_goes_on_without_its_ground_station_when_the_options_say_so():
     check_safe(flight)
 
 
+def test_a_change_is_sent_as_the_autopilot_takes_it():
+    """PX4 knows no CONDITION_YAW: it is the heading of the waypoint after it, to which it still flies."""
+
+    def change(held, item):
+        new, resume_at = other_path(NEW)(held, item)
+        turn = MissionItem(115, param1=90.0)
+        return replace(new, items=(*new.items[:resume_at], turn, *new.items[resume_at:])), resume_at + 1
+
+    flight = Flight("px4", change, at_item(5), Impairment(delay_s=0.02)).fly()
+    [record] = flight.station.changes
+    assert record.outcome is ChangeOutcome.DONE, record.text
+    held = flight.station.mission.items
+    assert len(held) == len(flight.new.items) - 1
+    assert held[record.resume_at].param4 == 90.0
+    assert flight.station.outcome is Outcome.COMPLETED
+
+
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_a_refused_item_leaves_the_old_mission(autopilot):
     def change(held, item):

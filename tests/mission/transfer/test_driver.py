@@ -19,6 +19,7 @@ from mission.transfer import (
     MissionServer,
     Progress,
     RemoteTransferError,
+    StatusText,
 )
 from mission.transfer.driver import TransferDriver, Vehicle, wait_readable
 from mission.transfer.storage import as_stored
@@ -45,11 +46,13 @@ class Bench:
         self.heard = []
         self.events = []
         self.interrupt_at = None
+        self.texts = []
         self.driver = TransferDriver(
             MavlinkEndpoint(ours, 255, 190),
             clock=lambda: self.now_s,
             wait=self.wait,
             on_event=self.events.append,
+            on_text=lambda message, now_s: self.texts.append((message.text, now_s)),
         )
 
     def wait(self, link, seconds):
@@ -69,6 +72,36 @@ class Bench:
     def answer(self, output):
         for message in output.messages:
             self.vehicle.send(message)
+        for event in output.events:  # a vehicle's text follows its answer
+            if isinstance(event, StatusText):
+                text = event.text.encode()
+                self.vehicle.send(mavlink.MAVLink_statustext_message(event.severity, text))
+
+
+def test_what_the_vehicle_says_is_heard_until_after_a_failure():
+    bench = Bench(ARDUPILOT, capacity={MISSION: 5})
+    bench.driver.wait_for_vehicle()
+    MavlinkEndpoint(bench.vehicle.link, 9, 1).send(mavlink.MAVLink_statustext_message(4, b"somebody else"))
+    with pytest.raises(RemoteTransferError, match="no space"):
+        bench.driver.upload(PLAN, types=[MISSION])
+    assert [text for text, _ in bench.texts] == ["Only 5 items are supported"]
+
+
+def test_a_plan_is_sent_as_the_autopilot_takes_it_or_not_at_all():
+    spline = MissionItem(82, 3, 3.0, x=28.0, y=-82.0, z=5.0)
+    turns = MissionItem(18, 3, 2.0, x=28.0, y=-82.0, z=5.0)
+    bench = Bench()
+    bench.driver.upload(Mission((*PLAN.items, spline)))
+    assert bench.server.plan(MISSION).items[-1].command == 16
+    asked = sum(message.get_type() == "MISSION_COUNT" for message in bench.heard)
+    with pytest.raises(
+        LocalTransferError, match=r"mission item 13 \(NAV_LOITER_TURNS\): .* use NAV_LOITER_TIME"
+    ):
+        bench.driver.upload(Mission((*PLAN.items, turns)))
+    assert sum(message.get_type() == "MISSION_COUNT" for message in bench.heard) == asked
+    with pytest.raises(RemoteTransferError, match=r"refused at item 13 \(NAV_LOITER_TURNS\)"):
+        bench.driver.upload(Mission((*PLAN.items, turns)), force=True)
+    assert bench.server.plan(MISSION).items[-1].command == 16
 
 
 def test_upload_and_download():

@@ -15,6 +15,7 @@ from sensors.estimators import Estimator, advance_estimator
 from sensors.fields import FieldSet
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import RunningScore, ScoreWeights
+from sim_vehicle.epoch import EPOCH_UNIX_S
 from wbf_mission.day_record import DayRecord, keeps_days
 from wbf_mission.deciding.record import DecisionRecord
 from wbf_mission.estimation import RunEstimate, attribute_errors_to, score_points
@@ -160,7 +161,7 @@ class Campaign:
                 for flight in range(1, self.scenario.farm.flights_per_day + 1):
                     if len(self._gone) == len(self._all.vehicles):
                         continue
-                    if ahead is None or not self._take(ahead, day, flight):
+                    if ahead is None or not self._take(ahead, day, flight, writer):
                         self._fly_once(day, flight, environment, hosting, attendant, writer)
                 self.end_day()
         finally:
@@ -252,14 +253,16 @@ class Campaign:
         # The first one is planned where it is flown.
         self._next = None
         self.decisions.clear()
-        return FlightsAhead(FlightAlone(self._all, environment, hosting), numbers)
+        return FlightsAhead(FlightAlone(self._all, environment, hosting, hosting.tlog is not None), numbers)
 
-    def _take(self, ahead: FlightsAhead, day: int, flight: int) -> bool:
+    def _take(self, ahead: FlightsAhead, day: int, flight: int, writer: TlogWriter | None) -> bool:
         """Take what a flight gave that was flown ahead; False where it has to be flown here."""
         # Without those that are gone the others fly otherwise.
         flown = None if self._gone else ahead.take(day, flight)
         if flown is None:
             return False
+        if writer is not None and flown.log is not None:
+            writer.write_all(flown.log, EPOCH_UNIX_S + self.simulated_s)
         seen_before = len(self.evidence)
         for part in flown.parts:
             self.evidence.add(part, offset_s=self.simulated_s)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from geo import Farm
 from geo.seeds import child_seed
-from mission.link.tlog import TlogWriter
+from mission.link.tlog import FrameSink
 from mission.policies.policy import FixedPlan, KeepPath, Policy
 from sensors.camera.leaf_camera import LeafCameraOptions
 from sensors.environment import Environment
@@ -197,7 +197,7 @@ class Flights:
         watch: Stopwatch,
         began: Callable[[JointFlight], None] | None = None,
         attendant: Attendant | None = None,
-        writer: TlogWriter | None = None,
+        writer: FrameSink | None = None,
         offset_s: float = 0.0,
         gone: Collection[int] = (),
     ) -> JointFlight:
@@ -217,7 +217,7 @@ class Flights:
             Takes the flight before it begins.
         attendant : Attendant or None
             Stands by.
-        writer : TlogWriter or None
+        writer : FrameSink or None
             Takes every frame.
         offset_s : float
             When it begins, in seconds since the beginning of the run.

@@ -17,8 +17,10 @@ from dataclasses import dataclass
 from threadpoolctl import threadpool_limits
 
 from geo.errors import WbfMissionError
+from mission.link.tlog import FrameLog
 from sensors.environment import Environment
 from sensors.observations import Observations
+from sim_vehicle.epoch import EPOCH_UNIX_S
 from wbf_mission.deciding.record import DecisionRecord
 from wbf_mission.evidence import Evidence
 from wbf_mission.flight_record import FlightRecord
@@ -50,6 +52,8 @@ class FlownFlight:
     duration_s : float
         Simulated seconds.
     frames : int
+    log : FrameLog or None
+        All frames, with their times since the flight began.
     """
 
     records: list[FlightRecord]
@@ -57,6 +61,7 @@ class FlownFlight:
     decisions: list[DecisionRecord]
     duration_s: float
     frames: int
+    log: FrameLog | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,29 +74,43 @@ class FlightAlone:
         With a decider that does not ask what is believed.
     environment : Environment
     hosting : Hosting
+    logged : bool
+        Whether frames are kept.
     """
 
     flights: Flights
     environment: Environment
     hosting: Hosting
+    logged: bool = False
 
     def __call__(self, day: int, flight: int) -> FlownFlight:
         """Plan a flight and fly it."""
         of = self.flights
         evidence, decisions = Evidence(of.farm, of.fields), list[DecisionRecord]()
+        log = FrameLog() if self.logged else None
         with threadpool_limits(1, user_api="blas"):
             planned = of.plan(day, flight, evidence, decisions)
-            flown = of.fly(planned, evidence, self.environment, self.hosting, tell=silent, watch=Stopwatch())
+            flown = of.fly(
+                planned,
+                evidence,
+                self.environment,
+                self.hosting,
+                tell=silent,
+                watch=Stopwatch(),
+                writer=log,
+                # Nobody knows yet when the flight begins: frames have their times since then.
+                offset_s=-EPOCH_UNIX_S,
+            )
         records = [sortie.record() for sortie in flown.sorties]
-        return FlownFlight(records, evidence.parts, decisions, flown.now_s, flown.frames)
+        return FlownFlight(records, evidence.parts, decisions, flown.now_s, flown.frames, log)
 
 
 def can_fly_ahead(flights: Flights, hosting: Hosting, expected_s: float) -> bool:
     """Return whether the flights of a run can be flown in other processes, and whether that is worth it.
 
-    Who steers has to see first; a flight in real time, or one whose frames are written down, is followed
-    while it goes on. A planner that is an object may be bound to this process. Where this process is itself
-    one of several, these share the cores already.
+    Who steers has to see first; a flight in real time is followed while it goes on. A planner that is an
+    object may be bound to this process. Where this process is itself one of several, these share the cores
+    already.
 
     Parameters
     ----------
@@ -103,7 +122,7 @@ def can_fly_ahead(flights: Flights, hosting: Hosting, expected_s: float) -> bool
     from joblib import cpu_count
 
     farm, scenario = flights.farm, flights.scenario
-    plain = isinstance(hosting, VirtualHosting) and hosting.pace is None and hosting.tlog is None
+    plain = isinstance(hosting, VirtualHosting) and hosting.pace is None
     named = flights.decider.mission is not None or scenario.mission.planner.made is None
     return (
         plain

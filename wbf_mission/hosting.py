@@ -11,7 +11,7 @@ from typing import Protocol
 from numpy.random import SeedSequence
 
 from mission.link.codec.dialect import Message
-from mission.link.tlog import TlogWriter
+from mission.link.tlog import FrameSink
 from mission.model import GeoPoint
 from mission.transfer.making import OWN_TRANSFERS, OwnTransfers, TransferMaker
 from sim_vehicle.autopilot import get_autopilot
@@ -73,7 +73,7 @@ class Hosting(Protocol):
     def open(
         self,
         sorties: Sequence[Sortie],
-        writer: TlogWriter | None,
+        writer: FrameSink | None,
         *,
         offset_s: float,
         seed: SeedSequence,
@@ -84,7 +84,7 @@ class Hosting(Protocol):
         Parameters
         ----------
         sorties : sequence of Sortie
-        writer : TlogWriter or None
+        writer : FrameSink or None
             Takes every frame.
         offset_s : float
             When the flight begins, in seconds since the beginning of the run.
@@ -133,7 +133,7 @@ class VirtualHosting:
     def open(
         self,
         sorties: Sequence[Sortie],
-        writer: TlogWriter | None,
+        writer: FrameSink | None,
         *,
         offset_s: float,
         seed: SeedSequence,
@@ -183,7 +183,7 @@ def _aboard(sortie: Sortie) -> tuple[SimVehicle, LeafCameraComponent]:
     return vehicle, camera
 
 
-def _tap_of(writer: TlogWriter | None, epoch_s: float) -> Callable[[bytes, float], None] | None:
+def _tap_of(writer: FrameSink | None, epoch_s: float) -> Callable[[bytes, float], None] | None:
     """Return what writes each frame with the time of day at which it is sent."""
     if writer is None:
         return None

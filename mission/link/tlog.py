@@ -6,10 +6,13 @@ Each record is the time in microseconds since 1970 (8 bytes, big-endian) and one
 from __future__ import annotations
 
 import struct
+from array import array
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self
+
+import numpy as np
 
 from geo.reading import UnreadableError, read_file
 from mission.errors import LinkError
@@ -18,7 +21,15 @@ from mission.link.codec.frames import FrameReader, valid_frame_end
 
 MAX_LOG_BYTES = 2**30
 _TIME = struct.Struct(">Q")
+_UNKNOWN_TIME = bytes(_TIME.size)
 _LATEST_US = 4_102_444_800_000_000  # the year 2100: later than that is not a time stamp
+
+
+class FrameSink(Protocol):
+    """Takes frames with their times."""
+
+    def write(self, frame: bytes, time_s: float) -> None:
+        """Take one frame and its time in seconds."""
 
 
 class TlogWriter:
@@ -49,6 +60,11 @@ class TlogWriter:
         self._file.write(_TIME.pack(max(0, round(time_s * 1e6))) + frame)
         self.frames += 1
 
+    def write_all(self, log: FrameLog, begin_s: float) -> None:
+        """Add the frames of a log that began at ``begin_s``, in seconds since 1970."""
+        self._file.write(log.records(begin_s))
+        self.frames += len(log)
+
     def close(self) -> None:
         """Finish the file."""
         self._file.close()
@@ -60,6 +76,40 @@ class TlogWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+class FrameLog:
+    r"""Frames with times since a beginning that is not known yet.
+
+    Examples
+    --------
+    >>> log = FrameLog()
+    >>> log.write(b"frame", 1.5)
+    >>> log.records(0.000001)
+    b'\x00\x00\x00\x00\x00\x16\xe3aframe'
+    """
+
+    def __init__(self) -> None:
+        self._times_s = array("d")
+        self._starts = array("q")
+        self._records = bytearray()
+
+    def __len__(self) -> int:
+        return len(self._times_s)
+
+    def write(self, frame: bytes, time_s: float) -> None:
+        """Add one frame; ``time_s`` is in seconds since the beginning."""
+        self._starts.append(len(self._records))
+        self._times_s.append(time_s)
+        self._records += _UNKNOWN_TIME + frame
+
+    def records(self, begin_s: float) -> bytes:
+        """Return the records of a log file; the log began at ``begin_s``, in seconds since 1970."""
+        made = np.frombuffer(bytes(self._records), np.uint8).copy()
+        times_us = np.rint((begin_s + np.array(self._times_s)) * 1e6).astype(">u8")
+        places = np.array(self._starts)[:, None] + np.arange(_TIME.size)
+        made[places] = times_us.view(np.uint8).reshape(-1, _TIME.size)
+        return made.tobytes()
 
 
 def read_tlog(path: Path | str) -> Iterator[tuple[float, Message]]:

@@ -3,6 +3,7 @@
 import os
 import signal
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import joblib
@@ -79,15 +80,16 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 
 def test_flights_ahead_are_those_one_after_the_other(
-    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     taken = counted(monkeypatch)
-    alone = fly(SHORT)
+    alone = fly(SHORT, tlog=tmp_path / "alone.tlog")
     assert not taken, "a short run needs no other processes"
     request.getfixturevalue("worth")
-    ahead = fly(SHORT)
+    ahead = fly(SHORT, tlog=tmp_path / "ahead.tlog")
     assert len(taken) == 4 and None not in taken
     assert_alike(ahead, alone)
+    assert (tmp_path / "ahead.tlog").read_bytes() == (tmp_path / "alone.tlog").read_bytes()
     assert [one.observations for one in ahead.decisions] == [one.seen_before for one in ahead.flights]
 
 

@@ -14,7 +14,7 @@ from numpy.random import SeedSequence
 
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.link.tlog import TlogWriter
+from mission.link.tlog import FrameSink
 from mission.transfer.making import OWN_TRANSFERS, OwnTransfers
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.component import NEVER, Component
@@ -67,7 +67,7 @@ class LinkHosting:
     def open(
         self,
         sorties: Sequence[Sortie],
-        writer: TlogWriter | None,
+        writer: FrameSink | None,
         *,
         offset_s: float,  # noqa: ARG002
         seed: SeedSequence,  # noqa: ARG002
@@ -140,7 +140,7 @@ def _missed_by(camera: RidingCamera) -> int:
     return camera.missed
 
 
-def _tap_of(writer: TlogWriter) -> Callable[[bytes, float], None]:
+def _tap_of(writer: FrameSink) -> Callable[[bytes, float], None]:
     """Return what writes each frame with the time of day."""
     write = writer.write
 

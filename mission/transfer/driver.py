@@ -377,4 +377,4 @@ def vehicle_of(message: Message) -> Vehicle | None:
     return Vehicle(message.get_srcSystem(), message.get_srcComponent(), message.autopilot, message.type)
 
 
-__all__ = ["OnText", "TransferDriver", "Vehicle", "vehicle_of", "wait_readable"]
+__all__ = ["OnEvent", "OnText", "TransferDriver", "Vehicle", "vehicle_of", "wait_readable"]

@@ -192,14 +192,17 @@ class MissionUpload(ClientTransfer):
             self._answers[sequence] = _Answers(answers.first_s, now_s, answers.copies + 1, repeated=True)
         else:
             self._answers[sequence] = _Answers(now_s, now_s, repeated=True)
-        message = wire.item_to_message(
-            self._wire[sequence],
-            sequence,
-            self.mission_type,
-            self.target,
-            current=self.mission_type == MissionType.MISSION and sequence == self._current,
+        return Output((self._item_message(sequence),))
+
+    def _item_message(self, sequence: int) -> wire.ItemMessage:
+        current = self.mission_type == MissionType.MISSION and sequence == self._current
+        return wire.item_to_message(
+            self._wire[sequence], sequence, self.mission_type, self.target, current=current
         )
-        return Output((message,))
+
+    def item_messages(self) -> list[wire.ItemMessage]:
+        """Return every item as it is sent, for those who bring the plan to the vehicle in another way."""
+        return [self._item_message(sequence) for sequence in range(len(self._wire))]
 
     def _repeat_item(self, now_s: float) -> Output:
         """Send the item again that was sent last: the item, or the answer to it, was lost."""

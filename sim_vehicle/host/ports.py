@@ -16,7 +16,7 @@ from mission.link.sockets import TcpLink, TcpListener, UdpSocket
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.faults.session import FaultyLink
 
-__all__ = ["Client", "ReadyCallback", "ServerPort", "ServerUrl", "open_port"]
+__all__ = ["Client", "ReadyCallback", "ServerPort", "ServerUrl", "link_port", "open_port"]
 
 _DATAGRAM_BYTES = 1200
 _SILENCE_S = 60.0
@@ -302,6 +302,11 @@ def open_port(url: str) -> ServerPort:
     if address.scheme == "tcpin":
         return _TcpPort(TcpListener(address))
     return _LinkPort(open_link(text, reconnect=True))
+
+
+def link_port(link: Link) -> ServerPort:
+    """Return the port of a link that is open already: one client."""
+    return _LinkPort(link)
 
 
 def _address_of(address: LinkAddress) -> str:

@@ -8,8 +8,9 @@ import socket
 import time
 from collections.abc import Sequence
 
+from mission.link.address import Link
 from sim_vehicle.faults.session import FaultSession
-from sim_vehicle.host.ports import Client, ReadyCallback, ServerPort, ServerUrl, open_port
+from sim_vehicle.host.ports import Client, ReadyCallback, ServerPort, ServerUrl, link_port, open_port
 
 __all__ = ["PortSelector"]
 
@@ -25,6 +26,8 @@ class PortSelector:
         Each becomes a port.
     session : FaultSession
         Spoils the links that it names.
+    links : sequence of Link
+        Links that are open already; each becomes a port, after those of the URLs.
 
     Attributes
     ----------
@@ -39,7 +42,7 @@ class PortSelector:
         If an address is wrong or in use; nothing stays open then.
     """
 
-    def __init__(self, urls: Sequence[ServerUrl], session: FaultSession) -> None:
+    def __init__(self, urls: Sequence[ServerUrl], session: FaultSession, links: Sequence[Link] = ()) -> None:
         self.clients: list[Client] = []
         self._session = session
         self._ports: list[tuple[ServerPort, ServerUrl]] = []
@@ -56,6 +59,7 @@ class PortSelector:
         except BaseException:
             self.close()
             raise
+        self._ports += [(link_port(link), ServerUrl(link.name)) for link in links]
         self.urls = tuple(port.name for port, _ in self._ports)
         self.refresh()
 

@@ -10,6 +10,7 @@ from typing import Self
 
 from numpy.random import SeedSequence
 
+from mission.link.address import Link
 from mission.link.codec.dialect import Message
 from mission.link.codec.frames import FrameReader, FrameWriter, valid_frame_end
 from mission.link.codec.signing import SETUP_SIGNING, Signing
@@ -70,6 +71,8 @@ class Server:
         Of the faults.
     signing : Signing, optional
         Signs what the components send; of clients only what it accepts is received and forwarded.
+    links : sequence of Link
+        Links that are open already, besides the URLs; the server closes them.
 
     Attributes
     ----------
@@ -104,6 +107,7 @@ class Server:
         faults: Sequence[Fault | str] = (),
         seed: int | SeedSequence = 0,
         signing: Signing | None = None,
+        links: Sequence[Link] = (),
     ) -> None:
         if not speed > 0.0:
             msg = f"server: speed {speed} is not positive; 1 is real time"
@@ -131,7 +135,7 @@ class Server:
         self._closed = False
         self._origin_s = 0.0
         ports = [url if isinstance(url, ServerUrl) else ServerUrl(url) for url in urls]
-        self._selector = PortSelector(ports, session)
+        self._selector = PortSelector(ports, session, links)
         self.urls = self._selector.urls
         self._meet_clients()
 

@@ -18,10 +18,12 @@ def scenario(**more):
 
 
 @contextlib.contextmanager
-def stand_in(autopilot="px4", *, camera=False, speed=6.0, system_faults=(), **more):
-    """Serve a simulated vehicle over TCP from another thread; yields its address and the vehicle."""
+def stand_in(
+    autopilot="px4", *, camera=False, speed=6.0, system_faults=(), listen="tcpin:127.0.0.1:0", **more
+):
+    """Serve a simulated vehicle from another thread, over TCP by default; yields its address and it."""
     made = make_components(scenario(autopilot=autopilot, **more), with_camera=camera)
-    with Server(made.components, ["tcpin:127.0.0.1:0"], speed=speed, faults=system_faults) as server:
+    with Server(made.components, [listen], speed=speed, faults=system_faults) as server:
         thread = threading.Thread(target=server.run, daemon=True)
         thread.start()
         try:

@@ -85,6 +85,13 @@ def fly_command(
         ),
     ] = None,
     wait: options.Wait = 10.0,
+    via: Annotated[
+        options.Way,
+        typer.Option(
+            help="With --connect: who talks to the vehicle, wbf-mission itself or MAVSDK.",
+            rich_help_panel=_REAL,
+        ),
+    ] = "own",
     fault: Annotated[
         list[str] | None,
         typer.Option(
@@ -162,12 +169,12 @@ def fly_command(
     chosen = given.change(base)
     live = None
     if connect is not None:
-        live = _live_link(output, connect, agreed=yes, wait_s=wait, system_id=system_id, force=force)
+        live = _live_link(output, connect, agreed=yes, wait_s=wait, system_id=system_id, force=force, via=via)
         if speed is not None or fault or in_file:
             msg = "--speed and --fault are of simulated flights: leave them out with --connect"
             raise ScenarioError(msg)
-    elif yes or system_id is not None:
-        msg = "--yes and --system-id go with --connect: give the link to the vehicle, or leave them out"
+    elif yes or system_id is not None or via != "own":
+        msg = "--yes, --system-id and --via go with --connect: give the vehicle's link, or leave them out"
         raise ScenarioError(msg)
     with contextlib.ExitStack() as stack:
         folder = None
@@ -252,12 +259,20 @@ def fly_command(
 
 
 def _live_link(
-    output: Output, url: str, *, agreed: bool, wait_s: float, system_id: int | None, force: bool
+    output: Output,
+    url: str,
+    *,
+    agreed: bool,
+    wait_s: float,
+    system_id: int | None,
+    force: bool,
+    via: options.Way,
 ) -> LiveLink:
     """Return the link to a vehicle, with the operator at this terminal."""
     from wbf_mission.cli.attendant import Operator
     from wbf_mission.cli.preflight import tell
     from wbf_mission.live.link import LiveLink
+    from wbf_mission.live.via import via_named
 
     if not agreed and not sys.stdin.isatty():
         msg = "--connect asks before the motors start, but nobody is at the terminal: give --yes"
@@ -271,6 +286,7 @@ def _live_link(
         note=output.note,
         force=force,
         tell=partial(tell, output),
+        via=via_named(via),
     )
 
 

@@ -14,7 +14,7 @@ import typing
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -93,6 +93,12 @@ ScenarioFile = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.", rich_help_panel=_OUTPUT)]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no notes.", rich_help_panel=_OUTPUT)]
 
+Way = Literal["own", "mavsdk"]
+"""Who talks to a vehicle behind a link."""
+Via = Annotated[
+    Way,
+    typer.Option(help="Who talks to the vehicle: wbf-mission itself or, independently of it, MAVSDK."),
+]
 Wait = Annotated[
     float, typer.Option(help="Seconds to wait for the vehicle's heartbeat.", min=0.1, max=3600.0)
 ]

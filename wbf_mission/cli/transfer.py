@@ -20,7 +20,7 @@ Examples
 
 wbf-mission upload spiral.plan --connect udpin:127.0.0.1:14550
 
-wbf-mission upload rows.waypoints --connect tcp:127.0.0.1:5760
+wbf-mission upload rows.waypoints --connect tcp:127.0.0.1:5760 --via mavsdk
 """
 DOWNLOAD_EXAMPLES = """
 Example
@@ -45,6 +45,7 @@ def upload_command(
     force: Annotated[
         bool, typer.Option("--force", help="Send it though the preflight check finds errors.")
     ] = False,
+    via: options.Via = "own",
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> None:
@@ -52,17 +53,28 @@ def upload_command(
     from mission.files import read_mission
     from wbf_mission.cli.preflight import check_before_upload
     from wbf_mission.ground.link import upload
+    from wbf_mission.live.via import via_named
 
     output = Output(as_json=json, quiet=quiet)
     mission = read_mission(file)
     checked = check_before_upload(output, mission, connect, vehicle=vehicle, wait_s=wait, force=force)
     with output.progress() as progress:
-        report = upload(mission, connect, wait_s=wait, progress=progress, note=output.note, force=force)
+        report = upload(
+            mission,
+            connect,
+            wait_s=wait,
+            progress=progress,
+            note=output.note,
+            force=force,
+            open_driver=via_named(via).driver,
+        )
     rows = {
         "vehicle": f"system {report.system_id}, component {report.component_id}",
         **{name: f"{count} items, verified" for name, count in report.items.items()},
         "messages": f"{report.messages_sent} sent, {report.messages_received} received, "
-        f"{report.retries} retries",
+        f"{report.retries} retries"
+        if report.messages_sent
+        else "not told by MAVSDK",
         "time": duration(report.duration_s),
     }
     findings = [finding.summary() for finding in checked.findings]
@@ -73,6 +85,7 @@ def download_command(
     out: Annotated[Path, typer.Option(help="Mission file to write: .plan, .waypoints or .json.")],
     connect: Connect = "udpin:127.0.0.1:14550",
     wait: options.Wait = 10.0,
+    via: options.Via = "own",
     force: Force = False,
     json: options.Json = False,
     quiet: options.Quiet = False,
@@ -80,12 +93,15 @@ def download_command(
     """Download the mission, the fence and the rally points of a vehicle into a file."""
     from mission.files import Firmware, write_mission, writer_for
     from wbf_mission.ground.link import download
+    from wbf_mission.live.via import via_named
 
     output = Output(as_json=json, quiet=quiet)
     refuse_overwrite(out, suffixes=MISSION_SUFFIXES, force=force)
     writer_for(out)
     with output.progress() as progress:
-        mission, report = download(connect, wait_s=wait, progress=progress, note=output.note)
+        mission, report = download(
+            connect, wait_s=wait, progress=progress, note=output.note, open_driver=via_named(via).driver
+        )
     firmware = Firmware(report.autopilot) if report.autopilot in set(Firmware) else Firmware.GENERIC
     write_mission(mission, out, firmware=firmware)
     rows = {

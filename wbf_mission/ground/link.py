@@ -9,12 +9,14 @@ from typing import Any
 from mission.link import MavlinkEndpoint, open_link
 from mission.model import Mission, MissionType
 from mission.transfer import Event, Progress, RemoteTransferError, TransferStatistics
-from mission.transfer.driver import OnText, TransferDriver, Vehicle
+from mission.transfer.driver import OnEvent, OnText, TransferDriver, Vehicle
 from wbf_mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
 from wbf_mission.ground.texts import TextLog
 
 ProgressCallback = Callable[[str, float, float], None]
 Note = Callable[[str], None]
+DriverMaker = Callable[[str, OnEvent, OnText | None], TransferDriver]
+"""Opens the link of an address and returns what transfers plans over it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +60,12 @@ def _silent(*_: object) -> None:
     """Take what nobody wants to hear."""
 
 
+def own_driver(url: str, on_event: OnEvent, on_text: OnText | None = None) -> TransferDriver:
+    """Open a link by ourselves and return what transfers plans over it."""
+    endpoint = MavlinkEndpoint(open_link(url), GROUND_SYSTEM_ID, GROUND_COMPONENT_ID)
+    return TransferDriver(endpoint, on_event=on_event, on_text=on_text)
+
+
 def upload(
     mission: Mission,
     url: str,
@@ -66,6 +74,7 @@ def upload(
     progress: ProgressCallback = _silent,
     note: Note = _silent,
     force: bool = False,
+    open_driver: DriverMaker = own_driver,
 ) -> TransferReport:
     """Send a mission to the vehicle behind ``url``, read it back and compare.
 
@@ -83,6 +92,8 @@ def upload(
         Takes lines for the operator.
     force : bool
         Send also what the autopilot would refuse or not fly.
+    open_driver : callable
+        Opens the link.
 
     Raises
     ------
@@ -95,7 +106,7 @@ def upload(
         and has the vehicle's own words.
     """
     texts = TextLog()
-    with _driver(url, progress, "uploading", texts.on_text) as driver:
+    with open_driver(url, _on_event(progress, "uploading"), texts.on_text) as driver:
         vehicle = _find(driver, wait_s, note)
         remarks = [remark.summary() for remark in driver.render(mission).remarks]
         try:
@@ -109,10 +120,15 @@ def upload(
 
 
 def download(
-    url: str, *, wait_s: float = 10.0, progress: ProgressCallback = _silent, note: Note = _silent
+    url: str,
+    *,
+    wait_s: float = 10.0,
+    progress: ProgressCallback = _silent,
+    note: Note = _silent,
+    open_driver: DriverMaker = own_driver,
 ) -> tuple[Mission, TransferReport]:
     """Read mission, fence and rally points of the vehicle behind ``url``; errors as in `upload`."""
-    with _driver(url, progress, "downloading") as driver:
+    with open_driver(url, _on_event(progress, "downloading"), None) as driver:
         vehicle = _find(driver, wait_s, note)
         mission, costs = driver.download()
         counts = {kind.name.lower(): len(mission.plan(kind)) for kind in MissionType}
@@ -120,7 +136,12 @@ def download(
 
 
 def find_vehicle(
-    url: str, *, wait_s: float = 10.0, system_id: int | None = None, note: Note = _silent
+    url: str,
+    *,
+    wait_s: float = 10.0,
+    system_id: int | None = None,
+    note: Note = _silent,
+    open_driver: DriverMaker = own_driver,
 ) -> Vehicle:
     """Wait for the heartbeat of a vehicle behind ``url``.
 
@@ -131,17 +152,16 @@ def find_vehicle(
     NoVehicleError
         If none is heard.
     """
-    with _driver(url, _silent, "") as driver:
+    with open_driver(url, _silent, None) as driver:
         return _find(driver, wait_s, note, system_id)
 
 
-def _driver(url: str, progress: ProgressCallback, what: str, on_text: OnText | None = None) -> TransferDriver:
+def _on_event(progress: ProgressCallback, what: str) -> OnEvent:
     def on_event(event: Event) -> None:
         if isinstance(event, Progress):
             progress(f"{what} {event.mission_type.name.lower()}", event.done, event.total)
 
-    endpoint = MavlinkEndpoint(open_link(url), GROUND_SYSTEM_ID, GROUND_COMPONENT_ID)
-    return TransferDriver(endpoint, on_event=on_event, on_text=on_text)
+    return on_event
 
 
 def _find(driver: TransferDriver, wait_s: float, note: Note, system_id: int | None = None) -> Vehicle:

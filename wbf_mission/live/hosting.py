@@ -24,7 +24,7 @@ from wbf_mission.ground.clearance import Clearance
 from wbf_mission.live.riding_camera import RidingCamera
 from wbf_mission.sortie import Sortie
 
-__all__ = ["LinkHost", "LinkHosting"]
+__all__ = ["LinkHost", "LinkHosting", "riding_camera", "tap_of"]
 
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 
@@ -80,13 +80,13 @@ class LinkHosting:
         LinkError
             If the address is wrong, in use or not reachable.
         """
-        components: list[Component] = []
-        for sortie in sorties:
-            camera = LeafCameraComponent(sortie.leaf_camera, sortie.plan.farm, system_id=sortie.system_id)
-            riding = RidingCamera(camera, sortie.held_mission)
-            sortie.images_missed = partial(_missed_by, riding)
-            components += [riding, sortie.ground]
-        return LinkHost(Server(components, [self.url], tap=None if writer is None else _tap_of(writer)))
+        components: list[Component] = [part for one in sorties for part in (riding_camera(one), one.ground)]
+        return LinkHost(Server(components, [self.url], tap=tap_of(writer)))
+
+
+def _as_it_is(messages: Iterable[Message], _now_s: float) -> Iterable[Message]:
+    """Send everything."""
+    return messages
 
 
 class LinkHost:
@@ -95,10 +95,15 @@ class LinkHost:
     Parameters
     ----------
     server : Server
+    through : callable
+        Takes what a component wants to send of its own accord, and the time; returns what is sent as it is.
     """
 
-    def __init__(self, server: Server) -> None:
+    def __init__(
+        self, server: Server, through: Callable[[Iterable[Message], float], Iterable[Message]] = _as_it_is
+    ) -> None:
         self._server = server
+        self._through = through
 
     @property
     def now_s(self) -> float:
@@ -125,7 +130,7 @@ class LinkHost:
 
     def send(self, component: Component, messages: Iterable[Message]) -> None:
         """Send messages of a component now."""
-        self._server.send(component, messages)
+        self._server.send(component, self._through(messages, self._server.now_s))
 
     def __enter__(self) -> Self:
         return self
@@ -136,12 +141,22 @@ class LinkHost:
         self._server.close()
 
 
+def riding_camera(sortie: Sortie) -> RidingCamera:
+    """Return the leaf camera that rides beside the vehicle of a sortie."""
+    camera = LeafCameraComponent(sortie.leaf_camera, sortie.plan.farm, system_id=sortie.system_id)
+    riding = RidingCamera(camera, sortie.held_mission)
+    sortie.images_missed = partial(_missed_by, riding)
+    return riding
+
+
 def _missed_by(camera: RidingCamera) -> int:
     return camera.missed
 
 
-def _tap_of(writer: FrameSink) -> Callable[[bytes, float], None]:
+def tap_of(writer: FrameSink | None) -> Callable[[bytes, float], None] | None:
     """Return what writes each frame with the time of day."""
+    if writer is None:
+        return None
     write = writer.write
 
     def tap(frame: bytes, _now_s: float) -> None:

@@ -10,9 +10,10 @@ from mission.transfer import refuse_errors, render
 from mission.transfer.driver import Vehicle as HeardVehicle
 from wbf_mission.fleet import Vehicle
 from wbf_mission.ground.link import find_vehicle
+from wbf_mission.hosting import Hosting
 from wbf_mission.joint_flight import Attendant
 from wbf_mission.live.discovery import fitted_to, require_single_flight
-from wbf_mission.live.hosting import LinkHosting
+from wbf_mission.live.via import OwnVia, Via
 from wbf_mission.planning import PlanResult
 from wbf_mission.preflight.finding import Concern, Report
 from wbf_mission.preflight.run import Circumstances, check_mission
@@ -51,6 +52,8 @@ class LiveLink:
         Fly a plan in which the preflight check finds errors, or that the autopilot would refuse.
     tell : callable
         Takes what the preflight check finds.
+    via : Via
+        Who talks to the vehicle.
     """
 
     url: str
@@ -61,6 +64,7 @@ class LiveLink:
     note: Callable[[str], None] = _silent
     force: bool = False
     tell: Callable[[Report], None] = _tell_nobody
+    via: Via = field(default_factory=OwnVia)
     _heard: HeardVehicle | None = field(default=None, init=False)
 
     def fitted(self, scenario: Scenario) -> Scenario:
@@ -74,8 +78,15 @@ class LiveLink:
             If there is no link, or nobody on it.
         """
         require_single_flight(scenario)
-        self._heard = find_vehicle(self.url, wait_s=self.wait_s, system_id=self.system_id, note=self.note)
+        self._heard = find_vehicle(
+            self.url,
+            wait_s=self.wait_s,
+            system_id=self.system_id,
+            note=self.note,
+            open_driver=self.via.driver,
+        )
         self.note(f"heard: system {self._heard.system_id}, {self._heard.profile.name}")
+        self.via.check(scenario, self._heard)
         return fitted_to(scenario, self._heard)
 
     def numbered(self, vehicles: Sequence[Vehicle]) -> tuple[Vehicle, ...]:
@@ -109,6 +120,9 @@ class LiveLink:
             counted.require_no_errors("nothing was sent")
             refuse_errors(render(plan.mission, self._heard.profile, self._heard.vehicle_type))
 
-    def hosting(self, tlog: Path | None) -> LinkHosting:
+    def hosting(self, tlog: Path | None) -> Hosting:
         """Return where the flight takes place."""
-        return LinkHosting(self.url, tlog, self.agreed, self.force)
+        assert self._heard is not None
+        return self.via.hosting(
+            self.url, self._heard, tlog, agreed=self.agreed, force=self.force, note=self.note
+        )

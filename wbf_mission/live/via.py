@@ -1,0 +1,83 @@
+"""Who talks to the vehicle at the other end of a link: we ourselves, or another library."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Protocol
+
+from mission.transfer.driver import OnEvent, OnText, TransferDriver, Vehicle
+from wbf_mission.ground.link import own_driver
+from wbf_mission.hosting import Hosting
+from wbf_mission.live.hosting import LinkHosting
+from wbf_mission.scenario import Scenario
+
+__all__ = ["OwnVia", "Via", "via_named"]
+
+
+class Via(Protocol):
+    """A way to a vehicle."""
+
+    def driver(self, url: str, on_event: OnEvent, on_text: OnText | None = None) -> TransferDriver:
+        """Open a link; return what transfers plans over it.
+
+        Raises
+        ------
+        LinkError
+            If the link cannot be opened.
+        """
+
+    def check(self, scenario: Scenario, vehicle: Vehicle) -> None:
+        """Refuse what cannot be done in this way with the vehicle that was heard.
+
+        Raises
+        ------
+        LiveFlightError
+            If the scenario asks for it.
+        """
+
+    def hosting(
+        self,
+        url: str,
+        vehicle: Vehicle,
+        tlog: Path | None,
+        *,
+        agreed: bool,
+        force: bool,
+        note: Callable[[str], None],
+    ) -> Hosting:
+        """Return where the flight of the vehicle takes place."""
+
+
+class OwnVia:
+    """Our own transfers and orders."""
+
+    def driver(self, url: str, on_event: OnEvent, on_text: OnText | None = None) -> TransferDriver:
+        """Open a link; return what transfers plans over it."""
+        return own_driver(url, on_event, on_text)
+
+    def check(self, scenario: Scenario, vehicle: Vehicle) -> None:  # noqa: ARG002
+        """Everything can be done."""
+        return
+
+    def hosting(
+        self,
+        url: str,
+        vehicle: Vehicle,  # noqa: ARG002
+        tlog: Path | None,
+        *,
+        agreed: bool,
+        force: bool,
+        note: Callable[[str], None],  # noqa: ARG002
+    ) -> LinkHosting:
+        """Return where the flight takes place."""
+        return LinkHosting(url, tlog, agreed, force)
+
+
+def via_named(name: str) -> Via:
+    """Return a way by its name, ``own`` or ``mavsdk``; MAVSDK is loaded only when it is asked for."""
+    if name == "mavsdk":
+        from wbf_mission.live.via_mavsdk.via import MavsdkVia
+
+        return MavsdkVia()
+    return OwnVia()

@@ -1,0 +1,1 @@
+"""Flights and transfers that MAVSDK carries out: a second way, independent of our own."""

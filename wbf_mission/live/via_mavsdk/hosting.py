@@ -1,0 +1,155 @@
+"""Flights of a vehicle behind a link that MAVSDK keeps: it uploads, arms, starts and orders; we look on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterable, Sequence
+from pathlib import Path
+
+from numpy.random import SeedSequence
+
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.typed import is_a
+from mission.link.tlog import FrameSink
+from mission.transfer.driver import Vehicle
+from sim_vehicle.component import Component
+from sim_vehicle.host.server import Server
+from wbf_mission.ground.clearance import Clearance
+from wbf_mission.ground.station import GroundStation
+from wbf_mission.live.hosting import LinkHost, LinkHosting, riding_camera, tap_of
+from wbf_mission.live.via_mavsdk.link import MavsdkLink
+from wbf_mission.live.via_mavsdk.orders import MavsdkOrders
+from wbf_mission.live.via_mavsdk.transfers import MavsdkTransfers
+from wbf_mission.sortie import Sortie
+
+__all__ = ["MavsdkHosting"]
+
+_POLL_S = 0.02
+
+
+class MavsdkHosting:
+    """A vehicle behind a link that MAVSDK keeps; station, camera and estimate are those of the own way.
+
+    Parameters
+    ----------
+    url : str
+        See `mission.link.address.parse_link_url`.
+    vehicle : Vehicle
+        The one that was heard there.
+    tlog : Path or None
+        Where every MAVLink frame is written that MAVSDK hands on; its own are not among them.
+    agreed : bool
+        The operator agrees to the start beforehand.
+    force : bool
+        Send also what the autopilot would refuse or not fly.
+    note : callable
+        Takes a line for the operator when MAVSDK tells of a refusal.
+
+    Attributes
+    ----------
+    tlog : Path or None
+    force : bool
+    transfers : MavsdkTransfers
+    """
+
+    def __init__(
+        self,
+        url: str,
+        vehicle: Vehicle,
+        tlog: Path | None,
+        *,
+        agreed: bool,
+        force: bool,
+        note: Callable[[str], None],
+    ) -> None:
+        self.tlog, self.force = tlog, force
+        self.transfers = MavsdkTransfers(self._opened)
+        self._own = LinkHosting(url, tlog, agreed, force)
+        self._vehicle = vehicle
+        self._note = note
+        self._link: MavsdkLink | None = None
+
+    @property
+    def pace(self) -> None:
+        """The vehicle decides."""
+        return
+
+    def clearance(self, system_id: int) -> Clearance:
+        """Return what has to hold before the motors start: the vehicle's own checks, and the operator."""
+        return self._own.clearance(system_id)
+
+    def open(
+        self,
+        sorties: Sequence[Sortie],
+        writer: FrameSink | None,
+        *,
+        offset_s: float,  # noqa: ARG002
+        seed: SeedSequence,  # noqa: ARG002
+        gone: Collection[int],  # noqa: ARG002
+    ) -> LinkHost:
+        """Let MAVSDK open the link, for one vehicle.
+
+        Raises
+        ------
+        LinkError
+            If the address is wrong, or MAVSDK cannot open it.
+        """
+        (sortie,) = sorties
+        link = self._link = MavsdkLink(self._own.url)
+        vehicle = self._vehicle
+        orders = MavsdkOrders(link, vehicle.system_id, vehicle.autopilot, vehicle.vehicle_type, self._note)
+        ground = _GroundByMavsdk(sortie.ground, orders)
+        components: list[Component] = [riding_camera(sortie), ground]
+        return LinkHost(Server(components, [], tap=tap_of(writer), links=[link]), ground.hand_on)
+
+    def _opened(self) -> MavsdkLink:
+        assert self._link is not None
+        return self._link
+
+
+class _GroundByMavsdk:
+    """A ground station whose orders MAVSDK carries out, as a component of the host.
+
+    Parameters
+    ----------
+    ground : GroundStation
+    orders : MavsdkOrders
+    """
+
+    def __init__(self, ground: GroundStation, orders: MavsdkOrders) -> None:
+        self.system_id, self.component_id = ground.system_id, ground.component_id
+        self.wanted = ground.wanted
+        self._ground, self._orders = ground, orders
+        self._due_s = math.inf
+
+    def receive(self, message: Message, now_s: float) -> list[Message]:
+        """Take a message; MAVSDK alone tells what became of an order."""
+        return [] if is_a(message, m.MAVLink_command_ack_message) else self._hear(message, now_s)
+
+    def _hear(self, message: Message, now_s: float) -> list[Message]:
+        return self.hand_on(self._ground.receive(message, now_s), now_s)
+
+    def poll(self, now_s: float) -> list[Message]:
+        """Take MAVSDK's answers, and send what is due."""
+        out: list[Message] = []
+        for answer in self._orders.answers(now_s):
+            out += self._hear(answer, now_s)
+        self._due_s = now_s + _POLL_S
+        return out + self.hand_on(self._ground.poll(now_s), now_s)
+
+    def next_deadline(self) -> float:
+        """When `poll` has something to do."""
+        return min(self._ground.next_deadline(), self._due_s if self._orders.waiting else math.inf)
+
+    def hand_on(self, messages: Iterable[Message], now_s: float) -> list[Message]:
+        """Give MAVSDK the orders; return the rest. MAVSDK sends the heartbeat itself."""
+        rest: list[Message] = []
+        for message in messages:
+            if self._orders.takes(message):
+                for answer in self._orders.carry_out(message):
+                    rest += self._hear(answer, now_s)
+            elif not is_a(message, m.MAVLink_heartbeat_message):
+                rest.append(message)
+        self._due_s = min(self._due_s, now_s + _POLL_S)
+        return rest

@@ -1,0 +1,160 @@
+"""A link that MAVSDK keeps: what it hears is passed on to us, and what we send to the vehicle."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import time
+from collections import deque
+from typing import Any
+
+from mavsdk import Configuration, ConnectionResult, ForwardingOption, Mavsdk, System
+from mavsdk.logging import LogLevel, log_subscribe, log_unsubscribe
+
+from mission.errors import LinkError
+from mission.link.address import SERIAL, LinkAddress, parse_link_url
+from mission.transfer.errors import NoVehicleError
+from wbf_mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
+
+__all__ = ["MavsdkLink", "mavsdk_url"]
+
+_SCHEMES = {"udpin": "udpin", "udpout": "udpout", "tcp": "tcpout", "tcpin": "tcpin", SERIAL: "serial"}
+_WIRELESS = "raw://"
+_MOST_PIECES = 100_000
+_KNOWN_S = 2.0
+_LOOK_S = 0.01
+
+
+def mavsdk_url(address: LinkAddress) -> str:
+    """Return the address of a link as MAVSDK writes it.
+
+    Examples
+    --------
+    >>> mavsdk_url(parse_link_url("tcp:127.0.0.1:5760")), mavsdk_url(parse_link_url("serial:/dev/ttyACM0"))
+    ('tcpout://127.0.0.1:5760', 'serial:///dev/ttyACM0:57600')
+    """
+    return f"{_SCHEMES[address.scheme]}://{address.host}:{address.port}"
+
+
+class MavsdkLink:
+    """MAVSDK as a `mission.link.address.Link`.
+
+    MAVSDK has two connections, the vehicle's and one without a wire, and forwards between them: what it hears
+    comes out here, and what is sent here goes to the vehicle. It is the ground station on the link: it sends
+    the heartbeat, and answers to its own commands and transfers stay with it.
+
+    Parameters
+    ----------
+    url : str
+        See `mission.link.address.parse_link_url`.
+
+    Attributes
+    ----------
+    name : str
+
+    Raises
+    ------
+    LinkError
+        If the address is wrong, or MAVSDK cannot open it.
+    """
+
+    def __init__(self, url: str) -> None:
+        address = parse_link_url(url)
+        self.name = str(address)
+        self._arrived: deque[bytes] = deque(maxlen=_MOST_PIECES)
+        self._complaint = ""
+        self._plugins: dict[tuple[type, int], Any] = {}
+        self._systems: dict[int, System] = {}
+        self._wake, self._woken = socket.socketpair()
+        self._wake.setblocking(False)
+        self._woken.setblocking(False)
+        self._closed = False
+        log_subscribe(self._on_log)
+        self._mavsdk = Mavsdk(Configuration.create_manual(GROUND_SYSTEM_ID, GROUND_COMPONENT_ID, True))
+        try:
+            self._mavsdk.subscribe_raw_bytes_to_be_sent(self._on_bytes)
+            for one in (_WIRELESS, mavsdk_url(address)):
+                self._connect(one)
+        except BaseException:
+            self.close()
+            raise
+
+    def _connect(self, url: str) -> None:
+        result = self._mavsdk.add_any_connection_with_forwarding(url, ForwardingOption.ON)
+        if result != ConnectionResult.SUCCESS:
+            why = self._complaint or ConnectionResult(result).name.lower().replace("_", " ")
+            msg = f"{self.name}: MAVSDK cannot open it: {why}; check the address"
+            raise LinkError(msg)
+
+    def _on_log(self, level: LogLevel, text: str, _file: str | None, _line: int) -> bool:
+        """Keep MAVSDK's log off the terminal; its last error says why a connection cannot be opened."""
+        if level is LogLevel.ERROR:
+            self._complaint = text
+        return True
+
+    def _on_bytes(self, data: bytes) -> None:
+        """Take a frame; MAVSDK calls this in a thread of its own."""
+        self._arrived.append(data)
+        with contextlib.suppress(OSError):
+            self._wake.send(b"\0")
+
+    def send(self, data: bytes) -> None:
+        """Send frames to the vehicle."""
+        if not self._closed:
+            self._mavsdk.pass_received_raw_bytes(data)
+
+    def receive(self) -> list[bytes]:
+        """Return what MAVSDK heard since the last call."""
+        with contextlib.suppress(OSError):
+            self._woken.recv(65536)
+        found: list[bytes] = []
+        with contextlib.suppress(IndexError):
+            while True:
+                found.append(self._arrived.popleft())
+        return found
+
+    def fileno(self) -> int | None:
+        """Return the descriptor that is readable when something has arrived."""
+        return None if self._closed else self._woken.fileno()
+
+    def plugin(self, kind: type, system_id: int) -> Any:
+        """Return a plugin of MAVSDK for one vehicle; the same one at each call.
+
+        Raises
+        ------
+        NoVehicleError
+            If MAVSDK has not heard of the vehicle.
+        """
+        key = (kind, system_id)
+        if key not in self._plugins:
+            self._plugins[key] = kind(self._system(system_id))
+        return self._plugins[key]
+
+    def _system(self, system_id: int) -> System:
+        """Return a vehicle; it was heard by us, so MAVSDK knows it in a moment.
+
+        Until it is connected MAVSDK does not know which autopilot it is, and would not answer an ArduPilot.
+        """
+        if system_id in self._systems:
+            return self._systems[system_id]
+        end_s = time.monotonic() + _KNOWN_S
+        while time.monotonic() < end_s:
+            for one in self._mavsdk.get_systems():
+                if one.get_system_id() == system_id and one.has_autopilot() and one.is_connected():
+                    self._systems[system_id] = one
+                    return one
+            time.sleep(_LOOK_S)
+        msg = f"{self.name}: MAVSDK knows of no vehicle with system id {system_id}"
+        raise NoVehicleError(msg)
+
+    def close(self) -> None:
+        """End MAVSDK and its threads; closing twice is fine."""
+        if self._closed:
+            return
+        self._closed = True
+        self._mavsdk.destroy()
+        log_unsubscribe()
+        self._plugins.clear()
+        self._systems.clear()
+        self._wake.close()
+        self._woken.close()

@@ -12,7 +12,7 @@ from wbf_mission.ground.clearance import Stage
 from wbf_mission.ground.modes import Maneuver
 from wbf_mission.ground.station import NotFlyingError
 from wbf_mission.outcome import Phase
-from wbf_mission.preflight.vehicle.standing import FARTHEST_M
+from wbf_mission.preflight.checks.standing import FARTHEST_M
 
 if TYPE_CHECKING:
     from wbf_mission.joint_flight import JointFlight

@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from wbf_mission.preflight.checks import (
+    assumptions,
     camera,
     energy,
     heights,
     items,
     legs,
     performance,
+    standing,
     start_and_end,
     surroundings,
 )
 from wbf_mission.preflight.finding import Finding, Report
 from wbf_mission.preflight.subject import Subject
-from wbf_mission.preflight.vehicle import assumptions, standing
 
 __all__ = ["CHECKS", "inspect"]
 

@@ -9,6 +9,7 @@ import subprocess
 import pytest
 from processes import ENVIRONMENT, LONG_S, command, flown, flying, simulator
 from shaped_line import ShapedLine
+from tcp_relay import TcpRelay
 
 AUTOPILOTS = ("px4", "ardupilot")
 WAITS = "MISSION, item", "AUTO, item"
@@ -155,6 +156,21 @@ def test_a_radio_that_is_unplugged_in_flight(tmp_path):
             ended = ground.end()
     assert ended.ended == (0, "completed"), ended.told
     assert "the vehicle is heard again" in ended.told
+
+
+@pytest.mark.slow
+def test_a_tcp_connection_that_is_dropped_in_flight(tmp_path):
+    with (
+        simulator(tmp_path) as (url,),
+        TcpRelay(url) as relay,
+        flying(tmp_path, relay.url) as ground,
+    ):
+        ground.wait_for("MISSION, item")
+        before = relay.accepted
+        relay.drop()
+        ended = ground.end()
+        assert relay.accepted == before + 1
+    assert ended.ended == (0, "completed"), ended.told
 
 
 @pytest.mark.slow

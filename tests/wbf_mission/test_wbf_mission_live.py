@@ -15,6 +15,7 @@ from stand_in import LONG_S, scenario, stand_in
 from mission.link import MavlinkEndpoint, open_link
 from mission.link.codec.dialect import mavlink as m
 from mission.outcome import Outcome
+from sim_vehicle.autopilot.modes import Mode
 from wbf_mission.flight import fly
 from wbf_mission.ground.modes import Maneuver, mode_named
 from wbf_mission.live.discovery import LiveFlightError
@@ -205,6 +206,42 @@ def test_ctrl_c_asks_and_the_vehicle_returns(tmp_path):
         assert not made.vehicle.pilot.armed
     assert summary["outcome"] == "interrupted"
     assert "RTL" in shown or "returning" in shown.lower()
+
+
+def interrupt(process):
+    os.killpg(process.pid, 2)
+
+
+START = (b"start the motors? [y/N]", b"y\n")
+FLIES, ASKED = b"MISSION, item", b"[h]old, [r]eturn"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("again", [b"l\n", interrupt], ids=["leave", "ctrl-c"])
+def test_ctrl_c_leaves_the_vehicle_flying(again, tmp_path):
+    with stand_in(speed=2.0) as (url, made):
+        code, summary, _ = talk(url, [START, (FLIES, interrupt), (ASKED, again)], tmp_path)
+        assert made.vehicle.pilot.armed, "it flies its mission on"
+    assert (code, summary["outcome"]) == (130, "interrupted")
+    assert (tmp_path / "run" / "summary.json").is_file(), "what was seen is saved"
+
+
+@pytest.mark.slow
+def test_ctrl_c_and_then_go_on(tmp_path):
+    with stand_in() as (url, _):
+        code, summary, _ = talk(url, [START, (FLIES, interrupt), (ASKED, b"c\n")], tmp_path)
+    assert (code, summary["outcome"]) == (0, "completed")
+
+
+@pytest.mark.slow
+def test_ctrl_c_and_the_vehicle_holds_until_it_is_left(tmp_path):
+    answers = [START, (FLIES, interrupt), (ASKED, b"h\n"), (b"LOITER, item", interrupt), (ASKED, b"l\n")]
+    with stand_in(speed=3.0) as (url, made):
+        code, summary, shown = talk(url, answers, tmp_path)
+        assert made.vehicle.pilot.armed
+        assert made.vehicle.pilot.mode is Mode.HOLD
+    assert (code, summary["outcome"]) == (130, "interrupted")
+    assert "pilot_took_over" not in shown
 
 
 def test_without_a_terminal_the_start_has_to_be_agreed_to_beforehand(tmp_path):

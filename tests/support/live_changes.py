@@ -109,7 +109,9 @@ class BreakingLink:
 class LiveChange:
     """One flight: the mission is changed once, and the link breaks after the n-th message of that."""
 
-    def __init__(self, autopilot, *, after=None, dead_s=40.0, impairment=None, old=OLD, new=NEW):
+    def __init__(
+        self, autopilot, *, after=None, dead_s=40.0, impairment=None, old=OLD, new=NEW, on_board=False
+    ):
         spec = with_autopilot(get_vehicle("quad"), autopilot)
         farm = get_farm("miniberry-10")
         self.vehicle = SimVehicle(spec, HOME, autopilot=get_autopilot(autopilot))
@@ -119,11 +121,12 @@ class LiveChange:
         self.old = planned(old)
         self.station = GroundStation(self.old, self.assembler, clearance=clearance)
         optics = LeafCamera(SameEverywhere(), farm.grid().shape, 1)
-        camera = RidingCamera(LeafCameraComponent(optics, farm), lambda: self.station.mission)
-        far = [Breaking(self.station, self.link), Breaking(camera, self.link)]
-        self.simulation = Simulation(
-            [self.vehicle, *far], impairment=impairment, remote=far if impairment else ()
-        )
+        camera = LeafCameraComponent(optics, farm)
+        near, far = [self.vehicle, camera], [Breaking(self.station, self.link)]
+        if not on_board:
+            self.camera = RidingCamera(camera, lambda: self.station.mission)
+            near, far = [self.vehicle], [*far, Breaking(self.camera, self.link)]
+        self.simulation = Simulation([*near, *far], impairment=impairment, remote=far if impairment else ())
         self.lists = set()
         self.modes = []
         self.new, self._points = None, new
@@ -132,9 +135,21 @@ class LiveChange:
         self.simulation.run(until=self._look, limit_s=limit_s)
         return self
 
+    def to_images(self, count):
+        """Fly until so many images have come."""
+        seen = self.assembler.statistics
+        self.simulation.run(until=lambda _now_s: seen.images >= count, limit_s=300.0)
+        assert seen.images >= count
+        return self
+
     def _look(self, now_s):
         station, pilot = self.station, self.vehicle.pilot
-        if self.new is None and station.phase is Phase.FLIGHT and station.vehicle_state.item == CHANGE_AT:
+        if (
+            self._points
+            and self.new is None
+            and station.phase is Phase.FLIGHT
+            and station.vehicle_state.item == CHANGE_AT
+        ):
             self.new, resume_at = revised_mission(
                 station.mission,
                 CHANGE_AT,

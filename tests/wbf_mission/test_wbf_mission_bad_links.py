@@ -12,7 +12,6 @@ from shaped_line import ShapedLine
 from tcp_relay import TcpRelay
 
 AUTOPILOTS = ("px4", "ardupilot")
-WAITS = "MISSION, item", "AUTO, item"
 
 
 def sim_faults(*faults):
@@ -29,7 +28,6 @@ def run(*words, cwd):
 
 
 CASES = {
-    "a third of the frames is lost": ("loss=0.3,at=airborne,from=5", (0, "completed"), ""),
     "the link is dead for a while": (
         "link-loss,at=airborne,from=10,for=40",
         (0, "completed"),
@@ -38,7 +36,6 @@ CASES = {
     "the autopilot is silent": ("silence=1,at=airborne,from=12,for=18", (0, "completed"), ""),
     "it starts again": ("reboot,at=airborne,from=15", (0, "completed"), "its autopilot has started again"),
     "no position": ("gps-loss,at=airborne,from=15", (1, "position_lost"), "position_lost: position lost"),
-    "an empty battery": ("dead-battery,at=airborne,from=15", (1, "battery_depleted"), "battery empty"),
     "a low battery": ("low-battery=0.08,at=airborne,from=12", (1, "battery_low"), "battery_low: battery"),
     "it does not arm": ("refuse=400", (5, "arming_refused"), "arming_refused: denied"),
     "it does not start": ("refuse=300", (5, "mission_rejected"), "mission_rejected: denied"),
@@ -78,16 +75,18 @@ def test_what_goes_wrong_in_flight(autopilot, case, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+@pytest.mark.parametrize(
+    ("autopilot", "case"),
+    # In turn: what differs between the autopilots is tested without processes.
+    [(AUTOPILOTS[k % 2], case) for k, case in enumerate(CASES) if (AUTOPILOTS[k % 2], case) not in QUICK],
+)
 def test_whatever_goes_wrong_in_flight(autopilot, case, tmp_path):
     check(autopilot, case, tmp_path)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("autopilot", "hold"), [("px4", "POSCTL"), ("ardupilot", "LOITER")])
-def test_a_pilot_takes_over_from_another_process(autopilot, hold, tmp_path):
-    """He flies by himself for a moment, gives the vehicle back, and takes it again to land it."""
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+def test_a_pilot_takes_over_from_another_process(autopilot, tmp_path):
     links = ("tcpin:127.0.0.1:0", "udpin:127.0.0.1:0")
     with (
         simulator(tmp_path, autopilot=autopilot, listen=links) as (mine, his),
@@ -101,8 +100,9 @@ def test_a_pilot_takes_over_from_another_process(autopilot, hold, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("listen", ["udpin:127.0.0.1:0", "tcpin:127.0.0.1:0"])
-@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+@pytest.mark.parametrize(
+    ("autopilot", "listen"), [("px4", "udpin:127.0.0.1:0"), ("ardupilot", "tcpin:127.0.0.1:0")]
+)
 def test_a_policy_over_a_bad_link(autopilot, listen, tmp_path):
     bad = sim_faults("loss=0.2", "delay=0.5")
     with simulator(tmp_path, *bad, autopilot=autopilot, listen=(listen,)) as (url,):
@@ -112,7 +112,7 @@ def test_a_policy_over_a_bad_link(autopilot, listen, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+@pytest.mark.parametrize("autopilot", AUTOPILOTS[1:])
 def test_everything_over_a_serial_line_of_57600_baud(autopilot, tmp_path):
     """Upload, download, monitor, command and a flight, with loss and delay; the line is never flooded."""
     mode = {"px4": "HOLD", "ardupilot": "GUIDED"}[autopilot]
@@ -171,12 +171,3 @@ def test_a_tcp_connection_that_is_dropped_in_flight(tmp_path):
         ended = ground.end()
         assert relay.accepted == before + 1
     assert ended.ended == (0, "completed"), ended.told
-
-
-@pytest.mark.slow
-def test_a_vehicle_that_is_never_heard_again_is_not_waited_for_for_ever(tmp_path):
-    with simulator(tmp_path, *sim_faults("link-loss,at=airborne,from=15"), speed=5) as (url,):
-        ground = flown(tmp_path, url)
-    assert ground.ended == (4, "no_answer"), ground.told
-    assert "nothing was heard of the vehicle for" in ground.summary["reason"]
-    assert ground.summary["observations"] > 5

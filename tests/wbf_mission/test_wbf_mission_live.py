@@ -16,6 +16,8 @@ from mission.link import MavlinkEndpoint, open_link
 from mission.link.codec.dialect import mavlink as m
 from mission.outcome import Outcome
 from sim_vehicle.autopilot.modes import Mode
+from wbf_mission import joint_flight
+from wbf_mission.exit_codes import ExitCode, exit_code_of_flight
 from wbf_mission.flight import fly
 from wbf_mission.ground.modes import Maneuver, mode_named
 from wbf_mission.live.discovery import LiveFlightError
@@ -224,6 +226,20 @@ def test_ctrl_c_leaves_the_vehicle_flying(again, tmp_path):
         assert made.vehicle.pilot.armed, "it flies its mission on"
     assert (code, summary["outcome"]) == (130, "interrupted")
     assert (tmp_path / "run" / "summary.json").is_file(), "what was seen is saved"
+
+
+@pytest.mark.slow
+def test_a_vehicle_that_is_never_heard_again_is_not_waited_for_for_ever(monkeypatch):
+    monkeypatch.setattr(joint_flight, "SILENT_FOR_GOOD_S", 4.0)
+    monkeypatch.setattr(joint_flight, "SILENT_FACTOR", 0.1)
+    faults = ["link-loss,at=airborne,from=25"]
+    with stand_in(system_faults=faults) as (url, made):
+        result = fly(scenario(), connect=LiveLink(url, Watcher(agrees=True)))
+        assert made.vehicle.pilot.armed or made.vehicle.outcome is Outcome.COMPLETED
+    assert result.outcome is Outcome.NO_ANSWER
+    assert result.reason.startswith("nothing was heard of the vehicle for")
+    assert len(result.observations) > 5
+    assert exit_code_of_flight(result.outcome) is ExitCode.LINK_LOST
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from live_changes import LONG, LiveChange, keys
+from live_changes import FRAME, LONG, LiveChange, keys
 
 from mission.outcome import Outcome
 from sim_vehicle.autopilot.modes import Mode
@@ -72,6 +72,47 @@ def test_a_change_over_a_link_that_loses_a_third_and_takes_two_seconds(autopilot
     report = flight.station.link_report
     assert report.round_trip_s == pytest.approx(4.0, abs=0.3)
     assert report.loss == pytest.approx(0.3, abs=0.1)
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+def test_an_autopilot_that_starts_again_in_flight(autopilot):
+    """Its clock, its streams and the ids of its plans begin anew; ours go on, and so does the camera."""
+    undisturbed = LiveChange(autopilot, new=()).fly()
+    flight = LiveChange(autopilot, new=()).to_images(8)
+    flight.vehicle.reboot()
+    flight.fly().check_safe()
+    station = flight.station
+    assert station.outcome is Outcome.COMPLETED
+    assert [text for _, text in station.pilot.events] == ["its autopilot has started again"]
+    assert abs(station.flight_time_s - undisturbed.station.flight_time_s) < 5.0
+    track = station.track(FRAME)
+    assert (track.time_s[1:] >= track.time_s[:-1]).all()
+    assert abs(track.length_m - undisturbed.station.track(FRAME).length_m) < 5.0
+    assert flight.assembler.statistics.images >= undisturbed.assembler.statistics.images - 6
+    seen = flight.assembler.take()
+    assert (seen.time_s[1:] >= seen.time_s[:-1]).all()
+    assert len(seen) == 0 or seen.time_s[-1] <= track.time_s[-1] + 1.0
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+def test_images_of_a_camera_on_board_come_over_a_bad_link(autopilot):
+    bad = Impairment(loss=0.3, delay_s=0.5, seed=2)
+    flight = LiveChange(autopilot, dead_s=10.0, impairment=bad, new=(), on_board=True).to_images(8)
+    flight.link.broke_s = flight.simulation.now_s
+    flight.fly().check_safe()
+    undisturbed = LiveChange(autopilot, new=(), on_board=True).fly()
+    assert flight.assembler.missing() == []
+    assert flight.assembler.statistics.images == undisturbed.assembler.statistics.images > 20
+
+
+def test_what_a_camera_beside_the_vehicle_could_not_see_is_counted():
+    flight = LiveChange("px4", dead_s=10.0, new=()).to_images(8)
+    flight.link.broke_s = flight.simulation.now_s
+    flight.fly().check_safe()
+    undisturbed = LiveChange("px4", new=()).fly()
+    missing = undisturbed.assembler.statistics.images - flight.assembler.statistics.images
+    assert flight.camera.missed == pytest.approx(missing, abs=4)
+    assert missing > 5
 
 
 def test_an_arducopter_never_gets_a_failsafe_that_would_break_its_mission_off():

@@ -164,7 +164,7 @@ CASES = {
     "too-low": (good(at(40, 0), at(40, 40, 1.0)), good(), "warning", 5, {}),
     "far-start": (good(at(1200, 0)), good(at(900, 0)), "warning", 4, {}),
     "zero-leg": (good(at(40, 0), at(40, 0)), good(at(40, 0), at(40, 1, param2=0.5)), "warning", 5, {}),
-    "short-leg": (good(at(40, 0), at(40, 1)), good(at(40, 0), at(40, 3)), "warning", 5, {}),
+    "short-leg": (good(at(40, 0), at(40, 1), at(41, 1)), good(at(40, 0), at(40, 1)), "warning", 5, {}),
     "long-leg": (good(at(10_500, 0)), good(at(900, 0)), "warning", 4, {}),
     "small-radius": (good(at(40, 0, param2=0.5)), good(at(40, 0, param2=0.0)), "warning", 4, {}),
     "too-fast": (good(speed(20.0), *LAST), good(speed(8.0), *LAST), "warning", 4, {}),

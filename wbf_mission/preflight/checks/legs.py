@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 from mission.model import Command
 from mission.transfer import PX4
@@ -107,7 +108,8 @@ def check_lengths(subject: Subject) -> Iterator[Finding]:
             "remove one of the two",
         )
     if not _ignores_radius(subject):
-        short = [leg for leg in legs if leg.passed and _ZERO_M < leg.length_m < leg.radius_m]
+        # One alone is the way from a row to the next: it is flown through, and nothing is left out.
+        short = [leg for pair in pairwise(legs) if all(map(_is_short, pair)) for leg in pair]
         hits = [Hit(leg.item, leg.length_m) for leg in short]
         if (found := worst_of(hits, largest=False)) is not None:
             radius_m = next(leg.radius_m for leg in short if leg.item == found[0].item)
@@ -115,7 +117,7 @@ def check_lengths(subject: Subject) -> Iterator[Finding]:
                 subject,
                 found,
                 "short-leg",
-                "the leg is shorter than the acceptance radius: it counts as flown at once",
+                "legs in a row are shorter than the acceptance radius: they count as flown at once",
                 "give a smaller radius, or leave waypoints out",
                 Measure(found[0].value, "m", radius_m),
             )
@@ -129,6 +131,10 @@ def check_lengths(subject: Subject) -> Iterator[Finding]:
             "is the position right?",
             Measure(found[0].value, "m", _LONGEST_M),
         )
+
+
+def _is_short(leg: Leg) -> bool:
+    return leg.passed and _ZERO_M < leg.length_m < leg.radius_m
 
 
 def check_radii(subject: Subject) -> Iterator[Finding]:

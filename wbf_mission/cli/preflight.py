@@ -216,4 +216,5 @@ def _show(output: Output, file: Path, checked: Preflight) -> None:
 
 def _row(finding: Finding) -> list[str]:
     measured = "" if finding.measure is None else str(finding.measure)
-    return [finding.severity.value, finding.where, finding.text, measured, finding.fix]
+    where = finding.where.removeprefix("mission ")
+    return [finding.severity.value, where, finding.text, measured, finding.fix]

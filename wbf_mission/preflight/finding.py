@@ -110,16 +110,16 @@ class Finding:
 
     @property
     def where(self) -> str:
-        """The item in words; empty for the plan as a whole.
+        """The item in words, as a remark of a transfer names it; empty for the mission as a whole.
 
         >>> Finding(Severity.NOTE, "zero-leg", "", item=3, command="NAV_WAYPOINT", count=2).where
-        'item 3 NAV_WAYPOINT and 1 more'
+        'mission item 3 (NAV_WAYPOINT) and 1 more'
         """
         if self.item is None:
             return "" if self.plan == "mission" else self.plan
-        plan = "" if self.plan == "mission" else f"{self.plan} "
+        command = f" ({self.command})" if self.command else ""
         more = f" and {self.count - 1} more" if self.count > 1 else ""
-        return f"{plan}item {self.item} {self.command}".strip() + more
+        return f"{self.plan} item {self.item}{command}{more}"
 
     def __str__(self) -> str:
         start = f"{self.where}: " if self.where else ""
@@ -185,8 +185,8 @@ class Report:
         """Raise PreflightError if there are errors; ``consequence`` tells what was not done."""
         errors = self.of(Severity.ERROR)
         if errors:
-            number = "an error" if len(errors) == 1 else f"{len(errors)} errors, the first"
-            msg = f"preflight check, {number}: {errors[0]}; {consequence}; --force does it nevertheless"
+            more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
+            msg = f"{errors[0]}{more}; preflight check: {consequence}, --force does it nevertheless"
             raise PreflightError(msg)
 
 

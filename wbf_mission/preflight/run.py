@@ -81,8 +81,8 @@ def check_mission(mission: Mission, circumstances: Circumstances | None = None) 
     >>> takeoff = MissionItem(22, 3, 0, 0, 0, None, 28.05, -82.15, 10.0)
     >>> there = MissionItem.waypoint(28.051, -82.15, 10.0, acceptance_radius_m=2.0)
     >>> checked = check_mission(Mission((takeoff, there), GeoPoint(28.05, -82.15)))
-    >>> [str(one) for one in checked.report.findings if one.code == "no-landing"][0][:39]
-    'item 2 NAV_WAYPOINT: the mission ends i'
+    >>> [str(one) for one in checked.report.findings if one.code == "no-landing"][0][:49]
+    'mission item 2 (NAV_WAYPOINT): the mission ends i'
     """
     given = circumstances or Circumstances()
     options = given.vehicle

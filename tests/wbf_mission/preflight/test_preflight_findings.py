@@ -32,9 +32,9 @@ def test_the_worst_comes_first_and_is_counted():
 
 def test_an_error_is_told_in_one_line_with_the_way_out():
     with pytest.raises(PreflightError) as caught:
-        Report((NOTE, ERROR)).require_no_errors("nothing was sent")
-    text = "an error: item 3 NAV_LAND: is wrong (1 m, limit 2 m); change it; nothing was sent; --force"
-    assert text in str(caught.value)
+        Report((NOTE, ERROR, ERROR)).require_no_errors("nothing was sent")
+    told = "mission item 3 (NAV_LAND): is wrong (1 m, limit 2 m); change it (and 1 more)"
+    assert str(caught.value) == f"{told}; preflight check: nothing was sent, --force does it nevertheless"
     Report((NOTE,)).require_no_errors("nothing was sent")
 
 

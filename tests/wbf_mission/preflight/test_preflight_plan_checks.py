@@ -265,7 +265,7 @@ def test_findings_of_several_items_are_one_with_the_worst():
     found = findings(good(at(40, 0), at(40, 1), at(41, 1), at(41, 1.5)))["short-leg"]
     assert (found.item, found.count) == (7, 3)
     assert found.measure.value == pytest.approx(0.5, abs=0.02)
-    assert found.where == "item 7 NAV_WAYPOINT and 2 more"
+    assert found.where == "mission item 7 (NAV_WAYPOINT) and 2 more"
 
 
 def test_an_item_that_is_not_predicted_leaves_the_others_to_be_checked():

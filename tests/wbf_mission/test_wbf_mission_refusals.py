@@ -73,6 +73,22 @@ def test_a_vehicle_that_is_full_is_heard(tmp_path, capsys):
         assert err.endswith("the vehicle says: Only 5 items are supported")
 
 
+def test_what_the_vehicle_says_of_a_plan_that_it_takes_is_shown(tmp_path, capsys):
+    """PX4 takes a position that it cannot reach, and says so in words only."""
+    mission = with_item(MissionItem.waypoint(29.0, -82.15, 10.0), 4)
+    path = tmp_path / "far.json"
+    write_mission(mission, path)
+    with stand_in("px4") as (url, made):
+        assert main(["upload", str(path), "--connect", url, "--json", "--force"]) == 0
+        out, err = capsys.readouterr()
+        report = json.loads(out)
+        assert held(made) == len(mission.items)
+        assert report["verified"]
+        (said,) = report["texts"]
+        assert said.startswith("Mission rejected: item 3")
+        assert f"the vehicle says: {said}" in err
+
+
 def test_ardupilot_that_refuses_an_item_tells_what_it_holds_now(tmp_path, capsys):
     """It knows the take-off of a VTOL; this vehicle is none."""
     there = plan(ROWS).mission.items[2]

@@ -14,7 +14,8 @@ from mission.link.codec.dialect import mavlink
 from mission.model import GLOBAL_FRAMES, Command, Frame, Mission, MissionItem, MissionType, has_position
 from mission.transfer.dialect import ArmingCondition
 from mission.transfer.errors import LocalTransferError
-from mission.transfer.profile import Profile, count_warning
+from mission.transfer.plan_remarks import area_remarks, count_remarks, frame_name
+from mission.transfer.profile import Profile
 from mission.transfer.remark import Remark, Severity
 
 __all__ = ["Rendered", "refuse_errors", "render"]
@@ -22,8 +23,6 @@ __all__ = ["Rendered", "refuse_errors", "render"]
 _PARAMETERS = ("param1", "param2", "param3", "param4")
 _QUADROTOR = int(mavlink.MAV_TYPE_QUADROTOR)
 _FLOWN_TO = frozenset({16, 17, 18, 19, 21, 22, 31, 82})
-_POLYGON = frozenset({5001, 5002})
-_CIRCLES = frozenset({5003, 5004})
 _ROI_NONE = 0
 
 
@@ -102,10 +101,9 @@ def render(
     writer.tell_ignored()
     for condition in profile.dialect.conditions:
         writer.check_condition(condition, parameters or {})
-    writer.check_areas()
-    writer.check_counts()
     items = tuple(item for _, item in writer.entries)
-    found = sorted(writer.remarks, key=lambda one: (one.plan, -1 if one.item is None else one.item))
+    others = area_remarks(mission, profile) + count_remarks(mission, len(items), profile)
+    found = sorted(writer.remarks + others, key=lambda one: (one.plan, -1 if one.item is None else one.item))
     return Rendered(
         mission if items == mission.items else replace(mission, items=items),
         tuple(found),
@@ -154,11 +152,14 @@ class _Writer:
 
     def replace_unknown(self) -> None:
         """Replace or leave out the commands that the autopilot does not know, where that is the same."""
-        if self._dialect.yaw_in_waypoints:
+        turns = any(item.command == Command.CONDITION_YAW for _, item in self.entries)
+        if turns and self._dialect.yaw_in_waypoints:
             self._fold_yaw()
         written = []
+        commands = {item.command for _, item in self.entries}
+        unknown = {command for command in commands if not self._knows(command)}
         for number, item in self.entries:
-            known = self._knows(item.command)
+            known = item.command not in unknown
             substitute = None if known else self._dialect.substitutes.get(item.command)
             if substitute is not None:
                 self._say(number, Severity.WARNING, substitute.text)
@@ -215,7 +216,7 @@ class _Writer:
             if item.command == Command.DO_LAND_START:
                 self.entries[k] = (number, self._landing_start(k, item))
                 continue
-            if not item.has_position or item.command not in _FLOWN_TO:
+            if item.frame not in GLOBAL_FRAMES or item.command not in _FLOWN_TO:
                 continue
             if item.x == item.y == 0.0 and not dialect.zero_is_here:
                 here = before or self._position_after(k)
@@ -250,44 +251,44 @@ class _Writer:
 
     def check_frames(self) -> None:
         """Tell positions in frames that the autopilot does not take, or that it would take as another."""
-        profile, name = self._profile, self._profile.name
+        name, dialect = self._profile.name, self._dialect
+        kinds = {(item.command, item.frame) for _, item in self.entries if has_position(item.command)}
+        problems = {kind: self._frame_problem(*kind) for kind in kinds if self._knows(kind[0])}
         for number, item in self.entries:
-            if not has_position(item.command) or not self._knows(item.command):
+            kind = (item.command, item.frame)
+            if kind not in problems:
                 continue
-            unplaced = profile.unplaced is not None and item.command in profile.unplaced
-            if item.frame == Frame.MISSION and profile.unplaced is not None and not unplaced:
-                text = "a position has no place in frame 2 (MISSION)"
-                self._say(number, Severity.ERROR, text, "give frame 3 (above home) or 0 (above sea level)")
-            elif (
-                item.frame in GLOBAL_FRAMES
-                and profile.placed is not None
-                and item.command not in profile.placed
-            ):
-                self._say(
-                    number,
-                    Severity.ERROR,
-                    f"{name} takes this command without a position only",
-                    "give it in frame 2 (MISSION)",
-                )
-            elif (
-                profile.frames is not None
-                and item.frame not in profile.frames
-                and not (item.frame == Frame.MISSION and unplaced)
-            ):
-                frame = _frame_name(item.frame)
-                fix = "give altitudes above home (frame 3) or above sea level (frame 0)"
-                self._say(number, Severity.ERROR, f"{name} does not take frame {frame}", fix)
-            elif item.has_position and abs(item.z) >= self._dialect.highest_m:
-                text = f"altitude {item.z:g} m: {name} takes less than {self._dialect.highest_m:g} m"
+            problem = problems[kind]
+            if problem is not None:
+                self._say(number, Severity.ERROR, *problem)
+            elif item.frame in GLOBAL_FRAMES and abs(item.z) >= dialect.highest_m:
+                text = f"altitude {item.z:g} m: {name} takes less than {dialect.highest_m:g} m"
                 self._say(number, Severity.ERROR, text, "fly lower")
-            if (
-                self._dialect.roi_modes is not None
+            elif (
+                dialect.roi_modes is not None
                 and item.command == Command.DO_SET_ROI
-                and item.has_position
-                and (item.param1 or 0.0) not in self._dialect.roi_modes
+                and item.frame in GLOBAL_FRAMES
+                and (item.param1 or 0.0) not in dialect.roi_modes
             ):
                 text = f"{name} takes DO_SET_ROI of mode {item.param1 or 0.0:g} without a position only"
                 self._say(number, Severity.ERROR, text, "use DO_SET_ROI_LOCATION")
+
+    def _frame_problem(self, command: int, frame: int) -> tuple[str, str] | None:
+        """What is wrong with a position command in a frame, and what would be right."""
+        profile = self._profile
+        without = frame == Frame.MISSION and profile.unplaced is not None
+        if without and command not in (profile.unplaced or ()):
+            fix = "give frame 3 (above home) or 0 (above sea level)"
+            return "a position has no place in frame 2 (MISSION)", fix
+        if frame in GLOBAL_FRAMES and profile.placed is not None and command not in profile.placed:
+            return (
+                f"{profile.name} takes this command without a position only",
+                "give it in frame 2 (MISSION)",
+            )
+        if profile.frames is not None and frame not in profile.frames and not without:
+            fix = "give altitudes above home (frame 3) or above sea level (frame 0)"
+            return f"{profile.name} does not take frame {frame_name(frame)}", fix
+        return None
 
     def set_defaults(self) -> None:
         """Give unset parameters a number where the autopilot refuses NaN."""
@@ -354,51 +355,6 @@ class _Writer:
             text = condition.text.format(value=condition.usual) + f"; planned with {value:g}"
             self._say(first, Severity.NOTE, text, f"look that {condition.parameter} is so on the vehicle")
 
-    def check_areas(self) -> None:
-        """Tell fence and rally items that no autopilot with rules of its own takes."""
-        if self._profile.placed is None:
-            return
-        for kind in (MissionType.FENCE, MissionType.RALLY):
-            self._check_area(kind, self.mission.plan(kind))
-
-    def _check_area(self, kind: MissionType, items: tuple[MissionItem, ...]) -> None:
-        allowed = self._profile.frames or GLOBAL_FRAMES
-        due = 0  # where the next polygon begins
-        for k, item in enumerate(items):
-            if item.frame not in allowed or not item.has_position:
-                text = f"{self._profile.name} does not take frame {_frame_name(item.frame)}"
-                self._say_of_area(kind, k, item, text, "give frame 3 (above home) or 0 (above sea level)")
-            if item.command in _CIRCLES and not (item.param1 or 0.0) > 0.0:
-                text = f"a circle of radius {item.param1 or 0.0:g} m"
-                self._say_of_area(kind, k, item, text, "give a radius above 0 m")
-            if item.command not in _POLYGON or k < due:
-                continue
-            corners = int(item.param1 or 0.0)
-            due = k + 1
-            while due < min(k + corners, len(items)) and _same_polygon(items[due], item):
-                due += 1
-            if corners < 3 or due - k < corners:
-                text = f"a polygon of {corners} corners (param1), of which {due - k} are here"
-                self._say_of_area(kind, k, item, text, "give three or more, each with their number")
-
-    def _say_of_area(self, kind: MissionType, k: int, item: MissionItem, text: str, fix: str) -> None:
-        self.remarks.append(Remark(kind, k, Severity.ERROR, text, fix, item.command))
-
-    def check_counts(self) -> None:
-        """Tell plans that are longer than the autopilot, or many of its boards, can hold."""
-        counts = {kind: len(self.mission.plan(kind)) for kind in MissionType}
-        counts[MissionType.MISSION] = len(self.entries)
-        for kind, count in counts.items():
-            most = self._profile.capacity[kind]
-            text = count_warning(self._profile, kind, count)
-            severity = Severity.WARNING
-            if count > most:
-                severity = Severity.ERROR
-                text = f"{count} items: {self._profile.name} holds at most {most}"
-            if text is not None:
-                fix = "send a shorter plan" if kind is not MissionType.MISSION else "fly the mission in parts"
-                self.remarks.append(Remark(kind, None, severity, text, fix))
-
 
 def _without_nan(item: MissionItem, profile: Profile) -> MissionItem:
     """Return the item with the default for each unset parameter that the autopilot would refuse as NaN."""
@@ -410,12 +366,3 @@ def _without_nan(item: MissionItem, profile: Profile) -> MissionItem:
         if getattr(item, name) is None and name not in allowed
     }
     return replace(item, **unset) if unset else item
-
-
-def _same_polygon(one: MissionItem, other: MissionItem) -> bool:
-    return one.command == other.command and one.param1 == other.param1
-
-
-def _frame_name(frame: int) -> str:
-    entry = mavlink.enums["MAV_FRAME"].get(frame)
-    return str(frame) if entry is None else f"{frame} ({str(entry.name).removeprefix('MAV_FRAME_')})"

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from mission.transfer import refuse_errors, render
 from mission.transfer.driver import Vehicle as HeardVehicle
 from wbf_mission.fleet import Vehicle
 from wbf_mission.ground.link import find_vehicle
@@ -49,7 +48,7 @@ class LiveLink:
     note : callable
         Takes lines for the operator.
     force : bool
-        Fly a plan in which the preflight check finds errors, or that the autopilot would refuse.
+        Fly a plan in which the preflight check finds errors, among them what the autopilot would refuse.
     tell : callable
         Takes what the preflight check finds.
     via : Via
@@ -104,8 +103,6 @@ class LiveLink:
         ------
         PreflightError
             If there are errors, unless they are overruled.
-        LocalTransferError
-            If the autopilot would refuse an item or not fly the mission, unless that is overruled.
         LinkError, NoVehicleError
             If the vehicle is not there any more.
         """
@@ -118,7 +115,6 @@ class LiveLink:
         if not self.force:
             counted = report.about(Concern.PLAN, Concern.PARAMETERS, Concern.STATE)
             counted.require_no_errors("nothing was sent")
-            refuse_errors(render(plan.mission, self._heard.profile, self._heard.vehicle_type))
 
     def hosting(self, tlog: Path | None) -> Hosting:
         """Return where the flight takes place."""

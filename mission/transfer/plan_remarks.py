@@ -1,0 +1,88 @@
+"""What an autopilot would refuse of fences and rally points, and of plans that are too long."""
+
+from __future__ import annotations
+
+from mission.link.codec.dialect import mavlink
+from mission.model import GLOBAL_FRAMES, Mission, MissionItem, MissionType
+from mission.transfer.profile import Profile, count_warning
+from mission.transfer.remark import Remark, Severity
+
+__all__ = ["area_remarks", "count_remarks", "frame_name"]
+
+_POLYGON = frozenset({5001, 5002})
+_CIRCLES = frozenset({5003, 5004})
+
+
+def area_remarks(mission: Mission, profile: Profile) -> list[Remark]:
+    """Tell fence and rally items that no autopilot takes, or not in this frame.
+
+    An autopilot of which nothing is known is taken to accept them all.
+    """
+    if profile.placed is None:
+        return []
+    kinds = (MissionType.FENCE, MissionType.RALLY)
+    return [
+        Remark(kind, k, Severity.ERROR, text, fix, mission.plan(kind)[k].command)
+        for kind in kinds
+        for k, text, fix in _problems(mission.plan(kind), profile)
+    ]
+
+
+def _problems(items: tuple[MissionItem, ...], profile: Profile) -> list[tuple[int, str, str]]:
+    """List item, text and fix."""
+    allowed = profile.frames or GLOBAL_FRAMES
+    found = []
+    due = 0  # where the next polygon begins
+    for k, item in enumerate(items):
+        if item.frame not in allowed or not item.has_position:
+            text = f"{profile.name} does not take frame {frame_name(item.frame)}"
+            found.append((k, text, "give frame 3 (above home) or 0 (above sea level)"))
+        if item.command in _CIRCLES and not (item.param1 or 0.0) > 0.0:
+            found.append((k, f"a circle of radius {item.param1 or 0.0:g} m", "give a radius above 0 m"))
+        if item.command not in _POLYGON or k < due:
+            continue
+        corners = int(item.param1 or 0.0)
+        due = k + 1
+        while due < min(k + corners, len(items)) and _same_polygon(items[due], item):
+            due += 1
+        if corners < 3 or due - k < corners:
+            text = f"a polygon of {corners} corners (param1), of which {due - k} are here"
+            found.append((k, text, "give three or more, each with their number"))
+    return found
+
+
+def _same_polygon(one: MissionItem, other: MissionItem) -> bool:
+    return one.command == other.command and one.param1 == other.param1
+
+
+def count_remarks(mission: Mission, sent: int, profile: Profile) -> list[Remark]:
+    """Tell plans that are longer than the autopilot, or many of its boards, can hold.
+
+    Parameters
+    ----------
+    mission : Mission
+    sent : int
+        Items of the mission as it is sent.
+    profile : Profile
+    """
+    found = []
+    for kind in MissionType:
+        count = sent if kind is MissionType.MISSION else len(mission.plan(kind))
+        fix = "fly the mission in parts" if kind is MissionType.MISSION else "send a shorter plan"
+        most, text = profile.capacity[kind], count_warning(profile, kind, count)
+        if count > most:
+            text = f"{count} items: {profile.name} holds at most {most}"
+            found.append(Remark(kind, None, Severity.ERROR, text, fix))
+        elif text is not None:
+            found.append(Remark(kind, None, Severity.WARNING, text, fix))
+    return found
+
+
+def frame_name(frame: int) -> str:
+    """Number and name of a MAV_FRAME.
+
+    >>> frame_name(10)
+    '10 (GLOBAL_TERRAIN_ALT)'
+    """
+    entry = mavlink.enums["MAV_FRAME"].get(frame)
+    return str(frame) if entry is None else f"{frame} ({str(entry.name).removeprefix('MAV_FRAME_')})"

@@ -329,7 +329,7 @@ def test_the_same_flight_both_ways(autopilot, tmp_path):
     for result in flown.values():
         truth = result.truth[:, result.observations.x, result.observations.y]
         assert (result.observations.values == truth.T).all()
-    assert other.final_score == pytest.approx(own.final_score, abs=0.05)
+    assert other.final_score == pytest.approx(own.final_score, abs=0.15)
     assert np.array_equal(own.truth, other.truth)
 
 

@@ -102,6 +102,7 @@ class Campaign:
         self._next: PlannedFlight | None = None
         self._flying: JointFlight | None = None
         self._gone: set[int] = set()
+        self._log: TlogWriter | None = None
 
     def plan(self, day: int, flight: int = 1) -> tuple[PlanResult, ...]:
         """Ask for the paths of the next flight, and return the plan of each vehicle.
@@ -144,10 +145,6 @@ class Campaign:
 
     def fly(self, environment: Environment, hosting: Hosting, attendant: Attendant | None = None) -> None:
         """Fly all days; `attendant` stands by."""
-        writer = None
-        if hosting.tlog is not None:
-            hosting.tlog.parent.mkdir(parents=True, exist_ok=True)
-            writer = TlogWriter(hosting.tlog)
         first = self.scenario.farm.day
         if self._next is None:
             self.plan(first)
@@ -161,14 +158,14 @@ class Campaign:
                 for flight in range(1, self.scenario.farm.flights_per_day + 1):
                     if len(self._gone) == len(self._all.vehicles):
                         continue
-                    if ahead is None or not self._take(ahead, day, flight, writer):
-                        self._fly_once(day, flight, environment, hosting, attendant, writer)
+                    if ahead is None or not self._take(ahead, day, flight, hosting):
+                        self._fly_once(day, flight, environment, hosting, attendant)
                 self.end_day()
         finally:
             if ahead is not None:
                 ahead.close()
-            if writer is not None:
-                writer.close()
+            if self._log is not None:
+                self._log.close()
 
     def interrupt(self) -> None:
         """Stop where we are; what was seen so far is kept."""
@@ -216,7 +213,6 @@ class Campaign:
         environment: Environment,
         hosting: Hosting,
         attendant: Attendant | None,
-        writer: TlogWriter | None,
     ) -> None:
         if self._next is None:
             self.plan(day, flight)
@@ -236,11 +232,18 @@ class Campaign:
             tell=self._tell,
             watch=self.watch,
             attendant=attendant,
-            writer=writer,
+            writer=self._open_log(hosting),
             offset_s=self.simulated_s,
             gone=self._gone,
         )
         self._end_flight()
+
+    def _open_log(self, hosting: Hosting) -> TlogWriter | None:
+        """Return what writes every frame, if wanted; its file is made when there is something to keep."""
+        if self._log is None and hosting.tlog is not None:
+            hosting.tlog.parent.mkdir(parents=True, exist_ok=True)
+            self._log = TlogWriter(hosting.tlog)
+        return self._log
 
     def _ahead(self, environment: Environment, hosting: Hosting) -> FlightsAhead | None:
         """Return what flies all flights in other processes, if that can be."""
@@ -255,12 +258,13 @@ class Campaign:
         self.decisions.clear()
         return FlightsAhead(FlightAlone(self._all, environment, hosting, hosting.tlog is not None), numbers)
 
-    def _take(self, ahead: FlightsAhead, day: int, flight: int, writer: TlogWriter | None) -> bool:
+    def _take(self, ahead: FlightsAhead, day: int, flight: int, hosting: Hosting) -> bool:
         """Take what a flight gave that was flown ahead; False where it has to be flown here."""
         # Without those that are gone the others fly otherwise.
         flown = None if self._gone else ahead.take(day, flight)
         if flown is None:
             return False
+        writer = self._open_log(hosting)
         if writer is not None and flown.log is not None:
             writer.write_all(flown.log, EPOCH_UNIX_S + self.simulated_s)
         seen_before = len(self.evidence)

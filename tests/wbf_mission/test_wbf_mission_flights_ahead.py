@@ -1,5 +1,6 @@
 """Flights that are flown in other processes: the same as one after the other, also if a process dies."""
 
+import itertools
 import os
 import signal
 from collections.abc import Callable
@@ -91,6 +92,30 @@ def test_flights_ahead_are_those_one_after_the_other(
     assert_alike(ahead, alone)
     assert (tmp_path / "ahead.tlog").read_bytes() == (tmp_path / "alone.tlog").read_bytes()
     assert [one.observations for one in ahead.decisions] == [one.seen_before for one in ahead.flights]
+
+
+@pytest.mark.usefixtures("worth")
+@pytest.mark.parametrize("finished", [0, 2])
+def test_ctrl_c_keeps_the_flights_that_are_over(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, finished: int
+) -> None:
+    take, count = FlightsAhead.take, itertools.count()
+
+    def interrupted(self: FlightsAhead, day: int, flight: int) -> Any:
+        if next(count) == finished:
+            raise KeyboardInterrupt
+        return take(self, day, flight)
+
+    monkeypatch.setattr(FlightsAhead, "take", interrupted)
+    log = tmp_path / "flight.tlog"
+    if not finished:
+        with pytest.raises(KeyboardInterrupt):
+            fly(SHORT, tlog=log)
+        assert not log.exists()
+        return
+    result = fly(SHORT, tlog=log)
+    assert len(result.flights) == 2 and result.outcome is Outcome.INTERRUPTED
+    assert log.stat().st_size > 0
 
 
 @pytest.mark.usefixtures("worth")

@@ -11,7 +11,9 @@ from wbf_mission.cli.app import main
 from wbf_mission.planning import plan
 from wbf_mission.scenario import Scenario
 
-UNKNOWN = "item 4 NAV_LOITER_TURNS: PX4 does not know this command; use NAV_LOITER_TIME, or waypoints"
+UNKNOWN = (
+    "mission item 4 (NAV_LOITER_TURNS): PX4 does not know this command; use NAV_LOITER_TIME, or waypoints"
+)
 ROWS = Scenario(farm="miniberry-10", planner="lawnmower", budget="60s")
 
 
@@ -42,7 +44,7 @@ def test_what_px4_would_refuse_is_not_sent(tmp_path, capsys):
         out, err = capsys.readouterr()
         assert out == ""
         assert UNKNOWN in err
-        assert err.splitlines()[-1].startswith("error: ")
+        assert err.splitlines()[-1].startswith(f"error: {UNKNOWN}")
         assert "nothing was sent" in err.splitlines()[-1]
         assert held(made) == 0
         # Who wants it all the same hears of the vehicle's refusal, with the item.

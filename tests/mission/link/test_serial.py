@@ -12,6 +12,7 @@ import pytest
 from mission.errors import LinkError
 from mission.link import MavlinkEndpoint, open_link, parse_link_url
 from mission.link.codec.dialect import mavlink
+from mission.link.reconnect import SerialClientLink
 
 
 def wait_for(condition, seconds=30.0):
@@ -47,6 +48,34 @@ def test_messages_cross_a_serial_line_both_ways(line):
     assert endpoint.link.fileno() is not None
     endpoint.close()
     assert endpoint.link.fileno() is None
+
+
+def test_a_device_that_comes_back_is_opened_again(tmp_path):
+    """Behind the same name is another device then."""
+    device, now_s = tmp_path / "radio", [0.0]
+    near, far = pty.openpty()
+    tty.setraw(near), tty.setraw(far)
+    device.symlink_to(os.ttyname(far))
+    link = SerialClientLink(parse_link_url(f"serial:{device}:57600"), clock=lambda: now_s[0])
+    os.write(near, b"one")
+    assert wait_for(link.receive) == [b"one"]
+    os.close(near), os.close(far)
+    device.unlink()
+    wait_for(lambda: link.receive() == [] and link.fileno() is None)
+    link.send(b"lost")
+    near, far = pty.openpty()
+    tty.setraw(near), tty.setraw(far)
+    device.symlink_to(os.ttyname(far))
+    assert link.receive() == []
+    assert link.connections == 1, "it is tried once a second"
+    now_s[0] = 2.0
+    link.send(b"two")
+    assert link.connections == 2
+    assert wait_for(lambda: os.read(near, 100)) == b"two"
+    link.close()
+    assert link.receive() == []
+    assert link.fileno() is None
+    os.close(near), os.close(far)
 
 
 def test_a_device_that_goes_away_is_told(line):

@@ -287,6 +287,63 @@ def test_only_one_vehicle_of_two():
     assert [vehicle.pilot.controls.position_ok for vehicle in pair] == [False, True]
 
 
+def heard(endpoint, link, seconds):
+    """What arrives in so many seconds."""
+    link.sleep(seconds)
+    return endpoint.receive()
+
+
+def test_a_restarted_autopilot_begins_anew_and_flies_on():
+    vehicle, link, driver = simulate("reboot,at=airborne,from=5")
+    driver.endpoint.wanted = None
+    driver.upload(Mission(ITEMS, home=HOME))
+    for command, first in ((m.MAV_CMD_COMPONENT_ARM_DISARM, 1.0), (m.MAV_CMD_MISSION_START, 0.0)):
+        driver.endpoint.send(m.MAVLink_command_long_message(1, 1, command, 0, first, *[0.0] * 6))
+    told = heard(driver.endpoint, link, 20.0)
+    times = [one.time_boot_ms for one in told if one.get_type() == "GLOBAL_POSITION_INT"]
+    (jump,) = [k for k in range(1, len(times)) if times[k] < times[k - 1]]
+    assert times[jump] < 500 < times[jump - 1]
+    ids = [one.mission_id for one in told if one.get_type() == "MISSION_CURRENT"]
+    assert ids[0] != 0 and ids[-1] == 0
+    heard(driver.endpoint, link, 200.0)
+    assert vehicle.outcome.value == "completed"
+
+
+def test_a_restarted_autopilot_has_forgotten_the_transfer():
+    _, link, driver = simulate("reboot,from=3")
+    link.sleep(2.0)
+    driver.endpoint.send(m.MAVLink_mission_count_message(1, 1, 3))
+    assert heard(driver.endpoint, link, 0.9)
+    driver.endpoint.wanted = None
+    heard(driver.endpoint, link, 0.2)
+    told = {one.get_type() for one in heard(driver.endpoint, link, 4.0)}
+    assert "HEARTBEAT" in told
+    assert not told & {"MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"}
+
+
+def test_a_low_battery_has_so_much_left():
+    vehicle, link, _ = simulate("low-battery=0.4,from=2")
+    link.sleep(1.0)
+    assert vehicle.pilot.state.battery.fraction > 0.9
+    link.sleep(2.0)
+    assert vehicle.pilot.state.battery.fraction == pytest.approx(0.4, abs=0.01)
+
+
+def test_commands_are_refused_while_the_fault_holds():
+    _, link, driver = simulate("refuse=400,for=5")
+    driver.endpoint.wanted = None
+
+    def result():
+        driver.endpoint.receive()
+        driver.endpoint.send(m.MAVLink_command_long_message(1, 1, 400, 0, 0.0, *[0.0] * 6))
+        told = heard(driver.endpoint, link, 0.5)
+        return [one.result for one in told if one.get_type() == "COMMAND_ACK"]
+
+    assert result() == [m.MAV_RESULT_DENIED]
+    link.sleep(6.0)
+    assert result() == [m.MAV_RESULT_ACCEPTED]
+
+
 def test_gps_loss_comes_and_goes():
     vehicle, link, driver = simulate("gps-loss,from=3,for=4")
     seen = []

@@ -122,13 +122,13 @@ def test_everything_over_a_serial_line_of_57600_baud(autopilot, tmp_path):
     with ShapedLine(tmp_path, delay_s=0.1, loss=0.1) as line:
         vehicle, device = line.devices
         listen = (f"serial:{vehicle}:57600",)
-        with simulator(tmp_path, autopilot=autopilot, listen=listen, speed=2):
+        with simulator(tmp_path, autopilot=autopilot, listen=listen):
             url = f"serial:{device}:57600"
             up = run("upload", plan, "--connect", url, "--json", cwd=tmp_path)
             assert up.returncode == 0, up.stderr
-            down = run("download", tmp_path / "back.plan", "--connect", url, cwd=tmp_path)
+            down = run("download", "--out", tmp_path / "back.plan", "--connect", url, cwd=tmp_path)
             assert down.returncode == 0, down.stderr
-            told = run("monitor", url, "--json", "--duration", "5", "--interval", "1", cwd=tmp_path)
+            told = run("monitor", url, "--json", "--duration", "4", "--interval", "1", cwd=tmp_path)
             last = [json.loads(one) for one in told.stdout.splitlines() if "link_quality" in one][-1]
             assert 0.5 < last["link_quality"] < 1.0
             assert last["round_trip_s"] > 0.15

@@ -32,6 +32,7 @@
     +-- wbf_mission.live.discovery.LiveFlightError        a run that a vehicle behind a link cannot do
     +-- wbf_mission.live.errors.VehicleRefusedError       a vehicle that does not do what it is told
     +-- wbf_mission.live.errors.VehicleSilentError        a vehicle that does not answer any more
+    +-- wbf_mission.preflight.finding.PreflightError      a plan that cannot be checked, or must not go up
     +-- wbf_mission.flight.FlightError                    a flight that cannot go on
     +-- wbf_mission.animation.AnimationError              a moving picture of a run
     +-- wbf_mission.arrays.ArrayFileError                 arrays of a result

@@ -127,7 +127,7 @@ def test_a_mission_file_without_a_home_begins_at_the_farms(tmp_path: Path) -> No
 
 
 def test_the_length_of_a_mission_file_counts_from_its_own_home(tmp_path: Path) -> None:
-    scenario = Scenario(farm="miniberry-100", planner="spiral", budget="500m")
+    scenario = Scenario(farm="miniberry-100", planner="spiral", budget="500m", autopilot="ardupilot")
     made = plan(scenario)
     assert made.mission.home is not None
     path = tmp_path / "mine.plan"

@@ -42,7 +42,7 @@ CASES = {
     "it takes no mission": ("no-count", (4, "no_answer"), "the vehicle did not answer"),
     "it never answers": ("drop=COMMAND_ACK,direction=down", (4, "no_answer"), "no answer while"),
 }
-QUICK = {("ardupilot", "it starts again"), ("px4", "the link is dead for a while")}
+QUICK = {("px4", "the link is dead for a while")}
 
 
 def check(autopilot, case, cwd):

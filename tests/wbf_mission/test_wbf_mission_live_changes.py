@@ -60,6 +60,7 @@ def test_a_link_that_breaks_after_any_message_of_a_change(autopilot, dead_s):
         check_break(autopilot, after, dead_s)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_a_change_over_a_link_that_loses_a_third_and_takes_two_seconds(autopilot):
     bad = Impairment(loss=0.3, delay_s=2.0, seed=4)

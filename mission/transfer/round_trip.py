@@ -32,7 +32,7 @@ class RoundTrip:
     >>> trip.wait(0.25, 0.1, 1.5)
     0.8
     >>> trip.sample(34.2)
-    >>> trip.seconds, trip.wait(0.25, 0.1, 1.5)
+    >>> round(trip.seconds, 3), round(trip.wait(0.25, 0.1, 1.5), 3)
     (4.45, 4.895)
     """
 

@@ -170,7 +170,8 @@ def tell(output: Output, report: Report) -> None:
         if finding.severity is Severity.NOTE:
             output.note(f"preflight: {finding}")
         else:
-            output.warn(f"preflight {finding.severity.value}: {finding}")
+            label = "preflight error" if finding.severity is Severity.ERROR else "preflight"
+            output.warn(f"{label}: {finding}")
 
 
 def _ask(output: Output, url: str, wait_s: float, system_id: int | None) -> VehicleSnapshot:
@@ -209,7 +210,8 @@ def _show(output: Output, file: Path, checked: Preflight) -> None:
         "findings": [finding.summary() for finding in report.findings],
     }
     title = f"{file.name}: {subject.vehicle.name}, {subject.profile.name}; " + ", ".join(
-        f"{number} {name}" for name, number in report.counts.items()
+        f"{number} {name if number != 1 else name.removesuffix('s')}"
+        for name, number in report.counts.items()
     )
     output.table(values, _HEADER, [_row(one) for one in report.findings], title=title, left=True)
 

@@ -47,7 +47,8 @@ def codes(document):
 
 def test_a_good_file_is_told_in_a_table(file, capsys):
     out = run(capsys, "preflight", file).out
-    assert "rows.plan: quad, PX4; 0 errors" in out
+    assert "rows.plan: quad, PX4; 0 errors, " in out
+    assert ", 1 note " in out
     assert "predicted: " in out
 
 

@@ -34,6 +34,8 @@ _I = ClientInput
 _A = ClientAction
 _TROUBLE = frozenset({wire.ERROR, wire.INVALID_SEQUENCE, wire.DENIED})
 GROUND_STATION = (255, 190)
+_MORE_OPENINGS = 3
+"""So many times as often is the opening message repeated where frames are lost."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,7 +225,8 @@ class ClientTransfer(ABC):
         """When the opening message has been repeated in vain for long enough."""
         timers = self.timers
         each_s = self.round_trip.wait(timers.reply_s, timers.reply_s, timers.reply_s)
-        return self._opened_s + (timers.retries + 1) * each_s
+        tries = (timers.retries + 1) * (_MORE_OPENINGS if self.round_trip.is_lossy else 1)
+        return self._opened_s + tries * each_s
 
     def _silence_s(self) -> float:
         """How long no item may cross: on a slow link long enough for twenty attempts."""

@@ -57,6 +57,11 @@ class RoundTrip:
         """The round trip time, or what it is at most; None while nothing is known."""
         return self._limit_s if self.seconds is None else self.seconds
 
+    @property
+    def is_lossy(self) -> bool:
+        """Whether the link is known to lose frames."""
+        return self.loss > _SURE_LOSS
+
     def wait(self, default_s: float, floor_s: float, most_s: float) -> float:
         """Return how long to wait for an answer before asking again: four round trips, at least one.
 

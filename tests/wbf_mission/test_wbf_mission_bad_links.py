@@ -104,7 +104,8 @@ def test_a_pilot_takes_over_from_another_process(autopilot, tmp_path):
     ("autopilot", "listen"), [("px4", "udpin:127.0.0.1:0"), ("ardupilot", "tcpin:127.0.0.1:0")]
 )
 def test_a_policy_over_a_bad_link(autopilot, listen, tmp_path):
-    bad = sim_faults("loss=0.2", "delay=0.5")
+    # At five times real time the vehicle's patience with transfers is a fifth, too.
+    bad = sim_faults("loss=0.05", "delay=0.2")
     with simulator(tmp_path, *bad, autopilot=autopilot, listen=(listen,)) as (url,):
         ground = flown(tmp_path, url, decider=("--policy", "greedy"))
     assert ground.ended == (0, "completed"), ground.told

@@ -18,7 +18,7 @@ from sensors.scoring.score import RunningScore, ScoreWeights
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from wbf_mission.day_record import DayRecord, keeps_days
 from wbf_mission.deciding.record import DecisionRecord
-from wbf_mission.estimation import RunEstimate, attribute_errors_to, score_points
+from wbf_mission.estimation import RunEstimate, attribute_errors_to, points_a_flight, score_points
 from wbf_mission.evidence import Evidence
 from wbf_mission.field_maps import FieldMap, field_maps
 from wbf_mission.fleet import Vehicle
@@ -140,7 +140,8 @@ class Campaign:
             ideal = all(one.task.builder.vehicle.is_ideal for one in self._all.vehicles)
             if ideal and self.farm.owner_cells <= SMALL_FARM_CELLS:
                 return 1
-            points = score_points(self.farm, estimate.estimator)
+            flights = self.scenario.farm.days * self.scenario.farm.flights_per_day
+            points = points_a_flight(score_points(self.farm, estimate.estimator), flights)
         return max(1, round(self._expected_of_next / points))
 
     def fly(self, environment: Environment, hosting: Hosting, attendant: Attendant | None = None) -> None:

@@ -38,6 +38,8 @@ LARGE_FARM_CELLS = 3_000_000
 # How often a large farm is scored by an estimator that computes every cell anew, and by one that does not.
 LARGE_FARM_SCORE_POINTS = 10
 INCREMENTAL_SCORE_POINTS = 100
+_FLIGHTS_SCORED_IN_FULL = 6
+_LEAST_POINTS = 5
 
 # Per cell: truth, the environment behind it (two onset days and soil), crop map and masks of farm and score.
 _RUN_BYTES_A_CELL = 12 + 6 + 8
@@ -89,6 +91,19 @@ def score_points(farm: Farm, estimator: Estimator) -> int:
         return DEFAULT_SCORE_POINTS
     incremental = getattr(estimator, "incremental", False)
     return INCREMENTAL_SCORE_POINTS if incremental else LARGE_FARM_SCORE_POINTS
+
+
+def points_a_flight(points: int, flights: int) -> int:
+    """Return at how many times a flight is scored in a run of several, where a run of one has ``points``.
+
+    As often for up to six flights, of more together as often as of six, each at five times at least.
+
+    Examples
+    --------
+    >>> [points_a_flight(25, flights) for flights in (1, 6, 10, 30, 100)]
+    [25, 25, 15, 5, 5]
+    """
+    return min(points, max(_LEAST_POINTS, _FLIGHTS_SCORED_IN_FULL * points // flights))
 
 
 def require_run_memory(farm: Farm, estimator: Estimator, n_observations: int) -> None:

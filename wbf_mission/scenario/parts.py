@@ -383,5 +383,6 @@ class ScoreOptions(Part):
         key="score_points",
         low=1,
         high=1_000_000,
-        default="25; Waterberry 10, with the disks 100; ideal vehicle on a small farm: always",
+        default="25; Waterberry 10, with the disks 100; fewer in a run of more than six flights; ideal"
+        " vehicle on a small farm: always",
     )

@@ -10,12 +10,15 @@ import shapely
 from numpy.typing import NDArray
 
 from mission.errors import PlanningError
-from mission.planners.path import Area, Points, distinct
+from mission.planners.path import COINCIDENT_M, Area, Points, distinct
 
 __all__ = ["Turns", "Waypoints"]
 
 # Legs shorter than so many radii, between rows or on a curve, are flown as they are.
 _LEAST_LEG = 0.75
+# Nor are legs led at a corner between two that are longer than so many: what is cut off there is little, and
+# to stop for it costs a vehicle seconds.
+_LONG_LEG = 10.0
 # The lead is so much less than the radius: the vehicle turns a little before the corner and swings less wide.
 _BEFORE_M = 0.5
 # Where the path goes straight on, or nearly so, nothing is cut: 15 degrees.
@@ -122,15 +125,17 @@ class Turns:
         """Return the directions in which each point is come to and left; zero where a leg is not led."""
         flown = points if start_m is None else np.vstack((start_m, points))
         steps = np.diff(flown, axis=0)
-        length_m = np.hypot(steps[:, 0], steps[:, 1])[:, None]
-        every = steps / np.maximum(length_m, 1e-9)
-        along = np.where(length_m < _LEAST_LEG * self.radius_m, 0.0, every)
-        nowhere = np.zeros((1, 2))
-        come = along if start_m is not None else np.vstack((nowhere, along))
-        go = np.vstack((along[len(along) - len(points) + 1 :], nowhere))
-        straight = (come * go).sum(axis=1) > _STRAIGHT
-        come, go = come.copy(), go.copy()
-        come[straight] = go[straight] = 0.0
+        length_m = np.hypot(steps[:, 0], steps[:, 1])
+        # Who stands on the first point comes to it from nowhere.
+        every = np.where((length_m < COINCIDENT_M)[:, None], 0.0, steps / np.maximum(length_m, 1e-9)[:, None])
+        along = np.where((length_m < _LEAST_LEG * self.radius_m)[:, None], 0.0, every)
+        long = length_m > _LONG_LEG * self.radius_m
+        # To the first point leads no leg, if nobody knows where the vehicle comes from; from the last none.
+        before = 0 if start_m is not None else 1
+        come, come_far = np.pad(along, ((before, 0), (0, 0))), np.pad(long, (before, 0))
+        go, go_far = np.pad(along[1 - before :], ((0, 1), (0, 0))), np.pad(long[1 - before :], (0, 1))
+        as_it_is = ((come * go).sum(axis=1) > _STRAIGHT) | (come_far & go_far)
+        come[as_it_is] = go[as_it_is] = 0.0
         # After the last point comes no corner.
         if len(every):
             come[-1] = every[-1]

@@ -28,10 +28,18 @@ def test_without_leads_the_waypoints_are_the_points():
         assert sent.of_point.tolist() == [0, 1, 3] and sent.radius_m == turns.radius_m
 
 
-def test_a_corner_between_long_legs_has_two_waypoints():
-    sent = PX4.waypoints(array((0, 0), (20, 0), (20, 20)), (-10.0, 0.0))
-    assert sent.points_m.tolist() == [[0, 0], [21.5, 0], [20, -1.5], [20, 21.5]]
+def test_a_corner_between_legs_has_two_waypoints():
+    sent = PX4.waypoints(array((0, 0), (19, 0), (19, 19)), (-10.0, 0.0))
+    assert sent.points_m.tolist() == [[0, 0], [20.5, 0], [19, -1.5], [19, 20.5]]
     assert sent.of_point.tolist() == [0, 1, 1, 2]
+
+
+def test_nobody_stops_at_a_corner_between_long_legs():
+    path = array((0, 0), (300, 0), (300, 200), (302, 200), (302, 0))
+    expected = [[0, 0], [300, 0], [300, 201.5], [302, 201.5], [302, -1.5]]
+    # The way between two rows is led, too, when it is no shorter than 1.5 m.
+    sent = PX4.waypoints(path, (-100.0, 0.0)).points_m.tolist()
+    assert sent[:3] == expected[:3] and sent[-1] == expected[-1]
 
 
 def test_what_is_nearly_straight_or_short_is_flown_as_it_is():

@@ -263,7 +263,8 @@ class Sortie:
         ground, budget, vehicle = self.ground, self.task.request.budget, self.plan.vehicle
         if ground.started_s is None:
             return 0.0
-        flown_s = now_s - ground.started_s
+        # A vehicle whose clock runs faster than ours (a simulator) is held to its own.
+        flown_s = max(now_s - ground.started_s, ground.flight_time_s)
         if budget.unit == "m":
             # Where nothing was heard it cannot have flown farther than its speed allows.
             return self._flown.measure() + ground.silent_s * self.task.builder.level.speed_m_s
@@ -331,7 +332,8 @@ class Sortie:
         ground, battery = self.ground, self.plan.vehicle.battery
         used = None
         if battery is not None and ground.battery.consumed_wh is not None:
-            used = ground.battery.consumed_wh / battery.capacity_wh
+            before_wh = ground.battery_before.consumed_wh or 0.0
+            used = (ground.battery.consumed_wh - before_wh) / battery.capacity_wh
         frame = self.plan.farm.frame
         return FlightRecord(
             day=self.number.day,

@@ -22,6 +22,7 @@ __all__ = ["Operator"]
 
 _STATUS_S = 5.0
 _SILENCE_S = 5.0
+_QUESTION = "[h]old, [r]eturn, [l]eave it flying, [c]ontinue? Ctrl-C again leaves it flying"
 _CHOICES = {"h": Maneuver.HOLD, "r": Maneuver.RETURN}
 
 
@@ -35,7 +36,7 @@ class Operator:
 
     def __init__(self, output: Output) -> None:
         self._output = output
-        self._texts = self._events = 0
+        self._texts = self._events = self._set = 0
         self._phase: Phase | None = None
         self._status_s = 0.0
         self._asked = False
@@ -59,6 +60,9 @@ class Operator:
             waits = "; nothing is ordered until it is back in its mission"
             self._output.warn(f"the vehicle: {event}{waits * ground.pilot.somebody_else_flies}")
         self._events = len(ground.pilot.events)
+        for text in ground.parameters_set[self._set :]:
+            self._output.warn(f"parameter {text}")
+        self._set = len(ground.parameters_set)
         self._tell_silence(sortie, flight.now_s)
         if ground.phase is Phase.READY:
             self._prepare(sortie)
@@ -74,7 +78,7 @@ class Operator:
             signals.defer(False)
             raise KeyboardInterrupt
         self._stopping = True
-        self._output.note("[h]old, [r]eturn, [l]eave it flying, [c]ontinue? Ctrl-C again leaves it flying")
+        self._output.note(_QUESTION)
 
     def _prepare(self, sortie: Sortie) -> None:
         """Ask for the start once the vehicle can arm; refuse it where the plan is not for here."""
@@ -115,9 +119,12 @@ class Operator:
         if choice in _CHOICES:
             try:
                 flight.maneuver(_CHOICES[choice])
+                self._output.note(f"ordered: {_CHOICES[choice].value}")
             except NotFlyingError as error:
                 self._output.warn(str(error))
-        if choice in ("c", *_CHOICES):
+        if choice not in ("c", *_CHOICES):
+            self._output.note(_QUESTION)
+        else:
             self._stopping = False
             signals.forget()
 
@@ -127,7 +134,7 @@ class Operator:
         if silent != self._silent:
             self._silent = silent
             text = (
-                "nothing is heard of the vehicle; it flies its plan on"
+                "nothing is heard of the vehicle; by its plan it flies on"
                 if silent
                 else "the vehicle is heard again"
             )

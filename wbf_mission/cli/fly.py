@@ -233,7 +233,7 @@ def fly_command(
         else f"{summary['score']:.5f} over the run, {summary['final_score']:.5f} at the end (0 is perfect)",
         "loss a cell at the end": losses or "-",
         **(result.report.rows() if result.report is not None else {}),
-        "observations": f"{summary['observations']} of {summary['cells_observed']} different cells",
+        "observations": f"{summary['observations']}, of {summary['cells_observed']} different cells",
         "flown": f"{distance(summary['path_length_m'])} in {duration(summary['flight_time_s'])}"
         + _prediction(result, summary["predicted_time_s"]),
         **_decision_rows(result),
@@ -242,7 +242,7 @@ def fly_command(
         + ("verified" if transfer["verified"] else "not verified"),
         "wall time": f"{duration(summary['wall_time_s'])}: "
         + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in summary["timings_s"].items()),
-        "flight speed": f"{summary['realtime_factor']:.0f} x real time",
+        **({} if live else {"flight speed": f"{summary['realtime_factor']:.0f} x real time"}),
         "files": summary["files"] or "not written",
     }
     if summary["least_distance_m"] is not None:

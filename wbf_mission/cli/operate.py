@@ -78,6 +78,8 @@ def monitor_command(
             if server.run(limit_s=min(interval, end_s - server.now_s)) is StopReason.STOPPED:
                 break
             told.report(server.now_s)
+    if not watch.vehicles:
+        output.warn(f"{url}: nobody was heard")
     return ExitCode.GOOD if watch.vehicles else ExitCode.NO_VEHICLE
 
 

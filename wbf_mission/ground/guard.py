@@ -36,6 +36,8 @@ class FailsafeGuard:
         Why it cannot be; empty while it may.
     due_s : float
         When `poll` has something to do; infinity for never.
+    was_set : list of str
+        Which parameters were set, from what and to what.
     """
 
     def __init__(
@@ -46,6 +48,8 @@ class FailsafeGuard:
     ) -> None:
         self.refused = ""
         self.due_s = math.inf
+        self.was_set: list[str] = []
+        self._before: dict[str, int] = {}
         self._vehicle = vehicle
         self._open = {one.name: one for one in needed}
         self._set: dict[str, tuple[int, int]] = {}
@@ -86,6 +90,8 @@ class FailsafeGuard:
         value = round(message.param_value)
         wanted = needed.wanted(value)
         if wanted == value:
+            if name in self._before:
+                self.was_set.append(f"{name} was {self._before[name]}, is set to {value} and stays so")
             del self._open[name]
             self._tries = 0
             self.due_s = math.inf if self.ready else self.due_s
@@ -96,6 +102,7 @@ class FailsafeGuard:
             self._refuse(f"{name} stays {value}, {wanted} is needed")
             return []
         self._set[name] = wanted, message.param_type
+        self._before.setdefault(name, value)
         return self._next_setting()
 
     def _next_setting(self, *, again: bool = False) -> list[Message]:

@@ -159,6 +159,7 @@ class GroundStation:
         self._contact = ContactWatch()
         self._change: ChangeSession | None = None
         self._guard: FailsafeGuard | None = None
+        self.battery_before = Battery()
         self._tracks = TrackRecorder()
         self._texts = TextLog()
         self._fetch = (
@@ -385,6 +386,11 @@ class GroundStation:
         )
 
     @property
+    def parameters_set(self) -> list[str]:
+        """Which of the vehicle's parameters were set, from what and to what."""
+        return [] if self._guard is None else self._guard.was_set
+
+    @property
     def silent_s(self) -> float:
         """How long the silences of the flight were, in which nothing was heard of the vehicle."""
         return self._contact.silent_s
@@ -585,6 +591,7 @@ class GroundStation:
             if self.clearance is not None:
                 # A real vehicle's clock began long before ours.
                 self._started_boot_s = self._monitor.boot_s
+            self.battery_before = self._monitor.battery
             self._contact.on_message(now_s)
             self._texts_before = len(self.texts)
         return []

@@ -335,6 +335,8 @@ def test_an_arducopter_gets_a_failsafe_before_it_leaves_its_mission():
     parameters = flight.vehicle.pilot.parameters
     assert parameters.link_action == 1 and parameters.failsafe_options == 16 | 2
     assert parameters.link_timeout_s == 90.0
+    told = " ".join(flight.station.parameters_set)
+    assert "FS_OPTIONS was 16, is set to 18" in told and "FS_GCS_ENABLE was 0, is set to 1" in told
     # What brings it home already is left as it is.
     flight = Flight("ardupilot", other_path(NEW), at_item(5))
     flight.vehicle.pilot.parameters.link_action = 3

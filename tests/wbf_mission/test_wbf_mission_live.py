@@ -90,8 +90,6 @@ def test_a_policy_changes_the_mission_of_the_vehicle_behind_the_link():
     assert result.outcome is Outcome.COMPLETED
     changes = [one for record in result.decisions for one in record.changes if one.outcome == "flown"]
     assert changes
-    # Its clock runs faster than ours; the budget is of its own.
-    assert result.flights[0].flight_time_s < 1.25 * float(scenario().mission.budget.removesuffix("s"))
 
 
 def test_without_the_operators_word_nothing_starts():

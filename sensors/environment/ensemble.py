@@ -245,7 +245,12 @@ def _together(plan: _Plan, members: int, jobs: int, tell: Progress) -> list[int]
     made = []
     with ProcessPoolExecutor(jobs, context, initializer=_start_worker, initargs=(plan, stop)) as pool:
         try:
-            futures = {pool.submit(_make, member): member for member in range(members)}
+            # A process that is only starting would be ended by Ctrl-C with a traceback.
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            try:
+                futures = {pool.submit(_make, member): member for member in range(members)}
+            finally:
+                signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
             waiting: set[Future[bool]] = set(futures)
             while waiting:
                 done, waiting = wait(waiting, timeout=_POLL_S, return_when=FIRST_COMPLETED)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from geo.interrupts import ignore_interrupts
 from wbf_mission.scenario import Choice, Scenario, scenario_with
 
 
@@ -110,7 +111,7 @@ def benchmark(
         for seed in seeds
     ]
     runs: list[dict[str, Any]] = []
-    parallel = Parallel(n_jobs=jobs, return_as="generator", initializer=_ignore_interrupts)
+    parallel = Parallel(n_jobs=jobs, return_as="generator", initializer=ignore_interrupts)
     try:
         for summary in parallel(delayed(_run)(s) for s in scenarios):
             runs.append(summary)
@@ -139,13 +140,6 @@ def _rows(
         for (planner, estimator), part in zip(pairs, parts, strict=True)
         if part
     ]
-
-
-def _ignore_interrupts() -> None:
-    """Ctrl-C reaches every process of the terminal; a worker leaves it to its parent, which ends it."""
-    import signal
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _run(scenario: Scenario) -> dict[str, Any]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
-import signal
 from collections.abc import Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
@@ -17,6 +16,7 @@ from dataclasses import dataclass
 from threadpoolctl import threadpool_limits
 
 from geo.errors import WbfMissionError
+from geo.interrupts import ignore_interrupts, interrupts_held
 from mission.link.tlog import FrameLog
 from sensors.environment import Environment
 from sensors.observations import Observations
@@ -151,10 +151,11 @@ class FlightsAhead:
         # Its processes do not run the caller's script again, as those of the standard library do.
         from joblib.externals.loky import ProcessPoolExecutor
 
-        self._pool = ProcessPoolExecutor(min(len(numbers), cpu_count()), initializer=_ignore_interrupts)
-        self._open: dict[tuple[int, int], Future[FlownFlight]] = {
-            number: self._pool.submit(fly, *number) for number in numbers
-        }
+        self._pool = ProcessPoolExecutor(min(len(numbers), cpu_count()), initializer=ignore_interrupts)
+        with interrupts_held():
+            self._open: dict[tuple[int, int], Future[FlownFlight]] = {
+                number: self._pool.submit(fly, *number) for number in numbers
+            }
 
     def take(self, day: int, flight: int) -> FlownFlight | None:
         """Wait for a flight and return it.
@@ -175,8 +176,3 @@ class FlightsAhead:
         """End the processes."""
         self._open = {}
         self._pool.shutdown(wait=True, kill_workers=True)
-
-
-def _ignore_interrupts() -> None:
-    """Leave Ctrl-C to the process that waits."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)

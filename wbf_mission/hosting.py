@@ -143,7 +143,7 @@ class VirtualHosting:
         aboard = [_aboard(sortie) for sortie in sorties]
         simulation = Simulation(
             [part for on, sortie in zip(aboard, sorties, strict=True) for part in (*on, sortie.ground)],
-            tap=_tap_of(writer, EPOCH_UNIX_S + offset_s),
+            tap=tap_of(writer, (EPOCH_UNIX_S + offset_s).__add__),
             impairment=self.impairment,
             faults=[one for one in self.faults if one.vehicle not in gone],
             seed=seed,
@@ -183,13 +183,15 @@ def _aboard(sortie: Sortie) -> tuple[SimVehicle, LeafCameraComponent]:
     return vehicle, camera
 
 
-def _tap_of(writer: FrameSink | None, epoch_s: float) -> Callable[[bytes, float], None] | None:
-    """Return what writes each frame with the time of day at which it is sent."""
+def tap_of(
+    writer: FrameSink | None, time_of: Callable[[float], float]
+) -> Callable[[bytes, float], None] | None:
+    """Return what writes each frame with the time of day, told from the host's time."""
     if writer is None:
         return None
     write = writer.write
 
     def tap(frame: bytes, now_s: float) -> None:
-        write(frame, epoch_s + now_s)
+        write(frame, time_of(now_s))
 
     return tap

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Protocol
 
+from geo.interrupts import interrupts_noted
 from mission.outcome import Outcome
 from mission.policies.situation import Event
 from sim_vehicle.host.simulation import StopReason
@@ -115,10 +116,25 @@ class JointFlight:
                 sortie.send(sortie.ground.maneuver(kind, self.now_s))
 
     def fly(self) -> None:
-        """Fly until every vehicle is down."""
+        """Fly until every vehicle is down.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            Between two slices of time; `interrupt` is to follow.
+        """
+        if self._attendant is not None:
+            # Who stands by asks for signals, and what they are to mean.
+            self._fly(lambda: None)
+            return
+        with interrupts_noted() as answer_interrupt:
+            self._fly(answer_interrupt)
+
+    def _fly(self, answer_interrupt: Callable[[], None]) -> None:
         limit_s = FLIGHT_LIMIT_FACTOR * self._expected_s + FLIGHT_LIMIT_EXTRA_S
         begin = time.perf_counter()
         while not self._is_over():
+            answer_interrupt()
             stop = self._host.run(until=self._stops, limit_s=SLICE_S)
             self._watch.lap("flight")
             if self._pace is not None:

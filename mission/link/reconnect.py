@@ -7,7 +7,9 @@ import errno
 import selectors
 import socket
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
+from typing import Generic, TypeVar
 
 from mission.errors import LinkError
 from mission.link.address import LinkAddress
@@ -19,7 +21,74 @@ _GIVE_UP_S = 5.0
 _PENDING = frozenset({0, errno.EINPROGRESS, errno.EWOULDBLOCK, errno.EALREADY})
 
 
-class TcpClientLink:
+_Link = TypeVar("_Link", TcpLink, SerialLink)
+
+
+class _Returning(ABC, Generic[_Link]):
+    """A link that is opened again when it was lost; what is sent meanwhile is dropped.
+
+    Parameters
+    ----------
+    address : LinkAddress
+    link : TcpLink or SerialLink
+        As it was opened the first time.
+    clock : callable
+        Monotonic seconds.
+    """
+
+    def __init__(self, address: LinkAddress, link: _Link, clock: Callable[[], float]) -> None:
+        self.name = str(address)
+        self.connections = 1
+        self._address = address
+        self._clock = clock
+        self._link: _Link | None = link
+        self._next_s = 0.0
+        self._closed = False
+
+    def send(self, data: bytes) -> None:
+        """Send, or drop it while nobody is there."""
+        link = self._link or self._try()
+        if link is None:
+            return
+        try:
+            link.send(data)
+        except LinkError:
+            self._lose()
+
+    def receive(self) -> list[bytes]:
+        """Return the pieces that have arrived; nothing while nobody is there."""
+        link = self._link or self._try()
+        if link is None:
+            return []
+        try:
+            return link.receive()
+        except LinkError:
+            self._lose()
+            return []
+
+    def close(self) -> None:
+        """Close it and stop trying."""
+        self._closed = True
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+
+    def fileno(self) -> int | None:
+        """Return the descriptor, None while there is none."""
+        return None if self._link is None else self._link.fileno()
+
+    def _lose(self) -> None:
+        if self._link is not None:
+            self._link.close()
+        self._link = None
+        self._next_s = self._clock() + _RETRY_S
+
+    @abstractmethod
+    def _try(self) -> _Link | None:
+        """Open it again when it is time; None while that has not succeeded."""
+
+
+class TcpClientLink(_Returning[TcpLink]):
     """A TCP link to a host that may go away and come back.
 
     While the host is away, what is sent is dropped and a new connection is tried each second, without ever
@@ -52,60 +121,20 @@ class TcpClientLink:
         timeout_s: float = 5.0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.name = str(address)
-        self.connections = 1
-        self._address = address
-        self._clock = clock
-        self._link: TcpLink | None = TcpLink.connect(address, timeout_s=timeout_s)
+        super().__init__(address, TcpLink.connect(address, timeout_s=timeout_s), clock)
         self._trying: socket.socket | None = None
-        self._next_s = 0.0
-        self._closed = False
 
     @property
     def connected(self) -> bool:
         """Whether the host is there."""
         return self._link is not None
 
-    def send(self, data: bytes) -> None:
-        """Send, or drop it while nobody is there."""
-        link = self._link or self._try()
-        if link is None:
-            return
-        try:
-            link.send(data)
-        except LinkError:
-            self._lose()
-
-    def receive(self) -> list[bytes]:
-        """Return the pieces that have arrived; nothing while nobody is there."""
-        link = self._link or self._try()
-        if link is None:
-            return []
-        try:
-            return link.receive()
-        except LinkError:
-            self._lose()
-            return []
-
     def close(self) -> None:
         """Close the connection and stop trying."""
-        self._closed = True
+        super().close()
         if self._trying is not None:
             self._trying.close()
             self._trying = None
-        if self._link is not None:
-            self._link.close()
-            self._link = None
-
-    def fileno(self) -> int | None:
-        """Return the connection's descriptor, None while there is none."""
-        return None if self._link is None else self._link.fileno()
-
-    def _lose(self) -> None:
-        if self._link is not None:
-            self._link.close()
-        self._link = None
-        self._next_s = self._clock() + _RETRY_S
 
     def _try(self) -> TcpLink | None:
         """Go on with the connection that is being made, or begin one when it is time."""
@@ -143,7 +172,7 @@ class TcpClientLink:
                 trying.close()
 
 
-class SerialClientLink:
+class SerialClientLink(_Returning[SerialLink]):
     """A serial line whose device may disappear and come back, as that of a radio on USB does.
 
     While it is away, what is sent is dropped and it is tried again each second.
@@ -167,51 +196,7 @@ class SerialClientLink:
     """
 
     def __init__(self, address: LinkAddress, *, clock: Callable[[], float] = time.monotonic) -> None:
-        self.name = str(address)
-        self.connections = 1
-        self._address = address
-        self._clock = clock
-        self._link: SerialLink | None = SerialLink(address)
-        self._next_s = 0.0
-        self._closed = False
-
-    def send(self, data: bytes) -> None:
-        """Send, or drop it while the device is away."""
-        link = self._link or self._try()
-        if link is None:
-            return
-        try:
-            link.send(data)
-        except LinkError:
-            self._lose()
-
-    def receive(self) -> list[bytes]:
-        """Return the bytes that have arrived; nothing while the device is away."""
-        link = self._link or self._try()
-        if link is None:
-            return []
-        try:
-            return link.receive()
-        except LinkError:
-            self._lose()
-            return []
-
-    def close(self) -> None:
-        """Close the line and stop trying."""
-        self._closed = True
-        if self._link is not None:
-            self._link.close()
-            self._link = None
-
-    def fileno(self) -> int | None:
-        """Return the line's descriptor, None while there is none."""
-        return None if self._link is None else self._link.fileno()
-
-    def _lose(self) -> None:
-        if self._link is not None:
-            self._link.close()
-        self._link = None
-        self._next_s = self._clock() + _RETRY_S
+        super().__init__(address, SerialLink(address), clock)
 
     def _try(self) -> SerialLink | None:
         now_s = self._clock()

@@ -10,7 +10,6 @@ from __future__ import annotations
 import multiprocessing
 import os
 import shutil
-import signal
 import threading
 from collections.abc import Callable, Iterable
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -23,6 +22,7 @@ import msgspec
 from numpy.random import SeedSequence
 
 from geo.atomic import atomic_write
+from geo.interrupts import ignore_interrupts, interrupts_held
 from geo.memory import NotEnoughMemoryError, human_bytes, require_memory
 from geo.seeds import child_seed, root_seed
 from sensors.environment.environment import Environment, Provenance
@@ -245,12 +245,8 @@ def _together(plan: _Plan, members: int, jobs: int, tell: Progress) -> list[int]
     made = []
     with ProcessPoolExecutor(jobs, context, initializer=_start_worker, initargs=(plan, stop)) as pool:
         try:
-            # A process that is only starting would be ended by Ctrl-C with a traceback.
-            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-            try:
+            with interrupts_held():
                 futures = {pool.submit(_make, member): member for member in range(members)}
-            finally:
-                signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
             waiting: set[Future[bool]] = set(futures)
             while waiting:
                 done, waiting = wait(waiting, timeout=_POLL_S, return_when=FIRST_COMPLETED)
@@ -276,8 +272,8 @@ def _start_worker(plan: _Plan, stop: Event) -> None:
     import zarr
 
     global _worker
-    # Ctrl-C reaches every process of the terminal; the parent tells the workers to stop.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # The parent tells the workers to stop.
+    ignore_interrupts()
     zarr.config.set({"threading.max_workers": 1})
     _worker = (plan, stop)
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -10,6 +10,7 @@ from typing import Self
 
 from numpy.random import SeedSequence
 
+from geo.interrupts import interrupts_noted
 from mission.link.address import Link
 from mission.link.codec.dialect import Message
 from mission.link.codec.frames import FrameReader, FrameWriter, valid_frame_end
@@ -162,15 +163,17 @@ class Server:
         end_s = self.now_s + limit_s
         self._origin_s = self.now_s - self._wall_s()
         try:
-            while True:
-                self._run_due(end_s)
-                if self._stopping:
-                    return StopReason.STOPPED
-                if until is not None and until(self.now_s):
-                    return StopReason.FINISHED
-                if self.now_s >= end_s:
-                    return StopReason.TIME_LIMIT
-                self._wait(end_s)
+            with interrupts_noted(self._selector.wake) as answer_interrupt:
+                while True:
+                    self._run_due(end_s)
+                    answer_interrupt()
+                    if self._stopping:
+                        return StopReason.STOPPED
+                    if until is not None and until(self.now_s):
+                        return StopReason.FINISHED
+                    if self.now_s >= end_s:
+                        return StopReason.TIME_LIMIT
+                    self._wait(end_s)
         except KeyboardInterrupt:
             return StopReason.STOPPED
         finally:

@@ -21,10 +21,11 @@ from sim_vehicle.component import NEVER, Component
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import StopReason
 from wbf_mission.ground.clearance import Clearance
+from wbf_mission.hosting import tap_of
 from wbf_mission.live.riding_camera import RidingCamera
 from wbf_mission.sortie import Sortie
 
-__all__ = ["LinkHost", "LinkHosting", "riding_camera", "tap_of"]
+__all__ = ["LinkHost", "LinkHosting", "riding_camera", "time_of_day"]
 
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 
@@ -81,7 +82,7 @@ class LinkHosting:
             If the address is wrong, in use or not reachable.
         """
         components: list[Component] = [part for one in sorties for part in (riding_camera(one), one.ground)]
-        return LinkHost(Server(components, [self.url], tap=tap_of(writer)))
+        return LinkHost(Server(components, [self.url], tap=tap_of(writer, time_of_day)))
 
 
 def _as_it_is(messages: Iterable[Message], _now_s: float) -> Iterable[Message]:
@@ -153,13 +154,6 @@ def _missed_by(camera: RidingCamera) -> int:
     return camera.missed
 
 
-def tap_of(writer: FrameSink | None) -> Callable[[bytes, float], None] | None:
-    """Return what writes each frame with the time of day."""
-    if writer is None:
-        return None
-    write = writer.write
-
-    def tap(frame: bytes, _now_s: float) -> None:
-        write(frame, time.time())
-
-    return tap
+def time_of_day(_now_s: float) -> float:
+    """Return the time of day, of a host that serves on the wall clock."""
+    return time.time()

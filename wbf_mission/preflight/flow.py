@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 from mission.model import Command, MissionItem
 
-__all__ = ["followers", "never_ends", "reachable"]
+__all__ = ["LANDINGS", "LAST_NAV", "TAKEOFFS", "followers", "never_ends", "reachable"]
 
 _ENDINGS = frozenset({int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_LOITER_UNLIM)})
-_TAKEOFFS = frozenset({int(Command.NAV_TAKEOFF), 84})
-_LANDINGS = frozenset({int(Command.NAV_LAND), 85})
-_LAST_NAV = 95
+TAKEOFFS = frozenset({int(Command.NAV_TAKEOFF), 84})
+LANDINGS = frozenset({int(Command.NAV_LAND), 85})
+LAST_NAV = 95
 """Commands up to it are NAV commands (MAV_CMD)."""
 
 
@@ -23,10 +23,10 @@ def followers(items: Sequence[MissionItem], seq: int) -> tuple[int, ...]:
     item = items[seq]
     if item.command in _ENDINGS:
         return ()
-    if item.command in _LANDINGS:
-        later = (k for k in range(seq + 1, len(items)) if items[k].command <= _LAST_NAV)
+    if item.command in LANDINGS:
+        later = (k for k in range(seq + 1, len(items)) if items[k].command <= LAST_NAV)
         following = next(later, None)
-        goes_on = following is not None and items[following].command in _TAKEOFFS
+        goes_on = following is not None and items[following].command in TAKEOFFS
         return (seq + 1,) if goes_on else (len(items),)
     if item.command == Command.DO_JUMP:
         target, repeat = item.param1 or 0.0, item.param2 or 0.0

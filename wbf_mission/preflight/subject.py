@@ -26,6 +26,7 @@ from sim_vehicle.motion.legs import Position
 from sim_vehicle.prediction.flight import PredictedFlight, Prediction, climbs_by_itself, fly_all, home_frame
 from sim_vehicle.prediction.predict import mean_prediction, rehearsals
 from sim_vehicle.weather.wind import Wind
+from wbf_mission.preflight.finding import Finding, Hit, Measure, Severity
 from wbf_mission.preflight.flow import never_ends
 from wbf_mission.preflight.vehicle.snapshot import VehicleSnapshot
 
@@ -134,6 +135,34 @@ class Subject:
     def parameters(self) -> Mapping[str, float]:
         """What is known of the vehicle's parameters: those that it told."""
         return {} if self.snapshot is None else self.snapshot.parameters
+
+    def finding(
+        self,
+        severity: Severity,
+        code: str,
+        text: str,
+        fix: str = "",
+        *,
+        item: int,
+        measure: Measure | None = None,
+        count: int = 1,
+    ) -> Finding:
+        """Return what was found at an item of the mission, counted from 0."""
+        name = self.name_of(item)
+        return Finding(severity, code, text, fix, item=item + 1, command=name, measure=measure, count=count)
+
+    def worst(
+        self,
+        found: tuple[Hit, int],
+        code: str,
+        text: str,
+        fix: str,
+        measure: Measure | None = None,
+        severity: Severity = Severity.WARNING,
+    ) -> Finding:
+        """Return the finding of what `wbf_mission.preflight.finding.worst_of` found."""
+        hit, count = found
+        return self.finding(severity, code, text, fix, item=hit.item, measure=measure, count=count)
 
     @property
     def needed_wh(self) -> float:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
-import signal
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from geo.interrupts import ignore_interrupts, interrupts_held
 from sensors.estimators.epidemic.network import Network
 from sensors.estimators.epidemic.training import (
     TrainingTask,
@@ -89,17 +89,13 @@ def _in_processes(tasks: Sequence[Wanted]) -> Iterator[tuple[int, Network]]:
     from joblib.externals.loky import ProcessPoolExecutor
 
     workers = min(len(tasks), os.cpu_count() or 1)
-    pool = ProcessPoolExecutor(workers, initializer=_ignore_interrupts)
+    pool = ProcessPoolExecutor(workers, initializer=ignore_interrupts)
     try:
-        futures = {pool.submit(learn, task, hosts): number for number, (task, hosts) in enumerate(tasks)}
+        with interrupts_held():
+            futures = {pool.submit(learn, task, hosts): number for number, (task, hosts) in enumerate(tasks)}
         # One that was killed for its memory: the others' tasks are done here, one after the other.
         with contextlib.suppress(BrokenProcessPool):
             for future in as_completed(futures):
                 yield futures[future], future.result()
     finally:
         pool.shutdown(wait=True, kill_workers=True)
-
-
-def _ignore_interrupts() -> None:
-    """Leave Ctrl-C to the process that waits."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -17,7 +17,8 @@ from sim_vehicle.component import Component
 from sim_vehicle.host.server import Server
 from wbf_mission.ground.clearance import Clearance
 from wbf_mission.ground.station import GroundStation
-from wbf_mission.live.hosting import LinkHost, LinkHosting, riding_camera, tap_of
+from wbf_mission.hosting import tap_of
+from wbf_mission.live.hosting import LinkHost, LinkHosting, riding_camera, time_of_day
 from wbf_mission.live.via_mavsdk.link import MavsdkLink
 from wbf_mission.live.via_mavsdk.orders import MavsdkOrders
 from wbf_mission.live.via_mavsdk.transfers import MavsdkTransfers
@@ -101,7 +102,7 @@ class MavsdkHosting:
         orders = MavsdkOrders(link, vehicle.system_id, vehicle.autopilot, vehicle.vehicle_type, self._note)
         ground = _GroundByMavsdk(sortie.ground, orders)
         components: list[Component] = [riding_camera(sortie), ground]
-        return LinkHost(Server(components, [], tap=tap_of(writer), links=[link]), ground.hand_on)
+        return LinkHost(Server(components, [], tap=tap_of(writer, time_of_day), links=[link]), ground.hand_on)
 
     def _opened(self) -> MavsdkLink:
         assert self._link is not None

@@ -11,6 +11,7 @@ from sim_vehicle.airframe.parameters import parameter_value
 from sim_vehicle.autopilot import firmware_of
 from wbf_mission.preflight.checks.legs import legs_of
 from wbf_mission.preflight.finding import Concern, Finding, Measure, Severity
+from wbf_mission.preflight.flow import LANDINGS, TAKEOFFS
 from wbf_mission.preflight.subject import Subject
 from wbf_mission.preflight.vehicle.questions import Meaning, Question, answer_to, questions_for
 
@@ -27,8 +28,6 @@ _NOTICEABLE = 0.05
 _NOTICEABLE_RADIUS_M = 0.5
 _NOTICEABLE_HEIGHT_M = 1.0
 _HIGHEST_M = 120.0
-_LANDINGS = frozenset({int(Command.NAV_LAND), 85})
-_TAKEOFFS = frozenset({int(Command.NAV_TAKEOFF), 84})
 _CEILING_BIT, _RADIUS_BIT = 1, 2  # FENCE_TYPE of ArduPilot
 _CONTINUES_BIT = 2  # FS_OPTIONS of ArduCopter: a mission goes on without a ground station
 _LINK_GOES_ON = 2  # FS_GCS_ENABLE of old ArduCopters
@@ -179,7 +178,7 @@ def check_failsafes(subject: Subject) -> Iterator[Finding]:
 def check_landing_rules(subject: Subject) -> Iterator[Finding]:
     """Missions that the autopilot would not arm with: without the landing that it wants, or with one."""
     commands = {item.command for item in subject.items}
-    takes_off, lands = bool(commands & _TAKEOFFS), bool(commands & _LANDINGS)
+    takes_off, lands = bool(commands & TAKEOFFS), bool(commands & LANDINGS)
     rule = _value(subject, Meaning.TAKEOFF_AND_LANDING)
     if rule is not None and not _told_by_dialect(subject, *rule):
         name, value = rule

@@ -37,23 +37,21 @@ def check_camera(subject: Subject) -> Iterator[Finding]:
                 hits.append(Hit(order, interval_s))
     if (found := worst_of(hits, largest=False)) is not None:
         hit, count = found
-        yield Finding(
+        yield subject.finding(
             Severity.WARNING,
             "camera-too-fast",
             "the images follow each other faster than the camera takes them: some will be missing",
             "fly slower, or leave more distance between images",
-            item=hit.item + 1,
-            command=subject.name_of(hit.item),
+            item=hit.item,
             measure=Measure(hit.value, "s", subject.image_interval_s),
             count=count,
         )
     if on is not None:
-        yield Finding(
+        yield subject.finding(
             Severity.NOTE,
             "camera-left-on",
             "the camera is not stopped before the end: it goes on taking images on the way home",
-            item=on + 1,
-            command=subject.name_of(on),
+            item=on,
         )
     if not any(item.command in (_DISTANCE, _INTERVAL, _START) for item in subject.items):
         yield Finding(Severity.NOTE, "no-camera", "the mission never starts a camera")

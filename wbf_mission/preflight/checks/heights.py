@@ -34,26 +34,24 @@ def check_heights(subject: Subject) -> Iterator[Finding]:
     high = high or [hit for hit in flown if hit.value > _HIGHEST_M + 1.0]
     if (found := worst_of(high, largest=True)) is not None:
         hit, count = found
-        yield Finding(
+        yield subject.finding(
             Severity.WARNING,
             "too-high",
             "higher above home than most rules allow above the ground",
             "fly lower, or with a permission; mind where the ground falls",
-            item=hit.item + 1,
-            command=subject.name_of(hit.item),
+            item=hit.item,
             measure=Measure(hit.value, "m", _HIGHEST_M),
             count=count,
         )
     low = [hit for hit in heights if 0.0 < hit.value < _LOWEST_M]
     if (found := worst_of(low, largest=False)) is not None:
         hit, count = found
-        yield Finding(
+        yield subject.finding(
             Severity.WARNING,
             "too-low",
             "so low that a slope, a plant or the error of the barometer is in the way",
             "fly higher",
-            item=hit.item + 1,
-            command=subject.name_of(hit.item),
+            item=hit.item,
             measure=Measure(hit.value, "m", _LOWEST_M),
             count=count,
         )

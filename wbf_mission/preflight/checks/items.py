@@ -56,13 +56,12 @@ def check_problems(subject: Subject) -> Iterator[Finding]:
     if subject.stopped is not None:
         item, reason = subject.stopped
         fix = "change the item, or fly another vehicle"
-        yield Finding(
+        yield subject.finding(
             Severity.WARNING if subject.assumed else Severity.ERROR,
             "stops",
             reason,
             fix,
-            item=item + 1,
-            command=subject.name_of(item),
+            item=item,
         )
 
 
@@ -88,24 +87,22 @@ def check_unknown(subject: Subject) -> Iterator[Finding]:
     ]
     if unknown:
         first = unknown[0]
-        yield Finding(
+        yield subject.finding(
             Severity.WARNING,
             "not-predicted",
             "this command is not predicted: time, path and battery are without it",
             "check the item by hand",
-            item=first + 1,
-            command=subject.name_of(first),
+            item=first,
             count=len(unknown),
         )
     terrain = [k for k, item in enumerate(subject.items) if item.frame == Frame.GLOBAL_TERRAIN_ALT]
     if terrain:
-        yield Finding(
+        yield subject.finding(
             Severity.WARNING,
             "terrain-heights",
             "heights above the terrain are predicted as heights above home",
             "check heights and battery where the ground rises",
-            item=terrain[0] + 1,
-            command=subject.name_of(terrain[0]),
+            item=terrain[0],
             count=len(terrain),
         )
 
@@ -115,13 +112,12 @@ def check_flown(subject: Subject) -> Iterator[Finding]:
     seen = reachable(subject.items)
     never = [k for k in range(len(subject.items)) if k not in seen]
     if never:
-        yield Finding(
+        yield subject.finding(
             Severity.WARNING,
             "unreachable",
             "is never flown: what is before it ends the mission, and nothing jumps there",
             "remove it, or put the end of the mission behind it",
-            item=never[0] + 1,
-            command=subject.name_of(never[0]),
+            item=never[0],
             count=len(never),
         )
 
@@ -130,13 +126,12 @@ def check_ends(subject: Subject) -> Iterator[Finding]:
     """Jumps that go round for ever."""
     if never_ends(subject.items):
         jump = max((k for k in reachable(subject.items) if k < len(subject.items)), default=0)
-        yield Finding(
+        yield subject.finding(
             Severity.WARNING,
             "endless",
             "the mission goes round until the battery is low",
             "give DO_JUMP a number of times",
-            item=jump + 1,
-            command=subject.name_of(jump),
+            item=jump,
         )
 
 
@@ -151,13 +146,12 @@ def check_frames(subject: Subject) -> Iterator[Finding]:
     if len(usual) > 1:
         others = [(k, frame) for k, frame in frames if frame != usual[0][0]]
         item, frame = others[0]
-        yield Finding(
+        yield subject.finding(
             Severity.WARNING,
             "mixed-frames",
             f"its height counts {_FRAMES[frame]}, that of others {_FRAMES[usual[0][0]]}",
             "give all heights in one frame",
-            item=item + 1,
-            command=subject.name_of(item),
+            item=item,
             count=len(others),
         )
 

@@ -11,7 +11,7 @@ from mission.model import Command
 from mission.transfer import PX4
 from sim_vehicle.execution.items import Settings, do_items
 from sim_vehicle.motion.legs import Position
-from wbf_mission.preflight.finding import Finding, Hit, Measure, Severity, worst_of
+from wbf_mission.preflight.finding import Finding, Hit, Measure, worst_of
 from wbf_mission.preflight.subject import Subject
 
 __all__ = ["PLACED", "Leg", "check_lengths", "check_radii", "check_start_distance", "legs_of"]
@@ -100,8 +100,7 @@ def check_lengths(subject: Subject) -> Iterator[Finding]:
     legs = legs_of(subject)
     zero = [Hit(leg.item, 0.0) for leg in legs if leg.passed and _is_zero(leg, subject)]
     if (found := worst_of(zero, largest=True)) is not None:
-        yield _finding(
-            subject,
+        yield subject.worst(
             found,
             "zero-leg",
             "the same position as before",
@@ -113,8 +112,7 @@ def check_lengths(subject: Subject) -> Iterator[Finding]:
         hits = [Hit(leg.item, leg.length_m) for leg in short]
         if (found := worst_of(hits, largest=False)) is not None:
             radius_m = next(leg.radius_m for leg in short if leg.item == found[0].item)
-            yield _finding(
-                subject,
+            yield subject.worst(
                 found,
                 "short-leg",
                 "legs in a row are shorter than the acceptance radius: they count as flown at once",
@@ -123,8 +121,7 @@ def check_lengths(subject: Subject) -> Iterator[Finding]:
             )
     long = [Hit(leg.item, leg.length_m) for leg in legs if leg.length_m > _LONGEST_M]
     if (found := worst_of(long, largest=True)) is not None:
-        yield _finding(
-            subject,
+        yield subject.worst(
             found,
             "long-leg",
             "a very long leg",
@@ -143,8 +140,7 @@ def check_radii(subject: Subject) -> Iterator[Finding]:
         return
     hits = [Hit(leg.item, leg.radius_m) for leg in legs_of(subject) if leg.radius_m < _SMALLEST_RADIUS_M]
     if (found := worst_of(hits, largest=False)) is not None:
-        yield _finding(
-            subject,
+        yield subject.worst(
             found,
             "small-radius",
             "the acceptance radius counts in space, and the height estimate is wrong by half a metre: "
@@ -158,8 +154,7 @@ def check_start_distance(subject: Subject) -> Iterator[Finding]:
     """A mission that begins far from home."""
     first = next((leg for leg in legs_of(subject) if leg.length_m > _ZERO_M), None)
     if first is not None and first.length_m > _FARTHEST_START_M:
-        yield _finding(
-            subject,
+        yield subject.worst(
             (Hit(first.item, first.length_m), 1),
             "far-start",
             "the first position is far from home",
@@ -179,24 +174,3 @@ def _ignores_radius(subject: Subject) -> bool:
     """ArduCopter flies its path to the end, whatever the radius."""
     lossy = subject.profile.lossy.get(int(Command.NAV_WAYPOINT), frozenset())
     return subject.vehicle.kind == "multirotor" and "param2" in lossy
-
-
-def _finding(
-    subject: Subject,
-    found: tuple[Hit, int],
-    code: str,
-    text: str,
-    fix: str,
-    measure: Measure | None = None,
-) -> Finding:
-    hit, count = found
-    return Finding(
-        Severity.WARNING,
-        code,
-        text,
-        fix,
-        item=hit.item + 1,
-        command=subject.name_of(hit.item),
-        measure=measure,
-        count=count,
-    )

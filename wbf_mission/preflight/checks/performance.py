@@ -31,8 +31,7 @@ def check_speeds(subject: Subject) -> Iterator[Finding]:
     ]
     fast = [hit for hit in orders if hit.value > vehicle.fastest_m_s * 1.001]
     if (found := worst_of(fast, largest=True)) is not None:
-        yield _finding(
-            subject,
+        yield subject.worst(
             found,
             "too-fast",
             f"faster than {vehicle.name} flies: it will take longer than the speed tells",
@@ -43,8 +42,7 @@ def check_speeds(subject: Subject) -> Iterator[Finding]:
         least = fixed_wing_procedures(vehicle).limits(vehicle).airspeed_min
         slow = [hit for hit in orders if hit.value < least]
         if (found := worst_of(slow, largest=False)) is not None:
-            yield _finding(
-                subject,
+            yield subject.worst(
                 found,
                 "too-slow",
                 "below the least airspeed of the fixed wing: the autopilot flies faster",
@@ -72,8 +70,7 @@ def check_turns(subject: Subject) -> Iterator[Finding]:
             tight.append((Hit(leg.item, leg.length_m / needed_m), leg, needed_m))
     if (found := worst_of([hit for hit, _, _ in tight], largest=False)) is not None:
         leg, needed_m = next((leg, needed) for hit, leg, needed in tight if hit == found[0])
-        yield _finding(
-            subject,
+        yield subject.worst(
             found,
             "tight-turn",
             "the leg is shorter than the turns at its ends need: the path is flown beside the plan",
@@ -100,8 +97,7 @@ def check_climbs(subject: Subject) -> Iterator[Finding]:
         rate, limit = next((rate, limit) for hit, rate, limit in steep if hit == found[0])
         wing = must_circle(vehicle)
         what = "the height is not reached at the waypoint" if wing else "the leg is flown slower"
-        yield _finding(
-            subject,
+        yield subject.worst(
             found,
             "steep-leg",
             f"the leg climbs or sinks faster than the vehicle does: {what}",
@@ -133,25 +129,3 @@ def _turn_rad(one: Leg, following: Leg) -> float:
     first = math.atan2(one.end_m[1] - one.start_m[1], one.end_m[0] - one.start_m[0])
     second = math.atan2(following.end_m[1] - following.start_m[1], following.end_m[0] - following.start_m[0])
     return abs(math.remainder(second - first, math.tau))
-
-
-def _finding(
-    subject: Subject,
-    found: tuple[Hit, int],
-    code: str,
-    text: str,
-    fix: str,
-    measure: Measure,
-    severity: Severity = Severity.WARNING,
-) -> Finding:
-    hit, count = found
-    return Finding(
-        severity,
-        code,
-        text,
-        fix,
-        item=hit.item + 1,
-        command=subject.name_of(hit.item),
-        measure=measure,
-        count=count,
-    )

@@ -78,25 +78,23 @@ def _path_findings(subject: Subject, fence: Fence) -> Iterator[Finding]:
     outside = [hit for hit in hits if hit.value < 0.0]
     if (found := worst_of(outside, largest=False)) is not None:
         hit, count = found
-        yield Finding(
+        yield subject.finding(
             Severity.ERROR,
             "outside-fence",
             "the path to it leaves the fence, or enters what it shuts out",
             "move the waypoint or the fence",
-            item=hit.item + 1,
-            command=subject.name_of(hit.item),
+            item=hit.item,
             measure=Measure(hit.value, "m", 0.0),
             count=count,
         )
     elif (found := worst_of(hits, largest=False)) is not None:
         hit, count = found
-        yield Finding(
+        yield subject.finding(
             Severity.WARNING,
             "near-fence",
             "the path to it comes near the edge of the fence",
             "keep away from the edge, or give the margin that is meant",
-            item=hit.item + 1,
-            command=subject.name_of(hit.item),
+            item=hit.item,
             measure=Measure(hit.value, "m", subject.margin_m),
             count=count,
         )
@@ -118,15 +116,14 @@ def check_obstacles(subject: Subject) -> Iterator[Finding]:
         return
     hit, count = found
     crosses = hit.value == 0.0
-    yield Finding(
+    yield subject.finding(
         Severity.ERROR if crosses else Severity.WARNING,
         "obstacle" if crosses else "near-obstacle",
         "the path to it crosses an obstacle of the farm"
         if crosses
         else "the path to it comes near an obstacle of the farm",
         "fly round it",
-        item=hit.item + 1,
-        command=subject.name_of(hit.item),
+        item=hit.item,
         measure=Measure(hit.value, "m", subject.margin_m),
         count=count,
     )

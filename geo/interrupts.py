@@ -1,0 +1,82 @@
+"""Ctrl-C, which comes at any moment, and reaches every process of the terminal."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+__all__ = ["ignore_interrupts", "interrupts_held", "interrupts_noted"]
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def ignore_interrupts() -> None:
+    """Leave Ctrl-C to the process that waits: what a worker does first."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextmanager
+def interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back while processes start, which inherit that; it is answered afterwards.
+
+    One that has not come to `ignore_interrupts` yet would be ended by it with a traceback.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def interrupts_noted(wake: Callable[[], None] | None = None) -> Iterator[Callable[[], None]]:
+    """Note the KeyboardInterrupt of the first signal; raise it where the caller asks, or at the end.
+
+    What is raised wherever a signal happens to come can be lost: compiled extensions drop exceptions in
+    places, as `hasattr` of the C API does. The second signal's is raised at once. Elsewhere than in the main
+    thread signals stay as they are.
+
+    Parameters
+    ----------
+    wake : callable, optional
+        Called when the signal has come, to end a wait.
+
+    Yields
+    ------
+    callable
+        Raises what was noted.
+    """
+    noted: list[KeyboardInterrupt] = []
+    before: dict[int, Callable[[int, FrameType | None], object]] = {}
+    seen = [0]
+
+    def note(number: int, frame: FrameType | None) -> None:
+        seen[0] += 1
+        try:
+            before[number](number, frame)
+        except KeyboardInterrupt as error:
+            if seen[0] > 1:
+                raise
+            noted.append(error)
+        if wake is not None:
+            wake()
+
+    def answer() -> None:
+        if noted:
+            raise noted.pop()
+
+    if threading.current_thread() is threading.main_thread():
+        before = {one: handler for one in _SIGNALS if callable(handler := signal.getsignal(one))}
+        for number in before:
+            signal.signal(number, note)
+    try:
+        yield answer
+    finally:
+        for number, handler in before.items():
+            # Otherwise the second signal has put the system's in its place.
+            if signal.getsignal(number) is note:
+                signal.signal(number, handler)
+    answer()

@@ -1,0 +1,129 @@
+"""Ctrl-C and processes of our own."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from geo.interrupts import ignore_interrupts, interrupts_held, interrupts_noted
+
+
+@pytest.fixture
+def handler():
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("handler")
+def test_ctrl_c_is_held_back_and_answered_afterwards():
+    done = []
+    with pytest.raises(KeyboardInterrupt):
+        with interrupts_held():
+            os.kill(os.getpid(), signal.SIGINT)
+            done.append("all of it")
+        done.append("not this")  # pragma: no cover
+    assert done == ["all of it"]
+
+
+@pytest.mark.usefixtures("handler")
+def test_what_was_held_back_before_stays_so():
+    with interrupts_held():
+        with interrupts_held():
+            pass
+        assert signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+def test_a_process_that_starts_meanwhile_survives_ctrl_c():
+    with interrupts_held():
+        child = subprocess.Popen(
+            [sys.executable, "-c", "import sys; print('here', flush=True); sys.stdin.read(); print('there')"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+    assert child.stdout.readline() == "here\n"
+    child.send_signal(signal.SIGINT)
+    assert child.communicate(timeout=60)[0] == "there\n"
+    assert child.returncode == 0
+
+
+@pytest.mark.usefixtures("handler")
+def test_a_worker_leaves_it_to_its_parent():
+    ignore_interrupts()
+    os.kill(os.getpid(), signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+
+
+class Deaf:
+    """An object with an attribute that cannot be told: whoever asks for it sees none."""
+
+    @property
+    def answer(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        try:
+            for _ in range(1000):
+                pass
+        except KeyboardInterrupt:
+            raise AttributeError from None
+
+
+@pytest.mark.usefixtures("handler")
+def test_an_interrupt_that_would_be_lost_is_raised_where_it_is_asked_for():
+    done = []
+    with pytest.raises(KeyboardInterrupt), interrupts_noted() as answer:
+        answer()
+        assert getattr(Deaf(), "answer", None) is None
+        done.append("the slice")
+        answer()
+        done.append("not this")  # pragma: no cover
+    assert done == ["the slice"]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.usefixtures("handler")
+def test_what_nobody_asked_for_is_raised_at_the_end_and_wakes():
+    woken = []
+    with pytest.raises(KeyboardInterrupt), interrupts_noted(lambda: woken.append(1)):
+        os.kill(os.getpid(), signal.SIGINT)
+        woken.append("behind it")
+    assert woken == [1, "behind it"]
+
+
+@pytest.mark.usefixtures("handler")
+def test_the_second_one_is_raised_at_once():
+    done = []
+    with pytest.raises(KeyboardInterrupt), interrupts_noted():
+        os.kill(os.getpid(), signal.SIGINT)
+        done.append("first")
+        os.kill(os.getpid(), signal.SIGINT)
+        done.append("second")  # pragma: no cover
+    assert done == ["first"]
+
+
+@pytest.mark.usefixtures("handler")
+def test_a_handler_that_raises_nothing_is_asked_and_nothing_else_happens():
+    came = []
+    signal.signal(signal.SIGINT, lambda number, _frame: came.append(number))
+    with interrupts_noted() as answer:
+        os.kill(os.getpid(), signal.SIGINT)
+        answer()
+    assert came == [signal.SIGINT]
+
+
+def test_another_thread_has_no_signals():
+    ended = []
+
+    def work():
+        with interrupts_noted() as answer:
+            answer()
+        ended.append(True)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert ended == [True]

@@ -9,14 +9,13 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 from collections.abc import Sequence
-from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 
 from threadpoolctl import threadpool_limits
 
 from geo.errors import WbfMissionError
-from geo.interrupts import ignore_interrupts, interrupts_held
+from geo.workers import CallsAhead
 from mission.link.tlog import FrameLog
 from sensors.environment import Environment
 from sensors.observations import Observations
@@ -146,33 +145,24 @@ class FlightsAhead:
     """
 
     def __init__(self, fly: FlightAlone, numbers: Sequence[tuple[int, int]]) -> None:
-        from joblib import cpu_count
-
-        # Its processes do not run the caller's script again, as those of the standard library do.
-        from joblib.externals.loky import ProcessPoolExecutor
-
-        self._pool = ProcessPoolExecutor(min(len(numbers), cpu_count()), initializer=ignore_interrupts)
-        with interrupts_held():
-            self._open: dict[tuple[int, int], Future[FlownFlight]] = {
-                number: self._pool.submit(fly, *number) for number in numbers
-            }
+        self._order = {number: k for k, number in enumerate(numbers)}
+        self._calls = CallsAhead(fly, numbers)
 
     def take(self, day: int, flight: int) -> FlownFlight | None:
-        """Wait for a flight and return it.
+        """Wait for a flight and return it; in their order, each once.
 
         None if it has to be flown here in its turn: a process was killed, something is wrong that is found
         again and told here, or something was decided on the way, by what was known when it was flown.
         """
-        future = self._open.pop((day, flight), None)
-        if future is None:
+        number = self._order.pop((day, flight), None)
+        if number is None:
             return None
         with contextlib.suppress(WbfMissionError, MemoryError, BrokenProcessPool):
-            flown = future.result()
+            flown = self._calls.result(number)
             if len(flown.decisions) <= 1:
                 return flown
         return None
 
     def close(self) -> None:
         """End the processes."""
-        self._open = {}
-        self._pool.shutdown(wait=True, kill_workers=True)
+        self._calls.close()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from geo.interrupts import ignore_interrupts, interrupts_held
+from geo.workers import CallsAhead
 from sensors.estimators.epidemic.network import Network
 from sensors.estimators.epidemic.training import (
     TrainingTask,
@@ -81,21 +81,14 @@ def _may_have_children() -> bool:
 
 
 def _in_processes(tasks: Sequence[Wanted]) -> Iterator[tuple[int, Network]]:
-    """Yield the networks as they are learned, with their numbers; fewer if a process dies."""
-    from concurrent.futures import as_completed
+    """Yield the networks in their order, with their numbers; fewer if a process dies."""
     from concurrent.futures.process import BrokenProcessPool
 
-    # Its processes do not run the caller's script again, as those of the standard library do.
-    from joblib.externals.loky import ProcessPoolExecutor
-
-    workers = min(len(tasks), os.cpu_count() or 1)
-    pool = ProcessPoolExecutor(workers, initializer=ignore_interrupts)
+    calls = CallsAhead(learn, tasks)
     try:
-        with interrupts_held():
-            futures = {pool.submit(learn, task, hosts): number for number, (task, hosts) in enumerate(tasks)}
         # One that was killed for its memory: the others' tasks are done here, one after the other.
         with contextlib.suppress(BrokenProcessPool):
-            for future in as_completed(futures):
-                yield futures[future], future.result()
+            for number in range(len(tasks)):
+                yield number, calls.result(number)
     finally:
-        pool.shutdown(wait=True, kill_workers=True)
+        calls.close()

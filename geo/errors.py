@@ -28,7 +28,7 @@
     +-- wbf_mission.scenario.option.ScenarioError         a scenario or one of its options
     +-- wbf_mission.ground.station.NotFlyingError         a mission that cannot be changed now
     +-- wbf_mission.ground.modes.ModeError                a flight mode that the vehicle does not have
-    +-- wbf_mission.live.commanding.OrderError            an order that is none, or not for this vehicle
+    +-- wbf_mission.live.wishes.OrderError                an order that is none
     +-- wbf_mission.live.discovery.LiveFlightError        a run that a vehicle behind a link cannot do
     +-- wbf_mission.live.errors.VehicleRefusedError       a vehicle that does not do what it is told
     +-- wbf_mission.live.errors.VehicleSilentError        a vehicle that does not answer any more

@@ -6,7 +6,6 @@ import math
 import select
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self
 
@@ -18,12 +17,12 @@ from mission.model import GeoPoint, Mission, MissionType
 from mission.transfer import wire
 from mission.transfer.clear import MissionClear
 from mission.transfer.client import ClientTimers
-from mission.transfer.errors import NoVehicleError, RemoteTransferError
+from mission.transfer.errors import RemoteTransferError
 from mission.transfer.events import DownloadComplete, Event, Output, TransferFailed, TransferStatistics
 from mission.transfer.making import OWN_TRANSFERS, Transfer, TransferMaker
-from mission.transfer.profile import Profile, profile_for
 from mission.transfer.rendering import Rendered, refuse_errors, render
 from mission.transfer.round_trip import RoundTrip
+from mission.transfer.vehicles import Vehicle, VehicleSearch
 
 OnEvent = Callable[[Event], None]
 OnText = Callable[[mavlink.MAVLink_statustext_message, float], None]
@@ -35,31 +34,6 @@ _LAST_WORDS_S = 0.5
 _LONGEST_WAIT_S = 0.25
 _FEWEST_FRAMES = 5
 _ORDER = (MissionType.FENCE, MissionType.RALLY, MissionType.MISSION)
-
-
-@dataclass(frozen=True, slots=True)
-class Vehicle:
-    """A vehicle that was heard.
-
-    Parameters
-    ----------
-    system_id, component_id : int
-        Its autopilot's ids.
-    autopilot : int
-        MAV_AUTOPILOT.
-    vehicle_type : int
-        MAV_TYPE.
-    """
-
-    system_id: int
-    component_id: int
-    autopilot: int
-    vehicle_type: int
-
-    @property
-    def profile(self) -> Profile:
-        """The autopilot's habits."""
-        return profile_for(self.autopilot)
 
 
 def wait_readable(link: Link, seconds: float) -> None:
@@ -149,20 +123,15 @@ class TransferDriver:
             If the link breaks.
         """
         end_s = self._clock() + timeout_s
+        search = VehicleSearch(system_id)
         while True:
             for message in self.endpoint.receive():
-                found = vehicle_of(message)
-                if found is not None and system_id in (None, found.system_id):
+                if (found := search.take(message)) is not None:
                     self.vehicle = found
                     return found
             now_s = self._clock()
             if now_s >= end_s:
-                who = "no vehicle" if system_id is None else f"no vehicle with system id {system_id}"
-                msg = (
-                    f"{self.endpoint.link.name}: {who} was heard in {timeout_s:g} s; "
-                    "start the vehicle, or check the address"
-                )
-                raise NoVehicleError(msg)
+                raise search.failure(self.endpoint.link.name, timeout_s)
             self._beat(now_s)
             self._wait(self.endpoint.link, min(end_s - now_s, _LONGEST_WAIT_S))
 
@@ -365,16 +334,4 @@ class TransferDriver:
         return tuple(self.run(MissionClear(kind, **options))[1] for kind in types)
 
 
-def vehicle_of(message: Message) -> Vehicle | None:
-    """Return the vehicle whose autopilot's heartbeat this is, None if it is anything else."""
-    if (
-        not is_a(message, mavlink.MAVLink_heartbeat_message)
-        or message.autopilot == mavlink.MAV_AUTOPILOT_INVALID
-    ):
-        return None
-    if message.type == mavlink.MAV_TYPE_GCS or message.get_srcSystem() == 0:
-        return None
-    return Vehicle(message.get_srcSystem(), message.get_srcComponent(), message.autopilot, message.type)
-
-
-__all__ = ["OnEvent", "OnText", "TransferDriver", "Vehicle", "vehicle_of", "wait_readable"]
+__all__ = ["OnEvent", "OnText", "TransferDriver", "wait_readable"]

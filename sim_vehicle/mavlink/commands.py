@@ -10,6 +10,7 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import CommandMessage
 from mission.model import RELATIVE_FRAMES, Command
+from mission.transfer.wire import command_name
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.mavlink.camera_commands import CAMERA_COMMANDS
 from sim_vehicle.mavlink.flight_commands import FLIGHT_COMMANDS
@@ -51,9 +52,9 @@ def execute(vehicle: CommandedVehicle, order: Order) -> tuple[Answer, str]:
     persona = vehicle.state.firmware.persona
     if handler is None or order.command in persona.unsupported:
         asks = order.command in _ASKING  # peers ask for what may not be there; that is no order
-        return UNSUPPORTED, "" if asks else f"Command {order.command} refused: not supported"
+        return UNSUPPORTED, "" if asks else f"{command_name(order.command)} refused: not supported"
     if order.long and order.command in persona.int_only:
-        return INT_ONLY, f"Command {order.command} refused: send COMMAND_INT"
+        return INT_ONLY, f"{command_name(order.command)} refused: send COMMAND_INT"
     try:
         return handler(vehicle, order), ""
     except RefusedError as refusal:

@@ -8,7 +8,7 @@ from stand_in import stand_in
 from mission.outcome import Outcome
 from wbf_mission.cli.app import main
 from wbf_mission.ground.link import upload
-from wbf_mission.live.commanding import OrderError, Wish
+from wbf_mission.live.wishes import OrderError, Wish
 from wbf_mission.planning import plan
 from wbf_mission.scenario import Scenario
 
@@ -26,21 +26,30 @@ def test_orders_are_confirmed_by_what_the_vehicle_shows(autopilot, capsys):
     rows = Scenario(farm="miniberry-10", planner="lawnmower", budget="60s", autopilot=autopilot)
     guided = {"px4": "HOLD", "ardupilot": "GUIDED"}[autopilot]
     shown = {"px4": ("LOITER", "MISSION", "LOITER"), "ardupilot": ("GUIDED", "AUTO", "BRAKE")}[autopilot]
+    mission = plan(rows).mission
+    count = len(mission.items)
     with stand_in(autopilot, speed=FAST) as (url, made):
         assert (
-            command(capsys, url, "takeoff", "8", code=2)
-            == "error: takeoff: the motors stand still; arm first"
+            command(capsys, url, "takeoff", "8", code=5)
+            == "error: system 1: takeoff 8: the motors stand still; arm first (order arm)"
         )
-        upload(plan(rows).mission, url)
+        text = command(capsys, url, "set-item", "3", code=5)
+        assert text == "error: system 1: set-item 3: it holds no mission; upload one"
+        upload(mission, url)
         assert command(capsys, url, "mode", guided)["mode"] == shown[0]
         assert not made.vehicle.pilot.armed
         command(capsys, url, "arm")
         assert made.vehicle.pilot.armed
         command(capsys, url, "takeoff", "8")
+        text = command(capsys, url, "takeoff", "20", code=5)
+        assert text.startswith("error: system 1: takeoff 20: it flies already, ")
+        assert made.vehicle.pilot.state.position_m[2] < 9.0, "it was not sent higher"
         assert command(capsys, url, "mission")["mode"] == shown[1]
         command(capsys, url, "set-item", "3")
+        text = command(capsys, url, "set-item", "300", code=5)
+        assert text == f"error: system 1: set-item 300: its mission has {count} items; give 1 to {count}"
         text = command(capsys, url, "disarm", code=5)
-        assert text.startswith("error: system 1 refused disarm: ")
+        assert text == "error: system 1 refused disarm: Disarming denied: not landed"
         assert command(capsys, url, "hold")["mode"] == shown[2]
         assert command(capsys, url, "return")["mode"] == "RTL"
         assert command(capsys, url, "land")["mode"] == "LAND"
@@ -55,19 +64,22 @@ def test_a_refusal_is_told_in_the_words_of_the_vehicle(capsys):
 
 def test_a_vehicle_that_is_not_there(capsys):
     with stand_in() as (url, _):
-        assert "no vehicle was heard in 1 s" in command(
-            capsys, url, "arm", "--system-id", "9", "--wait", "1", code=3
-        )
+        text = command(capsys, url, "arm", "--system-id", "9", "--wait", "3", code=3)
+    assert "no vehicle with system id 9 was heard in 3 s, only system 1 (PX4); give the system id" in text
 
 
 @pytest.mark.parametrize(
     ("words", "text"),
     [
         (("jump",), "order 'jump' is unknown; there are arm, disarm"),
-        (("takeoff",), "takeoff '': give a height in metres"),
-        (("takeoff", "nan"), "give a height in metres"),
+        (("takeoff",), "takeoff: give a height above home of 1 to 1000 metres"),
+        (("takeoff", "nan"), "takeoff nan: give a height above home of 1 to 1000 metres"),
+        (("takeoff", "-5"), "takeoff -5: give a height above home"),
+        (("takeoff", "0"), "takeoff 0: give a height above home"),
+        (("takeoff", "100000"), "takeoff 100000: give a height above home"),
+        (("set-item", "0"), "set-item 0: give the number of an item, counted from 1"),
         (("set-item", "1.5"), "give the number of an item"),
-        (("arm", "now"), "arm takes nothing more"),
+        (("arm", "now"), "arm now: arm takes nothing more; leave 'now' out"),
     ],
 )
 def test_orders_that_are_none_open_no_link(capsys, words, text):

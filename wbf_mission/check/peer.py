@@ -15,7 +15,8 @@ from mission.link.codec.typed import is_a
 from mission.link.endpoint import MavlinkEndpoint
 from mission.model import Command, GeoPoint, Mission, MissionItem, MissionType
 from mission.transfer import Profile, RoundTrip, VerifiedUpload, compare_plans, wire
-from mission.transfer.driver import TransferDriver, Vehicle, wait_readable
+from mission.transfer.driver import TransferDriver, wait_readable
+from mission.transfer.vehicles import Vehicle
 from sim_vehicle.autopilot import autopilot_of_number
 from sim_vehicle.autopilot.persona import Persona
 from wbf_mission.check.errors import FailedError

@@ -16,7 +16,8 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from mission.model import GeoPoint
 from mission.transfer import RemoteTransferError
-from mission.transfer.driver import Vehicle, wait_readable
+from mission.transfer.driver import wait_readable
+from mission.transfer.vehicles import Vehicle
 from wbf_mission.check.catalog import chosen_checks
 from wbf_mission.check.errors import CheckError, FailedError, SkippedError
 from wbf_mission.check.peer import Peer

@@ -56,7 +56,12 @@ app.command("preflight", cls=HelpCommand, epilog=preflight.EXAMPLES)(preflight.p
 app.command("upload", cls=HelpCommand, epilog=transfer.UPLOAD_EXAMPLES)(transfer.upload_command)
 app.command("download", cls=HelpCommand, epilog=transfer.DOWNLOAD_EXAMPLES)(transfer.download_command)
 app.command("monitor", cls=HelpCommand, epilog=operate.MONITOR_EXAMPLES)(operate.monitor_command)
-app.command("command", cls=HelpCommand, epilog=operate.COMMAND_EXAMPLES)(operate.command_command)
+app.command(
+    "command",
+    cls=HelpCommand,
+    epilog=operate.COMMAND_EXAMPLES,
+    context_settings={"ignore_unknown_options": True},  # a height of -5 is a value, no option
+)(operate.command_command)
 app.add_typer(farm.app, name="farm")
 app.add_typer(vehicle.app, name="vehicle")
 app.command("warm-up", cls=HelpCommand, epilog=warm_up.EXAMPLES)(warm_up.warm_up_command)

@@ -163,10 +163,10 @@ def command_command(
     quiet: options.Quiet = False,
 ) -> None:
     """Give a vehicle one order, and wait until it shows that it obeys."""
-    from mission.transfer.errors import NoVehicleError
     from sim_vehicle.host.server import Server
     from sim_vehicle.host.simulation import StopReason
-    from wbf_mission.live.commanding import CommandSession, Wish
+    from wbf_mission.live.commanding import CommandSession
+    from wbf_mission.live.wishes import Wish
 
     output = Output(as_json=json, quiet=quiet)
     session = CommandSession(Wish(order, value), system_id=system_id)
@@ -178,8 +178,7 @@ def command_command(
     if reason is StopReason.STOPPED:
         raise KeyboardInterrupt
     if session.vehicle is None:
-        msg = f"{name}: no vehicle was heard in {wait:g} s; start the vehicle, or check the address"
-        raise NoVehicleError(msg)
+        raise session.search.failure(name, wait)
     for text in session.texts:
         output.note(f"vehicle: {text}")
     if session.error is not None:

@@ -182,7 +182,7 @@ def _ask(output: Output, url: str, wait_s: float, system_id: int | None) -> Vehi
 
 def _fitted(chosen: Scenario, snapshot: VehicleSnapshot, *, named: bool, autopilot: str | None) -> Scenario:
     """Return a scenario with the autopilot that was heard, and a typical vehicle where none is named."""
-    from mission.transfer.driver import Vehicle
+    from mission.transfer.vehicles import Vehicle
     from wbf_mission.live.discovery import fitted_to, typical_vehicle
     from wbf_mission.scenario import scenario_with
 

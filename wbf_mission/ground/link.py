@@ -9,7 +9,8 @@ from typing import Any
 from mission.link import MavlinkEndpoint, open_link
 from mission.model import Mission, MissionType
 from mission.transfer import Event, Progress, RemoteTransferError, TransferStatistics
-from mission.transfer.driver import OnEvent, OnText, TransferDriver, Vehicle
+from mission.transfer.driver import OnEvent, OnText, TransferDriver
+from mission.transfer.vehicles import Vehicle
 from wbf_mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
 from wbf_mission.ground.texts import TextLog
 

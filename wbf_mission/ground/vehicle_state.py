@@ -60,7 +60,7 @@ class VehicleState:
     item : int or None
         The item that is flown or comes next, counted as `Mission.items` is; None when it is not told.
     total : int or None
-        Items of the mission that the vehicle holds, without home.
+        Items of the mission that the vehicle holds, without home; 0 for no mission, None when it is not told.
     mission_id : int
         Opaque id of that mission; 0 when the autopilot gives none.
     """
@@ -93,8 +93,12 @@ class VehicleState:
         return math.hypot(*self.velocity_m_s[:2])
 
 
+_LANDED_UNKNOWN = 0  # MAV_LANDED_STATE_UNDEFINED
+_NO_MISSION = 1  # MISSION_STATE_NO_MISSION
 # MISSION_CURRENT.mission_mode; 0 is unknown, 1 in the mission.
 _SUSPENDED = 2
+_NO_TOTAL = 65535
+"""MISSION_CURRENT.total without a mission; 0 is told by a vehicle that does not count."""
 
 
 class VehicleMonitor:
@@ -105,6 +109,8 @@ class VehicleMonitor:
     vehicle_type, autopilot : int
         MAV_TYPE and MAV_AUTOPILOT of its heartbeat.
     battery : Battery
+    flies : bool or None
+        Whether it is off the ground, as EXTENDED_SYS_STATE tells; None when it is not told.
     clock : BootClock
         Of its positions.
     mode_heard_s, item_heard_s, position_heard_s : float
@@ -119,6 +125,7 @@ class VehicleMonitor:
         self._position: m.MAVLink_global_position_int_message | None = None
         self._current: m.MAVLink_mission_current_message | None = None
         self.battery = Battery()
+        self.flies: bool | None = None
         self.clock = BootClock()
         self._boot_ms = 0
 
@@ -135,6 +142,11 @@ class VehicleMonitor:
     def on_mission_current(self, message: m.MAVLink_mission_current_message, now_s: float) -> None:
         """Take the item and the mission's id."""
         self._current, self.item_heard_s = message, now_s
+
+    def on_landed_state(self, message: m.MAVLink_extended_sys_state_message) -> None:
+        """Take whether it is off the ground."""
+        told = message.landed_state != _LANDED_UNKNOWN
+        self.flies = message.landed_state != m.MAV_LANDED_STATE_ON_GROUND if told else None
 
     def on_battery(self, message: m.MAVLink_battery_status_message) -> None:
         """Take what is left of the battery, and what was used; a negative number tells nothing."""
@@ -206,6 +218,12 @@ class VehicleMonitor:
             home = 1 if profile_for(self.autopilot).home_at_zero else 0
             known = current.seq != UNKNOWN_ITEM and current.seq >= home
             values["item"] = current.seq - home if known else None
-            values["total"] = None if current.total == UNKNOWN_ITEM else current.total
+            values["total"] = _total(current)
             values["mission_id"] = current.mission_id
         return VehicleState(**values)
+
+
+def _total(current: m.MAVLink_mission_current_message) -> int | None:
+    if current.total == _NO_TOTAL or current.mission_state == _NO_MISSION:
+        return 0
+    return current.total or None

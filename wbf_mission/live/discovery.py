@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from geo.errors import WbfMissionError
 from mission.link.codec.dialect import mavlink as m
-from mission.transfer.driver import Vehicle
+from mission.transfer.vehicles import Vehicle
 from sim_vehicle.airframe.catalog import get_vehicle
 from wbf_mission.scenario import Scenario, scenario_with
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from mission.transfer.driver import Vehicle as HeardVehicle
+from mission.transfer.vehicles import Vehicle as HeardVehicle
 from wbf_mission.fleet import Vehicle
 from wbf_mission.ground.link import find_vehicle
 from wbf_mission.hosting import Hosting

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
-from mission.transfer.driver import OnEvent, OnText, TransferDriver, Vehicle
+from mission.transfer.driver import OnEvent, OnText, TransferDriver
+from mission.transfer.vehicles import Vehicle
 from wbf_mission.ground.link import own_driver
 from wbf_mission.hosting import Hosting
 from wbf_mission.live.hosting import LinkHosting

@@ -21,8 +21,9 @@ from mission.transfer import (
     RemoteTransferError,
     StatusText,
 )
-from mission.transfer.driver import TransferDriver, Vehicle, wait_readable
+from mission.transfer.driver import TransferDriver, wait_readable
 from mission.transfer.storage import as_stored
+from mission.transfer.vehicles import Vehicle
 
 MISSION, FENCE, RALLY = MissionType
 PLAN = Mission(

@@ -271,7 +271,7 @@ def test_refusals_have_the_autopilots_result_and_a_reason(autopilot):
     assert any("test" in text for text in peer.texts())
     assert peer.result(224, 9.0) == (3 if autopilot is PX4 else 2)
     assert peer.result(31010) == 3
-    assert "Command 31010 refused: not supported" in peer.texts()
+    assert "USER_1 refused: not supported" in peer.texts()
     assert peer.result(521) == 3
     assert not any("521" in text for text in peer.texts())
 
@@ -279,7 +279,7 @@ def test_refusals_have_the_autopilots_result_and_a_reason(autopilot):
 def test_ardupilot_takes_places_as_integers_only():
     peer = Peer(ARDUPILOT)
     assert peer.result(192, -1.0, 1.0, 0.0, 0.0, 28.05, -82.15, 10.0) == m.MAV_RESULT_COMMAND_INT_ONLY
-    assert "Command 192 refused: send COMMAND_INT" in peer.texts()
+    assert "DO_REPOSITION refused: send COMMAND_INT" in peer.texts()
 
 
 @BOTH

@@ -311,7 +311,7 @@ def test_mission_start_pause_and_current_item():
     answers = peer.tell(m.MAVLink_mission_set_current_message(1, 1, 0))
     assert [(a.get_type(), a.seq) for a in answers] == [("MISSION_CURRENT", 0)]
     assert peer.result(224, 1.0) == 3, "PX4 takes the message only"
-    assert "Command 224 refused: not supported" in peer.texts()
+    assert "DO_SET_MISSION_CURRENT refused: not supported" in peer.texts()
     peer.tell(m.MAVLink_mission_set_current_message(1, 1, 2))
     assert peer.vehicle.pilot.mission.current_seq == 2
     peer.tell(m.MAVLink_mission_set_current_message(1, 1, 77))

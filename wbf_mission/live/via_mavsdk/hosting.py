@@ -12,7 +12,7 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from mission.link.tlog import FrameSink
-from mission.transfer.driver import Vehicle
+from mission.transfer.vehicles import Vehicle
 from sim_vehicle.component import Component
 from sim_vehicle.host.server import Server
 from wbf_mission.ground.clearance import Clearance

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from mission.transfer.driver import OnEvent, OnText, TransferDriver, Vehicle
+from mission.transfer.driver import OnEvent, OnText, TransferDriver
+from mission.transfer.vehicles import Vehicle
 from wbf_mission.live.discovery import LiveFlightError
 from wbf_mission.live.via_mavsdk.driver import mavsdk_driver
 from wbf_mission.live.via_mavsdk.hosting import MavsdkHosting

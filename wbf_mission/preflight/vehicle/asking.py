@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from mission.transfer.errors import NoVehicleError
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import StopReason
 from wbf_mission.preflight.vehicle.inquiry import Inquiry
@@ -58,7 +57,5 @@ def ask_vehicle(
     if reason is StopReason.STOPPED:
         raise KeyboardInterrupt
     if inquiry.vehicle is None:
-        who = "no vehicle" if system_id is None else f"no vehicle with system id {system_id}"
-        msg = f"{name}: {who} was heard in {wait_s:g} s; start the vehicle, or check the address"
-        raise NoVehicleError(msg)
+        raise inquiry.search.failure(name, wait_s)
     return inquiry.snapshot()

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer import ARDUPILOT, PX4
-from mission.transfer.driver import vehicle_of
+from mission.transfer.vehicles import VehicleSearch
 from mission.transfer.wire import ground_heartbeat
 from wbf_mission.ground.clearance import Clearance
 from wbf_mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
@@ -43,8 +43,8 @@ class Inquiry:
     Attributes
     ----------
     done : bool
-    vehicle : tuple of int or None
-        System and component, once it was heard.
+    search : VehicleSearch
+        For the vehicle.
     """
 
     system_id = GROUND_SYSTEM_ID
@@ -61,8 +61,7 @@ class Inquiry:
 
     def __init__(self, *, system_id: int | None = None) -> None:
         self.done = False
-        self.vehicle: tuple[int, int] | None = None
-        self._only = system_id
+        self.search = VehicleSearch(system_id)
         self._heard = HeardState()
         self._texts = TextLog()
         self._reasons: Clearance | None = None
@@ -75,19 +74,25 @@ class Inquiry:
         self._settled_s: float | None = None
         self._heartbeat_s = -math.inf
 
+    @property
+    def vehicle(self) -> tuple[int, int] | None:
+        """System and component, once it was heard."""
+        found = self.search.found
+        return None if found is None else (found.system_id, found.component_id)
+
     def receive(self, message: Message, now_s: float) -> list[Message]:
         """Take one message."""
         source = (message.get_srcSystem(), message.get_srcComponent())
-        if self.done or self._only not in (None, source[0]) or self.vehicle not in (None, source):
+        if self.done:
             return []
-        if isinstance(message, m.MAVLink_heartbeat_message) and vehicle_of(message) is not None:
+        first = self.search.take(message) is not None
+        if source != self.vehicle:
+            return []
+        if isinstance(message, m.MAVLink_heartbeat_message):
             self._heard.monitor.on_heartbeat(message, now_s)
-            if self.vehicle is None:
-                self.vehicle = source
-                return self._begin(now_s)
-        elif source == self.vehicle:
-            self._take(message, now_s)
-            self._settle(now_s)
+            return self._begin(now_s) if first else []
+        self._take(message, now_s)
+        self._settle(now_s)
         return []
 
     def poll(self, now_s: float) -> list[Message]:

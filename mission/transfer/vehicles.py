@@ -1,0 +1,104 @@
+"""Vehicles that are heard on a link, and the search for one of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mission.link.codec.dialect import Message, mavlink
+from mission.link.codec.typed import is_a
+from mission.transfer.errors import NoVehicleError
+from mission.transfer.profile import Profile, profile_for
+
+__all__ = ["Vehicle", "VehicleSearch", "vehicle_of"]
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """A vehicle that was heard.
+
+    Parameters
+    ----------
+    system_id, component_id : int
+        Its autopilot's ids.
+    autopilot : int
+        MAV_AUTOPILOT.
+    vehicle_type : int
+        MAV_TYPE.
+    """
+
+    system_id: int
+    component_id: int
+    autopilot: int
+    vehicle_type: int
+
+    @property
+    def profile(self) -> Profile:
+        """The autopilot's habits."""
+        return profile_for(self.autopilot)
+
+    def __str__(self) -> str:
+        return f"system {self.system_id} ({self.profile.name})"
+
+
+def vehicle_of(message: Message) -> Vehicle | None:
+    """Return the vehicle whose autopilot's heartbeat this is, None if it is anything else."""
+    if (
+        not is_a(message, mavlink.MAVLink_heartbeat_message)
+        or message.autopilot == mavlink.MAV_AUTOPILOT_INVALID
+    ):
+        return None
+    if message.type == mavlink.MAV_TYPE_GCS or message.get_srcSystem() == 0:
+        return None
+    return Vehicle(message.get_srcSystem(), message.get_srcComponent(), message.autopilot, message.type)
+
+
+class VehicleSearch:
+    """Looks for a vehicle among the messages of a link.
+
+    Parameters
+    ----------
+    system_id : int, optional
+        The vehicle that is wanted; by default the first one that is heard.
+
+    Attributes
+    ----------
+    found : Vehicle or None
+    others : dict of int to Vehicle
+        Those that were heard and are not wanted, by system id.
+    """
+
+    def __init__(self, system_id: int | None = None) -> None:
+        self.found: Vehicle | None = None
+        self.others: dict[int, Vehicle] = {}
+        self._wanted = system_id
+
+    def take(self, message: Message) -> Vehicle | None:
+        """Take a message; return the wanted vehicle if this is the first heartbeat of it."""
+        heard = None if self.found is not None else vehicle_of(message)
+        if heard is None:
+            return None
+        if self._wanted in (None, heard.system_id):
+            self.found = heard
+            return heard
+        self.others[heard.system_id] = heard
+        return None
+
+    def failure(self, link: str, wait_s: float) -> NoVehicleError:
+        """Make the error for a vehicle that was not heard in time; it names those that were.
+
+        Examples
+        --------
+        >>> search = VehicleSearch(9)
+        >>> search.others[1] = Vehicle(1, 1, 12, 2)
+        >>> print(search.failure("udpin:127.0.0.1:14550", 10.0))
+        udpin:127.0.0.1:14550: no vehicle with system id 9 was heard in 10 s, only system 1 (PX4); \
+give the system id of one that is there
+        >>> print(VehicleSearch().failure("udpin:127.0.0.1:14550", 10.0))
+        udpin:127.0.0.1:14550: no vehicle was heard in 10 s; start the vehicle, or check the address
+        """
+        who = "no vehicle" if self._wanted is None else f"no vehicle with system id {self._wanted}"
+        text, advice = f"{link}: {who} was heard in {wait_s:g} s", "start the vehicle, or check the address"
+        if self.others:
+            text += ", only " + ", ".join(str(one) for _, one in sorted(self.others.items()))
+            advice = "give the system id of one that is there"
+        return NoVehicleError(f"{text}; {advice}")

@@ -27,7 +27,8 @@ from mission.transfer.vehicles import Vehicle, VehicleSearch
 OnEvent = Callable[[Event], None]
 OnText = Callable[[mavlink.MAVLink_statustext_message, float], None]
 _HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
-_WANTED = wire.CLIENT_MESSAGES | {_HEARTBEAT}
+_CURRENT = mavlink.MAVLINK_MSG_ID_MISSION_CURRENT
+_WANTED = wire.CLIENT_MESSAGES | {_HEARTBEAT, _CURRENT}
 _STATUSTEXT = mavlink.MAVLINK_MSG_ID_STATUSTEXT
 _HEARTBEAT_S = 1.0
 _LAST_WORDS_S = 0.5
@@ -284,7 +285,61 @@ class TransferDriver:
             for kind in _ORDER
             if kind in chosen
         ]
-        return tuple(self.run(upload)[1] for upload in uploads)
+        costs: list[TransferStatistics] = []
+        for upload in uploads:
+            try:
+                costs.append(self.run(upload)[1])
+            except RemoteTransferError as error:
+                if not costs:
+                    raise
+                new = " and ".join(cost.mission_type.name.lower() for cost in costs)
+                raise RemoteTransferError(
+                    f"{error}; the vehicle holds the new {new}", error.failure
+                ) from error
+        return tuple(costs)
+
+    def mission_state(self, listen_s: float = 1.0) -> int | None:
+        """Ask what the vehicle makes of the mission that it holds, and hear what it says of it.
+
+        PX4 judges a mission after it has confirmed it: one that it would not fly is stored, but its state is
+        MISSION_STATE_NO_MISSION, and its mission mode is refused.
+
+        Parameters
+        ----------
+        listen_s : float
+            How long to listen; a round trip more over a slow link.
+
+        Returns
+        -------
+        int or None
+            The last MISSION_STATE that it told; None if it told none.
+
+        Raises
+        ------
+        LinkError
+            If the link breaks.
+        """
+        vehicle = self.vehicle or self.wait_for_vehicle()
+        target = (vehicle.system_id, vehicle.component_id)
+        request = int(mavlink.MAV_CMD_REQUEST_MESSAGE)
+        state, trip_s, asked_s = 0, self._round_trip.known_s or 0.0, -math.inf
+        end_s = self._clock() + listen_s + trip_s
+        while (now_s := self._clock()) < end_s:
+            if now_s >= asked_s + listen_s / 3.0:
+                asked_s = now_s
+                self.endpoint.send(
+                    mavlink.MAVLink_command_long_message(*target, request, 0, _CURRENT, 0, 0, 0, 0, 0, 0)
+                )
+            self._beat(now_s)
+            self._wait(self.endpoint.link, min(end_s - now_s, _LONGEST_WAIT_S))
+            for message in self.endpoint.receive():
+                self._note_text(message)
+                if (
+                    is_a(message, mavlink.MAVLink_mission_current_message)
+                    and message.get_srcSystem() == vehicle.system_id
+                ):
+                    state = message.mission_state
+        return state or None
 
     def download(
         self, *, types: Iterable[MissionType] = tuple(MissionType)

@@ -19,10 +19,17 @@ def scenario(**more):
 
 @contextlib.contextmanager
 def stand_in(
-    autopilot="px4", *, camera=False, speed=6.0, system_faults=(), listen="tcpin:127.0.0.1:0", **more
+    autopilot="px4",
+    *,
+    camera=False,
+    count=None,
+    speed=6.0,
+    system_faults=(),
+    listen="tcpin:127.0.0.1:0",
+    **more,
 ):
     """Serve a simulated vehicle from another thread, over TCP by default; yields its address and it."""
-    made = make_components(scenario(autopilot=autopilot, **more), with_camera=camera)
+    made = make_components(scenario(autopilot=autopilot, **more), with_camera=camera, count=count)
     with Server(made.components, [listen], speed=speed, faults=system_faults) as server:
         thread = threading.Thread(target=server.run, daemon=True)
         thread.start()

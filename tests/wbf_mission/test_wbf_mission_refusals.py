@@ -76,17 +76,18 @@ def test_a_vehicle_that_is_full_is_heard(tmp_path, capsys):
         assert err.endswith("the vehicle says: Only 5 items are supported")
 
 
-def test_what_the_vehicle_says_of_a_plan_that_it_takes_is_shown(tmp_path, capsys):
+def test_what_the_vehicle_says_of_a_plan_that_it_stores_and_rejects_is_shown(tmp_path, capsys):
     """PX4 takes a position that it cannot reach, and says so in words only."""
     mission = with_item(MissionItem.waypoint(29.0, -82.15, 10.0), 4)
     path = tmp_path / "far.json"
     write_mission(mission, path)
     with stand_in("px4") as (url, made):
-        assert main(["upload", str(path), "--connect", url, "--json", "--force"]) == 0
+        assert main(["upload", str(path), "--connect", url, "--json", "--force"]) == 5
         out, err = capsys.readouterr()
         report = json.loads(out)
         assert held(made) == len(mission.items)
-        assert report["verified"]
+        assert not report["verified"]
+        assert report["accepted"] is False
         (said,) = report["texts"]
         assert said.startswith("Mission rejected: item 3")
         assert f"the vehicle says: {said}" in err

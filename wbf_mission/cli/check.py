@@ -27,7 +27,7 @@ def check_command(
     url: Annotated[
         str | None,
         typer.Argument(
-            help="Link to the vehicle: udpin:, udpout:, tcp: or tcpin:HOST:PORT, or serial:DEVICE:BAUD.",
+            help=f"The link: {options.LINKS}",
             show_default=False,
         ),
     ] = None,
@@ -35,12 +35,8 @@ def check_command(
     only: Annotated[
         list[str] | None, typer.Option(help="Only this check or group of checks; may be repeated.")
     ] = None,
-    system: Annotated[
-        int | None, typer.Option(help="System id of the vehicle, where there are several.")
-    ] = None,
-    wait: Annotated[
-        float, typer.Option(help="Seconds to wait for the vehicle's heartbeat.", min=0.1, max=3600.0)
-    ] = 10.0,
+    system_id: options.SystemId = None,
+    wait: options.Wait = 10.0,
     list_checks: Annotated[bool, typer.Option("--list", help="List the checks.")] = False,
     json: options.Json = False,
     quiet: options.Quiet = False,
@@ -69,7 +65,7 @@ def check_command(
     def tell(result: CheckResult) -> None:
         output.note(f"{result.verdict.value:8}{result.check.id}{': ' + result.told if result.told else ''}")
 
-    report = check_vehicle(url, fly=fly, only=only or (), system_id=system, wait_s=wait, on_result=tell)
+    report = check_vehicle(url, fly=fly, only=only or (), system_id=system_id, wait_s=wait, on_result=tell)
     for text in report.warnings:
         output.warn(text)
     marks = {Verdict.PASSED: "holds", Verdict.SKIPPED: "skipped", Verdict.FAILED: "FAILS"}

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from wbf_mission.live.link import LiveLink
     from wbf_mission.result import Result
 
-_REAL = "A real vehicle"
 EXAMPLES = """
 Examples
 
@@ -64,34 +63,15 @@ def fly_command(
     ] = None,
     connect: Annotated[
         str | None,
-        typer.Option(
-            help="Fly the vehicle behind this link in place of a simulated one: udpin:, udpout:, tcp: or"
-            " tcpin:HOST:PORT, or serial:DEVICE:BAUD.",
-            rich_help_panel=_REAL,
-            show_default=False,
-        ),
+        options.link("Fly the vehicle behind this link in place of a simulated one", required=False),
     ] = None,
     yes: Annotated[
         bool,
-        typer.Option("--yes", help="With --connect: start without asking.", rich_help_panel=_REAL),
+        typer.Option("--yes", help="Start without asking.", rich_help_panel=options.LINK_PANEL),
     ] = False,
-    system_id: Annotated[
-        int | None,
-        typer.Option(
-            help="With --connect: the vehicle's system id.  [default: the first one heard]",
-            parser=options.whole_number_in(1, 255),
-            rich_help_panel=_REAL,
-            show_default=False,
-        ),
-    ] = None,
+    system_id: options.SystemId = None,
     wait: options.Wait = 10.0,
-    via: Annotated[
-        options.Way,
-        typer.Option(
-            help="With --connect: who talks to the vehicle, wbf-mission itself or MAVSDK.",
-            rich_help_panel=_REAL,
-        ),
-    ] = "own",
+    via: options.Via = "own",
     fault: Annotated[
         list[str] | None,
         typer.Option(

@@ -15,23 +15,24 @@ from wbf_mission.exit_codes import ExitCode
 
 __all__ = ["HelpCommand", "HelpGroup"]
 
-_OPTIONS = "Options"
+_ARGUMENTS, _OPTIONS = "Arguments", "Options"
 
 
 def _write_options(command: Any, context: Any, formatter: Any) -> None:
     """Write arguments first, then the options of each panel in the order in which the panels are met."""
-    sections: dict[str, list[tuple[str, str]]] = {}
+    sections: dict[str, list[tuple[str, str]]] = {_ARGUMENTS: []}
     for parameter in command.get_params(context):
         record = parameter.get_help_record(context)
         if record is not None:
             is_argument = parameter.param_type_name == "argument"
-            panel = "Arguments" if is_argument else getattr(parameter, "rich_help_panel", None) or _OPTIONS
+            panel = _ARGUMENTS if is_argument else getattr(parameter, "rich_help_panel", None) or _OPTIONS
             name, text = record
             sections.setdefault(panel, []).append((name.replace(" range>", ">"), text))
     last = sections.pop(_OPTIONS, None)  # --help and what belongs nowhere else
     for title, rows in [*sections.items(), *([(_OPTIONS, last)] if last else [])]:
-        with formatter.section(title):
-            formatter.write_dl(rows)
+        if rows:
+            with formatter.section(title):
+                formatter.write_dl(rows)
 
 
 def _write_epilog(command: Any, formatter: Any) -> None:

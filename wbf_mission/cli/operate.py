@@ -15,7 +15,6 @@ from wbf_mission.exit_codes import ExitCode
 if TYPE_CHECKING:
     from wbf_mission.live.watching import FleetWatch
 
-_LINK = "udpin:, udpout:, tcp: or tcpin:HOST:PORT, or serial:DEVICE:BAUD."
 MONITOR_EXAMPLES = """
 Examples
 
@@ -32,19 +31,11 @@ wbf-mission command udpin:127.0.0.1:14550 takeoff 10
 
 wbf-mission command tcp:127.0.0.1:5760 mode LOITER
 """
-SystemId = Annotated[
-    int | None,
-    typer.Option(
-        help="The vehicle's system id.  [default: the first one heard]",
-        parser=options.whole_number_in(1, 255),
-        show_default=False,
-    ),
-]
 _HEADER = ["vehicle", "autopilot", "mode", "armed", "item", "height", "speed", "battery", "GPS", "link"]
 
 
 def monitor_command(
-    url: Annotated[str, typer.Argument(help=f"The link: {_LINK}")],
+    url: Annotated[str, typer.Argument(help=f"The link: {options.LINKS}")],
     duration: Annotated[
         float | None,
         typer.Option(
@@ -55,7 +46,12 @@ def monitor_command(
         float, typer.Option(help="Seconds between two reports.", parser=options.number)
     ] = 1.0,
     json: Annotated[
-        bool, typer.Option("--json", help="Print a line of JSON for each vehicle and each text.")
+        bool,
+        typer.Option(
+            "--json",
+            help="Print a line of JSON for each vehicle and each text.",
+            rich_help_panel="Output",
+        ),
     ] = False,
     quiet: options.Quiet = False,
 ) -> int:
@@ -149,7 +145,7 @@ def _row(one: dict[str, Any]) -> list[str]:
 
 
 def command_command(
-    url: Annotated[str, typer.Argument(help=f"The link: {_LINK}")],
+    url: Annotated[str, typer.Argument(help=f"The link: {options.LINKS}")],
     order: Annotated[
         str,
         typer.Argument(
@@ -157,7 +153,7 @@ def command_command(
         ),
     ],
     value: Annotated[str, typer.Argument(help="What the order takes.", show_default=False)] = "",
-    system_id: SystemId = None,
+    system_id: options.SystemId = None,
     wait: options.Wait = 10.0,
     json: options.Json = False,
     quiet: options.Quiet = False,

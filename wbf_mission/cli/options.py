@@ -93,15 +93,46 @@ ScenarioFile = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.", rich_help_panel=_OUTPUT)]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no notes.", rich_help_panel=_OUTPUT)]
 
+LINK_PANEL = "The vehicle's link"
+LINKS = "udpin:, udpout:, tcp: or tcpin:HOST:PORT, or serial:DEVICE:BAUD."
+"""The addresses of a link, for the help."""
 Way = Literal["own", "mavsdk"]
 """Who talks to a vehicle behind a link."""
 Via = Annotated[
     Way,
-    typer.Option(help="Who talks to the vehicle: wbf-mission itself or, independently of it, MAVSDK."),
+    typer.Option(
+        help="Who talks to the vehicle: wbf-mission itself or, independently of it, MAVSDK.",
+        rich_help_panel=LINK_PANEL,
+    ),
 ]
 Wait = Annotated[
-    float, typer.Option(help="Seconds to wait for the vehicle's heartbeat.", min=0.1, max=3600.0)
+    float,
+    typer.Option(
+        help="Seconds to wait for the vehicle's heartbeat.", min=0.1, max=3600.0, rich_help_panel=LINK_PANEL
+    ),
 ]
+SystemId = Annotated[
+    int | None,
+    typer.Option(
+        help="The vehicle's system id, 1 to 255.  [default: the first one heard]",
+        parser=whole_number_in(1, 255),
+        rich_help_panel=LINK_PANEL,
+        show_default=False,
+    ),
+]
+
+
+def link(what: str, *, required: bool) -> Any:
+    """Return the option ``--connect``.
+
+    Parameters
+    ----------
+    what : str
+        What is done with the vehicle behind the link.
+    required : bool
+        The command does nothing without; its default is shown.
+    """
+    return typer.Option(help=f"{what}: {LINKS}", rich_help_panel=LINK_PANEL, show_default=required)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,15 +11,47 @@ import typer
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode
-from wbf_mission.scenario import Scenario, ScenarioError, VehicleOptions, WeatherOptions
+from wbf_mission.scenario import ScenarioError, VehicleOptions, WeatherOptions
 
 if TYPE_CHECKING:
     from mission.model import Mission
     from wbf_mission.preflight.finding import Finding, Report
-    from wbf_mission.preflight.run import Preflight
+    from wbf_mission.preflight.run import Circumstances, Preflight
     from wbf_mission.preflight.vehicle.snapshot import VehicleSnapshot
 
-_CHECK = "What is checked"
+CHECK_PANEL = "What is checked"
+CHECKED = options.scenario_options(
+    VehicleOptions,
+    WeatherOptions,
+    without=("vehicles", "separation", "radio_range_m", "gps_noise_m", "baro_noise_m", "seed"),
+)
+"""Gives a command the options of the vehicle and the air that a plan is checked for."""
+ObstacleFarm = Annotated[
+    str | None,
+    typer.Option(
+        help="Farm whose obstacles count: a name or a GeoJSON file.  [default: none]",
+        autocompletion=options.complete("farm"),
+        rich_help_panel=CHECK_PANEL,
+        show_default=False,
+    ),
+]
+Margin = Annotated[
+    float,
+    typer.Option(
+        help="Metres that the flown path stays away from fence and obstacles.",
+        parser=options.number,
+        rich_help_panel=CHECK_PANEL,
+    ),
+]
+CameraInterval = Annotated[
+    float | None,
+    typer.Option(
+        help="The camera's shortest interval between images, s.  [default: 0.01, the leaf camera's]",
+        parser=options.number,
+        rich_help_panel=CHECK_PANEL,
+        show_default=False,
+    ),
+]
 EXAMPLES = """
 Examples
 
@@ -33,58 +66,17 @@ wbf-mission preflight spiral.plan --connect udpin:127.0.0.1:14550 --json
 _HEADER = ["", "item", "finding", "measured", "what to do"]
 
 
-@options.scenario_options(
-    VehicleOptions,
-    WeatherOptions,
-    without=("vehicles", "separation", "radio_range_m", "gps_noise_m", "baro_noise_m", "seed"),
-)
+@CHECKED
 def preflight_command(
     given: options.Given,
     file: Annotated[Path, typer.Argument(help="Mission file: .plan, .waypoints or .json.")],
-    farm: Annotated[
-        str | None,
-        typer.Option(
-            help="Farm whose obstacles count: a name or a GeoJSON file.  [default: none]",
-            autocompletion=options.complete("farm"),
-            rich_help_panel=_CHECK,
-            show_default=False,
-        ),
-    ] = None,
-    margin: Annotated[
-        float,
-        typer.Option(
-            help="Metres that the flown path stays away from fence and obstacles.",
-            parser=options.number,
-            rich_help_panel=_CHECK,
-        ),
-    ] = 2.0,
-    camera_interval: Annotated[
-        float | None,
-        typer.Option(
-            help="The camera's shortest interval between images, s.  [default: 0.01, the leaf camera's]",
-            parser=options.number,
-            rich_help_panel=_CHECK,
-            show_default=False,
-        ),
-    ] = None,
+    farm: ObstacleFarm = None,
+    margin: Margin = 2.0,
+    camera_interval: CameraInterval = None,
     connect: Annotated[
-        str | None,
-        typer.Option(
-            help="Ask the vehicle behind this link, too: udpin:, udpout:, tcp: or tcpin:HOST:PORT, or"
-            " serial:DEVICE:BAUD.",
-            rich_help_panel=_CHECK,
-            show_default=False,
-        ),
+        str | None, options.link("Ask the vehicle behind this link, too", required=False)
     ] = None,
-    system_id: Annotated[
-        int | None,
-        typer.Option(
-            help="With --connect: the vehicle's system id.  [default: the first one heard]",
-            parser=options.whole_number_in(1, 255),
-            rich_help_panel=_CHECK,
-            show_default=False,
-        ),
-    ] = None,
+    system_id: options.SystemId = None,
     wait: options.Wait = 10.0,
     json: options.Json = False,
     quiet: options.Quiet = False,
@@ -93,55 +85,92 @@ def preflight_command(
 
     Exit code 1 tells that there are errors; warnings and notes are none.
     """
-    from geo import get_farm
     from mission.files import read_mission
-    from sim_vehicle.camera.component import MIN_INTERVAL_S
-    from wbf_mission.preflight.run import Circumstances, check_mission
+    from wbf_mission.preflight.run import check_mission
 
     output = Output(as_json=json, quiet=quiet)
-    if not 0.0 <= margin <= 1000.0:
-        msg = f"--margin {margin:g} is out of range: give 0 to 1000 metres"
-        raise ScenarioError(msg)
-    if camera_interval is not None and not 0.0 < camera_interval <= 3600.0:
-        msg = f"--camera-interval {camera_interval:g} is out of range: give seconds above 0, up to 3600"
-        raise ScenarioError(msg)
     if system_id is not None and connect is None:
         msg = "--system-id goes with --connect: give the link to the vehicle, or leave it out"
         raise ScenarioError(msg)
     mission = read_mission(file)
-    chosen = given.scenario()
-    surroundings = None if farm is None else get_farm(farm)
-    snapshot, assumed = None, False
+    circumstances = circumstances_of(given, farm, margin, camera_interval)
     if connect is not None:
-        named = given.file is not None or "vehicle" in given.changes
-        snapshot = _ask(output, connect, wait, system_id)
-        chosen = _fitted(chosen, snapshot, named=named, autopilot=given.changes.get("autopilot"))
-        assumed = not named
+        snapshot = asked(output, connect, wait, system_id)
+        circumstances = fitted_circumstances(circumstances, given, snapshot)
     with output.progress() as progress:
         progress("predicting", 0, 1)
-        checked = check_mission(
-            mission,
-            Circumstances(
-                chosen.vehicle,
-                chosen.weather,
-                surroundings,
-                margin,
-                MIN_INTERVAL_S if camera_interval is None else camera_interval,
-                assumed,
-                snapshot,
-            ),
-        )
+        checked = check_mission(mission, circumstances)
         progress("predicting", 1, 1)
     _show(output, file, checked)
     return ExitCode.NOT_GOOD if checked.report.has_errors else ExitCode.GOOD
 
 
-def check_before_upload(
-    output: Output, mission: Mission, connect: str, *, vehicle: str | None, wait_s: float, force: bool
-) -> Report:
-    """Check what is to go up to the vehicle behind a link, and tell errors and warnings.
+def circumstances_of(
+    given: options.Given, farm: str | None, margin_m: float, camera_interval_s: float | None
+) -> Circumstances:
+    """Return what a plan is checked for, by the command line.
 
-    The vehicle is asked for its parameters; how it stands there matters for a start only.
+    Raises
+    ------
+    ScenarioError, FarmError
+        If an option is out of range, or scenario or farm cannot be read.
+    """
+    from geo import get_farm
+    from sim_vehicle.camera.component import MIN_INTERVAL_S
+    from wbf_mission.preflight.run import Circumstances
+
+    if not 0.0 <= margin_m <= 1000.0:
+        msg = f"--margin {margin_m:g} is out of range: give 0 to 1000 metres"
+        raise ScenarioError(msg)
+    if camera_interval_s is not None and not 0.0 < camera_interval_s <= 3600.0:
+        msg = f"--camera-interval {camera_interval_s:g} is out of range: give seconds above 0, up to 3600"
+        raise ScenarioError(msg)
+    chosen = given.scenario()
+    return Circumstances(
+        chosen.vehicle,
+        chosen.weather,
+        None if farm is None else get_farm(farm),
+        margin_m,
+        MIN_INTERVAL_S if camera_interval_s is None else camera_interval_s,
+    )
+
+
+def fitted_circumstances(
+    circumstances: Circumstances, given: options.Given, snapshot: VehicleSnapshot
+) -> Circumstances:
+    """Return what a plan is checked for with the autopilot that was heard.
+
+    Where nobody named a vehicle it is a typical one of the kind that was heard.
+
+    Raises
+    ------
+    ScenarioError
+        If another autopilot was named than is heard.
+    LiveFlightError
+        If the vehicle that was named is of another kind.
+    """
+    from mission.transfer.vehicles import Vehicle
+    from wbf_mission.live.discovery import fitted_to, typical_vehicle
+    from wbf_mission.scenario import scenario_with
+
+    chosen = given.scenario()
+    heard = Vehicle(snapshot.system_id, 1, snapshot.autopilot, snapshot.vehicle_type)
+    assumed = given.file is None and "vehicle" not in given.changes
+    if assumed:
+        chosen = scenario_with(chosen, {"vehicle": typical_vehicle(heard)})
+    fitted, autopilot = fitted_to(chosen, heard), given.changes.get("autopilot")
+    if autopilot not in (None, fitted.vehicle.autopilot):
+        msg = f"--autopilot {autopilot}, but {heard.profile.name} is heard: leave --autopilot out"
+        raise ScenarioError(msg)
+    return replace(circumstances, vehicle=fitted.vehicle, assumed=assumed, snapshot=snapshot)
+
+
+def check_before_upload(
+    output: Output, mission: Mission, circumstances: Circumstances, *, force: bool
+) -> Report:
+    """Check what is to go up to a vehicle that was asked, and tell errors and warnings.
+
+    How it stands there matters for a start only.
 
     Raises
     ------
@@ -149,13 +178,10 @@ def check_before_upload(
         If there are errors, unless `force`.
     """
     from wbf_mission.preflight.finding import Concern
-    from wbf_mission.preflight.run import Circumstances, check_mission
+    from wbf_mission.preflight.run import check_mission
 
-    snapshot = _ask(output, connect, wait_s, None)
-    base = Scenario() if vehicle is None else Scenario(vehicle=vehicle)
-    chosen = _fitted(base, snapshot, named=vehicle is not None, autopilot=None)
-    circumstances = Circumstances(chosen.vehicle, assumed=vehicle is None, snapshot=snapshot)
-    report = check_mission(mission, circumstances).report.about(Concern.PLAN, Concern.PARAMETERS)
+    checked = check_mission(mission, circumstances)
+    report = checked.report.about(Concern.PLAN, Concern.PARAMETERS)
     tell(output, report)
     if not force:
         report.require_no_errors("nothing was sent")
@@ -174,26 +200,11 @@ def tell(output: Output, report: Report) -> None:
             output.warn(f"{label}: {finding}")
 
 
-def _ask(output: Output, url: str, wait_s: float, system_id: int | None) -> VehicleSnapshot:
+def asked(output: Output, url: str, wait_s: float, system_id: int | None) -> VehicleSnapshot:
+    """Ask the vehicle behind a link what a plan assumes of it."""
     from wbf_mission.preflight.vehicle.asking import ask_vehicle
 
     return ask_vehicle(url, wait_s=wait_s, system_id=system_id, note=output.note)
-
-
-def _fitted(chosen: Scenario, snapshot: VehicleSnapshot, *, named: bool, autopilot: str | None) -> Scenario:
-    """Return a scenario with the autopilot that was heard, and a typical vehicle where none is named."""
-    from mission.transfer.vehicles import Vehicle
-    from wbf_mission.live.discovery import fitted_to, typical_vehicle
-    from wbf_mission.scenario import scenario_with
-
-    heard = Vehicle(snapshot.system_id, 1, snapshot.autopilot, snapshot.vehicle_type)
-    if not named:
-        chosen = scenario_with(chosen, {"vehicle": typical_vehicle(heard)})
-    fitted = fitted_to(chosen, heard)
-    if autopilot not in (None, fitted.vehicle.autopilot):
-        msg = f"--autopilot {autopilot}, but {heard.profile.name} is heard: leave --autopilot out"
-        raise ScenarioError(msg)
-    return fitted
 
 
 def _show(output: Output, file: Path, checked: Preflight) -> None:

@@ -9,16 +9,27 @@ import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output, duration
+from wbf_mission.cli.preflight import (
+    CHECK_PANEL,
+    CHECKED,
+    CameraInterval,
+    Margin,
+    ObstacleFarm,
+    asked,
+    check_before_upload,
+    circumstances_of,
+    fitted_circumstances,
+)
 from wbf_mission.cli.targets import MISSION_SUFFIXES, Force, refuse_overwrite
+from wbf_mission.exit_codes import ExitCode
 
-_CONNECT_HELP = "Link to the vehicle: udpin:, udpout:, tcp: or tcpin:HOST:PORT, or serial:DEVICE:BAUD."
-Connect = Annotated[str, typer.Option(help=_CONNECT_HELP)]
-
-
+Connect = Annotated[str, options.link("The vehicle", required=True)]
 UPLOAD_EXAMPLES = """
 Examples
 
 wbf-mission upload spiral.plan --connect udpin:127.0.0.1:14550
+
+wbf-mission upload spiral.plan --system-id 2 --farm my-farm.geojson --wind 5,270,1
 
 wbf-mission upload rows.waypoints --connect tcp:127.0.0.1:5760 --via mavsdk
 """
@@ -29,61 +40,82 @@ wbf-mission download --connect udpin:127.0.0.1:14550 --out onboard.plan
 """
 
 
+@CHECKED
 def upload_command(
+    given: options.Given,
     file: Annotated[Path, typer.Argument(help="Mission file: .plan, .waypoints or .json.")],
-    connect: Connect = "udpin:127.0.0.1:14550",
-    wait: options.Wait = 10.0,
-    vehicle: Annotated[
-        str | None,
-        typer.Option(
-            help="Vehicle that the plan is checked for: a name or a .toml file.  [default: a typical one of"
-            " the kind that is heard]",
-            autocompletion=options.complete("vehicle"),
-            show_default=False,
-        ),
-    ] = None,
+    farm: ObstacleFarm = None,
+    margin: Margin = 2.0,
+    camera_interval: CameraInterval = None,
     force: Annotated[
-        bool, typer.Option("--force", help="Send it though the preflight check finds errors.")
+        bool,
+        typer.Option(
+            "--force",
+            help="Send it though the preflight check finds errors.",
+            rich_help_panel=CHECK_PANEL,
+        ),
     ] = False,
+    connect: Connect = "udpin:127.0.0.1:14550",
+    system_id: options.SystemId = None,
+    wait: options.Wait = 10.0,
     via: options.Via = "own",
     json: options.Json = False,
     quiet: options.Quiet = False,
-) -> None:
-    """Check a mission file, upload it (mission, fence, rally points), download it again and compare."""
+) -> int:
+    """Check a mission file, upload it (mission, fence, rally points), download it again and compare.
+
+    The check is that of preflight --connect; without --vehicle it is made for a typical vehicle of the kind
+    that is heard. Exit code 5 tells that the vehicle refused it, or stored it and
+    would not fly it.
+    """
     from mission.files import read_mission
-    from wbf_mission.cli.preflight import check_before_upload
     from wbf_mission.ground.link import upload
     from wbf_mission.live.via import via_named
 
     output = Output(as_json=json, quiet=quiet)
     mission = read_mission(file)
-    checked = check_before_upload(output, mission, connect, vehicle=vehicle, wait_s=wait, force=force)
+    circumstances = circumstances_of(given, farm, margin, camera_interval)
+    snapshot = asked(output, connect, wait, system_id)
+    circumstances = fitted_circumstances(circumstances, given, snapshot)
+    checked = check_before_upload(output, mission, circumstances, force=force)
     with output.progress() as progress:
         report = upload(
             mission,
             connect,
             wait_s=wait,
+            system_id=snapshot.system_id,
             progress=progress,
             note=output.note,
             force=force,
             open_driver=via_named(via).driver,
         )
-    rows = {
-        "vehicle": f"system {report.system_id}, component {report.component_id}",
-        **{name: f"{count} items, verified" for name, count in report.items.items()},
-        "messages": f"{report.messages_sent} sent, {report.messages_received} received, "
-        f"{report.retries} retries"
+    rejected = report.accepted is False
+    if rejected:
+        reason = report.texts[-1] if report.texts else "it says no reason"
+        output.warn(
+            f"system {report.system_id} holds the mission, but would not fly it: {reason}; correct it and"
+            " upload it again"
+        )
+    rows = {"vehicle": report.vehicle}
+    for name, count in report.items.items():
+        bad = rejected and name == "mission"
+        rows[name] = f"{count} items, " + ("stored, but rejected by the vehicle" if bad else "verified")
+    rows["messages"] = (
+        f"{report.messages_sent} sent, {report.messages_received} received, {report.retries} retries"
         if report.messages_sent
-        else "not told by MAVSDK",
-        "time": duration(report.duration_s),
-    }
+        else "not told by MAVSDK"
+    )
+    rows["time"] = duration(report.duration_s)
     findings = [finding.summary() for finding in checked.findings]
-    output.result({"file": str(file), **report.summary(), "findings": findings}, rows, title="Uploaded")
+    values = {"file": str(file), **report.summary(), "findings": findings}
+    output.result(values, rows, title="Uploaded, but rejected" if rejected else "Uploaded")
+    return ExitCode.REFUSED if rejected else ExitCode.GOOD
 
 
 def download_command(
     out: Annotated[Path, typer.Option(help="Mission file to write: .plan, .waypoints or .json.")],
     connect: Connect = "udpin:127.0.0.1:14550",
+    system_id: options.SystemId = None,
     wait: options.Wait = 10.0,
     via: options.Via = "own",
     force: Force = False,
@@ -100,14 +132,22 @@ def download_command(
     writer_for(out)
     with output.progress() as progress:
         mission, report = download(
-            connect, wait_s=wait, progress=progress, note=output.note, open_driver=via_named(via).driver
+            connect,
+            wait_s=wait,
+            system_id=system_id,
+            progress=progress,
+            note=output.note,
+            open_driver=via_named(via).driver,
         )
     firmware = Firmware(report.autopilot) if report.autopilot in set(Firmware) else Firmware.GENERIC
     write_mission(mission, out, firmware=firmware)
     rows = {
-        "vehicle": f"system {report.system_id}, component {report.component_id}",
+        "vehicle": report.vehicle,
         **{name: f"{count} items" for name, count in report.items.items()},
         "time": duration(report.duration_s),
         "file": str(out),
     }
-    output.result({"file": str(out), **report.summary()}, rows, title="Downloaded")
+    values = report.summary()
+    for of_uploads in ("verified", "accepted", "remarks", "texts"):
+        del values[of_uploads]
+    output.result({"file": str(out), **values}, rows, title="Downloaded")

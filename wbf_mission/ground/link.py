@@ -8,7 +8,7 @@ from typing import Any
 
 from mission.link import MavlinkEndpoint, open_link
 from mission.model import Mission, MissionType
-from mission.transfer import Event, Progress, RemoteTransferError, TransferStatistics
+from mission.transfer import Event, Progress, RemoteTransferError, TransferStatistics, profile_for
 from mission.transfer.driver import OnEvent, OnText, TransferDriver
 from mission.transfer.vehicles import Vehicle
 from wbf_mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
@@ -31,13 +31,15 @@ class TransferReport:
     items : dict
         Items of each plan, by its name.
     verified : bool
-        Every plan was read back and found equal.
+        Every plan was read back and found equal, and the vehicle did not reject the mission.
     messages_sent, messages_received, retries : int
     duration_s : float
     texts : list of str
         What the vehicle warned of meanwhile (STATUSTEXT).
     remarks : list of dict
         What its autopilot does not take as it is (`mission.transfer.remark.Remark`).
+    accepted : bool or None
+        Whether the vehicle would fly the mission that it holds; None when it does not tell.
     """
 
     system_id: int
@@ -51,10 +53,24 @@ class TransferReport:
     duration_s: float
     texts: list[str] = field(default_factory=list)
     remarks: list[dict[str, Any]] = field(default_factory=list)
+    accepted: bool | None = None
+
+    @property
+    def vehicle(self) -> str:
+        """The vehicle in words."""
+        return f"system {self.system_id}, component {self.component_id} ({self._autopilot_name})"
+
+    @property
+    def _autopilot_name(self) -> str:
+        return profile_for(self.autopilot).name
 
     def summary(self) -> dict[str, Any]:
         """Return plain values for JSON."""
-        return {name: getattr(self, name) for name in self.__slots__}
+        values = {name: getattr(self, name) for name in self.__slots__}
+        return {**values, "autopilot": self._autopilot_name}
+
+
+_NO_MISSION = 1  # MISSION_STATE_NO_MISSION
 
 
 def _silent(*_: object) -> None:
@@ -72,6 +88,7 @@ def upload(
     url: str,
     *,
     wait_s: float = 10.0,
+    system_id: int | None = None,
     progress: ProgressCallback = _silent,
     note: Note = _silent,
     force: bool = False,
@@ -79,7 +96,8 @@ def upload(
 ) -> TransferReport:
     """Send a mission to the vehicle behind ``url``, read it back and compare.
 
-    It is sent as the vehicle's autopilot takes it. What the vehicle warns of meanwhile is noted.
+    It is sent as the vehicle's autopilot takes it. What the vehicle warns of meanwhile is noted. A mission
+    that it stores and then rejects (PX4 judges it afterwards) is not verified: see `TransferReport.accepted`.
 
     Parameters
     ----------
@@ -87,6 +105,8 @@ def upload(
     url : str
     wait_s : float
         How long to wait for a vehicle.
+    system_id : int, optional
+        Of the vehicle; by default the first one that is heard.
     progress : callable
         Told how far it is.
     note : callable
@@ -108,29 +128,35 @@ def upload(
     """
     texts = TextLog()
     with open_driver(url, _on_event(progress, "uploading"), texts.on_text) as driver:
-        vehicle = _find(driver, wait_s, note)
+        vehicle = driver.wait_for_vehicle(wait_s, system_id=system_id)
+        note(f"uploading to {vehicle}")
         remarks = [remark.summary() for remark in driver.render(mission).remarks]
         try:
             costs = driver.upload(mission, force=force)
         except RemoteTransferError as error:
             raise RemoteTransferError(texts.explain(str(error)), error.failure) from error
+        state = driver.mission_state() if mission.items else None
+    accepted = None if state is None else state != _NO_MISSION
     said = texts.warnings()
     for text in said:
         note(f"the vehicle says: {text}")
-    return replace(_report(vehicle, costs), texts=said, remarks=remarks)
+    report = _report(vehicle, costs)
+    verified = report.verified and accepted is not False
+    return replace(report, texts=said, remarks=remarks, verified=verified, accepted=accepted)
 
 
 def download(
     url: str,
     *,
     wait_s: float = 10.0,
+    system_id: int | None = None,
     progress: ProgressCallback = _silent,
     note: Note = _silent,
     open_driver: DriverMaker = own_driver,
 ) -> tuple[Mission, TransferReport]:
     """Read mission, fence and rally points of the vehicle behind ``url``; errors as in `upload`."""
     with open_driver(url, _on_event(progress, "downloading"), None) as driver:
-        vehicle = _find(driver, wait_s, note)
+        vehicle = _find(driver, wait_s, note, system_id)
         mission, costs = driver.download()
         counts = {kind.name.lower(): len(mission.plan(kind)) for kind in MissionType}
         return mission, replace(_report(vehicle, costs), items=counts)

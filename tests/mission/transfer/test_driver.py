@@ -33,6 +33,10 @@ PLAN = Mission(
 )
 
 
+def current(state):
+    return mavlink.MAVLink_mission_current_message(0, 12, state, 0)
+
+
 class Bench:
     """A vehicle in memory that acts whenever the driver waits; the clock moves only then."""
 
@@ -229,3 +233,30 @@ def test_a_broken_link_is_a_link_error():
     theirs.close()
     with driver, pytest.raises(LinkError, match="closed the connection"):
         driver.wait_for_vehicle(5.0)
+
+
+def test_what_the_vehicle_makes_of_its_mission():
+    """The last word counts: PX4 judges a mission after it has confirmed it."""
+    bench = Bench()
+    states = iter([mavlink.MISSION_STATE_NOT_STARTED, mavlink.MISSION_STATE_NO_MISSION])
+
+    def answer(_found):
+        if bench.heard[-1].get_type() == "COMMAND_LONG" and (state := next(states, None)) is not None:
+            bench.vehicle.send(current(state))
+
+    bench.answer = answer
+    assert bench.driver.mission_state() == mavlink.MISSION_STATE_NO_MISSION
+    asked = [one for one in bench.heard if one.get_type() == "COMMAND_LONG"]
+    assert {(one.command, one.param1) for one in asked} == {(512, 42.0)}
+
+
+def test_who_tells_no_state_of_its_mission():
+    bench = Bench()
+    assert bench.driver.mission_state() is None
+    assert bench.now_s < 2.0
+
+
+def test_plans_that_arrived_before_a_refusal_are_named():
+    bench = Bench(validator=lambda item: 3 if item.command == 16 else 0)
+    with pytest.raises(RemoteTransferError, match="the vehicle holds the new fence and rally"):
+        bench.driver.upload(PLAN)

@@ -132,8 +132,9 @@ def test_an_upload_with_an_error_is_refused_and_forced(broken, capsys):
         assert "leaves the fence" in err
         assert "nothing was sent, --force does it nevertheless" in err
         assert made.vehicle.pilot.mission.items == ()
-        document = json.loads(run(capsys, "upload", broken, "--connect", url, "--json", "-q", "--force").out)
-        assert document["verified"]
+        words = ("upload", broken, "--connect", url, "--json", "-q", "--force")
+        document = json.loads(run(capsys, *words, code=5).out)
+        assert not document["accepted"], "the vehicle finds the same"
         assert "outside-fence" in codes(document)
         assert len(made.vehicle.pilot.mission.items) > 0
 

@@ -21,6 +21,9 @@ _LEAST_LEG = 0.75
 _LONG_LEG = 10.0
 # The lead is so much less than the radius: the vehicle turns a little before the corner and swings less wide.
 _BEFORE_M = 0.5
+# Three short legs in a row with corners as sharp as this, as in the middle of a spiral, lie within the radius
+# all at once: they are led, or none of them would be flown.
+_SHARP = math.cos(math.radians(75.0))
 # Where the path goes straight on, or nearly so, nothing is cut: 15 degrees.
 _STRAIGHT = math.cos(math.radians(15.0))
 
@@ -128,7 +131,8 @@ class Turns:
         length_m = np.hypot(steps[:, 0], steps[:, 1])
         # Who stands on the first point comes to it from nowhere.
         every = np.where((length_m < COINCIDENT_M)[:, None], 0.0, steps / np.maximum(length_m, 1e-9)[:, None])
-        along = np.where((length_m < _LEAST_LEG * self.radius_m)[:, None], 0.0, every)
+        unled = (length_m < _LEAST_LEG * self.radius_m) & ~self._curled(every, length_m)
+        along = np.where(unled[:, None], 0.0, every)
         long = length_m > _LONG_LEG * self.radius_m
         # To the first point leads no leg, if nobody knows where the vehicle comes from; from the last none.
         before = 0 if start_m is not None else 1
@@ -140,3 +144,12 @@ class Turns:
         if len(every):
             come[-1] = every[-1]
         return come, go
+
+    def _curled(self, every: Points, length_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which legs are of three short ones in a row with sharp corners between them."""
+        short = (length_m < _LEAST_LEG * self.radius_m) & (length_m >= COINCIDENT_M)
+        sharp = short[:-1] & short[1:] & ((every[:-1] * every[1:]).sum(axis=1) < _SHARP)
+        curled = np.zeros(len(short), np.bool_)
+        for k in np.flatnonzero(sharp[:-1] & sharp[1:]).tolist():
+            curled[k : k + 3] = True
+        return curled

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import select
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from types import TracebackType
 from typing import Any, Self
 
@@ -224,8 +224,14 @@ class TransferDriver:
             "round_trip": self._round_trip,
         }
 
-    def render(self, mission: Mission) -> Rendered:
+    def render(self, mission: Mission, *, parameters: Mapping[str, float] | None = None) -> Rendered:
         """Return a mission as the vehicle's autopilot takes it, with remarks (`mission.transfer.rendering`).
+
+        Parameters
+        ----------
+        mission : Mission
+        parameters : mapping of str to float, optional
+            The vehicle's, as far as it told them.
 
         Raises
         ------
@@ -235,10 +241,15 @@ class TransferDriver:
             If the link breaks.
         """
         vehicle = self.vehicle or self.wait_for_vehicle()
-        return render(mission, vehicle.profile, vehicle.vehicle_type)
+        return render(mission, vehicle.profile, vehicle.vehicle_type, parameters=parameters)
 
     def upload(
-        self, mission: Mission, *, types: Iterable[MissionType] | None = None, force: bool = False
+        self,
+        mission: Mission,
+        *,
+        types: Iterable[MissionType] | None = None,
+        force: bool = False,
+        parameters: Mapping[str, float] | None = None,
     ) -> tuple[TransferStatistics, ...]:
         """Send the plans of a mission, read them back and compare.
 
@@ -253,6 +264,8 @@ class TransferDriver:
             Which plans; default the mission, and fence and rally points if there are any.
         force : bool
             Send also what the autopilot would refuse or not fly.
+        parameters : mapping of str to float, optional
+            The vehicle's, as far as it told them: they decide what it would not fly.
 
         Returns
         -------
@@ -271,7 +284,7 @@ class TransferDriver:
         wanted = {MissionType.MISSION, *(kind for kind in _ORDER if mission.plan(kind))}
         chosen = wanted if types is None else set(types)
         options = self._options()
-        rendered = self.render(mission)
+        rendered = self.render(mission, parameters=parameters)
         if not force:
             refuse_errors(rendered)
         uploads = [

@@ -31,7 +31,8 @@ class Remark:
     ----------
     plan : MissionType
     item : int or None
-        The item of the plan that was made, from 0 (a user counts from 1); None for the plan as a whole.
+        The item of the plan that was made, from 0 (a user counts from 1); None for the plan as a whole. Where
+        several items share a remark, the first.
     severity : Severity
     text : str
         What is wrong, or what is done about it.
@@ -39,6 +40,10 @@ class Remark:
         What would be accepted; empty where nothing has to be done.
     command : int or None
         MAV_CMD of the item.
+    others : tuple of int
+        Further items that share the remark.
+    parameter : str
+        The vehicle's parameter that decides it; empty if none does.
 
     Examples
     --------
@@ -52,6 +57,13 @@ class Remark:
     text: str
     fix: str = ""
     command: int | None = None
+    others: tuple[int, ...] = ()
+    parameter: str = ""
+
+    @property
+    def count(self) -> int:
+        """How many items it is about."""
+        return 1 + len(self.others)
 
     def summary(self) -> dict[str, Any]:
         """Return plain values for JSON; items count from 1."""
@@ -59,6 +71,7 @@ class Remark:
             "plan": self.plan.name.lower(),
             "item": None if self.item is None else self.item + 1,
             "command": None if self.command is None else command_name(self.command),
+            "count": self.count,
             "severity": self.severity.value,
             "text": self.text,
             "fix": self.fix,
@@ -70,4 +83,6 @@ class Remark:
             where += f" item {self.item + 1}"
         if self.command is not None:
             where += f" ({command_name(self.command)})"
+        if self.count > 1:
+            where += f" and {self.count - 1} more"
         return f"{where}: {self.text}" + (f"; {self.fix}" if self.fix else "")

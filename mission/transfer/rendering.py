@@ -35,7 +35,8 @@ class Rendered:
     mission : Mission
         What is to be sent, and compared with what is read back.
     remarks : tuple of Remark
-        In the order of the plans and their items; with the numbers of the plan that was given.
+        In the order of the plans and their items; with the numbers of the plan that was given. What is to be
+        said of several items alike is said once, of the first.
     origins : tuple of int
         For each item of ``mission.items``, which item of the mission that was given it stands for.
     """
@@ -64,6 +65,7 @@ def render(
     vehicle_type: int = _QUADROTOR,
     *,
     parameters: Mapping[str, float] | None = None,
+    planned: Mapping[str, float] | None = None,
 ) -> Rendered:
     """Return a plan as an autopilot takes it, with remarks on all that it does not take as it is.
 
@@ -79,7 +81,9 @@ def render(
     vehicle_type : int
         MAV_TYPE.
     parameters : mapping of str to float, optional
-        Parameters of the vehicle as far as they are known.
+        Parameters of the vehicle as far as it told them.
+    planned : mapping of str to float, optional
+        Those that the plan assumes, where the vehicle did not tell them.
 
     Examples
     --------
@@ -100,10 +104,12 @@ def render(
     writer.renumber_jumps()
     writer.tell_ignored()
     for condition in profile.dialect.conditions:
-        writer.check_condition(condition, parameters or {})
+        writer.check_condition(condition, parameters or {}, planned or {})
     items = tuple(item for _, item in writer.entries)
     others = area_remarks(mission, profile) + count_remarks(mission, len(items), profile)
-    found = sorted(writer.remarks + others, key=lambda one: (one.plan, -1 if one.item is None else one.item))
+    found = sorted(
+        _told_once(writer.remarks + others), key=lambda one: (one.plan, -1 if one.item is None else one.item)
+    )
     return Rendered(
         mission if items == mission.items else replace(mission, items=items),
         tuple(found),
@@ -120,9 +126,22 @@ def refuse_errors(rendered: Rendered) -> None:
         With the first error, which says what would be accepted.
     """
     if rendered.errors:
-        more = f" (and {len(rendered.errors) - 1} more)" if len(rendered.errors) > 1 else ""
+        others = len(rendered.errors) - 1
+        more = f" (and {others} more error{'s' if others > 1 else ''})" if others else ""
         msg = f"{rendered.errors[0]}{more}"
         raise LocalTransferError(msg)
+
+
+def _told_once(remarks: list[Remark]) -> list[Remark]:
+    """Return remarks without those that say the same of the same command: the first counts them."""
+    alike: dict[Remark, list[Remark]] = {}
+    for remark in remarks:
+        alike.setdefault(replace(remark, item=None, others=()), []).append(remark)
+    found = []
+    for same in alike.values():
+        items = sorted(k for one in same for k in (one.item, *one.others) if k is not None)
+        found.append(replace(same[0], item=items[0], others=tuple(items[1:])) if items else same[0])
+    return found
 
 
 class _Writer:
@@ -140,9 +159,12 @@ class _Writer:
             for number, item in enumerate(mission.items)
         ]
 
-    def _say(self, number: int | None, severity: Severity, text: str, fix: str = "") -> None:
+    def _say(
+        self, number: int | None, severity: Severity, text: str, fix: str = "", *, parameter: str = ""
+    ) -> None:
         command = None if number is None else self.mission.items[number].command
-        self.remarks.append(Remark(MissionType.MISSION, number, severity, text, fix, command))
+        remark = Remark(MissionType.MISSION, number, severity, text, fix, command, parameter=parameter)
+        self.remarks.append(remark)
 
     def _knows(self, command: int) -> bool:
         placed, unplaced = self._profile.placed, self._profile.unplaced
@@ -332,11 +354,12 @@ class _Writer:
             self._say_of_all(stops, Severity.WARNING, text, "use NAV_LOITER_UNLIM where it is to stay")
 
     def _say_of_all(self, numbers: list[int], severity: Severity, text: str, fix: str) -> None:
-        if numbers:
-            more = f" (and {len(numbers) - 1} more)" if len(numbers) > 1 else ""
-            self._say(numbers[0], severity, text + more, fix)
+        for number in numbers:
+            self._say(number, severity, text, fix)
 
-    def check_condition(self, condition: ArmingCondition, parameters: Mapping[str, float]) -> None:
+    def check_condition(
+        self, condition: ArmingCondition, parameters: Mapping[str, float], planned: Mapping[str, float]
+    ) -> None:
         """Tell what a parameter of the vehicle asks of the mission."""
         if self._type not in condition.vehicle_types or not self.entries:
             return
@@ -344,16 +367,20 @@ class _Writer:
         has_needed = any(item.command in condition.needed for _, item in self.entries)
         if not barred and (has_needed or not condition.needed):
             return
-        value = parameters.get(condition.parameter)
+        name = condition.parameter
+        told, assumed = parameters.get(name), planned.get(name)
+        value = assumed if told is None else told
         first = barred[0] if barred else None
-        if value is None and condition.usual in condition.refusing:
-            text = condition.text.format(value=condition.usual)
-            self._say(first, condition.unknown, text, condition.fix)
-        elif value in condition.refusing:
-            self._say(first, Severity.ERROR, condition.text.format(value=value), condition.fix)
-        elif value is not None and condition.usual in condition.refusing:
-            text = condition.text.format(value=condition.usual) + f"; planned with {value:g}"
-            self._say(first, Severity.NOTE, text, f"look that {condition.parameter} is so on the vehicle")
+        if value in condition.refusing:
+            text = condition.text.format(value=value)
+            self._say(first, Severity.ERROR, text, condition.fix, parameter=name)
+        elif told is None and condition.usual in condition.refusing:
+            text = condition.text.format(value=condition.usual) + ", its default"
+            if assumed is None:
+                self._say(first, condition.unknown, text, condition.fix, parameter=name)
+            else:
+                fix = f"make sure that {name} is {assumed:g} on the vehicle, as the plan assumes"
+                self._say(first, Severity.NOTE, text, fix, parameter=name)
 
 
 def _without_nan(item: MissionItem, profile: Profile) -> MissionItem:

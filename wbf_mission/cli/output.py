@@ -88,15 +88,27 @@ class Output:
         _print_table(table)
 
     def table(
-        self, values: Any, header: list[str], rows: list[list[str]], title: str = "", *, left: bool = False
+        self,
+        values: Any,
+        header: list[str],
+        rows: list[list[str]],
+        title: str = "",
+        *,
+        left: bool = False,
+        lines: bool = False,
     ) -> None:
-        """Print several results: ``values`` as JSON, or a table with a header; numbers to the right."""
+        """Print several results: ``values`` as JSON, or a table with a header; numbers to the right.
+
+        With ``lines`` the cells have several lines, and the rows are parted by a rule.
+        """
         if self.as_json:
             self.raw_json(values)
             return
         from rich.table import Table
 
-        table = Table(title=printable(title) or None, title_justify="left", title_style="bold")
+        table = Table(
+            title=printable(title) or None, title_justify="left", title_style="bold", show_lines=lines
+        )
         for column, name in enumerate(header):
             table.add_column(name, justify="left" if left or column == 0 else "right", no_wrap=column == 0)
         for row in rows:

@@ -15,7 +15,7 @@ from wbf_mission.scenario import ScenarioError, VehicleOptions, WeatherOptions
 
 if TYPE_CHECKING:
     from mission.model import Mission
-    from wbf_mission.preflight.finding import Finding, Report
+    from wbf_mission.preflight.finding import Finding, PreflightError, Report
     from wbf_mission.preflight.run import Circumstances, Preflight
     from wbf_mission.preflight.vehicle.snapshot import VehicleSnapshot
 
@@ -63,7 +63,7 @@ wbf-mission preflight spiral.plan --farm my-farm.geojson --margin 5
 
 wbf-mission preflight spiral.plan --connect udpin:127.0.0.1:14550 --json
 """
-_HEADER = ["", "item", "finding", "measured", "what to do"]
+_HEADER = ["", "item", "finding"]
 
 
 @CHECKED
@@ -83,7 +83,8 @@ def preflight_command(
 ) -> int:
     """Check a mission file before it is flown, and with --connect the vehicle that is to fly it.
 
-    Exit code 1 tells that there are errors; warnings and notes are none.
+    Each finding has a code, which docs/preflight.md explains. Exit code 1 tells that there are errors;
+    warnings and notes are none.
     """
     from mission.files import read_mission
     from wbf_mission.preflight.run import check_mission
@@ -182,17 +183,23 @@ def check_before_upload(
 
     checked = check_mission(mission, circumstances)
     report = checked.report.about(Concern.PLAN, Concern.PARAMETERS)
-    tell(output, report)
-    if not force:
-        report.require_no_errors("nothing was sent")
+    refused = None if force else report.refusal("nothing was sent")
+    tell(output, report, refused)
+    if refused is not None:
+        raise refused
     return report
 
 
-def tell(output: Output, report: Report) -> None:
-    """Say errors and warnings on stderr, and notes unless they are not wanted."""
+def tell(output: Output, report: Report, refused: PreflightError | None = None) -> None:
+    """Say errors and warnings on stderr, and notes unless they are not wanted.
+
+    The error that ends the command, because of `refused`, is told at its end and not here, too.
+    """
     from wbf_mission.preflight.finding import Severity
 
     for finding in report.findings:
+        if refused is not None and finding is refused.finding:
+            continue
         if finding.severity is Severity.NOTE:
             output.note(f"preflight: {finding}")
         else:
@@ -209,7 +216,8 @@ def asked(output: Output, url: str, wait_s: float, system_id: int | None) -> Veh
 
 def _show(output: Output, file: Path, checked: Preflight) -> None:
     subject, report = checked.subject, checked.report
-    snapshot, prediction = subject.snapshot, subject.prediction
+    snapshot = subject.snapshot
+    prediction = None if subject.stopped is not None else subject.prediction
     values: dict[str, Any] = {
         "file": str(file),
         "vehicle": subject.vehicle.name,
@@ -224,10 +232,19 @@ def _show(output: Output, file: Path, checked: Preflight) -> None:
         f"{number} {name if number != 1 else name.removesuffix('s')}"
         for name, number in report.counts.items()
     )
-    output.table(values, _HEADER, [_row(one) for one in report.findings], title=title, left=True)
+    rows = [_row(one) for one in report.findings]
+    output.table(values, _HEADER, rows, title=title, left=True, lines=True)
 
 
 def _row(finding: Finding) -> list[str]:
-    measured = "" if finding.measure is None else str(finding.measure)
-    where = finding.where.removeprefix("mission ")
-    return [finding.severity.value, where, finding.text, measured, finding.fix]
+    """Return the cells of a finding, of several lines each, which fit a narrow terminal."""
+    plan = "" if finding.plan == "mission" else f"{finding.plan} "
+    item = [plan.strip()] if finding.item is None else [f"{plan}{finding.item}", finding.command]
+    if finding.count > 1:
+        item.append(f"and {finding.count - 1} more")
+    said = [finding.text]
+    if finding.measure is not None:
+        said.append(f"measured: {finding.measure}")
+    if finding.fix:
+        said.append(f"to do: {finding.fix}")
+    return [f"{finding.severity.value}\n{finding.code}", "\n".join(filter(None, item)), "\n".join(said)]

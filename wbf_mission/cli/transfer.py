@@ -87,6 +87,7 @@ def upload_command(
             progress=progress,
             note=output.note,
             force=force,
+            parameters=snapshot.parameters,
             open_driver=via_named(via).driver,
         )
     rejected = report.accepted is False

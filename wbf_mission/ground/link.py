@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -92,6 +92,7 @@ def upload(
     progress: ProgressCallback = _silent,
     note: Note = _silent,
     force: bool = False,
+    parameters: Mapping[str, float] | None = None,
     open_driver: DriverMaker = own_driver,
 ) -> TransferReport:
     """Send a mission to the vehicle behind ``url``, read it back and compare.
@@ -113,6 +114,8 @@ def upload(
         Takes lines for the operator.
     force : bool
         Send also what the autopilot would refuse or not fly.
+    parameters : mapping of str to float, optional
+        The vehicle's, as far as it told them: they decide what it would not fly.
     open_driver : callable
         Opens the link.
 
@@ -130,9 +133,9 @@ def upload(
     with open_driver(url, _on_event(progress, "uploading"), texts.on_text) as driver:
         vehicle = driver.wait_for_vehicle(wait_s, system_id=system_id)
         note(f"uploading to {vehicle}")
-        remarks = [remark.summary() for remark in driver.render(mission).remarks]
+        remarks = [remark.summary() for remark in driver.render(mission, parameters=parameters).remarks]
         try:
-            costs = driver.upload(mission, force=force)
+            costs = driver.upload(mission, force=force, parameters=parameters)
         except RemoteTransferError as error:
             raise RemoteTransferError(texts.explain(str(error)), error.failure) from error
         state = driver.mission_state() if mission.items else None

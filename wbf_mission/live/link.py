@@ -14,7 +14,7 @@ from wbf_mission.joint_flight import Attendant
 from wbf_mission.live.discovery import fitted_to, require_single_flight
 from wbf_mission.live.via import OwnVia, Via
 from wbf_mission.planning import PlanResult
-from wbf_mission.preflight.finding import Concern, Report
+from wbf_mission.preflight.finding import Concern, PreflightError, Report
 from wbf_mission.preflight.run import Circumstances, check_mission
 from wbf_mission.preflight.vehicle.asking import ask_vehicle
 from wbf_mission.scenario import Scenario
@@ -26,7 +26,7 @@ def _silent(_text: str) -> None:
     """Tell nobody."""
 
 
-def _tell_nobody(_report: Report) -> None:
+def _tell_nobody(_report: Report, _refused: PreflightError | None) -> None:
     """Tell nobody what was found."""
 
 
@@ -50,7 +50,7 @@ class LiveLink:
     force : bool
         Fly a plan in which the preflight check finds errors, among them what the autopilot would refuse.
     tell : callable
-        Takes what the preflight check finds.
+        Takes what the preflight check finds, and the error with which the flight is refused, if it is.
     via : Via
         Who talks to the vehicle.
     """
@@ -62,7 +62,7 @@ class LiveLink:
     system_id: int | None = None
     note: Callable[[str], None] = _silent
     force: bool = False
-    tell: Callable[[Report], None] = _tell_nobody
+    tell: Callable[[Report, PreflightError | None], None] = _tell_nobody
     via: Via = field(default_factory=OwnVia)
     _heard: HeardVehicle | None = field(default=None, init=False)
 
@@ -111,10 +111,11 @@ class LiveLink:
         snapshot = ask_vehicle(self.url, wait_s=self.wait_s, system_id=number, note=self.note)
         circumstances = Circumstances(scenario.vehicle, scenario.weather, plan.farm, snapshot=snapshot)
         report = check_mission(plan.mission, circumstances).report
-        self.tell(report)
-        if not self.force:
-            counted = report.about(Concern.PLAN, Concern.PARAMETERS, Concern.STATE)
-            counted.require_no_errors("nothing was sent")
+        counted = report.about(Concern.PLAN, Concern.PARAMETERS, Concern.STATE)
+        refused = None if self.force else counted.refusal("nothing was sent")
+        self.tell(report, refused)
+        if refused is not None:
+            raise refused
 
     def hosting(self, tlog: Path | None) -> Hosting:
         """Return where the flight takes place."""

@@ -77,12 +77,12 @@ class PlanResult:
 
     @property
     def rendered(self) -> Rendered:
-        """The mission as the vehicle's autopilot takes it; parameters count as far as they were given."""
+        """The mission as the vehicle's autopilot takes it; planned with the parameters of the vehicle."""
         firmware = firmware_of(self.vehicle)
         if firmware is None:
             return render(self.mission, GENERIC)
-        given = dict(self.vehicle.parameters)
-        return render(self.mission, firmware.profile, firmware.persona.identity.mav_type, parameters=given)
+        mav_type = firmware.persona.identity.mav_type
+        return render(self.mission, firmware.profile, mav_type, planned=dict(self.vehicle.parameters))
 
     @property
     def warnings(self) -> list[str]:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from enum import Enum
+from enum import Enum, StrEnum
 from typing import Any
 
 from geo.errors import WbfMissionError
 from mission.transfer.remark import Severity
 
 __all__ = [
+    "Against",
     "Concern",
     "Finding",
     "Hit",
@@ -24,7 +25,18 @@ __all__ = [
 
 
 class PreflightError(WbfMissionError, ValueError):
-    """A plan that must not go up, because the preflight check found errors, or that cannot be checked."""
+    """A plan that must not go up, because the preflight check found errors, or that cannot be checked.
+
+    Parameters
+    ----------
+    message : str
+    finding : Finding, optional
+        The error that it tells of.
+    """
+
+    def __init__(self, message: str, finding: Finding | None = None) -> None:
+        super().__init__(message)
+        self.finding = finding
 
 
 class Concern(Enum):
@@ -40,35 +52,96 @@ class Concern(Enum):
     """What passes by waiting: satellites, estimator, the vehicle's own checks."""
 
 
+class Against(StrEnum):
+    """How a measured number compares with the one beside it."""
+
+    LEAST = "at least"
+    """It should not be less."""
+    MOST = "at most"
+    """It should not be more."""
+    PLANNED = "planned"
+    """The plan and its prediction count on this one."""
+
+
+_DIGITS = range(3, 8)
+
+
 @dataclass(frozen=True, slots=True)
 class Measure:
     """A number that was measured, and what it is compared with.
 
     Parameters
     ----------
-    value : float
+    name : str
+        What was measured.
+    value, limit : float
     unit : str
-        Empty for a number of things.
-    limit : float or None
-        In the same unit.
+        Of both; empty for a number of things.
+    against : Against
+        What kind of limit it is.
 
     Examples
     --------
-    >>> str(Measure(3.25, "m", 5.0))
-    '3.25 m, limit 5 m'
+    >>> str(Measure.at_most("height", 130.0, 120.0, "m"))
+    'height 130 m (at most 120 m)'
+    >>> str(Measure.at_least("left in the battery", 19.996, 20.0, "%"))
+    'left in the battery 19.996 % (at least 20 %)'
     """
 
+    name: str
     value: float
-    unit: str = ""
-    limit: float | None = None
+    limit: float
+    unit: str
+    against: Against
+
+    @classmethod
+    def at_least(cls, name: str, value: float, limit: float, unit: str = "") -> Measure:
+        """Return a measure that should not be less than its limit."""
+        return cls(name, value, limit, unit, Against.LEAST)
+
+    @classmethod
+    def at_most(cls, name: str, value: float, limit: float, unit: str = "") -> Measure:
+        """Return a measure that should not be more than its limit."""
+        return cls(name, value, limit, unit, Against.MOST)
+
+    @classmethod
+    def planned(cls, name: str, value: float, planned: float, unit: str = "") -> Measure:
+        """Return a measure that should be what the plan counts on."""
+        return cls(name, value, planned, unit, Against.PLANNED)
+
+    @property
+    def is_broken(self) -> bool:
+        """Whether the number is not what it should be."""
+        if self.against is Against.LEAST:
+            return self.value < self.limit
+        return self.value > self.limit if self.against is Against.MOST else self.value != self.limit
 
     def __str__(self) -> str:
-        text = self._quantity(self.value)
-        return text if self.limit is None else f"{text}, limit {self._quantity(self.limit)}"
+        written = ((self._quantity(self.value, n), self._quantity(self.limit, n)) for n in _DIGITS)
+        # A limit that is broken by little has to look broken.
+        value, limit = next(
+            (pair for pair in written if not self.is_broken or pair[0] != pair[1]),
+            (self._quantity(self.value, 17), self._quantity(self.limit, 17)),
+        )
+        return f"{self.name} {value} ({self.against.value} {limit})"
 
-    def _quantity(self, value: float) -> str:
-        number = f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
-        return f"{number} {self.unit}".strip() if self.unit != "%" else f"{number} %"
+    def _quantity(self, value: float, digits: int) -> str:
+        whole = abs(value) >= 1000.0 and digits == _DIGITS.start
+        number = f"{value:.0f}" if whole else f"{value:.{digits}g}"
+        return f"{number} {self.unit}".strip()
+
+    def summary(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return {
+            "measured": self.name,
+            "value": self.value,
+            "unit": self.unit,
+            "limit": self.limit,
+            "against": self.against.value,
+        }
+
+
+_NOTHING_MEASURED = dict.fromkeys(("measured", "value", "unit", "limit", "against"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,12 +196,12 @@ class Finding:
 
     def __str__(self) -> str:
         start = f"{self.where}: " if self.where else ""
-        measured = f" ({self.measure})" if self.measure is not None else ""
+        measured = f"; {self.measure}" if self.measure is not None else ""
         return f"{start}{self.text}{measured}" + (f"; {self.fix}" if self.fix else "")
 
     def summary(self) -> dict[str, Any]:
         """Return plain values for JSON."""
-        measure = self.measure
+        measured = _NOTHING_MEASURED if self.measure is None else self.measure.summary()
         return {
             "severity": self.severity.value,
             "code": self.code,
@@ -138,9 +211,7 @@ class Finding:
             "command": self.command or None,
             "count": self.count,
             "text": self.text,
-            "value": None if measure is None else measure.value,
-            "unit": None if measure is None else measure.unit,
-            "limit": None if measure is None else measure.limit,
+            **measured,
             "fix": self.fix or None,
         }
 
@@ -181,13 +252,21 @@ class Report:
         """How many findings there are of each severity."""
         return {f"{severity.value}s": len(self.of(severity)) for severity in Severity}
 
-    def require_no_errors(self, consequence: str) -> None:
-        """Raise PreflightError if there are errors; ``consequence`` tells what was not done."""
+    def refusal(self, consequence: str) -> PreflightError | None:
+        """Return the error of a plan that must not go up; ``consequence`` tells what was not done."""
         errors = self.of(Severity.ERROR)
-        if errors:
-            more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
-            msg = f"{errors[0]}{more}; preflight check: {consequence}, --force does it nevertheless"
-            raise PreflightError(msg)
+        if not errors:
+            return None
+        others = len(errors) - 1
+        more = f" (and {others} more error{'s' if others > 1 else ''})" if others else ""
+        msg = f"{errors[0]}{more}; preflight check: {consequence}, --force does it nevertheless"
+        return PreflightError(msg, errors[0])
+
+    def require_no_errors(self, consequence: str) -> None:
+        """Raise the `refusal`, if there is one."""
+        refused = self.refusal(consequence)
+        if refused is not None:
+            raise refused
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,7 @@ __all__ = ["CHECKS", "inspect"]
 
 CHECKS: tuple[Callable[[Subject], Iterable[Finding]], ...] = (
     items.check_problems,
+    items.check_predicted,
     items.check_dialect,
     items.check_unknown,
     items.check_flown,
@@ -37,6 +38,7 @@ CHECKS: tuple[Callable[[Subject], Iterable[Finding]], ...] = (
     legs.check_lengths,
     legs.check_radii,
     performance.check_speeds,
+    performance.check_short_legs,
     performance.check_turns,
     performance.check_climbs,
     performance.check_wind,

@@ -21,7 +21,7 @@ from sim_vehicle.camera.component import MIN_INTERVAL_S
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.execution.feasibility import ItemProblem, mission_problems
 from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS, item_positions
-from sim_vehicle.execution.state import CannotFly, CurrentChanged
+from sim_vehicle.execution.state import BatteryDepleted, CannotFly, CurrentChanged
 from sim_vehicle.motion.legs import Position
 from sim_vehicle.prediction.flight import PredictedFlight, Prediction, climbs_by_itself, fly_all, home_frame
 from sim_vehicle.prediction.predict import mean_prediction, rehearsals
@@ -84,7 +84,7 @@ class Subject:
     prediction : Prediction or None
         The mean of them; the battery may be empty before the end.
     stopped : tuple of (int, str) or None
-        The item, from 0, that ended a predicted flight, and why.
+        The item, from 0, at which a predicted flight ended before its end, and why.
     wind : Wind or None
     obstacles : tuple of shapely geometries
         Where no flight may pass, metres about home.
@@ -269,12 +269,21 @@ def _fly(
     ]
     fly_all(flights, threads=1)
     prediction = mean_prediction(flights)
-    stopped = None
-    for flight in flights:
-        for event in flight.events or ():
-            if isinstance(event, CannotFly) and event.seq >= 0:
-                stopped = event.seq, event.reason
-    return tuple(_track_of(flight) for flight in flights), prediction, stopped
+    stops = [stop for flight in flights if (stop := _stop_of(flight)) is not None]
+    return tuple(_track_of(flight) for flight in flights), prediction, stops[-1] if stops else None
+
+
+def _stop_of(flight: PredictedFlight) -> tuple[int, str] | None:
+    """Return at which item a flight ended before its end, and why; an empty battery is told as such."""
+    for event in flight.events or ():
+        if isinstance(event, CannotFly):
+            return max(event.seq, 0), event.reason
+        if isinstance(event, BatteryDepleted):
+            return None
+    executor = flight.executor
+    if flight.completed or executor is None:
+        return None
+    return max(executor.current_seq, 0), "this item never ends"
 
 
 def _track_of(flight: PredictedFlight) -> FlownTrack:

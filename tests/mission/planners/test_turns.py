@@ -52,6 +52,18 @@ def test_what_is_nearly_straight_or_short_is_flown_as_it_is():
     assert PX4.waypoints(curve, (0.0, 0.5)).points_m.tolist() == expected
 
 
+def test_the_middle_of_a_spiral_is_flown():
+    """All of it lies within the radius: short legs with sharp corners between them are led, too."""
+    middle = array((0, 0), (1.2, 0), (1.2, 1.2), (0.3, 1.2), (0.3, 0.3), (0.9, 0.3))
+    sent = PX4.waypoints(middle, (-6.0, 0.0))
+    assert sent.points_m[:4] == pytest.approx(array((0, 0), (2.7, 0), (1.2, -1.5), (1.2, 2.7)))
+    assert sent.points_m[-1] == pytest.approx((2.4, 0.3))
+    # The way from a row to the next is not, with a sharp corner at each end of it.
+    rows = array((0, 0), (6, 0), (6, 0.3), (0, 0.3), (0, 0.6), (6, 0.6))
+    expected = array((-1.5, 0), (7.5, 0), (7.5, 0.3), (-1.5, 0.3), (-1.5, 0.6), (7.5, 0.6))
+    assert PX4.waypoints(rows, (0.0, 0.0)).points_m == pytest.approx(expected)
+
+
 def test_no_leg_is_led_into_what_must_not_be_flown_over():
     path = array((0, 0), (20, 0), (20, 20))
     east = PX4.waypoints(path, avoid=shapely.box(20.5, -30, 30, 30))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import pytest
@@ -83,7 +84,7 @@ def test_what_would_be_refused_is_an_error_with_what_would_be_accepted(item, pro
 
 
 def test_further_errors_are_counted():
-    with pytest.raises(LocalTransferError, match=r"mission item 3 \(NAV_LOITER_TURNS\).*\(and 1 more\)"):
+    with pytest.raises(LocalTransferError, match=r"item 3 \(NAV_LOITER_TURNS\).*\(and 1 more error\)"):
         refuse_errors(rendered(of(18, 3, 2.0), of(16, 10)))
 
 
@@ -127,7 +128,8 @@ def test_what_is_equal_is_sent_in_its_place():
     start, _, stop = timed.mission.items[2:]
     assert (start.command, start.param2, start.param3) == (2000, 1.5, 0.0)
     assert stop.command == 2001
-    assert told(timed) == [("warning", 3), ("warning", 5)]
+    assert told(timed) == [("warning", 3)]
+    assert timed.remarks[0].others == (4,)
     assert not rendered(MissionItem(214, 2, 1500.0)).remarks
     assert rendered(MissionItem(201, 3, 0.0)).mission.items[2].command == Command.DO_SET_ROI_NONE
 
@@ -212,7 +214,8 @@ def test_what_is_ignored_is_told(item, profile, vehicle_type, severity, says):
     (remark,) = found.remarks
     assert (remark.severity.value, remark.item) == (severity, 2)
     assert says in str(remark)
-    assert "(and 1 more)" in remark.text
+    assert remark.count == remark.summary()["count"] == 2
+    assert re.match(r"mission item 3 \(\w+\) and 1 more: ", str(remark))
 
 
 def test_what_a_fixed_wing_needs_to_be_armed():
@@ -221,15 +224,20 @@ def test_what_a_fixed_wing_needs_to_be_armed():
     assert error.item is None
     assert "MIS_TKO_LAND_REQ is 2" in error.text
     assert not rendered(LAND, vehicle_type=PLANE).remarks
-    assert told(rendered(BACK, vehicle_type=PLANE, parameters={"MIS_TKO_LAND_REQ": 0.0})) == [("note", None)]
+    free = {"MIS_TKO_LAND_REQ": 0.0}
+    assert not rendered(BACK, vehicle_type=PLANE, parameters=free).remarks
+    assert told(rendered(BACK, vehicle_type=PLANE, planned=free)) == [("note", None)]
     assert not rendered(BACK).remarks
     landing = (MissionItem(189), LAND)
     plane = {"profile": ARDUPILOT, "vehicle_type": PLANE}
     assert told(rendered(*landing, **plane)) == [("warning", 3)]
     assert told(rendered(*landing, **plane, parameters={"RTL_AUTOLAND": 0.0})) == [("error", 3)]
-    (note,) = rendered(*landing, **plane, parameters={"RTL_AUTOLAND": 2.0}).remarks
-    assert (note.severity.value, note.item) == ("note", 2)
-    assert "planned with 2; look that RTL_AUTOLAND is so on the vehicle" in str(note)
+    (note,) = rendered(*landing, **plane, planned={"RTL_AUTOLAND": 2.0}).remarks
+    assert (note.severity.value, note.item, note.parameter) == ("note", 2, "RTL_AUTOLAND")
+    assert "make sure that RTL_AUTOLAND is 2 on the vehicle, as the plan assumes" in str(note)
+    told_by_vehicle = {"RTL_AUTOLAND": 2.0}
+    assert not rendered(*landing, **plane, parameters=told_by_vehicle, planned={"RTL_AUTOLAND": 0.0}).remarks
+    assert told(rendered(*landing, **plane, planned={"RTL_AUTOLAND": 0.0})) == [("error", 3)]
     assert not rendered(LAND, **plane).remarks
 
 
@@ -297,7 +305,7 @@ ITEMS = st.lists(
 def test_what_is_no_error_would_be_taken(items, profile, vehicle_type):
     """Judged as the vehicle's side does it, item by item."""
     found = render(Mission(tuple(items), HOME), profile, vehicle_type)
-    bad = {remark.item for remark in found.errors}
+    bad = {number for remark in found.errors for number in (remark.item, *remark.others)}
     sent = found.mission.items
     for item, origin in zip(sent, found.origins, strict=True):
         on_wire = item

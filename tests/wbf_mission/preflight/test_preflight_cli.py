@@ -47,9 +47,53 @@ def codes(document):
 
 def test_a_good_file_is_told_in_a_table(file, capsys):
     out = run(capsys, "preflight", file).out
-    assert "rows.plan: quad, PX4; 0 errors, " in out
-    assert ", 1 note " in out
+    assert "rows.plan: quad, PX4; 0 errors, 0 warnings, 1 note " in out
     assert "predicted: " in out
+    assert "measured: left in the battery at the end " in out
+
+
+def test_the_table_has_what_json_has_at_any_width(tmp_path, capsys, monkeypatch):
+    path = tmp_path / "far.plan"
+    write_mission(fenced(good(at(60, 0), at(60, 40), at(0, 40)), box(20, -9, 40, 9, inside=False)), path)
+    words = ("preflight", str(path), "--camera-interval", "3", "-q")
+    (error, warning, note) = json.loads(run(capsys, *words, "--json", code=1).out)["findings"]
+    for columns in (80, 100, 160):
+        monkeypatch.setattr("wbf_mission.cli.output.FILE_WIDTH", columns)
+        out = run(capsys, *words, code=1).out
+        assert max(map(len, out.splitlines())) <= columns
+        cells = [[cell.strip() for cell in line[1:-1].split("│")] for line in out.splitlines() if "│" in line]
+        first, item, said = (" ".join(filter(None, column)) for column in zip(*cells, strict=True))
+        assert first == "error outside-fence warning camera-too-fast note flight"
+        assert item.startswith(f"{error['item']} NAV_WAYPOINT {warning['item']} DO_SET_CAM_TRIGG_DIST")
+        for one in (error, warning, note):
+            measured = f"{one['measured']} {one['value']:.3g} {one['unit']} ({one['against']}"
+            assert f"{one['text']} measured: {measured}" in said
+            assert one["fix"] is None or f"to do: {one['fix']}" in said
+
+
+def test_a_plan_that_cannot_be_flown_is_not_predicted_and_says_so(tmp_path, capsys):
+    path = tmp_path / "low.plan"
+    write_mission(good(at(60, 0), at(60, 40, -5.0)), path)
+    out = run(capsys, "preflight", str(path), "--json", "-q", code=1).out
+    assert "NaN" not in out
+    document = json.loads(out)
+    assert codes(document) >= {"altitude", "no-prediction"}
+    assert document["predicted_time_s"] is document["predicted_energy_wh"] is None
+    told = run(capsys, "preflight", str(path), "-q", code=1).out
+    assert "the flight is not predicted" in told
+
+
+def test_every_error_is_told_once(tmp_path, capsys):
+    """The last line has the worst; the others stand before it."""
+    path = tmp_path / "low.plan"
+    circle = at(20, 20, command=Command.NAV_LOITER_TURNS, param1=1.0, param3=10.0)
+    write_mission(good(at(60, 0), at(60, 40, -5.0), circle), path)
+    with stand_in("px4", speed=6.0) as (url, _):
+        err = run(capsys, "upload", str(path), "--connect", url, "-q", code=2).err
+        *others, last = err.splitlines()
+        assert last.startswith("error: ") and "(and 1 more error)" in last
+        assert [err.count(said) for said in ("altitude -5.0 m", "does not know this command")] == [1, 1]
+        assert [line.startswith("warning: preflight error: ") for line in others].count(True) == 1
 
 
 def test_one_document_with_every_finding(tmp_path, capsys):

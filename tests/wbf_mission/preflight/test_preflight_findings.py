@@ -1,6 +1,7 @@
 """Findings, reports, and the ways through a mission."""
 
 import json
+import re
 
 import pytest
 from hypothesis import given
@@ -17,7 +18,13 @@ from wbf_mission.preflight.finding import (
 from wbf_mission.preflight.flow import followers, never_ends, reachable
 
 ERROR = Finding(
-    Severity.ERROR, "a", "is wrong", "change it", item=3, command="NAV_LAND", measure=Measure(1, "m", 2)
+    Severity.ERROR,
+    "a",
+    "is wrong",
+    "change it",
+    item=3,
+    command="NAV_LAND",
+    measure=Measure.at_most("height", 3, 2, "m"),
 )
 NOTE = Finding(Severity.NOTE, "b", "is so")
 
@@ -33,7 +40,7 @@ def test_the_worst_comes_first_and_is_counted():
 def test_an_error_is_told_in_one_line_with_the_way_out():
     with pytest.raises(PreflightError) as caught:
         Report((NOTE, ERROR, ERROR)).require_no_errors("nothing was sent")
-    told = "mission item 3 (NAV_LAND): is wrong (1 m, limit 2 m); change it (and 1 more)"
+    told = "mission item 3 (NAV_LAND): is wrong; height 3 m (at most 2 m); change it (and 1 more error)"
     assert str(caught.value) == f"{told}; preflight check: nothing was sent, --force does it nevertheless"
     Report((NOTE,)).require_no_errors("nothing was sent")
 
@@ -41,8 +48,26 @@ def test_an_error_is_told_in_one_line_with_the_way_out():
 def test_a_finding_is_plain_values_for_json():
     values = json.loads(json.dumps(ERROR.summary()))
     assert values["item"] == 3
-    assert (values["value"], values["unit"], values["limit"]) == (1, "m", 2)
-    assert json.loads(json.dumps(NOTE.summary()))["fix"] is None
+    assert (values["measured"], values["value"], values["unit"]) == ("height", 3, "m")
+    assert (values["limit"], values["against"]) == (2, "at most")
+    nothing = json.loads(json.dumps(NOTE.summary()))
+    assert nothing.keys() == values.keys()
+    assert (nothing["fix"], nothing["value"], nothing["against"]) == (None, None, None)
+
+
+@given(
+    st.floats(-1e6, 1e6, allow_nan=False),
+    st.floats(-1e6, 1e6, allow_nan=False),
+    st.sampled_from((Measure.at_least, Measure.at_most, Measure.planned)),
+)
+def test_a_limit_that_is_broken_looks_broken(value, limit, made):
+    measure = made("height", value, limit, "m")
+    shown, beside = re.fullmatch(
+        r"height (\S+) m \((?:at least|at most|planned) (\S+) m\)", str(measure)
+    ).groups()
+    if measure.is_broken:
+        assert shown != beside
+    assert float(shown) == pytest.approx(value, rel=0.006, abs=0.5 if abs(value) >= 1000.0 else 0.0)
 
 
 @st.composite

@@ -39,8 +39,13 @@ def wing(*middle, end=PATTERN, airspeed=15.0):
     return Mission((*WING_START, order, *middle, *end), HOME)
 
 
+# Rows of 60 m, six metres apart.
+NARROW = tuple(at(200 + 60 * ((k + 1) // 2 % 2), 200 - 6 * (k // 2), 40.0) for k in range(12))
 WIDE = (at(0, 500, 40.0), at(500, 500, 40.0), at(500, 0, 40.0))
 LAST = (at(40, 0), at(40, 40))
+# Short legs that lie within one acceptance radius, and such that lie in a line.
+CURL = (at(40, 1.5), at(38.5, 1.5), at(38.5, 0.3), at(39.7, 0.3))
+LINE = (at(41, 0), at(42, 0), at(43, 0), at(44, 0))
 
 
 def jumps(target, times):
@@ -82,6 +87,7 @@ CASES = {
         7,
         WING,
     ),
+    "no-prediction": (good(at(40, 0, -5.0)), good(), "note", None, {}),
     "stops": (good(), good(), "error", 4, {"wind": (30.0, 0.0)}),
     "not-predicted": (good(*LAST, at(20, 20, command=94)), good(), "warning", 6, {}),
     "terrain-heights": (
@@ -162,18 +168,18 @@ CASES = {
     ),
     "too-high": (good(at(40, 0), at(40, 40, 130.0)), good(), "warning", 5, {}),
     "too-low": (good(at(40, 0), at(40, 40, 1.0)), good(), "warning", 5, {}),
-    "far-start": (good(at(1200, 0)), good(at(900, 0)), "warning", 4, {}),
+    "far-start": (good(at(1200, 0), at(1100, 0)), good(at(1200, 0), at(900, 0)), "warning", 5, {}),
     "zero-leg": (good(at(40, 0), at(40, 0)), good(at(40, 0), at(40, 1, param2=0.5)), "warning", 5, {}),
-    "short-leg": (good(at(40, 0), at(40, 1), at(41, 1)), good(at(40, 0), at(40, 1)), "warning", 5, {}),
+    "short-leg": (good(at(40, 0), *CURL), good(at(40, 0), *LINE), "warning", 7, {}),
     "long-leg": (good(at(10_500, 0)), good(at(900, 0)), "warning", 4, {}),
     "small-radius": (good(at(40, 0, param2=0.5)), good(at(40, 0, param2=0.0)), "warning", 4, {}),
     "too-fast": (good(speed(20.0), *LAST), good(speed(8.0), *LAST), "warning", 4, {}),
     "too-slow": (wing(*WIDE, airspeed=6.0), wing(*WIDE), "warning", 2, WING),
     "tight-turn": (
+        wing(*NARROW),
         wing(*WIDE, at(520, 0, 40.0), at(520, 20, 40.0)),
-        wing(*WIDE),
         "warning",
-        6,
+        13,
         WING,
     ),
     "steep-leg": (wing(*WIDE, at(500, -50, 120.0)), wing(*WIDE), "warning", 6, WING),
@@ -188,7 +194,7 @@ CASES = {
     "battery-close": (
         good(at(400, 0), at(0, 0), jumps(3, 8)),
         good(at(400, 0), at(0, 0), jumps(3, 1)),
-        "warning",
+        "note",
         None,
         {},
     ),
@@ -262,10 +268,29 @@ def test_a_vehicle_that_nobody_named_gives_no_errors_of_its_own():
 
 
 def test_findings_of_several_items_are_one_with_the_worst():
-    found = findings(good(at(40, 0), at(40, 1), at(41, 1), at(41, 1.5)))["short-leg"]
-    assert (found.item, found.count) == (7, 3)
-    assert found.measure.value == pytest.approx(0.5, abs=0.02)
-    assert found.where == "mission item 7 (NAV_WAYPOINT) and 2 more"
+    found = findings(good(at(40, 0), *CURL))["short-leg"]
+    assert (found.item, found.count) == (7, 4)
+    assert found.measure.value == pytest.approx(1.2, abs=0.02)
+    assert found.where == "mission item 7 (NAV_WAYPOINT) and 3 more"
+
+
+def test_what_a_fixed_wing_leaves_out_is_measured():
+    found = findings(wing(*NARROW), **WING)["tight-turn"]
+    assert found.measure.limit == 90.0
+    assert found.measure.value < 80.0
+    assert "at least 39 m apart" in found.fix
+    # Whoever knows no flight judges by the legs.
+    unflown = findings(wing(*NARROW, at(200, 0, -1.0)), **WING)["tight-turn"]
+    assert (unflown.measure.name, unflown.measure.value) == ("length of the leg", pytest.approx(6.0, abs=0.1))
+
+
+def test_a_flight_that_ends_early_is_not_told_as_one_that_lands():
+    found = findings(good(), wind=30.0)
+    assert "predicted until it ends there" in found["flight"].text
+    assert found["flight"].measure is None
+    waits = at(40, 0, command=Command.NAV_LOITER_TIME, param1=80_000.0)
+    endless = findings(good(waits, waits), vehicle="rover")
+    assert (endless["stops"].item, endless["stops"].text) == (5, "this item never ends")
 
 
 def test_an_item_that_is_not_predicted_leaves_the_others_to_be_checked():

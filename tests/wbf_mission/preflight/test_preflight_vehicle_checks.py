@@ -218,7 +218,7 @@ def test_a_vehicle_as_it_should_be_gives_notes_only(answers, options):
 
 def test_a_landing_that_the_vehicle_does_not_arm_with_is_told_once():
     report = checked(WING, snapshot=plane(RTL_AUTOLAND=0.0), **PLANE).report
-    assert [one.code for one in report.findings if "RTL_AUTOLAND" in one.text] == ["autopilot-refuses"]
+    assert [one.code for one in report.findings if "RTL_AUTOLAND" in one.text] == ["landing-rule"]
     assert not checked(WING, snapshot=plane(), **PLANE).report.has_errors
 
 

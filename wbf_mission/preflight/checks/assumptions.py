@@ -92,7 +92,7 @@ def check_motion_settings(subject: Subject) -> Iterator[Finding]:
                 "other-speed",
                 f"{name}: the plan is predicted with another speed",
                 f"set {name}, order the speed in the mission, or predict with --param",
-                Measure(value, "m/s", assumed),
+                Measure.planned(name, value, assumed, "m/s"),
             )
     fastest = _value(subject, Meaning.FASTEST)
     wanted = max((leg.speed_m_s for leg in legs), default=0.0)
@@ -102,7 +102,7 @@ def check_motion_settings(subject: Subject) -> Iterator[Finding]:
             "speed-limit",
             f"{fastest[0]} is lower than the speed of the plan: the flight takes longer than predicted",
             f"fly slower, or raise {fastest[0]}",
-            Measure(wanted, "m/s", fastest[1]),
+            Measure.at_most("speed of the plan", wanted, fastest[1], "m/s"),
         )
     radius = _value(subject, Meaning.ACCEPTANCE_RADIUS)
     lossy = "param2" in subject.profile.lossy.get(int(Command.NAV_WAYPOINT), frozenset())
@@ -116,7 +116,7 @@ def check_motion_settings(subject: Subject) -> Iterator[Finding]:
                 "other-radius",
                 f"{name}: the plan is predicted with another acceptance radius",
                 f"set {name}, or predict with --param",
-                Measure(value, "m", assumed),
+                Measure.planned(name, value, assumed, "m"),
             )
     yield from _return_height(subject)
 
@@ -132,7 +132,7 @@ def _return_height(subject: Subject) -> Iterator[Finding]:
             "high-return",
             f"{name}: the return climbs higher than most rules allow",
             f"lower {name}",
-            Measure(value, "m", _HIGHEST_M),
+            Measure.at_most("height above home", value, _HIGHEST_M, "m"),
         )
         return
     assumed = _assumed(subject, name, subject.vehicle.return_altitude_m)
@@ -141,7 +141,7 @@ def _return_height(subject: Subject) -> Iterator[Finding]:
             Severity.NOTE,
             "other-return",
             f"{name}: the plan is predicted with another height of the return",
-            measure=Measure(value, "m", assumed),
+            measure=Measure.planned(name, value, assumed, "m"),
         )
 
 
@@ -244,9 +244,15 @@ def check_fence_settings(subject: Subject) -> Iterator[Finding]:
         return
     types = _value(subject, Meaning.FENCE_TYPES)
     bits = _CEILING_BIT | _RADIUS_BIT if types is None else int(types[1])
-    for meaning, bit, reached, code in (
-        (Meaning.FENCE_CEILING, _CEILING_BIT, _highest_m(subject), "above-ceiling"),
-        (Meaning.FENCE_RADIUS, _RADIUS_BIT, _farthest_m(subject), "beyond-fence-radius"),
+    for meaning, bit, what, reached, code in (
+        (Meaning.FENCE_CEILING, _CEILING_BIT, "height above home", _highest_m(subject), "above-ceiling"),
+        (
+            Meaning.FENCE_RADIUS,
+            _RADIUS_BIT,
+            "distance from home",
+            _farthest_m(subject),
+            "beyond-fence-radius",
+        ),
     ):
         bound = _value(subject, meaning)
         if bound is not None and bits & bit and 0.0 < bound[1] < reached:
@@ -255,7 +261,7 @@ def check_fence_settings(subject: Subject) -> Iterator[Finding]:
                 code,
                 f"{bound[0]}: the plan leaves the fence of the vehicle",
                 f"change the plan, or raise {bound[0]}",
-                Measure(reached, "m", bound[1]),
+                Measure.at_most(what, reached, bound[1], "m"),
             )
 
 

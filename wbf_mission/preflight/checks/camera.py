@@ -43,7 +43,7 @@ def check_camera(subject: Subject) -> Iterator[Finding]:
             "the images follow each other faster than the camera takes them: some will be missing",
             "fly slower, or leave more distance between images",
             item=hit.item,
-            measure=Measure(hit.value, "s", subject.image_interval_s),
+            measure=Measure.at_least("time between images", hit.value, subject.image_interval_s, "s"),
             count=count,
         )
     if on is not None:

@@ -10,7 +10,7 @@ from wbf_mission.preflight.subject import Subject
 __all__ = ["check_battery"]
 
 _COMFORT = 0.1
-"""Less than this above the reserve deserves a look."""
+"""Less than this above the reserve deserves a look; who plans for the whole battery has nothing above it."""
 
 
 def check_battery(subject: Subject) -> Iterator[Finding]:
@@ -19,24 +19,26 @@ def check_battery(subject: Subject) -> Iterator[Finding]:
     if prediction is None:
         return
     minutes, seconds = divmod(round(prediction.duration_s), 60)
-    text = f"predicted: {prediction.path_length_m:.0f} m in {minutes} min {seconds} s"
-    if battery is None:
+    until = "predicted" if subject.stopped is None else "predicted until it ends there"
+    text = f"{until}: {prediction.path_length_m:.0f} m in {minutes} min {seconds} s"
+    if battery is None or subject.stopped is not None:
         yield Finding(Severity.NOTE, "flight", text)
         return
     left = 1.0 - prediction.energy_wh / battery.capacity_wh
     reserve = battery.reserve_fraction
     takes = f"{prediction.energy_wh:.1f} of {battery.capacity_wh:g} Wh"
-    measure = Measure(100.0 * left, "%", 100.0 * reserve)
+    measure = Measure.at_least("left in the battery at the end", 100.0 * left, 100.0 * reserve, "%")
     if left >= reserve + _COMFORT:
         yield Finding(Severity.NOTE, "flight", f"{text}, {takes}", measure=measure)
         return
     short = left < reserve
+    severity = Severity.NOTE
+    if short:
+        severity = Severity.WARNING if subject.assumed else Severity.ERROR
     yield Finding(
-        Severity.ERROR if short and not subject.assumed else Severity.WARNING,
+        severity,
         "battery" if short else "battery-close",
-        f"{text}, {takes}: less is left than the reserve"
-        if short
-        else f"{text}, {takes}: hardly more is left than the reserve",
+        f"{text}, {takes}: {'less' if short else 'hardly more'} is left than the reserve",
         "fly a shorter mission, or in parts" if short else "begin with a full battery",
         measure=measure,
     )

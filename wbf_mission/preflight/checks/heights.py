@@ -40,7 +40,7 @@ def check_heights(subject: Subject) -> Iterator[Finding]:
             "higher above home than most rules allow above the ground",
             "fly lower, or with a permission; mind where the ground falls",
             item=hit.item,
-            measure=Measure(hit.value, "m", _HIGHEST_M),
+            measure=Measure.at_most("height above home", hit.value, _HIGHEST_M, "m"),
             count=count,
         )
     low = [hit for hit in heights if 0.0 < hit.value < _LOWEST_M]
@@ -52,6 +52,6 @@ def check_heights(subject: Subject) -> Iterator[Finding]:
             "so low that a slope, a plant or the error of the barometer is in the way",
             "fly higher",
             item=hit.item,
-            measure=Measure(hit.value, "m", _LOWEST_M),
+            measure=Measure.at_least("height above home", hit.value, _LOWEST_M, "m"),
             count=count,
         )

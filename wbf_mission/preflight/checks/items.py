@@ -12,7 +12,7 @@ from mission.transfer.wire import command_name
 from sim_vehicle.execution.feasibility import ItemProblem
 from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS
 from wbf_mission.preflight.checks.legs import PLACED
-from wbf_mission.preflight.finding import Finding, Severity
+from wbf_mission.preflight.finding import Concern, Finding, Severity
 from wbf_mission.preflight.flow import never_ends, reachable
 from wbf_mission.preflight.subject import Subject
 
@@ -21,6 +21,7 @@ __all__ = [
     "check_ends",
     "check_flown",
     "check_frames",
+    "check_predicted",
     "check_problems",
     "check_unknown",
     "remarks_of",
@@ -62,6 +63,18 @@ def check_problems(subject: Subject) -> Iterator[Finding]:
             reason,
             fix,
             item=item,
+        )
+
+
+def check_predicted(subject: Subject) -> Iterator[Finding]:
+    """A plan whose flight could not be predicted: several checks know less then."""
+    if subject.prediction is None:
+        yield Finding(
+            Severity.NOTE,
+            "no-prediction",
+            "the flight is not predicted, because the vehicle cannot fly the plan: battery and time are not"
+            " known, and fence and obstacles are checked along straight legs",
+            "correct the errors, then check again",
         )
 
 
@@ -161,16 +174,19 @@ def check_dialect(subject: Subject) -> Iterator[Finding]:
     for remark in remarks_of(subject):
         yield Finding(
             remark.severity,
-            _REMARKS[remark.severity],
+            "landing-rule" if remark.parameter else _REMARKS[remark.severity],
             remark.text,
             remark.fix,
             plan=remark.plan.name.lower(),
             item=None if remark.item is None else remark.item + 1,
             command="" if remark.command is None else command_name(remark.command),
+            count=remark.count,
+            concern=Concern.PARAMETERS if remark.parameter else Concern.PLAN,
         )
 
 
 def remarks_of(subject: Subject) -> tuple[Remark, ...]:
     """Return what is to be said of the plan before it is sent to such an autopilot."""
     mission, profile = subject.mission, subject.profile
-    return render(mission, profile, subject.vehicle_type, parameters=subject.parameters).remarks
+    told, planned = subject.parameters, dict(subject.vehicle.parameters)
+    return render(mission, profile, subject.vehicle_type, parameters=told, planned=planned).remarks

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 
 from mission.model import Command
 from mission.transfer import PX4
@@ -20,6 +19,7 @@ PLACED = frozenset({16, 17, 18, 19, 22, 31, 82})
 """Commands that are flown to at a height of their own."""
 _FLOWN_TO = PLACED | {int(Command.NAV_LAND)}
 _PASSED = frozenset({int(Command.NAV_WAYPOINT), int(Command.NAV_SPLINE_WAYPOINT)})
+_FAR_FROM_HOME = PLACED - {int(Command.NAV_TAKEOFF)}
 _ZERO_M = 0.01
 _LONGEST_M = 10_000.0
 _FARTHEST_START_M = 1000.0
@@ -96,7 +96,7 @@ def _radius_m(subject: Subject, item: int) -> float:
 
 
 def check_lengths(subject: Subject) -> Iterator[Finding]:
-    """Legs of no length, shorter than the radius at which they are over, and longer than 10 km."""
+    """Legs of no length, and longer than 10 km."""
     legs = legs_of(subject)
     zero = [Hit(leg.item, 0.0) for leg in legs if leg.passed and _is_zero(leg, subject)]
     if (found := worst_of(zero, largest=True)) is not None:
@@ -106,19 +106,6 @@ def check_lengths(subject: Subject) -> Iterator[Finding]:
             "the same position as before",
             "remove one of the two",
         )
-    if not _ignores_radius(subject):
-        # One alone is the way from a row to the next: it is flown through, and nothing is left out.
-        short = [leg for pair in pairwise(legs) if all(map(_is_short, pair)) for leg in pair]
-        hits = [Hit(leg.item, leg.length_m) for leg in short]
-        if (found := worst_of(hits, largest=False)) is not None:
-            radius_m = next(leg.radius_m for leg in short if leg.item == found[0].item)
-            yield subject.worst(
-                found,
-                "short-leg",
-                "legs in a row are shorter than the acceptance radius: they count as flown at once",
-                "give a smaller radius, or leave waypoints out",
-                Measure(found[0].value, "m", radius_m),
-            )
     long = [Hit(leg.item, leg.length_m) for leg in legs if leg.length_m > _LONGEST_M]
     if (found := worst_of(long, largest=True)) is not None:
         yield subject.worst(
@@ -126,12 +113,8 @@ def check_lengths(subject: Subject) -> Iterator[Finding]:
             "long-leg",
             "a very long leg",
             "is the position right?",
-            Measure(found[0].value, "m", _LONGEST_M),
+            Measure.at_most("length of the leg", found[0].value, _LONGEST_M, "m"),
         )
-
-
-def _is_short(leg: Leg) -> bool:
-    return leg.passed and _ZERO_M < leg.length_m < leg.radius_m
 
 
 def check_radii(subject: Subject) -> Iterator[Finding]:
@@ -146,20 +129,26 @@ def check_radii(subject: Subject) -> Iterator[Finding]:
             "the acceptance radius counts in space, and the height estimate is wrong by half a metre: "
             "PX4 may wait at the waypoint",
             "give 2 m, or 0 for the autopilot's own",
-            Measure(found[0].value, "m", _SMALLEST_RADIUS_M),
+            Measure.at_least("acceptance radius", found[0].value, _SMALLEST_RADIUS_M, "m"),
         )
 
 
 def check_start_distance(subject: Subject) -> Iterator[Finding]:
-    """A mission that begins far from home."""
-    first = next((leg for leg in legs_of(subject) if leg.length_m > _ZERO_M), None)
-    if first is not None and first.length_m > _FARTHEST_START_M:
+    """A mission that lies far from home. On a large farm the first position alone may be far away."""
+    positions = zip(subject.items, subject.positions, strict=True)
+    away = [
+        Hit(k, math.hypot(x, y))
+        for k, (item, (x, y, _)) in enumerate(positions)
+        if item.command in _FAR_FROM_HOME
+    ]
+    if (found := worst_of(away, largest=False)) is not None and found[0].value > _FARTHEST_START_M:
+        nearest = found[0]
         yield subject.worst(
-            (Hit(first.item, first.length_m), 1),
+            (nearest, 1),
             "far-start",
-            "the first position is far from home",
+            "the whole mission is far from home: this is its nearest position",
             "is home right?",
-            Measure(first.length_m, "m", _FARTHEST_START_M),
+            Measure.at_most("distance from home", nearest.value, _FARTHEST_START_M, "m"),
         )
 
 
@@ -168,9 +157,3 @@ def _is_zero(leg: Leg, subject: Subject) -> bool:
     before = next((k for k in range(leg.item - 1, -1, -1) if subject.items[k].command in _FLOWN_TO), None)
     repeated = before is not None and subject.items[before].command in _PASSED
     return repeated and leg.length_m <= _ZERO_M and abs(leg.climb_m) <= _ZERO_M
-
-
-def _ignores_radius(subject: Subject) -> bool:
-    """ArduCopter flies its path to the end, whatever the radius."""
-    lossy = subject.profile.lossy.get(int(Command.NAV_WAYPOINT), frozenset())
-    return subject.vehicle.kind == "multirotor" and "param2" in lossy

@@ -101,7 +101,7 @@ def check_gps(subject: Subject) -> Iterator[Finding]:
             "no-fix",
             "no position from satellites",
             "wait under the open sky",
-            Measure(gps.fix, "fix type", _FIX_3D),
+            Measure.at_least("fix type", gps.fix, _FIX_3D),
             concern=Concern.READINESS,
         )
     elif gps.satellites is not None and gps.satellites < _FEW_SATELLITES:
@@ -110,7 +110,7 @@ def check_gps(subject: Subject) -> Iterator[Finding]:
             "few-satellites",
             "few satellites",
             "wait for more",
-            Measure(gps.satellites, "satellites", _FEW_SATELLITES),
+            Measure.at_least("satellites", gps.satellites, _FEW_SATELLITES),
             concern=Concern.READINESS,
         )
     elif gps.hdop is not None and gps.hdop > _POOR_HDOP:
@@ -119,7 +119,7 @@ def check_gps(subject: Subject) -> Iterator[Finding]:
             "poor-fix",
             "a poor dilution of precision",
             "wait for more satellites",
-            Measure(gps.hdop, "HDOP", _POOR_HDOP),
+            Measure.at_most("HDOP", gps.hdop, _POOR_HDOP),
             concern=Concern.READINESS,
         )
 
@@ -155,7 +155,9 @@ def check_battery_now(subject: Subject) -> Iterator[Finding]:
             "battery-now",
             f"the battery holds {snapshot.battery:.0%} now: less is left at the end than the reserve",
             "charge or change it",
-            Measure(100.0 * left, "%", 100.0 * battery.reserve_fraction),
+            Measure.at_least(
+                "left in the battery at the end", 100.0 * left, 100.0 * battery.reserve_fraction, "%"
+            ),
         )
 
 
@@ -175,7 +177,7 @@ def check_place(subject: Subject) -> Iterator[Finding]:
             "away-from-home",
             "the vehicle stands far from the home of the plan, and returns to where it starts",
             "carry it there, or plan from where it stands",
-            Measure(away_m, "m", FARTHEST_M if far else _FAR_M),
+            Measure.at_most("distance from home", away_m, FARTHEST_M if far else _FAR_M, "m"),
         )
     above_sea = any(
         item.command in PLACED and item.has_position and item.frame == Frame.GLOBAL for item in subject.items
@@ -187,7 +189,7 @@ def check_place(subject: Subject) -> Iterator[Finding]:
             "other-ground-height",
             "the ground here is at another height than the plan's, and heights count above the sea",
             "give heights above home, or correct the home of the plan",
-            Measure(higher_m, "m", _HEIGHT_M),
+            Measure.at_most("difference in height", abs(higher_m), _HEIGHT_M, "m"),
         )
 
 

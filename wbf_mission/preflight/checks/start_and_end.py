@@ -43,7 +43,7 @@ def check_takeoff(subject: Subject) -> Iterator[Finding]:
                 "takes off to a height at which it is still in its own wash",
                 "take off higher",
                 item=k,
-                measure=Measure(height_m, "m", _LOWEST_TAKEOFF_M),
+                measure=Measure.at_least("height", height_m, _LOWEST_TAKEOFF_M, "m"),
             )
 
 
@@ -73,7 +73,7 @@ def check_end(subject: Subject) -> Iterator[Finding]:
                 "lands far from home",
                 "is that meant? Otherwise end with NAV_RETURN_TO_LAUNCH",
                 item=k,
-                measure=Measure(math.hypot(x, y), "m", _FARTHEST_LANDING_M),
+                measure=Measure.at_most("distance from home", math.hypot(x, y), _FARTHEST_LANDING_M, "m"),
             )
 
 

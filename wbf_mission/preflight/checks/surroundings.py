@@ -18,6 +18,7 @@ from wbf_mission.preflight.subject import FlownTrack, Subject
 __all__ = ["check_fence", "check_obstacles"]
 
 _STEP_M, _MOST_STEPS = 1.0, 1000
+_INSIDE = "distance inside the fence"
 
 
 def check_fence(subject: Subject) -> Iterator[Finding]:
@@ -42,7 +43,7 @@ def check_fence(subject: Subject) -> Iterator[Finding]:
             "home is outside the fence: the vehicle would not arm",
             "move the fence or home",
             plan="fence",
-            measure=Measure(home_m, "m", 0.0),
+            measure=Measure.at_least(_INSIDE, home_m, 0.0, "m"),
         )
     for k, item in enumerate(subject.mission.rally):
         margin_m = fence.margin_m(*subject.frame.from_wgs84(item.x, item.y))
@@ -55,7 +56,7 @@ def check_fence(subject: Subject) -> Iterator[Finding]:
                 plan="rally",
                 item=k + 1,
                 command="NAV_RALLY_POINT",
-                measure=Measure(margin_m, "m", 0.0),
+                measure=Measure.at_least(_INSIDE, margin_m, 0.0, "m"),
             )
     yield from _path_findings(subject, fence)
 
@@ -84,7 +85,7 @@ def _path_findings(subject: Subject, fence: Fence) -> Iterator[Finding]:
             "the path to it leaves the fence, or enters what it shuts out",
             "move the waypoint or the fence",
             item=hit.item,
-            measure=Measure(hit.value, "m", 0.0),
+            measure=Measure.at_least(_INSIDE, hit.value, 0.0, "m"),
             count=count,
         )
     elif (found := worst_of(hits, largest=False)) is not None:
@@ -95,7 +96,7 @@ def _path_findings(subject: Subject, fence: Fence) -> Iterator[Finding]:
             "the path to it comes near the edge of the fence",
             "keep away from the edge, or give the margin that is meant",
             item=hit.item,
-            measure=Measure(hit.value, "m", subject.margin_m),
+            measure=Measure.at_least(_INSIDE, hit.value, subject.margin_m, "m"),
             count=count,
         )
 
@@ -124,7 +125,7 @@ def check_obstacles(subject: Subject) -> Iterator[Finding]:
         else "the path to it comes near an obstacle of the farm",
         "fly round it",
         item=hit.item,
-        measure=Measure(hit.value, "m", subject.margin_m),
+        measure=Measure.at_least("distance from the obstacle", hit.value, subject.margin_m, "m"),
         count=count,
     )
 

@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 from typing import Any
 
+from geo.texts import one_line
 from mission.errors import LinkError, LinkLostError
 from mission.link.address import LinkAddress
 
+_WHY = {
+    errno.ENOENT: "there is none of that name; check the name, and that it is plugged in",
+    errno.EACCES: "permission denied; add yourself to the group that it belongs to (dialout, uucp)",
+    errno.EBUSY: "another program uses it; end that",
+    errno.EAGAIN: "another program uses it; end that",
+    errno.ENOTTY: "it is no serial device; check the name",
+}
 _BACKLOG_BYTES = 1 << 16
 _READ_BYTES = 65536
 
@@ -46,8 +55,7 @@ class SerialLink:
                 address.host, address.port, timeout=0, write_timeout=0, exclusive=True
             )
         except (OSError, ValueError) as error:
-            reason = " ".join((getattr(error, "strerror", None) or str(error)).split()).lower()
-            msg = f"{self.name}: the device cannot be opened ({reason}); check its name"
+            msg = f"{self.name}: the device cannot be opened: {_reason(error)}"
             raise LinkError(msg) from error
 
     def send(self, data: bytes) -> None:
@@ -91,6 +99,20 @@ class SerialLink:
     def fileno(self) -> int | None:
         """Return the descriptor, None once closed."""
         return int(self._port.fileno()) if self._port.is_open else None
+
+
+def _reason(error: BaseException) -> str:
+    """Return why a device cannot be opened, and what to do; pyserial wraps what the system says in texts."""
+    told: BaseException | None = error
+    while told is not None:
+        number = getattr(told, "errno", None)
+        if number is None and told.args and isinstance(told.args[0], int):  # termios.error
+            number = told.args[0]
+        if number is not None:
+            why = _WHY.get(number) or f"{os.strerror(number).lower()}; check its name"
+            return one_line(why)
+        told = told.__context__
+    return one_line(f"{error}; check its name and its speed")
 
 
 __all__ = ["SerialLink"]

@@ -1,7 +1,10 @@
 """``wbf-mission monitor`` and ``wbf-mission command``, against our simulator over real sockets."""
 
 import json
+import signal
+from subprocess import PIPE
 
+import processes
 import pytest
 from stand_in import stand_in
 
@@ -106,15 +109,52 @@ def test_monitor_tells_lines_of_json(capsys):
     assert last["latitude_deg"] == pytest.approx(28.0, abs=1.0), "it was asked for its telemetry"
     assert last["link_quality"] == pytest.approx(1.0)
     assert last["silent_s"] < 1.0
+    assert last["gps_fix"] is not None
 
 
-def test_monitor_shows_a_table(capsys):
-    with stand_in(speed=FAST) as (url, _):
+@pytest.mark.parametrize(("autopilot", "seq"), [("px4", 2), ("ardupilot", 3)])
+def test_monitor_counts_items_from_1_and_tells_the_number_of_the_protocol(autopilot, seq, capsys):
+    rows = Scenario(farm="miniberry-10", planner="lawnmower", budget="60s", autopilot=autopilot)
+    mission = plan(rows).mission
+    with stand_in(autopilot, speed=FAST) as (url, _):
+        upload(mission, url)
+        command(capsys, url, "set-item", "3")
+        assert main(["monitor", url, "--json", "--duration", "3", "--interval", "0.5"]) == 0
+        last = json.loads(capsys.readouterr().out.splitlines()[-1])
+        assert (last["item"], last["seq"], last["items"]) == (3, seq, len(mission.items))
         assert main(["monitor", url, "--duration", "2"]) == 0
-    out = capsys.readouterr().out
-    assert "PX4" in out
-    assert "LOITER" in out
-    assert "100%" in out
+        assert f" 3 of {len(mission.items)} " in capsys.readouterr().out.splitlines()[-1]
+
+
+def test_monitor_shows_one_header_and_a_line_for_each_vehicle(capsys):
+    with stand_in(speed=FAST, count=2) as (url, _):
+        assert main(["monitor", url, "--duration", "3", "--interval", "0.5"]) == 0
+    header, *lines = capsys.readouterr().out.splitlines()
+    assert header.split() == [
+        *("time", "vehicle", "autopilot", "mode", "armed", "item", "height", "speed", "battery", "GPS"),
+        "link",
+    ]
+    assert len(lines) >= 6
+    for line in lines:
+        assert line[header.index("autopilot") :].startswith("PX4 ")
+        assert line[header.index("mode") :].startswith("LOITER ")
+        assert line[header.index("link") :].startswith("100%")
+        assert line.split()[2] in ("1", "2")
+    assert " ms" in lines[-1]
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)], ids=str)
+def test_ctrl_c_is_how_monitor_is_ended(number, code, tmp_path):
+    """At any moment, also while a line is printed; what was printed is whole."""
+    with stand_in(speed=FAST) as (url, _):
+        words = processes.command("monitor", url, "--json", "--interval", "0.05")
+        with processes.running(words, tmp_path, stdout=PIPE, stderr=PIPE) as process:
+            first = process.stdout.readline()
+            process.send_signal(number)
+            out, err = process.communicate(timeout=processes.LONG_S)
+    assert process.returncode == code
+    assert err == f"listening on {url}; Ctrl-C ends it\n"
+    assert all(json.loads(line)["system_id"] == 1 for line in (first, *out.splitlines()))
 
 
 def test_monitor_hears_nobody(capsys):

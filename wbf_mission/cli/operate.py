@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import sys
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from wbf_mission.cli import options
-from wbf_mission.cli.output import Output
+from geo.texts import printable
+from wbf_mission.cli import options, signals
+from wbf_mission.cli.output import Output, to_stdout
 from wbf_mission.exit_codes import ExitCode
 
 if TYPE_CHECKING:
@@ -31,7 +34,20 @@ wbf-mission command udpin:127.0.0.1:14550 takeoff 10
 
 wbf-mission command tcp:127.0.0.1:5760 mode LOITER
 """
-_HEADER = ["vehicle", "autopilot", "mode", "armed", "item", "height", "speed", "battery", "GPS", "link"]
+_COLUMNS = {
+    "time": 8,
+    "vehicle": 7,
+    "autopilot": 9,
+    "mode": 9,
+    "armed": 5,
+    "item": 10,
+    "height": 8,
+    "speed": 8,
+    "battery": 7,
+    "GPS": 13,
+    "link": 14,
+}
+"""Headings of the lines, and how wide their columns are."""
 
 
 def monitor_command(
@@ -67,24 +83,29 @@ def monitor_command(
     output = Output(as_json=json, quiet=quiet)
     watch = FleetWatch()
     told = _Told(output, watch, as_json=json)
-    with Server([watch], [url]) as server:
+    # Ctrl-C is how it is ended by hand, at any moment.
+    with contextlib.suppress(KeyboardInterrupt), Server([watch], [url]) as server:
         output.note(f"listening on {server.urls[0]}; Ctrl-C ends it")
         end_s = math.inf if duration is None else duration
         while server.now_s < end_s:
             if server.run(limit_s=min(interval, end_s - server.now_s)) is StopReason.STOPPED:
                 break
             told.report(server.now_s)
+    code = signals.exit_code(ExitCode.GOOD)
+    if code not in (ExitCode.GOOD, ExitCode.INTERRUPTED):
+        return code
     if not watch.vehicles:
         output.warn(f"{url}: nobody was heard")
     return ExitCode.GOOD if watch.vehicles else ExitCode.NO_VEHICLE
 
 
 class _Told:
-    """What was printed of a watched fleet so far."""
+    """What was printed of a watched fleet so far: one header, then a line for each vehicle and report."""
 
     def __init__(self, output: Output, watch: FleetWatch, *, as_json: bool) -> None:
         self._output, self._watch, self._as_json = output, watch, as_json
         self._texts: dict[int, int] = {}
+        self._headed = False
 
     def report(self, now_s: float) -> None:
         """Print what there is now, and the texts since the last time."""
@@ -92,44 +113,49 @@ class _Told:
             texts = vehicle.texts.texts
             for time_s, severity, text in texts[self._texts.get(number, 0) :]:
                 if self._as_json:
-                    _line({"time_s": time_s, "system_id": number, "severity": severity, "text": text})
+                    _json_line({"time_s": time_s, "system_id": number, "severity": severity, "text": text})
                 else:
                     self._output.note(f"vehicle {number}: {text}")
             self._texts[number] = len(texts)
-        values = [vehicle.summary(now_s) for vehicle in self._watch.vehicles.values()]
-        if self._as_json:
-            for one in values:
-                _line({"time_s": now_s, **one})
-        elif values:
-            self._output.table(
-                None, _HEADER, [_row(one) for one in values], title=f"{now_s:.0f} s", left=True
-            )
+        for vehicle in self._watch.vehicles.values():
+            one = vehicle.summary(now_s)
+            if self._as_json:
+                _json_line({"time_s": now_s, **one})
+                continue
+            if not self._headed:
+                self._headed = True
+                _line(_aligned(_COLUMNS))
+            _line(_aligned([f"{now_s:.1f} s", *_row(one, silent=vehicle.is_silent(now_s))]))
 
 
-def _line(values: dict[str, Any]) -> None:
+def _json_line(values: dict[str, Any]) -> None:
     """Print one line of JSON at once."""
     import msgspec
 
-    from wbf_mission.cli.output import to_stdout
+    _line(msgspec.json.encode(values).decode())
 
+
+def _line(text: str) -> None:
     with to_stdout():
-        sys.stdout.write(msgspec.json.encode(values).decode() + "\n")
+        sys.stdout.write(printable(text) + "\n")
 
 
-def _row(one: dict[str, Any]) -> list[str]:
-    """Return a vehicle's row of the table."""
+def _aligned(cells: Iterable[str]) -> str:
+    """Return cells as a line, each under its heading."""
+    return "  ".join(cell.ljust(width) for cell, width in zip(cells, _COLUMNS.values(), strict=True)).rstrip()
+
+
+def _row(one: dict[str, Any], *, silent: bool) -> list[str]:
+    """Return what a line tells of a vehicle, after the time."""
+    from wbf_mission.ground.link_state import milliseconds
 
     def text(value: Any, form: str) -> str:
         return "-" if value is None else form.format(value)
 
-    def text_after(trip_s: float | None) -> str:
-        return "" if trip_s is None else f", {trip_s:.2g} s"
-
-    silent = one["silent_s"] > 3.0
-    item = "-" if one["item"] is None else f"{one['item'] + 1}" + text(one["items"], " of {}")
-    link = text(one["link_quality"], "{:.0%}") + text_after(one["round_trip_s"])
-    if silent:
-        link = f"silent for {one['silent_s']:.0f} s"
+    item = text(one["item"], "{}") + ("" if one["item"] is None else text(one["items"], " of {}"))
+    link = text(one["link_quality"], "{:.0%}")
+    if one["round_trip_s"] is not None:
+        link += f", {milliseconds(one['round_trip_s'])}"
     return [
         str(one["system_id"]),
         one["autopilot"],
@@ -140,7 +166,7 @@ def _row(one: dict[str, Any]) -> list[str]:
         text(one["ground_speed_m_s"], "{:.1f} m/s"),
         text(one["battery"], "{:.0%}"),
         "-" if one["gps_fix"] is None else f"fix {one['gps_fix']}, {one['satellites']} sat",
-        link,
+        f"silent for {one['silent_s']:.0f} s" if silent else link,
     ]
 
 

@@ -10,7 +10,7 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer import RoundTrip
 
-__all__ = ["LinkReport", "LinkState"]
+__all__ = ["LinkReport", "LinkState", "milliseconds"]
 
 _WINDOW = 200
 _SEQUENCES = 256
@@ -122,4 +122,15 @@ class LinkState:
         """
         quality, trip_s = self.quality, self.round_trip.seconds
         heard = "-" if quality is None else f"{quality:.0%}"
-        return f"link {heard}" if trip_s is None else f"link {heard}, answers in {trip_s:.2g} s"
+        return f"link {heard}" if trip_s is None else f"link {heard}, answers in {milliseconds(trip_s)}"
+
+
+def milliseconds(seconds: float) -> str:
+    """Return a time between question and answer as people read it.
+
+    Examples
+    --------
+    >>> milliseconds(0.0002), milliseconds(0.0474), milliseconds(4.01)
+    ('<1 ms', '47 ms', '4010 ms')
+    """
+    return "<1 ms" if seconds < 0.0005 else f"{1000.0 * seconds:.0f} ms"

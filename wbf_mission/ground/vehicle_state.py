@@ -188,6 +188,12 @@ class VehicleMonitor:
         return current is not None and current.mission_mode == _SUSPENDED
 
     @property
+    def seq(self) -> int | None:
+        """The number of the item that is flown or comes next, as MISSION_CURRENT counts; None if not told."""
+        current = self._current
+        return None if current is None or current.seq == UNKNOWN_ITEM else current.seq
+
+    @property
     def home_altitude_m(self) -> float:
         """How high home is above the sea; 0 before the first position."""
         position = self._position

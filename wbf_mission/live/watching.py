@@ -62,7 +62,10 @@ class WatchedVehicle:
             self.gps_fix, self.satellites = message.fix_type, message.satellites_visible
 
     def summary(self, now_s: float) -> dict[str, Any]:
-        """Return plain values for JSON; what is not known is None."""
+        """Return plain values for JSON; what is not known is None.
+
+        ``item`` counts from 1, without home; ``seq`` is MISSION_CURRENT's own number.
+        """
         state = self.monitor.state
         located = state.heard_s > -math.inf
         return {
@@ -74,7 +77,8 @@ class WatchedVehicle:
             "longitude_deg": state.longitude_deg if located else None,
             "height_m": state.height_m if located else None,
             "ground_speed_m_s": state.ground_speed_m_s if located else None,
-            "item": state.item,
+            "item": None if state.item is None else state.item + 1,
+            "seq": self.monitor.seq,
             "items": state.total,
             "battery": state.battery,
             "gps_fix": self.gps_fix,
@@ -135,7 +139,10 @@ class FleetWatch:
             if not profile_for(vehicle.monitor.autopilot).streams_on_request:
                 continue
             quiet = now_s - vehicle.monitor.position_heard_s > _ASK_AGAIN_S
-            if quiet and now_s - self._asked_s.get(system_id, -math.inf) >= _ASK_AGAIN_S:
+            # Another ground station may have asked for positions alone.
+            if (quiet or vehicle.gps_fix is None) and now_s - self._asked_s.get(
+                system_id, -math.inf
+            ) >= _ASK_AGAIN_S:
                 self._asked_s[system_id] = now_s
                 out.append(
                     m.MAVLink_request_data_stream_message(

@@ -1,6 +1,7 @@
 """Serial lines over a pseudo terminal, and TCP connections that come back."""
 
 import builtins
+import contextlib
 import os
 import pty
 import socket
@@ -113,6 +114,26 @@ def test_an_absent_device_is_one_line():
     with pytest.raises(LinkError, match="cannot be opened") as error:
         open_link("serial:/dev/does-not-exist:57600")
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("device", "why"),
+    [
+        ("/dev/Does-Not-Exist", "there is none of that name; check the name, and that it is plugged in"),
+        ("/dev/null", "it is no serial device; check the name"),
+        ("/", "is a directory; check its name"),
+    ],
+)
+def test_why_a_device_cannot_be_opened(device, why):
+    with pytest.raises(LinkError) as error:
+        open_link(f"serial:{device}:57600")
+    assert str(error.value) == f"serial:{device}:57600: the device cannot be opened: {why}"
+
+
+def test_a_device_that_another_program_uses(line):
+    url = f"serial:{line[1]}:57600"
+    with contextlib.closing(open_link(url)), pytest.raises(LinkError, match="another program uses it"):
+        open_link(url)
 
 
 def test_without_pyserial_the_error_says_what_to_install(monkeypatch, line):

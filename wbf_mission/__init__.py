@@ -44,7 +44,8 @@ if TYPE_CHECKING:
     from sim_vehicle.faults.fault import Fault as Fault
     from sim_vehicle.host.simulation import Simulation as Simulation
     from sim_vehicle.mavlink import SimVehicle as SimVehicle
-    from wbf_mission.benchmarking import benchmark as benchmark
+    from wbf_mission.bench.benchmark import benchmark as benchmark
+    from wbf_mission.bench.spec import BenchSpec as BenchSpec
     from wbf_mission.flight import FlightError as FlightError
     from wbf_mission.flight import fly as fly
     from wbf_mission.ground.link import download as download
@@ -86,7 +87,8 @@ else:
             "sim_vehicle.faults.fault": ("Fault",),
             "sim_vehicle.host.simulation": ("Simulation",),
             "sim_vehicle.mavlink": ("SimVehicle",),
-            "wbf_mission.benchmarking": ("benchmark",),
+            "wbf_mission.bench.benchmark": ("benchmark",),
+            "wbf_mission.bench.spec": ("BenchSpec",),
             "wbf_mission.flight": ("FlightError", "fly"),
             "wbf_mission.ground.link": ("download", "upload"),
             "mission.outcome": ("Outcome",),

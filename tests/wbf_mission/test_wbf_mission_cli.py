@@ -59,8 +59,9 @@ def spawn(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
         (["sim", "--listen", "carrier-pigeon:1"], "carrier-pigeon"),
         (["upload", "absent.plan"], "absent.plan"),
         (["download", "--out", "x.doc"], "x.doc"),
-        (["benchmark", "--planners", "teleport"], "teleport"),
-        (["benchmark", "--seeds", "0"], "seeds"),
+        (["bench", "run", "--out", "absent/results", "--planners", "teleport"], "teleport"),
+        (["bench", "run", "--out", "absent/results", "--seeds", "0"], "seeds"),
+        (["bench", "report", "absent"], "absent"),
         (["plan", "--wind", "20,0"], "wind of 20"),
         (["fly", "--mission", "absent.plan", "--budget", "5min"], "--budget"),
         (["fly", "--mission", "absent.plan", "--planner", "spiral"], "--planner"),
@@ -194,26 +195,9 @@ def test_farm_list_show_draw_save(capsys: pytest.CaptureFixture[str], tmp_path: 
     assert run(capsys, "plan", "--farm", str(copy), "--budget", "200m")[0] == 0
 
 
-def test_benchmark_prints_a_table_and_json(capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = [
-        "benchmark",
-        "--farm",
-        "miniberry-10",
-        "--planners",
-        "lawnmower,spiral",
-        "--estimators",
-        "point",
-    ]
-    code, text, _ = run(capsys, *arguments, "--seeds", "2", "--json")
-    assert code == 0
-    rows = json.loads(text)
-    assert [(row["planner"], row["seeds"]) for row in rows] == [("lawnmower", 2), ("spiral", 2)]
-    assert run(capsys, *arguments, "--seeds", "1")[0] == 0
-
-
 def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
-    for command in ("plan", "fly", "sim", "upload", "download", "benchmark"):
-        code, text, _ = run(capsys, command, "--help")
+    for command in (["plan"], ["fly"], ["sim"], ["upload"], ["download"], ["bench", "run"]):
+        code, text, _ = run(capsys, *command, "--help")
         assert code == 0
         assert "Example" in text
     code, text, _ = run(capsys, "--version")

@@ -73,8 +73,11 @@ def refused(capsys, folder, *arguments):
         ["upload"],
         ["download", "--out"],
         ["check"],
-        ["benchmark", "--seeds"],
-        ["benchmark", "--planners"],
+        ["bench", "run", "--out", "x", "--seeds"],
+        ["bench", "run", "--out", "x", "--planners"],
+        ["bench", "run", "--out", "x", "--scenarios"],
+        ["bench", "run", "--out", "x"],
+        ["bench", "report"],
     ],
     ids=" ".join,
 )

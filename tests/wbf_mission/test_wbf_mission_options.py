@@ -10,7 +10,7 @@ from wbf_mission.scenario import Scenario, ScenarioError, WeatherOptions
 from wbf_mission.scenario.option import Part
 from wbf_mission.scenario.scenario import PARTS, all_options
 
-COMMANDS = ("plan", "fly", "sim", "benchmark")
+COMMANDS = ("plan", "fly", "sim")
 
 
 def flags_of(part: type[Part]) -> set[str]:
@@ -38,7 +38,7 @@ def test_help_shows_defaults_and_dependence(capsys: pytest.CaptureFixture[str], 
     text = helped(capsys, command)
     assert "(only with --wind)" in text
     assert "[default: miniberry-30]" in text
-    assert f"[default: {'ideal' if command == 'benchmark' else 'quad'}]" in text
+    assert "[default: quad]" in text
     assert "0.05 to 1000 m" in text or command == "sim"
     assert ("(not with --mission)" in text) == (command == "fly")
 
@@ -103,9 +103,9 @@ def test_a_command_must_not_have_an_option_twice() -> None:
         (["plan", "--wind", "1_0,270"], "--wind '1_0,270' is not SPEED,FROM"),
         (["plan", "--wind", "5,270", "--wind-shear", "log,0_1"], "--wind-shear 'log,0_1'"),
         (["plan", "--param", "NAV_ACC_RAD=1_0"], "--param 'NAV_ACC_RAD=1_0'"),
-        (["benchmark", "--seeds", "1_0"], "'--seeds': '1_0' is not a whole number"),
-        (["benchmark", "--seeds", "0"], "0 is out of range: give 1 to 100000"),
-        (["benchmark", "--jobs", "-2"], "-2 is out of range: give -1 to 1024"),
+        (["bench", "run", "--out", "x", "--seeds", "1_0"], "'--seeds': '1_0' is not a whole number"),
+        (["bench", "run", "--out", "x", "--seeds", "0"], "0 is out of range: give 1 to 10000000"),
+        (["bench", "run", "--out", "x", "--jobs", "-2"], "-2 is out of range: give -1 to 1024"),
         (["farm", "generate", "miniberry-10", "--count", "1_0"], "'--count': '1_0' is not a whole number"),
         (["farm", "generate", "miniberry-10", "--days", "127"], "127 is out of range: give 0 to 126"),
     ],

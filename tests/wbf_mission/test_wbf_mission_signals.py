@@ -1,10 +1,7 @@
 """Ctrl-C, SIGTERM and SIGHUP, sent to real processes."""
 
-import contextlib
 import json
 import os
-import pty
-import select
 import signal
 import socket
 import subprocess
@@ -125,50 +122,6 @@ def test_a_simulator_that_cannot_start_leaves_the_ready_file_of_another(tmp_path
         end(process)
     assert process.returncode == 2
     assert (tmp_path / "ready").read_text() == "mine\n"
-
-
-@pytest.mark.parametrize("jobs", [1, 2])
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)], ids=str)
-def test_a_benchmark_keeps_what_is_finished(tmp_path, jobs, number, code):
-    arguments = ["--farm", "miniberry-10", "--planners", "lawnmower", "--estimators", "point", "--json"]
-    terminal, stderr = pty.openpty()
-    process = subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "wbf_mission",
-            "benchmark",
-            *arguments,
-            "--seeds",
-            "5000",
-            "--jobs",
-            str(jobs),
-        ],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=stderr,
-        text=True,
-        start_new_session=True,
-        env={**os.environ, "COLUMNS": "200", "TERM": "xterm"},
-    )
-    os.close(stderr)
-    shown = b""
-    while b"flying" not in shown:  # the bar appears when the first run is done
-        assert select.select([terminal], [], [], LONG_S)[0]
-        shown += os.read(terminal, 65536)
-    os.killpg(process.pid, number)  # a terminal sends it to the workers as well
-    with contextlib.suppress(OSError):  # a terminal whose last user has gone
-        while piece := os.read(terminal, 65536):
-            shown += piece
-    os.close(terminal)
-    out, _ = process.communicate(timeout=LONG_S)
-    assert process.returncode == code
-    (row,) = json.loads(out)
-    assert 1 <= row["seeds"] < 5000
-    assert len(row["scores"]) == row["seeds"]
-    assert f"interrupted after {row['seeds']} of 5000 runs" in shown.decode()
-    assert b"error: interrupted" in shown
-    assert b"Traceback" not in shown
 
 
 def test_a_flight_says_what_it_still_does_and_ends_at_the_second_ctrl_c(tmp_path):

@@ -48,7 +48,9 @@ COMMANDS = (
         (name,)
         for name in ("plan", "fly", "sim", "check", "preflight", "upload", "download", "monitor", "command")
     ),
-    *((name,) for name in ("benchmark", "warm-up")),
+    ("warm-up",),
+    ("bench",),
+    *(("bench", name) for name in ("list", "run", "report")),
     ("farm",),
     *(("farm", name) for name in ("list", "show", "draw", "save", "generate")),
     ("vehicle",),

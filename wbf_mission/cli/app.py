@@ -15,7 +15,7 @@ import typer
 from geo.errors import WbfMissionError
 from geo.texts import printable
 from wbf_mission.cli import (
-    benchmark,
+    bench,
     check,
     farm,
     fly,
@@ -65,7 +65,7 @@ app.command(
 app.add_typer(farm.app, name="farm")
 app.add_typer(vehicle.app, name="vehicle")
 app.command("warm-up", cls=HelpCommand, epilog=warm_up.EXAMPLES)(warm_up.warm_up_command)
-app.command("benchmark", cls=HelpCommand, epilog=benchmark.EXAMPLES)(benchmark.benchmark_command)
+app.add_typer(bench.app, name="bench")
 
 
 def _print_version(wanted: bool) -> None:

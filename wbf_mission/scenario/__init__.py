@@ -1,5 +1,6 @@
 """Scenarios: everything that decides a run, in parts, and the files that hold them. Imports nothing heavy."""
 
+from wbf_mission.scenario.catalogue import about_scenario, scenario_ids
 from wbf_mission.scenario.choice import Choice
 from wbf_mission.scenario.files import (
     load_broken_scenario,
@@ -31,10 +32,12 @@ __all__ = [
     "ScoreOptions",
     "VehicleOptions",
     "WeatherOptions",
+    "about_scenario",
     "load_broken_scenario",
     "load_scenario",
     "read_table",
     "scenario_from_table",
+    "scenario_ids",
     "scenario_with",
     "take_faults",
 ]

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from geo.reading import UnreadableError, read_toml
+from wbf_mission.scenario.catalogue import scenario_file
 from wbf_mission.scenario.option import ScenarioError
 from wbf_mission.scenario.scenario import Scenario
 
@@ -16,8 +17,9 @@ _FILES = ("farm", "mission", "vehicle")
 
 
 def load_scenario(path: str | Path) -> Scenario:
-    """Read a scenario from a TOML file whose keys are the options of `Scenario`.
+    """Read a scenario from a TOML file whose keys are the options of `Scenario`, or by an id.
 
+    The ids are `wbf_mission.scenario.scenario_ids`.
     A farm, mission or vehicle that names an existing file beside the scenario is taken from there.
 
     Raises
@@ -54,9 +56,15 @@ def take_faults(table: dict[str, Any], path: Path) -> tuple[Fault, ...]:
 
 
 def read_table(path: str | Path) -> dict[str, Any]:
-    """Read a TOML file as it is; ScenarioError if it cannot be read, is too large or is not TOML."""
+    """Read a TOML file, or that of an id, as it is.
+
+    Raises
+    ------
+    ScenarioError
+        If it cannot be read, is too large or is not TOML, or there is no such id.
+    """
     try:
-        return read_toml(Path(path))
+        return read_toml(scenario_file(path))
     except UnreadableError as error:
         msg = f"{path}: cannot be read as a scenario: {error}; give a TOML file"
         raise ScenarioError(msg) from error

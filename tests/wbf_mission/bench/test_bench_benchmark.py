@@ -1,0 +1,214 @@
+"""Many runs: kept, gone on with, the same by any number of processes."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import msgspec
+import pytest
+
+from mission.planners import planner_names
+from sensors.estimators.point import PointEstimator
+from wbf_mission import benchmark
+from wbf_mission.bench import engine
+from wbf_mission.bench.benchmark import BenchmarkInterrupted
+from wbf_mission.bench.engine import fly_all
+from wbf_mission.bench.row import fly_run
+from wbf_mission.bench.spec import BenchSpec
+from wbf_mission.bench.store import read_rows
+from wbf_mission.cli.app import main
+
+TEN = ["WBF/Miniberry-10-v1"]
+COSTS = ("wall_time_s", "cpu_time_s", "timings_s")
+
+
+def decided(rows):
+    """What the runs alone decide."""
+    values = [msgspec.structs.asdict(one) for one in rows]
+    return sorted(
+        ({key: value for key, value in one.items() if key not in COSTS} for one in values),
+        key=lambda one: one["key"],
+    )
+
+
+@pytest.fixture(scope="module")
+def spec():
+    return BenchSpec.of(
+        scenarios=TEN, planners=["spiral", "lawnmower"], estimators=["point", "adaptive-disk"], seeds=2
+    )
+
+
+@pytest.fixture(scope="module")
+def rows(spec):
+    return benchmark(spec)
+
+
+def test_a_row_has_what_the_run_gave(rows):
+    assert len(rows) == 8
+    one = rows[0]
+    assert (one.error, one.outcome) == (None, "completed")
+    assert set(one.losses) == set(one.history) == {"tylcv", "ccr", "soil"}
+    assert one.score == pytest.approx(sum(one.scores) / len(one.scores))
+    assert one.final_score == one.scores[-1]
+    assert len(one.times_s) == len(one.scores) == len(one.history["soil"])
+    assert one.losses["soil"] == one.history["soil"][-1]
+    assert (one.observations, one.decisions) == (33, 1)
+    assert one.cpu_time_s > 0.0
+    assert set(one.versions) == {"wbf-mission", "python", "numpy"}
+
+
+def test_the_environment_of_a_seed_is_shared(rows):
+    at = {(one.planner, one.estimator, one.seed): one for one in rows}
+    # Before anything is known of the other cells all estimators stand alike on one seed, not on another.
+    first = {seed: at["spiral", "point", seed].scores[0] for seed in (0, 1)}
+    assert first[0] != first[1]
+    assert at["lawnmower", "point", 0].scores[0] == pytest.approx(first[0], rel=0.2)
+
+
+def test_processes_change_nothing(spec, rows):
+    assert decided(fly_all(list(spec.runs()), jobs=2)) == decided(rows)
+
+
+def test_what_is_kept_is_not_flown_again(spec, rows, tmp_path, monkeypatch):
+    part = BenchSpec.of(scenarios=TEN, planners=["spiral"], estimators=["point"], seeds=2)
+    assert decided(benchmark(part, out=tmp_path)) == decided(
+        [one for one in rows if (one.planner, one.estimator) == ("spiral", "point")]
+    )
+    flown = []
+
+    def counted(run):
+        flown.append(run.key)
+        return fly_run(run)
+
+    monkeypatch.setattr(engine, "fly_run", counted)
+    told = []
+    found = benchmark(spec, out=tmp_path, progress=lambda what, done, total: told.append((what, done, total)))
+    assert decided(found) == decided(rows)
+    assert (len(flown), told[-1]) == (6, ("flying", 8, 8))
+    assert benchmark(spec, out=tmp_path) == found
+    assert len(flown) == 6
+
+
+def test_a_run_that_fails_is_kept_with_the_cause_and_the_others_go_on(tmp_path, monkeypatch):
+    class Broken(PointEstimator):
+        def _estimate(self):
+            return 1 / 0
+
+    mixed = BenchSpec.of(scenarios=TEN, planners=["spiral"], estimators=["point", Broken()], seeds=2)
+    found = benchmark(mixed, out=tmp_path)
+    errors = {one.estimator: one.error for one in found}
+    assert errors["point"] is None
+    assert "division by zero" in errors["Broken"]
+    flown = []
+    monkeypatch.setattr(engine, "fly_run", lambda run: flown.append(run.estimator) or fly_run(run))
+    benchmark(mixed, out=tmp_path)
+    assert flown == []
+    benchmark(mixed, out=tmp_path, retry=True)
+    assert flown == ["Broken", "Broken"]
+
+
+def _fly_or_die(run):
+    if run.seed == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return fly_run(run)
+
+
+def test_a_process_that_is_killed_costs_its_own_run(monkeypatch):
+    monkeypatch.setattr(engine, "fly_run", _fly_or_die)
+    one = BenchSpec.of(scenarios=TEN, planners=["spiral"], estimators=["point"], seeds=4)
+    found = {row.seed: row for row in fly_all(list(one.runs()), jobs=2)}
+    assert {seed: row.error is None for seed, row in found.items()} == {0: True, 1: False, 2: True, 3: True}
+    assert "was killed" in found[1].error
+
+
+def test_ctrl_c_gives_what_is_done(spec, tmp_path, monkeypatch):
+    count = []
+
+    def flown(run):
+        count.append(run)
+        if len(count) == 4:
+            raise KeyboardInterrupt
+        return fly_run(run)
+
+    monkeypatch.setattr(engine, "fly_run", flown)
+    with pytest.raises(BenchmarkInterrupted) as stop:
+        benchmark(spec, out=tmp_path)
+    assert (len(stop.value.rows), stop.value.total) == (3, 8)
+    assert len(read_rows(tmp_path)) == 3
+
+
+def started(folder, *more):
+    arguments = ["bench", "run", "--scenarios", TEN[0], "--planners", "lawnmower", "--estimators", "point"]
+    arguments += ["--seeds", "3000", "--out", str(folder), "--json", *more]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "wbf_mission", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env={**os.environ, "COLUMNS": "200"},
+    )
+    while process.poll() is None and not (
+        (folder / "journal.jsonl").exists() and (folder / "journal.jsonl").read_bytes().count(b"\n") >= 2
+    ):
+        time.sleep(0.05)
+    assert process.poll() is None, process.communicate()
+    return process
+
+
+@pytest.mark.parametrize("jobs", ["1", "2"])
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)], ids=str)
+def test_a_signal_keeps_what_is_finished(tmp_path, jobs, number, code):
+    process = started(tmp_path / "b", "--jobs", jobs)
+    os.killpg(process.pid, number)  # a terminal sends it to the workers as well
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == code
+    (row,) = json.loads(out)["standings"]
+    assert 2 <= row["runs"] < 3000
+    assert len(read_rows(tmp_path / "b")) == row["runs"]
+    assert f"interrupted after {row['runs']} of 3000 runs; the same command goes on with them" in err
+    assert "Traceback" not in err
+
+
+def test_kill_keeps_what_is_finished(tmp_path, capsys):
+    process = started(tmp_path / "b")
+    os.killpg(process.pid, signal.SIGKILL)
+    process.communicate(timeout=120)
+    before = len(read_rows(tmp_path / "b"))
+    assert 2 <= before < 3000
+    arguments = ["bench", "run", "--scenarios", TEN[0], "--planners", "lawnmower", "--estimators", "point"]
+    assert main([*arguments, "--seeds", str(before + 1), "--out", str(tmp_path / "b"), "--json"]) == 0
+    (row,) = json.loads(capsys.readouterr().out)["standings"]
+    assert row["runs"] == before + 1
+
+
+def test_the_commands_print_tables(spec, rows, tmp_path, capsys):
+    benchmark(BenchSpec.of(scenarios=TEN, planners=["spiral"], estimators=["point"], seeds=2), out=tmp_path)
+    capsys.readouterr()
+    assert main(["bench", "report", str(tmp_path)]) == 0
+    text = capsys.readouterr().out
+    assert TEN[0] in text
+    assert "spiral" in text
+    assert main(["bench", "list"]) == 0
+    assert "Fifteen days" in capsys.readouterr().out
+    assert main(["bench", "report", str(tmp_path / "no")]) == 2
+    assert "holds no results of a benchmark" in capsys.readouterr().err
+    assert main(["bench", "run", "--out", str(tmp_path / "x"), "--jobs", "0"]) == 2
+    assert "--jobs 0 runs nothing" in capsys.readouterr().err
+    assert not (tmp_path / "x").exists()
+
+
+def test_a_benchmark_with_failures_says_so(tmp_path, capsys):
+    (tmp_path / "short.toml").write_text('farm = "miniberry-10"\nvehicle = "quad"\nbudget = "3s"\n')
+    arguments = ["--scenarios", str(tmp_path / "short.toml"), "--planners", planner_names()[0]]
+    code = main(
+        ["bench", "run", *arguments, "--estimators", "point", "--seeds", "7", "--out", str(tmp_path / "b")]
+    )
+    told = capsys.readouterr()
+    assert code == 1
+    assert told.err.count("warning: ") == 6
+    assert "2 more runs failed" in told.err
+    assert "7 failed" in told.out

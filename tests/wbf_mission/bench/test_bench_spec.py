@@ -1,0 +1,93 @@
+"""What a benchmark is to run."""
+
+import pytest
+
+from wbf_mission.bench.spec import BenchSpec
+from wbf_mission.scenario import ScenarioError
+
+TEN = ["WBF/Miniberry-10-v1"]
+
+
+def test_the_default_is_the_papers_experiment():
+    spec = BenchSpec.of()
+    assert len(spec) == 80
+    runs = list(spec.runs())
+    assert {one.scenario_id for one in runs} == {"WBF/Miniberry-30-v1"}
+    assert {one.scenario.mission.budget for one in runs} == {"500steps"}
+    assert {one.seed for one in runs} == set(range(10))
+    assert len({one.key for one in runs}) == 80
+
+
+def test_keys_are_of_the_run_alone():
+    def keys(**given):
+        return {(r.planner, r.estimator, r.seed): r.key for r in BenchSpec.of(**given).runs()}
+
+    small = keys(scenarios=TEN, planners=["spiral"], estimators=["gp"], seeds=[3])
+    large = keys(scenarios=TEN, planners=["greedy", "spiral"], estimators=["point", "gp"], seeds=5)
+    assert large["spiral", "gp", 3] == small["spiral", "gp", 3]
+    other = keys(scenarios=TEN, planners=["spiral:max_spacing_m=2"], estimators=["gp"], seeds=[3])
+    assert not set(other.values()) & set(small.values())
+
+
+def test_a_policy_is_asked_in_flight_and_a_planner_before():
+    planner, policy = BenchSpec.of(
+        scenarios=TEN, planners=["spiral", "greedy"], estimators=["gp"], seeds=1
+    ).runs()
+    assert (planner.scenario.mission.planner.name, planner.scenario.mission.policy) == ("spiral", None)
+    assert policy.scenario.mission.policy.name == "greedy"
+
+
+def test_runs_of_one_environment_follow_one_another():
+    seeds = [one.seed for one in BenchSpec.of(scenarios=TEN, seeds=[5, 2]).runs()]
+    assert seeds == [5] * 8 + [2] * 8
+
+
+def test_a_file_may_name_scenarios_beside_it(tmp_path):
+    (tmp_path / "mine.toml").write_text('farm = "miniberry-10"\nvehicle = "ideal"\nbudget = "20steps"\n')
+    (tmp_path / "spec.toml").write_text(
+        'scenarios = ["mine.toml"]\nplanners = [{name = "spiral", max_spacing_m = 3}]\n'
+        'estimators = ["point"]\nseeds = 2\n'
+    )
+    runs = list(BenchSpec.read(tmp_path / "spec.toml").runs())
+    assert [(one.scenario_id, one.planner, one.seed) for one in runs] == [
+        ("mine.toml", "spiral:max_spacing_m=3", 0),
+        ("mine.toml", "spiral:max_spacing_m=3", 1),
+    ]
+    assert len(BenchSpec.read(tmp_path / "spec.toml", {"seeds": 7, "planners": None})) == 7
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("seeds = 0", "seeds 0 are neither how many"),
+        ("seeds = [1, 1]", "seeds: one is given twice"),
+        ("seeds = [-1]", "neither how many"),
+        ("seeds = true", "neither how many"),
+        ("seeds = 20_000_000", "neither how many"),
+        ("planners = []", "planners [] are no list with something in it"),
+        ('planners = "spiral"', "planners 'spiral' are no list"),
+        ('planners = ["spirall"]', "unknown planner or policy 'spirall'; is 'spiral' meant?"),
+        ('planners = ["spiral", "spiral"]', "planners: spiral is given twice"),
+        ('planners = ["spiral:speed=3"]', "speed"),
+        ('planners = ["greedy:nix=3"]', "nix"),
+        ('estimators = ["gpp"]', "gpp"),
+        ("estimators = [3]", "estimator 3"),
+        ("scenarios = [3]", "3 is neither an id nor a file"),
+        ('scenarios = ["nix.toml"]', "nix.toml: cannot be read"),
+        ('scenarios = ["WBF/Nix-v1"]', "unknown scenario WBF/Nix-v1"),
+        ("nix = 1", "unknown key 'nix'"),
+        ("seeds = ", "cannot be read as a scenario"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path, text, words):
+    (tmp_path / "spec.toml").write_text(text + "\n")
+    with pytest.raises(Exception, match=r".") as caught:
+        BenchSpec.read(tmp_path / "spec.toml")
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_wrong_is_named(tmp_path):
+    (tmp_path / "spec.toml").write_text("nix = 1\n")
+    with pytest.raises(ScenarioError, match=r"spec.toml: unknown key"):
+        BenchSpec.read(tmp_path / "spec.toml")

@@ -1,0 +1,119 @@
+"""Rows that are kept."""
+
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wbf_mission.bench.row import BenchRow
+from wbf_mission.bench.store import TABLE, BenchStore, read_rows
+from wbf_mission.tables import ResultError
+
+NAMES = st.text(st.characters(exclude_categories=("Cs",)), max_size=10)
+NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+LISTS = st.lists(NUMBERS, max_size=4)
+ROWS = st.builds(
+    BenchRow,
+    key=st.text("0123456789abcdef", min_size=4, max_size=4),
+    scenario=NAMES,
+    planner=NAMES,
+    estimator=NAMES,
+    seed=st.integers(0, 2**64 - 1),
+    outcome=st.none() | NAMES,
+    error=st.none() | NAMES,
+    score=st.none() | NUMBERS,
+    losses=st.dictionaries(st.sampled_from(["tylcv", "ccr", "soil"]), NUMBERS),
+    observations=st.none() | st.integers(0, 2**40),
+    wall_time_s=NUMBERS,
+    timings_s=st.dictionaries(st.sampled_from(["plan", "flight"]), NUMBERS),
+    times_s=LISTS,
+    scores=LISTS,
+    history=st.dictionaries(st.sampled_from(["tylcv", "ccr"]), LISTS),
+    versions=st.dictionaries(st.sampled_from(["python", "numpy"]), NAMES),
+)
+
+
+def row(number=0, **given):
+    return BenchRow(key=f"{number:04x}", scenario="s", planner="p", estimator="e", seed=number, **given)
+
+
+def by_key(rows):
+    return {one.key: one for one in rows}
+
+
+@given(rows=st.lists(ROWS, max_size=5))
+def test_rows_come_back_equal_from_journal_and_table(tmp_path_factory, rows):
+    folder = tmp_path_factory.mktemp("bench")
+    with BenchStore(folder) as store:
+        for one in rows:
+            store.add(one)
+        assert by_key(read_rows(folder)) == by_key(rows)
+    assert by_key(read_rows(folder)) == by_key(rows)
+    with BenchStore(folder) as store:
+        assert store.done == {key: one.error is None for key, one in by_key(rows).items()}
+
+
+def test_a_row_that_was_half_written_is_flown_again(tmp_path):
+    store = BenchStore(tmp_path)
+    store.add(row(1, score=-1.0))
+    store.add(row(2))
+    store._lock.close()  # as if the process were killed
+    whole = (tmp_path / "journal.jsonl").read_bytes()
+    (tmp_path / "journal.jsonl").write_bytes(whole[:-5])
+    assert [one.seed for one in read_rows(tmp_path)] == [1]
+    with BenchStore(tmp_path) as again:
+        assert set(again.done) == {"0001"}
+        again.add(row(2))
+    assert [one.seed for one in read_rows(tmp_path)] == [1, 2]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".lock", TABLE]
+
+
+def test_the_later_row_of_a_run_counts(tmp_path):
+    with BenchStore(tmp_path) as store:
+        store.add(row(1, error="no"))
+    with BenchStore(tmp_path) as store:
+        store.add(row(1, score=-2.0))
+        assert store.done == {"0001": True}
+    (found,) = read_rows(tmp_path)
+    assert (found.error, found.score) == (None, -2.0)
+
+
+def test_only_one_process_writes(tmp_path):
+    with BenchStore(tmp_path), pytest.raises(ResultError, match="another process writes this benchmark"):
+        BenchStore(tmp_path)
+    with BenchStore(tmp_path):
+        pass
+
+
+def test_a_damaged_journal_is_named(tmp_path):
+    (tmp_path / "journal.jsonl").write_bytes(b'{"key": 3}\n')
+    with pytest.raises(ResultError, match=r"journal.jsonl: line 1 is no row"):
+        BenchStore(tmp_path)
+    (tmp_path / "journal.jsonl").unlink()
+    with BenchStore(tmp_path):
+        pass
+
+
+def test_a_table_of_something_else_is_named_and_left(tmp_path):
+    import pyarrow as pa
+
+    pq.write_table(pa.table({"a": [1]}), tmp_path / TABLE)
+    before = (tmp_path / TABLE).read_bytes()
+    with pytest.raises(ResultError, match="no column key"):
+        BenchStore(tmp_path)
+    assert (tmp_path / TABLE).read_bytes() == before
+
+
+def test_the_table_is_plain_columns(tmp_path):
+    with BenchStore(tmp_path) as store:
+        store.add(
+            row(1, score=-0.5, losses={"tylcv": 0.25}, scores=[-1.0, -0.5], history={"tylcv": [1.0, 0.25]})
+        )
+        store.add(row(2, error="no such thing"))
+    table = pq.read_table(tmp_path / TABLE)
+    assert {"key", "scenario", "planner", "estimator", "seed", "score", "loss_tylcv"} <= set(
+        table.column_names
+    )
+    assert table["loss_tylcv"].to_pylist() == [0.25, None]
+    assert table["history_tylcv"].to_pylist() == [[1.0, 0.25], None]
+    assert str(table.schema.field("seed").type) == "uint64"

@@ -1,0 +1,98 @@
+"""One benchmark: fly what is missing, keep it, return all rows."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+
+from wbf_mission.bench.engine import fly_all
+from wbf_mission.bench.row import BenchRow
+from wbf_mission.bench.spec import BenchSpec
+from wbf_mission.bench.store import BenchStore, read_rows
+from wbf_mission.progress import Progress, silent
+
+__all__ = ["BenchmarkInterrupted", "benchmark"]
+
+
+class BenchmarkInterrupted(KeyboardInterrupt):
+    """Ctrl-C in a benchmark.
+
+    Parameters
+    ----------
+    rows : list of BenchRow
+        Of the runs that ended before.
+    total : int
+        How many runs were wanted.
+    """
+
+    def __init__(self, rows: list[BenchRow], total: int) -> None:
+        super().__init__(f"interrupted after {len(rows)} of {total} runs")
+        self.rows = rows
+        self.total = total
+
+
+def benchmark(
+    spec: BenchSpec,
+    *,
+    out: str | Path | None = None,
+    jobs: int = 1,
+    retry: bool = False,
+    progress: Progress | None = None,
+) -> list[BenchRow]:
+    """Fly every planner with every estimator in every scenario, on the environments of all seeds.
+
+    The environment of a seed is the same for all planners and estimators, so rows can be compared in pairs. A
+    run that fails gives a row with the cause.
+
+    Parameters
+    ----------
+    spec : BenchSpec
+    out : path-like, optional
+        Folder where each run is kept when it ends; what it holds is not flown again.
+    jobs : int
+        Processes at once; -1: one per core. The rows do not depend on it, but for the costs.
+    retry : bool
+        Fly again what failed.
+    progress : callable, optional
+        ``progress(what, done, total)``.
+
+    Returns
+    -------
+    list of BenchRow
+        Of all runs of the specification, by scenario, planner, estimator and seed.
+
+    Raises
+    ------
+    ResultError
+        If the folder holds something else, or another process writes it.
+    OSError
+        If it cannot be written.
+    BenchmarkInterrupted
+        At Ctrl-C, with what was flown before.
+    """
+    tell = progress or silent
+    runs = list(spec.runs())
+    wanted = {one.key for one in runs}
+    rows: dict[str, BenchRow] = {}
+    interrupted = False
+    with contextlib.ExitStack() as stack:
+        store = None if out is None else stack.enter_context(BenchStore(Path(out)))
+        done = {} if store is None else store.done
+        missing = [one for one in runs if one.key not in done or (retry and not done[one.key])]
+        kept = len(runs) - len(missing)
+        try:
+            for number, row in enumerate(fly_all(missing, jobs=jobs), kept + 1):
+                if store is None:
+                    rows[row.key] = row
+                else:
+                    store.add(row)
+                tell("flying", number, len(runs))
+        except KeyboardInterrupt:
+            interrupted = True
+    if out is None:
+        found = [rows[one.key] for one in runs if one.key in rows]
+    else:
+        found = [row for row in read_rows(Path(out)) if row.key in wanted]
+    if interrupted:
+        raise BenchmarkInterrupted(found, len(runs))
+    return found

@@ -1,0 +1,150 @@
+"""What is kept of a run: one row."""
+
+from __future__ import annotations
+
+import platform
+import time
+import traceback
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from geo.errors import WbfMissionError
+from mission.outcome import Outcome
+from wbf_mission.bench.spec import BenchRun
+from wbf_mission.flight import fly
+from wbf_mission.run_record import RunRecord
+
+__all__ = ["BenchRow", "failed_row", "fly_run"]
+
+
+class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A run that was flown, or that failed.
+
+    Losses are means a cell, by the names of the fields; the history has the scored times. Everything but the
+    costs is decided by the run alone.
+
+    Attributes
+    ----------
+    key, scenario, planner, estimator, seed
+        Which run (`wbf_mission.bench.spec.BenchRun`).
+    outcome : str or None
+    error : str or None
+        Why it failed.
+    score, final_score : float or None
+        Over the run and at its end; 0 is perfect.
+    losses : dict
+        At the end.
+    wall_time_s, cpu_time_s : float
+        The costs: of the whole run, and by its parts in `timings_s`.
+    times_s, scores, history
+        Seconds of flight, the score and the losses at the scored times.
+    versions : dict
+        Of what flew it.
+    """
+
+    key: str
+    scenario: str
+    planner: str
+    estimator: str
+    seed: int
+    outcome: str | None = None
+    error: str | None = None
+    score: float | None = None
+    final_score: float | None = None
+    losses: dict[str, float] = {}
+    observations: int | None = None
+    cells_observed: int | None = None
+    path_length_m: float | None = None
+    flight_time_s: float | None = None
+    predicted_time_s: float | None = None
+    decisions: int | None = None
+    wall_time_s: float = 0.0
+    cpu_time_s: float = 0.0
+    timings_s: dict[str, float] = {}
+    times_s: list[float] = []
+    scores: list[float] = []
+    history: dict[str, list[float]] = {}
+    versions: dict[str, str] = {}
+
+
+def fly_run(run: BenchRun) -> BenchRow:
+    """Fly a run and return its row; of a run that fails, one with the cause.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If it came meanwhile.
+    """
+    wall_s, cpu_s = time.perf_counter(), time.process_time()
+    try:
+        result = fly(run.scenario)
+    except WbfMissionError as error:
+        return failed_row(run, str(error))
+    except MemoryError:
+        return failed_row(run, "not enough memory")
+    except Exception as error:  # a planner or estimator of somebody's: the other runs go on
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{Path(last.filename).name}:{last.lineno}"
+        return failed_row(run, f"{type(error).__name__}: {error} ({where})")
+    if result.outcome is Outcome.INTERRUPTED:
+        raise KeyboardInterrupt
+    return _row(run, result, time.perf_counter() - wall_s, time.process_time() - cpu_s)
+
+
+def failed_row(run: BenchRun, cause: str) -> BenchRow:
+    """Return the row of a run that gave nothing."""
+    return BenchRow(**_which(run), error=" ".join(cause.split()), versions=_versions())
+
+
+def _row(run: BenchRun, result: RunRecord, wall_s: float, cpu_s: float) -> BenchRow:
+    summary, history = result.summary(), result.history
+    good = result.outcome.is_good
+    names = result.fields.names
+    losses = history.field_losses
+    return BenchRow(
+        **_which(run),
+        outcome=result.outcome.value,
+        error=None if good else f"{result.outcome.value}: {result.reason}",
+        score=_finite(summary["score"]),
+        final_score=_finite(summary["final_score"]),
+        losses={name: one for name, one in summary["losses"].items() if one is not None},
+        observations=summary["observations"],
+        cells_observed=summary["cells_observed"],
+        path_length_m=_finite(summary["path_length_m"]),
+        flight_time_s=_finite(summary["flight_time_s"]),
+        predicted_time_s=_finite(summary["predicted_time_s"]),
+        decisions=len(result.decisions),
+        wall_time_s=wall_s,
+        cpu_time_s=cpu_s,
+        timings_s=dict(result.timings_s),
+        times_s=[float(one) for one in history.times_s],
+        scores=[float(one) for one in history.scores],
+        history={name: losses[:, k].tolist() for k, name in enumerate(names)} if len(losses) else {},
+        versions=_versions(),
+    )
+
+
+def _which(run: BenchRun) -> dict[str, Any]:
+    return {
+        "key": run.key,
+        "scenario": run.scenario_id,
+        "planner": run.planner,
+        "estimator": run.estimator,
+        "seed": run.seed,
+    }
+
+
+def _finite(value: float | None) -> float | None:
+    return float(value) if value is not None and np.isfinite(value) else None
+
+
+def _versions() -> dict[str, str]:
+    return {
+        "wbf-mission": version("wbf-mission"),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+    }

@@ -1,0 +1,247 @@
+"""What a benchmark is to run: scenarios, planners and policies, estimators and seeds."""
+
+from __future__ import annotations
+
+import difflib
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from mission.policies.registry import make_policy
+from sensors.field_files import load_field_set
+from wbf_mission.bench.meaning import digest, meaning_of
+from wbf_mission.estimation import estimator_of
+from wbf_mission.names import names_of
+from wbf_mission.planning import planner_of
+from wbf_mission.scenario import (
+    Choice,
+    Scenario,
+    ScenarioError,
+    load_scenario,
+    read_table,
+    scenario_with,
+)
+from wbf_mission.scenario.choice import choose
+from wbf_mission.scenario.scenario import unknown_key
+
+__all__ = ["BenchRun", "BenchSpec"]
+
+_FORMAT = 1
+_SEEDS = 10
+_DEFAULTS: Mapping[str, tuple[str, ...]] = {
+    "scenarios": ("WBF/Miniberry-30-v1",),
+    "planners": ("lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint"),
+    "estimators": ("adaptive-disk", "gp"),
+}
+_KEYS = ("scenarios", "planners", "estimators", "seeds")
+_MOST_RUNS = 10_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class BenchRun:
+    """One run of a benchmark.
+
+    Parameters
+    ----------
+    key : str
+        Names it: the digest of all that decides it.
+    scenario_id : str
+        The scenario's id, or its file.
+    planner, estimator : str
+        With parameters; the planner may be a policy.
+    scenario : Scenario
+        All of it, with planner, estimator and seed.
+    """
+
+    key: str
+    scenario_id: str
+    planner: str
+    estimator: str
+    scenario: Scenario
+
+    @property
+    def seed(self) -> int:
+        """The seed: the environment of a seed is the same for all planners and estimators."""
+        return self.scenario.seed
+
+
+@dataclass(frozen=True, slots=True)
+class BenchSpec:
+    """Planners and policies with estimators in scenarios, over seeds.
+
+    Parameters
+    ----------
+    scenarios : tuple of (str, Scenario)
+        With their ids or files.
+    planners, estimators : tuple of Choice
+        A planner is a policy where no planner has its name.
+    seeds : tuple of int
+
+    Raises
+    ------
+    ScenarioError
+        If something is missing, given twice, unknown or does not fit.
+    WbfMissionError
+        If a parameter of a planner, policy or estimator is wrong.
+    """
+
+    scenarios: tuple[tuple[str, Scenario], ...]
+    planners: tuple[Choice, ...]
+    estimators: tuple[Choice, ...]
+    seeds: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        columns: dict[str, Sequence[Any]] = {
+            "scenarios": [name for name, _ in self.scenarios],
+            "planners": [str(one) for one in self.planners],
+            "estimators": [str(one) for one in self.estimators],
+            "seeds": self.seeds,
+        }
+        for key, values in columns.items():
+            if not values:
+                msg = f"{key} are empty: give at least one"
+                raise ScenarioError(msg)
+            twice = [one for one in values if list(values).count(one) > 1][:1] if key != "seeds" else []
+            if twice:
+                msg = f"{key}: {twice[0]} is given twice; give it once"
+                raise ScenarioError(msg)
+        if len(set(self.seeds)) != len(self.seeds):
+            msg = "seeds: one is given twice; give each once"
+            raise ScenarioError(msg)
+        if len(self) > _MOST_RUNS:
+            msg = f"these are {len(self)} runs; at most {_MOST_RUNS} can be kept together: make several"
+            raise ScenarioError(msg)
+        for choice in self.planners:
+            _require_mover(choice)
+        for (_, scenario), choice in itertools.product(self.scenarios, self.estimators):
+            estimator_of(choice, 0, load_field_set(scenario.farm.fields))
+
+    @classmethod
+    def of(
+        cls,
+        scenarios: Sequence[str | Path] | None = None,
+        planners: Sequence[Any] | None = None,
+        estimators: Sequence[Any] | None = None,
+        seeds: int | Sequence[int] | None = None,
+        *,
+        folder: Path | None = None,
+    ) -> Self:
+        """Return what these say; what is left out is as in the paper's experiment.
+
+        Parameters
+        ----------
+        scenarios : sequence of str or Path
+            Ids (`wbf_mission.scenario.scenario_ids`) or files.
+        planners, estimators : sequence
+            Names with parameters, tables, or objects.
+        seeds : int or sequence of int
+            How many, from 0 on, or which.
+        folder : Path, optional
+            Where files are looked for first.
+
+        Raises
+        ------
+        ScenarioError
+            If something is missing, unknown or wrong.
+
+        Examples
+        --------
+        >>> len(BenchSpec.of(planners=["spiral", "greedy:least_weight=0.35"], seeds=20))
+        80
+        """
+        names = _given("scenarios", scenarios)
+        for one in names:
+            if not isinstance(one, (str, Path)):
+                msg = f"scenarios: {one!r} is neither an id nor a file"
+                raise ScenarioError(msg)
+        return cls(
+            scenarios=tuple((str(one), _scenario(one, folder)) for one in names),
+            planners=tuple(choose(one, "planner") for one in _given("planners", planners)),
+            estimators=tuple(choose(one, "estimator") for one in _given("estimators", estimators)),
+            seeds=_seeds(_SEEDS if seeds is None else seeds),
+        )
+
+    @classmethod
+    def read(cls, path: str | Path, changes: Mapping[str, Any] | None = None) -> Self:
+        """Read what is to run from a TOML file.
+
+        Its keys are the parameters of `of`: ``scenarios``, which may be files that lie beside it,
+        ``planners``, ``estimators`` and ``seeds``. Those of `changes` that are not None take their place.
+
+        Raises
+        ------
+        ScenarioError
+            If the file cannot be read, or something in it is missing, unknown or wrong.
+        """
+        table = read_table(path)
+        try:
+            for key in table:
+                if key not in _KEYS:
+                    raise ScenarioError(unknown_key(key, list(_KEYS)))
+            given = {key: one for key, one in (changes or {}).items() if one is not None}
+            return cls.of(**{**table, **given}, folder=Path(path).parent)
+        except ScenarioError as error:
+            msg = f"{path}: {error}"
+            raise ScenarioError(msg) from error
+
+    def __len__(self) -> int:
+        return len(self.scenarios) * len(self.planners) * len(self.estimators) * len(self.seeds)
+
+    def runs(self) -> Iterator[BenchRun]:
+        """Yield all runs; those of the same environment follow one another."""
+        for name, base in self.scenarios:
+            meaning = meaning_of(base)
+            for seed in self.seeds:
+                for planner, estimator in itertools.product(self.planners, self.estimators):
+                    mover = "planner" if _is_planner(planner) else "policy"
+                    scenario = scenario_with(base, {mover: planner, "estimator": estimator, "seed": seed})
+                    values = [_FORMAT, meaning, mover, str(planner), str(estimator), seed]
+                    yield BenchRun(digest(values), name, str(planner), str(estimator), scenario)
+
+
+def _given(key: str, given: Any) -> Sequence[Any]:
+    """Return a list that is given, or the default."""
+    if given is None:
+        return _DEFAULTS[key]
+    if isinstance(given, (list, tuple)) and given:
+        return given
+    msg = f"{key} {given!r} are no list with something in it; give one such as {list(_DEFAULTS[key])}"
+    raise ScenarioError(msg)
+
+
+def _seeds(given: Any) -> tuple[int, ...]:
+    if isinstance(given, int) and not isinstance(given, bool) and 1 <= given <= _MOST_RUNS:
+        return tuple(range(given))
+    if isinstance(given, (list, tuple, range)) and given and all(_is_seed(one) for one in given):
+        return tuple(given)
+    msg = f"seeds {given!r} are neither how many (1 to {_MOST_RUNS}) nor a list of whole numbers from 0 on"
+    raise ScenarioError(msg)
+
+
+def _is_seed(given: Any) -> bool:
+    return isinstance(given, int) and not isinstance(given, bool) and 0 <= given < 2**64
+
+
+def _scenario(name: str | Path, folder: Path | None) -> Scenario:
+    beside = None if folder is None else folder / name
+    return load_scenario(beside if beside is not None and beside.is_file() else name)
+
+
+def _is_planner(choice: Choice) -> bool:
+    return choice.name.lower() in names_of("planner")
+
+
+def _require_mover(choice: Choice) -> None:
+    """Raise an error if there is no such planner or policy, or it has no such parameter."""
+    if _is_planner(choice):
+        planner_of(choice)
+        return
+    known = (*names_of("planner"), *names_of("policy"))
+    if choice.name.lower() not in known:
+        near = difflib.get_close_matches(choice.name, known, 1)
+        meant = f"; is {near[0]!r} meant?" if near else ";"
+        msg = f"planners: unknown planner or policy {choice.name!r}{meant} known are {', '.join(known)}"
+        raise ScenarioError(msg)
+    make_policy(choice.name, **choice.params)

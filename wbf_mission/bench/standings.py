@@ -1,0 +1,158 @@
+"""What the rows of a benchmark tell: means with intervals, ranks and wins, on the same environments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from wbf_mission.bench.row import BenchRow
+
+__all__ = ["Interval", "Standing", "mean_interval", "resamples", "standings"]
+
+_DRAWS = 2000
+_SEED = 0
+_LEAST_ERROR = 1e-9
+_FEWEST_TO_RESAMPLE = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A mean and its interval of 95 %; of one value there is none (`low` and `high` are nan)."""
+
+    mean: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """How a planner with an estimator did in a scenario.
+
+    Parameters
+    ----------
+    scenario, planner, estimator : str
+    runs : int
+        Good ones, with a score.
+    failed : int
+    score, final_score : Interval
+        Over the seeds; 0 is perfect.
+    losses : dict
+        Mean loss a cell at the end, by field.
+    rank : float
+        Mean over the seeds of its place among all of the scenario, by score; 1 is the best.
+    wins : float
+        Seeds on which it has the best score; shared ones in parts.
+    wall_time_s, cpu_time_s : float
+        Of a run, in the mean.
+    """
+
+    scenario: str
+    planner: str
+    estimator: str
+    runs: int
+    failed: int
+    score: Interval
+    final_score: Interval
+    losses: dict[str, float]
+    rank: float
+    wins: float
+    wall_time_s: float
+    cpu_time_s: float
+
+
+def resamples(count: int) -> NDArray[np.int64]:
+    """Return which of `count` environments each resample draws, int64[draws, count]; the same at every call.
+
+    Rows that are resampled alike stay paired.
+    """
+    return np.random.default_rng(_SEED).integers(0, count, (_DRAWS, count))
+
+
+def mean_interval(values: NDArray[np.float64]) -> Interval:
+    """Return the mean over environments and its interval of 95 %, by the bootstrap-t.
+
+    The interval is that of Student's t with the distribution of t taken from resamples, so that it is right
+    for few and for skewed values, too (B. Efron & R. Tibshirani, "An Introduction to the Bootstrap", 1993,
+    chapter 12.5); of fewer than five values, which have too few resamples, it is Student's.
+
+    Parameters
+    ----------
+    values : float64[n]
+        One value an environment; nan where there is none.
+    """
+    values = values[np.isfinite(values)]
+    count = len(values)
+    if count == 0:
+        return Interval(np.nan, np.nan, np.nan)
+    mean = float(values.mean())
+    if count == 1:
+        return Interval(mean, np.nan, np.nan)
+    error = values.std(ddof=1) / np.sqrt(count)
+    if count < _FEWEST_TO_RESAMPLE:
+        reach = stats.t.ppf(0.975, count - 1) * error
+        return Interval(mean, float(mean - reach), float(mean + reach))
+    drawn = values[resamples(count)]
+    errors = drawn.std(axis=1, ddof=1) / np.sqrt(count)
+    # A resample of one value only has no error.
+    usable = errors > _LEAST_ERROR * error
+    if not usable.any():
+        return Interval(mean, mean, mean)
+    low, high = np.quantile((drawn.mean(axis=1)[usable] - mean) / errors[usable], [0.025, 0.975])
+    return Interval(mean, float(mean - high * error), float(mean - low * error))
+
+
+def standings(rows: Sequence[BenchRow]) -> list[Standing]:
+    """Return the standing of each planner with each estimator, by scenario, the best score first."""
+    found = []
+    for scenario in sorted({row.scenario for row in rows}):
+        here = [row for row in rows if row.scenario == scenario]
+        pairs = sorted({(row.planner, row.estimator) for row in here})
+        seeds = sorted({row.seed for row in here})
+        at = {(row.planner, row.estimator, row.seed): row for row in here if row.error is None}
+        scores = np.array(
+            [[_value(at.get((*pair, seed)), "score") for seed in seeds] for pair in pairs], dtype=np.float64
+        )
+        ranks, wins = _places(scores)
+        group = []
+        for k, (planner, estimator) in enumerate(pairs):
+            all_of = [row for row in here if (row.planner, row.estimator) == (planner, estimator)]
+            good = [row for row in all_of if row.error is None]
+            ends = np.array([_value(row, "final_score") for row in good])
+            names = dict.fromkeys(name for row in good for name in row.losses)
+            group.append(
+                Standing(
+                    scenario=scenario,
+                    planner=planner,
+                    estimator=estimator,
+                    runs=int(np.isfinite(scores[k]).sum()),
+                    failed=len(all_of) - len(good),
+                    score=mean_interval(scores[k]),
+                    final_score=mean_interval(ends),
+                    losses={name: float(np.mean([row.losses[name] for row in good])) for name in names},
+                    rank=float(ranks[k]),
+                    wins=float(wins[k]),
+                    wall_time_s=float(np.mean([row.wall_time_s for row in good])) if good else np.nan,
+                    cpu_time_s=float(np.mean([row.cpu_time_s for row in good])) if good else np.nan,
+                )
+            )
+        found += sorted(group, key=lambda one: (np.isnan(one.score.mean), -one.score.mean))
+    return found
+
+
+def _value(row: BenchRow | None, name: str) -> float:
+    value = None if row is None else getattr(row, name)
+    return np.nan if value is None else float(value)
+
+
+def _places(scores: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the mean rank and the wins of each row of float64[rows, seeds], which is nan without a score."""
+    ranks = stats.rankdata(-scores, axis=0, method="average", nan_policy="omit")
+    best = scores == np.nanmax(np.where(np.isnan(scores), -np.inf, scores), axis=0)
+    shares = best / np.maximum(best.sum(axis=0), 1)
+    counted = np.isfinite(ranks)
+    count = np.where(counted.any(axis=1), counted.sum(axis=1), np.nan)
+    return np.where(counted, ranks, 0.0).sum(axis=1) / count, shares.sum(axis=1)

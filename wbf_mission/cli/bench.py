@@ -1,0 +1,220 @@
+"""``wbf-mission bench``: many runs that can be compared."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from wbf_mission.cli import options
+from wbf_mission.cli.help import HelpCommand, HelpGroup
+from wbf_mission.cli.output import Output, duration
+from wbf_mission.exit_codes import ExitCode
+from wbf_mission.scenario import ScenarioError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from wbf_mission.bench.row import BenchRow
+    from wbf_mission.bench.standings import Interval, Standing
+
+LIST_EXAMPLES = """
+Examples
+
+wbf-mission bench list
+
+wbf-mission fly --scenario WBF/Miniberry-30-v1 --planner lawnmower
+"""
+RUN_EXAMPLES = """
+Examples
+
+wbf-mission bench run --out results --jobs 2
+
+wbf-mission bench run missions/benchmark.toml --seeds 2 --out results
+
+wbf-mission bench run --scenarios WBF/Miniberry-10-v1 --planners spiral,greedy --estimators gp --out results
+"""
+REPORT_EXAMPLES = """
+Examples
+
+wbf-mission bench report results
+
+wbf-mission bench report results --json
+"""
+
+app = typer.Typer(cls=HelpGroup, help="Fly many runs that can be compared.")
+_RUN = "What to run"
+_FAILURES_SHOWN = 5
+_ROW = ("key", "scenario", "planner", "estimator", "seed", "error")
+
+
+@app.command("list", cls=HelpCommand, epilog=LIST_EXAMPLES)
+def list_command(json: options.Json = False) -> int:
+    """List the scenarios that results can be compared by.
+
+    What an id means never changes; a change gets a new version.
+    """
+    from wbf_mission.bench.meaning import meaning_of
+    from wbf_mission.scenario import about_scenario, load_scenario, scenario_ids
+
+    values = [
+        {"scenario": one, "about": about_scenario(one), "meaning": meaning_of(load_scenario(one))}
+        for one in scenario_ids()
+    ]
+    rows = [[one["scenario"], one["about"]] for one in values]
+    Output(as_json=json).table(values, ["scenario", "what it is"], rows, left=True)
+    return ExitCode.GOOD
+
+
+@app.command("run", cls=HelpCommand, epilog=RUN_EXAMPLES)
+def run_command(
+    out: Annotated[Path, typer.Option(help="Folder of the results.", show_default=False)],
+    spec: Annotated[
+        Path | None,
+        typer.Argument(help="What to run (TOML).  [default: the paper's experiment]", show_default=False),
+    ] = None,
+    scenarios: Annotated[
+        str | None,
+        typer.Option(
+            help="Ids (see 'bench list') or files, separated by commas.  [default: WBF/Miniberry-30-v1]",
+            show_default=False,
+            rich_help_panel=_RUN,
+        ),
+    ] = None,
+    planners: Annotated[
+        str | None,
+        typer.Option(
+            help="Planners and policies, such as lawnmower:direction=0.3,greedy."
+            "  [default: the paper's four planners]",
+            show_default=False,
+            rich_help_panel=_RUN,
+        ),
+    ] = None,
+    estimators: Annotated[
+        str | None,
+        typer.Option(
+            help="Estimators, in the same way.  [default: adaptive-disk,gp]",
+            show_default=False,
+            rich_help_panel=_RUN,
+        ),
+    ] = None,
+    seeds: Annotated[
+        int | None,
+        typer.Option(
+            help="How many environments: seeds 0, 1, ...  [default: 10]",
+            parser=options.whole_number_in(1, 10_000_000),
+            show_default=False,
+            rich_help_panel=_RUN,
+        ),
+    ] = None,
+    jobs: Annotated[int, options.processes()] = 1,
+    retry: Annotated[bool, typer.Option("--retry", help="Fly again what failed.")] = False,
+    json: options.Json = False,
+    quiet: options.Quiet = False,
+) -> int:
+    """Fly what is missing of a benchmark, and print what all of it tells.
+
+    Each run that ends is kept at once: the same command goes on after Ctrl-C, and when it was killed. A run
+    that fails is kept with the cause, and the others go on.
+    """
+    from wbf_mission.bench.benchmark import BenchmarkInterrupted, benchmark
+    from wbf_mission.bench.spec import BenchSpec
+    from wbf_mission.scenario.choice import choices_in
+
+    output = Output(as_json=json, quiet=quiet)
+    if jobs == 0:
+        msg = "--jobs 0 runs nothing: give a number of processes, or -1 for one per core"
+        raise ScenarioError(msg)
+    given: dict[str, Any] = {
+        "scenarios": None if scenarios is None else [one.strip() for one in scenarios.split(",")],
+        "planners": None if planners is None else choices_in(planners, "planner"),
+        "estimators": None if estimators is None else choices_in(estimators, "estimator"),
+        "seeds": seeds,
+    }
+    wanted = BenchSpec.of(**given) if spec is None else BenchSpec.read(spec, given)
+    interrupted = False
+    try:
+        with output.progress() as progress:
+            rows = benchmark(wanted, out=out, jobs=jobs, retry=retry, progress=progress)
+    except BenchmarkInterrupted as stop:
+        rows, interrupted = stop.rows, True
+        output.warn(f"{stop}; the same command goes on with them")
+    _print(output, rows, title=f"{out}: {len(rows)} of {len(wanted)} runs")
+    if interrupted:
+        return ExitCode.INTERRUPTED
+    return ExitCode.NOT_GOOD if any(row.error for row in rows) else ExitCode.GOOD
+
+
+@app.command("report", cls=HelpCommand, epilog=REPORT_EXAMPLES)
+def report_command(
+    folder: Annotated[Path, typer.Argument(help="Folder of the results.", show_default=False)],
+    json: options.Json = False,
+) -> int:
+    """Print what the results in a folder tell, also while they are made."""
+    from wbf_mission.bench.store import read_rows
+    from wbf_mission.tables import ResultError
+
+    rows = read_rows(folder)
+    if not rows:
+        msg = f"{folder}: holds no results of a benchmark; give the folder of 'bench run --out'"
+        raise ResultError(msg)
+    _print(Output(as_json=json), rows, title=f"{folder}: {len(rows)} runs")
+    return ExitCode.GOOD
+
+
+def _print(output: Output, rows: Sequence[BenchRow], title: str) -> None:
+    """Print the standings, a table for each scenario, and why runs failed."""
+    from dataclasses import asdict
+
+    from wbf_mission.bench.standings import standings
+
+    found = standings(rows)
+    failures = [row for row in rows if row.error is not None]
+    if output.as_json:
+        output.raw_json(
+            {
+                "standings": [asdict(one) for one in found],
+                "failures": [{name: getattr(row, name) for name in _ROW} for row in failures],
+            }
+        )
+        return
+    for scenario in dict.fromkeys(one.scenario for one in found):
+        here = [one for one in found if one.scenario == scenario]
+        fields = list(dict.fromkeys(name for one in here for name in one.losses))
+        header = ["planner", "estimator", "run", "95 %", "end", "95 %"]
+        header += [f"loss {name}" for name in fields] + ["rank", "wins", "runs", "CPU"]
+        output.table(
+            None,
+            header,
+            [_cells(one, fields) for one in here],
+            title=f"{title}: {scenario}, scores over the run and at its end (0 is perfect)",
+        )
+    for row in failures[:_FAILURES_SHOWN]:
+        where = f"{row.scenario}, {row.planner}, {row.estimator}, seed {row.seed}"
+        output.warn(f"{where}: {row.error}")
+    if len(failures) > _FAILURES_SHOWN:
+        output.warn(f"{len(failures) - _FAILURES_SHOWN} more runs failed; 'bench report --json' names them")
+
+
+def _cells(one: Standing, fields: Sequence[str]) -> list[str]:
+    """Return the cells of a standing's row."""
+    return [
+        one.planner,
+        one.estimator,
+        *_interval(one.score),
+        *_interval(one.final_score),
+        *(f"{one.losses[name]:.4f}" if name in one.losses else "-" for name in fields),
+        "-" if math.isnan(one.rank) else f"{one.rank:.1f}",
+        f"{one.wins:.3g}",
+        f"{one.runs}" + (f", {one.failed} failed" if one.failed else ""),
+        "-" if math.isnan(one.cpu_time_s) else duration(one.cpu_time_s),
+    ]
+
+
+def _interval(one: Interval) -> list[str]:
+    return [
+        "-" if math.isnan(one.mean) else f"{one.mean:.4f}",
+        "-" if math.isnan(one.low) else f"{one.low:.3f} to {one.high:.3f}",
+    ]

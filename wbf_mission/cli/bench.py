@@ -183,7 +183,7 @@ def _print(output: Output, rows: Sequence[BenchRow], title: str) -> None:
     for scenario in dict.fromkeys(one.scenario for one in found):
         here = [one for one in found if one.scenario == scenario]
         fields = list(dict.fromkeys(name for one in here for name in one.losses))
-        header = ["planner", "estimator", "run", "95 %", "end", "95 %"]
+        header = ["planner, estimator", "run", "95 %", "end", "95 %"]
         header += [f"loss {name}" for name in fields] + ["rank", "wins", "runs", "CPU"]
         output.table(
             None,
@@ -201,8 +201,7 @@ def _print(output: Output, rows: Sequence[BenchRow], title: str) -> None:
 def _cells(one: Standing, fields: Sequence[str]) -> list[str]:
     """Return the cells of a standing's row."""
     return [
-        one.planner,
-        one.estimator,
+        f"{one.planner}, {one.estimator}",
         *_interval(one.score),
         *_interval(one.final_score),
         *(f"{one.losses[name]:.4f}" if name in one.losses else "-" for name in fields),

@@ -48,7 +48,7 @@ def codes(document):
 def test_a_good_file_is_told_in_a_table(file, capsys):
     out = run(capsys, "preflight", file).out
     assert "rows.plan: quad, PX4; 0 errors, 0 warnings, 1 note " in out
-    assert "predicted: " in out
+    assert "the flight is predicted to take " in out
     assert "measured: left in the battery at the end " in out
 
 

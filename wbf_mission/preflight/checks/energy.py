@@ -19,17 +19,18 @@ def check_battery(subject: Subject) -> Iterator[Finding]:
     if prediction is None:
         return
     minutes, seconds = divmod(round(prediction.duration_s), 60)
-    until = "predicted" if subject.stopped is None else "predicted until it ends there"
-    text = f"{until}: {prediction.path_length_m:.0f} m in {minutes} min {seconds} s"
+    takes = f"{minutes} min {seconds} s" if minutes else f"{seconds} s"
+    until = "" if subject.stopped is None else "until it ends there, "
+    text = f"{until}the flight is predicted to take {takes}: {prediction.path_length_m:.0f} m"
     if battery is None or subject.stopped is not None:
         yield Finding(Severity.NOTE, "flight", text)
         return
     left = 1.0 - prediction.energy_wh / battery.capacity_wh
     reserve = battery.reserve_fraction
-    takes = f"{prediction.energy_wh:.1f} of {battery.capacity_wh:g} Wh"
+    text += f", {prediction.energy_wh:.1f} of {battery.capacity_wh:g} Wh"
     measure = Measure.at_least("left in the battery at the end", 100.0 * left, 100.0 * reserve, "%")
     if left >= reserve + _COMFORT:
-        yield Finding(Severity.NOTE, "flight", f"{text}, {takes}", measure=measure)
+        yield Finding(Severity.NOTE, "flight", text, measure=measure)
         return
     short = left < reserve
     severity = Severity.NOTE
@@ -38,7 +39,7 @@ def check_battery(subject: Subject) -> Iterator[Finding]:
     yield Finding(
         severity,
         "battery" if short else "battery-close",
-        f"{text}, {takes}: {'less' if short else 'hardly more'} is left than the reserve",
+        f"{text}; {'less' if short else 'hardly more'} is left at the end than the reserve",
         "fly a shorter mission, or in parts" if short else "begin with a full battery",
         measure=measure,
     )

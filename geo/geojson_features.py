@@ -10,6 +10,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from geo.decoding import not_json
 from geo.errors import FarmError
 from geo.farm import Crop
 from geo.reading import UnreadableError, read_text
@@ -52,7 +53,8 @@ class Feature:
 def read_document(path: Path) -> dict[str, Any]:
     """Return the members of a feature collection; FarmError if the file holds none."""
     try:
-        document = msgspec.json.decode(read_text(path, MAX_FILE_BYTES))
+        text = read_text(path, MAX_FILE_BYTES)
+        document = msgspec.json.decode(text)
     except UnreadableError as error:
         msg = f"cannot be read: {error}"
         raise FarmError(msg) from None
@@ -60,7 +62,7 @@ def read_document(path: Path) -> dict[str, Any]:
         msg = "is nested too deeply"
         raise FarmError(msg) from None
     except msgspec.DecodeError as error:
-        msg = f"is not JSON ({error})"
+        msg = f"is not JSON ({not_json(error, text.encode())})"
         raise FarmError(msg) from None
     if not isinstance(document, dict) or document.get("type") != "FeatureCollection":
         msg = 'is not a GeoJSON "FeatureCollection"'

@@ -6,6 +6,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+from geo.decoding import not_toml
 from geo.errors import WbfMissionError
 
 __all__ = ["UnreadableError", "read_file", "read_text", "read_toml"]
@@ -63,6 +64,6 @@ def read_toml(path: Path, max_bytes: int = MAX_TEXT_BYTES) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise UnreadableError(f"it is not TOML ({error})") from error
+        raise UnreadableError(f"it is not TOML ({not_toml(error)})") from error
     except RecursionError as error:
         raise UnreadableError("its tables or lists are nested too deeply") from error

@@ -18,6 +18,7 @@ from typing import Any
 
 import msgspec
 
+from geo.decoding import misfit
 from geo.errors import WbfMissionError
 from geo.reading import UnreadableError, read_toml
 from sensors.dynamics.epidemic import EpidemicParameters
@@ -138,7 +139,7 @@ def field_from_table(table: Mapping[str, Any], where: str) -> Field:
             *(plain.title, plain.unit, plain.colours),
         )
     except msgspec.ValidationError as error:
-        raise FieldError(f"{where}: {error}") from None
+        raise FieldError(f"{where}: {misfit(error)}") from None
     except WbfMissionError as error:
         raise FieldError(f"{where}: {error}") from None
 
@@ -164,8 +165,7 @@ def _convert_dynamics(kind: Kind, given: dict[str, Any]) -> Dynamics:
     try:
         return msgspec.convert(given, _DYNAMICS[kind])
     except msgspec.ValidationError as error:
-        msg = f"dynamics: {error}"
-        raise FieldError(msg) from None
+        raise FieldError(misfit(error, "dynamics")) from None
 
 
 def _registered(name: str) -> Field:

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from geo.decoding import misfit, not_json
 from geo.texts import one_line
 from mission.errors import MissionError, MissionFileError
 from mission.model import Command, GeoPoint, Mission, MissionItem
@@ -109,16 +110,11 @@ def decode_json(data: bytes, decoder: msgspec.json.Decoder[T], path: str = "") -
     try:
         return decoder.decode(data)
     except msgspec.ValidationError as error:
-        what, _, where = str(error).rpartition(" - at `$")
-        where = (path + where.strip("`")).removeprefix(".")
-        msg = f"{where}: {what or error}" if what or path else str(error)
-        raise MissionFileError(one_line(msg)) from None
+        raise MissionFileError(misfit(error, path)) from None
     except RecursionError:
         raise MissionFileError("the JSON is nested too deeply; no mission file is") from None
     except ValueError as error:  # msgspec.DecodeError and UnicodeDecodeError
-        position = re.search(r"\(byte (\d+)\)", str(error))
-        line = data.count(b"\n", 0, int(position[1])) + 1 if position else data.count(b"\n") + 1
-        raise MissionFileError(one_line(f"line {line}: {error}; the file is damaged or no JSON")) from None
+        raise MissionFileError(f"{not_json(error, data)}; the file is damaged or no JSON") from None
 
 
 def make_item(
@@ -168,10 +164,11 @@ def check_jumps(mission: Mission) -> None:
     """Refuse a mission with a DO_JUMP to an item that does not exist."""
     for index, item in enumerate(mission.items):
         if item.command == Command.DO_JUMP:
-            target = jump_target(item, f"item {index}")
+            target = jump_target(item, f"item {index + 1}")
             if not 0 <= target < len(mission.items):
                 msg = (
-                    f"item {index}: DO_JUMP to item {target}, but items go from 0 to {len(mission.items) - 1}"
+                    f"item {index + 1}: DO_JUMP to item {target + 1}, but items go from 1 to"
+                    f" {len(mission.items)}"
                 )
                 raise MissionFileError(msg)
 

@@ -63,16 +63,16 @@ def items_of(fence: GeoFence) -> tuple[MissionItem, ...]:
         raise MissionFileError(msg)
     items = []
     for index, polygon in enumerate(fence.polygons):
-        where = f"geoFence.polygons[{index}]"
+        where = f"geoFence, polygon {index + 1}"
         count = len(polygon.polygon)
         if count < 3:
             raise MissionFileError(f"{where}: {count} vertices; a polygon has at least 3")
         items += [
-            _place(f"{where}.polygon[{i}]", _POLYGONS[polygon.inclusion], float(count), *vertex)
+            _place(f"{where}, vertex {i + 1}", _POLYGONS[polygon.inclusion], float(count), *vertex)
             for i, vertex in enumerate(polygon.polygon)
         ]
     for index, circle in enumerate(fence.circles):
-        where = f"geoFence.circles[{index}]"
+        where = f"geoFence, circle {index + 1}"
         radius_m = circle.circle.radius
         if not radius_m > 0.0:
             raise MissionFileError(f"{where}: radius {radius_m}; give metres above 0")
@@ -80,7 +80,7 @@ def items_of(fence: GeoFence) -> tuple[MissionItem, ...]:
     if fence.breach_return is not None:
         items.append(
             make_item(
-                "geoFence.breachReturn",
+                "geoFence, breachReturn",
                 Command.NAV_FENCE_RETURN_POINT,
                 Frame.GLOBAL_RELATIVE_ALT,
                 (0.0, 0.0, 0.0, 0.0),
@@ -124,7 +124,7 @@ def geo_fence(items: Sequence[MissionItem]) -> dict[str, Any]:
         if item.command in _CIRCLES.values():
             if item.param1 is None or not item.param1 > 0.0:
                 raise MissionFileError(
-                    f"fence item {index}: radius {item.param1}; give metres above 0 as param1"
+                    f"fence item {index + 1}: radius {item.param1}; give metres above 0 as param1"
                 )
             circle = {"center": [float(item.x), float(item.y)], "radius": float(item.param1)}
             fence["circles"].append(
@@ -134,7 +134,7 @@ def geo_fence(items: Sequence[MissionItem]) -> dict[str, Any]:
             fence["breachReturn"] = [float(item.x), float(item.y), float(item.z)]
         else:
             raise MissionFileError(
-                f"fence item {index}: command {item.command} is no fence command (5000 to 5004)"
+                f"fence item {index + 1}: command {item.command} is no fence command (5000 to 5004)"
             )
         index += 1
     return fence
@@ -151,11 +151,11 @@ def polygon_at(items: Sequence[MissionItem], start: int) -> Sequence[MissionItem
     first = items[start]
     count = first.param1 or 0.0
     if not float(count).is_integer() or count < 3.0:
-        msg = f"fence item {start}: param1 is {first.param1}; give the number of vertices, at least 3"
+        msg = f"fence item {start + 1}: param1 is {first.param1}; give the number of vertices, at least 3"
         raise MissionFileError(msg)
     vertices = items[start : start + min(int(count), len(items))]
     same = [vertex for vertex in vertices if (vertex.command, vertex.param1) == (first.command, first.param1)]
     if len(same) < int(count):
-        msg = f"fence item {start}: a polygon of {int(count)} vertices, but {len(same)} of them are there"
+        msg = f"fence item {start + 1}: a polygon of {int(count)} vertices, but {len(same)} of them are there"
         raise MissionFileError(msg)
     return vertices

@@ -105,10 +105,10 @@ def loads(data: bytes) -> Mission:
         raise MissionFileError(msg)
     file = decode_json(data, _FILE)
     return make_mission(
-        _items(file.items, "items"),
+        _items(file.items, "item"),
         None if file.home is None else _home(file.home),
-        fence=_items(file.fence, "fence"),
-        rally=_items(file.rally, "rally"),
+        fence=_items(file.fence, "fence item"),
+        rally=_items(file.rally, "rally point"),
         cruise_speed_m_s=file.cruise_speed_m_s,
         hover_speed_m_s=file.hover_speed_m_s,
     )
@@ -129,7 +129,7 @@ def _items(items: list[_Item], name: str) -> tuple[MissionItem, ...]:
                 MissionItem(item.command, item.frame, *item.params, item.x, item.y, item.z, item.autocontinue)
             )
         except MissionError as error:
-            raise MissionFileError(f"{name}[{index}]: {error}; correct the value") from None
+            raise MissionFileError(f"{name} {index + 1}: {error}; correct the value") from None
     return tuple(made)
 
 

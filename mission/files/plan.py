@@ -114,7 +114,7 @@ def loads(data: bytes) -> Mission:
         decode_json(data, _ANY_JSON)  # a syntax error says more than the kind
         raise wrong_kind(data, PLAN_KIND)
     plan = decode_json(data, _PLAN)
-    for name, version, known in (("version", plan.version, 1), ("mission.version", plan.mission.version, 2)):
+    for name, version, known in (("version", plan.version, 1), ("mission, version", plan.mission.version, 2)):
         if version != known:
             msg = f"{name} is {version}, only {known} is known; save the plan with a current QGroundControl"
             raise MissionFileError(msg)
@@ -147,16 +147,16 @@ def _part(raw: msgspec.Raw, decoder: msgspec.json.Decoder[T], name: str) -> T:
 
 
 def _flat(items: list[_Simple | _Complex]) -> Iterator[tuple[str, _Simple]]:
-    """Yield every simple item with the path of its place in the file."""
+    """Yield every simple item with its place in the file."""
     for index, item in enumerate(items):
-        where = f"mission.items[{index}]"
+        where = f"mission, item {index + 1}"
         if isinstance(item, _Simple):
             yield where, item
             continue
         transect = item.transect
-        inner, path = item.items, f"{where}.Items"
+        inner, path = item.items, where
         if inner is None and transect is not None:
-            inner, path = transect.items, f"{where}.TransectStyleComplexItem.Items"
+            inner, path = transect.items, f"{where}, TransectStyleComplexItem"
         if inner is None:
             msg = (
                 f"{where}: the complex item {item.kind[:60]!r} holds no commands; "
@@ -164,7 +164,7 @@ def _flat(items: list[_Simple | _Complex]) -> Iterator[tuple[str, _Simple]]:
             )
             raise MissionFileError(msg)
         for position, simple in enumerate(inner):
-            yield f"{path}[{position}]", simple
+            yield f"{path}, Item {position + 1}", simple
 
 
 def _items(items: list[_Simple | _Complex]) -> tuple[MissionItem, ...]:
@@ -212,13 +212,13 @@ def _home(position: list[float | None] | None) -> GeoPoint | None:
     if position is None or len(position) < 2 or position[0] is None or position[1] is None:
         return None
     altitude_m = position[2] if len(position) > 2 else None
-    return home_from_file("mission.plannedHomePosition", position[0], position[1], altitude_m or 0.0)
+    return home_from_file("mission, plannedHomePosition", position[0], position[1], altitude_m or 0.0)
 
 
 def _rally_items(rally: _Rally) -> tuple[MissionItem, ...]:
     return tuple(
         make_item(
-            f"rallyPoints.points[{index}]",
+            f"rallyPoints, point {index + 1}",
             Command.NAV_RALLY_POINT,
             Frame.GLOBAL_RELATIVE_ALT,
             (0.0, 0.0, 0.0, 0.0),
@@ -290,7 +290,7 @@ def _simple(index: int, item: MissionItem, firmware: Firmware) -> dict[str, Any]
     item = item.in_standard_frame()
     parameters = list(file_parameters(item, firmware))
     if item.command == Command.DO_JUMP:
-        parameters[0] = jump_target(item, f"item {index}") + 1.0
+        parameters[0] = jump_target(item, f"item {index + 1}") + 1.0
     simple: dict[str, Any] = {
         "autoContinue": bool(item.autocontinue),
         "command": item.command,
@@ -315,8 +315,8 @@ def _rally_point(index: int, item: MissionItem, mission: Mission) -> list[float]
         altitude_m -= float(mission.home.altitude_m)
     elif item.frame != Frame.GLOBAL_RELATIVE_ALT:
         msg = (
-            f"rally point {index}: its altitude is in frame {item.frame}, a plan holds altitudes above home; "
-            "give frame 3, or frame 0 and a home"
+            f"rally point {index + 1}: its altitude is in frame {item.frame}, a plan holds altitudes above"
+            " home; give frame 3, or frame 0 and a home"
         )
         raise MissionFileError(msg)
     return [float(item.x), float(item.y), altitude_m]

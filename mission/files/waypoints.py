@@ -267,11 +267,11 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
     lines.append(_line(0, _home_item(home), firmware))
     for seq, item in enumerate(mission.items, start=1):
         if item.command in _FENCE | _RALLY:
-            msg = f"item {seq - 1}: command {item.command} belongs to a fence or rally plan, not to a mission"
+            msg = f"item {seq}: command {item.command} belongs to a fence or rally plan, not to a mission"
             raise MissionFileError(msg)
         standard = item.in_standard_frame()
         if standard.command == Command.DO_JUMP:
-            standard = replace(standard, param1=jump_target(item, f"item {seq - 1}") + 1.0)
+            standard = replace(standard, param1=jump_target(item, f"item {seq}") + 1.0)
         lines.append(_line(seq, standard, firmware))
     return "\n".join(lines) + "\n"
 

@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 
 import msgspec
 
+from geo.decoding import misfit
 from geo.errors import WbfMissionError
 
 _UNITS = {"_m_s": "m/s", "_m": "m", "_s": "s", "_deg": "degrees"}
@@ -214,8 +215,7 @@ def converted(value: Any, wanted: Any, one: Option) -> Any:
             such = f', such as "{one.example}"' if one.example else ""
             msg = f"{one.key}: {value!r} is a number; give a text{such}"
             raise ScenarioError(msg) from None
-        msg = f"{one.key}: {error}"
-        raise ScenarioError(msg) from None
+        raise ScenarioError(misfit(error, one.key)) from None
 
 
 def default_of(part: type[Any], name: str) -> Any:

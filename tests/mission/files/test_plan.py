@@ -127,12 +127,12 @@ def test_bad_jump(target, part):
     with pytest.raises(MissionFileError, match="DO_JUMP") as caught:
         read(made)
     assert part in str(caught.value)
-    assert "mission.items[2]" in str(caught.value)
+    assert "mission, item 3" in str(caught.value)
 
 
 @pytest.mark.parametrize("target", [-1.0, 2.0, 0.5, None])
 def test_jump_to_nowhere_is_not_written(target):
-    with pytest.raises(MissionFileError, match="item 1: DO_JUMP"):
+    with pytest.raises(MissionFileError, match="item 2: DO_JUMP"):
         plan.dumps(Mission((MISSION.items[0], MissionItem(177, 2, target))))
 
 
@@ -157,7 +157,7 @@ def test_corridor_and_unknown_complex_items_with_commands_are_flattened():
 
 @pytest.mark.parametrize("kind", ["StructureScan", "fwLandingPattern", "vtolLandingPattern"])
 def test_complex_items_without_commands_are_refused_by_name(kind):
-    with pytest.raises(MissionFileError, match=rf"mission\.items\[1\].*'{kind}'.*simple items"):
+    with pytest.raises(MissionFileError, match=rf"mission, item 2.*'{kind}'.*simple items"):
         read(with_items(simple(), {"type": "ComplexItem", "complexItemType": kind, "version": 2}))
 
 
@@ -185,7 +185,7 @@ def test_fence_and_rally():
 def test_rally_altitude_above_sea_level_needs_home():
     rally = (MissionItem(5100, 0, x=1.0, y=2.0, z=50.0),)
     assert document(Mission((), home=HOME, rally=rally))["rallyPoints"]["points"] == [[1.0, 2.0, 20.0]]
-    with pytest.raises(MissionFileError, match="rally point 0"):
+    with pytest.raises(MissionFileError, match="rally point 1"):
         plan.dumps(Mission((), rally=rally))
 
 
@@ -196,7 +196,7 @@ def vertex(command=5001, count=3.0):
 @pytest.mark.parametrize(
     ("fence", "part"),
     [
-        ([vertex()] * 2, "fence item 0: a polygon of 3 vertices, but 2"),
+        ([vertex()] * 2, "fence item 1: a polygon of 3 vertices, but 2"),
         ([vertex(), vertex(), vertex(5002)], "but 2 of them"),
         ([vertex(count=2.0)] * 2, "param1 is 2.0"),
         ([vertex(count=None)] * 3, "param1 is None"),
@@ -240,38 +240,38 @@ ITEM = ("mission", "items", 0)
         (("fileType",), KeyError, "not a QGroundControl plan"),
         (("version",), 2, "version is 2, only 1"),
         (("mission",), KeyError, "mission"),
-        (("mission",), [], "mission: Expected `object`, got `array`"),
-        (("mission", "version"), 1, "mission.version is 1, only 2"),
+        (("mission",), [], "mission: it is a list; give a table of names and values"),
+        (("mission", "version"), 1, "mission, version is 1, only 2"),
         (("mission", "items"), KeyError, "items"),
-        (("mission", "items"), {}, "mission.items: Expected `array`"),
+        (("mission", "items"), {}, "mission, items: it is a table of names and values; give a list"),
         (("mission", "plannedHomePosition"), [91, 0, 0], "plannedHomePosition: home point: latitude 91"),
         (("mission", "hoverSpeed"), -1, "hover_speed_m_s is -1"),
-        (("mission", "hoverSpeed"), "fast", "mission.hoverSpeed: Expected `float"),
+        (("mission", "hoverSpeed"), "fast", "mission, hoverSpeed: it is a text; give a number"),
         ((*ITEM, "type"), "Sample", "'Sample'"),
-        ((*ITEM, "type"), KeyError, "`type`"),
-        ((*ITEM, "command"), "16", "mission.items[0].command: Expected `int`, got `str`"),
-        ((*ITEM, "command"), 65536, "mission.items[0].command"),
-        ((*ITEM, "frame"), -1, "mission.items[0].frame"),
-        ((*ITEM, "params"), [0] * 6, "mission.items[0].params"),
-        ((*ITEM, "params", 4), 95.0, "mission.items[0]: mission item (command 22): latitude 95"),
+        ((*ITEM, "type"), KeyError, "type is missing"),
+        ((*ITEM, "command"), "16", "mission, item 1, command: it is a text; give a whole number"),
+        ((*ITEM, "command"), 65536, "mission, item 1, command"),
+        ((*ITEM, "frame"), -1, "mission, item 1, frame"),
+        ((*ITEM, "params"), [0] * 6, "mission, item 1, params"),
+        ((*ITEM, "params", 4), 95.0, "mission, item 1: mission item (command 22): latitude 95"),
         ((*ITEM, "params", 5), -190.0, "longitude -190"),
-        ((*ITEM, "params", 5), None, "mission.items[0]: longitude of command 22 is missing"),
-        ((*ITEM, "params", 0), "a", "mission.items[0].params[0]"),
+        ((*ITEM, "params", 5), None, "mission, item 1: longitude of command 22 is missing"),
+        ((*ITEM, "params", 0), "a", "mission, item 1, param 1"),
         ((*ITEM, "params", 0), 1e39, "param1 1e+39"),
-        (("geoFence", "polygons", 0, "polygon"), [[1, 2]], "geoFence.polygons[0]: 1 vertices"),
-        (("geoFence", "polygons", 0, "polygon", 1), [1, 200], "geoFence.polygons[0].polygon[1]"),
-        (("geoFence", "circles", 0, "circle", "radius"), 0, "geoFence.circles[0]: radius"),
+        (("geoFence", "polygons", 0, "polygon"), [[1, 2]], "geoFence, polygon 1: 1 vertices"),
+        (("geoFence", "polygons", 0, "polygon", 1), [1, 200], "geoFence, polygon 1, vertex 2"),
+        (("geoFence", "circles", 0, "circle", "radius"), 0, "geoFence, circle 1: radius"),
         (("geoFence", "polygon"), [[1, 2]], "draw it again"),
-        (("rallyPoints", "points", 0), [1, 2], "rallyPoints.points[0]"),
+        (("rallyPoints", "points", 0), [1, 2], "rallyPoints, point 1"),
         (
             ("rallyPoints", "points", 0, 0),
             100,
-            "rallyPoints.points[0]: mission item (command 5100): latitude 100",
+            "rallyPoints, point 1: mission item (command 5100): latitude 100",
         ),
         (
             ("mission", "items", 1, "TransectStyleComplexItem", "Items", 2, "params", 4),
             99,
-            "mission.items[1].TransectStyleComplexItem.Items[2]",
+            "mission, item 2, TransectStyleComplexItem, Item 3",
         ),
     ],
 )
@@ -316,7 +316,7 @@ def test_byte_order_mark_and_unknown_keys_are_fine():
 def test_too_many_items():
     items = ",".join([json.dumps(simple(20, 2, (0,) * 7))] * 65_536)
     text = plan.dumps(Mission(())).replace('"items": []', f'"items": [{items}]')
-    with pytest.raises(MissionFileError, match=r"mission\.items\[65535\]: more than 65535"):
+    with pytest.raises(MissionFileError, match=r"mission, item 65536: more than 65535"):
         plan.loads(text.encode())
 
 

@@ -208,11 +208,11 @@ def test_one_plan_a_file():
         MissionFileError, match=r"not 1 mission items and 1 fence items; write a \.plan or \.json"
     ):
         waypoints.dumps(Mission((item,), fence=fence))
-    with pytest.raises(MissionFileError, match="item 0: command 5003 belongs"):
+    with pytest.raises(MissionFileError, match="item 1: command 5003 belongs"):
         waypoints.dumps(Mission(fence))
 
 
 @pytest.mark.parametrize("target", [-1.0, 2.0, 0.5, None])
 def test_jump_to_nowhere_is_not_written(target):
-    with pytest.raises(MissionFileError, match="item 1: DO_JUMP"):
+    with pytest.raises(MissionFileError, match="item 2: DO_JUMP"):
         waypoints.dumps(Mission((MissionItem.waypoint(1, 2, 3), MissionItem(Command.DO_JUMP, 2, target))))

@@ -225,8 +225,11 @@ def _array(data: ArrayLike, name: str) -> NDArray[Any]:
 
 
 def _numbers(data: ArrayLike, name: str, dtype: type[np.floating[Any]]) -> NDArray[Any]:
+    array = _array(data, name)
+    if array.dtype == dtype:
+        return array
     with np.errstate(over="ignore"):
-        return _array(data, name).astype(dtype, copy=False)
+        return array.astype(dtype)
 
 
 def _whole(data: ArrayLike, name: str) -> NDArray[np.int32]:

@@ -269,8 +269,7 @@ class Campaign:
         if writer is not None and flown.log is not None:
             writer.write_all(flown.log, EPOCH_UNIX_S + self.simulated_s)
         seen_before = len(self.evidence)
-        for part in flown.parts:
-            self.evidence.add(part, offset_s=self.simulated_s)
+        self.evidence.add(*flown.parts, offset_s=self.simulated_s)
         for one in flown.decisions:
             one.observations += seen_before
         self.decisions += flown.decisions

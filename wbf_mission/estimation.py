@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -206,18 +206,18 @@ class RunEstimate:
         self._worker = ThreadPoolExecutor(1, "estimate")
         self._waiting: deque[Future[None]] = deque()
 
-    def add(self, observations: Observations, offset_s: float = 0.0) -> None:
-        """Begin to learn from observations, and to score as often as is due.
+    def add(self, parts: Sequence[Observations], offset_s: float = 0.0) -> None:
+        """Begin to learn from observations, part by part, and to score as often as is due.
 
         Parameters
         ----------
-        observations : Observations
+        parts : sequence of Observations
         offset_s : float
             Seconds from the beginning of the run to their time 0.
         """
         while self._waiting and self._waiting[0].done():
             self._waiting.popleft().result()
-        self._waiting.append(self._worker.submit(self._learn, observations, offset_s))
+        self._waiting.append(self._worker.submit(self._learn_all, parts, offset_s))
 
     def current(self) -> InformationModel:
         """Wait for all that was added, and return what is believed then, in the estimator's own arrays."""
@@ -260,6 +260,10 @@ class RunEstimate:
     def close(self) -> None:
         """End the thread; what was added and not learned yet is dropped."""
         self._worker.shutdown(wait=False, cancel_futures=True)
+
+    def _learn_all(self, parts: Sequence[Observations], offset_s: float) -> None:
+        for part in parts:
+            self._learn(part, offset_s)
 
     def _learn(self, observations: Observations, offset_s: float) -> None:
         start = 0

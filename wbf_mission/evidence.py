@@ -30,14 +30,15 @@ class Evidence:
     def __len__(self) -> int:
         return self._count
 
-    def add(self, part: Observations, *, offset_s: float) -> None:
+    def add(self, *parts: Observations, offset_s: float) -> None:
         """Take observations, made `offset_s` after the beginning of the run by the time they tell."""
-        if not len(part):
+        told = [part for part in parts if len(part)]
+        if not told:
             return
-        self._parts.append(part)
-        self._count += len(part)
+        self._parts += told
+        self._count += sum(map(len, told))
         if self.estimate is not None:
-            self.estimate.add(part, offset_s)
+            self.estimate.add(told, offset_s)
 
     @property
     def parts(self) -> tuple[Observations, ...]:

@@ -7,10 +7,12 @@ They are the same as one after the other: each draws from the random streams of 
 from __future__ import annotations
 
 import contextlib
+import gc
 import multiprocessing
 from collections.abc import Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import cache
 
 from threadpoolctl import threadpool_limits
 
@@ -89,6 +91,7 @@ class FlightAlone:
         log = FrameLog() if self.logged else None
         with threadpool_limits(1, user_api="blas"):
             planned = of.plan(day, flight, evidence, decisions)
+            _spare_collector()
             flown = of.fly(
                 planned,
                 evidence,
@@ -102,6 +105,12 @@ class FlightAlone:
             )
         records = [sortie.record() for sortie in flown.sorties]
         return FlownFlight(records, evidence.parts, decisions, flown.now_s, flown.frames, log)
+
+
+@cache
+def _spare_collector() -> None:
+    """Let the garbage collector leave alone what this process holds before its first flight: the program."""
+    gc.freeze()
 
 
 def can_fly_ahead(flights: Flights, hosting: Hosting, expected_s: float) -> bool:

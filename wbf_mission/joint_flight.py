@@ -192,7 +192,11 @@ class JointFlight:
             self._watch.lap("decide")
 
     def _is_over(self) -> bool:
-        return all(sortie.done for sortie in self.sorties)
+        # A loop: it is asked at each step of the vehicles, and `all` would make a generator for it.
+        for sortie in self.sorties:  # noqa: SIM110
+            if not sortie.done:
+                return False
+        return True
 
     def _give_up(self) -> None:
         for sortie in self.sorties:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -224,8 +225,9 @@ class LeafCamera:
         return values
 
 
+@lru_cache(maxsize=MAX_FOOTPRINT_CELLS)
 def footprint_offsets(footprint_cells: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the offsets of a footprint's cells from the cell under the camera, column by column.
+    """Return the offsets of a footprint's cells from the cell under the camera, column by column; read-only.
 
     Examples
     --------
@@ -233,4 +235,7 @@ def footprint_offsets(footprint_cells: int) -> tuple[NDArray[np.int64], NDArray[
     [[0, 0, 1, 1], [0, 1, 0, 1]]
     """
     side = np.arange(footprint_cells) - (footprint_cells - 1) // 2
-    return np.repeat(side, footprint_cells), np.tile(side, footprint_cells)
+    offsets = np.repeat(side, footprint_cells), np.tile(side, footprint_cells)
+    for along in offsets:
+        along.flags.writeable = False
+    return offsets

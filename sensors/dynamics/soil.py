@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -386,9 +385,13 @@ def write_soil(
 
 
 def simulate_coarse(
-    parameters: SoilParameters, shape: tuple[int, int], day: int, side: int, rngs: Sequence[Generator]
+    parameters: SoilParameters,
+    shape: tuple[int, int],
+    days: Sequence[int],
+    side: int,
+    rngs: Sequence[Generator],
 ) -> NDArray[np.float64]:
-    """Simulate the humidity of a day on few cells with the proportions of a farm: its humps grow with it.
+    """Simulate the humidity of some days on few cells with the proportions of a farm: its humps grow with it.
 
     Parameters
     ----------
@@ -396,8 +399,8 @@ def simulate_coarse(
         The model.
     shape : tuple of int
         The farm, cells.
-    day : int
-        The day.
+    days : sequence of int
+        The days, ascending. A day's humidity does not depend on the others.
     side : int
         Cells along the longer side; the shorter one has at least 8.
     rngs : sequence of numpy.random.Generator
@@ -405,19 +408,20 @@ def simulate_coarse(
 
     Returns
     -------
-    float64[n, w, h]
-        The humidity of each simulation.
+    float64[days, n, w, h]
+        The humidity of each simulation on each day.
     """
     scale = side / max(shape)
     coarse = (max(8, round(shape[0] * scale)), max(8, round(shape[1] * scale)))
-    fields = np.empty((len(rngs), *coarse))
-    for field, rng in zip(fields, rngs, strict=True):
-        weather = draw_weather(coarse, day, parameters, rng)
+    fields = np.empty((len(days), len(rngs), *coarse))
+    places = {day: k for k, day in enumerate(days)}
+    for number, rng in enumerate(rngs):
+        weather = draw_weather(coarse, max(days), parameters, rng)
 
-        def keep(_day: int, first: int, block: NDArray[np.float32], into: NDArray[Any] = field) -> None:
-            into[first : first + len(block)] = block
+        def keep(day: int, first: int, block: NDArray[np.float32], number: int = number) -> None:
+            fields[places[day], number, first : first + len(block)] = block
 
-        write_soil(coarse, weather, parameters, (day,), keep)
+        write_soil(coarse, weather, parameters, days, keep)
     return fields
 
 

@@ -175,7 +175,7 @@ def _moments(weights: _Floats, values: _Floats) -> tuple[float, float]:
 def _humidity(parameters: SoilParameters, shape: tuple[int, int], day: int, seed: int, name: str) -> _Floats:
     """Return simulated humidity on a day; the weather of equal seeds is the same up to every day."""
     rngs = [stream(seed, "carrying", name, str(number)) for number in range(_WEATHERS)]
-    fields = simulate_coarse(parameters, shape, day, _SOIL_CELLS, rngs).ravel()
+    fields = simulate_coarse(parameters, shape, (day,), _SOIL_CELLS, rngs).ravel()
     fields.flags.writeable = False
     return fields
 

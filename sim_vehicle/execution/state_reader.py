@@ -21,12 +21,12 @@ def read_state(follower: LegFollower, current_seq: int) -> VehicleState:
     air = (now.velocity_m_s[0] - wind_x, now.velocity_m_s[1] - wind_y)
     airspeed = math.sqrt(air[0] * air[0] + air[1] * air[1])
     roll = pitch = 0.0
-    if follower.landed is not LandedState.ON_GROUND and not follower.spec.is_ideal:
-        roll, pitch = _attitude(follower, now, air, airspeed)
     throttle = 0.5
     attitude = motion.attitude()
     if attitude is not None:
         roll, pitch, airspeed, throttle = attitude
+    elif follower.landed is not LandedState.ON_GROUND and not follower.spec.is_ideal:
+        roll, pitch = _attitude(follower, now, air, airspeed)
     meter = follower.battery_meter
     battery = meter.read(motion.time_s, now.energy_j, now.power_w) if meter is not None else None
     return VehicleState(

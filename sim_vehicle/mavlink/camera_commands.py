@@ -123,7 +123,7 @@ class CameraOrders:
 
     def next_deadline(self) -> float:
         """When `retry` has something to do."""
-        return min((p.due_s for p in self._pending), default=NEVER)
+        return min([p.due_s for p in self._pending]) if self._pending else NEVER
 
 
 def camera_feedback(image: m.MAVLink_camera_image_captured_message, state: VehicleState) -> Message:

@@ -38,7 +38,7 @@ def test_scores_on_the_way_are_those_of_the_whole_farm():
         make_estimator("adaptive-disk").fit(grid), RunningScore(truth, PAPER_FIELDS.masks(grid)), every=20
     )
     for start in range(0, 90, 7):
-        run.add(seen[start : start + 7])
+        run.add([seen[start : start + 7]])
     run.end_flight(100.0)
     run.close()
     assert run.history.observations == [20, 40, 60, 80, 90]
@@ -56,7 +56,7 @@ def test_an_error_of_the_estimator_ends_the_run_and_names_it():
     run = RunEstimate(
         Broken().fit(grid), RunningScore(np.ones((3, 10, 10)), PAPER_FIELDS.masks(grid)), every=1
     )
-    run.add(Observations([1], [1], [0.0], [6], [[1, 1, 0.5]]))
+    run.add([Observations([1], [1], [0.0], [6], [[1, 1, 0.5]])])
     with pytest.raises(EstimatorError, match=r"estimator Broken failed: ZeroDivisionError: halves"):
         run.end_flight(1.0)
     run.close()

@@ -167,7 +167,7 @@ class FrameWriter:
                 number >> 16,
             )
             body = head + payload
-            frame = body + _CRC.pack(_crc(kind.crc_extra, _crc(body[1:])))
+            frame = body + _CRC.pack(_crc(body[1:] + kind.crc_extra))
         codec.seq = (sequence + 1) & 0xFF
         if self.signing is None:
             return frame
@@ -405,4 +405,4 @@ def _message_id(data: bytes, at: int) -> int:
 def _checksum_holds(data: bytes, at: int, after: int, kind: _Kind) -> bool:
     if data[at] == _V2 and data[at + 2]:
         after -= _SIGNATURE_BYTES
-    return _crc(kind.crc_extra, _crc(data[at + 1 : after - 2])) == data[after - 2] | data[after - 1] << 8
+    return _crc(data[at + 1 : after - 2] + kind.crc_extra) == data[after - 2] | data[after - 1] << 8

@@ -37,6 +37,7 @@ _ROUGH_PART = 0.02
 _ROUGH_LENGTH = 0.35
 _SIMULATED_FIELDS = 64
 _SIMULATED_CELLS = 32
+_SIMULATED_DAYS = 8
 _NODES = 21
 _FIRST_NOISE = 1e-4
 _LEAST_NOISE = 1e-7
@@ -57,17 +58,27 @@ class SoilPrior:
     shape: float
 
 
-@lru_cache(maxsize=256)
 def soil_prior(parameters: SoilParameters, shape: tuple[int, int], day: int, seed: int) -> SoilPrior:
     """Simulate the weather up to a day, on a grid of few cells with the farm's proportions."""
+    block, number = divmod(day, _SIMULATED_DAYS)
+    return _soil_priors(parameters, shape, block, seed)[number]
+
+
+@lru_cache(maxsize=64)
+def _soil_priors(
+    parameters: SoilParameters, shape: tuple[int, int], block: int, seed: int
+) -> tuple[SoilPrior, ...]:
+    """Simulate some days after each other at once: all of them go through the same weather before."""
     names = (str(number) for number in range(_SIMULATED_FIELDS))
     rngs = [stream(seed, "epidemic-estimator", "soil", name) for name in names]
-    fields = simulate_coarse(parameters, shape, day, _SIMULATED_CELLS, rngs)
-    levels = fields.mean(axis=(1, 2))
-    shapes = float(fields.var(axis=(1, 2)).mean())
-    return SoilPrior(
-        float(levels.mean()), float(levels.var()) + _SMALLEST_VARIANCE, shapes + _SMALLEST_VARIANCE
-    )
+    days = range(_SIMULATED_DAYS * block, _SIMULATED_DAYS * (block + 1))
+    priors = []
+    for fields in simulate_coarse(parameters, shape, days, _SIMULATED_CELLS, rngs):
+        levels = fields.mean(axis=(1, 2))
+        shapes = float(fields.var(axis=(1, 2)).mean())
+        level = float(levels.var()) + _SMALLEST_VARIANCE
+        priors.append(SoilPrior(float(levels.mean()), level, shapes + _SMALLEST_VARIANCE))
+    return tuple(priors)
 
 
 class SoilField:
@@ -105,6 +116,8 @@ class SoilField:
         self._waiting: dict[int, list[tuple[Cells, Cells, Floats]]] = {}
         self._posterior: _Posterior | None = None
         self._known_before: dict[object, tuple[Floats, Floats]] = {}
+        columns, rows = (part.ravel() for part in np.meshgrid(self._x.nodes, self._y.nodes, indexing="ij"))
+        self._at_nodes = self._functions(columns, rows)
         # Day, readings of that day and of others, and the noise that they gave.
         self._noise_known = (-1, 0, 0, _FIRST_NOISE)
 
@@ -184,14 +197,8 @@ class SoilField:
         noise = self._noise(day, prior)
         precision, response = self._precision(day, prior, noise, {})
         covariance = _inverse(precision)
-        columns, rows = (part.ravel() for part in np.meshgrid(self._x.nodes, self._y.nodes, indexing="ij"))
         return _Posterior(
-            day,
-            noise,
-            self._noise_from(day),
-            covariance,
-            covariance @ response,
-            self._functions(columns, rows),
+            day, noise, self._noise_from(day), covariance, covariance @ response, self._at_nodes
         )
 
     def _noise(self, day: int, prior: SoilPrior) -> float:
@@ -304,7 +311,8 @@ class _Posterior:
 
 def _inverse(positive: Floats) -> Floats:
     """Invert a symmetric positive definite matrix by its Cholesky factor."""
-    factor, failed = lapack.dpotrf(positive, lower=1)
+    # LAPACK counts along columns first: the transposed one, which is the same, it need not turn.
+    factor, failed = lapack.dpotrf(positive.T, lower=1)
     if failed:
         general: Floats = np.linalg.inv(positive).astype(np.float64)
         return general

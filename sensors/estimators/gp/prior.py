@@ -159,7 +159,7 @@ def continuous_prior(
 ) -> FieldPrior:
     """Return the prior of a continuous field, simulated on few cells: its humps grow with the farm."""
     rngs = [stream(seed, "gp", name, str(number)) for number in range(_SOIL_SIMULATIONS)]
-    fields = simulate_coarse(parameters, shape, day, _SOIL_CELLS, rngs)
+    fields = simulate_coarse(parameters, shape, (day,), _SOIL_CELLS, rngs)[0]
     coarse = fields.shape[1:]
     lattice = [np.unique(np.linspace(0, side - 1, _SOIL_LATTICE).round().astype(int)) for side in coarse]
     x, y = (part.ravel() for part in np.meshgrid(*lattice, indexing="ij"))

@@ -19,6 +19,7 @@ from sensors.dynamics.soil import (
     draw_weather,
     hump_factors,
     rain_factors,
+    simulate_coarse,
     soil_step,
     write_soil,
 )
@@ -458,3 +459,14 @@ def test_day_six_of_waterberry() -> None:
     owned = environment.values(6)[0][grid.tomato]
     assert 0.9 < owned.mean() < 1.0
     assert 0.5 in owned
+
+
+@pytest.mark.parametrize("shape", [(40, 40), (60, 25)])
+def test_coarse_soil_of_a_day_does_not_depend_on_the_other_days(shape):
+    def simulated(days):
+        rngs = [np.random.default_rng(seed) for seed in range(3)]
+        return simulate_coarse(SoilParameters(), shape, days, 20, rngs)
+
+    together = simulated((0, 3, 7))
+    alone = np.concatenate([simulated((day,)) for day in (0, 3, 7)])
+    np.testing.assert_array_equal(together, alone)

@@ -199,6 +199,19 @@ def test_only_cells_in_reach_change_their_features():
     assert set(changed) <= set(touched.tolist())
 
 
+@pytest.mark.parametrize(
+    "places", [[(0, 0)], [(3, 4), (3, 5), (9, 20)], [(0, 0), (199, 149)], [(199, 0), (0, 149)]]
+)
+def test_reach_is_a_square_around_each_cell_on_the_farm(places):
+    shape = (200, 150)
+    x, y = (np.array(part) for part in zip(*places, strict=True))
+    near = np.zeros(shape, bool)
+    for column, row in places:
+        near[max(column - REACH, 0) : column + REACH + 1, max(row - REACH, 0) : row + REACH + 1] = True
+    columns, rows = cells_in_reach(x, y, shape)
+    np.testing.assert_array_equal(np.stack([columns, rows]), np.nonzero(near))
+
+
 def test_outbreaks_far_apart_are_counted_one_by_one():
     codes = padded_codes(np.ones((40, 40), bool))
     assert overall_features(codes, 1600, 3, 6).tolist() == [0, 0, 0, 0, 0, 0, 1, 0]

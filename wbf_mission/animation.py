@@ -7,8 +7,10 @@ nothing has to be kept during a run.
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,11 +26,13 @@ from wbf_mission.blocks import COUNT, ILLNESS, MapGrid
 from wbf_mission.estimation import attribute_errors_to, estimator_of, prepare_days
 from wbf_mission.field_maps import pixel_sums
 from wbf_mission.flight_record import FlightRecord
+from wbf_mission.outcome import Track
 from wbf_mission.progress import Progress, silent
 from wbf_mission.surroundings import make_environment
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap
     from matplotlib.image import AxesImage
     from matplotlib.lines import Line2D
 
@@ -39,6 +43,9 @@ _FRAMES = 150
 _FRAMES_A_SECOND = 12
 _LARGEST_SHARE = 0.02  # at least so much is shown of a large farm's scale of sick plants
 _COLUMNS = ("truth", "estimate", "uncertainty")
+# On truth and estimate a path is shown for so long, or since the frame before: what was seen is to be seen.
+_TAIL_S = 30.0
+_MARGIN = 0.02
 _VEHICLES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#000000")
 
 _Floats = NDArray[np.float64]
@@ -136,7 +143,7 @@ def animate(
     if not 2 <= frames <= MOST_FRAMES:
         msg = f"animation: {frames} frames; give 2 to {MOST_FRAMES}"
         raise AnimationError(msg)
-    writer = _writer(path)
+    _check_kind(path)
     shown = moments(record, frames)
     if not any(len(one.track.time_s) for one in record.flights):
         msg = "animation: nothing was flown"
@@ -146,7 +153,8 @@ def animate(
     with threadpool_limits(1, user_api="blas"):
         learner.fit(record.farm.grid())
         prepare_days(learner, shown[0].day, shown[-1].day - shown[0].day + 1, tell)
-        sheet = _Sheet(record)
+        sheet = _Sheet(record, _tail_s(shown))
+        writer = _writer(path, sheet)
         with atomic_path(path) as temporary, writer.saving(sheet.figure, str(temporary), sheet.figure.dpi):
             for number, (moment, maps) in enumerate(_estimates(record, learner, shown)):
                 tell("animation", number, len(shown))
@@ -155,18 +163,31 @@ def animate(
     return path
 
 
-def _writer(path: Path) -> Any:
-    from matplotlib import animation
+def _check_kind(path: Path) -> None:
+    from matplotlib.animation import FFMpegWriter
 
-    if path.suffix == ".gif":
-        return animation.PillowWriter(fps=_FRAMES_A_SECOND)
-    if path.suffix != ".mp4":
+    if path.suffix not in (".gif", ".mp4"):
         msg = f"{path}: a moving picture is a .gif or an .mp4 file"
         raise AnimationError(msg)
-    if not animation.FFMpegWriter.isAvailable():
+    if path.suffix == ".mp4" and not FFMpegWriter.isAvailable():
         msg = f"{path}: ffmpeg is not installed; give a .gif file"
         raise AnimationError(msg)
-    return animation.FFMpegWriter(fps=_FRAMES_A_SECOND, extra_args=["-f", "mp4"])
+
+
+def _writer(path: Path, sheet: _Sheet) -> Any:
+    if path.suffix == ".gif":
+        from wbf_mission.gif_writer import GifWriter
+
+        return GifWriter(_FRAMES_A_SECOND, sheet.colour_maps, _VEHICLES)
+    from matplotlib.animation import FFMpegWriter
+
+    return FFMpegWriter(fps=_FRAMES_A_SECOND, extra_args=["-f", "mp4"])
+
+
+def _tail_s(shown: list[Moment]) -> float:
+    """Return for how long a path stays: no piece of it is missed between two frames."""
+    steps = [b.time_s - a.time_s for a, b in pairwise(shown) if a.flights is b.flights]
+    return max([_TAIL_S, *steps])
 
 
 def _fresh(record: RunRecord) -> Estimator:
@@ -191,6 +212,7 @@ def _estimates(
     kept = {one.day: one.truth for one in record.days}
     environment = None
     day, seen, truth = None, 0, list[_Floats]()
+    known: tuple[list[_Floats], list[_Floats]] | None = None
     for moment in shown:
         if moment.day != day:
             day = moment.day
@@ -201,14 +223,17 @@ def _estimates(
             truth = [_by_pixels(grid, mask, values[k]) for k, mask in enumerate(masks)]
             with attribute_errors_to(estimator):
                 advance_estimator(estimator, day)
-        with attribute_errors_to(estimator):
-            if moment.seen > seen:
-                estimator.partial_fit(record.observations[seen : moment.seen])
-                seen = moment.seen
-            model = estimator.predict()
-        value = [_by_pixels(grid, mask, model.value[k]) for k, mask in enumerate(masks)]
-        uncertainty = [_by_pixels(grid, mask, model.uncertainty[k]) for k, mask in enumerate(masks)]
-        yield moment, (truth, value, uncertainty)
+            known = None
+        if known is None or moment.seen > seen:
+            with attribute_errors_to(estimator):
+                if moment.seen > seen:
+                    estimator.partial_fit(record.observations[seen : moment.seen])
+                    seen = moment.seen
+                model = estimator.predict()
+            value = [_by_pixels(grid, mask, model.value[k]) for k, mask in enumerate(masks)]
+            uncertainty = [_by_pixels(grid, mask, model.uncertainty[k]) for k, mask in enumerate(masks)]
+            known = value, uncertainty
+        yield moment, (truth, *known)
 
 
 def _by_pixels(grid: MapGrid, mask: NDArray[np.bool_], values: NDArray[np.float32]) -> _Floats:
@@ -221,13 +246,16 @@ def _by_pixels(grid: MapGrid, mask: NDArray[np.bool_], values: NDArray[np.float3
 class _Sheet:
     """The figure: a row for each field, with truth, estimate and uncertainty, and the vehicles on them."""
 
-    def __init__(self, record: RunRecord) -> None:
+    def __init__(self, record: RunRecord, tail_s: float) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
         farm, self._fields = record.farm, tuple(record.fields)
         self._grid = MapGrid.of(farm)
-        ratio = farm.height_cells / farm.width_cells
+        self._tail_s = tail_s
+        self._limits_m = _shown_m(record)
+        (left_m, right_m), (bottom_m, top_m) = self._limits_m
+        ratio = (top_m - bottom_m) / (right_m - left_m)
         self.figure = Figure(figsize=(7.2, min(0.6 + 2.3 * ratio * len(self._fields), 12.0)), dpi=80)
         FigureCanvasAgg(self.figure)
         panels = self.figure.subplots(len(self._fields), len(_COLUMNS), squeeze=False)
@@ -238,7 +266,7 @@ class _Sheet:
         self._about = f"{farm.name}: {record.plan.planner or 'mission file'}, {record.estimator}"
         vehicles = sorted({one.system_id for one in record.flights})
         for row, field in zip(panels, self._fields, strict=True):
-            self._images.append([self._image(axes, farm.width_cells, farm.height_cells) for axes in row])
+            self._images.append([self._image(axes) for axes in row])
             row[0].set_ylabel(field.title, fontsize=8)
         for axes, name in zip(panels[0], _COLUMNS, strict=True):
             axes.set_title(name, fontsize=9, pad=3)
@@ -246,7 +274,12 @@ class _Sheet:
         self._vehicles = vehicles
         self._has_scale = False
 
-    def _image(self, axes: Axes, width: int, height: int) -> AxesImage:
+    @property
+    def colour_maps(self) -> list[Colormap]:
+        """The colour maps of all fields, and of the uncertainty."""
+        return [*{one.name: one for one in map(_colours, self._fields)}.values(), _uncertain()]
+
+    def _image(self, axes: Axes) -> AxesImage:
         cell, pixel = self._grid.cell_size_m, self._grid.pixel
         columns, rows = self._grid.pixels
         axes.set_xticks([])
@@ -259,8 +292,8 @@ class _Sheet:
             extent=(0.0, columns * pixel * cell, 0.0, rows * pixel * cell),
             interpolation="nearest",
         )
-        axes.set_xlim(0.0, width * cell)
-        axes.set_ylim(0.0, height * cell)
+        axes.set_xlim(*self._limits_m[0])
+        axes.set_ylim(*self._limits_m[1])
         return image
 
     def show(
@@ -276,11 +309,11 @@ class _Sheet:
                 sick = field.kind == "disease" and image is not self._images[k][2]
                 image.set_data(np.ma.masked_invalid(1.0 - pixels if sick else pixels).T)
         tracks = {one.system_id: one.track for one in moment.flights}
-        for lines in self._lines:
+        for panel, lines in enumerate(self._lines):
+            whole = panel % len(_COLUMNS) == len(_COLUMNS) - 1
+            since_s = -math.inf if whole else moment.time_s - self._tail_s
             for system_id, (path, place) in zip(self._vehicles, lines, strict=True):
-                track = tracks.get(system_id)
-                until = 0 if track is None else int(np.searchsorted(track.time_s, moment.time_s, "right"))
-                x, y = (np.empty(0), np.empty(0)) if track is None else (track.x_m[:until], track.y_m[:until])
+                x, y = _flown(tracks.get(system_id), since_s, moment.time_s)
                 path.set_data(x, y)
                 place.set_data(x[-1:], y[-1:])
         minutes, seconds = divmod(round(moment.time_s), 60)
@@ -288,23 +321,62 @@ class _Sheet:
         self.figure.suptitle(f"{self._about}\n{when}, {moment.seen} readings", fontsize=9, y=0.995)
 
     def _scale(self, field: Field, images: list[AxesImage], truth: _Floats, uncertainty: _Floats) -> None:
-        from matplotlib.colors import LinearSegmentedColormap
-
-        if field.kind == "disease":
-            top = 1.0 if self._grid.pixel == 1 else max(_LARGEST_SHARE, float(np.nanmax(1.0 - truth)))
-            colours: Any = "YlOrBr"
-        else:
-            top, colours = 1.0, LinearSegmentedColormap.from_list(field.name, field.colours)
+        top = 1.0
+        if field.kind == "disease" and self._grid.pixel > 1:
+            top = max(_LARGEST_SHARE, float(np.nanmax(1.0 - truth)))
         for image in images[:2]:
-            image.set_cmap(colours)
+            image.set_cmap(_colours(field))
             image.set_clim(0.0, top)
-        images[2].set_cmap("viridis")
+        images[2].set_cmap(_uncertain())
         images[2].set_clim(0.0, max(float(np.nanmax(uncertainty, initial=0.0)), 1e-3))
+
+
+def _shown_m(record: RunRecord) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return from where to where the farm is shown along x and y: the owner's land, and where they flew."""
+    farm = record.farm
+    owned = farm.grid().owned
+    ends = []
+    for axis, cells in enumerate((farm.width_cells, farm.height_cells)):
+        along = np.flatnonzero(owned.any(axis=1 - axis))
+        least, most = (float(along[0]), float(along[-1] + 1)) if len(along) else (0.0, float(cells))
+        tracks = [one.track.x_m if axis == 0 else one.track.y_m for one in record.flights]
+        flown = np.concatenate([[least * farm.cell_size_m, most * farm.cell_size_m], *tracks])
+        ends.append((float(np.nanmin(flown)), float(np.nanmax(flown)), cells * farm.cell_size_m))
+    margin_m = _MARGIN * max(most_m - least_m for least_m, most_m, _ in ends)
+    (left, bottom), (right, top) = (
+        [max(least_m - margin_m, 0.0) for least_m, _, _ in ends],
+        [min(most_m + margin_m, size_m) for _, most_m, size_m in ends],
+    )
+    return (left, right), (bottom, top)
+
+
+def _flown(track: Track | None, since_s: float, until_s: float) -> tuple[_Floats, _Floats]:
+    """Return what a vehicle flew in a time, with its last place before."""
+    if track is None:
+        return np.empty(0), np.empty(0)
+    until = int(np.searchsorted(track.time_s, until_s, "right"))
+    since = max(0, min(int(np.searchsorted(track.time_s, since_s)), until - 1))
+    return track.x_m[since:until], track.y_m[since:until]
+
+
+def _colours(field: Field) -> Colormap:
+    from matplotlib import colormaps
+    from matplotlib.colors import LinearSegmentedColormap
+
+    if field.kind == "disease":
+        return colormaps["YlOrBr"]
+    return LinearSegmentedColormap.from_list(field.name, field.colours)
+
+
+def _uncertain() -> Colormap:
+    from matplotlib import colormaps
+
+    return colormaps["viridis"]
 
 
 def _vehicle(axes: Axes, system_id: int) -> tuple[Line2D, Line2D]:
     """Return the lines of one vehicle's path and place in a panel."""
     colour = _VEHICLES[(system_id - 1) % len(_VEHICLES)]
-    (path,) = axes.plot([], [], color=colour, linewidth=0.8, alpha=0.8)
+    (path,) = axes.plot([], [], color=colour, linewidth=1.0)
     (place,) = axes.plot([], [], color=colour, marker="o", markersize=4, markeredgecolor="white")
     return path, place

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from statistics import median
 
 import numpy as np
 
@@ -277,7 +278,7 @@ class Sortie:
     @property
     def _delay_s(self) -> float:
         known = [one.delay_s for one in self.ground.changes if one.delay_s is not None]
-        return float(np.median(known)) if known else 0.0
+        return median(known) if known else 0.0
 
     def steer(self, points_m: Points, now_s: float) -> PathChange:
         """Begin to change the path of the vehicle; what becomes of it is noted in what is returned."""

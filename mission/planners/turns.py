@@ -136,8 +136,11 @@ class Turns:
         long = length_m > _LONG_LEG * self.radius_m
         # To the first point leads no leg, if nobody knows where the vehicle comes from; from the last none.
         before = 0 if start_m is not None else 1
-        come, come_far = np.pad(along, ((before, 0), (0, 0))), np.pad(long, (before, 0))
-        go, go_far = np.pad(along[1 - before :], ((0, 1), (0, 0))), np.pad(long[1 - before :], (0, 1))
+        nowhere, near = np.zeros((1, 2)), np.zeros(1, np.bool_)
+        come = np.concatenate((nowhere[:before], along))
+        come_far = np.concatenate((near[:before], long))
+        go = np.concatenate((along[1 - before :], nowhere))
+        go_far = np.concatenate((long[1 - before :], near))
         as_it_is = ((come * go).sum(axis=1) > _STRAIGHT) | (come_far & go_far)
         come[as_it_is] = go[as_it_is] = 0.0
         # After the last point comes no corner.

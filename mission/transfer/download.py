@@ -80,7 +80,8 @@ class MissionDownload(ClientTransfer):
         try:
             self._received = (message.seq, wire.item_from_message(message))
         except MissionError as error:
-            self._broken = f"item {message.seq} of the vehicle: {error}"
+            home = self.profile.home_at_zero and self.mission_type is MissionType.MISSION
+            self._broken = f"item {message.seq if home else message.seq + 1} of the vehicle: {error}"
             return _I.ITEM_BROKEN
         return _I.ITEM_LAST if self._missing == 1 else _I.ITEM
 

@@ -47,7 +47,7 @@ def check_plan(items: Sequence[MissionItem], mission_type: MissionType) -> None:
     >>> check_plan([MissionItem(5100, 3, x=28.0, y=-82.0)], MissionType.MISSION)
     Traceback (most recent call last):
         ...
-    mission.transfer.errors.LocalTransferError: item 0: command 5100 does not belong into a mission plan
+    mission.transfer.errors.LocalTransferError: item 1: command 5100 does not belong into a mission plan
     """
     if len(items) >= wire.MAX_ITEMS:
         msg = f"{len(items)} items: MAVLink counts to {wire.MAX_ITEMS}; send a shorter plan"
@@ -55,7 +55,7 @@ def check_plan(items: Sequence[MissionItem], mission_type: MissionType) -> None:
     for sequence, item in enumerate(items):
         if plan_of(item.command) != mission_type:
             plan = mission_type.name.lower()
-            msg = f"item {sequence}: command {item.command} does not belong into a {plan} plan"
+            msg = f"item {sequence + 1}: command {item.command} does not belong into a {plan} plan"
             raise LocalTransferError(msg)
 
 

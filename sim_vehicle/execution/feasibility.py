@@ -51,7 +51,7 @@ class ItemProblem:
     Examples
     --------
     >>> str(ItemProblem(3, 16, "altitude", "altitude -1.0 m above home is outside 0..500"))
-    'item 3 (NAV_WAYPOINT): altitude -1.0 m above home is outside 0..500'
+    'item 4 (NAV_WAYPOINT): altitude -1.0 m above home is outside 0..500'
     """
 
     item: int | None
@@ -62,7 +62,7 @@ class ItemProblem:
     def __str__(self) -> str:
         if self.item is None:
             return self.reason
-        return f"item {self.item} ({_name(self.command)}): {self.reason}"
+        return f"item {self.item + 1} ({_name(self.command)}): {self.reason}"
 
 
 def check_mission(
@@ -98,7 +98,7 @@ def check_mission(
     >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> items = [MissionItem.waypoint(28.05, -82.15, 10.0)]
     >>> check_mission(items, LocalFrame(28.05, -82.15), get_vehicle("quad"))
-    ['item 0 (NAV_WAYPOINT): no take-off before it']
+    ['item 1 (NAV_WAYPOINT): no take-off before it']
     """
     positions = item_positions(items, frame)
     problems = [str(one) for one in mission_problems(items, positions, spec, needs_takeoff=needs_takeoff)]
@@ -108,7 +108,7 @@ def check_mission(
                 outside(position) if item.command in _WITH_POSITION and not math.isnan(position[0]) else None
             )
             if reason is not None:
-                problems.append(f"item {seq} ({_name(item.command)}): outside the fence, {reason}")
+                problems.append(f"item {seq + 1} ({_name(item.command)}): outside the fence, {reason}")
     return problems
 
 
@@ -196,7 +196,7 @@ def _item_problems(
         if radius != 0.0 and not 0.5 <= abs(radius) <= most:
             problems.append(("radius", f"radius {radius:g} m is outside 0.5..{most:g}"))
     if command == Command.DO_JUMP and not (0.0 <= first < count and first == int(first)):
-        problems.append(("jump-target", f"jumps to item {first:g} of {count}"))
+        problems.append(("jump-target", f"jumps to item {first + 1:g} of {count}"))
     if command == Command.CONDITION_DISTANCE and first < 0.0:
         problems.append(("distance", f"distance {first:g} m is negative"))
     return problems

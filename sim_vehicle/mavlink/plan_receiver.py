@@ -180,8 +180,8 @@ class PlanReceiver:
         bad = next((i for i, item in enumerate(event.items) if isinstance(item, UncheckedItem)), None)
         if bad is not None:
             pilot.load(())
-            pilot.reject_mission(f"item {bad}: its position or its numbers make no sense")
-            pilot.note(Severity.CRITICAL, f"Mission rejected: item {bad} makes no sense")
+            pilot.reject_mission(f"item {bad + 1}: its position or its numbers make no sense")
+            pilot.note(Severity.CRITICAL, f"Mission rejected: item {bad + 1} makes no sense")
             return
         self._reports.restart()
         self._tell(pilot.load(event.items, marked=marked))

@@ -481,7 +481,7 @@ class Pilot:
         """Go on with this mission item; RefusedError when there is none."""
         size = self.mission.size
         if not 0 <= seq < size:
-            raise RefusedError(f"Mission item {seq} refused: there are {size}", denied=True)
+            raise RefusedError(f"Mission item {seq + 1} refused: there are {size}", denied=True)
         self.mission.choose()
         self.controls.order(lambda: self.executor.set_current(seq))
 
@@ -563,7 +563,7 @@ class Pilot:
 
     def _give_up_mission(self, event: CannotFly) -> None:
         """Bring the vehicle down after something that it could not do: home first, else here."""
-        where = f"Item {event.seq}: " if event.seq >= 0 else ""
+        where = f"Item {event.seq + 1}: " if event.seq >= 0 else ""
         self.note(Severity.CRITICAL, f"{where}{event.reason}")
         if not self.outcome.is_over:
             self._end(Outcome.CANNOT_FLY_ITEM, f"{where}{event.reason}")
@@ -577,7 +577,7 @@ class Pilot:
             if mission.complete:
                 self._end(Outcome.COMPLETED, "mission complete")
             else:
-                where = f"disarmed at item {mission.current_seq} of {mission.size}"
+                where = f"disarmed at item {min(mission.current_seq + 1, mission.size)} of {mission.size}"
                 self._end(Outcome.FLIGHT_ABORTED, where)
         mission.started = False
         mission.judge_on_ground()

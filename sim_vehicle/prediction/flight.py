@@ -161,14 +161,14 @@ class PredictedFlight:
         """Return when the flight ended, and why it did not end well."""
         for event in events:
             if isinstance(event, CannotFly):
-                return event.time_s, f"item {event.seq}: {event.reason}"
+                return event.time_s, f"item {event.seq + 1}: {event.reason}"
             if isinstance(event, BatteryDepleted):
-                item = executor.current_seq
+                item = executor.current_seq + 1
                 return event.time_s, f"the battery is empty after {event.time_s:.0f} s, at item {item}"
         for event in reversed(events):
             if isinstance(event, MissionComplete):
                 return event.time_s, ""
-        return executor.time_s, f"item {executor.current_seq} never ends"
+        return executor.time_s, f"item {executor.current_seq + 1} never ends"
 
 
 def fly_all(flights: list[PredictedFlight], threads: int) -> None:

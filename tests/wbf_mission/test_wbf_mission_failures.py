@@ -124,7 +124,7 @@ def test_disarmed_without_a_reason_tells_how_far_it_came():
     vehicle.pilot.disarm(force=True)
     simulation.run(until=lambda _now_s: ground.done, limit_s=60.0)
     assert ground.outcome is Outcome.FLIGHT_ABORTED
-    assert ground.reason == vehicle.outcome_text == f"disarmed at item {seq} of {len(ITEMS)}"
+    assert ground.reason == vehicle.outcome_text == f"disarmed at item {seq + 1} of {len(ITEMS)}"
 
 
 def test_what_an_earlier_safety_function_told_is_not_taken_for_the_last():

@@ -89,7 +89,7 @@ def test_what_the_vehicle_says_of_a_plan_that_it_stores_and_rejects_is_shown(tmp
         assert not report["verified"]
         assert report["accepted"] is False
         (said,) = report["texts"]
-        assert said.startswith("Mission rejected: item 3")
+        assert said.startswith("Mission rejected: item 4")
         assert f"the vehicle says: {said}" in err
 
 

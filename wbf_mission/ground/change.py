@@ -253,33 +253,37 @@ def check_change(new: Mission, resume_at: int, old: Mission) -> None:
     >>> check_change(there, 1, there)
     Traceback (most recent call last):
         ...
-    mission.errors.MissionError: mission: item 1 to go on with does not exist; there are 1 items
+    mission.errors.MissionError: mission: item 2 to go on with does not exist; there are 1 items
     """
     items = new.items
     check_plan(items, MissionType.MISSION)
     if not 0 <= resume_at < len(items):
-        msg = f"mission: item {resume_at} to go on with does not exist; there are {len(items)} items"
+        msg = f"mission: item {resume_at + 1} to go on with does not exist; there are {len(items)} items"
         raise MissionError(msg)
     if items[resume_at].command not in _FLOWN_TO | _RETURNS or not (
         items[resume_at].has_position or items[resume_at].command in _RETURNS
     ):
-        msg = f"mission: item {resume_at} to go on with (command {items[resume_at].command}) is no position"
+        msg = (
+            f"mission: item {resume_at + 1} to go on with (command {items[resume_at].command}) is no position"
+        )
         raise MissionError(msg)
     if leads_home(old.items, 0) and not leads_home(items, resume_at):
-        msg = f"mission: nothing after item {resume_at} leads home; end with NAV_RETURN_TO_LAUNCH or NAV_LAND"
+        end = "end with NAV_RETURN_TO_LAUNCH or NAV_LAND"
+        msg = f"mission: nothing after item {resume_at + 1} leads home; {end}"
         raise MissionError(msg)
     home = old.home
     for k, item in enumerate(items):
         if not item.has_position or item.x == item.y == 0.0:
             continue
         if abs(item.z) > _HIGHEST_M:
-            msg = f"mission: item {k} is {item.z:g} m high; more than {_HIGHEST_M:g} m is not sent in flight"
+            limit = f"more than {_HIGHEST_M:g} m is not sent in flight"
+            msg = f"mission: item {k + 1} is {item.z:g} m high; {limit}"
             raise MissionError(msg)
         if (
             home is not None
             and max(abs(item.x - home.latitude_deg), abs(item.y - home.longitude_deg)) > _FARTHEST_DEG
         ):
-            msg = f"mission: item {k} is more than {_FARTHEST_DEG:g} degree from home; is it in degrees?"
+            msg = f"mission: item {k + 1} is more than {_FARTHEST_DEG:g} degree from home; is it in degrees?"
             raise MissionError(msg)
 
 

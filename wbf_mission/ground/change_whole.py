@@ -199,7 +199,7 @@ class WholeListChange(ChangeSession):
         self._marks += 1
         if self._marks > _MARKS:
             self.held = self.request.new
-            self._end(ChangeOutcome.GIVEN_UP, f"the vehicle stays at item {state.item}", now_s)
+            self._end(ChangeOutcome.GIVEN_UP, f"the vehicle stays at item {state.item + 1}", now_s)
             return []
         home = 1 if self.request.profile.home_at_zero else 0
         return [m.MAVLink_mission_set_current_message(*self.request.vehicle, self._mark + home)]

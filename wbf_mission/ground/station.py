@@ -41,7 +41,7 @@ from wbf_mission.ground.pilot_watch import PilotWatch
 from wbf_mission.ground.texts import TextLog
 from wbf_mission.ground.tracks import FlownLength, TrackRecorder, TrueState
 from wbf_mission.ground.uploads import PlanUploads
-from wbf_mission.ground.vehicle_state import UNKNOWN_ITEM, Battery, VehicleMonitor, VehicleState
+from wbf_mission.ground.vehicle_state import Battery, VehicleMonitor, VehicleState
 from wbf_mission.outcome import Phase, Track
 
 GROUND_SYSTEM_ID = 255
@@ -479,8 +479,9 @@ class GroundStation:
         if self._is_vehicle(message):
             self._monitor.on_mission_current(message, now_s)
             self._mission_state = message.mission_state
-            if message.seq != UNKNOWN_ITEM:
-                self._progress = f" at item {message.seq} of {message.total}"
+            state = self._monitor.state
+            if state.item is not None:
+                self._progress = f" at item {state.item + 1} of {state.total or len(self.mission.items)}"
             if self.phase is Phase.FLIGHT and self._mission_state == _COMPLETE and self._ends_when_complete():
                 self._complete(now_s)
         return []

@@ -186,7 +186,7 @@ def test_misuse_is_a_local_error():
         start(start(MissionDownload()))
     with pytest.raises(LocalTransferError, match="send a shorter plan"):
         check_plan([A] * 65535, MISSION)
-    with pytest.raises(LocalTransferError, match="item 1: command 16 does not belong into a fence plan"):
+    with pytest.raises(LocalTransferError, match="item 2: command 16 does not belong into a fence plan"):
         MissionUpload((MissionItem(5003, 3, 5.0), A), FENCE)
     with pytest.raises(LocalTransferError, match="window"):
         MissionDownload(window=0)
@@ -279,7 +279,7 @@ def test_a_broken_item_ends_the_download():
     bad.x = 2_000_000_000
     output = download.receive(sent(bad), 0.2)
     assert output.events[0].reason is FailureReason.BROKEN
-    assert "item 0" in output.events[0].text
+    assert "item 1 of the vehicle" in output.events[0].text
     assert output.messages[0].type == wire.OPERATION_CANCELLED
 
 

@@ -469,7 +469,7 @@ def test_the_attitude_shows_the_acceleration():
 
 BAD = [
     ([], "empty"),
-    ([takeoff(), at(84, 0, 0)], r"item 1 \(command 84\): the vehicle does not know"),
+    ([takeoff(), at(84, 0, 0)], r"item 2 \(command 84\): the vehicle does not know"),
     ([takeoff(), do(4501)], "command 4501"),
     ([takeoff(), MissionItem(16, 10, 0, 0, 0, 0, 28.05, -82.15, 10.0)], "frame 10"),
     ([takeoff(), MissionItem(16, 2, 0, 0, 0, 0, 0, 0, 10.0)], "frame 2"),
@@ -479,8 +479,8 @@ BAD = [
     ([takeoff(), MissionItem.waypoint(0.0, 0.0, 10.0)], "from home"),
     ([wp(0, 0)], "no take-off"),
     ([do(178, 1, 5)], "no position"),
-    ([takeoff(), do(177, 9, 1)], "jumps to item 9"),
-    ([takeoff(), do(177, -1, 1)], "jumps to item -1"),
+    ([takeoff(), do(177, 9, 1)], "jumps to item 10"),
+    ([takeoff(), do(177, -1, 1)], "jumps to item 0"),
     ([takeoff(), wp(0, 0, hold_s=-1.0)], "time -1"),
     ([takeoff(), wp(0, 0, acceptance_radius_m=-1.0)], "radius -1"),
     ([takeoff(), do(93, -1, 25, 0, 0)], "time of day 25:0:0"),

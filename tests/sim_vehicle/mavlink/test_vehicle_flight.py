@@ -380,7 +380,7 @@ def test_a_mission_that_cannot_be_flown_is_rejected_and_not_started():
     vehicle, ground, _, _ = fly(far, [(2.0, ARM), (2.5, START)], limit_s=6.0)
     assert vehicle.outcome is Outcome.MISSION_REJECTED or (300, 1) in ground.acks()
     assert ground.of("MISSION_ACK")[0].type == 0, "PX4 stores it and refuses to fly it"
-    assert any(text.startswith("Mission rejected: item 2") for text in ground.texts())
+    assert any(text.startswith("Mission rejected: item 3") for text in ground.texts())
     assert ground.of("MISSION_CURRENT")[-1].mission_state == 1
 
 

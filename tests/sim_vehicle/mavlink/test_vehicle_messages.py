@@ -315,7 +315,7 @@ def test_mission_start_pause_and_current_item():
     peer.tell(m.MAVLink_mission_set_current_message(1, 1, 2))
     assert peer.vehicle.pilot.mission.current_seq == 2
     peer.tell(m.MAVLink_mission_set_current_message(1, 1, 77))
-    assert "Mission item 77 refused: there are 3" in peer.texts()
+    assert "Mission item 78 refused: there are 3" in peer.texts()
     assert peer.result(193, 0.0) == 3 and peer.vehicle.pilot.mode is Mode.MISSION, "PX4 pauses by its modes"
 
 

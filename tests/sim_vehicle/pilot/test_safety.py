@@ -268,9 +268,9 @@ def test_missions_and_targets_outside_the_fence_are_refused(autopilot):
     rig.pilot.load([takeoff(), wp(20, 0), wp(70, 0), RTL])
     assert rig.pilot.mission.why_not is None
     rig.pilot.set_fence(zone(5001, SQUARE))
-    assert "item 2 (NAV_WAYPOINT): outside the fence, 20.0 m outside the area" in rig.pilot.mission.why_not
+    assert "item 3 (NAV_WAYPOINT): outside the fence, 20.0 m outside the area" in rig.pilot.mission.why_not
     rig.run(0.2)
-    assert any(text.startswith("Mission rejected: item 2") for text in rig.texts)
+    assert any(text.startswith("Mission rejected: item 3") for text in rig.texts)
     with pytest.raises(RefusedError, match="outside the fence"):
         rig.pilot.set_mode(Mode.MISSION)
     rig.pilot.load([takeoff(), wp(20, 0), RTL])

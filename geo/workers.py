@@ -9,23 +9,66 @@ from typing import Any, Generic, TypeVar
 
 from geo.interrupts import ignore_interrupts, interrupts_held
 
-__all__ = ["CallsAhead"]
+__all__ = ["CallsAhead", "Processes"]
 
 _T = TypeVar("_T")
 _POLL_S = 0.01
 _HAND_OVER_S = 5.0
 
 
+class Processes:
+    """Processes of our own that make calls.
+
+    They leave Ctrl-C to this one, and do not run the caller's script again, as those of the standard library
+    do.
+
+    Parameters
+    ----------
+    workers : int
+        How many.
+
+    Attributes
+    ----------
+    most : int
+        As many calls may be open at a time; closed with more, loky ends with a traceback.
+    """
+
+    def __init__(self, workers: int) -> None:
+        from joblib.externals.loky import ProcessPoolExecutor
+
+        self.most = 2 * workers
+        self._pool = ProcessPoolExecutor(workers, initializer=ignore_interrupts)
+        self._open: set[Future[Any]] = set()
+
+    def submit(self, function: Callable[..., _T], *arguments: Any) -> Future[_T]:
+        """Have a call made; what is called is pickled by cloudpickle.
+
+        Raises
+        ------
+        concurrent.futures.process.BrokenProcessPool
+            If a process was killed before.
+        """
+        with interrupts_held():
+            future: Future[_T] = self._pool.submit(function, *arguments)
+            self._open.add(future)
+        future.add_done_callback(self._open.discard)
+        return future
+
+    def close(self) -> None:
+        """End the processes, whatever they do."""
+        until_s = time.monotonic() + _HAND_OVER_S
+        while any(map(_waits, tuple(self._open))) and time.monotonic() < until_s:
+            time.sleep(_POLL_S)
+        self._pool.shutdown(wait=True, kill_workers=True)
+
+
 class CallsAhead(Generic[_T]):
     """Makes calls in as many processes as there are cores, each before its result is asked for.
-
-    The processes leave Ctrl-C to this one, and do not run the caller's script again, as those of the standard
-    library do.
 
     Parameters
     ----------
     function : callable
-        That can be pickled by cloudpickle.
+        Called as `Processes.submit` says.
     arguments : sequence of tuple
         Of each call.
 
@@ -37,19 +80,14 @@ class CallsAhead(Generic[_T]):
 
     def __init__(self, function: Callable[..., _T], arguments: Sequence[tuple[Any, ...]]) -> None:
         from joblib import cpu_count
-        from joblib.externals.loky import ProcessPoolExecutor
 
-        workers = max(1, min(len(arguments), cpu_count()))
-        self._pool = ProcessPoolExecutor(workers, initializer=ignore_interrupts)
+        self._processes = Processes(max(1, min(len(arguments), cpu_count())))
         self._function = function
         self._arguments = list(arguments)
         self._futures: dict[int, Future[_T]] = {}
         self._submitted = 0
-        # As many as the processes take over: closed with more, loky ends with a traceback.
-        self._most = 2 * workers
         try:
-            with interrupts_held():
-                self._submit()
+            self._submit()
         except KeyboardInterrupt:
             self.close()
             raise
@@ -79,17 +117,14 @@ class CallsAhead(Generic[_T]):
 
     def close(self) -> None:
         """End the processes, whatever they do."""
-        until_s = time.monotonic() + _HAND_OVER_S
-        while any(_waits(one) for one in self._futures.values()) and time.monotonic() < until_s:
-            time.sleep(_POLL_S)
-        self._pool.shutdown(wait=True, kill_workers=True)
+        self._processes.close()
         self._futures = {}
 
     def _submit(self) -> None:
         """Hand over as many calls as the processes take."""
         ahead = sum(not one.done() for one in self._futures.values())
-        for arguments in self._arguments[self._submitted :][: self._most - ahead]:
-            self._futures[self._submitted] = self._pool.submit(self._function, *arguments)
+        for arguments in self._arguments[self._submitted :][: self._processes.most - ahead]:
+            self._futures[self._submitted] = self._processes.submit(self._function, *arguments)
             self._submitted += 1
 
 

@@ -54,7 +54,8 @@ def distributions():
 
 
 def test_every_import_of_the_product_is_declared():
-    declared = names(PROJECT["dependencies"]) | names(PROJECT["optional-dependencies"]["serial"])
+    extras = PROJECT["optional-dependencies"]
+    declared = names(PROJECT["dependencies"]).union(*(names(extras[one]) for one in ("serial", "dask")))
     of = distributions()
     missing = {
         f"{module} ({path})"

@@ -36,6 +36,7 @@ def benchmark(
     *,
     out: str | Path | None = None,
     jobs: int = 1,
+    dask: str | None = None,
     retry: bool = False,
     progress: Progress | None = None,
 ) -> list[BenchRow]:
@@ -51,6 +52,9 @@ def benchmark(
         Folder where each run is kept when it ends; what it holds is not flown again.
     jobs : int
         Processes at once; -1: one per core. The rows do not depend on it, but for the costs.
+    dask : str, optional
+        The address of a Dask scheduler whose workers fly, or ``local`` for one of this machine with `jobs`
+        workers.
     retry : bool
         Fly again what failed.
     progress : callable, optional
@@ -65,6 +69,8 @@ def benchmark(
     ------
     ResultError
         If the folder holds something else, or another process writes it.
+    ClusterError
+        If Dask's scheduler or workers cannot be used, or are lost.
     OSError
         If it cannot be written.
     BenchmarkInterrupted
@@ -81,7 +87,7 @@ def benchmark(
         missing = [one for one in runs if one.key not in done or (retry and not done[one.key])]
         kept = len(runs) - len(missing)
         try:
-            for number, row in enumerate(fly_all(missing, jobs=jobs), kept + 1):
+            for number, row in enumerate(fly_all(missing, jobs=jobs, dask=dask), kept + 1):
                 if store is None:
                     rows[row.key] = row
                 else:

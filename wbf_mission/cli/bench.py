@@ -110,6 +110,15 @@ def run_command(
         ),
     ] = None,
     jobs: Annotated[int, options.processes()] = 1,
+    dask: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Fly on the workers of a Dask scheduler, such as tcp://10.0.0.1:8786, or of one made here:"
+            " local (with --jobs).",
+            show_default=False,
+        ),
+    ] = None,
     retry: Annotated[bool, typer.Option("--retry", help="Fly again what failed.")] = False,
     json: options.Json = False,
     quiet: options.Quiet = False,
@@ -137,7 +146,7 @@ def run_command(
     interrupted = False
     try:
         with output.progress() as progress:
-            rows = benchmark(wanted, out=out, jobs=jobs, retry=retry, progress=progress)
+            rows = benchmark(wanted, out=out, jobs=jobs, dask=dask, retry=retry, progress=progress)
     except BenchmarkInterrupted as stop:
         rows, interrupted = stop.rows, True
         output.warn(f"{stop}; the same command goes on with them")

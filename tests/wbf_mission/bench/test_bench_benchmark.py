@@ -159,8 +159,14 @@ def started(folder, *more):
     return process
 
 
-@pytest.mark.parametrize("jobs", ["1", "2"])
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)], ids=str)
+@pytest.mark.parametrize(
+    ("jobs", "number", "code"),
+    [
+        ("2", signal.SIGINT, 130),
+        pytest.param("2", signal.SIGTERM, 143, marks=pytest.mark.slow),
+        pytest.param("1", signal.SIGINT, 130, marks=pytest.mark.slow),
+    ],
+)
 def test_a_signal_keeps_what_is_finished(tmp_path, jobs, number, code):
     process = started(tmp_path / "b", "--jobs", jobs)
     os.killpg(process.pid, number)  # a terminal sends it to the workers as well

@@ -72,6 +72,7 @@ class Remark:
             "item": None if self.item is None else self.item + 1,
             "command": None if self.command is None else command_name(self.command),
             "count": self.count,
+            "parameter": self.parameter or None,
             "severity": self.severity.value,
             "text": self.text,
             "fix": self.fix,

@@ -117,18 +117,25 @@ def render(
     )
 
 
-def refuse_errors(rendered: Rendered) -> None:
+def refuse_errors(rendered: Rendered, *, arming: bool = True) -> None:
     """Refuse a plan that the autopilot would not take.
+
+    Parameters
+    ----------
+    rendered : Rendered
+    arming : bool
+        Refuse also what it takes and would not arm with, by its parameters.
 
     Raises
     ------
     LocalTransferError
         With the first error, which says what would be accepted.
     """
-    if rendered.errors:
-        others = len(rendered.errors) - 1
+    errors = [one for one in rendered.errors if arming or not one.parameter]
+    if errors:
+        others = len(errors) - 1
         more = f" (and {others} more error{'s' if others > 1 else ''})" if others else ""
-        msg = f"{rendered.errors[0]}{more}"
+        msg = f"{errors[0]}{more}"
         raise LocalTransferError(msg)
 
 

@@ -71,7 +71,11 @@ class Prediction:
 
 
 class PredictedFlight:
-    """One flight of a mission from home that is predicted."""
+    """One flight of a mission from home that is predicted.
+
+    Its track holds `track_points` positions; of a flight that takes longer than they do it is only the
+    beginning.
+    """
 
     def __init__(
         self,
@@ -83,6 +87,7 @@ class PredictedFlight:
         track_step_s: float,
         epoch_unix_s: float,
         endless: bool,
+        track_points: int = _TRACK_POINTS,
     ) -> None:
         if not track_step_s > 0.0:
             msg = f"track_step_s {track_step_s} must be positive"
@@ -106,7 +111,7 @@ class PredictedFlight:
         motion = executor.motion
         tick_s = motion.step_s if spec.is_ideal else motion.step_s * _GRID_STEPS
         motion.track_every = max(1, round(track_step_s / tick_s))
-        motion.track = np.empty((_TRACK_POINTS, 3))
+        motion.track = np.empty((track_points, 3))
         self._track_step_s = motion.track_every * tick_s
         executor.load(mission.items, positions)
         executor.arm()

@@ -124,7 +124,8 @@ class PlanUploads:
         self._rendered = render(self._rendered.mission, profile, vehicle_type)
         try:
             if not self._force:
-                refuse_errors(self._rendered)
+                # What its parameters forbid is told by whoever knows them: planning, or the preflight check.
+                refuse_errors(self._rendered, arming=False)
         except LocalTransferError as error:
             self._kinds.clear()
             self.failure = str(error)

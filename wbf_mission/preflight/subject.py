@@ -35,6 +35,7 @@ __all__ = ["DEFAULT_MARGIN_M", "FlownTrack", "Subject", "subject_of"]
 DEFAULT_MARGIN_M = 2.0
 """How far the flown path stays away from fence and obstacles, unless something else is asked for."""
 _TRACK_STEP_S = 0.2
+_TRACK_POINTS = 100_000  # over five hours of such steps; longer flights have longer ones
 _ON_THE_GROUND_M = 0.3
 # A DO item that changes nothing of the flight.
 _NO_OPERATION = int(m.MAV_CMD_SET_CAMERA_MODE)
@@ -255,22 +256,34 @@ def _predictable(item: MissionItem) -> MissionItem:
 def _fly(
     mission: Mission, vehicle: VehicleSpec, wind: Wind | None, frame: LocalFrame
 ) -> tuple[tuple[FlownTrack, ...], Prediction, tuple[int, str] | None]:
+    flights = _flights(mission, vehicle, wind, frame, _TRACK_STEP_S)
+    longest_s = max(one.prediction().duration_s for one in flights)
+    if longest_s > _TRACK_STEP_S * _TRACK_POINTS:
+        flights = _flights(mission, vehicle, wind, frame, longest_s / _TRACK_POINTS + _TRACK_STEP_S)
+    prediction = mean_prediction(flights)
+    stops = [stop for flight in flights if (stop := _stop_of(flight)) is not None]
+    return tuple(_track_of(flight) for flight in flights), prediction, stops[-1] if stops else None
+
+
+def _flights(
+    mission: Mission, vehicle: VehicleSpec, wind: Wind | None, frame: LocalFrame, step_s: float
+) -> list[PredictedFlight]:
+    """Fly the mission in each rehearsal of the wind, with a position every ``step_s``."""
     flights = [
         PredictedFlight(
             mission,
             vehicle,
             air,
             frame,
-            track_step_s=_TRACK_STEP_S,
+            track_step_s=step_s,
             epoch_unix_s=EPOCH_UNIX_S,
             endless=not never_ends(mission.items),
+            track_points=_TRACK_POINTS,
         )
         for air in rehearsals(wind)
     ]
     fly_all(flights, threads=1)
-    prediction = mean_prediction(flights)
-    stops = [stop for flight in flights if (stop := _stop_of(flight)) is not None]
-    return tuple(_track_of(flight) for flight in flights), prediction, stops[-1] if stops else None
+    return flights
 
 
 def _stop_of(flight: PredictedFlight) -> tuple[int, str] | None:

@@ -227,6 +227,9 @@ def test_what_a_fixed_wing_needs_to_be_armed():
     free = {"MIS_TKO_LAND_REQ": 0.0}
     assert not rendered(BACK, vehicle_type=PLANE, parameters=free).remarks
     assert told(rendered(BACK, vehicle_type=PLANE, planned=free)) == [("note", None)]
+    with pytest.raises(LocalTransferError, match="without a landing"):
+        refuse_errors(px4)
+    refuse_errors(px4, arming=False)
     assert not rendered(BACK).remarks
     landing = (MissionItem(189), LAND)
     plane = {"profile": ARDUPILOT, "vehicle_type": PLANE}

@@ -293,6 +293,18 @@ def test_a_flight_that_ends_early_is_not_told_as_one_that_lands():
     assert (endless["stops"].item, endless["stops"].text) == (5, "this item never ends")
 
 
+@pytest.mark.parametrize("rounds", [15, 60])
+def test_a_long_flight_is_checked_to_its_end(rounds):
+    """After an hour and a half, and after six hours, for which the steps of its track are longer."""
+    there = (at(0, 420), at(10, 420), at(10, 0), at(0, 0))
+    mission = fenced(good(*there * rounds, at(60, 0), end=()), box(-20, -20, 55, 450))
+    result = checked(mission, vehicle="rover")
+    assert result.subject.prediction.duration_s > 360.0 * rounds
+    found = {one.code: one for one in result.report.findings}["outside-fence"]
+    assert (found.item, found.count) == (4 + 4 * rounds, 1)
+    assert found.measure.value == pytest.approx(-5.0, abs=2.0)
+
+
 def test_an_item_that_is_not_predicted_leaves_the_others_to_be_checked():
     found = findings(fenced(good(*LAST, at(20, 20, command=94)), box(-20, -20, 39, 60)))
     assert {"not-predicted", "outside-fence", "flight"} <= set(found)

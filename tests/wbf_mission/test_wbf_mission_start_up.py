@@ -50,7 +50,7 @@ COMMANDS = (
     ),
     ("warm-up",),
     ("bench",),
-    *(("bench", name) for name in ("list", "run", "report")),
+    *(("bench", name) for name in ("list", "run", "compare", "report")),
     ("farm",),
     *(("farm", name) for name in ("list", "show", "draw", "save", "generate")),
     ("vehicle",),

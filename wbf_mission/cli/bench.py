@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from wbf_mission.bench.row import BenchRow
+    from wbf_mission.bench.spec import BenchSpec
     from wbf_mission.bench.standings import Interval, Standing
 
 LIST_EXAMPLES = """
@@ -35,6 +36,13 @@ wbf-mission bench run --out results --jobs 2
 wbf-mission bench run missions/benchmark.toml --seeds 2 --out results
 
 wbf-mission bench run --scenarios WBF/Miniberry-10-v1 --planners spiral,greedy --estimators gp --out results
+"""
+COMPARE_EXAMPLES = """
+Examples
+
+wbf-mission bench compare rolling-horizon --against greedy,spiral
+
+wbf-mission bench compare greedy:least_weight=0.35 --against greedy --seeds 40 --jobs 2 --out results
 """
 REPORT_EXAMPLES = """
 Examples
@@ -68,58 +76,59 @@ def list_command(json: options.Json = False) -> int:
     return ExitCode.GOOD
 
 
+Scenarios = Annotated[
+    str | None,
+    typer.Option(help="Ids (see 'bench list') or files, separated by commas.", rich_help_panel=_RUN),
+]
+Estimators = Annotated[
+    str | None,
+    typer.Option(
+        help="Estimators, separated by commas, such as gp:learn_from=model,epidemic.", rich_help_panel=_RUN
+    ),
+]
+Seeds = Annotated[
+    int | None,
+    typer.Option(
+        help="How many environments: seeds 0, 1, ...",
+        parser=options.whole_number_in(1, 10_000_000),
+        rich_help_panel=_RUN,
+    ),
+]
+Dask = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        help="Fly on the workers of a Dask scheduler, such as tcp://10.0.0.1:8786, or of one made here:"
+        " local (with --jobs).",
+        show_default=False,
+    ),
+]
+Retry = Annotated[bool, typer.Option("--retry", help="Fly again what failed.")]
+
+
 @app.command("run", cls=HelpCommand, epilog=RUN_EXAMPLES)
 def run_command(
     out: Annotated[Path, typer.Option(help="Folder of the results.", show_default=False)],
     spec: Annotated[
         Path | None,
-        typer.Argument(help="What to run (TOML).  [default: the paper's experiment]", show_default=False),
-    ] = None,
-    scenarios: Annotated[
-        str | None,
-        typer.Option(
-            help="Ids (see 'bench list') or files, separated by commas.  [default: WBF/Miniberry-30-v1]",
+        typer.Argument(
+            help="What to run (TOML); the options below change it.  [default: the paper's experiment]",
             show_default=False,
-            rich_help_panel=_RUN,
         ),
     ] = None,
+    scenarios: Scenarios = None,
     planners: Annotated[
         str | None,
         typer.Option(
-            help="Planners and policies, such as lawnmower:direction=0.3,greedy."
-            "  [default: the paper's four planners]",
-            show_default=False,
+            help="Planners and policies, separated by commas, such as lawnmower:direction=0.3,greedy.",
             rich_help_panel=_RUN,
         ),
     ] = None,
-    estimators: Annotated[
-        str | None,
-        typer.Option(
-            help="Estimators, in the same way.  [default: adaptive-disk,gp]",
-            show_default=False,
-            rich_help_panel=_RUN,
-        ),
-    ] = None,
-    seeds: Annotated[
-        int | None,
-        typer.Option(
-            help="How many environments: seeds 0, 1, ...  [default: 10]",
-            parser=options.whole_number_in(1, 10_000_000),
-            show_default=False,
-            rich_help_panel=_RUN,
-        ),
-    ] = None,
+    estimators: Estimators = None,
+    seeds: Seeds = None,
     jobs: Annotated[int, options.processes()] = 1,
-    dask: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Fly on the workers of a Dask scheduler, such as tcp://10.0.0.1:8786, or of one made here:"
-            " local (with --jobs).",
-            show_default=False,
-        ),
-    ] = None,
-    retry: Annotated[bool, typer.Option("--retry", help="Fly again what failed.")] = False,
+    dask: Dask = None,
+    retry: Retry = False,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> int:
@@ -128,32 +137,116 @@ def run_command(
     Each run that ends is kept at once: the same command goes on after Ctrl-C, and when it was killed. A run
     that fails is kept with the cause, and the others go on.
     """
-    from wbf_mission.bench.benchmark import BenchmarkInterrupted, benchmark
     from wbf_mission.bench.spec import BenchSpec
-    from wbf_mission.scenario.choice import choices_in
 
     output = Output(as_json=json, quiet=quiet)
-    if jobs == 0:
-        msg = "--jobs 0 runs nothing: give a number of processes, or -1 for one per core"
-        raise ScenarioError(msg)
-    given: dict[str, Any] = {
+    given = _spec(scenarios, planners, estimators, seeds)
+    wanted = BenchSpec.of(**given) if spec is None else BenchSpec.read(spec, given)
+    rows, interrupted = _fly(output, wanted, out, jobs, dask, retry=retry)
+    _print(output, rows, title=f"{out}: {len(rows)} of {len(wanted)} runs")
+    if interrupted:
+        return ExitCode.INTERRUPTED
+    return ExitCode.NOT_GOOD if any(row.error for row in rows) else ExitCode.GOOD
+
+
+@app.command("compare", cls=HelpCommand, epilog=COMPARE_EXAMPLES)
+def compare_command(
+    mine: Annotated[str, typer.Argument(help="A planner or policy.", show_default=False)],
+    against: Annotated[
+        str, typer.Option(help="Planners and policies, separated by commas.", rich_help_panel=_RUN)
+    ] = "greedy",
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the results.  [default: they are not kept]", show_default=False),
+    ] = None,
+    scenarios: Scenarios = "WBF/Miniberry-30-Sweep-v1",
+    estimators: Estimators = "epidemic",
+    seeds: Seeds = 10,
+    jobs: Annotated[int, options.processes()] = 1,
+    dask: Dask = None,
+    retry: Retry = False,
+    json: options.Json = False,
+    quiet: options.Quiet = False,
+) -> int:
+    """Tell whether a planner or policy is better than others, on the same environments.
+
+    Differences of scores, positive where the first is better, with intervals of 95 %. With --out, only what
+    is missing is flown.
+    """
+    from dataclasses import asdict
+
+    from wbf_mission.bench.comparison import compare, verdict
+    from wbf_mission.bench.spec import BenchSpec
+
+    output = Output(as_json=json, quiet=quiet)
+    wanted = BenchSpec.of(**_spec(scenarios, f"{mine},{against}", estimators, seeds))
+    rows, interrupted = _fly(output, wanted, out, jobs, dask, retry=retry)
+    first, *others = (str(one) for one in wanted.planners)
+    found = compare(rows, first, others)
+    values = [
+        asdict(one) | {"verdict": verdict(one.score), "final_verdict": verdict(one.final_score)}
+        for one in found
+    ]
+    table = [
+        [
+            f"{one.scenario}, {one.estimator}",
+            one.against,
+            *_difference(one.score),
+            verdict(one.score),
+            *_difference(one.final_score),
+            verdict(one.final_score),
+            "-" if math.isnan(one.better) else f"{one.better:.0%} of {one.environments}",
+        ]
+        for one in found
+    ]
+    header = [
+        "scenario, estimator",
+        "against",
+        "run",
+        "95 %",
+        "verdict",
+        "end",
+        "95 %",
+        "verdict",
+        "better on",
+    ]
+    output.table(values, header, table, title=f"{first}: difference of scores (positive: it is better)")
+    _tell_failures(output, rows)
+    if interrupted:
+        return ExitCode.INTERRUPTED
+    return ExitCode.NOT_GOOD if any(row.error for row in rows) else ExitCode.GOOD
+
+
+def _spec(
+    scenarios: str | None, planners: str | None, estimators: str | None, seeds: int | None
+) -> dict[str, Any]:
+    """Return what `BenchSpec.of` takes, of options that are given."""
+    from wbf_mission.scenario.choice import choices_in
+
+    return {
         "scenarios": None if scenarios is None else [one.strip() for one in scenarios.split(",")],
         "planners": None if planners is None else choices_in(planners, "planner"),
         "estimators": None if estimators is None else choices_in(estimators, "estimator"),
         "seeds": seeds,
     }
-    wanted = BenchSpec.of(**given) if spec is None else BenchSpec.read(spec, given)
-    interrupted = False
+
+
+def _fly(
+    output: Output, wanted: BenchSpec, out: Path | None, jobs: int, dask: str | None, *, retry: bool
+) -> tuple[list[BenchRow], bool]:
+    """Fly what is missing; return the rows, and whether Ctrl-C came."""
+    from wbf_mission.bench.benchmark import BenchmarkInterrupted, benchmark
+
+    if jobs == 0:
+        msg = "--jobs 0 runs nothing: give a number of processes, or -1 for one per core"
+        raise ScenarioError(msg)
     try:
         with output.progress() as progress:
             rows = benchmark(wanted, out=out, jobs=jobs, dask=dask, retry=retry, progress=progress)
     except BenchmarkInterrupted as stop:
-        rows, interrupted = stop.rows, True
-        output.warn(f"{stop}; the same command goes on with them")
-    _print(output, rows, title=f"{out}: {len(rows)} of {len(wanted)} runs")
-    if interrupted:
-        return ExitCode.INTERRUPTED
-    return ExitCode.NOT_GOOD if any(row.error for row in rows) else ExitCode.GOOD
+        output.warn(f"{stop}" + ("; the same command goes on with them" if out else ""))
+        return stop.rows, True
+    return rows, False
 
 
 @app.command("report", cls=HelpCommand, epilog=REPORT_EXAMPLES)
@@ -200,6 +293,12 @@ def _print(output: Output, rows: Sequence[BenchRow], title: str) -> None:
             [_cells(one, fields) for one in here],
             title=f"{title}: {scenario}, scores over the run and at its end (0 is perfect)",
         )
+    _tell_failures(output, rows)
+
+
+def _tell_failures(output: Output, rows: Sequence[BenchRow]) -> None:
+    """Warn of runs that failed, with the causes of the first."""
+    failures = [row for row in rows if row.error is not None]
     for row in failures[:_FAILURES_SHOWN]:
         where = f"{row.scenario}, {row.planner}, {row.estimator}, seed {row.seed}"
         output.warn(f"{where}: {row.error}")
@@ -225,4 +324,11 @@ def _interval(one: Interval) -> list[str]:
     return [
         "-" if math.isnan(one.mean) else f"{one.mean:.4f}",
         "-" if math.isnan(one.low) else f"{one.low:.3f} to {one.high:.3f}",
+    ]
+
+
+def _difference(one: Interval) -> list[str]:
+    return [
+        "-" if math.isnan(one.mean) else f"{one.mean:+.4f}",
+        "-" if math.isnan(one.low) else f"{one.low:+.3f} to {one.high:+.3f}",
     ]

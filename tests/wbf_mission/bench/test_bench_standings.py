@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from wbf_mission.bench.comparison import compare, verdict
 from wbf_mission.bench.row import BenchRow
 from wbf_mission.bench.standings import mean_interval, standings
 
@@ -83,3 +84,26 @@ def test_what_failed_everywhere_stands_last():
 def test_scenarios_are_told_apart():
     found = standings([*rows("a", [-1.0], scenario="two"), *rows("a", [-5.0], scenario="one")])
     assert [(one.scenario, one.rank) for one in found] == [("one", 1.0), ("two", 1.0)]
+
+
+def test_a_comparison_is_made_in_pairs():
+    # The environments differ much more than the two do.
+    hard = np.array([-9.0, -1.0, -5.0, -3.0, -7.0, -2.0, -8.0, -4.0])
+    gain = np.array([0.1, 0.2, 0.15, 0.05, 0.1, 0.2, 0.1, 0.15])
+    told = [*rows("mine", hard + gain), *rows("theirs", hard), *rows("frail", hard - 1.0, error=range(1, 8))]
+    theirs, frail = compare(told, "mine", ["theirs", "frail"])
+    assert (theirs.environments, theirs.better, verdict(theirs.score)) == (8, 1.0, "better")
+    assert theirs.score.mean == pytest.approx(gain.mean())
+    assert theirs.score.low > 0.05
+    assert theirs.final_score.mean == pytest.approx(gain.mean() / 2)
+    assert (frail.environments, verdict(frail.score)) == (1, "cannot be told")
+    (back,) = compare(told, "theirs", ["mine"])
+    assert verdict(back.score) == "worse"
+    (none,) = compare(told, "mine", ["nobody"])
+    assert none.environments == 0
+    assert math.isnan(none.better)
+
+
+def test_verdicts_of_equal_runs():
+    (same,) = compare([*rows("a", [-1.0] * 6), *rows("b", [-1.0] * 6)], "a", ["b"])
+    assert verdict(same.score) == "equal"

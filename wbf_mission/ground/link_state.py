@@ -131,6 +131,7 @@ def milliseconds(seconds: float) -> str:
     Examples
     --------
     >>> milliseconds(0.0002), milliseconds(0.0474), milliseconds(4.01)
-    ('<1 ms', '47 ms', '4010 ms')
+    ('0.2 ms', '47 ms', '4010 ms')
     """
-    return "<1 ms" if seconds < 0.0005 else f"{1000.0 * seconds:.0f} ms"
+    time_ms = 1000.0 * seconds
+    return f"{time_ms:.1f} ms" if time_ms < 10.0 else f"{time_ms:.0f} ms"

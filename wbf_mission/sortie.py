@@ -148,6 +148,10 @@ class Sortie:
         """Return the mission that the vehicle holds."""
         return self.ground.mission
 
+    def is_changing(self) -> bool:
+        """Return whether that mission is being changed."""
+        return self.ground.changing
+
     def take(self) -> Observations:
         """Return the observations that arrived since the last call."""
         return self.assembler.take()

@@ -251,8 +251,10 @@ class LeafCameraComponent:
                 return self._request(old, p[0])
             return self._request(old, 0.0) if 1.0 in p[:2] else (_ACCEPTED, [])
         if command == mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST:
-            return self._by_distance(p)
+            return self._by_distance(message, p)
         if command == mavlink.MAV_CMD_DO_SET_CAM_TRIGG_INTERVAL:
+            if _is_repeated(message) and self.trigger.interval_us == _microseconds(p[0] / 1000.0):
+                return _ACCEPTED, []
             return self._by_interval(p[0] / 1000.0, 0)
         if command == mavlink.MAV_CMD_IMAGE_START_CAPTURE:
             return self._start_capture(message, p)
@@ -278,7 +280,7 @@ class LeafCameraComponent:
         """Tell whether a command's camera id means this camera (1 to 6 are an autopilot's own cameras)."""
         return camera_id < 7.0 or camera_id == self.component_id
 
-    def _by_distance(self, p: Parameters) -> tuple[int, list[Message]]:
+    def _by_distance(self, message: CommandMessage, p: Parameters) -> tuple[int, list[Message]]:
         distance_m, now = p[0], p[2]
         if not self._mine(p[3]) or not math.isfinite(distance_m) or distance_m < 0.0:
             return _DENIED, []
@@ -287,6 +289,8 @@ class LeafCameraComponent:
             return _ACCEPTED, []
         if distance_m < MIN_DISTANCE_M:
             return _DENIED, []
+        if _is_repeated(message) and self.trigger.distance_m == distance_m:
+            return _ACCEPTED, []
         self.trigger.every_distance(distance_m)
         here = self.trigger.here() if now == 1.0 else None
         return _ACCEPTED, self._take([here]) if here is not None else []
@@ -309,9 +313,7 @@ class LeafCameraComponent:
         if not self._mine(camera_id) or not (0.0 <= count < 2**24 and count % 1.0 == 0.0):
             return _DENIED, []
         if count != 1.0:
-            # A repeated request must not start the series again.
-            running = round(interval_s * 1e6) if math.isfinite(interval_s) else -1
-            if getattr(message, "confirmation", 0) and self.trigger.interval_us == running:
+            if _is_repeated(message) and self.trigger.interval_us == _microseconds(interval_s):
                 return _ACCEPTED, []
             return self._by_interval(interval_s, int(count)) if interval_s > 0.0 else (_DENIED, [])
         source = (message.get_srcSystem(), message.get_srcComponent())
@@ -322,7 +324,7 @@ class LeafCameraComponent:
             return _NOT_NOW, []
         if sequence > 0.0 and math.isfinite(sequence):
             before = self._sequences.get(source, 0)
-            again = sequence == before or (sequence < before and getattr(message, "confirmation", 0) > 0)
+            again = sequence == before or (sequence < before and _is_repeated(message))
             if again:
                 return _ACCEPTED, []
             self._sequences[source] = int(sequence)
@@ -380,6 +382,16 @@ class LeafCameraComponent:
         return mavlink.MAVLink_camera_capture_status_message(
             time_ms, image_status, 0, trigger.interval_us / 1e6, 0, free, self.image_count
         )
+
+
+def _is_repeated(message: CommandMessage) -> bool:
+    """Tell whether a command was sent before: its answer was lost, and it must not begin anew."""
+    return getattr(message, "confirmation", 0) > 0
+
+
+def _microseconds(seconds: float) -> int:
+    """Return a time in microseconds; -1, which no trigger has, for none."""
+    return round(seconds * 1e6) if math.isfinite(seconds) else -1
 
 
 def _heartbeat(state: int) -> Message:

@@ -124,7 +124,7 @@ class LiveChange:
         camera = LeafCameraComponent(optics, farm)
         near, far = [self.vehicle, camera], [Breaking(self.station, self.link)]
         if not on_board:
-            self.camera = RidingCamera(camera, lambda: self.station.mission)
+            self.camera = RidingCamera(camera, lambda: self.station.mission, lambda: self.station.changing)
             near, far = [self.vehicle], [*far, Breaking(self.camera, self.link)]
         self.simulation = Simulation([*near, *far], impairment=impairment, remote=far if impairment else ())
         self.lists = set()

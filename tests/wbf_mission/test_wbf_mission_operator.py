@@ -1,13 +1,11 @@
-"""The parts of a live flight, message by message: clearance, modes, pilot, the camera that rides along."""
+"""The parts of a live flight, message by message: clearance, modes, pilot."""
 
 import pytest
 
 from mission.link.codec.dialect import mavlink as m
-from mission.model import Command, Mission, MissionItem
 from wbf_mission.ground.clearance import Clearance, Stage
 from wbf_mission.ground.modes import Maneuver, ModeError, mode_named
 from wbf_mission.ground.pilot_watch import PilotWatch
-from wbf_mission.live.riding_camera import RidingCamera
 
 PREARM = m.MAV_SYS_STATUS_PREARM_CHECK
 VEHICLE = (1, 1)
@@ -15,11 +13,6 @@ VEHICLE = (1, 1)
 
 def status(present, health):
     return m.MAVLink_sys_status_message(present, present, health, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
-
-
-def from_vehicle(message, component=1):
-    message.pack(m.MAVLink(None, 1, component))
-    return message
 
 
 def test_the_vehicle_and_the_operator_have_to_agree():
@@ -87,76 +80,3 @@ def test_who_flies_is_told_by_the_mode():
         "taken out of its mission: mode LOITER",
         "back in its mission (mode AUTO)",
     ]
-
-
-class Optics:
-    """A leaf camera component that notes what it is told."""
-
-    system_id, component_id, wanted = 1, 100, frozenset()
-
-    def __init__(self):
-        self.orders = []
-
-    def next_deadline(self):
-        return 0.0
-
-    def poll(self, _now_s):
-        return ["heartbeat"]
-
-    def goodbye(self):
-        return ["goodbye"]
-
-    def receive(self, message, _now_s):
-        if message.get_type() == "COMMAND_LONG":
-            self.orders.append((message.command, message.param1))
-        return []
-
-
-LEG = MissionItem(Command.NAV_WAYPOINT, x=27.0, y=-82.0, z=10.0)
-MISSION = Mission(
-    (
-        LEG,
-        MissionItem(Command.DO_SET_CAM_TRIGG_DIST, param1=0.5),
-        LEG,
-        MissionItem(Command.DO_SET_CAM_TRIGG_DIST, param1=0.0),
-        LEG,
-    )
-)
-
-
-def riding():
-    optics = Optics()
-    camera = RidingCamera(optics, lambda: MISSION)
-    camera.receive(from_vehicle(m.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)), 0.0)
-    return camera, optics
-
-
-def item(sequence):
-    return from_vehicle(m.MAVLink_mission_current_message(sequence, 5, 3, 1))
-
-
-def test_a_camera_that_nobody_commands_follows_the_mission():
-    camera, optics = riding()
-    for k, sequence in enumerate([0, 2, 2, 65535, 4]):
-        camera.receive(item(sequence), float(k))
-    assert optics.orders == [(206, 0.5), (206, 0.0)]
-    assert camera.poll(0.5) == [], "it listens first"
-    assert camera.poll(5.0) == ["heartbeat"]
-    assert camera.goodbye() == ["goodbye"]
-
-
-def test_a_camera_that_the_autopilot_commands_does_not_read_the_mission():
-    camera, optics = riding()
-    order = m.MAVLink_command_long_message(1, 100, 206, 0, 0.7, 0, 1, 0, 0, 0, 0)
-    camera.receive(from_vehicle(order), 0.5)
-    camera.receive(item(2), 1.0)
-    assert optics.orders == [(206, pytest.approx(0.7))]
-
-
-def test_a_camera_on_board_has_the_field_to_itself():
-    camera, optics = riding()
-    camera.receive(from_vehicle(m.MAVLink_heartbeat_message(30, 8, 0, 0, 4, 3), component=100), 1.0)
-    camera.receive(item(2), 2.0)
-    assert optics.orders == []
-    assert camera.next_deadline() == float("inf")
-    assert camera.poll(9.0) == camera.goodbye() == []

@@ -145,7 +145,7 @@ class LinkHost:
 def riding_camera(sortie: Sortie) -> RidingCamera:
     """Return the leaf camera that rides beside the vehicle of a sortie."""
     camera = LeafCameraComponent(sortie.leaf_camera, sortie.plan.farm, system_id=sortie.system_id)
-    riding = RidingCamera(camera, sortie.held_mission)
+    riding = RidingCamera(camera, sortie.held_mission, sortie.is_changing)
     sortie.images_missed = partial(_missed_by, riding)
     return riding
 

@@ -7,11 +7,14 @@ from collections.abc import Callable
 from typing import Any
 
 from mission.link.codec.dialect import Message, mavlink
+from mission.link.codec.typed import CommandMessage, is_a, is_command
 from mission.model import Command, Mission
 from mission.transfer import profile_for
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.camera.trigger import MAX_GAP_MS
 from wbf_mission.ground.boot_clock import BootClock
+from wbf_mission.ground.modes import is_in_mission
+from wbf_mission.live.mission_shots import MissionShots, Shots, shots_before
 
 __all__ = ["RidingCamera"]
 
@@ -32,8 +35,9 @@ class RidingCamera:
 
     It first listens for a camera that is on board already; if there is one, it stays silent for good. An
     autopilot with a camera of its own driver commands this one, too (DO_SET_CAM_TRIGG_DIST, CAMERA_TRIGGER).
-    An autopilot that commands none does not know of it: then the camera reads its orders from the mission,
-    as far as MISSION_CURRENT tells that they were carried out.
+    Such a command may be lost or late, and an autopilot that commands none does not know of this camera: so
+    what the mission has ordered before the item that MISSION_CURRENT tells holds while the vehicle flies its
+    mission (`wbf_mission.live.mission_shots`).
 
     Parameters
     ----------
@@ -41,6 +45,8 @@ class RidingCamera:
         Of the vehicle's system.
     mission : callable
         Returns the mission that the vehicle holds.
+    changing : callable, optional
+        Returns whether that is being changed.
 
     Attributes
     ----------
@@ -48,18 +54,23 @@ class RidingCamera:
         About how many images were not taken because nothing was heard of the vehicle.
     """
 
-    def __init__(self, camera: LeafCameraComponent, mission: Callable[[], Mission]) -> None:
+    def __init__(
+        self,
+        camera: LeafCameraComponent,
+        mission: Callable[[], Mission],
+        changing: Callable[[], bool] = lambda: False,
+    ) -> None:
         self.system_id, self.component_id = camera.system_id, camera.component_id
         self.wanted: frozenset[int] | None = (camera.wanted or frozenset()) | {
             mavlink.MAVLINK_MSG_ID_MISSION_CURRENT
         }
         self._camera = camera
-        self._mission = mission
+        self._mission, self._changing = mission, changing
         self._heard_s = math.inf
         self._other = False
-        self._commanded = False
+        self._shots = MissionShots()
+        self._in_mission = False
         self._home = 0
-        self._spacing_m: float | None = None
         self._clock = BootClock()
         self._before: Any = None
         self.missed = 0
@@ -89,14 +100,39 @@ class RidingCamera:
         if isinstance(message, mavlink.MAVLink_heartbeat_message) and self._is_autopilot(message):
             self._heard_s = min(self._heard_s, now_s)
             self._home = 1 if profile_for(message.autopilot).home_at_zero else 0
+            kind = (message.autopilot, message.type, message.base_mode, message.custom_mode)
+            armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+            self._in_mission = armed and is_in_mission(*kind)
         if isinstance(message, mavlink.MAVLink_global_position_int_message) and self._is_autopilot(message):
             self._on_position(message, now_s)
         if isinstance(message, mavlink.MAVLink_mission_current_message):
-            if self._is_autopilot(message):
-                self._on_item(message.seq, now_s)
-            return []
-        self._commanded |= _commands_camera(message) and message.get_srcSystem() == self.system_id
+            return self._on_item(message.seq, now_s) if self._is_autopilot(message) else []
+        if is_command(message):
+            self._on_command(message)
+        elif isinstance(message, mavlink.MAVLink_camera_trigger_message) and self._is_autopilot(message):
+            self._on_single()
         return self._camera.receive(message, now_s)
+
+    def _on_command(self, message: CommandMessage) -> None:
+        """Note who commands the camera."""
+        mine = message.target_system in (0, self.system_id) and message.target_component in (
+            0,
+            self.component_id,
+        )
+        if not mine or message.command not in _TRIGGERS:
+            return
+        if message.get_srcSystem() != self.system_id:
+            self._shots.overrule()
+        elif message.command == mavlink.MAV_CMD_IMAGE_START_CAPTURE and message.param3 == 1.0:
+            self._on_single()
+        else:
+            self._shots.commanded = True
+
+    def _on_single(self) -> None:
+        """The autopilot orders image by image: what was read from the mission would be taken twice."""
+        if not self._shots.single:
+            self._shots.single = True
+            self._camera.trigger.stop()
 
     def _on_position(self, message: mavlink.MAVLink_global_position_int_message, now_s: float) -> None:
         """Count what a silence cost; after a restart of the autopilot nobody has told the camera to shoot."""
@@ -105,7 +141,7 @@ class RidingCamera:
         before_ms = 0 if before is None else before.time_boot_ms + self._clock.offset_ms
         time_ms = self._clock.take(message.time_boot_ms, now_s)
         if self._clock.restarts > restarts:
-            self._commanded, self._spacing_m = False, None
+            self._shots.restart()
         spacing_m = self._camera.trigger.distance_m
         if before is not None and spacing_m > 0.0 and time_ms - before_ms > MAX_GAP_MS:
             # The way between is not known; its length is, about, by the speeds at its ends.
@@ -118,39 +154,20 @@ class RidingCamera:
             and message.get_srcComponent() == mavlink.MAV_COMP_ID_AUTOPILOT1
         )
 
-    def _on_item(self, sequence: int, now_s: float) -> None:
-        """Carry out what the mission orders before the item that is flown, unless the autopilot does."""
-        if self._commanded or sequence == _UNKNOWN_ITEM:
-            return
-        spacing_m = spacing_before(self._mission(), sequence - self._home)
-        if spacing_m is None or spacing_m == self._spacing_m:
-            return
-        self._spacing_m = spacing_m
-        target, command = (self.system_id, self.component_id), int(Command.DO_SET_CAM_TRIGG_DIST)
-        order = mavlink.MAVLink_command_long_message(*target, command, 0, spacing_m, 0, 1, 0, 0, 0, 0)
-        self._camera.receive(order, now_s)
-
-
-def spacing_before(mission: Mission, item: int) -> float | None:
-    """Return the distance between images that holds while an item is flown; None while none was ordered.
-
-    Examples
-    --------
-    >>> from mission.model import MissionItem
-    >>> orders = [MissionItem(Command.DO_SET_CAM_TRIGG_DIST, param1=metres) for metres in (5.0, 0.0)]
-    >>> leg = MissionItem(Command.NAV_WAYPOINT, x=27.0, y=-82.0, z=10.0)
-    >>> mission = Mission((leg, orders[0], leg, orders[1], leg))
-    >>> [spacing_before(mission, item) for item in range(5)]
-    [None, None, 5.0, 5.0, 0.0]
-    """
-    ordered = [
-        one.param1 for one in mission.items[: max(item, 0)] if one.command == Command.DO_SET_CAM_TRIGG_DIST
-    ]
-    return ordered[-1] if ordered else None
-
-
-def _commands_camera(message: Message) -> bool:
-    if isinstance(message, mavlink.MAVLink_camera_trigger_message):
-        return True
-    commands = (mavlink.MAVLink_command_long_message, mavlink.MAVLink_command_int_message)
-    return isinstance(message, commands) and message.command in _TRIGGERS
+    def _on_item(self, sequence: int, now_s: float) -> list[Message]:
+        """Do what the mission orders before the item that is flown, if nobody else sees to that."""
+        if not self._in_mission or sequence == _UNKNOWN_ITEM:
+            return []
+        ordered, trigger = shots_before(self._mission(), sequence - self._home), self._camera.trigger
+        does = Shots(trigger.distance_m, trigger.interval_us / 1000.0)
+        if not self._shots.due(ordered, does, now_s, may_stop=not self._changing()):
+            return []
+        assert ordered is not None
+        by_time = ordered.interval_ms > 0.0
+        command = Command.DO_SET_CAM_TRIGG_INTERVAL if by_time else Command.DO_SET_CAM_TRIGG_DIST
+        value = ordered.interval_ms if by_time else ordered.distance_m
+        target = (self.system_id, self.component_id)
+        order = mavlink.MAVLink_command_long_message(*target, int(command), 0, value, 0, 1, 0, 0, 0, 0)
+        # The first image; nobody waits for the answer.
+        answers = self._camera.receive(order, now_s)
+        return [one for one in answers if not is_a(one, mavlink.MAVLink_command_ack_message)]

@@ -207,6 +207,21 @@ def test_start_and_stop_capture() -> None:
     assert images(fly(camera, 5.0, 2.0)) == []
 
 
+@pytest.mark.parametrize(("command_id", "value"), [(206, 2.0), (214, 400.0)])
+def test_a_repeated_command_does_not_begin_the_series_anew(command_id: int, value: float) -> None:
+    seen: list[list[int]] = []
+    for repeats in ((), (6, 11)):
+        camera = ready()
+        got: list[Any] = []
+        for k in range(1, 31):
+            got += sent(camera.receive(position(k / 10, 1.0 + k / 2, 3.0), k / 10))
+            if k in (2, *repeats):
+                got += ask(camera, command_id, value, 0, 1, n=k > 2)[1]
+        seen.append([one.time_boot_ms for one in images(got)])
+    assert seen[0] == seen[1]
+    assert len(seen[0]) > 5
+
+
 def test_a_repeated_request_takes_one_picture() -> None:
     camera = ready()
     for confirmation in range(3):

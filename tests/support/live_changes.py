@@ -110,8 +110,19 @@ class LiveChange:
     """One flight: the mission is changed once, and the link breaks after the n-th message of that."""
 
     def __init__(
-        self, autopilot, *, after=None, dead_s=40.0, impairment=None, old=OLD, new=NEW, on_board=False
+        self,
+        autopilot,
+        *,
+        after=None,
+        dead_s=40.0,
+        impairment=None,
+        old=OLD,
+        new=NEW,
+        on_board=False,
+        change_at=CHANGE_AT,
+        near_m=math.inf,
     ):
+        self.change_at, self.near_m = change_at, near_m
         spec = with_autopilot(get_vehicle("quad"), autopilot)
         farm = get_farm("miniberry-10")
         self.vehicle = SimVehicle(spec, HOME, autopilot=get_autopilot(autopilot))
@@ -148,11 +159,12 @@ class LiveChange:
             self._points
             and self.new is None
             and station.phase is Phase.FLIGHT
-            and station.vehicle_state.item == CHANGE_AT
+            and station.vehicle_state.item == self.change_at
+            and self._left_m() < self.near_m
         ):
             self.new, resume_at = revised_mission(
                 station.mission,
-                CHANGE_AT,
+                self.change_at,
                 degrees(self._points),
                 altitude_m=HEIGHT_M,
                 acceptance_radius_m=2.0,
@@ -169,6 +181,11 @@ class LiveChange:
         if math.isinf(self.link.dead_s) and self.link.is_dead(now_s):
             return not pilot.armed
         return station.done
+
+    def _left_m(self):
+        """How far the vehicle is from its target, as the ground knows it."""
+        target = self.old.items[self.change_at]
+        return math.dist(FRAME.from_wgs84(target.x, target.y), self.station.vehicle_state.position_m(FRAME))
 
     def check_safe(self):
         """One whole plan was flown, never a mixture, and it came home."""

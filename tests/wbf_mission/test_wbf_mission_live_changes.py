@@ -75,6 +75,18 @@ def test_a_change_over_a_link_that_loses_a_third_and_takes_two_seconds(autopilot
     assert report.loss == pytest.approx(0.3, abs=0.1)
 
 
+@pytest.mark.parametrize(("autopilot", "delay_s"), [("px4", 0.1), ("ardupilot", 0.3)])
+@pytest.mark.parametrize("on_board", [True, False])
+def test_a_change_that_comes_after_the_last_image_of_the_old_mission(autopilot, delay_s, on_board):
+    """While the order is on its way the vehicle passes the item that ends the images; they go on."""
+    late = Impairment(delay_s=delay_s, seed=1)
+    flight = LiveChange(autopilot, impairment=late, on_board=on_board, change_at=6, near_m=4.0).fly()
+    flight.check_safe()
+    assert [one.outcome for one in flight.station.changes] == [ChangeOutcome.DONE]
+    images_of_old = 33
+    assert flight.assembler.statistics.images > images_of_old + 15
+
+
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_an_autopilot_that_starts_again_in_flight(autopilot):
     """Its clock, its streams and the ids of its plans begin anew; ours go on, and so does the camera."""

@@ -118,6 +118,9 @@ class AsideChange(ChangeSession):
             return self._fly_to(now_s) + self._send(now_s) if aside else self._on_mode(now_s)
         if isinstance(message, m.MAVLink_command_ack_message):
             return self._on_ack(message, now_s)
+        if isinstance(message, m.MAVLink_mission_current_message):
+            self._on_item()
+            return []
         if isinstance(message, m.MAVLink_heartbeat_message):
             return self._on_mode(now_s)
         if self._transfer is not None and type(message).id in CLIENT_MESSAGES:
@@ -209,6 +212,15 @@ class AsideChange(ChangeSession):
         self._sent_s = now_s
         self._item = item
         return self._fly_to(now_s)
+
+    def _on_item(self) -> None:
+        """Note where the old mission was left: it was flown until the order to leave it had arrived.
+
+        What was passed until then may have switched the camera off.
+        """
+        item = self.request.monitor.state.item
+        if self._step in (_Step.TURNING, _Step.SENDING) and self._plan is self.request.new:
+            self._item = max(self._item, min(item or 0, len(self.request.old.items) - 1))
 
     def _fly_to(self, now_s: float) -> list[Message]:
         """Fly to the target in the guided mode."""

@@ -46,7 +46,8 @@ class WholeListChange(ChangeSession):
 
     def __init__(self, request: ChangeRequest) -> None:
         super().__init__(request)
-        self._mark = item_to_mark(request.old, request.item, request.new, self._next_then())
+        self._target, self._passed = self._next_then(), request.item
+        self._mark = item_to_mark(request.old, request.item, request.new, self._target)
         self._upload_sent: Upload | None = None
         self._transfer: Transfer | None = None
         self._verified = False
@@ -89,8 +90,15 @@ class WholeListChange(ChangeSession):
         if self._transfer is not None and type(message).id in CLIENT_MESSAGES:
             out = self._take(self._transfer.receive(message, now_s), now_s)
         if isinstance(message, m.MAVLink_mission_current_message):
+            self._note_passed()
             self._look(now_s)
         return out
+
+    def _note_passed(self) -> None:
+        """Note how far the old mission is flown: what is passed may switch the camera off."""
+        item = self.request.monitor.state.item
+        if self._acknowledged_s is None and item is not None:
+            self._passed = max(self._passed, min(item, len(self.request.old.items) - 1))
 
     def poll(self, now_s: float) -> list[Message]:
         """Act on the timers that are due."""
@@ -178,7 +186,9 @@ class WholeListChange(ChangeSession):
             heard = self.request.monitor.item_heard_s >= confirmed_s
             same = known_id in (0, state.mission_id)
             flies = not self.request.monitor.left_mission
-            if heard and same and flies and state.item is not None and state.item >= self._mark:
+            # An item that the new mission does not have is one of the old: it has come too late for that.
+            known = state.item is not None and self._mark <= state.item < len(self.request.new.items)
+            if heard and same and flies and known:
                 self._in_effect_s, self._turned_s = now_s, confirmed_s
         if self._verified and self._in_effect_s is not None:
             self._end(ChangeOutcome.DONE, "", now_s)
@@ -201,5 +211,7 @@ class WholeListChange(ChangeSession):
             self.held = self.request.new
             self._end(ChangeOutcome.GIVEN_UP, f"the vehicle stays at item {state.item + 1}", now_s)
             return []
-        home = 1 if self.request.profile.home_at_zero else 0
-        return [m.MAVLink_mission_set_current_message(*self.request.vehicle, self._mark + home)]
+        request = self.request
+        self._mark = item_to_mark(request.old, self._passed, request.new, self._target)
+        home = 1 if request.profile.home_at_zero else 0
+        return [m.MAVLink_mission_set_current_message(*request.vehicle, self._mark + home)]

@@ -49,6 +49,8 @@ class Outcome(Enum):
     """The operator did not let it start."""
     PILOT_TOOK_OVER = "pilot_took_over"
     """Somebody else took the vehicle out of its mission, and it came down so."""
+    AUTOPILOT_RESTARTED = "autopilot_restarted"
+    """The autopilot started again in flight, and that ended the mission."""
     INTERRUPTED = "interrupted"
     """Somebody stopped the run (Ctrl-C)."""
 

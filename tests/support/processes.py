@@ -49,6 +49,7 @@ def running(words, cwd, **options):
 def simulator(cwd, *options, autopilot="px4", speed=5, listen=("tcpin:127.0.0.1:0",), camera=False):
     """Run ``wbf-mission sim``; yields what others call to reach it, one address for each link."""
     ready = cwd / "sim.ready"
+    ready.unlink(missing_ok=True)
     links = [word for url in listen for word in ("--listen", url)]
     words = command(
         "sim", *FARM, "--autopilot", autopilot, "--speed", speed, "--ready-file", ready, *links, *options

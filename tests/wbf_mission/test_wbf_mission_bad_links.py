@@ -3,6 +3,7 @@
 Real sockets and serial lines, real time times five, both autopilots; each ground program is a process, too.
 """
 
+import contextlib
 import json
 import subprocess
 
@@ -98,6 +99,27 @@ def test_a_pilot_takes_over_from_another_process(autopilot, tmp_path):
         ended = ground.end()
     assert ended.ended == (1, "pilot_took_over"), ended.told
     assert "taken out of its mission: mode LAND" in ended.told
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+def test_an_autopilot_that_starts_again_on_the_ground(autopilot, tmp_path):
+    """The simulator is ended in mid-flight, and another one takes its place."""
+    with contextlib.ExitStack() as stack:
+        with simulator(tmp_path, autopilot=autopilot) as (url,):
+            ground = stack.enter_context(flying(tmp_path, url, "--budget", "5min"))
+            ground.wait_for(", item")
+        ground.wait_for("nothing is heard of the vehicle")
+        ground.wait_for("nothing heard for ")
+        listen = (url.replace("tcp:", "tcpin:"),)
+        stack.enter_context(simulator(tmp_path, autopilot=autopilot, listen=listen))
+        ended = ground.end()
+    assert ended.ended == (1, "autopilot_restarted"), ended.told
+    assert "motors off" in ended.summary["reason"]
+    told = ended.told
+    assert told.count("its autopilot has started again") == 2, "when it happens, and at the end"
+    assert told.index("the vehicle is heard again") < told.index("its autopilot has started again")
+    assert "taken out of its mission" not in told
 
 
 @pytest.mark.slow

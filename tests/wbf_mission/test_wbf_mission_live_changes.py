@@ -108,6 +108,24 @@ def test_an_autopilot_that_starts_again_in_flight(autopilot):
 
 
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
+@pytest.mark.parametrize("silent_s", [3.0, 10.0])
+def test_an_autopilot_that_starts_again_with_its_motors_off(autopilot, silent_s):
+    flight = LiveChange(autopilot, dead_s=silent_s, new=()).to_images(8)
+    vehicle = flight.vehicle
+    flight.link.broke_s = flight.simulation.now_s
+    vehicle.pilot.disarm(force=True)
+    vehicle.pilot.modes.override(vehicle.firmware.persona.modes.boot)
+    vehicle.reboot()
+    flight.fly()
+    station = flight.station
+    assert station.outcome is Outcome.AUTOPILOT_RESTARTED
+    assert station.reason.startswith("its autopilot has started again: mode ")
+    assert station.reason.endswith(", motors off")
+    assert [text for _, text in station.pilot.events] == [station.reason]
+    assert flight.assembler.statistics.images >= 8
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_images_of_a_camera_on_board_come_over_a_bad_link(autopilot):
     bad = Impairment(loss=0.3, delay_s=0.5, seed=2)
     flight = LiveChange(autopilot, dead_s=10.0, impairment=bad, new=(), on_board=True).to_images(8)

@@ -51,9 +51,10 @@ def test_an_unknown_mode_is_named_with_those_that_there_are():
         mode_named(m.MAV_AUTOPILOT_ARDUPILOTMEGA, m.MAV_TYPE_QUADROTOR, "hover")
 
 
-def beat(custom_mode):
+def beat(custom_mode, *, armed=True):
+    base_mode = 209 if armed else 81
     return m.MAVLink_heartbeat_message(
-        m.MAV_TYPE_QUADROTOR, m.MAV_AUTOPILOT_ARDUPILOTMEGA, 209, custom_mode, 4, 3
+        m.MAV_TYPE_QUADROTOR, m.MAV_AUTOPILOT_ARDUPILOTMEGA, base_mode, custom_mode, 4, 3
     )
 
 
@@ -80,3 +81,48 @@ def test_who_flies_is_told_by_the_mode():
         "taken out of its mission: mode LOITER",
         "back in its mission (mode AUTO)",
     ]
+
+
+def flying_watch():
+    watch = PilotWatch()
+    watch.on_heartbeat(beat(AUTO), 0.0, expects_change=False)
+    return watch
+
+
+@pytest.mark.parametrize("clock_first", [True, False])
+def test_a_restart_is_told_once_with_what_it_changed(clock_first):
+    watch, up = flying_watch(), beat(LOITER, armed=False)
+    if clock_first:
+        watch.on_restart(None, 20.0)
+        assert watch.events == []
+        watch.on_heartbeat(up, 20.5, expects_change=False)
+    else:
+        watch.on_heartbeat(up, 20.0, expects_change=False, unsure=True)
+        assert watch.somebody_else_flies, "at once: nothing is ordered any more"
+        assert watch.events == []
+        watch.on_restart(up, 20.5)
+    watch.on_heartbeat(up, 21.0, expects_change=False)
+    text = "its autopilot has started again: mode LOITER, motors off"
+    assert watch.events == [(20.5, text)]
+    assert watch.ended_by_restart == text
+
+
+def test_a_restart_that_changes_nothing_ends_nothing():
+    watch = flying_watch()
+    watch.on_restart(None, 20.0)
+    watch.on_heartbeat(beat(AUTO), 21.0, expects_change=False)
+    assert watch.events == [(21.0, "its autopilot has started again")]
+    assert not watch.ended_by_restart
+
+
+def test_a_pilot_who_came_during_a_silence_is_told_once_it_was_no_restart():
+    watch = flying_watch()
+    watch.on_heartbeat(beat(LOITER), 20.0, expects_change=False, unsure=True)
+    assert watch.events == []
+    watch.settle()
+    assert watch.events == [(20.0, "taken out of its mission: mode LOITER")]
+    assert watch.reason
+    watch = flying_watch()
+    watch.on_heartbeat(beat(LOITER), 20.0, expects_change=False, unsure=True)
+    watch.on_heartbeat(beat(LOITER), 26.0, expects_change=False)
+    assert len(watch.events) == 1, "it never told its clock"

@@ -1,4 +1,4 @@
-"""The leaf camera beside an autopilot, message by message: who tells it what to do, and what if that is lost."""
+"""The leaf camera beside an autopilot, message by message: who tells it what to do, and what gets lost."""
 
 import pytest
 from hypothesis import given, settings
@@ -95,7 +95,9 @@ def test_a_camera_that_nobody_commands_follows_the_mission():
         ride.at(item)
         told.append(ride.does[0])
     assert told == [0.0, 0.5, 0.5, 0.5, 0.0]
-    assert kinds(ride.sent) == ["CAMERA_IMAGE_CAPTURED", "DEBUG_FLOAT_ARRAY"], "and nobody asked for an answer"
+    assert kinds(ride.sent) == ["CAMERA_IMAGE_CAPTURED", "DEBUG_FLOAT_ARRAY"], (
+        "and nobody asked for an answer"
+    )
     camera = Ride().camera
     assert camera.poll(0.5) == [], "it listens first"
     assert "HEARTBEAT" in kinds(camera.poll(5.0))

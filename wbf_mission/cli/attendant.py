@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from wbf_mission.cli import signals
 from wbf_mission.cli.output import Output, distance
 from wbf_mission.ground.clearance import Stage
+from wbf_mission.ground.contact import SILENCE_S
 from wbf_mission.ground.modes import Maneuver
 from wbf_mission.ground.station import NotFlyingError
 from wbf_mission.outcome import Phase
@@ -53,6 +54,7 @@ class Operator:
         if ground.phase is not self._phase:
             self._phase = ground.phase
             self._output.note(ground.phase.value)
+        self._tell_silence(sortie, flight.now_s)
         for _, _, text in ground.texts[self._texts :]:
             self._output.note(f"vehicle: {text}")
         self._texts = len(ground.texts)
@@ -63,12 +65,11 @@ class Operator:
         for text in ground.parameters_set[self._set :]:
             self._output.warn(f"parameter {text}")
         self._set = len(ground.parameters_set)
-        self._tell_silence(sortie, flight.now_s)
         if ground.phase is Phase.READY:
             self._prepare(sortie)
         if ground.phase is Phase.FLIGHT and flight.now_s >= self._status_s + _STATUS_S:
             self._status_s = flight.now_s
-            self._output.note(status_line(sortie))
+            self._output.note(status_line(sortie, flight.now_s))
         if self._stopping:
             self._take_choice(flight)
 
@@ -148,8 +149,8 @@ def start_distance_m(sortie: Sortie) -> float:
     return float(((x_m - start_x_m) ** 2 + (y_m - start_y_m) ** 2) ** 0.5)
 
 
-def status_line(sortie: Sortie) -> str:
-    """Return what is known of a vehicle in flight, in a line."""
+def status_line(sortie: Sortie, now_s: float) -> str:
+    """Return what is known of a vehicle in flight, in a line; how old it is when nothing is heard."""
     ground, state = sortie.ground, sortie.ground.vehicle_state
     parts = [
         ground.pilot.mode or "mode not told",
@@ -159,7 +160,9 @@ def status_line(sortie: Sortie) -> str:
         f"{sortie.assembler.statistics.images} images",
         ground.link.brief(),
     ]
-    return ", ".join(parts)
+    silent_s = now_s - ground.link.heard_s
+    old = f"nothing heard for {silent_s:.0f} s; the last was: " if silent_s > SILENCE_S else ""
+    return old + ", ".join(parts)
 
 
 def _line() -> str | None:

@@ -1,4 +1,4 @@
-"""Notices that somebody else flies: the pilot, another operator, or a safety function of the vehicle."""
+"""Notices that somebody else flies: the pilot, another operator, a safety function, or a restart."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from wbf_mission.ground.modes import Maneuver, is_in_mission, mode_name
 __all__ = ["PilotWatch"]
 
 _TAKEN = "taken out of its mission"
+_RESTARTED = "its autopilot has started again"
 
 
 class PilotWatch:
@@ -21,6 +22,8 @@ class PilotWatch:
         Name of the flight mode that was told last.
     ordered : Maneuver or None
         What we ourselves took the vehicle out of its mission for; None again when it is back.
+    ended_by_restart : str
+        How the vehicle came up after a restart that ended its mission; empty if none did.
     """
 
     def __init__(self) -> None:
@@ -28,6 +31,9 @@ class PilotWatch:
         self.mode = ""
         self._in_mission: bool | None = None
         self.ordered: Maneuver | None = None
+        self.ended_by_restart = ""
+        self._held: list[tuple[float, str]] = []
+        self._restarted = False
 
     @property
     def somebody_else_flies(self) -> bool:
@@ -45,7 +51,12 @@ class PilotWatch:
         return next((text for _, text in reversed(self.events) if text.startswith(_TAKEN)), "")
 
     def on_heartbeat(
-        self, message: m.MAVLink_heartbeat_message, now_s: float, *, expects_change: bool
+        self,
+        message: m.MAVLink_heartbeat_message,
+        now_s: float,
+        *,
+        expects_change: bool,
+        unsure: bool = False,
     ) -> None:
         """Take a HEARTBEAT of the vehicle in flight.
 
@@ -55,12 +66,53 @@ class PilotWatch:
         now_s : float
         expects_change : bool
             The vehicle may be out of its mission now: that is being changed, or it is on the way home.
+        unsure : bool
+            It was silent, and has not told its clock since: what it does may come from a restart. What
+            happened is told by `settle` or `on_restart`.
         """
-        kind = (message.autopilot, message.type, message.base_mode, message.custom_mode)
+        self._follow(message, now_s, expects_change=expects_change)
+        if self._restarted:
+            self._tell_restart(message, now_s)
+        elif not unsure:
+            self.settle()
+
+    def settle(self) -> None:
+        """Tell what was held back: it came from no restart."""
+        self.events += self._held
+        self._held.clear()
+
+    def on_restart(self, message: m.MAVLink_heartbeat_message | None, now_s: float) -> None:
+        """Note that the autopilot has started again; it is told with the state in which it came up.
+
+        Parameters
+        ----------
+        message : HEARTBEAT or None
+            The one that came since it is heard again; None if none has come yet.
+        now_s : float
+        """
+        self._restarted = True
+        if message is not None:
+            self._tell_restart(message, now_s)
+
+    def _tell_restart(self, message: m.MAVLink_heartbeat_message, now_s: float) -> None:
+        """Tell of a restart in one line, in place of what it changed."""
+        out = bool(self._held) and self._in_mission is False
+        self._restarted = False
+        self._held.clear()
+        disarmed = not message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED
+        text = _RESTARTED + f": mode {self.mode}" * (out or disarmed) + ", motors off" * disarmed
+        if out or disarmed:
+            self.ended_by_restart = text
+        self.events.append((now_s, text))
+
+    def _follow(self, message: m.MAVLink_heartbeat_message, now_s: float, *, expects_change: bool) -> None:
+        """Follow the mode."""
+        kind = _kind(message)
         before, self.mode = self.mode, mode_name(*kind)
         if is_in_mission(*kind):
             if self.somebody_else_flies:
-                self.events.append((now_s, f"back in its mission (mode {self.mode})"))
+                self._held.append((now_s, f"back in its mission (mode {self.mode})"))
+                self.ended_by_restart = ""
             if self._in_mission is False:
                 self.ordered = None
             self._in_mission = True
@@ -72,7 +124,12 @@ class PilotWatch:
         if expects_change or self._in_mission is None:
             return
         if self._in_mission:
-            self.events.append((now_s, f"{_TAKEN}: mode {self.mode}"))
+            self._held.append((now_s, f"{_TAKEN}: mode {self.mode}"))
             self._in_mission = False
         elif before != self.mode:
-            self.events.append((now_s, f"mode {self.mode}"))
+            self._held.append((now_s, f"mode {self.mode}"))
+
+
+def _kind(message: m.MAVLink_heartbeat_message) -> tuple[int, int, int, int]:
+    """Return what tells the flight mode."""
+    return message.autopilot, message.type, message.base_mode, message.custom_mode

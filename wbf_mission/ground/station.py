@@ -50,6 +50,8 @@ _HEARTBEAT_S = 1.0
 _CONTACT_S = 30.0
 _READY_S = 180.0
 _STATE_S = 2.5
+_CLOCK_S = 5.0
+"""After a silence the vehicle tells its clock within this time and some round trips."""
 _COMPLETE = 5  # MISSION_STATE_COMPLETE
 _STREAM_HZ = 4
 _FAST = (int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT), int(m.MAVLINK_MSG_ID_ATTITUDE))
@@ -157,6 +159,7 @@ class GroundStation:
         self._started_boot_s = 0.0
         self._monitor = VehicleMonitor()
         self._contact = ContactWatch()
+        self._back_s, self._unsure_s = math.inf, -math.inf
         self._change: ChangeSession | None = None
         self._guard: FailsafeGuard | None = None
         self.battery_before = Battery()
@@ -187,6 +190,8 @@ class GroundStation:
             self._handlers[m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED] = self._on_image
             self._handlers[m.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY] = self._on_image
             self._handlers[m.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS] = self._on_capture_status
+        if clearance is not None:
+            self._handlers[m.MAVLINK_MSG_ID_SYSTEM_TIME] = self._on_system_time
         # Of a real vehicle every frame tells how good the link is.
         self.wanted: frozenset[int] | None = None if clearance is not None else frozenset(self._handlers)
 
@@ -344,7 +349,7 @@ class GroundStation:
         if (
             self.phase is Phase.FLIGHT
             and self._disarmed_s is not None
-            and now_s >= self._disarmed_s + _STATE_S
+            and now_s >= max(self._disarmed_s + _STATE_S, self._unsure_s)
         ):
             self._land(*self._why_aborted(), now_s)
         if self._fetch is not None and self._fetches and now_s >= self._fetch.due_s:
@@ -432,6 +437,8 @@ class GroundStation:
         if self._contact.on_message(now_s):
             # It was armed when its mission was started, whatever was heard of that.
             self._flew = True
+            self._back_s = now_s
+            self._unsure_s = now_s + _CLOCK_S + 3.0 * (self.link.round_trip.seconds or 0.0)
             if self._fetch is not None:
                 self._fetch.look_back(now_s, self._started_boot_s)
 
@@ -444,7 +451,8 @@ class GroundStation:
         if self.phase is Phase.FLIGHT:
             self._failures.on_heartbeat(message, len(self.texts) - self._texts_before)
             if self.clearance is not None:
-                self.pilot.on_heartbeat(message, now_s, expects_change=self.changing or self._flies_home)
+                changes, unsure = self.changing or self._flies_home, now_s < self._unsure_s
+                self.pilot.on_heartbeat(message, now_s, expects_change=changes, unsure=unsure)
         if self.phase is Phase.CONTACT:
             self._autopilot = message.autopilot
             self.phase = Phase.UPLOAD
@@ -501,18 +509,31 @@ class GroundStation:
         self._silent = False
         monitor, restarts = self._monitor, self._monitor.clock.restarts
         monitor.on_position(message, now_s)
-        if monitor.clock.restarts > restarts:
-            self._on_restart(now_s)
+        self._on_clock(restarts, now_s)
         if self.phase is Phase.FLIGHT:
             is_rover = monitor.vehicle_type == m.MAV_TYPE_GROUND_ROVER
             self._tracks.on_position(message, round(1e3 * monitor.boot_s), is_rover=is_rover)
         return []
 
-    def _on_restart(self, now_s: float) -> None:
-        """The autopilot has started again: its clock, its telemetry and its camera begin anew."""
-        self.pilot.events.append((now_s, "its autopilot has started again"))
-        if self._assembler is not None:
-            self._assembler.move_clock(self._monitor.clock.offset_ms / 1e3)
+    def _on_system_time(self, message: m.MAVLink_system_time_message, now_s: float) -> list[Message]:
+        """Take the clock, which an autopilot that has just started tells before it knows where it is."""
+        if self._is_vehicle(message):
+            restarts = self._monitor.clock.restarts
+            self._monitor.clock.take(message.time_boot_ms, now_s)
+            self._on_clock(restarts, now_s)
+        return []
+
+    def _on_clock(self, restarts: int, now_s: float) -> None:
+        """Take note that the vehicle has told its clock; so many restarts were known before."""
+        unsure, self._unsure_s = now_s < self._unsure_s, -math.inf
+        if self._monitor.clock.restarts > restarts:
+            # Its clock, its telemetry and its camera begin anew.
+            told_since = unsure and self._monitor.mode_heard_s >= self._back_s
+            self.pilot.on_restart(self._monitor.heartbeat if told_since else None, now_s)
+            if self._assembler is not None:
+                self._assembler.move_clock(self._monitor.clock.offset_ms / 1e3)
+        elif unsure:
+            self.pilot.settle()
 
     def _on_landed(self, message: m.MAVLink_extended_sys_state_message, now_s: float) -> list[Message]:  # noqa: ARG002
         if self._is_vehicle(message):
@@ -693,6 +714,8 @@ class GroundStation:
 
     def _why_aborted(self) -> tuple[Outcome, str]:
         """Outcome and reason of a flight that ended before its mission was complete."""
+        if self.pilot.ended_by_restart:
+            return Outcome.AUTOPILOT_RESTARTED, self.pilot.ended_by_restart
         if self.pilot.ordered is not None:
             return Outcome.INTERRUPTED, f"the operator ordered it to {self.pilot.ordered.value}"
         cause = self._failures.cause(self.texts[self._texts_before :])

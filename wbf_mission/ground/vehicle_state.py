@@ -112,7 +112,7 @@ class VehicleMonitor:
     flies : bool or None
         Whether it is off the ground, as EXTENDED_SYS_STATE tells; None when it is not told.
     clock : BootClock
-        Of its positions.
+        Of its positions and of SYSTEM_TIME.
     mode_heard_s, item_heard_s, position_heard_s : float
         When mode, item and position were heard; -inf for never.
     """
@@ -161,6 +161,11 @@ class VehicleMonitor:
     def boot_s(self) -> float:
         """The vehicle's own clock at its last position, across restarts; 0 before the first."""
         return self._boot_ms / 1e3
+
+    @property
+    def heartbeat(self) -> m.MAVLink_heartbeat_message | None:
+        """The last HEARTBEAT; None before any."""
+        return self._heartbeat
 
     @property
     def custom_mode(self) -> int:

@@ -50,8 +50,10 @@ def exit_code_of(error: Exception) -> ExitCode:
     <ExitCode.BAD_INPUT: 2>
     """
     from mission.errors import LinkLostError, NoPeerError, TransferError
-    from wbf_mission.live.errors import VehicleRefusedError, VehicleSilentError
+    from wbf_mission.live.errors import NotStartedError, VehicleRefusedError, VehicleSilentError
 
+    if isinstance(error, NotStartedError):
+        return ExitCode.INTERRUPTED
     if isinstance(error, VehicleRefusedError):
         return ExitCode.REFUSED
     if isinstance(error, VehicleSilentError):

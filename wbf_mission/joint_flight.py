@@ -14,7 +14,9 @@ from sim_vehicle.host.simulation import StopReason
 from wbf_mission.deciding.loop import DecisionLoop
 from wbf_mission.evidence import Evidence
 from wbf_mission.ground.modes import Maneuver
+from wbf_mission.ground.telling import doing, not_started
 from wbf_mission.hosting import FlightHost
+from wbf_mission.live.errors import NotStartedError
 from wbf_mission.outcome import Phase
 from wbf_mission.progress import Progress
 from wbf_mission.sortie import Sortie
@@ -154,11 +156,22 @@ class JointFlight:
                 self._tell("flying", longest_s, self._expected_s)
 
     def interrupt(self) -> None:
-        """Stop where we are; what was seen so far is kept."""
+        """Stop where we are; what was seen so far is kept.
+
+        Raises
+        ------
+        NotStartedError
+            If a real vehicle has not been started: nothing was flown.
+        """
         for sortie in self.sorties:
-            sortie.ground.interrupt(
-                Outcome.INTERRUPTED, f"stopped after {self.now_s:.0f} simulated seconds", self.now_s
-            )
+            why = f"stopped after {self.now_s:.0f} simulated seconds"
+            if self._attendant is not None:
+                left = not_started(sortie.ground)
+                if left is not None:
+                    msg = f"interrupted: {left}"
+                    raise NotStartedError(msg)
+                why = f"left as it flew after {self.now_s:.0f} s: {doing(sortie.ground, self.now_s)}"
+            sortie.ground.interrupt(Outcome.INTERRUPTED, why, self.now_s)
         self.learn()
 
     def learn(self) -> None:

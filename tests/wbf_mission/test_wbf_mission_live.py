@@ -151,7 +151,7 @@ def test_what_one_vehicle_cannot_do_is_refused_before_the_link_is_opened(more, t
         fly(scenario(**more), connect=LiveLink("tcp:127.0.0.1:1", Watcher()))
 
 
-def talk(url, answers, cwd):
+def talk(url, answers, cwd, term="dumb"):
     """Run the command at a terminal; give each answer once its question was asked."""
     terminal, end = pty.openpty()
     arguments = ["fly", "--farm", "miniberry-10", "--planner", "lawnmower", "--budget", "60s"]
@@ -164,7 +164,7 @@ def talk(url, answers, cwd):
         stderr=end,
         text=True,
         start_new_session=True,
-        env={**os.environ, "COLUMNS": "200", "TERM": "dumb"},
+        env={**os.environ, "COLUMNS": "200", "TERM": term},
     )
     os.close(end)
     shown = b""
@@ -178,7 +178,11 @@ def talk(url, answers, cwd):
             shown += piece
     out, _ = process.communicate(timeout=LONG_S)
     os.close(terminal)
-    return process.returncode, json.loads(out), shown.decode()
+    return process.returncode, json.loads(out) if out else None, shown.decode()
+
+
+def interrupt(process):
+    os.killpg(process.pid, 2)
 
 
 def test_the_operator_at_the_terminal(tmp_path):
@@ -197,6 +201,32 @@ def test_no_is_no(tmp_path):
     assert (code, summary["outcome"]) == (1, "not_started")
 
 
+def test_ctrl_c_at_the_start_question_ends_in_one_line(tmp_path):
+    with stand_in() as (url, made):
+        code, summary, shown = talk(url, [(b"start the motors? [y/N]", interrupt)], tmp_path)
+        assert not made.vehicle.pilot.armed
+        assert made.vehicle.pilot.mission.items
+    assert (code, summary) == (130, None)
+    after = shown.split("start the motors? [y/N]")[1].split("\n")
+    told = [one.strip() for one in after if one.strip() and "^C" not in one]
+    assert told == ["error: interrupted: nothing was started; what was uploaded stays in the vehicle"]
+    assert not (tmp_path / "run" / "summary.json").exists()
+
+
+@pytest.mark.slow
+def test_no_bars_are_drawn_over_a_question(tmp_path):
+    def wait_and_say_yes(_process):
+        time.sleep(2.0)  # bars are drawn ten times a second
+
+    answers = [(b"start the motors? [y/N]", wait_and_say_yes), (b"[y/N]", b"y\n")]
+    with stand_in() as (url, _):
+        code, _, shown = talk(url, answers, tmp_path, term="xterm")
+    assert code == 0
+    assert "\u2501" in shown, "there are bars"
+    between = shown.split("start the motors? [y/N]")[1].split("y\r\n")[0]
+    assert "\u2501" not in between
+
+
 def test_ctrl_c_asks_and_the_vehicle_returns(tmp_path):
     answers = [
         (b"start the motors? [y/N]", b"y\n"),
@@ -207,11 +237,7 @@ def test_ctrl_c_asks_and_the_vehicle_returns(tmp_path):
         _, summary, shown = talk(url, answers, tmp_path)
         assert not made.vehicle.pilot.armed
     assert summary["outcome"] == "interrupted"
-    assert "RTL" in shown or "returning" in shown.lower()
-
-
-def interrupt(process):
-    os.killpg(process.pid, 2)
+    assert "the vehicle returns (mode RTL)" in shown
 
 
 START = (b"start the motors? [y/N]", b"y\n")

@@ -9,6 +9,7 @@ from mission.outcome import Outcome
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.host.simulation import Impairment
 from wbf_mission.ground.change import ChangeOutcome
+from wbf_mission.ground.modes import Maneuver
 
 AUTOPILOTS = ("px4", "ardupilot")
 GOOD = frozenset({Outcome.COMPLETED, Outcome.LINK_LOST})
@@ -155,3 +156,31 @@ def test_an_arducopter_never_gets_a_failsafe_that_would_break_its_mission_off():
         flight = LiveChange("ardupilot", after=after, dead_s=math.inf).fly()
         assert Mode.RTL not in flight.modes
         flight.check_safe()
+
+
+def is_home(flight, below_m):
+    station = flight.station
+    return lambda _now_s: station.flies_home and station.vehicle_state.height_m < below_m
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+@pytest.mark.parametrize("arrives", [True, False])
+def test_an_order_in_the_last_metre_counts_when_it_is_obeyed(autopilot, arrives):
+    """What is ordered on the way home may come too late; then the mission was flown to its end."""
+    flight = LiveChange(autopilot, new=(), dead_s=math.inf if arrives else 60.0).to_images(8)
+    station, simulation = flight.station, flight.simulation
+    simulation.run(until=is_home(flight, 1.0), limit_s=300.0)
+    order = station.maneuver(Maneuver.LAND if arrives else Maneuver.HOLD, simulation.now_s)
+    if arrives:
+        simulation.send(station, order)
+    else:
+        # Nothing of it gets across until it has landed.
+        flight.link.dead_s, flight.link.broke_s = 20.0, simulation.now_s
+    simulation.run(until=lambda _now_s: station.done, limit_s=300.0)
+    assert station.done
+    if arrives:
+        assert station.outcome is Outcome.INTERRUPTED
+        assert station.pilot.obeyed == "lands (mode LAND)"
+    else:
+        assert station.outcome is Outcome.COMPLETED, station.reason
+        assert not station.pilot.obeyed

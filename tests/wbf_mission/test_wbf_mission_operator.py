@@ -72,7 +72,7 @@ def test_who_flies_is_told_by_the_mode():
     assert watch.somebody_else_flies
     watch.on_heartbeat(beat(AUTO), 4.0, expects_change=False)
     assert not watch.somebody_else_flies
-    watch.ordered = Maneuver.RETURN
+    watch.order(Maneuver.RETURN)
     watch.on_heartbeat(beat(AUTO), 4.5, expects_change=False)  # sent before the order arrived
     watch.on_heartbeat(beat(RTL), 5.0, expects_change=False)
     assert not watch.somebody_else_flies, "we ordered that"
@@ -126,3 +126,24 @@ def test_a_pilot_who_came_during_a_silence_is_told_once_it_was_no_restart():
     watch.on_heartbeat(beat(LOITER), 20.0, expects_change=False, unsure=True)
     watch.on_heartbeat(beat(LOITER), 26.0, expects_change=False)
     assert len(watch.events) == 1, "it never told its clock"
+
+
+def test_an_order_is_obeyed_when_the_mode_shows_it():
+    watch = flying_watch()
+    watch.order(Maneuver.HOLD)
+    watch.on_heartbeat(beat(AUTO), 1.0, expects_change=False)
+    assert not watch.obeyed
+    watch.on_heartbeat(beat(17), 2.0, expects_change=False)
+    assert watch.obeyed == "holds (mode BRAKE)"
+    assert watch.ended_mission
+    watch.on_heartbeat(beat(AUTO), 3.0, expects_change=False)
+    assert not watch.obeyed and not watch.ended_mission, "back in its mission"
+
+
+def test_an_order_on_the_way_home_that_is_not_obeyed_has_not_ended_the_mission():
+    watch = flying_watch()
+    watch.order(Maneuver.HOLD)
+    watch.on_heartbeat(beat(RTL), 1.0, expects_change=True)
+    assert not watch.obeyed
+    assert not watch.ended_mission
+    assert watch.taken_out, "nothing else is ordered meanwhile"

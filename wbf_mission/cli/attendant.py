@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 from wbf_mission.cli import signals
 from wbf_mission.cli.output import Output, distance
 from wbf_mission.ground.clearance import Stage
-from wbf_mission.ground.contact import SILENCE_S
 from wbf_mission.ground.modes import Maneuver
 from wbf_mission.ground.station import NotFlyingError
+from wbf_mission.ground.telling import doing
 from wbf_mission.outcome import Phase
 from wbf_mission.preflight.checks.standing import FARTHEST_M
 
@@ -23,6 +23,8 @@ __all__ = ["Operator"]
 
 _STATUS_S = 5.0
 _SILENCE_S = 5.0
+_OBEYS_S = 5.0
+_STARTING = (Phase.MODE, Phase.ARM, Phase.START)
 _QUESTION = "[h]old, [r]eturn, [l]eave it flying, [c]ontinue? Ctrl-C again leaves it flying"
 _CHOICES = {"h": Maneuver.HOLD, "r": Maneuver.RETURN}
 
@@ -43,6 +45,7 @@ class Operator:
         self._asked = False
         self._stopping = False
         self._silent = False
+        self._ordered_s: float | None = None
 
     def tend(self, flight: JointFlight) -> None:
         """Tell what is new, and take an answer if there is one."""
@@ -50,7 +53,7 @@ class Operator:
         ground = sortie.ground
         signals.defer(ground.phase is not Phase.DONE)
         if signals.came() and not self._stopping:
-            self._on_signal(ground.phase)
+            self._on_signal(sortie, flight.now_s)
         if ground.phase is not self._phase:
             self._phase = ground.phase
             self._output.note(ground.phase.value)
@@ -70,16 +73,43 @@ class Operator:
         if ground.phase is Phase.FLIGHT and flight.now_s >= self._status_s + _STATUS_S:
             self._status_s = flight.now_s
             self._output.note(status_line(sortie, flight.now_s))
+        self._tell_obedience(sortie, flight.now_s)
         if self._stopping:
             self._take_choice(flight)
+        self._output.show_bars(not self._stopping and ground.phase is not Phase.READY)
 
-    def _on_signal(self, phase: Phase) -> None:
+    def _on_signal(self, sortie: Sortie, now_s: float) -> None:
         """Ask what is to become of the vehicle; before the flight, and without a terminal, just leave."""
+        phase = sortie.ground.phase
+        if phase in _STARTING and sys.stdin.isatty():
+            return  # in a moment it flies, or it does not
         if phase is not Phase.FLIGHT or not sys.stdin.isatty():
             signals.defer(False)
             raise KeyboardInterrupt
         self._stopping = True
+        self._output.show_bars(False)
+        home = " (all waypoints are flown: it is on its way home)" * sortie.ground.flies_home
+        self._output.note(f"{doing(sortie.ground, now_s)}{home}")
         self._output.note(_QUESTION)
+
+    def _tell_obedience(self, sortie: Sortie, now_s: float) -> None:
+        """Tell whether the vehicle does what was ordered, by what it shows."""
+        ground, ordered_s = sortie.ground, self._ordered_s
+        if ordered_s is None:
+            return
+        pilot = ground.pilot
+        if pilot.obeyed:
+            self._output.note(f"the vehicle {pilot.obeyed}")
+        elif ground.phase is not Phase.FLIGHT:
+            self._output.warn("the flight was over before the vehicle had obeyed")
+        elif pilot.ordered is None:
+            self._output.warn(f"the vehicle flies on: {doing(ground, now_s)}")
+        elif now_s - ordered_s > _OBEYS_S + 4.0 * (ground.link.round_trip.known_s or 0.0):
+            told = doing(ground, now_s)
+            self._output.warn(f"{pilot.ordered.value} was ordered, but the vehicle does not show it: {told}")
+        else:
+            return
+        self._ordered_s = None
 
     def _prepare(self, sortie: Sortie) -> None:
         """Ask for the start once the vehicle can arm; refuse it where the plan is not for here."""
@@ -98,10 +128,14 @@ class Operator:
         if not self._asked:
             self._asked = True
             prediction = sortie.plan.prediction
-            self._output.note(
-                f"ready: {distance(prediction.path_length_m)}, {prediction.duration_s:.0f} s at "
-                f"{sortie.task.builder.level.altitude_m:g} m; start the motors? [y/N]"
+            height_m = sortie.task.builder.level.altitude_m
+            told = (
+                f"{distance(prediction.path_length_m)}, {prediction.duration_s:.0f} s at {height_m:g} m"
+                if prediction.feasible
+                else f"the predicted flight FAILS after {prediction.duration_s:.0f} s: {prediction.reason}"
             )
+            self._output.show_bars(False)
+            self._output.note(f"ready: {told}; start the motors? [y/N]")
         answer = _line()
         if answer is not None:
             if answer.strip().lower() in ("y", "yes"):
@@ -120,6 +154,7 @@ class Operator:
         if choice in _CHOICES:
             try:
                 flight.maneuver(_CHOICES[choice])
+                self._ordered_s = flight.now_s
                 self._output.note(f"ordered: {_CHOICES[choice].value}")
             except NotFlyingError as error:
                 self._output.warn(str(error))
@@ -153,16 +188,13 @@ def status_line(sortie: Sortie, now_s: float) -> str:
     """Return what is known of a vehicle in flight, in a line; how old it is when nothing is heard."""
     ground, state = sortie.ground, sortie.ground.vehicle_state
     parts = [
-        ground.pilot.mode or "mode not told",
-        "item -" if state.item is None else f"item {state.item + 1} of {len(ground.mission.items)}",
-        f"{state.height_m:.1f} m up, {state.ground_speed_m_s:.1f} m/s",
+        doing(ground, now_s),
+        f"{state.ground_speed_m_s:.1f} m/s",
         "battery -" if state.battery is None else f"battery {state.battery:.0%}",
         f"{sortie.assembler.statistics.images} images",
         ground.link.brief(),
     ]
-    silent_s = now_s - ground.link.heard_s
-    old = f"nothing heard for {silent_s:.0f} s; the last was: " if silent_s > SILENCE_S else ""
-    return old + ", ".join(parts)
+    return ", ".join(parts)
 
 
 def _line() -> str | None:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from geo.texts import printable
 
 if TYPE_CHECKING:
+    from rich.progress import Progress
     from rich.table import Table
 
 _TELL_AFTER_S = {"training the estimator": 0.0, "planning": 5.0}
@@ -55,6 +56,7 @@ class Output:
         self.as_json = as_json
         self.quiet = quiet
         self._stderr = PlainConsole(sys.stderr, wrap=False)
+        self._bars: Progress | None = None
 
     def note(self, text: str) -> None:
         """Say something that a script does not need."""
@@ -158,6 +160,7 @@ class Output:
             TimeElapsedColumn(),
         )
         with Progress(*columns, console=self._stderr, transient=True) as bars:
+            self._bars = bars
             tasks: dict[str, Any] = {}
 
             def update(what: str, done: float, total: float) -> None:
@@ -165,7 +168,16 @@ class Output:
                     tasks[what] = bars.add_task(printable(what), total=max(total, 1e-9))
                 bars.update(tasks[what], completed=done, total=max(total, 1e-9))
 
-            yield update
+            try:
+                yield update
+            finally:
+                self._bars = None
+
+    def show_bars(self, wanted: bool) -> None:
+        """Show the bars, or take them away while somebody is asked something on the same terminal."""
+        bars = self._bars
+        if bars is not None and bars.live.is_started != wanted:
+            bars.start() if wanted else bars.stop()
 
 
 def _encodable(value: Any) -> Any:

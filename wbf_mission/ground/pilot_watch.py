@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from mission.link.codec.dialect import mavlink as m
-from wbf_mission.ground.modes import Maneuver, is_in_mission, mode_name
+from wbf_mission.ground.modes import Maneuver, is_in_mission, maneuver_modes, mode_name
 
 __all__ = ["PilotWatch"]
 
 _TAKEN = "taken out of its mission"
 _RESTARTED = "its autopilot has started again"
+_SHOWS = {Maneuver.HOLD: "holds", Maneuver.RETURN: "returns", Maneuver.LAND: "lands"}
 
 
 class PilotWatch:
@@ -21,7 +22,9 @@ class PilotWatch:
     mode : str
         Name of the flight mode that was told last.
     ordered : Maneuver or None
-        What we ourselves took the vehicle out of its mission for; None again when it is back.
+        What we ourselves take the vehicle out of its mission for; None again when it is back.
+    obeyed : str
+        How the vehicle showed that it does that; empty while it does not.
     ended_by_restart : str
         How the vehicle came up after a restart that ended its mission; empty if none did.
     """
@@ -31,7 +34,7 @@ class PilotWatch:
         self.mode = ""
         self._in_mission: bool | None = None
         self.ordered: Maneuver | None = None
-        self.ended_by_restart = ""
+        self.obeyed = self.ended_by_restart = ""
         self._held: list[tuple[float, str]] = []
         self._restarted = False
 
@@ -44,6 +47,11 @@ class PilotWatch:
     def taken_out(self) -> bool:
         """Whether the vehicle was taken out of its mission, by somebody else or by us."""
         return self._in_mission is False or self.ordered is not None
+
+    @property
+    def ended_mission(self) -> bool:
+        """Whether the vehicle left its mission; an order that it never obeyed has not ended it."""
+        return self._in_mission is False or bool(self.obeyed)
 
     @property
     def reason(self) -> str:
@@ -75,6 +83,10 @@ class PilotWatch:
             self._tell_restart(message, now_s)
         elif not unsure:
             self.settle()
+
+    def order(self, ordered: Maneuver | None) -> None:
+        """Note what is ordered; None for nothing any more."""
+        self.ordered, self.obeyed = ordered, ""
 
     def settle(self) -> None:
         """Tell what was held back: it came from no restart."""
@@ -114,13 +126,15 @@ class PilotWatch:
                 self._held.append((now_s, f"back in its mission (mode {self.mode})"))
                 self.ended_by_restart = ""
             if self._in_mission is False:
-                self.ordered = None
+                self.order(None)
             self._in_mission = True
             return
-        # Before the mission's mode was seen for the first time nobody has left it.
         if self.ordered is not None:
-            self._in_mission = False
+            self._look_for_obedience(self.ordered, kind)
+            # On its way home it may be out of its mission without that.
+            self._in_mission = bool(self._in_mission) and expects_change and not self.obeyed
             return
+        # Before the mission's mode was seen for the first time nobody has left it.
         if expects_change or self._in_mission is None:
             return
         if self._in_mission:
@@ -128,6 +142,12 @@ class PilotWatch:
             self._in_mission = False
         elif before != self.mode:
             self._held.append((now_s, f"mode {self.mode}"))
+
+    def _look_for_obedience(self, ordered: Maneuver, kind: tuple[int, int, int, int]) -> None:
+        """See in the mode whether the vehicle does what was ordered."""
+        modes = maneuver_modes(ordered, *kind[:2])
+        if not modes or self.mode in modes:
+            self.obeyed = f"{_SHOWS[ordered]} (mode {self.mode})"
 
 
 def _kind(message: m.MAVLink_heartbeat_message) -> tuple[int, int, int, int]:

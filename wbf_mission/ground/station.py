@@ -406,7 +406,9 @@ class GroundStation:
         return self.phase in (Phase.FLIGHT, Phase.FETCH)
 
     def interrupt(self, outcome: Outcome, reason: str, now_s: float) -> None:
-        """End the run from outside; what was received is kept."""
+        """End the run from outside; what was received is kept, and how the flight ended when it is over."""
+        if self.phase is Phase.FETCH:
+            self.phase = Phase.DONE
         if not self.done:
             self._end(outcome, reason, now_s)
 
@@ -451,7 +453,7 @@ class GroundStation:
         if self.phase is Phase.FLIGHT:
             self._failures.on_heartbeat(message, len(self.texts) - self._texts_before)
             if self.clearance is not None:
-                changes, unsure = self.changing or self._flies_home, now_s < self._unsure_s
+                changes, unsure = self.changing or self.flies_home, now_s < self._unsure_s
                 self.pilot.on_heartbeat(message, now_s, expects_change=changes, unsure=unsure)
         if self.phase is Phase.CONTACT:
             self._autopilot = message.autopilot
@@ -654,7 +656,7 @@ class GroundStation:
         return clearance.poll(now_s)
 
     @property
-    def _flies_home(self) -> bool:
+    def flies_home(self) -> bool:
         """Whether no waypoint is left of the mission."""
         item = self._monitor.state.item
         return item is None or not any(
@@ -680,7 +682,8 @@ class GroundStation:
         if self.pilot.somebody_else_flies:
             msg = f"somebody else flies the vehicle (mode {self.pilot.mode}); nothing is ordered"
             raise NotFlyingError(msg)
-        self.pilot.ordered, self._change = kind, None
+        self._change = None
+        self.pilot.order(kind)
         command, params = maneuver_command(kind, self._autopilot, self._monitor.vehicle_type)
         self._order = Order(self._vehicle, command, *params, round_trip=self._round_trip)
         return self._order.send(now_s)
@@ -705,7 +708,8 @@ class GroundStation:
     def _refused(self, why: str, now_s: float) -> None:
         if self.phase is Phase.FLIGHT:
             # The vehicle flies its mission on; the operator sees that it does.
-            self._order = self.pilot.ordered = None
+            self._order = None
+            self.pilot.order(None)
             self._texts.note(f"{why}: the vehicle did not take the order", now_s)
             return
         outcome = Outcome.ARMING_REFUSED if self.phase is Phase.ARM else Outcome.MISSION_REJECTED
@@ -716,7 +720,7 @@ class GroundStation:
         """Outcome and reason of a flight that ended before its mission was complete."""
         if self.pilot.ended_by_restart:
             return Outcome.AUTOPILOT_RESTARTED, self.pilot.ended_by_restart
-        if self.pilot.ordered is not None:
+        if self.pilot.ordered is not None and self.pilot.obeyed:
             return Outcome.INTERRUPTED, f"the operator ordered it to {self.pilot.ordered.value}"
         cause = self._failures.cause(self.texts[self._texts_before :])
         if cause is None and self.pilot.somebody_else_flies:
@@ -725,7 +729,7 @@ class GroundStation:
 
     def _complete(self, now_s: float) -> None:
         """The vehicle tells that its mission is over; ArduPilot does so after every landing."""
-        self._land(*(self._why_aborted() if self.pilot.taken_out else (Outcome.COMPLETED, "")), now_s)
+        self._land(*(self._why_aborted() if self.pilot.ended_mission else (Outcome.COMPLETED, "")), now_s)
 
     def _land(self, outcome: Outcome, reason: str, now_s: float) -> None:
         """The flight is over: ask for images that were lost on the way, if any."""

@@ -1,0 +1,37 @@
+"""What a vehicle in flight does, in words, as it told last."""
+
+from __future__ import annotations
+
+from wbf_mission.ground.contact import SILENCE_S
+from wbf_mission.ground.station import GroundStation
+from wbf_mission.outcome import Phase
+
+__all__ = ["doing", "not_started"]
+
+_STOPPED = {
+    Phase.CONTACT: "nothing was sent",
+    Phase.UPLOAD: "nothing was started; the upload was broken off, and what the vehicle holds is not known",
+    Phase.WAIT: "nothing was started; what was uploaded stays in the vehicle",
+    Phase.READY: "nothing was started; what was uploaded stays in the vehicle",
+    Phase.MODE: "the mission was not started; what was uploaded stays in the vehicle",
+    Phase.ARM: "the vehicle was just told to arm: its motors may run; its mission was not started",
+    Phase.START: "the vehicle is armed and was just told to start its mission: it may take off",
+}
+
+
+def doing(ground: GroundStation, now_s: float) -> str:
+    """Return mode, item and height of a vehicle in flight; how old that is when nothing is heard."""
+    state, items = ground.vehicle_state, len(ground.mission.items)
+    parts = [
+        ground.pilot.mode or "mode not told",
+        "item -" if state.item is None else f"item {state.item + 1} of {items}",
+        f"{state.height_m:.1f} m up",
+    ]
+    silent_s = now_s - ground.link.heard_s
+    old = f"nothing heard for {silent_s:.0f} s; the last was: " if silent_s > SILENCE_S else ""
+    return old + ", ".join(parts)
+
+
+def not_started(ground: GroundStation) -> str | None:
+    """Return what a run that is broken off before its flight leaves behind; None once it flies."""
+    return None if ground.started_s is not None else _STOPPED.get(ground.phase)

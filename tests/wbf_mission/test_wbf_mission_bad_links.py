@@ -28,6 +28,16 @@ def run(*words, cwd):
     return done
 
 
+def watched(url, cwd):
+    """What monitor tells last, watched for longer until an answer has come over the line."""
+    for seconds in (4, 20, 60):
+        told = run("monitor", url, "--json", "--duration", seconds, "--interval", "1", cwd=cwd)
+        lines = [json.loads(one) for one in told.stdout.splitlines() if "link_quality" in one]
+        if lines and lines[-1]["round_trip_s"] is not None and (lines[-1]["link_quality"] or 1.0) < 1.0:
+            return lines[-1]
+    pytest.fail(told.stdout + told.stderr)
+
+
 CASES = {
     "the link is dead for a while": (
         "link-loss,at=airborne,from=10,for=40",
@@ -152,8 +162,7 @@ def test_everything_over_a_serial_line_of_57600_baud(autopilot, tmp_path):
             assert up.returncode == 0, up.stderr
             down = run("download", "--out", tmp_path / "back.plan", "--connect", url, cwd=tmp_path)
             assert down.returncode == 0, down.stderr
-            told = run("monitor", url, "--json", "--duration", "4", "--interval", "1", cwd=tmp_path)
-            last = [json.loads(one) for one in told.stdout.splitlines() if "link_quality" in one][-1]
+            last = watched(url, tmp_path)
             assert 0.5 < last["link_quality"] < 1.0
             assert last["round_trip_s"] > 0.15
             assert run("command", url, "mode", mode, cwd=tmp_path).returncode == 0

@@ -14,6 +14,8 @@ import pytest
 from mission.files import read_mission, write_mission
 from mission.model import Command, GeoPoint, Mission, MissionItem
 
+LONG_S = 150.0  # a limit against hanging, not a measure
+
 
 def spawn(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "wbf_mission", *arguments]
@@ -45,7 +47,7 @@ def simulator(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
     assert "Ctrl-C ends it" in process.stderr.readline()
     yield f"tcp:127.0.0.1:{port}"
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=30)
+    out, err = process.communicate(timeout=LONG_S)
     assert process.returncode == 0, err
     assert "Simulator stopped" in out
 
@@ -72,13 +74,13 @@ def test_upload_and_download_through_files(simulator: str, tmp_path: Path) -> No
     mission = fenced_mission()
     write_mission(mission, tmp_path / "up.plan")
     up = spawn("upload", "up.plan", "--connect", simulator, "--json", cwd=tmp_path)
-    out, err = up.communicate(timeout=60)
+    out, err = up.communicate(timeout=LONG_S)
     assert up.returncode == 0, err
     report = json.loads(out)
     assert report["verified"]
     assert report["items"] == {"fence": 4, "rally": 1, "mission": 42}
     down = spawn("download", "--connect", simulator, "--out", "down.plan", cwd=tmp_path)
-    out, err = down.communicate(timeout=60)
+    out, err = down.communicate(timeout=LONG_S)
     assert down.returncode == 0, err
     onboard = read_mission(tmp_path / "down.plan")
     assert [item.command for item in onboard.items] == [item.command for item in mission.items]
@@ -99,7 +101,7 @@ def test_unreachable_vehicles_are_one_line(tmp_path: Path, connect: str, says: s
     write_mission(fenced_mission(), tmp_path / "up.plan")
     for command in (["upload", "up.plan"], ["download", "--out", "down.plan"]):
         process = spawn(*command, "--connect", connect, "--wait", "0.5", "--quiet", cwd=tmp_path)
-        out, err = process.communicate(timeout=60)
+        out, err = process.communicate(timeout=LONG_S)
         assert process.returncode == code
         assert out == ""
         assert err.startswith("error: ")
@@ -116,7 +118,7 @@ def test_a_port_that_is_taken_is_one_line(tmp_path: Path) -> None:
         process = spawn(
             "sim", "--listen", f"tcpin:127.0.0.1:{port}", "--no-camera", "--duration", "1", cwd=tmp_path
         )
-        _, err = process.communicate(timeout=60)
+        _, err = process.communicate(timeout=LONG_S)
     assert process.returncode == 2
     assert str(port) in err
     assert err.count("\n") == 1

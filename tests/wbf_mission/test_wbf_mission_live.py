@@ -103,7 +103,8 @@ def test_without_the_operators_word_nothing_starts():
 @pytest.mark.parametrize("kind", [Maneuver.RETURN, Maneuver.LAND])
 def test_the_operator_ends_the_mission(kind):
     watcher = Watcher(act=lambda flight: flight.maneuver(kind))
-    with stand_in() as (url, _):
+    # Slow enough that it is not on its way home when the order arrives.
+    with stand_in(speed=2.0) as (url, _):
         result = fly(scenario(), connect=LiveLink(url, watcher))
     assert watcher.acted
     assert result.outcome is Outcome.INTERRUPTED
@@ -121,7 +122,7 @@ def test_a_pilot_who_takes_over_is_noticed_and_not_fought(autopilot):
         endpoints.append(order(url, 1, m.MAV_CMD_DO_SET_MODE, *numbers))
 
     watcher = Watcher(act=take_over)
-    with stand_in(autopilot) as (url, made):
+    with stand_in(autopilot, speed=2.0) as (url, made):
         result = fly(scenario(policy="greedy"), connect=LiveLink(url, watcher))
         heard = [one for endpoint in endpoints for one in endpoint.receive()]
         assert not made.vehicle.pilot.armed
@@ -247,7 +248,8 @@ FLIES, ASKED = b"MISSION, item", b"[h]old, [r]eturn"
 @pytest.mark.slow
 @pytest.mark.parametrize("again", [b"l\n", interrupt], ids=["leave", "ctrl-c"])
 def test_ctrl_c_leaves_the_vehicle_flying(again, tmp_path):
-    with stand_in(speed=2.0) as (url, made):
+    # It has to be in the air still when the results are written.
+    with stand_in(speed=1.0) as (url, made):
         code, summary, _ = talk(url, [START, (FLIES, interrupt), (ASKED, again)], tmp_path)
         assert made.vehicle.pilot.armed, "it flies its mission on"
     assert (code, summary["outcome"]) == (130, "interrupted")
@@ -280,7 +282,7 @@ def test_ctrl_c_and_then_go_on(tmp_path):
 @pytest.mark.slow
 def test_ctrl_c_and_the_vehicle_holds_until_it_is_left(tmp_path):
     answers = [START, (FLIES, interrupt), (ASKED, b"h\n"), (b"LOITER, item", interrupt), (ASKED, b"l\n")]
-    with stand_in(speed=3.0) as (url, made):
+    with stand_in(speed=1.5) as (url, made):
         code, summary, shown = talk(url, answers, tmp_path)
         assert made.vehicle.pilot.armed
         assert made.vehicle.pilot.mode is Mode.HOLD

@@ -259,7 +259,8 @@ class Orders:
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_orders_and_their_answers(autopilot):
     with contextlib.ExitStack() as stack:
-        url, made = stack.enter_context(stand_in(autopilot))
+        # A vehicle that is armed and does not take off disarms after ten seconds of its own.
+        url, made = stack.enter_context(stand_in(autopilot, speed=1.0))
         orders, pilot = Orders(stack, url), made.vehicle.pilot
         kind = orders.kind
         mode = arming_mode(*kind)
@@ -336,7 +337,7 @@ def test_the_same_flight_both_ways(autopilot, tmp_path):
 @pytest.mark.slow
 def test_the_operator_orders_a_return_by_mavsdk():
     attendant = Agreeing(act=lambda flight: flight.maneuver(Maneuver.RETURN))
-    with stand_in("ardupilot") as (url, made):
+    with stand_in("ardupilot", speed=2.0) as (url, made):
         result = fly(scenario(), connect=LiveLink(url, attendant, via=via_named("mavsdk")))
         assert not made.vehicle.pilot.armed
     assert result.outcome is Outcome.INTERRUPTED

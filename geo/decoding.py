@@ -119,9 +119,11 @@ def not_json(error: msgspec.DecodeError | ValueError, data: bytes) -> str:
         lines = data.count(b"\n") + 1
         return f"line {lines}: it ends in the middle"
     at = int(found[1])
+    what = str(error).removeprefix("JSON is malformed: ").removesuffix(found[0]).strip()
+    if what == "trailing characters" or data[at - 1 : at] == b"-":
+        at -= 1  # msgspec has read one more
     line, column = data.count(b"\n", 0, at) + 1, at - data.rfind(b"\n", 0, at)
     number = _NO_NUMBER.match(data, at)
-    what = str(error).removeprefix("JSON is malformed: ").removesuffix(found[0]).strip()
     if number is not None:
         text = f"{number[0].decode()} is no number in JSON; write null"
     elif what == "invalid character":

@@ -88,7 +88,7 @@ def check_crs(holder: dict[str, Any], where: str) -> None:
 
 def read_feature(entry: object, index: int) -> Feature:
     """Return a member of "features"; FarmError, naming it, if it is no patch and no obstacle."""
-    where = f"feature {index}"
+    where = f"feature {index + 1}"
     if not isinstance(entry, dict) or entry.get("type") != "Feature":
         msg = f'{where}: is not a GeoJSON "Feature"'
         raise FarmError(msg)
@@ -97,7 +97,7 @@ def read_feature(entry: object, index: int) -> Feature:
         msg = f'{where}: has no "properties" with crop and owner'
         raise FarmError(msg)
     name = text_member(properties, "name", f"patch {index}", where)
-    where = f"feature {index} ({name!r})"
+    where = f"feature {index + 1} ({name!r})"
     check_crs(entry, where)
     obstacle = properties.get("obstacle", False)
     if not isinstance(obstacle, bool):

@@ -189,26 +189,26 @@ SWAPPED = [[[lat, lon] for lon, lat in ring()]]
 def test_the_bad_feature_is_named(bad: dict[str, Any], text: str, tmp_path: Path) -> None:
     bad["properties"]["name"] = "the bad one"
     message = refused(tmp_path, document(feature(), bad))
-    assert "feature 1 ('the bad one')" in message
+    assert "feature 2 ('the bad one')" in message
     assert text in message
 
 
 @pytest.mark.parametrize("bad", [None, 7, [], {"type": "Point"}, {"type": "Feature"}])
 def test_what_is_no_feature_is_named_by_its_index(bad: Any, tmp_path: Path) -> None:
-    assert "feature 1: " in refused(tmp_path, document(feature(), bad))
+    assert "feature 2: " in refused(tmp_path, document(feature(), bad))
 
 
 def test_wrong_axis_order(tmp_path: Path) -> None:
     swapped = feature(SWAPPED, name="turned")
     home = [LON, LAT]
-    assert "feature 0 ('turned')" in refused(tmp_path, document(swapped))
+    assert "feature 1 ('turned')" in refused(tmp_path, document(swapped))
     assert "swapped" in refused(tmp_path, document(swapped))
     europe = [[[48.1, 11.5], [48.101, 11.5], [48.101, 11.501], [48.1, 11.501], [48.1, 11.5]]]
     message = refused(tmp_path, document(feature(europe, name="acker"), home=[11.5, 48.1]))
-    assert "feature 0 ('acker')" in message
+    assert "feature 1 ('acker')" in message
     assert "latitude and longitude are swapped" in message
     message = refused(tmp_path, document(feature(name="good"), feature(SWAPPED), home=home))
-    assert "feature 1 ('north field')" in message
+    assert "feature 2 ('north field')" in message
 
 
 @pytest.mark.parametrize(
@@ -271,10 +271,10 @@ def test_other_coordinates_are_refused(crs: Any, tmp_path: Path) -> None:
     assert 'the file: member "crs" is' in text
     assert "longitudes and latitudes of WGS 84: convert it (ogr2ogr -t_srs EPSG:4326)" in text
     one = {**feature(), "crs": crs}
-    assert "feature 0 ('north field'): member \"crs\"" in refused(tmp_path, document(one))
+    assert "feature 1 ('north field'): member \"crs\"" in refused(tmp_path, document(one))
     inside = feature()
     inside["geometry"]["crs"] = crs
-    assert "feature 0 ('north field'): member \"crs\"" in refused(tmp_path, document(inside))
+    assert "feature 1 ('north field'): member \"crs\"" in refused(tmp_path, document(inside))
 
 
 def test_absurd_sizes(tmp_path: Path) -> None:

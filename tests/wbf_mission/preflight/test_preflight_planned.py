@@ -49,3 +49,54 @@ def test_no_planner_makes_a_plan_with_an_error(planner, vehicle, autopilot, farm
     checked = check_mission(made.mission, Circumstances(scenario.vehicle, scenario.weather, made.farm))
     assert not checked.report.has_errors, [str(one) for one in checked.report.of(Severity.ERROR)]
     assert checked.subject.prediction.duration_s == pytest.approx(made.prediction.duration_s, rel=1e-6)
+
+
+ROWS = ("lawnmower", "adaptive-lawnmower", "spiral")
+FITTING = [
+    *(
+        ("miniberry-30", vehicle, planner)
+        for vehicle in ("quad", "mapping-quad", "rover")
+        for planner in ROWS
+    ),
+    ("miniberry-100", "quad", "spiral"),
+    ("waterberry", "quad", "lawnmower"),
+    ("waterberry", "fixed-wing", "lawnmower"),
+    ("waterberry", "fixed-wing", "spiral"),
+]
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+@pytest.mark.parametrize(("farm", "vehicle", "planner"), FITTING)
+def test_a_plan_for_the_whole_battery_of_a_vehicle_that_fits_the_farm_has_no_warning(
+    farm, vehicle, planner, autopilot
+):
+    scenario = Scenario(farm=farm, planner=planner, vehicle=vehicle, autopilot=autopilot)
+    made = plan(scenario)
+    assert made.warnings == []
+    report = check_mission(made.mission, Circumstances(scenario.vehicle, scenario.weather, made.farm)).report
+    assert [str(one) for one in report.findings if one.severity is not Severity.NOTE] == []
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_fixed_wing_over_a_small_farm_is_told_how_little_it_flies(autopilot):
+    scenario = Scenario(farm="miniberry-30", planner="lawnmower", vehicle="fixed-wing", autopilot=autopilot)
+    made = plan(scenario)
+    report = check_mission(made.mission, Circumstances(scenario.vehicle, scenario.weather, made.farm)).report
+    (found,) = report.of(Severity.WARNING)
+    assert found.code == "tight-turn"
+    assert found.measure.value < found.measure.limit == 90.0
+    assert "fly a multirotor" in found.fix
+
+
+def test_an_autopilot_that_ignores_a_parameter_is_counted_the_same_everywhere():
+    scenario = Scenario(
+        farm="miniberry-30", planner="lawnmower", autopilot="ardupilot", acceptance_radius_m=2.0
+    )
+    made = plan(scenario)
+    (remark,) = made.rendered.remarks
+    report = check_mission(made.mission, Circumstances(scenario.vehicle, scenario.weather, made.farm)).report
+    (found,) = [one for one in report.findings if one.code == "autopilot-ignores"]
+    waypoints = sum(item.command == 16 for item in made.mission.items)
+    assert remark.count == found.count == remark.summary()["count"] == waypoints > 50
+    assert remark.item is not None and found.item == remark.item + 1
+    assert str(found) == str(remark)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from sensors.dynamics.epidemic import MAX_DAYS
 from wbf_mission.scenario import Choice, FarmOptions, Scenario, ScenarioError, load_scenario, scenario_with
-from wbf_mission.scenario.choice import choices_in, choose
+from wbf_mission.scenario.choice import choose, split_choices
 from wbf_mission.scenario.parts import LAST_DAY
 from wbf_mission.scenario.scenario import all_options
 
@@ -191,5 +191,5 @@ VALUES = st.one_of(
 def test_a_choice_is_read_as_it_is_written(params: dict[str, object]) -> None:
     choice = Choice("name", params)
     assert choose(str(choice), "planner") == choice
-    (one, other) = choices_in(f"{choice},other", "planner")
+    (one, other) = (choose(text, "planner") for text in split_choices(f"{choice},other", "planner"))
     assert (one, other) == (choice, Choice("other"))

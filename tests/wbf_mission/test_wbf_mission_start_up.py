@@ -49,6 +49,7 @@ COMMANDS = (
         for name in ("plan", "fly", "sim", "check", "preflight", "upload", "download", "monitor", "command")
     ),
     ("warm-up",),
+    *((f"check-{one}",) for one in ("planner", "policy", "estimator")),
     ("bench",),
     *(("bench", name) for name in ("list", "run", "compare", "report")),
     ("farm",),

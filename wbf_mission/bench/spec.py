@@ -9,11 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
+from mission.policies.policy import Policy
 from mission.policies.registry import make_policy
 from sensors.field_files import load_field_set
 from wbf_mission.bench.meaning import digest, meaning_of
 from wbf_mission.estimation import estimator_of
 from wbf_mission.names import names_of
+from wbf_mission.own_code import code_digest
 from wbf_mission.planning import planner_of
 from wbf_mission.scenario import (
     Choice,
@@ -197,7 +199,8 @@ class BenchSpec:
                 for planner, estimator in itertools.product(self.planners, self.estimators):
                     mover = "planner" if _is_planner(planner) else "policy"
                     scenario = scenario_with(base, {mover: planner, "estimator": estimator, "seed": seed})
-                    values = [_FORMAT, meaning, mover, str(planner), str(estimator), seed]
+                    codes = [code_digest(one.made) for one in (planner, estimator) if one.made is not None]
+                    values = [_FORMAT, meaning, mover, str(planner), str(estimator), seed, *codes]
                     yield BenchRun(digest(values), name, str(planner), str(estimator), scenario)
 
 
@@ -230,6 +233,8 @@ def _scenario(name: str | Path, folder: Path | None) -> Scenario:
 
 
 def _is_planner(choice: Choice) -> bool:
+    if choice.made is not None:
+        return not isinstance(choice.made, Policy)
     return choice.name.lower() in names_of("planner")
 
 
@@ -237,6 +242,9 @@ def _require_mover(choice: Choice) -> None:
     """Raise an error if there is no such planner or policy, or it has no such parameter."""
     if _is_planner(choice):
         planner_of(choice)
+        return
+    if choice.made is not None:
+        make_policy(choice.made)
         return
     known = (*names_of("planner"), *names_of("policy"))
     if choice.name.lower() not in known:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from wbf_mission.bench.row import BenchRow
     from wbf_mission.bench.spec import BenchSpec
     from wbf_mission.bench.standings import Interval, Standing
+    from wbf_mission.scenario import Choice
 
 LIST_EXAMPLES = """
 Examples
@@ -221,14 +222,20 @@ def _spec(
     scenarios: str | None, planners: str | None, estimators: str | None, seeds: int | None
 ) -> dict[str, Any]:
     """Return what `BenchSpec.of` takes, of options that are given."""
-    from wbf_mission.scenario.choice import choices_in
-
     return {
         "scenarios": None if scenarios is None else [one.strip() for one in scenarios.split(",")],
-        "planners": None if planners is None else choices_in(planners, "planner"),
-        "estimators": None if estimators is None else choices_in(estimators, "estimator"),
+        "planners": None if planners is None else _choices(planners, "planner"),
+        "estimators": None if estimators is None else _choices(estimators, "estimator"),
         "seeds": seeds,
     }
+
+
+def _choices(text: str, what: str) -> list[Choice]:
+    """Return what is named, separated by commas; also what stands in a file of the user's."""
+    from wbf_mission.own_code import own_choice
+    from wbf_mission.scenario.choice import choose, split_choices
+
+    return [own_choice(one, what) or choose(one, what) for one in split_choices(text, what)]
 
 
 def _fly(

@@ -135,6 +135,15 @@ def link(what: str, *, required: bool) -> Any:
     return typer.Option(help=f"{what}: {LINKS}", rich_help_panel=LINK_PANEL, show_default=required)
 
 
+def _own(key: str, given: Any) -> Any:
+    """Return what is meant by an option: what stands in a file of the user's, otherwise as it was given."""
+    if key not in ("planner", "policy", "estimator") or not isinstance(given, str) or ".py:" not in given:
+        return given
+    from wbf_mission.own_code import own_choice
+
+    return own_choice(given, key) or given
+
+
 @dataclass(frozen=True, slots=True)
 class Given:
     """What of a run was given on the command line.
@@ -168,7 +177,7 @@ class Given:
 
     def change(self, base: Scenario) -> Scenario:
         """Return a scenario with what was given; ScenarioError if part of that is wrong or has no effect."""
-        chosen = scenario_with(base, self.changes)
+        chosen = scenario_with(base, {key: _own(key, one) for key, one in self.changes.items()})
         self._check_effects(chosen.to_dict(), is_fleet=len(chosen.vehicle.fleet) > 1)
         return chosen
 

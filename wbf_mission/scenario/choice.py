@@ -89,12 +89,17 @@ _OBJECT = {
 }
 
 
-def choices_in(text: str, what: str) -> list[Choice]:
-    """Read several choices that are separated by commas, as their parameters are.
+def split_choices(text: str, what: str) -> list[str]:
+    """Cut several choices that are separated by commas, as their parameters are.
+
+    Raises
+    ------
+    ScenarioError
+        If there is none, or the text cannot be read.
 
     Examples
     --------
-    >>> [str(one) for one in choices_in("lawnmower:direction=0.3,inset=1,spiral", "planner")]
+    >>> split_choices("lawnmower:direction=0.3,inset=1,spiral", "planner")
     ['lawnmower:direction=0.3,inset=1', 'spiral']
     """
     try:
@@ -105,4 +110,4 @@ def choices_in(text: str, what: str) -> list[Choice]:
     if not found:
         msg = f"{what}s {text!r} name nothing: give names separated by commas"
         raise ScenarioError(msg)
-    return [choose(one, what) for one in found]
+    return found

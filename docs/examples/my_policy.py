@@ -1,0 +1,29 @@
+"""A policy of one's own: rows first, and when a part of the budget is spent, wherever it is worth most."""
+
+from mission.policies.decision import GO_ON
+from mission.policies.situation import Event
+from wbf_mission import Decision, make_planner, make_policy
+
+
+class RowsThenGreedy:
+    """Takes the part of the budget that is spent on rows."""
+
+    def __init__(self, share=0.3):
+        self.share = share
+        self.rows = make_planner("lawnmower")
+        self.greedy = make_policy("greedy")
+
+    @property
+    def asking(self):
+        return self.greedy.asking
+
+    def start(self):
+        self.greedy.start()
+
+    def decide(self, situation):
+        if situation.event is Event.START:
+            return Decision({one.system_id: self.rows(one.request).points_m for one in situation.vehicles})
+        spent = [one.spent / (one.spent + one.left) for one in situation.steerable]
+        if situation.event is not Event.LOST and max(spent, default=1.0) < self.share:
+            return GO_ON
+        return self.greedy.decide(situation)

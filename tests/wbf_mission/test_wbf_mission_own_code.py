@@ -1,0 +1,132 @@
+"""Planners, policies and estimators of a user's own file."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from wbf_mission import BenchSpec, ScenarioError, benchmark, load_scenario
+from wbf_mission.bench.engine import fly_all
+from wbf_mission.cli.app import main
+from wbf_mission.own_code import own_choice
+
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+POLICY = f"{EXAMPLES / 'my_policy.py'}:RowsThenGreedy"
+ESTIMATOR = f"{EXAMPLES / 'my_estimator.py'}:Smooth"
+PLANNER = """
+from wbf_mission import make_planner
+
+def wide(request, *, spacing_m=2.0):
+    return make_planner("spiral", max_spacing_m=spacing_m)(request)
+"""
+
+
+@pytest.mark.parametrize("name", ["my_policy.py", "my_estimator.py"])
+def test_the_examples_are_short(name):
+    assert len((EXAMPLES / name).read_text().splitlines()) <= 32
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [("check-policy", POLICY), ("check-policy", "greedy"), ("check-estimator", ESTIMATOR)],
+)
+def test_a_contract_that_is_kept(command, name, capsys):
+    assert main([command, name, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["keeps"] is True
+
+
+def test_a_contract_that_is_broken_is_told(tmp_path, capsys):
+    text = (
+        (EXAMPLES / "my_policy.py")
+        .read_text()
+        .replace("        return self.greedy.decide", "        1 / 0 #")
+    )
+    text = text.replace("points_m for", "points_m * 1e3 for")
+    (tmp_path / "bad.py").write_text(text)
+    assert main(["check-policy", f"{tmp_path / 'bad.py'}:RowsThenGreedy", "--json"]) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert found["keeps"] is False
+    assert len(found["broken"]) > 10
+
+
+def test_they_fly(tmp_path, capsys):
+    arguments = ["fly", "--farm", "miniberry-10", "--vehicle", "ideal", "--json", "--no-plots"]
+    out = ["--out", str(tmp_path / "run")]
+    assert main([*arguments, "--policy", f"{POLICY}:share=0.5", "--estimator", ESTIMATOR, *out]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["policy"], summary["estimator"]) == ("RowsThenGreedy:share=0.5", "Smooth")
+    assert len(summary["decisions"]) > 1
+    (tmp_path / "mine.py").write_text(PLANNER)
+    planner = f"{tmp_path / 'mine.py'}:wide:spacing_m=3.0"
+    assert main([*arguments, "--planner", planner, "--estimator", "point", "--no-files"]) == 0
+    assert json.loads(capsys.readouterr().out)["planner"] == "wide"
+
+
+def test_other_processes_get_the_code(tmp_path):
+    shutil.copy(EXAMPLES / "my_policy.py", tmp_path / "far_away.py")
+    policy = own_choice(f"{tmp_path / 'far_away.py'}:RowsThenGreedy", "policy")
+    spec = BenchSpec.of(["WBF/Miniberry-10-v1"], [policy], [own_choice(ESTIMATOR, "estimator")], seeds=3)
+    here = {one.key: one.score for one in benchmark(spec)}
+    assert None not in here.values()
+    assert {one.key: one.score for one in fly_all(list(spec.runs()), jobs=2)} == here
+
+
+def test_changed_code_is_another_run(tmp_path):
+    def keys(text, name):
+        (tmp_path / name).write_text(text)
+        planner = own_choice(f"{tmp_path / name}:wide", "planner")
+        return {one.key for one in BenchSpec.of(planners=[planner], seeds=1).runs()}
+
+    assert keys(PLANNER, "one.py") == keys(PLANNER, "two.py")
+    assert not keys(PLANNER, "one.py") & keys(PLANNER.replace("2.0", "2.5"), "three.py")
+
+
+def test_a_benchmark_takes_them_from_the_command_line(tmp_path, capsys):
+    arguments = ["--scenarios", "WBF/Miniberry-10-v1", "--estimators", ESTIMATOR, "--seeds", "1", "--json"]
+    assert main(["bench", "compare", f"{POLICY}:share=0.4", "--against", "spiral", *arguments]) == 0
+    (found,) = json.loads(capsys.readouterr().out)
+    assert (found["mine"], found["estimator"]) == ("RowsThenGreedy:share=0.4", "Smooth")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("raise ValueError('no\\nway')", "cannot be run: ValueError: no way (line 1)"),
+        ("x = (", "cannot be run: SyntaxError"),
+        ("import nix_nix", "No module named 'nix_nix'"),
+        ("class Other: pass", "has no Mine; it has Other"),
+        ("", "has no Mine; it has nothing of its own"),
+        ("class Mine:\n    def __init__(self):\n        1 / 0", "Mine cannot be made: ZeroDivisionError"),
+        ("class Mine: pass", "a policy has asking, start() and decide(situation)"),
+    ],
+)
+def test_what_is_wrong_is_one_line(tmp_path, capsys, text, words):
+    (tmp_path / "mine.py").write_text(text)
+    given = ["--policy", f"{tmp_path / 'mine.py'}:Mine", "--no-files"]
+    assert main(["fly", "--farm", "miniberry-10", "--vehicle", "ideal", *given]) == 2
+    err = capsys.readouterr().err
+    assert words in err
+    assert err.count("\n") == 1
+
+
+def test_a_file_that_is_not_there_is_named(capsys):
+    assert main(["fly", "--planner", "nowhere.py:Mine", "--no-files"]) == 2
+    assert "there is no file nowhere.py" in capsys.readouterr().err
+    assert own_choice("spiral:direction=0.3", "planner") is None
+
+
+def test_files_do_not_name_code(tmp_path):
+    (tmp_path / "evil.py").write_text(
+        f"open({str(tmp_path / 'ran')!r}, 'w').close()\ndef mine(request): pass\n"
+    )
+    name = f"{tmp_path / 'evil.py'}:mine"
+    (tmp_path / "run.toml").write_text(f'planner = "{name}"\n')
+    with pytest.raises(ScenarioError):
+        load_scenario(tmp_path / "run.toml")
+    (tmp_path / "spec.toml").write_text(f'planners = ["{name}"]\n')
+    with pytest.raises(ScenarioError):
+        BenchSpec.read(tmp_path / "spec.toml")
+    (tmp_path / "table.toml").write_text(f'[policy]\nname = "{name}"\n')
+    assert main(["fly", "--scenario", str(tmp_path / "table.toml"), "--no-files"]) == 2
+    assert not (tmp_path / "ran").exists()

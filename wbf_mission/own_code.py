@@ -1,0 +1,116 @@
+"""Planners, policies and estimators of a user's own file, as ``my_policy.py:MyPolicy:speed=3``.
+
+Only who types a command names code: scenario files, specifications and results do not, they are not trusted.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import importlib.util
+import inspect
+import re
+import sys
+import traceback
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from geo.named import ParameterError, format_named, parse_named
+from wbf_mission.scenario import Choice, ScenarioError
+
+__all__ = ["code_digest", "own_choice"]
+
+_OWN = re.compile(r"(?P<file>.+\.py):(?P<name>[^\W\d]\w*)(?::(?P<parameters>.*))?", re.DOTALL)
+
+
+def own_choice(text: str, what: str) -> Choice | None:
+    """Return what stands in a user's file; None if the text names no such thing.
+
+    Parameters
+    ----------
+    text : str
+        ``FILE.py:NAME`` or ``FILE.py:NAME:key=value,...``; the name is that of a planner (a function), or of
+        a class, which is called with the parameters.
+    what : str
+        ``planner``, ``policy`` or ``estimator``.
+
+    Raises
+    ------
+    ScenarioError
+        If the file cannot be run, has no such name, or the class does not take the parameters.
+    """
+    found = _OWN.fullmatch(text.strip())
+    if found is None:
+        return None
+    path, name, given = Path(found["file"]), found["name"], found["parameters"]
+    try:
+        parameters = parse_named(f"{name}:{given}")[1] if given else {}
+    except ParameterError as error:
+        msg = f"{what}: {error}"
+        raise ScenarioError(msg) from None
+    module = _run(path, what)
+    made = getattr(module, name, None)
+    if made is None:
+        own = [key for key, one in vars(module).items() if getattr(one, "__module__", "") == module.__name__]
+        msg = f"{what}: {path} has no {name}; it has {', '.join(own) or 'nothing of its own'}"
+        raise ScenarioError(msg)
+    if what == "planner" and inspect.isfunction(made):
+        return Choice(name, dict(parameters), made)
+    if callable(made):
+        try:
+            made = made(**parameters)
+        except Exception as error:
+            msg = f"{what}: {path}: {name} cannot be made: {_told(error, path)}"
+            raise ScenarioError(msg) from None
+    return Choice(format_named(name, parameters), {}, made)
+
+
+def code_digest(made: Any) -> str | None:
+    """Return a digest of the file in which a function or an object's class stands; None without one."""
+    with contextlib.suppress(TypeError, OSError):
+        source = inspect.getsourcefile(made if inspect.isfunction(made) else type(made))
+        if source is not None:
+            return hashlib.sha256(Path(source).read_bytes()).hexdigest()[:24]
+    return None
+
+
+def _run(path: Path, what: str) -> ModuleType:
+    if not path.is_file():
+        msg = f"{what}: there is no file {path}; give FILE.py:NAME"
+        raise ScenarioError(msg)
+    name = f"own_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:12]}_{path.stem}"
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        msg = f"{what}: {path} cannot be loaded as Python"
+        raise ScenarioError(msg)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        del sys.modules[name]
+        msg = f"{what}: {path} cannot be run: {_told(error, path)}"
+        raise ScenarioError(msg) from None
+    _send_by_value(module)
+    return module
+
+
+def _send_by_value(module: ModuleType) -> None:
+    """Let other processes get the code itself: they cannot import the module."""
+    import cloudpickle
+
+    cloudpickle.register_pickle_by_value(module)
+
+
+def _told(error: Exception, path: Path) -> str:
+    """Return an error in one line, with the line of the file."""
+    text = " ".join(str(error).split())
+    lines = [one.lineno for one in traceback.extract_tb(error.__traceback__) if one.filename == str(path)]
+    if isinstance(error, SyntaxError):
+        lines = [error.lineno]
+        text = error.msg
+    where = f" (line {lines[-1]})" if lines else ""
+    return f"{type(error).__name__}: {text}{where}"

@@ -30,6 +30,7 @@ def commands(page: Path) -> list[str]:
 @pytest.mark.parametrize("page", [page for page in PAGES if commands(page)], ids=lambda page: page.stem)
 def test_the_commands_of_a_page_run(page: Path, tmp_path: Path) -> None:
     shutil.copytree(REPOSITORY / "missions", tmp_path / "missions")
+    shutil.copytree(REPOSITORY / "docs" / "examples", tmp_path / "docs" / "examples")
     for line in commands(page):
         words = [sys.executable, "-m", "wbf_mission", *shlex.split(line)[1:]]
         done = subprocess.run(

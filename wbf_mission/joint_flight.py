@@ -192,17 +192,24 @@ class JointFlight:
             return self._is_over()
         waiting = sum(sortie.assembler.waiting for sortie in self.sorties)
         self._event = self._decisions.due(self.sorties, self._mission_s, len(self._evidence) + waiting)
+        # A vehicle whose clock runs faster than ours reaches the end of its path within a slice.
+        if self._event is None and self._attendant is not None and self._is_ending():
+            self._event = Event.ENDING
         return self._event is not None or self._is_over()
 
     def _decide(self) -> None:
         event, self._event = self._event, None
-        if event is None and self._decisions.ending(self.sorties, self.now_s):
+        if event is None and self._is_ending():
             event = Event.ENDING
         if self._decisions.lost(self.sorties, self.now_s):
             event = Event.LOST
         if event is not None and any(sortie.ground.phase is Phase.FLIGHT for sortie in self.sorties):
             self._decisions.decide(event, self.sorties, self._mission_s, self.now_s)
             self._watch.lap("decide")
+
+    def _is_ending(self) -> bool:
+        """Return whether a path is about to end; True once for each."""
+        return self._decisions.ending(self.sorties, self.now_s)
 
     def _is_over(self) -> bool:
         # A loop: it is asked at each step of the vehicles, and `all` would make a generator for it.

@@ -192,11 +192,12 @@ def test_a_radio_that_is_unplugged_in_flight(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_tcp_connection_that_is_dropped_in_flight(tmp_path):
+@pytest.mark.parametrize("way", ["own", "mavsdk"])
+def test_a_tcp_connection_that_is_dropped_in_flight(way, tmp_path):
     with (
         simulator(tmp_path) as (url,),
         TcpRelay(url) as relay,
-        flying(tmp_path, relay.url) as ground,
+        flying(tmp_path, relay.url, "--via", way) as ground,
     ):
         ground.wait_for("MISSION, item")
         before = relay.accepted

@@ -14,9 +14,8 @@ from sim_vehicle.host.simulation import StopReason
 from wbf_mission.deciding.loop import DecisionLoop
 from wbf_mission.evidence import Evidence
 from wbf_mission.ground.modes import Maneuver
-from wbf_mission.ground.telling import doing, not_started
+from wbf_mission.ground.telling import NotStartedError, doing, not_started
 from wbf_mission.hosting import FlightHost
-from wbf_mission.live.errors import NotStartedError
 from wbf_mission.outcome import Phase
 from wbf_mission.progress import Progress
 from wbf_mission.sortie import Sortie

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from geo.errors import WbfMissionError
 from wbf_mission.ground.contact import SILENCE_S
 from wbf_mission.ground.station import GroundStation
 from wbf_mission.outcome import Phase
 
-__all__ = ["doing", "not_started"]
+__all__ = ["NotStartedError", "doing", "not_started"]
 
 _STOPPED = {
     Phase.CONTACT: "nothing was sent",
@@ -17,6 +18,10 @@ _STOPPED = {
     Phase.ARM: "the vehicle was just told to arm: its motors may run; its mission was not started",
     Phase.START: "the vehicle is armed and was just told to start its mission: it may take off",
 }
+
+
+class NotStartedError(WbfMissionError, RuntimeError):
+    """Ctrl-C before the vehicle was started; the text tells what is left behind."""
 
 
 def doing(ground: GroundStation, now_s: float) -> str:

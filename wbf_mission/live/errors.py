@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from geo.errors import WbfMissionError
 
-__all__ = ["NotStartedError", "VehicleRefusedError", "VehicleSilentError"]
+__all__ = ["VehicleRefusedError", "VehicleSilentError"]
 
 
 class VehicleRefusedError(WbfMissionError, RuntimeError):
@@ -13,7 +13,3 @@ class VehicleRefusedError(WbfMissionError, RuntimeError):
 
 class VehicleSilentError(WbfMissionError, RuntimeError):
     """The vehicle was heard before, but does not answer."""
-
-
-class NotStartedError(WbfMissionError, RuntimeError):
-    """Ctrl-C before the vehicle was started; the text tells what is left behind."""

@@ -19,19 +19,6 @@ def ignore_interrupts() -> None:
 
 
 @contextmanager
-def interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back while processes start, which inherit that; it is answered afterwards.
-
-    One that has not come to `ignore_interrupts` yet would be ended by it with a traceback.
-    """
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextmanager
 def interrupts_noted(wake: Callable[[], None] | None = None) -> Iterator[Callable[[], None]]:
     """Note the KeyboardInterrupt of the first signal; raise it where the caller asks, or at the end.
 
@@ -80,3 +67,18 @@ def interrupts_noted(wake: Callable[[], None] | None = None) -> Iterator[Callabl
             if signal.getsignal(number) is note:
                 signal.signal(number, handler)
     answer()
+
+
+@contextmanager
+def interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back while processes start, which inherit that; it is answered afterwards.
+
+    One that has not come to `ignore_interrupts` yet would be ended by it with a traceback.
+    """
+    # The mask is that of this thread and of the processes that it starts; another thread may get the signal.
+    with interrupts_noted():
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 
 import pytest
 
@@ -27,6 +28,23 @@ def test_ctrl_c_is_held_back_and_answered_afterwards():
             done.append("all of it")
         done.append("not this")  # pragma: no cover
     assert done == ["all of it"]
+
+
+@pytest.mark.usefixtures("handler")
+def test_ctrl_c_is_held_back_where_another_thread_gets_it():
+    ended = threading.Event()
+    thread = threading.Thread(target=ended.wait)
+    thread.start()
+    done = []
+    try:
+        with pytest.raises(KeyboardInterrupt), interrupts_held():
+            signal.pthread_kill(thread.ident, signal.SIGINT)
+            time.sleep(0.05)
+            done.append("all of it")
+        assert done == ["all of it"]
+    finally:
+        ended.set()
+        thread.join()
 
 
 @pytest.mark.usefixtures("handler")

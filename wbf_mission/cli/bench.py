@@ -10,7 +10,7 @@ import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.help import HelpCommand, HelpGroup
-from wbf_mission.cli.output import Output, duration
+from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import ScenarioError
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from wbf_mission.bench.row import BenchRow
     from wbf_mission.bench.spec import BenchSpec
-    from wbf_mission.bench.standings import Interval, Standing
+    from wbf_mission.bench.standings import Interval
     from wbf_mission.scenario import Choice
 
 LIST_EXAMPLES = """
@@ -50,7 +50,7 @@ Examples
 
 wbf-mission bench report results
 
-wbf-mission bench report results --json
+wbf-mission bench report results --out report
 """
 
 app = typer.Typer(cls=HelpGroup, help="Fly many runs that can be compared.")
@@ -259,9 +259,17 @@ def _fly(
 @app.command("report", cls=HelpCommand, epilog=REPORT_EXAMPLES)
 def report_command(
     folder: Annotated[Path, typer.Argument(help="Folder of the results.", show_default=False)],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write a report into this folder: report.md, report.html and a picture for each scenario.",
+            show_default=False,
+        ),
+    ] = None,
     json: options.Json = False,
 ) -> int:
-    """Print what the results in a folder tell, also while they are made."""
+    """Print what the results in a folder tell, also while they are made, or write it as a report."""
+    from wbf_mission.bench.report import write_report
     from wbf_mission.bench.store import read_rows
     from wbf_mission.tables import ResultError
 
@@ -269,7 +277,11 @@ def report_command(
     if not rows:
         msg = f"{folder}: holds no results of a benchmark; give the folder of 'bench run --out'"
         raise ResultError(msg)
-    _print(Output(as_json=json), rows, title=f"{folder}: {len(rows)} runs")
+    output = Output(as_json=json)
+    if out is not None:
+        files = write_report(rows, out, title=f"Benchmark of {len(rows)} runs")
+        output.note(f"written: {', '.join(str(one) for one in files)}")
+    _print(output, rows, title=f"{folder}: {len(rows)} runs")
     return ExitCode.GOOD
 
 
@@ -277,6 +289,7 @@ def _print(output: Output, rows: Sequence[BenchRow], title: str) -> None:
     """Print the standings, a table for each scenario, and why runs failed."""
     from dataclasses import asdict
 
+    from wbf_mission.bench.report import standing_table
     from wbf_mission.bench.standings import standings
 
     found = standings(rows)
@@ -290,16 +303,9 @@ def _print(output: Output, rows: Sequence[BenchRow], title: str) -> None:
         )
         return
     for scenario in dict.fromkeys(one.scenario for one in found):
-        here = [one for one in found if one.scenario == scenario]
-        fields = list(dict.fromkeys(name for one in here for name in one.losses))
-        header = ["planner, estimator", "run", "95 %", "end", "95 %"]
-        header += [f"loss {name}" for name in fields] + ["rank", "wins", "runs", "CPU"]
-        output.table(
-            None,
-            header,
-            [_cells(one, fields) for one in here],
-            title=f"{title}: {scenario}, scores over the run and at its end (0 is perfect)",
-        )
+        told = f"{title}: {scenario}, scores over the run and at its end (0 is perfect)"
+        table = standing_table(told, [one for one in found if one.scenario == scenario])
+        output.table(None, list(table.header), [list(row) for row in table.rows], title=told)
     _tell_failures(output, rows)
 
 
@@ -311,27 +317,6 @@ def _tell_failures(output: Output, rows: Sequence[BenchRow]) -> None:
         output.warn(f"{where}: {row.error}")
     if len(failures) > _FAILURES_SHOWN:
         output.warn(f"{len(failures) - _FAILURES_SHOWN} more runs failed; 'bench report --json' names them")
-
-
-def _cells(one: Standing, fields: Sequence[str]) -> list[str]:
-    """Return the cells of a standing's row."""
-    return [
-        f"{one.planner}, {one.estimator}",
-        *_interval(one.score),
-        *_interval(one.final_score),
-        *(f"{one.losses[name]:.4f}" if name in one.losses else "-" for name in fields),
-        "-" if math.isnan(one.rank) else f"{one.rank:.1f}",
-        f"{one.wins:.3g}",
-        f"{one.runs}" + (f", {one.failed} failed" if one.failed else ""),
-        "-" if math.isnan(one.cpu_time_s) else duration(one.cpu_time_s),
-    ]
-
-
-def _interval(one: Interval) -> list[str]:
-    return [
-        "-" if math.isnan(one.mean) else f"{one.mean:.4f}",
-        "-" if math.isnan(one.low) else f"{one.low:.3f} to {one.high:.3f}",
-    ]
 
 
 def _difference(one: Interval) -> list[str]:

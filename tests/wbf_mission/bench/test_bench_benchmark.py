@@ -198,6 +198,9 @@ def test_the_commands_print_tables(spec, rows, tmp_path, capsys):
     text = capsys.readouterr().out
     assert TEN[0] in text
     assert "spiral" in text
+    assert main(["bench", "report", str(tmp_path), "--out", str(tmp_path / "report")]) == 0
+    assert (tmp_path / "report" / "report.html").is_file()
+    capsys.readouterr()
     assert main(["bench", "list"]) == 0
     assert "Fifteen days" in capsys.readouterr().out
     assert main(["bench", "report", str(tmp_path / "no")]) == 2

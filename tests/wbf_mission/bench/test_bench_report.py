@@ -1,0 +1,107 @@
+"""The report of a benchmark."""
+
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from wbf_mission.bench.report import score_over_time, standing_table, write_report
+from wbf_mission.bench.row import BenchRow
+from wbf_mission.bench.standings import standings
+
+
+def row(planner, seed, scores, **given):
+    values = {
+        "key": f"{planner}{seed}",
+        "scenario": "WBF/Some-v1",
+        "planner": planner,
+        "estimator": "gp",
+        "seed": seed,
+        "score": float(np.mean(scores)),
+        "final_score": scores[-1],
+        "losses": {"tylcv": -scores[-1]},
+        "times_s": [10.0 * (k + 1) for k in range(len(scores))],
+        "scores": scores,
+        "decisions": 1,
+        "flight_time_s": 33.0,
+        "predicted_time_s": 30.0,
+        "path_length_m": 100.0,
+        "wall_time_s": 2.0,
+        "cpu_time_s": 1.0,
+        "timings_s": {"plan": 0.5, "flight": 1.5},
+    }
+    return BenchRow(**{**values, **given})
+
+
+class Cells(HTMLParser):
+    """Collects what stands in the cells of tables, and the pictures."""
+
+    def __init__(self):
+        super().__init__()
+        self.cells, self.pictures, self._in = [], [], False
+
+    def handle_starttag(self, tag, attrs):
+        self._in = tag in {"td", "th"}
+        if tag == "img":
+            self.pictures.append(dict(attrs)["src"])
+
+    def handle_data(self, data):
+        if self._in:
+            self.cells.append(data)
+            self._in = False
+
+
+@pytest.fixture
+def rows():
+    draw = np.random.default_rng(1)
+    good = [
+        row(planner, seed, sorted(draw.uniform(-2.0, -0.1 - 0.5 * k, 3).tolist()))
+        for k, planner in enumerate(["greedy", "spiral"])
+        for seed in range(6)
+    ]
+    return [*good, row("<b>", 0, [-1.0], error="it | failed & fell", score=None, final_score=None)]
+
+
+def test_the_score_over_time_holds_until_the_next_scored_time():
+    times_s, scores = score_over_time([row("a", 0, [-3.0, -1.0]), row("a", 1, [-5.0, -4.0, -2.0])])
+    assert (times_s[0], times_s[-1]) == (0.0, 30.0)
+    one, two = scores
+    assert set(one[times_s < 20.0]) == {-3.0}
+    assert set(one[times_s >= 20.0]) == {-1.0}
+    assert (two[0], two[-1]) == (-5.0, -2.0)
+
+
+def test_the_files_say_what_the_standings_are(rows, tmp_path):
+    files = write_report(rows, tmp_path / "report", title="My runs")
+    assert sorted(one.name for one in files) == ["WBF-Some-v1.png", "report.html", "report.md"]
+    table = standing_table("", standings(rows))
+    assert table.rows[0][0] == "greedy, gp"
+    markdown, page = files[0].read_text(), Cells()
+    page.feed(files[1].read_text())
+    for line in table.rows:
+        assert "| " + " | ".join(line) + " |" in markdown
+        for cell in line:
+            assert cell in page.cells
+    assert "it \\| failed & fell" in markdown
+    assert "it | failed & fell" in page.cells
+    assert "<b>, gp" in page.cells
+    assert page.pictures == ["WBF-Some-v1.png"]
+    assert "![Score over time](WBF-Some-v1.png)" in markdown
+    assert "| WBF/Some-v1, greedy | 33.0 | 30.0 | +10.00% | 10.00% | 100.0 |" in markdown
+    assert "| WBF/Some-v1, greedy, gp | 2.00 | 1.00 | 0.50 | 1.50 |" in markdown
+    with Image.open(files[2]) as picture:
+        assert picture.width > 500
+        assert len(picture.convert("RGB").getcolors(1_000_000)) > 50
+
+
+def test_a_plan_that_was_changed_on_the_way_is_not_compared_with_its_prediction(tmp_path):
+    files = write_report([row("greedy", 0, [-1.0], decisions=7)], tmp_path, title="x")
+    assert "Planned and flown" not in files[0].read_text()
+
+
+def test_only_failures_make_a_report_without_pictures(tmp_path):
+    failed = row("a", 0, [-1.0], error="no", score=None, final_score=None)
+    files = write_report([failed], tmp_path, title="x")
+    assert [one.name for one in files] == ["report.md", "report.html"]
+    assert "Runs that failed" in files[0].read_text()

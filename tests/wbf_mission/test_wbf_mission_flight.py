@@ -2,7 +2,7 @@
 
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -119,9 +119,9 @@ def test_ctrl_c_keeps_what_was_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     learned = []
     original = RunEstimate.add
 
-    def add(self: RunEstimate, observations: Observations, offset_s: float = 0.0) -> None:
-        original(self, observations, offset_s)
-        learned.append(len(observations))
+    def add(self: RunEstimate, parts: Sequence[Observations], offset_s: float = 0.0) -> None:
+        original(self, parts, offset_s)
+        learned.append(sum(map(len, parts)))
         if sum(learned) > 100:
             raise KeyboardInterrupt
 

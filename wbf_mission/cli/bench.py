@@ -34,7 +34,7 @@ Examples
 
 wbf-mission bench run --out results --jobs 2
 
-wbf-mission bench run missions/benchmark.toml --seeds 2 --out results
+wbf-mission bench run missions/bench/three-farms.toml --seeds 2 --out results
 
 wbf-mission bench run --scenarios WBF/Miniberry-10-v1 --planners spiral,greedy --estimators gp --out results
 """

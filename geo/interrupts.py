@@ -6,6 +6,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from types import FrameType
 
 __all__ = ["ignore_interrupts", "interrupts_held", "interrupts_noted"]
@@ -75,6 +76,8 @@ def interrupts_held() -> Iterator[None]:
 
     One that has not come to `ignore_interrupts` yet would be ended by it with a traceback.
     """
+    # Who keeps track of the processes is started with the first of them, and lets the signal through then.
+    resource_tracker.ensure_running()
     # The mask is that of this thread and of the processes that it starts; another thread may get the signal.
     with interrupts_noted():
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

@@ -27,7 +27,15 @@ def commands(page: Path) -> list[str]:
     return [line.replace("--seeds 10", "--seeds 1") for line in lines if line.startswith("wbf-mission ")]
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if commands(page)], ids=lambda page: page.stem)
+LONG = ("benchmark", "command-line", "days", "your-own")
+RUN = [
+    pytest.param(page, marks=[pytest.mark.slow] if page.stem in LONG else [], id=page.stem)
+    for page in PAGES
+    if commands(page)
+]
+
+
+@pytest.mark.parametrize("page", RUN)
 def test_the_commands_of_a_page_run(page: Path, tmp_path: Path) -> None:
     shutil.copytree(REPOSITORY / "missions", tmp_path / "missions")
     shutil.copytree(REPOSITORY / "docs" / "examples", tmp_path / "docs" / "examples")

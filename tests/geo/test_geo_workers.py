@@ -86,7 +86,7 @@ if __name__ == "__main__":
 """
 
 
-def test_ctrl_c_ends_it_at_once_without_a_word(tmp_path):
+def test_ctrl_c_ends_it_at_once_without_a_traceback(tmp_path):
     (tmp_path / "script.py").write_text(SCRIPT)
     process = subprocess.Popen(
         [sys.executable, "script.py"],
@@ -99,5 +99,8 @@ def test_ctrl_c_ends_it_at_once_without_a_word(tmp_path):
     )
     assert process.stdout.readline() == "begun\n"
     os.killpg(process.pid, signal.SIGINT)
-    assert process.communicate(timeout=120) == ("", "")
-    assert process.returncode == 7
+    out, err = process.communicate(timeout=120)
+    assert (process.returncode, out) == (7, "")
+    # Seldom loky warns of a semaphore that it cleans up itself.
+    assert "Traceback" not in err
+    assert "Error" not in err.replace("FileNotFoundError", "")

@@ -17,6 +17,7 @@ from types import ModuleType
 from typing import Any
 
 from geo.named import ParameterError, format_named, parse_named
+from geo.texts import one_line
 from wbf_mission.scenario import Choice, ScenarioError
 
 __all__ = ["code_digest", "own_choice"]
@@ -107,7 +108,7 @@ def _send_by_value(module: ModuleType) -> None:
 
 def _told(error: Exception, path: Path) -> str:
     """Return an error in one line, with the line of the file."""
-    text = " ".join(str(error).split())
+    text = one_line(str(error))
     lines = [one.lineno for one in traceback.extract_tb(error.__traceback__) if one.filename == str(path)]
     if isinstance(error, SyntaxError):
         lines = [error.lineno]

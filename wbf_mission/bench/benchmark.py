@@ -8,7 +8,7 @@ from pathlib import Path
 from wbf_mission.bench.engine import fly_all
 from wbf_mission.bench.row import BenchRow
 from wbf_mission.bench.spec import BenchSpec
-from wbf_mission.bench.store import BenchStore, read_rows
+from wbf_mission.bench.store import BenchStore
 from wbf_mission.progress import Progress, silent
 
 __all__ = ["BenchmarkInterrupted", "benchmark"]
@@ -95,10 +95,10 @@ def benchmark(
                 tell("flying", number, len(runs))
         except KeyboardInterrupt:
             interrupted = True
-    if out is None:
+    if store is None:
         found = [rows[one.key] for one in runs if one.key in rows]
     else:
-        found = [row for row in read_rows(Path(out)) if row.key in wanted]
+        found = [row for row in store.rows if row.key in wanted]
     if interrupted:
         raise BenchmarkInterrupted(found, len(runs))
     return found

@@ -7,6 +7,7 @@ from concurrent.futures import CancelledError, Future
 from typing import Any
 
 from geo.errors import WbfMissionError
+from geo.texts import one_line
 from wbf_mission.bench.row import BenchRow
 
 __all__ = ["Cluster", "ClusterError"]
@@ -56,7 +57,7 @@ class Cluster:
         try:
             self._client = Client(self._local or address, set_as_default=False)
         except (OSError, ValueError) as error:  # TimeoutError is an OSError
-            why = " ".join(str(error).split()) or "no answer"
+            why = one_line(str(error)) or "no answer"
             msg = f"--dask {address}: no scheduler answers there ({why})"
             raise ClusterError(msg) from None
         try:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import platform
 import time
 import traceback
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from mission.outcome import Outcome
 from wbf_mission.bench.spec import BenchRun
 from wbf_mission.flight import fly
 from wbf_mission.run_record import RunRecord
+from wbf_mission.version import __version__
 
 __all__ = ["BenchRow", "failed_row", "fly_run"]
 
@@ -144,7 +144,7 @@ def _finite(value: float | None) -> float | None:
 
 def _versions() -> dict[str, str]:
     return {
-        "wbf-mission": version("wbf-mission"),
+        "wbf-mission": __version__,
         "python": platform.python_version(),
         "numpy": np.__version__,
     }

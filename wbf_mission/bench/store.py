@@ -15,6 +15,7 @@ from typing import IO, Any, Self
 
 import msgspec
 
+from geo.decoding import misfit
 from wbf_mission.bench.row import BenchRow
 from wbf_mission.tables import ResultError, read_table, write_table
 
@@ -40,6 +41,8 @@ class BenchStore:
     ----------
     done : dict of str to bool
         The keys of the runs that are kept, and whether each is good.
+    rows : list of BenchRow
+        All, as `read_rows` gives them, once it is closed; none before.
 
     Raises
     ------
@@ -60,6 +63,7 @@ class BenchStore:
             msg = f"{folder}: another process writes this benchmark; wait for it, or give another folder"
             raise ResultError(msg) from None
         try:
+            self.rows: list[BenchRow] = []
             self.done = {row.key: row.error is None for row in self._keep_all()}
             self._journal: IO[bytes] = (folder / _JOURNAL).open("ab")
         except BaseException:
@@ -84,7 +88,7 @@ class BenchStore:
         """Bring everything into the table."""
         self._journal.close()
         try:
-            self._keep_all()
+            self.rows = self._keep_all()
         finally:
             self._lock.close()
 
@@ -170,6 +174,6 @@ def _rows_of(path: Path) -> list[BenchRow]:
         try:
             found.append(msgspec.convert(row, BenchRow))
         except msgspec.ValidationError as error:
-            msg = f"{path}: holds no rows of a benchmark ({error}); remove it, or give another folder"
+            msg = f"{path}: holds no rows of a benchmark ({misfit(error)}); remove it, or give another folder"
             raise ResultError(msg) from None
     return found

@@ -12,7 +12,6 @@ from wbf_mission.cli import options
 from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode
-from wbf_mission.scenario import ScenarioError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -145,9 +144,7 @@ def run_command(
     wanted = BenchSpec.of(**given) if spec is None else BenchSpec.read(spec, given)
     rows, interrupted = _fly(output, wanted, out, jobs, dask, retry=retry)
     _print(output, rows, title=f"{out}: {len(rows)} of {len(wanted)} runs")
-    if interrupted:
-        return ExitCode.INTERRUPTED
-    return ExitCode.NOT_GOOD if any(row.error for row in rows) else ExitCode.GOOD
+    return _exit_code(rows, interrupted=interrupted)
 
 
 @app.command("compare", cls=HelpCommand, epilog=COMPARE_EXAMPLES)
@@ -213,9 +210,7 @@ def compare_command(
     ]
     output.table(values, header, table, title=f"{first}: difference of scores (positive: it is better)")
     _tell_failures(output, rows)
-    if interrupted:
-        return ExitCode.INTERRUPTED
-    return ExitCode.NOT_GOOD if any(row.error for row in rows) else ExitCode.GOOD
+    return _exit_code(rows, interrupted=interrupted)
 
 
 def _spec(
@@ -244,9 +239,7 @@ def _fly(
     """Fly what is missing; return the rows, and whether Ctrl-C came."""
     from wbf_mission.bench.benchmark import BenchmarkInterrupted, benchmark
 
-    if jobs == 0:
-        msg = "--jobs 0 runs nothing: give a number of processes, or -1 for one per core"
-        raise ScenarioError(msg)
+    options.require_processes(jobs)
     try:
         with output.progress() as progress:
             rows = benchmark(wanted, out=out, jobs=jobs, dask=dask, retry=retry, progress=progress)
@@ -254,6 +247,12 @@ def _fly(
         output.warn(f"{stop}" + ("; the same command goes on with them" if out else ""))
         return stop.rows, True
     return rows, False
+
+
+def _exit_code(rows: Sequence[BenchRow], *, interrupted: bool) -> int:
+    if interrupted:
+        return ExitCode.INTERRUPTED
+    return ExitCode.NOT_GOOD if any(row.error for row in rows) else ExitCode.GOOD
 
 
 @app.command("report", cls=HelpCommand, epilog=REPORT_EXAMPLES)

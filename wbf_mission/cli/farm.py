@@ -206,12 +206,9 @@ def generate_command(
 
     from geo import get_farm
     from sensors.environment.ensemble import generate_ensemble
-    from wbf_mission.scenario import ScenarioError
 
     output = Output(as_json=json, quiet=quiet)
-    if jobs == 0:
-        msg = "--jobs 0 runs nothing: give a number of processes, or -1 for one per core"
-        raise ScenarioError(msg)
+    options.require_processes(jobs)
     scenario = given.scenario()
     shown = get_farm(scenario.farm.name)
     kept = None if keep is None else _days(keep)

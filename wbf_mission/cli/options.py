@@ -81,6 +81,13 @@ def processes(panel: str | None = None) -> Any:
     )
 
 
+def require_processes(jobs: int) -> None:
+    """Raise ScenarioError if no process is to work."""
+    if jobs == 0:
+        msg = "--jobs 0 runs nothing: give a number of processes, or -1 for one per core"
+        raise ScenarioError(msg)
+
+
 ScenarioFile = Annotated[
     Path | None,
     typer.Option(

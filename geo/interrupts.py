@@ -46,9 +46,10 @@ def interrupts_noted(wake: Callable[[], None] | None = None) -> Iterator[Callabl
         try:
             before[number](number, frame)
         except KeyboardInterrupt as error:
+            # The second one's, too: where it is lost, it is raised where the caller asks.
+            noted[:] = [error]
             if seen[0] > 1:
                 raise
-            noted.append(error)
         if wake is not None:
             wake()
 

@@ -1,5 +1,6 @@
 """Ctrl-C and processes of our own."""
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -121,6 +122,20 @@ def test_the_second_one_is_raised_at_once():
         os.kill(os.getpid(), signal.SIGINT)
         done.append("second")  # pragma: no cover
     assert done == ["first"]
+
+
+@pytest.mark.usefixtures("handler")
+def test_the_second_one_is_raised_again_where_it_was_lost():
+    done = []
+    with pytest.raises(KeyboardInterrupt), interrupts_noted() as answer:
+        os.kill(os.getpid(), signal.SIGINT)
+        # As compiled code may do that asks for an attribute.
+        with contextlib.suppress(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+        done.append("lost")
+        answer()
+        done.append("not this")  # pragma: no cover
+    assert done == ["lost"]
 
 
 @pytest.mark.usefixtures("handler")

@@ -8,6 +8,7 @@ import time
 from concurrent.futures.process import BrokenProcessPool
 
 import pytest
+from processes import unmeasured
 
 from geo.workers import CallsAhead
 
@@ -95,7 +96,7 @@ def test_ctrl_c_ends_it_at_once_without_a_traceback(tmp_path):
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        env=unmeasured(PYTHONPATH=os.pathsep.join(sys.path)),
     )
     assert process.stdout.readline() == "begun\n"
     os.killpg(process.pid, signal.SIGINT)

@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+from processes import unmeasured
 
 from mission.files import read_mission
 from wbf_mission.cli.app import main
@@ -26,9 +27,7 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, 
 def spawn(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "wbf_mission", *arguments]
     pipe = subprocess.PIPE
-    return subprocess.Popen(
-        command, cwd=cwd, stdout=pipe, stderr=pipe, text=True, env={**os.environ, "COLUMNS": "200"}
-    )
+    return subprocess.Popen(command, cwd=cwd, stdout=pipe, stderr=pipe, text=True, env=unmeasured())
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import sys
 import time
 
 import pytest
+from processes import unmeasured
 from stand_in import LONG_S, scenario, stand_in
 
 from mission.link import MavlinkEndpoint, open_link
@@ -165,7 +166,7 @@ def talk(url, answers, cwd, term="dumb"):
         stderr=end,
         text=True,
         start_new_session=True,
-        env={**os.environ, "COLUMNS": "200", "TERM": term},
+        env=unmeasured(TERM=term),
     )
     os.close(end)
     shown = b""

@@ -1,7 +1,6 @@
 """Ctrl-C, SIGTERM and SIGHUP, sent to real processes."""
 
 import json
-import os
 import signal
 import socket
 import subprocess
@@ -9,6 +8,7 @@ import sys
 import time
 
 import pytest
+from processes import unmeasured
 
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import read_tlog
@@ -27,7 +27,7 @@ def start(*arguments, cwd, before=(), **options):
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        env={**os.environ, "COLUMNS": "200"},
+        env=unmeasured(),
         **options,
     )
 

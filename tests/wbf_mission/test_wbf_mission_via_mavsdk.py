@@ -11,6 +11,7 @@ import tty
 import numpy as np
 import pytest
 import shapely
+from processes import unmeasured
 from stand_in import LONG_S, scenario, stand_in
 
 from mission.errors import LinkError
@@ -218,7 +219,8 @@ def test_nobody_is_heard():
 def test_ctrl_c_ends_it_at_once_and_without_a_traceback(tmp_path):
     command = [sys.executable, "-m", "wbf_mission", "download", "--out", str(tmp_path / "held.plan")]
     command += ["--via", "mavsdk", "--connect", f"udpin:127.0.0.1:{free_udp_port()}", "--wait", "60"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, env=unmeasured()) as process:
         assert "waiting for a vehicle" in process.stderr.readline()
         process.send_signal(2)
         out, error = process.communicate(timeout=LONG_S)

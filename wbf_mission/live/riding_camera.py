@@ -14,6 +14,7 @@ from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.camera.trigger import MAX_GAP_MS
 from wbf_mission.ground.boot_clock import BootClock
 from wbf_mission.ground.modes import is_in_mission
+from wbf_mission.live.missed_images import Silence, images_in
 from wbf_mission.live.mission_shots import MissionShots, Shots, shots_before
 
 __all__ = ["RidingCamera"]
@@ -73,6 +74,8 @@ class RidingCamera:
         self._home = 0
         self._clock = BootClock()
         self._before: Any = None
+        self._item = -1
+        self._silence: Silence | None = None
         self.missed = 0
 
     def next_deadline(self) -> float:
@@ -142,11 +145,17 @@ class RidingCamera:
         time_ms = self._clock.take(message.time_boot_ms, now_s)
         if self._clock.restarts > restarts:
             self._shots.restart()
-        spacing_m = self._camera.trigger.distance_m
-        if before is not None and spacing_m > 0.0 and time_ms - before_ms > MAX_GAP_MS:
-            # The way between is not known; its length is, about, by the speeds at its ends.
-            speed_m_s = 0.005 * sum(math.hypot(one.vx, one.vy) for one in (before, message))
-            self.missed += int(speed_m_s * (time_ms - before_ms) / 1000.0 / spacing_m)
+        if before is not None and self._silence is None and time_ms - before_ms > MAX_GAP_MS:
+            # What was flown of the mission meanwhile is known when the vehicle tells its item.
+            places = [(one.lat / 1e7, one.lon / 1e7) for one in (before, message)]
+            seconds = (time_ms - before_ms) / 1000.0
+            self._silence = Silence(places[0], places[1], self._item, seconds, self._does)
+
+    @property
+    def _does(self) -> Shots:
+        """What the camera does by itself."""
+        trigger = self._camera.trigger
+        return Shots(trigger.distance_m, trigger.interval_us / 1000.0)
 
     def _is_autopilot(self, message: Message) -> bool:
         return (
@@ -156,11 +165,20 @@ class RidingCamera:
 
     def _on_item(self, sequence: int, now_s: float) -> list[Message]:
         """Do what the mission orders before the item that is flown, if nobody else sees to that."""
-        if not self._in_mission or sequence == _UNKNOWN_ITEM:
+        if sequence == _UNKNOWN_ITEM:
             return []
-        ordered, trigger = shots_before(self._mission(), sequence - self._home), self._camera.trigger
-        does = Shots(trigger.distance_m, trigger.interval_us / 1000.0)
-        if not self._shots.due(ordered, does, now_s, may_stop=not self._changing()):
+        silence, self._silence = self._silence, None
+        if silence is not None:
+            mission = self._mission()
+            # Some autopilots start at the first item again when the mission is over.
+            item = sequence - self._home if self._in_mission else len(mission.items)
+            self.missed += images_in(silence, mission, item)
+        if not self._in_mission:
+            self._item = -1
+            return []
+        self._item = sequence - self._home
+        ordered = shots_before(self._mission(), self._item)
+        if not self._shots.due(ordered, self._does, now_s, may_stop=not self._changing()):
             return []
         assert ordered is not None
         by_time = ordered.interval_ms > 0.0

@@ -9,6 +9,7 @@ import time
 
 import msgspec
 import pytest
+from processes import unmeasured
 
 from mission.planners import planner_names
 from sensors.estimators.point import PointEstimator
@@ -149,7 +150,7 @@ def started(folder, *more):
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        env={**os.environ, "COLUMNS": "200"},
+        env=unmeasured(),
     )
     while process.poll() is None and not (
         (folder / "journal.jsonl").exists() and (folder / "journal.jsonl").read_bytes().count(b"\n") >= 2

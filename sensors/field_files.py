@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, fields
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,7 @@ import msgspec
 
 from geo.decoding import misfit
 from geo.errors import WbfMissionError
+from geo.installed import entry_points
 from geo.reading import UnreadableError, read_toml
 from sensors.dynamics.epidemic import EpidemicParameters
 from sensors.dynamics.soil import SoilParameters

@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from wbf_mission.bench.spec import BenchSpec as BenchSpec
     from wbf_mission.flight import FlightError as FlightError
     from wbf_mission.flight import fly as fly
+    from wbf_mission.flight_memory import FlightMemory as FlightMemory
     from wbf_mission.ground.link import download as download
     from wbf_mission.ground.link import upload as upload
     from wbf_mission.planning import plan as plan
@@ -90,6 +91,7 @@ else:
             "wbf_mission.bench.benchmark": ("benchmark",),
             "wbf_mission.bench.spec": ("BenchSpec",),
             "wbf_mission.flight": ("FlightError", "fly"),
+            "wbf_mission.flight_memory": ("FlightMemory",),
             "wbf_mission.ground.link": ("download", "upload"),
             "mission.outcome": ("Outcome",),
             "wbf_mission.planning": ("plan",),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +23,11 @@ from wbf_mission.estimation import RunEstimate, attribute_errors_to, points_a_fl
 from wbf_mission.evidence import Evidence
 from wbf_mission.field_maps import FieldMap, field_maps
 from wbf_mission.fleet import Vehicle
+from wbf_mission.flight_memory import FlightMemory
 from wbf_mission.flight_record import FlightRecord
 from wbf_mission.flights import Decider, Flights, PlannedFlight
 from wbf_mission.flights_ahead import FlightAlone, FlightsAhead, can_fly_ahead
+from wbf_mission.flown_flight import FlownFlight
 from wbf_mission.hosting import Hosting
 from wbf_mission.joint_flight import Attendant, JointFlight
 from wbf_mission.planning import PlanResult
@@ -144,8 +147,14 @@ class Campaign:
             points = points_a_flight(score_points(self.farm, estimate.estimator), flights)
         return max(1, round(self._expected_of_next / points))
 
-    def fly(self, environment: Environment, hosting: Hosting, attendant: Attendant | None = None) -> None:
-        """Fly all days; `attendant` stands by."""
+    def fly(
+        self,
+        environment: Environment,
+        hosting: Hosting,
+        attendant: Attendant | None = None,
+        memory: FlightMemory | None = None,
+    ) -> None:
+        """Fly all days; `attendant` stands by, `memory` has flights that need not be flown again."""
         first = self.scenario.farm.day
         if self._next is None:
             self.plan(first)
@@ -159,8 +168,14 @@ class Campaign:
                 for flight in range(1, self.scenario.farm.flights_per_day + 1):
                     if len(self._gone) == len(self._all.vehicles):
                         continue
-                    if ahead is None or not self._take(ahead, day, flight, hosting):
+                    # Without those that are gone the others fly otherwise.
+                    flown = None if ahead is None or self._gone else ahead.take(day, flight)
+                    if flown is None and memory is not None and attendant is None:
+                        flown = self._remembered(memory, day, flight, environment, hosting)
+                    if flown is None:
                         self._fly_once(day, flight, environment, hosting, attendant)
+                    else:
+                        self._take(flown, day, flight, hosting)
                 self.end_day()
         finally:
             if ahead is not None:
@@ -215,11 +230,7 @@ class Campaign:
         hosting: Hosting,
         attendant: Attendant | None,
     ) -> None:
-        if self._next is None:
-            self.plan(day, flight)
-            self.watch.lap("plan")
-        assert self._next is not None
-        planned, self._next = self._next, None
+        planned, self._next = self._planned(day, flight), None
 
         def began(flying: JointFlight) -> None:
             self._flying = flying
@@ -227,7 +238,7 @@ class Campaign:
         self._all.fly(
             planned,
             self.evidence,
-            environment,
+            partial(self._all.camera, environment=environment),
             hosting,
             began=began,
             tell=self._tell,
@@ -238,6 +249,23 @@ class Campaign:
             gone=self._gone,
         )
         self._end_flight()
+
+    def _planned(self, day: int, flight: int) -> PlannedFlight:
+        """Return the next flight, planned now unless it was before."""
+        if self._next is None:
+            self.plan(day, flight)
+            self.watch.lap("plan")
+        assert self._next is not None
+        return self._next
+
+    def _remembered(
+        self, memory: FlightMemory, day: int, flight: int, environment: Environment, hosting: Hosting
+    ) -> FlownFlight | None:
+        """Return what a flight gives that may have been flown before; None if it has to be flown now."""
+        flown = memory.fly(self._all, self._planned(day, flight), environment, hosting, self._tell)
+        if flown is not None:
+            self._next = None
+        return flown
 
     def _open_log(self, hosting: Hosting) -> TlogWriter | None:
         """Return what writes every frame, if wanted; its file is made when there is something to keep."""
@@ -259,12 +287,8 @@ class Campaign:
         self.decisions.clear()
         return FlightsAhead(FlightAlone(self._all, environment, hosting, hosting.tlog is not None), numbers)
 
-    def _take(self, ahead: FlightsAhead, day: int, flight: int, hosting: Hosting) -> bool:
-        """Take what a flight gave that was flown ahead; False where it has to be flown here."""
-        # Without those that are gone the others fly otherwise.
-        flown = None if self._gone else ahead.take(day, flight)
-        if flown is None:
-            return False
+    def _take(self, flown: FlownFlight, day: int, flight: int, hosting: Hosting) -> None:
+        """Take what a flight gave that was flown elsewhere."""
         writer = self._open_log(hosting)
         if writer is not None and flown.log is not None:
             writer.write_all(flown.log, EPOCH_UNIX_S + self.simulated_s)
@@ -278,7 +302,6 @@ class Campaign:
         self._tell("flying", number, of.days * of.flights_per_day)
         self.watch.lap("flight")
         self._note(flown.records, seen_before, flown.duration_s, flown.frames)
-        return True
 
     def _end_flight(self) -> None:
         flown, self._flying = self._flying, None

@@ -160,8 +160,9 @@ class ScoreHistory:
 class RunEstimate:
     """An estimator that is fed and scored as a run goes on, in a thread of its own beside the flight.
 
-    Observations are learned in the order in which they are added, so the outcome does not depend on how fast
-    either side is. An error of the estimator is raised by a later call; a run ends with `close`.
+    Observations are learned in the order in which they are added, those between two scored times together, so
+    the outcome depends neither on how fast either side is nor on the parts in which they arrive. An error of
+    the estimator is raised by a later call; a run ends with `close`.
 
     The scored times of each flight are those of a run of this one flight: after each `every` observations of
     it, and at its end. On later days, what is believed before anything was seen is scored first.
@@ -203,11 +204,13 @@ class RunEstimate:
         self.day = day
         self._seen = 0
         self._seen_before = 0
+        self._held: list[Observations] = []
+        self._given = 0
         self._worker = ThreadPoolExecutor(1, "estimate")
         self._waiting: deque[Future[None]] = deque()
 
     def add(self, parts: Sequence[Observations], offset_s: float = 0.0) -> None:
-        """Begin to learn from observations, part by part, and to score as often as is due.
+        """Take observations; what is seen up to a time that is scored is learned then.
 
         Parameters
         ----------
@@ -217,7 +220,16 @@ class RunEstimate:
         """
         while self._waiting and self._waiting[0].done():
             self._waiting.popleft().result()
-        self._waiting.append(self._worker.submit(self._learn_all, parts, offset_s))
+        for part in parts:
+            start = 0
+            while start < len(part):
+                due = self.every - (self._given - self._seen_before) % self.every
+                whole = start == 0 and len(part) <= due
+                self._held.append(part if whole else part[start : start + due])
+                start += due
+                self._given += len(self._held[-1])
+                if len(self._held[-1]) == due:
+                    self._hand_over(offset_s + float(self._held[-1].time_s[-1]))
 
     def current(self) -> InformationModel:
         """Wait for all that was added, and return what is believed then, in the estimator's own arrays."""
@@ -253,7 +265,15 @@ class RunEstimate:
             self._evaluate(time_s)
         self._seen_before = self._seen
 
+    def _hand_over(self, score_at_s: float | None = None) -> None:
+        """Begin to learn what is held, and to score what is believed then if a time is given."""
+        if self._held:
+            held = Observations.concatenate(self._held, self._held[0].fields)
+            self._held = []
+            self._waiting.append(self._worker.submit(self._learn, held, score_at_s))
+
     def _catch_up(self) -> None:
+        self._hand_over()
         while self._waiting:
             self._waiting.popleft().result()
 
@@ -261,24 +281,14 @@ class RunEstimate:
         """End the thread; what was added and not learned yet is dropped."""
         self._worker.shutdown(wait=False, cancel_futures=True)
 
-    def _learn_all(self, parts: Sequence[Observations], offset_s: float) -> None:
-        for part in parts:
-            self._learn(part, offset_s)
-
-    def _learn(self, observations: Observations, offset_s: float) -> None:
-        start = 0
-        while start < len(observations):
-            due = self.every - (self._seen - self._seen_before) % self.every
-            whole = start == 0 and len(observations) <= due
-            part = observations if whole else observations[start : start + due]
-            begin = time.perf_counter()
-            with attribute_errors_to(self.estimator):
-                self.estimator.partial_fit(part)
-            self.estimate_s += time.perf_counter() - begin
-            self._seen += len(part)
-            start += len(part)
-            if (self._seen - self._seen_before) % self.every == 0:
-                self._evaluate(offset_s + float(part.time_s[-1]))
+    def _learn(self, observations: Observations, score_at_s: float | None) -> None:
+        begin = time.perf_counter()
+        with attribute_errors_to(self.estimator):
+            self.estimator.partial_fit(observations)
+        self.estimate_s += time.perf_counter() - begin
+        self._seen += len(observations)
+        if score_at_s is not None:
+            self._evaluate(score_at_s)
 
     def _evaluate(self, time_s: float) -> None:
         begin = time.perf_counter()

@@ -22,6 +22,7 @@ from wbf_mission.campaign import Campaign
 from wbf_mission.estimation import estimator_of, prepare_days, require_run_memory, resolved
 from wbf_mission.field_maps import FieldMap, true_map
 from wbf_mission.fleet import vehicles_of
+from wbf_mission.flight_memory import FlightMemory
 from wbf_mission.flights import Decider
 from wbf_mission.hosting import VirtualHosting
 from wbf_mission.live.link import LiveLink
@@ -66,6 +67,7 @@ def fly(
     faults: Sequence[Fault | str] = (),
     use_cache: bool = True,
     connect: LiveLink | None = None,
+    memory: FlightMemory | None = None,
 ) -> Result:
     """Do a scenario's whole job, offline or with a vehicle behind a link.
 
@@ -91,6 +93,8 @@ def fly(
         (:class:`sensors.environment.cache.EnvironmentCache`).
     connect : LiveLink, optional
         The link to the vehicle that flies, in place of a simulated one.
+    memory : FlightMemory, optional
+        Given to several runs: flights of planners that would be the same are flown once.
 
     Returns
     -------
@@ -154,7 +158,8 @@ def fly(
                     watch.lap("preflight")
             try:
                 if connect is None:
-                    campaign.fly(environment, VirtualHosting(pace, tlog, impairment, breaking))
+                    hosting = VirtualHosting(pace, tlog, impairment, breaking)
+                    campaign.fly(environment, hosting, memory=memory)
                 else:
                     campaign.fly(environment, connect.hosting(tlog), connect.attendant)
             except KeyboardInterrupt:

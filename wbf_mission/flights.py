@@ -6,10 +6,10 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 from geo import Farm
-from geo.seeds import child_seed
+from geo.seeds import child_seed, stream
 from mission.link.tlog import FrameSink
 from mission.policies.policy import FixedPlan, KeepPath, Policy
-from sensors.camera.leaf_camera import LeafCameraOptions
+from sensors.camera.leaf_camera import Camera, LeafCamera, LeafCameraOptions
 from sensors.environment import Environment
 from sensors.fields import FieldSet
 from sensors.scoring.score import ScoreWeights
@@ -186,11 +186,21 @@ class Flights:
                 )
         return PlannedFlight(day, flight, loop, tuple(zip(numbers, vehicles, plans, strict=True)), times)
 
+    def camera(self, number: SortieNumber, environment: Environment) -> LeafCamera:
+        """Return the leaf camera of a flight of one vehicle."""
+        return LeafCamera(
+            environment,
+            self.farm.grid().shape,
+            number.day,
+            self.options,
+            stream(self.scenario.seed, *number.stream_names("camera")),
+        )
+
     def fly(
         self,
         planned: PlannedFlight,
         evidence: Evidence,
-        environment: Environment,
+        cameras: Callable[[SortieNumber], Camera],
         hosting: Hosting,
         *,
         tell: Progress,
@@ -208,7 +218,8 @@ class Flights:
         planned : PlannedFlight
         evidence : Evidence
             Takes what is seen.
-        environment : Environment
+        cameras : callable
+            Returns the leaf camera of each vehicle; see `camera`.
         hosting : Hosting
         tell : callable
             Progress.
@@ -231,8 +242,7 @@ class Flights:
                 one.task,
                 plan,
                 one.scenario,
-                environment,
-                self.options,
+                cameras(number),
                 lambda done, total: tell("uploading", done, total),
                 delay,
                 hosting.clearance(number.system_id),

@@ -11,8 +11,8 @@ import gc
 import multiprocessing
 from collections.abc import Sequence
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, partial
 
 from threadpoolctl import threadpool_limits
 
@@ -20,49 +20,22 @@ from geo.errors import WbfMissionError
 from geo.workers import CallsAhead
 from mission.link.tlog import FrameLog
 from sensors.environment import Environment
-from sensors.observations import Observations
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from wbf_mission.deciding.record import DecisionRecord
 from wbf_mission.evidence import Evidence
-from wbf_mission.flight_record import FlightRecord
+from wbf_mission.flight_memory import FlightMemory
 from wbf_mission.flights import Flights
+from wbf_mission.flown_flight import FlownFlight
 from wbf_mission.hosting import Hosting, VirtualHosting
 from wbf_mission.progress import silent
 from wbf_mission.stopwatch import Stopwatch
 
-__all__ = ["FlightAlone", "FlightsAhead", "FlownFlight", "can_fly_ahead"]
+__all__ = ["FlightAlone", "FlightsAhead", "can_fly_ahead"]
 
 WORTH_S = 6000.0
 """Seconds of simulated flight of a run from which on processes are worth their start."""
 MOST_CELLS = 500_000
 """A larger environment is not sent to other processes."""
-
-
-@dataclass(frozen=True, slots=True)
-class FlownFlight:
-    """What a flight gave that was flown in another process.
-
-    Parameters
-    ----------
-    records : list of FlightRecord
-        Of each vehicle.
-    parts : tuple of Observations
-        In the order in which they arrived.
-    decisions : list of DecisionRecord
-        With the number of observations since the flight began.
-    duration_s : float
-        Simulated seconds.
-    frames : int
-    log : FrameLog or None
-        All frames, with their times since the flight began.
-    """
-
-    records: list[FlightRecord]
-    parts: tuple[Observations, ...]
-    decisions: list[DecisionRecord]
-    duration_s: float
-    frames: int
-    log: FrameLog | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,17 +58,20 @@ class FlightAlone:
     logged: bool = False
 
     def __call__(self, day: int, flight: int) -> FlownFlight:
-        """Plan a flight and fly it."""
+        """Plan a flight and fly it, unless it was flown in this process before."""
         of = self.flights
         evidence, decisions = Evidence(of.farm, of.fields), list[DecisionRecord]()
         log = FrameLog() if self.logged else None
         with threadpool_limits(1, user_api="blas"):
             planned = of.plan(day, flight, evidence, decisions)
             _spare_collector()
+            known = None if log is not None else _memory().fly(of, planned, self.environment, self.hosting)
+            if known is not None:
+                return replace(known, decisions=decisions)
             flown = of.fly(
                 planned,
                 evidence,
-                self.environment,
+                partial(of.camera, environment=self.environment),
                 self.hosting,
                 tell=silent,
                 watch=Stopwatch(),
@@ -104,7 +80,13 @@ class FlightAlone:
                 offset_s=-EPOCH_UNIX_S,
             )
         records = [sortie.record() for sortie in flown.sorties]
-        return FlownFlight(records, evidence.parts, decisions, flown.now_s, flown.frames, log)
+        return FlownFlight(records, evidence.parts, flown.now_s, flown.frames, decisions, log)
+
+
+@cache
+def _memory() -> FlightMemory:
+    """Return the flights of this process, which flies one run only."""
+    return FlightMemory()
 
 
 @cache

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from importlib.metadata import entry_points
+from geo.installed import entry_points
 
 
 def names_of(kind: str) -> tuple[str, ...]:

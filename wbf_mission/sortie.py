@@ -9,7 +9,6 @@ from statistics import median
 import numpy as np
 
 from geo.errors import WbfMissionError
-from geo.seeds import stream
 from mission.link.codec.dialect import Message
 from mission.model import Command, Mission, MissionItem
 from mission.outcome import Outcome
@@ -17,9 +16,8 @@ from mission.planners.path import Points, path_length
 from mission.planners.turns import Waypoints
 from mission.policies.situation import Status, VehicleReport
 from mission.transfer.making import OWN_TRANSFERS, TransferMaker
-from sensors.camera.leaf_camera import LeafCamera, LeafCameraOptions
+from sensors.camera.leaf_camera import Camera
 from sensors.camera.wire import ObservationAssembler
-from sensors.environment import Environment
 from sensors.observations import Observations
 from sim_vehicle.prediction.onward import InFlight
 from wbf_mission.deciding.record import PathChange
@@ -54,9 +52,8 @@ class Sortie:
         What is uploaded before take-off.
     scenario : Scenario
         With the name of this one vehicle.
-    environment : Environment
-        What the camera looks at.
-    options : LeafCameraOptions
+    leaf_camera : Camera
+        What it looks with.
     on_transfer : callable, optional
         ``on_transfer(done, total)`` as mission items cross.
     start_delay_s : float
@@ -70,8 +67,6 @@ class Sortie:
 
     Attributes
     ----------
-    leaf_camera : LeafCamera
-        What it looks with.
     ground : GroundStation
         What flies it.
     images_missed : callable
@@ -86,8 +81,7 @@ class Sortie:
         task: FlightTask,
         plan: PlanResult,
         scenario: Scenario,
-        environment: Environment,
-        options: LeafCameraOptions,
+        leaf_camera: Camera,
         on_transfer: Callable[[int, int], None] | None = None,
         start_delay_s: float = 0.0,
         clearance: Clearance | None = None,
@@ -96,20 +90,15 @@ class Sortie:
         force: bool = False,
     ) -> None:
         self._reach = reach_of(scenario.vehicle, task, plan)
-        farm, seed = plan.farm, scenario.seed
+        farm = plan.farm
         self.start_delay_s = start_delay_s
         self.number, self.task, self.plan = number, task, plan
         self.send: Callable[[list[Message]], None] = _nobody_sends
         self.images_missed: Callable[[], int] = _none_missed
         self.scenario = scenario
-        self.leaf_camera = LeafCamera(
-            environment,
-            farm.grid().shape,
-            number.day,
-            options,
-            stream(seed, *number.stream_names("camera")),
-        )
-        self.assembler = ObservationAssembler(farm, day=number.day, fields=options.fields.names)
+        self.leaf_camera = leaf_camera
+        fields = leaf_camera.options.fields.names
+        self.assembler = ObservationAssembler(farm, day=number.day, fields=fields)
         self.ground = GroundStation(
             plan.mission,
             self.assembler,

@@ -8,9 +8,9 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from importlib.metadata import entry_points
 from typing import Any, cast
 
+from geo.installed import entry_points
 from geo.named import ParameterError, check_parameters, parse_named
 from mission.errors import PlanningError
 from mission.planners.path import PlannedPath

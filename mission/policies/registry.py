@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from importlib.metadata import entry_points
 from typing import Any
 
+from geo.installed import entry_points
 from geo.named import ParameterError, check_parameters, parse_named
 from mission.errors import PlanningError
 from mission.policies.policy import Policy

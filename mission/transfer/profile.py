@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
-from importlib.metadata import entry_points
 
+from geo.installed import entry_points
 from mission.errors import TransferError
 from mission.link.codec.dialect import mavlink
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType

@@ -29,6 +29,16 @@ class Sampled(Protocol):
         ...
 
 
+class Camera(Protocol):
+    """Takes images of what lies under it, as `LeafCamera` does."""
+
+    options: LeafCameraOptions
+
+    def capture(self, ix: Sequence[int], iy: Sequence[int]) -> NDArray[np.float32]:
+        """Take one image centred on each of the cells: float32[images, cells, fields]."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class LeafCameraOptions:
     """How good the camera is; by default it reads one cell, all fields, without error.

@@ -16,11 +16,12 @@ from __future__ import annotations
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 
+from geo.installed import entry_points
 from sensors.errors import EstimatorError
 from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.observations import Observations

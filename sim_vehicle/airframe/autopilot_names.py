@@ -7,7 +7,8 @@ both need the names only.
 from __future__ import annotations
 
 from functools import cache
-from importlib.metadata import entry_points
+
+from geo.installed import entry_points
 
 __all__ = ["AUTOPILOT_GROUP", "DEFAULT_AUTOPILOT", "NO_AUTOPILOT", "autopilot_names"]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
 
+from geo.installed import entry_points
 from sim_vehicle.airframe.autopilot_names import (
     AUTOPILOT_GROUP,
     DEFAULT_AUTOPILOT,

@@ -13,7 +13,7 @@ from sim_vehicle.camera.trigger import CameraTrigger, Exposure, Fix
 
 if TYPE_CHECKING:
     from geo.farm import Farm
-    from sensors.camera.leaf_camera import LeafCamera
+    from sensors.camera.leaf_camera import Camera
 
 CAMERA_COMPONENT_ID = 100
 MIN_DISTANCE_M = 0.01
@@ -45,7 +45,7 @@ class LeafCameraComponent:
 
     Parameters
     ----------
-    camera : LeafCamera
+    camera : Camera
         Optics and the world in front of them.
     farm : Farm
         Turns positions into cells.
@@ -71,7 +71,7 @@ class LeafCameraComponent:
 
     def __init__(
         self,
-        camera: LeafCamera,
+        camera: Camera,
         farm: Farm,
         *,
         system_id: int = 1,

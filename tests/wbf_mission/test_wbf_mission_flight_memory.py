@@ -1,0 +1,102 @@
+"""Flights that are flown once for several runs: the runs are those that fly on their own."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mission.outcome import Outcome
+from wbf_mission.flight import fly
+from wbf_mission.flight_memory import FlightMemory
+from wbf_mission.result import Result
+from wbf_mission.scenario import Scenario, scenario_with
+
+BASE = Scenario(farm="miniberry-10", vehicle="ideal", budget="30steps", planner="spiral", estimator="gp")
+
+
+def assert_alike(one: Result, other: Result) -> None:
+    assert one.history == other.history
+    assert one.outcome is Outcome.COMPLETED and other.outcome is Outcome.COMPLETED
+    for name in ("x", "y", "time_s", "day", "values"):
+        np.testing.assert_array_equal(getattr(one.observations, name), getattr(other.observations, name))
+    assert one.model is not None and other.model is not None
+    np.testing.assert_array_equal(one.model.value, other.model.value)
+    np.testing.assert_array_equal(one.track.x_m, other.track.x_m)
+    assert timeless(one) == timeless(other)
+
+
+def timeless(run: Result) -> dict[str, Any]:
+    summary = run.summary()
+    for key in ("wall_time_s", "realtime_factor", "timings_s"):
+        del summary[key]
+    summary["decisions"] = [{**one, "compute_s": 0.0} for one in summary["decisions"]]
+    return summary
+
+
+@pytest.mark.parametrize(
+    ("changes", "flown"),
+    [
+        pytest.param({}, 1, id="ideal"),
+        pytest.param({"vehicle": "quad", "budget": "60m", "autopilot": "ardupilot"}, 1, id="quad"),
+        pytest.param(
+            {"camera_noise": 0.1, "false_positive_rate": 0.1, "camera_footprint": 3}, 1, id="camera that errs"
+        ),
+        pytest.param({"planner": "random-waypoint"}, 2, id="planner that draws"),
+        pytest.param({"vehicle": "quad", "budget": "60m", "wind_gust_m_s": 2.0}, 2, id="gusts"),
+        pytest.param({"vehicle": "quad", "budget": "60m", "gps_noise_m": 1.0}, 2, id="errors of position"),
+        pytest.param({"vehicles": 2, "camera_noise": 0.1}, 1, id="two robots"),
+        pytest.param({"days": 2, "flights_per_day": 2, "camera_noise": 0.1}, 1, id="days"),
+        pytest.param(
+            {"days": 2, "vehicle": "quad", "budget": "60m", "wind_gust_m_s": 2.0}, 4, id="days with gusts"
+        ),
+    ],
+)
+def test_runs_with_a_memory_are_those_that_fly_on_their_own(changes: dict[str, Any], flown: int) -> None:
+    memory = FlightMemory()
+    for seed, estimator in ((1, "gp"), (1, "adaptive-disk"), (2, "gp")):
+        scenario = scenario_with(BASE, {**changes, "seed": seed, "estimator": estimator})
+        assert_alike(fly(scenario, memory=memory), fly(scenario))
+    assert len(memory) == flown
+
+
+def test_other_missions_and_vehicles_are_other_flights() -> None:
+    memory = FlightMemory()
+    for changes in (
+        {},
+        {"budget": "40steps"},
+        {"camera_footprint": 3},
+        {"farm": "miniberry-30", "budget": "300steps"},
+        {"vehicle": "quad", "budget": "60m"},
+        {"vehicle": "quad", "budget": "60m", "autopilot": "ardupilot"},
+        {"vehicle": "quad", "budget": "60m", "parameters": {"MPC_ACC_HOR": 2.0}},
+        {"vehicle": "quad", "budget": "60m", "wind_speed_m_s": 3.0},
+    ):
+        before = len(memory)
+        fly(scenario_with(BASE, changes), memory=memory)
+        assert len(memory) == before + 1, changes
+
+
+def test_what_a_policy_flies_depends_on_what_it_sees() -> None:
+    memory = FlightMemory()
+    scenario = scenario_with(BASE, {"policy": "greedy"})
+    assert_alike(fly(scenario, memory=memory), fly(scenario))
+    assert not len(memory)
+
+
+def test_only_so_many_flights_are_kept() -> None:
+    memory = FlightMemory(most=2)
+    runs = [scenario_with(BASE, {"budget": f"{steps}steps"}) for steps in (32, 40, 48, 32)]
+    for scenario in runs:
+        assert_alike(fly(scenario, memory=memory), fly(scenario))
+        assert len(memory) <= 2
+    assert len(memory) == 2
+
+
+def test_one_run_cannot_change_what_another_gets() -> None:
+    memory = FlightMemory()
+    first = fly(BASE, memory=memory)
+    record = first.flights[0]
+    record.texts.clear()
+    record.transfers.clear()
+    record.camera.images = 0
+    assert_alike(fly(BASE, memory=memory), fly(BASE))

@@ -33,6 +33,8 @@ CROP_COLOURS = {
     Crop.POND: "#8fbcd4",
     Crop.WETLAND: "#9ccfb8",
 }
+LINE_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8c6d31")
+"""Of curves: Okabe and Ito's, which can be told apart without red and green, and one more."""
 LAND = "#e9e6df"
 FINDS = "#0072b2"
 PATH = "#3b3b3b"
@@ -48,20 +50,23 @@ _TITLES = {
 }
 
 
-def new_figure(width: float, height: float) -> Figure:
+def new_figure(width: float, height: float, *, dpi: int = 110) -> Figure:
     """Return a figure of so many inches."""
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(width, height), dpi=110)
+    return Figure(figsize=(width, height), dpi=dpi)
 
 
 def save_figure(figure: Figure, path: Path) -> Path:
-    """Write a figure into a PNG file, complete or not at all."""
+    """Write a figure into a PNG file, or a PDF file if its suffix says so, complete or not at all."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     FigureCanvasAgg(figure)
     with atomic_write(path, "wb") as stream:
-        figure.savefig(stream, format="png")
+        if path.suffix.lower() == ".pdf":
+            figure.savefig(stream, format="pdf", metadata={"CreationDate": None})
+        else:
+            figure.savefig(stream, format="png")
     return path
 
 
@@ -70,8 +75,8 @@ def _extent(grid: FarmGrid) -> tuple[float, float, float, float]:
     return 0.0, width * grid.cell_size_m, 0.0, height * grid.cell_size_m
 
 
-def draw_farm(axes: Axes, farm: Farm) -> None:
-    """Draw crops and the owner's land into ``axes`` (metres along the farm's axes)."""
+def draw_farm(axes: Axes, farm: Farm, *, legend: bool = True) -> None:
+    """Draw crops and the owner's land into ``axes`` (metres along the farm's axes), with a legend below."""
     from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.patches import Patch as LegendPatch
 
@@ -92,15 +97,18 @@ def draw_farm(axes: Axes, farm: Farm) -> None:
         zorder=0,
     )
     _outline(axes, farm)
-    present = [Crop(int(code)) for code in np.unique(crops)]
-    axes.legend(
-        handles=[LegendPatch(color=CROP_COLOURS[crop], label=crop.name.lower()) for crop in present if crop],
-        loc="upper left",
-        bbox_to_anchor=(0.0, -0.1),
-        ncols=2,
-        fontsize=7,
-        frameon=False,
-    )
+    if legend:
+        present = [Crop(int(code)) for code in np.unique(crops)]
+        axes.legend(
+            handles=[
+                LegendPatch(color=CROP_COLOURS[crop], label=crop.name.lower()) for crop in present if crop
+            ],
+            loc="upper left",
+            bbox_to_anchor=(0.0, -0.1),
+            ncols=2,
+            fontsize=7,
+            frameon=False,
+        )
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
 

@@ -51,7 +51,7 @@ COMMANDS = (
     ("warm-up",),
     *((f"check-{one}",) for one in ("planner", "policy", "estimator")),
     ("bench",),
-    *(("bench", name) for name in ("list", "run", "compare", "report")),
+    *(("bench", name) for name in ("list", "run", "compare", "report", "paper")),
     ("farm",),
     *(("farm", name) for name in ("list", "show", "draw", "save", "generate")),
     ("vehicle",),

@@ -15,15 +15,13 @@ from scipy import stats
 from geo.atomic import atomic_write
 from wbf_mission.bench.row import BenchRow
 from wbf_mission.bench.standings import Interval, Standing, standings
-from wbf_mission.plots import new_figure, save_figure
+from wbf_mission.plots import LINE_COLOURS, new_figure, save_figure
 
 __all__ = ["ReportTable", "score_over_time", "standing_table", "write_report"]
 
 _POINTS = 200
 _MOST_LINES = 8
 _FEWEST_FOR_A_BAND = 5
-_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8c6d31")
-"""Okabe and Ito's, which can be told apart without red and green, and one more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +105,7 @@ def _plot(scenario: str, found: Sequence[Standing], rows: Sequence[BenchRow], fo
     """Draw the mean score over time of the best rows, with Student's intervals."""
     figure = new_figure(8.0, 4.5)
     axes = figure.add_subplot()
-    for one, colour in zip(found[:_MOST_LINES], _COLOURS, strict=False):
+    for one, colour in zip(found[:_MOST_LINES], LINE_COLOURS, strict=False):
         own = [row for row in rows if (row.planner, row.estimator) == (one.planner, one.estimator)]
         if not own:
             continue

@@ -51,6 +51,13 @@ wbf-mission bench report results
 
 wbf-mission bench report results --out report
 """
+PAPER_EXAMPLES = """
+Examples
+
+wbf-mission bench paper --out figures --jobs 2
+
+wbf-mission bench paper --only comparison --seeds 20 --format png,pdf --out figures
+"""
 
 app = typer.Typer(cls=HelpGroup, help="Fly many runs that can be compared.")
 _RUN = "What to run"
@@ -79,6 +86,13 @@ def list_command(json: options.Json = False) -> int:
 Scenarios = Annotated[
     str | None,
     typer.Option(help="Ids (see 'bench list') or files, separated by commas.", rich_help_panel=_RUN),
+]
+Planners = Annotated[
+    str | None,
+    typer.Option(
+        help="Planners and policies, separated by commas, such as lawnmower:direction=0.3,greedy.",
+        rich_help_panel=_RUN,
+    ),
 ]
 Estimators = Annotated[
     str | None,
@@ -117,13 +131,7 @@ def run_command(
         ),
     ] = None,
     scenarios: Scenarios = None,
-    planners: Annotated[
-        str | None,
-        typer.Option(
-            help="Planners and policies, separated by commas, such as lawnmower:direction=0.3,greedy.",
-            rich_help_panel=_RUN,
-        ),
-    ] = None,
+    planners: Planners = None,
     estimators: Estimators = None,
     seeds: Seeds = None,
     jobs: Annotated[int, options.processes()] = 1,
@@ -282,6 +290,67 @@ def report_command(
         output.note(f"written: {', '.join(str(one) for one in files)}")
     _print(output, rows, title=f"{folder}: {len(rows)} runs")
     return ExitCode.GOOD
+
+
+@app.command("paper", cls=HelpCommand, epilog=PAPER_EXAMPLES)
+def paper_command(
+    out: Annotated[Path, typer.Option(help="Folder of the figures.", show_default=False)],
+    only: Annotated[
+        str, typer.Option(help="Which figures, separated by commas.")
+    ] = "geometry,dynamics,comparison,cost",
+    formats: Annotated[str, typer.Option("--format", help="Kinds of files: png, pdf or both.")] = "png",
+    scenario: Annotated[
+        str,
+        typer.Option(
+            help="Where planners and estimators are compared: an id or a file.", rich_help_panel=_RUN
+        ),
+    ] = "WBF/Miniberry-30-v1",
+    planners: Planners = None,
+    estimators: Estimators = None,
+    seeds: Seeds = 5,
+    cost_farms: Annotated[
+        str, typer.Option(help="Where costs are measured, separated by commas.", rich_help_panel=_RUN)
+    ] = "miniberry-10,miniberry-30,miniberry-100,waterberry",
+    jobs: Annotated[int, options.processes()] = 1,
+    json: options.Json = False,
+    quiet: options.Quiet = False,
+) -> int:
+    """Make the figures of the paper: farms, fifteen days, planners with estimators, costs.
+
+    With a page, paper.md, of captions and numbers. Flights and costs are kept: a second call only draws.
+    """
+    from wbf_mission.bench.benchmark import BenchmarkInterrupted
+    from wbf_mission.bench.paper.make import make_paper
+    from wbf_mission.bench.spec import BenchSpec
+
+    options.require_processes(jobs)
+    output = Output(as_json=json, quiet=quiet)
+    wanted = BenchSpec.of(**_spec(scenario, planners, estimators, seeds))
+    try:
+        with output.progress() as progress:
+            paper = make_paper(
+                wanted,
+                out,
+                figures=_names(only),
+                formats=_names(formats),
+                jobs=jobs,
+                cost_farms=_names(cost_farms),
+                progress=progress,
+            )
+    except BenchmarkInterrupted as stop:
+        output.warn(f"{stop}; the same command goes on with them")
+        return ExitCode.INTERRUPTED
+    _tell_failures(output, paper.rows)
+    files = [str(one) for one in paper.files]
+    output.result(
+        {"page": files[0], "pictures": files[1:], "runs": len(paper.rows)},
+        {"page": files[0], "pictures": "\n".join(files[1:])},
+    )
+    return _exit_code(paper.rows, interrupted=False)
+
+
+def _names(text: str) -> list[str]:
+    return [one.strip().lower() for one in text.split(",") if one.strip()]
 
 
 def _print(output: Output, rows: Sequence[BenchRow], title: str) -> None:

@@ -1,0 +1,237 @@
+"""The figures of the paper."""
+
+import json
+
+import msgspec
+import numpy as np
+import pytest
+from PIL import Image
+
+from wbf_mission.bench import engine
+from wbf_mission.bench.benchmark import BenchmarkInterrupted
+from wbf_mission.bench.paper import cost, make, shown
+from wbf_mission.bench.paper.cost import kept_costs, measured_costs, plot_costs
+from wbf_mission.bench.paper.dynamics import DAYS, Dynamics
+from wbf_mission.bench.paper.page import early_table
+from wbf_mission.bench.paper.shown import ShownRun
+from wbf_mission.bench.row import BenchRow
+from wbf_mission.bench.spec import BenchSpec
+from wbf_mission.bench.store import read_rows
+from wbf_mission.cli.app import main
+from wbf_mission.progress import silent
+from wbf_mission.scenario import load_scenario
+from wbf_mission.tables import ResultError
+
+SMALL = ("--scenario", "WBF/Miniberry-10-v1", "--planners", "spiral,lawnmower")
+SMALL += ("--estimators", "adaptive-disk,point", "--seeds", "2")
+COMMAND = ("bench", "paper", *SMALL, "--only", "geometry,dynamics,comparison")
+PICTURES = ["geometry", "dynamics", "comparison-1", "comparison-2", "comparison-scores"]
+
+
+def colours(path):
+    with Image.open(path) as picture:
+        assert min(picture.size) > 500
+        return len(picture.convert("RGB").getcolors(10_000_000))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    out = tmp_path_factory.mktemp("paper") / "figures"
+    assert main([*COMMAND, "--out", str(out), "--quiet"]) == 0
+    return out
+
+
+def test_the_pictures_show_something(folder):
+    for name in PICTURES:
+        assert colours(folder / f"{name}.png") > 100
+    page = (folder / "paper.md").read_text()
+    assert all(f"]({name}.png)" in page for name in PICTURES)
+
+
+def test_a_second_call_only_draws(folder, monkeypatch, capsys):
+    def never(*_given, **_more):
+        raise AssertionError("it is flown again")
+
+    monkeypatch.setattr(engine, "fly_run", never)
+    monkeypatch.setattr(shown, "fly", never)
+    before = {name: (folder / f"{name}.png").read_bytes() for name in PICTURES}
+    for name in PICTURES:
+        (folder / f"{name}.png").unlink()
+    assert main([*COMMAND, "--out", str(folder), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told == {
+        "page": str(folder / "paper.md"),
+        "pictures": [str(folder / f"{name}.png") for name in PICTURES],
+        "runs": 8,
+    }
+    assert {name: (folder / f"{name}.png").read_bytes() for name in PICTURES} == before
+
+
+def test_maps_are_of_the_very_runs_of_the_rows(folder):
+    rows = {row.key: row for row in read_rows(folder / "runs")}
+    files = sorted((folder / "shown").iterdir())
+    assert len(files) == 4
+    for file in files:
+        row, run = rows[file.stem], ShownRun.load(file)
+        assert row.seed == 0
+        legs_m = np.diff(run.path_m, axis=0)
+        assert np.hypot(*legs_m.T).sum() == pytest.approx(row.path_length_m, rel=1e-4)
+        assert run.truth.shape == run.estimate.shape == (3, 10, 10)
+        sick = (run.truth[0, :, 5:] < 1.0).mean()
+        assert 0.0 < sick < 1.0
+
+
+def test_pictures_for_print(tmp_path, capsys):
+    command = (
+        "bench",
+        "paper",
+        "--only",
+        "geometry",
+        "--format",
+        "pdf,png",
+        "--out",
+        str(tmp_path),
+        "--json",
+    )
+    assert main([*command]) == 0
+    files = [tmp_path / "geometry.pdf", tmp_path / "geometry.png"]
+    assert json.loads(capsys.readouterr().out)["pictures"] == [str(one) for one in files]
+    assert files[0].read_bytes().startswith(b"%PDF")
+    assert "](geometry.pdf)" in (tmp_path / "paper.md").read_text()
+
+
+def test_processes_make_the_same_maps(folder, tmp_path):
+    spec = BenchSpec.of(["WBF/Miniberry-10-v1"], ["spiral", "lawnmower"], ["adaptive-disk", "point"], seeds=1)
+    maps = shown.shown_runs(list(spec.runs()), tmp_path / "shown", jobs=2, progress=silent)
+    assert len(maps) == 4
+    for file in (folder / "shown").iterdir():
+        one, two = ShownRun.load(file), ShownRun.load(tmp_path / "shown" / file.name)
+        assert one.axis_max == two.axis_max
+        assert all(np.array_equal(getattr(one, name), getattr(two, name)) for name in shown._ARRAYS)
+
+
+def test_a_damaged_map_is_named(folder, tmp_path):
+    file = tmp_path / "x.npz"
+    np.savez(file, path_m=np.array([None], dtype=object))
+    with pytest.raises(ResultError, match=r"x\.npz: holds no run"):
+        ShownRun.load(file)
+    np.savez(
+        file, path_m=np.zeros((4, 3)), truth=np.ones((1, 2, 2)), estimate=np.ones((1, 2, 2)), axis_max=0.0
+    )
+    with pytest.raises(ResultError, match="do not fit"):
+        ShownRun.load(file)
+    file.write_bytes(next((folder / "shown").iterdir()).read_bytes()[:-40])
+    with pytest.raises(ResultError, match="remove it"):
+        ShownRun.load(file)
+
+
+def test_the_days_are_those_of_the_environment():
+    dynamics = Dynamics.of(load_scenario("WBF/Miniberry-30-v1"), [0, 1, 2])
+    assert dynamics.sick.shape == (3, len(DAYS), 3)
+    diseases = dynamics.sick[:, :, :2]
+    assert (np.diff(diseases, axis=1) >= 0.0).all()  # nobody recovers
+    assert (dynamics.lost <= dynamics.sick).all()
+    assert 0.0 < diseases[:, 0].min() < diseases[:, -1].max() < 1.0
+    assert not np.array_equal(dynamics.sick[0], dynamics.sick[1])
+    truth = dynamics.maps[6][0]
+    assert (truth[:, 15:] < 0.75).mean() == pytest.approx(dynamics.sick[0, 5, 0])
+
+
+def row(planner, seed, scores):
+    values = {"key": f"{planner}{seed}", "scenario": "s", "planner": planner, "estimator": "gp", "seed": seed}
+    return BenchRow(**values, scores=scores, times_s=[10.0 * (k + 1) for k in range(len(scores))])
+
+
+def test_how_the_score_stands_on_the_way():
+    rows = [row("a", seed, [-1.0 + 0.01 * seed] + [-0.5] * 4 + [-0.1] * 5) for seed in range(6)]
+    table = early_table(rows)
+    assert table.header == ("planner, estimator", "at 10 s", "at 20 s", "at 50 s", "at 100 s")
+    name, first, second, third, last = table.rows[0]
+    assert name == "a, gp"
+    assert first.startswith("-0.975 (-")
+    assert (second, third, last) == ("-0.500 (-0.500 to -0.500)",) * 2 + ("-0.100 (-0.100 to -0.100)",)
+
+
+def test_costs_are_measured_once(tmp_path, monkeypatch):
+    file = tmp_path / "cost.json"
+    costs = measured_costs(file, farms=["miniberry-10"], numbers=(1, 30, 1000))
+    at = {(one.method, one.observations): one.cpu_s for one in costs}
+    assert set(at) >= {("adaptive-disk", 1000), ("gp", 1000), ("gp-sklearn", 30), ("score", 0)}
+    assert at["gp-sklearn", 1000] is None
+    assert all(one.cpu_s is None or one.cpu_s >= 0.0 for one in costs)
+    assert all(one.cells == 100 for one in costs)
+    monkeypatch.setattr(cost, "_measured", None)
+    assert measured_costs(file, farms=["miniberry-10"]) == costs == kept_costs(file)
+    plot_costs(costs, [tmp_path / "cost.png"])
+    assert colours(tmp_path / "cost.png") > 100
+
+
+def test_a_method_that_takes_too_long_is_not_asked_for_more(tmp_path):
+    costs = measured_costs(tmp_path / "c.json", farms=["miniberry-10"], numbers=(1, 3), limit_s=0.0)
+    assert {(one.method, one.observations, one.cpu_s) for one in costs if one.method != "score"} == {
+        (method, 1, None) for method in cost.ESTIMATORS
+    }
+
+
+def test_costs_that_are_none_are_named(tmp_path):
+    file = tmp_path / "cost.json"
+    file.write_text("[")
+    with pytest.raises(ResultError, match=r"cost\.json: is no JSON"):
+        kept_costs(file)
+    file.write_bytes(msgspec.json.encode([{"method": "gp", "farm": 3}]))
+    with pytest.raises(ResultError, match="holds no costs"):
+        kept_costs(file)
+
+
+def test_a_run_that_failed_is_told_and_the_others_are_drawn(tmp_path, capsys, monkeypatch):
+    real = engine.fly_run
+
+    def some(run):
+        if run.planner == "spiral":
+            return engine.failed_row(run, "no luck")
+        return real(run)
+
+    monkeypatch.setattr(engine, "fly_run", some)
+    assert main([*COMMAND, "--only", "comparison", "--out", str(tmp_path)]) == 1
+    assert "warning: WBF/Miniberry-10-v1, spiral, adaptive-disk, seed 0: no luck" in capsys.readouterr().err
+    assert colours(tmp_path / "comparison-1.png") > 50
+
+
+def test_ctrl_c_says_how_to_go_on(tmp_path, capsys, monkeypatch):
+    def stopped(*_given, **_more):
+        raise BenchmarkInterrupted([], 8)
+
+    monkeypatch.setattr(make, "benchmark", stopped)
+    assert main([*COMMAND, "--only", "comparison", "--out", str(tmp_path)]) == 130
+    assert "interrupted after 0 of 8 runs; the same command goes on" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("given", "cause"),
+    [
+        (["--only", "geometrie"], "unknown figure 'geometrie': known are geometry, dynamics"),
+        (["--only", ","], "no figure is given"),
+        (["--format", "gif"], "unknown format 'gif': known are png, pdf"),
+        (["--scenario", "WBF/Miniberry-10-v1,WBF/Miniberry-30-v1"], "2 scenarios"),
+        (["--scenario", "WBF/Miniberry-11-v1"], "unknown scenario"),
+        (["--cost-farms", "nowhere"], "nowhere"),
+        (["--jobs", "0"], "--jobs 0"),
+        (["--planners", "spirall"], "is 'spiral' meant"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_a_line(given, cause, tmp_path, capsys):
+    out = tmp_path / "figures"
+    assert main(["bench", "paper", "--out", str(out), *given]) == 2
+    told = capsys.readouterr()
+    assert cause in told.err
+    assert told.err.count("\n") == 1
+    assert told.out == ""
+    assert not out.exists()
+
+
+@pytest.mark.slow
+def test_the_whole_paper(tmp_path):
+    assert main(["bench", "paper", "--out", str(tmp_path), "--jobs", "2", "--quiet"]) == 0
+    for name in [*PICTURES, "cost"]:
+        assert colours(tmp_path / f"{name}.png") > 100
+    assert len(read_rows(tmp_path / "runs")) == 40

@@ -1,0 +1,1 @@
+"""The figures of the Waterberry Farms paper (arXiv:2305.06243), made anew."""

@@ -1,0 +1,161 @@
+"""The figure of the environment: fifteen days of two diseases and of the soil."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geo import Farm
+from geo.farms import get_farm
+from sensors.fields import Field, FieldSet
+from wbf_mission.bench.paper.sheet import new_sheet, save_sheet
+from wbf_mission.plots import LAND, MAX_PIXELS
+from wbf_mission.progress import Progress, silent
+from wbf_mission.scenario import Scenario, scenario_with
+from wbf_mission.surroundings import make_environment
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["DAYS", "Dynamics", "plot_dynamics"]
+
+DAYS = tuple(range(1, 16))
+_SHOWN = (1, 3, 6, 9, 12, 15)
+_INFECTED, _LOST = "#d55e00", "#3d0a3a"
+_WATER = "#1d91c0"
+
+
+@dataclass(frozen=True, slots=True)
+class Dynamics:
+    """The environments of some seeds over `DAYS`.
+
+    Parameters
+    ----------
+    farm : Farm
+    fields : FieldSet
+    maps : dict of int to float32[n, W, H]
+        The values of the first seed on the days that are shown.
+    sick, lost : float64[seeds, days, n]
+        Of a disease the part of its plants that is infected or lost, and that is lost.
+    level : float64[seeds, days, n]
+        The mean value.
+    """
+
+    farm: Farm
+    fields: FieldSet
+    maps: dict[int, NDArray[np.float32]]
+    sick: NDArray[np.float64]
+    lost: NDArray[np.float64]
+    level: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, scenario: Scenario, seeds: Sequence[int], progress: Progress = silent) -> Self:
+        """Make the environments of a scenario's farm.
+
+        Raises
+        ------
+        WbfMissionError
+            If there is no such farm, or not enough memory for it.
+        """
+        farm = get_farm(scenario.farm.name)
+        maps: dict[int, NDArray[np.float32]] = {}
+        found = []
+        for number, seed in enumerate(seeds):
+            progress("environments", number, len(seeds))
+            changed = {"seed": seed, "day": DAYS[0], "days": len(DAYS)}
+            environment = make_environment(scenario_with(scenario, changed), farm)
+            fields = environment.fields
+            masks = [field.mask(farm.grid()) for field in fields]
+            for day in DAYS:
+                values = environment.values(day)
+                if number == 0 and day in _SHOWN:
+                    maps[day] = values.copy()
+                each = [one[mask] for one, mask in zip(values, masks, strict=True)]
+                found += [[(one < 0.75).mean(), (one < 0.25).mean(), one.mean()] for one in each]
+        sick, lost, level = np.moveaxis(
+            np.array(found, np.float64).reshape(len(seeds), len(DAYS), len(fields), 3), -1, 0
+        )
+        progress("environments", len(seeds), len(seeds))
+        return cls(farm, fields, maps, sick, lost, level)
+
+
+def plot_dynamics(dynamics: Dynamics, paths: Sequence[Path]) -> None:
+    """Draw a row of maps and a curve over the days for each field.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+    paths : sequence of Path
+        The same picture as PNG, PDF, ... by suffix.
+    """
+    fields = dynamics.fields
+    figure = new_sheet(10.0, 0.6 + 1.3 * len(fields))
+    panels = figure.subplots(
+        len(fields), len(_SHOWN) + 1, squeeze=False, width_ratios=(*[1.0] * len(_SHOWN), 1.9)
+    )
+    for k, field in enumerate(fields):
+        mask = field.mask(dynamics.farm.grid())
+        style = _style(field)
+        for axes, day in zip(panels[k], _SHOWN, strict=False):
+            image = _show(axes, dynamics.maps[day][k], mask, style)
+            if k == 0:
+                axes.set_title(f"day {day}", fontsize=9)
+        panels[k, 0].set_ylabel(field.title.replace(" (", "\n("), fontsize=9)
+        bar = figure.colorbar(image, ax=list(panels[k, : len(_SHOWN)]), fraction=0.025, pad=0.01)
+        bar.ax.tick_params(labelsize=7)
+        if field.kind == "disease":
+            bar.set_ticks([0.0, 0.5, 1.0], labels=["healthy", "infected", "lost"])
+        else:
+            bar.set_label(field.unit, fontsize=8)
+        _curves(panels[k, -1], dynamics, k)
+    panels[-1, -1].set_xlabel("day", fontsize=9)
+    save_sheet(figure, paths)
+
+
+def _style(field: Field) -> dict[str, Any]:
+    from matplotlib.colors import LinearSegmentedColormap
+
+    if field.kind == "disease":
+        return {"cmap": "YlOrBr", "vmin": 0.0, "vmax": 1.0}
+    colours = LinearSegmentedColormap.from_list(field.name, field.colours)
+    return {"cmap": colours, "vmin": 0.0, "vmax": 1.0}
+
+
+def _show(axes: Axes, values: NDArray[np.float32], mask: NDArray[np.bool_], style: dict[str, Any]) -> Any:
+    """Draw a field on a day: of a disease how sick plants are, of another field its value."""
+    stride = max(1, -(-max(values.shape) // MAX_PIXELS))
+    sick = style["cmap"] == "YlOrBr"
+    pixels = np.where(mask, 1.0 - values if sick else values, np.nan)[::stride, ::stride]
+    axes.set_facecolor(LAND)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    return axes.imshow(np.ma.masked_invalid(pixels).T, origin="lower", interpolation="nearest", **style)
+
+
+def _curves(axes: Axes, dynamics: Dynamics, k: int) -> None:
+    """Draw what becomes of a field in the mean over the seeds, and between the lowest and the highest."""
+    disease = dynamics.fields[k].kind == "disease"
+    curves = (
+        [("infected or lost", dynamics.sick, _INFECTED), ("lost", dynamics.lost, _LOST)]
+        if disease
+        else [("mean", dynamics.level, _WATER)]
+    )
+    for label, values, colour in curves:
+        own = values[:, :, k] * (100.0 if disease else 1.0)
+        axes.plot(DAYS, own.mean(axis=0), color=colour, linewidth=1.6, label=label)
+        if len(own) > 1:
+            axes.fill_between(DAYS, own.min(axis=0), own.max(axis=0), color=colour, alpha=0.15, linewidth=0.0)
+    axes.set_ylabel("% of the plants" if disease else dynamics.fields[k].unit, fontsize=8)
+    axes.yaxis.set_label_position("right")
+    axes.yaxis.tick_right()
+    axes.set_xlim(DAYS[0], DAYS[-1])
+    axes.set_ylim(bottom=0.0, top=None if disease else 1.0)
+    axes.set_xticks(_SHOWN)
+    axes.tick_params(labelsize=7)
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=7, frameon=False, loc="upper left")

@@ -1,0 +1,211 @@
+"""The figures of the paper: flies and measures what is missing, draws, and writes the page."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from geo.atomic import atomic_write
+from geo.farms import get_farm
+from wbf_mission.bench.benchmark import benchmark
+from wbf_mission.bench.paper.comparison import plot_pairs, plot_scores
+from wbf_mission.bench.paper.cost import FARMS, LIMIT_S, measured_costs, plot_costs
+from wbf_mission.bench.paper.dynamics import DAYS, Dynamics, plot_dynamics
+from wbf_mission.bench.paper.geometry import plot_geometry
+from wbf_mission.bench.paper.page import Section, authors_table, early_table, markdown, standings_table
+from wbf_mission.bench.paper.shown import shown_runs
+from wbf_mission.bench.row import BenchRow
+from wbf_mission.bench.spec import BenchSpec
+from wbf_mission.plots import LINE_COLOURS
+from wbf_mission.progress import Progress, silent
+from wbf_mission.tables import ResultError
+
+__all__ = ["FIGURES", "FORMATS", "Paper", "make_paper"]
+
+FIGURES = ("geometry", "dynamics", "comparison", "cost")
+FORMATS = ("png", "pdf")
+_PAGE = "paper.md"
+
+
+@dataclass(frozen=True, slots=True)
+class Paper:
+    """What `make_paper` made.
+
+    Parameters
+    ----------
+    files : tuple of Path
+        The page first, then the pictures.
+    rows : tuple of BenchRow
+        Of the comparison; empty if that was not wanted.
+    """
+
+    files: tuple[Path, ...]
+    rows: tuple[BenchRow, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Work:
+    """What all figures need: the specification, the folder, how to work."""
+
+    spec: BenchSpec
+    folder: Path
+    formats: tuple[str, ...]
+    jobs: int
+    cost_farms: tuple[str, ...]
+    progress: Progress
+
+    def paths(self, name: str) -> list[Path]:
+        """Return the files of a picture, one for each format."""
+        return [self.folder / f"{name}.{one}" for one in self.formats]
+
+
+def make_paper(
+    spec: BenchSpec,
+    out: str | Path,
+    *,
+    figures: Sequence[str] = FIGURES,
+    formats: Sequence[str] = FORMATS[:1],
+    jobs: int = 1,
+    cost_farms: Sequence[str] = FARMS,
+    progress: Progress = silent,
+) -> Paper:
+    """Make figures of the paper and a page with their captions.
+
+    Flights, maps and costs are kept in the folder: a second call only draws.
+
+    Parameters
+    ----------
+    spec : BenchSpec
+        What is compared, in one scenario. Its first seed is the environment that is shown; the days are those
+        of its farm.
+    out : path-like
+        The folder.
+    figures : sequence of str
+        Of `FIGURES`.
+    formats : sequence of str
+        Of `FORMATS`; the page shows the first.
+    jobs : int
+        Processes that fly; -1: one per core.
+    cost_farms : sequence of str
+        Where costs are measured.
+    progress : callable, optional
+
+    Returns
+    -------
+    Paper
+
+    Raises
+    ------
+    ResultError
+        If a figure or a format is unknown, there is more than one scenario, or a file there is damaged.
+    WbfMissionError
+        If a farm is unknown, or a run gives nothing to be shown.
+    BenchmarkInterrupted, KeyboardInterrupt
+        At Ctrl-C; what was done is kept.
+    """
+    for what, given, known in (("figure", figures, FIGURES), ("format", formats, FORMATS)):
+        wrong = next((one for one in given if one not in known), None)
+        if wrong is not None or not given:
+            name = f"unknown {what} {wrong!r}" if wrong is not None else f"no {what} is given"
+            msg = f"{name}: known are {', '.join(known)}"
+            raise ResultError(msg)
+    if len(spec.scenarios) != 1:
+        msg = f"{len(spec.scenarios)} scenarios: the paper's comparison is of one; give one"
+        raise ResultError(msg)
+    for farm in cost_farms:
+        get_farm(farm)
+    folder = Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    unique = tuple(dict.fromkeys(formats))
+    work = _Work(spec, folder, unique, jobs, tuple(cost_farms), progress)
+    rows: list[BenchRow] = []
+    sections = []
+    for name in (one for one in FIGURES if one in figures):
+        if name == "geometry":
+            sections.append(_geometry(work))
+        elif name == "dynamics":
+            sections.append(_dynamics(work))
+        elif name == "comparison":
+            section, rows = _comparison(work)
+            sections.append(section)
+        else:
+            sections.append(_cost(work))
+    page = folder / _PAGE
+    with atomic_write(page) as file:
+        file.write(markdown("The figures of the Waterberry Farms paper", _ABOUT, sections))
+    stems = [Path(name).stem for section in sections for name in section.pictures]
+    return Paper((page, *(path for stem in stems for path in work.paths(stem))), tuple(rows))
+
+
+_ABOUT = (
+    "Made by `wbf-mission bench paper`. After S. Matloob, P. P. Datta, O. P. Kreidl, A. Dutta, S. Roy and"
+    " L. Bölöni, *Waterberry Farms: A Novel Benchmark For Informative Path Planning*, arXiv:2305.06243."
+)
+
+
+def _geometry(work: _Work) -> Section:
+    paths = work.paths("geometry")
+    plot_geometry(paths)
+    caption = (
+        "The farms of the benchmark; one cell is one square foot. What lies outside the dashed line is the"
+        " neighbours': diseases spread there, too, but it is not scored."
+    )
+    return Section("The farms", caption, (paths[0].name,))
+
+
+def _dynamics(work: _Work) -> Section:
+    name, scenario = work.spec.scenarios[0]
+    dynamics = Dynamics.of(scenario, work.spec.seeds, work.progress)
+    paths = work.paths("dynamics")
+    plot_dynamics(dynamics, paths)
+    caption = (
+        f"{len(DAYS)} days of {dynamics.farm.name} ({name}): the environment of seed {work.spec.seeds[0]},"
+        f" and on the right the mean of {len(work.spec.seeds)} environments with the range from the lowest"
+        " to the highest. Grey: nothing that the field concerns."
+    )
+    return Section(f"{len(DAYS)} days of the environment", caption, (paths[0].name,))
+
+
+def _comparison(work: _Work) -> tuple[Section, list[BenchRow]]:
+    spec = work.spec
+    name, scenario = spec.scenarios[0]
+    rows = benchmark(spec, out=work.folder / "runs", jobs=work.jobs, progress=work.progress)
+    first = spec.seeds[0]
+    failed = {row.key for row in rows if row.error is not None}
+    runs = [
+        run for run in itertools.islice(spec.runs(), len(spec) // len(spec.seeds)) if run.key not in failed
+    ]
+    shown = shown_runs(runs, work.folder / "shown", jobs=work.jobs, progress=work.progress)
+    colours = {str(one): LINE_COLOURS[k % len(LINE_COLOURS)] for k, one in enumerate(spec.planners)}
+    estimators = [str(one) for one in spec.estimators]
+    of_first = [row for row in rows if row.seed == first and row.error is None]
+    pictures = []
+    for number, estimator in enumerate(estimators):
+        paths = work.paths(f"comparison-{number + 1}")
+        plot_pairs(scenario, estimator, shown, of_first, colours, paths)
+        pictures.append(paths[0].name)
+    paths = work.paths("comparison-scores")
+    plot_scores(rows, estimators, colours, paths)
+    each = "; ".join(f"{picture}: {one}" for picture, one in zip(pictures, estimators, strict=True))
+    caption = (
+        f"Planners with estimators in {name}. A picture for each estimator ({each}) shows the environment"
+        f" of seed {first}: the path flown, the truth and the last estimate of the diseases, each on the"
+        " plants that it can befall, and the score over time (thin: the other planners). The last picture is"
+        f" the mean score over {len(spec.seeds)} environments with its interval of 95 %. 0 is perfect."
+    )
+    tables = (standings_table(rows), early_table(rows), authors_table(of_first, shown))
+    return Section("Planners and estimators", caption, (*pictures, paths[0].name), tables), rows
+
+
+def _cost(work: _Work) -> Section:
+    costs = measured_costs(work.folder / "cost.json", farms=work.cost_farms, progress=work.progress)
+    paths = work.paths("cost")
+    plot_costs(costs, paths)
+    caption = (
+        "Processor seconds, on one thread, of one estimate of the three fields over the whole farm from"
+        " nothing, against the number of observations in random cells; on the right of one score of the whole"
+        f" farm. A cross: more than {LIMIT_S:g} s, or refused as too much. Measured on {costs[0].machine}."
+    )
+    return Section("What it costs", caption, (paths[0].name,))

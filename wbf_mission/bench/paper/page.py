@@ -1,0 +1,103 @@
+"""The page beside the figures: captions, and the numbers of the comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wbf_mission.bench.paper.shown import ShownRun
+from wbf_mission.bench.report import ReportTable, standing_table
+from wbf_mission.bench.row import BenchRow
+from wbf_mission.bench.standings import Interval, mean_interval, standings
+
+__all__ = ["Section", "authors_table", "early_table", "markdown", "standings_table"]
+
+_PARTS = (0.1, 0.2, 0.5, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part of the page.
+
+    Parameters
+    ----------
+    title, caption : str
+    pictures : tuple of str
+        Names of files beside the page.
+    tables : tuple of ReportTable
+    """
+
+    title: str
+    caption: str
+    pictures: tuple[str, ...]
+    tables: tuple[ReportTable, ...] = ()
+
+
+def standings_table(rows: Sequence[BenchRow]) -> ReportTable:
+    """Return the standings of one scenario's runs."""
+    return standing_table("Scores over the run and at its end", standings(rows))
+
+
+def early_table(rows: Sequence[BenchRow]) -> ReportTable:
+    """Return the mean score as it stands at parts of the time, with intervals of 95 %.
+
+    Parameters
+    ----------
+    rows : sequence of BenchRow
+        Of one scenario.
+    """
+    good = [row for row in rows if row.scores]
+    last_s = max((row.times_s[-1] for row in good), default=0.0)
+    header = ("planner, estimator", *(f"at {part * last_s:.0f} s" for part in _PARTS))
+    lines = []
+    for planner, estimator in sorted({(row.planner, row.estimator) for row in good}):
+        own = [row for row in good if (row.planner, row.estimator) == (planner, estimator)]
+        at = [[_score_at(row, part * last_s) for row in own] for part in _PARTS]
+        cells = (_interval(mean_interval(np.array(one, np.float64))) for one in at)
+        lines.append((f"{planner}, {estimator}", *cells))
+    return ReportTable("How the score stands on the way", header, tuple(lines))
+
+
+def authors_table(rows: Iterable[BenchRow], shown: Mapping[tuple[str, str], ShownRun]) -> ReportTable:
+    """Return the score at the end of the runs that are shown, and what the published code makes of them."""
+    lines = tuple(
+        (
+            f"{row.planner}, {row.estimator}",
+            "-" if row.final_score is None else f"{row.final_score:.4f}",
+            f"{shown[row.planner, row.estimator].axis_max:.2f}",
+        )
+        for row in rows
+        if (row.planner, row.estimator) in shown
+    )
+    header = ("planner, estimator", "score at the end", "by the published code")
+    return ReportTable("The runs that are shown", header, lines)
+
+
+def markdown(title: str, about: str, sections: Sequence[Section]) -> str:
+    """Return the page as Markdown."""
+    lines = [f"# {title}", "", about]
+    for section in sections:
+        lines += ["", f"## {section.title}", ""]
+        lines += [f"![{section.title}]({name})" for name in section.pictures]
+        lines += ["", section.caption]
+        for table in section.tables:
+            lines += ["", f"### {table.title}", "", _line(table.header)]
+            lines += ["|---" + "|--:" * (len(table.header) - 1) + "|", *map(_line, table.rows)]
+    return "\n".join(lines) + "\n"
+
+
+def _score_at(row: BenchRow, time_s: float) -> float:
+    """Return the score as it stands at a time, before the first scored time that of it."""
+    return row.scores[max(0, int(np.searchsorted(row.times_s, time_s, side="right")) - 1)]
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _interval(one: Interval) -> str:
+    if np.isnan(one.low):
+        return f"{one.mean:.3f}"
+    return f"{one.mean:.3f} ({one.low:.3f} to {one.high:.3f})"

@@ -1,0 +1,145 @@
+"""The runs of the comparison figure: path, truth and estimate, which the rows of a benchmark do not hold."""
+
+from __future__ import annotations
+
+import zipfile
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geo.atomic import atomic_write
+from geo.workers import Processes
+from wbf_mission.bench.spec import BenchRun
+from wbf_mission.flight import FlightError, fly
+from wbf_mission.outcome import Track
+from wbf_mission.plots import MAX_PIXELS
+from wbf_mission.progress import Progress
+from wbf_mission.tables import ResultError
+
+__all__ = ["ShownRun", "shown_runs"]
+
+_ARRAYS = {"path_m": 2, "truth": 3, "estimate": 3}
+
+
+@dataclass(frozen=True, slots=True)
+class ShownRun:
+    """What is drawn of a run.
+
+    Parameters
+    ----------
+    path_m : float32[n, 2]
+        Flown; several flights are parted by a row of nan.
+    truth, estimate : float32[fields, w, h]
+        At the end; of a large farm every so-manieth cell.
+    axis_max : float
+        What the published code makes of the last estimate (`sensors.scoring.score.Score.authors_axis_max`).
+    """
+
+    path_m: NDArray[np.float32]
+    truth: NDArray[np.float32]
+    estimate: NDArray[np.float32]
+    axis_max: float
+
+    @classmethod
+    def flown(cls, run: BenchRun) -> Self:
+        """Fly a run.
+
+        Raises
+        ------
+        WbfMissionError
+            If it cannot be flown, or gave no estimate.
+        KeyboardInterrupt
+            At Ctrl-C.
+        """
+        result = fly(run.scenario)
+        if result.outcome.name == "INTERRUPTED":
+            raise KeyboardInterrupt
+        if result.truth is None or result.model is None or not result.history.entries:
+            msg = f"{run.planner}, {run.estimator}, seed {run.seed}: {result.reason or 'it saw nothing'}"
+            raise FlightError(msg)
+        track: Track = result.track
+        stride = max(1, -(-max(result.truth.shape) // MAX_PIXELS))
+        return cls(
+            np.stack([track.x_m, track.y_m], axis=1).astype(np.float32),
+            result.truth[:, ::stride, ::stride].astype(np.float32),
+            result.model.value[:, ::stride, ::stride].astype(np.float32),
+            float(result.history.entries[-1].authors_axis_max),
+        )
+
+    def save(self, path: Path) -> None:
+        """Write it, complete or not at all."""
+        with atomic_write(path, "wb") as file:
+            np.savez_compressed(
+                file,
+                path_m=self.path_m,
+                truth=self.truth,
+                estimate=self.estimate,
+                axis_max=np.float64(self.axis_max),
+            )
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        ResultError
+            If the file holds something else.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                arrays = {name: np.asarray(file[name], np.float32) for name in _ARRAYS}
+                axis_max = float(file["axis_max"])
+        except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile) as error:
+            msg = f"{path}: holds no run to be shown ({str(error).splitlines()[0]}); remove it"
+            raise ResultError(msg) from None
+        found = cls(**arrays, axis_max=axis_max)
+        fit = all(arrays[name].ndim == axes for name, axes in _ARRAYS.items())
+        if not fit or found.path_m.shape[1] != 2 or found.truth.shape != found.estimate.shape:
+            msg = f"{path}: holds no run to be shown (its arrays do not fit); remove it"
+            raise ResultError(msg)
+        return found
+
+
+def _keep(run: BenchRun, path: Path) -> None:
+    ShownRun.flown(run).save(path)
+
+
+def shown_runs(
+    runs: list[BenchRun], folder: Path, *, jobs: int, progress: Progress
+) -> dict[tuple[str, str], ShownRun]:
+    """Return what is drawn of runs, by planner and estimator; those that the folder does not hold are flown.
+
+    Raises
+    ------
+    ResultError
+        If a file in the folder is damaged.
+    WbfMissionError
+        If a run gives nothing to be shown.
+    KeyboardInterrupt
+        At Ctrl-C; what was flown stays in the folder.
+    """
+    from joblib import effective_n_jobs
+
+    folder.mkdir(parents=True, exist_ok=True)
+    files = {run.key: folder / f"{run.key}.npz" for run in runs}
+    missing = [run for run in runs if not files[run.key].exists()]
+    jobs = min(effective_n_jobs(jobs), len(missing))
+    progress("maps", len(runs) - len(missing), len(runs))
+    if jobs > 1:
+        with closing(Processes(jobs)) as processes:
+            for begin in range(0, len(missing), processes.most):
+                part = missing[begin : begin + processes.most]
+                futures = [processes.submit(_keep, run, files[run.key]) for run in part]
+                for number, future in enumerate(futures, begin + 1):
+                    future.result()
+                    progress("maps", len(runs) - len(missing) + number, len(runs))
+    else:
+        for number, run in enumerate(missing, 1):
+            _keep(run, files[run.key])
+            progress("maps", len(runs) - len(missing) + number, len(runs))
+    return {(run.planner, run.estimator): ShownRun.load(files[run.key]) for run in runs}

@@ -9,7 +9,7 @@ import shapely
 from rich.console import Console
 
 from geo import get_farm
-from wbf_mission.cli.output import Output
+from wbf_mission.cli.output import FILE_WIDTH, Output
 from wbf_mission.plots import plot_farm
 
 
@@ -18,6 +18,14 @@ def test_json_spells_out_what_no_reader_could_decode(capsys):
     Output(as_json=True).raw_json(values)
     told = json.loads(capsys.readouterr().out)
     assert told == {"file": "a\\udcff.plan", "rows": [{"name": "b\\udc80"}, 3], "pair": ["c", 1.5]}
+
+
+def test_a_long_name_leaves_room_for_the_numbers(capsys):
+    rows = [["gp:" + "learn_from=observations," * 5, *["-0.1234"] * 8], ["spiral", *["-0.5678"] * 8]]
+    Output().table(None, ["planner, estimator", *["score"] * 8], rows)
+    told = capsys.readouterr().out
+    assert (told.count("-0.1234"), told.count("-0.5678")) == (8, 8)
+    assert max(map(len, told.splitlines())) <= FILE_WIDTH
 
 
 def test_a_terminal_has_one_bar_for_each_thing():

@@ -57,6 +57,8 @@ Examples
 wbf-mission bench paper --out figures --jobs 2
 
 wbf-mission bench paper --only comparison --seeds 20 --format png,pdf --out figures
+
+wbf-mission bench paper missions/bench/paper.toml --only comparison --out beside-the-paper
 """
 
 app = typer.Typer(cls=HelpGroup, help="Fly many runs that can be compared.")
@@ -295,19 +297,22 @@ def report_command(
 @app.command("paper", cls=HelpCommand, epilog=PAPER_EXAMPLES)
 def paper_command(
     out: Annotated[Path, typer.Option(help="Folder of the figures.", show_default=False)],
+    spec: Annotated[
+        Path | None,
+        typer.Argument(
+            help="What is compared, in one scenario (TOML); the options below change it."
+            "  [default: the paper's experiment in five environments]",
+            show_default=False,
+        ),
+    ] = None,
     only: Annotated[
         str, typer.Option(help="Which figures, separated by commas.")
     ] = "geometry,dynamics,comparison,cost",
     formats: Annotated[str, typer.Option("--format", help="Kinds of files: png, pdf or both.")] = "png",
-    scenario: Annotated[
-        str,
-        typer.Option(
-            help="Where planners and estimators are compared: an id or a file.", rich_help_panel=_RUN
-        ),
-    ] = "WBF/Miniberry-30-v1",
+    scenarios: Scenarios = None,
     planners: Planners = None,
     estimators: Estimators = None,
-    seeds: Seeds = 5,
+    seeds: Seeds = None,
     cost_farms: Annotated[
         str, typer.Option(help="Where costs are measured, separated by commas.", rich_help_panel=_RUN)
     ] = "miniberry-10,miniberry-30,miniberry-100,waterberry",
@@ -325,7 +330,8 @@ def paper_command(
 
     options.require_processes(jobs)
     output = Output(as_json=json, quiet=quiet)
-    wanted = BenchSpec.of(**_spec(scenario, planners, estimators, seeds))
+    given = _spec(scenarios, planners, estimators, seeds)
+    wanted = BenchSpec.of(**given | {"seeds": seeds or 5}) if spec is None else BenchSpec.read(spec, given)
     try:
         with output.progress() as progress:
             paper = make_paper(

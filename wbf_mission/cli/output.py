@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _TELL_AFTER_S = {"training the estimator": 0.0, "planning": 5.0}
 FILE_WIDTH = 140  # columns of a table that goes to a file or a pipe
+_LONGEST_NAME = 60
 ProgressCallback = Callable[[str, float, float], None]
 
 
@@ -111,8 +112,16 @@ class Output:
         table = Table(
             title=printable(title) or None, title_justify="left", title_style="bold", show_lines=lines
         )
+        # Names stay in a line, unless that would leave no room for the numbers.
+        short = all(len(row[0]) <= _LONGEST_NAME for row in rows)
         for column, name in enumerate(header):
-            table.add_column(name, justify="left" if left or column == 0 else "right", no_wrap=column == 0)
+            table.add_column(
+                name,
+                justify="left" if left or column == 0 else "right",
+                no_wrap=column == 0 and short,
+                max_width=None if column or short else _LONGEST_NAME,
+                overflow="fold",
+            )
         for row in rows:
             table.add_row(*map(printable, row))
         _print_table(table)

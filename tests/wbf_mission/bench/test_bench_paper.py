@@ -12,7 +12,7 @@ from wbf_mission.bench.benchmark import BenchmarkInterrupted
 from wbf_mission.bench.paper import cost, make, shown
 from wbf_mission.bench.paper.cost import kept_costs, measured_costs, plot_costs
 from wbf_mission.bench.paper.dynamics import DAYS, Dynamics
-from wbf_mission.bench.paper.page import early_table
+from wbf_mission.bench.paper.page import early_table, lead_table
 from wbf_mission.bench.paper.shown import ShownRun
 from wbf_mission.bench.row import BenchRow
 from wbf_mission.bench.spec import BenchSpec
@@ -22,7 +22,7 @@ from wbf_mission.progress import silent
 from wbf_mission.scenario import load_scenario
 from wbf_mission.tables import ResultError
 
-SMALL = ("--scenario", "WBF/Miniberry-10-v1", "--planners", "spiral,lawnmower")
+SMALL = ("--scenarios", "WBF/Miniberry-10-v1", "--planners", "spiral,lawnmower")
 SMALL += ("--estimators", "adaptive-disk,point", "--seeds", "2")
 COMMAND = ("bench", "paper", *SMALL, "--only", "geometry,dynamics,comparison")
 PICTURES = ["geometry", "dynamics", "comparison-1", "comparison-2", "comparison-scores"]
@@ -152,6 +152,28 @@ def test_how_the_score_stands_on_the_way():
     assert (second, third, last) == ("-0.500 (-0.500 to -0.500)",) * 2 + ("-0.100 (-0.100 to -0.100)",)
 
 
+def test_who_leads_is_told_in_pairs():
+    rows = [row("a", seed, [-1.0 - seed, -0.4 - seed]) for seed in range(6)]
+    rows += [row("b", seed, [-0.5 - seed, -0.6 - seed]) for seed in range(6)]
+    table = lead_table([*rows, row("a", 9, [-0.1, -0.1])])
+    assert table.header == ("estimator, time", "a", "b")
+    # The environments differ by far more than the planners do, which drops out in pairs.
+    assert table.rows[0] == ("gp, at 2 s", "0.500 (0.500 to 0.500)", "leads")
+    assert table.rows[-1] == ("gp, at 20 s", "leads", "0.200 (0.200 to 0.200)")
+
+
+def test_a_specification_says_what_is_compared(tmp_path, capsys):
+    (tmp_path / "spec.toml").write_text(
+        'scenarios = ["WBF/Miniberry-10-v1"]\nplanners = ["spiral"]\nestimators = ["point"]\nseeds = [3]\n'
+    )
+    command = ("bench", "paper", str(tmp_path / "spec.toml"), "--only", "comparison", "--quiet")
+    assert main([*command, "--out", str(tmp_path / "out")]) == 0
+    assert [(one.planner, one.estimator, one.seed) for one in read_rows(tmp_path / "out" / "runs")] == [
+        ("spiral", "point", 3)
+    ]
+    assert "seed 3" in (tmp_path / "out" / "paper.md").read_text()
+
+
 def test_costs_are_measured_once(tmp_path, monkeypatch):
     file = tmp_path / "cost.json"
     costs = measured_costs(file, farms=["miniberry-10"], numbers=(1, 30, 1000))
@@ -212,8 +234,8 @@ def test_ctrl_c_says_how_to_go_on(tmp_path, capsys, monkeypatch):
         (["--only", "geometrie"], "unknown figure 'geometrie': known are geometry, dynamics"),
         (["--only", ","], "no figure is given"),
         (["--format", "gif"], "unknown format 'gif': known are png, pdf"),
-        (["--scenario", "WBF/Miniberry-10-v1,WBF/Miniberry-30-v1"], "2 scenarios"),
-        (["--scenario", "WBF/Miniberry-11-v1"], "unknown scenario"),
+        (["--scenarios", "WBF/Miniberry-10-v1,WBF/Miniberry-30-v1"], "2 scenarios"),
+        (["--scenarios", "WBF/Miniberry-11-v1"], "unknown scenario"),
         (["--cost-farms", "nowhere"], "nowhere"),
         (["--jobs", "0"], "--jobs 0"),
         (["--planners", "spirall"], "is 'spiral' meant"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,6 +30,8 @@ __all__ = ["plot_pairs", "plot_scores"]
 
 _OTHERS = "#b9b6ae"
 _FEWEST_FOR_A_BAND = 5
+_ACROSS = 2
+_WIDTH = 55  # letters of a title over a panel
 _COLUMNS = ("path", "truth", "estimate", "score, 0 is perfect")
 
 
@@ -84,7 +87,9 @@ def plot_pairs(
         for axes in line[1:3]:
             axes.tick_params(labelleft=False)
     if image is not None:
-        bar = figure.colorbar(image, ax=panels, location="bottom", fraction=0.015, shrink=0.4, aspect=50)
+        bar = figure.colorbar(
+            image, ax=panels, location="bottom", fraction=0.015, shrink=0.4, aspect=50, pad=0.01
+        )
         bar.set_ticks([0.0, 0.5, 1.0], labels=["lost", "infected", "healthy"])
         bar.ax.tick_params(labelsize=7)
     save_sheet(figure, paths)
@@ -104,8 +109,13 @@ def plot_scores(
     paths : sequence of Path
         The same picture as PNG, PDF, ... by suffix.
     """
-    figure = new_sheet(4.4 * len(estimators), 3.6)
-    panels = figure.subplots(1, len(estimators), squeeze=False, sharey=True)[0]
+    across = min(len(estimators), _ACROSS)
+    down = -(-len(estimators) // across)
+    figure = new_sheet(4.4 * across, 0.5 + 3.1 * down)
+    grid = figure.subplots(down, across, squeeze=False, sharey=True)
+    panels = grid.flat[: len(estimators)]
+    for unused in grid.flat[len(estimators) :]:
+        unused.set_visible(False)
     for axes, estimator in zip(panels, estimators, strict=True):
         for planner, colour in colours.items():
             own = [row for row in rows if (row.planner, row.estimator) == (planner, estimator) and row.scores]
@@ -119,11 +129,12 @@ def plot_scores(
                 axes.fill_between(
                     times_s, means - reach, means + reach, color=colour, alpha=0.13, linewidth=0.0
                 )
-        axes.set_title(estimator, fontsize=9)
+        axes.set_title("\n".join(textwrap.wrap(estimator.replace(",", ", "), _WIDTH)), fontsize=9)
         axes.set_xlabel("time, s")
-        axes.set_ylim(top=0.0)
         axes.grid(alpha=0.3)
-    panels[0].set_ylabel("mean score, 0 is perfect")
+    grid[0, 0].set_ylim(top=0.0)  # of all, after all is drawn
+    for axes in grid[:, 0]:
+        axes.set_ylabel("mean score, 0 is perfect")
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=8, frameon=False)
     save_sheet(figure, paths)

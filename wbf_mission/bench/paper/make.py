@@ -14,7 +14,14 @@ from wbf_mission.bench.paper.comparison import plot_pairs, plot_scores
 from wbf_mission.bench.paper.cost import FARMS, LIMIT_S, measured_costs, plot_costs
 from wbf_mission.bench.paper.dynamics import DAYS, Dynamics, plot_dynamics
 from wbf_mission.bench.paper.geometry import plot_geometry
-from wbf_mission.bench.paper.page import Section, authors_table, early_table, markdown, standings_table
+from wbf_mission.bench.paper.page import (
+    Section,
+    authors_table,
+    early_table,
+    lead_table,
+    markdown,
+    standings_table,
+)
 from wbf_mission.bench.paper.shown import shown_runs
 from wbf_mission.bench.row import BenchRow
 from wbf_mission.bench.spec import BenchSpec
@@ -195,7 +202,7 @@ def _comparison(work: _Work) -> tuple[Section, list[BenchRow]]:
         " plants that it can befall, and the score over time (thin: the other planners). The last picture is"
         f" the mean score over {len(spec.seeds)} environments with its interval of 95 %. 0 is perfect."
     )
-    tables = (standings_table(rows), early_table(rows), authors_table(of_first, shown))
+    tables = (standings_table(rows), early_table(rows), lead_table(rows), authors_table(of_first, shown))
     return Section("Planners and estimators", caption, (*pictures, paths[0].name), tables), rows
 
 

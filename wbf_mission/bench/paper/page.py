@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -12,7 +13,7 @@ from wbf_mission.bench.report import ReportTable, standing_table
 from wbf_mission.bench.row import BenchRow
 from wbf_mission.bench.standings import Interval, mean_interval, standings
 
-__all__ = ["Section", "authors_table", "early_table", "markdown", "standings_table"]
+__all__ = ["Section", "authors_table", "early_table", "lead_table", "markdown", "standings_table"]
 
 _PARTS = (0.1, 0.2, 0.5, 1.0)
 
@@ -58,6 +59,43 @@ def early_table(rows: Sequence[BenchRow]) -> ReportTable:
         cells = (_interval(mean_interval(np.array(one, np.float64))) for one in at)
         lines.append((f"{planner}, {estimator}", *cells))
     return ReportTable("How the score stands on the way", header, tuple(lines))
+
+
+def lead_table(rows: Sequence[BenchRow]) -> ReportTable:
+    """Return who has the best mean score at parts of the time, and by how much the others are behind it.
+
+    Differences are taken in pairs of runs in the same environment, with intervals of 95 %.
+
+    Parameters
+    ----------
+    rows : sequence of BenchRow
+        Of one scenario.
+    """
+    good = [row for row in rows if row.scores]
+    last_s = max((row.times_s[-1] for row in good), default=0.0)
+    at = {(row.planner, row.estimator, row.seed): row for row in good}
+    planners = list(dict.fromkeys(row.planner for row in good))
+    lines = []
+    for estimator, part in itertools.product(dict.fromkeys(row.estimator for row in good), _PARTS):
+        # Environments in which all planners have a score.
+        seeds = [
+            seed
+            for seed in sorted({row.seed for row in good})
+            if all((planner, estimator, seed) in at for planner in planners)
+        ]
+        if not seeds:
+            continue
+        scores = {
+            planner: np.array([_score_at(at[planner, estimator, seed], part * last_s) for seed in seeds])
+            for planner in planners
+        }
+        first = max(planners, key=lambda planner: float(scores[planner].mean()))
+        behind = [
+            "leads" if one == first else _interval(mean_interval(scores[first] - scores[one]))
+            for one in planners
+        ]
+        lines.append((f"{estimator}, at {part * last_s:.0f} s", *behind))
+    return ReportTable("Who leads, and by how much", ("estimator, time", *planners), tuple(lines))
 
 
 def authors_table(rows: Iterable[BenchRow], shown: Mapping[tuple[str, str], ShownRun]) -> ReportTable:

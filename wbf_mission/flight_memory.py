@@ -33,7 +33,7 @@ from wbf_mission.stopwatch import Stopwatch
 
 __all__ = ["FlightMemory"]
 
-MOST_FLIGHTS = 64
+MOST_FLIGHTS = 32
 MOST_READINGS = 1_000_000
 """Of all flights that are kept."""
 

@@ -1,6 +1,8 @@
 """How commands speak: text that cannot be encoded, bars on a terminal; obstacles in the picture of a farm."""
 
+import io
 import json
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -35,6 +37,34 @@ def test_a_terminal_has_one_bar_for_each_thing():
         for done in (0.0, 1.0, 2.0):
             progress("flying", done, 2.0)
         progress("saving [bold]x[/nope]", 1.0, 1.0)
+
+
+def test_a_bar_has_the_time_left():
+    output, written = Output(), io.StringIO()
+    output._stderr = Console(file=written, force_terminal=True, width=90)
+    with output.progress() as progress:
+        progress("flying", 1.0, 2.0)
+    assert re.search(
+        r"flying .* 50% 0:00:0\d .* left", re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", written.getvalue())
+    )
+
+
+def test_without_a_terminal_lines_tell_how_long_it_will_take(capsys):
+    with Output().progress(every_s=0.0) as progress:
+        for done in range(8, 12):
+            progress("flying", done, 11)
+    lines = capsys.readouterr().err.splitlines()
+    assert [re.sub(r"\d+:\d\d:\d\d", "T", line) for line in lines] == [
+        "flying: 9 of 11, about T left",
+        "flying: 10 of 11, about T left",
+    ]
+
+
+def test_lines_are_told_only_so_often(capsys):
+    with Output().progress(every_s=3600.0) as progress:
+        for done in range(8, 12):
+            progress("flying", done, 11)
+    assert capsys.readouterr().err == ""
 
 
 def test_obstacles_are_in_the_picture_of_a_farm(tmp_path):

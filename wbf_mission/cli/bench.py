@@ -64,6 +64,7 @@ wbf-mission bench paper missions/bench/paper.toml --only comparison --out beside
 app = typer.Typer(cls=HelpGroup, help="Fly many runs that can be compared.")
 _RUN = "What to run"
 _FAILURES_SHOWN = 5
+_TOLD_EVERY_S = 60.0
 _ROW = ("key", "scenario", "planner", "estimator", "seed", "error")
 
 
@@ -251,7 +252,7 @@ def _fly(
 
     options.require_processes(jobs)
     try:
-        with output.progress() as progress:
+        with output.progress(_TOLD_EVERY_S) as progress:
             rows = benchmark(wanted, out=out, jobs=jobs, dask=dask, retry=retry, progress=progress)
     except BenchmarkInterrupted as stop:
         output.warn(f"{stop}" + ("; the same command goes on with them" if out else ""))

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from datetime import timedelta
 from typing import TYPE_CHECKING, Any
 
 from geo.texts import printable
@@ -138,14 +139,22 @@ class Output:
             sys.stdout.write(msgspec.json.format(encoded).decode() + "\n")
 
     @contextmanager
-    def progress(self) -> Iterator[ProgressCallback]:
-        """Show bars; the callback takes (what is being done, done, total).
+    def progress(self, every_s: float | None = None) -> Iterator[ProgressCallback]:
+        """Show bars with the time left; the callback takes (what is being done, done, total).
 
         Without a terminal, only what may take a minute is told, in a line: training when it begins, planning
         when it is not over after some seconds.
+
+        Parameters
+        ----------
+        every_s : float, optional
+            Without a terminal, tell a line after each so many seconds instead.
         """
         if self.quiet:
             yield _ignore
+            return
+        if not self._stderr.is_terminal and every_s is not None:
+            yield _Lines(self.note, every_s)
             return
         if not self._stderr.is_terminal:
             due_s: dict[str, float] = {}
@@ -160,13 +169,22 @@ class Output:
 
             yield announce
             return
-        from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+        from rich.progress import (
+            BarColumn,
+            Progress,
+            TaskProgressColumn,
+            TextColumn,
+            TimeElapsedColumn,
+            TimeRemainingColumn,
+        )
 
         columns = (
             TextColumn("{task.description:24}", markup=False),
             BarColumn(),
             TaskProgressColumn(),
             TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            TextColumn("left"),
         )
         with Progress(*columns, console=self._stderr, transient=True) as bars:
             self._bars = bars
@@ -187,6 +205,29 @@ class Output:
         bars = self._bars
         if bars is not None and bars.live.is_started != wanted:
             bars.start() if wanted else bars.stop()
+
+
+class _Lines:
+    """Tells from time to time how far something is, and how long it will take if it goes on so."""
+
+    def __init__(self, note: Callable[[str], None], every_s: float) -> None:
+        self._note = note
+        self._every_s = every_s
+        self._begun: tuple[float, float] | None = None
+        self._told_s = 0.0
+
+    def __call__(self, what: str, done: float, total: float) -> None:
+        now_s = time.monotonic()
+        if self._begun is None:
+            # What was done before the first call tells nothing of how fast it goes.
+            self._begun, self._told_s = (now_s, done), now_s
+            return
+        begun_s, before = self._begun
+        if now_s - self._told_s < self._every_s or done <= before or done >= total:
+            return
+        self._told_s = now_s
+        left_s = (now_s - begun_s) / (done - before) * (total - done)
+        self._note(f"{what}: {done:.0f} of {total:.0f}, about {timedelta(seconds=round(left_s))} left")
 
 
 def _encodable(value: Any) -> Any:

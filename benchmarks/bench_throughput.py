@@ -1,0 +1,100 @@
+"""What a run of a benchmark takes, what of that is not the run itself, and whether memory stays flat.
+
+Miniberry-30, 360 steps, scored at 36 times: the paper's four planners with two estimators over many seeds,
+flown by `wbf_mission.benchmark` into a folder, as ``wbf-mission bench run`` does. Beside it, the plain loop:
+`wbf_mission.fly` for each run of some seeds, in this process. Scores of both must be equal.
+
+    python benchmarks/bench_throughput.py [--seeds 125] [--plain 5] [--jobs 1]
+
+Printed are processor seconds a run (processes that are started count, with their start), the share that is
+not the runs' own work (bar: 5 %), the ratio to the plain loop, the most memory of this process after a
+quarter of the runs and at their end, and how long 10,000 runs would take on two cores that are free (bar: 15
+minutes). The exit code tells whether the bars are held.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from wbf_mission.bench.benchmark import benchmark
+from wbf_mission.bench.row import BenchRow
+from wbf_mission.bench.spec import BenchSpec
+from wbf_mission.flight import fly
+
+SCENARIO = "WBF/Miniberry-30-Sweep-v1"
+OVERHEAD_BAR, SWEEP_BAR_S, SWEEP_RUNS, CORES = 0.05, 900.0, 10_000, 2
+
+
+def spent_s() -> float:
+    """Return the processor seconds of this process and of those that it started and that ended."""
+    usages = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(one.ru_utime + one.ru_stime for one in usages)
+
+
+def most_mb() -> float:
+    """Return the most memory that this process has had."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def swept(spec: BenchSpec, jobs: int) -> tuple[Sequence[BenchRow], float, dict[float, float]]:
+    """Fly the runs; return their rows, processor seconds, and the most memory by the part that was done."""
+    memory: dict[float, float] = {}
+
+    def note(_what: str, done: float, total: float) -> None:
+        if done in (total // 4, total):
+            memory[done / total] = most_mb()
+
+    with tempfile.TemporaryDirectory() as folder:
+        begin = spent_s()
+        rows = benchmark(spec, out=folder, jobs=jobs, progress=note)
+        return rows, spent_s() - begin, memory
+
+
+def plain_s(spec: BenchSpec, rows: Sequence[BenchRow]) -> float:
+    """Fly the runs one by one; return processor seconds a run."""
+    scores = {row.key: row.score for row in rows}
+    begin = time.process_time()
+    for run in spec.runs():
+        if fly(run.scenario).score != scores[run.key]:
+            sys.exit(f"{run.planner}, {run.estimator}, seed {run.seed}: the score differs from that of `fly`")
+    return (time.process_time() - begin) / len(spec)
+
+
+def main() -> int:
+    """Run the benchmark."""
+    parser: Any = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seeds", type=int, default=125)
+    parser.add_argument("--plain", type=int, default=5, help="seeds of the plain loop")
+    parser.add_argument("--jobs", type=int, default=1)
+    options = parser.parse_args()
+    # What is compiled and imported once in a process is no cost of a run.
+    swept(BenchSpec.of([SCENARIO], seeds=[options.seeds]), 1)
+    rows, cpu_s, memory = swept(BenchSpec.of([SCENARIO], seeds=options.seeds), options.jobs)
+    failed = [row for row in rows if row.error is not None]
+    if failed:
+        sys.exit(f"{len(failed)} runs failed: {failed[0].error}")
+    own_s = sum(row.cpu_time_s for row in rows)
+    each_s, overhead = cpu_s / len(rows), 1.0 - own_s / cpu_s
+    sweep_s = SWEEP_RUNS * each_s / CORES
+    print(f"{len(rows)} runs, {options.jobs} at a time: {each_s:.3f} s CPU a run, overhead {overhead:.1%}")
+    for name in dict.fromkeys(row.estimator for row in rows):
+        of_name = [row.cpu_time_s for row in rows if row.estimator == name]
+        print(f"  {name}: {sum(of_name) / len(of_name):.3f} s a run")
+    print(f"most memory: {', '.join(f'{mb:.0f} MB at {part:.0%}' for part, mb in memory.items())}")
+    print(f"{SWEEP_RUNS} runs on {CORES} free cores: {sweep_s / 60:.1f} min (bar {SWEEP_BAR_S / 60:.0f})")
+    if options.plain:
+        alone_s = plain_s(BenchSpec.of([SCENARIO], seeds=min(options.plain, options.seeds)), rows)
+        print(f"plain loop of fly: {alone_s:.3f} s CPU a run, {alone_s / each_s:.1f} times as much")
+    return 0 if overhead <= OVERHEAD_BAR and sweep_s <= SWEEP_BAR_S else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -38,6 +38,7 @@
     +-- wbf_mission.animation.AnimationError              a moving picture of a run
     +-- wbf_mission.arrays.ArrayFileError                 arrays of a result
     +-- wbf_mission.bench.cluster.ClusterError            a Dask cluster
+    +-- wbf_mission.rl.errors.TrainingError               a training environment
     +-- wbf_mission.tables.ResultError                    the folder of a result
     +-- wbf_mission.cli.targets.TargetError               a file or folder to be written
     +-- wbf_mission.check.errors.CheckError               a check that does not exist

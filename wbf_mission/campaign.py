@@ -19,7 +19,7 @@ from sensors.scoring.score import RunningScore, ScoreWeights
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from wbf_mission.day_record import DayRecord, keeps_days
 from wbf_mission.deciding.record import DecisionRecord
-from wbf_mission.estimation import RunEstimate, attribute_errors_to, points_a_flight, score_points
+from wbf_mission.estimation import RunEstimate, attribute_errors_to, readings_a_score
 from wbf_mission.evidence import Evidence
 from wbf_mission.field_maps import FieldMap, field_maps
 from wbf_mission.fleet import Vehicle
@@ -35,8 +35,6 @@ from wbf_mission.progress import Progress
 from wbf_mission.report import report_of_maps
 from wbf_mission.scenario import Scenario
 from wbf_mission.stopwatch import Stopwatch
-
-SMALL_FARM_CELLS = 2500
 
 
 class Campaign:
@@ -138,14 +136,9 @@ class Campaign:
 
     def _score_every(self, estimate: RunEstimate) -> int:
         """Return after how many observations of a flight the estimate is scored."""
-        points = self.scenario.score.points
-        if points is None:
-            ideal = all(one.task.builder.vehicle.is_ideal for one in self._all.vehicles)
-            if ideal and self.farm.owner_cells <= SMALL_FARM_CELLS:
-                return 1
-            flights = self.scenario.farm.days * self.scenario.farm.flights_per_day
-            points = points_a_flight(score_points(self.farm, estimate.estimator), flights)
-        return max(1, round(self._expected_of_next / points))
+        ideal = all(one.task.builder.vehicle.is_ideal for one in self._all.vehicles)
+        expected = self._expected_of_next
+        return readings_a_score(self.scenario, self.farm, estimate.estimator, expected, ideal=ideal)
 
     def fly(
         self,

@@ -34,6 +34,7 @@ from wbf_mission.progress import Progress
 from wbf_mission.scenario import Choice, Scenario, scenario_with
 
 DEFAULT_SCORE_POINTS = 25
+SMALL_FARM_CELLS = 2500
 LARGE_FARM_CELLS = 3_000_000
 # How often a large farm is scored by an estimator that computes every cell anew, and by one that does not.
 LARGE_FARM_SCORE_POINTS = 10
@@ -104,6 +105,31 @@ def points_a_flight(points: int, flights: int) -> int:
     [25, 25, 15, 5, 5]
     """
     return min(points, max(_LEAST_POINTS, _FLIGHTS_SCORED_IN_FULL * points // flights))
+
+
+def readings_a_score(
+    scenario: Scenario, farm: Farm, estimator: Estimator, expected: float, *, ideal: bool
+) -> int:
+    """Return after how many observations of a flight the estimate is scored.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    farm : Farm
+    estimator : Estimator
+    expected : float
+        How many observations are expected of the flight.
+    ideal : bool
+        Whether the paper's robots fly.
+    """
+    points = scenario.score.points
+    if points is None:
+        if ideal and farm.owner_cells <= SMALL_FARM_CELLS:
+            return 1
+        points = points_a_flight(
+            score_points(farm, estimator), scenario.farm.days * scenario.farm.flights_per_day
+        )
+    return max(1, round(expected / points))
 
 
 def require_run_memory(farm: Farm, estimator: Estimator, n_observations: int) -> None:

@@ -55,7 +55,7 @@ def distributions():
 
 def test_every_import_of_the_product_is_declared():
     extras = PROJECT["optional-dependencies"]
-    declared = names(PROJECT["dependencies"]).union(*(names(extras[one]) for one in ("serial", "dask")))
+    declared = names(PROJECT["dependencies"]).union(*(names(extras[one]) for one in ("serial", "dask", "rl")))
     of = distributions()
     missing = {
         f"{module} ({path})"

@@ -1,0 +1,36 @@
+"""Training environments for Gymnasium and PettingZoo (docs/training.md); importing it registers their ids.
+
+>>> import gymnasium
+>>> import wbf_mission.rl
+>>> gymnasium.make("WBF/Miniberry-30-v1").action_space
+Discrete(5)
+"""
+
+from typing import TYPE_CHECKING
+
+from wbf_mission.rl.libraries import require_libraries
+
+require_libraries()
+
+if TYPE_CHECKING:
+    from wbf_mission.rl.env import SurveyEnv as SurveyEnv
+    from wbf_mission.rl.errors import TrainingError as TrainingError
+    from wbf_mission.rl.parallel import SurveyParallelEnv as SurveyParallelEnv
+    from wbf_mission.rl.parallel import parallel_env as parallel_env
+    from wbf_mission.rl.task import MOVE_NAMES as MOVE_NAMES
+    from wbf_mission.rl.vector_env import SurveyVectorEnv as SurveyVectorEnv
+else:
+    from geo.lazy import attach
+    from wbf_mission.rl.registration import register_all
+
+    register_all()
+    __getattr__, __dir__, __all__ = attach(
+        __name__,
+        {
+            "wbf_mission.rl.env": ("SurveyEnv",),
+            "wbf_mission.rl.errors": ("TrainingError",),
+            "wbf_mission.rl.parallel": ("SurveyParallelEnv", "parallel_env"),
+            "wbf_mission.rl.task": ("MOVE_NAMES",),
+            "wbf_mission.rl.vector_env": ("SurveyVectorEnv",),
+        },
+    )

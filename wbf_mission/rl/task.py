@@ -1,0 +1,193 @@
+"""What is to be done in a training environment: a scenario of the paper's robots, in cells and steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import shapely
+
+from geo import Farm, get_farm
+from mission.planners import parse_budget
+from sensors.camera.leaf_camera import LeafCameraOptions
+from sensors.environment import Environment
+from sensors.errors import EstimatorError
+from sensors.estimators import Estimator
+from sensors.field_files import load_field_set
+from sensors.fields import FieldSet
+from sim_vehicle.airframe.catalog import get_vehicle
+from wbf_mission.estimation import estimator_of, readings_a_score
+from wbf_mission.rl.errors import TrainingError
+from wbf_mission.scenario import Scenario, load_scenario, scenario_with
+from wbf_mission.surroundings import camera_options, make_environment
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from geo.grid import FarmGrid
+
+__all__ = ["MOVES", "MOVE_NAMES", "SurveyTask", "can_batch"]
+
+MOVE_NAMES = ("stay", "east", "north", "west", "south")
+"""The actions by their numbers: along x, along y, and back."""
+MOVES = np.array([(0, 0), (1, 0), (0, 1), (-1, 0), (0, -1)])
+MOVES.flags.writeable = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurveyTask:
+    """A scenario that the paper's robots fly: one cell a step, one image of each step's cell.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        That names its estimator; its seed is not used.
+    farm : Farm
+    grid : FarmGrid
+    fields : FieldSet
+    camera : LeafCameraOptions
+    home : tuple of int
+        The cell in which every flight begins.
+    allowed : bool[W, H]
+        The cells that may be flown to: the owner's, without obstacles.
+    robots : int
+    steps : int
+        Images that a robot takes in a flight, the one at home among them; as many moves less one.
+    flights : tuple of (int, int)
+        Day and number on that day of each flight of the run.
+    every : int
+        The estimate is scored after so many readings of a flight.
+    points : int
+        How often it is scored in the run.
+    """
+
+    scenario: Scenario
+    farm: Farm
+    grid: FarmGrid
+    fields: FieldSet
+    camera: LeafCameraOptions
+    home: tuple[int, int]
+    allowed: NDArray[np.bool_]
+    robots: int
+    steps: int
+    flights: tuple[tuple[int, int], ...]
+    every: int
+    points: int
+
+    @classmethod
+    def of(cls, scenario: Scenario | str | Path, estimator: Estimator | str = "adaptive-disk") -> SurveyTask:
+        """Return the task of a scenario, or of its id or file.
+
+        Parameters
+        ----------
+        scenario : Scenario, str or path-like
+        estimator : Estimator or str
+            Who makes the map, as ``name:key=value,...`` or an object.
+
+        Raises
+        ------
+        TrainingError
+            If something else than the paper's robots flies, or the budget is not one of steps.
+        WbfMissionError
+            If the scenario, its farm or the estimator is unknown.
+        """
+        given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+        name = given.farm.name if isinstance(scenario, Scenario) else str(scenario)
+        given = scenario_with(given, {"estimator": estimator})
+        robots = len(given.vehicle.fleet)
+        if not all(get_vehicle(one).is_ideal for one in given.vehicle.fleet):
+            msg = (
+                f"{name}: {given.vehicle.name} flies, and training environments are of the paper's robot;"
+                ' take a scenario whose vehicle is "ideal"'
+            )
+            raise TrainingError(msg)
+        steps = _steps(name, given.mission.budget)
+        farm = get_farm(given.farm.name)
+        grid, fields = farm.grid(), load_field_set(given.farm.fields)
+        camera = camera_options(given.camera, fields)
+        of = given.farm
+        flights = tuple(
+            (day, flight)
+            for day in range(of.day, of.day + of.days)
+            for flight in range(1, of.flights_per_day + 1)
+        )
+        readings = robots * steps * given.camera.footprint**2
+        learner = estimator_of(given.estimate.estimator, 0, fields)
+        every = readings_a_score(given, farm, learner, readings, ideal=True)
+        home = int(farm.home_m[0] / farm.cell_size_m), int(farm.home_m[1] / farm.cell_size_m)
+        return cls(
+            scenario=given,
+            farm=farm,
+            grid=grid,
+            fields=fields,
+            camera=camera,
+            home=home,
+            allowed=_allowed(farm, grid),
+            robots=robots,
+            steps=steps,
+            flights=flights,
+            every=every,
+            # Each flight at its end, too, and what is believed at the beginning of each later day.
+            points=len(flights) * -(-readings // every) + of.days - 1,
+        )
+
+    @property
+    def moves(self) -> int:
+        """How many moves a robot makes in the run."""
+        return len(self.flights) * (self.steps - 1)
+
+    def environment(self, seed: int) -> Environment:
+        """Return the environment that a run of this seed has."""
+        return make_environment(scenario_with(self.scenario, {"seed": seed}), self.farm)
+
+    def estimator(self, seed: int) -> Estimator:
+        """Return the estimator that a run of this seed has, fitted to the farm.
+
+        Raises
+        ------
+        EstimatorError
+            If the estimator is an object that cannot be made anew.
+        """
+        choice = self.scenario.estimate.estimator
+        learner = estimator_of(choice, seed, self.fields)
+        try:
+            return learner.fit(self.grid)
+        except Exception as error:
+            if isinstance(error, EstimatorError):
+                raise
+            msg = f"estimator {choice} failed: {type(error).__name__}: {error}"
+            raise EstimatorError(msg) from error
+
+
+def can_batch(scenario: Scenario) -> bool:
+    """Return whether a scenario of the paper's robots can be batched: one robot, flight, cell an image."""
+    of = scenario.farm
+    return (
+        of.days * of.flights_per_day == 1
+        and scenario.camera.footprint == 1
+        and len(scenario.vehicle.fleet) == 1
+    )
+
+
+def _steps(name: str, budget: str | None) -> int:
+    value, unit = (0.0, "") if budget is None else parse_budget(budget)
+    if unit != "steps" or value < 2:
+        msg = f"{name}: the budget is {budget or 'not given'}; give two steps or more, such as 500steps"
+        raise TrainingError(msg)
+    return int(value)
+
+
+def _allowed(farm: Farm, grid: FarmGrid) -> NDArray[np.bool_]:
+    """Mark the owner's cells in whose centre there is no obstacle."""
+    allowed: NDArray[np.bool_] = np.array(grid.owned)
+    if farm.obstacles:
+        x, y = np.nonzero(allowed)
+        size = farm.cell_size_m
+        inside = shapely.intersects_xy(
+            shapely.union_all(list(farm.obstacles)), (x + 0.5) * size, (y + 0.5) * size
+        )
+        allowed[x, y] = ~inside
+    allowed.flags.writeable = False
+    return allowed

@@ -21,7 +21,9 @@ from mission.policies.situation import Event, Situation, Status, VehicleReport
 
 @dataclass(frozen=True, slots=True)
 class Asking:
-    """When a policy wants to be asked, besides at the start, when a vehicle is lost, and before a path ends.
+    """When a policy wants to be asked, besides at the start and when a vehicle is lost.
+
+    One that wants any of these is also asked before a path ends.
 
     Parameters
     ----------

@@ -85,7 +85,7 @@ class MissionOptions(Part):
         None,
         "Policy that decides in flight where to go next, NAME[:KEY=VALUE,...]: greedy,"
         " orienteering, rolling-horizon, refining-lawnmower, confidence-guided, grid-limited-randomness,"
-        " market, or one of yours",
+        " learned, market, or one of yours",
         RUN,
         kind="policy",
         not_with=("mission",),

@@ -12,6 +12,7 @@ OURS = (
     "confidence-guided",
     "greedy",
     "grid-limited-randomness",
+    "learned",
     "market",
     "orienteering",
     "refining-lawnmower",

@@ -3,7 +3,7 @@
 PPO: Schulman, Wolski, Dhariwal, Radford & Klimov 2017, "Proximal policy optimization algorithms".
 It needs stable-baselines3 and torch, which want a virtual environment of their own::
 
-    python -m venv train && train/bin/pip install '.[train]'
+    python -m venv train && train/bin/pip install '.[train,rl]'
     train/bin/python tools/train_policy.py --minutes 15 --out mission/policies/learned.npz
 """
 

@@ -219,6 +219,21 @@ def test_a_run_that_failed_is_told_and_the_others_are_drawn(tmp_path, capsys, mo
     assert colours(tmp_path / "comparison-1.png") > 50
 
 
+@pytest.mark.parametrize(("unlucky", "code"), [("point", 1), ("", 2)])
+def test_estimators_that_fail_with_each_planner_have_no_picture(unlucky, code, tmp_path, capsys, monkeypatch):
+    real = engine.fly_run
+
+    def some(run):
+        return engine.failed_row(run, "no luck") if unlucky in run.estimator else real(run)
+
+    monkeypatch.setattr(engine, "fly_run", some)
+    command = ("bench", "paper", *SMALL, "--planners", "spiral", "--seeds", "1", "--only", "comparison")
+    assert main([*command, "--out", str(tmp_path)]) == code
+    assert "no luck" in capsys.readouterr().err
+    assert (tmp_path / "comparison-1.png").exists() == (code == 1)
+    assert not (tmp_path / "comparison-2.png").exists()
+
+
 def test_ctrl_c_says_how_to_go_on(tmp_path, capsys, monkeypatch):
     def stopped(*_given, **_more):
         raise BenchmarkInterrupted([], 8)

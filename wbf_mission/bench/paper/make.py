@@ -25,6 +25,7 @@ from wbf_mission.bench.paper.page import (
 from wbf_mission.bench.paper.shown import shown_runs
 from wbf_mission.bench.row import BenchRow
 from wbf_mission.bench.spec import BenchSpec
+from wbf_mission.flight import FlightError
 from wbf_mission.plots import LINE_COLOURS
 from wbf_mission.progress import Progress, silent
 from wbf_mission.tables import ResultError
@@ -186,7 +187,11 @@ def _comparison(work: _Work) -> tuple[Section, list[BenchRow]]:
     ]
     shown = shown_runs(runs, work.folder / "shown", jobs=work.jobs, progress=work.progress)
     colours = {str(one): LINE_COLOURS[k % len(LINE_COLOURS)] for k, one in enumerate(spec.planners)}
-    estimators = [str(one) for one in spec.estimators]
+    # An estimator that failed with each planner has nothing to be shown.
+    estimators = [str(one) for one in spec.estimators if any(own == str(one) for _, own in shown)]
+    if not estimators:
+        msg = f"comparison: every run on seed {first} failed; {next(row.error for row in rows if row.error)}"
+        raise FlightError(msg)
     of_first = [row for row in rows if row.seed == first and row.error is None]
     pictures = []
     for number, estimator in enumerate(estimators):

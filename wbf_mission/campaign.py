@@ -255,7 +255,8 @@ class Campaign:
         self, memory: FlightMemory, day: int, flight: int, environment: Environment, hosting: Hosting
     ) -> FlownFlight | None:
         """Return what a flight gives that may have been flown before; None if it has to be flown now."""
-        flown = memory.fly(self._all, self._planned(day, flight), environment, hosting, self._tell)
+        planned, logged = self._planned(day, flight), hosting.tlog is not None
+        flown = memory.fly(self._all, planned, environment, hosting, self._tell, logged=logged)
         if flown is not None:
             self._next = None
         return flown

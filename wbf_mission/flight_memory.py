@@ -15,9 +15,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mission.link.tlog import FrameLog
+from sensors.camera.layout import LeafLayout
 from sensors.camera.numbering import ImageList, NumberingCamera
 from sensors.environment import Environment
 from sensors.observations import Observations
+from sim_vehicle.epoch import EPOCH_UNIX_S
 from wbf_mission.deciding.record import DecisionRecord
 from wbf_mission.evidence import Evidence
 from wbf_mission.fleet import Vehicle
@@ -25,6 +28,7 @@ from wbf_mission.flight_record import FlightRecord
 from wbf_mission.flights import Flights, PlannedFlight
 from wbf_mission.flown_flight import FlownFlight
 from wbf_mission.hosting import Hosting, VirtualHosting
+from wbf_mission.image_frames import log_of_readings
 from wbf_mission.planning import PlanResult
 from wbf_mission.progress import Progress, silent
 from wbf_mission.scenario import Scenario
@@ -52,6 +56,8 @@ class _KeptFlight:
         Which reading each observation is.
     duration_s : float
     frames : int
+    log : FrameLog or None
+        With the numbers of the readings.
     """
 
     records: tuple[FlightRecord, ...]
@@ -60,15 +66,18 @@ class _KeptFlight:
     reading: NDArray[np.int64]
     duration_s: float
     frames: int
+    log: FrameLog | None
 
     def of_run(self, flights: Flights, planned: PlannedFlight, environment: Environment) -> FlownFlight:
         """Return the flight of a run, with what is seen in its environment."""
         cameras = [flights.camera(number, environment) for number, _, _ in planned.sorties]
+        readings = self.images.read(cameras)
         seen = replace(
-            self.seen,
-            day=np.full(len(self.seen), planned.day, np.int32),
-            values=self.images.read(cameras)[self.reading],
+            self.seen, day=np.full(len(self.seen), planned.day, np.int32), values=readings[self.reading]
         )
+        log = self.log
+        if log is not None:
+            log = log_of_readings(log, readings, LeafLayout.of(flights.fields.names))
         records = [
             replace(
                 one,
@@ -82,7 +91,7 @@ class _KeptFlight:
             )
             for one, plan in zip(self.records, planned.plans, strict=True)
         ]
-        return FlownFlight(records, (seen,), self.duration_s, self.frames)
+        return FlownFlight(records, (seen,), self.duration_s, self.frames, log=log)
 
 
 class FlightMemory:
@@ -108,11 +117,13 @@ class FlightMemory:
         environment: Environment,
         hosting: Hosting,
         tell: Progress = silent,
+        *,
+        logged: bool = False,
     ) -> FlownFlight | None:
         """Fly a flight, or take it as it was flown before; None if it has to be flown for its run alone.
 
         That is so if what is seen or a person at the other end of a link may change it, something goes wrong
-        on purpose, each frame is kept, it is very long, or something was decided on the way.
+        on purpose, it is very long, or something was decided on the way.
 
         Parameters
         ----------
@@ -124,14 +135,17 @@ class FlightMemory:
         hosting : Hosting
         tell : callable
             Progress.
+        logged : bool
+            Whether every frame is kept; where the hosting says so it is the caller who writes them.
         """
         expected = planned.expected_readings(flights.scenario.camera)
-        if hosting != VirtualHosting() or flights.decider.steers or 2.0 * expected > MOST_READINGS:
+        plain = isinstance(hosting, VirtualHosting) and replace(hosting, tlog=None) == VirtualHosting()
+        if not plain or flights.decider.steers or 2.0 * expected > MOST_READINGS:
             return None
-        key = _key(flights, planned)
+        key = _key(flights, planned, logged=logged)
         kept = self._kept.pop(key, None)
         if kept is None:
-            kept = _flown(flights, planned, hosting, tell)
+            kept = _flown(flights, planned, hosting, tell, logged=logged)
             if kept is None:
                 return None
         self._kept[key] = kept
@@ -144,7 +158,9 @@ class FlightMemory:
         return sum(len(one.reading) for one in self._kept.values())
 
 
-def _flown(flights: Flights, planned: PlannedFlight, hosting: Hosting, tell: Progress) -> _KeptFlight | None:
+def _flown(
+    flights: Flights, planned: PlannedFlight, hosting: Hosting, tell: Progress, *, logged: bool
+) -> _KeptFlight | None:
     """Fly a flight whose cameras number their readings; None if something was decided on the way."""
     evidence, decisions = Evidence(flights.farm, flights.fields), list[DecisionRecord]()
     if len(planned.sorties) > 1:
@@ -160,7 +176,18 @@ def _flown(flights: Flights, planned: PlannedFlight, hosting: Hosting, tell: Pro
     def camera(number: SortieNumber) -> NumberingCamera:
         return NumberingCamera(images, order.index(number.system_id), shape, options)
 
-    flown = flights.fly(planned, evidence, camera, hosting, tell=tell, watch=Stopwatch())
+    log = FrameLog() if logged else None
+    flown = flights.fly(
+        planned,
+        evidence,
+        camera,
+        hosting,
+        tell=tell,
+        watch=Stopwatch(),
+        writer=log,
+        # Nobody knows yet when the flight begins: frames have their times since then.
+        offset_s=-EPOCH_UNIX_S,
+    )
     if len(decisions) > 1 or not images.is_exact:
         return None
     seen = evidence.observations()
@@ -171,10 +198,11 @@ def _flown(flights: Flights, planned: PlannedFlight, hosting: Hosting, tell: Pro
         seen.values[:, 0].astype(np.int64),
         flown.now_s,
         flown.frames,
+        log,
     )
 
 
-def _key(flights: Flights, planned: PlannedFlight) -> bytes:
+def _key(flights: Flights, planned: PlannedFlight, *, logged: bool) -> bytes:
     """Return all that decides a flight, written out."""
     farm, frame = flights.farm, flights.farm.frame
     georeference = (frame.latitude_deg, frame.longitude_deg, frame.altitude_m, frame.rotation_deg)
@@ -188,6 +216,7 @@ def _key(flights: Flights, planned: PlannedFlight) -> bytes:
             [flights.options.footprint_cells, flights.fields.names],
             sorties,
             drawn,
+            logged,
         ],
         order="deterministic",
     )

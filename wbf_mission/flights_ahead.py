@@ -61,13 +61,13 @@ class FlightAlone:
         """Plan a flight and fly it, unless it was flown in this process before."""
         of = self.flights
         evidence, decisions = Evidence(of.farm, of.fields), list[DecisionRecord]()
-        log = FrameLog() if self.logged else None
         with threadpool_limits(1, user_api="blas"):
             planned = of.plan(day, flight, evidence, decisions)
             _spare_collector()
-            known = None if log is not None else _memory().fly(of, planned, self.environment, self.hosting)
+            known = _memory().fly(of, planned, self.environment, self.hosting, logged=self.logged)
             if known is not None:
                 return replace(known, decisions=decisions)
+            log = FrameLog() if self.logged else None
             flown = of.fly(
                 planned,
                 evidence,

@@ -189,8 +189,10 @@ class JointFlight:
         """Return whether there is something to do before the slice is over."""
         if not self._decisions.asks_on_the_way:
             return self._is_over()
-        waiting = sum(sortie.assembler.waiting for sortie in self.sorties)
-        self._event = self._decisions.due(self.sorties, self._mission_s, len(self._evidence) + waiting)
+        mission_s = self._mission_s
+        if not self._decisions.is_early(mission_s):
+            waiting = sum(sortie.assembler.waiting for sortie in self.sorties)
+            self._event = self._decisions.due(self.sorties, mission_s, len(self._evidence) + waiting)
         # A vehicle whose clock runs faster than ours reaches the end of its path within a slice.
         if self._event is None and self._attendant is not None and self._is_ending():
             self._event = Event.ENDING

@@ -39,6 +39,7 @@ for so long after it should have been back."""
 ENDING_S = 3.0
 """A policy is asked so long before a path ends."""
 SLOWEST_M_S = 0.3
+_NO_REST: tuple[tuple[MissionItem, ...], int, Points] = ((), -1, np.empty((0, 2)))
 
 
 class Sortie:
@@ -119,6 +120,7 @@ class Sortie:
         if task.builder.turns.lead_m > 0.0 and scenario.mission.file is None:
             sent = task.builder.waypoints(plan.path_m, task.request.start_xy_m)
             self._led = [(plan.mission.items, plan.path_m, sent)]
+        self._rest_known = _NO_REST
         self._on_path = len(self._rest_points())
         self._ending_told: int | None = None
         self._open: list[tuple[int, PathChange]] = []
@@ -161,7 +163,15 @@ class Sortie:
 
     def _rest_points(self) -> Points:
         """Return the points of the path that are still to be reached, in metres of the farm frame."""
-        items, left = self.ground.mission.items, self._rest
+        items, item = self.ground.mission.items, self._item
+        known_items, known_item, known = self._rest_known
+        if known_items is not items or known_item != item:
+            known = self._points_of(items, self._rest)
+            self._rest_known = items, item, known
+        return known.copy()
+
+    def _points_of(self, items: tuple[MissionItem, ...], left: list[int]) -> Points:
+        """Return the points of some items of the mission, the last ones of their path."""
         for held, path_m, sent in self._led:
             if held is items:
                 return path_m[sent.of_point[-len(left)] :] if left else path_m[:0]
@@ -295,6 +305,7 @@ class Sortie:
         )
         if builder.turns.lead_m > 0.0:
             self._led = [*self._led[-1:], (mission.items, points_m, sent)]
+            self._rest_known = _NO_REST
         try:
             messages = ground.change(mission, resume_at, now_s)
         except WbfMissionError as error:

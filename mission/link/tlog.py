@@ -97,6 +97,12 @@ class FrameLog:
     def __len__(self) -> int:
         return len(self._times_s)
 
+    def __iter__(self) -> Iterator[tuple[bytes, float]]:
+        """Yield each frame and its time in seconds since the beginning."""
+        ends = [*self._starts[1:], len(self._records)]
+        for start, end, time_s in zip(self._starts, ends, self._times_s, strict=True):
+            yield bytes(self._records[start + _TIME.size : end]), time_s
+
     def write(self, frame: bytes, time_s: float) -> None:
         """Add one frame; ``time_s`` is in seconds since the beginning."""
         self._starts.append(len(self._records))

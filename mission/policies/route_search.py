@@ -40,13 +40,19 @@ def pool(left: Any, shares: Any, x_0: int, x_1: int, y_0: int, y_1: int, out: An
     """Write what seeing each cell takes, its neighbours' shares included, for a block of cells of `out`."""
     width, height = left.shape
     radius = shares.shape[0] // 2
+    first, end = max(y_0, 0), min(y_1, height)
     for x in range(max(x_0, 0), min(x_1, width)):
-        for y in range(max(y_0, 0), min(y_1, height)):
-            total = np.float32(0.0)
-            for i in range(max(0, x - radius), min(width, x + radius + 1)):
-                for j in range(max(0, y - radius), min(height, y + radius + 1)):
-                    total += shares[i - x + radius, j - y + radius] * left[i, j]
-            out[x, y] = total
+        for y in range(first, end):
+            out[x, y] = np.float32(0.0)
+        for i in range(max(0, x - radius), min(width, x + radius + 1)):
+            for aside in range(-radius, radius + 1):
+                share = shares[i - x + radius, aside + radius]
+                low, high = max(first, -aside), min(end, height - aside)
+                if low < high:
+                    # The loop over the cells is the inner one, from 0 on: several are added at once.
+                    seen, taken = left[i, low + aside : high + aside], out[x, low:high]
+                    for k in range(high - low):
+                        taken[k] += share * seen[k]
 
 
 @compiled

@@ -1,5 +1,6 @@
 """Flights that are flown once for several runs: the runs are those that fly on their own."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -100,3 +101,14 @@ def test_one_run_cannot_change_what_another_gets() -> None:
     record.transfers.clear()
     record.camera.images = 0
     assert_alike(fly(BASE, memory=memory), fly(BASE))
+
+
+@pytest.mark.parametrize("changes", [{}, {"camera_footprint": 6, "camera_noise": 0.2}], ids=["one", "wide"])
+def test_logs_have_what_was_read(changes: dict[str, Any], tmp_path: Path) -> None:
+    memory = FlightMemory()
+    for seed in (1, 2):
+        scenario = scenario_with(BASE, {**changes, "seed": seed, "days": 2})
+        fly(scenario, tlog=tmp_path / "alone.tlog")
+        fly(scenario, tlog=tmp_path / "known.tlog", memory=memory)
+        assert (tmp_path / "known.tlog").read_bytes() == (tmp_path / "alone.tlog").read_bytes()
+    assert len(memory) == 1

@@ -153,6 +153,10 @@ class DecisionLoop:
         """Whether `due` can ever give a reason, as the policy is now."""
         return not self._policy.asking.never
 
+    def is_early(self, time_s: float) -> bool:
+        """Return whether the policy was asked so little ago that `due` gives no reason."""
+        return time_s - self._asked_s < self._policy.asking.least_s - 1e-9
+
     def due(self, vehicles: Sequence[Steered], time_s: float, observations: int) -> Event | None:
         """Return why the policy has to be asked now; None if there is no reason.
 
@@ -165,7 +169,7 @@ class DecisionLoop:
             How many there are so far.
         """
         asking = self._policy.asking
-        if time_s - self._asked_s < asking.least_s - 1e-9:
+        if self.is_early(time_s):
             return None
         if asking.observations is not None and observations - self._observations >= asking.observations:
             return Event.OBSERVATIONS

@@ -19,6 +19,11 @@ from wbf_mission.plots import LINE_COLOURS, new_figure, save_figure
 
 __all__ = ["ReportTable", "score_over_time", "standing_table", "write_report"]
 
+_READING = (
+    "Scores: 0 is perfect; the mean over the run and at its end, each with its interval of 95 % over the "
+    "environments. Losses are means a cell at the end. Rank: the mean place among all rows on the same "
+    "environment. Wins: on how many a row was the best, shared ones in parts."
+)
 _POINTS = 200
 _MOST_LINES = 8
 _FEWEST_FOR_A_BAND = 5
@@ -182,7 +187,7 @@ def _failures(rows: Sequence[BenchRow]) -> ReportTable:
 
 
 def _interval(one: Interval) -> tuple[str, str]:
-    return _number(one.mean, 4), "-" if math.isnan(one.low) else f"{one.low:.3f} to {one.high:.3f}"
+    return _number(one.mean, 4), "-" if math.isnan(one.low) else f"{one.low:.4f} to {one.high:.4f}"
 
 
 def _number(value: float, digits: int) -> str:
@@ -193,7 +198,7 @@ def _markdown(title: str, parts: Sequence[tuple[ReportTable, Path | None]]) -> s
     def cells(row: Sequence[str]) -> str:
         return "| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |"
 
-    lines = [f"# {title}", "", "Scores: 0 is perfect."]
+    lines = [f"# {title}", "", _READING]
     for table, picture in parts:
         lines += ["", f"## {table.title}", "", cells(table.header)]
         lines += ["|---" + "|--:" * (len(table.header) - 1) + "|", *map(cells, table.rows)]
@@ -203,10 +208,18 @@ def _markdown(title: str, parts: Sequence[tuple[ReportTable, Path | None]]) -> s
 
 
 _STYLE = (
-    "body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:75em;padding:0 1em;color:#222}"
+    ":root{color-scheme:light dark;--text:#222;--page:#fff;--line:#ddd;--soft:#f5f5f3}"
+    "@media (prefers-color-scheme:dark){:root{--text:#ddd;--page:#16181b;--line:#3a3d42;--soft:#202327}}"
+    "body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:80em;padding:0 1em;"
+    "color:var(--text);background:var(--page)}"
+    ".wide{overflow-x:auto}"
     "table{border-collapse:collapse;font-variant-numeric:tabular-nums}"
-    "th,td{padding:.25em .7em;border-bottom:1px solid #ddd;text-align:right}"
-    "th:first-child,td:first-child{text-align:left}img{max-width:100%}"
+    "th,td{padding:.25em .7em;border-bottom:1px solid var(--line);text-align:right;white-space:nowrap}"
+    "th:first-child,td:first-child{text-align:left;position:sticky;left:0;background:var(--page)}"
+    "tbody tr:hover td{background:var(--soft)}"
+    "@media (max-width:40em){th:first-child,td:first-child{white-space:normal;min-width:8em}}"
+    ".text td:last-child,.text th:last-child{text-align:left;white-space:normal}"
+    "img{max-width:100%;background:#fff;border-radius:4px}"
 )
 
 
@@ -216,10 +229,13 @@ def _html(title: str, parts: Sequence[tuple[ReportTable, Path | None]]) -> str:
 
     name = html.escape(title)
     lines = ["<!doctype html>", '<html lang="en"><head><meta charset="utf-8">', f"<title>{name}</title>"]
-    lines += [f"<style>{_STYLE}</style></head><body>", f"<h1>{name}</h1>", "<p>Scores: 0 is perfect.</p>"]
+    lines.append('<meta name="viewport" content="width=device-width, initial-scale=1">')
+    lines += [f"<style>{_STYLE}</style></head><body>", f"<h1>{name}</h1>", f"<p>{html.escape(_READING)}</p>"]
     for table, picture in parts:
-        lines += [f"<h2>{html.escape(table.title)}</h2>", "<table>", cells(table.header, "th")]
-        lines += [*(cells(row, "td") for row in table.rows), "</table>"]
+        kind = "wide text" if len(table.header) == 2 else "wide"
+        lines += [f"<h2>{html.escape(table.title)}</h2>", f'<div class="{kind}"><table>']
+        lines += ["<thead>", cells(table.header, "th"), "</thead><tbody>"]
+        lines += [*(cells(row, "td") for row in table.rows), "</tbody></table></div>"]
         if picture is not None:
             lines.append(f'<p><img src="{html.escape(picture.name)}" alt="Score over time"></p>')
     return "\n".join([*lines, "</body></html>"]) + "\n"

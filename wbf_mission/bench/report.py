@@ -210,7 +210,7 @@ def _markdown(title: str, parts: Sequence[tuple[ReportTable, Path | None]]) -> s
 _STYLE = (
     ":root{color-scheme:light dark;--text:#222;--page:#fff;--line:#ddd;--soft:#f5f5f3}"
     "@media (prefers-color-scheme:dark){:root{--text:#ddd;--page:#16181b;--line:#3a3d42;--soft:#202327}}"
-    "body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:80em;padding:0 1em;"
+    "body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:92em;padding:0 1em;"
     "color:var(--text);background:var(--page)}"
     ".wide{overflow-x:auto}"
     "table{border-collapse:collapse;font-variant-numeric:tabular-nums}"

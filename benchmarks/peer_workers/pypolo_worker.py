@@ -19,8 +19,6 @@ from pypolo.strategies import MyopicPlanning
 
 NOISE = 0.01
 CANDIDATES = 1000
-LEARNING_STEPS = 10
-"""After each leg; the library's experiments take one for each new sample."""
 
 
 class Vehicle:
@@ -75,7 +73,8 @@ class Flight:
             self.model = GPR(places, values, self._kernel(), NOISE, is_normalized=False)
         elif len(data):
             self.model.add_data(places, values)
-        self.model.optimize(LEARNING_STEPS, verbose=False)
+        # As in the library's experiments, a step for each new sample.
+        self.model.optimize(len(data), verbose=False)
         self.vehicle.state[:2] = self._scaled(np.array([position]))[0]
         return self._unscaled(self.strategy.get(self.model))[0].tolist()
 

@@ -91,7 +91,9 @@ def show(rows: Sequence[BenchRow], peers: Sequence[str]) -> None:
         for name in ("planner", "run", "end", "planning, s", "runs", "failed"):
             table.add_column(name, justify="left" if name == "planner" else "right", no_wrap=True)
         for one in found:
-            seconds = planning_s([row for row in some if row.planner == one.planner])
+            seconds = planning_s(
+                [row for row in rows if (row.scenario, row.planner) == (scenario, one.planner)]
+            )
             scores = [f"{v.mean:.4f} [{v.low:.4f}, {v.high:.4f}]" for v in (one.score, one.final_score)]
             table.add_row(one.planner, *scores, f"{seconds:.2f}", str(one.runs), str(one.failed))
         console.print(table)

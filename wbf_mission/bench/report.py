@@ -59,6 +59,16 @@ def standing_table(title: str, found: Sequence[Standing]) -> ReportTable:
     return ReportTable(title, header, rows)
 
 
+def _behind(found: Sequence[Standing]) -> ReportTable:
+    """Return by how much the others are behind the best of each scenario."""
+    rows = tuple(
+        (f"{one.scenario}, {one.planner}, {one.estimator}", *_interval(one.behind))
+        for one in found
+        if math.isfinite(one.behind.low)
+    )
+    return ReportTable("Behind the best of the scenario, in pairs", ("run", "mean", "95 %"), rows)
+
+
 def score_over_time(rows: Sequence[BenchRow]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return times and, at each, the score of each run as it stood then.
 
@@ -97,7 +107,8 @@ def write_report(rows: Sequence[BenchRow], folder: Path, *, title: str) -> list[
         told = [row for row in rows if row.scenario == scenario and row.error is None and row.times_s]
         picture = _plot(scenario, here, told, folder) if told else None
         parts.append((standing_table(f"{scenario}: scores over the run and at its end", here), picture))
-    parts += [(table, None) for table in (_flown(rows), _costs(rows), _failures(rows)) if table.rows]
+    tables = (_behind(found), _flown(rows), _costs(rows), _failures(rows))
+    parts += [(table, None) for table in tables if table.rows]
     markdown, page = folder / "report.md", folder / "report.html"
     with atomic_write(markdown) as file:
         file.write(_markdown(title, parts))

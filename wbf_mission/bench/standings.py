@@ -40,6 +40,9 @@ class Standing:
     failed : int
     score, final_score : Interval
         Over the seeds; 0 is perfect.
+    behind : Interval
+        By how much the score is below that of the scenario's best, in pairs of runs on the same environment;
+        0 and no interval for the best itself.
     losses : dict
         Mean loss a cell at the end, by field.
     rank : float
@@ -57,6 +60,7 @@ class Standing:
     failed: int
     score: Interval
     final_score: Interval
+    behind: Interval
     losses: dict[str, float]
     rank: float
     wins: float
@@ -117,6 +121,8 @@ def standings(rows: Sequence[BenchRow]) -> list[Standing]:
             [[_value(at.get((*pair, seed)), "score") for seed in seeds] for pair in pairs], dtype=np.float64
         )
         ranks, wins = _places(scores)
+        means = [mean_interval(one) for one in scores]
+        best = max(range(len(pairs)), key=lambda k: (np.isfinite(means[k].mean), means[k].mean))
         group = []
         for k, (planner, estimator) in enumerate(pairs):
             all_of = [row for row in here if (row.planner, row.estimator) == (planner, estimator)]
@@ -130,8 +136,11 @@ def standings(rows: Sequence[BenchRow]) -> list[Standing]:
                     estimator=estimator,
                     runs=int(np.isfinite(scores[k]).sum()),
                     failed=len(all_of) - len(good),
-                    score=mean_interval(scores[k]),
+                    score=means[k],
                     final_score=mean_interval(ends),
+                    behind=Interval(0.0, np.nan, np.nan)
+                    if k == best
+                    else mean_interval(scores[best] - scores[k]),
                     losses={name: float(np.mean([row.losses[name] for row in good])) for name in names},
                     rank=float(ranks[k]),
                     wins=float(wins[k]),

@@ -83,6 +83,12 @@ def test_the_files_say_what_the_standings_are(rows, tmp_path):
         assert "| " + " | ".join(line) + " |" in markdown
         for cell in line:
             assert cell in page.cells
+    behind = {one.planner: one.behind for one in standings(rows)}
+    one, two = (
+        np.mean([each.score for each in rows if each.planner == name]) for name in ("greedy", "spiral")
+    )
+    assert (behind["greedy"].mean, behind["spiral"].mean) == (0.0, pytest.approx(one - two))
+    assert f"| WBF/Some-v1, spiral, gp | {behind['spiral'].mean:.4f} | " in markdown
     assert "it \\| failed & fell" in markdown
     assert "it | failed & fell" in page.cells
     assert "<b>, gp" in page.cells

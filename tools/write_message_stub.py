@@ -22,7 +22,7 @@ from mission.link.codec.dialect import mavlink
 ROOT = Path(__file__).parents[1]
 STUB = ROOT / "mission" / "link" / "codec" / "messages.pyi"
 _PACKAGES = ("geo", "sensors", "mission", "sim_vehicle", "wbf_mission")
-_USED = re.compile(r"\.([A-Z]\w+)")
+_USED = re.compile(r"\b(?:m|mavlink)\.([A-Z]\w+)")
 _ID = "MAVLINK_MSG_ID_"
 
 _HEAD = """# Written by tools/write_message_stub.py; do not edit.

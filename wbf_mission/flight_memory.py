@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from dataclasses import dataclass, replace
+from functools import cache
 
 import msgspec
 import numpy as np
@@ -35,7 +36,7 @@ from wbf_mission.scenario import Scenario
 from wbf_mission.sortie_number import SortieNumber
 from wbf_mission.stopwatch import Stopwatch
 
-__all__ = ["FlightMemory"]
+__all__ = ["FlightMemory", "memory_of_process"]
 
 MOST_FLIGHTS = 32
 MOST_READINGS = 1_000_000
@@ -156,6 +157,12 @@ class FlightMemory:
     @property
     def _readings(self) -> int:
         return sum(len(one.reading) for one in self._kept.values())
+
+
+@cache
+def memory_of_process() -> FlightMemory:
+    """Return the flights that all runs of this process share."""
+    return FlightMemory()
 
 
 def _flown(

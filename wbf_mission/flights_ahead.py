@@ -23,7 +23,7 @@ from sensors.environment import Environment
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from wbf_mission.deciding.record import DecisionRecord
 from wbf_mission.evidence import Evidence
-from wbf_mission.flight_memory import FlightMemory
+from wbf_mission.flight_memory import memory_of_process
 from wbf_mission.flights import Flights
 from wbf_mission.flown_flight import FlownFlight
 from wbf_mission.hosting import Hosting, VirtualHosting
@@ -64,7 +64,7 @@ class FlightAlone:
         with threadpool_limits(1, user_api="blas"):
             planned = of.plan(day, flight, evidence, decisions)
             _spare_collector()
-            known = _memory().fly(of, planned, self.environment, self.hosting, logged=self.logged)
+            known = memory_of_process().fly(of, planned, self.environment, self.hosting, logged=self.logged)
             if known is not None:
                 return replace(known, decisions=decisions)
             log = FrameLog() if self.logged else None
@@ -81,12 +81,6 @@ class FlightAlone:
             )
         records = [sortie.record() for sortie in flown.sorties]
         return FlownFlight(records, evidence.parts, flown.now_s, flown.frames, decisions, log)
-
-
-@cache
-def _memory() -> FlightMemory:
-    """Return the flights of this process, which flies one run only."""
-    return FlightMemory()
 
 
 @cache

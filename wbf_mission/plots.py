@@ -70,6 +70,11 @@ def save_figure(figure: Figure, path: Path) -> Path:
     return path
 
 
+def shown_every(shape: Sequence[int]) -> int:
+    """Return which cells of a map are shown along each side: every so-manieth."""
+    return max(1, -(-max(shape) // MAX_PIXELS))
+
+
 def _extent(grid: FarmGrid) -> tuple[float, float, float, float]:
     width, height = grid.shape
     return 0.0, width * grid.cell_size_m, 0.0, height * grid.cell_size_m
@@ -81,7 +86,7 @@ def draw_farm(axes: Axes, farm: Farm, *, legend: bool = True) -> None:
     from matplotlib.patches import Patch as LegendPatch
 
     grid = farm.grid()
-    stride = max(1, -(-max(grid.shape) // MAX_PIXELS))
+    stride = shown_every(grid.shape)
     crops = grid.crop[::stride, ::stride]
     levels = sorted(CROP_COLOURS)
     colours = ListedColormap([CROP_COLOURS[Crop(level)] for level in levels])

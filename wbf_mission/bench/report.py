@@ -17,7 +17,14 @@ from wbf_mission.bench.row import BenchRow
 from wbf_mission.bench.standings import Interval, Standing, standings
 from wbf_mission.plots import LINE_COLOURS, new_figure, save_figure
 
-__all__ = ["ReportTable", "score_over_time", "standing_table", "write_report"]
+__all__ = [
+    "ReportTable",
+    "markdown_table",
+    "score_over_time",
+    "scores_at",
+    "standing_table",
+    "write_report",
+]
 
 _READING = (
     "Scores: 0 is perfect; the mean over the run and at its end, each with its interval of 95 % over the "
@@ -84,11 +91,14 @@ def score_over_time(rows: Sequence[BenchRow]) -> tuple[NDArray[np.float64], NDAr
     """
     last_s = max(row.times_s[-1] for row in rows)
     times_s = np.linspace(0.0, last_s, _POINTS)
-    scores = []
-    for row in rows:
-        at = np.searchsorted(row.times_s, times_s, side="right") - 1
-        scores.append(np.array(row.scores)[np.maximum(at, 0)])
-    return times_s, np.array(scores)
+    return times_s, np.array([scores_at(row, times_s) for row in rows])
+
+
+def scores_at(row: BenchRow, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the score of a run as it stood at some times; before its first scored time that of it."""
+    at = np.searchsorted(row.times_s, times_s, side="right") - 1
+    scores: NDArray[np.float64] = np.array(row.scores)[np.maximum(at, 0)]
+    return scores
 
 
 def write_report(rows: Sequence[BenchRow], folder: Path, *, title: str) -> list[Path]:
@@ -205,14 +215,23 @@ def _number(value: float, digits: int) -> str:
     return "-" if math.isnan(value) else f"{value:.{digits}f}"
 
 
-def _markdown(title: str, parts: Sequence[tuple[ReportTable, Path | None]]) -> str:
+def markdown_table(table: ReportTable) -> list[str]:
+    """Return the lines of a table in Markdown, without its title."""
+
     def cells(row: Sequence[str]) -> str:
         return "| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |"
 
+    return [
+        cells(table.header),
+        "|---" + "|--:" * (len(table.header) - 1) + "|",
+        *map(cells, table.rows),
+    ]
+
+
+def _markdown(title: str, parts: Sequence[tuple[ReportTable, Path | None]]) -> str:
     lines = [f"# {title}", "", _READING]
     for table, picture in parts:
-        lines += ["", f"## {table.title}", "", cells(table.header)]
-        lines += ["|---" + "|--:" * (len(table.header) - 1) + "|", *map(cells, table.rows)]
+        lines += ["", f"## {table.title}", "", *markdown_table(table)]
         if picture is not None:
             lines += ["", f"![Score over time]({picture.name})"]
     return "\n".join(lines) + "\n"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import platform
 import time
 import traceback
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from geo.errors import WbfMissionError
 from mission.outcome import Outcome
 from wbf_mission.bench.spec import BenchRun
 from wbf_mission.flight import fly
-from wbf_mission.flight_memory import FlightMemory
+from wbf_mission.flight_memory import memory_of_process
 from wbf_mission.run_record import RunRecord
 from wbf_mission.version import __version__
 
@@ -83,7 +82,7 @@ def fly_run(run: BenchRun) -> BenchRow:
     """
     wall_s, cpu_s = time.perf_counter(), time.process_time()
     try:
-        result = fly(run.scenario, memory=_memory())
+        result = fly(run.scenario, memory=memory_of_process())
     except WbfMissionError as error:
         return failed_row(run, str(error))
     except MemoryError:
@@ -95,12 +94,6 @@ def fly_run(run: BenchRun) -> BenchRow:
     if result.outcome is Outcome.INTERRUPTED:
         raise KeyboardInterrupt
     return _row(run, result, time.perf_counter() - wall_s, time.process_time() - cpu_s)
-
-
-@cache
-def _memory() -> FlightMemory:
-    """Return the flights of this process."""
-    return FlightMemory()
 
 
 def failed_row(run: BenchRun, cause: str) -> BenchRow:

@@ -14,7 +14,7 @@ from geo import Farm
 from geo.farms import get_farm
 from sensors.fields import Field, FieldSet
 from wbf_mission.bench.paper.sheet import new_sheet, save_sheet
-from wbf_mission.plots import LAND, MAX_PIXELS
+from wbf_mission.plots import LAND, shown_every
 from wbf_mission.progress import Progress, silent
 from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.surroundings import make_environment
@@ -128,7 +128,7 @@ def _style(field: Field) -> dict[str, Any]:
 
 def _show(axes: Axes, values: NDArray[np.float32], mask: NDArray[np.bool_], style: dict[str, Any]) -> Any:
     """Draw a field on a day: of a disease how sick plants are, of another field its value."""
-    stride = max(1, -(-max(values.shape) // MAX_PIXELS))
+    stride = shown_every(values.shape)
     sick = style["cmap"] == "YlOrBr"
     pixels = np.where(mask, 1.0 - values if sick else values, np.nan)[::stride, ::stride]
     axes.set_facecolor(LAND)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wbf_mission.bench.paper.shown import ShownRun
-from wbf_mission.bench.report import ReportTable, standing_table
+from wbf_mission.bench.report import ReportTable, markdown_table, scores_at, standing_table
 from wbf_mission.bench.row import BenchRow
 from wbf_mission.bench.standings import Interval, mean_interval, standings
 
@@ -55,8 +55,8 @@ def early_table(rows: Sequence[BenchRow]) -> ReportTable:
     lines = []
     for planner, estimator in sorted({(row.planner, row.estimator) for row in good}):
         own = [row for row in good if (row.planner, row.estimator) == (planner, estimator)]
-        at = [[_score_at(row, part * last_s) for row in own] for part in _PARTS]
-        cells = (_interval(mean_interval(np.array(one, np.float64))) for one in at)
+        at = np.array([scores_at(row, np.array(_PARTS) * last_s) for row in own])
+        cells = (_interval(mean_interval(one)) for one in at.T)
         lines.append((f"{planner}, {estimator}", *cells))
     return ReportTable("How the score stands on the way", header, tuple(lines))
 
@@ -85,8 +85,9 @@ def lead_table(rows: Sequence[BenchRow]) -> ReportTable:
         ]
         if not seeds:
             continue
+        time_s = np.array([part * last_s])
         scores = {
-            planner: np.array([_score_at(at[planner, estimator, seed], part * last_s) for seed in seeds])
+            planner: np.array([scores_at(at[planner, estimator, seed], time_s)[0] for seed in seeds])
             for planner in planners
         }
         first = max(planners, key=lambda planner: float(scores[planner].mean()))
@@ -121,18 +122,8 @@ def markdown(title: str, about: str, sections: Sequence[Section]) -> str:
         lines += [f"![{section.title}]({name})" for name in section.pictures]
         lines += ["", section.caption]
         for table in section.tables:
-            lines += ["", f"### {table.title}", "", _line(table.header)]
-            lines += ["|---" + "|--:" * (len(table.header) - 1) + "|", *map(_line, table.rows)]
+            lines += ["", f"### {table.title}", "", *markdown_table(table)]
     return "\n".join(lines) + "\n"
-
-
-def _score_at(row: BenchRow, time_s: float) -> float:
-    """Return the score as it stands at a time, before the first scored time that of it."""
-    return row.scores[max(0, int(np.searchsorted(row.times_s, time_s, side="right")) - 1)]
-
-
-def _line(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
 def _interval(one: Interval) -> str:

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from geo.atomic import atomic_write
 from geo.workers import Processes
+from mission.outcome import Outcome
 from wbf_mission.bench.spec import BenchRun
 from wbf_mission.flight import FlightError, fly
 from wbf_mission.outcome import Track
-from wbf_mission.plots import MAX_PIXELS
+from wbf_mission.plots import shown_every
 from wbf_mission.progress import Progress
 from wbf_mission.tables import ResultError
 
@@ -56,13 +57,13 @@ class ShownRun:
             At Ctrl-C.
         """
         result = fly(run.scenario)
-        if result.outcome.name == "INTERRUPTED":
+        if result.outcome is Outcome.INTERRUPTED:
             raise KeyboardInterrupt
         if result.truth is None or result.model is None or not result.history.entries:
             msg = f"{run.planner}, {run.estimator}, seed {run.seed}: {result.reason or 'it saw nothing'}"
             raise FlightError(msg)
         track: Track = result.track
-        stride = max(1, -(-max(result.truth.shape) // MAX_PIXELS))
+        stride = shown_every(result.truth.shape)
         return cls(
             np.stack([track.x_m, track.y_m], axis=1).astype(np.float32),
             result.truth[:, ::stride, ::stride].astype(np.float32),

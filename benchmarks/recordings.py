@@ -6,7 +6,8 @@ import csv
 import gzip
 import io
 import json
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,22 +16,38 @@ import numpy as np
 
 from geo.frame import LocalFrame
 from mission.model import MissionItem
-from sim_vehicle.autopilot import get_autopilot
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot import get_autopilot, with_autopilot
+from sim_vehicle.autopilot.registry import flight_procedures
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import CannotFly, Disarmed, FlightEvent, ItemReached
+from sim_vehicle.weather.wind import Wind
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sim_vehicle.airframe.spec import VehicleSpec
 
-__all__ = ["Comparison", "Flight", "Recording", "compare", "fly_recording", "load_recording"]
+__all__ = ["START_S", "Comparison", "Flight", "Recording", "compare", "fly_recording", "load_recording"]
 
+START_S = 3.0
+"""When the mission mode is entered in each recording."""
 _SAMPLE_S = 0.1
 _LIMIT_S = 7200.0
+_AFTER_S = 20.0
 _WAYPOINT, _SPLINE = 16, 82
 _COLUMNS = ("t_s", "east_m", "north_m", "up_m", "ve_m_s", "vn_m_s", "vu_m_s", "heading_deg")
+# The vehicle of the package that stands for the recorded one, by what the recording calls that.
+_VEHICLES = {
+    "copter": "quad",
+    "10040": "quad",
+    "plane": "fixed-wing",
+    "10041": "fixed-wing",
+    "rover": "rover",
+    "10045": "rover",
+}
+_TURBULENCE_S = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +106,13 @@ class Recording:
     items : tuple of MissionItem
         As uploaded, without ArduPilot's home item.
     flight : Flight
+    vehicle : str
+        The vehicle of the package that stands for the recorded one.
+    parameters : dict
+        Those of the recorded autopilot that were noted; none in the oldest recordings, which had the
+        defaults.
+    heading_deg : float
+        At the start.
     """
 
     name: str
@@ -96,6 +120,29 @@ class Recording:
     frame: LocalFrame
     items: tuple[MissionItem, ...]
     flight: Flight
+    vehicle: str = "quad"
+    parameters: dict[str, float] = field(default_factory=dict)
+    heading_deg: float = 0.0
+
+    def spec(self) -> VehicleSpec:
+        """Return the vehicle with the recorded parameters, as far as they move it here."""
+        bare = get_vehicle(self.vehicle)
+        table = flight_procedures(with_autopilot(bare, self.autopilot)).parameters
+        known = {name: value for name, value in self.parameters.items() if name in table}
+        return with_autopilot(bare, self.autopilot, known)
+
+    def wind(self) -> Wind | None:
+        """Return the recorded wind (``SIM_WIND_*`` of ArduPilot's simulator), None for calm air.
+
+        The simulator filters white noise of ten times ``SIM_WIND_TURB`` by 0.98 a step, which leaves a
+        deviation of ``SIM_WIND_TURB`` m/s and a memory of 50 steps (``SIM_Aircraft.cpp``).
+        """
+        speed = self.parameters.get("SIM_WIND_SPD", 0.0)
+        if speed == 0.0:
+            return None
+        gust = self.parameters.get("SIM_WIND_TURB", 0.0)
+        from_deg = self.parameters.get("SIM_WIND_DIR", 180.0)
+        return Wind.from_direction(speed, from_deg, gust_m_s=gust, correlation_s=_TURBULENCE_S)
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,17 +189,22 @@ def load_recording(path: Path) -> Recording:
         disarmed = [time_s for time_s, armed, _ in data["mode_changes"] if not armed and time_s > 3.0]
         latitude, longitude = data["home"]
         autopilot = str(data["autopilot"])
+        vehicle = _VEHICLES[data.get("vehicle", "copter")]
+        parameters = {str(name): float(value) for name, value in data.get("parameters", {}).items()}
     except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
         msg = f"recording {path}: {error}"
         raise VehicleError(msg) from None
-    if get_autopilot(autopilot).for_vehicle("multirotor").profile.home_at_zero:
+    if get_autopilot(autopilot).for_vehicle(get_vehicle(vehicle).kind).profile.home_at_zero:
         # Item 0 on the wire is home.
         items = items[1:]
         reached = tuple((time_s, seq - 1) for time_s, seq in reached)
     flight = Flight(
         table[:, 0], table[:, 1:4], table[:, 4:7], reached, float(disarmed[0]) if disarmed else float("nan")
     )
-    return Recording(str(data["mission"]), autopilot, LocalFrame(latitude, longitude), items, flight)
+    frame = LocalFrame(latitude, longitude)
+    return Recording(
+        str(data["mission"]), autopilot, frame, items, flight, vehicle, parameters, float(table[0, 7])
+    )
 
 
 def _item(item: dict[str, Any]) -> MissionItem:
@@ -161,21 +213,38 @@ def _item(item: dict[str, Any]) -> MissionItem:
     return MissionItem(int(item["command"]), int(item["frame"]), one, two, three, four, *place)
 
 
-def fly_recording(recording: Recording, spec: VehicleSpec) -> Flight:
+def fly_recording(recording: Recording, spec: VehicleSpec | None = None) -> Flight:
     """Fly the mission of a recording with a vehicle, from the ground, and sample it at 10 Hz.
+
+    A vehicle that was still armed when its recording ended is followed for a little longer than that.
+
+    Parameters
+    ----------
+    recording : Recording
+    spec : VehicleSpec, optional
+        By default the recording's own.
 
     Raises
     ------
     VehicleError
         If the vehicle gives up or is still flying after two hours.
     """
-    executor = MissionExecutor(spec, recording.frame, takes_off=True)
+    executor = MissionExecutor(
+        recording.spec() if spec is None else spec,
+        recording.frame,
+        wind=recording.wind(),
+        yaw_rad=math.radians(recording.heading_deg),
+        takes_off=True,
+    )
     executor.load(recording.items)
     executor.arm()
     executor.start()
     samples, events = [], list[FlightEvent]()
     end_s = float("nan")
-    while executor.armed:
+    enough_s = _LIMIT_S
+    if math.isnan(recording.flight.end_s):
+        enough_s = float(recording.flight.time_s[-1]) - START_S + _AFTER_S
+    while executor.armed and executor.time_s <= enough_s:
         state = executor.state()
         samples.append((state.time_s, *state.position_m, *state.velocity_m_s))
         for event in executor.advance(len(samples) * _SAMPLE_S):
@@ -185,9 +254,9 @@ def fly_recording(recording: Recording, spec: VehicleSpec) -> Flight:
                 raise VehicleError(msg)
             if isinstance(event, Disarmed):
                 end_s = event.time_s
-        if executor.time_s > _LIMIT_S:
-            msg = f"{recording.name}: still flying after {_LIMIT_S:.0f} s"
-            raise VehicleError(msg)
+    if executor.armed and enough_s == _LIMIT_S:
+        msg = f"{recording.name}: still flying after {_LIMIT_S:.0f} s"
+        raise VehicleError(msg)
     table = np.array(samples)
     reached = tuple((event.time_s, event.seq) for event in events if isinstance(event, ItemReached))
     return Flight(table[:, 0], table[:, 1:4], table[:, 4:7], reached, end_s)

@@ -1,0 +1,152 @@
+"""What is read off a flight of a mission: how long its phases last, and how it takes the corners."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mission.model import Command
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+    from recordings import Flight
+
+    from geo.frame import LocalFrame
+    from mission.model import MissionItem
+
+__all__ = ["Phases", "Turns", "phases", "turns"]
+
+_WAYPOINTS = frozenset({16, 82})
+_GROUND_M = 2.0
+_NEAR_M = 1.0
+_REST_M_S = 0.1
+_SMOOTH_S = 0.5
+_CORNER = np.radians(30.0)
+_SLOW_M_S = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Phases:
+    """How long the phases of a flight last, in seconds; NaN where there is none.
+
+    Parameters
+    ----------
+    takeoff : float
+        From the start of the mission until a metre below the height of the take-off item; none for a flight
+        that began in the air.
+    first : float
+        From the start to the first waypoint.
+    mission : float
+        From the first to the last waypoint.
+    home : float
+        From the last waypoint until the last descent begins, or, without a landing, until it stands or
+        circles at home.
+    landing : float
+        From there until it disarms.
+    """
+
+    takeoff: float
+    first: float
+    mission: float
+    home: float
+    landing: float
+
+
+@dataclass(frozen=True, slots=True)
+class Turns:
+    """How a flight takes the corners of more than 30 degrees; medians.
+
+    Parameters
+    ----------
+    miss_m : float
+        Nearest distance to the waypoint of a corner.
+    overshoot_m, worst_overshoot_m : float
+        How far beyond the line of the next leg it comes, and the greatest of all corners.
+    radius_m : float
+        Of the turns, where it turns at more than half of the greatest rate at that corner.
+    rate_deg_s : float
+        Greatest rate of turning at a corner.
+    """
+
+    miss_m: float
+    overshoot_m: float
+    worst_overshoot_m: float
+    radius_m: float
+    rate_deg_s: float
+
+
+def phases(flight: Flight, items: tuple[MissionItem, ...], start_s: float, *, flies: bool) -> Phases:
+    """Return how long the phases of a flight last.
+
+    Parameters
+    ----------
+    flight : Flight
+    items : tuple of MissionItem
+    start_s : float
+        When the mission began, in the flight's time.
+    flies : bool
+        Whether heights mean something.
+    """
+    first, last = flight.window(items)
+    height = flight.position_m[:, 2]
+    takeoff = float("nan")
+    wanted = [item.z for item in items if item.command == Command.NAV_TAKEOFF]
+    if flies and wanted and height[np.searchsorted(flight.time_s, start_s)] < _GROUND_M:
+        there = (height >= wanted[0] - _NEAR_M) & (flight.time_s > start_s)
+        takeoff = float(flight.time_s[there][0]) - start_s if there.any() else takeoff
+    after = flight.time_s >= last
+    time_s = flight.time_s[after]
+    if flies and not np.isnan(flight.end_s):
+        high = height[after]
+        sinks = float(time_s[np.flatnonzero(high >= high.max() - _NEAR_M)[-1]])
+        return Phases(takeoff, first - start_s, last - first, sinks - last, flight.end_s - sinks)
+    distance = np.hypot(*flight.position_m[after, :2].T)
+    if flies:
+        # Circling: where it comes as near as it is from then on.
+        arrived = distance <= 1.1 * float(np.median(distance[len(distance) // 2 :]))
+    else:
+        speed = np.hypot(*flight.velocity_m_s[after, :2].T)
+        arrived = (speed < _REST_M_S) & (distance < distance.min() + _NEAR_M)
+    home = float(time_s[arrived][0]) - last if arrived.any() else float("nan")
+    return Phases(takeoff, first - start_s, last - first, home, float("nan"))
+
+
+def turns(flight: Flight, items: tuple[MissionItem, ...], frame: LocalFrame) -> Turns:
+    """Return how a flight takes its corners, each from the middle of one leg to that of the next."""
+    seqs = [seq for seq, item in enumerate(items) if item.command in _WAYPOINTS]
+    places = np.array([frame.from_wgs84(items[seq].x, items[seq].y) for seq in seqs])
+    told = np.array([min((t for t, s in flight.reached if seq <= s), default=np.nan) for seq in seqs])
+    rate, speed = _turning(flight)
+    found = []
+    for i, (before, after) in enumerate(pairwise(np.diff(places, axis=0)), start=1):
+        if abs(np.arctan2(before[0] * after[1] - before[1] * after[0], before @ after)) < _CORNER:
+            continue
+        begin, end = 0.5 * (told[i - 1] + told[i]), 0.5 * (told[i] + told[i + 1])
+        here = (flight.time_s >= begin) & (flight.time_s <= end)
+        leg = (flight.time_s >= begin) & (flight.time_s <= told[i + 1])
+        across = np.array([after[1], -after[0]]) / np.hypot(*after)
+        across *= np.sign(before @ across)
+        beyond = (flight.position_m[leg, :2] - places[i]) @ across
+        miss = np.hypot(*(flight.position_m[here, :2] - places[i]).T).min()
+        turning = here & (rate > 0.5 * rate[here].max())
+        radius = np.median(speed[turning] / rate[turning])
+        found.append((miss, max(beyond.max(), 0.0), radius, np.degrees(rate[here].max())))
+    if not found:
+        return Turns(*[float("nan")] * 5)
+    table = np.array(found)
+    miss, overshoot, radius, turn_rate = np.median(table, axis=0).tolist()
+    return Turns(miss, overshoot, float(table[:, 1].max()), radius, turn_rate)
+
+
+def _turning(flight: Flight) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return how fast the course turns (rad/s, without its sense) and the speed over ground (m/s)."""
+    east, north, _ = flight.velocity_m_s.T
+    speed = np.hypot(east, north)
+    course = np.unwrap(np.arctan2(east, north))
+    ahead = np.interp(flight.time_s + 0.5 * _SMOOTH_S, flight.time_s, course)
+    behind = np.interp(flight.time_s - 0.5 * _SMOOTH_S, flight.time_s, course)
+    # The course of a vehicle that hardly moves is noise.
+    return np.where(speed > _SLOW_M_S, np.abs(ahead - behind) / _SMOOTH_S, 0.0), speed

@@ -1,0 +1,191 @@
+"""Recorded flights of real autopilots beside the simulated ones: times, paths, phases, turns, and plots.
+
+    python benchmarks/side_by_side.py [--folder tests/data/flights] [--only rover] [--out PLOTS]
+
+The folder holds ``<autopilot>-<mission>.json`` and ``.csv.gz`` files (see `benchmarks/recordings.py`). Each
+is flown by the vehicle that stands for the recorded one, with the recorded parameters and wind.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import astuple, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from flight_measures import phases, turns
+from recordings import START_S, Comparison, Flight, Recording, compare, fly_recording, load_recording
+
+from sim_vehicle.errors import VehicleError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from sim_vehicle.airframe.spec import VehicleSpec
+
+FOLDER = Path(__file__).parents[1] / "tests" / "data" / "flights"
+FIRMWARE = {
+    ("ardupilot", "multirotor"): "ArduCopter",
+    ("ardupilot", "fixed-wing"): "ArduPlane",
+    ("ardupilot", "rover"): "ArduRover",
+    ("px4", "multirotor"): "PX4 multirotor",
+    ("px4", "fixed-wing"): "PX4 fixed wing",
+    ("px4", "rover"): "PX4 rover",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """A recording and the simulated flight of its mission."""
+
+    stem: str
+    recording: Recording
+    spec: VehicleSpec
+    flight: Flight
+
+    @property
+    def vehicle(self) -> str:
+        """Firmware and kind of vehicle."""
+        return FIRMWARE[self.recording.autopilot, self.spec.kind]
+
+    def both(self) -> tuple[tuple[Flight, float], tuple[Flight, float]]:
+        """Return the recorded and the simulated flight, each with the time at which the mission began."""
+        return (self.recording.flight, START_S), (self.flight, 0.0)
+
+
+def main() -> None:
+    """Fly all recordings and print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--folder", type=Path, default=FOLDER)
+    parser.add_argument("--only", default="", help="recordings whose name contains this")
+    parser.add_argument("--out", type=Path, help="write a page of plots for each vehicle into this folder")
+    options = parser.parse_args()
+    pairs = []
+    for path in sorted(options.folder.glob("*.json")):
+        if options.only not in path.stem:
+            continue
+        try:
+            recording = load_recording(path)
+            spec = recording.spec()
+            pairs.append(Pair(path.stem, recording, spec, fly_recording(recording, spec)))
+        except VehicleError as error:
+            print(f"{path.stem}: {error}", file=sys.stderr)
+    pairs.sort(key=lambda pair: pair.vehicle)
+    times, parts, corners = [], [], []
+    for pair in pairs:
+        try:
+            times.append(_times(pair, compare(pair.recording, pair.flight)))
+            parts.append((pair.stem, *_phases(pair)))
+            if pair.spec.kind != "multirotor":
+                corners.append((pair.stem, *_turns(pair)))
+        except VehicleError as error:
+            print(f"{pair.stem}: {error}", file=sys.stderr)
+    heads = "recording", "vehicle", "recorded", "simulated", "error", "path, mean", "path, 95 %", "speed, r"
+    _table("First to last waypoint", heads, times)
+    heads = (
+        "recording",
+        "take-off",
+        "to the first waypoint",
+        "mission",
+        "way home",
+        "landing",
+        "start to disarming",
+    )
+    _table("Phases, recorded / simulated", heads, parts)
+    heads = (
+        "recording",
+        "passes at",
+        "overshoot",
+        "greatest overshoot",
+        "radius",
+        "rate of turning",
+        "ends apart",
+    )
+    _table("Corners, recorded / simulated, medians", heads, corners)
+    if options.out is not None:
+        for vehicle in dict.fromkeys(pair.vehicle for pair in pairs):
+            path = options.out / f"{vehicle.lower().replace(' ', '-')}.png"
+            _plot([pair for pair in pairs if pair.vehicle == vehicle], path)
+            print(path)
+
+
+def _table(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table in Markdown whose columns line up."""
+    if not rows:
+        return
+    wide = [max(len(cell) for cell in column) for column in zip(heads, *rows, strict=True)]
+    rule = ["-" * width for width in wide]
+    print(f"### {title}\n")
+    for row in (heads, rule, *rows):
+        print("| " + " | ".join(cell.ljust(width) for cell, width in zip(row, wide, strict=True)) + " |")
+    print()
+
+
+def _times(pair: Pair, result: Comparison) -> tuple[str, ...]:
+    return (
+        pair.stem,
+        pair.vehicle,
+        f"{result.recorded_s:.1f} s",
+        f"{result.simulated_s:.1f} s",
+        f"{100.0 * result.time_error:+.1f} %",
+        f"{result.mean_m:.2f} m",
+        f"{result.p95_m:.2f} m",
+        f"{result.correlation:.3f}",
+    )
+
+
+def _phases(pair: Pair) -> list[str]:
+    flies = pair.spec.kind != "rover"
+    both = [
+        (*astuple(phases(flight, pair.recording.items, start_s, flies=flies)), flight.end_s - start_s)
+        for flight, start_s in pair.both()
+    ]
+    return [_beside(values, "s") for values in zip(*both, strict=True)]
+
+
+def _turns(pair: Pair) -> list[str]:
+    both = [astuple(turns(flight, pair.recording.items, pair.recording.frame)) for flight, _ in pair.both()]
+    units = "m", "m", "m", "m", "deg/s"
+    cells = [_beside(values, unit) for values, unit in zip(zip(*both, strict=True), units, strict=True)]
+    (recorded, _), (simulated, _) = pair.both()
+    if pair.spec.kind == "fixed-wing" and np.isnan(recorded.end_s + simulated.end_s):
+        return [*cells, "-"]
+    apart = recorded.position_m[-1, :2] - simulated.position_m[-1, :2]
+    return [*cells, f"{np.hypot(*apart):.1f} m"]
+
+
+def _beside(values: Iterable[float], unit: str) -> str:
+    cells = ["-" if np.isnan(value) else f"{value:.1f}" for value in values]
+    return "-" if set(cells) == {"-"} else f"{cells[0]} / {cells[1]} {unit}"
+
+
+def _plot(pairs: list[Pair], path: Path) -> None:
+    """Draw paths from above, heights and speeds of the flights of one vehicle, a row each."""
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(
+        len(pairs), 3, figsize=(16, 5.0 * len(pairs)), layout="constrained", squeeze=False
+    )
+    for (way, height, speed), pair in zip(axes, pairs, strict=True):
+        for (flight, start_s), name, style, width in zip(
+            pair.both(), ("recorded", "simulated"), ("0.5", "C3"), (2.5, 1.0), strict=True
+        ):
+            inside = flight.time_s >= start_s
+            time_s = flight.time_s[inside] - start_s
+            position, velocity = flight.position_m[inside], flight.velocity_m_s[inside]
+            way.plot(position[:, 0], position[:, 1], color=style, lw=width, label=name)
+            height.plot(time_s, position[:, 2], color=style, lw=width)
+            speed.plot(time_s, np.linalg.norm(velocity, axis=1), color=style, lw=width)
+        way.set(title=pair.stem, aspect="equal", adjustable="datalim", xlabel="east, m", ylabel="north, m")
+        height.set(xlabel="time from the start of the mission, s", ylabel="height, m")
+        speed.set(xlabel="time from the start of the mission, s", ylabel="speed over ground, m/s")
+    axes.flat[0].legend()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=70)
+    plt.close(figure)
+
+
+if __name__ == "__main__":
+    main()

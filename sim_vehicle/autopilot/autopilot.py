@@ -43,6 +43,8 @@ class Firmware:
         A mission that begins on the ground needs no take-off item.
     habits : MissionHabits
         How it takes a mission that is changed while it flies.
+    reference : callable, optional
+        Returns all parameters that the real firmware has; those not named otherwise are only kept.
     turns : Turns
         How it takes the corners of a path, and the acceptance radius that it can hold.
     """
@@ -56,13 +58,16 @@ class Firmware:
     takes_off: bool = False
     habits: MissionHabits = field(default_factory=MissionHabits)
     turns: Turns = field(default_factory=Turns)
+    reference: Callable[[], Sequence[MavParameter]] = tuple
 
     def parameters(self, spec: VehicleSpec, system_id: int) -> tuple[MavParameter, ...]:
         """Parameters of a vehicle over MAVLink, sorted by name.
 
-        Those of the flight procedures are among them if the vehicle moves by these procedures.
+        Those of the flight procedures are among them if the vehicle moves by these procedures; otherwise they
+        are only kept, like the rest of what the real firmware has.
         """
-        table = {parameter.name: parameter for parameter in self.parameter_table(spec, system_id)}
+        table = {parameter.name: parameter for parameter in self.reference()}
+        table |= {parameter.name: parameter for parameter in self.parameter_table(spec, system_id)}
         if spec.autopilot == self.procedures.name:
             for name, known in self.procedures.parameters.items():
                 table[name] = MavParameter(

@@ -9,6 +9,8 @@ from mission.link.codec.dialect import mavlink as m
 
 __all__ = ["MavParameter"]
 
+_INTEGERS = {8: m.MAV_PARAM_TYPE_INT8, 16: m.MAV_PARAM_TYPE_INT16, 32: m.MAV_PARAM_TYPE_INT32}
+
 
 @dataclass(frozen=True, slots=True)
 class MavParameter:
@@ -22,7 +24,7 @@ class MavParameter:
         The runtime parameter of the vehicle that it is (a field of `RuntimeParameters`); None for a
         constant.
     integer : bool
-        INT32 rather than REAL32.
+        An integer rather than REAL32.
     scale : float
         The parameter's value per SI value (100 for centimetres).
     low, high : float
@@ -31,6 +33,12 @@ class MavParameter:
         Value of a constant; default of a motion parameter.
     motion : bool
         Whether it is one of the flight procedures' own parameters, which change how the vehicle moves.
+    stored : bool
+        Whether it is only kept: it can be set and read, and changes nothing here.
+    bits : int
+        Width of an integer: 8, 16 or 32.
+    unit : str
+        Unit as the autopilot's documentation writes it.
     """
 
     name: str
@@ -41,8 +49,11 @@ class MavParameter:
     high: float = math.inf
     value: float = 0.0
     motion: bool = False
+    stored: bool = False
+    bits: int = 32
+    unit: str = ""
 
     @property
     def mav_type(self) -> int:
         """MAV_PARAM_TYPE."""
-        return int(m.MAV_PARAM_TYPE_INT32 if self.integer else m.MAV_PARAM_TYPE_REAL32)
+        return int(_INTEGERS[self.bits] if self.integer else m.MAV_PARAM_TYPE_REAL32)

@@ -46,6 +46,8 @@ class RuntimeParameters:
         Age at which setpoints hold no more.
     settings : dict of str to float
         The autopilot's parameters that move the vehicle and are not at their defaults, in their own units.
+    stored : dict of str to float
+        Those that change nothing here and are not at their defaults, in their own units.
     """
 
     cruise_speed_m_s: float
@@ -73,6 +75,7 @@ class RuntimeParameters:
     link_action: int = 0
     failsafe_options: int = 0
     settings: dict[str, float] = field(default_factory=dict)
+    stored: dict[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(cls, spec: VehicleSpec, defaults: FailsafeDefaults) -> RuntimeParameters:

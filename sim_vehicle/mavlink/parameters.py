@@ -1,11 +1,12 @@
 """The parameters of the vehicle: what peers may read and change, and what that does.
 
-The few names that ground software reads or sets are here, in each autopilot's own spelling and unit; each
-acts on the vehicle through `RuntimeParameters`.
+All names of the autopilot are here, in its own spelling and unit. Those that do something act on the vehicle
+through `RuntimeParameters`; the others are kept.
 """
 
 from __future__ import annotations
 
+import math
 import struct
 import zlib
 from collections.abc import Callable, Mapping
@@ -16,6 +17,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from sim_vehicle.autopilot.mav_parameter import MavParameter
 from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
+from sim_vehicle.component import NEVER
 
 ParameterMessage: TypeAlias = (
     m.MAVLink_param_request_list_message | m.MAVLink_param_request_read_message | m.MAVLink_param_set_message
@@ -23,6 +25,9 @@ ParameterMessage: TypeAlias = (
 HASH = "_HASH_CHECK"
 """Pseudo-parameter with the checksum of all parameters; a peer of PX4 reads it to reuse its cached values."""
 _NO_INDEX = 65535
+# A whole list at once would overflow a socket's buffer; so it takes about a second.
+_BATCH = 25
+_BATCH_S = 0.02
 
 __all__ = ["ParameterSet"]
 
@@ -40,7 +45,7 @@ class ParameterSet:
     changed : callable
         Called after a parameter took a new value.
     refused : callable
-        Called with a reason when a value was not taken.
+        Called with a reason when a value was not taken, or is not flown as it was given.
     live : mapping of str to callable, optional
         Constants that are counted anew each time.
     """
@@ -61,23 +66,53 @@ class ParameterSet:
         self._bytewise = encoding == "bytewise"
         self._changed = changed
         self._refused = refused
+        self._beyond: dict[str, tuple[float, float]] = {}
+        self._next = len(table)
+        self._due_s = NEVER
+
+    @property
+    def table(self) -> tuple[MavParameter, ...]:
+        """All parameters, in the order of their indices."""
+        return self._table
+
+    def next_deadline(self) -> float:
+        """When the next part of a list is due."""
+        return self._due_s
+
+    def poll(self, now_s: float) -> list[Message]:
+        """Return the part of a list that was asked for and is due now."""
+        if now_s < self._due_s:
+            return []
+        end = min(self._next + _BATCH, len(self._table))
+        messages = [self._message(i) for i in range(self._next, end)]
+        self._next = end
+        self._due_s = now_s + _BATCH_S if end < len(self._table) else NEVER
+        return messages
 
     def value(self, name: str) -> float:
         """Return the value of a parameter in its own unit; KeyError when there is none."""
         parameter = self._table[self._index[name]]
         if name in self._live:
             return float(self._live[name]())
-        if parameter.motion:
-            return self._values.settings.get(name, parameter.value)
+        if name in self._beyond and self._beyond[name][1] == self._held(parameter):
+            return self._beyond[name][0]
         if parameter.field is None:
-            return parameter.value
-        value = float(getattr(self._values, parameter.field)) * parameter.scale
+            return self._held(parameter)
+        value = self._held(parameter) * parameter.scale
         return float(round(value)) if parameter.integer else value
 
-    def handle(self, message: ParameterMessage) -> list[Message]:
-        """Answer PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET."""
+    def _held(self, parameter: MavParameter) -> float:
+        """Return what the vehicle has of a parameter: in SI units where it is one of its own values."""
+        if parameter.field is not None:
+            return float(getattr(self._values, parameter.field))
+        kept = self._values.stored if parameter.stored else self._values.settings
+        return kept.get(parameter.name, parameter.value)
+
+    def handle(self, message: ParameterMessage, now_s: float) -> list[Message]:
+        """Answer PARAM_REQUEST_LIST, of which the rest follows in time, PARAM_REQUEST_READ and PARAM_SET."""
         if is_a(message, m.MAVLink_param_request_list_message):
-            return [self._message(i) for i in range(len(self._table))]
+            self._next, self._due_s = 0, now_s
+            return self.poll(now_s)
         if is_a(message, m.MAVLink_param_request_read_message) and message.param_index >= 0:
             index: int | None = message.param_index if message.param_index < len(self._table) else None
         else:
@@ -104,19 +139,48 @@ class ParameterSet:
 
     def _set(self, parameter: MavParameter, message: m.MAVLink_param_set_message) -> None:
         value = self._decode(message.param_value, message.param_type)
-        if parameter.field is None and not parameter.motion:
-            self._refused(f"{parameter.name} cannot be changed")
-        elif not parameter.low <= value <= parameter.high:
-            self._refused(f"{parameter.name} must be {parameter.low:g} to {parameter.high:g}")
-        elif parameter.field is None:
-            self._values.settings[parameter.name] = value
-            self._changed()
+        name = parameter.name
+        if name in self._live or (parameter.field is None and not (parameter.motion or parameter.stored)):
+            self._refused(f"{name} cannot be changed")
+        elif not math.isfinite(value):
+            self._refused(f"{name} must be a number")
+        elif parameter.stored:
+            self._store(parameter, value)
+        elif self._is_choice(parameter) and not parameter.low <= value <= parameter.high:
+            self._refused(f"{name} must be {parameter.low:g} to {parameter.high:g}")
         else:
-            stored = value / parameter.scale
+            self._take(parameter, value)
+
+    def _is_choice(self, parameter: MavParameter) -> bool:
+        """Whether its values are choices, of which one has no neighbours."""
+        if parameter.field is None:
+            return parameter.integer
+        return isinstance(getattr(self._values, parameter.field), int)
+
+    def _store(self, parameter: MavParameter, value: float) -> None:
+        if parameter.integer:
+            limit = 2 ** (parameter.bits - 1)
+            value = float(round(value))
+            if not -limit <= value < limit:
+                self._refused(f"{parameter.name} must be {-limit} to {limit - 1}")
+                return
+        self._values.stored[parameter.name] = value
+
+    def _take(self, parameter: MavParameter, value: float) -> None:
+        """Let a value hold; beyond the range it is kept as it was given, and the nearest in it holds."""
+        holds = min(max(value, parameter.low), parameter.high)
+        if parameter.field is None:
+            self._values.settings[parameter.name] = holds
+        else:
+            stored = holds / parameter.scale
             if isinstance(getattr(self._values, parameter.field), int):
                 stored = round(stored)
             setattr(self._values, parameter.field, stored)
-            self._changed()
+        self._beyond.pop(parameter.name, None)
+        if holds != value:
+            self._beyond[parameter.name] = (value, self._held(parameter))
+            self._refused(f"{parameter.name} {value:g} is kept, {holds:g} holds")
+        self._changed()
 
     def _decode(self, value: float, kind: int) -> float:
         if self._bytewise and kind != m.MAV_PARAM_TYPE_REAL32:

@@ -240,6 +240,7 @@ class SimVehicle:
             self._current_due_s = NEVER
             self._outbox += self.built(m.MAVLINK_MSG_ID_MISSION_CURRENT)
         self._outbox += self._plans.poll(now_s)
+        self._outbox += self._parameters.poll(now_s)
         self._show_changes()
         outbox, heard = self._outbox, self._heard
         for message_id in self.schedule.due(self.state.now_us):
@@ -262,6 +263,7 @@ class SimVehicle:
             self._reports.next_deadline(),
             self._current_due_s,
             self._plans.next_deadline(),
+            self._parameters.next_deadline(),
         )
 
     def _sent(self) -> list[Message]:
@@ -416,7 +418,7 @@ class SimVehicle:
             self.has_camera = True
 
     def _on_parameter(self, message: ParameterMessage) -> None:
-        self._outbox += self._parameters.handle(message)
+        self._outbox += self._parameters.handle(message, self.state.now_us / 1e6)
         if (banner := self.firmware.persona.identity.banner) and is_a(
             message, m.MAVLink_param_request_list_message
         ):

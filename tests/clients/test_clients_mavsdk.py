@@ -203,7 +203,7 @@ def test_parameters_are_read_set_and_listed(autopilot, connected, tools):
     param = Param(system)
     ardupilot = flying.is_ardupilot
     speed, scale = ("WPNAV_SPEED", 100.0) if ardupilot else ("MPC_XY_CRUISE", 1.0)
-    system_id, delay = ("SYSID_THISMAV", "DISARM_DELAY") if ardupilot else ("MAV_SYS_ID", "COM_LOW_BAT_ACT")
+    system_id, delay = ("MAV_SYSID", "DISARM_DELAY") if ardupilot else ("MAV_SYS_ID", "COM_LOW_BAT_ACT")
     param.set_param_float(speed, 6.5 * scale)
     assert param.get_param_float(speed) == 6.5 * scale
     assert flying.vehicle.pilot.spec.cruise_speed_m_s == 6.5

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from types import MappingProxyType
 
 from mission.model import Command
@@ -16,6 +17,7 @@ from sim_vehicle.autopilot.ardupilot.parameters import copter_parameters, vehicl
 from sim_vehicle.autopilot.ardupilot.persona import COPTER_PERSONA, PLANE_PERSONA, ROVER_PERSONA
 from sim_vehicle.autopilot.ardupilot.rover import ARDUROVER
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
+from sim_vehicle.autopilot.reference_parameters import reference_parameters
 
 __all__ = ["ARDUPILOT"]
 
@@ -47,6 +49,7 @@ ARDUPILOT = Autopilot(
                 parameter_table=copter_parameters,
                 procedures=ARDUCOPTER,
                 habits=HABITS,
+                reference=partial(reference_parameters, "arducopter"),
             ),
             "fixed-wing": Firmware(
                 title="ArduPlane",
@@ -56,6 +59,7 @@ ARDUPILOT = Autopilot(
                 parameter_table=vehicle_parameters,
                 procedures=ARDUPLANE,
                 habits=HABITS,
+                reference=partial(reference_parameters, "arduplane"),
                 # Flown to, not turned before as within WP_RADIUS.
                 turns=Turns(2.0),
             ),
@@ -67,6 +71,7 @@ ARDUPILOT = Autopilot(
                 parameter_table=vehicle_parameters,
                 procedures=ARDUROVER,
                 habits=HABITS,
+                reference=partial(reference_parameters, "rover"),
                 takes_off=True,
             ),
         }

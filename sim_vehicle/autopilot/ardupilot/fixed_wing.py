@@ -46,7 +46,7 @@ PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
         "RLL2SRV_RMAX": ParameterSpec(
             0.0, 0.0, 180.0, "deg/s", "greatest roll rate, 0 for none", integer=True
         ),
-        "RLL2SRV_TCONST": ParameterSpec(0.5, 0.4, 1.0, "s", "time constant of the roll"),
+        "RLL2SRV_TCONST": ParameterSpec(0.5, 0.1, 1.0, "s", "time constant of the roll"),
         "ROLL_LIMIT_DEG": ParameterSpec(45.0, 0.0, 90.0, "deg", "greatest bank"),
         "RTL_ALTITUDE": ParameterSpec(100.0, -1.0, 5000.0, "m", "height of the return, -1 keeps the height"),
         "RTL_AUTOLAND": ParameterSpec(0.0, 0.0, 4.0, "", "1, 2: land as the mission does", integer=True),

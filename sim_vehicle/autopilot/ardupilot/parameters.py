@@ -63,7 +63,7 @@ def vehicle_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
         MavParameter("FENCE_TOTAL", integer=True),
         MavParameter("MIS_TOTAL", integer=True),
         MavParameter("RALLY_TOTAL", integer=True),
-        MavParameter("SYSID_THISMAV", integer=True, value=system_id),
+        MavParameter("MAV_SYSID", integer=True, value=system_id),
     ]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from types import MappingProxyType
 
 from mission.link.codec.dialect import mavlink as m
@@ -16,6 +17,7 @@ from sim_vehicle.autopilot.px4.habits import HABITS
 from sim_vehicle.autopilot.px4.parameters import copter_parameters, fixed_wing_parameters, rover_parameters
 from sim_vehicle.autopilot.px4.persona import persona_of
 from sim_vehicle.autopilot.px4.rover import PX4_ROVER
+from sim_vehicle.autopilot.reference_parameters import reference_parameters
 
 __all__ = ["PX4"]
 
@@ -28,6 +30,8 @@ def _simulator_urls(index: int) -> tuple[str, ...]:
     )
 
 
+# Groups of the multirotor's controllers, which do not run on the others.
+_OF_MULTIROTORS = ("FLW_", "HTE_", "LNDMC_", "MC_", "MPC_")
 _COPTER = Firmware(
     title="PX4",
     persona=persona_of(m.MAV_TYPE_QUADROTOR),
@@ -39,6 +43,7 @@ _COPTER = Firmware(
     habits=HABITS,
     # NAV_ACC_RAD. Less it cannot hold: the error of its height estimate, 0.55 m, counts in the radius.
     turns=Turns(2.0, leads=True),
+    reference=partial(reference_parameters, "px4"),
 )
 PX4 = Autopilot(
     name="px4",
@@ -53,6 +58,7 @@ PX4 = Autopilot(
                 procedures=PX4_FIXED_WING,
                 takes_off=False,
                 turns=Turns(2.0),
+                reference=partial(reference_parameters, "px4", without=_OF_MULTIROTORS),
             ),
             "rover": replace(
                 _COPTER,
@@ -60,6 +66,7 @@ PX4 = Autopilot(
                 parameter_table=rover_parameters,
                 procedures=PX4_ROVER,
                 turns=Turns(),
+                reference=partial(reference_parameters, "px4", without=_OF_MULTIROTORS),
             ),
         }
     ),

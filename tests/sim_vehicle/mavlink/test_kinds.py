@@ -136,6 +136,8 @@ def test_modes_and_parameters_are_those_of_the_autopilot(name, table, banner):
     ask = m.MAVLink_param_request_list_message(1, 1)
     ask._header.srcSystem = 255
     answers = vehicle.receive(ask, 0.0)
+    for tick in range(1, 100):
+        answers += vehicle.poll(0.02 * tick)
     texts = [message.text for message in answers if message.get_type() == "STATUSTEXT"]
     assert banner.encode() in [bytes(text) if isinstance(text, bytes) else text.encode() for text in texts]
     names = {

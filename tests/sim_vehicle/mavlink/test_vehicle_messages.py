@@ -428,7 +428,9 @@ def read_parameter(message, autopilot):
 def test_parameters_list_read_and_set(autopilot):
     peer = Peer(autopilot)
     table = peer.vehicle.firmware.parameters(peer.vehicle.pilot.spec, 1)
-    everything = peer.tell(m.MAVLink_param_request_list_message(1, 1))
+    peer.tell(m.MAVLink_param_request_list_message(1, 1))
+    peer.wait(2.0)
+    everything = [message for message in peer.told if message.get_type() == "PARAM_VALUE"]
     assert [p.param_index for p in everything] == list(range(len(table)))
     assert {p.param_count for p in everything} == {len(table)}
     assert all(len(p.param_id) <= 16 for p in everything)
@@ -439,16 +441,16 @@ def test_parameters_list_read_and_set(autopilot):
     assert peer.vehicle.pilot.spec.cruise_speed_m_s == pytest.approx(value / scale)
     assert peer.tell(m.MAVLink_param_request_read_message(1, 1, name.encode(), -1))[0].param_value == value
     assert peer.tell(m.MAVLink_param_request_read_message(1, 1, b"", answer.param_index))[0].param_id == name
-    system = by_name["MAV_SYS_ID" if autopilot is PX4 else "SYSID_THISMAV"]
+    system = by_name["MAV_SYS_ID" if autopilot is PX4 else "MAV_SYSID"]
     assert read_parameter(system, autopilot) == 1
-    for refused in (1e6, -1.0, NAN, math.inf):
+    for refused in (NAN, math.inf):
         answer = peer.tell(m.MAVLink_param_set_message(1, 1, name.encode(), refused, 9))
         assert [a.param_value for a in answer if a.get_type() == "PARAM_VALUE"] == [value]
-    assert sum(f"{name} must be" in text for text in peer.texts()) == 4
+    assert sum(f"{name} must be" in text for text in peer.texts()) == 2
     peer.tell(m.MAVLink_param_set_message(1, 1, system.param_id.encode(), 5.0, 9))
     assert f"{system.param_id} cannot be changed" in peer.texts()
     assert peer.tell(m.MAVLink_param_request_read_message(1, 1, b"NO_SUCH", -1)) == []
-    assert peer.tell(m.MAVLink_param_request_read_message(1, 1, b"", 999)) == []
+    assert peer.tell(m.MAVLink_param_request_read_message(1, 1, b"", 9999)) == []
     assert peer.tell(m.MAVLink_param_set_message(1, 1, b"NO_SUCH", 1.0, 9)) == []
 
 

@@ -38,13 +38,15 @@ _LIMIT_S = 7200.0
 _AFTER_S = 20.0
 _WAYPOINT, _SPLINE = 16, 82
 _COLUMNS = ("t_s", "east_m", "north_m", "up_m", "ve_m_s", "vn_m_s", "vu_m_s", "heading_deg")
-# The vehicle of the package that stands for the recorded one, by what the recording calls that.
+# The vehicle that stands for the recorded one, by what the recording calls that: of the package, or one of
+# the autopilots' simulators.
+_OWN = Path(__file__).parent / "vehicles"
 _VEHICLES = {
     "copter": "quad",
     "10040": "quad",
     "plane": "fixed-wing",
     "10041": "fixed-wing",
-    "rover": "rover",
+    "rover": str(_OWN / "ardurover-sitl.toml"),
     "10045": "rover",
 }
 _TURBULENCE_S = 0.1
@@ -107,7 +109,7 @@ class Recording:
         As uploaded, without ArduPilot's home item.
     flight : Flight
     vehicle : str
-        The vehicle of the package that stands for the recorded one.
+        The vehicle that stands for the recorded one: a name or a file.
     parameters : dict
         Those of the recorded autopilot that were noted; none in the oldest recordings, which had the
         defaults.

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion.arducopter.model import ArduCopter
+from sim_vehicle.motion.ardurover.model import ArduRover
 from sim_vehicle.motion.batch_loops import CALL, EVENT, EVERY, FIRST, LOOPS, STEPS, STOPS, WIND_ROWS
 from sim_vehicle.motion.columns import STEP, WIND
 from sim_vehicle.motion.fixed_wing.model import FixedWing
@@ -59,6 +60,7 @@ _LAWS: dict[type, _Law] = {
     ArduCopter: _Law("arducopter", (*_COMMON, "guide", "law", "heads", "curves"), "_rows"),
     FixedWing: _Law("fixed-wing"),
     Rover: _Law("rover"),
+    ArduRover: _Law("ardurover", (*_COMMON, "guide", "numbers", "heads", "curves"), "_rows"),
 }
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from geo.compiled import compiled
 from sim_vehicle.motion.arducopter import kernel as arducopter
+from sim_vehicle.motion.ardurover import kernel as ardurover
 from sim_vehicle.motion.fixed_wing import kernel as fixed_wing
 from sim_vehicle.motion.multirotor import kernel as multirotor
 from sim_vehicle.motion.px4 import kernel as px4
@@ -97,6 +98,7 @@ LOOPS: Mapping[str, Callable[..., None]] = MappingProxyType(
         "arducopter": _loop("arducopter", arducopter.advance, _four),
         "fixed-wing": _loop("fixed_wing", fixed_wing.advance),
         "rover": _loop("rover", rover.advance),
+        "ardurover": _loop("ardurover", ardurover.advance, _four),
     }
 )
 """The loops by name; each is compiled when it is first called."""

@@ -268,7 +268,7 @@ def _blurred_share(share: float, blur: float) -> float:
 
 
 @compiled(inline="late", allocates=False)
-def _lead_legs(guide: Floats, law: Floats, heads: Floats, curves: Floats) -> bool:
+def lead_legs(guide: Floats, law: Floats, heads: Floats, curves: Floats) -> bool:
     """Move the target along this leg, the end of the one before and the begin of the next; tell its end.
 
     The target slows down as far as the vehicle falls behind it, with the time constant of the acceleration.
@@ -467,7 +467,7 @@ def lead(
     """Move the target for the next step; tell whether the leg is done."""
     mode = guide[MODE]
     if mode == LEGS:
-        done = _lead_legs(guide, law, heads, curves)
+        done = lead_legs(guide, law, heads, curves)
         if done and guide[FAST] == 0.0:
             gap = 0.0
             for k in range(3):

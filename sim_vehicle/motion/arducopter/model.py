@@ -13,6 +13,7 @@ from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.arducopter import kernel, scurve
 from sim_vehicle.motion.arducopter import layout as at
 from sim_vehicle.motion.arducopter.control import stopping_distance
+from sim_vehicle.motion.arducopter.joining import follows, join
 from sim_vehicle.motion.arducopter.parameters import drag_of, lookup
 from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.motion.model import MotionEvent
@@ -30,14 +31,6 @@ _HOVER_THROTTLE = 0.39
 _ATTITUDE_S = 0.05
 # On the ground the throttle runs down for a second before the land detector begins its own.
 _LAND_DETECTOR_S = 2.0
-# A vehicle that is put into flight goes on along its first leg when so much of its speed points there; the
-# leg began at most so far behind, and the speed of its profile is that of the vehicle within so much.
-_STEADY = 0.2
-_FAR_M = 200.0
-_SAME_M_S = 0.3
-_HALVINGS = 24
-# What `scurve.state_at` returns first.
-_POSITION, _SPEED = 0, 1
 
 
 class ArduCopter(Multirotor):
@@ -106,88 +99,22 @@ class ArduCopter(Multirotor):
         self._rows, self._route = np.ascontiguousarray(rows), rows
         self._begin()
 
-    def _join(self, row: NDArray[np.float64]) -> int:
-        """Be on a leg that began somewhere behind; return how it is gone on with."""
-        guide, law, head, curve = self.guide, self.law, self.heads[1], self.curves[1]
-        here, velocity = self.state[col.POSITION : col.VELOCITY], self.state[col.VELOCITY : col.ACCELERATION]
-        end = row[: at.RZ + 1]
-        left = float(np.linalg.norm(end - here))
-        speed = float(np.linalg.norm(velocity))
-        along = float(velocity @ (end - here)) / left if left > 0.0 else 0.0
-        if int(row[at.KIND]) not in (LegKind.WAYPOINT, LegKind.HOME) or along < _STEADY * max(speed, 0.5):
-            return at.ANEW
-        guide[at.LEVEL] = row[at.SPEED] if row[at.SPEED] >= at.LEAST_SPEED else guide[at.LEVEL]
-        guide[at.UP], guide[at.DOWN] = law[at.SPEED_UP], law[at.SPEED_DOWN]
-        ahead = (end - here) / left
-        self._make_leg(ahead * (_FAR_M + left))
-        at_s = self._time_of(_POSITION, _FAR_M, scurve.end_time(head, curve))
-        behind = _FAR_M
-        if scurve.state_at(head, curve, at_s)[1] > along + _SAME_M_S:
-            # It speeds up still: the leg began as far behind as that takes.
-            at_s = self._time_of(_SPEED, along, 0.5 * scurve.end_time(head, curve))
-            behind = scurve.state_at(head, curve, at_s)[0]
-            self._make_leg(ahead * (behind + left))
-            at_s = self._time_of(_POSITION, behind, scurve.end_time(head, curve))
-        _, speed, acceleration = scurve.state_at(head, curve, at_s)
-        head[scurve.TIME] = at_s
-        guide[at.BEGIN : at.BEGIN + 3] = here - ahead * behind
-        guide[at.END : at.END + 3] = end
-        guide[at.PX : at.PX + 3] = here
-        guide[at.VX : at.VX + 3] = ahead * speed
-        guide[at.AX : at.AX + 3] = ahead * acceleration
-        guide[at.MODE] = at.LEGS
-        guide[at.RESET] = guide[at.PACE] = 1.0
-        return at.SAME
-
-    def _make_leg(self, way: NDArray[np.float64]) -> None:
-        """Make the profile of a leg at the speeds in use."""
-        guide, law = self.guide, self.law
-        east, north, up = way.tolist()
-        scurve.make_leg(
-            self.heads[1],
-            self.curves[1],
-            (east, north, up),
-            (float(guide[at.LEVEL]), float(guide[at.UP]), float(guide[at.DOWN])),
-            (float(law[at.ACCEL]), float(law[at.ACCEL_Z])),
-            law[at.SNAP],
-            law[at.JERK],
-        )
-
-    def _time_of(self, which: int, value: float, end_s: float) -> float:
-        """Return when position or speed of the profile, which rise until ``end_s``, reach a value."""
-        low, high = 0.0, end_s
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (low + high)
-            if scurve.state_at(self.heads[1], self.curves[1], middle)[which] < value:
-                low = middle
-            else:
-                high = middle
-        return 0.5 * (low + high)
-
     def interrupt(self) -> None:
         """Give up the leg that is flown: the next one begins where the vehicle could stop, as in AC_WPNav."""
         self._interrupted = True
 
     def _follows(self, row: NDArray[np.float64]) -> int:
         """Return the transition to a leg from what is flown now."""
-        guide = self.guide
         interrupted, self._interrupted = self._interrupted, False
         if self._rows is None or row[at.KIND] == LegKind.CLIMB:
             return at.ANEW
-        target = row[: at.RZ + 1]
-        arrived = guide[at.BEGINS] == at.CHAINED
-        if interrupted and not (arrived or self.counters[col.ARRIVED]):
-            return at.ANEW
-        end = guide[at.END : at.END + 3]
-        if arrived and guide[at.FAST] != 0.0:
-            head = self.heads[2]
-            ahead = end + head[scurve.LENGTH] * head[scurve.UX : scurve.UZ + 1]
-            return at.CHAINED if np.allclose(ahead, target, rtol=0.0, atol=1e-3) else at.ANEW
-        if arrived or self.counters[col.ARRIVED]:
-            return at.CHAINED
-        if guide[at.MODE] == at.LEGS and np.allclose(end, target, rtol=0.0, atol=1e-3):
-            return at.SAME
-        return at.ANEW
+        arrived = bool(self.counters[col.ARRIVED])
+        return follows(self.guide, self.heads, row, arrived=arrived, interrupted=interrupted)
+
+    def _join(self, row: NDArray[np.float64]) -> int:
+        """Be on a leg that began somewhere behind; return how it is gone on with."""
+        here, velocity = self.state[col.POSITION : col.VELOCITY], self.state[col.VELOCITY : col.ACCELERATION]
+        return join(self.guide, self.law, self.heads[1], self.curves[1], row, here, velocity)
 
     def steer(
         self,

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.legs import Heading, Position, Route
     from sim_vehicle.weather.wind import Wind
 
-_NOT_DRIVEN = frozenset({int(LegKind.TAKEOFF), int(LegKind.CLIMB), int(LegKind.DESCEND)})
+NOT_DRIVEN = (LegKind.TAKEOFF, LegKind.CLIMB, LegKind.DESCEND)
+"""Legs that mean nothing on the ground."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +128,7 @@ class Rover(CompiledMotion):
             rows[i, wheels.LEG_KIND] = wheels.STOP if stops else wheels.THROUGH
             # Neither autopilot takes the radius of an item on wheels.
             rows[i, wheels.LEG_RADIUS] = law.acceptance
-            if int(route.kind[i]) in _NOT_DRIVEN:
+            if int(route.kind[i]) in NOT_DRIVEN:
                 rows[i, wheels.LEG_KIND] = wheels.AT_ONCE
                 rows[i, : wheels.LEG_KIND] = x, y
             x, y = rows[i, : wheels.LEG_KIND].tolist()

@@ -1,0 +1,127 @@
+"""How a new route follows from what is flown along S-curves, and how a leg is joined under way."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sim_vehicle.motion.arducopter import layout as at
+from sim_vehicle.motion.arducopter import scurve
+from sim_vehicle.motion.legs import LegKind
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+__all__ = ["follows", "join"]
+
+# A vehicle that is put into flight goes on along its first leg when so much of its speed points there; the
+# leg began at most so far behind, and the speed of its profile is that of the vehicle within so much.
+_STEADY = 0.2
+_FAR_M = 200.0
+_SAME_M_S = 0.3
+_HALVINGS = 24
+# What `scurve.state_at` returns first.
+_POSITION, _SPEED = 0, 1
+
+
+def join(
+    guide: Floats, law: Floats, head: Floats, curve: Floats, row: Floats, here: Floats, velocity: Floats
+) -> int:
+    """Be on a leg that began somewhere behind; return how it is gone on with.
+
+    Parameters
+    ----------
+    guide, law : float64[GUIDE], float64[LAW]
+        See `sim_vehicle.motion.arducopter.layout`; the guide is changed.
+    head, curve : float64[HEAD], float64[SEGMENTS, COLUMNS]
+        Of the present leg; changed.
+    row : float64[LEG]
+        The leg.
+    here, velocity : float64[3]
+    """
+    end = row[: at.RZ + 1]
+    left = float(np.linalg.norm(end - here))
+    speed = float(np.linalg.norm(velocity))
+    along = float(velocity @ (end - here)) / left if left > 0.0 else 0.0
+    if int(row[at.KIND]) not in (LegKind.WAYPOINT, LegKind.HOME) or along < _STEADY * max(speed, 0.5):
+        return at.ANEW
+    guide[at.LEVEL] = row[at.SPEED] if row[at.SPEED] >= at.LEAST_SPEED else guide[at.LEVEL]
+    guide[at.UP], guide[at.DOWN] = law[at.SPEED_UP], law[at.SPEED_DOWN]
+    ahead = (end - here) / left
+    _make_leg(guide, law, head, curve, ahead * (_FAR_M + left))
+    at_s = _time_of(head, curve, _POSITION, _FAR_M, scurve.end_time(head, curve))
+    behind = _FAR_M
+    if scurve.state_at(head, curve, at_s)[1] > along + _SAME_M_S:
+        # It speeds up still: the leg began as far behind as that takes.
+        at_s = _time_of(head, curve, _SPEED, along, 0.5 * scurve.end_time(head, curve))
+        behind = scurve.state_at(head, curve, at_s)[0]
+        _make_leg(guide, law, head, curve, ahead * (behind + left))
+        at_s = _time_of(head, curve, _POSITION, behind, scurve.end_time(head, curve))
+    _, speed, acceleration = scurve.state_at(head, curve, at_s)
+    head[scurve.TIME] = at_s
+    guide[at.BEGIN : at.BEGIN + 3] = here - ahead * behind
+    guide[at.END : at.END + 3] = end
+    guide[at.PX : at.PX + 3] = here
+    guide[at.VX : at.VX + 3] = ahead * speed
+    guide[at.AX : at.AX + 3] = ahead * acceleration
+    guide[at.MODE] = at.LEGS
+    guide[at.RESET] = guide[at.PACE] = 1.0
+    return at.SAME
+
+
+def follows(guide: Floats, heads: Floats, row: Floats, *, arrived: bool, interrupted: bool) -> int:
+    """Return the transition to a leg from what is flown now.
+
+    Parameters
+    ----------
+    guide, heads : float64[GUIDE], float64[3, HEAD]
+    row : float64[LEG]
+        The leg.
+    arrived : bool
+        Whether the route before was flown to its end.
+    interrupted : bool
+        Whether the leg that is flown was given up.
+    """
+    target = row[: at.RZ + 1]
+    chained = guide[at.BEGINS] == at.CHAINED
+    if interrupted and not (chained or arrived):
+        return at.ANEW
+    end = guide[at.END : at.END + 3]
+    if chained and guide[at.FAST] != 0.0:
+        head = heads[2]
+        ahead = end + head[scurve.LENGTH] * head[scurve.UX : scurve.UZ + 1]
+        return at.CHAINED if np.allclose(ahead, target, rtol=0.0, atol=1e-3) else at.ANEW
+    if chained or arrived:
+        return at.CHAINED
+    if guide[at.MODE] == at.LEGS and np.allclose(end, target, rtol=0.0, atol=1e-3):
+        return at.SAME
+    return at.ANEW
+
+
+def _make_leg(guide: Floats, law: Floats, head: Floats, curve: Floats, way: Floats) -> None:
+    """Make the profile of a leg at the speeds in use."""
+    east, north, up = way.tolist()
+    scurve.make_leg(
+        head,
+        curve,
+        (east, north, up),
+        (float(guide[at.LEVEL]), float(guide[at.UP]), float(guide[at.DOWN])),
+        (float(law[at.ACCEL]), float(law[at.ACCEL_Z])),
+        law[at.SNAP],
+        law[at.JERK],
+    )
+
+
+def _time_of(head: Floats, curve: Floats, which: int, value: float, end_s: float) -> float:
+    """Return when position or speed of the profile, which rise until ``end_s``, reach a value."""
+    low, high = 0.0, end_s
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if scurve.state_at(head, curve, middle)[which] < value:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)

@@ -1,0 +1,1 @@
+"""Ground vehicles as ArduPilot's Rover drives them."""

@@ -1,0 +1,288 @@
+"""A ground vehicle as ArduPilot's Rover drives it: the compiled drive with its state and its law."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sim_vehicle.motion import columns as col
+from sim_vehicle.motion.arducopter import layout as at
+from sim_vehicle.motion.arducopter import scurve
+from sim_vehicle.motion.arducopter.joining import follows, join
+from sim_vehicle.motion.ardurover import kernel
+from sim_vehicle.motion.ardurover import layout as on
+from sim_vehicle.motion.legs import KEEP, LegKind
+from sim_vehicle.motion.rover import kernel as wheels
+from sim_vehicle.motion.rover.model import NOT_DRIVEN, Rover
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.motion.legs import Heading, Position, Route
+    from sim_vehicle.motion.model import MotionEvent
+    from sim_vehicle.motion.rover.model import RoverLimits
+    from sim_vehicle.weather.wind import Wind
+
+# Legs that are followed as any `Rover` does it: bends of a curve, and positions that are asked for again and
+# again, which Rover does not drive to along S-curves either.
+_PURSUED = (LegKind.ARC, LegKind.SETPOINT)
+
+
+@dataclass(frozen=True, slots=True)
+class DriveLaw:
+    """What Rover's parameters and the vehicle decide; SI units, radians, throttle and steering from -1 to 1.
+
+    Parameters
+    ----------
+    position_p, velocity_p, velocity_filter_hz : float
+        Position control.
+    path_acceleration, jerk, snap : float
+        Along the S-curves.
+    acceleration, deceleration : float
+        Of the speed that is asked for.
+    lateral, turn_speed : float
+        Greatest lateral acceleration; speed that it keeps in turns unless it slows down.
+    radius, near : float
+        How near to a corner the next leg may begin; how near a stop counts as reached.
+    steer_acceleration, steer_rate : float
+        Limits of the rate of turning that is asked for.
+    steer_ff, steer_p, steer_i, steer_imax, steer_filter_hz : float
+        Steering over rate of turning.
+    scale_base : float
+        Speed above which the steering is scaled down.
+    tightest : float
+        Radius at full steering; 0 for a vehicle that steers by its tracks.
+    track_lag_s : float
+        Time constant of the turns of tracks.
+    angle_p, pivot_angle, pivot_rate, pivot_delay_s : float
+        Turns on the spot; an angle of 0 is never.
+    drive_base, drive_p, drive_i, drive_imax, drive_filter_hz : float
+        Throttle over speed.
+    stop_speed : float
+        Below it, told to stop, the throttle is zero.
+    top_speed, drive_lag_s : float
+        Speed at full throttle and time constant of the speed.
+    """
+
+    position_p: float
+    velocity_p: float
+    velocity_filter_hz: float
+    path_acceleration: float
+    jerk: float
+    snap: float
+    acceleration: float
+    deceleration: float
+    lateral: float
+    turn_speed: float
+    radius: float
+    near: float
+    steer_acceleration: float
+    steer_rate: float
+    steer_ff: float
+    steer_p: float
+    steer_i: float
+    steer_imax: float
+    steer_filter_hz: float
+    scale_base: float
+    tightest: float
+    track_lag_s: float
+    angle_p: float
+    pivot_angle: float
+    pivot_rate: float
+    pivot_delay_s: float
+    drive_base: float
+    drive_p: float
+    drive_i: float
+    drive_imax: float
+    drive_filter_hz: float
+    stop_speed: float
+    top_speed: float
+    drive_lag_s: float
+
+
+class ArduRover(Rover):
+    """A vehicle on wheels or tracks under ArduPilot's Rover; velocities are driven as any `Rover` does.
+
+    Parameters
+    ----------
+    spec : VehicleSpec
+    limits_of, law_of : callable
+        What the autopilot makes of a vehicle's parameters.
+    wind : Wind, optional
+        Counts only in the power.
+    yaw_rad : float
+        Heading at the start.
+    """
+
+    def __init__(
+        self,
+        spec: VehicleSpec,
+        limits_of: Callable[[VehicleSpec], RoverLimits],
+        law_of: Callable[[VehicleSpec], DriveLaw],
+        wind: Wind | None = None,
+        yaw_rad: float = 0.0,
+    ) -> None:
+        super().__init__(spec, limits_of, wind, yaw_rad)
+        self._law_of = law_of
+        self.guide: NDArray[np.float64] = np.zeros(on.GUIDE)
+        self.heads: NDArray[np.float64] = np.zeros((3, scurve.HEAD))
+        self.curves: NDArray[np.float64] = np.zeros((3, scurve.SEGMENTS, scurve.COLUMNS))
+        self.numbers = _numbers(law_of(spec), self.step_s)
+        self._rows: NDArray[np.float64] | None = None
+        self._under_way = self._interrupted = False
+        self._rest()
+
+    def _rest(self) -> None:
+        """Have no path, and the speed that the vehicle has."""
+        self._rows = None
+        self.guide[:] = 0.0
+        self.guide[at.LEVEL] = self.spec.cruise_speed_m_s
+        self.guide[at.RESET] = 1.0
+        self.guide[on.SPEED_ASKED] = self.state[wheels.SPEED]
+
+    def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
+        """Be under way at time 0, with nothing used yet, as if it had driven there.
+
+        A first leg that lies ahead is then gone on with, as far along its profile as the speed tells.
+        """
+        super().place_in_flight(position_m, velocity_m_s, heading_rad)
+        self.heads[:] = 0.0
+        self._rest()
+        self._under_way = True
+
+    def fly(self, route: Route) -> None:
+        """Begin a route, from where the vehicle is and as it moves now."""
+        if np.isin(route.kind, _PURSUED).any():
+            self._rest()
+            super().fly(route)
+            return
+        rows = np.column_stack(
+            (
+                route.points_m[:, :2],
+                np.zeros(len(route.kind)),
+                route.radius_m,
+                np.where(np.isnan(route.speed_m_s), 0.0, np.minimum(route.speed_m_s, self.law.speed_max)),
+                route.heading_rad,
+                route.near_m,
+                np.where(np.isin(route.kind, NOT_DRIVEN), kernel.AT_ONCE, route.kind),
+                route.pause_s,
+                route.turn_rad_s,
+            )
+        )
+        under_way, self._under_way = self._under_way, False
+        if self._rows is None and not under_way:
+            self._rest()
+        how = self._join(rows[0]) if under_way else self._follows(rows[0])
+        self.guide[at.BEGINS] = how
+        self._rows, self._route = np.ascontiguousarray(rows), rows
+        self._begin()
+
+    def interrupt(self) -> None:
+        """Give up the leg that is driven: the next one begins where the vehicle could stop."""
+        self._interrupted = True
+
+    def _follows(self, row: NDArray[np.float64]) -> int:
+        """Return the transition to a leg from what is driven now."""
+        interrupted, self._interrupted = self._interrupted, False
+        # A return begins anew from where the vehicle stops.
+        if self._rows is None or row[at.KIND] == LegKind.HOME:
+            return at.ANEW
+        arrived = bool(self.counters[col.ARRIVED])
+        return follows(self.guide, self.heads, row, arrived=arrived, interrupted=interrupted)
+
+    def _join(self, row: NDArray[np.float64]) -> int:
+        """Be on a leg that began somewhere behind; return how it is gone on with."""
+        here, velocity = self.state[col.POSITION : col.VELOCITY], self.state[col.VELOCITY : col.ACCELERATION]
+        return join(self.guide, self.numbers, self.heads[1], self.curves[1], row, here, velocity)
+
+    def steer(
+        self,
+        velocity_m_s: tuple[float, float, float],
+        *,
+        height_m: float = math.nan,
+        heading: Heading = KEEP,
+    ) -> None:
+        """Drive at a velocity, or stop; told to go down it stops for good."""
+        self._rest()
+        super().steer(velocity_m_s, height_m=height_m, heading=heading)
+
+    def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
+        """Drive up to ``max_steps`` steps, less when something happens (see `MotionEvent`)."""
+        if self._rows is None:
+            return super().advance(max_steps, stop_each=stop_each)
+        own = self.guide, self.numbers, self.heads, self.curves
+        return self._run(kernel.advance, self._rows, own, max_steps, stop_each)
+
+    def lose_power(self) -> None:
+        """Stop: without power it cannot go anywhere."""
+        super().lose_power()
+        self.numbers[on.TOP_SPEED] = 0.0
+
+    def update_spec(self, spec: VehicleSpec) -> None:
+        """Take other defaults and limits; they hold from the next route on."""
+        super().update_spec(spec)
+        self.numbers = _numbers(self._law_of(spec), self.step_s)
+
+    def touch_down(self) -> None:
+        """Stand still."""
+        super().touch_down()
+        self._rest()
+
+
+def _numbers(law: DriveLaw, dt: float) -> NDArray[np.float64]:
+    """Return the law in the order of the kernel."""
+    numbers = np.zeros(on.LAW)
+    by_place = {
+        at.DT: dt,
+        at.POS_P: law.position_p,
+        at.VEL_P: law.velocity_p,
+        at.ERROR_FILTER: _share(dt, law.velocity_filter_hz),
+        at.ACCEL: law.path_acceleration,
+        at.ACCEL_Z: law.path_acceleration,
+        at.CORNER: law.lateral,
+        at.WP_RADIUS: law.radius,
+        at.PACE_FILTER: min(1.0, dt * law.jerk / law.path_acceleration),
+        at.JERK: law.jerk,
+        at.SNAP: law.snap,
+        on.NEAR: law.near,
+        on.SPEED_UP: law.acceleration,
+        on.DECEL: law.deceleration,
+        on.LATERAL: law.lateral,
+        on.TURN_SPEED: law.turn_speed,
+        on.STEER_ACCEL: law.steer_acceleration,
+        on.STEER_RATE: law.steer_rate,
+        on.STEER_FF: law.steer_ff,
+        on.STEER_P: law.steer_p,
+        on.STEER_I_GAIN: law.steer_i,
+        on.STEER_IMAX: law.steer_imax,
+        on.STEER_FILTER: _share(dt, law.steer_filter_hz),
+        on.SCALE_BASE: law.scale_base,
+        on.TIGHTEST: law.tightest,
+        on.STEER_LAG: min(1.0, dt / law.track_lag_s),
+        on.ANGLE_P: law.angle_p,
+        on.PIVOT_ANGLE: law.pivot_angle,
+        on.PIVOT_RATE: law.pivot_rate,
+        on.PIVOT_DELAY: law.pivot_delay_s / dt,
+        on.DRIVE_BASE: law.drive_base,
+        on.DRIVE_P: law.drive_p,
+        on.DRIVE_I_GAIN: law.drive_i,
+        on.DRIVE_IMAX: law.drive_imax,
+        on.DRIVE_FILTER: _share(dt, law.drive_filter_hz),
+        on.STOP_SPEED: law.stop_speed,
+        on.TOP_SPEED: law.top_speed,
+        on.DRIVE_LAG: min(1.0, dt / law.drive_lag_s),
+    }
+    for place, value in by_place.items():
+        numbers[place] = value
+    return numbers
+
+
+def _share(dt: float, frequency_hz: float) -> float:
+    """Return the share that a low-pass filter takes over in a step; a frequency of 0 is no filter."""
+    return dt / (dt + 1.0 / (2.0 * math.pi * frequency_hz)) if frequency_hz > 0.0 else 1.0

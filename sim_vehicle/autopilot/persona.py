@@ -17,6 +17,7 @@ COMMON_CAPABILITIES = int(
     | m.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
     | m.MAV_PROTOCOL_CAPABILITY_MISSION_INT
     | m.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+    | m.MAV_PROTOCOL_CAPABILITY_FTP
     | m.MAV_PROTOCOL_CAPABILITY_MAVLINK2
     | m.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
     | m.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
@@ -198,6 +199,12 @@ class Persona:
         DO_REPOSITION's yaw is followed (PX4).
     tells_remaining_time : bool
         BATTERY_STATUS tells how long the battery lasts (PX4).
+    packed_parameters : bool
+        All parameters can be read as one file (ArduPilot).
+    component_metadata : bool
+        COMPONENT_METADATA names files that describe the vehicle (PX4).
+    log_directory : str
+        Where files of logs are.
     """
 
     identity: Identity
@@ -218,3 +225,6 @@ class Persona:
     takeoff_above_sea: bool = False
     reposition_turns: bool = False
     tells_remaining_time: bool = False
+    packed_parameters: bool = False
+    component_metadata: bool = False
+    log_directory: str = "/logs"

@@ -270,7 +270,10 @@ def _request_message(vehicle: CommandedVehicle, order: Order) -> Answer:
     if message_id == m.MAVLINK_MSG_ID_AVAILABLE_MODES:
         messages = _available_modes(vehicle.state.firmware.persona, order.number(2))
         return Answer(messages=messages) if messages else DENIED
-    messages = built(message_id, vehicle.state)
+    if message_id == m.MAVLINK_MSG_ID_COMPONENT_METADATA:
+        messages = vehicle.metadata()
+    else:
+        messages = built(message_id, vehicle.state)
     return Answer(messages=messages) if messages else UNSUPPORTED
 
 

@@ -98,6 +98,9 @@ class CommandedVehicle(Protocol):
     def command_camera(self, command: int, params: tuple[float, ...]) -> None:
         """Send a command to the camera."""
 
+    def metadata(self) -> tuple[Message, ...]:
+        """Where the files are that describe it; nothing where it has none."""
+
     def on_home_moved(self) -> None:
         """Tell where home is now."""
 

@@ -69,11 +69,16 @@ class ParameterSet:
         self._beyond: dict[str, tuple[float, float]] = {}
         self._next = len(table)
         self._due_s = NEVER
+        self._defaults = {p.name: self.value(p.name) for p in table if p.field is not None}
 
     @property
     def table(self) -> tuple[MavParameter, ...]:
         """All parameters, in the order of their indices."""
         return self._table
+
+    def default(self, name: str) -> float:
+        """Return what a parameter was at the start, in its own unit; KeyError when there is none."""
+        return self._defaults.get(name, self._table[self._index[name]].value)
 
     def next_deadline(self) -> float:
         """When the next part of a list is due."""

@@ -28,6 +28,9 @@ from sim_vehicle.mavlink import setpoint_messages
 from sim_vehicle.mavlink.camera_commands import CAMERA, CameraOrders, camera_feedback
 from sim_vehicle.mavlink.commands import CommandReceiver, set_custom_mode
 from sim_vehicle.mavlink.data_streams import STREAMS
+from sim_vehicle.mavlink.ftp.metadata import GENERAL_PATH, uri
+from sim_vehicle.mavlink.ftp.server import FtpServer, checksum
+from sim_vehicle.mavlink.ftp.vehicle_files import general_metadata, vehicle_files
 from sim_vehicle.mavlink.item_reports import ItemReports
 from sim_vehicle.mavlink.parameters import ParameterMessage, ParameterSet
 from sim_vehicle.mavlink.plan_receiver import PlanReceiver
@@ -154,6 +157,7 @@ class SimVehicle:
             self.say_warning,
             self._plans.totals(),
         )
+        self._ftp = FtpServer(vehicle_files(persona, self._parameters))
         self._handlers: dict[int, Callable[[Any], None]] = {
             **dict.fromkeys(_COMMAND_IDS, self._on_command),
             **dict.fromkeys(_PARAMETER_IDS, self._on_parameter),
@@ -161,7 +165,9 @@ class SimVehicle:
             **dict(
                 (
                     handler(m.MAVLink_command_ack_message, self._on_ack),
+                    handler(m.MAVLink_file_transfer_protocol_message, self._on_ftp),
                     handler(m.MAVLink_heartbeat_message, self._on_heartbeat),
+                    handler(m.MAVLink_log_request_list_message, self._on_log_list),
                     handler(m.MAVLink_mission_set_current_message, self._on_set_current),
                     handler(m.MAVLink_ping_message, self._on_ping),
                     handler(m.MAVLink_request_data_stream_message, self._on_data_stream),
@@ -241,6 +247,7 @@ class SimVehicle:
             self._outbox += self.built(m.MAVLINK_MSG_ID_MISSION_CURRENT)
         self._outbox += self._plans.poll(now_s)
         self._outbox += self._parameters.poll(now_s)
+        self._outbox += self._ftp.poll(now_s)
         self._show_changes()
         outbox, heard = self._outbox, self._heard
         for message_id in self.schedule.due(self.state.now_us):
@@ -264,6 +271,7 @@ class SimVehicle:
             self._current_due_s,
             self._plans.next_deadline(),
             self._parameters.next_deadline(),
+            self._ftp.next_deadline(),
         )
 
     def _sent(self) -> list[Message]:
@@ -379,6 +387,13 @@ class SimVehicle:
         """The message with this id from the state now; none when there is none such."""
         return built(message_id, self.state)
 
+    def metadata(self) -> tuple[Message, ...]:
+        """COMPONENT_METADATA; nothing where the autopilot has none."""
+        if not self.firmware.persona.component_metadata:
+            return ()
+        crc = checksum(general_metadata(self._parameters))
+        return (m.MAVLink_component_metadata_message(self.state.boot_ms, crc, uri(GENERAL_PATH).encode()),)
+
     def reboot(self) -> None:
         """Start again: time since boot, ids of plans, message rates, transfers; the plans are kept.
 
@@ -423,6 +438,13 @@ class SimVehicle:
             message, m.MAVLink_param_request_list_message
         ):
             self.pilot.note(Severity.INFO, banner)
+
+    def _on_ftp(self, message: m.MAVLink_file_transfer_protocol_message) -> None:
+        self._outbox += self._ftp.receive(message, self.state.now_us / 1e6)
+
+    def _on_log_list(self, _message: m.MAVLink_log_request_list_message) -> None:
+        """Say that there are no logs: what a run records is in the folder of the run."""
+        self._outbox.append(m.MAVLink_log_entry_message(0, 0, 0, 0, 0))
 
     def _on_mission(self, message: Message) -> None:
         self._outbox += self._plans.receive(message, self.state.now_us / 1e6)

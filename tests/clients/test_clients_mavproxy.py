@@ -25,10 +25,10 @@ def mavproxy_path(installed):
 class Session:
     """A running MAVProxy: what was typed, what it said."""
 
-    def __init__(self, path, directory, master, wait_until, modules="wp,mode,arm,fence,rally,param,cmdlong"):
+    def __init__(self, path, directory, master, wait_until):
         environment = {**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1", "HOME": str(directory)}
         command = [sys.executable, "-m", "MAVProxy.mavproxy", f"--master={master}"]
-        command += [f"--state-basedir={directory}", f"--default-modules={modules}"]
+        command += [f"--state-basedir={directory}", "--default-modules=wp,mode,arm,fence,rally,ftp,param,cmdlong"]
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             text=True, env=environment, cwd=directory,
@@ -173,3 +173,14 @@ def test_guided_flight_typed_by_hand(session, tools):
     proxy.type("mode land", "Mode LAND")
     proxy.expect("DISARMED")
     proxy.type("mode auto", "Got COMMAND_ACK: DO_SET_MODE: (DENIED|FAILED|TEMPORARILY_REJECTED)")
+
+
+def test_parameters_come_by_ftp_and_files_are_listed(session, tools, tmp_path):
+    flying, proxy = session("ardupilot")
+    count = len(flying.vehicle.firmware.parameters(flying.vehicle.pilot.spec, 1))
+    proxy.type("param fetch", rf"Received {count} parameters \(ftp\)")
+    proxy.type("param show ARMING_RUDDER", r"ARMING_RUDDER\s+2")
+    (tmp_path / "note.txt").write_text("a note\n" * 200)
+    proxy.type(f"ftp put {tmp_path / 'note.txt'} logs/note.txt", "Sent|Put|Wrote|Transfer")
+    proxy.type("ftp list /logs", r"note\.txt\s+1400")
+    proxy.type("ftp list /", r" D logs")

@@ -61,6 +61,7 @@ MAVLINK_MSG_ID_CAMERA_SETTINGS: Final[int]
 MAVLINK_MSG_ID_CAMERA_TRIGGER: Final[int]
 MAVLINK_MSG_ID_COMMAND_INT: Final[int]
 MAVLINK_MSG_ID_COMMAND_LONG: Final[int]
+MAVLINK_MSG_ID_COMPONENT_METADATA: Final[int]
 MAVLINK_MSG_ID_CURRENT_MODE: Final[int]
 MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY: Final[int]
 MAVLINK_MSG_ID_EKF_STATUS_REPORT: Final[int]
@@ -199,6 +200,7 @@ MAV_PARAM_TYPE_REAL32: Final[int]
 MAV_PARAM_TYPE_UINT32: Final[int]
 MAV_PROTOCOL_CAPABILITY_COMMAND_INT: Final[int]
 MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION: Final[int]
+MAV_PROTOCOL_CAPABILITY_FTP: Final[int]
 MAV_PROTOCOL_CAPABILITY_MAVLINK2: Final[int]
 MAV_PROTOCOL_CAPABILITY_MISSION_FENCE: Final[int]
 MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT: Final[int]
@@ -599,6 +601,12 @@ class MAVLink_command_long_message(MAVLink_message):
         param7: float,
     ) -> None: ...
 
+class MAVLink_component_metadata_message(MAVLink_message):
+    time_boot_ms: int
+    file_crc: int
+    uri: str
+    def __init__(self, time_boot_ms: int, file_crc: int, uri: bytes) -> None: ...
+
 class MAVLink_current_mode_message(MAVLink_message):
     standard_mode: int
     custom_mode: int
@@ -674,6 +682,15 @@ class MAVLink_fence_status_message(MAVLink_message):
         breach_type: int,
         breach_time: int,
         breach_mitigation: int = ...,
+    ) -> None: ...
+
+class MAVLink_file_transfer_protocol_message(MAVLink_message):
+    target_network: int
+    target_system: int
+    target_component: int
+    payload: Sequence[int]
+    def __init__(
+        self, target_network: int, target_system: int, target_component: int, payload: Sequence[int]
     ) -> None: ...
 
 class MAVLink_global_position_int_message(MAVLink_message):
@@ -872,6 +889,21 @@ class MAVLink_local_position_ned_message(MAVLink_message):
     def __init__(
         self, time_boot_ms: int, x: float, y: float, z: float, vx: float, vy: float, vz: float
     ) -> None: ...
+
+class MAVLink_log_entry_message(MAVLink_message):
+    id: int
+    num_logs: int
+    last_log_num: int
+    time_utc: int
+    size: int
+    def __init__(self, id: int, num_logs: int, last_log_num: int, time_utc: int, size: int) -> None: ...
+
+class MAVLink_log_request_list_message(MAVLink_message):
+    target_system: int
+    target_component: int
+    start: int
+    end: int
+    def __init__(self, target_system: int, target_component: int, start: int, end: int) -> None: ...
 
 class MAVLink_message_interval_message(MAVLink_message):
     message_id: int

@@ -15,7 +15,7 @@ from sim_vehicle.autopilot.persona import COMMON_CAPABILITIES, BaseModes, Identi
 
 __all__ = ["COPTER_PERSONA", "PLANE_PERSONA", "ROVER_PERSONA"]
 
-# ArduCopter 4.7 claims 64495: FTP, attitude targets, terrain and compass calibration besides, which the
+# ArduCopter 4.7 claims 64495: attitude targets, terrain and compass calibration besides, which the
 # simulated one does not do. It says nothing of how parameters are encoded (they are cast).
 _CAPABILITIES = COMMON_CAPABILITIES | int(
     m.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
@@ -61,6 +61,7 @@ COPTER_PERSONA = Persona(
     unsupported=frozenset({int(m.MAV_CMD_DO_ORBIT), int(m.MAV_CMD_DO_CHANGE_ALTITUDE)}),
     int_only=frozenset({int(m.MAV_CMD_DO_REPOSITION)}),
     takeoff_needs_arming=True,
+    packed_parameters=True,
 )
 PLANE_PERSONA = replace(
     COPTER_PERSONA,

@@ -79,4 +79,6 @@ def persona_of(mav_type: int) -> Persona:
         takeoff_above_sea=True,
         reposition_turns=True,
         tells_remaining_time=True,
+        component_metadata=True,
+        log_directory="/fs/microsd/log",
     )

@@ -100,7 +100,7 @@ def test_every_message_can_be_requested_and_survives_the_wire(message_id):
 
 def test_messages_that_do_not_exist_are_unsupported():
     peer = Peer()
-    assert peer.result(m.MAV_CMD_REQUEST_MESSAGE, 397) == 3
+    assert peer.result(m.MAV_CMD_REQUEST_MESSAGE, 395) == 3
     assert peer.result(m.MAV_CMD_REQUEST_MESSAGE, NAN) == 3
     assert peer.result(31010) == 3
 
@@ -127,8 +127,8 @@ def requested(peer, number):
 
 def test_ardupilot_claims_what_a_real_one_claims_and_does_it():
     found = requested(Peer(ARDUPILOT), m.MAVLINK_MSG_ID_AUTOPILOT_VERSION).capabilities
-    # ArduCopter 4.7 claims 64495; FTP, attitude targets, terrain and compass calibration are not there.
-    assert found == 64495 & ~(32 | 64 | 512 | 4096)
+    # ArduCopter 4.7 claims 64495; attitude targets, terrain and compass calibration are not there.
+    assert found == 64495 & ~(64 | 512 | 4096)
     px4 = requested(Peer(PX4), m.MAVLINK_MSG_ID_AUTOPILOT_VERSION).capabilities
     assert px4 & m.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
 

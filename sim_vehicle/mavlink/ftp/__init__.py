@@ -1,0 +1,1 @@
+"""MAVLink FTP: files of the simulated vehicle, in memory, and the protocol that reads and writes them."""

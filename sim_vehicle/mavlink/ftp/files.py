@@ -1,0 +1,240 @@
+"""The files of a vehicle: a tree in memory of limited size, and files that are made when they are read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from sim_vehicle.mavlink.ftp.packet import FtpError
+
+__all__ = ["FileError", "FileTree", "path_of"]
+
+_MOST_ENTRIES = 512
+_MOST_BYTES = 4_000_000
+_MOST_DEPTH = 8
+
+MadeFile = Callable[[str, int], bytes | None]
+"""Given what follows a ``?`` and the size of the first read, the contents; None when that makes no sense."""
+Path = tuple[str, ...]
+
+
+class FileError(Exception):
+    """A file operation that cannot be done.
+
+    Parameters
+    ----------
+    code : FtpError
+    """
+
+    def __init__(self, code: FtpError) -> None:
+        super().__init__(code.name)
+        self.code = code
+
+
+def path_of(text: str) -> Path:
+    """Split a path from the root; the steps ``.`` and empty ones mean nothing.
+
+    Raises
+    ------
+    FileError
+        It leaves a directory (``..``), or is too deep.
+
+    Examples
+    --------
+    >>> path_of("/fs/./microsd//log/")
+    ('fs', 'microsd', 'log')
+    """
+    steps = tuple(step for step in text.split("/") if step not in ("", "."))
+    if ".." in steps or len(steps) > _MOST_DEPTH:
+        raise FileError(FtpError.NOT_FOUND)
+    return steps
+
+
+class FileTree:
+    """Directories and files.
+
+    Parameters
+    ----------
+    directories : tuple of str
+        Those that there are at the start; files can be written in them and below.
+    fixed : mapping of str to bytes
+        Files that can only be read, by path.
+    made : mapping of str to callable
+        Files that are made when they are read, by path.
+    """
+
+    def __init__(
+        self,
+        directories: tuple[str, ...] = (),
+        fixed: Mapping[str, bytes] | None = None,
+        made: Mapping[str, MadeFile] | None = None,
+    ) -> None:
+        self._fixed = {path_of(path): data for path, data in (fixed or {}).items()}
+        self._made = {path_of(path): make for path, make in (made or {}).items()}
+        self._files: dict[Path, bytearray] = {}
+        self._writable = {path_of(path) for path in directories}
+        read_only = [path[:-1] for path in (*self._fixed, *self._made)]
+        self._directories = {
+            path[:depth] for path in (*self._writable, *read_only) for depth in range(len(path) + 1)
+        }
+
+    def names(self, text: str) -> list[str]:
+        """Return the entries of a directory, as LIST tells them: ``Dname``, or ``Fname`` with its size.
+
+        Raises
+        ------
+        FileError
+            There is no such directory.
+        """
+        path = path_of(text)
+        if path not in self._directories:
+            raise FileError(FtpError.NOT_FOUND)
+        depth = len(path)
+
+        def within(other: Path) -> bool:
+            return len(other) == depth + 1 and other[:depth] == path
+
+        entries = [f"D{other[-1]}" for other in self._directories if within(other)]
+        for kept in (self._files, self._fixed):
+            entries += [f"F{other[-1]}\t{len(data)}" for other, data in kept.items() if within(other)]
+        entries += [f"F{o[-1]}\t{len(make('', 0) or b'')}" for o, make in self._made.items() if within(o)]
+        return sorted(entries)
+
+    def opened(self, text: str) -> Callable[[int], bytes | None]:
+        """Return the contents of a file, given the size of the first read.
+
+        Raises
+        ------
+        FileError
+            There is no such file.
+        """
+        name, _, query = text.partition("?")
+        path = path_of(name)
+        if path in self._made:
+            make = self._made[path]
+            return lambda size: make(query, size)
+        kept = self._files.get(path, self._fixed.get(path))
+        if kept is None or query:
+            raise FileError(FtpError.NOT_FOUND)
+        contents = bytes(kept)
+        return lambda _size: contents
+
+    def create(self, text: str, *, anew: bool) -> Path:
+        """Make a file, or find one; ``anew`` empties it.
+
+        Raises
+        ------
+        FileError
+            The place cannot be written to, is a directory, or there is no room.
+        """
+        path = self._place(text)
+        if path in self._directories:
+            raise FileError(FtpError.FILE_EXISTS)
+        if path not in self._files:
+            self._check_room(0)
+            self._files[path] = bytearray()
+        elif anew:
+            self._files[path].clear()
+        return path
+
+    def write(self, path: Path, offset: int, data: bytes) -> None:
+        """Write into a file; a hole is filled with zeros.
+
+        Raises
+        ------
+        FileError
+            It is gone, or there is no room.
+        """
+        kept = self._files.get(path)
+        if kept is None:
+            raise FileError(FtpError.NOT_FOUND)
+        end = offset + len(data)
+        if end > len(kept):
+            self._check_room(end - len(kept))
+            kept.extend(bytes(end - len(kept)))
+        kept[offset:end] = data
+
+    def truncate(self, text: str, size: int) -> None:
+        """Shorten a file.
+
+        Raises
+        ------
+        FileError
+            There is none, it cannot be written to, or it is shorter.
+        """
+        kept = self._files.get(self._place(text))
+        if kept is None:
+            raise FileError(FtpError.NOT_FOUND)
+        if size > len(kept):
+            raise FileError(FtpError.FAIL)
+        del kept[size:]
+
+    def remove(self, text: str) -> None:
+        """Remove a file.
+
+        Raises
+        ------
+        FileError
+            There is none, or it cannot be written to.
+        """
+        if self._files.pop(self._place(text), None) is None:
+            raise FileError(FtpError.NOT_FOUND)
+
+    def make_directory(self, text: str) -> None:
+        """Make a directory.
+
+        Raises
+        ------
+        FileError
+            It is there, its place cannot be written to, or there is no room.
+        """
+        path = self._place(text)
+        if path in self._directories or path in self._files:
+            raise FileError(FtpError.FILE_EXISTS)
+        self._check_room(0)
+        self._directories.add(path)
+
+    def remove_directory(self, text: str) -> None:
+        """Remove an empty directory.
+
+        Raises
+        ------
+        FileError
+            There is none, it has entries, or it cannot be written to.
+        """
+        path = self._place(text)
+        if path not in self._directories:
+            raise FileError(FtpError.NOT_FOUND)
+        if path in self._writable or self.names(text):
+            raise FileError(FtpError.FAIL)
+        self._directories.remove(path)
+
+    def rename(self, old: str, new: str) -> None:
+        """Give a file another path.
+
+        Raises
+        ------
+        FileError
+            There is none, the new one exists, or one of them cannot be written to.
+        """
+        before, after = self._place(old), self._place(new)
+        if before not in self._files:
+            raise FileError(FtpError.NOT_FOUND)
+        if after in self._files or after in self._directories:
+            raise FileError(FtpError.FILE_EXISTS)
+        self._files[after] = self._files.pop(before)
+
+    def _place(self, text: str) -> Path:
+        """Return a path whose directory is there and can be written to."""
+        path = path_of(text)
+        if path in self._fixed or path in self._made:
+            raise FileError(FtpError.PROTECTED)
+        if not any(path[: len(root)] == root for root in self._writable):
+            raise FileError(FtpError.PROTECTED)
+        if path not in self._directories and path[:-1] not in self._directories:
+            raise FileError(FtpError.NOT_FOUND)
+        return path
+
+    def _check_room(self, more: int) -> None:
+        entries = len(self._files) + len(self._directories)
+        if entries >= _MOST_ENTRIES or sum(map(len, self._files.values())) + more > _MOST_BYTES:
+            raise FileError(FtpError.FAIL)

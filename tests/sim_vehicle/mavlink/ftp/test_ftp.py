@@ -1,0 +1,312 @@
+"""MAVLink FTP: the packets, the files, the protocol, and what each autopilot has in its files."""
+
+import json
+import lzma
+import struct
+import zlib
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.frames import FrameReader, FrameWriter
+from mission.model import GeoPoint
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot import get_autopilot
+from sim_vehicle.mavlink.ftp.files import FileTree
+from sim_vehicle.mavlink.ftp.packet import MOST_DATA, FtpError, Operation, Packet
+from sim_vehicle.mavlink.ftp.server import FtpServer
+from sim_vehicle.mavlink.vehicle import SimVehicle
+
+HOME = GeoPoint(28.05, -82.15, 10.0)
+TEXT = bytes(range(256)) * 5
+
+
+class Client:
+    """Asks a server, as the ground station that it says it is."""
+
+    def __init__(self, server, source=255):
+        self.server = server
+        self.sequence = 0
+        self.writer = FrameWriter(source, 190)
+
+    def send(self, packet, now_s=0.0):
+        message = m.MAVLink_file_transfer_protocol_message(0, 1, 1, list(packet.payload()))
+        (crossed,) = FrameReader().feed(self.writer.encode(message))
+        return [Packet.parse(bytes(reply.payload)) for reply in self.server.receive(crossed, now_s)]
+
+    def ask(self, operation, data=b"", *, session=0, offset=0, size=-1):
+        self.sequence = (self.sequence + 1) & 0xFFFF
+        if isinstance(data, str):
+            data = data.encode()
+        (reply,) = self.send(Packet(self.sequence, session, operation, size, offset=offset, data=data))
+        assert reply.sequence == (self.sequence + 1) & 0xFFFF
+        assert (reply.session, reply.request) == (session, operation)
+        if reply.operation == Operation.NAK:
+            return FtpError(reply.data[0])
+        assert reply.operation == Operation.ACK
+        return reply.data
+
+    def read(self, path, size=MOST_DATA):
+        opened = self.ask(Operation.OPEN_TO_READ, path)
+        if isinstance(opened, FtpError):
+            return opened
+        data = b""
+        while not isinstance(part := self.ask(Operation.READ, offset=len(data), size=size), FtpError):
+            data += part
+        assert part is FtpError.END_OF_FILE
+        self.ask(Operation.TERMINATE)
+        return data
+
+    def write(self, path, data):
+        assert self.ask(Operation.CREATE, path) == b""
+        for start in range(0, len(data), 200):
+            assert self.ask(Operation.WRITE, data[start : start + 200], offset=start) == b""
+        self.ask(Operation.TERMINATE)
+
+
+class OfVehicle:
+    """The FTP of a whole vehicle, as a server."""
+
+    def __init__(self, name, kind="quad"):
+        self.vehicle = SimVehicle(get_vehicle(kind), HOME, autopilot=get_autopilot(name))
+        self.vehicle.poll(0.0)
+
+    def receive(self, message, now_s):
+        answers = self.vehicle.receive(message, now_s)
+        return [answer for answer in answers if answer.get_type() == "FILE_TRANSFER_PROTOCOL"]
+
+
+def client():
+    return Client(FtpServer(FileTree(("/", "/logs"), fixed={"/etc/a.txt": b"fixed"})))
+
+
+def test_a_file_is_written_read_listed_and_removed():
+    one = client()
+    one.write("/logs/flight.bin", TEXT)
+    assert one.read("/logs/flight.bin") == TEXT
+    assert one.read("logs/./flight.bin", size=80) == TEXT
+    assert one.ask(Operation.LIST, "/logs") == f"Fflight.bin\t{len(TEXT)}\0".encode()
+    assert one.ask(Operation.LIST, "/logs", offset=1) is FtpError.END_OF_FILE
+    assert struct.unpack("<I", one.ask(Operation.CHECKSUM, "/logs/flight.bin"))[0] == (
+        zlib.crc32(TEXT, 0xFFFFFFFF) ^ 0xFFFFFFFF
+    )
+    assert one.ask(Operation.TRUNCATE, "/logs/flight.bin", offset=10) == b""
+    assert one.read("/logs/flight.bin") == TEXT[:10]
+    assert one.ask(Operation.RENAME, b"/logs/flight.bin\0/logs/other.bin\0") == b""
+    assert one.read("/logs/flight.bin") is FtpError.NOT_FOUND
+    assert one.ask(Operation.REMOVE, "/logs/other.bin") == b""
+    assert one.ask(Operation.REMOVE, "/logs/other.bin") is FtpError.NOT_FOUND
+
+
+def test_directories():
+    one = client()
+    assert one.ask(Operation.MAKE_DIRECTORY, "/logs/new") == b""
+    assert one.ask(Operation.MAKE_DIRECTORY, "/logs/new") is FtpError.FILE_EXISTS
+    one.write("/logs/new/a", b"1")
+    assert one.ask(Operation.REMOVE_DIRECTORY, "/logs/new") is FtpError.FAIL
+    assert one.ask(Operation.REMOVE, "/logs/new/a") == b""
+    assert one.ask(Operation.REMOVE_DIRECTORY, "/logs/new") == b""
+    assert one.ask(Operation.LIST, "/logs/new") is FtpError.NOT_FOUND
+    assert one.ask(Operation.LIST, "/") == b"Detc\0Dlogs\0"
+    assert one.ask(Operation.CREATE, "/nowhere/a") is FtpError.NOT_FOUND
+
+
+@pytest.mark.parametrize("path", ["/logs/../secret", "..", "/a/../../b", "/" + "d/" * 9])
+def test_no_path_leads_out(path):
+    one = client()
+    for operation in (Operation.LIST, Operation.OPEN_TO_READ, Operation.CREATE, Operation.REMOVE):
+        assert isinstance(one.ask(operation, path), FtpError)
+
+
+def test_fixed_files_stay_as_they_are():
+    one = client()
+    assert one.read("/etc/a.txt") == b"fixed"
+    for operation in (Operation.CREATE, Operation.OPEN_TO_WRITE, Operation.REMOVE, Operation.TRUNCATE):
+        assert one.ask(operation, "/etc/a.txt") is FtpError.PROTECTED
+    assert one.ask(Operation.RENAME, b"/etc/a.txt\0/b") is FtpError.PROTECTED
+
+
+def test_a_burst_comes_in_parts_and_ends_with_the_file():
+    one = client()
+    data = TEXT * 30  # 38400 bytes: more than a burst
+    one.write("/a", data)
+    one.ask(Operation.OPEN_TO_READ, "/a")
+    got, offset, now_s = bytearray(), 0, 0.0
+    ended = False
+    while not ended:
+        packets = one.send(Packet(9, 0, Operation.BURST, MOST_DATA, offset=offset), now_s)
+        while one.server.next_deadline() < float("inf"):
+            assert len(packets) <= 100
+            now_s = one.server.next_deadline()
+            packets += [Packet.parse(bytes(r.payload)) for r in one.server.poll(now_s)]
+        assert [p.sequence for p in packets] == [10 + i for i in range(len(packets))]
+        for packet in packets:
+            if packet.operation == Operation.NAK:
+                assert packet.data == bytes([FtpError.END_OF_FILE])
+                ended = True
+            else:
+                assert packet.offset == len(got)
+                got += packet.data
+        assert ended or packets[-1].complete
+        offset = len(got)
+    assert bytes(got) == data
+
+
+def test_a_request_again_gets_the_same_answer_and_is_done_once():
+    one = client()
+    request = Packet(5, 0, Operation.CREATE, data=b"/x")
+    first = one.send(request)
+    write = Packet(6, 0, Operation.WRITE, data=b"abc")
+    assert one.send(write) == one.send(write)
+    remove = Packet(7, 0, Operation.REMOVE, data=b"/x")
+    assert [p.operation for p in one.send(remove) + one.send(remove)] == [Operation.ACK, Operation.ACK]
+    assert first[0].operation == Operation.ACK
+
+
+def test_sessions_are_each_clients_own_and_few():
+    one = client()
+    other = Client(one.server, source=254)
+    one.write("/a", b"one")
+    for session in range(8):
+        assert one.ask(Operation.OPEN_TO_READ, "/a", session=session) == struct.pack("<I", 3)
+    assert other.ask(Operation.OPEN_TO_READ, "/a") is FtpError.NO_SESSIONS
+    assert other.ask(Operation.READ, size=10) is FtpError.INVALID_SESSION
+    assert one.ask(Operation.WRITE, b"x", session=1) is FtpError.FAIL
+    one.ask(Operation.RESET)
+    assert other.ask(Operation.OPEN_TO_READ, "/a") == struct.pack("<I", 3)
+    assert one.ask(Operation.READ, size=10, session=3) is FtpError.INVALID_SESSION
+
+
+def test_there_is_room_for_so_much():
+    one = client()
+    assert one.ask(Operation.CREATE, "/big") == b""
+    assert one.ask(Operation.WRITE, b"x", offset=2**32 - 10) is FtpError.FAIL
+    assert one.ask(Operation.WRITE, b"x", offset=3_999_998) == b""
+    assert one.ask(Operation.WRITE, b"xy", offset=3_999_999) is FtpError.FAIL
+    made = 0
+    while one.ask(Operation.MAKE_DIRECTORY, f"/d{made}") == b"":
+        made += 1
+    assert 400 < made < 520
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(st.binary(max_size=251), max_size=12), st.integers(0, 15))
+def test_any_bytes_are_answered_or_ignored(payloads, operation):
+    one = client()
+    for payload in payloads:
+        packed = bytearray(payload.ljust(251, b"\0"))
+        packed[3] = operation if packed[3] % 2 else packed[3]
+        message = m.MAVLink_file_transfer_protocol_message(0, 1, 1, list(packed))
+        (crossed,) = FrameReader().feed(one.writer.encode(message))
+        for reply in one.server.receive(crossed, 0.0):
+            assert len(reply.payload) == 251
+    one.server.poll(1.0)
+    assert isinstance(one.ask(Operation.LIST, "/"), bytes)
+
+
+@given(st.integers(0, 65535), st.integers(0, 255), st.sampled_from(Operation), st.binary(max_size=239))
+def test_packets_survive_the_wire(sequence, session, operation, data):
+    if operation in (Operation.READ, Operation.BURST):
+        data = b""
+    packet = Packet(sequence, session, operation, data=data, offset=sequence * 7)
+    assert Packet.parse(packet.payload()) == packet
+
+
+def unpacked(data):
+    """Read param.pck as ArduPilot's comment at its head describes it."""
+    magic, count, total = struct.unpack_from("<HHH", data)
+    assert magic in (0x671B, 0x671C)
+    found, before, at = {}, "", 6
+    while at < len(data):
+        if data[at] == 0:
+            at += 1
+            continue
+        kind, flags = data[at] & 15, data[at] >> 4
+        common, length = data[at + 1] & 15, (data[at + 1] >> 4) + 1
+        name = before[:common] + data[at + 2 : at + 2 + length].decode()
+        at += 2 + length
+        code = {1: "<b", 2: "<h", 3: "<i", 4: "<f"}[kind]
+        (value,) = struct.unpack_from(code, data, at)
+        first = struct.unpack_from(code, data, at + struct.calcsize(code))[0] if flags & 1 else value
+        at += struct.calcsize(code) * (1 + (flags & 1))
+        found[name], before = (value, first), name
+    assert len(found) == count
+    return total, found
+
+
+@pytest.mark.parametrize("read_size", [80, 239])
+def test_ardupilots_parameters_are_one_file(read_size):
+    server = OfVehicle("ardupilot")
+    one = Client(server)
+    total, found = unpacked(one.read("@PARAM/param.pck", read_size))
+    table = server.vehicle.firmware.parameters(server.vehicle.pilot.spec, 1)
+    assert total == len(found) == len(table)
+    assert list(found) == [parameter.name for parameter in table]
+    assert found["WPNAV_SPEED"] == (800.0, 800.0)
+    set_speed = m.MAVLink_param_set_message(1, 1, b"WPNAV_SPEED", 700.0, 9)
+    server.vehicle.receive(set_speed, 0.0)
+    _, changed = unpacked(one.read("@PARAM/param.pck?withdefaults=1", read_size))
+    assert {name for name, (now, first) in changed.items() if now != first} == {"MIS_TOTAL", "WPNAV_SPEED"}
+    assert changed["WPNAV_SPEED"] == (700.0, 800.0)
+
+
+def test_a_part_of_the_parameters():
+    one = Client(OfVehicle("ardupilot"))
+    _, everything = unpacked(one.read("@PARAM/param.pck"))
+    total, part = unpacked(one.read("@PARAM/param.pck?start=5&count=3"))
+    assert total == len(everything)
+    assert list(part) == list(everything)[5:8]
+    for query in ("start=99999", "count=x", "start=65000", "withdefaults=2", "other=1"):
+        one.ask(Operation.OPEN_TO_READ, f"@PARAM/param.pck?{query}")
+        assert one.ask(Operation.READ, size=200) is FtpError.FAIL
+        one.ask(Operation.TERMINATE)
+    assert one.ask(Operation.CREATE, "@PARAM/param.pck") is FtpError.PROTECTED
+
+
+def test_values_do_not_cross_from_one_read_to_the_next():
+    server = OfVehicle("ardupilot")
+    data = Client(server).read("@PARAM/param.pck", 80)
+    at, ends = 6, []
+    while at < len(data):
+        if data[at] == 0:
+            at += 1
+            continue
+        width = {1: 1, 2: 2, 3: 4, 4: 4}[data[at] & 15]
+        at += 2 + (data[at + 1] >> 4) + 1 + width
+        ends.append((at, width))
+    assert all(end % 80 == 0 or end % 80 >= width for end, width in ends)
+
+
+@pytest.mark.parametrize("kind", ["quad", "fixed-wing"])
+def test_px4_describes_its_parameters_in_files(kind):
+    server = OfVehicle("px4", kind)
+    ask = m.MAVLink_command_long_message(1, 1, 512, 0, 397, 0, 0, 0, 0, 0, 0)
+    answers = server.vehicle.receive(ask, 0.0)
+    (told,) = [answer for answer in answers if answer.get_type() == "COMPONENT_METADATA"]
+    address = told.uri if isinstance(told.uri, str) else told.uri.decode()
+    one = Client(server)
+    raw = one.read(address.rstrip("\0").removeprefix("mftp://"))
+    assert zlib.crc32(raw, 0xFFFFFFFF) ^ 0xFFFFFFFF == told.file_crc
+    (kind_of_file,) = json.loads(lzma.decompress(raw))["metadataTypes"]
+    raw = one.read(kind_of_file["uri"].removeprefix("mftp://"))
+    assert zlib.crc32(raw, 0xFFFFFFFF) ^ 0xFFFFFFFF == kind_of_file["fileCrc"]
+    entries = {entry["name"]: entry for entry in json.loads(lzma.decompress(raw))["parameters"]}
+    table = server.vehicle.firmware.parameters(server.vehicle.pilot.spec, 1)
+    assert set(entries) == {parameter.name for parameter in table}
+    assert entries["NAV_ACC_RAD"]["type"] == "Float" and entries["GF_ACTION"]["type"] == "Int32"
+    assert one.ask(Operation.REMOVE, address.removeprefix("mftp://")) is FtpError.PROTECTED
+
+
+def test_ardupilot_has_no_component_metadata():
+    ask = m.MAVLink_command_long_message(1, 1, 512, 0, 397, 0, 0, 0, 0, 0, 0)
+    answers = OfVehicle("ardupilot").vehicle.receive(ask, 0.0)
+    assert [a.result for a in answers if a.get_type() == "COMMAND_ACK"] == [3]
+
+
+@pytest.mark.parametrize("name", ["px4", "ardupilot"])
+def test_the_list_of_logs_is_empty_and_says_so(name):
+    answers = OfVehicle(name).vehicle.receive(m.MAVLink_log_request_list_message(1, 1, 0, 65535), 0.0)
+    (entry,) = [answer for answer in answers if answer.get_type() == "LOG_ENTRY"]
+    assert (entry.id, entry.num_logs, entry.last_log_num, entry.size) == (0, 0, 0, 0)

@@ -28,7 +28,8 @@ class Session:
     def __init__(self, path, directory, master, wait_until):
         environment = {**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1", "HOME": str(directory)}
         command = [sys.executable, "-m", "MAVProxy.mavproxy", f"--master={master}"]
-        command += [f"--state-basedir={directory}", "--default-modules=wp,mode,arm,fence,rally,ftp,param,cmdlong"]
+        command += [f"--state-basedir={directory}"]
+        command += ["--default-modules=wp,mode,arm,fence,rally,ftp,param,cmdlong"]
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             text=True, env=environment, cwd=directory,

@@ -117,6 +117,8 @@ class FailsafeRules:
         The bit of `failsafe_options` with which a mission goes on without a ground station; 0 is none.
     preflight, arming : str
         Texts before the reason that arming is refused: the check's, and that of the order.
+    armed, disarmed, landed : str
+        Texts when the motors start, stop by an order, and stop after a landing.
     fence_text, fence_clear, link_lost, link_regained, stream_lost, link_ignored : str
         Texts for the operator; ``fence_text`` and ``stream_lost`` have a ``{}`` for what follows.
     defaults : FailsafeDefaults
@@ -144,6 +146,9 @@ class FailsafeRules:
     defaults: FailsafeDefaults = FailsafeDefaults()
     mission_goes_on_bit: int = 0
     link_ignored: str = ""
+    armed: str = "Armed by external command"
+    disarmed: str = "Disarmed by external command"
+    landed: str = "Disarmed by landing"
 
     def fence_action(self, parameters: ActionParameters) -> Action:
         """Action after a breach of the fence."""

@@ -49,6 +49,9 @@ class MissionHabits:
         What is said when a leg begins anew; ``{}`` is the number of the item.
     restart_failed_text, no_mission_text : str
         What is said when the present item is gone, and when the mission was cleared; empty for nothing.
+    empty_mission_text : str
+        Why a vehicle whose mission mode was taken without a mission does not arm (ArduPilot); where it is
+        empty, the mode is refused.
     unknown_current_s : float
         So long after a change MISSION_CURRENT names no item, 65535 (PX4).
     stopped_state : bool
@@ -70,5 +73,6 @@ class MissionHabits:
     changed_texts: tuple[str, ...] = ()
     restart_failed_text: str = ""
     no_mission_text: str = ""
+    empty_mission_text: str = ""
     unknown_current_s: float = 0.0
     stopped_state: bool = False

@@ -112,6 +112,12 @@ class ModeTable:
         Further custom modes that are accepted, flown as another mode.
     base : BaseModes
         What the base mode of the heartbeat says of them.
+    failing : mapping of int to str
+        Further custom modes of the firmware that are never entered here, by number with their names.
+    fails : bool
+        A mode that is not entered is FAILED, with ArduPilot's texts; otherwise it is DENIED.
+    orbit : int or None
+        The custom mode that peers are told while circles are flown by command; None is that of the hold mode.
     main_and_sub : bool
         DO_SET_MODE carries main and sub mode in parameters 2 and 3 (PX4), not the custom mode in parameter 2.
     """
@@ -122,6 +128,9 @@ class ModeTable:
     after_command: Mode
     aliases: Mapping[int, Mode] = field(default_factory=lambda: MappingProxyType({}))
     base: BaseModes = field(default_factory=BaseModes)
+    failing: Mapping[int, str] = field(default_factory=lambda: MappingProxyType({}))
+    fails: bool = False
+    orbit: int | None = None
     main_and_sub: bool = False
 
     def __getitem__(self, mode: Mode) -> int:
@@ -186,6 +195,8 @@ class Persona:
         Total in MISSION_CURRENT when there is no mission.
     refused_result : int
         MAV_RESULT of a command that cannot be done now.
+    silent : frozenset of int
+        MAV_CMDs that get no answer.
     unsupported : frozenset of int
         MAV_CMDs that the firmware does not take, though the vehicle could.
     int_only : frozenset of int
@@ -203,6 +214,8 @@ class Persona:
         All parameters can be read as one file (ArduPilot).
     component_metadata : bool
         COMPONENT_METADATA names files that describe the vehicle (PX4).
+    tells_calibration : bool
+        Texts tell how a calibration goes (PX4).
     log_directory : str
         Where files of logs are.
     """
@@ -219,6 +232,7 @@ class Persona:
     current_lag_s: float = 0.1
     no_mission_total: int = 0
     refused_result: int = int(m.MAV_RESULT_TEMPORARILY_REJECTED)
+    silent: frozenset[int] = frozenset()
     unsupported: frozenset[int] = frozenset()
     int_only: frozenset[int] = frozenset()
     takeoff_needs_arming: bool = False
@@ -227,4 +241,5 @@ class Persona:
     tells_remaining_time: bool = False
     packed_parameters: bool = False
     component_metadata: bool = False
+    tells_calibration: bool = False
     log_directory: str = "/logs"

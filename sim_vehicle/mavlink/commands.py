@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["HANDLERS", "CommandReceiver", "execute", "set_custom_mode"]
 
 _MOST_PEERS = 256
+_FIRST_FREE_SERVO, _LAST_SERVO = 5, 16
 _ASKING = frozenset(range(521, 529))
 _STANDARD_MODES = {
     1: Mode.HOLD,
@@ -76,6 +77,8 @@ class CommandReceiver:
     def receive(self, message: CommandMessage) -> list[Message]:
         """Take COMMAND_LONG or COMMAND_INT; the acknowledgement and what follows it."""
         order = order_of(message)
+        if order.command in self._vehicle.state.firmware.persona.silent:
+            return []
         last = self._last.get(order.source)
         if order.again and last is not None and last[0].is_same(order):
             return [_acknowledgement(order, last[1])]
@@ -100,10 +103,14 @@ def set_custom_mode(vehicle: CommandedVehicle, number: int) -> None:
     RefusedError
         When it is unknown or not possible now.
     """
-    mode = vehicle.state.firmware.persona.modes.mode_of(number)
+    modes = vehicle.state.firmware.persona.modes
+    mode = modes.mode_of(number)
+    if mode is None and number in modes.failing:
+        msg = f"Mode change to {modes.failing[number]} failed: init failed"
+        raise RefusedError(msg)
     if mode is None:
-        msg = f"Mode refused: unknown number {number}"
-        raise RefusedError(msg, denied=True)
+        msg = f"No such mode {number}" if modes.fails else f"Mode refused: unknown number {number}"
+        raise RefusedError(msg, denied=not modes.fails)
     vehicle.pilot.set_mode(mode)
     vehicle.state.name_mode(number)
 
@@ -301,11 +308,38 @@ def _reboot(vehicle: CommandedVehicle, order: Order) -> Answer:
     return ACCEPTED
 
 
-def _calibrate(vehicle: CommandedVehicle, _order: Order) -> Answer:
+def _calibrate(vehicle: CommandedVehicle, order: Order) -> Answer:
     if vehicle.pilot.armed:
         msg = "Calibration refused: armed"
         raise RefusedError(msg)
+    if order.number(1) == 1:
+        vehicle.calibrate_gyro()
     return ACCEPTED
+
+
+def _accept(_vehicle: CommandedVehicle, _order: Order) -> Answer:
+    """Take an order that nothing here hangs on: actuators, the begin and end of a compass calibration."""
+    return ACCEPTED
+
+
+def _servo(vehicle: CommandedVehicle, order: Order) -> Answer:
+    """DO_SET_SERVO: the outputs of the motors are not to be had."""
+    channel = order.number(1)
+    if not _FIRST_FREE_SERVO <= channel <= _LAST_SERVO:
+        if 1 <= channel < _FIRST_FREE_SERVO:
+            vehicle.say_warning(f"ServoRelayEvent: Channel {channel} is already in use")
+        return FAILED
+    return ACCEPTED
+
+
+def _relay(_vehicle: CommandedVehicle, order: Order) -> Answer:
+    """DO_SET_RELAY: there is one, number 0."""
+    return ACCEPTED if order.number(1, -1) == 0 else FAILED
+
+
+def _no_compass_result(_vehicle: CommandedVehicle, _order: Order) -> Answer:
+    """DO_ACCEPT_MAG_CAL: a vehicle that nobody turns about has no result to accept."""
+    return FAILED
 
 
 def _run_checks(vehicle: CommandedVehicle, _order: Order) -> Answer:
@@ -341,5 +375,11 @@ HANDLERS: dict[int, Handler] = {
     m.MAV_CMD_REQUEST_PROTOCOL_VERSION: _protocol_version,
     m.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: _reboot,
     m.MAV_CMD_PREFLIGHT_CALIBRATION: _calibrate,
+    m.MAV_CMD_DO_SET_ACTUATOR: _accept,
+    m.MAV_CMD_DO_SET_SERVO: _servo,
+    m.MAV_CMD_DO_SET_RELAY: _relay,
+    m.MAV_CMD_DO_START_MAG_CAL: _accept,
+    m.MAV_CMD_DO_CANCEL_MAG_CAL: _accept,
+    m.MAV_CMD_DO_ACCEPT_MAG_CAL: _no_compass_result,
     **dict.fromkeys(CAMERA_COMMANDS, _camera),
 }

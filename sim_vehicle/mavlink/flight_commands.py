@@ -77,6 +77,8 @@ def orbit(vehicle: CommandedVehicle, order: Order) -> None:
         speed_m_s=speed if math.isfinite(speed) and speed > 0.0 else pilot.spec.cruise_speed_m_s,
         mode=vehicle.state.firmware.persona.modes.after_command,
     )
+    if (number := vehicle.state.firmware.persona.modes.orbit) is not None:
+        vehicle.state.name_mode(number)
 
 
 def change_altitude(vehicle: CommandedVehicle, order: Order) -> None:

@@ -104,6 +104,9 @@ class CommandedVehicle(Protocol):
     def on_home_moved(self) -> None:
         """Tell where home is now."""
 
+    def calibrate_gyro(self) -> None:
+        """Calibrate the gyroscopes, and tell how it goes."""
+
     def reboot(self) -> None:
         """Start again."""
 

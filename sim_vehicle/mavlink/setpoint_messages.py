@@ -31,7 +31,7 @@ MESSAGES = frozenset(
 PositionTarget: TypeAlias = (
     m.MAVLink_set_position_target_local_ned_message | m.MAVLink_set_position_target_global_int_message
 )
-_IGNORE_POSITION, _FORCE, _IGNORE_YAW, _IGNORE_TURN = 7, 512, 1024, 2048
+_IGNORE_POSITION, _IGNORE_FORCE, _FORCE, _IGNORE_YAW, _IGNORE_TURN = 7, 448, 512, 1024, 2048
 _LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET, _BODY_FRD = 1, 7, 8, 9, 12
 _GLOBAL = {0: False, 5: False, 3: True, 6: True}
 
@@ -58,7 +58,7 @@ def setpoint_of(
         For a frame that is not flown, a force, or numbers that are none.
     """
     kind, mask = int(message.coordinate_frame), int(message.type_mask)
-    if mask & _FORCE:
+    if mask & _FORCE and mask & _IGNORE_FORCE != _IGNORE_FORCE:
         msg = "Setpoint refused: forces are not flown"
         raise RefusedError(msg, denied=True)
     numbers = [message.vx, message.vy, message.vz]

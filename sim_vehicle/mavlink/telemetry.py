@@ -21,7 +21,7 @@ from sim_vehicle.mavlink.sensor_messages import (
     scaled_pressure,
     vibration,
 )
-from sim_vehicle.mavlink.true_state import hil_state_quaternion, int16, quaternion, sim_state
+from sim_vehicle.mavlink.true_state import hil_state_quaternion, int16, quaternion, sim_state, to_body
 from sim_vehicle.pilot.fence import Breach
 from sim_vehicle.pilot.notices import MissionState
 
@@ -45,6 +45,7 @@ _CHARGE_STATES = (
 )
 _HOME_Q = [1.0, 0.0, 0.0, 0.0]
 _NAN = math.nan
+_UNKNOWN_COVARIANCE = [_NAN] * 21
 
 
 def _heartbeat(source: WireState) -> Message:
@@ -127,6 +128,30 @@ def _attitude_quaternion(source: WireState) -> Message:
     state = source.pilot.state
     return m.MAVLink_attitude_quaternion_message(
         source.boot_ms, *quaternion(state), 0.0, 0.0, state.yaw_rate_rad_s
+    )
+
+
+def _odometry(source: WireState) -> Message:
+    state = source.pilot.state
+    east, north, up = source.sensed.believed_m
+    v_east, v_north, v_up = state.velocity_m_s
+    return m.MAVLink_odometry_message(
+        source.boot_ms * 1000,
+        m.MAV_FRAME_LOCAL_NED,
+        m.MAV_FRAME_BODY_FRD,
+        north,
+        east,
+        -up,
+        quaternion(state),
+        *to_body(state, v_north, v_east, -v_up),
+        0.0,
+        0.0,
+        state.yaw_rate_rad_s,
+        _UNKNOWN_COVARIANCE,
+        _UNKNOWN_COVARIANCE,
+        0,
+        m.MAV_ESTIMATOR_TYPE_AUTOPILOT,
+        100,
     )
 
 
@@ -279,6 +304,7 @@ BUILDERS: dict[int, Callable[[WireState], Message]] = {
     m.MAVLINK_MSG_ID_ATTITUDE: _attitude,
     m.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: _attitude_quaternion,
     m.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _local_position_ned,
+    m.MAVLINK_MSG_ID_ODOMETRY: _odometry,
     m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _global_position_int,
     m.MAVLINK_MSG_ID_VFR_HUD: _vfr_hud,
     m.MAVLINK_MSG_ID_ALTITUDE: _altitude,

@@ -25,6 +25,7 @@ from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.execution.items import NAV_COMMANDS
 from sim_vehicle.execution.state import CameraCommand, FlightEvent, HomeMoved, ItemReached
 from sim_vehicle.mavlink import setpoint_messages
+from sim_vehicle.mavlink.calibration import GyroCalibration
 from sim_vehicle.mavlink.camera_commands import CAMERA, CameraOrders, camera_feedback
 from sim_vehicle.mavlink.commands import CommandReceiver, set_custom_mode
 from sim_vehicle.mavlink.data_streams import STREAMS
@@ -146,6 +147,7 @@ class SimVehicle:
         self._current_due_s = NEVER
         self._texts = StatusTexts()
         self._reports = ItemReports(persona)
+        self._calibration = GyroCalibration()
         self._plans = PlanReceiver(self.state, _AUTOPILOT, self._texts, self._reports)
         self._camera = CameraOrders(system_id, self.say_warning)
         self._commands = CommandReceiver(self)
@@ -172,6 +174,7 @@ class SimVehicle:
                     handler(m.MAVLink_ping_message, self._on_ping),
                     handler(m.MAVLink_request_data_stream_message, self._on_data_stream),
                     handler(m.MAVLink_set_mode_message, self._on_set_mode),
+                    handler(m.MAVLink_set_gps_global_origin_message, self._on_origin),
                     handler(m.MAVLink_setup_signing_message, self._on_setup_signing),
                     handler(m.MAVLink_timesync_message, self._on_timesync),
                 )
@@ -248,6 +251,8 @@ class SimVehicle:
         self._outbox += self._plans.poll(now_s)
         self._outbox += self._parameters.poll(now_s)
         self._outbox += self._ftp.poll(now_s)
+        for text in self._calibration.poll(now_s):
+            self.pilot.note(Severity.INFO, text)
         self._show_changes()
         outbox, heard = self._outbox, self._heard
         for message_id in self.schedule.due(self.state.now_us):
@@ -272,6 +277,7 @@ class SimVehicle:
             self._plans.next_deadline(),
             self._parameters.next_deadline(),
             self._ftp.next_deadline(),
+            self._calibration.next_deadline(),
         )
 
     def _sent(self) -> list[Message]:
@@ -394,6 +400,11 @@ class SimVehicle:
         crc = checksum(general_metadata(self._parameters))
         return (m.MAVLink_component_metadata_message(self.state.boot_ms, crc, uri(GENERAL_PATH).encode()),)
 
+    def calibrate_gyro(self) -> None:
+        """Calibrate the gyroscopes, and tell how it goes where the autopilot does."""
+        if self.firmware.persona.tells_calibration:
+            self._calibration.begin(self.state.now_us / 1e6)
+
     def reboot(self) -> None:
         """Start again: time since boot, ids of plans, message rates, transfers; the plans are kept.
 
@@ -445,6 +456,10 @@ class SimVehicle:
     def _on_log_list(self, _message: m.MAVLink_log_request_list_message) -> None:
         """Say that there are no logs: what a run records is in the folder of the run."""
         self._outbox.append(m.MAVLink_log_entry_message(0, 0, 0, 0, 0))
+
+    def _on_origin(self, _message: m.MAVLink_set_gps_global_origin_message) -> None:
+        """Tell the origin: a vehicle that has a position keeps the one that it has."""
+        self._outbox += self.built(m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
 
     def _on_mission(self, message: Message) -> None:
         self._outbox += self._plans.receive(message, self.state.now_us / 1e6)

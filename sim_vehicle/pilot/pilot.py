@@ -308,7 +308,10 @@ class Pilot:
         """
         if self.armed:
             return
-        reason = None if force else self.arming.why_not(self.mode, self.mission.why_not)
+        problem = self.mission.why_not
+        if problem is not None and not self.mission.items:
+            problem = self.habits.empty_mission_text or problem
+        reason = None if force else self.arming.why_not(self.mode, problem)
         if reason is None:
             try:
                 self.executor.arm()
@@ -321,7 +324,7 @@ class Pilot:
             raise RefusedError(f"{self._rules.arming}: {reason}")
         self.failsafe.on_armed()
         self._end(Outcome.RUNNING, "")
-        self.note(Severity.INFO, "Armed")
+        self.note(Severity.INFO, self._rules.armed)
         if self.mode is Mode.MISSION and self.mission.why_not is not None:
             self.modes.override(Mode.HOLD)
         elif self.mode in (Mode.MISSION, Mode.TAKEOFF):
@@ -343,7 +346,7 @@ class Pilot:
             msg = "Disarming denied: not landed"
             raise RefusedError(msg) from None
         self.controls.refresh()
-        self._on_disarmed()
+        self._on_disarmed(self._rules.disarmed)
 
     def set_mode(self, mode: Mode) -> None:
         """Change the mode; armed, the vehicle does it at once.
@@ -353,7 +356,11 @@ class Pilot:
         RefusedError
             When the mode is not possible now.
         """
-        self._check_mode(mode)
+        text = self.habits.empty_mission_text
+        if text and mode is Mode.MISSION and not self.mission.items and not self.armed:
+            self.note(Severity.CRITICAL, f"{self._rules.preflight}: {text}")
+        else:
+            self._check_mode(mode)
         if self.habits.stays_after_last and mode is self.mode is Mode.MISSION and self.mission.waits:
             return
         self._change_mode(mode)
@@ -559,7 +566,7 @@ class Pilot:
             self._end(Outcome.BATTERY_DEPLETED, f"battery empty at {event.time_s:.0f} s")
             self.note(Severity.CRITICAL, "Battery empty: coming down")
         elif isinstance(event, Disarmed):
-            self._on_disarmed()
+            self._on_disarmed(self._rules.landed)
 
     def _give_up_mission(self, event: CannotFly) -> None:
         """Bring the vehicle down after something that it could not do: home first, else here."""
@@ -570,8 +577,8 @@ class Pilot:
         if self.armed and self.landed is not LandedState.ON_GROUND and self.mode is not Mode.LAND:
             self._turn_to(Mode.LAND if self.mode is Mode.RTL else Mode.RTL)
 
-    def _on_disarmed(self) -> None:
-        self.note(Severity.INFO, "Disarmed")
+    def _on_disarmed(self, text: str) -> None:
+        self.note(Severity.INFO, text)
         mission = self.mission
         if mission.started and not self.outcome.is_over:
             if mission.complete:

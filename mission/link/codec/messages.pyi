@@ -88,6 +88,7 @@ MAVLINK_MSG_ID_MISSION_REQUEST_INT: Final[int]
 MAVLINK_MSG_ID_MISSION_REQUEST_LIST: Final[int]
 MAVLINK_MSG_ID_MISSION_REQUEST_PARTIAL_LIST: Final[int]
 MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST: Final[int]
+MAVLINK_MSG_ID_ODOMETRY: Final[int]
 MAVLINK_MSG_ID_PARAM_REQUEST_LIST: Final[int]
 MAVLINK_MSG_ID_PARAM_REQUEST_READ: Final[int]
 MAVLINK_MSG_ID_PARAM_SET: Final[int]
@@ -121,6 +122,8 @@ MAV_BATTERY_TYPE_LIPO: Final[int]
 MAV_CMD_COMPONENT_ARM_DISARM: Final[int]
 MAV_CMD_CONDITION_GATE: Final[int]
 MAV_CMD_CONDITION_YAW: Final[int]
+MAV_CMD_DO_ACCEPT_MAG_CAL: Final[int]
+MAV_CMD_DO_CANCEL_MAG_CAL: Final[int]
 MAV_CMD_DO_CHANGE_ALTITUDE: Final[int]
 MAV_CMD_DO_DIGICAM_CONTROL: Final[int]
 MAV_CMD_DO_FENCE_ENABLE: Final[int]
@@ -134,13 +137,16 @@ MAV_CMD_DO_SET_CAM_TRIGG_DIST: Final[int]
 MAV_CMD_DO_SET_CAM_TRIGG_INTERVAL: Final[int]
 MAV_CMD_DO_SET_MISSION_CURRENT: Final[int]
 MAV_CMD_DO_SET_MODE: Final[int]
+MAV_CMD_DO_SET_RELAY: Final[int]
 MAV_CMD_DO_SET_SERVO: Final[int]
 MAV_CMD_DO_SET_STANDARD_MODE: Final[int]
+MAV_CMD_DO_START_MAG_CAL: Final[int]
 MAV_CMD_DO_TRIGGER_CONTROL: Final[int]
 MAV_CMD_GET_HOME_POSITION: Final[int]
 MAV_CMD_GET_MESSAGE_INTERVAL: Final[int]
 MAV_CMD_IMAGE_START_CAPTURE: Final[int]
 MAV_CMD_IMAGE_STOP_CAPTURE: Final[int]
+MAV_CMD_INJECT_FAILURE: Final[int]
 MAV_CMD_JUMP_TAG: Final[int]
 MAV_CMD_MISSION_START: Final[int]
 MAV_CMD_NAV_CONTINUE_AND_CHANGE_ALT: Final[int]
@@ -174,6 +180,9 @@ MAV_DATA_STREAM_POSITION: Final[int]
 MAV_DATA_STREAM_RAW_SENSORS: Final[int]
 MAV_DATA_STREAM_RC_CHANNELS: Final[int]
 MAV_DO_REPOSITION_FLAGS_CHANGE_MODE: Final[int]
+MAV_ESTIMATOR_TYPE_AUTOPILOT: Final[int]
+MAV_FRAME_BODY_FRD: Final[int]
+MAV_FRAME_LOCAL_NED: Final[int]
 MAV_LANDED_STATE_IN_AIR: Final[int]
 MAV_LANDED_STATE_ON_GROUND: Final[int]
 MAV_MISSION_ACCEPTED: Final[int]
@@ -1099,6 +1108,47 @@ class MAVLink_mission_write_partial_list_message(MAVLink_message):
         mission_type: int = ...,
     ) -> None: ...
 
+class MAVLink_odometry_message(MAVLink_message):
+    time_usec: int
+    frame_id: int
+    child_frame_id: int
+    x: float
+    y: float
+    z: float
+    q: Sequence[float]
+    vx: float
+    vy: float
+    vz: float
+    rollspeed: float
+    pitchspeed: float
+    yawspeed: float
+    pose_covariance: Sequence[float]
+    velocity_covariance: Sequence[float]
+    reset_counter: int
+    estimator_type: int
+    quality: int
+    def __init__(
+        self,
+        time_usec: int,
+        frame_id: int,
+        child_frame_id: int,
+        x: float,
+        y: float,
+        z: float,
+        q: Sequence[float],
+        vx: float,
+        vy: float,
+        vz: float,
+        rollspeed: float,
+        pitchspeed: float,
+        yawspeed: float,
+        pose_covariance: Sequence[float],
+        velocity_covariance: Sequence[float],
+        reset_counter: int = ...,
+        estimator_type: int = ...,
+        quality: int = ...,
+    ) -> None: ...
+
 class MAVLink_param_request_list_message(MAVLink_message):
     target_system: int
     target_component: int
@@ -1253,6 +1303,16 @@ class MAVLink_set_attitude_target_message(MAVLink_message):
         body_pitch_rate: float,
         body_yaw_rate: float,
         thrust: float,
+    ) -> None: ...
+
+class MAVLink_set_gps_global_origin_message(MAVLink_message):
+    target_system: int
+    latitude: int
+    longitude: int
+    altitude: int
+    time_usec: int
+    def __init__(
+        self, target_system: int, latitude: int, longitude: int, altitude: int, time_usec: int = ...
     ) -> None: ...
 
 class MAVLink_set_mode_message(MAVLink_message):

@@ -47,6 +47,9 @@ COPTER_RULES = FailsafeRules(
     ),
     mission_goes_on_bit=2,
     link_ignored="GCS Failsafe - Continuing Auto Mode",
+    armed="Arming motors",
+    disarmed="Disarming motors",
+    landed="Disarming motors",
 )
 
 # ArduPlane's and Rover's own numbers; a low and a critical battery end the flight as the copter's do.

@@ -23,5 +23,6 @@ HABITS = MissionHabits(
     tells_shots=True,
     changed_texts=("Mission: {} WP", "Auto mission changed, restarted command"),
     restart_failed_text="Auto mission changed but failed to restart command",
+    empty_mission_text="Mode requires mission",
     stopped_state=True,
 )

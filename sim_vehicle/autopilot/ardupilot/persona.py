@@ -47,6 +47,9 @@ COPTER_PERSONA = Persona(
             }
         ),
         aliases=MappingProxyType({1: Mode.MANUAL, 17: Mode.HOLD, 21: Mode.RTL, 27: Mode.RTL}),
+        # The manoeuvre of a pilot who flies by hand.
+        failing=MappingProxyType({14: "FLIP"}),
+        fails=True,
         boot=Mode.MANUAL,
         after_takeoff=Mode.GUIDED,
         after_command=Mode.GUIDED,
@@ -58,7 +61,14 @@ COPTER_PERSONA = Persona(
     truth_message=int(m.MAVLINK_MSG_ID_SIM_STATE),
     gps_fix=6,
     refused_result=int(m.MAV_RESULT_FAILED),
-    unsupported=frozenset({int(m.MAV_CMD_DO_ORBIT), int(m.MAV_CMD_DO_CHANGE_ALTITUDE)}),
+    unsupported=frozenset(
+        int(command)
+        for command in (
+            m.MAV_CMD_DO_ORBIT,
+            m.MAV_CMD_DO_CHANGE_ALTITUDE,
+            m.MAV_CMD_DO_SET_ACTUATOR,
+        )
+    ),
     int_only=frozenset({int(m.MAV_CMD_DO_REPOSITION)}),
     takeoff_needs_arming=True,
     packed_parameters=True,
@@ -89,6 +99,7 @@ PLANE_PERSONA = replace(
         aliases=MappingProxyType(
             {1: Mode.HOLD, 2: Mode.MANUAL, 3: Mode.MANUAL, 4: Mode.MANUAL, 5: Mode.MANUAL, 8: Mode.MANUAL}
         ),
+        failing=MappingProxyType({}),
         after_takeoff=Mode.TAKEOFF,
         base=BaseModes(),
     ),
@@ -113,6 +124,7 @@ ROVER_PERSONA = replace(
                 Mode.LAND: 4,
             }
         ),
+        failing=MappingProxyType({}),
         aliases=MappingProxyType({5: Mode.HOLD, 7: Mode.MANUAL, 12: Mode.RTL}),
         base=BaseModes(),
     ),

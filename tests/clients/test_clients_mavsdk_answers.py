@@ -1,0 +1,58 @@
+"""MAVSDK's smaller plugins before the simulated PX4: streams, calibration, actuators, origin, failures."""
+
+import queue
+
+import pytest
+
+
+@pytest.fixture
+def px4(connected):
+    return connected("px4")
+
+
+def test_streams_come_by_themselves_and_at_the_rate_that_is_asked_for(px4, tools):
+    from mavsdk.plugins.telemetry import Telemetry
+
+    telemetry = Telemetry(px4[1])
+    counts = dict.fromkeys(("altitude", "attitude_quaternion", "imu", "odometry"), 0)
+    for name in counts:
+
+        def count(*_, name=name):
+            counts[name] += 1
+
+        getattr(telemetry, f"subscribe_{name}")(count)
+    tools.wait_until(lambda: all(counts.values()), what="each stream once")
+    for name in counts:
+        getattr(telemetry, f"set_rate_{name}")(10.0)
+    before = dict(counts)
+    tools.wait_until(lambda: all(counts[name] > before[name] + 20 for name in counts), what="more of each")
+
+
+def test_a_gyro_calibration_tells_its_progress(px4):
+    from mavsdk.plugins.calibration import Calibration
+
+    calibration = Calibration(px4[1])
+    told = queue.Queue()
+    calibration.calibrate_gyro_async(lambda result, data, *_: told.put((result.name, data.progress)))
+    shares = []
+    while True:
+        name, progress = told.get(timeout=20.0)
+        if name != "NEXT":
+            break
+        shares.append(progress)
+    assert name == "SUCCESS"
+    assert [share for share in shares if share == share][-1] == pytest.approx(0.9)
+
+
+def test_actuators_and_the_origin_are_taken_and_failures_get_no_answer(px4):
+    from mavsdk.plugins.action import Action
+    from mavsdk.plugins.failure import Failure, FailureError, FailureType, FailureUnit
+
+    flying, system = px4
+    action = Action(system)
+    action.set_actuator(1, 0.5)
+    home = flying.home
+    action.set_gps_global_origin(home.latitude_deg, home.longitude_deg, home.altitude_m)
+    with pytest.raises(FailureError) as error:
+        Failure(system).inject(FailureUnit.SENSOR_GYRO, FailureType.OFF, 0)
+    assert error.value.result.name == "TIMEOUT"

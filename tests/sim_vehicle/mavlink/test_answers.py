@@ -1,0 +1,193 @@
+"""Words and answers of the two autopilots where users read them."""
+
+import math
+
+import pytest
+
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.frames import FrameReader, FrameWriter
+from mission.model import GeoPoint
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot import get_autopilot
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.mavlink.vehicle import SimVehicle
+
+HOME = GeoPoint(28.05, -82.15, 10.0)
+GROUND = FrameWriter(255, 190)
+NAN = math.nan
+
+
+class Peer:
+    """A vehicle and what it told."""
+
+    def __init__(self, autopilot, kind="quad"):
+        self.vehicle = SimVehicle(get_vehicle(kind), HOME, autopilot=get_autopilot(autopilot))
+        self.now_s = 0.0
+        self.told = self.vehicle.poll(0.0)
+
+    def tell(self, message):
+        (crossed,) = FrameReader().feed(GROUND.encode(message))
+        answers = self.vehicle.receive(crossed, self.now_s)
+        self.told += answers
+        return answers
+
+    def result(self, command, *params):
+        filled = [*params, *[0.0] * (7 - len(params))]
+        answers = self.tell(m.MAVLink_command_long_message(1, 1, command, 0, *filled))
+        results = [a.result for a in answers if a.get_type() == "COMMAND_ACK"]
+        return results[0] if results else None
+
+    def wait(self, seconds):
+        end_s = self.now_s + seconds
+        while self.now_s < end_s:
+            self.now_s = min(end_s, max(self.now_s + 1e-3, self.vehicle.next_deadline()))
+            self.told += self.vehicle.poll(self.now_s)
+
+    def fly(self):
+        """Take off and hover in the autopilot's guided mode."""
+        if self.vehicle.firmware.title == "ArduCopter":
+            self.result(176, 1.0, 4.0)
+        assert self.result(400, 1.0) == 0
+        altitude = 10.0 if self.vehicle.firmware.title == "ArduCopter" else 20.0
+        assert self.result(22, 0, 0, 0, NAN, NAN, NAN, altitude) == 0
+        self.wait(20.0)
+        assert self.vehicle.pilot.state.position_m[2] > 8.0
+
+    def texts(self):
+        return [t.text if isinstance(t.text, str) else t.text.decode() for t in self.of("STATUSTEXT")]
+
+    def of(self, kind):
+        return [message for message in self.told if message.get_type() == kind]
+
+
+def test_words_at_arming_and_disarming():
+    peer = Peer("ardupilot")
+    assert (peer.result(400, 1.0), peer.result(400, 0.0)) == (0, 0)
+    assert peer.texts()[-2:] == ["Arming motors", "Disarming motors"]
+    peer = Peer("px4")
+    assert (peer.result(400, 1.0), peer.result(400, 0.0)) == (0, 0)
+    assert peer.texts()[-2:] == ["Armed by external command", "Disarmed by external command"]
+
+
+def test_ardupilot_takes_auto_without_a_mission_and_does_not_arm():
+    peer = Peer("ardupilot")
+    assert peer.result(176, 1.0, 3.0) == 0
+    assert peer.vehicle.pilot.mode is Mode.MISSION
+    assert peer.texts()[-1] == "PreArm: Mode requires mission"
+    assert peer.result(400, 1.0) == 4
+    assert "Mode requires mission" in peer.texts()[-1]
+    assert not peer.vehicle.pilot.armed
+    assert peer.result(300) == 4
+
+
+def test_auto_without_a_mission_is_refused_in_flight_and_by_px4():
+    peer = Peer("ardupilot")
+    peer.fly()
+    assert peer.result(176, 1.0, 3.0) == 4
+    assert peer.vehicle.pilot.mode is Mode.GUIDED
+    assert Peer("px4").result(176, 1.0, 4.0, 4.0) == 1
+
+
+def test_ardupilots_flip_and_modes_that_there_are_not():
+    peer = Peer("ardupilot")
+    assert peer.result(176, 1.0, 14.0) == 4
+    assert peer.texts()[-1] == "Mode change to FLIP failed: init failed"
+    assert peer.result(176, 1.0, 99.0) == 4
+    assert peer.texts()[-1] == "No such mode 99"
+    assert peer.vehicle.pilot.mode is Mode.MANUAL
+
+
+def test_brake_is_told_as_brake():
+    peer = Peer("ardupilot")
+    peer.fly()
+    assert peer.result(176, 1.0, 17.0) == 0
+    assert peer.of("HEARTBEAT")[-1].custom_mode == 17
+    assert peer.vehicle.pilot.mode is Mode.HOLD
+
+
+@pytest.mark.parametrize("mask", [0x0FC7, 0x0DC7])
+def test_a_velocity_with_the_force_bit_and_no_force_is_flown(mask):
+    peer = Peer("ardupilot")
+    peer.fly()
+    for _ in range(3):
+        peer.tell(
+            m.MAVLink_set_position_target_local_ned_message(
+                0, 1, 1, 8, mask, 0, 0, 0, 2.0, 0, 0, 0, 0, 0, 0, 0
+            )
+        )
+        peer.wait(1.0)
+    speed = math.hypot(*peer.vehicle.pilot.state.velocity_m_s[:2])
+    assert speed == pytest.approx(2.0, abs=0.1)
+    assert not any("refused" in text for text in peer.texts())
+
+
+def test_a_force_is_refused():
+    peer = Peer("ardupilot")
+    peer.fly()
+    peer.tell(
+        m.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0x0E3F, 0, 0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0)
+    )
+    assert "Setpoint refused: forces are not flown" in peer.texts()
+
+
+def test_servos_relays_and_compasses_of_ardupilot():
+    peer = Peer("ardupilot")
+    assert [peer.result(183, float(channel), 1500.0) for channel in (0, 4, 5, 16, 17)] == [4, 4, 0, 0, 4]
+    assert "ServoRelayEvent: Channel 4 is already in use" in peer.texts()
+    assert [peer.result(181, number, 1.0) for number in (0.0, 1.0)] == [0, 4]
+    assert [peer.result(number) for number in (42424, 42425, 42426)] == [0, 4, 0]
+    assert peer.result(187, 0.5) == 3
+    px4 = Peer("px4")
+    assert [px4.result(number, 5.0) for number in (181, 183, 42424, 42425, 42426)] == [3] * 5
+    assert px4.result(187, 0.5) == 0
+
+
+def test_px4_does_not_answer_an_injected_failure():
+    assert Peer("px4").result(420, 0.0, 1.0) is None
+    assert Peer("ardupilot").result(420, 0.0, 1.0) == 3
+
+
+def test_px4_tells_how_a_gyro_calibration_goes():
+    peer = Peer("px4")
+    assert peer.result(241, 1.0) == 0
+    peer.wait(4.0)
+    texts = [text for text in peer.texts() if text.startswith("[cal]")]
+    assert texts[0] == "[cal] calibration started: 2 gyro"
+    assert texts[1:-1] == [f"[cal] progress <{share}>" for share in range(0, 100, 10)]
+    assert texts[-1] == "[cal] calibration done: gyro"
+    other = Peer("ardupilot")
+    assert other.result(241, 1.0) == 0
+    other.wait(4.0)
+    assert not any("[cal]" in text for text in other.texts())
+
+
+def test_px4_orbits_in_position_control():
+    peer = Peer("px4")
+    peer.fly()
+    order = m.MAVLink_command_int_message(1, 1, 5, 34, 0, 0, 20.0, 3.0, 0, 0, 280500000, -821500000, 20.0)
+    peer.tell(order)
+    peer.wait(2.0)
+    assert peer.of("HEARTBEAT")[-1].custom_mode == 1 << 24 | 3 << 16
+
+
+def test_the_origin_is_told_when_another_is_asked_for():
+    peer = Peer("px4")
+    answers = peer.tell(m.MAVLink_set_gps_global_origin_message(1, 471234567, 81234567, 400_000))
+    (origin,) = [answer for answer in answers if answer.get_type() == "GPS_GLOBAL_ORIGIN"]
+    assert origin.latitude == 280500000
+
+
+def test_odometry_is_the_position_and_the_attitude_of_the_body():
+    peer = Peer("px4")
+    peer.fly()
+    peer.result(192, 5.0, 1.0, 0.0, NAN, 28.0510, -82.15, 30.0)
+    peer.wait(6.0)
+    state = peer.vehicle.pilot.state
+    odometry, ned = peer.of("ODOMETRY")[-1], peer.of("LOCAL_POSITION_NED")[-1]
+    assert (odometry.x, odometry.y, odometry.z) == pytest.approx((ned.x, ned.y, ned.z), abs=0.5)
+    w, x, y, z = odometry.q
+    assert w * w + x * x + y * y + z * z == pytest.approx(1.0)
+    speed = math.sqrt(sum(v * v for v in state.velocity_m_s))
+    assert speed > 1.0
+    assert math.sqrt(odometry.vx**2 + odometry.vy**2 + odometry.vz**2) == pytest.approx(speed, rel=0.15)
+    assert (odometry.frame_id, odometry.child_frame_id) == (1, 12)

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import html
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from geo.atomic import atomic_write
+from wbf_mission.bench.page import Page, Picture, Section, Table
 from wbf_mission.bench.row import BenchRow
 from wbf_mission.bench.standings import Interval, Standing, standings
 from wbf_mission.plots import LINE_COLOURS, new_figure, save_figure
 
 __all__ = [
-    "ReportTable",
-    "markdown_table",
     "score_over_time",
     "scores_at",
     "standing_table",
@@ -36,16 +32,7 @@ _MOST_LINES = 8
 _FEWEST_FOR_A_BAND = 5
 
 
-@dataclass(frozen=True, slots=True)
-class ReportTable:
-    """A table of texts; all columns but the first hold numbers."""
-
-    title: str
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-
-def standing_table(title: str, found: Sequence[Standing]) -> ReportTable:
+def standing_table(title: str, found: Sequence[Standing]) -> Table:
     """Return the standings of one scenario."""
     fields = list(dict.fromkeys(name for one in found for name in one.losses))
     losses = (f"loss {name}" for name in fields)
@@ -63,17 +50,17 @@ def standing_table(title: str, found: Sequence[Standing]) -> ReportTable:
         )
         for one in found
     )
-    return ReportTable(title, header, rows)
+    return Table(title, header, rows)
 
 
-def _behind(found: Sequence[Standing]) -> ReportTable:
-    """Return by how much the others are behind the best of each scenario."""
+def _behind(found: Sequence[Standing]) -> Table:
+    """Return by how much the others are behind the best of a scenario."""
     rows = tuple(
-        (f"{one.scenario}, {one.planner}, {one.estimator}", *_interval(one.behind))
+        (f"{one.planner}, {one.estimator}", *_interval(one.behind))
         for one in found
         if math.isfinite(one.behind.low)
     )
-    return ReportTable("Behind the best of the scenario, in pairs", ("run", "mean", "95 %"), rows)
+    return Table("Behind the best, in pairs of runs on the same environment", ("run", "mean", "95 %"), rows)
 
 
 def score_over_time(rows: Sequence[BenchRow]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -111,20 +98,34 @@ def write_report(rows: Sequence[BenchRow], folder: Path, *, title: str) -> list[
     """
     folder.mkdir(parents=True, exist_ok=True)
     found = standings(rows)
-    parts: list[tuple[ReportTable, Path | None]] = []
-    for scenario in dict.fromkeys(one.scenario for one in found):
-        here = [one for one in found if one.scenario == scenario]
-        told = [row for row in rows if row.scenario == scenario and row.error is None and row.times_s]
-        picture = _plot(scenario, here, told, folder) if told else None
-        parts.append((standing_table(f"{scenario}: scores over the run and at its end", here), picture))
-    tables = (_behind(found), _flown(rows), _costs(rows), _failures(rows))
-    parts += [(table, None) for table in tables if table.rows]
-    markdown, page = folder / "report.md", folder / "report.html"
-    with atomic_write(markdown) as file:
-        file.write(_markdown(title, parts))
-    with atomic_write(page) as file:
-        file.write(_html(title, parts))
-    return [markdown, page, *(picture for _, picture in parts if picture is not None)]
+    scenarios = list(dict.fromkeys(one.scenario for one in found))
+    sections = [
+        _section(
+            scenario,
+            [one for one in found if one.scenario == scenario],
+            [row for row in rows if row.scenario == scenario and row.error is None],
+            folder,
+        )
+        for scenario in scenarios
+    ]
+    failures = _failures(rows)
+    if failures.rows:
+        sections.append(Section("What failed", tables=(failures,)))
+    files = Page(title, _READING, tuple(sections)).write(folder, "report")
+    return [*files, *(folder / picture.file for section in sections for picture in section.pictures)]
+
+
+def _section(scenario: str, found: Sequence[Standing], good: Sequence[BenchRow], folder: Path) -> Section:
+    """Return what the runs of one scenario tell, with their picture written."""
+    told = [row for row in good if row.times_s]
+    pictures = (Picture(_plot(scenario, found, told, folder).name, "Score over time"),) if told else ()
+    tables = (
+        standing_table("Scores over the run and at its end", found),
+        _behind(found),
+        _flown(good),
+        _costs(good),
+    )
+    return Section(scenario, pictures=pictures, tables=tuple(one for one in tables if one.rows))
 
 
 def _plot(scenario: str, found: Sequence[Standing], rows: Sequence[BenchRow], folder: Path) -> Path:
@@ -152,22 +153,21 @@ def _plot(scenario: str, found: Sequence[Standing], rows: Sequence[BenchRow], fo
     return save_figure(figure, folder / f"{scenario.replace('/', '-').removesuffix('.toml')}.png")
 
 
-def _flown(rows: Sequence[BenchRow]) -> ReportTable:
-    """How long plans took that nobody changed on the way."""
+def _flown(good: Sequence[BenchRow]) -> Table:
+    """Return how long plans of one scenario took that nobody changed on the way."""
     table = []
-    for scenario, planner in sorted({(row.scenario, row.planner) for row in rows}):
+    for planner in sorted({row.planner for row in good}):
         pairs = [
             (row.flight_time_s, row.predicted_time_s, row.path_length_m)
-            for row in rows
-            if (row.scenario, row.planner) == (scenario, planner)
-            if row.flight_time_s and row.predicted_time_s and row.error is None and row.decisions == 1
+            for row in good
+            if row.planner == planner and row.flight_time_s and row.predicted_time_s and row.decisions == 1
         ]
         if pairs:
             ratios = np.array([flown / predicted - 1.0 for flown, predicted, _ in pairs])
             length_m = float(np.mean([length for _, _, length in pairs if length is not None]))
             table.append(
                 (
-                    f"{scenario}, {planner}",
+                    planner,
                     f"{np.mean([flown for flown, _, _ in pairs]):.1f}",
                     f"{np.mean([predicted for _, predicted, _ in pairs]):.1f}",
                     f"{ratios.mean():+.2%}",
@@ -175,36 +175,33 @@ def _flown(rows: Sequence[BenchRow]) -> ReportTable:
                     f"{length_m:.1f}",
                 )
             )
-    header = ("scenario, planner", "flown, s", "predicted, s", "mean error", "largest error", "path, m")
-    return ReportTable("Planned and flown", header, tuple(table))
+    header = ("planner", "flown, s", "predicted, s", "mean error", "largest error", "path, m")
+    return Table("Planned and flown", header, tuple(table))
 
 
-def _costs(rows: Sequence[BenchRow]) -> ReportTable:
-    """What the runs took, by their parts."""
-    good = [row for row in rows if row.error is None]
+def _costs(good: Sequence[BenchRow]) -> Table:
+    """Return what runs of one scenario took in the mean, by their parts, the cheapest first."""
     stages = list(dict.fromkeys(name for row in good for name in row.timings_s))
-    table = []
-    for pair in sorted({(row.scenario, row.planner, row.estimator) for row in good}):
-        own = [row for row in good if (row.scenario, row.planner, row.estimator) == pair]
-        cells = [np.mean([row.timings_s.get(name, 0.0) for row in own]) for name in stages]
-        table.append(
-            (
-                ", ".join(pair),
-                f"{np.mean([row.wall_time_s for row in own]):.2f}",
-                f"{np.mean([row.cpu_time_s for row in own]):.2f}",
-                *(f"{cell:.2f}" for cell in cells),
-            )
-        )
-    return ReportTable("What a run takes, s", ("run", "wall", "CPU", *stages), tuple(table))
+    means = []
+    for pair in sorted({(row.planner, row.estimator) for row in good}):
+        own = [row for row in good if (row.planner, row.estimator) == pair]
+        parts = ([row.timings_s.get(name, 0.0) for row in own] for name in stages)
+        columns = ([row.wall_time_s for row in own], [row.cpu_time_s for row in own], *parts)
+        means.append((", ".join(pair), [float(np.mean(one)) for one in columns]))
+    lines = (
+        (name, *(f"{one:.3f}" for one in cells)) for name, cells in sorted(means, key=lambda one: one[1][1])
+    )
+    header = ("planner, estimator", "wall", "CPU", *stages)
+    return Table("What a run takes, s, and its parts, s of wall time", header, tuple(lines))
 
 
-def _failures(rows: Sequence[BenchRow]) -> ReportTable:
+def _failures(rows: Sequence[BenchRow]) -> Table:
     table = [
         (f"{row.scenario}, {row.planner}, {row.estimator}, seed {row.seed}", row.error)
         for row in rows
         if row.error is not None
     ]
-    return ReportTable("Runs that failed", ("run", "cause"), tuple(table))
+    return Table("Runs that failed", ("run", "cause"), tuple(table))
 
 
 def _interval(one: Interval) -> tuple[str, str]:
@@ -213,59 +210,3 @@ def _interval(one: Interval) -> tuple[str, str]:
 
 def _number(value: float, digits: int) -> str:
     return "-" if math.isnan(value) else f"{value:.{digits}f}"
-
-
-def markdown_table(table: ReportTable) -> list[str]:
-    """Return the lines of a table in Markdown, without its title."""
-
-    def cells(row: Sequence[str]) -> str:
-        return "| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |"
-
-    return [
-        cells(table.header),
-        "|---" + "|--:" * (len(table.header) - 1) + "|",
-        *map(cells, table.rows),
-    ]
-
-
-def _markdown(title: str, parts: Sequence[tuple[ReportTable, Path | None]]) -> str:
-    lines = [f"# {title}", "", _READING]
-    for table, picture in parts:
-        lines += ["", f"## {table.title}", "", *markdown_table(table)]
-        if picture is not None:
-            lines += ["", f"![Score over time]({picture.name})"]
-    return "\n".join(lines) + "\n"
-
-
-_STYLE = (
-    ":root{color-scheme:light dark;--text:#222;--page:#fff;--line:#ddd;--soft:#f5f5f3}"
-    "@media (prefers-color-scheme:dark){:root{--text:#ddd;--page:#16181b;--line:#3a3d42;--soft:#202327}}"
-    "body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:92em;padding:0 1em;"
-    "color:var(--text);background:var(--page)}"
-    ".wide{overflow-x:auto}"
-    "table{border-collapse:collapse;font-variant-numeric:tabular-nums}"
-    "th,td{padding:.25em .7em;border-bottom:1px solid var(--line);text-align:right;white-space:nowrap}"
-    "th:first-child,td:first-child{text-align:left;position:sticky;left:0;background:var(--page)}"
-    "tbody tr:hover td{background:var(--soft)}"
-    "@media (max-width:40em){th:first-child,td:first-child{white-space:normal;min-width:8em}}"
-    ".text td:last-child,.text th:last-child{text-align:left;white-space:normal}"
-    "img{max-width:100%;background:#fff;border-radius:4px}"
-)
-
-
-def _html(title: str, parts: Sequence[tuple[ReportTable, Path | None]]) -> str:
-    def cells(row: Sequence[str], tag: str) -> str:
-        return "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in row) + "</tr>"
-
-    name = html.escape(title)
-    lines = ["<!doctype html>", '<html lang="en"><head><meta charset="utf-8">', f"<title>{name}</title>"]
-    lines.append('<meta name="viewport" content="width=device-width, initial-scale=1">')
-    lines += [f"<style>{_STYLE}</style></head><body>", f"<h1>{name}</h1>", f"<p>{html.escape(_READING)}</p>"]
-    for table, picture in parts:
-        kind = "wide text" if len(table.header) == 2 else "wide"
-        lines += [f"<h2>{html.escape(table.title)}</h2>", f'<div class="{kind}"><table>']
-        lines += ["<thead>", cells(table.header, "th"), "</thead><tbody>"]
-        lines += [*(cells(row, "td") for row in table.rows), "</tbody></table></div>"]
-        if picture is not None:
-            lines.append(f'<p><img src="{html.escape(picture.name)}" alt="Score over time"></p>')
-    return "\n".join([*lines, "</body></html>"]) + "\n"

@@ -323,7 +323,8 @@ def paper_command(
 ) -> int:
     """Make the figures of the paper: farms, fifteen days, planners with estimators, costs.
 
-    With a page, paper.md, of captions and numbers. Flights and costs are kept: a second call only draws.
+    With a page, paper.md and paper.html, of captions and numbers. Flights and costs are kept: a second call
+    only draws.
     """
     from wbf_mission.bench.benchmark import BenchmarkInterrupted
     from wbf_mission.bench.paper.make import make_paper
@@ -350,8 +351,8 @@ def paper_command(
     _tell_failures(output, paper.rows)
     files = [str(one) for one in paper.files]
     output.result(
-        {"page": files[0], "pictures": files[1:], "runs": len(paper.rows)},
-        {"page": files[0], "pictures": "\n".join(files[1:])},
+        {"pages": files[:2], "pictures": files[2:], "runs": len(paper.rows)},
+        {"pages": "\n".join(files[:2]), "pictures": "\n".join(files[2:])},
     )
     return _exit_code(paper.rows, interrupted=False)
 

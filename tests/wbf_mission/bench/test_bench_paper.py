@@ -12,8 +12,8 @@ from wbf_mission.bench.benchmark import BenchmarkInterrupted
 from wbf_mission.bench.paper import cost, make, shown
 from wbf_mission.bench.paper.cost import kept_costs, measured_costs, plot_costs
 from wbf_mission.bench.paper.dynamics import DAYS, Dynamics
-from wbf_mission.bench.paper.page import early_table, lead_table
 from wbf_mission.bench.paper.shown import ShownRun
+from wbf_mission.bench.paper.tables import early_table, lead_table
 from wbf_mission.bench.row import BenchRow
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.bench.store import read_rows
@@ -44,8 +44,11 @@ def folder(tmp_path_factory):
 def test_the_pictures_show_something(folder):
     for name in PICTURES:
         assert colours(folder / f"{name}.png") > 100
-    page = (folder / "paper.md").read_text()
-    assert all(f"]({name}.png)" in page for name in PICTURES)
+    markdown, page = ((folder / f"paper.{suffix}").read_text() for suffix in ("md", "html"))
+    assert all(f"]({name}.png)" in markdown for name in PICTURES)
+    assert all(f'<img src="{name}.png"' in page for name in PICTURES)
+    assert "Who leads, and by how much" in markdown
+    assert "Who leads, and by how much" in page
 
 
 def test_a_second_call_only_draws(folder, monkeypatch, capsys):
@@ -60,7 +63,7 @@ def test_a_second_call_only_draws(folder, monkeypatch, capsys):
     assert main([*COMMAND, "--out", str(folder), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told == {
-        "page": str(folder / "paper.md"),
+        "pages": [str(folder / "paper.md"), str(folder / "paper.html")],
         "pictures": [str(folder / f"{name}.png") for name in PICTURES],
         "runs": 8,
     }
@@ -82,22 +85,15 @@ def test_maps_are_of_the_very_runs_of_the_rows(folder):
 
 
 def test_pictures_for_print(tmp_path, capsys):
-    command = (
-        "bench",
-        "paper",
-        "--only",
-        "geometry",
-        "--format",
-        "pdf,png",
-        "--out",
-        str(tmp_path),
-        "--json",
-    )
-    assert main([*command]) == 0
+    command = ("bench", "paper", "--only", "geometry", "--out", str(tmp_path), "--json")
+    assert main([*command, "--format", "pdf,png"]) == 0
     files = [tmp_path / "geometry.pdf", tmp_path / "geometry.png"]
     assert json.loads(capsys.readouterr().out)["pictures"] == [str(one) for one in files]
     assert files[0].read_bytes().startswith(b"%PDF")
+    assert "](geometry.png)" in (tmp_path / "paper.md").read_text()
+    assert main([*command, "--format", "pdf"]) == 0
     assert "](geometry.pdf)" in (tmp_path / "paper.md").read_text()
+    assert '<a href="geometry.pdf">' in (tmp_path / "paper.html").read_text()
 
 
 def test_processes_make_the_same_maps(folder, tmp_path):

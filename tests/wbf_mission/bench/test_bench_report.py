@@ -88,14 +88,15 @@ def test_the_files_say_what_the_standings_are(rows, tmp_path):
         np.mean([each.score for each in rows if each.planner == name]) for name in ("greedy", "spiral")
     )
     assert (behind["greedy"].mean, behind["spiral"].mean) == (0.0, pytest.approx(one - two))
-    assert f"| WBF/Some-v1, spiral, gp | {behind['spiral'].mean:.4f} | " in markdown
+    assert f"| spiral, gp | {behind['spiral'].mean:.4f} | " in markdown
     assert "it \\| failed & fell" in markdown
     assert "it | failed & fell" in page.cells
     assert "<b>, gp" in page.cells
     assert page.pictures == ["WBF-Some-v1.png"]
     assert "![Score over time](WBF-Some-v1.png)" in markdown
-    assert "| WBF/Some-v1, greedy | 33.0 | 30.0 | +10.00% | 10.00% | 100.0 |" in markdown
-    assert "| WBF/Some-v1, greedy, gp | 2.00 | 1.00 | 0.50 | 1.50 |" in markdown
+    assert "| greedy | 33.0 | 30.0 | +10.00% | 10.00% | 100.0 |" in markdown
+    assert "| planner, estimator | wall | CPU | plan | flight |" in markdown
+    assert "| greedy, gp | 2.000 | 1.000 | 0.500 | 1.500 |" in markdown
     with Image.open(files[2]) as picture:
         assert picture.width > 500
         assert len(picture.convert("RGB").getcolors(1_000_000)) > 50
@@ -111,3 +112,20 @@ def test_only_failures_make_a_report_without_pictures(tmp_path):
     files = write_report([failed], tmp_path, title="x")
     assert [one.name for one in files] == ["report.md", "report.html"]
     assert "Runs that failed" in files[0].read_text()
+
+
+def test_costs_stand_with_their_scenario_and_the_cheapest_comes_first(tmp_path):
+    rows = [
+        row("slow", 0, [-1.0], scenario="A", cpu_time_s=9.0, timings_s={"plan": 0.1, "decide": 8.0}),
+        row("slow", 1, [-1.0], scenario="A", cpu_time_s=7.0, timings_s={"plan": 0.3, "decide": 6.0}),
+        row("quick", 0, [-1.0], scenario="A", cpu_time_s=0.5, timings_s={"plan": 0.2}),
+        row("quick", 0, [-1.0], scenario="B", cpu_time_s=0.75, timings_s={"estimate and score": 0.7}),
+    ]
+    markdown = write_report(rows, tmp_path, title="x")[0].read_text()
+    first, second = markdown.split("## B\n")
+    assert "| planner, estimator | wall | CPU | plan | decide |" in first
+    quick, slow = (line for line in first.splitlines() if line.endswith((" 0.000 |", " 7.000 |")))
+    assert quick == "| quick, gp | 2.000 | 0.500 | 0.200 | 0.000 |"
+    assert slow == "| slow, gp | 2.000 | 8.000 | 0.200 | 7.000 |"
+    assert "| planner, estimator | wall | CPU | estimate and score |" in second
+    assert "| quick, gp | 2.000 | 0.750 | 0.700 |" in second

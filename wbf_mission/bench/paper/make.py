@@ -7,22 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from geo.atomic import atomic_write
 from geo.farms import get_farm
 from wbf_mission.bench.benchmark import benchmark
+from wbf_mission.bench.page import Page, Picture, Section
 from wbf_mission.bench.paper.comparison import plot_pairs, plot_scores
 from wbf_mission.bench.paper.cost import FARMS, LIMIT_S, measured_costs, plot_costs
 from wbf_mission.bench.paper.dynamics import DAYS, Dynamics, plot_dynamics
 from wbf_mission.bench.paper.geometry import plot_geometry
-from wbf_mission.bench.paper.page import (
-    Section,
-    authors_table,
-    early_table,
-    lead_table,
-    markdown,
-    standings_table,
-)
 from wbf_mission.bench.paper.shown import shown_runs
+from wbf_mission.bench.paper.tables import authors_table, early_table, lead_table, standings_table
 from wbf_mission.bench.row import BenchRow
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.flight import FlightError
@@ -34,7 +27,7 @@ __all__ = ["FIGURES", "FORMATS", "Paper", "make_paper"]
 
 FIGURES = ("geometry", "dynamics", "comparison", "cost")
 FORMATS = ("png", "pdf")
-_PAGE = "paper.md"
+_PAGE = "paper"
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +37,7 @@ class Paper:
     Parameters
     ----------
     files : tuple of Path
-        The page first, then the pictures.
+        The page as Markdown and as HTML, then the pictures.
     rows : tuple of BenchRow
         Of the comparison; empty if that was not wanted.
     """
@@ -67,6 +60,11 @@ class _Work:
     def paths(self, name: str) -> list[Path]:
         """Return the files of a picture, one for each format."""
         return [self.folder / f"{name}.{one}" for one in self.formats]
+
+    def picture(self, name: str, shows: str) -> Picture:
+        """Return a picture for the page: the PNG, if there is one."""
+        suffix = FORMATS[0] if FORMATS[0] in self.formats else self.formats[0]
+        return Picture(f"{name}.{suffix}", shows)
 
 
 def make_paper(
@@ -93,7 +91,7 @@ def make_paper(
     figures : sequence of str
         Of `FIGURES`.
     formats : sequence of str
-        Of `FORMATS`; the page shows the first.
+        Of `FORMATS`; the page shows PNG, if it is wanted.
     jobs : int
         Processes that fly; -1: one per core.
     cost_farms : sequence of str
@@ -140,40 +138,38 @@ def make_paper(
             sections.append(section)
         else:
             sections.append(_cost(work))
-    page = folder / _PAGE
-    with atomic_write(page) as file:
-        file.write(markdown("The figures of the Waterberry Farms paper", _ABOUT, sections))
-    stems = [Path(name).stem for section in sections for name in section.pictures]
-    return Paper((page, *(path for stem in stems for path in work.paths(stem))), tuple(rows))
+    page = Page("The figures of the Waterberry Farms paper", _ABOUT, tuple(sections))
+    pages = page.write(folder, _PAGE)
+    stems = [Path(picture.file).stem for section in sections for picture in section.pictures]
+    return Paper((*pages, *(path for stem in stems for path in work.paths(stem))), tuple(rows))
 
 
 _ABOUT = (
-    "Made by `wbf-mission bench paper`. After S. Matloob, P. P. Datta, O. P. Kreidl, A. Dutta, S. Roy and"
-    " L. Bölöni, *Waterberry Farms: A Novel Benchmark For Informative Path Planning*, arXiv:2305.06243."
+    "Made by wbf-mission bench paper. After S. Matloob, P. P. Datta, O. P. Kreidl, A. Dutta, S. Roy and"
+    " L. Bölöni, “Waterberry Farms: A Novel Benchmark For Informative Path Planning”, arXiv:2305.06243."
 )
 
 
 def _geometry(work: _Work) -> Section:
-    paths = work.paths("geometry")
-    plot_geometry(paths)
+    plot_geometry(work.paths("geometry"))
     caption = (
         "The farms of the benchmark; one cell is one square foot. What lies outside the dashed line is the"
         " neighbours': diseases spread there, too, but it is not scored."
     )
-    return Section("The farms", caption, (paths[0].name,))
+    return Section("The farms", caption, (work.picture("geometry", "The farms"),))
 
 
 def _dynamics(work: _Work) -> Section:
     name, scenario = work.spec.scenarios[0]
     dynamics = Dynamics.of(scenario, work.spec.seeds, work.progress)
-    paths = work.paths("dynamics")
-    plot_dynamics(dynamics, paths)
+    plot_dynamics(dynamics, work.paths("dynamics"))
     caption = (
         f"{len(DAYS)} days of {dynamics.farm.name} ({name}): the environment of seed {work.spec.seeds[0]},"
         f" and on the right the mean of {len(work.spec.seeds)} environments with the range from the lowest"
         " to the highest. Grey: nothing that the field concerns."
     )
-    return Section(f"{len(DAYS)} days of the environment", caption, (paths[0].name,))
+    title = f"{len(DAYS)} days of the environment"
+    return Section(title, caption, (work.picture("dynamics", title),))
 
 
 def _comparison(work: _Work) -> tuple[Section, list[BenchRow]]:
@@ -194,13 +190,13 @@ def _comparison(work: _Work) -> tuple[Section, list[BenchRow]]:
         raise FlightError(msg)
     of_first = [row for row in rows if row.seed == first and row.error is None]
     pictures = []
-    for number, estimator in enumerate(estimators):
-        paths = work.paths(f"comparison-{number + 1}")
-        plot_pairs(scenario, estimator, shown, of_first, colours, paths)
-        pictures.append(paths[0].name)
-    paths = work.paths("comparison-scores")
-    plot_scores(rows, estimators, colours, paths)
-    each = "; ".join(f"{picture}: {one}" for picture, one in zip(pictures, estimators, strict=True))
+    for number, estimator in enumerate(estimators, 1):
+        file = f"comparison-{number}"
+        plot_pairs(scenario, estimator, shown, of_first, colours, work.paths(file))
+        pictures.append(work.picture(file, f"{estimator}: path, truth, estimate and score of each planner"))
+    plot_scores(rows, estimators, colours, work.paths("comparison-scores"))
+    each = "; ".join(f"{one.file}: {of}" for one, of in zip(pictures, estimators, strict=True))
+    pictures.append(work.picture("comparison-scores", "Mean score over time"))
     caption = (
         f"Planners with estimators in {name}. A picture for each estimator ({each}) shows the environment"
         f" of seed {first}: the path flown, the truth and the last estimate of the diseases, each on the"
@@ -208,16 +204,15 @@ def _comparison(work: _Work) -> tuple[Section, list[BenchRow]]:
         f" the mean score over {len(spec.seeds)} environments with its interval of 95 %. 0 is perfect."
     )
     tables = (standings_table(rows), early_table(rows), lead_table(rows), authors_table(of_first, shown))
-    return Section("Planners and estimators", caption, (*pictures, paths[0].name), tables), rows
+    return Section("Planners and estimators", caption, tuple(pictures), tables), rows
 
 
 def _cost(work: _Work) -> Section:
     costs = measured_costs(work.folder / "cost.json", farms=work.cost_farms, progress=work.progress)
-    paths = work.paths("cost")
-    plot_costs(costs, paths)
+    plot_costs(costs, work.paths("cost"))
     caption = (
         "Processor seconds, on one thread, of one estimate of the three fields over the whole farm from"
         " nothing, against the number of observations in random cells; on the right of one score of the whole"
         f" farm. A cross: more than {LIMIT_S:g} s, or refused as too much. Measured on {costs[0].machine}."
     )
-    return Section("What it costs", caption, (paths[0].name,))
+    return Section("What it costs", caption, (work.picture("cost", "What it costs"),))

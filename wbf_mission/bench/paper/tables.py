@@ -1,47 +1,29 @@
-"""The page beside the figures: captions, and the numbers of the comparison."""
+"""The numbers of the comparison, as tables."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from wbf_mission.bench.page import Table
 from wbf_mission.bench.paper.shown import ShownRun
-from wbf_mission.bench.report import ReportTable, markdown_table, scores_at, standing_table
+from wbf_mission.bench.report import scores_at, standing_table
 from wbf_mission.bench.row import BenchRow
 from wbf_mission.bench.standings import Interval, mean_interval, standings
 
-__all__ = ["Section", "authors_table", "early_table", "lead_table", "markdown", "standings_table"]
+__all__ = ["authors_table", "early_table", "lead_table", "standings_table"]
 
 _PARTS = (0.1, 0.2, 0.5, 1.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Section:
-    """A part of the page.
-
-    Parameters
-    ----------
-    title, caption : str
-    pictures : tuple of str
-        Names of files beside the page.
-    tables : tuple of ReportTable
-    """
-
-    title: str
-    caption: str
-    pictures: tuple[str, ...]
-    tables: tuple[ReportTable, ...] = ()
-
-
-def standings_table(rows: Sequence[BenchRow]) -> ReportTable:
+def standings_table(rows: Sequence[BenchRow]) -> Table:
     """Return the standings of one scenario's runs."""
     return standing_table("Scores over the run and at its end", standings(rows))
 
 
-def early_table(rows: Sequence[BenchRow]) -> ReportTable:
+def early_table(rows: Sequence[BenchRow]) -> Table:
     """Return the mean score as it stands at parts of the time, with intervals of 95 %.
 
     Parameters
@@ -58,10 +40,10 @@ def early_table(rows: Sequence[BenchRow]) -> ReportTable:
         at = np.array([scores_at(row, np.array(_PARTS) * last_s) for row in own])
         cells = (_interval(mean_interval(one)) for one in at.T)
         lines.append((f"{planner}, {estimator}", *cells))
-    return ReportTable("How the score stands on the way", header, tuple(lines))
+    return Table("How the score stands on the way", header, tuple(lines))
 
 
-def lead_table(rows: Sequence[BenchRow]) -> ReportTable:
+def lead_table(rows: Sequence[BenchRow]) -> Table:
     """Return who has the best mean score at parts of the time, and by how much the others are behind it.
 
     Differences are taken in pairs of runs in the same environment, with intervals of 95 %.
@@ -96,10 +78,10 @@ def lead_table(rows: Sequence[BenchRow]) -> ReportTable:
             for one in planners
         ]
         lines.append((f"{estimator}, at {part * last_s:.0f} s", *behind))
-    return ReportTable("Who leads, and by how much", ("estimator, time", *planners), tuple(lines))
+    return Table("Who leads, and by how much", ("estimator, time", *planners), tuple(lines))
 
 
-def authors_table(rows: Iterable[BenchRow], shown: Mapping[tuple[str, str], ShownRun]) -> ReportTable:
+def authors_table(rows: Iterable[BenchRow], shown: Mapping[tuple[str, str], ShownRun]) -> Table:
     """Return the score at the end of the runs that are shown, and what the published code makes of them."""
     lines = tuple(
         (
@@ -111,19 +93,7 @@ def authors_table(rows: Iterable[BenchRow], shown: Mapping[tuple[str, str], Show
         if (row.planner, row.estimator) in shown
     )
     header = ("planner, estimator", "score at the end", "by the published code")
-    return ReportTable("The runs that are shown", header, lines)
-
-
-def markdown(title: str, about: str, sections: Sequence[Section]) -> str:
-    """Return the page as Markdown."""
-    lines = [f"# {title}", "", about]
-    for section in sections:
-        lines += ["", f"## {section.title}", ""]
-        lines += [f"![{section.title}]({name})" for name in section.pictures]
-        lines += ["", section.caption]
-        for table in section.tables:
-            lines += ["", f"### {table.title}", "", *markdown_table(table)]
-    return "\n".join(lines) + "\n"
+    return Table("The runs that are shown", header, lines)
 
 
 def _interval(one: Interval) -> str:

@@ -1,0 +1,116 @@
+"""The pages of a benchmark in a browser: light, dark and narrow."""
+
+import io
+
+import numpy as np
+import pytest
+from browser import CHROMIUM, Browser
+from PIL import Image
+
+from wbf_mission.bench.page import Page, Picture, Section, Table
+from wbf_mission.bench.report import write_report
+from wbf_mission.bench.row import BenchRow
+from wbf_mission.cli.app import main
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
+
+ASKED = {
+    "page": "document.documentElement.scrollWidth",
+    "window": "document.documentElement.clientWidth",
+    "pictures": "[...document.images].map(one => one.complete && one.naturalWidth > 0)",
+    "tables": "document.querySelectorAll('tbody tr').length",
+    "background": "getComputedStyle(document.body).backgroundColor",
+    "headings": "[...document.querySelectorAll('h2')].map(one => one.textContent)",
+}
+LOOKS = [(1200, False), (1200, True), (400, False), (400, True)]
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    browser = Browser(tmp_path_factory.mktemp("chromium"))
+    yield browser
+    browser.close()
+
+
+def row(planner, seed, draw, **given):
+    scores = sorted(draw.uniform(-2.0, -0.1, 12).tolist())
+    values = {
+        "key": f"{planner}{seed}",
+        "scenario": "WBF/Miniberry-30-Sweep-v1",
+        "planner": planner,
+        "estimator": "gp:learn_from=model,length_scale=4.0",
+        "seed": seed,
+        "score": float(np.mean(scores)),
+        "final_score": scores[-1],
+        "losses": {"tylcv": 0.2, "ccr": 0.3, "soil": 0.1},
+        "times_s": [10.0 * (k + 1) for k in range(len(scores))],
+        "scores": scores,
+        "decisions": 1,
+        "flight_time_s": 33.0,
+        "predicted_time_s": 30.0,
+        "path_length_m": 100.0,
+        "wall_time_s": 2.0,
+        "cpu_time_s": 1.0,
+        "timings_s": {"plan": 0.5, "flight": 1.0, "decide": 0.2, "estimate and score": 0.3},
+    }
+    return BenchRow(**{**values, **given})
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    draw = np.random.default_rng(4)
+    planners = ["greedy", "rolling-horizon:horizon=4,least_weight=0.35", "spiral", "<b>lawnmower</b>"]
+    rows = [row(planner, seed, draw) for planner in planners for seed in range(6)]
+    failed = row("random-waypoint", 0, draw, error="x" * 300, score=None, final_score=None)
+    _, page, *_ = write_report(
+        [*rows, failed], tmp_path_factory.mktemp("report"), title="Benchmark of 25 runs"
+    )
+    return page
+
+
+@pytest.fixture(scope="module")
+def paper(tmp_path_factory):
+    out = tmp_path_factory.mktemp("paper")
+    spec = ("--scenarios", "WBF/Miniberry-10-v1", "--planners", "spiral,lawnmower")
+    spec += ("--estimators", "adaptive-disk,point", "--seeds", "2", "--only", "geometry,comparison")
+    assert main(["bench", "paper", *spec, "--out", str(out), "--quiet"]) == 0
+    return out / "paper.html"
+
+
+def light_of(seen):
+    """How bright the corner of a page is, from 0 to 255."""
+    with Image.open(io.BytesIO(seen.png)) as picture:
+        return np.asarray(picture.convert("L"))[:3, :3].mean()
+
+
+@pytest.mark.parametrize(("width", "dark"), LOOKS)
+@pytest.mark.parametrize("name", ["report", "paper"])
+def test_a_page_is_whole_and_no_wider_than_its_window(name, width, dark, browser, request):
+    page = request.getfixturevalue(name)
+    seen = browser.look(page.as_uri(), width=width, dark=dark, values=ASKED)
+    assert seen.errors == []
+    assert width - 20 < seen.values["window"] <= width  # beside its scroll bar
+    assert seen.values["page"] <= seen.values["window"]
+    assert seen.values["pictures"] == [True] * {"report": 1, "paper": 4}[name]
+    assert seen.values["tables"] > 4
+    assert light_of(seen) < 60 if dark else light_of(seen) > 200
+
+
+def test_titles_are_shown_as_they_are(browser, report):
+    seen = browser.look(report.as_uri(), width=800, dark=False, values=ASKED)
+    assert seen.values["headings"] == ["WBF/Miniberry-30-Sweep-v1", "What failed"]
+    bold = browser.look(
+        report.as_uri(), width=800, dark=False, values={"b": "document.querySelectorAll('b').length"}
+    )
+    assert bold.values["b"] == 0
+
+
+def test_what_is_wrong_with_a_page_is_seen(browser, tmp_path):
+    wide = Table("w" * 300, ("a", "b"), (("c", "d"),))
+    page = Page("Broken", "a", (Section("s", pictures=(Picture("missing.png", "nothing"),), tables=(wide,)),))
+    _, file = page.write(tmp_path, "broken")
+    file.write_text(file.read_text().replace("overflow-wrap:break-word", ""))
+    seen = browser.look(file.as_uri(), width=400, dark=False, values=ASKED)
+    assert seen.errors
+    assert seen.values["pictures"] == [False]
+    assert seen.values["page"] > 400

@@ -26,6 +26,9 @@ _REST_M_S = 0.1
 _SMOOTH_S = 0.5
 _CORNER = np.radians(30.0)
 _SLOW_M_S = 0.3
+# A recording with gaps beyond this about a corner does not show how that is taken.
+_GAP_S = 0.5
+_TURN_S = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +60,7 @@ class Phases:
 
 @dataclass(frozen=True, slots=True)
 class Turns:
-    """How a flight takes the corners of more than 30 degrees; medians.
+    """How a flight takes the corners of more than 30 degrees; medians of those without gaps in the samples.
 
     Parameters
     ----------
@@ -124,6 +127,8 @@ def turns(flight: Flight, items: tuple[MissionItem, ...], frame: LocalFrame) -> 
     for i, (before, after) in enumerate(pairwise(np.diff(places, axis=0)), start=1):
         if abs(np.arctan2(before[0] * after[1] - before[1] * after[0], before @ after)) < _CORNER:
             continue
+        if not _is_seen(flight, told[i]):
+            continue
         begin, end = 0.5 * (told[i - 1] + told[i]), 0.5 * (told[i] + told[i + 1])
         here = (flight.time_s >= begin) & (flight.time_s <= end)
         leg = (flight.time_s >= begin) & (flight.time_s <= told[i + 1])
@@ -139,6 +144,12 @@ def turns(flight: Flight, items: tuple[MissionItem, ...], frame: LocalFrame) -> 
     table = np.array(found)
     miss, overshoot, radius, turn_rate = np.median(table, axis=0).tolist()
     return Turns(miss, overshoot, float(table[:, 1].max()), radius, turn_rate)
+
+
+def _is_seen(flight: Flight, when_s: float) -> bool:
+    """Tell whether the samples about a moment are close enough to follow a turn."""
+    first, last = np.searchsorted(flight.time_s, (when_s - _TURN_S, when_s + _TURN_S))
+    return bool(last > first and np.diff(flight.time_s[first : last + 1]).max(initial=0.0) <= _GAP_S)
 
 
 def _turning(flight: Flight) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

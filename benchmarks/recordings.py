@@ -265,7 +265,7 @@ def fly_recording(recording: Recording, spec: VehicleSpec | None = None) -> Flig
 
 
 def compare(recording: Recording, flight: Flight) -> Comparison:
-    """Compare a flight with the recorded one.
+    """Compare a flight with the recorded one; on the ground without heights, which are noise of the estimate.
 
     Raises
     ------
@@ -274,11 +274,12 @@ def compare(recording: Recording, flight: Flight) -> Comparison:
     """
     spans = [one.window(recording.items) for one in (recording.flight, flight)]
     paths, speeds = [], []
+    flies = get_vehicle(recording.vehicle).kind != "rover"
     length = min(last - first for first, last in spans)
     grid = np.arange(0.0, length, _SAMPLE_S)
     for one, (first, last) in zip((recording.flight, flight), spans, strict=True):
         inside = (one.time_s >= first - _SAMPLE_S) & (one.time_s <= last + _SAMPLE_S)
-        paths.append(one.position_m[inside])
+        paths.append(one.position_m[inside] * (1.0, 1.0, 1.0 if flies else 0.0))
         speed = np.linalg.norm(one.velocity_m_s, axis=1)
         speeds.append(np.interp(grid, one.time_s - first, speed))
     distance = _distance_to(paths[1], paths[0])

@@ -17,9 +17,11 @@ from sim_vehicle.motion.rules import complete_leg, mark_track, wind_row
 from sim_vehicle.weather.gust_kernel import wind_at
 
 # The state beyond the shared numbers: speed over ground, throttle (0 to 1), whether it turns on the spot,
-# beginning of the leg (two numbers), step at which a pause ends (infinity: none runs).
+# beginning of the leg (two numbers), step at which a pause ends (infinity: none runs), heading and rate of
+# turning that are asked for, speed that is asked for and the integrator of its error.
 SPEED, THROTTLE, PIVOTING, BEGIN, PAUSE_END = 19, 20, 21, 22, 24
-STATE = 25
+YAW_ASKED, RATE_ASKED, SPEED_ASKED, SPEED_INTEGRAL = 25, 26, 27, 28
+STATE = 29
 
 # One leg.
 (
@@ -54,8 +56,20 @@ THROUGH, STOP, AT_ONCE, VELOCITY, BRAKE = 0.0, 1.0, 2.0, 3.0, 4.0
     PIVOT_RATE,
     PASSES,
     ENERGY_LIMIT,
-) = range(16)
-LIMITS = 16
+    YAW_P,  # Rate of turning over the error of the heading; 0: pure pursuit gives the bend itself.
+    YAW_ACCELERATION,
+    JERK,  # 0: speeds before a corner or a stop are those of the deceleration alone.
+    THROTTLE_SPEED,  # What full throttle is thought to give.
+    SPEED_P,
+    SPEED_I,
+    FORCE,  # Per mass, of full throttle; 0: the vehicle has the speed that is asked for.
+    FRICTION,  # Per mass.
+    UNDERSTEER,  # Seconds: by so much times the speed the tightest turn gets wider.
+    DRAG,  # Per mass, over the square of the speed along each axis of the Earth.
+    NORTH,  # Of the axes of the Earth, three numbers each.
+) = range(27)
+EAST = NORTH + 3
+LIMITS = EAST + 3
 
 STOPPED = 0.05
 CREEP = 0.3
@@ -66,10 +80,10 @@ PIVOT_GAIN = 2.0
 
 
 @compiled
-def _bearing(state: Floats, row: Floats, limits: Floats) -> float:
-    """Return the bearing to the point that is pursued: on the leg, a look-ahead away."""
+def _bearing(state: Floats, row: Floats, limits: Floats, pace: float) -> float:
+    """Return the bearing to the point that is pursued: on the leg, a look-ahead for a speed away."""
     x, y = state[col.POSITION_X], state[col.POSITION_Y]
-    ahead = min(max(limits[AHEAD_GAIN] * state[SPEED], limits[AHEAD_MIN]), limits[AHEAD_MAX])
+    ahead = min(max(limits[AHEAD_GAIN] * pace, limits[AHEAD_MIN]), limits[AHEAD_MAX])
     gx, gy = row[LEG_X] - x, row[LEG_Y] - y
     dx, dy = row[LEG_X] - state[BEGIN], row[LEG_Y] - state[BEGIN + 1]
     length = sqrt(dx * dx + dy * dy)
@@ -97,6 +111,75 @@ def _may_turn(state: Floats, row: Floats, sense: float, radius: float) -> bool:
 
 
 @compiled
+def _speed_before(limits: Floats, way: float, end: float) -> float:
+    """Return the speed from which it can still slow down to another one.
+
+    With a limit of the jerk as PX4's ``computeMaxSpeedFromDistance`` does it.
+    """
+    slow = limits[DECELERATION]
+    if limits[JERK] == 0.0:
+        return sqrt(end * end + 2.0 * 0.9 * slow * way)
+    lost = 4.0 * slow * slow / limits[JERK]
+    return float(max(0.5 * (sqrt(lost * lost + 4.0 * (2.0 * slow * way + end * end)) - lost), end))
+
+
+@compiled
+def _turned_to(state: Floats, limits: Floats, bearing: float) -> float:
+    """Return the rate of turning towards a bearing, as PX4 asks for it.
+
+    The heading that is asked for goes to the bearing as fast as the vehicle can turn, unless it is nearer to
+    that; the rate is in proportion to its error and has a limited acceleration.
+    """
+    dt, yaw = limits[STEP_S], state[col.HEADING]
+    fastest = limits[TURN_RATE]
+    if limits[TURN_RADIUS] > 0.0:
+        fastest = min(fastest, state[SPEED] / limits[TURN_RADIUS])
+    gap = (bearing - state[YAW_ASKED] + pi) % (2.0 * pi) - pi
+    state[YAW_ASKED] += min(max(gap, -fastest * dt), fastest * dt)
+    error = (state[YAW_ASKED] - yaw + pi) % (2.0 * pi) - pi
+    whole = (bearing - yaw + pi) % (2.0 * pi) - pi
+    if abs(error) > abs(whole):
+        state[YAW_ASKED], error = bearing, whole
+    rate = min(max(limits[YAW_P] * error, -fastest), fastest)
+    change = limits[YAW_ACCELERATION] * dt
+    turns = state[col.HEADING_RATE]
+    if abs(state[RATE_ASKED] - turns) > abs(rate - turns):
+        state[RATE_ASKED] = turns
+    state[RATE_ASKED] += min(max(rate - state[RATE_ASKED], -change), change)
+    return float(state[RATE_ASKED])
+
+
+@compiled
+def _driven(state: Floats, limits: Floats, wanted: float) -> float:
+    """Return the speed that the throttle gives after a step.
+
+    The drag is that of PX4's simulator, which takes it along the axes of the Earth one by one: it depends on
+    where the vehicle drives to (`sih.cpp`, ``generate_rover_ackermann_dynamics``).
+    """
+    dt, speed = limits[STEP_S], state[SPEED]
+    change = (limits[ACCELERATION] if wanted >= speed else limits[DECELERATION]) * dt
+    asked = state[SPEED_ASKED] + min(max(wanted - state[SPEED_ASKED], -change), change)
+    if abs(asked - speed) > abs(wanted - speed):
+        asked = wanted
+    state[SPEED_ASKED] = asked
+    throttle = 0.0
+    if asked > 0.0:
+        error = asked - speed
+        state[SPEED_INTEGRAL] = min(max(state[SPEED_INTEGRAL] + limits[SPEED_I] * error * dt, -1.0), 1.0)
+        throttle = asked / limits[THROTTLE_SPEED] + limits[SPEED_P] * error + state[SPEED_INTEGRAL]
+        throttle = min(max(throttle, -1.0), 1.0)
+    else:
+        state[SPEED_INTEGRAL] = 0.0
+    state[THROTTLE] = throttle
+    north, east = cos(state[col.HEADING]), sin(state[col.HEADING])
+    axes = 0.0
+    for k in range(3):
+        axes += abs(north * limits[NORTH + k] + east * limits[EAST + k]) ** 3
+    pull = limits[FORCE] * throttle - limits[FRICTION] - limits[DRAG] * axes * speed * abs(speed)
+    return float(max(speed + pull * dt, 0.0))
+
+
+@compiled
 def _tick(state: Floats, row: Floats, arrived: bool, limits: Floats, step: int) -> bool:
     """Move one step and tell whether the leg is done."""
     dt = limits[STEP_S]
@@ -111,12 +194,11 @@ def _tick(state: Floats, row: Floats, arrived: bool, limits: Floats, step: int) 
         if kind == VELOCITY:
             bearing, wanted = row[LEG_HEADING], row[LEG_SPEED]
         else:
-            bearing = _bearing(state, row, limits)
-            wanted = row[LEG_SPEED]
             way = max(left - (row[LEG_RADIUS] if kind == THROUGH else 0.0), 0.0)
             end = row[LEG_END_SPEED] if kind == THROUGH else 0.0
-            wanted = min(wanted, sqrt(end * end + 2.0 * 0.9 * limits[DECELERATION] * way))
+            wanted = min(row[LEG_SPEED], _speed_before(limits, way, end))
             wanted = max(wanted, min(CREEP, row[LEG_SPEED]))
+            bearing = _bearing(state, row, limits, wanted if limits[YAW_P] > 0.0 else speed)
         wanted = min(wanted, limits[SPEED_MAX])
         error = (bearing - yaw + pi) % (2.0 * pi) - pi
         if limits[PIVOT_BEGIN] > 0.0:
@@ -128,6 +210,18 @@ def _tick(state: Floats, row: Floats, arrived: bool, limits: Floats, step: int) 
             wanted = 0.0
             if speed < STOPPED:
                 rate = min(max(PIVOT_GAIN * error, -limits[PIVOT_RATE]), limits[PIVOT_RATE])
+        elif limits[YAW_P] > 0.0:
+            rate = _turned_to(state, limits, bearing)
+            sense = 1.0 if error > 0.0 else -1.0
+            radius = max(limits[TURN_RADIUS], speed / limits[TURN_RATE])
+            inside = not _may_turn(state, row, sense, radius)
+            if kind != VELOCITY and abs(error) > 0.5 and inside:
+                rate = 0.0
+            if speed > 0.1:
+                most = limits[LATERAL] / speed
+                if limits[UNDERSTEER] > 0.0:
+                    most = min(most, speed / (limits[TURN_RADIUS] + limits[UNDERSTEER] * speed))
+                rate = min(max(rate, -most), most)
         elif wanted > 0.0 or speed > 0.0:
             sense = 1.0 if error > 0.0 else -1.0
             radius = limits[TURN_RADIUS]
@@ -143,9 +237,13 @@ def _tick(state: Floats, row: Floats, arrived: bool, limits: Floats, step: int) 
             if speed > 0.1:
                 bend = min(bend, limits[LATERAL] / (speed * speed))
             rate = sense * min(bend * speed, limits[TURN_RATE])
-    change = limits[ACCELERATION] if wanted > speed else limits[DECELERATION]
     before = speed
-    speed += min(max(wanted - speed, -change * dt), change * dt)
+    if limits[FORCE] > 0.0:
+        speed = _driven(state, limits, wanted)
+    else:
+        change = limits[ACCELERATION] if wanted > speed else limits[DECELERATION]
+        speed += min(max(wanted - speed, -change * dt), change * dt)
+        state[THROTTLE] = speed / limits[SPEED_MAX]
     if speed < 1e-6:
         speed = 0.0
     state[col.HEADING_RATE] += (rate - state[col.HEADING_RATE]) * min(dt / limits[STEERING_S], 1.0)
@@ -164,7 +262,6 @@ def _tick(state: Floats, row: Floats, arrived: bool, limits: Floats, step: int) 
     )
     state[col.VELOCITY_X], state[col.VELOCITY_Y] = ve, vn
     state[SPEED] = speed
-    state[THROTTLE] = speed / limits[SPEED_MAX]
     if arrived or kind == VELOCITY:
         return False
     if kind == BRAKE:
@@ -217,6 +314,8 @@ def advance(
         if state[col.GIVE_UP_STEP] == inf:
             state[PAUSE_END] = inf
             state[PIVOTING] = 0.0
+            if state[SPEED] == 0.0:
+                state[YAW_ASKED], state[RATE_ASKED] = state[col.HEADING], 0.0
             state[BEGIN], state[BEGIN + 1] = state[col.POSITION_X], state[col.POSITION_Y]
             if leg > 0:
                 state[BEGIN], state[BEGIN + 1] = route[leg - 1, LEG_X], route[leg - 1, LEG_Y]

@@ -49,6 +49,23 @@ class RoverLimits:
         none.
     passes : bool
         Whether a waypoint that was driven past counts.
+    yaw_p, yaw_acceleration : float
+        Rate of turning over the error of the heading, and its greatest change; 0: the bend is that of pure
+        pursuit.
+    jerk : float
+        Of slowing down; 0 is none.
+    corner_slows, corner_least, corner_most : float
+        A corner of 180 degrees takes such a share of the greatest speed, down to the least; a negative share:
+        the speed is that which the lateral acceleration allows.
+    throttle_speed, speed_p, speed_i : float
+        Throttle over speed; used by a vehicle that has a force.
+    understeer : float
+        Seconds: by so much times the speed the tightest turn gets wider.
+    force, friction, drag : float
+        Per mass: of full throttle, of rolling, and over the square of the speed along each axis of the Earth.
+        A force of 0: the vehicle has the speed that is asked for.
+    north, east : tuple of 3 floats
+        Those directions in the axes of the Earth.
     """
 
     speed_max: float
@@ -68,6 +85,21 @@ class RoverLimits:
     corner_gain: float
     corner_max: float
     passes: bool
+    yaw_p: float = 0.0
+    yaw_acceleration: float = 0.0
+    jerk: float = 0.0
+    corner_slows: float = -1.0
+    corner_least: float = 0.0
+    corner_most: float = 0.0
+    throttle_speed: float = 1.0
+    speed_p: float = 0.0
+    speed_i: float = 0.0
+    understeer: float = 0.0
+    force: float = 0.0
+    friction: float = 0.0
+    drag: float = 0.0
+    north: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    east: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 class Rover(CompiledMotion):
@@ -108,7 +140,9 @@ class Rover(CompiledMotion):
         """Be under way at time 0, with nothing used yet, as if it had driven there."""
         super().place_in_flight(position_m, velocity_m_s, heading_rad)
         self.state[wheels.SPEED : wheels.PIVOTING + 1] = 0.0
-        self.state[wheels.SPEED] = math.hypot(*velocity_m_s[:2])
+        self.state[wheels.YAW_ASKED :] = 0.0
+        self.state[wheels.SPEED] = self.state[wheels.SPEED_ASKED] = math.hypot(*velocity_m_s[:2])
+        self.state[wheels.YAW_ASKED] = self.state[HEADING]
         self.state[wheels.PAUSE_END] = math.inf
 
     def fly(self, route: Route) -> None:
@@ -158,7 +192,10 @@ class Rover(CompiledMotion):
                 needed = law.corner_gain * law.turn_radius * tangent
                 row[wheels.LEG_RADIUS] = max(row[wheels.LEG_RADIUS], min(needed, law.corner_max))
             speed = float(rows[i + 1, wheels.LEG_SPEED])
-            if turn > 1e-3:
+            if law.corner_slows >= 0.0:
+                slowed = law.corner_most * (1.0 - min(law.corner_slows * turn / math.pi, 1.0))
+                speed = min(max(slowed, law.corner_least), float(row[wheels.LEG_SPEED]))
+            elif turn > 1e-3:
                 bend = max(float(row[wheels.LEG_RADIUS]) / max(tangent, 1e-6), law.turn_radius, 0.1)
                 speed = min(speed, math.sqrt(law.lateral * bend), law.turn_rate * bend)
             if 0.0 < law.pivot_begin < turn:
@@ -211,6 +248,7 @@ class Rover(CompiledMotion):
         """Stand still."""
         super().touch_down()
         self.state[wheels.SPEED : wheels.PIVOTING + 1] = 0.0
+        self.state[wheels.YAW_ASKED :] = 0.0
 
     def _numbers(self, spec: VehicleSpec) -> NDArray[np.float64]:
         """Return the limits in the order of the kernel."""
@@ -232,8 +270,20 @@ class Rover(CompiledMotion):
             wheels.PIVOT_END: law.pivot_end,
             wheels.PIVOT_RATE: law.pivot_rate,
             wheels.PASSES: float(law.passes),
+            wheels.YAW_P: law.yaw_p,
+            wheels.YAW_ACCELERATION: law.yaw_acceleration,
+            wheels.JERK: law.jerk,
+            wheels.THROTTLE_SPEED: law.throttle_speed,
+            wheels.SPEED_P: law.speed_p,
+            wheels.SPEED_I: law.speed_i,
+            wheels.UNDERSTEER: law.understeer,
+            wheels.FORCE: law.force,
+            wheels.FRICTION: law.friction,
+            wheels.DRAG: law.drag,
             wheels.ENERGY_LIMIT: math.inf if spec.battery is None else spec.battery.capacity_wh * WH_J,
         }
         for index, value in by_name.items():
             numbers[index] = value
+        numbers[wheels.NORTH : wheels.EAST] = law.north
+        numbers[wheels.EAST : wheels.EAST + 3] = law.east
         return numbers

@@ -1,0 +1,79 @@
+"""Rovers under PX4 beside a recorded drive in its simulator, and what its parameters do."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from recordings import compare, fly_recording, load_recording
+
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot import flight_procedures, with_autopilot
+from sim_vehicle.motion import columns as col
+from sim_vehicle.motion.legs import Leg, Route
+from sim_vehicle.motion.rover import kernel as wheels
+
+RECORDING = Path(__file__).parents[2] / "data" / "flights" / "px4-rover-random-10.json"
+
+
+def rover(**parameters):
+    return replace(with_autopilot(get_vehicle("rover"), "px4", parameters), battery=None)
+
+
+def drive(spec, *ends, speed=1.5):
+    motion = flight_procedures(spec).motion(spec, None, 0.0)
+    motion.fly(Route.through([Leg((*end, 0.0), speed, 0.5) for end in ends]))
+    states = []
+    for _ in range(10_000):
+        if motion.arrivals[-1] >= 0:
+            break
+        motion.advance(1)
+        states.append(motion.state.copy())
+    assert motion.arrivals[-1] >= 0
+    return motion, states
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return load_recording(RECORDING)
+
+
+def test_it_drives_as_the_recorded_one(recording):
+    flight = fly_recording(recording)
+    result = compare(recording, flight)
+    assert abs(result.time_error) < 0.01
+    assert result.mean_m < 0.3
+    assert result.p95_m < 0.6
+    first, real = (one.window(recording.items)[0] for one in (flight, recording.flight))
+    assert first == pytest.approx(real - 3.0, rel=0.03)
+
+
+def test_the_simulated_rover_is_faster_across_the_axes_of_the_earth(recording):
+    spec = recording.spec()
+    speeds = {}
+    for bearing in (45.0, 90.0):
+        angle = math.radians(bearing)
+        _, states = drive(spec, (60.0 * math.sin(angle), 60.0 * math.cos(angle)), speed=3.0)
+        speeds[bearing] = float(states[len(states) // 2][wheels.SPEED])
+    # Medians of the recording on legs of about these headings: 3.2 and 2.6 m/s.
+    assert speeds[45.0] == pytest.approx(3.2, abs=0.1)
+    assert speeds[90.0] == pytest.approx(2.6, abs=0.1)
+
+
+def test_corners_slow_it_down_as_asked():
+    slowest = []
+    for share in (-1.0, 0.3, 1.0):
+        spec = rover(RO_SPEED_RED=share, RO_YAW_RATE_LIM=30.0, RO_MAX_THR_SPEED=1.5)
+        motion, states = drive(spec, (0.0, 20.0), (20.0, 20.0))
+        corner = int(motion.arrivals[0])
+        slowest.append(min(float(state[wheels.SPEED]) for state in states[corner - 50 : corner + 50]))
+    assert slowest[1] == pytest.approx(1.5 * (1.0 - 0.3 * 0.5), abs=0.1)
+    assert slowest[2] == pytest.approx(1.5 * 0.5, abs=0.1)
+
+
+def test_turns_begin_later_with_less_angular_acceleration():
+    begins = []
+    for acceleration in (1000.0, 150.0):
+        _, states = drive(rover(RO_YAW_ACCEL_LIM=acceleration), (20.0, 0.0))
+        begins.append(next(i for i, state in enumerate(states) if abs(state[col.HEADING_RATE]) > 0.2))
+    assert begins[1] > begins[0]

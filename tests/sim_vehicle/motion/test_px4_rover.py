@@ -9,7 +9,6 @@ from recordings import compare, fly_recording, load_recording
 
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import flight_procedures, with_autopilot
-from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.legs import Leg, Route
 from sim_vehicle.motion.rover import kernel as wheels
 
@@ -69,11 +68,3 @@ def test_corners_slow_it_down_as_asked():
         slowest.append(min(float(state[wheels.SPEED]) for state in states[corner - 50 : corner + 50]))
     assert slowest[1] == pytest.approx(1.5 * (1.0 - 0.3 * 0.5), abs=0.1)
     assert slowest[2] == pytest.approx(1.5 * 0.5, abs=0.1)
-
-
-def test_turns_begin_later_with_less_angular_acceleration():
-    begins = []
-    for acceleration in (1000.0, 150.0):
-        _, states = drive(rover(RO_YAW_ACCEL_LIM=acceleration), (20.0, 0.0))
-        begins.append(next(i for i, state in enumerate(states) if abs(state[col.HEADING_RATE]) > 0.2))
-    assert begins[1] > begins[0]

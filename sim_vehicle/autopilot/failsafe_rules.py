@@ -66,6 +66,8 @@ class FailsafeDefaults:
     low_voltage_v : float
         Voltage of the whole pack that is low, for batteries of three cells and more; 0 is none. ArduCopter's
         default refuses to arm with fewer cells.
+    mission_requirement : int
+        What a mission has to have, in the firmware's own values; 0 is nothing.
     """
 
     low_battery_action: int = 1
@@ -78,6 +80,7 @@ class FailsafeDefaults:
     failsafe_options: int = 0
     setpoint_timeout_s: float = 1.0
     low_voltage_v: float = 0.0
+    mission_requirement: int = 0
 
     def low_voltage_for(self, spec: VehicleSpec) -> float:
         """Voltage of a vehicle's pack that is low; 0 is none."""

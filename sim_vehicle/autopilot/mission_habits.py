@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from sim_vehicle.autopilot.mission_rules import MissionRule, no_rule
 from sim_vehicle.autopilot.modes import Mode
 
 __all__ = ["MissionHabits"]
@@ -52,6 +53,10 @@ class MissionHabits:
     empty_mission_text : str
         Why a vehicle whose mission mode was taken without a mission does not arm (ArduPilot); where it is
         empty, the mode is refused.
+    refuses : MissionRule
+        Why a mission that could be flown is refused when it comes (PX4).
+    refuses_to_arm : MissionRule
+        Why a vehicle with this mission does not arm, in any mode (ArduPlane).
     unknown_current_s : float
         So long after a change MISSION_CURRENT names no item, 65535 (PX4).
     stopped_state : bool
@@ -74,5 +79,7 @@ class MissionHabits:
     restart_failed_text: str = ""
     no_mission_text: str = ""
     empty_mission_text: str = ""
+    refuses: MissionRule = no_rule
+    refuses_to_arm: MissionRule = no_rule
     unknown_current_s: float = 0.0
     stopped_state: bool = False

@@ -44,6 +44,8 @@ class RuntimeParameters:
         Bits of FS_OPTIONS (ArduPilot).
     setpoint_timeout_s : float
         Age at which setpoints hold no more.
+    mission_requirement : int
+        What a mission has to have (MIS_TKO_LAND_REQ of PX4); 0 is nothing.
     settings : dict of str to float
         The autopilot's parameters that move the vehicle and are not at their defaults, in their own units.
     stored : dict of str to float
@@ -74,6 +76,7 @@ class RuntimeParameters:
     fence_type: int = 7
     link_action: int = 0
     failsafe_options: int = 0
+    mission_requirement: int = 0
     settings: dict[str, float] = field(default_factory=dict)
     stored: dict[str, float] = field(default_factory=dict)
 
@@ -100,5 +103,6 @@ class RuntimeParameters:
             defaults.setpoint_timeout_s,
             defaults.low_voltage_for(spec),
             failsafe_options=defaults.failsafe_options,
+            mission_requirement=defaults.mission_requirement,
             settings=dict(spec.parameters),
         )

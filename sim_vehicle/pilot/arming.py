@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot.modes import Mode
@@ -28,6 +29,8 @@ class ArmingChecks:
         Levels of the battery.
     failsafe : Failsafe
         Fence and ground link.
+    mission_refusal : callable
+        Why the autopilot does not arm with the mission that is loaded, whatever the mode; None when it does.
 
     Attributes
     ----------
@@ -35,11 +38,18 @@ class ArmingChecks:
         A reason from outside not to arm; assign it.
     """
 
-    def __init__(self, controls: Controls, parameters: RuntimeParameters, failsafe: Failsafe) -> None:
+    def __init__(
+        self,
+        controls: Controls,
+        parameters: RuntimeParameters,
+        failsafe: Failsafe,
+        mission_refusal: Callable[[], str | None],
+    ) -> None:
         self.block: str | None = None
         self._controls = controls
         self._parameters = parameters
         self._failsafe = failsafe
+        self._mission_refusal = mission_refusal
 
     def health_problem(self) -> str | None:
         """Why the vehicle is not fit to fly, whatever it is told to do; None when it is."""
@@ -47,7 +57,8 @@ class ArmingChecks:
             return "no position"
         if not self._controls.motor_ok:
             return "motor failure"
-        return self.block or self._battery_problem() or self._failsafe.why_not_arm()
+        reason = self.block or self._battery_problem() or self._failsafe.why_not_arm()
+        return reason or self._mission_refusal()
 
     def why_not(self, mode: Mode, mission_problem: str | None) -> str | None:
         """Why the vehicle cannot arm in a mode; None when it can.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import Enum
 from typing import TYPE_CHECKING
 
@@ -36,6 +36,8 @@ class MissionStatus:
         The vehicle that has it.
     failsafe : Failsafe
         Its fence, which may not allow a position of the mission.
+    refuses : callable
+        Given a mission, why the autopilot does not want it; None when it does.
 
     Attributes
     ----------
@@ -45,7 +47,9 @@ class MissionStatus:
         Whether the mission was begun since the vehicle was armed, and flown to its end.
     """
 
-    def __init__(self, controls: Controls, failsafe: Failsafe) -> None:
+    def __init__(
+        self, controls: Controls, failsafe: Failsafe, refuses: Callable[[Sequence[MissionItem]], str | None]
+    ) -> None:
         self.problems: tuple[str, ...] = ()
         self.started = False
         self.complete = False
@@ -53,6 +57,7 @@ class MissionStatus:
         self._in_air = False
         self._controls = controls
         self._failsafe = failsafe
+        self._refuses = refuses
 
     @property
     def waits(self) -> bool:
@@ -106,6 +111,9 @@ class MissionStatus:
                     outside=failsafe.outside if failsafe.fence_enabled else None,
                 )
             )
+            refusal = self._refuses(items)
+            if refusal is not None:
+                self.problems += (refusal,)
 
     def judge_on_ground(self) -> None:
         """Judge a mission that came in the air as one that begins on the ground."""

@@ -118,8 +118,15 @@ class Pilot:
         self.failsafe = Failsafe(
             self.controls, parameters, rules, self._notices, in_mission=lambda: self.mode is Mode.MISSION
         )
-        self.arming = ArmingChecks(self.controls, parameters, self.failsafe)
-        self.mission = MissionStatus(self.controls, self.failsafe)
+        self.arming = ArmingChecks(
+            self.controls,
+            parameters,
+            self.failsafe,
+            lambda: habits.refuses_to_arm(self.mission.items, parameters),
+        )
+        self.mission = MissionStatus(
+            self.controls, self.failsafe, lambda items: habits.refuses(items, parameters)
+        )
         self.setpoints = SetpointFollower(self.controls, parameters, self.failsafe, self._notices)
         self.modes = ModeControl(
             self.controls, self.mission, self.setpoints, habits, mode=mode, after_takeoff=after_takeoff

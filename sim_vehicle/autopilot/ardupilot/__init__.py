@@ -17,6 +17,7 @@ from sim_vehicle.autopilot.ardupilot.parameters import copter_parameters, vehicl
 from sim_vehicle.autopilot.ardupilot.persona import COPTER_PERSONA, PLANE_PERSONA, ROVER_PERSONA
 from sim_vehicle.autopilot.ardupilot.rover import ARDUROVER
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
+from sim_vehicle.autopilot.mission_rules import arduplane_landing
 from sim_vehicle.autopilot.reference_parameters import reference_parameters
 
 __all__ = ["ARDUPILOT"]
@@ -58,7 +59,7 @@ ARDUPILOT = Autopilot(
                 profile=_PLANE_PROFILE,
                 parameter_table=vehicle_parameters,
                 procedures=ARDUPLANE,
-                habits=HABITS,
+                habits=replace(HABITS, refuses_to_arm=arduplane_landing),
                 reference=partial(reference_parameters, "arduplane"),
                 # Flown to, not turned before as within WP_RADIUS.
                 turns=Turns(2.0),

@@ -55,6 +55,8 @@ PX4 = Autopilot(
                 _COPTER,
                 persona=persona_of(m.MAV_TYPE_FIXED_WING),
                 parameter_table=fixed_wing_parameters,
+                # PX4's defaults of its fixed wings: a mission has to land, and a return is no landing.
+                rules=replace(RULES, defaults=replace(RULES.defaults, mission_requirement=2)),
                 procedures=PX4_FIXED_WING,
                 takes_off=False,
                 turns=Turns(2.0),

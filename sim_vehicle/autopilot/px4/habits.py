@@ -7,6 +7,7 @@ seen to do.
 from __future__ import annotations
 
 from sim_vehicle.autopilot.mission_habits import MissionHabits
+from sim_vehicle.autopilot.mission_rules import px4_takeoff_and_landing
 
 __all__ = ["HABITS"]
 
@@ -15,4 +16,5 @@ HABITS = MissionHabits(
     rewinds_survey=True,
     no_mission_text="No valid mission available, loitering",
     unknown_current_s=0.5,
+    refuses=px4_takeoff_and_landing,
 )

@@ -22,12 +22,9 @@ _SAFETY = (
     MavParameter("GF_ACTION", "fence_action", integer=True, low=0, high=5),
     MavParameter("GF_MAX_HOR_DIST", "fence_radius_m", low=0.0, high=10_000.0),
     MavParameter("GF_MAX_VER_DIST", "fence_ceiling_m", low=0.0, high=10_000.0),
+    MavParameter("MIS_TKO_LAND_REQ", "mission_requirement", integer=True, low=0, high=5),
     MavParameter("NAV_DLL_ACT", "link_action", integer=True, low=0, high=6),
 )
-
-
-# Missions need neither take-off nor landing; nothing else is simulated, so nothing else can be set.
-_NOTHING_REQUIRED = MavParameter("MIS_TKO_LAND_REQ", integer=True, value=0, low=0, high=0)
 
 
 def copter_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
@@ -41,7 +38,6 @@ def copter_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
     """
     return [
         *_common(spec, system_id, m.MAV_TYPE_QUADROTOR),
-        _NOTHING_REQUIRED,
         MavParameter("MPC_ACC_HOR", value=spec.acceleration_m_s2),
         MavParameter("MPC_JERK_AUTO", value=spec.jerk_m_s3),
         MavParameter("MPC_LAND_SPEED", "landing_speed_m_s", low=0.1, high=spec.descent_speed_m_s),
@@ -59,7 +55,7 @@ def fixed_wing_parameters(spec: VehicleSpec, system_id: int) -> list[MavParamete
 
 def rover_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
     """Parameters of a rover."""
-    return [_NOTHING_REQUIRED, *_common(spec, system_id, m.MAV_TYPE_GROUND_ROVER)]
+    return _common(spec, system_id, m.MAV_TYPE_GROUND_ROVER)
 
 
 def _common(spec: VehicleSpec, system_id: int, mav_type: int) -> list[MavParameter]:

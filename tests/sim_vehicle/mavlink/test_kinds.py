@@ -1,20 +1,24 @@
 """Fixed wings and rovers over MAVLink: type, modes, telemetry, parameters, refusals."""
 
 import math
+import struct
 
 import pytest
 
 from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import FrameWriter
+from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.model import GeoPoint, Mission, MissionItem
 from mission.outcome import Outcome
+from mission.transfer import wire
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
+from sim_vehicle.autopilot.mission_rules import px4_takeoff_and_landing
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
+from sim_vehicle.pilot.notices import MissionState, RefusedError
 from wbf_mission.ground.station import GroundStation
 
 POINT = GeoPoint(28.05, -82.15, 12.0)
@@ -34,7 +38,8 @@ def land_start(autopilot):
 def flight(name, items, autopilot, limit_s=3000.0):
     """Fly a mission as a ground station does it; return vehicle, ground station and all messages."""
     vehicle = SimVehicle(get_vehicle(name), POINT, autopilot=autopilot)
-    # A real PX4 flies no mission of a fixed wing that does not land; the simulated one does.
+    # PX4 flies no mission of a fixed wing that does not land, unless it is told to.
+    vehicle.pilot.parameters.mission_requirement = 0
     ground = GroundStation(Mission(items, POINT), force=True)
     heard = []
     codec = m.MAVLink(None)
@@ -101,6 +106,79 @@ def test_a_fixed_wing_without_a_take_off_does_not_arm(autopilot):
     _, ground, _ = flight("fixed-wing", (item(16, 0.0, 600.0, 50.0), MissionItem(20, 2)), autopilot)
     assert ground.outcome in (Outcome.MISSION_REJECTED, Outcome.ARMING_REFUSED)
     assert "no take-off before it" in ground.reason
+
+
+def uploaded(vehicle, items):
+    """Send a mission and return the result of the transfer."""
+    if vehicle.firmware.title == "ArduPlane":
+        items = (MissionItem.waypoint(POINT.latitude_deg, POINT.longitude_deg, 12.0), *items)
+    sent = [m.MAVLink_mission_count_message(1, 1, len(items), 0)]
+    sent += [wire.item_to_message(one, seq, 0, (1, 1)) for seq, one in enumerate(items)]
+    answers = []
+    for message in sent:
+        (crossed,) = FrameReader().feed(FrameWriter(255, 190).encode(message))
+        answers += vehicle.receive(crossed, 0.0)
+    results = [message.type for message in answers if message.get_type() == "MISSION_ACK"]
+    return results, [message.text for message in answers if message.get_type() == "STATUSTEXT"]
+
+
+TAKEOFF = item(22, 0.0, 150.0, 40.0, 10.0)
+RETURNS = (TAKEOFF, item(16, 0.0, 600.0, 50.0), MissionItem(20, 2))
+LANDS = (TAKEOFF, item(16, 0.0, 600.0, 50.0), item(16, 0.0, -600.0, 30.0), item(21, 0.0, 0.0))
+
+
+def test_px4_refuses_a_fixed_wings_mission_without_a_landing_unless_told():
+    vehicle = SimVehicle(get_vehicle("fixed-wing"), POINT, autopilot=PX4)
+    results, texts = uploaded(vehicle, RETURNS)
+    assert results == [0]  # it is stored all the same
+    assert "Mission rejected: Landing waypoint/pattern required." in "".join(texts)
+    assert vehicle.pilot.mission_state is MissionState.NO_MISSION
+    with pytest.raises(RefusedError, match="Landing waypoint"):
+        vehicle.pilot.set_mode(Mode.MISSION)
+    uploaded(vehicle, LANDS)
+    assert vehicle.pilot.mission_state is MissionState.NOT_STARTED
+    uploaded(vehicle, RETURNS)
+    packed = struct.unpack("<f", struct.pack("<i", 0))[0]
+    vehicle.receive(m.MAVLink_param_set_message(1, 1, b"MIS_TKO_LAND_REQ", packed, 6), 0.0)
+    assert vehicle.pilot.mission_state is MissionState.NOT_STARTED
+
+
+@pytest.mark.parametrize(
+    ("rule", "items", "reason"),
+    [
+        (1, RETURNS[1:], "Takeoff waypoint required."),
+        (3, RETURNS, "Landing waypoint/pattern required."),
+        (4, RETURNS, "Add Landing item or remove Takeoff."),
+        (5, LANDS[1:], "Add Takeoff item or remove Landing."),
+        (0, RETURNS, None),
+        (4, LANDS, None),
+        (3, LANDS, None),
+    ],
+)
+def test_what_px4_wants_of_a_mission(rule, items, reason):
+    parameters = SimVehicle(get_vehicle("quad"), POINT, autopilot=PX4).pilot.parameters
+    assert parameters.mission_requirement == 0, "a multirotor's default"
+    parameters.mission_requirement = rule
+    assert px4_takeoff_and_landing(items, parameters) == reason
+
+
+def test_arduplane_does_not_arm_with_a_landing_that_a_return_would_not_fly():
+    vehicle = SimVehicle(get_vehicle("fixed-wing"), POINT, autopilot=ARDUPILOT)
+    results, _ = uploaded(vehicle, (TAKEOFF, LANDS[1], MissionItem(189, 2), *LANDS[2:]))
+    assert results[-1] == 0, "DO_LAND_START in frame 2 is taken"
+    vehicle.receive(m.MAVLink_param_set_message(1, 1, b"RTL_AUTOLAND", 0.0, 9), 0.0)
+    with pytest.raises(RefusedError, match="DO_LAND_START set and RTL_AUTOLAND disabled"):
+        vehicle.pilot.arm()
+    vehicle.receive(m.MAVLink_param_set_message(1, 1, b"RTL_AUTOLAND", 1.0, 9), 0.0)
+    vehicle.pilot.arm()
+    assert vehicle.pilot.armed
+
+
+def test_the_time_constant_of_plane_parm_is_taken():
+    vehicle = SimVehicle(get_vehicle("fixed-wing"), POINT, autopilot=ARDUPILOT)
+    answers = vehicle.receive(m.MAVLink_param_set_message(1, 1, b"RLL2SRV_TCONST", 0.25, 9), 0.0)
+    assert [a.param_value for a in answers if a.get_type() == "PARAM_VALUE"] == [0.25]
+    assert dict(vehicle.pilot.spec.parameters)["RLL2SRV_TCONST"] == 0.25
 
 
 @BOTH

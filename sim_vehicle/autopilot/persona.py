@@ -214,6 +214,8 @@ class Persona:
         All parameters can be read as one file (ArduPilot).
     component_metadata : bool
         COMPONENT_METADATA names files that describe the vehicle (PX4).
+    flies_by_stick : bool
+        MANUAL_CONTROL moves the vehicle in its position mode (PX4's multirotors).
     tells_calibration : bool
         Texts tell how a calibration goes (PX4).
     log_directory : str
@@ -241,5 +243,6 @@ class Persona:
     tells_remaining_time: bool = False
     packed_parameters: bool = False
     component_metadata: bool = False
+    flies_by_stick: bool = False
     tells_calibration: bool = False
     log_directory: str = "/logs"

@@ -33,6 +33,7 @@ from sim_vehicle.mavlink.ftp.metadata import GENERAL_PATH, uri
 from sim_vehicle.mavlink.ftp.server import FtpServer, checksum
 from sim_vehicle.mavlink.ftp.vehicle_files import general_metadata, vehicle_files
 from sim_vehicle.mavlink.item_reports import ItemReports
+from sim_vehicle.mavlink.manual_control import ManualControl
 from sim_vehicle.mavlink.parameters import ParameterMessage, ParameterSet
 from sim_vehicle.mavlink.plan_receiver import PlanReceiver
 from sim_vehicle.mavlink.schedule import Schedule
@@ -148,6 +149,7 @@ class SimVehicle:
         self._texts = StatusTexts()
         self._reports = ItemReports(persona)
         self._calibration = GyroCalibration()
+        self._sticks = ManualControl(pilot)
         self._plans = PlanReceiver(self.state, _AUTOPILOT, self._texts, self._reports)
         self._camera = CameraOrders(system_id, self.say_warning)
         self._commands = CommandReceiver(self)
@@ -170,6 +172,7 @@ class SimVehicle:
                     handler(m.MAVLink_file_transfer_protocol_message, self._on_ftp),
                     handler(m.MAVLink_heartbeat_message, self._on_heartbeat),
                     handler(m.MAVLink_log_request_list_message, self._on_log_list),
+                    handler(m.MAVLink_manual_control_message, self._on_sticks),
                     handler(m.MAVLink_mission_set_current_message, self._on_set_current),
                     handler(m.MAVLink_ping_message, self._on_ping),
                     handler(m.MAVLink_request_data_stream_message, self._on_data_stream),
@@ -251,6 +254,7 @@ class SimVehicle:
         self._outbox += self._plans.poll(now_s)
         self._outbox += self._parameters.poll(now_s)
         self._outbox += self._ftp.poll(now_s)
+        self._sticks.poll(now_s)
         for text in self._calibration.poll(now_s):
             self.pilot.note(Severity.INFO, text)
         self._show_changes()
@@ -278,6 +282,7 @@ class SimVehicle:
             self._parameters.next_deadline(),
             self._ftp.next_deadline(),
             self._calibration.next_deadline(),
+            self._sticks.next_deadline(),
         )
 
     def _sent(self) -> list[Message]:
@@ -463,6 +468,14 @@ class SimVehicle:
 
     def _on_mission(self, message: Message) -> None:
         self._outbox += self._plans.receive(message, self.state.now_us / 1e6)
+
+    def _on_sticks(self, message: m.MAVLink_manual_control_message) -> None:
+        if message.target != self.system_id or not self.firmware.persona.flies_by_stick:
+            return
+        try:
+            self._sticks.take(message, self.state.now_us / 1e6)
+        except RefusedError as refusal:
+            self.pilot.setpoints.complain(str(refusal))
 
     def _on_set_current(self, message: m.MAVLink_mission_set_current_message) -> None:
         try:

@@ -56,3 +56,29 @@ def test_actuators_and_the_origin_are_taken_and_failures_get_no_answer(px4):
     with pytest.raises(FailureError) as error:
         Failure(system).inject(FailureUnit.SENSOR_GYRO, FailureType.OFF, 0)
     assert error.value.result.name == "TIMEOUT"
+
+
+def test_manual_control_flies(px4, tools):
+    import time
+
+    from mavsdk.plugins.action import Action
+    from mavsdk.plugins.manual_control import ManualControl
+    from mavsdk.plugins.telemetry import Telemetry
+
+    flying, system = px4
+    telemetry, action, control = Telemetry(system), Action(system), ManualControl(system)
+    tools.wait_until(telemetry.health_all_ok, what="health all ok")
+    action.arm()
+    action.takeoff()
+    tools.wait_until(lambda: flying.vehicle.pilot.mode.value == "hold", what="the take-off")
+    control.set_manual_control_input(0.0, 0.0, 0.5, 0.0)
+    control.start_position_control()
+    start = flying.vehicle.pilot.state.position_m
+
+    def moved():
+        control.set_manual_control_input(0.6, 0.0, 0.5, 0.0)
+        time.sleep(0.02)
+        now = flying.vehicle.pilot.state.position_m
+        return abs(now[0] - start[0]) + abs(now[1] - start[1]) > 10.0
+
+    tools.wait_until(moved, what="the way by stick")

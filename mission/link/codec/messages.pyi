@@ -914,6 +914,43 @@ class MAVLink_log_request_list_message(MAVLink_message):
     end: int
     def __init__(self, target_system: int, target_component: int, start: int, end: int) -> None: ...
 
+class MAVLink_manual_control_message(MAVLink_message):
+    target: int
+    x: int
+    y: int
+    z: int
+    r: int
+    buttons: int
+    buttons2: int
+    enabled_extensions: int
+    s: int
+    t: int
+    aux1: int
+    aux2: int
+    aux3: int
+    aux4: int
+    aux5: int
+    aux6: int
+    def __init__(
+        self,
+        target: int,
+        x: int,
+        y: int,
+        z: int,
+        r: int,
+        buttons: int,
+        buttons2: int = ...,
+        enabled_extensions: int = ...,
+        s: int = ...,
+        t: int = ...,
+        aux1: int = ...,
+        aux2: int = ...,
+        aux3: int = ...,
+        aux4: int = ...,
+        aux5: int = ...,
+        aux6: int = ...,
+    ) -> None: ...
+
 class MAVLink_message_interval_message(MAVLink_message):
     message_id: int
     interval_us: int

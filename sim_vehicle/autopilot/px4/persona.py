@@ -92,5 +92,6 @@ def persona_of(mav_type: int) -> Persona:
         tells_remaining_time=True,
         component_metadata=True,
         tells_calibration=True,
+        flies_by_stick=mav_type == m.MAV_TYPE_QUADROTOR,
         log_directory="/fs/microsd/log",
     )

@@ -191,3 +191,51 @@ def test_odometry_is_the_position_and_the_attitude_of_the_body():
     assert speed > 1.0
     assert math.sqrt(odometry.vx**2 + odometry.vy**2 + odometry.vz**2) == pytest.approx(speed, rel=0.15)
     assert (odometry.frame_id, odometry.child_frame_id) == (1, 12)
+
+
+def sticks(x=0, y=0, z=500, r=0, target=1):
+    return m.MAVLink_manual_control_message(target, x, y, z, r, 0)
+
+
+def test_sticks_move_px4_in_its_position_mode():
+    peer = Peer("px4")
+    peer.fly()
+    height = peer.vehicle.pilot.state.position_m[2]
+    for _ in range(30):
+        peer.tell(sticks(x=500))
+        peer.wait(0.1)
+    assert math.hypot(*peer.vehicle.pilot.state.velocity_m_s[:2]) < 0.1, "in another mode they do nothing"
+    assert peer.result(176, 1.0, 3.0) == 0
+    yaw = peer.vehicle.pilot.state.yaw_rad
+    for _ in range(50):
+        peer.tell(sticks(x=500))
+        peer.wait(0.1)
+    east, north, _ = peer.vehicle.pilot.state.velocity_m_s
+    assert math.hypot(east, north) == pytest.approx(2.3, abs=0.1)
+    assert math.atan2(east, north) == pytest.approx(math.remainder(yaw, 2.0 * math.pi), abs=0.05)
+    peer.tell(sticks())
+    peer.wait(5.0)
+    assert math.hypot(*peer.vehicle.pilot.state.velocity_m_s[:2]) < 0.05
+    assert peer.vehicle.pilot.state.position_m[2] == pytest.approx(height, abs=0.3)
+    for _ in range(20):
+        peer.tell(sticks(z=1000, r=500))
+        peer.wait(0.1)
+    assert peer.vehicle.pilot.state.position_m[2] > height + 2.0
+    assert abs(math.remainder(peer.vehicle.pilot.state.yaw_rad - yaw, 2.0 * math.pi)) > 0.2
+    peer.wait(6.0)  # the sticks fall silent
+    assert math.hypot(*peer.vehicle.pilot.state.velocity_m_s) < 0.05
+    assert peer.vehicle.pilot.mode is Mode.POSITION
+
+
+def test_sticks_for_others_and_on_the_ground_do_nothing():
+    peer = Peer("px4")
+    assert peer.result(176, 1.0, 3.0) == 0
+    assert peer.result(400, 1.0) == 0
+    peer.tell(sticks(x=1000))
+    peer.tell(sticks(z=1000, target=7))
+    peer.wait(2.0)
+    assert peer.vehicle.pilot.state.position_m[2] == 0.0
+    for _ in range(30):
+        peer.tell(sticks(z=1000))
+        peer.wait(0.1)
+    assert peer.vehicle.pilot.state.position_m[2] > 2.0, "the throttle takes off"

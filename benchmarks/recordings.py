@@ -27,6 +27,7 @@ from sim_vehicle.weather.wind import Wind
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from sim_vehicle.airframe.height_errors import HeightErrors
     from sim_vehicle.airframe.spec import VehicleSpec
 
 __all__ = ["START_S", "Comparison", "Flight", "Recording", "compare", "fly_recording", "load_recording"]
@@ -215,7 +216,9 @@ def _item(item: dict[str, Any]) -> MissionItem:
     return MissionItem(int(item["command"]), int(item["frame"]), one, two, three, four, *place)
 
 
-def fly_recording(recording: Recording, spec: VehicleSpec | None = None) -> Flight:
+def fly_recording(
+    recording: Recording, spec: VehicleSpec | None = None, height_errors: HeightErrors | None = None
+) -> Flight:
     """Fly the mission of a recording with a vehicle, from the ground, and sample it at 10 Hz.
 
     A vehicle that was still armed when its recording ended is followed for a little longer than that.
@@ -225,6 +228,8 @@ def fly_recording(recording: Recording, spec: VehicleSpec | None = None) -> Flig
     recording : Recording
     spec : VehicleSpec, optional
         By default the recording's own.
+    height_errors : HeightErrors, optional
+        How wrong the estimated height is.
 
     Raises
     ------
@@ -237,6 +242,7 @@ def fly_recording(recording: Recording, spec: VehicleSpec | None = None) -> Flig
         wind=recording.wind(),
         yaw_rad=math.radians(recording.heading_deg),
         takes_off=True,
+        height_errors=height_errors,
     )
     executor.load(recording.items)
     executor.arm()

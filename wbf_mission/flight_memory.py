@@ -240,4 +240,4 @@ def _draws(scenario: Scenario) -> bool:
     """Whether a flight depends on chance."""
     weather, vehicle = scenario.weather, scenario.vehicle
     gusts = weather.wind_gust_m_s > 0.0 or weather.turbulence is not None
-    return gusts or vehicle.gps_noise_m > 0.0 or vehicle.baro_noise_m > 0.0
+    return gusts or vehicle.height_jumps or vehicle.gps_noise_m > 0.0 or vehicle.baro_noise_m > 0.0

@@ -114,4 +114,5 @@ def noise_of(
     vehicle: VehicleOptions, seed: SeedSequence | int, names: tuple[str, ...] = ("navigation",)
 ) -> SensorNoise:
     """Return how wrong a run's vehicle is about its position; `names` are those of its random stream."""
-    return SensorNoise(vehicle.gps_noise_m, vehicle.baro_noise_m, child_seed(seed, *names))
+    own = child_seed(seed, *names)
+    return SensorNoise(vehicle.gps_noise_m, vehicle.baro_noise_m, own, vehicle.height_jumps)

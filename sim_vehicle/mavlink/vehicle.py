@@ -132,6 +132,7 @@ class SimVehicle:
             rules=firmware.rules,
             habits=firmware.habits,
             epoch_unix_s=epoch_unix_s,
+            height_errors=None if noise is None else noise.height_errors,
         )
         self.state = WireState(
             pilot, firmware, home, system_id=system_id, epoch_unix_s=epoch_unix_s, noise=noise

@@ -109,6 +109,10 @@ class WireState:
         """Let the sensors tell where the vehicle is now."""
         position = self.pilot.state.position_m
         self.sensed = Sensed.exact(position) if self.errors is None else self.errors.sense(position, now_s)
+        error_m = self.pilot.executor.motion.height_error_m
+        if error_m != 0.0:
+            east, north, up = self.sensed.believed_m
+            self.sensed = self.sensed._replace(believed_m=(east, north, up + error_m))
         self.position_e7 = self.e7_of(self.sensed.believed_m)
 
     def e7_of(self, position_m: tuple[float, float, float]) -> tuple[int, int, int]:

@@ -56,7 +56,7 @@ class _Law:
 
 _LAWS: dict[type, _Law] = {
     Multirotor: _Law("generic"),
-    Px4Multirotor: _Law("px4", (*_COMMON, "guide", "_law")),
+    Px4Multirotor: _Law("px4", (*_COMMON, "guide", "_law", "_errors")),
     ArduCopter: _Law("arducopter", (*_COMMON, "guide", "law", "heads", "curves"), "_rows"),
     FixedWing: _Law("fixed-wing"),
     Rover: _Law("rover"),
@@ -101,7 +101,9 @@ class VehicleBatch:
             raise VehicleError(msg)
         self.vehicles = tuple(vehicles)
         self._pool = pool
-        self._law = _LAWS.get(type(vehicles[0]))
+        # Estimates that are wrong are drawn as they are flown with, for each vehicle on its own.
+        alone = any(isinstance(vehicle, Px4Multirotor) and vehicle.draws_errors for vehicle in vehicles)
+        self._law = None if alone else _LAWS.get(type(vehicles[0]))
         self._tables: dict[str, NDArray[Any]] = {}
         self._views: dict[str, list[Any]] = {}
         count = len(self.vehicles)

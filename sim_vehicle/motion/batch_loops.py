@@ -37,8 +37,8 @@ def _none(own: Tables, k: int) -> Tables:  # noqa: ARG001
 
 
 @compiled
-def _two(own: Tables, k: int) -> Tables:
-    return own[0][k], own[1][k]
+def _three(own: Tables, k: int) -> Tables:
+    return own[0][k], own[1][k], own[2][k]
 
 
 @compiled
@@ -94,7 +94,7 @@ def _loop(
 LOOPS: Mapping[str, Callable[..., None]] = MappingProxyType(
     {
         "generic": _loop("generic", multirotor.advance),
-        "px4": _loop("px4", px4.advance, _two),
+        "px4": _loop("px4", px4.advance, _three),
         "arducopter": _loop("arducopter", arducopter.advance, _four),
         "fixed-wing": _loop("fixed_wing", fixed_wing.advance),
         "rover": _loop("rover", rover.advance),

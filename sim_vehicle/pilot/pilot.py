@@ -41,6 +41,7 @@ from sim_vehicle.pilot.setpoints import Setpoint, SetpointFollower
 
 if TYPE_CHECKING:
     from geo.frame import LocalFrame
+    from sim_vehicle.airframe.height_errors import HeightErrors
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.weather.wind import Wind
 
@@ -72,6 +73,8 @@ class Pilot:
         How it takes a mission that is changed while it flies.
     epoch_unix_s : float
         Time of day at time 0.
+    height_errors : HeightErrors, optional
+        See `sim_vehicle.execution.executor.MissionExecutor`.
 
     Attributes
     ----------
@@ -103,13 +106,20 @@ class Pilot:
         rules: FailsafeRules,
         habits: MissionHabits | None = None,
         epoch_unix_s: float = EPOCH_UNIX_S,
+        height_errors: HeightErrors | None = None,
     ) -> None:
         self.frame = frame
         self.outcome = Outcome.RUNNING
         self.outcome_text = ""
         self.parameters = parameters = RuntimeParameters.of(spec, rules.defaults)
         self.executor = MissionExecutor(
-            spec, frame, wind=wind, yaw_rad=yaw_rad, takes_off=takes_off, epoch_unix_s=epoch_unix_s
+            spec,
+            frame,
+            wind=wind,
+            yaw_rad=yaw_rad,
+            takes_off=takes_off,
+            epoch_unix_s=epoch_unix_s,
+            height_errors=height_errors,
         )
         self._notices = NoticeLog()
         self._rules = rules

@@ -10,12 +10,14 @@ from __future__ import annotations
     AIR_UP,
     MEAN_EAST,
     MEAN_NORTH,
-    SHEAR_LAW,  # CONSTANT, LOGARITHMIC or POWER of the gust kernel.
-    SHEAR_NUMBER,  # Roughness length (m) or exponent.
+    SHEAR_LAW,  # CONSTANT, LOGARITHMIC, POWER or SQUARE_ROOT of the gust kernel.
+    SHEAR_NUMBER,  # Roughness length (m), exponent, or height of the full wind (m).
     REFERENCE_HEIGHT,
     HAS_DRYDEN,  # Whether the gusts are Dryden's.
 ) = range(9)
 WIND_ROW = 9
+SITL_FULL_M = 60.0
+"""Height from which ArduPilot's simulator has the whole of its wind."""
 # One filter: decay of one step, what of the first state goes into the second, and the lower triangle of the
 # square root of the noise's covariance.
 (

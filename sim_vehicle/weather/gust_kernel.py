@@ -32,9 +32,9 @@ from sim_vehicle.weather.columns import (
 Floats = NDArray[np.float64]
 
 # A row of a wind block: east 0, north 1 and up 2 of the whole wind at the reference height, mean wind there
-# (east 3, north 4), profile of the mean wind over height 5, its parameter 6 (roughness length, exponent),
-# reference height 7, whether the gust is Dryden's 8.
-CONSTANT, LOGARITHMIC, POWER = 0.0, 1.0, 2.0
+# (east 3, north 4), profile of the mean wind over height 5, its parameter 6 (roughness length, exponent,
+# height of the full wind), reference height 7, whether the gust is Dryden's 8.
+CONSTANT, LOGARITHMIC, POWER, SQUARE_ROOT = 0.0, 1.0, 2.0, 3.0
 
 LOWEST_M, HIGHEST_M = 3.0 * FOOT_M, 1000.0 * FOOT_M
 """Between these heights MIL-F-8785C has its mean wind profile; beyond, the wind is that of the end."""
@@ -54,7 +54,8 @@ def wind_at(row: Floats, height_m: float) -> tuple[float, float, float]:
 
     Notes
     -----
-    The mean wind follows its law, between 3 and 1000 ft. Of Dryden's gusts the horizontal ones have the
+    The mean wind follows its law, between 3 and 1000 ft (that of ArduPilot's simulator from the ground). Of
+    Dryden's gusts the horizontal ones have the
     intensity of MIL-F-8785C at the height, the vertical one does not depend on it above 10 ft.
     """
     law = row[SHEAR_LAW]
@@ -66,6 +67,8 @@ def wind_at(row: Floats, height_m: float) -> tuple[float, float, float]:
         mean = log(height / row[SHEAR_NUMBER]) / log(row[REFERENCE_HEIGHT] / row[SHEAR_NUMBER])
     elif law == POWER:
         mean = (height / row[REFERENCE_HEIGHT]) ** row[SHEAR_NUMBER]
+    elif law == SQUARE_ROOT:
+        mean = sqrt(min(max(height_m, 0.0), row[SHEAR_NUMBER]) / row[SHEAR_NUMBER])
     side, rise = 1.0, 1.0
     if row[HAS_DRYDEN] != 0.0:
         height = min(max(height_m, LOWEST_GUST_M), HIGHEST_M)

@@ -23,6 +23,7 @@ from sim_vehicle.weather.columns import (
     REFERENCE_HEIGHT,
     SHEAR_LAW,
     SHEAR_NUMBER,
+    SITL_FULL_M,
     WIND_ROW,
 )
 from sim_vehicle.weather.dryden import Turbulence, intensities_m_s
@@ -35,7 +36,7 @@ __all__ = ["BLOCK", "GRID_S", "Turbulence", "Wind", "WindSeries", "WindShear"]
 GRID_S = 0.1
 BLOCK = 1024
 # As in sim_vehicle.weather.gust_kernel, which needs the compiler.
-_LAWS = {"log": 1.0, "power": 2.0}
+_LAWS = {"log": 1.0, "power": 2.0, "sitl": 3.0}
 _LOWEST_M, _HIGHEST_M = 3.0 * FOOT_M, 1000.0 * FOOT_M
 
 
@@ -45,8 +46,10 @@ class WindShear:
 
     Parameters
     ----------
-    law : {"log", "power"}
+    law : {"log", "power", "sitl"}
         ``ln(h / roughness)``, or ``h ** exponent``, each over its value at the height of the given wind.
+        ``sitl`` is the profile of ArduPilot's simulator (SIM_WIND_T 0): the given wind at `SITL_FULL_M` and
+        above, below it times ``sqrt(h / SITL_FULL_M)``, whatever the height of the given wind.
     roughness_m : float
         Roughness length of the ground: 0.03 m for grass, 0.1 m for low crops, 0.25 m for high ones
         (Wieringa 1992); MIL-F-8785C takes 0.15 ft near airfields and 2 ft elsewhere.
@@ -80,7 +83,12 @@ class WindShear:
             raise VehicleError(msg)
 
     def factor(self, height_m: float, reference_m: float) -> float:
-        """Return the mean wind at a height over that at the reference; it ends at 3 and 1000 ft."""
+        """Return the mean wind at a height over that at the reference; it ends at 3 and 1000 ft.
+
+        That of ArduPilot's simulator goes on to the ground, where there is none.
+        """
+        if self.law == "sitl":
+            return math.sqrt(min(max(height_m, 0.0), SITL_FULL_M) / SITL_FULL_M)
         height = min(max(height_m, _LOWEST_M), _HIGHEST_M)
         if self.law == "power":
             return float((height / reference_m) ** self.exponent)
@@ -216,7 +224,8 @@ class WindSeries:
         if wind.shear is not None:
             shear = wind.shear
             self._rows[:, SHEAR_LAW] = _LAWS[shear.law]
-            self._rows[:, SHEAR_NUMBER] = shear.roughness_m if shear.law == "log" else shear.exponent
+            number = {"log": shear.roughness_m, "power": shear.exponent, "sitl": SITL_FULL_M}
+            self._rows[:, SHEAR_NUMBER] = number[shear.law]
         self._rows[:, REFERENCE_HEIGHT] = wind.height_m
         self._rows[:, HAS_DRYDEN] = isinstance(self._gusts, _Dryden)
         self._sign = -1.0 if wind.mirrored else 1.0

@@ -31,7 +31,13 @@ def flown(path, recording):
     return Flight(table[:, 0], table[:, 1:4], table[:, 4:7], pairs, table[-1, 0])
 
 
-NAMES = sorted(path.stem for path in FLIGHTS.glob("*.json") if load_recording(path).vehicle == "quad")
+# That with waypoints of half a metre needs the errors of PX4's height (tests of sim_vehicle/motion/px4).
+HALF_METRE = "px4-acceptance-half-metre"
+NAMES = sorted(
+    path.stem
+    for path in FLIGHTS.glob("*.json")
+    if load_recording(path).vehicle == "quad" and path.stem != HALF_METRE
+)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -40,6 +46,8 @@ def test_a_recorded_mission_from_the_command_line(name, tmp_path, capsys):
     plan = FLIGHTS / f"{recording.name}.plan"
     command = ["fly", "--mission", str(plan), "--autopilot", recording.autopilot, "--out", str(tmp_path)]
     # Far from the farm it sees nothing, which the exit code tells.
+    if "wind" in name:
+        command += ["--wind", "5,270"]
     assert main([*command, "--estimator", "point", "--quiet", "--no-plots"]) == 1
     capsys.readouterr()
     flight = flown(tmp_path / "flight.tlog", recording)
@@ -49,4 +57,5 @@ def test_a_recorded_mission_from_the_command_line(name, tmp_path, capsys):
     assert result.p95_m < 2.5
     if name != BY_CHANCE:
         assert abs(result.time_error) < 0.02
-        assert result.correlation > 0.8
+        # Over seven minutes in the wind a few seconds of drift leave little of it.
+        assert "wind" in name or result.correlation > 0.8

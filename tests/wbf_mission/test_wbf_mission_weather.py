@@ -38,7 +38,7 @@ LOST = replace(WINDY, gps_noise_m=1.5, baro_noise_m=0.4)
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"wind_shear": "linear"}, "wind shear 'linear' .* log or power"),
+        ({"wind_shear": "linear"}, "wind shear 'linear' .* log or power or sitl"),
         ({"wind_roughness_m": 0.0}, "wind roughness"),
         ({"wind_exponent": 2.0}, "wind exponent"),
         ({"wind_height_m": 0.5}, "wind height"),
@@ -77,7 +77,7 @@ def test_options() -> None:
         "wind_height_m": 2.0,
     }
     assert turbulence_value("moderate") == "moderate"
-    for wrong in ("linear", "log,a", "log,1,2,3", ""):
+    for wrong in ("linear", "log,a", "log,1,2,3", "sitl,60", ""):
         with pytest.raises(ScenarioError, match="--wind-shear"):
             shear_values(wrong)
 

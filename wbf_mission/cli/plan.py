@@ -42,6 +42,7 @@ wbf-mission plan --farm waterberry --vehicles 3 --partition voronoi --budget 10k
         "turbulence",
         "gps_noise_m",
         "baro_noise_m",
+        "height_jumps",
         "radio_range_m",
         "camera_noise",
         "false_positive_rate",

@@ -23,7 +23,15 @@ CHECK_PANEL = "What is checked"
 CHECKED = options.scenario_options(
     VehicleOptions,
     WeatherOptions,
-    without=("vehicles", "separation", "radio_range_m", "gps_noise_m", "baro_noise_m", "seed"),
+    without=(
+        "vehicles",
+        "separation",
+        "radio_range_m",
+        "gps_noise_m",
+        "baro_noise_m",
+        "height_jumps",
+        "seed",
+    ),
 )
 """Gives a command the options of the vehicle and the air that a plan is checked for."""
 ObstacleFarm = Annotated[

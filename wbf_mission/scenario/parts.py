@@ -186,6 +186,12 @@ class VehicleOptions(Part):
     baro_noise_m: float = option(
         0.0, "Slow error of the barometer's height, one sigma", VEHICLE, low=0.0, high=5.0
     )
+    height_jumps: bool = option(
+        False,
+        "The height that a PX4 multirotor estimates jumps in the first two minutes and drifts, as the real"
+        " one's does",
+        VEHICLE,
+    )
 
     separation: str = option(
         "layers:2m",
@@ -255,7 +261,7 @@ class WeatherOptions(Part):
         10.0, "Height at which the mean wind holds", VEHICLE, low=1.0, high=300.0, flag=None
     )
     wind_shear: str | None = option(
-        None, "How the wind grows with the height", VEHICLE, choices=("log", "power"), flag=None
+        None, "How the wind grows with the height", VEHICLE, choices=("log", "power", "sitl"), flag=None
     )
     wind_roughness_m: float = option(
         0.1, "Roughness length of the logarithmic law", VEHICLE, low=1e-5, high=0.7, flag=None
@@ -288,8 +294,8 @@ class WeatherOptions(Part):
             "--wind-shear",
             "LAW[,VALUE[,HEIGHT]]",
             "How the wind grows with the height: log[,ROUGHNESS[,HEIGHT]] or power[,EXPONENT[,HEIGHT]];"
-            " HEIGHT, m, is that of --wind (only with --wind).  [default: not at all; log,0.1,10;"
-            " power,0.143,10]",
+            " HEIGHT, m, is that of --wind (only with --wind); sitl: as in ArduPilot's simulator, the root of"
+            " h/60 m, --wind at 60 m and above.  [default: not at all; log,0.1,10; power,0.143,10]",
             VEHICLE,
             ("wind_shear", "wind_roughness_m", "wind_exponent", "wind_height_m"),
             shear_values,

@@ -25,7 +25,7 @@ def wind_values(text: str) -> dict[str, Any]:
 
 
 def shear_values(text: str) -> dict[str, Any]:
-    """Read ``log[,ROUGHNESS[,HEIGHT]]`` or ``power[,EXPONENT[,HEIGHT]]``.
+    """Read ``log[,ROUGHNESS[,HEIGHT]]``, ``power[,EXPONENT[,HEIGHT]]`` or ``sitl``.
 
     >>> shear_values("power,0.2")
     {'wind_shear': 'power', 'wind_exponent': 0.2}
@@ -35,9 +35,10 @@ def shear_values(text: str) -> dict[str, Any]:
         numbers = [parse_number(part) for part in rest]
     except ValueError:
         numbers = [0.0] * 3
-    if law not in ("log", "power") or len(numbers) > 2:
+    most = {"log": 2, "power": 2, "sitl": 0}
+    if law not in most or len(numbers) > most[law]:
         msg = (
-            f"--wind-shear {text!r} is not log[,ROUGHNESS[,HEIGHT]] or power[,EXPONENT[,HEIGHT]]; "
+            f"--wind-shear {text!r} is not log[,ROUGHNESS[,HEIGHT]], power[,EXPONENT[,HEIGHT]] or sitl; "
             "give such as log,0.1,10"
         )
         raise ScenarioError(msg)

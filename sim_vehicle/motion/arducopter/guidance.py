@@ -20,6 +20,7 @@ from sim_vehicle.motion.arducopter.layout import (
     ALONG,
     ANEW,
     ARC,
+    ARMING_STEPS,
     ASKED,
     AX,
     BEGIN,
@@ -202,7 +203,7 @@ def begin(
             guide[MODE] = CLIMBING
             guide[END], guide[END + 1], guide[END + 2] = row[RX], row[RY], row[RZ]
             if state[col.POSITION_Z] <= 0.0:
-                guide[UNTIL] = step + law[SPOOL_STEPS]
+                guide[UNTIL] = step + guide[ARMING_STEPS] + law[SPOOL_STEPS]
         else:
             guide[MODE] = LANDING
         return

@@ -9,7 +9,7 @@ RX, RY, RZ, RADIUS, SPEED, HEADING, DISTANCE, KIND, PAUSE, TURNING = range(LEG)
 TAKEOFF, HOME, LAND, STAY, ARC, SETPOINT = 1, 3, 5, 6, 8, 9
 
 # The guide: desired position, velocity and acceleration, begin and end of the leg, three numbers each
-GUIDE = 45
+GUIDE = 46
 PX, VX, AX, BEGIN, END = 0, 3, 6, 9, 12
 # pace of the target, error along the track and speed along it
 PACE, LAG, ALONG = 15, 16, 17
@@ -21,8 +21,8 @@ ASKED, TARGET, LEAN = 28, 30, 32
 # mode, whether the next leg is known, speed in use (level, up, down), what to begin
 MODE, FAST, LEVEL, UP, DOWN, BEGINS = 34, 35, 36, 37, 38, 39
 # step until which it waits (infinity: it does not), whether the path is done (2: the pause runs), speed along
-# chords, vertical wind, vertical acceleration by drag
-UNTIL, DONE, PACE_ARC, RISING, LIFT = 40, 41, 42, 43, 44
+# chords, vertical wind, vertical acceleration by drag, steps on the ground before the motors spool up
+UNTIL, DONE, PACE_ARC, RISING, LIFT, ARMING_STEPS = 40, 41, 42, 43, 44, 45
 
 NO_MODE, HOLDING, LEGS, CLIMBING, LANDING, LANDED, CHORDS, GUIDED = range(8)
 NOTHING, CHAINED, SAME, ANEW = range(4)

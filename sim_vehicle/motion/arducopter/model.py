@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 _HOVER_THROTTLE = 0.39
 # What the attitude lags behind its target: rate loops and motors.
 _ATTITUDE_S = 0.05
+# ArduCopter leaves its motors stopped for so long after arming (ARMING_DELAY_SEC), then they spool up.
+_ARMING_DELAY_S = 2.0
 # On the ground the throttle runs down for a second before the land detector begins its own.
 _LAND_DETECTOR_S = 2.0
 
@@ -59,6 +61,7 @@ class ArduCopter(Multirotor):
         self._under_way = False
         self._rows: NDArray[np.float64] | None = None
         self._interrupted = False
+        self._armed_steps = 0
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
         """Be in steady flight at time 0, with nothing used yet, as if it had flown there.
@@ -96,8 +99,14 @@ class ArduCopter(Multirotor):
         )
         under_way, self._under_way = self._under_way, False
         self.guide[at.BEGINS] = self._join(rows[0]) if under_way else self._follows(rows[0])
+        self.guide[at.ARMING_STEPS] = max(round(_ARMING_DELAY_S / self.step_s) - self._armed_steps, 0)
         self._rows, self._route = np.ascontiguousarray(rows), rows
         self._begin()
+
+    def rest(self, steps: int, *, armed: bool) -> None:
+        """Stand on the ground for a number of steps; the time that it is armed counts for the motors."""
+        super().rest(steps, armed=armed)
+        self._armed_steps = self._armed_steps + steps if armed else 0
 
     def interrupt(self) -> None:
         """Give up the leg that is flown: the next one begins where the vehicle could stop, as in AC_WPNav."""
@@ -176,6 +185,8 @@ class ArduCopter(Multirotor):
     def touch_down(self) -> None:
         """Stand still on the ground."""
         super().touch_down()
+        # It has been armed for long, until it rests disarmed.
+        self._armed_steps = round(_ARMING_DELAY_S / self.step_s)
         self._rows = None
         self.guide[:] = 0.0
         self.guide[at.LEVEL] = self.spec.cruise_speed_m_s

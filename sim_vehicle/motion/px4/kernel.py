@@ -55,7 +55,7 @@ LEG = 16
 _TAKEOFF, _CLIMB, _DESCEND, _LAND, _SETPOINT = 1, 2, 4, 5, 9
 
 # What the autopilot remembers.
-GUIDE = 39
+GUIDE = 40
 (
     G_X,  # The trajectory: position, velocity, acceleration.
     G_Y,
@@ -91,6 +91,7 @@ G_TARGET, G_BEFORE, G_AFTER = 22, 25, 28
     G_INSIDE,  # Step of entering the acceptance radius; negative: not yet.
     G_GROUND,  # Time on the ground.
     G_LAUNCH,  # Whether it takes off from the ground.
+    G_ERROR,  # Error of the estimated height, m.
 ) = range(31, GUIDE)
 
 # law: the parameters as `sim_vehicle.motion.px4.model.law_of` puts them, SI units.
@@ -142,6 +143,8 @@ MOTOR_S = 0.05
 DERIVATIVE_S = 1.0 / (2.0 * pi * 5.0)
 LOOKAHEAD_M = 5.0
 LEAST_TRACK_M = 1.0
+# A change of the estimate that is no drift: the other estimator took over.
+RESET_M = 0.5
 # Share of the thrust that climbing leaves for the horizontal, MPC_THR_XY_MARG.
 MARGIN = 0.3
 BRISK = 0.2
@@ -194,7 +197,7 @@ def _choose_waypoints(g: Floats, row: Floats, px: float, py: float, pz: float, r
 
 
 @compiled
-def _guide(g: Floats, row: Floats, law: Floats, px: float, py: float, pz: float) -> None:
+def _guide(g: Floats, row: Floats, law: Floats, px: float, py: float, pz: float, least_track: float) -> None:
     """Move the trajectory by one step; a setpoint has none, the controller goes straight for it."""
     if row[LEG_KIND] == _SETPOINT:
         for k in range(3):
@@ -203,8 +206,7 @@ def _guide(g: Floats, row: Floats, law: Floats, px: float, py: float, pz: float)
             g[k] = 0.0
         return
     dt, jerk, accel, radius = law[DT], law[JERK], law[ACC_HOR], row[LEG_RADIUS]
-    # With less, a wind that shakes the vehicle off its track could keep it going to and fro between states.
-    _choose_waypoints(g, row, px, py, pz, max(radius, LEAST_TRACK_M))
+    _choose_waypoints(g, row, px, py, pz, max(radius, least_track))
     kind = row[LEG_KIND]
     if g[G_CLIMB] > 0.0:
         limit, top = law[ACC_UP], law[AUTO_UP]
@@ -286,7 +288,7 @@ def _control(
     if size > law[XY_VEL_MAX]:
         vx, vy = vx * law[XY_VEL_MAX] / size, vy * law[XY_VEL_MAX] / size
     down = max(law[MAX_DOWN], 1.2 * law[AUTO_DOWN])
-    vz = min(max(g[G_VZ] + law[Z_P] * (g[G_Z] - state[col.POSITION_Z]), -down), climb_limit)
+    vz = min(max(g[G_VZ] + law[Z_P] * (g[G_Z] - state[col.POSITION_Z] - g[G_ERROR]), -down), climb_limit)
     ex, ey, ez = vx - state[col.VELOCITY_X], vy - state[col.VELOCITY_Y], vz - state[col.VELOCITY_Z]
     ax = g[G_AX] + law[XY_VEL_P] * ex + g[G_INTEGRAL_X] - law[XY_VEL_D] * g[G_FILTERED_AX]
     ay = g[G_AY] + law[XY_VEL_P] * ey + g[G_INTEGRAL_Y] - law[XY_VEL_D] * g[G_FILTERED_AY]
@@ -402,9 +404,9 @@ def _fly(g: Floats, law: Floats, state: Floats, wanted: Vector, lag: float, flyi
 
 
 @compiled
-def _inside(row: Floats, law: Floats, state: Floats) -> bool:
+def _inside(row: Floats, law: Floats, state: Floats, error: float) -> bool:
     """Tell whether the navigator takes a waypoint as reached, its heading and pause aside."""
-    kind, rise = row[LEG_KIND], row[LEG_Z] - state[col.POSITION_Z]
+    kind, rise = row[LEG_KIND], row[LEG_Z] - (state[col.POSITION_Z] + error)
     if kind == _TAKEOFF:
         return bool(rise < (law[ALT_RAD] if row[LEG_Z] >= law[ALT_RAD] else 0.5 * row[LEG_Z]))
     if kind in (_CLIMB, _DESCEND):
@@ -435,6 +437,7 @@ def begin_leg(g: Floats, route: Floats, leg: int, state: Floats) -> None:
     if row[LEG_KIND] >= _CLIMB:
         for k in range(3):
             row[LEG_BEFORE_X + k] = state[k]
+        row[LEG_BEFORE_Z] += g[G_ERROR]
     if row[LEG_KIND] != _TAKEOFF:
         g[G_LAUNCH] = 0.0
     if row[LEG_HEADING] == inf:
@@ -458,6 +461,7 @@ def advance(
     track_every: int,
     g: Floats,
     law: Floats,
+    errors: Floats,
 ) -> int:
     """Fly up to ``max_steps`` steps along the route; return early, with the event, when something happens.
 
@@ -471,10 +475,17 @@ def advance(
     g : float64[GUIDE]
         What the autopilot remembers, changed in place.
     law : float64[LAW]
+    errors : float64[n]
+        Grid index of the first take-off, then the error of the estimated height (estimate less truth, m) on
+        the grid from there on; a single number is an exact estimate.
     """
     # Read once: a look into the limits at every step costs a tenth of the speed.
     dt, capacity = law[DT], limits[ENERGY_LIMIT]
     lag = 1.0 - exp(-dt / MOTOR_S)
+    errs = len(errors) > 1
+    # With less, a wind that shakes the vehicle off its track could keep it going to and fro between states;
+    # so it goes for the real one, whose estimate shakes.
+    least_track = 0.0 if errs else LEAST_TRACK_M
     leg = counters[col.LEG_INDEX]
     row = route[leg]
     event = col.RAN
@@ -508,6 +519,12 @@ def advance(
                 state[col.POSITION_Y],
                 state[col.POSITION_Z],
             )
+            if errs:
+                error = errors[min(max(step // col.GRID - int(errors[0]), 0) + 1, len(errors) - 1)]
+                if abs(error - g[G_ERROR]) > RESET_M:
+                    # FlightTaskAuto goes on from the new estimate.
+                    g[G_Z] = state[col.POSITION_Z] + error
+                g[G_ERROR] = error
             if counters[col.ARRIVED] == 0 and g[G_INSIDE] < 0.0:
                 left = _left(row, state)
                 if left < PROGRESS * g[G_BEST] or g[G_CLOCK] < law[SPOOLUP] or g[G_GROUND] > 0.0:
@@ -529,6 +546,7 @@ def advance(
                 # Motors spin up; the trajectory waits on the ground, sinking at 0.7 m/s as PX4 has it.
                 for k in range(3):
                     g[k] = state[k]
+                g[G_Z] += g[G_ERROR]
                 for k in range(3, 20):
                     g[k] = 0.0
                 g[G_VZ], g[G_CLIMB] = -0.7, 1.0
@@ -539,7 +557,8 @@ def advance(
                     flying = False
                     low = -GRAVITY_M_S2 / law[Z_VEL_P]
                     climb_limit = low + (g[G_CLOCK] - law[SPOOLUP]) / ramp * (climb_limit - low)
-                _guide(g, row, law, state[col.POSITION_X], state[col.POSITION_Y], state[col.POSITION_Z])
+                believed = state[col.POSITION_Z] + g[G_ERROR]
+                _guide(g, row, law, state[col.POSITION_X], state[col.POSITION_Y], believed, least_track)
                 wanted = _control(g, law, state, climb_limit, flying)
                 state[col.PATH_LENGTH] += _fly(g, law, state, wanted, lag, flying)
                 _turn(g, row, law, state)
@@ -549,7 +568,9 @@ def advance(
                 if kind == _LAND:
                     if g[G_GROUND] >= law[LAND_TIME]:
                         g[G_INSIDE] = step
-                elif (2 * step) % 5 < 2 and g[G_CLOCK] >= law[SPOOLUP] and _inside(row, law, state):
+                elif (
+                    (2 * step) % 5 < 2 and g[G_CLOCK] >= law[SPOOLUP] and _inside(row, law, state, g[G_ERROR])
+                ):
                     g[G_INSIDE] = step
             reached = g[G_INSIDE] >= 0.0 and (step - g[G_INSIDE]) * dt >= row[LEG_PAUSE]
             if (

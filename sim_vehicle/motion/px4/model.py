@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from sim_vehicle.airframe.height_errors import HeightErrors
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position, Route
     from sim_vehicle.weather.wind import Wind
@@ -34,6 +35,8 @@ MODE_SWITCH_S = 0.2
 # The share of the jerk-limited build-up of braking that PX4 counts on when it is told to hold.
 BRAKE_DELAY_S = 0.6
 _SAME_M = 1e-3
+# Errors of the height that are drawn at once.
+_ERRORS = 1000
 
 
 def law_of(spec: VehicleSpec, value: Callable[[str], float]) -> NDArray[np.float64]:
@@ -128,9 +131,36 @@ class Px4Multirotor(Multirotor):
         self._radius_m = spec.acceptance_radius_m
         self._home_yaw_rad = yaw_rad
         self._guided = False
+        self._height_errors: HeightErrors | None = None
+        self._errors: NDArray[np.float64] = np.zeros(1)
         self.guide: NDArray[np.float64] = np.zeros(kernel.GUIDE)
         self.guide[kernel.G_HEADING] = self.state[col.HEADING]
         self.guide[kernel.G_CLOCK] = -1.0
+
+    def estimate_height_with(self, errors: HeightErrors) -> None:
+        """Fly by an estimated height that is wrong, from the first take-off on."""
+        self._height_errors = errors
+
+    @property
+    def height_error_m(self) -> float:
+        """Error of the estimated height now, estimate less truth."""
+        if len(self._errors) == 1:
+            return 0.0
+        since = self.step // col.GRID - int(self._errors[0])
+        self._draw_errors(since + 1)
+        return float(self._errors[since + 1])
+
+    @property
+    def draws_errors(self) -> bool:
+        """Whether its estimated height is wrong."""
+        return self._height_errors is not None
+
+    def _draw_errors(self, count: int) -> None:
+        """Know at least so many errors from the first take-off on."""
+        assert self._height_errors is not None
+        if len(self._errors) <= count:
+            drawn = self._height_errors.first(2 * count + _ERRORS)
+            self._errors = np.concatenate((self._errors[:1], drawn))
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
         """Be in steady flight at time 0, with nothing used yet, as if it had flown there."""
@@ -177,6 +207,9 @@ class Px4Multirotor(Multirotor):
         if g[kernel.G_CLOCK] < 0.0 and state[col.POSITION_Z] <= 0.0:
             if kinds[0] != LegKind.LAND:
                 g[kernel.G_CLOCK] = 0.0
+                if self._height_errors is not None and len(self._errors) == 1:
+                    self._errors = np.array([float(-(-self.step // col.GRID))])
+                    self._draw_errors(_ERRORS)
             g[kernel.G_LAUNCH] = 1.0
             if (
                 kinds[0] == LegKind.WAYPOINT
@@ -211,6 +244,8 @@ class Px4Multirotor(Multirotor):
         """Take over a vehicle in flight: trajectory and controllers begin as it moves."""
         g, state = self.guide, self.state
         g[kernel.G_X : kernel.G_INTEGRAL_X] = state[col.POSITION : col.HEADING]
+        g[kernel.G_ERROR] = self.height_error_m
+        g[kernel.G_Z] += g[kernel.G_ERROR]
         thrust = state[col.ACCELERATION : col.HEADING] + self._law[kernel.DRAG] * (
             state[col.VELOCITY : col.ACCELERATION] - (state[col.WIND_EAST], state[col.WIND_NORTH], 0.0)
         )
@@ -240,7 +275,9 @@ class Px4Multirotor(Multirotor):
                 return old[leg, kernel.LEG_X : kernel.LEG_BEFORE_X].copy()
             if leg > 0 and self.arrivals[leg - 1] == self.counters[col.STEP]:
                 return old[leg - 1, kernel.LEG_X : kernel.LEG_BEFORE_X].copy()
-        return self.state[col.POSITION : col.VELOCITY].copy()
+        here: NDArray[np.float64] = self.state[col.POSITION : col.VELOCITY].copy()
+        here[2] += self.guide[kernel.G_ERROR]
+        return here
 
     def steer(
         self,
@@ -266,6 +303,7 @@ class Px4Multirotor(Multirotor):
     def stopping_point(self) -> Position:
         """Return the position that PX4 would hold if it were told to now."""
         x, y, z, vx, vy = self.state[col.POSITION : col.VELOCITY_Z].tolist()
+        z += float(self.guide[kernel.G_ERROR])
         speed = math.hypot(vx, vy)
         if speed < 1e-3:
             return x, y, max(z, 0.0)
@@ -292,7 +330,18 @@ class Px4Multirotor(Multirotor):
         """Fly up to ``max_steps`` steps, less when something happens (see `MotionEvent`)."""
         if not self._guided:
             return super().advance(max_steps, stop_each=stop_each)
-        return self._run(kernel.advance, self._route, (self.guide, self._law), max_steps, stop_each)
+        if len(self._errors) == 1:
+            own = (self.guide, self._law, self._errors)
+            return self._run(kernel.advance, self._route, own, max_steps, stop_each)
+        # Only errors that are drawn are flown with.
+        end = self.step + max_steps
+        event = MotionEvent.RAN
+        while event is MotionEvent.RAN and self.step < end:
+            steps = min(end - self.step, _ERRORS * col.GRID)
+            self._draw_errors((self.step + steps) // col.GRID - int(self._errors[0]) + 2)
+            own = (self.guide, self._law, self._errors)
+            event = self._run(kernel.advance, self._route, own, steps, stop_each)
+        return event
 
     def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults and limits."""

@@ -107,7 +107,17 @@ def test_the_power_law():
     assert Wind(3.0, -4.0, shear=shear).mean_at(10.0) == (3.0, -4.0)
 
 
-@pytest.mark.parametrize("shear", [WindShear("log", roughness_m=0.03), WindShear("power"), None])
+def test_the_profile_of_ardupilots_simulator():
+    # libraries/SITL: below 60 m times sqrt(h / 60), whatever height the wind was given for.
+    wind = Wind(6.0, 0.0, height_m=10.0, shear=WindShear("sitl"))
+    for height_m, factor in ((0.0, 0.0), (0.6, 0.1), (15.0, 0.5), (60.0, 1.0), (200.0, 1.0)):
+        assert wind.mean_at(height_m)[0] == pytest.approx(6.0 * factor)
+        assert wind.series().at(0, height_m)[0] == pytest.approx(6.0 * factor)
+
+
+@pytest.mark.parametrize(
+    "shear", [WindShear("log", roughness_m=0.03), WindShear("power"), WindShear("sitl"), None]
+)
 @pytest.mark.parametrize("height_m", [0.0, 2.0, 10.0, 47.0, 300.0])
 def test_a_row_holds_for_all_heights(shear, height_m):
     wind = Wind(4.0, -3.0, shear=shear)
@@ -119,7 +129,7 @@ def test_a_row_holds_for_all_heights(shear, height_m):
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"law": "linear"}, "log or power"),
+        ({"law": "linear"}, "log or power or sitl"),
         ({"roughness_m": 0.0}, "roughness"),
         ({"roughness_m": 0.8}, "roughness"),
         ({"exponent": math.nan}, "exponent"),

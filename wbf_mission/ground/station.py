@@ -501,9 +501,12 @@ class GroundStation:
         items = self.mission.items
         if self._disarmed_s is not None or not leads_home(items, 0):
             return True
+        kind = self._monitor.vehicle_type
+        if kind == m.MAV_TYPE_GROUND_ROVER and self._autopilot == m.MAV_AUTOPILOT_ARDUPILOTMEGA:
+            # It stands at home and stays armed.
+            return True
         # A wing whose mission ends with a return may circle over home for ever.
-        is_wing = self._monitor.vehicle_type == m.MAV_TYPE_FIXED_WING
-        return is_wing and not any(item.command == Command.NAV_LAND for item in items)
+        return kind == m.MAV_TYPE_FIXED_WING and not any(item.command == Command.NAV_LAND for item in items)
 
     def _on_position(self, message: m.MAVLink_global_position_int_message, now_s: float) -> list[Message]:
         if not self._is_vehicle(message):

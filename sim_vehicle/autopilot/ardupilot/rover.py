@@ -31,6 +31,8 @@ __all__ = ["ARDUROVER"]
 _SKID = 73.0
 # Rover's target goes round corners on its own; the vehicle follows it this near.
 _FOLLOWS_M = 0.3
+# Rover stays armed when it is home: the longest delay there is.
+_NEVER_DISARM_S = 3599.0
 # Change of jerk of the S-curves, m/s^4 (AR_WPNAV_SNAP_MAX); acceleration where none is limited.
 _SNAP = 15.0
 _ANY_ACCELERATION = 20.0
@@ -95,6 +97,7 @@ class ArduRover(RoverProcedures):
             cruise_speed_m_s=cruise,
             speed_limit_m_s=max(limit, cruise / 0.95),
             acceptance_radius_m=self.limits(spec).acceptance,
+            disarm_delay_s=_NEVER_DISARM_S,
         )
 
     def limits(self, spec: VehicleSpec) -> RoverLimits:

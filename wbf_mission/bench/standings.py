@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,10 +11,11 @@ from scipy import stats
 
 from wbf_mission.bench.row import BenchRow
 
-__all__ = ["Interval", "Standing", "mean_interval", "resamples", "standings"]
+__all__ = ["Interval", "Standing", "mean_interval", "standings"]
 
 _DRAWS = 2000
 _SEED = 0
+_PART_VALUES = 200_000
 _LEAST_ERROR = 1e-9
 _FEWEST_TO_RESAMPLE = 5
 
@@ -68,12 +69,16 @@ class Standing:
     cpu_time_s: float
 
 
-def resamples(count: int) -> NDArray[np.int64]:
-    """Return which of `count` environments each resample draws, int64[draws, count]; the same at every call.
+def _resamples(count: int) -> Iterator[tuple[int, NDArray[np.int64]]]:
+    """Yield which of `count` environments each resample draws, int64[some, count], the same at every call.
 
+    They come some at a time, with the number of the first: all of a thousand environments would take 16 MB.
     Rows that are resampled alike stay paired.
     """
-    return np.random.default_rng(_SEED).integers(0, count, (_DRAWS, count))
+    draw = np.random.default_rng(_SEED)
+    size = max(1, min(_DRAWS, _PART_VALUES // count))
+    for begin in range(0, _DRAWS, size):
+        yield begin, draw.integers(0, count, (min(size, _DRAWS - begin), count))
 
 
 def mean_interval(values: NDArray[np.float64]) -> Interval:
@@ -99,13 +104,16 @@ def mean_interval(values: NDArray[np.float64]) -> Interval:
     if count < _FEWEST_TO_RESAMPLE:
         reach = stats.t.ppf(0.975, count - 1) * error
         return Interval(mean, float(mean - reach), float(mean + reach))
-    drawn = values[resamples(count)]
-    errors = drawn.std(axis=1, ddof=1) / np.sqrt(count)
+    means, errors = np.empty(_DRAWS), np.empty(_DRAWS)
+    for begin, part in _resamples(count):
+        drawn = values[part]
+        means[begin : begin + len(part)] = drawn.mean(axis=1)
+        errors[begin : begin + len(part)] = drawn.std(axis=1, ddof=1) / np.sqrt(count)
     # A resample of one value only has no error.
     usable = errors > _LEAST_ERROR * error
     if not usable.any():
         return Interval(mean, mean, mean)
-    low, high = np.quantile((drawn.mean(axis=1)[usable] - mean) / errors[usable], [0.025, 0.975])
+    low, high = np.quantile((means[usable] - mean) / errors[usable], [0.025, 0.975])
     return Interval(mean, float(mean - high * error), float(mean - low * error))
 
 

@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-from collections.abc import Iterable
+from array import array
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
 
 import msgspec
+import numpy as np
 
 from geo.decoding import misfit
-from wbf_mission.bench.row import BenchRow
-from wbf_mission.tables import ResultError, read_table, write_table
+from wbf_mission.bench.row import BenchRow, Floats, as_floats
+from wbf_mission.tables import ResultError, read_batches, write_table
 
 __all__ = ["BenchStore", "read_rows", "rows_table"]
 
@@ -26,7 +28,11 @@ _JOURNAL = "journal.jsonl"
 _LOCK = ".lock"
 _LOSS, _HISTORY, _TIMING, _VERSION = "loss_", "history_", "timing_", "version_"
 _DICTS = {"losses": _LOSS, "history": _HISTORY, "timings_s": _TIMING, "versions": _VERSION}
-_decoder = msgspec.json.Decoder(BenchRow)
+_GROUP_ROWS = 1000
+_NEEDED = ("key", "scenario", "planner", "estimator", "seed")
+_SHARED = ("scenario", "planner", "estimator", "outcome", "error")
+_decoder = msgspec.json.Decoder(BenchRow, dec_hook=as_floats)
+_encoder = msgspec.json.Encoder(enc_hook=list)
 
 
 class BenchStore:
@@ -80,7 +86,7 @@ class BenchStore:
 
     def add(self, row: BenchRow) -> None:
         """Keep a row; it is there when this returns, whatever happens to the process."""
-        self._journal.write(msgspec.json.encode(row) + b"\n")
+        self._journal.write(_encoder.encode(row) + b"\n")
         self._journal.flush()
         self.done[row.key] = row.error is None
 
@@ -95,10 +101,11 @@ class BenchStore:
     def _keep_all(self) -> list[BenchRow]:
         """Write table and journal as one table, and return its rows."""
         rows = read_rows(self._folder)
-        if (self._folder / _JOURNAL).exists():
-            if rows:
-                write_table(self._folder / TABLE, rows_table(rows))
-            (self._folder / _JOURNAL).unlink()
+        journal = self._folder / _JOURNAL
+        if journal.exists():
+            if rows and journal.stat().st_size:
+                write_table(self._folder / TABLE, rows_table(rows), group_rows=_GROUP_ROWS)
+            journal.unlink()
         return rows
 
 
@@ -130,19 +137,35 @@ def read_rows(folder: Path) -> list[BenchRow]:
     return sorted(found.values(), key=lambda row: (row.scenario, row.planner, row.estimator, row.seed))
 
 
-def rows_table(rows: Iterable[BenchRow]) -> Any:
+def rows_table(rows: Sequence[BenchRow]) -> Any:
     """Return rows as a pyarrow table, a column for each value such as ``loss_tylcv``; histories are lists."""
     import pyarrow as pa
 
-    values = [msgspec.structs.asdict(row) for row in rows]
-    flat = []
-    for one in values:
-        plain = {key: value for key, value in one.items() if key not in _DICTS}
-        for key, prefix in _DICTS.items():
-            plain |= {prefix + name: value for name, value in one[key].items()}
-        flat.append(plain)
-    names = list(dict.fromkeys(name for one in flat for name in one))
-    return pa.table({name: pa.array([one.get(name) for one in flat], _type(name)) for name in names})
+    names = [name for name in BenchRow.__struct_fields__ if name not in _DICTS]
+    columns = {name: _column(name, (getattr(row, name) for row in rows)) for name in names}
+    for where, prefix in _DICTS.items():
+        for key in dict.fromkeys(key for row in rows for key in getattr(row, where)):
+            columns[prefix + key] = _column(prefix + key, (getattr(row, where).get(key) for row in rows))
+    return pa.table(columns)
+
+
+def _column(name: str, values: Iterator[Any]) -> Any:
+    """Return the values of a column, one after the other, as an arrow array."""
+    import pyarrow as pa
+
+    kind = _type(name)
+    if not pa.types.is_list(kind):
+        return pa.array(values, kind)
+    joined, ends, missing = array("d"), [0], []
+    for value in values:
+        joined.extend(value or ())
+        ends.append(len(joined))
+        missing.append(value is None)
+    return pa.ListArray.from_arrays(
+        pa.array(ends, pa.int32()),
+        pa.array(np.array(joined), pa.float64()),
+        mask=pa.array(missing, pa.bool_()),
+    )
 
 
 def _type(name: str) -> Any:
@@ -159,21 +182,37 @@ def _type(name: str) -> Any:
     return pa.float64()
 
 
-def _rows_of(path: Path) -> list[BenchRow]:
-    found = []
-    for one in read_table(path, ("key", "scenario", "planner", "estimator", "seed")).to_pylist():
-        row: dict[str, Any] = {key: {} for key in _DICTS}
-        for name, value in one.items():
-            where = next((key for key, prefix in _DICTS.items() if name.startswith(prefix)), None)
-            if value is None:
-                continue
-            if where is None:
-                row[name] = value
-            else:
-                row[where][name.removeprefix(_DICTS[where])] = value
-        try:
-            found.append(msgspec.convert(row, BenchRow))
-        except msgspec.ValidationError as error:
-            msg = f"{path}: holds no rows of a benchmark ({misfit(error)}); remove it, or give another folder"
-            raise ResultError(msg) from None
-    return found
+def _rows_of(path: Path) -> Iterator[BenchRow]:
+    """Yield the rows of a table; what many have in common is kept once."""
+    texts: dict[str, str] = {}
+    versions: dict[tuple[tuple[str, str], ...], dict[str, str]] = {}
+    times: dict[bytes, Floats] = {}
+    for batch in read_batches(path, _NEEDED):
+        wheres = [_where(name) for name in batch.schema.names]
+        for values in zip(*(column.to_pylist() for column in batch.columns), strict=True):
+            row: dict[str, Any] = {key: {} for key in _DICTS}
+            for (where, key), value in zip(wheres, values, strict=True):
+                if value is not None:
+                    (row if where is None else row[where])[key] = value
+            for key in _SHARED:
+                if isinstance(row.get(key), str):
+                    row[key] = texts.setdefault(row[key], row[key])
+            try:
+                found = msgspec.convert(row, BenchRow, dec_hook=as_floats)
+            except msgspec.ValidationError as error:
+                what = f"holds no rows of a benchmark ({misfit(error)})"
+                msg = f"{path}: {what}; remove it, or give another folder"
+                raise ResultError(msg) from None
+            yield msgspec.structs.replace(
+                found,
+                versions=versions.setdefault(tuple(found.versions.items()), found.versions),
+                times_s=times.setdefault(found.times_s.tobytes(), found.times_s),
+            )
+
+
+def _where(column: str) -> tuple[str | None, str]:
+    """Return in which dict of a row a column stands, if in one, and under which name."""
+    for where, prefix in _DICTS.items():
+        if column.startswith(prefix):
+            return where, column.removeprefix(prefix)
+    return None, column

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import time
 
 from wbf_mission.cli import options
@@ -14,6 +15,7 @@ wbf-mission warm-up
 """
 
 _ESTIMATORS = ("adaptive-disk", "gp")  # those with compiled parts
+_TRAINED_IN = "WBF/Miniberry-10-v1"
 
 
 def warm_up_command(json: options.Json = False, quiet: options.Quiet = False) -> None:
@@ -31,11 +33,27 @@ def warm_up_command(json: options.Json = False, quiet: options.Quiet = False) ->
     for estimator in _ESTIMATORS:
         steps.begin(f"estimator {estimator}")
         fly(Scenario(farm="miniberry-10", planner="spiral", vehicle="ideal", estimator=estimator))
+    if importlib.util.find_spec("gymnasium") is not None:
+        steps.begin("training environments")
+        _step_batched()
     steps.end()
     wall_time_s = sum(steps.seconds.values())
     rows = {what: duration(seconds) for what, seconds in steps.seconds.items()}
     values = {"seconds": steps.seconds, "wall_time_s": wall_time_s}
     output.result(values, {**rows, "together": duration(wall_time_s)}, title="Ready")
+
+
+def _step_batched() -> None:
+    """Take a step of the training environment that is compiled; it needs the extra ``rl``."""
+    import numpy as np
+
+    from wbf_mission.rl.vector_env import SurveyVectorEnv
+
+    # Arrays of a single run are contiguous where those of several are not, and are compiled for apart.
+    envs = SurveyVectorEnv(2, _TRAINED_IN)
+    envs.reset(seed=0)
+    envs.step(np.zeros(2, np.int64))
+    envs.close()
 
 
 class _Steps:

@@ -1,6 +1,7 @@
 """The pages of a benchmark in a browser: light, dark and narrow."""
 
 import io
+from array import array
 
 import numpy as np
 import pytest
@@ -43,8 +44,8 @@ def row(planner, seed, draw, **given):
         "score": float(np.mean(scores)),
         "final_score": scores[-1],
         "losses": {"tylcv": 0.2, "ccr": 0.3, "soil": 0.1},
-        "times_s": [10.0 * (k + 1) for k in range(len(scores))],
-        "scores": scores,
+        "times_s": array("d", [10.0 * (k + 1) for k in range(len(scores))]),
+        "scores": array("d", scores),
         "decisions": 1,
         "flight_time_s": 33.0,
         "predicted_time_s": 30.0,

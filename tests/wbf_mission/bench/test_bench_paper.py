@@ -1,6 +1,7 @@
 """The figures of the paper."""
 
 import json
+from array import array
 
 import msgspec
 import numpy as np
@@ -135,7 +136,8 @@ def test_the_days_are_those_of_the_environment():
 
 def row(planner, seed, scores):
     values = {"key": f"{planner}{seed}", "scenario": "s", "planner": planner, "estimator": "gp", "seed": seed}
-    return BenchRow(**values, scores=scores, times_s=[10.0 * (k + 1) for k in range(len(scores))])
+    times_s = array("d", [10.0 * (k + 1) for k in range(len(scores))])
+    return BenchRow(**values, scores=array("d", scores), times_s=times_s)
 
 
 def test_how_the_score_stands_on_the_way():

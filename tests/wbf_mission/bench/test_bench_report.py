@@ -1,5 +1,6 @@
 """The report of a benchmark."""
 
+from array import array
 from html.parser import HTMLParser
 
 import numpy as np
@@ -21,8 +22,8 @@ def row(planner, seed, scores, **given):
         "score": float(np.mean(scores)),
         "final_score": scores[-1],
         "losses": {"tylcv": -scores[-1]},
-        "times_s": [10.0 * (k + 1) for k in range(len(scores))],
-        "scores": scores,
+        "times_s": array("d", [10.0 * (k + 1) for k in range(len(scores))]),
+        "scores": array("d", scores),
         "decisions": 1,
         "flight_time_s": 33.0,
         "predicted_time_s": 30.0,

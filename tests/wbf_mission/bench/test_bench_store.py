@@ -1,5 +1,7 @@
 """Rows that are kept."""
 
+from array import array
+
 import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
@@ -11,7 +13,7 @@ from wbf_mission.tables import ResultError
 
 NAMES = st.text(st.characters(exclude_categories=("Cs",)), max_size=10)
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
-LISTS = st.lists(NUMBERS, max_size=4)
+LISTS = st.lists(NUMBERS, max_size=4).map(lambda values: array("d", values))
 ROWS = st.builds(
     BenchRow,
     key=st.text("0123456789abcdef", min_size=4, max_size=4),
@@ -107,7 +109,13 @@ def test_a_table_of_something_else_is_named_and_left(tmp_path):
 def test_the_table_is_plain_columns(tmp_path):
     with BenchStore(tmp_path) as store:
         store.add(
-            row(1, score=-0.5, losses={"tylcv": 0.25}, scores=[-1.0, -0.5], history={"tylcv": [1.0, 0.25]})
+            row(
+                1,
+                score=-0.5,
+                losses={"tylcv": 0.25},
+                scores=array("d", [-1.0, -0.5]),
+                history={"tylcv": array("d", [1.0, 0.25])},
+            )
         )
         store.add(row(2, error="no such thing"))
     table = pq.read_table(tmp_path / TABLE)

@@ -45,7 +45,7 @@ _OWN = Path(__file__).parent / "vehicles"
 _VEHICLES = {
     "copter": "quad",
     "10040": "quad",
-    "plane": "fixed-wing",
+    "plane": "sitl-plane",
     "10041": "fixed-wing",
     "rover": str(_OWN / "ardurover-sitl.toml"),
     "10045": "rover",

@@ -15,7 +15,7 @@ from typing import Any, get_args
 
 from geo.reading import UnreadableError, read_toml
 from sim_vehicle.airframe.autopilot_names import autopilot_names
-from sim_vehicle.airframe.power_spec import AnyPowerSpec, BatterySpec
+from sim_vehicle.airframe.power_spec import AnyPowerSpec, BatterySpec, FixedWingAirframe
 from sim_vehicle.airframe.spec import KINDS, POWER_OF_KIND, PublishedEndurance, VehicleSpec
 from sim_vehicle.errors import VehicleError
 
@@ -26,7 +26,7 @@ _BASE_OF_KIND = {"multirotor": "quad", "fixed-wing": "wing", "rover": "rover", "
 # A vehicle cannot have these from a file: its name is the file's, the others are set by who flies it.
 _NOT_IN_FILES = ("name", "autopilot", "parameters", "autopilot_parameters")
 _PARAMETER = re.compile(r"[A-Z][A-Z0-9_]{0,15}")
-_PARTS = (BatterySpec, PublishedEndurance, *get_args(AnyPowerSpec))
+_PARTS = (BatterySpec, FixedWingAirframe, PublishedEndurance, *get_args(AnyPowerSpec))
 
 
 @cache
@@ -73,7 +73,7 @@ def _packaged(name: str) -> VehicleSpec:
 def load_vehicle(path: Path) -> VehicleSpec:
     """Read a vehicle file: keys of `VehicleSpec`, tables for its parts.
 
-    The tables are ``[battery]``, ``[power]``, ``[published]``, and one named as an installed autopilot
+    The tables are ``[battery]``, ``[power]``, ``[airframe]``, ``[published]``, and one named as an installed autopilot
     (``[px4]``, ``[ardupilot]``) with parameters of that autopilot. A key ``base`` names the vehicle whose
     values hold where the file has none; by default it is the package's vehicle of the file's kind.
 
@@ -117,7 +117,7 @@ def _build(where: str, name: str, data: dict[str, Any], base: VehicleSpec) -> Ve
         elif key not in known:
             msg = f"{where}: unknown key {key!r}"
             raise VehicleError(msg)
-        elif key in ("battery", "power", "published"):
+        elif key in ("battery", "power", "airframe", "published"):
             changes[key] = _part(where, key, value, base)
         elif isinstance(getattr(base, key), str) != isinstance(value, str):
             msg = f"{where}: {key} {value!r} has the wrong type"
@@ -133,7 +133,12 @@ def _build(where: str, name: str, data: dict[str, Any], base: VehicleSpec) -> Ve
 
 
 def _part(where: str, key: str, value: object, base: VehicleSpec) -> object:
-    types = {"battery": BatterySpec, "published": PublishedEndurance, "power": POWER_OF_KIND.get(base.kind)}
+    types = {
+        "battery": BatterySpec,
+        "published": PublishedEndurance,
+        "power": POWER_OF_KIND.get(base.kind),
+        "airframe": FixedWingAirframe if base.kind == "fixed-wing" else None,
+    }
     kind = types[key]
     if kind is None:
         msg = f"{where}: a vehicle of kind {base.kind} has no [{key}]"

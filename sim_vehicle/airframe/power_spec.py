@@ -12,6 +12,7 @@ __all__ = [
     "GRAVITY_M_S2",
     "AnyPowerSpec",
     "BatterySpec",
+    "FixedWingAirframe",
     "FixedWingPowerSpec",
     "PowerSpec",
     "RoverPowerSpec",
@@ -179,6 +180,47 @@ class FixedWingPowerSpec:
     def drag_area_m2(self) -> float:
         """Equivalent flat plate area of the drag without lift."""
         return self.parasitic_drag * self.wing_area_m2
+
+
+@dataclass(frozen=True, slots=True)
+class FixedWingAirframe:
+    """How a fixed wing flies, beside the drag of its power model.
+
+    Parameters
+    ----------
+    thrust_n : float or None
+        At full throttle, at any airspeed; None is what climbs as the autopilot's parameter says.
+    lift_level, lift_slope : float
+        Lift coefficient with the fuselage along the flow, and its gain per radian of angle of attack.
+    turn_share : float
+        Rate of a turn over that of a coordinated one, g tan(bank) / airspeed; below 1 it slips outward.
+    liftoff_airspeed_m_s : float or None
+        Airspeed at which it leaves the ground by its own thrust; None: it is thrown, or rolls as the
+        autopilot's parameters say.
+    ground_drag_1_s : float or None
+        Deceleration over speed while it rolls; None is grass, which brakes at any speed alike.
+    """
+
+    thrust_n: float | None = None
+    lift_level: float = 0.3
+    lift_slope: float = 5.0
+    turn_share: float = 1.0
+    liftoff_airspeed_m_s: float | None = None
+    ground_drag_1_s: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("thrust_n", 0.01, 1e5),
+            ("lift_level", -1.0, 2.0),
+            ("lift_slope", 1.0, 10.0),
+            ("turn_share", 0.2, 1.0),
+            ("liftoff_airspeed_m_s", 1.0, 100.0),
+            ("ground_drag_1_s", 0.01, 10.0),
+        ):
+            value = getattr(self, name)
+            if value is not None and (not _is_number(value) or not low <= value <= high):
+                msg = f"airframe: {name} {value!r} is outside {low:g}..{high:g}"
+                raise VehicleError(msg)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,7 @@ from sim_vehicle.airframe.power_spec import (
     GRAVITY_M_S2,
     AnyPowerSpec,
     BatterySpec,
+    FixedWingAirframe,
     FixedWingPowerSpec,
     PowerSpec,
     RoverPowerSpec,
@@ -29,6 +30,7 @@ __all__ = [
     "POWER_OF_KIND",
     "AnyPowerSpec",
     "BatterySpec",
+    "FixedWingAirframe",
     "FixedWingPowerSpec",
     "PowerSpec",
     "PublishedEndurance",
@@ -47,6 +49,7 @@ _NO_LIMITS = (
     "parameters",
     "battery",
     "power",
+    "airframe",
     "autopilot_parameters",
     "published",
     "description",
@@ -138,6 +141,8 @@ class VehicleSpec:
         None is an endless battery.
     power : PowerSpec, FixedWingPowerSpec, RoverPowerSpec or None
         The one of its kind; None uses no energy.
+    airframe : FixedWingAirframe or None
+        Of a fixed wing; None is a typical one.
     autopilot_parameters : tuple of (str, tuple of (str, float))
         Per autopilot, the parameters for when it flies this vehicle, under their real names.
     published : PublishedEndurance or None
@@ -179,6 +184,7 @@ class VehicleSpec:
     attitude_response_s: float | None = None
     battery: BatterySpec | None = None
     power: AnyPowerSpec | None = None
+    airframe: FixedWingAirframe | None = None
     autopilot_parameters: tuple[tuple[str, tuple[tuple[str, float], ...]], ...] = ()
     published: PublishedEndurance | None = None
     description: str = ""
@@ -204,6 +210,9 @@ class VehicleSpec:
         wanted = POWER_OF_KIND.get(self.kind)
         if self.power is not None and (wanted is None or not isinstance(self.power, wanted)):
             msg = f"vehicle {self.name}: {type(self.power).__name__} is no power model of kind {self.kind}"
+            raise VehicleError(msg)
+        if self.airframe is not None and self.kind != "fixed-wing":
+            msg = f"vehicle {self.name}: [airframe] belongs to a fixed wing, not to a {self.kind}"
             raise VehicleError(msg)
 
     @property

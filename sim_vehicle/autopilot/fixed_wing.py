@@ -15,19 +15,17 @@ if TYPE_CHECKING:
 
     from sim_vehicle.airframe.parameters import ParameterSpec
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.fixed_wing.model import FixedWingLimits
+    from sim_vehicle.motion.fixed_wing.limits import ArduPlaneControl, FixedWingLimits
     from sim_vehicle.motion.legs import Heading, Position
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.weather.wind import Wind
 
-__all__ = ["BRAKE_M_S2", "ROLL_M_S2", "THROW_M_S2", "THROW_SHARE", "FixedWingProcedures", "in_order"]
+__all__ = ["ROLL_M_S2", "THROW_M_S2", "THROW_SHARE", "FixedWingProcedures", "in_order"]
 
 THROW_M_S2 = 20.0
 """Acceleration of a thrown or catapulted take-off."""
 ROLL_M_S2 = 3.0
 """Acceleration of a take-off that rolls."""
-BRAKE_M_S2 = 3.0
-"""Deceleration on grass."""
 THROW_SHARE = 0.85
 """Airspeed that a throw gives over the least airspeed."""
 # Nearer than this there is no direction from which a landing could be approached.
@@ -53,6 +51,26 @@ class FixedWingProcedures(ABC):
     @abstractmethod
     def limits(self, spec: VehicleSpec) -> FixedWingLimits:
         """Limits of a vehicle's flight."""
+
+    def control(self, spec: VehicleSpec) -> ArduPlaneControl | None:  # noqa: ARG002
+        """Gains of ArduPlane's control of energy; None for others."""
+        return None
+
+    def start_of_flight(self, spec: VehicleSpec, rotation: float, least: float) -> tuple[float, float]:
+        """Airspeed at which the ground is left, and acceleration up to there (0: that of its thrust).
+
+        Parameters
+        ----------
+        spec : VehicleSpec
+        rotation : float
+            Airspeed at which a runway is left; 0 without a runway.
+        least : float
+            Least airspeed.
+        """
+        lifts_off = None if spec.airframe is None else spec.airframe.liftoff_airspeed_m_s
+        if lifts_off is not None:
+            return max(lifts_off, rotation), 0.0
+        return (rotation, ROLL_M_S2) if rotation > 0.0 else (THROW_SHARE * least, THROW_M_S2)
 
     @abstractmethod
     def lands_as_mission(self, spec: VehicleSpec) -> bool:
@@ -98,7 +116,7 @@ class FixedWingProcedures(ABC):
         """Motion of a vehicle that stands at home."""
         from sim_vehicle.motion.fixed_wing.model import FixedWing
 
-        return FixedWing(spec, self.limits, wind, yaw_rad)
+        return FixedWing(spec, self.limits, wind, yaw_rad, self.control)
 
     def landing_legs(
         self,

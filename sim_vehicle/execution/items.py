@@ -329,6 +329,8 @@ def _item_legs(
         heading = Heading.fixed(math.radians(item.param4))
     if command == Command.NAV_TAKEOFF:
         legs = flight_procedures(spec).takeoff_legs(spec, last, (x, y, z), speed, heading)
+        if must_circle(spec):
+            legs = [replace(leg, pitch_rad=math.radians(number(item.param1))) for leg in legs]
         for leg in legs:
             plan.add(leg, seq, done=leg is legs[-1])
         return legs[-1].end_m

@@ -135,6 +135,8 @@ class Leg:
         Time to stay at the end of the leg, which is a stop then.
     circle : Circle or None
         A fixed wing that lands without one approaches straight.
+    pitch_rad : float
+        Least pitch of a fixed wing on a take-off leg; 0 is the autopilot's own.
     """
 
     end_m: Position
@@ -146,6 +148,7 @@ class Leg:
     near_m: float = 0.0
     pause_s: float = 0.0
     circle: Circle | None = None
+    pitch_rad: float = 0.0
 
     @property
     def descends(self) -> bool:
@@ -180,6 +183,8 @@ class Route:
     circle : float64[n, 4]
         Radius (NaN: no circle, 0: the autopilot's own), turns, and where the circle is left to (east, north;
         NaN for anywhere).
+    pitch_rad : float64[n]
+        Least pitch of a fixed wing on a take-off leg; 0 is the autopilot's own.
     """
 
     points_m: NDArray[np.float64]
@@ -192,6 +197,7 @@ class Route:
     kind: NDArray[np.int64]
     pause_s: NDArray[np.float64]
     circle: NDArray[np.float64]
+    pitch_rad: NDArray[np.float64]
 
     @classmethod
     def through(cls, legs: Sequence[Leg]) -> Route:
@@ -204,8 +210,10 @@ class Route:
         """
         table = np.array([_numbers(leg) for leg in legs])
         radius, speed, vertical, heading, turn, near, kind, pause = np.ascontiguousarray(table.T[3:11])
-        points, circle = np.ascontiguousarray(table[:, :3]), np.ascontiguousarray(table[:, 11:])
-        return cls(points, radius, speed, vertical, heading, turn, near, kind.astype(np.int64), pause, circle)
+        points, circle = np.ascontiguousarray(table[:, :3]), np.ascontiguousarray(table[:, 11:15])
+        pitch = np.ascontiguousarray(table[:, 15])
+        kinds = kind.astype(np.int64)
+        return cls(points, radius, speed, vertical, heading, turn, near, kinds, pause, circle, pitch)
 
 
 _NO_CIRCLE = (math.nan, 0.0, math.nan, math.nan)
@@ -227,4 +235,5 @@ def _numbers(leg: Leg) -> tuple[float, ...]:
         leg.kind,
         leg.pause_s,
         *circle,
+        leg.pitch_rad,
     )

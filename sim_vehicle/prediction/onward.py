@@ -215,6 +215,7 @@ class OnwardPredictor:
             kind=full(count, int(LegKind.WAYPOINT)),
             pause_s=np.zeros(count),
             circle=np.tile((math.nan, 0.0, math.nan, math.nan), (count, 1)),
+            pitch_rad=np.zeros(count),
         )
 
     def _fly_home(self, flights: list[_Flight]) -> None:

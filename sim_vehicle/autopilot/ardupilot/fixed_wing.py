@@ -1,48 +1,78 @@
 """ArduPlane: its parameters that move a fixed wing, its take-off and its return.
 
 Names, defaults and ranges are those of ArduPlane 4.6 and 4.7 (``Parameters.cpp``, ``AP_TECS.cpp``,
-``AP_L1_Control.cpp``, ``AP_Landing.cpp``).
+``AP_L1_Control.cpp``, ``AP_Landing.cpp``). RLL2SRV_TCONST and PTCH2SRV_TCONST go down to 0.1 s: ArduPilot's own
+simulator has 0.25 s.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from sim_vehicle.airframe.parameters import ParameterSpec
 from sim_vehicle.autopilot.fixed_wing import (
-    BRAKE_M_S2,
-    ROLL_M_S2,
-    THROW_M_S2,
-    THROW_SHARE,
     FixedWingProcedures,
     in_order,
 )
+from sim_vehicle.motion.fixed_wing.layout import STOPPED_M_S
 from sim_vehicle.motion.legs import KEEP, Circle, Leg, LegKind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.fixed_wing.model import FixedWingLimits
+    from sim_vehicle.motion.fixed_wing.limits import ArduPlaneControl, FixedWingLimits
     from sim_vehicle.motion.legs import Heading, Position
 
 __all__ = ["ARDUPLANE"]
 
 _ROLL_RATE = 75.0
+_ANY_RATE = 180.0
+# It seems to fly until its ground speed is below this, and a filter has noticed that (``is_flying.cpp``).
+_SEEMS_TO_FLY_M_S = 1.5
+_NOTICES_S = 2.9
 PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
     {
         "AIRSPEED_CRUISE": ParameterSpec(12.0, 1.0, 100.0, "m/s", "cruise airspeed"),
         "AIRSPEED_MAX": ParameterSpec(22.0, 5.0, 100.0, "m/s", "greatest airspeed"),
         "AIRSPEED_MIN": ParameterSpec(9.0, 5.0, 100.0, "m/s", "least airspeed"),
+        "ALT_SLOPE_MIN": ParameterSpec(
+            15.0, 0.0, 1000.0, "m", "least change of height that is made along the leg", integer=True
+        ),
+        "LAND_DISARMDELAY": ParameterSpec(
+            20.0, 0.0, 127.0, "s", "from the end of a landing to disarming", integer=True
+        ),
+        "LAND_FLARE_AIM": ParameterSpec(
+            50.0, 0.0, 100.0, "%", "weight of the sink of the flare when its length is planned", integer=True
+        ),
         "LAND_FLARE_ALT": ParameterSpec(3.0, 0.0, 30.0, "m", "flare height"),
         "LAND_FLARE_SEC": ParameterSpec(2.0, 0.0, 10.0, "s", "flare time"),
+        "LAND_PF_ALT": ParameterSpec(10.0, 0.0, 30.0, "m", "height below which the pre-flare airspeed holds"),
+        "LAND_PF_ARSPD": ParameterSpec(0.0, 0.0, 30.0, "m/s", "pre-flare airspeed, 0 for none"),
+        "LAND_PF_SEC": ParameterSpec(
+            6.0, 0.0, 10.0, "s", "time before the ground at which the pre-flare begins"
+        ),
+        "LAND_PITCH_DEG": ParameterSpec(0.0, -20.0, 20.0, "deg", "least pitch at the touch-down"),
+        "LAND_WIND_COMP": ParameterSpec(
+            50.0, 0.0, 100.0, "%", "share of the head wind added to the landing airspeed", integer=True
+        ),
         "LEVEL_ROLL_LIMIT": ParameterSpec(5.0, 0.0, 45.0, "deg", "bank near the ground", integer=True),
         "MIN_GROUNDSPEED": ParameterSpec(0.0, 0.0, 100.0, "m/s", "least ground speed"),
         "NAVL1_DAMPING": ParameterSpec(0.75, 0.6, 1.0, "", "damping of L1"),
         "NAVL1_PERIOD": ParameterSpec(17.0, 1.0, 60.0, "s", "period of L1"),
         "NAVL1_XTRACK_I": ParameterSpec(0.02, 0.0, 0.1, "", "integral of the cross-track angle"),
+        "PTCH2SRV_RMAX_DN": ParameterSpec(
+            0.0, 0.0, 100.0, "deg/s", "greatest rate of the pitch, down, 0 for none"
+        ),
+        "PTCH2SRV_RMAX_UP": ParameterSpec(
+            0.0, 0.0, 100.0, "deg/s", "greatest rate of the pitch, up, 0 for none"
+        ),
+        "PTCH2SRV_TCONST": ParameterSpec(0.5, 0.1, 1.0, "s", "time constant of the pitch"),
+        "PTCH_LIM_MAX_DEG": ParameterSpec(20.0, 0.0, 90.0, "deg", "greatest pitch"),
+        "PTCH_LIM_MIN_DEG": ParameterSpec(-25.0, -90.0, 0.0, "deg", "least pitch"),
         "RLL2SRV_RMAX": ParameterSpec(
             0.0, 0.0, 180.0, "deg/s", "greatest roll rate, 0 for none", integer=True
         ),
@@ -54,15 +84,49 @@ PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
             0.0, -32767.0, 32767.0, "m", "radius over home, 0: WP_LOITER_RAD", integer=True
         ),
         "TECS_CLMB_MAX": ParameterSpec(5.0, 0.1, 20.0, "m/s", "climb rate at full throttle"),
+        "TECS_FLARE_HGT": ParameterSpec(
+            1.0, 0.0, 15.0, "m", "height below which the sink of the flare is held"
+        ),
+        "TECS_HDEM_TCONST": ParameterSpec(3.0, 1.0, 5.0, "s", "time constant of the height demand"),
+        "TECS_INTEG_GAIN": ParameterSpec(0.3, 0.0, 0.5, "", "gain of the integrals"),
         "TECS_LAND_ARSPD": ParameterSpec(-1.0, -1.0, 127.0, "m/s", "landing airspeed"),
+        "TECS_LAND_DAMP": ParameterSpec(0.5, 0.1, 1.0, "", "damping of the pitch in the flare"),
+        "TECS_LAND_PMAX": ParameterSpec(10.0, -5.0, 40.0, "deg", "greatest pitch in the flare", integer=True),
         "TECS_LAND_SINK": ParameterSpec(0.25, 0.0, 2.0, "m/s", "sink rate in the flare"),
+        "TECS_LAND_SPDWGT": ParameterSpec(
+            -1.0, -1.0, 2.0, "", "weight of the airspeed in a landing, -1 fades"
+        ),
+        "TECS_LAND_TCONST": ParameterSpec(2.0, 1.0, 5.0, "s", "time constant in a landing"),
+        "TECS_PITCH_MAX": ParameterSpec(
+            15.0, 0.0, 45.0, "deg", "greatest pitch, 0: PTCH_LIM_MAX_DEG", integer=True
+        ),
+        "TECS_PITCH_MIN": ParameterSpec(
+            0.0, -45.0, 0.0, "deg", "least pitch, 0: PTCH_LIM_MIN_DEG", integer=True
+        ),
+        "TECS_PTCH_DAMP": ParameterSpec(0.3, 0.1, 1.0, "", "damping of the pitch"),
+        "TECS_RLL2THR": ParameterSpec(10.0, 5.0, 30.0, "", "throttle for turns"),
         "TECS_SINK_MAX": ParameterSpec(5.0, 0.0, 20.0, "m/s", "greatest sink rate"),
         "TECS_SINK_MIN": ParameterSpec(2.0, 0.1, 10.0, "m/s", "sink rate without throttle"),
+        "TECS_SPDWEIGHT": ParameterSpec(1.0, 0.0, 2.0, "", "weight of the airspeed against the height"),
+        "TECS_THR_DAMP": ParameterSpec(0.5, 0.1, 1.0, "", "damping of the throttle"),
         "TECS_TIME_CONST": ParameterSpec(5.0, 3.0, 10.0, "s", "time constant of height and airspeed"),
         "TECS_VERT_ACC": ParameterSpec(7.0, 1.0, 10.0, "m/s^2", "vertical acceleration"),
+        "THR_MAX": ParameterSpec(100.0, 0.0, 100.0, "%", "greatest throttle", integer=True),
+        "THR_MIN": ParameterSpec(0.0, -100.0, 100.0, "%", "least throttle", integer=True),
+        "THR_SLEWRATE": ParameterSpec(
+            100.0, 0.0, 500.0, "%/s", "rate of the throttle, 0 for any", integer=True
+        ),
         "TKOFF_ALT": ParameterSpec(50.0, 0.0, 200.0, "m", "take-off height"),
         "TKOFF_LVL_ALT": ParameterSpec(10.0, 0.0, 50.0, "m", "height up to which the wings stay level"),
+        "TKOFF_PLIM_SEC": ParameterSpec(
+            2.0, 0.0, 10.0, "s", "time before the height at which the climb-out levels off", integer=True
+        ),
         "TKOFF_ROTATE_SPD": ParameterSpec(0.0, 0.0, 100.0, "m/s", "airspeed at which a runway is left"),
+        "TKOFF_THR_DELAY": ParameterSpec(2.0, 0.0, 127.0, "ds", "before the motor starts", integer=True),
+        "TKOFF_THR_MAX": ParameterSpec(
+            0.0, 0.0, 100.0, "%", "throttle of the climb-out, 0: THR_MAX", integer=True
+        ),
+        "TRIM_THROTTLE": ParameterSpec(45.0, 0.0, 100.0, "%", "throttle of level flight", integer=True),
         "WP_LOITER_RAD": ParameterSpec(
             60.0, -32767.0, 32767.0, "m", "radius of circles, positive clockwise", integer=True
         ),
@@ -85,12 +149,13 @@ class ArduPlane(FixedWingProcedures):
     def limits(self, spec: VehicleSpec) -> FixedWingLimits:
         """Limits of a vehicle's flight."""
         from sim_vehicle.motion.fixed_wing.guidance import L1
-        from sim_vehicle.motion.fixed_wing.model import FixedWingLimits
+        from sim_vehicle.motion.fixed_wing.limits import FixedWingLimits
 
         value = {name: self.value(spec, name) for name in self.parameters}
         least, trim, most = in_order(value["AIRSPEED_MIN"], value["AIRSPEED_CRUISE"], value["AIRSPEED_MAX"])
         rotation = value["TKOFF_ROTATE_SPD"]
         landing = value["TECS_LAND_ARSPD"]
+        liftoff, acceleration = self.start_of_flight(spec, rotation, least)
         return FixedWingLimits(
             law=L1,
             airspeed_min=least,
@@ -102,7 +167,6 @@ class ArduPlane(FixedWingProcedures):
             roll_slew=math.radians(1000.0),
             climb_max=value["TECS_CLMB_MAX"],
             climb_rate=value["TECS_CLMB_MAX"],
-            sink_min=value["TECS_SINK_MIN"],
             sink_rate=max(value["TECS_SINK_MAX"], 0.1),
             sink_max=max(value["TECS_SINK_MAX"], 0.1),
             height_s=value["TECS_TIME_CONST"],
@@ -114,21 +178,76 @@ class ArduPlane(FixedWingProcedures):
             switch_share=0.0,
             acceptance=value["WP_RADIUS"],
             height_acceptance=math.inf,
-            along_leg=False,
             ground_min=value["MIN_GROUNDSPEED"],
             takeoff_airspeed=trim,
-            rotation_airspeed=rotation if rotation > 0.0 else THROW_SHARE * least,
-            launch_acceleration=ROLL_M_S2 if rotation > 0.0 else THROW_M_S2,
+            rotation_airspeed=liftoff,
+            launch_acceleration=acceleration,
             level_height=value["TKOFF_LVL_ALT"],
             level_bank=math.radians(max(value["LEVEL_ROLL_LIMIT"], 1.0)),
             landing_airspeed=landing if landing > 0.0 else 0.5 * (least + trim),
             flare_height=value["LAND_FLARE_ALT"],
             flare_s=value["LAND_FLARE_SEC"],
             flare_sink=value["TECS_LAND_SINK"],
-            braking=BRAKE_M_S2,
             landing_slope=math.tan(math.radians(5.0)),
             loiter_radius=value["WP_LOITER_RAD"] or 60.0,
         )
+
+    def control(self, spec: VehicleSpec) -> ArduPlaneControl:
+        """Gains of the control of energy, landing and take-off."""
+        from sim_vehicle.motion.fixed_wing.limits import ArduPlaneControl
+
+        value = {name: self.value(spec, name) for name in self.parameters}
+        pitch_max, pitch_min = value["PTCH_LIM_MAX_DEG"], value["PTCH_LIM_MIN_DEG"]
+        if value["TECS_PITCH_MAX"] > 0.0:
+            pitch_max = min(pitch_max, value["TECS_PITCH_MAX"])
+        if value["TECS_PITCH_MIN"] < 0.0:
+            pitch_min = max(pitch_min, value["TECS_PITCH_MIN"])
+        least = 0.01 * value["THR_MIN"]
+        most = max(0.01 * value["THR_MAX"], least + 0.01)
+        return ArduPlaneControl(
+            time_s=max(value["TECS_TIME_CONST"], 0.1),
+            integrator=value["TECS_INTEG_GAIN"],
+            pitch_damping=value["TECS_PTCH_DAMP"],
+            throttle_damping=value["TECS_THR_DAMP"],
+            roll_to_throttle=value["TECS_RLL2THR"],
+            speed_weight=value["TECS_SPDWEIGHT"],
+            demand_s=value["TECS_HDEM_TCONST"],
+            climb_max=value["TECS_CLMB_MAX"],
+            sink_min=value["TECS_SINK_MIN"],
+            sink_max=max(value["TECS_SINK_MAX"], 0.1),
+            trim_throttle=0.01 * value["TRIM_THROTTLE"],
+            throttle_min=max(least, 0.0),
+            throttle_max=most,
+            throttle_slew=0.01 * value["THR_SLEWRATE"],
+            pitch_min=math.radians(pitch_min),
+            pitch_max=math.radians(max(pitch_max, pitch_min)),
+            pitch_s=value["PTCH2SRV_TCONST"],
+            pitch_up_rate=math.radians(value["PTCH2SRV_RMAX_UP"] or _ANY_RATE),
+            pitch_down_rate=math.radians(value["PTCH2SRV_RMAX_DN"] or _ANY_RATE),
+            slope_min=value["ALT_SLOPE_MIN"] or math.inf,
+            land_s=value["TECS_LAND_TCONST"],
+            land_damping=value["TECS_LAND_DAMP"],
+            land_speed_weight=value["TECS_LAND_SPDWGT"],
+            land_pitch=math.radians(value["LAND_PITCH_DEG"]),
+            land_pitch_max=math.radians(value["TECS_LAND_PMAX"]),
+            hold_off_height=value["TECS_FLARE_HGT"],
+            flare_aim=0.01 * value["LAND_FLARE_AIM"],
+            preflare_height=value["LAND_PF_ALT"],
+            preflare_s=value["LAND_PF_SEC"],
+            preflare_airspeed=value["LAND_PF_ARSPD"],
+            head_wind_share=0.01 * value["LAND_WIND_COMP"],
+            level_off_s=value["TKOFF_PLIM_SEC"],
+            takeoff_throttle=0.01 * value["TKOFF_THR_MAX"] or most,
+            takeoff_delay_s=0.1 * value["TKOFF_THR_DELAY"],
+        )
+
+    def fit(self, spec: VehicleSpec) -> VehicleSpec:
+        """Vehicle with the values that parameters decide."""
+        friction = None if spec.airframe is None else spec.airframe.ground_drag_1_s
+        # The delay counts from when it no longer seems to fly; until it stands it rolls on.
+        rolls = math.log(_SEEMS_TO_FLY_M_S / STOPPED_M_S) / friction if friction else 0.0
+        delay = max(self.value(spec, "LAND_DISARMDELAY") + _NOTICES_S - rolls, 0.0)
+        return replace(super().fit(spec), disarm_delay_s=delay)
 
     def steepest_approach(self, spec: VehicleSpec) -> tuple[str, float] | None:  # noqa: ARG002
         """None: it takes any approach."""

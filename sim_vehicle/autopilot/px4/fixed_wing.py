@@ -12,10 +12,6 @@ from typing import TYPE_CHECKING
 
 from sim_vehicle.airframe.parameters import ParameterSpec
 from sim_vehicle.autopilot.fixed_wing import (
-    BRAKE_M_S2,
-    ROLL_M_S2,
-    THROW_M_S2,
-    THROW_SHARE,
     FixedWingProcedures,
     in_order,
 )
@@ -25,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.fixed_wing.model import FixedWingLimits
+    from sim_vehicle.motion.fixed_wing.limits import FixedWingLimits
     from sim_vehicle.motion.legs import Heading, Position
 
 __all__ = ["PX4_FIXED_WING"]
@@ -50,7 +46,6 @@ PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
         "FW_T_CLMB_MAX": ParameterSpec(5.0, 1.0, 15.0, "m/s", "climb rate at full throttle"),
         "FW_T_CLMB_R_SP": ParameterSpec(3.0, 0.1, 15.0, "m/s", "climb rate"),
         "FW_T_SINK_MAX": ParameterSpec(5.0, 1.0, 15.0, "m/s", "greatest sink rate"),
-        "FW_T_SINK_MIN": ParameterSpec(2.0, 1.0, 5.0, "m/s", "sink rate without throttle"),
         "FW_T_SINK_R_SP": ParameterSpec(2.0, 0.1, 15.0, "m/s", "sink rate"),
         "FW_T_TAS_TC": ParameterSpec(5.0, 2.0, 100.0, "s", "time constant of the airspeed"),
         "FW_T_VERT_ACC": ParameterSpec(7.0, 1.0, 10.0, "m/s^2", "vertical acceleration"),
@@ -88,13 +83,14 @@ class Px4FixedWing(FixedWingProcedures):
     def limits(self, spec: VehicleSpec) -> FixedWingLimits:
         """Limits of a vehicle's flight."""
         from sim_vehicle.motion.fixed_wing.guidance import NPFG
-        from sim_vehicle.motion.fixed_wing.model import FixedWingLimits
+        from sim_vehicle.motion.fixed_wing.limits import FixedWingLimits
 
         value = {name: self.value(spec, name) for name in self.parameters}
         least, trim, most = in_order(value["FW_AIRSPD_MIN"], value["FW_AIRSPD_TRIM"], value["FW_AIRSPD_MAX"])
         takeoff = value["FW_TKO_AIRSPD"] if value["FW_TKO_AIRSPD"] > 0.0 else least
         runway = value["RWTO_TKOFF"] > 0.0
         rotation = value["RWTO_ROT_AIRSPD"] if value["RWTO_ROT_AIRSPD"] > 0.0 else takeoff
+        liftoff, acceleration = self.start_of_flight(spec, rotation if runway else 0.0, takeoff)
         return FixedWingLimits(
             law=NPFG,
             airspeed_min=least,
@@ -106,7 +102,6 @@ class Px4FixedWing(FixedWingProcedures):
             roll_slew=math.radians(value["FW_PN_R_SLEW_MAX"] or 1000.0),
             climb_max=value["FW_T_CLMB_MAX"],
             climb_rate=min(value["FW_T_CLMB_R_SP"], value["FW_T_CLMB_MAX"]),
-            sink_min=value["FW_T_SINK_MIN"],
             sink_rate=min(value["FW_T_SINK_R_SP"], value["FW_T_SINK_MAX"]),
             sink_max=value["FW_T_SINK_MAX"],
             height_s=value["FW_T_ALT_TC"],
@@ -118,18 +113,16 @@ class Px4FixedWing(FixedWingProcedures):
             switch_share=value["NPFG_SW_DST_MLT"],
             acceptance=value["NAV_ACC_RAD"],
             height_acceptance=value["NAV_FW_ALT_RAD"],
-            along_leg=True,
             ground_min=value["FW_GND_SPD_MIN"],
             takeoff_airspeed=takeoff,
-            rotation_airspeed=rotation if runway else THROW_SHARE * takeoff,
-            launch_acceleration=ROLL_M_S2 if runway else THROW_M_S2,
+            rotation_airspeed=liftoff,
+            launch_acceleration=acceleration,
             level_height=0.0,
             level_bank=0.1,
             landing_airspeed=value["FW_LND_AIRSPD"] if value["FW_LND_AIRSPD"] > 0.0 else least,
             flare_height=value["FW_LND_FLALT"],
             flare_s=value["FW_LND_FL_TIME"],
             flare_sink=value["FW_LND_FL_SINK"],
-            braking=BRAKE_M_S2,
             landing_slope=math.tan(math.radians(value["FW_LND_ANG"])),
             loiter_radius=value["NAV_LOITER_RAD"] or 80.0,
         )

@@ -8,12 +8,14 @@ first 19 numbers and whose counters it has.
 
 from __future__ import annotations
 
-from math import atan, atan2, cos, inf, isnan, pi, sin, sqrt, tan
+from math import asin, atan, atan2, cos, inf, isnan, pi, sin, sqrt, tan
 
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.energy.power_kernels import fixed_wing_power
 from sim_vehicle.motion import columns as col
+from sim_vehicle.motion.fixed_wing import arduplane
+from sim_vehicle.motion.fixed_wing.forces import drag, energy_rate, energy_rates
 from sim_vehicle.motion.fixed_wing.guidance import (
     NPFG,
     Floats,
@@ -23,120 +25,125 @@ from sim_vehicle.motion.fixed_wing.guidance import (
     npfg,
     switch_distance,
 )
+from sim_vehicle.motion.fixed_wing.layout import (
+    ACCEPTANCE,
+    AIRSPEED,
+    AIRSPEED_MAX,
+    AIRSPEED_MIN,
+    AIRSPEED_TRIM,
+    BANK,
+    BANK_DEMAND,
+    BANK_LIMIT,
+    BEARING,
+    BEGIN,
+    BRAKING,
+    CENTRE,
+    CENTRE_RADIUS,
+    CIRCLE,
+    CIRCULAR_LANDING,
+    CLIMB,
+    CLIMB_MAX,
+    CLIMB_RATE,
+    COMMAND,
+    COURSE,
+    DAMPING,
+    DIRECT,
+    DOING,
+    ENERGY_LIMIT,
+    FALL,
+    FLARE,
+    FLARE_HEIGHT,
+    FLARE_S,
+    FLARE_SINK,
+    FLYING,
+    GROUND_DRAG,
+    GROUND_MIN,
+    GUIDANCE,
+    HEIGHT_S,
+    INTEGRAL,
+    LANDING,
+    LANDING_AIRSPEED,
+    LAUNCH,
+    LAW,
+    LEG_AIRSPEED,
+    LEG_CIRCLE_RADIUS,
+    LEG_EXIT_X,
+    LEG_EXIT_Y,
+    LEG_HEIGHT_TOLERANCE,
+    LEG_KIND,
+    LEG_NEAR,
+    LEG_PAUSE,
+    LEG_RADIUS,
+    LEG_SLOPE,
+    LEG_TURN_ANGLE,
+    LEG_TURNS,
+    LEG_X,
+    LEG_Y,
+    LEG_Z,
+    LEVEL_BANK,
+    LEVEL_HEIGHT,
+    LIFT_LEVEL,
+    LIFT_SLOPE,
+    LINE,
+    LOITER_RADIUS,
+    ON_GROUND,
+    PARASITIC,
+    PAUSE_END,
+    PERIOD,
+    PITCH,
+    PITCH_DEMAND,
+    PITCH_DOWN_RATE,
+    PITCH_S,
+    PITCH_UP_RATE,
+    ROLL_RATE,
+    ROLL_RATE_MAX,
+    ROLL_S,
+    ROLL_SLEW,
+    ROLLING,
+    ROTATION,
+    RUNNING,
+    SINCE,
+    SINK_MAX,
+    SINK_RATE,
+    SPEED_S,
+    STEP_S,
+    STOPPED_M_S,
+    SWITCH_SHARE,
+    TAKEOFF,
+    TAKEOFF_AIRSPEED,
+    TAKEOFF_DELAY,
+    THROTTLE,
+    THROTTLE_DEMAND,
+    THROTTLE_LIMIT,
+    THROTTLE_SLEW,
+    THRUST,
+    TURN_SHARE,
+    TURNED,
+    VERTICAL_ACCELERATION,
+    WIND_UP,
+    WING_SPAN,
+)
+from sim_vehicle.motion.fixed_wing.tecs import PERIOD_S
 from sim_vehicle.motion.multirotor.kernel import Integers
 from sim_vehicle.motion.rows import copy
 from sim_vehicle.motion.rules import complete_leg, mark_track, wind_row
 from sim_vehicle.weather.gust_kernel import wind_at
 
-# The state: the shared numbers, where the vertical wind takes the column of LOOK_EAST, and then these.
-WIND_UP = 17
-(
-    BANK,
-    AIRSPEED,  # True airspeed.
-    CLIMB,  # Through the air.
-    THROTTLE,  # 0 to 1.
-    PITCH,
-    COMMAND,  # Bank that is commanded.
-) = range(19, 25)
-BEGIN = 25  # Beginning of the leg, three numbers.
-(
-    COURSE,  # On the ground.
-    TURNED,  # About the centre.
-    BEARING,  # From the centre; NaN: not circling yet.
-    PAUSE_END,  # Step at which a pause ends.
-    DOING,  # ON_GROUND, FLYING, FLARE or ROLLING.
-    GUIDANCE,  # Two numbers: last angle, integral.
-) = range(28, 34)
-# Position that is circled after the end of a route, three numbers, and the radius.
-CENTRE, CENTRE_RADIUS = 35, 38
-STATE = 39
-ON_GROUND, FLYING, FLARE, ROLLING = 0.0, 1.0, 2.0, 3.0
+__all__ = ["advance"]
 
-# One leg.
-(
-    LEG_X,
-    LEG_Y,
-    LEG_Z,
-    LEG_KIND,
-    LEG_RADIUS,  # Acceptance radius; 0: the autopilot's.
-    LEG_AIRSPEED,
-    LEG_NEAR,  # Distance to notify at.
-    LEG_CIRCLE_RADIUS,  # Positive: clockwise.
-    LEG_TURNS,
-    LEG_EXIT_X,  # Where to leave the circle to; NaN: anywhere.
-    LEG_EXIT_Y,
-    LEG_PAUSE,
-    LEG_CLIMBS_ALONG,  # Whether the height changes along the leg.
-    LEG_HEIGHT_TOLERANCE,
-    LEG_TURN_ANGLE,  # Angle to the next leg.
-    LEG_SLOPE,  # Of a circular landing.
-) = range(16)
-LEG = 16
-LINE, CIRCLE, TAKEOFF, LANDING, CIRCULAR_LANDING, FALL = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
-
-# limits
-(
-    STEP_S,
-    LAW,
-    AIRSPEED_MIN,
-    AIRSPEED_TRIM,
-    AIRSPEED_MAX,
-    BANK_LIMIT,
-    ROLL_S,
-    ROLL_RATE,
-    ROLL_SLEW,
-    CLIMB_MAX,
-    CLIMB_RATE,
-    SINK_MIN,
-    SINK_RATE,
-    SINK_MAX,
-    HEIGHT_S,
-    SPEED_S,
-    VERTICAL_ACCELERATION,
-    PERIOD,
-    DAMPING,
-    INTEGRAL,
-    SWITCH_SHARE,
-    ACCEPTANCE,
-    GROUND_MIN,
-    TAKEOFF_AIRSPEED,
-    ROTATION,
-    LAUNCH,
-    LEVEL_HEIGHT,
-    LEVEL_BANK,
-    WING_SPAN,
-    LANDING_AIRSPEED,
-    FLARE_HEIGHT,
-    FLARE_S,
-    FLARE_SINK,
-    BRAKING,
-    LOITER_RADIUS,
-    ENERGY_LIMIT,
-    THROTTLE_LIMIT,
-    PARASITIC,
-    INDUCED,
-) = range(39)
-LIMITS = 39
-
-PITCH_S = 0.5
+CLIMB_LAG_S = 0.5
+ROLL_RATE_S = 0.1
 THROTTLE_S = 0.4
-ALPHA = 0.05
+STEEPEST = 0.8
+SLOW_M_S = 3.0
 SHORT = 0.5
-STOPPED = 0.1
 ALIGNED = 0.985
 FALL_M_S = 18.0
 FALL_S = 2.0
+AHEAD_OF_LANDING_M = 200.0
 # A leg is given up when it takes longer than this and three times what it takes at a slow speed.
 PATIENCE_S = 120.0
 SLOW_SHARE = 0.15
-
-
-@compiled
-def excess_sink(limits: Floats, airspeed: float, load: float) -> float:
-    """Return the loss of energy to drag beyond that of trimmed level flight, over the weight, m/s."""
-    v, trim = max(airspeed, 3.0), limits[AIRSPEED_TRIM]
-    drag = limits[PARASITIC] * v * v * v + limits[INDUCED] * load * load / v
-    return float((drag - limits[PARASITIC] * trim * trim * trim - limits[INDUCED] / trim) / GRAVITY_M_S2)
 
 
 @compiled
@@ -167,13 +174,21 @@ def _steer_line(
     rx, ry = state[col.POSITION_X] - state[BEGIN], state[col.POSITION_Y] - state[BEGIN + 1]
     goal_x, goal_y = row[LEG_X] - state[col.POSITION_X], row[LEG_Y] - state[col.POSITION_Y]
     if limits[LAW] != NPFG:
-        if length < SHORT:
+        if length < SHORT or state[DIRECT] > 0.0:
             dx, dy, length, rx, ry = goal_x, goal_y, sqrt(goal_x * goal_x + goal_y * goal_y), 0.0, 0.0
             if length < 1e-6:
                 dx, dy, length = sin(state[col.HEADING]), cos(state[col.HEADING]), 1.0
+        if row[LEG_KIND] == LANDING:
+            # Past the landing point it keeps the line.
+            te, tn = dx / length, dy / length
+            far = length + sqrt(rx * rx + ry * ry) + AHEAD_OF_LANDING_M
+            return l1_line(
+                rx, ry, te, tn, far, ve, vn, period, damping, limits[INTEGRAL], PERIOD_S, state,
+                GUIDANCE,
+            )  # fmt: skip
         return l1_line(
             rx, ry, dx / length, dy / length, length, ve, vn, period, damping, limits[INTEGRAL],
-            limits[STEP_S], state, GUIDANCE,
+            PERIOD_S, state, GUIDANCE,
         )  # fmt: skip
     ground = sqrt(ve * ve + vn * vn)
     if length >= SHORT and row[LEG_KIND] != TAKEOFF:
@@ -230,9 +245,7 @@ def _energy(
     throttle cannot give is shared.
     """
     v = max(state[AIRSPEED], SHORT)
-    extra = excess_sink(limits, v, load)
-    most = limits[CLIMB_MAX] - extra
-    least = -limits[SINK_MIN] - extra
+    least, most = energy_rates(limits, v, load)
     climb = (height - state[col.POSITION_Z]) / limits[HEIGHT_S]
     climb = min(max(climb, -limits[SINK_RATE]), limits[CLIMB_RATE])
     # Rates of the kinetic energy over the weight.
@@ -243,7 +256,7 @@ def _energy(
         climb = limits[CLIMB_MAX]
     else:
         throttle = min(max((climb + fast - least) / max(most - least, 0.1), 0.0), limits[THROTTLE_LIMIT])
-    rate = least + state[THROTTLE] * (most - least)
+    rate = energy_rate(limits, state[THROTTLE], v, load)
     # Where it climbs out, is too slow or has no power, the speed is held first and what is left climbs.
     least_speed = min(limits[AIRSPEED_MIN], limits[LANDING_AIRSPEED])
     slow = min(max(10.0 * (1.0 - v / least_speed), 0.0), 1.0)
@@ -260,8 +273,7 @@ def _acceptance(state: Floats, row: Floats, limits: Floats) -> float:
         state[col.VELOCITY_X] * state[col.VELOCITY_X] + state[col.VELOCITY_Y] * state[col.VELOCITY_Y]
     )
     if limits[LAW] == NPFG:
-        near = switch_distance(ground, limits[PERIOD], limits[DAMPING], limits[SWITCH_SHARE])
-        return float(max(limits[ACCEPTANCE], near))
+        return float(limits[ACCEPTANCE])
     if row[LEG_RADIUS] > 0.0:
         return float(row[LEG_RADIUS])
     near = min(limits[ACCEPTANCE], l1_distance(ground, limits[PERIOD], limits[DAMPING]))
@@ -329,6 +341,41 @@ def _roll_on_ground(state: Floats, limits: Floats, rate: float, wx: float, wy: f
 
 
 @compiled
+def _roll(state: Floats, limits: Floats, bank: float) -> None:
+    """Roll towards a commanded bank."""
+    dt = limits[STEP_S]
+    change = limits[ROLL_SLEW] * dt
+    command = state[COMMAND] + min(max(bank - state[COMMAND], -change), change)
+    state[COMMAND] = command
+    most = limits[ROLL_RATE_MAX]
+    rate = min(max((command - state[BANK]) / limits[ROLL_S], -most), most)
+    if limits[LAW] != NPFG:
+        rate = state[ROLL_RATE] + (rate - state[ROLL_RATE]) * dt / (ROLL_RATE_S + dt)
+        state[ROLL_RATE] = rate
+    state[BANK] += rate * dt
+
+
+@compiled
+def _pitch_up(state: Floats, limits: Floats, pitch: float) -> float:
+    """Pitch towards a commanded angle and return the climb rate that the lift then gives.
+
+    The wing's lift turns the path until the angle of attack is that at which it carries the weight.
+    """
+    dt = limits[STEP_S]
+    rate = (pitch - state[PITCH]) / limits[PITCH_S]
+    state[PITCH] += min(max(rate, -limits[PITCH_DOWN_RATE]), limits[PITCH_UP_RATE]) * dt
+    v = max(state[AIRSPEED], SLOW_M_S)
+    path = asin(min(max(state[CLIMB] / v, -STEEPEST), STEEPEST))
+    level = cos(state[BANK])
+    needed = GRAVITY_M_S2 * cos(path) / level
+    attack = (needed / (v * v) - limits[LIFT_LEVEL]) / limits[LIFT_SLOPE]
+    steady = state[PITCH] - min(attack, 0.5 * pi) * level
+    lag = 1.0 / (limits[LIFT_SLOPE] * v)
+    path += (steady - path) * dt / (lag + dt)
+    return v * min(max(sin(path), -STEEPEST), STEEPEST)
+
+
+@compiled
 def _fly(
     state: Floats, limits: Floats, bank: float, climb: float, rate: float, wx: float, wy: float, rising: float
 ) -> float:
@@ -337,28 +384,25 @@ def _fly(
     Parameters
     ----------
     bank, climb : float
-        What is commanded.
+        What is commanded; ArduPlane's is the climb rate that there is.
     rate : float
         Gain of energy over the weight, m/s.
     wx, wy, rising : float
         Wind.
     """
     dt = limits[STEP_S]
-    change = limits[ROLL_SLEW] * dt
-    command = state[COMMAND] + min(max(bank - state[COMMAND], -change), change)
-    state[COMMAND] = command
-    roll = min(max((command - state[BANK]) / limits[ROLL_S], -limits[ROLL_RATE]), limits[ROLL_RATE])
-    state[BANK] += roll * dt
+    _roll(state, limits, bank)
     bank = state[BANK]
-    change = limits[VERTICAL_ACCELERATION] * dt
-    w = state[CLIMB]
-    w += min(max((climb - w) * dt / PITCH_S, -change), change)
+    w = climb
+    if limits[LAW] == NPFG:
+        change = limits[VERTICAL_ACCELERATION] * dt
+        w = state[CLIMB] + min(max((climb - state[CLIMB]) * dt / CLIMB_LAG_S, -change), change)
     v = max(state[AIRSPEED], SHORT)
     v += (rate - w) * GRAVITY_M_S2 / v * dt
     v = max(v, SHORT)
-    w = min(max(w, -0.8 * v), 0.8 * v)
+    w = min(max(w, -STEEPEST * v), STEEPEST * v)
     forward = sqrt(v * v - w * w)
-    turn = GRAVITY_M_S2 * tan(bank) / forward
+    turn = limits[TURN_SHARE] * GRAVITY_M_S2 * tan(bank) / forward
     middle = state[col.HEADING] + 0.5 * turn * dt
     yaw = (state[col.HEADING] + turn * dt) % (2.0 * pi)
     ve, vn, vz = forward * sin(yaw) + wx, forward * cos(yaw) + wy, w + rising
@@ -377,7 +421,9 @@ def _fly(
     state[col.HEADING], state[col.HEADING_RATE] = yaw, turn
     state[AIRSPEED], state[CLIMB] = v, w
     load = 1.0 / cos(bank)
-    state[PITCH] = atan2(w, forward) + ALPHA * load * (limits[AIRSPEED_TRIM] / v) ** 2
+    if limits[LAW] == NPFG:
+        attack = (GRAVITY_M_S2 * load / max(v * v, 1.0) - limits[LIFT_LEVEL]) / limits[LIFT_SLOPE]
+        state[PITCH] = atan2(w, forward) + min(attack, 0.5)
     return load
 
 
@@ -426,6 +472,40 @@ def _near_ground(state: Floats, limits: Floats, level: bool) -> float:
 
 
 @compiled
+def _take_off(state: Floats, limits: Floats, wx: float, wy: float) -> None:
+    """Be thrown, or roll a step, and leave the ground when it is fast enough."""
+    dt = limits[STEP_S]
+    state[SINCE] += dt
+    if state[SINCE] < limits[TAKEOFF_DELAY]:
+        state[THROTTLE] = 0.0
+        _roll_on_ground(state, limits, 0.0, wx, wy)
+        return
+    throttle = limits[THROTTLE_LIMIT]
+    if limits[THROTTLE_SLEW] > 0.0:
+        throttle = min(throttle, state[THROTTLE] + limits[THROTTLE_SLEW] * dt)
+    state[THROTTLE] = throttle
+    rate = limits[LAUNCH]
+    if rate <= 0.0:
+        v = state[AIRSPEED]
+        # It stands level until it lifts off: the drag is that of the lift at no angle of attack.
+        load = limits[LIFT_LEVEL] * v * v / GRAVITY_M_S2
+        rate = limits[THRUST] * throttle - drag(limits, v, load) - limits[GROUND_DRAG] * v
+    _roll_on_ground(state, limits, rate, wx, wy)
+    if state[AIRSPEED] >= limits[ROTATION]:
+        _lift_off(state, wx, wy)
+
+
+@compiled
+def _brake(state: Floats, limits: Floats) -> float:
+    """Return the deceleration on the ground after a landing."""
+    braking = limits[BRAKING]
+    if limits[GROUND_DRAG] > 0.0:
+        v = state[AIRSPEED]
+        braking += limits[GROUND_DRAG] * v + limits[PARASITIC] * v * v
+    return float(braking)
+
+
+@compiled
 def _lift_off(state: Floats, wx: float, wy: float) -> None:
     ae, an = state[col.VELOCITY_X] - wx, state[col.VELOCITY_Y] - wy
     state[AIRSPEED] = max(sqrt(ae * ae + an * an), SHORT)
@@ -440,127 +520,122 @@ def _enter(state: Floats, route: Floats, leg: int, step: int, limits: Floats) ->
     state[col.GIVE_UP_STEP] = step + _patience_steps(state, row, limits)
     state[TURNED], state[BEARING], state[PAUSE_END] = 0.0, float("nan"), inf
     state[GUIDANCE] = 0.0
-    if leg > 0 and route[leg - 1, LEG_KIND] == LINE:
+    before = route[leg - 1, LEG_KIND] if leg > 0 else FALL
+    # ArduPlane keeps the line from the centre of a circle; after a take-off it keeps none.
+    if before == LINE or (before == CIRCLE and limits[LAW] != NPFG):
         copy(state, BEGIN, route[leg - 1], LEG_X, 3)
+        state[DIRECT] = 0.0
     elif leg > 0 or isnan(state[BEGIN]):
         copy(state, BEGIN, state, col.POSITION, 3)
+        state[DIRECT] = 1.0
+    else:
+        state[DIRECT] = 0.0
+    arduplane.begin_slope(state, row, limits)
     landing = row[LEG_KIND] in (LANDING, CIRCULAR_LANDING)
     if state[DOING] == FLARE or (state[DOING] == ROLLING and not landing):
         state[DOING] = FLYING if state[DOING] == FLARE else ON_GROUND
     if state[DOING] == ON_GROUND:
+        state[RUNNING] = 0.0
         east, north = row[LEG_X] - state[col.POSITION_X], row[LEG_Y] - state[col.POSITION_Y]
         if row[LEG_KIND] == TAKEOFF and east * east + north * north > 25.0:
             state[col.HEADING] = atan2(east, north) % (2.0 * pi)
         state[COURSE] = state[col.HEADING]
+        state[SINCE] = state[THROTTLE] = 0.0
     elif row[LEG_KIND] == TAKEOFF:
         state[COURSE] = atan2(state[col.VELOCITY_X], state[col.VELOCITY_Y])
 
 
 @compiled
-def _tick(
-    state: Floats, row: Floats, arrived: bool, limits: Floats, step: int, wx: float, wy: float, rising: float
-) -> bool:
-    """Move one step and tell whether the leg is done."""
+def _circles(state: Floats, row: Floats, arrived: bool) -> bool:
+    """Tell whether a circle is flown now."""
+    if arrived or row[LEG_KIND] == LINE:
+        return row[LEG_KIND] != LANDING and (arrived or not isnan(state[BEARING]))
+    return row[LEG_KIND] in (CIRCLE, CIRCULAR_LANDING)
+
+
+@compiled
+def _steer(
+    state: Floats, row: Floats, arrived: bool, limits: Floats, wx: float, wy: float
+) -> tuple[float, float, float]:
+    """Return the lateral acceleration that the guidance asks for, and the bearing of a line."""
     kind = row[LEG_KIND]
-    doing = state[DOING]
-    if kind == FALL:
-        _drop(state, limits, wx, wy)
-        return bool(state[col.POSITION_Z] <= 0.0)
-    if doing == ROLLING:
-        state[THROTTLE] = 0.0
-        _roll_on_ground(state, limits, -limits[BRAKING], wx, wy)
-        return bool(
-            state[col.VELOCITY_X] * state[col.VELOCITY_X] + state[col.VELOCITY_Y] * state[col.VELOCITY_Y]
-            < STOPPED * STOPPED
-        )
-    if doing == ON_GROUND:
-        state[THROTTLE] = limits[THROTTLE_LIMIT]
-        _roll_on_ground(state, limits, limits[LAUNCH], wx, wy)
-        if state[AIRSPEED] >= limits[ROTATION]:
-            _lift_off(state, wx, wy)
-        return False
-    # What to follow.
-    height, airspeed = row[LEG_Z], row[LEG_AIRSPEED]
-    x, y, radius = row[LEG_X], row[LEG_Y], row[LEG_CIRCLE_RADIUS]
-    circling = kind in (CIRCLE, CIRCULAR_LANDING)
-    landing = kind in (LANDING, CIRCULAR_LANDING)
-    if arrived and not landing:
-        circling = True
-        x, y, height, radius = state[CENTRE], state[CENTRE + 1], state[CENTRE + 2], state[CENTRE_RADIUS]
-        airspeed = limits[AIRSPEED_TRIM] if kind == TAKEOFF else airspeed
-    elif kind == LINE and not isnan(state[BEARING]):
-        circling = True
-    be, bn = 0.0, 0.0
-    rolls = _near_ground(state, limits, kind == TAKEOFF)
-    if doing == FLARE:
-        lateral = 0.0
-        rolls = min(rolls, 0.09)
-    elif circling:
-        lateral = _steer_circle(state, x, y, radius, limits, wx, wy)
-    elif kind == TAKEOFF:
-        ce, cn = sin(state[COURSE]), cos(state[COURSE])
+    if state[DOING] == FLARE and (limits[LAW] == NPFG or kind != LANDING):
+        return 0.0, 0.0, 0.0
+    if _circles(state, row, arrived):
+        x, y, radius = row[LEG_X], row[LEG_Y], row[LEG_CIRCLE_RADIUS]
+        if arrived and kind != CIRCULAR_LANDING:
+            x, y, radius = state[CENTRE], state[CENTRE + 1], state[CENTRE_RADIUS]
+        return _steer_circle(state, x, y, radius, limits, wx, wy), 0.0, 0.0
+    if kind != TAKEOFF:
+        return _steer_line(state, row, limits, wx, wy)
+    ce, cn = sin(state[COURSE]), cos(state[COURSE])
+    if limits[LAW] == NPFG:
         rx, ry = state[col.POSITION_X] - state[BEGIN], state[col.POSITION_Y] - state[BEGIN + 1]
-        if limits[LAW] == NPFG:
-            error = rx * cn - ry * ce
-            lateral, be, bn = npfg(
-                error,
-                ce,
-                cn,
-                0.0,
-                state[col.VELOCITY_X],
-                state[col.VELOCITY_Y],
-                wx,
-                wy,
-                limits[PERIOD],
-                limits[DAMPING],
-            )
-        else:
-            rate = sqrt(2.0) * pi / limits[PERIOD]
-            error = (state[COURSE] - state[col.HEADING] + pi) % (2.0 * pi) - pi
-            error = min(max(error, -0.5 * pi), 0.5 * pi)
-            lateral = 2.0 * sin(error) * rate * state[AIRSPEED]
-    else:
-        lateral, be, bn = _steer_line(state, row, limits, wx, wy)
+        return npfg(
+            rx * cn - ry * ce, ce, cn, 0.0, state[col.VELOCITY_X], state[col.VELOCITY_Y], wx, wy,
+            limits[PERIOD], limits[DAMPING],
+        )  # fmt: skip
+    rate = sqrt(2.0) * pi / limits[PERIOD]
+    error = (state[COURSE] - state[col.HEADING] + pi) % (2.0 * pi) - pi
+    error = min(max(error, -0.5 * pi), 0.5 * pi)
+    return 2.0 * sin(error) * rate * state[AIRSPEED], 0.0, 0.0
+
+
+@compiled
+def _airspeed(
+    row: Floats, arrived: bool, limits: Floats, be: float, bn: float, wx: float, wy: float
+) -> float:
+    """Return the airspeed of a leg, raised for the least ground speed along a bearing."""
+    kind = row[LEG_KIND]
+    airspeed = row[LEG_AIRSPEED]
+    if kind == TAKEOFF:
+        airspeed = limits[AIRSPEED_TRIM] if arrived else limits[TAKEOFF_AIRSPEED]
+    elif kind in (LANDING, CIRCULAR_LANDING):
+        airspeed = limits[LANDING_AIRSPEED]
+    ground = limits[GROUND_MIN]
+    if ground > 0.0 and (be != 0.0 or bn != 0.0):
+        along, across = wx * be + wy * bn, wy * be - wx * bn
+        if ground > along:
+            airspeed = max(airspeed, sqrt((ground - along) ** 2 + across * across))
+    return float(
+        min(max(airspeed, min(limits[AIRSPEED_MIN], limits[LANDING_AIRSPEED])), limits[AIRSPEED_MAX])
+    )
+
+
+@compiled
+def _arduplane_control(
+    state: Floats, row: Floats, arrived: bool, limits: Floats, wx: float, wy: float
+) -> None:
+    """Set what ArduPlane demands: bank, pitch and throttle."""
+    lateral, be, bn = _steer(state, row, arrived, limits, wx, wy)
+    takeoff = row[LEG_KIND] == TAKEOFF and not arrived
+    arduplane.command_bank(state, limits, lateral, takeoff, state[DOING] == FLARE)
+    airspeed = _airspeed(row, arrived, limits, be, bn, wx, wy)
+    arduplane.command_energy(state, row, limits, arrived, _circles(state, row, arrived), airspeed, wx, wy)
+
+
+@compiled
+def _px4_control(
+    state: Floats, row: Floats, arrived: bool, limits: Floats, wx: float, wy: float
+) -> tuple[float, float, float]:
+    """Move the throttle as PX4 does; return bank and climb that it commands, and the energy rate."""
+    kind = row[LEG_KIND]
+    landing = kind in (LANDING, CIRCULAR_LANDING)
+    circling = _circles(state, row, arrived)
+    lateral, be, bn = _steer(state, row, arrived, limits, wx, wy)
+    rolls = _near_ground(state, limits, kind == TAKEOFF)
+    if state[DOING] == FLARE:
+        rolls = min(rolls, 0.09)
     bank = min(max(atan(lateral / GRAVITY_M_S2), -rolls), rolls)
-    # Speeds and heights.
+    airspeed = _airspeed(row, arrived, limits, be, bn, wx, wy)
     load = 1.0 / cos(state[BANK])
     full = kind == TAKEOFF and not arrived
+    height = state[CENTRE + 2] if arrived and not landing else row[LEG_Z]
     if full:
-        airspeed = limits[TAKEOFF_AIRSPEED]
         height = row[LEG_Z] + 10.0 * limits[HEIGHT_S]
     elif landing:
-        airspeed = limits[LANDING_AIRSPEED]
-    ground2 = limits[GROUND_MIN]
-    if ground2 > 0.0 and not circling and (be != 0.0 or bn != 0.0):
-        along, across = wx * be + wy * bn, wy * be - wx * bn
-        if ground2 > along:
-            airspeed = max(airspeed, sqrt((ground2 - along) ** 2 + across * across))
-    airspeed = min(max(airspeed, min(limits[AIRSPEED_MIN], limits[LANDING_AIRSPEED])), limits[AIRSPEED_MAX])
-    sink = 0.0
-    if landing:
-        ground = sqrt(
-            state[col.VELOCITY_X] * state[col.VELOCITY_X] + state[col.VELOCITY_Y] * state[col.VELOCITY_Y]
-        )
-        if kind == LANDING:
-            dx, dy = row[LEG_X] - state[BEGIN], row[LEG_Y] - state[BEGIN + 1]
-            length = max(sqrt(dx * dx + dy * dy), 1e-3)
-            to_go = (
-                (row[LEG_X] - state[col.POSITION_X]) * dx + (row[LEG_Y] - state[col.POSITION_Y]) * dy
-            ) / length
-            slope = max(state[BEGIN + 2], 1.0) / length
-            height = min(max(slope * to_go, 0.0), max(state[BEGIN + 2], 0.0))
-            if to_go < length:
-                sink = slope * ground
-        else:
-            sink = row[LEG_SLOPE] * ground
-            height = state[col.POSITION_Z]
-        # The height follows the slope without lag: what the error asks for comes on top of the slope.
-        height -= sink * limits[HEIGHT_S]
-        if state[col.POSITION_Z] <= max(
-            limits[FLARE_HEIGHT], limits[FLARE_S] * max(-state[col.VELOCITY_Z], 0.0)
-        ):
-            state[DOING] = FLARE
-    elif row[LEG_CLIMBS_ALONG] > 0.0 and not circling:
+        height = _px4_approach(state, row, limits)
+    elif kind == LINE and not circling:
         dx, dy = row[LEG_X] - state[BEGIN], row[LEG_Y] - state[BEGIN + 1]
         length2 = dx * dx + dy * dy
         if length2 > 1.0:
@@ -575,9 +650,68 @@ def _tick(
         climb = -limits[FLARE_SINK] - max(state[col.POSITION_Z], 0.0) / max(limits[FLARE_S], SHORT)
     else:
         throttle, climb, rate = _energy(state, limits, height, airspeed, load, full)
-    dt = limits[STEP_S]
-    state[THROTTLE] += (throttle - state[THROTTLE]) * dt / THROTTLE_S
-    load = _fly(state, limits, bank, climb, rate, wx, wy, rising)
+    state[THROTTLE] += (throttle - state[THROTTLE]) * limits[STEP_S] / THROTTLE_S
+    return bank, climb, rate
+
+
+@compiled
+def _px4_approach(state: Floats, row: Floats, limits: Floats) -> float:
+    """Return the height to aim at on the way down to a landing; begin the flare."""
+    ground = sqrt(
+        state[col.VELOCITY_X] * state[col.VELOCITY_X] + state[col.VELOCITY_Y] * state[col.VELOCITY_Y]
+    )
+    sink = 0.0
+    if row[LEG_KIND] == LANDING:
+        dx, dy = row[LEG_X] - state[BEGIN], row[LEG_Y] - state[BEGIN + 1]
+        length = max(sqrt(dx * dx + dy * dy), 1e-3)
+        to_go = (
+            (row[LEG_X] - state[col.POSITION_X]) * dx + (row[LEG_Y] - state[col.POSITION_Y]) * dy
+        ) / length
+        slope = max(state[BEGIN + 2], 1.0) / length
+        height = min(max(slope * to_go, 0.0), max(state[BEGIN + 2], 0.0))
+        if to_go < length:
+            sink = slope * ground
+    else:
+        sink = row[LEG_SLOPE] * ground
+        height = state[col.POSITION_Z]
+    if state[col.POSITION_Z] <= max(limits[FLARE_HEIGHT], limits[FLARE_S] * max(-state[col.VELOCITY_Z], 0.0)):
+        state[DOING] = FLARE
+    # The height follows the slope without lag: what the error asks for comes on top of the slope.
+    return float(height - sink * limits[HEIGHT_S])
+
+
+@compiled
+def _tick(
+    state: Floats, row: Floats, arrived: bool, limits: Floats, step: int, wx: float, wy: float, rising: float
+) -> bool:
+    """Move one step and tell whether the leg is done."""
+    kind = row[LEG_KIND]
+    doing = state[DOING]
+    if kind == FALL:
+        _drop(state, limits, wx, wy)
+        return bool(state[col.POSITION_Z] <= 0.0)
+    if doing == ROLLING:
+        state[THROTTLE] = 0.0
+        _roll_on_ground(state, limits, -_brake(state, limits), wx, wy)
+        return bool(
+            state[col.VELOCITY_X] * state[col.VELOCITY_X] + state[col.VELOCITY_Y] * state[col.VELOCITY_Y]
+            < STOPPED_M_S * STOPPED_M_S
+        )
+    if doing == ON_GROUND:
+        _take_off(state, limits, wx, wy)
+        return False
+    # ArduPlane's guidance and control of energy have their own, slower clock.
+    if limits[LAW] == NPFG:
+        bank, climb, rate = _px4_control(state, row, arrived, limits, wx, wy)
+    else:
+        if step % col.GRID == 0 or state[RUNNING] == 0.0:
+            _arduplane_control(state, row, arrived, limits, wx, wy)
+        bank = state[BANK_DEMAND]
+        state[THROTTLE] = min(state[THROTTLE_DEMAND], limits[THROTTLE_LIMIT])
+        rate = energy_rate(limits, state[THROTTLE], state[AIRSPEED], 1.0 / cos(state[BANK]))
+        climb = _pitch_up(state, limits, state[PITCH_DEMAND])
+    _fly(state, limits, bank, climb, rate, wx, wy, rising)
+    landing = kind in (LANDING, CIRCULAR_LANDING)
     if state[col.POSITION_Z] <= 0.0:
         state[col.POSITION_Z] = 0.0
         if landing:
@@ -587,12 +721,18 @@ def _tick(
             return False
         state[col.VELOCITY_Z] = max(state[col.VELOCITY_Z], 0.0)
         state[CLIMB] = max(state[CLIMB], 0.0)
-    if landing or arrived:
+    if landing or arrived or (limits[LAW] != NPFG and step % col.GRID != 0):
         return False
     if kind == TAKEOFF:
         return bool(state[col.POSITION_Z] >= row[LEG_Z])
     if kind == CIRCLE:
         return _circled(state, row, limits, step)
+    return _passed(state, row, limits)
+
+
+@compiled
+def _passed(state: Floats, row: Floats, limits: Floats) -> bool:
+    """Tell whether a waypoint is reached."""
     east, north = state[col.POSITION_X] - row[LEG_X], state[col.POSITION_Y] - row[LEG_Y]
     near = _acceptance(state, row, limits)
     close = east * east + north * north <= near * near
@@ -653,8 +793,7 @@ def advance(
             if state[DOING] == FLYING or state[DOING] == FLARE:
                 load = 1.0 / cos(state[BANK])
                 v = state[AIRSPEED]
-                rate = state[THROTTLE] * (limits[CLIMB_MAX] + limits[SINK_MIN]) - limits[SINK_MIN]
-                rate -= excess_sink(limits, v, load)
+                rate = energy_rate(limits, state[THROTTLE], v, load)
                 state[col.POWER] = fixed_wing_power(power, v if state[THROTTLE] > 1e-3 else 0.0, rate, load)
             elif state[DOING] == ON_GROUND:
                 state[col.POWER] = fixed_wing_power(power, limits[AIRSPEED_TRIM], limits[CLIMB_MAX], 1.0)

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim_vehicle.airframe.power_spec import GRAVITY_M_S2, FixedWingPowerSpec
-from sim_vehicle.energy.battery import WH_J
-from sim_vehicle.energy.power import power_coefficients
+from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.compiled_motion import CompiledMotion
-from sim_vehicle.motion.fixed_wing import kernel as wing
+from sim_vehicle.motion.fixed_wing import layout as wing
+from sim_vehicle.motion.fixed_wing.kernel import advance
+from sim_vehicle.motion.fixed_wing.limits import limits_row
 from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.weather.wind import Wind
 
@@ -24,98 +23,15 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.motion.fixed_wing.limits import ArduPlaneControl, FixedWingLimits
     from sim_vehicle.motion.legs import Heading, Position, Route
 
-# Whose drag is flown when nothing is known of the power: a foam mapper of 1.8 m span.
-TYPICAL = FixedWingPowerSpec(mass_kg=1.9, wing_area_m2=0.42, wing_span_m=1.8, parasitic_drag=0.035)
+# Least pitch of a climb-out where the mission tells none.
+_TAKEOFF_PITCH = math.radians(4.0)
 
 
-@dataclass(frozen=True, slots=True)
-class FixedWingLimits:
-    """What an autopilot's parameters decide about the flight of a fixed wing; SI units, radians.
-
-    Parameters
-    ----------
-    law : {0.0, 1.0}
-        Guidance: `sim_vehicle.motion.fixed_wing.guidance.NPFG` or `L1`.
-    airspeed_min, airspeed_trim, airspeed_max : float
-    bank_limit, roll_s, roll_rate, roll_slew : float
-        Greatest bank, time constant and greatest rate of the roll, greatest rate of its set-point.
-    climb_max, climb_rate : float
-        Climb at full throttle and trim airspeed, and the rate at which heights are changed.
-    sink_min, sink_rate, sink_max : float
-        Sink rate without throttle, rate at which heights are changed, and greatest.
-    height_s, speed_s : float
-        Time constants of height and airspeed.
-    vertical_acceleration : float
-    period, damping, integral : float
-        Of the guidance.
-    switch_share : float
-        NPFG turns to the next leg at this share of its track error bound.
-    acceptance, height_acceptance : float
-        Of waypoints; an infinite tolerance of the height is none.
-    along_leg : bool
-        Heights change evenly over a leg; otherwise at once when climbing.
-    ground_min : float
-        The airspeed is raised to make this ground speed.
-    takeoff_airspeed, rotation_airspeed, launch_acceleration : float
-        Airspeed of the climb-out, airspeed at which the ground is left, and acceleration up to there.
-    level_height, level_bank : float
-        Below this height the bank is limited to so much.
-    landing_airspeed, flare_height, flare_s, flare_sink, braking : float
-        Approach speed; the flare begins at a height or a time above the ground; sink rate in it; deceleration
-        on the ground.
-    landing_slope : float
-        Sink over path length on a circle down to the ground.
-    loiter_radius : float
-        Of circles without a radius; positive is clockwise.
-    """
-
-    law: float
-    airspeed_min: float
-    airspeed_trim: float
-    airspeed_max: float
-    bank_limit: float
-    roll_s: float
-    roll_rate: float
-    roll_slew: float
-    climb_max: float
-    climb_rate: float
-    sink_min: float
-    sink_rate: float
-    sink_max: float
-    height_s: float
-    speed_s: float
-    vertical_acceleration: float
-    period: float
-    damping: float
-    integral: float
-    switch_share: float
-    acceptance: float
-    height_acceptance: float
-    along_leg: bool
-    ground_min: float
-    takeoff_airspeed: float
-    rotation_airspeed: float
-    launch_acceleration: float
-    level_height: float
-    level_bank: float
-    landing_airspeed: float
-    flare_height: float
-    flare_s: float
-    flare_sink: float
-    braking: float
-    landing_slope: float
-    loiter_radius: float
-
-    def tightest_m(self, airspeed_m_s: float) -> float:
-        """Return the radius of a level turn at the bank limit.
-
-        Parameters
-        ----------
-        airspeed_m_s : float
-        """
-        return airspeed_m_s * airspeed_m_s / (GRAVITY_M_S2 * math.tan(self.bank_limit))
+def _no_control(spec: VehicleSpec) -> None:
+    """Another autopilot than ArduPlane."""
 
 
 class FixedWing(CompiledMotion):
@@ -129,9 +45,11 @@ class FixedWing(CompiledMotion):
     wind : Wind, optional
     yaw_rad : float
         Heading at the start.
+    control_of : callable, optional
+        The gains that ArduPlane has besides.
     """
 
-    _kernel = staticmethod(wing.advance)
+    _kernel = staticmethod(advance)
     _state_size = wing.STATE
     _energy_limit = wing.ENERGY_LIMIT
 
@@ -141,8 +59,10 @@ class FixedWing(CompiledMotion):
         limits_of: Callable[[VehicleSpec], FixedWingLimits],
         wind: Wind | None = None,
         yaw_rad: float = 0.0,
+        control_of: Callable[[VehicleSpec], ArduPlaneControl | None] = _no_control,
     ) -> None:
         self._limits_of = limits_of
+        self._control_of = control_of
         self.law = limits_of(spec)
         super().__init__(spec, wind, yaw_rad)
         self.state[wing.BEARING] = math.nan
@@ -169,6 +89,10 @@ class FixedWing(CompiledMotion):
         state[wing.COURSE] = math.atan2(east, north)
         state[wing.BEGIN] = state[wing.BEARING] = math.nan
         state[wing.DOING] = wing.FLYING
+        speed = max(float(state[wing.AIRSPEED]), 3.0)
+        level = self._limits[wing.LIFT_LEVEL] * speed * speed
+        attack = (GRAVITY_M_S2 - level) / (self._limits[wing.LIFT_SLOPE] * speed * speed)
+        state[wing.PITCH] = math.asin(min(max(up / speed, -0.5), 0.5)) + min(attack, 0.3)
 
     def fly(self, route: Route) -> None:
         """Begin a route, from where the vehicle is and as it moves now."""
@@ -210,6 +134,7 @@ class FixedWing(CompiledMotion):
         rows[:, wing.LEG_PAUSE] = route.pause_s
         rows[:, wing.LEG_HEIGHT_TOLERANCE] = law.height_acceptance
         rows[:, wing.LEG_TURN_ANGLE] = 0.5 * math.pi
+        rows[:, wing.LEG_PITCH] = np.where(route.pitch_rad > 0.0, route.pitch_rad, _TAKEOFF_PITCH)
         for i in range(n):
             stops = not route.radius_m[i] > 0.0
             rows[i, wing.LEG_KIND] = kind = self._kind(int(route.kind[i]), stops, float(circle[i, 0]))
@@ -222,9 +147,7 @@ class FixedWing(CompiledMotion):
                 rows[i, wing.LEG_HEIGHT_TOLERANCE] = min(law.height_acceptance, 10.0)
             elif kind == wing.CIRCULAR_LANDING:
                 rows[i, wing.LEG_SLOPE] = law.landing_slope
-            elif kind == wing.LINE:
-                climbs = i > 0 and rows[i, wing.LEG_Z] > rows[i - 1, wing.LEG_Z]
-                rows[i, wing.LEG_CLIMBS_ALONG] = law.along_leg or not climbs
+            rows[i, wing.LEG_AT_ONCE] = route.kind[i] == LegKind.HOME
         self._corners(rows)
         return rows
 
@@ -312,56 +235,10 @@ class FixedWing(CompiledMotion):
         """Stand still on the ground."""
         super().touch_down()
         self.state[wing.BANK : wing.COMMAND + 1] = 0.0
+        self.state[wing.RUNNING] = 0.0
         self.state[wing.DOING] = wing.ON_GROUND
         self.state[wing.BEGIN] = math.nan
 
     def _numbers(self, spec: VehicleSpec) -> NDArray[np.float64]:
         """Return the limits in the order of the kernel."""
-        law = self.law
-        power = spec.power if isinstance(spec.power, FixedWingPowerSpec) else TYPICAL
-        drag = power_coefficients(power)
-        numbers = np.zeros(wing.LIMITS)
-        by_name = {
-            wing.STEP_S: spec.step_s,
-            wing.LAW: law.law,
-            wing.AIRSPEED_MIN: law.airspeed_min,
-            wing.AIRSPEED_TRIM: law.airspeed_trim,
-            wing.AIRSPEED_MAX: law.airspeed_max,
-            wing.BANK_LIMIT: law.bank_limit,
-            wing.ROLL_S: law.roll_s,
-            wing.ROLL_RATE: law.roll_rate,
-            wing.ROLL_SLEW: law.roll_slew,
-            wing.CLIMB_MAX: law.climb_max,
-            wing.CLIMB_RATE: law.climb_rate,
-            wing.SINK_MIN: law.sink_min,
-            wing.SINK_RATE: law.sink_rate,
-            wing.SINK_MAX: law.sink_max,
-            wing.HEIGHT_S: law.height_s,
-            wing.SPEED_S: law.speed_s,
-            wing.VERTICAL_ACCELERATION: law.vertical_acceleration,
-            wing.PERIOD: law.period,
-            wing.DAMPING: law.damping,
-            wing.INTEGRAL: law.integral,
-            wing.SWITCH_SHARE: law.switch_share,
-            wing.ACCEPTANCE: law.acceptance,
-            wing.GROUND_MIN: law.ground_min,
-            wing.TAKEOFF_AIRSPEED: law.takeoff_airspeed,
-            wing.ROTATION: law.rotation_airspeed,
-            wing.LAUNCH: law.launch_acceleration,
-            wing.LEVEL_HEIGHT: law.level_height,
-            wing.LEVEL_BANK: law.level_bank,
-            wing.WING_SPAN: power.wing_span_m,
-            wing.LANDING_AIRSPEED: law.landing_airspeed,
-            wing.FLARE_HEIGHT: law.flare_height,
-            wing.FLARE_S: law.flare_s,
-            wing.FLARE_SINK: law.flare_sink,
-            wing.BRAKING: law.braking,
-            wing.LOITER_RADIUS: law.loiter_radius,
-            wing.ENERGY_LIMIT: math.inf if spec.battery is None else spec.battery.capacity_wh * WH_J,
-            wing.THROTTLE_LIMIT: 1.0,
-            wing.PARASITIC: drag[1] / drag[0],
-            wing.INDUCED: drag[2] / drag[0],
-        }
-        for index, value in by_name.items():
-            numbers[index] = value
-        return numbers
+        return limits_row(spec, self.law, self._control_of(spec))

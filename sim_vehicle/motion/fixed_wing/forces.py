@@ -1,0 +1,49 @@
+"""Thrust and drag of a fixed wing, compiled: what energy it gains and loses.
+
+Drag is the parabolic polar, D = q S (CD0 + CL^2 / (pi e AR)) with the lift of the load factor (Anderson,
+*Aircraft Performance and Design*, 1999, ch. 5), as in `sim_vehicle.energy.power`. Thrust is
+proportional to the throttle and does not depend on the airspeed, as in the simulators of ArduPilot
+(``SIM_Plane.cpp``) and PX4 (``sih.cpp``).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geo.compiled import compiled
+from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
+from sim_vehicle.motion.fixed_wing import layout as at
+
+__all__ = ["drag", "energy_rate", "energy_rates"]
+
+Floats = NDArray[np.float64]
+_SLOW = 3.0
+
+
+@compiled
+def drag(limits: Floats, airspeed: float, load: float) -> float:
+    """Return the drag over the mass, m/s^2.
+
+    Parameters
+    ----------
+    limits : float64[LIMITS]
+    airspeed : float
+    load : float
+        Lift over weight.
+    """
+    v2 = max(airspeed, _SLOW) ** 2
+    return float(limits[at.PARASITIC] * v2 + limits[at.INDUCED] * load * load / v2)
+
+
+@compiled
+def energy_rate(limits: Floats, throttle: float, airspeed: float, load: float) -> float:
+    """Return the gain of energy over the weight, m/s: the climb at a steady airspeed."""
+    force = limits[at.THRUST] * throttle - drag(limits, airspeed, load)
+    return float(force * airspeed / GRAVITY_M_S2)
+
+
+@compiled
+def energy_rates(limits: Floats, airspeed: float, load: float) -> tuple[float, float]:
+    """Return the energy rates without and with full throttle."""
+    return energy_rate(limits, 0.0, airspeed, load), energy_rate(limits, 1.0, airspeed, load)

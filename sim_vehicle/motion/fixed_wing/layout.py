@@ -1,0 +1,188 @@
+"""Columns of a fixed wing's state, of its legs and of its limits, for all compiled code that reads them."""
+
+from __future__ import annotations
+
+from sim_vehicle.motion import columns as col
+
+# The state: the shared numbers, where the vertical wind takes the column of LOOK_EAST, and then these.
+WIND_UP = 17
+(
+    BANK,
+    AIRSPEED,  # True airspeed.
+    CLIMB,  # Through the air.
+    THROTTLE,  # 0 to 1.
+    PITCH,
+    COMMAND,  # Bank that is commanded.
+) = range(col.STATE, col.STATE + 6)
+BEGIN = 25  # Beginning of the leg, three numbers.
+(
+    COURSE,  # On the ground.
+    TURNED,  # About the centre.
+    BEARING,  # From the centre; NaN: not circling yet.
+    PAUSE_END,  # Step at which a pause ends.
+    DOING,  # ON_GROUND, FLYING, FLARE or ROLLING.
+    GUIDANCE,  # Two numbers: last angle, integral.
+) = range(28, 34)
+# Position that is circled after the end of a route, three numbers, and the radius.
+CENTRE, CENTRE_RADIUS = 35, 38
+(
+    DIRECT,  # Whether it flies straight to the waypoint, without a line to keep.
+    ROLL_RATE,
+    SINCE,  # Seconds on the ground with the motor armed.
+    BANK_DEMAND,
+    PITCH_DEMAND,
+    THROTTLE_DEMAND,
+    TARGET,  # Height that is asked for.
+    SLOPE,  # Height to gain along the leg; 0: at once.
+    STAGE,  # Of a landing: LINING_UP, APPROACH or PREFLARE.
+    LEVEL_OFF,  # Height below that of the take-off at which the nose begins to come down; 0: not yet.
+    # Total energy control.
+    RUNNING,  # Whether it has begun.
+    LAST_SPEED,
+    SPEED_DEMAND,
+    SPEED_RATE_FILTER,
+    ACCELERATION_FILTER,
+    SPEED_MAX,
+    HEIGHT_IN,
+    HEIGHT_LIMITED,
+    HEIGHT_FILTER,
+    HEIGHT_OFFSET,
+    HEIGHT_DEMAND,
+    CLIMB_SCALE,
+    SINK_SCALE,
+    ENERGY_RATE_ERROR,
+    THROTTLE_INTEGRAL,
+    THROTTLE_LAST,
+    BALANCE_INTEGRAL,
+    SPEED_INTEGRAL,
+    PITCH_FREE,  # Pitch before its limits.
+    THROTTLE_CLIP,  # -1, 0 or 1.
+    BALANCE_CLIP,
+    UNDERSPEED,
+    UNDERSPEED_S,
+    BAD_DESCENT,
+    REACHED_SPEED,
+    FLARE_FROM,  # Height at which the flare began; NaN: not begun.
+    FLARE_RATE,  # Climb rate then.
+    FLARE_FOLLOWED,
+    FLARE_IDEAL,
+) = range(39, 78)
+STATE = 78
+ON_GROUND, FLYING, FLARE, ROLLING = 0.0, 1.0, 2.0, 3.0
+LINING_UP, APPROACH, PREFLARE = 0.0, 1.0, 2.0
+# Slower than this it stands.
+STOPPED_M_S = 0.1
+
+# One leg.
+(
+    LEG_X,
+    LEG_Y,
+    LEG_Z,
+    LEG_KIND,
+    LEG_RADIUS,  # Acceptance radius; 0: the autopilot's.
+    LEG_AIRSPEED,
+    LEG_NEAR,  # Distance to notify at.
+    LEG_CIRCLE_RADIUS,  # Positive: clockwise.
+    LEG_TURNS,
+    LEG_EXIT_X,  # Where to leave the circle to; NaN: anywhere.
+    LEG_EXIT_Y,
+    LEG_PAUSE,
+    LEG_PITCH,  # Least pitch of a take-off.
+    LEG_HEIGHT_TOLERANCE,
+    LEG_TURN_ANGLE,  # Angle to the next leg.
+    LEG_SLOPE,  # Of a circular landing.
+    LEG_AT_ONCE,  # Whether it climbs at once, however far the way is.
+) = range(17)
+LEG = 17
+LINE, CIRCLE, TAKEOFF, LANDING, CIRCULAR_LANDING, FALL = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
+
+# Limits: first those of the vehicle and of any autopilot, in the order of `FixedWingLimits`.
+(
+    LAW,
+    AIRSPEED_MIN,
+    AIRSPEED_TRIM,
+    AIRSPEED_MAX,
+    BANK_LIMIT,
+    ROLL_S,
+    ROLL_RATE_MAX,
+    ROLL_SLEW,
+    CLIMB_MAX,
+    CLIMB_RATE,
+    SINK_RATE,
+    SINK_MAX,
+    HEIGHT_S,
+    SPEED_S,
+    VERTICAL_ACCELERATION,
+    PERIOD,
+    DAMPING,
+    INTEGRAL,
+    SWITCH_SHARE,
+    ACCEPTANCE,
+    HEIGHT_TOLERANCE,
+    GROUND_MIN,
+    TAKEOFF_AIRSPEED,
+    ROTATION,
+    LAUNCH,
+    LEVEL_HEIGHT,
+    LEVEL_BANK,
+    LANDING_AIRSPEED,
+    FLARE_HEIGHT,
+    FLARE_S,
+    FLARE_SINK,
+    LANDING_SLOPE,
+    LOITER_RADIUS,
+) = range(33)
+# Then those of the airframe.
+(
+    STEP_S,
+    WING_SPAN,
+    BRAKING,
+    GROUND_DRAG,
+    THRUST,  # At full throttle over the mass, m/s^2.
+    PARASITIC,  # Drag over the mass and the square of the airspeed.
+    INDUCED,  # Induced drag over the mass, times the square of the airspeed over that of the load.
+    LIFT_LEVEL,  # Lift over the mass and the square of the airspeed at zero angle of attack.
+    LIFT_SLOPE,  # The same per radian.
+    TURN_SHARE,
+    ENERGY_LIMIT,
+    THROTTLE_LIMIT,
+) = range(33, 45)
+# And those of ArduPlane, in the order of `ArduPlaneControl`.
+CONTROL = 45
+(
+    TIME_S,
+    INTEGRATOR,
+    PITCH_DAMPING,
+    THROTTLE_DAMPING,
+    ROLL_TO_THROTTLE,
+    SPEED_WEIGHT,
+    DEMAND_S,
+    TECS_CLIMB,
+    TECS_SINK_MIN,
+    TECS_SINK_MAX,
+    TRIM_THROTTLE,
+    THROTTLE_MIN,
+    THROTTLE_MAX,
+    THROTTLE_SLEW,
+    PITCH_MIN,
+    PITCH_MAX,
+    PITCH_S,
+    PITCH_UP_RATE,
+    PITCH_DOWN_RATE,
+    SLOPE_MIN,
+    LAND_S,
+    LAND_DAMPING,
+    LAND_SPEED_WEIGHT,
+    LAND_PITCH,
+    LAND_PITCH_MAX,
+    HOLD_OFF_HEIGHT,
+    FLARE_AIM,
+    PREFLARE_HEIGHT,
+    PREFLARE_S,
+    PREFLARE_AIRSPEED,
+    HEAD_WIND_SHARE,
+    LEVEL_OFF_S,
+    TAKEOFF_THROTTLE,
+    TAKEOFF_DELAY,
+) = range(CONTROL, CONTROL + 34)
+LIMITS = CONTROL + 34

@@ -45,8 +45,8 @@ _OWN = Path(__file__).parent / "vehicles"
 _VEHICLES = {
     "copter": "quad",
     "10040": "quad",
-    "plane": "sitl-plane",
-    "10041": "fixed-wing",
+    "plane": str(_OWN / "arduplane-sitl.toml"),
+    "10041": str(_OWN / "px4-sih-airplane.toml"),
     "rover": str(_OWN / "ardurover-sitl.toml"),
     "10045": "rover",
 }

@@ -73,7 +73,7 @@ def _packaged(name: str) -> VehicleSpec:
 def load_vehicle(path: Path) -> VehicleSpec:
     """Read a vehicle file: keys of `VehicleSpec`, tables for its parts.
 
-    The tables are ``[battery]``, ``[power]``, ``[airframe]``, ``[published]``, and one named as an installed autopilot
+    The tables are ``[battery]``, ``[power]``, ``[airframe]``, ``[published]``, and one named as an autopilot
     (``[px4]``, ``[ardupilot]``) with parameters of that autopilot. A key ``base`` names the vehicle whose
     values hold where the file has none; by default it is the package's vehicle of the file's kind.
 

@@ -1,8 +1,8 @@
 """ArduPlane: its parameters that move a fixed wing, its take-off and its return.
 
 Names, defaults and ranges are those of ArduPlane 4.6 and 4.7 (``Parameters.cpp``, ``AP_TECS.cpp``,
-``AP_L1_Control.cpp``, ``AP_Landing.cpp``). RLL2SRV_TCONST and PTCH2SRV_TCONST go down to 0.1 s: ArduPilot's own
-simulator has 0.25 s.
+``AP_L1_Control.cpp``, ``AP_Landing.cpp``). RLL2SRV_TCONST and PTCH2SRV_TCONST go down to 0.1 s: ArduPilot's
+own simulator has 0.25 s.
 """
 
 from __future__ import annotations
@@ -109,6 +109,7 @@ PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
         "TECS_SINK_MIN": ParameterSpec(2.0, 0.1, 10.0, "m/s", "sink rate without throttle"),
         "TECS_SPDWEIGHT": ParameterSpec(1.0, 0.0, 2.0, "", "weight of the airspeed against the height"),
         "TECS_THR_DAMP": ParameterSpec(0.5, 0.1, 1.0, "", "damping of the throttle"),
+        "TECS_THR_ERATE": ParameterSpec(20.0, 0.0, 500.0, "%/s", "rate of the throttle after the climb-out"),
         "TECS_TIME_CONST": ParameterSpec(5.0, 3.0, 10.0, "s", "time constant of height and airspeed"),
         "TECS_VERT_ACC": ParameterSpec(7.0, 1.0, 10.0, "m/s^2", "vertical acceleration"),
         "THR_MAX": ParameterSpec(100.0, 0.0, 100.0, "%", "greatest throttle", integer=True),
@@ -239,6 +240,7 @@ class ArduPlane(FixedWingProcedures):
             level_off_s=value["TKOFF_PLIM_SEC"],
             takeoff_throttle=0.01 * value["TKOFF_THR_MAX"] or most,
             takeoff_delay_s=0.1 * value["TKOFF_THR_DELAY"],
+            throttle_ease=0.01 * value["TECS_THR_ERATE"],
         )
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:

@@ -86,8 +86,10 @@ from sim_vehicle.motion.fixed_wing.layout import (
     LIFT_SLOPE,
     LINE,
     LOITER_RADIUS,
+    NOSE_UP,
     ON_GROUND,
     PARASITIC,
+    PATH_RATE,
     PAUSE_END,
     PERIOD,
     PITCH,
@@ -105,6 +107,7 @@ from sim_vehicle.motion.fixed_wing.layout import (
     SINCE,
     SINK_MAX,
     SINK_RATE,
+    SLIP,
     SPEED_S,
     STEP_S,
     STOPPED_M_S,
@@ -133,6 +136,10 @@ __all__ = ["advance"]
 
 CLIMB_LAG_S = 0.5
 ROLL_RATE_S = 0.1
+# How fast the side force of a slip follows the rate of a turn.
+SLIP_S = 0.7
+# While a take-off roll holds the nose down, the integral of the pitch control winds up.
+NOSE_UP_RAD, NOSE_UP_S = 0.04, 10.0
 THROTTLE_S = 0.4
 STEEPEST = 0.8
 SLOW_M_S = 3.0
@@ -362,17 +369,24 @@ def _pitch_up(state: Floats, limits: Floats, pitch: float) -> float:
     The wing's lift turns the path until the angle of attack is that at which it carries the weight.
     """
     dt = limits[STEP_S]
-    rate = (pitch - state[PITCH]) / limits[PITCH_S]
-    state[PITCH] += min(max(rate, -limits[PITCH_DOWN_RATE]), limits[PITCH_UP_RATE]) * dt
     v = max(state[AIRSPEED], SLOW_M_S)
+    bank = state[BANK]
+    state[NOSE_UP] -= state[NOSE_UP] * dt / NOSE_UP_S
+    rate = (pitch + state[NOSE_UP] - state[PITCH]) / limits[PITCH_S]
+    rate = min(max(rate, -limits[PITCH_DOWN_RATE]), limits[PITCH_UP_RATE])
+    # The rate that would keep the nose level in a coordinated turn is too much for one that slips.
+    rate += (1.0 - limits[TURN_SHARE]) * GRAVITY_M_S2 * tan(bank) * sin(bank) / v
+    state[PITCH] += rate * cos(bank) * dt
     path = asin(min(max(state[CLIMB] / v, -STEEPEST), STEEPEST))
-    level = cos(state[BANK])
+    level = cos(bank)
     needed = GRAVITY_M_S2 * cos(path) / level
     attack = (needed / (v * v) - limits[LIFT_LEVEL]) / limits[LIFT_SLOPE]
     steady = state[PITCH] - min(attack, 0.5 * pi) * level
     lag = 1.0 / (limits[LIFT_SLOPE] * v)
-    path += (steady - path) * dt / (lag + dt)
-    return v * min(max(sin(path), -STEEPEST), STEEPEST)
+    change = (steady - path) / (lag + dt)
+    state[PATH_RATE] = change
+    path += change * dt
+    return float(v * min(max(sin(path), -STEEPEST), STEEPEST))
 
 
 @compiled
@@ -402,7 +416,12 @@ def _fly(
     v = max(v, SHORT)
     w = min(max(w, -STEEPEST * v), STEEPEST * v)
     forward = sqrt(v * v - w * w)
-    turn = limits[TURN_SHARE] * GRAVITY_M_S2 * tan(bank) / forward
+    # The lift that bends the path upward turns it as well.
+    lift = max(GRAVITY_M_S2 + v * state[PATH_RATE], 0.0)
+    # The side force of the slip takes its share once the slip has built up.
+    against = 1.0 / limits[TURN_SHARE] - 1.0
+    turn = lift * tan(bank) / forward - against * state[SLIP]
+    state[SLIP] += (turn - state[SLIP]) * dt / SLIP_S
     middle = state[col.HEADING] + 0.5 * turn * dt
     yaw = (state[col.HEADING] + turn * dt) % (2.0 * pi)
     ve, vn, vz = forward * sin(yaw) + wx, forward * cos(yaw) + wy, w + rising
@@ -493,6 +512,8 @@ def _take_off(state: Floats, limits: Floats, wx: float, wy: float) -> None:
     _roll_on_ground(state, limits, rate, wx, wy)
     if state[AIRSPEED] >= limits[ROTATION]:
         _lift_off(state, wx, wy)
+        if limits[LAUNCH] <= 0.0:
+            state[NOSE_UP] = NOSE_UP_RAD
 
 
 @compiled

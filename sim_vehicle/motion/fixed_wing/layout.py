@@ -53,6 +53,7 @@ CENTRE, CENTRE_RADIUS = 35, 38
     ENERGY_RATE_ERROR,
     THROTTLE_INTEGRAL,
     THROTTLE_LAST,
+    THROTTLE_FLOOR,  # Comes down slowly after a climb-out.
     BALANCE_INTEGRAL,
     SPEED_INTEGRAL,
     PITCH_FREE,  # Pitch before its limits.
@@ -61,13 +62,15 @@ CENTRE, CENTRE_RADIUS = 35, 38
     UNDERSPEED,
     UNDERSPEED_S,
     BAD_DESCENT,
-    REACHED_SPEED,
+    PATH_RATE,  # How fast the path turns upward.
+    SLIP,  # Rate of the turn that the side force has followed.
+    NOSE_UP,  # What the integral of the pitch control holds too much after a take-off roll.
     FLARE_FROM,  # Height at which the flare began; NaN: not begun.
     FLARE_RATE,  # Climb rate then.
     FLARE_FOLLOWED,
     FLARE_IDEAL,
-) = range(39, 78)
-STATE = 78
+) = range(39, 81)
+STATE = 81
 ON_GROUND, FLYING, FLARE, ROLLING = 0.0, 1.0, 2.0, 3.0
 LINING_UP, APPROACH, PREFLARE = 0.0, 1.0, 2.0
 # Slower than this it stands.
@@ -184,5 +187,6 @@ CONTROL = 45
     LEVEL_OFF_S,
     TAKEOFF_THROTTLE,
     TAKEOFF_DELAY,
-) = range(CONTROL, CONTROL + 34)
-LIMITS = CONTROL + 34
+    THROTTLE_EASE,
+) = range(CONTROL, CONTROL + 35)
+LIMITS = CONTROL + 35

@@ -48,8 +48,8 @@ class ArduPlaneControl:
         TECS_LAND_TCONST, TECS_LAND_DAMP, TECS_LAND_SPDWGT, LAND_PITCH_DEG, TECS_LAND_PMAX, TECS_FLARE_HGT.
     flare_aim, preflare_height, preflare_s, preflare_airspeed, head_wind_share : float
         LAND_FLARE_AIM, LAND_PF_ALT, LAND_PF_SEC, LAND_PF_ARSPD, LAND_WIND_COMP.
-    level_off_s, takeoff_throttle, takeoff_delay_s : float
-        TKOFF_PLIM_SEC, TKOFF_THR_MAX, TKOFF_THR_DELAY.
+    level_off_s, takeoff_throttle, takeoff_delay_s, throttle_ease : float
+        TKOFF_PLIM_SEC, TKOFF_THR_MAX, TKOFF_THR_DELAY; TECS_THR_ERATE per second.
     """
 
     time_s: float
@@ -86,6 +86,7 @@ class ArduPlaneControl:
     level_off_s: float
     takeoff_throttle: float
     takeoff_delay_s: float
+    throttle_ease: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,8 +48,8 @@ def _begin(state: Floats, limits: Floats) -> None:
     state[at.THROTTLE_INTEGRAL] = state[at.BALANCE_INTEGRAL] = state[at.SPEED_INTEGRAL] = 0.0
     state[at.THROTTLE_LAST] = limits[at.TRIM_THROTTLE]
     state[at.PITCH_DEMAND] = state[at.PITCH_FREE] = state[at.PITCH]
-    state[at.THROTTLE_CLIP] = state[at.BALANCE_CLIP] = 0.0
-    state[at.UNDERSPEED] = state[at.BAD_DESCENT] = state[at.REACHED_SPEED] = 0.0
+    state[at.THROTTLE_CLIP] = state[at.BALANCE_CLIP] = state[at.THROTTLE_FLOOR] = 0.0
+    state[at.UNDERSPEED] = state[at.BAD_DESCENT] = 0.0
     state[at.FLARE_FROM] = nan
     state[at.RUNNING] = 1.0
 
@@ -115,7 +115,7 @@ def _demand_height(
         state[at.CLIMB_SCALE] += share * (1.0 - state[at.CLIMB_SCALE])
         state[at.SINK_SCALE] += share * (1.0 - state[at.SINK_SCALE])
     state[at.HEIGHT_DEMAND] = demand
-    return rate
+    return float(rate)
 
 
 @compiled
@@ -199,13 +199,14 @@ def control_energy(
         throttle_max = limits[at.TAKEOFF_THROTTLE]
         state[at.HEIGHT_IN] = state[at.HEIGHT_LIMITED] = state[at.HEIGHT_FILTER] = height
         state[at.HEIGHT_DEMAND] = target = height
-        state[at.HEIGHT_OFFSET] = climb * limits[at.DEMAND_S]
+        state[at.HEIGHT_OFFSET] = min(climb, limits[at.TECS_CLIMB]) * limits[at.DEMAND_S]
         state[at.UNDERSPEED] = state[at.BAD_DESCENT] = 0.0
         state[at.CLIMB_SCALE] = state[at.SINK_SCALE] = 1.0
-        if v >= state[at.SPEED_DEMAND]:
-            state[at.REACHED_SPEED] = 1.0
-    else:
-        state[at.REACHED_SPEED] = 0.0
+    # After a climb-out the throttle comes back no faster than TECS_THR_ERATE.
+    state[at.THROTTLE_FLOOR] -= limits[at.THROTTLE_EASE] * PERIOD_S
+    if stage == CLIMB_OUT:
+        state[at.THROTTLE_FLOOR] = throttle_max if limits[at.THROTTLE_EASE] > 0.0 else 0.0
+    throttle_min = min(max(throttle_min, state[at.THROTTLE_FLOOR]), throttle_max - 0.01)
     if stage == FLARING:
         part = 0.0
         if not isnan(state[at.FLARE_FROM]):
@@ -217,6 +218,7 @@ def control_energy(
             pitch_max = limits[at.LAND_PITCH_MAX]
         pitch_max = max(pitch_max, pitch_min)
         throttle_min = 0.0
+        state[at.THROTTLE_FLOOR] = 0.0
     else:
         state[at.FLARE_FROM] = nan
 
@@ -273,21 +275,18 @@ def control_energy(
         upper = _clip(throttle_max - throttle + _SATURATION, -half, half)
         lower = _clip(throttle_min - throttle - _SATURATION, -half, half)
         integral = state[at.THROTTLE_INTEGRAL] + error * limits[at.INTEGRATOR] * PERIOD_S * gain
-        if stage == CLIMB_OUT:
-            if state[at.REACHED_SPEED] == 0.0:
-                throttle = max(throttle, throttle_max - integral)
-            integral = upper
-        else:
-            integral = _clip(integral, lower, upper)
-        state[at.THROTTLE_INTEGRAL] = integral
+        state[at.THROTTLE_INTEGRAL] = upper if stage == CLIMB_OUT else _clip(integral, lower, upper)
         if limits[at.THROTTLE_SLEW] > 0.0:
             step = PERIOD_S * limits[at.THROTTLE_SLEW]
             last = state[at.THROTTLE_LAST]
             throttle = _clip(throttle, last - step, last + step)
         state[at.THROTTLE_LAST] = throttle
-        throttle += integral
+        throttle += state[at.THROTTLE_INTEGRAL]
         clip = 1.0 if throttle > throttle_max else (-1.0 if throttle < throttle_min else 0.0)
-        throttle = _clip(throttle, throttle_min, throttle_max)
+        # A climb-out takes all that there is (TKOFF_OPTIONS 0).
+        throttle = throttle_max if stage == CLIMB_OUT else _clip(throttle, throttle_min, throttle_max)
+    if throttle > throttle_min:
+        state[at.THROTTLE_FLOOR] = min(state[at.THROTTLE_FLOOR], 0.0) if stage != CLIMB_OUT else throttle_max
     state[at.THROTTLE_CLIP] = clip
     state[at.THROTTLE_DEMAND] = throttle
     # Much too low, still losing energy at full throttle: the airspeed cannot be had.

@@ -282,7 +282,9 @@ def test_climbs_and_sinks_keep_their_limits(autopilot):
     most = [energy_rates(motion._limits, v, 1.0 / math.cos(b))[1] for v, b in
             steady[:, [wing.AIRSPEED, wing.BANK]]]  # fmt: skip
     expected = np.minimum(law.climb_rate, most)
-    assert steady[:, wing.CLIMB].mean() == pytest.approx(expected.mean(), rel=0.15)
+    # What ArduPlane's throttle cannot give holds its demand back.
+    share = 0.15 if autopilot == "px4" else 0.3
+    assert steady[:, wing.CLIMB].mean() == pytest.approx(expected.mean(), rel=share)
     motion.fly(Route.through([circle(0.0, 300.0, 50.0, 80.0, speed)]))
     states = record(motion, 60.0)
     assert states[:, wing.CLIMB].min() >= -1.15 * law.sink_max - 1e-6

@@ -10,6 +10,7 @@ from mission.policies.acquisition import Acquisition
 from mission.policies.coordination import Coordination
 from mission.policies.leg_search import leg_values
 from mission.policies.map_policy import MapPolicy
+from mission.policies.policy import LEAST_S
 from mission.policies.route_search import leg_offsets, pool, take_leg
 from mission.policies.steering import Route, RouteProblem
 
@@ -32,6 +33,8 @@ class Greedy(MapPolicy):
         Length of the longest leg, and of the path that is planned, in cells.
     every : int
         Choose again after so many observations.
+    least_s : float
+        But not before so many seconds of flight.
     caution, reach : float
         See `mission.policies.acquisition.WithCoverage`.
     least_weight : float
@@ -50,6 +53,7 @@ class Greedy(MapPolicy):
         longest: float = 40.0,
         ahead: float = 60.0,
         every: int = 5,
+        least_s: float = LEAST_S,
         caution: float = 0.0,
         reach: float = 3.0,
         least_weight: float = 0.0,
@@ -60,6 +64,7 @@ class Greedy(MapPolicy):
             share=share,
             spread=spread,
             every=every,
+            least_s=least_s,
             caution=caution,
             reach=reach,
             least_weight=least_weight,

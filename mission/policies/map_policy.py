@@ -12,7 +12,7 @@ import numpy as np
 from mission.policies.acquisition import Acquisition, Balanced, WithCoverage, make_acquisition
 from mission.policies.coordination import Coordination, make_coordination
 from mission.policies.decision import Decision
-from mission.policies.policy import LEAST_S, Asking
+from mission.policies.policy import Asking
 from mission.policies.route_search import neighbour_shares, take_leg
 from mission.policies.situation import Situation
 from mission.policies.steering import Route, RouteProblem, Steering, far_route
@@ -33,6 +33,8 @@ class MapPolicy(ABC):
         Seeing a cell takes ``share * exp(-d^2 / spread)`` of the worth of one d cells away.
     every : int
         Search again after so many observations.
+    least_s : float
+        But not before so many seconds of flight.
     caution, reach : float
         See `mission.policies.acquisition.WithCoverage`.
     least_weight : float
@@ -51,6 +53,7 @@ class MapPolicy(ABC):
         share: float,
         spread: float,
         every: int,
+        least_s: float,
         caution: float,
         reach: float,
         least_weight: float,
@@ -61,12 +64,12 @@ class MapPolicy(ABC):
             neighbour_shares(share, spread, _RADIUS),
             make_coordination(coordination),
         )
-        self._every = int(every)
+        self._every, self._least_s = int(every), float(least_s)
 
     @property
     def asking(self) -> Asking:
         """After some observations."""
-        return Asking(observations=self._every, least_s=LEAST_S)
+        return Asking(observations=self._every, least_s=self._least_s)
 
     def start(self) -> None:
         """Forget the run before."""

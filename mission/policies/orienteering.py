@@ -10,6 +10,7 @@ from mission.policies.acquisition import Acquisition
 from mission.policies.coordination import Coordination
 from mission.policies.fares import pays_for_return
 from mission.policies.map_policy import CELLS_A_LEG, MapPolicy
+from mission.policies.policy import LEAST_S
 from mission.policies.route_search import pool
 from mission.policies.steering import Route, RouteProblem
 from mission.policies.tour_search import candidate_places, search_tour
@@ -39,6 +40,8 @@ class Orienteering(MapPolicy):
         Seeing a cell takes ``share * exp(-d^2 / spread)`` of the worth of one d cells away.
     every : int
         Plan again after so many observations.
+    least_s : float
+        But not before so many seconds of flight.
     caution, reach : float
         See `mission.policies.acquisition.WithCoverage`.
     least_weight : float
@@ -60,6 +63,7 @@ class Orienteering(MapPolicy):
         share: float = 0.12,
         spread: float = 4.5,
         every: int = 5,
+        least_s: float = LEAST_S,
         caution: float = 0.0,
         reach: float = 3.0,
         least_weight: float = 0.0,
@@ -70,6 +74,7 @@ class Orienteering(MapPolicy):
             share=share,
             spread=spread,
             every=every,
+            least_s=least_s,
             caution=caution,
             reach=reach,
             least_weight=least_weight,

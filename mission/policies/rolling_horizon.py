@@ -31,6 +31,8 @@ class RollingHorizon(MapPolicy):
         Routes kept in each interval of cost, and its length in cells of flight.
     every : int
         Search again after so many observations.
+    least_s : float
+        But not before so many seconds of flight.
     caution, reach : float
         See `mission.policies.acquisition.WithCoverage`.
     least_weight : float
@@ -51,6 +53,7 @@ class RollingHorizon(MapPolicy):
         beam: int = 8,
         interval: float = 5.0,
         every: int = 5,
+        least_s: float = 1.0,
         caution: float = 0.0,
         reach: float = 3.0,
         least_weight: float = 0.0,
@@ -61,6 +64,7 @@ class RollingHorizon(MapPolicy):
             share=share,
             spread=spread,
             every=every,
+            least_s=least_s,
             caution=caution,
             reach=reach,
             least_weight=least_weight,

@@ -49,6 +49,7 @@ class PredictionEntry(msgspec.Struct, forbid_unknown_fields=True):
     track_step_s: float
     feasible: bool
     reason: str
+    duration_interval_s: tuple[float, float] | None = None
 
 
 class FlightEntry(msgspec.Struct, forbid_unknown_fields=True):

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from mission.model import Mission
+    from sim_vehicle.airframe.height_errors import HeightErrors
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.execution.state import FlightEvent
     from sim_vehicle.weather.wind import Wind
@@ -58,6 +59,9 @@ class Prediction:
         Whether the vehicle completes the mission with the battery's reserve left.
     reason : str
         Why not; empty when feasible.
+    duration_interval_s : tuple of 2 floats or None
+        Between which the duration of one flight is with a probability of 90 %, when what disturbs it is known
+        by its statistics only; None when it was predicted from a single flight.
     """
 
     duration_s: float
@@ -68,6 +72,7 @@ class Prediction:
     track_step_s: float
     feasible: bool
     reason: str
+    duration_interval_s: tuple[float, float] | None = None
 
 
 class PredictedFlight:
@@ -88,6 +93,7 @@ class PredictedFlight:
         epoch_unix_s: float,
         endless: bool,
         track_points: int = _TRACK_POINTS,
+        height_errors: HeightErrors | None = None,
     ) -> None:
         if not track_step_s > 0.0:
             msg = f"track_step_s {track_step_s} must be positive"
@@ -106,7 +112,12 @@ class PredictedFlight:
         if self._problem is not None:
             return
         self.executor = executor = MissionExecutor(
-            spec, home, wind=wind, takes_off=takes_off, epoch_unix_s=epoch_unix_s
+            spec,
+            home,
+            wind=wind,
+            takes_off=takes_off,
+            epoch_unix_s=epoch_unix_s,
+            height_errors=height_errors,
         )
         motion = executor.motion
         tick_s = motion.step_s if spec.is_ideal else motion.step_s * _GRID_STEPS

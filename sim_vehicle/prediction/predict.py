@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import stdtrit
 
+from sim_vehicle.airframe.height_errors import HeightErrors
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.prediction.flight import PredictedFlight, Prediction, fly_all
 
@@ -21,6 +24,9 @@ if TYPE_CHECKING:
 __all__ = ["expected_flights", "mean_prediction", "predict_flight", "predict_flights", "rehearsals"]
 
 _REHEARSAL_SEED = 0x1D8F
+_HEIGHT_SEED = 0x4A7C
+JUMP_REHEARSALS = 8
+"""With how many errors of the estimated height `expected_flights` tries a flight."""
 REHEARSAL_PAIRS = 2
 """In how many other gusts, and in as many that blow the other way, `expected_flights` tries a flight."""
 
@@ -122,6 +128,7 @@ def expected_flights(
     track_step_s: float = 1.0,
     endless: bool = False,
     threads: int = 1,
+    height_jumps: bool = False,
 ) -> list[Prediction]:
     """Predict flights in a wind whose gusts are known by their statistics only.
 
@@ -130,10 +137,16 @@ def expected_flights(
     energy is nearest to the mean. That counts what gusts cost in power as well as in time. A mission that is
     not completed in half of them is not feasible.
 
+    With ``height_jumps`` the same is done for the errors of PX4's estimated height
+    (`sim_vehicle.airframe.height_errors`): `JUMP_REHEARSALS` flights, each with errors of its own, always the
+    same ones.
+
     Parameters
     ----------
     missions, spec, wind, frame, track_step_s, endless, threads
         As for `predict_flights`.
+    height_jumps : bool
+        Whether the estimated height jumps and drifts.
 
     Raises
     ------
@@ -141,12 +154,25 @@ def expected_flights(
         As `predict_flight`.
     """
     winds = rehearsals(wind)
+    errors: list[HeightErrors | None] = [None] * len(winds)
+    if height_jumps:
+        errors = [
+            HeightErrors(np.random.SeedSequence(_HEIGHT_SEED, spawn_key=(k,))) for k in range(JUMP_REHEARSALS)
+        ]
+        winds = [winds[k % len(winds)] for k in range(JUMP_REHEARSALS)]
     flights = [
         PredictedFlight(
-            one, spec, air, frame, track_step_s=track_step_s, epoch_unix_s=EPOCH_UNIX_S, endless=endless
+            one,
+            spec,
+            air,
+            frame,
+            track_step_s=track_step_s,
+            epoch_unix_s=EPOCH_UNIX_S,
+            endless=endless,
+            height_errors=wrong,
         )
         for one in missions
-        for air in winds
+        for air, wrong in zip(winds, errors, strict=True)
     ]
     fly_all(flights, threads)
     return [mean_prediction(flights[k : k + len(winds)]) for k in range(0, len(flights), len(winds))]
@@ -162,16 +188,28 @@ def mean_prediction(flights: Sequence[PredictedFlight]) -> Prediction:
         return next(one for one, flight in zip(predictions, flights, strict=True) if not flight.completed)
     energy_wh = sum(one.energy_wh for one in done) / len(done)
     battery_fraction, reason = flights[0].left(energy_wh)
+    duration_s = sum(one.duration_s for one in done) / len(done)
     typical = min(done, key=lambda one: abs(one.energy_wh - energy_wh))
     return replace(
         typical,
-        duration_s=sum(one.duration_s for one in done) / len(done),
+        duration_s=duration_s,
         energy_wh=energy_wh,
         battery_fraction=battery_fraction,
         path_length_m=sum(one.path_length_m for one in done) / len(done),
         feasible=not reason,
         reason=reason,
+        duration_interval_s=_interval(duration_s, [one.duration_s for one in done]),
     )
+
+
+def _interval(mean_s: float, durations_s: Sequence[float]) -> tuple[float, float] | None:
+    """Return where one more duration is with a probability of 90 %, by Student's distribution."""
+    count = len(durations_s)
+    if count < 2:
+        return None
+    variance = sum((one - mean_s) ** 2 for one in durations_s) / (count - 1)
+    half = float(stdtrit(count - 1, 0.95)) * math.sqrt(variance * (1.0 + 1.0 / count))
+    return mean_s - half, mean_s + half
 
 
 def rehearsals(wind: Wind | None) -> list[Wind | None]:

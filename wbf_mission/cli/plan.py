@@ -13,6 +13,7 @@ from wbf_mission.cli.targets import MISSION_SUFFIXES, Force, refuse_overwrite
 from wbf_mission.scenario import CameraOptions, FarmOptions, MissionOptions, VehicleOptions, WeatherOptions
 
 if TYPE_CHECKING:
+    from sim_vehicle.prediction.flight import Prediction
     from wbf_mission.planning import PlanResult
 
 EXAMPLES = """
@@ -42,7 +43,6 @@ wbf-mission plan --farm waterberry --vehicles 3 --partition voronoi --budget 10k
         "turbulence",
         "gps_noise_m",
         "baro_noise_m",
-        "height_jumps",
         "radio_range_m",
         "camera_noise",
         "false_positive_rate",
@@ -125,6 +125,15 @@ def _files(out: Path | None, count: int) -> list[Path | None]:
     return [out.with_name(f"{out.stem}-{number}{out.suffix}") for number in range(1, count + 1)]
 
 
+def _time(prediction: Prediction) -> str:
+    """Return the predicted time, with where it is nine times in ten if chance has a part in it."""
+    text = duration(prediction.duration_s)
+    if prediction.duration_interval_s is None:
+        return text
+    low_s, high_s = prediction.duration_interval_s
+    return f"{text} (90 %: {duration(low_s)} to {duration(high_s)})"
+
+
 def _rows(result: PlanResult, path: Path | None) -> dict[str, str]:
     """Return what is told of a plan."""
     battery = "none" if result.battery_used is None else f"{result.battery_used:.1%}"
@@ -136,7 +145,7 @@ def _rows(result: PlanResult, path: Path | None) -> dict[str, str]:
         "waypoints": str(len(result.path_m)),
         "row spacing": "-" if result.spacing_m is None else distance(result.spacing_m),
         "length": distance(result.length_m),
-        "predicted time": duration(result.prediction.duration_s),
+        "predicted time": _time(result.prediction),
         "coverage": f"{result.coverage:.2%} of the owner's land",
         "battery use": battery,
         "batteries": "never enough" if result.batteries is None else str(result.batteries),

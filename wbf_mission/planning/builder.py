@@ -49,6 +49,8 @@ class MissionBuilder:
         How the autopilot takes the corners of a path.
     home_m : tuple of float
         Where the vehicle takes off and lands, in metres of the farm frame.
+    height_jumps : bool
+        Whether the height that the autopilot estimates jumps and drifts: by its statistics.
     """
 
     farm: Farm
@@ -58,6 +60,7 @@ class MissionBuilder:
     image_spacing_m: float
     turns: Turns
     home_m: tuple[float, float]
+    height_jumps: bool = False
 
     @classmethod
     def of(cls, scenario: Scenario, farm: Farm, home_m: tuple[float, float] | None = None) -> MissionBuilder:
@@ -80,6 +83,7 @@ class MissionBuilder:
             camera.spacing_m or farm.cell_size_m * camera.footprint,
             turns_of(vehicle, mission.acceptance_radius_m),
             farm.home_m if home_m is None else home_m,
+            scenario.vehicle.height_jumps,
         )
 
     def mission(self, path: PlannedPath, *, camera_on_approach: bool = False) -> Mission:
@@ -133,7 +137,9 @@ class MissionBuilder:
     def predict_all(self, missions: Sequence[Mission]) -> list[Prediction]:
         """Predict the flights of several missions."""
         wind = wind_of(self.weather, self.level)
-        return expected_flights(missions, self.vehicle, wind=wind, threads=_threads())
+        return expected_flights(
+            missions, self.vehicle, wind=wind, threads=_threads(), height_jumps=self.height_jumps
+        )
 
     def batteries(self, mission: Mission, prediction: Prediction) -> int | None:
         """How many batteries ``mission`` needs (`sim_vehicle.prediction.battery_swaps.batteries_needed`)."""

@@ -117,6 +117,7 @@ class PlanResult:
             "spacing_m": self.spacing_m,
             "length_m": self.length_m,
             "predicted_time_s": self.prediction.duration_s,
+            "predicted_time_interval_s": self.prediction.duration_interval_s,
             "predicted_energy_wh": self.prediction.energy_wh,
             "battery_used": self.battery_used,
             "batteries": self.batteries,

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.airframe.height_errors import HeightErrors
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
@@ -261,3 +262,32 @@ def test_px4_climbs_by_itself_where_a_take_off_is_missing():
     assert predicted.feasible and predicted.duration_s > 60.0
     assert predicted.track_m[:, 2].max() > 9.0
     assert "no take-off" in predict_flight(mission, with_autopilot(QUAD, "ardupilot")).reason
+
+
+def test_jumps_of_px4s_height_give_an_expected_time_and_an_interval():
+    spec = with_autopilot(get_vehicle("quad"), "px4")
+    takeoff = MissionItem(22, 3, 0, 0, 0, None, 28.05, -82.15, 10.0)
+    speed = MissionItem(178, 2, 1.0, 8.0, -1.0, 0.0)
+    places = [(28.05 + 0.0001 * k, -82.15 + 0.0003 * (k // 2 % 2)) for k in range(8)]
+    ways = [MissionItem.waypoint(*place, 10.0, acceptance_radius_m=0.5) for place in places]
+    mission = Mission((takeoff, speed, *ways), GeoPoint(28.05, -82.15))
+    exact = predict_flight(mission, spec)
+    assert exact.duration_interval_s is None
+    (expected,) = expected_flights([mission], spec, height_jumps=True)
+    assert expected.duration_interval_s is not None
+    low_s, high_s = expected.duration_interval_s
+    assert low_s < expected.duration_s < high_s
+    assert expected.duration_s > 1.03 * exact.duration_s
+    # The interval holds for flights with other errors.
+    frame = LocalFrame(28.05, -82.15)
+    inside = 0
+    for seed in range(20):
+        executor = MissionExecutor(spec, frame, height_errors=HeightErrors(seed))
+        executor.load(mission.items)
+        executor.arm()
+        executor.start()
+        done = [one for one in executor.fly_through(3600.0) if isinstance(one, MissionComplete)]
+        inside += low_s <= done[0].time_s <= high_s
+    assert inside >= 14
+    (again,) = expected_flights([mission], spec, height_jumps=True)
+    assert again.duration_s == expected.duration_s

@@ -177,7 +177,7 @@ CASES = {
     "too-slow": (wing(*WIDE, airspeed=6.0), wing(*WIDE), "warning", 2, WING),
     "tight-turn": (
         wing(*NARROW),
-        wing(*WIDE, at(900, 0, 40.0), at(900, 20, 40.0)),
+        wing(*WIDE, at(900, 0, 40.0), at(920, 0, 40.0)),
         "warning",
         13,
         WING,

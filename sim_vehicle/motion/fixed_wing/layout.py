@@ -75,6 +75,8 @@ ON_GROUND, FLYING, FLARE, ROLLING = 0.0, 1.0, 2.0, 3.0
 LINING_UP, APPROACH, PREFLARE = 0.0, 1.0, 2.0
 # Slower than this it stands.
 STOPPED_M_S = 0.1
+# Nothing is divided by speeds (m/s) and lengths (m) below this.
+SHORT = 0.5
 
 # One leg.
 (

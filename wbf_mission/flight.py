@@ -94,7 +94,8 @@ def fly(
     connect : LiveLink, optional
         The link to the vehicle that flies, in place of a simulated one.
     memory : FlightMemory, optional
-        Given to several runs: flights of planners that would be the same are flown once.
+        Given to several runs: flights of planners that would be the same are flown once, and runs on the same
+        small environment that follow one another share it.
 
     Returns
     -------
@@ -138,7 +139,13 @@ def fly(
             connect.check(plans[0], scenario)
             watch.lap("preflight")
     require_run_memory(farm, learner, round(campaign.expected_readings))
-    environment, cached = find_environment(scenario, farm, progress, use_cache=use_cache)
+    environment, cached = find_environment(
+        scenario,
+        farm,
+        progress,
+        use_cache=use_cache,
+        memory=None if memory is None else memory.environments,
+    )
     watch.lap("environment")
     # One BLAS thread: sums do not depend on the number of cores then, and small matrices are faster.
     with threadpool_limits(1, user_api="blas"):

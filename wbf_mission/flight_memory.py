@@ -20,6 +20,7 @@ from mission.link.tlog import FrameLog
 from sensors.camera.layout import LeafLayout
 from sensors.camera.numbering import ImageList, NumberingCamera
 from sensors.environment import Environment
+from sensors.environment.memory import EnvironmentMemory
 from sensors.observations import Observations
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from wbf_mission.deciding.record import DecisionRecord
@@ -96,15 +97,21 @@ class _KeptFlight:
 
 
 class FlightMemory:
-    """Keeps the flights that were used last.
+    """Keeps the flights that were used last, and the environments.
 
     Parameters
     ----------
     most : int
         How many.
+
+    Attributes
+    ----------
+    environments : EnvironmentMemory
+        The small environments that were used last.
     """
 
     def __init__(self, most: int = MOST_FLIGHTS) -> None:
+        self.environments = EnvironmentMemory()
         self._most = most
         self._kept: OrderedDict[bytes, _KeptFlight] = OrderedDict()
 

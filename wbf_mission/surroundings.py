@@ -7,6 +7,7 @@ from geo.seeds import child_seed
 from sensors.camera.leaf_camera import LeafCameraOptions
 from sensors.environment import Environment
 from sensors.environment.cache import EnvironmentCache
+from sensors.environment.memory import EnvironmentMemory
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
 from wbf_mission.progress import Progress
@@ -21,16 +22,23 @@ def make_environment(
 
 
 def find_environment(
-    scenario: Scenario, farm: Farm, progress: Progress | None, *, use_cache: bool
+    scenario: Scenario,
+    farm: Farm,
+    progress: Progress | None,
+    *,
+    use_cache: bool,
+    memory: EnvironmentMemory | None = None,
 ) -> tuple[Environment, bool]:
-    """Return the environment, and whether it came from the cache."""
+    """Return the environment, maybe one that other runs with the memory had, and whether the cache had it."""
 
     def tell(done: int, total: int) -> None:
         if progress is not None:
             progress("environment", done, total)
 
     cache = EnvironmentCache.of_user() if use_cache else EnvironmentCache.off()
-    return cache.environment(
+    memory = EnvironmentMemory() if memory is None else memory
+    return memory.environment(
+        cache,
         farm.grid(),
         day=scenario.farm.day,
         last_day=scenario.farm.day + scenario.farm.days - 1,

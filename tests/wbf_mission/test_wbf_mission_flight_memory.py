@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from mission.outcome import Outcome
+from sensors.environment import cache
 from wbf_mission.flight import fly
 from wbf_mission.flight_memory import FlightMemory
 from wbf_mission.result import Result
@@ -91,6 +92,33 @@ def test_only_so_many_flights_are_kept() -> None:
         assert_alike(fly(scenario, memory=memory), fly(scenario))
         assert len(memory) <= 2
     assert len(memory) == 2
+
+
+def test_an_environment_is_made_once_for_runs_that_follow_one_another(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made: list[int] = []
+    generate = cache.generate_environment
+
+    def counting(*given: Any, **options: Any) -> Any:
+        made.append(1)
+        return generate(*given, **options)
+
+    monkeypatch.setattr(cache, "generate_environment", counting)
+    memory = FlightMemory()
+    counts = []
+    for seed, planner, day in (
+        (1, "spiral", 6),
+        (1, "greedy", 6),
+        (1, "spiral", 7),
+        (2, "spiral", 6),
+        (1, "spiral", 6),
+    ):
+        choice = {"policy": planner, "planner": None} if planner == "greedy" else {"planner": planner}
+        fly(scenario_with(BASE, {**choice, "seed": seed, "day": day}), memory=memory)
+        counts.append(len(made))
+    # Two are kept: the first environment gave way to the fourth run's.
+    assert counts == [1, 1, 2, 3, 4]
 
 
 def test_one_run_cannot_change_what_another_gets() -> None:

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from geo.seeds import stream
 
@@ -66,6 +65,8 @@ class HeightErrors:
         -------
         float64[count]
         """
+        from scipy.signal import lfilter
+
         decay = math.exp(-GRID_S / DRIFT_S)
         noise = stream(self.seed, "height-drift").standard_normal(count)
         # The stationary variance of two equal filters one after the other.

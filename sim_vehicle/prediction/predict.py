@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import stdtrit
 
 from sim_vehicle.airframe.height_errors import HeightErrors
 from sim_vehicle.epoch import EPOCH_UNIX_S
@@ -204,6 +203,8 @@ def mean_prediction(flights: Sequence[PredictedFlight]) -> Prediction:
 
 def _interval(mean_s: float, durations_s: Sequence[float]) -> tuple[float, float] | None:
     """Return where one more duration is with a probability of 90 %, by Student's distribution."""
+    from scipy.special import stdtrit
+
     count = len(durations_s)
     if count < 2:
         return None

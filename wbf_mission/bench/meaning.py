@@ -19,6 +19,9 @@ __all__ = ["digest", "meaning_of"]
 
 _ROWS = ("planner", "policy", "estimator", "seed")
 _FILES = ("farm", "fields", "vehicle")
+# What was added after the first ids, with the values that leave everything as it was: these do not count.
+_LATER_OPTIONS = {"height_jumps": False}
+_LATER_OF_VEHICLES = {"airframe": None}
 
 
 def meaning_of(scenario: Scenario) -> str:
@@ -32,6 +35,7 @@ def meaning_of(scenario: Scenario) -> str:
         If the farm, a field or a vehicle is unknown.
     """
     options = {key: one for key, one in scenario.to_dict().items() if key not in (*_ROWS, *_FILES)}
+    options = _without(options, _LATER_OPTIONS)
     fields = load_field_set(scenario.farm.fields)
     return digest(
         {
@@ -52,7 +56,11 @@ def digest(values: Any) -> str:
 def _vehicle(name: str) -> dict[str, Any]:
     values = dataclasses.asdict(get_vehicle(name))
     del values["name"]
-    return values
+    return _without(values, _LATER_OF_VEHICLES)
+
+
+def _without(values: dict[str, Any], left_out: dict[str, Any]) -> dict[str, Any]:
+    return {key: one for key, one in values.items() if key not in left_out or one != left_out[key]}
 
 
 def _farm(farm: Farm) -> dict[str, Any]:

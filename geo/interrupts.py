@@ -20,7 +20,9 @@ def ignore_interrupts() -> None:
 
 
 @contextmanager
-def interrupts_noted(wake: Callable[[], None] | None = None) -> Iterator[Callable[[], None]]:
+def interrupts_noted(
+    wake: Callable[[], None] | None = None, *, at_once: bool = False
+) -> Iterator[Callable[[], None]]:
     """Note the KeyboardInterrupt of the first signal; raise it where the caller asks, or at the end.
 
     What is raised wherever a signal happens to come can be lost: compiled extensions drop exceptions in
@@ -31,6 +33,8 @@ def interrupts_noted(wake: Callable[[], None] | None = None) -> Iterator[Callabl
     ----------
     wake : callable, optional
         Called when the signal has come, to end a wait.
+    at_once : bool
+        The first signal's is raised at once, too; it is noted in case that it is lost.
 
     Yields
     ------
@@ -48,7 +52,7 @@ def interrupts_noted(wake: Callable[[], None] | None = None) -> Iterator[Callabl
         except KeyboardInterrupt as error:
             # The second one's, too: where it is lost, it is raised where the caller asks.
             noted[:] = [error]
-            if seen[0] > 1:
+            if at_once or seen[0] > 1:
                 raise
         if wake is not None:
             wake()

@@ -96,8 +96,8 @@ class SimVehicle:
     --------
     >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> vehicle = SimVehicle(get_vehicle("quad"), GeoPoint(28.05, -82.15, 10.0))
-    >>> [message.get_type() for message in vehicle.poll(0.0)][:2]
-    ['HEARTBEAT', 'SYS_STATUS']
+    >>> vehicle.poll(0.0)[0].get_type()
+    'HEARTBEAT'
     >>> vehicle.outcome.value
     'running'
     """

@@ -139,6 +139,21 @@ def test_the_second_one_is_raised_again_where_it_was_lost():
 
 
 @pytest.mark.usefixtures("handler")
+def test_the_first_one_can_be_raised_at_once_and_again_where_it_was_lost():
+    done = []
+    with pytest.raises(KeyboardInterrupt), interrupts_noted(at_once=True):
+        os.kill(os.getpid(), signal.SIGINT)
+        done.append("not this")  # pragma: no cover
+    with pytest.raises(KeyboardInterrupt), interrupts_noted(at_once=True) as answer:
+        with contextlib.suppress(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+        done.append("lost")
+        answer()
+        done.append("not this")  # pragma: no cover
+    assert done == ["lost"]
+
+
+@pytest.mark.usefixtures("handler")
 def test_a_handler_that_raises_nothing_is_asked_and_nothing_else_happens():
     came = []
     signal.signal(signal.SIGINT, lambda number, _frame: came.append(number))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from pathlib import Path
 
+from geo.interrupts import interrupts_noted
 from wbf_mission.bench.engine import fly_all
 from wbf_mission.bench.row import BenchRow
 from wbf_mission.bench.spec import BenchSpec
@@ -87,12 +88,14 @@ def benchmark(
         missing = [one for one in runs if one.key not in done or (retry and not done[one.key])]
         kept = len(runs) - len(missing)
         try:
-            for number, row in enumerate(fly_all(missing, jobs=jobs, dask=dask), kept + 1):
-                if store is None:
-                    rows[row.key] = row
-                else:
-                    store.add(row)
-                tell("flying", number, len(runs))
+            with interrupts_noted(at_once=True) as answer_interrupt:
+                for number, row in enumerate(fly_all(missing, jobs=jobs, dask=dask), kept + 1):
+                    if store is None:
+                        rows[row.key] = row
+                    else:
+                        store.add(row)
+                    tell("flying", number, len(runs))
+                    answer_interrupt()
         except KeyboardInterrupt:
             interrupted = True
     if store is None:

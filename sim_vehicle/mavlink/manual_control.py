@@ -25,6 +25,8 @@ __all__ = ["ManualControl", "stick"]
 _DEADZONE, _EXPO = 0.1, 0.6
 _FULL_SPEED_M_S, _FULL_TURN_RAD_S = 10.0, math.radians(150.0)
 _FULL = 1000.0
+# MAVLink's number for an axis that the sender does not have.
+_NO_AXIS = 2**15 - 1
 # COM_RC_LOSS_T: after that the sticks count as let go.
 _LOST_S = 0.5
 
@@ -69,8 +71,8 @@ class ManualControl:
         if pilot.mode is not Mode.POSITION or not pilot.armed:
             self._moves, self._lost_s = False, NEVER
             return
-        forward, right, turn = (stick(value / _FULL) for value in (message.x, message.y, message.r))
-        up = stick(message.z / (0.5 * _FULL) - 1.0)
+        forward, right, turn = (_share(value) for value in (message.x, message.y, message.r))
+        up = _share(message.z, middle=0.5 * _FULL)
         if pilot.landed is LandedState.ON_GROUND and up <= 0.0:
             return
         if not any((forward, right, up, turn)):
@@ -100,3 +102,8 @@ class ManualControl:
             with suppress(RefusedError):  # it may have come down meanwhile
                 self._pilot.controls.order(self._pilot.executor.hold)
         self._moves = False
+
+
+def _share(value: int, middle: float = 0.0) -> float:
+    """Share of the greatest speed that an axis of the message asks for; one that is not there is centred."""
+    return 0.0 if value == _NO_AXIS else stick((value - middle) / (_FULL - middle))

@@ -197,6 +197,18 @@ def sticks(x=0, y=0, z=500, r=0, target=1):
     return m.MAVLink_manual_control_message(target, x, y, z, r, 0)
 
 
+def test_an_axis_that_the_sender_does_not_have_is_centred():
+    peer = Peer("px4")
+    peer.fly()
+    assert peer.result(176, 1.0, 3.0) == 0
+    before = peer.vehicle.pilot.state.position_m
+    none = 2**15 - 1
+    for _ in range(30):
+        peer.tell(sticks(none, none, none, none))
+        peer.wait(0.1)
+    assert peer.vehicle.pilot.state.position_m == pytest.approx(before, abs=0.3)
+
+
 def test_sticks_move_px4_in_its_position_mode():
     peer = Peer("px4")
     peer.fly()

@@ -112,6 +112,23 @@ def test_a_camera_that_nobody_commands_follows_a_mission_with_intervals():
     assert ride.does == (0.0, 0)
 
 
+@pytest.mark.parametrize("item_first", [False, True])
+def test_a_silence_costs_the_same_whatever_is_heard_first_after_it(item_first):
+    legs = [
+        MissionItem.waypoint(HOME.latitude_deg, HOME.longitude_deg + 1e-3 + 2e-4 * k, 10.0) for k in range(3)
+    ]
+    on, off = (MissionItem(DISTANCE, param1=value) for value in (0.5, 0.0))
+    ride = Ride(Mission((legs[0], on, legs[1], off, legs[2])))
+    ride.seconds(3, item=2)
+    assert ride.does[0] == 0.5
+    if item_first:
+        ride.at(4)
+    ride.move(20.0)
+    ride.at(4)
+    # The rest of a leg of 20 m, of which 3 m lie behind it, an image every half a metre.
+    assert ride.camera.missed == pytest.approx(33, abs=3)
+
+
 def test_outside_the_mission_its_orders_are_not_read():
     ride = Ride()
     ride.beat(GUIDED)

@@ -74,7 +74,8 @@ class RidingCamera:
         self._home = 0
         self._clock = BootClock()
         self._before: Any = None
-        self._item = -1
+        self._item = self._item_then = -1
+        self._did_then = Shots()
         self._silence: Silence | None = None
         self.missed = 0
 
@@ -139,7 +140,9 @@ class RidingCamera:
 
     def _on_position(self, message: mavlink.MAVLink_global_position_int_message, now_s: float) -> None:
         """Count what a silence cost; after a restart of the autopilot nobody has told the camera to shoot."""
-        before, self._before = self._before, message
+        # The item may be told before the position when the vehicle is heard again.
+        before, item, did = self._before, self._item_then, self._did_then
+        self._before, self._item_then, self._did_then = message, self._item, self._does
         restarts = self._clock.restarts
         before_ms = 0 if before is None else before.time_boot_ms + self._clock.offset_ms
         time_ms = self._clock.take(message.time_boot_ms, now_s)
@@ -149,7 +152,7 @@ class RidingCamera:
             # What was flown of the mission meanwhile is known when the vehicle tells its item.
             places = [(one.lat / 1e7, one.lon / 1e7) for one in (before, message)]
             seconds = (time_ms - before_ms) / 1000.0
-            self._silence = Silence(places[0], places[1], self._item, seconds, self._does)
+            self._silence = Silence(places[0], places[1], item, seconds, did)
 
     @property
     def _does(self) -> Shots:

@@ -10,7 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from mission.link.codec.dialect import mavlink
 
-__all__ = ["NEVER", "UNHEARD", "Component", "SaysGoodbye", "SaysMuch"]
+__all__ = ["NEVER", "UNHEARD", "Component", "KeepsLog", "SaysGoodbye", "SaysMuch"]
 
 NEVER = float("inf")
 """Value of ``next_deadline`` when nothing is to be done until a message arrives."""
@@ -62,6 +62,15 @@ class SaysGoodbye(Protocol):
 
     def goodbye(self) -> list[mavlink.MAVLink_message]:
         """Messages to send last."""
+        ...
+
+
+@runtime_checkable
+class KeepsLog(Protocol):
+    """A component that keeps a log which peers can ask it for; the server hands it its frames."""
+
+    def log_frame(self, frame: bytes, message_id: int, now_s: float) -> None:
+        """Take a frame that the component sent or heard."""
         ...
 
 

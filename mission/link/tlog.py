@@ -57,7 +57,7 @@ class TlogWriter:
 
     def write(self, frame: bytes, time_s: float) -> None:
         """Add one frame; ``time_s`` is in seconds since 1970."""
-        self._file.write(_TIME.pack(max(0, round(time_s * 1e6))) + frame)
+        self._file.write(tlog_record(frame, time_s))
         self.frames += 1
 
     def write_all(self, log: FrameLog, begin_s: float) -> None:
@@ -116,6 +116,17 @@ class FrameLog:
         places = np.array(self._starts)[:, None] + np.arange(_TIME.size)
         made[places] = times_us.view(np.uint8).reshape(-1, _TIME.size)
         return made.tobytes()
+
+
+def tlog_record(frame: bytes, time_s: float) -> bytes:
+    r"""Return the record of one frame; ``time_s`` is in seconds since 1970.
+
+    Examples
+    --------
+    >>> tlog_record(b"frame", 1.5)
+    b'\x00\x00\x00\x00\x00\x16\xe3`frame'
+    """
+    return _TIME.pack(max(0, round(time_s * 1e6))) + frame
 
 
 def read_tlog(path: Path | str) -> Iterator[tuple[float, Message]]:

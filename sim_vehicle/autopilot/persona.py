@@ -10,7 +10,15 @@ from typing import Literal
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.autopilot.modes import Mode
 
-__all__ = ["COMMON_CAPABILITIES", "BaseModes", "Identity", "ModeTable", "Persona", "px4_custom_mode"]
+__all__ = [
+    "COMMON_CAPABILITIES",
+    "BaseModes",
+    "Identity",
+    "LogHabits",
+    "ModeTable",
+    "Persona",
+    "px4_custom_mode",
+]
 
 COMMON_CAPABILITIES = int(
     m.MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT
@@ -167,6 +175,31 @@ def px4_custom_mode(main: int, sub: int = 0) -> int:
 
 
 @dataclass(frozen=True, slots=True)
+class LogHabits:
+    """Where a firmware keeps its logs, and when it sends them.
+
+    Parameters
+    ----------
+    directory : str
+        Where their files are.
+    by_date : bool
+        The files are named by date and time (PX4); otherwise they are numbered.
+    first_number : int
+        Number of the first log in LOG_ENTRY.
+    refusal_armed : str
+        Why none is sent while the vehicle is armed; empty where they are.
+    busy_text : str
+        Why none is sent while another one is; empty where the later request replaces the earlier one.
+    """
+
+    directory: str = "/logs"
+    by_date: bool = False
+    first_number: int = 0
+    refusal_armed: str = ""
+    busy_text: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Persona:
     """One firmware as its MAVLink peers see it.
 
@@ -218,8 +251,7 @@ class Persona:
         MANUAL_CONTROL moves the vehicle in its position mode (PX4's multirotors).
     tells_calibration : bool
         Texts tell how a calibration goes (PX4).
-    log_directory : str
-        Where files of logs are.
+    logs : LogHabits
     """
 
     identity: Identity
@@ -245,4 +277,4 @@ class Persona:
     component_metadata: bool = False
     flies_by_stick: bool = False
     tells_calibration: bool = False
-    log_directory: str = "/logs"
+    logs: LogHabits = LogHabits()

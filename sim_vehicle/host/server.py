@@ -15,7 +15,7 @@ from mission.link.address import Link
 from mission.link.codec.dialect import Message
 from mission.link.codec.frames import FrameReader, FrameWriter, valid_frame_end
 from mission.link.codec.signing import SETUP_SIGNING, Signing
-from sim_vehicle.component import NEVER, Component, SaysGoodbye
+from sim_vehicle.component import NEVER, Component, KeepsLog, SaysGoodbye
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.faults.fault import Fault
 from sim_vehicle.faults.session import FaultSession
@@ -36,13 +36,14 @@ _MOST_ANSWERS = 100_000
 class _Local:
     """A component of ours as a port of the router."""
 
-    __slots__ = ("component", "system", "wanted", "writer")
+    __slots__ = ("component", "log", "system", "wanted", "writer")
 
-    def __init__(self, component: Component, signing: Signing | None) -> None:
+    def __init__(self, component: Component, signing: Signing | None, log: KeepsLog | None) -> None:
         self.component = component
         self.system = component.system_id
         self.wanted = component.wanted
         self.writer = FrameWriter(component.system_id, component.component_id, signing=signing)
+        self.log = log
 
 
 _Port = _Local | Client
@@ -123,7 +124,10 @@ class Server:
         self._tap = tap
         self._signing = signing
         session = FaultSession(faults, seed)
-        self._locals = [_Local(component, signing) for component in session.wrap(components)]
+        self._locals = [
+            _Local(wrapped, signing, component if isinstance(component, KeepsLog) else None)
+            for component, wrapped in zip(components, session.wrap(components), strict=True)
+        ]
         self._table: RoutingTable[_Port] = RoutingTable()
         for local, address in zip(self._locals, addresses, strict=True):
             self._table.learn(local, address)
@@ -313,6 +317,8 @@ class Server:
         for message in messages:
             frame = local.writer.encode(message)
             self.frames += 1
+            if local.log is not None:
+                local.log.log_frame(frame, type(message).id, self.now_s)
             if self._tap is not None:
                 self._tap(frame, self.now_s)
             self._inbox.append((frame, local))
@@ -339,6 +345,8 @@ class Server:
             if locals_:
                 for message in self._reader.feed(frame):
                     for local in locals_:
+                        if local.log is not None:
+                            local.log.log_frame(frame, key[1], self.now_s)
                         self._send(local, local.component.receive(message, self.now_s))
         inbox.clear()
 

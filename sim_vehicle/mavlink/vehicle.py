@@ -33,6 +33,8 @@ from sim_vehicle.mavlink.ftp.metadata import GENERAL_PATH, uri
 from sim_vehicle.mavlink.ftp.server import FtpServer, checksum
 from sim_vehicle.mavlink.ftp.vehicle_files import general_metadata, vehicle_files
 from sim_vehicle.mavlink.item_reports import ItemReports
+from sim_vehicle.mavlink.logs.flight_logs import FlightLogs
+from sim_vehicle.mavlink.logs.transfer import LOG_MESSAGES, LogMessage, LogTransfer
 from sim_vehicle.mavlink.manual_control import ManualControl
 from sim_vehicle.mavlink.parameters import ParameterMessage, ParameterSet
 from sim_vehicle.mavlink.plan_receiver import PlanReceiver
@@ -162,17 +164,19 @@ class SimVehicle:
             self.say_warning,
             self._plans.totals(),
         )
-        self._ftp = FtpServer(vehicle_files(persona, self._parameters))
+        self._logs = FlightLogs(epoch_unix_s)
+        self._log_transfer = LogTransfer(self._logs, persona.logs, self.say_warning)
+        self._ftp = FtpServer(vehicle_files(persona, self._parameters, self._logs))
         self._handlers: dict[int, Callable[[Any], None]] = {
             **dict.fromkeys(_COMMAND_IDS, self._on_command),
             **dict.fromkeys(_PARAMETER_IDS, self._on_parameter),
+            **dict.fromkeys(LOG_MESSAGES, self._on_log),
             **dict.fromkeys(_MISSION_IDS, self._on_mission),
             **dict(
                 (
                     handler(m.MAVLink_command_ack_message, self._on_ack),
                     handler(m.MAVLink_file_transfer_protocol_message, self._on_ftp),
                     handler(m.MAVLink_heartbeat_message, self._on_heartbeat),
-                    handler(m.MAVLink_log_request_list_message, self._on_log_list),
                     handler(m.MAVLink_manual_control_message, self._on_sticks),
                     handler(m.MAVLink_mission_set_current_message, self._on_set_current),
                     handler(m.MAVLink_ping_message, self._on_ping),
@@ -255,6 +259,7 @@ class SimVehicle:
         self._outbox += self._plans.poll(now_s)
         self._outbox += self._parameters.poll(now_s)
         self._outbox += self._ftp.poll(now_s)
+        self._outbox += self._log_transfer.poll(now_s)
         self._sticks.poll(now_s)
         for text in self._calibration.poll(now_s):
             self.pilot.note(Severity.INFO, text)
@@ -282,6 +287,7 @@ class SimVehicle:
             self._plans.next_deadline(),
             self._parameters.next_deadline(),
             self._ftp.next_deadline(),
+            self._log_transfer.next_deadline(),
             self._calibration.next_deadline(),
             self._sticks.next_deadline(),
         )
@@ -388,6 +394,10 @@ class SimVehicle:
         self._plans.set_home(self.state.move_home())
         self._outbox += self.built(m.MAVLINK_MSG_ID_HOME_POSITION)
 
+    def log_frame(self, frame: bytes, message_id: int, now_s: float) -> None:
+        """Keep a frame that was sent or heard in the log of the flight."""
+        self._logs.write(frame, message_id, now_s, armed=self.pilot.armed)
+
     def goodbye(self) -> list[Message]:
         """A last HEARTBEAT, of a vehicle that is powered off."""
         (heartbeat,) = self.built(m.MAVLINK_MSG_ID_HEARTBEAT)
@@ -459,9 +469,9 @@ class SimVehicle:
     def _on_ftp(self, message: m.MAVLink_file_transfer_protocol_message) -> None:
         self._outbox += self._ftp.receive(message, self.state.now_us / 1e6)
 
-    def _on_log_list(self, _message: m.MAVLink_log_request_list_message) -> None:
-        """Say that there are no logs: what a run records is in the folder of the run."""
-        self._outbox.append(m.MAVLink_log_entry_message(0, 0, 0, 0, 0))
+    def _on_log(self, message: LogMessage) -> None:
+        now_s = self.state.now_us / 1e6
+        self._outbox += self._log_transfer.receive(message, now_s, armed=self.pilot.armed)
 
     def _on_origin(self, _message: m.MAVLink_set_gps_global_origin_message) -> None:
         """Tell the origin: a vehicle that has a position keeps the one that it has."""

@@ -5,6 +5,8 @@ import queue
 
 import pytest
 
+from mission.link import read_tlog
+
 pytestmark = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 
 
@@ -61,6 +63,39 @@ def test_mavsdk_asks_for_logs_and_for_metadata(autopilot, connected, tools):
     names = {entry["name"] for entry in json.loads(told.json_metadata)["parameters"]}
     table = flying.vehicle.firmware.parameters(flying.vehicle.pilot.spec, 1)
     assert names == {parameter.name for parameter in table}
+
+
+def test_mavsdk_downloads_the_log_of_a_flight(autopilot, connected, tools, tmp_path):
+    from mavsdk.plugins.ftp import Ftp
+    from mavsdk.plugins.log_files import LogFiles
+
+    flying, system = connected(autopilot)
+    pilot = flying.vehicle.pilot
+    tools.wait_until(lambda: pilot.controls.now_s > 5.0, what="some seconds")
+    pilot.arm()
+    tools.wait_until(lambda: pilot.controls.now_s > 10.0, what="some seconds")
+    pilot.disarm()
+    ended_s = pilot.controls.now_s
+    tools.wait_until(lambda: pilot.controls.now_s > ended_s + 3.0, what="the end of the log")
+    files, ftp = LogFiles(system), Ftp(system)
+    got = tmp_path / "got.tlog"
+    (log,) = files.get_entries()
+    assert log.date.startswith("20")
+    assert finished(lambda told: files.download_log_file_async(log, str(got), told)) == "SUCCESS"
+    assert got.stat().st_size == log.size_bytes
+    folder = "/APM/LOGS"
+    if not flying.is_ardupilot:
+        (day,) = ftp.list_directory("/fs/microsd/log").entries
+        folder = f"/fs/microsd/log/{day.name}"
+    (entry,) = ftp.list_directory(folder).entries
+    assert entry.size_bytes == log.size_bytes
+    saved = tmp_path / entry.name
+    remote = f"{folder}/{entry.name}"
+    assert finished(lambda told: ftp.download_async(remote, str(tmp_path), True, told)) == "SUCCESS"
+    assert saved.read_bytes() == got.read_bytes()
+    told = [(time_s, message.get_type()) for time_s, message in read_tlog(saved)]
+    assert told[-1][0] - told[0][0] > 3.0
+    assert "HEARTBEAT" in {kind for _, kind in told}
 
 
 def test_mavftp_lists_puts_and_gets(autopilot, fly, tools, tmp_path):

@@ -12,6 +12,7 @@ import threading
 
 import pytest
 
+from mission.link import read_tlog
 from mission.model import MissionItem
 
 pytestmark = pytest.mark.slow
@@ -29,7 +30,7 @@ class Session:
         environment = {**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1", "HOME": str(directory)}
         command = [sys.executable, "-m", "MAVProxy.mavproxy", f"--master={master}"]
         command += [f"--state-basedir={directory}"]
-        command += ["--default-modules=wp,mode,arm,fence,rally,ftp,param,cmdlong"]
+        command += ["--default-modules=wp,mode,arm,fence,rally,ftp,param,cmdlong,log"]
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             text=True, env=environment, cwd=directory,
@@ -182,6 +183,28 @@ def test_parameters_come_by_ftp_and_files_are_listed(session, tools, tmp_path):
     proxy.type("param fetch", rf"Received {count} parameters \(ftp\)")
     proxy.type("param show ARMING_RUDDER", r"ARMING_RUDDER\s+2")
     (tmp_path / "note.txt").write_text("a note\n" * 200)
-    proxy.type(f"ftp put {tmp_path / 'note.txt'} logs/note.txt", "Sent|Put|Wrote|Transfer")
-    proxy.type("ftp list /logs", r"note\.txt\s+1400")
-    proxy.type("ftp list /", r" D logs")
+    proxy.type(f"ftp put {tmp_path / 'note.txt'} APM/LOGS/note.txt", "Sent|Put|Wrote|Transfer")
+    proxy.type("ftp list /APM/LOGS", r"note\.txt\s+1400")
+    proxy.type("ftp list /", r" D APM")
+
+
+@pytest.mark.parametrize(("autopilot", "number"), [("px4", 0), ("ardupilot", 1)])
+def test_the_log_of_a_flight_is_listed_and_downloaded(autopilot, number, session, tools, tmp_path):
+    flying, proxy = session(autopilot)
+    proxy.type("log list", "No logs")
+    vehicle = flying.vehicle
+    tools.wait_until(lambda: vehicle.pilot.controls.now_s > 5.0, what="some seconds")
+    proxy.type("arm throttle")
+    tools.wait_until(lambda: vehicle.pilot.armed, what="arming")
+    proxy.type("disarm")
+    tools.wait_until(lambda: not vehicle.pilot.armed, what="disarming")
+    ended_s = vehicle.pilot.controls.now_s
+    tools.wait_until(lambda: vehicle.pilot.controls.now_s > ended_s + 3.0, what="the end of the log")
+    size = int(proxy.type("log list", rf"Log {number} +numLogs 1 lastLog {number} size (\d+)").group(1))
+    proxy.type(f"log download {number} flight.tlog", rf"Finished downloading flight.tlog \({size} bytes")
+    messages = [message.get_type() for _, message in read_tlog(tmp_path / "flight.tlog")]
+    assert "HEARTBEAT" in messages
+    directory = "/APM/LOGS" if flying.is_ardupilot else "/fs/microsd/log"
+    proxy.type(f"ftp list {directory}", r"00000001\.tlog\s+" + str(size) if flying.is_ardupilot else r" D 20")
+    proxy.type("log erase")
+    proxy.type("log list", "No logs")

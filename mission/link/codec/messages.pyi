@@ -68,6 +68,7 @@ MAVLINK_MSG_ID_EKF_STATUS_REPORT: Final[int]
 MAVLINK_MSG_ID_ESTIMATOR_STATUS: Final[int]
 MAVLINK_MSG_ID_EXTENDED_SYS_STATE: Final[int]
 MAVLINK_MSG_ID_FENCE_STATUS: Final[int]
+MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: Final[int]
 MAVLINK_MSG_ID_GLOBAL_POSITION_INT: Final[int]
 MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: Final[int]
 MAVLINK_MSG_ID_GPS_RAW_INT: Final[int]
@@ -76,6 +77,12 @@ MAVLINK_MSG_ID_HIGHRES_IMU: Final[int]
 MAVLINK_MSG_ID_HIL_STATE_QUATERNION: Final[int]
 MAVLINK_MSG_ID_HOME_POSITION: Final[int]
 MAVLINK_MSG_ID_LOCAL_POSITION_NED: Final[int]
+MAVLINK_MSG_ID_LOG_DATA: Final[int]
+MAVLINK_MSG_ID_LOG_ENTRY: Final[int]
+MAVLINK_MSG_ID_LOG_ERASE: Final[int]
+MAVLINK_MSG_ID_LOG_REQUEST_DATA: Final[int]
+MAVLINK_MSG_ID_LOG_REQUEST_END: Final[int]
+MAVLINK_MSG_ID_LOG_REQUEST_LIST: Final[int]
 MAVLINK_MSG_ID_MESSAGE_INTERVAL: Final[int]
 MAVLINK_MSG_ID_MISSION_ACK: Final[int]
 MAVLINK_MSG_ID_MISSION_CLEAR_ALL: Final[int]
@@ -899,6 +906,13 @@ class MAVLink_local_position_ned_message(MAVLink_message):
         self, time_boot_ms: int, x: float, y: float, z: float, vx: float, vy: float, vz: float
     ) -> None: ...
 
+class MAVLink_log_data_message(MAVLink_message):
+    id: int
+    ofs: int
+    count: int
+    data: Sequence[int]
+    def __init__(self, id: int, ofs: int, count: int, data: Sequence[int]) -> None: ...
+
 class MAVLink_log_entry_message(MAVLink_message):
     id: int
     num_logs: int
@@ -906,6 +920,24 @@ class MAVLink_log_entry_message(MAVLink_message):
     time_utc: int
     size: int
     def __init__(self, id: int, num_logs: int, last_log_num: int, time_utc: int, size: int) -> None: ...
+
+class MAVLink_log_erase_message(MAVLink_message):
+    target_system: int
+    target_component: int
+    def __init__(self, target_system: int, target_component: int) -> None: ...
+
+class MAVLink_log_request_data_message(MAVLink_message):
+    target_system: int
+    target_component: int
+    id: int
+    ofs: int
+    count: int
+    def __init__(self, target_system: int, target_component: int, id: int, ofs: int, count: int) -> None: ...
+
+class MAVLink_log_request_end_message(MAVLink_message):
+    target_system: int
+    target_component: int
+    def __init__(self, target_system: int, target_component: int) -> None: ...
 
 class MAVLink_log_request_list_message(MAVLink_message):
     target_system: int

@@ -11,7 +11,14 @@ from types import MappingProxyType
 
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.autopilot.persona import COMMON_CAPABILITIES, BaseModes, Identity, ModeTable, Persona
+from sim_vehicle.autopilot.persona import (
+    COMMON_CAPABILITIES,
+    BaseModes,
+    Identity,
+    LogHabits,
+    ModeTable,
+    Persona,
+)
 
 __all__ = ["COPTER_PERSONA", "PLANE_PERSONA", "ROVER_PERSONA"]
 
@@ -72,6 +79,12 @@ COPTER_PERSONA = Persona(
     int_only=frozenset({int(m.MAV_CMD_DO_REPOSITION)}),
     takeoff_needs_arming=True,
     packed_parameters=True,
+    logs=LogHabits(
+        "/APM/LOGS",
+        first_number=1,
+        refusal_armed="Disarm for log download",
+        busy_text="Log download in progress",
+    ),
 )
 PLANE_PERSONA = replace(
     COPTER_PERSONA,

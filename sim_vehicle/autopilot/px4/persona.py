@@ -9,7 +9,14 @@ from types import MappingProxyType
 
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.autopilot.persona import COMMON_CAPABILITIES, Identity, ModeTable, Persona, px4_custom_mode
+from sim_vehicle.autopilot.persona import (
+    COMMON_CAPABILITIES,
+    Identity,
+    LogHabits,
+    ModeTable,
+    Persona,
+    px4_custom_mode,
+)
 
 __all__ = ["persona_of"]
 
@@ -93,5 +100,5 @@ def persona_of(mav_type: int) -> Persona:
         component_metadata=True,
         tells_calibration=True,
         flies_by_stick=mav_type == m.MAV_TYPE_QUADROTOR,
-        log_directory="/fs/microsd/log",
+        logs=LogHabits("/fs/microsd/log", by_date=True),
     )

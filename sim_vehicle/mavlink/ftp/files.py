@@ -14,6 +14,7 @@ _MOST_DEPTH = 8
 
 MadeFile = Callable[[str, int], bytes | None]
 """Given what follows a ``?`` and the size of the first read, the contents; None when that makes no sense."""
+Mounted = Callable[[], Mapping[str, bytes | bytearray]]
 Path = tuple[str, ...]
 
 
@@ -60,6 +61,9 @@ class FileTree:
         Files that can only be read, by path.
     made : mapping of str to callable
         Files that are made when they are read, by path.
+    mounted : mapping of str to callable
+        Files that come and go by themselves and can only be read: by directory, what returns their contents
+        by path below it.
     """
 
     def __init__(
@@ -67,7 +71,9 @@ class FileTree:
         directories: tuple[str, ...] = (),
         fixed: Mapping[str, bytes] | None = None,
         made: Mapping[str, MadeFile] | None = None,
+        mounted: Mapping[str, Mounted] | None = None,
     ) -> None:
+        self._mounted = {path_of(path): contents for path, contents in (mounted or {}).items()}
         self._fixed = {path_of(path): data for path, data in (fixed or {}).items()}
         self._made = {path_of(path): make for path, make in (made or {}).items()}
         self._files: dict[Path, bytearray] = {}
@@ -86,15 +92,17 @@ class FileTree:
             There is no such directory.
         """
         path = path_of(text)
-        if path not in self._directories:
-            raise FileError(FtpError.NOT_FOUND)
+        mounted = self._mounted_files()
         depth = len(path)
+        directories = self._directories | {file[:i] for file in mounted for i in range(1, len(file))}
+        if path not in directories:
+            raise FileError(FtpError.NOT_FOUND)
 
         def within(other: Path) -> bool:
             return len(other) == depth + 1 and other[:depth] == path
 
-        entries = [f"D{other[-1]}" for other in self._directories if within(other)]
-        for kept in (self._files, self._fixed):
+        entries = [f"D{other[-1]}" for other in directories if within(other)]
+        for kept in (self._files, self._fixed, mounted):
             entries += [f"F{other[-1]}\t{len(data)}" for other, data in kept.items() if within(other)]
         entries += [f"F{o[-1]}\t{len(make('', 0) or b'')}" for o, make in self._made.items() if within(o)]
         return sorted(entries)
@@ -113,6 +121,8 @@ class FileTree:
             make = self._made[path]
             return lambda size: make(query, size)
         kept = self._files.get(path, self._fixed.get(path))
+        if kept is None:
+            kept = self._mounted_files().get(path)
         if kept is None or query:
             raise FileError(FtpError.NOT_FOUND)
         contents = bytes(kept)
@@ -223,10 +233,17 @@ class FileTree:
             raise FileError(FtpError.FILE_EXISTS)
         self._files[after] = self._files.pop(before)
 
+    def _mounted_files(self) -> dict[Path, bytes | bytearray]:
+        return {
+            (*directory, *path_of(below)): data
+            for directory, contents in self._mounted.items()
+            for below, data in contents().items()
+        }
+
     def _place(self, text: str) -> Path:
         """Return a path whose directory is there and can be written to."""
         path = path_of(text)
-        if path in self._fixed or path in self._made:
+        if path in self._fixed or path in self._made or path in self._mounted_files():
             raise FileError(FtpError.PROTECTED)
         if not any(path[: len(root)] == root for root in self._writable):
             raise FileError(FtpError.PROTECTED)

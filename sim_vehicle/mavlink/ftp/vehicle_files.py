@@ -12,6 +12,7 @@ from sim_vehicle.mavlink.ftp.packed_parameters import packed
 
 if TYPE_CHECKING:
     from sim_vehicle.autopilot.persona import Persona
+    from sim_vehicle.mavlink.logs.flight_logs import FlightLogs
     from sim_vehicle.mavlink.parameters import ParameterSet
 
 __all__ = ["general_metadata", "vehicle_files"]
@@ -20,7 +21,7 @@ __all__ = ["general_metadata", "vehicle_files"]
 _metadata = lru_cache(maxsize=16)(metadata_files)
 
 
-def vehicle_files(persona: Persona, parameters: ParameterSet) -> FileTree:
+def vehicle_files(persona: Persona, parameters: ParameterSet, logs: FlightLogs) -> FileTree:
     """Return the tree of a vehicle; what takes time is made when it is first read."""
     made: dict[str, MadeFile] = {}
     if persona.packed_parameters:
@@ -30,7 +31,12 @@ def vehicle_files(persona: Persona, parameters: ParameterSet) -> FileTree:
     if persona.component_metadata:
         for path in (GENERAL_PATH, PARAMETERS_PATH):
             made[path] = _read_only(parameters, path)
-    return FileTree(("/", persona.log_directory), made=made)
+    habits = persona.logs
+    return FileTree(
+        ("/", habits.directory),
+        made=made,
+        mounted={habits.directory: lambda: logs.files(by_date=habits.by_date)},
+    )
 
 
 def general_metadata(parameters: ParameterSet) -> bytes:

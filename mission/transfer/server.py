@@ -135,6 +135,10 @@ class MissionServer:
         """Return how many items a download has (with home, where the autopilot counts it)."""
         return len(self._store.wire_items(mission_type))
 
+    def items_on_wire(self, mission_type: MissionType) -> list[mavlink.MAVLink_mission_item_int_message]:
+        """Return the MISSION_ITEM_INT of all items of a plan, as a download has them."""
+        return self._outgoing.all_items(mission_type)
+
     def set_plan(self, mission_type: MissionType, items: Sequence[MissionItem]) -> StoredPlan:
         """Put a plan in force from inside the vehicle and return it with its id."""
         self._session.ended = None

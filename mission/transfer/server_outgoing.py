@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from mission.link.codec.dialect import mavlink
-from mission.model import MissionType
+from mission.link.codec.typed import is_a
+from mission.model import MissionItem, MissionType
 from mission.transfer import wire
 from mission.transfer.events import (
     NOTHING,
@@ -65,21 +66,40 @@ class OutgoingPlan:
         mission_type = MissionType(message.mission_type)
         items = session.outgoing if session.state is SENDING else self._store.wire_items(mission_type)
         session.next = max(session.next, message.seq + 1)
-        current = (
-            self._profile.marks_current
-            and mission_type == MissionType.MISSION
-            and message.seq == current_sequence + self._store.home_items(mission_type)
-        )
         asked_int = type(message).id == wire.REQUEST_INT
         session.asked_int |= asked_int
         integer = asked_int or not self._profile.float_answers
-        item = as_read_back(items[message.seq], self._profile)
-        frame = frame_on_wire(item, self._profile, integer=integer)
-        reply = wire.item_to_message(
-            item, message.seq, mission_type, sender, current=current, integer=integer, frame=frame
-        )
+        current = current_sequence + self._store.home_items(mission_type)
+        reply = self._message(items[message.seq], message.seq, mission_type, sender, current, integer=integer)
         text = "got MISSION_REQUEST; use MISSION_REQUEST_INT!"
         return Output((reply,), self._replies.warn_of_floats(text, message, wire.REQUEST))
+
+    def all_items(self, mission_type: MissionType) -> list[mavlink.MAVLink_mission_item_int_message]:
+        """The MISSION_ITEM_INT of all items of a plan, addressed to nobody."""
+        items = []
+        for seq, item in enumerate(self._store.wire_items(mission_type)):
+            message = self._message(item, seq, mission_type, (0, 0), None, integer=True)
+            assert is_a(message, mavlink.MAVLink_mission_item_int_message)
+            items.append(message)
+        return items
+
+    def _message(
+        self,
+        item: MissionItem,
+        seq: int,
+        mission_type: MissionType,
+        target: _Sender,
+        current: int | None,
+        *,
+        integer: bool,
+    ) -> wire.ItemMessage:
+        """Return an item as it is read back; ``current`` is the number of the one that is marked."""
+        item = as_read_back(item, self._profile)
+        marked = self._profile.marks_current and mission_type == MissionType.MISSION and seq == current
+        frame = frame_on_wire(item, self._profile, integer=integer)
+        return wire.item_to_message(
+            item, seq, mission_type, target, current=marked, integer=integer, frame=frame
+        )
 
     def answer_beyond(self, message: wire.RequestMessage, sender: _Sender) -> Output:
         """Answer a request for an item that the plan does not have."""

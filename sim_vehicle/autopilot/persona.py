@@ -245,6 +245,8 @@ class Persona:
         BATTERY_STATUS tells how long the battery lasts (PX4).
     packed_parameters : bool
         All parameters can be read as one file (ArduPilot).
+    packed_plans : bool
+        Mission, fence and rally points can be read and written as a file each (ArduPilot).
     component_metadata : bool
         COMPONENT_METADATA names files that describe the vehicle (PX4).
     flies_by_stick : bool
@@ -274,6 +276,7 @@ class Persona:
     reposition_turns: bool = False
     tells_remaining_time: bool = False
     packed_parameters: bool = False
+    packed_plans: bool = False
     component_metadata: bool = False
     flies_by_stick: bool = False
     tells_calibration: bool = False

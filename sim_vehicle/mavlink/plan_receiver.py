@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.frames import FrameReader, FrameWriter
+from mission.link.codec.typed import is_a
 from mission.model import Command, GeoPoint, MissionItem, MissionType
 from mission.transfer import wire
 from mission.transfer.events import (
@@ -84,6 +87,40 @@ class PlanReceiver:
         """Take a message of the mission protocol; the answers."""
         self._take_part(now_s)
         return self._take(self.server.receive(message, now_s), now_s)
+
+    def take_plan(
+        self, mission_type: MissionType, items: Sequence[wire.ItemMessage], start: int | None
+    ) -> bool:
+        """Take a plan that came as a file, by the rules of the mission protocol; whether it was accepted.
+
+        Parameters
+        ----------
+        mission_type : MissionType
+        items : sequence of MISSION_ITEM_INT
+            Numbered from 0, or from ``start``.
+        start : int or None
+            The first item that they replace; None where they are a whole plan.
+        """
+        now_s = self._state.now_us / 1e6
+        if self.server.busy:
+            return False
+        own = (self.server.system_id, self.server.component_id)
+        writer, reader = FrameWriter(*own), FrameReader()
+        begin: Message = wire.count(own, len(items), mission_type)
+        if start is not None:
+            end = start + len(items) - 1
+            begin = m.MAVLink_mission_write_partial_list_message(*own, start, end, int(mission_type))
+        results = []
+        for message in (begin, *items):
+            for crossed in reader.feed(writer.encode(message)):
+                answers = self.receive(crossed, now_s)
+                results += [answer.type for answer in answers if is_a(answer, m.MAVLink_mission_ack_message)]
+            if results:
+                break
+        accepted = results == [wire.ACCEPTED]
+        if not accepted:
+            self.restart(now_s)
+        return accepted
 
     def poll(self, now_s: float) -> list[Message]:
         """Do what is due; the messages to send."""

@@ -166,7 +166,7 @@ class SimVehicle:
         )
         self._logs = FlightLogs(epoch_unix_s)
         self._log_transfer = LogTransfer(self._logs, persona.logs, self.say_warning)
-        self._ftp = FtpServer(vehicle_files(persona, self._parameters, self._logs))
+        self._ftp = FtpServer(vehicle_files(persona, self._parameters, self._logs, self._plans))
         self._handlers: dict[int, Callable[[Any], None]] = {
             **dict.fromkeys(_COMMAND_IDS, self._on_command),
             **dict.fromkeys(_PARAMETER_IDS, self._on_parameter),

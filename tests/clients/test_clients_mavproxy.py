@@ -13,7 +13,7 @@ import threading
 import pytest
 
 from mission.link import read_tlog
-from mission.model import MissionItem
+from mission.model import MissionItem, MissionType
 
 pytestmark = pytest.mark.slow
 
@@ -208,3 +208,19 @@ def test_the_log_of_a_flight_is_listed_and_downloaded(autopilot, number, session
     proxy.type(f"ftp list {directory}", r"00000001\.tlog\s+" + str(size) if flying.is_ardupilot else r" D 20")
     proxy.type("log erase")
     proxy.type("log list", "No logs")
+
+
+def test_plans_go_and_come_as_files(session, tmp_path):
+    flying, proxy = session("ardupilot")
+    mission = write_waypoints(tmp_path / "mission.txt", flying.mission)
+    proxy.type(f"wp ftpload {mission}", rf"Sent waypoint of length {len(flying.mission)} in")
+    held = flying.vehicle.pilot.mission.items
+    assert [item.command for item in held] == [item.command for item in flying.mission[1:]]
+    proxy.type("wp ftp", "Saved waypoints to")
+    rally = "rally.txt"
+    home = flying.home
+    row = [0, 0, 3, 5100, 0, 0, 0, 0, home.latitude_deg, home.longitude_deg + 1e-4, 12, 1]
+    (tmp_path / rally).write_text("QGC WPL 110\n" + "\t".join(map(str, row)) + "\n")
+    proxy.type(f"rally ftpload {rally}", "Sent rally item of length 1 in")
+    assert len(flying.vehicle._plans.server.plan(MissionType.RALLY).items) == 1
+    proxy.type("ftp list @SYS", "LIST: .* opcode:129 ")

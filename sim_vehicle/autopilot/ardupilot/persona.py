@@ -79,6 +79,7 @@ COPTER_PERSONA = Persona(
     int_only=frozenset({int(m.MAV_CMD_DO_REPOSITION)}),
     takeoff_needs_arming=True,
     packed_parameters=True,
+    packed_plans=True,
     logs=LogHabits(
         "/APM/LOGS",
         first_number=1,

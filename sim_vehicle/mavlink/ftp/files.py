@@ -14,6 +14,7 @@ _MOST_DEPTH = 8
 
 MadeFile = Callable[[str, int], bytes | None]
 """Given what follows a ``?`` and the size of the first read, the contents; None when that makes no sense."""
+TakenFile = Callable[[bytes], bool]
 Mounted = Callable[[], Mapping[str, bytes | bytearray]]
 Path = tuple[str, ...]
 
@@ -64,6 +65,9 @@ class FileTree:
     mounted : mapping of str to callable
         Files that come and go by themselves and can only be read: by directory, what returns their contents
         by path below it.
+    taken : mapping of str to callable
+        Files that the vehicle takes over when they have been written, by path: each is given the contents and
+        tells whether it accepts them.
     """
 
     def __init__(
@@ -72,7 +76,9 @@ class FileTree:
         fixed: Mapping[str, bytes] | None = None,
         made: Mapping[str, MadeFile] | None = None,
         mounted: Mapping[str, Mounted] | None = None,
+        taken: Mapping[str, TakenFile] | None = None,
     ) -> None:
+        self._taken = {path_of(path): take for path, take in (taken or {}).items()}
         self._mounted = {path_of(path): contents for path, contents in (mounted or {}).items()}
         self._fixed = {path_of(path): data for path, data in (fixed or {}).items()}
         self._made = {path_of(path): make for path, make in (made or {}).items()}
@@ -136,7 +142,9 @@ class FileTree:
         FileError
             The place cannot be written to, is a directory, or there is no room.
         """
-        path = self._place(text)
+        path = path_of(text)
+        if path not in self._taken:
+            path = self._place(text)
         if path in self._directories:
             raise FileError(FtpError.FILE_EXISTS)
         if path not in self._files:
@@ -162,6 +170,17 @@ class FileTree:
             self._check_room(end - len(kept))
             kept.extend(bytes(end - len(kept)))
         kept[offset:end] = data
+
+    def close(self, path: Path) -> None:
+        """End the writing of a file.
+
+        Raises
+        ------
+        FileError
+            The vehicle takes it over, and does not accept it.
+        """
+        if path in self._taken and not self._taken[path](bytes(self._files.pop(path, b""))):
+            raise FileError(FtpError.FAIL)
 
     def truncate(self, text: str, size: int) -> None:
         """Shorten a file.
@@ -243,7 +262,7 @@ class FileTree:
     def _place(self, text: str) -> Path:
         """Return a path whose directory is there and can be written to."""
         path = path_of(text)
-        if path in self._fixed or path in self._made or path in self._mounted_files():
+        if any(path in kept for kept in (self._fixed, self._made, self._taken, self._mounted_files())):
             raise FileError(FtpError.PROTECTED)
         if not any(path[: len(root)] == root for root in self._writable):
             raise FileError(FtpError.PROTECTED)

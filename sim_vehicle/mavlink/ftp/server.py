@@ -171,8 +171,10 @@ class FtpServer:
         self._sessions[key] = session
 
     def _terminate(self, peer: Peer, request: Packet) -> Packet:
-        self._sessions.pop((peer, request.session), None)
+        session = self._sessions.pop((peer, request.session), None)
         self._bursts.pop(peer, None)
+        if session is not None and session.contents is None:
+            self._files.close(session.path)
         return request.answer()
 
     def _reset(self, peer: Peer, request: Packet) -> Packet:

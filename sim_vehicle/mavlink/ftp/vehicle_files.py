@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING
 
-from sim_vehicle.mavlink.ftp.files import FileTree, MadeFile
+from sim_vehicle.mavlink.ftp.files import FileTree, MadeFile, TakenFile
 from sim_vehicle.mavlink.ftp.metadata import GENERAL_PATH, PARAMETERS_PATH, metadata_files
 from sim_vehicle.mavlink.ftp.packed_parameters import packed
+from sim_vehicle.mavlink.ftp.packed_plan import PLAN_PATHS, pack_plan, unpack_plan
 
 if TYPE_CHECKING:
+    from mission.model import MissionType
     from sim_vehicle.autopilot.persona import Persona
     from sim_vehicle.mavlink.logs.flight_logs import FlightLogs
     from sim_vehicle.mavlink.parameters import ParameterSet
+    from sim_vehicle.mavlink.plan_receiver import PlanReceiver
 
 __all__ = ["general_metadata", "vehicle_files"]
 
@@ -21,7 +24,9 @@ __all__ = ["general_metadata", "vehicle_files"]
 _metadata = lru_cache(maxsize=16)(metadata_files)
 
 
-def vehicle_files(persona: Persona, parameters: ParameterSet, logs: FlightLogs) -> FileTree:
+def vehicle_files(
+    persona: Persona, parameters: ParameterSet, logs: FlightLogs, plans: PlanReceiver
+) -> FileTree:
     """Return the tree of a vehicle; what takes time is made when it is first read."""
     made: dict[str, MadeFile] = {}
     if persona.packed_parameters:
@@ -31,12 +36,27 @@ def vehicle_files(persona: Persona, parameters: ParameterSet, logs: FlightLogs) 
     if persona.component_metadata:
         for path in (GENERAL_PATH, PARAMETERS_PATH):
             made[path] = _read_only(parameters, path)
+    taken: dict[str, TakenFile] = {}
+    if persona.packed_plans:
+        for mission_type, path in PLAN_PATHS.items():
+            made[path] = partial(_packed_plan, plans, mission_type)
+            taken[path] = partial(_take_plan, plans, mission_type)
     habits = persona.logs
     return FileTree(
         ("/", habits.directory),
         made=made,
         mounted={habits.directory: lambda: logs.files(by_date=habits.by_date)},
+        taken=taken,
     )
+
+
+def _packed_plan(plans: PlanReceiver, mission_type: MissionType, query: str, _read_size: int) -> bytes | None:
+    return None if query else pack_plan(mission_type, plans.server.items_on_wire(mission_type))
+
+
+def _take_plan(plans: PlanReceiver, mission_type: MissionType, data: bytes) -> bool:
+    plan = unpack_plan(data, mission_type)
+    return plan is not None and plans.take_plan(mission_type, plan.items, plan.start)
 
 
 def general_metadata(parameters: ParameterSet) -> bytes:

@@ -43,11 +43,11 @@ def degrees(points):
     return [FRAME.to_wgs84(float(x), float(y)) for x, y in points]
 
 
-def planned(points=OLD):
+def planned(points=OLD, speed_m_s=SPEED_M_S):
     through = [MissionItem.waypoint(*one, HEIGHT_M, acceptance_radius_m=1.0) for one in degrees(points)]
     items = (
         MissionItem(22, 3, 0, 0, 0, None, HOME.latitude_deg, HOME.longitude_deg, HEIGHT_M),
-        MissionItem(178, param1=1.0, param2=SPEED_M_S, param3=-1.0),
+        MissionItem(178, param1=1.0, param2=speed_m_s, param3=-1.0),
         through[0],
         MissionItem(206, param1=IMAGES_M, param3=1.0),
         *through[1:],
@@ -114,10 +114,12 @@ class Images:
 class Flight:
     """One flight whose mission is changed; the vehicle itself is looked at after every step."""
 
-    def __init__(self, autopilot, change=None, when=None, impairment=None, dead=None, forever=False):
+    def __init__(
+        self, autopilot, change=None, when=None, impairment=None, dead=None, forever=False, old=None
+    ):
         spec = with_autopilot(get_vehicle("quad"), autopilot)
         self.vehicle = SimVehicle(spec, HOME, autopilot=get_autopilot(autopilot))
-        self.station = GroundStation(planned())
+        self.station = GroundStation(old or planned())
         self.far = Far(self.station)
         self.images = Images()
         farm = get_farm("miniberry-10")
@@ -243,6 +245,25 @@ def test_another_path_is_flown_from_where_the_vehicle_is(autopilot):
     assert record.acknowledged_s <= record.in_effect_s
     assert 0.0 <= record.delay_s <= 1.0
     assert (Mode.GUIDED in {mode for _, mode in flight.modes}) == (autopilot == "ardupilot")
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+@pytest.mark.parametrize("speed_m_s", [1.0, 2.0])
+def test_a_slow_vehicle_is_sent_to_a_target_that_is_near(autopilot, speed_m_s):
+    """A few metres are far for it: the target is no farther than one at which a fast one would stop."""
+
+    def aside(held, item):
+        x, y, _ = flight.vehicle.pilot.state.position_m
+        path.extend([(x + 1.0, y + 4.0), (x - 20.0, y + 4.0)])
+        return other_path(path)(held, item)
+
+    path = []
+    old = planned(OLD[:3], speed_m_s)
+    flight = Flight(autopilot, aside, at_item(4), old=old)
+    flight.fly()
+    assert flight.station.changes[0].outcome is ChangeOutcome.DONE
+    assert flight.is_home()
+    assert flight.misses(path) < 1.2
 
 
 @pytest.mark.parametrize(("autopilot", "most_s"), [("px4", 0.5), ("ardupilot", 1.5)])

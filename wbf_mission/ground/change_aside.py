@@ -44,9 +44,9 @@ _CHAIN_M = 10.0
 _CHAIN_S = 1.5
 _LATE_M = 3.0
 _LONGEST_S = 5.0
-# Half of WPNAV_ACCEL and the inverse of twice PSC_POSXY_P: ArduCopter's stopping distance.
-_STOP_M, _STOP_PER_V2 = 1.25, 0.2
-_LEAVE_M = (6.0, 12.0)
+# PSC_POSXY_P and WPNAV_ACCEL, from which ArduCopter works out where it would stop.
+_STOP_P_PER_S, _STOP_M_S2 = 1.0, 2.5
+_MOST_LEAVE_M = 12.0
 _FOREVER = 1_000_000
 _SILENT_S = 2.0
 _GUIDED_FLAG = float(m.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
@@ -429,8 +429,7 @@ class AsideChange(ChangeSession):
 
     def _leave_m(self) -> float:
         """Return from how far before the target the mission is gone on with: where it would stop there."""
-        speed = self.request.monitor.state.ground_speed_m_s
-        return min(max(_STOP_M + _STOP_PER_V2 * speed * speed, _LEAVE_M[0]), _LEAVE_M[1])
+        return min(_stopping_m(self.request.monitor.state.ground_speed_m_s), _MOST_LEAVE_M)
 
     # Back to the mission.
 
@@ -497,3 +496,15 @@ class AsideChange(ChangeSession):
         if self.record is None:
             self._end(outcome, text, now_s)
         return []
+
+
+def _stopping_m(speed_m_s: float) -> float:
+    """Return ArduCopter's stopping distance: proportional to the speed, from 2.5 m/s on with its square.
+
+    `AC_PosControl`'s square-root controller: its deceleration is held where the proportional one would ask
+    for more.
+    """
+    linear_m_s = _STOP_M_S2 / _STOP_P_PER_S
+    if speed_m_s < linear_m_s:
+        return speed_m_s / _STOP_P_PER_S
+    return 0.5 * (linear_m_s / _STOP_P_PER_S + speed_m_s**2 / _STOP_M_S2)

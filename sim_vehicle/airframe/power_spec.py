@@ -194,6 +194,10 @@ class FixedWingAirframe:
         Lift coefficient with the fuselage along the flow, and its gain per radian of angle of attack.
     turn_share : float
         Rate of a turn over that of a coordinated one, g tan(bank) / airspeed; below 1 it slips outward.
+    elevator_per_lift : float
+        Share of the throw of the elevator that trims it for one more lift coefficient: the static stability
+        over the power of the elevator. Until the pitch control has trimmed a change of airspeed its nose is
+        too high or too low; 0 is always trimmed.
     liftoff_airspeed_m_s : float or None
         Airspeed at which it leaves the ground by its own thrust; None: it is thrown, or rolls as the
         autopilot's parameters say.
@@ -205,6 +209,7 @@ class FixedWingAirframe:
     lift_level: float = 0.3
     lift_slope: float = 5.0
     turn_share: float = 1.0
+    elevator_per_lift: float = 0.0
     liftoff_airspeed_m_s: float | None = None
     ground_drag_1_s: float | None = None
 
@@ -214,6 +219,7 @@ class FixedWingAirframe:
             ("lift_level", -1.0, 2.0),
             ("lift_slope", 1.0, 10.0),
             ("turn_share", 0.2, 1.0),
+            ("elevator_per_lift", 0.0, 5.0),
             ("liftoff_airspeed_m_s", 1.0, 100.0),
             ("ground_drag_1_s", 0.01, 10.0),
         ):

@@ -71,6 +71,9 @@ PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
             0.0, 0.0, 100.0, "deg/s", "greatest rate of the pitch, up, 0 for none"
         ),
         "PTCH2SRV_TCONST": ParameterSpec(0.5, 0.1, 1.0, "s", "time constant of the pitch"),
+        "PTCH_RATE_FF": ParameterSpec(0.345, 0.0, 3.0, "", "elevator for the demanded rate of the pitch"),
+        "PTCH_RATE_I": ParameterSpec(0.15, 0.0, 0.6, "", "gain of the integral of the rate of the pitch"),
+        "PTCH_RATE_P": ParameterSpec(0.04, 0.0, 0.35, "", "gain of the error of the rate of the pitch"),
         "PTCH_LIM_MAX_DEG": ParameterSpec(20.0, 0.0, 90.0, "deg", "greatest pitch"),
         "PTCH_LIM_MIN_DEG": ParameterSpec(-25.0, -90.0, 0.0, "deg", "least pitch"),
         "RLL2SRV_RMAX": ParameterSpec(
@@ -83,6 +86,7 @@ PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
         "RTL_RADIUS": ParameterSpec(
             0.0, -32767.0, 32767.0, "m", "radius over home, 0: WP_LOITER_RAD", integer=True
         ),
+        "SCALING_SPEED": ParameterSpec(15.0, 1.0, 60.0, "m/s", "airspeed that the control gains are for"),
         "TECS_CLMB_MAX": ParameterSpec(5.0, 0.1, 20.0, "m/s", "climb rate at full throttle"),
         "TECS_FLARE_HGT": ParameterSpec(
             1.0, 0.0, 15.0, "m", "height below which the sink of the flare is held"
@@ -225,6 +229,10 @@ class ArduPlane(FixedWingProcedures):
             pitch_s=value["PTCH2SRV_TCONST"],
             pitch_up_rate=math.radians(value["PTCH2SRV_RMAX_UP"] or _ANY_RATE),
             pitch_down_rate=math.radians(value["PTCH2SRV_RMAX_DN"] or _ANY_RATE),
+            pitch_feed_forward=value["PTCH_RATE_FF"],
+            pitch_gain=value["PTCH_RATE_P"],
+            pitch_integrator=value["PTCH_RATE_I"],
+            scaling_speed=value["SCALING_SPEED"],
             slope_min=value["ALT_SLOPE_MIN"] or math.inf,
             land_s=value["TECS_LAND_TCONST"],
             land_damping=value["TECS_LAND_DAMP"],

@@ -10,6 +10,8 @@ from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.fixed_wing.guidance import NPFG, Floats
 from sim_vehicle.motion.fixed_wing.layout import (
     AIRSPEED,
+    AIRSPEED_MAX,
+    AIRSPEED_MIN,
     BANK,
     CLIMB,
     COMMAND,
@@ -23,15 +25,21 @@ from sim_vehicle.motion.fixed_wing.layout import (
     PATH_RATE,
     PITCH,
     PITCH_DOWN_RATE,
+    PITCH_FEED_FORWARD,
+    PITCH_GAIN,
+    PITCH_INTEGRATOR,
     PITCH_S,
     PITCH_UP_RATE,
     ROLL_RATE,
     ROLL_RATE_MAX,
     ROLL_S,
     ROLL_SLEW,
+    SCALING_SPEED,
     SHORT,
     SLIP,
     STEP_S,
+    TRIM_CHANGE,
+    TRIMMED,
     TURN_SHARE,
     VERTICAL_ACCELERATION,
 )
@@ -42,8 +50,6 @@ CLIMB_LAG_S = 0.5
 ROLL_RATE_S = 0.1
 # How fast the side force of a slip follows the rate of a turn.
 SLIP_S = 0.7
-# How fast the integral of the pitch control that a take-off roll leaves behind unwinds.
-NOSE_UP_S = 10.0
 STEEPEST = 0.8
 SLOW_M_S = 3.0
 FALL_M_S = 18.0
@@ -66,24 +72,47 @@ def _roll(state: Floats, limits: Floats, bank: float) -> None:
 
 
 @compiled
+def _trim(state: Floats, limits: Floats, lift: float, v: float) -> None:
+    """Let the elevator that is missing for the lift tip the nose, and the integral take it over.
+
+    A demanded rate, which is the error of the angle over the time constant, moves the elevator by
+    ``FF s + P s^2``, its integral by ``I s^2`` a second, where s is the scaling speed over the airspeed.
+    """
+    if state[TRIMMED] == 0.0:
+        state[TRIMMED] = lift
+    scale = limits[SCALING_SPEED] / v
+    low = min(0.5, limits[SCALING_SPEED] / (2.0 * limits[AIRSPEED_MAX]))
+    high = max(2.0, limits[SCALING_SPEED] / (0.7 * limits[AIRSPEED_MIN]))
+    scale = min(max(scale, low), high)
+    gain = max(scale * (limits[PITCH_FEED_FORWARD] + limits[PITCH_GAIN] * scale), 1e-3)
+    missing = limits[TRIM_CHANGE] * (lift - state[TRIMMED])
+    share = limits[PITCH_INTEGRATOR] * scale * scale / gain * limits[STEP_S]
+    state[NOSE_UP] = (state[NOSE_UP] - missing * limits[PITCH_S] / gain) / (1.0 + share)
+    state[TRIMMED] = lift
+
+
+@compiled
 def pitch_up(state: Floats, limits: Floats, pitch: float) -> float:
     """Pitch towards a commanded angle and return the climb rate that the lift then gives.
 
-    The wing's lift turns the path until the angle of attack is that at which it carries the weight.
+    The wing's lift turns the path until the angle of attack is that at which it carries the weight. A stable
+    airframe needs another elevator for another lift; until the integral of the pitch control
+    (``AP_PitchController.cpp``) gives that, the angle settles where the demanded rate gives it.
     """
     dt = limits[STEP_S]
     v = max(state[AIRSPEED], SLOW_M_S)
     bank = state[BANK]
-    state[NOSE_UP] -= state[NOSE_UP] * dt / NOSE_UP_S
+    path = asin(min(max(state[CLIMB] / v, -STEEPEST), STEEPEST))
+    level = cos(bank)
+    lift = GRAVITY_M_S2 * cos(path) / (level * v * v)
+    if limits[TRIM_CHANGE] > 0.0:
+        _trim(state, limits, lift, v)
     rate = (pitch + state[NOSE_UP] - state[PITCH]) / limits[PITCH_S]
     rate = min(max(rate, -limits[PITCH_DOWN_RATE]), limits[PITCH_UP_RATE])
     # The rate that would keep the nose level in a coordinated turn is too much for one that slips.
     rate += (1.0 - limits[TURN_SHARE]) * GRAVITY_M_S2 * tan(bank) * sin(bank) / v
     state[PITCH] += rate * cos(bank) * dt
-    path = asin(min(max(state[CLIMB] / v, -STEEPEST), STEEPEST))
-    level = cos(bank)
-    needed = GRAVITY_M_S2 * cos(path) / level
-    attack = (needed / (v * v) - limits[LIFT_LEVEL]) / limits[LIFT_SLOPE]
+    attack = (lift - limits[LIFT_LEVEL]) / limits[LIFT_SLOPE]
     steady = state[PITCH] - min(attack, 0.5 * pi) * level
     lag = 1.0 / (limits[LIFT_SLOPE] * v)
     change = (steady - path) / (lag + dt)

@@ -33,12 +33,10 @@ from sim_vehicle.motion.fixed_wing.layout import (
     THROTTLE_LIMIT,
     THROTTLE_SLEW,
     THRUST,
+    TRIMMED,
 )
 
 __all__ = ["brake_rate", "roll_on_ground", "take_off"]
-
-# While a take-off roll holds the nose down, the integral of the pitch control winds up.
-NOSE_UP_RAD = 0.04
 
 
 @compiled
@@ -68,6 +66,7 @@ def _lift_off(state: Floats, wx: float, wy: float) -> None:
     ae, an = state[col.VELOCITY_X] - wx, state[col.VELOCITY_Y] - wy
     state[AIRSPEED] = max(sqrt(ae * ae + an * an), SHORT)
     state[col.HEADING] = atan2(ae, an) % (2.0 * pi)
+    state[NOSE_UP] = state[TRIMMED] = 0.0
     state[DOING] = FLYING
 
 
@@ -103,5 +102,3 @@ def take_off(state: Floats, limits: Floats, wx: float, wy: float) -> None:
     roll_on_ground(state, limits, rate, wx, wy)
     if state[AIRSPEED] >= limits[ROTATION]:
         _lift_off(state, wx, wy)
-        if limits[LAUNCH] <= 0.0:
-            state[NOSE_UP] = NOSE_UP_RAD

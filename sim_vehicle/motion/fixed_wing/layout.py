@@ -64,13 +64,14 @@ CENTRE, CENTRE_RADIUS = 35, 38
     BAD_DESCENT,
     PATH_RATE,  # How fast the path turns upward.
     SLIP,  # Rate of the turn that the side force has followed.
-    NOSE_UP,  # What the integral of the pitch control holds too much after a take-off roll.
+    NOSE_UP,  # How far the nose is held too high while the integral of the pitch control lags.
+    TRIMMED,  # Lift coefficient, as in LIFT_SLOPE, that the elevator was trimmed for; 0: not yet.
     FLARE_FROM,  # Height at which the flare began; NaN: not begun.
     FLARE_RATE,  # Climb rate then.
     FLARE_FOLLOWED,
     FLARE_IDEAL,
-) = range(39, 81)
-STATE = 81
+) = range(39, 82)
+STATE = 82
 ON_GROUND, FLYING, FLARE, ROLLING = 0.0, 1.0, 2.0, 3.0
 LINING_UP, APPROACH, PREFLARE = 0.0, 1.0, 2.0
 # Slower than this it stands.
@@ -149,11 +150,12 @@ LINE, CIRCLE, TAKEOFF, LANDING, CIRCULAR_LANDING, FALL = 0.0, 1.0, 2.0, 3.0, 4.0
     LIFT_LEVEL,  # Lift over the mass and the square of the airspeed at zero angle of attack.
     LIFT_SLOPE,  # The same per radian.
     TURN_SHARE,
+    TRIM_CHANGE,  # Elevator, as an angle, over a change of the lift coefficient as in LIFT_SLOPE.
     ENERGY_LIMIT,
     THROTTLE_LIMIT,
-) = range(33, 45)
+) = range(33, 46)
 # And those of ArduPlane, in the order of `ArduPlaneControl`.
-CONTROL = 45
+CONTROL = 46
 (
     TIME_S,
     INTEGRATOR,
@@ -174,6 +176,10 @@ CONTROL = 45
     PITCH_S,
     PITCH_UP_RATE,
     PITCH_DOWN_RATE,
+    PITCH_FEED_FORWARD,
+    PITCH_GAIN,
+    PITCH_INTEGRATOR,
+    SCALING_SPEED,
     SLOPE_MIN,
     LAND_S,
     LAND_DAMPING,
@@ -190,5 +196,5 @@ CONTROL = 45
     TAKEOFF_THROTTLE,
     TAKEOFF_DELAY,
     THROTTLE_EASE,
-) = range(CONTROL, CONTROL + 35)
-LIMITS = CONTROL + 35
+) = range(CONTROL, CONTROL + 39)
+LIMITS = CONTROL + 39

@@ -25,6 +25,8 @@ __all__ = ["ArduPlaneControl", "FixedWingLimits", "limits_row"]
 TYPICAL = FixedWingPowerSpec(mass_kg=1.9, wing_area_m2=0.42, wing_span_m=1.8, parasitic_drag=0.035)
 # Deceleration on grass.
 _BRAKE_M_S2 = 3.0
+# ArduPlane counts the full throw of a control surface as 45 degrees.
+_ELEVATOR_RAD = 0.25 * math.pi
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +44,8 @@ class ArduPlaneControl:
         TRIM_THROTTLE, THR_MIN, THR_MAX; THR_SLEWRATE per second.
     pitch_min, pitch_max, pitch_s, pitch_up_rate, pitch_down_rate : float
         PTCH_LIM_MIN_DEG and PTCH_LIM_MAX_DEG within those of TECS; PTCH2SRV_TCONST, _RMAX_UP, _RMAX_DN.
+    pitch_feed_forward, pitch_gain, pitch_integrator, scaling_speed : float
+        PTCH_RATE_FF, PTCH_RATE_P, PTCH_RATE_I, SCALING_SPEED.
     slope_min : float
         ALT_SLOPE_MIN: smaller changes of height are made at once.
     land_s, land_damping, land_speed_weight, land_pitch, land_pitch_max, hold_off_height : float
@@ -71,6 +75,10 @@ class ArduPlaneControl:
     pitch_s: float
     pitch_up_rate: float
     pitch_down_rate: float
+    pitch_feed_forward: float
+    pitch_gain: float
+    pitch_integrator: float
+    scaling_speed: float
     slope_min: float
     land_s: float
     land_damping: float
@@ -202,6 +210,7 @@ def limits_row(
     row[at.LIFT_LEVEL] = per_coefficient * frame.lift_level
     row[at.LIFT_SLOPE] = per_coefficient * frame.lift_slope
     row[at.TURN_SHARE] = frame.turn_share
+    row[at.TRIM_CHANGE] = _ELEVATOR_RAD * frame.elevator_per_lift / per_coefficient
     trim = limits.airspeed_trim
     climbing = drag(row, trim, 1.0) + GRAVITY_M_S2 * limits.climb_max / trim
     row[at.THRUST] = climbing if frame.thrust_n is None else frame.thrust_n / mass

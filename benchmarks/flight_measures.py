@@ -29,6 +29,7 @@ _SLOW_M_S = 0.3
 # A recording with gaps beyond this about a corner does not show how that is taken.
 _GAP_S = 0.5
 _TURN_S = 1.5
+_TURNING = 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +70,8 @@ class Turns:
     overshoot_m, worst_overshoot_m : float
         How far beyond the line of the next leg it comes, and the greatest of all corners.
     radius_m : float
-        Of the turns, where it turns at more than half of the greatest rate at that corner.
+        Of the turns, where it turns at more than a quarter of the greatest rate at that corner: half of the
+        angle is turned more tightly. A moment of quick turning counts no more than its part of the angle.
     rate_deg_s : float
         Greatest rate of turning at a corner.
     """
@@ -136,14 +138,25 @@ def turns(flight: Flight, items: tuple[MissionItem, ...], frame: LocalFrame) -> 
         across *= np.sign(before @ across)
         beyond = (flight.position_m[leg, :2] - places[i]) @ across
         miss = np.hypot(*(flight.position_m[here, :2] - places[i]).T).min()
-        turning = here & (rate > 0.5 * rate[here].max())
-        radius = np.median(speed[turning] / rate[turning])
+        radius = _radius(flight.time_s[here], speed[here], rate[here])
         found.append((miss, max(beyond.max(), 0.0), radius, np.degrees(rate[here].max())))
     if not found:
         return Turns(*[float("nan")] * 5)
     table = np.array(found)
     miss, overshoot, radius, turn_rate = np.median(table, axis=0).tolist()
     return Turns(miss, overshoot, float(table[:, 1].max()), radius, turn_rate)
+
+
+def _radius(
+    time_s: NDArray[np.float64], speed_m_s: NDArray[np.float64], rate_rad_s: NDArray[np.float64]
+) -> float:
+    """Return the radius below which half of the angle of a turn is turned."""
+    turning = rate_rad_s > _TURNING * rate_rad_s.max()
+    angle = (rate_rad_s * np.gradient(time_s))[turning]
+    radius = speed_m_s[turning] / rate_rad_s[turning]
+    order = np.argsort(radius)
+    turned = np.cumsum(angle[order])
+    return float(radius[order][np.searchsorted(turned, 0.5 * turned[-1])])
 
 
 def _is_seen(flight: Flight, when_s: float) -> bool:

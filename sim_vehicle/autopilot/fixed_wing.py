@@ -47,6 +47,8 @@ class FixedWingProcedures(ABC):
     """Whether DO_LAND_START has to have a position."""
     holds_at_waypoints: bool
     """Whether the hold time of a waypoint counts."""
+    turns_to_zero: bool
+    """Whether the coordinates that a return does not have count as 0 N 0 E, to which the way to it leads."""
 
     @abstractmethod
     def limits(self, spec: VehicleSpec) -> FixedWingLimits:

@@ -20,8 +20,10 @@ if TYPE_CHECKING:
 _WAYPOINT = int(Command.NAV_WAYPOINT)
 _SPLINE = int(Command.NAV_SPLINE_WAYPOINT)
 _WITH_POSITION = frozenset({16, 17, 18, 19, 21, 31, 82})
+_MOVES = frozenset({int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_TAKEOFF)})
 _LOOK_AHEAD = 20
 MAX_RADIUS_M = 5000.0
+_FAR_M = 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +71,12 @@ def circle_leg(
 
 
 def fixed_wing_leg(
-    item: MissionItem, position: Position, speed: float, spec: VehicleSpec, ahead: Position | None
+    item: MissionItem,
+    position: Position,
+    speed: float,
+    spec: VehicleSpec,
+    ahead: Position | None,
+    following: MissionItem | None = None,
 ) -> FixedWingLeg | None:
     """The leg of an item as a fixed wing flies it; None for an item that any other vehicle flies alike.
 
@@ -83,15 +90,22 @@ def fixed_wing_leg(
     spec : VehicleSpec
     ahead : tuple of 3 floats, optional
         The position after it, towards which a circle is left.
+    following : MissionItem, optional
+        The item after it that moves the vehicle.
     """
     command = item.command
+    zero = _towards_zero(item, position, following, spec)
     first, second, third = (value or 0.0 for value in (item.param1, item.param2, item.param3))
     if command == _SPLINE or (command == _WAYPOINT and first > 0.0):
         if command == _SPLINE or not fixed_wing_procedures(spec).holds_at_waypoints:
             radius = second if command == _WAYPOINT and second > 0.0 else spec.acceptance_radius_m
             return FixedWingLeg(Leg(position, speed, radius, KEEP))
         return FixedWingLeg(circle_leg(position, speed), wait_s=first)
-    leave = None if ahead is None else ahead[:2]
+    leads = zero or ahead
+    leave = None if leads is None else leads[:2]
+    if command == _WAYPOINT and zero is not None:
+        radius = second or spec.acceptance_radius_m
+        return FixedWingLeg(Leg(position, speed, radius, KEEP, circle=Circle(leave_to_m=leave)))
     if command == Command.NAV_LOITER_UNLIM:
         return FixedWingLeg(circle_leg(position, speed, third), forever=True)
     if command == Command.NAV_LOITER_TIME:
@@ -100,6 +114,33 @@ def fixed_wing_leg(
         return FixedWingLeg(circle_leg(position, speed, third, first, leave))
     if command == Command.NAV_LOITER_TO_ALT:
         return FixedWingLeg(circle_leg(position, speed, second, leave_to_m=leave))
+    return None
+
+
+def _towards_zero(
+    item: MissionItem, position: Position, following: MissionItem | None, spec: VehicleSpec
+) -> Position | None:
+    """Return a far place towards 0 N 0 E, where the autopilot takes a return's coordinates for that.
+
+    The bearing is that of ArduPilot's ``Location::get_bearing_to``: on a plane, with degrees of longitude as
+    long as they are at the mean latitude.
+    """
+    if following is None or following.command != Command.NAV_RETURN_TO_LAUNCH:
+        return None
+    if not fixed_wing_procedures(spec).turns_to_zero or (item.x == 0.0 and item.y == 0.0):
+        return None
+    north, east = -item.x, -item.y * math.cos(math.radians(0.5 * item.x))
+    share = _FAR_M / math.hypot(east, north)
+    return position[0] + share * east, position[1] + share * north, position[2]
+
+
+def next_move(items: Sequence[MissionItem], seq: int) -> MissionItem | None:
+    """Return the item after ``seq`` that moves the vehicle, None if that is not sure or far on."""
+    for item in items[seq + 1 : seq + 1 + _LOOK_AHEAD]:
+        if item.command in _WITH_POSITION or item.command in _MOVES:
+            return item
+        if item.command == Command.DO_JUMP:
+            return None
     return None
 
 

@@ -10,7 +10,13 @@ import numpy as np
 
 from mission.model import Command, Frame, MissionItem
 from sim_vehicle.autopilot import flight_procedures
-from sim_vehicle.execution.fixed_wing_items import fixed_wing_leg, lands, must_circle, next_position
+from sim_vehicle.execution.fixed_wing_items import (
+    fixed_wing_leg,
+    lands,
+    must_circle,
+    next_move,
+    next_position,
+)
 from sim_vehicle.execution.leg_plan import AfterLastLeg, LegPlan
 from sim_vehicle.execution.legs import circle_legs, spline_legs
 from sim_vehicle.motion.legs import ALONG, KEEP, Heading, Leg
@@ -214,7 +220,12 @@ def plan_item_legs(
         if circling:
             position = _position_or_last(positions[seq], last)
             circle = fixed_wing_leg(
-                item, position, settings.speed_m_s, spec, next_position(items, positions, seq)
+                item,
+                position,
+                settings.speed_m_s,
+                spec,
+                next_position(items, positions, seq),
+                next_move(items, seq),
             )
         if circle is not None:
             last = position

@@ -150,6 +150,7 @@ class ArduPlane(FixedWingProcedures):
     return_height = "RTL_ALTITUDE"
     land_start_needs_position = True
     holds_at_waypoints = False  # it does not store the time
+    turns_to_zero = True
 
     def limits(self, spec: VehicleSpec) -> FixedWingLimits:
         """Limits of a vehicle's flight."""

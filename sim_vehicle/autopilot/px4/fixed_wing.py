@@ -79,6 +79,7 @@ class Px4FixedWing(FixedWingProcedures):
     return_height = "RTL_RETURN_ALT"
     land_start_needs_position = False
     holds_at_waypoints = True
+    turns_to_zero = False
 
     def limits(self, spec: VehicleSpec) -> FixedWingLimits:
         """Limits of a vehicle's flight."""

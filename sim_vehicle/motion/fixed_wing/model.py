@@ -161,11 +161,18 @@ class FixedWing(CompiledMotion):
         return wing.LINE
 
     def _corners(self, rows: NDArray[np.float64]) -> None:
-        """Note the angle between each leg and the next one."""
+        """Note the angle between each leg and the next one, or where it will be left to."""
         ends = np.vstack([self.state[None, col.POSITION : col.POSITION_Z], rows[:, : wing.LEG_Z]])
         ways = np.diff(ends, axis=0)
-        for i in range(len(rows) - 1):
-            (ax, ay), (bx, by) = ways[i].tolist(), ways[i + 1].tolist()
+        leads = rows[:, wing.LEG_EXIT_X : wing.LEG_PAUSE] - rows[:, : wing.LEG_Z]
+        for i in range(len(rows)):
+            if not np.isnan(leads[i, 0]):
+                ahead = leads[i]
+            elif i + 1 < len(rows):
+                ahead = ways[i + 1]
+            else:
+                continue
+            (ax, ay), (bx, by) = ways[i].tolist(), ahead.tolist()
             if math.hypot(ax, ay) > 0.1 and math.hypot(bx, by) > 0.1:
                 rows[i, wing.LEG_TURN_ANGLE] = abs(math.atan2(ax * by - ay * bx, ax * bx + ay * by))
 

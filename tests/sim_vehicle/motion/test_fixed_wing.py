@@ -123,13 +123,13 @@ def test_arduplane_flies_as_recorded(name, recorded):
         for one, start in ((recording.flight, 3.0), (flight, 0.0))
     )
     assert after.takeoff == pytest.approx(before.takeoff, rel=0.1)
+    assert after.home == pytest.approx(before.home, rel=0.05)
+    assert both[1].radius_m == pytest.approx(both[0].radius_m, rel=0.15)
 
 
-def test_arduplane_turns_in_rows_as_wide_as_recorded(recorded):
+def test_circles_of_arduplane_are_as_wide_as_recorded(recorded):
     recording, flight = recorded["arduplane-lawnmower-60"]
-    real, ours = (turns(one, recording.items, recording.frame) for one in (recording.flight, flight))
-    assert ours.radius_m == pytest.approx(real.radius_m, rel=0.15)
-    # Circles come out wider than they are asked for: 91.4 m for 80 m.
+    # They come out wider than they are asked for: 91.4 m for 80 m.
     away = [np.hypot(*one.position_m[-300:, :2].T).mean() for one in (recording.flight, flight)]
     assert away[1] == pytest.approx(away[0], rel=0.02)
 
@@ -170,9 +170,50 @@ def test_a_landing_of_arduplane_s_simulator():
             touched = executor.motion.position_m[1], executor.motion.state[wing.AIRSPEED]
     # It flares with the motor off, so that it is slow and short; it is disarmed LAND_DISARMDELAY after that.
     assert touched is not None
-    assert 8.0 < touched[1] < 14.0
-    assert touched[0] == pytest.approx(-50.0, abs=20.0)
+    assert 10.0 < touched[1] < 13.0
+    assert touched[0] == pytest.approx(-50.0, abs=10.0)
     assert executor.time_s - last == pytest.approx(44.5, rel=0.1)
+
+
+@pytest.mark.parametrize("home", [HOME, LocalFrame(47.4, 8.5)])
+def test_arduplane_takes_the_coordinates_of_a_return_for_a_place(home):
+    # The circle before it is left where it points to 0 N 0 E: 109 degrees from Florida, 189 from Zurich.
+    def placed(command, x, y, z, *params):
+        latitude, longitude = home.to_wgs84(x, y)
+        return MissionItem(command, 3, *params, *[0.0] * (4 - len(params)), latitude, longitude, z)
+
+    latitude, longitude = home.latitude_deg, home.longitude_deg
+    bearing = math.atan2(-longitude * math.cos(math.radians(0.5 * latitude)), -latitude)
+    items = (placed(22, 0.0, 150.0, 40.0, 10.0), placed(18, 0.0, 400.0, 50.0, 1.0), RETURN)
+    executor = MissionExecutor(SPECS["ardupilot"], home)
+    executor.load(items)
+    executor.arm()
+    executor.start()
+    while executor.time_s < 600.0:
+        events = executor.advance(executor.time_s + 0.1)
+        if any(isinstance(event, ItemReached) and event.seq == 1 for event in events):
+            break
+    east, north, _ = executor.state().velocity_m_s
+    off = (math.atan2(east, north) - bearing + math.pi) % (2.0 * math.pi) - math.pi
+    assert abs(off) < math.radians(11.0)
+
+
+def test_arduplane_passes_a_waypoint_that_leads_on_to_zero_later():
+    # Flying at 109 degrees there is no corner before a return, so the waypoint is reached on it.
+    distance = {}
+    for bearing in (109.4, 199.4):
+        east, north = math.sin(math.radians(bearing)), math.cos(math.radians(bearing))
+        items = (
+            TAKEOFF,
+            waypoint(0.0, 600.0, 60.0),
+            waypoint(700.0 * east, 600.0 + 700.0 * north, 60.0),
+            RETURN,
+        )
+        _, events = fly(items, SPECS["ardupilot"], limit_s=120.0)
+        reached = next(event.time_s for event in events if isinstance(event, ItemReached) and event.seq == 2)
+        first = next(event.time_s for event in events if isinstance(event, ItemReached) and event.seq == 1)
+        distance[bearing] = reached - first
+    assert distance[109.4] - distance[199.4] > 2.0
 
 
 # Turns and circles

@@ -75,3 +75,18 @@ def test_the_command_prints_a_recording_and_draws_its_vehicle(tmp_path, monkeypa
     first, last = recording.flight.window(recording.items)
     assert f"| ardupilot-climbs-holds | ArduCopter | {last - first:.1f} s" in printed
     assert (tmp_path / "arducopter.png").stat().st_size > 10_000
+
+
+def test_a_moment_of_quick_turning_does_not_make_the_radius():
+    # The quarter of a circle again, with half a second of three times the rate in its middle.
+    flight = north_then_east()
+    items = waypoint(0.0, 0.0), waypoint(0.0, 100.0), waypoint(100.0, 100.0)
+    course = np.unwrap(np.arctan2(flight.velocity_m_s[:, 0], flight.velocity_m_s[:, 1]))
+    wide = north_then_east()
+    jerk = np.clip((flight.time_s - flight.reached[1][0] - 1.2) / 0.2, -0.5, 0.5) * 0.3
+    course = course + jerk - jerk[0]
+    velocity = SPEED * np.stack([np.sin(course), np.cos(course), 0.0 * course], axis=1)
+    jerked = Flight(flight.time_s, flight.position_m, velocity, flight.reached, NAN)
+    still, quick = turns(wide, items, FRAME), turns(jerked, items, FRAME)
+    assert quick.rate_deg_s > 1.3 * still.rate_deg_s
+    assert quick.radius_m == pytest.approx(still.radius_m, rel=0.15)

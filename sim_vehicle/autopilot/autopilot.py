@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from sim_vehicle.autopilot.failsafe_rules import FailsafeRules
     from sim_vehicle.autopilot.flight_procedures import FlightProcedures
     from sim_vehicle.autopilot.persona import Persona
+    from sim_vehicle.autopilot.stick_rules import StickRules
 
 __all__ = ["Autopilot", "Firmware"]
 
@@ -47,6 +48,8 @@ class Firmware:
         Returns all parameters that the real firmware has; those not named otherwise are only kept.
     turns : Turns
         How it takes the corners of a path, and the acceptance radius that it can hold.
+    sticks : StickRules, optional
+        How it flies by sticks; without them they do nothing.
     """
 
     title: str
@@ -58,6 +61,7 @@ class Firmware:
     takes_off: bool = False
     habits: MissionHabits = field(default_factory=MissionHabits)
     turns: Turns = field(default_factory=Turns)
+    sticks: StickRules | None = None
     reference: Callable[[], Sequence[MavParameter]] = tuple
 
     def parameters(self, spec: VehicleSpec, system_id: int) -> tuple[MavParameter, ...]:

@@ -25,6 +25,7 @@ class Action(Enum):
     RETURN = "returning"
     LAND = "landing"
     TERMINATE = "terminating the flight"
+    DISARM = "disarming"
 
 
 class ActionParameters(Protocol):

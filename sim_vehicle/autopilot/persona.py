@@ -249,8 +249,6 @@ class Persona:
         Mission, fence and rally points can be read and written as a file each (ArduPilot).
     component_metadata : bool
         COMPONENT_METADATA names files that describe the vehicle (PX4).
-    flies_by_stick : bool
-        MANUAL_CONTROL moves the vehicle in its position mode (PX4's multirotors).
     tells_calibration : bool
         Texts tell how a calibration goes (PX4).
     logs : LogHabits
@@ -278,6 +276,5 @@ class Persona:
     packed_parameters: bool = False
     packed_plans: bool = False
     component_metadata: bool = False
-    flies_by_stick: bool = False
     tells_calibration: bool = False
     logs: LogHabits = LogHabits()

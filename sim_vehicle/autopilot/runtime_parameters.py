@@ -49,7 +49,7 @@ class RuntimeParameters:
     settings : dict of str to float
         The autopilot's parameters that move the vehicle and are not at their defaults, in their own units.
     stored : dict of str to float
-        Those that change nothing here and are not at their defaults, in their own units.
+        All others that are not at their defaults, in their own units; see `kept`.
     """
 
     cruise_speed_m_s: float
@@ -79,6 +79,10 @@ class RuntimeParameters:
     mission_requirement: int = 0
     settings: dict[str, float] = field(default_factory=dict)
     stored: dict[str, float] = field(default_factory=dict)
+
+    def kept(self, name: str, default: float) -> float:
+        """Value of a parameter of the autopilot's that is none of the above, in its own unit."""
+        return self.stored.get(name, self.settings.get(name, default))
 
     @classmethod
     def of(cls, spec: VehicleSpec, defaults: FailsafeDefaults) -> RuntimeParameters:

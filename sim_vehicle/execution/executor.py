@@ -312,7 +312,7 @@ class MissionExecutor:
         self._ready("fly at a velocity")
         if not math.isnan(height_m):
             self._check_height(height_m)
-        elif self.landed is LandedState.ON_GROUND and not velocity_m_s[2] > 0.0:
+        elif self._must_climb and not velocity_m_s[2] > 0.0:
             msg = "cannot fly at a velocity: on the ground"
             raise VehicleError(msg)
         self.follower.disarm_step = None
@@ -474,6 +474,11 @@ class MissionExecutor:
         if self.landed is LandedState.ON_GROUND:
             msg = f"cannot {what}: on the ground"
             raise VehicleError(msg)
+
+    @property
+    def _must_climb(self) -> bool:
+        """Whether it stands where it has to climb first."""
+        return self.landed is LandedState.ON_GROUND and self.spec.kind != "rover"
 
     def _check_height(self, altitude_m: float) -> None:
         if self.spec.kind != "rover" and not 0.0 < altitude_m <= self.spec.max_altitude_m:

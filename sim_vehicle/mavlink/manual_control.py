@@ -1,109 +1,83 @@
-"""MANUAL_CONTROL: the sticks of a ground station, which move a multirotor of PX4 in its position mode.
+"""MANUAL_CONTROL and RC_CHANNELS_OVERRIDE: the sticks of a ground station.
 
-Source: PX4 parameter reference (MAN_DEADZONE, MPC_XY_MAN_EXPO, MPC_Z_MAN_EXPO, MPC_YAW_EXPO, MPC_VEL_MANUAL,
-MPC_MAN_Y_MAX) and its ``Sticks.cpp``.
+Source: ArduPilot's ``GCS_Common.cpp`` and ``GCS_MAVLink_Copter.cpp``, PX4's ``mavlink_receiver.cpp``.
 """
 
 from __future__ import annotations
 
-import math
-from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import mavlink as m
-from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.component import NEVER
-from sim_vehicle.execution.state import LandedState
-from sim_vehicle.motion.legs import KEEP, Heading
-from sim_vehicle.pilot.notices import RefusedError
+from mission.link.codec.typed import is_a
+from sim_vehicle.autopilot.stick_rules import Setting, StickRules, Sticks
 
 if TYPE_CHECKING:
-    from sim_vehicle.pilot.pilot import Pilot
+    from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
 
-__all__ = ["ManualControl", "stick"]
+__all__ = ["StickMessage", "StickReader"]
 
-_DEADZONE, _EXPO = 0.1, 0.6
-_FULL_SPEED_M_S, _FULL_TURN_RAD_S = 10.0, math.radians(150.0)
+StickMessage = m.MAVLink_manual_control_message | m.MAVLink_rc_channels_override_message
+
 _FULL = 1000.0
 # MAVLink's number for an axis that the sender does not have.
 _NO_AXIS = 2**15 - 1
-# COM_RC_LOSS_T: after that the sticks count as let go.
-_LOST_S = 0.5
+_MIDDLE_US = 1500
+_RELEASED, _KEPT = 0, 65535
+_GROUND_STATION = Setting("MAV_GCS_SYSID", 255.0)
 
 
-def stick(value: float) -> float:
-    """Share of the greatest speed that a stick asks for, both from -1 to 1.
-
-    Examples
-    --------
-    >>> stick(0.05), stick(1.0), round(stick(-0.5), 3)
-    (0.0, 1.0, -0.23)
-    """
-    size = min(abs(value), 1.0)
-    if size <= _DEADZONE:
-        return 0.0
-    size = (size - _DEADZONE) / (1.0 - _DEADZONE)
-    return math.copysign((1.0 - _EXPO) * size + _EXPO * size**3, value)
-
-
-class ManualControl:
-    """Flies by the sticks.
+class StickReader:
+    """Reads the positions of the sticks.
 
     Parameters
     ----------
-    pilot : Pilot
+    rules : StickRules or None
+        How the autopilot takes them; None where it has no sticks.
+    system_id : int
+        Of the vehicle.
+    parameters : RuntimeParameters
     """
 
-    def __init__(self, pilot: Pilot) -> None:
-        self._pilot = pilot
-        self._moves = False
-        self._lost_s = NEVER
+    def __init__(self, rules: StickRules | None, system_id: int, parameters: RuntimeParameters) -> None:
+        self._rules = rules
+        self._system_id = system_id
+        self._parameters = parameters
+        self._channels = [_RELEASED] * 4
 
-    def take(self, message: m.MAVLink_manual_control_message, now_s: float) -> None:
-        """Fly as the sticks say; centred ones stop the vehicle where it is.
+    def read(self, message: StickMessage) -> Sticks | None:
+        """Return where the sticks are; None where the message does not count."""
+        rules = self._rules
+        if rules is None:
+            return None
+        release = rules.loss.release
+        if release is not None and release.of(self._parameters) == 0.0:
+            return None
+        if rules.overrides and message.get_srcSystem() != int(_GROUND_STATION.of(self._parameters)):
+            return None
+        if is_a(message, m.MAVLink_rc_channels_override_message):
+            return self._of_channels(message, rules) if rules.overrides else None
+        if message.target != self._system_id:
+            return None
+        up = _axis(message.z) if rules.drives else _axis(message.z, middle=0.5 * _FULL)
+        return Sticks(_axis(message.x), _axis(message.y), up, _axis(message.r))
 
-        Raises
-        ------
-        RefusedError
-            When the vehicle cannot fly so.
-        """
-        pilot = self._pilot
-        if pilot.mode is not Mode.POSITION or not pilot.armed:
-            self._moves, self._lost_s = False, NEVER
-            return
-        forward, right, turn = (_share(value) for value in (message.x, message.y, message.r))
-        up = _share(message.z, middle=0.5 * _FULL)
-        if pilot.landed is LandedState.ON_GROUND and up <= 0.0:
-            return
-        if not any((forward, right, up, turn)):
-            self._stop()
-            return
-        spec, yaw = pilot.spec, pilot.state.yaw_rad
-        speed = min(_FULL_SPEED_M_S, spec.top_speed_m_s)
-        east = speed * (forward * math.sin(yaw) + right * math.cos(yaw))
-        north = speed * (forward * math.cos(yaw) - right * math.sin(yaw))
-        climb = up * (spec.climb_speed_m_s if up > 0.0 else spec.descent_speed_m_s)
-        heading = Heading.turning(turn * _FULL_TURN_RAD_S) if turn else KEEP
-        pilot.controls.order(lambda: pilot.executor.steer((east, north, climb), heading=heading))
-        self._moves, self._lost_s = True, now_s + _LOST_S
-
-    def poll(self, now_s: float) -> None:
-        """Stop a vehicle whose sticks are not heard of any more."""
-        if now_s >= self._lost_s:
-            self._stop()
-
-    def next_deadline(self) -> float:
-        """When the sticks count as lost."""
-        return self._lost_s
-
-    def _stop(self) -> None:
-        self._lost_s = NEVER
-        if self._moves and self._pilot.mode is Mode.POSITION and self._pilot.armed:
-            with suppress(RefusedError):  # it may have come down meanwhile
-                self._pilot.controls.order(self._pilot.executor.hold)
-        self._moves = False
+    def _of_channels(
+        self, message: m.MAVLink_rc_channels_override_message, rules: StickRules
+    ) -> Sticks | None:
+        """Read roll, pitch, throttle and yaw; a channel that is not overridden is centred."""
+        told = (message.chan1_raw, message.chan2_raw, message.chan3_raw, message.chan4_raw)
+        self._channels = [
+            before if now == _KEPT else now for before, now in zip(self._channels, told, strict=True)
+        ]
+        if not any(self._channels):
+            return None
+        right, back, up, turn = (
+            min(max((pulse - _MIDDLE_US) / rules.pwm_half, -1.0), 1.0) if pulse != _RELEASED else 0.0
+            for pulse in self._channels
+        )
+        return Sticks(-back, right, up, turn)
 
 
-def _share(value: int, middle: float = 0.0) -> float:
-    """Share of the greatest speed that an axis of the message asks for; one that is not there is centred."""
-    return 0.0 if value == _NO_AXIS else stick((value - middle) / (_FULL - middle))
+def _axis(value: int, middle: float = 0.0) -> float:
+    """Position that an axis of MANUAL_CONTROL tells; one that is not there is centred."""
+    return 0.0 if value == _NO_AXIS else min(max((value - middle) / (_FULL - middle), -1.0), 1.0)

@@ -35,7 +35,7 @@ from sim_vehicle.mavlink.ftp.vehicle_files import general_metadata, vehicle_file
 from sim_vehicle.mavlink.item_reports import ItemReports
 from sim_vehicle.mavlink.logs.flight_logs import FlightLogs
 from sim_vehicle.mavlink.logs.transfer import LOG_MESSAGES, LogMessage, LogTransfer
-from sim_vehicle.mavlink.manual_control import ManualControl
+from sim_vehicle.mavlink.manual_control import StickMessage, StickReader
 from sim_vehicle.mavlink.parameters import ParameterMessage, ParameterSet
 from sim_vehicle.mavlink.plan_receiver import PlanReceiver
 from sim_vehicle.mavlink.schedule import Schedule
@@ -135,6 +135,7 @@ class SimVehicle:
             habits=firmware.habits,
             epoch_unix_s=epoch_unix_s,
             height_errors=None if noise is None else noise.height_errors,
+            sticks=firmware.sticks,
         )
         self.state = WireState(
             pilot, firmware, home, system_id=system_id, epoch_unix_s=epoch_unix_s, noise=noise
@@ -152,7 +153,7 @@ class SimVehicle:
         self._texts = StatusTexts()
         self._reports = ItemReports(persona)
         self._calibration = GyroCalibration()
-        self._sticks = ManualControl(pilot)
+        self._sticks = StickReader(firmware.sticks, system_id, pilot.parameters)
         self._plans = PlanReceiver(self.state, _AUTOPILOT, self._texts, self._reports)
         self._camera = CameraOrders(system_id, self.say_warning)
         self._commands = CommandReceiver(self)
@@ -180,6 +181,7 @@ class SimVehicle:
                     handler(m.MAVLink_manual_control_message, self._on_sticks),
                     handler(m.MAVLink_mission_set_current_message, self._on_set_current),
                     handler(m.MAVLink_ping_message, self._on_ping),
+                    handler(m.MAVLink_rc_channels_override_message, self._on_sticks),
                     handler(m.MAVLink_request_data_stream_message, self._on_data_stream),
                     handler(m.MAVLink_set_mode_message, self._on_set_mode),
                     handler(m.MAVLink_set_gps_global_origin_message, self._on_origin),
@@ -260,7 +262,6 @@ class SimVehicle:
         self._outbox += self._parameters.poll(now_s)
         self._outbox += self._ftp.poll(now_s)
         self._outbox += self._log_transfer.poll(now_s)
-        self._sticks.poll(now_s)
         for text in self._calibration.poll(now_s):
             self.pilot.note(Severity.INFO, text)
         self._show_changes()
@@ -289,7 +290,6 @@ class SimVehicle:
             self._ftp.next_deadline(),
             self._log_transfer.next_deadline(),
             self._calibration.next_deadline(),
-            self._sticks.next_deadline(),
         )
 
     def _sent(self) -> list[Message]:
@@ -480,11 +480,12 @@ class SimVehicle:
     def _on_mission(self, message: Message) -> None:
         self._outbox += self._plans.receive(message, self.state.now_us / 1e6)
 
-    def _on_sticks(self, message: m.MAVLink_manual_control_message) -> None:
-        if message.target != self.system_id or not self.firmware.persona.flies_by_stick:
+    def _on_sticks(self, message: StickMessage) -> None:
+        sticks, rules = self._sticks.read(message), self.firmware.sticks
+        if sticks is None or rules is None:
             return
         try:
-            self._sticks.take(message, self.state.now_us / 1e6)
+            self.pilot.take_sticks(sticks, flown=self.state.custom_mode not in rules.without)
         except RefusedError as refusal:
             self.pilot.setpoints.complain(str(refusal))
 

@@ -38,11 +38,13 @@ from sim_vehicle.pilot.mission_status import MissionChange, MissionStatus
 from sim_vehicle.pilot.mode_control import ModeControl
 from sim_vehicle.pilot.notices import MissionState, Notice, NoticeLog, RefusedError, Severity
 from sim_vehicle.pilot.setpoints import Setpoint, SetpointFollower
+from sim_vehicle.pilot.sticks import StickPilot
 
 if TYPE_CHECKING:
     from geo.frame import LocalFrame
     from sim_vehicle.airframe.height_errors import HeightErrors
     from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.autopilot.stick_rules import StickRules, Sticks
     from sim_vehicle.weather.wind import Wind
 
 __all__ = ["Pilot"]
@@ -75,6 +77,8 @@ class Pilot:
         Time of day at time 0.
     height_errors : HeightErrors, optional
         See `sim_vehicle.execution.executor.MissionExecutor`.
+    sticks : StickRules, optional
+        How it flies by sticks.
 
     Attributes
     ----------
@@ -107,6 +111,7 @@ class Pilot:
         habits: MissionHabits | None = None,
         epoch_unix_s: float = EPOCH_UNIX_S,
         height_errors: HeightErrors | None = None,
+        sticks: StickRules | None = None,
     ) -> None:
         self.frame = frame
         self.outcome = Outcome.RUNNING
@@ -141,6 +146,10 @@ class Pilot:
         self.modes = ModeControl(
             self.controls, self.mission, self.setpoints, habits, mode=mode, after_takeoff=after_takeoff
         )
+
+        self._sticks = None
+        if sticks is not None:
+            self._sticks = StickPilot(self.controls, parameters, sticks, self._notices, lambda: self.mode)
 
     # What is known of the vehicle.
 
@@ -340,6 +349,8 @@ class Pilot:
             self.note(Severity.CRITICAL, f"{self._rules.preflight}: {reason}")
             raise RefusedError(f"{self._rules.arming}: {reason}")
         self.failsafe.on_armed()
+        if self._sticks is not None:
+            self._sticks.forget()
         self._end(Outcome.RUNNING, "")
         self.note(Severity.INFO, self._rules.armed)
         if self.mode is Mode.MISSION and self.mission.why_not is not None:
@@ -531,6 +542,23 @@ class Pilot:
         if self.mode is Mode.GUIDED and self.armed:
             self.setpoints.fly()
 
+    def take_sticks(self, sticks: Sticks, *, flown: bool = True) -> None:
+        """Fly as the sticks of the ground station say, in the modes that are flown so.
+
+        Parameters
+        ----------
+        sticks : Sticks
+        flown : bool
+            Whether they move the vehicle in the mode as it was asked for.
+
+        Raises
+        ------
+        RefusedError
+            When it cannot be flown.
+        """
+        if self._sticks is not None and (left := self._sticks.take(sticks, flown=flown)) is not None:
+            self._turn_to(left)
+
     # What goes wrong.
 
     def fail_motor(self, failed: bool = True) -> None:
@@ -563,6 +591,10 @@ class Pilot:
         if self.armed:
             for reaction in self.failsafe.check():
                 self._carry_out(reaction)
+            if self._sticks is not None:
+                for reaction in self._sticks.check():
+                    self.failsafe.active = True
+                    self._carry_out(reaction)
             mode = self.setpoints.expired() if self.mode is Mode.GUIDED else None
             if mode is not None:
                 self._turn_to(mode)
@@ -615,6 +647,8 @@ class Pilot:
             self.controls.order(lambda: self.executor.return_home(point_m))
         elif reaction.action is Action.TERMINATE:
             self.terminate(reaction.reason)
+        elif reaction.action is Action.DISARM:
+            self.disarm(force=True)
         else:
             self._turn_to(_MODES[reaction.action])
 

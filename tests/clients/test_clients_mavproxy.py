@@ -30,7 +30,7 @@ class Session:
         environment = {**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1", "HOME": str(directory)}
         command = [sys.executable, "-m", "MAVProxy.mavproxy", f"--master={master}"]
         command += [f"--state-basedir={directory}"]
-        command += ["--default-modules=wp,mode,arm,fence,rally,ftp,param,cmdlong,log"]
+        command += ["--default-modules=wp,mode,arm,fence,rally,ftp,param,cmdlong,log,rc"]
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             text=True, env=environment, cwd=directory,
@@ -224,3 +224,20 @@ def test_plans_go_and_come_as_files(session, tmp_path):
     proxy.type(f"rally ftpload {rally}", "Sent rally item of length 1 in")
     assert len(flying.vehicle._plans.server.plan(MissionType.RALLY).items) == 1
     proxy.type("ftp list @SYS", "LIST: .* opcode:129 ")
+
+
+def test_a_vehicle_is_flown_by_typed_channels(session, tools):
+    # At real time: a pause of a second is a failsafe.
+    flying, proxy = session("ardupilot", speed=1.0)
+    pilot = flying.vehicle.pilot
+    proxy.type("mode loiter", "Mode LOITER")
+    proxy.type("rc 3 1500")
+    proxy.type("arm throttle", "AP: Arming motors")
+    proxy.type("rc 3 1900")
+    tools.wait_until(lambda: pilot.state.position_m[2] > 2.0, what="the climb")
+    proxy.type("rc 3 1500")
+    proxy.type("rc 2 1300")
+    tools.wait_until(lambda: pilot.state.velocity_m_s[1] > 2.0, what="the way forward")
+    proxy.type("rc all 0")
+    proxy.expect("AP: Radio Failsafe$")
+    tools.wait_until(lambda: pilot.mode.value == "return", what="the return")

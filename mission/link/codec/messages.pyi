@@ -1321,6 +1321,51 @@ class MAVLink_rc_channels_message(MAVLink_message):
         rssi: int,
     ) -> None: ...
 
+class MAVLink_rc_channels_override_message(MAVLink_message):
+    target_system: int
+    target_component: int
+    chan1_raw: int
+    chan2_raw: int
+    chan3_raw: int
+    chan4_raw: int
+    chan5_raw: int
+    chan6_raw: int
+    chan7_raw: int
+    chan8_raw: int
+    chan9_raw: int
+    chan10_raw: int
+    chan11_raw: int
+    chan12_raw: int
+    chan13_raw: int
+    chan14_raw: int
+    chan15_raw: int
+    chan16_raw: int
+    chan17_raw: int
+    chan18_raw: int
+    def __init__(
+        self,
+        target_system: int,
+        target_component: int,
+        chan1_raw: int,
+        chan2_raw: int,
+        chan3_raw: int,
+        chan4_raw: int,
+        chan5_raw: int,
+        chan6_raw: int,
+        chan7_raw: int,
+        chan8_raw: int,
+        chan9_raw: int = ...,
+        chan10_raw: int = ...,
+        chan11_raw: int = ...,
+        chan12_raw: int = ...,
+        chan13_raw: int = ...,
+        chan14_raw: int = ...,
+        chan15_raw: int = ...,
+        chan16_raw: int = ...,
+        chan17_raw: int = ...,
+        chan18_raw: int = ...,
+    ) -> None: ...
+
 class MAVLink_request_data_stream_message(MAVLink_message):
     target_system: int
     target_component: int

@@ -16,6 +16,7 @@ from sim_vehicle.autopilot.ardupilot.habits import HABITS
 from sim_vehicle.autopilot.ardupilot.parameters import copter_parameters, vehicle_parameters
 from sim_vehicle.autopilot.ardupilot.persona import COPTER_PERSONA, PLANE_PERSONA, ROVER_PERSONA
 from sim_vehicle.autopilot.ardupilot.rover import ARDUROVER
+from sim_vehicle.autopilot.ardupilot.sticks import COPTER_STICKS, ROVER_STICKS
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.mission_rules import arduplane_landing
 from sim_vehicle.autopilot.reference_parameters import reference_parameters
@@ -51,6 +52,7 @@ ARDUPILOT = Autopilot(
                 procedures=ARDUCOPTER,
                 habits=HABITS,
                 reference=partial(reference_parameters, "arducopter"),
+                sticks=COPTER_STICKS,
             ),
             "fixed-wing": Firmware(
                 title="ArduPlane",
@@ -73,6 +75,7 @@ ARDUPILOT = Autopilot(
                 procedures=ARDUROVER,
                 habits=HABITS,
                 reference=partial(reference_parameters, "rover"),
+                sticks=ROVER_STICKS,
                 takes_off=True,
             ),
         }

@@ -17,6 +17,7 @@ from sim_vehicle.autopilot.px4.habits import HABITS
 from sim_vehicle.autopilot.px4.parameters import copter_parameters, fixed_wing_parameters, rover_parameters
 from sim_vehicle.autopilot.px4.persona import persona_of
 from sim_vehicle.autopilot.px4.rover import PX4_ROVER
+from sim_vehicle.autopilot.px4.sticks import STICKS
 from sim_vehicle.autopilot.reference_parameters import reference_parameters
 
 __all__ = ["PX4"]
@@ -44,6 +45,7 @@ _COPTER = Firmware(
     # NAV_ACC_RAD. Less it cannot hold: the error of its height estimate, 0.55 m, counts in the radius.
     turns=Turns(2.0, leads=True),
     reference=partial(reference_parameters, "px4"),
+    sticks=STICKS,
 )
 PX4 = Autopilot(
     name="px4",
@@ -61,6 +63,7 @@ PX4 = Autopilot(
                 takes_off=False,
                 turns=Turns(2.0),
                 reference=partial(reference_parameters, "px4", without=_OF_MULTIROTORS),
+                sticks=None,
             ),
             "rover": replace(
                 _COPTER,
@@ -69,6 +72,7 @@ PX4 = Autopilot(
                 procedures=PX4_ROVER,
                 turns=Turns(),
                 reference=partial(reference_parameters, "px4", without=_OF_MULTIROTORS),
+                sticks=None,
             ),
         }
     ),

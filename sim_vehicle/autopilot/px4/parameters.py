@@ -17,6 +17,7 @@ __all__ = ["copter_parameters", "fixed_wing_parameters", "rover_parameters"]
 
 _SAFETY = (
     MavParameter("BAT_EMERGEN_THR", "emergency_fraction", low=0.0, high=0.3),
+    MavParameter("COM_RCL_EXCEPT", "failsafe_options", integer=True, low=0, high=31),
     MavParameter("COM_DL_LOSS_T", "link_timeout_s", integer=True, low=5, high=300),
     MavParameter("COM_OF_LOSS_T", "setpoint_timeout_s", low=0.1, high=60.0),
     MavParameter("GF_ACTION", "fence_action", integer=True, low=0, high=5),

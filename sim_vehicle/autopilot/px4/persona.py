@@ -99,6 +99,5 @@ def persona_of(mav_type: int) -> Persona:
         tells_remaining_time=True,
         component_metadata=True,
         tells_calibration=True,
-        flies_by_stick=mav_type == m.MAV_TYPE_QUADROTOR,
         logs=LogHabits("/fs/microsd/log", by_date=True),
     )

@@ -7,6 +7,7 @@ import pytest
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.model import GeoPoint
+from mission.outcome import Outcome
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.autopilot.modes import Mode
@@ -234,9 +235,6 @@ def test_sticks_move_px4_in_its_position_mode():
         peer.wait(0.1)
     assert peer.vehicle.pilot.state.position_m[2] > height + 2.0
     assert abs(math.remainder(peer.vehicle.pilot.state.yaw_rad - yaw, 2.0 * math.pi)) > 0.2
-    peer.wait(6.0)  # the sticks fall silent
-    assert math.hypot(*peer.vehicle.pilot.state.velocity_m_s) < 0.05
-    assert peer.vehicle.pilot.mode is Mode.POSITION
 
 
 def test_sticks_for_others_and_on_the_ground_do_nothing():
@@ -251,3 +249,199 @@ def test_sticks_for_others_and_on_the_ground_do_nothing():
         peer.tell(sticks(z=1000))
         peer.wait(0.1)
     assert peer.vehicle.pilot.state.position_m[2] > 2.0, "the throttle takes off"
+
+
+def flown_by_hand(autopilot, mode, kind="quad"):
+    """A vehicle in the air (or armed on its wheels), in one of its modes."""
+    peer = Peer(autopilot, kind)
+    if kind == "quad":
+        peer.fly()
+    else:
+        assert peer.result(400, 1.0) == 0
+    assert peer.result(176, 1.0, mode) == 0
+    peer.wait(3.0)
+    return peer
+
+
+def push(peer, seconds, message):
+    """Send the sticks ten times a second."""
+    for _ in range(round(10 * seconds)):
+        peer.tell(message)
+        peer.wait(0.1)
+
+
+def override(roll=0, pitch=0, throttle=0, yaw=0):
+    return m.MAVLink_rc_channels_override_message(1, 1, roll, pitch, throttle, yaw, 0, 0, 0, 0)
+
+
+def ground_speed(peer):
+    return math.hypot(*peer.vehicle.pilot.state.velocity_m_s[:2])
+
+
+def test_px4_holds_and_returns_when_sticks_that_fly_it_fall_silent():
+    peer = flown_by_hand("px4", 3.0)
+    push(peer, 2.0, sticks(x=500))
+    peer.wait(1.0)
+    assert peer.vehicle.pilot.mode is Mode.HOLD
+    assert peer.texts()[-1] == "Failsafe activated: entering Hold for 5 seconds"
+    push(peer, 1.0, sticks())
+    assert peer.vehicle.pilot.mode is Mode.POSITION, "they are back"
+    peer.wait(6.0)
+    assert peer.vehicle.pilot.mode is Mode.RTL
+    assert peer.texts()[-1] == "Failsafe activated"
+    assert peer.vehicle.pilot.outcome is Outcome.LINK_LOST
+    peer.tell(sticks(x=500))
+    peer.wait(1.0)
+    assert peer.vehicle.pilot.mode is Mode.RTL
+
+
+@pytest.mark.parametrize(("options", "mode"), [(0, Mode.LAND), (2, Mode.HOLD)])
+def test_px4_acts_in_other_modes_unless_they_are_excepted(options, mode):
+    peer = Peer("px4")
+    peer.fly()
+    peer.vehicle.pilot.parameters.stored["NAV_RCL_ACT"] = 3.0
+    peer.vehicle.pilot.parameters.failsafe_options = options
+    peer.tell(sticks())
+    peer.wait(7.0)
+    assert peer.vehicle.pilot.mode is mode
+
+
+def test_sticks_that_were_gone_at_arming_are_not_missed():
+    peer = Peer("px4")
+    peer.tell(sticks())
+    peer.wait(5.0)
+    peer.fly()
+    assert not [text for text in peer.texts() if "Failsafe" in text]
+
+
+@pytest.mark.parametrize("mode", [5.0, 2.0, 16.0], ids=["LOITER", "ALT_HOLD", "POSHOLD"])
+def test_sticks_move_arducopter(mode):
+    peer = flown_by_hand("ardupilot", mode)
+    pilot = peer.vehicle.pilot
+    pilot.parameters.stored["LOIT_SPEED"] = 700.0
+    height, yaw = pilot.state.position_m[2], pilot.state.yaw_rad
+    push(peer, 5.0, sticks(x=500))
+    full = 7.0 if mode == 5.0 else pilot.spec.top_speed_m_s
+    assert ground_speed(peer) == pytest.approx(full * 0.46 / 0.96, rel=0.05)
+    east, north, _ = pilot.state.velocity_m_s
+    assert math.atan2(east, north) == pytest.approx(math.remainder(yaw, 2.0 * math.pi), abs=0.05)
+    push(peer, 6.0, sticks())
+    assert ground_speed(peer) < 0.1
+    assert pilot.state.position_m[2] == pytest.approx(height, abs=0.3)
+    push(peer, 3.0, sticks(z=1000))
+    assert pilot.state.velocity_m_s[2] == pytest.approx(2.5, abs=0.1), "PILOT_SPEED_UP"
+    push(peer, 3.0, sticks(z=560))
+    assert abs(pilot.state.velocity_m_s[2]) < 0.1, "within THR_DZ"
+    before = pilot.state.yaw_rad
+    push(peer, 0.5, sticks(r=-300))
+    assert math.remainder(pilot.state.yaw_rad - before, 2.0 * math.pi) < -0.1
+
+
+def test_sticks_take_arducopter_off_and_land_it():
+    peer = Peer("ardupilot")
+    assert peer.result(176, 1.0, 5.0) == 0
+    assert peer.result(400, 1.0) == 0
+    pilot = peer.vehicle.pilot
+    push(peer, 3.0, sticks(z=500))
+    assert pilot.state.position_m[2] == 0.0
+    push(peer, 8.0, sticks(z=1000))
+    assert pilot.state.position_m[2] > 3.0
+    push(peer, 60.0, sticks(z=0))
+    assert pilot.state.position_m[2] == 0.0
+    assert not pilot.armed
+
+
+@pytest.mark.parametrize("mode", [4.0, 17.0], ids=["GUIDED", "BRAKE"])
+def test_sticks_do_nothing_in_arducopters_guided_and_brake_modes(mode):
+    peer = flown_by_hand("ardupilot", mode)
+    before = peer.vehicle.pilot.state.position_m
+    push(peer, 3.0, sticks(x=1000, z=1000))
+    assert peer.vehicle.pilot.state.position_m == pytest.approx(before, abs=0.3)
+
+
+@pytest.mark.parametrize(("autopilot", "mode", "moves"), [("ardupilot", 5.0, True), ("px4", 3.0, False)])
+def test_overridden_channels_are_sticks_to_arducopter_only(autopilot, mode, moves):
+    peer = flown_by_hand(autopilot, mode)
+    push(peer, 4.0, override(pitch=1250))
+    assert (ground_speed(peer) > 2.0) is moves
+    push(peer, 1.0, override(pitch=65535, roll=1500))
+    assert (ground_speed(peer) > 2.0) is moves, "the pitch is kept"
+
+
+def test_arducopter_listens_to_its_own_ground_station_only():
+    peer = flown_by_hand("ardupilot", 5.0)
+    peer.vehicle.pilot.parameters.stored["MAV_GCS_SYSID"] = 7.0
+    push(peer, 2.0, sticks(x=1000))
+    assert ground_speed(peer) < 0.1
+
+
+def test_arducopter_returns_when_its_sticks_fall_silent():
+    peer = flown_by_hand("ardupilot", 5.0)
+    push(peer, 2.0, override(throttle=1500))
+    peer.wait(0.7)
+    assert peer.vehicle.pilot.mode is Mode.HOLD
+    peer.wait(0.5)
+    assert peer.vehicle.pilot.mode is Mode.RTL
+    assert peer.texts()[-1] == "Radio Failsafe"
+    peer.tell(override(throttle=1500))
+    peer.wait(0.1)
+    assert peer.texts()[-1] == "Radio Failsafe Cleared"
+    assert peer.vehicle.pilot.mode is Mode.RTL
+
+
+def test_arducopter_goes_on_where_its_options_say_so():
+    peer = Peer("ardupilot")
+    peer.fly()
+    peer.vehicle.pilot.parameters.failsafe_options = 4
+    push(peer, 1.0, sticks())
+    peer.wait(3.0)
+    assert peer.vehicle.pilot.mode is Mode.GUIDED
+    assert peer.texts()[-1] == "Radio Failsafe - Continuing Guided Mode"
+
+
+def test_without_the_failsafe_the_last_sticks_hold_for_the_time_of_an_override():
+    peer = flown_by_hand("ardupilot", 5.0)
+    peer.vehicle.pilot.parameters.stored["FS_THR_ENABLE"] = 0.0
+    push(peer, 3.0, sticks(x=500))
+    peer.wait(2.5)
+    assert ground_speed(peer) > 2.0
+    peer.wait(6.0)
+    assert ground_speed(peer) < 0.1
+    assert peer.vehicle.pilot.mode is Mode.HOLD
+
+
+def test_arducopter_disarms_on_the_ground_when_its_sticks_fall_silent():
+    peer = Peer("ardupilot")
+    assert peer.result(400, 1.0) == 0
+    push(peer, 1.0, sticks(z=0))
+    peer.wait(2.0)
+    assert not peer.vehicle.pilot.armed
+    assert "Radio Failsafe - Disarming" in peer.texts()
+
+
+def test_a_rover_is_driven_by_hand():
+    peer = flown_by_hand("ardupilot", 0.0, "rover")
+    yaw = peer.vehicle.pilot.state.yaw_rad
+    push(peer, 4.0, sticks(z=500))
+    assert 0.3 < ground_speed(peer) <= 0.55 * peer.vehicle.pilot.spec.top_speed_m_s
+    push(peer, 2.0, sticks(z=500, y=500))
+    turned = math.remainder(peer.vehicle.pilot.state.yaw_rad - yaw, 2.0 * math.pi)
+    assert turned > 0.2, "to the right"
+    peer.wait(6.0)
+    assert ground_speed(peer) < 0.05
+    assert peer.vehicle.pilot.mode is Mode.HOLD
+    assert "Radio Failsafe" in peer.texts()
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "kind"), [("px4", "quad"), ("ardupilot", "quad"), ("ardupilot", "rover")]
+)
+def test_the_parameters_of_the_sticks_are_the_firmwares_own(autopilot, kind):
+    firmware = Peer(autopilot, kind).vehicle.firmware
+    table = {p.name: p for p in firmware.parameters(get_vehicle(kind), 1)}
+    rules = firmware.sticks
+    loss = rules.loss
+    named = [*rules.speeds.values(), rules.turn_rate, rules.climb, rules.descent]
+    named += [loss.timeout, loss.action, loss.release, loss.delay]
+    for setting in filter(None, named):
+        assert table[setting.name].value == setting.default, setting.name

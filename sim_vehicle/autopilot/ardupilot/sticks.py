@@ -1,0 +1,66 @@
+"""ArduPilot's sticks: MANUAL_CONTROL and RC_CHANNELS_OVERRIDE, without a radio receiver beside them."""
+
+from __future__ import annotations
+
+import math
+from types import MappingProxyType
+
+from sim_vehicle.autopilot.failsafe_rules import Action, actions_by_value
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.stick_rules import Axis, Setting, StickLoss, StickRules, bits
+
+__all__ = ["COPTER_STICKS", "ROVER_STICKS"]
+
+_BRAKE = 17
+_RELEASE = Setting("RC_OVERRIDE_TIME", 3.0)
+COPTER_STICKS = StickRules(
+    # Leaning with the sticks, as all but LOITER do, ends at the vehicle's greatest speed.
+    speeds=MappingProxyType(
+        {
+            Mode.HOLD: Setting("LOIT_SPEED", 1250.0, 0.01),
+            Mode.POSITION: None,
+            Mode.ALTITUDE: None,
+            Mode.MANUAL: None,
+        }
+    ),
+    # RC1_DZ and RC4_DZ of 500 microseconds, THR_DZ of the throttle's 500.
+    level=Axis(0.04),
+    vertical=Axis(0.2),
+    turning=Axis(0.04),
+    turn_rate=Setting("PILOT_Y_RATE", 202.5, math.radians(1.0)),
+    climb=Setting("PILOT_SPEED_UP", 250.0, 0.01),
+    descent=Setting("PILOT_SPEED_DN", 0.0, 0.01),
+    without=frozenset({_BRAKE}),
+    overrides=True,
+    loss=StickLoss(
+        timeout=Setting("RC_FS_TIMEOUT", 1.0),
+        action=Setting("FS_THR_ENABLE", 1.0),
+        actions=actions_by_value(NONE="0", RETURN="1 2 4 6", LAND="3 5", HOLD="7"),
+        release=_RELEASE,
+        # FS_OPTIONS.
+        exceptions=bits(MISSION=1, GUIDED=4, LAND=8),
+        on_ground=Action.DISARM,
+        lost="Radio Failsafe",
+        ignored="Radio Failsafe - Continuing {}",
+        regained="Radio Failsafe Cleared",
+    ),
+)
+ROVER_STICKS = StickRules(
+    speeds=MappingProxyType({Mode.MANUAL: None, Mode.ALTITUDE: None, Mode.POSITION: None}),
+    level=Axis(0.075),
+    vertical=Axis(0.075),
+    turning=Axis(0.075),
+    turn_rate=Setting("ATC_STR_RAT_MAX", 120.0, math.radians(1.0)),
+    overrides=True,
+    drives=True,
+    pwm_half=400.0,
+    loss=StickLoss(
+        timeout=Setting("FS_TIMEOUT", 1.5),
+        action=Setting("FS_ACTION", 2.0),
+        actions=actions_by_value(NONE="0", RETURN="1 3", HOLD="2 4 6", TERMINATE="5"),
+        release=_RELEASE,
+        exceptions=bits(),
+        lost="Radio Failsafe",
+        regained="Radio Failsafe Cleared",
+    ),
+)

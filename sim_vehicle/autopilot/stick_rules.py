@@ -1,0 +1,180 @@
+"""Sticks as an autopilot takes them: the modes that they fly, how far they move the vehicle, and their loss.
+
+Sources: PX4's ``Sticks.cpp``, ``failsafe.cpp`` and parameter reference; ArduCopter's ``mode_loiter.cpp``,
+``mode_althold.cpp``, ``radio.cpp`` and ``events.cpp``; Rover's ``mode_manual.cpp`` and ``failsafe.cpp``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from sim_vehicle.autopilot.failsafe_rules import Action
+from sim_vehicle.autopilot.modes import Mode
+
+if TYPE_CHECKING:
+    from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
+
+__all__ = ["Axis", "Setting", "StickLoss", "StickRules", "Sticks", "bits"]
+
+
+@dataclass(frozen=True, slots=True)
+class Sticks:
+    """Positions of the sticks, -1 to 1.
+
+    Parameters
+    ----------
+    forward, right, up, turn : float
+        The middle is 0; ``turn`` counts clockwise.
+    """
+
+    forward: float = 0.0
+    right: float = 0.0
+    up: float = 0.0
+    turn: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A parameter of the autopilot.
+
+    Parameters
+    ----------
+    name : str
+    default : float
+        In its own unit.
+    scale : float
+        SI value per unit.
+    """
+
+    name: str
+    default: float
+    scale: float = 1.0
+
+    def of(self, parameters: RuntimeParameters) -> float:
+        """Its value now, in SI units."""
+        return self.scale * parameters.kept(self.name, self.default)
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """What part of the greatest speed a stick asks for.
+
+    Parameters
+    ----------
+    deadzone : float
+        About the middle.
+    expo : float
+        Share of the cube, which makes small moves finer.
+
+    Examples
+    --------
+    >>> px4 = Axis(0.1, 0.6)
+    >>> px4.share(0.05), px4.share(1.0), round(px4.share(-0.5), 3)
+    (0.0, 1.0, -0.23)
+    """
+
+    deadzone: float
+    expo: float = 0.0
+
+    def share(self, value: float) -> float:
+        """Share of the greatest speed at a position of the stick, both -1 to 1."""
+        size = min(abs(value), 1.0)
+        if size <= self.deadzone:
+            return 0.0
+        size = (size - self.deadzone) / (1.0 - self.deadzone)
+        return math.copysign((1.0 - self.expo) * size + self.expo * size**3, value)
+
+
+@dataclass(frozen=True, slots=True)
+class StickLoss:
+    """What an autopilot does when sticks that it has heard fall silent.
+
+    Parameters
+    ----------
+    timeout : Setting
+        Silence after which they are lost.
+    action : Setting
+        Chooses among ``actions``.
+    actions : mapping of int to Action
+    exceptions : mapping of Mode to int
+        The bit of `RuntimeParameters.failsafe_options` with which a mode goes on without sticks.
+    in_stick_modes : Action
+        The least that is done in a mode that the sticks fly (PX4 cannot stay in it).
+    release : Setting or None
+        Silence after which the sticks are let go where nothing else is done; negative is never. None is
+        ``timeout``.
+    delay : Setting or None
+        How long it holds before it does more than that (PX4).
+    on_ground : Action
+        What is done on the ground.
+    lost, delayed, ignored, regained : str
+        Texts; ``delayed`` has a ``{}`` for the seconds, ``ignored`` for what goes on. Empty for none.
+    """
+
+    timeout: Setting
+    action: Setting
+    actions: Mapping[int, Action]
+    exceptions: Mapping[Mode, int]
+    in_stick_modes: Action = Action.NONE
+    release: Setting | None = None
+    delay: Setting | None = None
+    on_ground: Action = Action.NONE
+    lost: str = ""
+    delayed: str = ""
+    ignored: str = ""
+    regained: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class StickRules:
+    """How an autopilot flies by sticks.
+
+    Parameters
+    ----------
+    speeds : mapping of Mode to Setting or None
+        The modes that sticks fly, with the speed of a stick that is moved all the way; None is the vehicle's
+        greatest.
+    loss : StickLoss
+    level, vertical, turning : Axis
+        Sticks for the horizontal movement, for climbing and for turning.
+    turn_rate : Setting
+        Rate of a turn, radians a second.
+    climb, descent : Setting or None
+        Vertical speeds; None and 0 are the vehicle's own.
+    without : frozenset of int
+        Custom modes that are flown as one of ``speeds``, but without sticks.
+    overrides : bool
+        RC_CHANNELS_OVERRIDE is taken, and only from the ground station that MAV_GCS_SYSID names (ArduPilot).
+    drives : bool
+        A rover: the vertical stick is the throttle, the one to the right steers.
+    pwm_half : float
+        Microseconds from the middle of a channel to its end.
+    """
+
+    speeds: Mapping[Mode, Setting | None]
+    loss: StickLoss
+    level: Axis
+    vertical: Axis
+    turning: Axis
+    turn_rate: Setting
+    climb: Setting | None = None
+    descent: Setting | None = None
+    without: frozenset[int] = field(default_factory=frozenset)
+    overrides: bool = False
+    drives: bool = False
+    pwm_half: float = 500.0
+
+
+def bits(**modes: int) -> Mapping[Mode, int]:
+    """Bits by mode.
+
+    Examples
+    --------
+    >>> bits(MISSION=1)[Mode.MISSION]
+    1
+    """
+    return MappingProxyType({Mode[name]: bit for name, bit in modes.items()})

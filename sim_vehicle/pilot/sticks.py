@@ -1,0 +1,238 @@
+"""Flies by the sticks of a ground station, and notices when they are lost."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from mission.outcome import Outcome
+from sim_vehicle.autopilot.failsafe_rules import Action
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.stick_rules import Sticks
+from sim_vehicle.execution.state import FlightPhase, LandedState
+from sim_vehicle.motion.legs import KEEP, Heading
+from sim_vehicle.pilot.failsafe import Reaction
+from sim_vehicle.pilot.notices import NoticeLog, RefusedError, Severity
+
+if TYPE_CHECKING:
+    from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
+    from sim_vehicle.autopilot.stick_rules import StickRules
+    from sim_vehicle.pilot.controls import Controls
+
+__all__ = ["StickPilot"]
+
+_SEVERITY = {
+    action: place
+    for place, action in enumerate(
+        (Action.NONE, Action.WARN, Action.HOLD, Action.RETURN, Action.LAND, Action.DISARM, Action.TERMINATE)
+    )
+}
+# How far ahead of its nose a rover is steered to: the rate of its turn over this, in seconds.
+_STEERS_AHEAD_S = 0.5
+# Phases that are as much as an action, or more.
+_COMES_HOME = (FlightPhase.RETURN, FlightPhase.LAND)
+_REACHED = {Action.HOLD: _COMES_HOME, Action.RETURN: _COMES_HOME, Action.LAND: (FlightPhase.LAND,)}
+
+
+class StickPilot:
+    """Flies by the sticks while they are heard.
+
+    Parameters
+    ----------
+    controls : Controls
+        The vehicle.
+    parameters : RuntimeParameters
+    rules : StickRules
+    notices : NoticeLog
+    mode : callable
+        The flight mode now.
+
+    Attributes
+    ----------
+    lost : bool
+        Whether sticks were heard, and are no more.
+    """
+
+    def __init__(
+        self,
+        controls: Controls,
+        parameters: RuntimeParameters,
+        rules: StickRules,
+        notices: NoticeLog,
+        mode: Callable[[], Mode],
+    ) -> None:
+        self._controls = controls
+        self._parameters = parameters
+        self._rules = rules
+        self._notices = notices
+        self._mode = mode
+        self._sticks: Sticks | None = None
+        self._heard_s = -math.inf
+        self._moves = False
+        self.lost = False
+        self._later: tuple[float, Reaction] | None = None
+        self._left: Mode | None = None
+
+    def take(self, sticks: Sticks, *, flown: bool = True) -> Mode | None:
+        """Fly as the sticks say; centred ones stop the vehicle where it is.
+
+        Parameters
+        ----------
+        sticks : Sticks
+        flown : bool
+            Whether they move the vehicle in the mode as it was asked for.
+
+        Returns
+        -------
+        Mode or None
+            The mode that is gone on with, as the sticks are back before anything was done but holding.
+
+        Raises
+        ------
+        RefusedError
+            When the vehicle cannot fly so.
+        """
+        self._heard_s = self._controls.now_s
+        self._sticks = sticks if flown else Sticks()
+        left, was_lost = self._left, self.lost
+        self.lost, self._later, self._left = False, None, None
+        if was_lost and self._rules.loss.regained:
+            self._notices.add(Severity.WARNING, self._rules.loss.regained)
+        if was_lost and left is not None and self._mode() is Mode.HOLD:
+            return left
+        if flown and self._flies:
+            self._fly(sticks)
+        return None
+
+    def forget(self) -> None:
+        """Hear sticks anew: those that are gone when the vehicle arms are not missed."""
+        if self._silence_s > self._rules.loss.timeout.of(self._parameters):
+            self._sticks, self.lost = None, False
+        self._later = self._left = None
+
+    def check(self) -> Iterator[Reaction]:
+        """Steer on, and yield what the loss of the sticks demands."""
+        if self._sticks is None:
+            return
+        loss = self._rules.loss
+        if self._later is not None and self._controls.now_s >= self._later[0]:
+            reaction, self._later, self._left = self._later[1], None, None
+            if self._mode() is Mode.HOLD:
+                self._notices.add(Severity.CRITICAL, loss.lost)
+                yield reaction
+        if self._silence_s <= self._limit_s:
+            if self._rules.drives and self._moves and self._flies:
+                with suppress(RefusedError):
+                    self._fly(self._sticks)
+        elif not self.lost:
+            self.lost = True
+            yield from self._lose()
+
+    @property
+    def _silence_s(self) -> float:
+        return self._controls.now_s - self._heard_s
+
+    @property
+    def _action(self) -> Action:
+        loss = self._rules.loss
+        return loss.actions.get(int(loss.action.of(self._parameters)), Action.NONE)
+
+    @property
+    def _limit_s(self) -> float:
+        """Silence after which the sticks are lost, or let go."""
+        loss = self._rules.loss
+        if loss.release is None or self._action is not Action.NONE:
+            return loss.timeout.of(self._parameters)
+        release_s = loss.release.of(self._parameters)
+        return math.inf if release_s < 0.0 else release_s
+
+    @property
+    def _flies(self) -> bool:
+        return self._controls.armed and self._mode() in self._rules.speeds
+
+    def _lose(self) -> Iterator[Reaction]:
+        loss, mode, controls, action = self._rules.loss, self._mode(), self._controls, self._action
+        if action is Action.NONE and not (self._flies and loss.in_stick_modes is not Action.NONE):
+            self._stop()
+            return
+        if controls.landed is LandedState.ON_GROUND:
+            if loss.on_ground is not Action.NONE:
+                self._notices.add(Severity.WARNING, f"{loss.lost} - Disarming")
+                yield Reaction(loss.on_ground, Outcome.LINK_LOST, "sticks lost")
+            return
+        if loss.exceptions.get(mode, 0) & self._parameters.failsafe_options:
+            if loss.ignored:
+                self._notices.add(Severity.WARNING, loss.ignored.format(_NAMES.get(mode, mode.value)))
+            return
+        if self._flies:
+            action = max(action, loss.in_stick_modes, key=_SEVERITY.__getitem__)
+        if controls.state.phase in _REACHED.get(action, ()):
+            return
+        reaction = Reaction(action, Outcome.LINK_LOST, "sticks lost")
+        delay_s = 0.0 if loss.delay is None else loss.delay.of(self._parameters)
+        self._moves = False
+        if delay_s > 0.0 and _SEVERITY[action] > _SEVERITY[Action.HOLD]:
+            self._notices.add(Severity.CRITICAL, loss.delayed.format(delay_s))
+            self._later, self._left = (controls.now_s + delay_s, reaction), mode
+            yield Reaction(Action.HOLD, Outcome.RUNNING, "")
+            return
+        self._notices.add(Severity.CRITICAL, loss.lost)
+        yield reaction
+
+    def _fly(self, sticks: Sticks) -> None:
+        rules, controls = self._rules, self._controls
+        spec, yaw = controls.spec, controls.state.yaw_rad
+        setting = rules.speeds[self._mode()]
+        wanted = math.inf if setting is None else setting.of(self._parameters)
+        speed = min(wanted, spec.top_speed_m_s)
+        if rules.drives:
+            self._drive(speed * rules.vertical.share(sticks.up), rules.turning.share(sticks.right))
+            return
+        forward, right = rules.level.share(sticks.forward), rules.level.share(sticks.right)
+        up, turn = rules.vertical.share(sticks.up), rules.turning.share(sticks.turn)
+        if controls.landed is LandedState.ON_GROUND and up <= 0.0:
+            return
+        if not any((forward, right, up, turn)):
+            self._stop()
+            return
+        east = speed * (forward * math.sin(yaw) + right * math.cos(yaw))
+        north = speed * (forward * math.cos(yaw) - right * math.sin(yaw))
+        climb = up * self._vertical_speed(upward=up > 0.0)
+        heading = Heading.turning(turn * rules.turn_rate.of(self._parameters)) if turn else KEEP
+        self._steer((east, north, climb), heading)
+
+    def _vertical_speed(self, *, upward: bool) -> float:
+        """Return the speed of a stick that is moved all the way up or down."""
+        rules, spec = self._rules, self._controls.spec
+        climb_m_s = rules.climb.of(self._parameters) if rules.climb is not None else 0.0
+        descent_m_s = rules.descent.of(self._parameters) if rules.descent is not None else 0.0
+        if upward:
+            return min(climb_m_s or math.inf, spec.climb_speed_m_s)
+        return min(descent_m_s or climb_m_s or math.inf, spec.descent_speed_m_s)
+
+    def _drive(self, speed_m_s: float, steering: float) -> None:
+        """Drive forward; backward it only stops, and it turns as fast as it drives."""
+        if speed_m_s <= 0.0:
+            self._stop()
+            return
+        share = speed_m_s / self._controls.spec.top_speed_m_s
+        rate = steering * share * self._rules.turn_rate.of(self._parameters)
+        course = self._controls.state.yaw_rad + rate * _STEERS_AHEAD_S
+        self._steer((speed_m_s * math.sin(course), speed_m_s * math.cos(course), 0.0), KEEP)
+
+    def _steer(self, velocity_m_s: tuple[float, float, float], heading: Heading) -> None:
+        executor = self._controls.executor
+        self._controls.order(lambda: executor.steer(velocity_m_s, heading=heading))
+        self._moves = True
+
+    def _stop(self) -> None:
+        if self._moves and self._flies:
+            with suppress(RefusedError):  # it may have come down meanwhile
+                self._controls.order(self._controls.executor.hold)
+        self._moves = False
+
+
+# ArduPilot's names, for its texts.
+_NAMES = {Mode.MISSION: "Auto Mode", Mode.GUIDED: "Guided Mode", Mode.LAND: "Landing"}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from mission.planners.turns import Turns
@@ -71,7 +71,9 @@ class Firmware:
         are only kept, like the rest of what the real firmware has.
         """
         table = {parameter.name: parameter for parameter in self.reference()}
-        table |= {parameter.name: parameter for parameter in self.parameter_table(spec, system_id)}
+        units = {name: parameter.unit for name, parameter in table.items()}
+        for parameter in self.parameter_table(spec, system_id):
+            table[parameter.name] = replace(parameter, unit=units.get(parameter.name, ""))
         if spec.autopilot == self.procedures.name:
             for name, known in self.procedures.parameters.items():
                 table[name] = MavParameter(
@@ -81,6 +83,7 @@ class Firmware:
                     high=known.high,
                     value=known.default,
                     motion=True,
+                    unit=units.get(name, ""),
                 )
         return tuple(table[name] for name in sorted(table))
 

@@ -28,7 +28,7 @@ class MavParameter:
     scale : float
         The parameter's value per SI value (100 for centimetres).
     low, high : float
-        Allowed values, in the parameter's unit.
+        Allowed values, in the parameter's unit; of a stored one those that the autopilot documents.
     value : float
         Value of a constant; default of a motion parameter.
     motion : bool

@@ -60,7 +60,9 @@ def test_mavsdk_asks_for_logs_and_for_metadata(autopilot, connected, tools):
     metadata.request_autopilot_component()
     available.get(timeout=60.0)
     told = metadata.get_metadata(1, int(MetadataType.PARAMETER))
-    names = {entry["name"] for entry in json.loads(told.json_metadata)["parameters"]}
+    entries = {entry["name"]: entry for entry in json.loads(told.json_metadata)["parameters"]}
+    names = set(entries)
+    assert (entries["MPC_XY_P"]["min"], entries["MPC_XY_P"]["max"]) == (0.0, 2.0)
     table = flying.vehicle.firmware.parameters(flying.vehicle.pilot.spec, 1)
     assert names == {parameter.name for parameter in table}
 

@@ -20,7 +20,7 @@ STICKS = StickRules(
     turn_rate=Setting("MPC_MAN_Y_MAX", 150.0, math.radians(1.0)),
     loss=StickLoss(
         timeout=Setting("COM_RC_LOSS_T", 0.5),
-        action=Setting("NAV_RCL_ACT", 1.0),
+        action=Setting("NAV_RCL_ACT", 2.0),
         actions=actions_by_value(NONE="0", HOLD="1", RETURN="2", LAND="3", TERMINATE="5", DISARM="6"),
         exceptions=bits(MISSION=1, HOLD=2, TAKEOFF=2, LAND=2, RTL=2, GUIDED=4),
         in_stick_modes=Action.RETURN,

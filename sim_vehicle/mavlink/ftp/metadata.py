@@ -46,8 +46,9 @@ def _entry(parameter: MavParameter) -> dict[str, object]:
         "default": round(parameter.value) if parameter.integer else parameter.value,
         "group": parameter.name.split("_", 1)[0],
     }
-    if math.isfinite(parameter.low) and math.isfinite(parameter.high) and not parameter.stored:
-        entry |= {"min": parameter.low, "max": parameter.high}
+    for key, limit in (("min", parameter.low), ("max", parameter.high)):
+        if math.isfinite(limit):
+            entry[key] = round(limit) if parameter.integer else limit
     if parameter.unit:
         entry["units"] = parameter.unit
     return entry

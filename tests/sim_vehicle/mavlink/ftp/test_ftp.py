@@ -299,6 +299,19 @@ def test_px4_describes_its_parameters_in_files(kind):
     assert one.ask(Operation.REMOVE, address.removeprefix("mftp://")) is FtpError.PROTECTED
 
 
+def test_ranges_and_units_are_told():
+    client = Client(OfVehicle("px4"))
+    told = json.loads(lzma.decompress(client.read("/etc/extras/parameters.json.xz")))["parameters"]
+    by_name = {entry["name"]: entry for entry in told}
+    assert {"min": 0.5, "max": 8.0, "units": "m/s"}.items() <= by_name["MPC_Z_V_AUTO_UP"].items()
+    assert {"min": 1, "max": 6, "default": 2}.items() <= by_name["NAV_RCL_ACT"].items()
+    assert by_name["MPC_LAND_CRWL"]["min"] == 0.1
+    assert "max" not in by_name["MPC_LAND_CRWL"]
+    assert "min" not in by_name["COM_DISARM_PRFLT"]
+    assert by_name["MPC_XY_CRUISE"]["units"] == "m/s"
+    assert sum("min" in entry for entry in told) > 150
+
+
 def test_ardupilot_has_no_component_metadata():
     ask = m.MAVLink_command_long_message(1, 1, 512, 0, 397, 0, 0, 0, 0, 0, 0)
     answers = OfVehicle("ardupilot").vehicle.receive(ask, 0.0)

@@ -45,6 +45,7 @@ PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
         "FW_T_ALT_TC": ParameterSpec(5.0, 2.0, 100.0, "s", "time constant of the height"),
         "FW_T_CLMB_MAX": ParameterSpec(5.0, 1.0, 15.0, "m/s", "climb rate at full throttle"),
         "FW_T_CLMB_R_SP": ParameterSpec(3.0, 0.1, 15.0, "m/s", "climb rate"),
+        "FW_T_HRATE_FF": ParameterSpec(0.3, 0.0, 1.0, "", "share of a demanded climb rate without lag"),
         "FW_T_SINK_MAX": ParameterSpec(5.0, 1.0, 15.0, "m/s", "greatest sink rate"),
         "FW_T_SINK_R_SP": ParameterSpec(2.0, 0.1, 15.0, "m/s", "sink rate"),
         "FW_T_TAS_TC": ParameterSpec(5.0, 2.0, 100.0, "s", "time constant of the airspeed"),
@@ -64,7 +65,12 @@ PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
         "RTL_RETURN_ALT": ParameterSpec(100.0, 0.0, 500.0, "m", "return altitude"),
         "RTL_TYPE": ParameterSpec(0.0, 0.0, 5.0, "", "1, 2: land as the mission does", integer=True),
         "RWTO_TKOFF": ParameterSpec(0.0, 0.0, 1.0, "", "take-off from a runway", integer=True),
-        "RWTO_ROT_AIRSPD": ParameterSpec(-1.0, -1.0, 100.0, "m/s", "airspeed at which the ground is left"),
+        "RWTO_MAX_THR": ParameterSpec(1.0, 0.0, 1.0, "", "throttle of the take-off roll"),
+        "RWTO_RAMP_TIME": ParameterSpec(2.0, 1.0, 15.0, "s", "rise of the throttle of the take-off roll"),
+        "RWTO_ROT_AIRSPD": ParameterSpec(
+            -1.0, -1.0, 100.0, "m/s", "airspeed at which the ground is left, -1: 0.9 of that of the take-off"
+        ),
+        "RWTO_ROT_TIME": ParameterSpec(1.0, 0.1, 10.0, "s", "from lift-off to the climb-out"),
     }
 )
 
@@ -90,7 +96,8 @@ class Px4FixedWing(FixedWingProcedures):
         least, trim, most = in_order(value["FW_AIRSPD_MIN"], value["FW_AIRSPD_TRIM"], value["FW_AIRSPD_MAX"])
         takeoff = value["FW_TKO_AIRSPD"] if value["FW_TKO_AIRSPD"] > 0.0 else least
         runway = value["RWTO_TKOFF"] > 0.0
-        rotation = value["RWTO_ROT_AIRSPD"] if value["RWTO_ROT_AIRSPD"] > 0.0 else takeoff
+        rotation = value["RWTO_ROT_AIRSPD"] if value["RWTO_ROT_AIRSPD"] > 0.0 else 0.9 * takeoff
+        rotation = min(rotation, takeoff)
         liftoff, acceleration = self.start_of_flight(spec, rotation if runway else 0.0, takeoff)
         return FixedWingLimits(
             law=NPFG,
@@ -126,6 +133,10 @@ class Px4FixedWing(FixedWingProcedures):
             flare_sink=value["FW_LND_FL_SINK"],
             landing_slope=math.tan(math.radians(value["FW_LND_ANG"])),
             loiter_radius=value["NAV_LOITER_RAD"] or 80.0,
+            ramp_s=value["RWTO_RAMP_TIME"] if runway else 0.0,
+            ramp_throttle=value["RWTO_MAX_THR"] if runway else 1.0,
+            rotation_s=value["RWTO_ROT_TIME"] if runway else 0.0,
+            height_ahead=value["FW_T_HRATE_FF"],
         )
 
     def steepest_approach(self, spec: VehicleSpec) -> tuple[str, float] | None:

@@ -24,6 +24,8 @@ from sim_vehicle.motion.fixed_wing.layout import (
     NOSE_UP,
     PARASITIC,
     PITCH,
+    RAMP_S,
+    RAMP_THROTTLE,
     ROTATION,
     SHORT,
     SINCE,
@@ -66,7 +68,7 @@ def _lift_off(state: Floats, wx: float, wy: float) -> None:
     ae, an = state[col.VELOCITY_X] - wx, state[col.VELOCITY_Y] - wy
     state[AIRSPEED] = max(sqrt(ae * ae + an * an), SHORT)
     state[col.HEADING] = atan2(ae, an) % (2.0 * pi)
-    state[NOSE_UP] = state[TRIMMED] = 0.0
+    state[NOSE_UP] = state[TRIMMED] = state[SINCE] = 0.0
     state[DOING] = FLYING
 
 
@@ -92,13 +94,15 @@ def take_off(state: Floats, limits: Floats, wx: float, wy: float) -> None:
     throttle = limits[THROTTLE_LIMIT]
     if limits[THROTTLE_SLEW] > 0.0:
         throttle = min(throttle, state[THROTTLE] + limits[THROTTLE_SLEW] * dt)
+    ramps = state[SINCE] < limits[RAMP_S]
+    throttle *= limits[RAMP_THROTTLE] * (state[SINCE] / limits[RAMP_S] if ramps else 1.0)
     state[THROTTLE] = throttle
-    rate = limits[LAUNCH]
-    if rate <= 0.0:
+    rate = limits[LAUNCH] * throttle
+    if limits[LAUNCH] <= 0.0:
         v = state[AIRSPEED]
         # It stands level until it lifts off: the drag is that of the lift at no angle of attack.
         load = limits[LIFT_LEVEL] * v * v / GRAVITY_M_S2
         rate = limits[THRUST] * throttle - drag(limits, v, load) - limits[GROUND_DRAG] * v
     roll_on_ground(state, limits, rate, wx, wy)
-    if state[AIRSPEED] >= limits[ROTATION]:
+    if state[AIRSPEED] >= limits[ROTATION] and not ramps:
         _lift_off(state, wx, wy)

@@ -28,7 +28,7 @@ CENTRE, CENTRE_RADIUS = 35, 38
 (
     DIRECT,  # Whether it flies straight to the waypoint, without a line to keep.
     ROLL_RATE,
-    SINCE,  # Seconds on the ground with the motor armed.
+    SINCE,  # Seconds with the motor armed on the ground, since the lift-off, or in the flare.
     BANK_DEMAND,
     PITCH_DEMAND,
     THROTTLE_DEMAND,
@@ -137,7 +137,11 @@ LINE, CIRCLE, TAKEOFF, LANDING, CIRCULAR_LANDING, FALL = 0.0, 1.0, 2.0, 3.0, 4.0
     FLARE_SINK,
     LANDING_SLOPE,
     LOITER_RADIUS,
-) = range(33)
+    RAMP_S,  # Of the throttle in a take-off roll.
+    RAMP_THROTTLE,
+    ROTATION_S,  # From lift-off to the full climb.
+    HEIGHT_AHEAD,  # Share of the rate of a demanded height that is followed without lag.
+) = range(37)
 # Then those of the airframe.
 (
     STEP_S,
@@ -153,9 +157,9 @@ LINE, CIRCLE, TAKEOFF, LANDING, CIRCULAR_LANDING, FALL = 0.0, 1.0, 2.0, 3.0, 4.0
     TRIM_CHANGE,  # Elevator, as an angle, over a change of the lift coefficient as in LIFT_SLOPE.
     ENERGY_LIMIT,
     THROTTLE_LIMIT,
-) = range(33, 46)
+) = range(37, 50)
 # And those of ArduPlane, in the order of `ArduPlaneControl`.
-CONTROL = 46
+CONTROL = 50
 (
     TIME_S,
     INTEGRATOR,

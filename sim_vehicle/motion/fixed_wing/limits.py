@@ -135,6 +135,10 @@ class FixedWingLimits:
         Sink over path length on a circle down to the ground.
     loiter_radius : float
         Of circles without a radius; positive is clockwise.
+    ramp_s, ramp_throttle, rotation_s : float
+        How long the throttle of a take-off roll rises, up to what, and from lift-off to the full climb.
+    height_ahead : float
+        Share of the rate of a demanded height that is followed without lag.
     """
 
     law: float
@@ -170,6 +174,10 @@ class FixedWingLimits:
     flare_sink: float
     landing_slope: float
     loiter_radius: float
+    ramp_s: float = 0.0
+    ramp_throttle: float = 1.0
+    rotation_s: float = 0.0
+    height_ahead: float = 1.0
 
     def tightest_m(self, airspeed_m_s: float) -> float:
         """Return the radius of a level turn at the bank limit.

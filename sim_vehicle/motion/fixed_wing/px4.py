@@ -22,8 +22,10 @@ from sim_vehicle.motion.fixed_wing.layout import (
     DOING,
     FLARE,
     FLARE_HEIGHT,
+    FLARE_RATE,
     FLARE_S,
     FLARE_SINK,
+    HEIGHT_AHEAD,
     HEIGHT_S,
     LANDING,
     LANDING_AIRSPEED,
@@ -35,7 +37,9 @@ from sim_vehicle.motion.fixed_wing.layout import (
     LEVEL_BANK,
     LEVEL_HEIGHT,
     LINE,
+    ROTATION_S,
     SHORT,
+    SINCE,
     SINK_MAX,
     SINK_RATE,
     SPEED_S,
@@ -108,7 +112,8 @@ def _approach(state: Floats, row: Floats, limits: Floats) -> float:
             (row[LEG_X] - state[col.POSITION_X]) * dx + (row[LEG_Y] - state[col.POSITION_Y]) * dy
         ) / length
         slope = max(state[BEGIN + 2], 1.0) / length
-        height = min(max(slope * to_go, 0.0), max(state[BEGIN + 2], 0.0))
+        # It goes on below the ground, so that nothing is slowed down before the flare.
+        height = min(slope * to_go, max(state[BEGIN + 2], 0.0))
         if to_go < length:
             sink = slope * ground
     else:
@@ -116,8 +121,10 @@ def _approach(state: Floats, row: Floats, limits: Floats) -> float:
         height = state[col.POSITION_Z]
     if state[col.POSITION_Z] <= max(limits[FLARE_HEIGHT], limits[FLARE_S] * max(-state[col.VELOCITY_Z], 0.0)):
         state[DOING] = FLARE
-    # The height follows the slope without lag: what the error asks for comes on top of the slope.
-    return float(height - sink * limits[HEIGHT_S])
+        state[SINCE] = 0.0
+        state[FLARE_RATE] = state[col.VELOCITY_Z]
+    # Only so much of the slope's rate is fed forward: the rest is asked for by being too high.
+    return float(height - sink * limits[HEIGHT_S] * limits[HEIGHT_AHEAD])
 
 
 @compiled
@@ -150,11 +157,18 @@ def px4_control(
             ) / length2
             height = state[BEGIN + 2] + (row[LEG_Z] - state[BEGIN + 2]) * min(max(part, 0.0), 1.0)
     if state[DOING] == FLARE:
-        throttle = 0.0
-        _, _, rate = _energy(state, limits, 0.0, airspeed, load, False)
-        # The sink dies away towards that of the touch.
-        climb = -limits[FLARE_SINK] - max(state[col.POSITION_Z], 0.0) / max(limits[FLARE_S], SHORT)
+        throttle, _, rate = _energy(state, limits, height, airspeed, load, False)
+        # First the throttle comes down, then the sink dies away towards that of the touch.
+        state[SINCE] += limits[STEP_S]
+        passed = state[SINCE] / limits[FLARE_S]
+        throttle = min(throttle, 1.0 - sqrt(min(passed, 1.0)))
+        share = sqrt(min(max(passed - 1.0, 0.0), 1.0))
+        climb = (1.0 - share) * state[FLARE_RATE] - share * limits[FLARE_SINK]
     else:
         throttle, climb, rate = _energy(state, limits, height, airspeed, load, full)
+        if full:
+            state[SINCE] += limits[STEP_S]
+            if state[SINCE] < limits[ROTATION_S]:
+                climb *= state[SINCE] / limits[ROTATION_S]
     state[THROTTLE] += (throttle - state[THROTTLE]) * limits[STEP_S] / THROTTLE_S
     return bank, climb, rate

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from mission.model import Command
@@ -113,7 +113,8 @@ def fixed_wing_leg(
     if command == Command.NAV_LOITER_TURNS:
         return FixedWingLeg(circle_leg(position, speed, third, first, leave))
     if command == Command.NAV_LOITER_TO_ALT:
-        return FixedWingLeg(circle_leg(position, speed, second, leave_to_m=leave))
+        leg = circle_leg(position, speed, second, leave_to_m=leave)
+        return FixedWingLeg(replace(leg, kind=LegKind.LOITER_TO_HEIGHT))
     return None
 
 

@@ -22,7 +22,8 @@ class LegKind(IntEnum):
     """What a leg is flown for; an autopilot treats some kinds in its own way.
 
     SETPOINT is a position that a companion or ground station asks for, again and again: multirotors fly to it
-    as their position control does, without a path.
+    as their position control does, without a path. LOITER_TO_HEIGHT is a circle that is
+    left once its height is reached.
     """
 
     WAYPOINT = 0
@@ -35,6 +36,7 @@ class LegKind(IntEnum):
     LOITER = 7
     ARC = 8
     SETPOINT = 9
+    LOITER_TO_HEIGHT = 10
 
 
 class HeadingMode(Enum):

@@ -184,6 +184,7 @@ class ArduPlane(FixedWingProcedures):
             switch_share=0.0,
             acceptance=value["WP_RADIUS"],
             height_acceptance=math.inf,
+            landing_height_acceptance=math.inf,
             ground_min=value["MIN_GROUNDSPEED"],
             takeoff_airspeed=trim,
             rotation_airspeed=liftoff,

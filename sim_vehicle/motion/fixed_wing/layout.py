@@ -32,7 +32,7 @@ CENTRE, CENTRE_RADIUS = 35, 38
     BANK_DEMAND,
     PITCH_DEMAND,
     THROTTLE_DEMAND,
-    TARGET,  # Height that is asked for.
+    TARGET,  # Height that is asked for; at first that where the leg began.
     SLOPE,  # Height to gain along the leg; 0: at once.
     STAGE,  # Of a landing: LINING_UP, APPROACH or PREFLARE.
     LEVEL_OFF,  # Height below that of the take-off at which the nose begins to come down; 0: not yet.
@@ -98,8 +98,9 @@ SHORT = 0.5
     LEG_TURN_ANGLE,  # Angle to the next leg.
     LEG_SLOPE,  # Of a circular landing.
     LEG_AT_ONCE,  # Whether it climbs at once, however far the way is.
-) = range(17)
-LEG = 17
+    LEG_ON_CIRCLE,  # Whether the height is left for the circle.
+) = range(18)
+LEG = 18
 LINE, CIRCLE, TAKEOFF, LANDING, CIRCULAR_LANDING, FALL = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
 
 # Limits: first those of the vehicle and of any autopilot, in the order of `FixedWingLimits`.
@@ -125,6 +126,7 @@ LINE, CIRCLE, TAKEOFF, LANDING, CIRCULAR_LANDING, FALL = 0.0, 1.0, 2.0, 3.0, 4.0
     SWITCH_SHARE,
     ACCEPTANCE,
     HEIGHT_TOLERANCE,
+    LANDING_HEIGHT_TOLERANCE,
     GROUND_MIN,
     TAKEOFF_AIRSPEED,
     ROTATION,
@@ -141,7 +143,7 @@ LINE, CIRCLE, TAKEOFF, LANDING, CIRCULAR_LANDING, FALL = 0.0, 1.0, 2.0, 3.0, 4.0
     RAMP_THROTTLE,
     ROTATION_S,  # From lift-off to the full climb.
     HEIGHT_AHEAD,  # Share of the rate of a demanded height that is followed without lag.
-) = range(37)
+) = range(38)
 # Then those of the airframe.
 (
     STEP_S,
@@ -157,9 +159,9 @@ LINE, CIRCLE, TAKEOFF, LANDING, CIRCULAR_LANDING, FALL = 0.0, 1.0, 2.0, 3.0, 4.0
     TRIM_CHANGE,  # Elevator, as an angle, over a change of the lift coefficient as in LIFT_SLOPE.
     ENERGY_LIMIT,
     THROTTLE_LIMIT,
-) = range(37, 50)
+) = range(38, 51)
 # And those of ArduPlane, in the order of `ArduPlaneControl`.
-CONTROL = 50
+CONTROL = 51
 (
     TIME_S,
     INTEGRATOR,

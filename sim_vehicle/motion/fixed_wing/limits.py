@@ -120,8 +120,8 @@ class FixedWingLimits:
     switch_share : float
         NPFG holds a line from before it, and counts a circle as reached, at this share of its track error
         bound.
-    acceptance, height_acceptance : float
-        Of waypoints; an infinite tolerance of the height is none.
+    acceptance, height_acceptance, landing_height_acceptance : float
+        Of waypoints; an infinite tolerance of the height is none. The last one is that before a landing.
     ground_min : float
         The airspeed is raised to make this ground speed.
     takeoff_airspeed, rotation_airspeed, launch_acceleration : float
@@ -162,6 +162,7 @@ class FixedWingLimits:
     switch_share: float
     acceptance: float
     height_acceptance: float
+    landing_height_acceptance: float
     ground_min: float
     takeoff_airspeed: float
     rotation_airspeed: float

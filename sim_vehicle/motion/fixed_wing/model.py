@@ -12,6 +12,7 @@ from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.compiled_motion import CompiledMotion
 from sim_vehicle.motion.fixed_wing import layout as wing
+from sim_vehicle.motion.fixed_wing.guidance import NPFG
 from sim_vehicle.motion.fixed_wing.kernel import advance
 from sim_vehicle.motion.fixed_wing.limits import limits_row
 from sim_vehicle.motion.legs import KEEP, LegKind
@@ -148,6 +149,10 @@ class FixedWing(CompiledMotion):
             elif kind == wing.CIRCULAR_LANDING:
                 rows[i, wing.LEG_SLOPE] = law.landing_slope
             rows[i, wing.LEG_AT_ONCE] = route.kind[i] == LegKind.HOME
+            rows[i, wing.LEG_ON_CIRCLE] = law.law == NPFG and route.kind[i] == LegKind.LOITER_TO_HEIGHT
+            if i + 1 < n and route.kind[i + 1] == LegKind.LAND:
+                tolerance = min(float(rows[i, wing.LEG_HEIGHT_TOLERANCE]), law.landing_height_acceptance)
+                rows[i, wing.LEG_HEIGHT_TOLERANCE] = tolerance
         self._corners(rows)
         return rows
 
@@ -156,7 +161,7 @@ class FixedWing(CompiledMotion):
             return wing.TAKEOFF
         if kind == LegKind.LAND:
             return wing.LANDING if math.isnan(radius) else wing.CIRCULAR_LANDING
-        if kind in (LegKind.LOITER, LegKind.STAY) or stops:
+        if kind in (LegKind.LOITER, LegKind.STAY, LegKind.LOITER_TO_HEIGHT) or stops:
             return wing.CIRCLE
         return wing.LINE
 

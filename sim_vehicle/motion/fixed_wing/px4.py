@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import atan, cos, sqrt
+from math import atan, cos, isnan, sqrt
 
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
@@ -14,6 +14,7 @@ from sim_vehicle.motion.fixed_wing.layout import (
     AIRSPEED_MIN,
     BANK,
     BANK_LIMIT,
+    BEARING,
     BEGIN,
     CENTRE,
     CIRCULAR_LANDING,
@@ -30,6 +31,7 @@ from sim_vehicle.motion.fixed_wing.layout import (
     LANDING,
     LANDING_AIRSPEED,
     LEG_KIND,
+    LEG_ON_CIRCLE,
     LEG_SLOPE,
     LEG_X,
     LEG_Y,
@@ -45,6 +47,7 @@ from sim_vehicle.motion.fixed_wing.layout import (
     SPEED_S,
     STEP_S,
     TAKEOFF,
+    TARGET,
     THROTTLE,
     THROTTLE_LIMIT,
     WING_SPAN,
@@ -148,6 +151,8 @@ def px4_control(
         height = row[LEG_Z] + 10.0 * limits[HEIGHT_S]
     elif landing:
         height = _approach(state, row, limits)
+    elif row[LEG_ON_CIRCLE] > 0.0 and not arrived and isnan(state[BEARING]):
+        height = state[TARGET]
     elif kind == LINE and not circling:
         dx, dy = row[LEG_X] - state[BEGIN], row[LEG_Y] - state[BEGIN + 1]
         length2 = dx * dx + dy * dy

@@ -46,6 +46,7 @@ from sim_vehicle.motion.fixed_wing.layout import (
     LEG_EXIT_Y,
     LEG_HEIGHT_TOLERANCE,
     LEG_KIND,
+    LEG_ON_CIRCLE,
     LEG_PAUSE,
     LEG_RADIUS,
     LEG_TURN_ANGLE,
@@ -61,6 +62,7 @@ from sim_vehicle.motion.fixed_wing.layout import (
     SWITCH_SHARE,
     TAKEOFF,
     TAKEOFF_AIRSPEED,
+    TARGET,
     TURNED,
 )
 from sim_vehicle.motion.fixed_wing.tecs import PERIOD_S
@@ -250,7 +252,8 @@ def circled(state: Floats, row: Floats, limits: Floats, step: int) -> bool:
         # An airspeed that is too high for the circle leads round it outside.
         tight = ground * ground / (GRAVITY_M_S2 * tan(limits[BANK_LIMIT]))
         room = max(room, 2.2 * tight)
-        if away > room or abs(row[LEG_Z] - state[col.POSITION_Z]) > row[LEG_HEIGHT_TOLERANCE]:
+        height = state[TARGET] if row[LEG_ON_CIRCLE] > 0.0 else row[LEG_Z]
+        if away > room or abs(height - state[col.POSITION_Z]) > row[LEG_HEIGHT_TOLERANCE]:
             return False
         state[BEARING] = atan2(rx, ry)
         state[TURNED] = 0.0
@@ -259,6 +262,9 @@ def circled(state: Floats, row: Floats, limits: Floats, step: int) -> bool:
     change = (bearing - state[BEARING] + pi) % (2.0 * pi) - pi
     state[TURNED] += sense * change
     state[BEARING] = bearing
+    if row[LEG_ON_CIRCLE] > 0.0 and abs(row[LEG_Z] - state[col.POSITION_Z]) > row[LEG_HEIGHT_TOLERANCE]:
+        state[TURNED] = 0.0
+        return False
     if step < state[PAUSE_END] or state[TURNED] < 2.0 * pi * row[LEG_TURNS]:
         return False
     if isnan(row[LEG_EXIT_X]) or state[TURNED] > 2.0 * pi * (row[LEG_TURNS] + 2.0):

@@ -141,6 +141,59 @@ def test_px4_flies_as_recorded_with_a_weak_motor(recorded):
     assert result.p95_m < 8.0
 
 
+def test_px4_takes_off_and_lands_as_recorded(recorded):
+    recording, flight = recorded["px4-plane-random-8-land"]
+    real, ours = (
+        phases(one, recording.items, start, flies=True)
+        for one, start in ((recording.flight, 3.0), (flight, 0.0))
+    )
+    assert ours.takeoff == pytest.approx(real.takeoff, rel=0.1)
+    assert ours.landing == pytest.approx(real.landing, rel=0.1)
+    assert flight.end_s == pytest.approx(recording.flight.end_s - 3.0, rel=0.02)
+    # It touches down and stands beyond the landing point, as it follows the glide from above.
+    ends = [one.position_m[one.time_s <= one.end_s][-1, :2] for one in (recording.flight, flight)]
+    assert np.hypot(*(ends[1] - ends[0])) < 20.0
+
+
+def test_px4_reaches_the_height_of_item_31_on_its_circle():
+    items = (
+        TAKEOFF,
+        waypoint(0.0, 400.0, 70.0),
+        item(31, 0.0, 1200.0, 30.0, 0.0, 90.0),
+        waypoint(0.0, 2000.0, 30.0),
+    )
+    executor = MissionExecutor(SPECS["px4"], HOME)
+    executor.load(items)
+    executor.arm()
+    executor.start()
+    on_circle = []
+    while executor.time_s < 600.0:
+        events = executor.advance(executor.time_s + 0.2)
+        if executor.current_seq == 2:
+            x, y, z = executor.motion.position_m
+            on_circle.append((math.hypot(x, y - 1200.0), z))
+        if any(isinstance(event, ItemReached) and event.seq == 2 for event in events):
+            break
+    far = [z for away, z in on_circle if away > 160.0]
+    assert min(far) > 60.0
+    # NAV_FW_ALT_RAD is 10 m.
+    assert on_circle[-1][1] < 41.0
+
+
+def test_px4_raises_the_throttle_of_a_take_off_roll_slowly():
+    lifts = {}
+    for ramp in (1.0, 4.0):
+        spec = plane("px4", RWTO_TKOFF=1.0, RWTO_RAMP_TIME=ramp)
+        motion = motion_of(spec)
+        motion.fly(Route.through([Leg((0.0, 600.0, 50.0), 15.0, kind=LegKind.TAKEOFF)]))
+        while motion.position_m[2] <= 0.0:
+            motion.advance(1)
+        lifts[ramp] = motion.time_s
+        # 0.9 of the take-off airspeed.
+        assert motion.state[wing.AIRSPEED] >= 9.0
+    assert lifts[4.0] == pytest.approx(lifts[1.0] + 1.5, abs=0.3)
+
+
 def test_level_flight_takes_throttle():
     # 18 m/s takes 32 % in ArduPilot's simulator, 22 m/s 48 %.
     spec = load_recording(FLIGHTS / "arduplane-random-8.json").spec()

@@ -22,12 +22,12 @@ from sim_vehicle.autopilot.registry import flight_procedures
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import CannotFly, Disarmed, FlightEvent, ItemReached
-from sim_vehicle.weather.wind import Wind
+from sim_vehicle.weather.wind import Wind, WindShear
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from sim_vehicle.airframe.height_errors import HeightErrors
+    from sim_vehicle.airframe.estimate_errors import EstimateErrors
     from sim_vehicle.airframe.spec import VehicleSpec
 
 __all__ = ["START_S", "Comparison", "Flight", "Recording", "compare", "fly_recording", "load_recording"]
@@ -138,14 +138,16 @@ class Recording:
         """Return the recorded wind (``SIM_WIND_*`` of ArduPilot's simulator), None for calm air.
 
         The simulator filters white noise of ten times ``SIM_WIND_TURB`` by 0.98 a step, which leaves a
-        deviation of ``SIM_WIND_TURB`` m/s and a memory of 50 steps (``SIM_Aircraft.cpp``).
+        deviation of ``SIM_WIND_TURB`` m/s and a memory of 50 steps (``SIM_Aircraft.cpp``). Below 60 m the
+        wind is less unless ``SIM_WIND_T`` is 1.
         """
         speed = self.parameters.get("SIM_WIND_SPD", 0.0)
         if speed == 0.0:
             return None
         gust = self.parameters.get("SIM_WIND_TURB", 0.0)
         from_deg = self.parameters.get("SIM_WIND_DIR", 180.0)
-        return Wind.from_direction(speed, from_deg, gust_m_s=gust, correlation_s=_TURBULENCE_S)
+        shear = None if self.parameters.get("SIM_WIND_T") == 1.0 else WindShear("sitl")
+        return Wind.from_direction(speed, from_deg, gust_m_s=gust, correlation_s=_TURBULENCE_S, shear=shear)
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,7 +219,7 @@ def _item(item: dict[str, Any]) -> MissionItem:
 
 
 def fly_recording(
-    recording: Recording, spec: VehicleSpec | None = None, height_errors: HeightErrors | None = None
+    recording: Recording, spec: VehicleSpec | None = None, estimate_errors: EstimateErrors | None = None
 ) -> Flight:
     """Fly the mission of a recording with a vehicle, from the ground, and sample it at 10 Hz.
 
@@ -228,8 +230,8 @@ def fly_recording(
     recording : Recording
     spec : VehicleSpec, optional
         By default the recording's own.
-    height_errors : HeightErrors, optional
-        How wrong the estimated height is.
+    estimate_errors : EstimateErrors, optional
+        How wrong its estimate is; exact by default.
 
     Raises
     ------
@@ -242,7 +244,7 @@ def fly_recording(
         wind=recording.wind(),
         yaw_rad=math.radians(recording.heading_deg),
         takes_off=True,
-        height_errors=height_errors,
+        estimate_errors=estimate_errors,
     )
     executor.load(recording.items)
     executor.arm()
@@ -254,7 +256,11 @@ def fly_recording(
         enough_s = float(recording.flight.time_s[-1]) - START_S + _AFTER_S
     while executor.armed and executor.time_s <= enough_s:
         state = executor.state()
-        samples.append((state.time_s, *state.position_m, *state.velocity_m_s))
+        # What its telemetry would tell, as the recording has it.
+        height_m, *drift_m_s = executor.motion.estimate_error
+        east_m, north_m, up_m = state.position_m
+        velocity = (true + error for true, error in zip(state.velocity_m_s, drift_m_s, strict=True))
+        samples.append((state.time_s, east_m, north_m, up_m + height_m, *velocity))
         for event in executor.advance(len(samples) * _SAMPLE_S):
             events.append(event)
             if isinstance(event, CannotFly):

@@ -33,7 +33,6 @@ from wbf_mission.hosting import Hosting, VirtualHosting
 from wbf_mission.image_frames import log_of_readings
 from wbf_mission.planning import PlanResult
 from wbf_mission.progress import Progress, silent
-from wbf_mission.scenario import Scenario
 from wbf_mission.sortie_number import SortieNumber
 from wbf_mission.stopwatch import Stopwatch
 
@@ -222,7 +221,7 @@ def _key(flights: Flights, planned: PlannedFlight, *, logged: bool) -> bytes:
     georeference = (frame.latitude_deg, frame.longitude_deg, frame.altitude_m, frame.rotation_deg)
     sorties = [_sortie_values(*one) for one in planned.sorties]
     drawn = None
-    if any(_draws(one.scenario) for _, one, _ in planned.sorties):
+    if any(_draws(one) for _, one, _ in planned.sorties):
         drawn = (flights.scenario.seed, [number for number, _, _ in planned.sorties])
     return msgspec.msgpack.encode(
         [
@@ -243,8 +242,9 @@ def _sortie_values(number: SortieNumber, vehicle: Vehicle, plan: PlanResult) -> 
     return [number.system_id, vehicle.task.builder.home_m, plan.mission, plan.vehicle, options]
 
 
-def _draws(scenario: Scenario) -> bool:
+def _draws(flown: Vehicle) -> bool:
     """Whether a flight depends on chance."""
-    weather, vehicle = scenario.weather, scenario.vehicle
+    weather, vehicle = flown.scenario.weather, flown.scenario.vehicle
     gusts = weather.wind_gust_m_s > 0.0 or weather.turbulence is not None
-    return gusts or vehicle.height_jumps or vehicle.gps_noise_m > 0.0 or vehicle.baro_noise_m > 0.0
+    errs = flown.task.builder.estimate_errors
+    return gusts or errs or vehicle.gps_noise_m > 0.0 or vehicle.baro_noise_m > 0.0

@@ -115,4 +115,4 @@ def noise_of(
 ) -> SensorNoise:
     """Return how wrong a run's vehicle is about its position; `names` are those of its random stream."""
     own = child_seed(seed, *names)
-    return SensorNoise(vehicle.gps_noise_m, vehicle.baro_noise_m, own, vehicle.height_jumps)
+    return SensorNoise(vehicle.gps_noise_m, vehicle.baro_noise_m, own, vehicle.estimate_errors)

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.seeds import child_seed, stream
-from sim_vehicle.airframe.height_errors import HeightErrors
+from sim_vehicle.airframe.estimate_errors import EstimateErrors
 from sim_vehicle.errors import VehicleError
 
 __all__ = ["NavigationErrors", "Sensed", "SensorErrors", "SensorNoise"]
@@ -108,9 +108,9 @@ class SensorNoise:
     barometer_m : float
         Standard deviation of the barometer's slow error; 0 is an exact barometer.
     seed : numpy.random.SeedSequence or int
-    height_jumps : bool
-        Whether the height that PX4 estimates jumps and drifts as recorded
-        (`sim_vehicle.airframe.height_errors`).
+    estimate_errors : bool
+        Whether the height and velocities that PX4 estimates are wrong as recorded
+        (`sim_vehicle.airframe.estimate_errors`).
 
     Raises
     ------
@@ -126,7 +126,7 @@ class SensorNoise:
     gps_m: float = 0.0
     barometer_m: float = 0.0
     seed: np.random.SeedSequence | int = 0
-    height_jumps: bool = False
+    estimate_errors: bool = False
 
     def __post_init__(self) -> None:
         for name, most in (("gps_m", 100.0), ("barometer_m", 20.0)):
@@ -141,9 +141,9 @@ class SensorNoise:
         return self.gps_m == 0.0 and self.barometer_m == 0.0
 
     @property
-    def height_errors(self) -> HeightErrors | None:
-        """The errors of the height that the autopilot estimates; None for an exact one."""
-        return HeightErrors(child_seed(self.seed, "height")) if self.height_jumps else None
+    def of_estimate(self) -> EstimateErrors | None:
+        """The errors of the autopilot's own estimate; None for an exact one."""
+        return EstimateErrors(child_seed(self.seed, "estimate")) if self.estimate_errors else None
 
     @property
     def horizontal_accuracy_m(self) -> float:

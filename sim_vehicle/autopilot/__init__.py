@@ -4,6 +4,7 @@ from sim_vehicle.airframe.autopilot_names import DEFAULT_AUTOPILOT, autopilot_na
 from sim_vehicle.autopilot.registry import (
     adapt_vehicle,
     autopilot_of_number,
+    estimate_errs,
     firmware_of,
     fixed_wing_procedures,
     flight_procedures,
@@ -17,6 +18,7 @@ __all__ = [
     "adapt_vehicle",
     "autopilot_names",
     "autopilot_of_number",
+    "estimate_errs",
     "firmware_of",
     "fixed_wing_procedures",
     "flight_procedures",

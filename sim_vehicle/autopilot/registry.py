@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 __all__ = [
     "adapt_vehicle",
     "autopilot_of_number",
+    "estimate_errs",
     "firmware_of",
     "fixed_wing_procedures",
     "flight_procedures",
@@ -114,6 +115,14 @@ def flight_procedures(spec: VehicleSpec) -> FlightProcedures:
     """Procedures that move a vehicle."""
     firmware = firmware_of(spec)
     return GENERIC if firmware is None else firmware.procedures
+
+
+def estimate_errs(spec: VehicleSpec) -> bool:
+    """Whether a vehicle can be flown by an estimate that errs as its autopilot's does: PX4's multirotors.
+
+    Procedures say so with an attribute ``estimate_errs``.
+    """
+    return bool(getattr(flight_procedures(spec), "estimate_errs", False))
 
 
 def fixed_wing_procedures(spec: VehicleSpec) -> FixedWingProcedures:

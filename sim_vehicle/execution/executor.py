@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from geo.frame import LocalFrame
     from mission.model import MissionItem
-    from sim_vehicle.airframe.height_errors import HeightErrors
+    from sim_vehicle.airframe.estimate_errors import EstimateErrors
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.execution.return_points import ReturnPoints
     from sim_vehicle.motion.legs import Position
@@ -54,8 +54,8 @@ class MissionExecutor:
         Compass heading at the start.
     takes_off, epoch_unix_s
         See `sim_vehicle.execution.sequencer.MissionSequencer`.
-    height_errors : HeightErrors, optional
-        How wrong the autopilot's estimate of the height is, where it is known to be; exact without.
+    estimate_errors : EstimateErrors, optional
+        How wrong the autopilot's estimate is, where it is known to be; exact without.
 
     Attributes
     ----------
@@ -74,12 +74,12 @@ class MissionExecutor:
         yaw_rad: float = 0.0,
         takes_off: bool = False,
         epoch_unix_s: float = EPOCH_UNIX_S,
-        height_errors: HeightErrors | None = None,
+        estimate_errors: EstimateErrors | None = None,
     ) -> None:
         self.frame = frame
         self.follower = LegFollower(spec, wind=wind, yaw_rad=yaw_rad)
-        if height_errors is not None:
-            self.follower.motion.estimate_height_with(height_errors)
+        if estimate_errors is not None:
+            self.follower.motion.estimate_with(estimate_errors)
         self.sequencer = MissionSequencer(
             self.follower, frame, takes_off=takes_off, epoch_unix_s=epoch_unix_s
         )

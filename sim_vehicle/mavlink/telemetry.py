@@ -95,7 +95,7 @@ def _system_time(source: WireState) -> Message:
 def _global_position_int(source: WireState) -> Message:
     state = source.pilot.state
     position = source.position_e7
-    east, north, up = state.velocity_m_s
+    east, north, up = source.velocity_m_s
     return m.MAVLink_global_position_int_message(
         source.boot_ms,
         position[0],
@@ -110,9 +110,8 @@ def _global_position_int(source: WireState) -> Message:
 
 
 def _local_position_ned(source: WireState) -> Message:
-    state = source.pilot.state
     east, north, up = source.sensed.believed_m
-    v_east, v_north, v_up = state.velocity_m_s
+    v_east, v_north, v_up = source.velocity_m_s
     return m.MAVLink_local_position_ned_message(source.boot_ms, north, east, -up, v_north, v_east, -v_up)
 
 
@@ -134,7 +133,7 @@ def _attitude_quaternion(source: WireState) -> Message:
 def _odometry(source: WireState) -> Message:
     state = source.pilot.state
     east, north, up = source.sensed.believed_m
-    v_east, v_north, v_up = state.velocity_m_s
+    v_east, v_north, v_up = source.velocity_m_s
     return m.MAVLink_odometry_message(
         source.boot_ms * 1000,
         m.MAV_FRAME_LOCAL_NED,
@@ -157,7 +156,7 @@ def _odometry(source: WireState) -> Message:
 
 def _vfr_hud(source: WireState) -> Message:
     state = source.pilot.state
-    east, north, up = state.velocity_m_s
+    east, north, up = source.velocity_m_s
     flies = state.armed and state.landed is not LandedState.ON_GROUND
     return m.MAVLink_vfr_hud_message(
         state.airspeed_m_s,

@@ -134,7 +134,7 @@ class SimVehicle:
             rules=firmware.rules,
             habits=firmware.habits,
             epoch_unix_s=epoch_unix_s,
-            height_errors=None if noise is None else noise.height_errors,
+            estimate_errors=None if noise is None else noise.of_estimate,
             sticks=firmware.sticks,
         )
         self.state = WireState(

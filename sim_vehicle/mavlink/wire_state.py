@@ -41,6 +41,8 @@ class WireState:
         Where it is, in truth and by its sensors.
     position_e7 : tuple of 3 ints
         Where it believes to be: 1e-7 degree, 1e-7 degree, millimetres above the sea.
+    velocity_m_s : tuple of 3 floats
+        How it believes to move: east, north, up.
     home_e7 : tuple of 3 ints
         Home, in the same units.
     plan_ids : tuple of 3 ints
@@ -69,6 +71,7 @@ class WireState:
             round(home.altitude_m * 1e3),
         )
         self.position_e7 = self.home_e7
+        self.velocity_m_s = (0.0, 0.0, 0.0)
         self.plan_ids = (0, 0, 0)
         self.now_us = 0
         self.boot_ms = 0
@@ -109,10 +112,15 @@ class WireState:
         """Let the sensors tell where the vehicle is now."""
         position = self.pilot.state.position_m
         self.sensed = Sensed.exact(position) if self.errors is None else self.errors.sense(position, now_s)
-        error_m = self.pilot.executor.motion.height_error_m
+        self.velocity_m_s = self.pilot.state.velocity_m_s
+        error_m, *errors_m_s = self.pilot.executor.motion.estimate_error
         if error_m != 0.0:
             east, north, up = self.sensed.believed_m
             self.sensed = self.sensed._replace(believed_m=(east, north, up + error_m))
+            east, north, up = (
+                true + error for true, error in zip(self.velocity_m_s, errors_m_s, strict=True)
+            )
+            self.velocity_m_s = (east, north, up)
         self.position_e7 = self.e7_of(self.sensed.believed_m)
 
     def e7_of(self, position_m: tuple[float, float, float]) -> tuple[int, int, int]:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sim_vehicle.airframe.height_errors import HeightErrors
+    from sim_vehicle.airframe.estimate_errors import EstimateErrors
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Position
 
@@ -94,12 +94,12 @@ class CompiledMotion(ABC):
         return float(self.state[col.ENERGY_USED])
 
     @property
-    def height_error_m(self) -> float:
-        """Error of the height that the autopilot estimates: 0, it flies by the truth."""
-        return 0.0
+    def estimate_error(self) -> tuple[float, float, float, float]:
+        """Errors of what the autopilot estimates: 0, it flies by the truth."""
+        return 0.0, 0.0, 0.0, 0.0
 
-    def estimate_height_with(self, errors: HeightErrors) -> None:  # noqa: B027 (most motions fly by the truth)
-        """Nothing: only PX4's multirotors were seen to fly by a wrong height."""
+    def estimate_with(self, errors: EstimateErrors) -> None:  # noqa: B027 (most motions fly by the truth)
+        """Nothing: only PX4's multirotors are flown by a wrong estimate."""
 
     def snapshot(self) -> MotionState:
         """Return the motion state now."""

@@ -19,7 +19,7 @@ from sim_vehicle.motion.model import MotionEvent, MotionState
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from sim_vehicle.airframe.height_errors import HeightErrors
+    from sim_vehicle.airframe.estimate_errors import EstimateErrors
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position, Route
 
@@ -122,11 +122,11 @@ class IdealRobot:
         return self._place
 
     @property
-    def height_error_m(self) -> float:
-        """Error of the height that the autopilot estimates: none."""
-        return 0.0
+    def estimate_error(self) -> tuple[float, float, float, float]:
+        """Errors of what the autopilot estimates: none."""
+        return 0.0, 0.0, 0.0, 0.0
 
-    def estimate_height_with(self, errors: HeightErrors) -> None:
+    def estimate_with(self, errors: EstimateErrors) -> None:
         """Nothing: the ideal robot knows where it is."""
 
     def snapshot(self) -> MotionState:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from sim_vehicle.airframe.height_errors import HeightErrors
+    from sim_vehicle.airframe.estimate_errors import EstimateErrors
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position, Route
 
@@ -93,11 +93,14 @@ class MotionModel(Protocol):
         """Energy used since the start."""
 
     @property
-    def height_error_m(self) -> float:
-        """Error of the height that the autopilot estimates, estimate less truth; 0 without `HeightErrors`."""
+    def estimate_error(self) -> tuple[float, float, float, float]:
+        """Errors of what the autopilot estimates, estimate less truth, all 0 without `EstimateErrors`.
 
-    def estimate_height_with(self, errors: HeightErrors) -> None:
-        """Fly by an estimated height that is wrong, where the autopilot's is known to be."""
+        Height (m), velocity east, north, up (m/s).
+        """
+
+    def estimate_with(self, errors: EstimateErrors) -> None:
+        """Fly by an estimate that is wrong, where the autopilot's is known to be."""
 
     def snapshot(self) -> MotionState:
         """Return the motion state now."""

@@ -42,7 +42,7 @@ from sim_vehicle.pilot.sticks import StickPilot
 
 if TYPE_CHECKING:
     from geo.frame import LocalFrame
-    from sim_vehicle.airframe.height_errors import HeightErrors
+    from sim_vehicle.airframe.estimate_errors import EstimateErrors
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.autopilot.stick_rules import StickRules, Sticks
     from sim_vehicle.weather.wind import Wind
@@ -75,7 +75,7 @@ class Pilot:
         How it takes a mission that is changed while it flies.
     epoch_unix_s : float
         Time of day at time 0.
-    height_errors : HeightErrors, optional
+    estimate_errors : EstimateErrors, optional
         See `sim_vehicle.execution.executor.MissionExecutor`.
     sticks : StickRules, optional
         How it flies by sticks.
@@ -110,7 +110,7 @@ class Pilot:
         rules: FailsafeRules,
         habits: MissionHabits | None = None,
         epoch_unix_s: float = EPOCH_UNIX_S,
-        height_errors: HeightErrors | None = None,
+        estimate_errors: EstimateErrors | None = None,
         sticks: StickRules | None = None,
     ) -> None:
         self.frame = frame
@@ -124,7 +124,7 @@ class Pilot:
             yaw_rad=yaw_rad,
             takes_off=takes_off,
             epoch_unix_s=epoch_unix_s,
-            height_errors=height_errors,
+            estimate_errors=estimate_errors,
         )
         self._notices = NoticeLog()
         self._rules = rules

@@ -8,6 +8,7 @@ from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
 from sim_vehicle.airframe.autopilot_names import NO_AUTOPILOT
 from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.airframe.estimate_errors import EstimateErrors
 from sim_vehicle.autopilot import autopilot_names, flight_procedures, get_autopilot, with_autopilot
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.prediction.predict import predict_flights
@@ -43,7 +44,7 @@ def warm_up(spec: VehicleSpec) -> None:
     """
     if spec.is_ideal:
         return
-    executor = MissionExecutor(spec, LocalFrame(0.0, 0.0), wind=_WIND)
+    executor = MissionExecutor(spec, LocalFrame(0.0, 0.0), wind=_WIND, estimate_errors=EstimateErrors())
     executor.arm()
     if spec.kind == "rover":
         executor.goto(1.0, 0.0, 0.0)

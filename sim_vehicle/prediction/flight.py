@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from mission.model import Mission
-    from sim_vehicle.airframe.height_errors import HeightErrors
+    from sim_vehicle.airframe.estimate_errors import EstimateErrors
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.execution.state import FlightEvent
     from sim_vehicle.weather.wind import Wind
@@ -93,7 +93,7 @@ class PredictedFlight:
         epoch_unix_s: float,
         endless: bool,
         track_points: int = _TRACK_POINTS,
-        height_errors: HeightErrors | None = None,
+        estimate_errors: EstimateErrors | None = None,
     ) -> None:
         if not track_step_s > 0.0:
             msg = f"track_step_s {track_step_s} must be positive"
@@ -117,7 +117,7 @@ class PredictedFlight:
             wind=wind,
             takes_off=takes_off,
             epoch_unix_s=epoch_unix_s,
-            height_errors=height_errors,
+            estimate_errors=estimate_errors,
         )
         motion = executor.motion
         tick_s = motion.step_s if spec.is_ideal else motion.step_s * _GRID_STEPS

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim_vehicle.airframe.height_errors import HeightErrors
+from sim_vehicle.airframe.estimate_errors import EstimateErrors
+from sim_vehicle.autopilot import estimate_errs
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.prediction.flight import PredictedFlight, Prediction, fly_all
 
@@ -23,9 +24,9 @@ if TYPE_CHECKING:
 __all__ = ["expected_flights", "mean_prediction", "predict_flight", "predict_flights", "rehearsals"]
 
 _REHEARSAL_SEED = 0x1D8F
-_HEIGHT_SEED = 0x4A7C
-JUMP_REHEARSALS = 8
-"""With how many errors of the estimated height `expected_flights` tries a flight."""
+_ERROR_SEED = 0x4A7C
+ERROR_REHEARSALS = 8
+"""With how many errors of the estimate `expected_flights` tries a flight."""
 REHEARSAL_PAIRS = 2
 """In how many other gusts, and in as many that blow the other way, `expected_flights` tries a flight."""
 
@@ -127,7 +128,7 @@ def expected_flights(
     track_step_s: float = 1.0,
     endless: bool = False,
     threads: int = 1,
-    height_jumps: bool = False,
+    estimate_errors: bool = False,
 ) -> list[Prediction]:
     """Predict flights in a wind whose gusts are known by their statistics only.
 
@@ -136,16 +137,16 @@ def expected_flights(
     energy is nearest to the mean. That counts what gusts cost in power as well as in time. A mission that is
     not completed in half of them is not feasible.
 
-    With ``height_jumps`` the same is done for the errors of PX4's estimated height
-    (`sim_vehicle.airframe.height_errors`): `JUMP_REHEARSALS` flights, each with errors of its own, always the
-    same ones.
+    With ``estimate_errors`` the same is done for the errors of PX4's estimate
+    (`sim_vehicle.airframe.estimate_errors`): `ERROR_REHEARSALS` flights, each with errors of its own, always
+    the same ones. Other autopilots' estimates are exact.
 
     Parameters
     ----------
     missions, spec, wind, frame, track_step_s, endless, threads
         As for `predict_flights`.
-    height_jumps : bool
-        Whether the estimated height jumps and drifts.
+    estimate_errors : bool
+        Whether the autopilot's estimate is wrong.
 
     Raises
     ------
@@ -153,12 +154,13 @@ def expected_flights(
         As `predict_flight`.
     """
     winds = rehearsals(wind)
-    errors: list[HeightErrors | None] = [None] * len(winds)
-    if height_jumps:
+    errors: list[EstimateErrors | None] = [None] * len(winds)
+    if estimate_errors and estimate_errs(spec):
         errors = [
-            HeightErrors(np.random.SeedSequence(_HEIGHT_SEED, spawn_key=(k,))) for k in range(JUMP_REHEARSALS)
+            EstimateErrors(np.random.SeedSequence(_ERROR_SEED, spawn_key=(k,)))
+            for k in range(ERROR_REHEARSALS)
         ]
-        winds = [winds[k % len(winds)] for k in range(JUMP_REHEARSALS)]
+        winds = [winds[k % len(winds)] for k in range(ERROR_REHEARSALS)]
     flights = [
         PredictedFlight(
             one,
@@ -168,7 +170,7 @@ def expected_flights(
             track_step_s=track_step_s,
             epoch_unix_s=EPOCH_UNIX_S,
             endless=endless,
-            height_errors=wrong,
+            estimate_errors=wrong,
         )
         for one in missions
         for air, wrong in zip(winds, errors, strict=True)

@@ -69,6 +69,7 @@ def test_the_flight_takes_what_was_predicted(farm, planner, vehicle, minutes, bl
         wind_direction_deg=direction,
         wind_shear=shear,
         seed=seed,
+        estimate_errors=False,
     )
     try:
         predicted_s, flown_s, predicted_wh, flown_wh = compared(scenario)
@@ -102,6 +103,18 @@ def test_a_wing_takes_what_was_predicted(vehicle, autopilot):
     predicted_s, flown_s, predicted_wh, flown_wh = compared(scenario)
     assert predicted_s == pytest.approx(flown_s, rel=0.02)
     assert predicted_wh == pytest.approx(flown_wh, rel=0.03)
+
+
+def test_errors_of_the_estimate_are_predicted_by_their_statistics():
+    scenario = Scenario(farm="miniberry-30", vehicle="quad", planner="lawnmower", budget="3min")
+    low_s, high_s = plan(scenario).prediction.duration_interval_s
+    flown = [compared(Scenario(**{**scenario.to_dict(), "seed": seed})) for seed in range(5)]
+    times_s = [flown_s for _, flown_s, _, _ in flown]
+    assert len(set(times_s)) == 5
+    assert sum(low_s < time_s < high_s for time_s in times_s) >= 4
+    assert flown[0][0] == pytest.approx(np.mean(times_s), rel=0.01)
+    exact_s, *_ = compared(Scenario(**{**scenario.to_dict(), "estimate_errors": False}))
+    assert exact_s < min(times_s)
 
 
 @pytest.mark.parametrize("gusts", [{"turbulence": "light"}, {"wind_gust_m_s": 1.0}])

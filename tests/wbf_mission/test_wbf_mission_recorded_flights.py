@@ -63,7 +63,7 @@ def test_a_recorded_mission_from_the_command_line(name, tmp_path, capsys):
 
 
 def test_a_flight_with_jumps_of_the_height_is_predicted_and_kept_with_its_interval(tmp_path, capsys):
-    command = ["fly", "--farm", "miniberry-10", "--height-jumps", "--autopilot", "px4", "--budget", "3min"]
+    command = ["fly", "--farm", "miniberry-10", "--estimate-errors", "--autopilot", "px4", "--budget", "3min"]
     assert main([*command, "--estimator", "point", "--quiet", "--no-plots", "--out", str(tmp_path)]) == 0
     capsys.readouterr()
     prediction = load_result(tmp_path).flights[0].plan.prediction

@@ -29,7 +29,7 @@ CHECKED = options.scenario_options(
         "radio_range_m",
         "gps_noise_m",
         "baro_noise_m",
-        "height_jumps",
+        "estimate_errors",
         "seed",
     ),
 )

@@ -21,7 +21,10 @@ PAPER_STEPS_PER_CELL = 0.4  # timesteps of a day for each of the owner's cells (
 Paths = Sequence[NDArray[np.float64]]
 
 _MOST_KNOWN = 2000
+# Of the battery's usable part: where paths are decided in flight, and where flights err (as much as they take
+# longer with waypoints of two metres and short rows).
 _SPARED = 0.02
+_SPARED_FOR_ERRORS = 0.03
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +83,7 @@ def flight_budget(limit: float, unit: str, builder: MissionBuilder) -> FlightBud
         keys = [np.asarray(path, dtype=np.float64).tobytes() for path in paths_xy_m]
         new = {key: path for key, path in zip(keys, paths_xy_m, strict=True) if key not in known}
         costs = {key: known[key] for key in keys if key in known}
-        predictions = builder.predict_all([mission_of(path) for path in new.values()]) if new else []
+        predictions = builder.price([mission_of(path) for path in new.values()]) if new else []
         costs |= zip(new, map(price_of, predictions), strict=True)
         if len(known) + len(new) > _MOST_KNOWN:
             known.clear()
@@ -93,7 +96,7 @@ def flight_budget(limit: float, unit: str, builder: MissionBuilder) -> FlightBud
         return spent if prediction.feasible or spent > limit else math.inf
 
     def explain(path_xy_m: NDArray[np.float64]) -> str:
-        prediction = builder.predict(mission_of(path_xy_m))
+        (prediction,) = builder.price([mission_of(path_xy_m)])
         return "" if prediction.feasible else str(prediction.reason)
 
     return FlightBudget(limit, unit, price, explain)
@@ -110,7 +113,8 @@ def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = Fa
     builder : MissionBuilder
     steered : bool
         The path is decided in flight: of the battery's usable part a little is spared then, because the last
-        decision is priced from what telemetry tells, which is rounded and a moment old.
+        decision is priced from what telemetry tells, which is rounded and a moment old. It is spared, too,
+        when the vehicle's estimate errs: paths are priced with an exact one.
 
     Raises
     ------
@@ -130,9 +134,10 @@ def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = Fa
             raise ScenarioError(msg)
         usable = vehicle.battery.capacity_wh * (1.0 - vehicle.battery.reserve_fraction)
         less = f"{vehicle.battery.reserve_fraction:.0%} reserve"
-        if steered:
-            usable *= 1.0 - _SPARED
-            less += f" and {_SPARED:.0%} of the rest"
+        spared = max(_SPARED if steered else 0.0, _SPARED_FOR_ERRORS if builder.estimate_errors else 0.0)
+        if spared > 0.0:
+            usable *= 1.0 - spared
+            less += f" and {spared:.0%} of the rest"
         words = f"{usable:.1f} Wh (the battery less {less})"
         return flight_budget(usable, "Wh", builder), words
     value, unit = parse_budget(text)

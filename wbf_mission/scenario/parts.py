@@ -186,10 +186,10 @@ class VehicleOptions(Part):
     baro_noise_m: float = option(
         0.0, "Slow error of the barometer's height, one sigma", VEHICLE, low=0.0, high=5.0
     )
-    height_jumps: bool = option(
-        False,
-        "The height that a PX4 multirotor estimates jumps in the first two minutes and drifts, as the real"
-        " one's does",
+    estimate_errors: bool = option(
+        True,
+        "A PX4 multirotor flies by an estimate that errs as the real one's: its height jumps in the first two"
+        " minutes, its velocities are off; other vehicles' estimates are exact",
         VEHICLE,
     )
 

@@ -55,7 +55,7 @@ LEG = 16
 _TAKEOFF, _CLIMB, _DESCEND, _LAND, _SETPOINT = 1, 2, 4, 5, 9
 
 # What the autopilot remembers.
-GUIDE = 40
+GUIDE = 43
 (
     G_X,  # The trajectory: position, velocity, acceleration.
     G_Y,
@@ -91,7 +91,10 @@ G_TARGET, G_BEFORE, G_AFTER = 22, 25, 28
     G_INSIDE,  # Step of entering the acceptance radius; negative: not yet.
     G_GROUND,  # Time on the ground.
     G_LAUNCH,  # Whether it takes off from the ground.
-    G_ERROR,  # Error of the estimated height, m.
+    G_ERROR,  # Errors of the estimate: height, m; velocities, m/s.
+    G_ERROR_VX,
+    G_ERROR_VY,
+    G_ERROR_VZ,
 ) = range(31, GUIDE)
 
 # law: the parameters as `sim_vehicle.motion.px4.model.law_of` puts them, SI units.
@@ -143,6 +146,9 @@ MOTOR_S = 0.05
 DERIVATIVE_S = 1.0 / (2.0 * pi * 5.0)
 LOOKAHEAD_M = 5.0
 LEAST_TRACK_M = 1.0
+# A vehicle that has passed its target on the wrong side follows the line past it until its estimate brings it
+# back: recorded for 15 s, with errors drawn for up to a minute.
+LONG_STALL_S = 120.0
 # A change of the estimate that is no drift: the other estimator took over.
 RESET_M = 0.5
 # Share of the thrust that climbing leaves for the horizontal, MPC_THR_XY_MARG.
@@ -245,7 +251,11 @@ def _guide(g: Floats, row: Floats, law: Floats, px: float, py: float, pz: float,
         aim = target
         if turning:
             aim = lookahead(
-                place, (g[G_BEFORE], g[G_BEFORE + 1], g[G_BEFORE + 2]), target, max(radius, LOOKAHEAD_M)
+                place,
+                (g[G_BEFORE], g[G_BEFORE + 1], g[G_BEFORE + 2]),
+                target,
+                max(radius, LOOKAHEAD_M),
+                least_track == 0.0,
             )
         dx, dy, dz = aim[0] - g[G_X], aim[1] - g[G_Y], aim[2] - g[G_Z]
         size = sqrt(dx * dx + dy * dy + dz * dz)
@@ -289,7 +299,9 @@ def _control(
         vx, vy = vx * law[XY_VEL_MAX] / size, vy * law[XY_VEL_MAX] / size
     down = max(law[MAX_DOWN], 1.2 * law[AUTO_DOWN])
     vz = min(max(g[G_VZ] + law[Z_P] * (g[G_Z] - state[col.POSITION_Z] - g[G_ERROR]), -down), climb_limit)
-    ex, ey, ez = vx - state[col.VELOCITY_X], vy - state[col.VELOCITY_Y], vz - state[col.VELOCITY_Z]
+    ex = vx - state[col.VELOCITY_X] - g[G_ERROR_VX]
+    ey = vy - state[col.VELOCITY_Y] - g[G_ERROR_VY]
+    ez = vz - state[col.VELOCITY_Z] - g[G_ERROR_VZ]
     ax = g[G_AX] + law[XY_VEL_P] * ex + g[G_INTEGRAL_X] - law[XY_VEL_D] * g[G_FILTERED_AX]
     ay = g[G_AY] + law[XY_VEL_P] * ey + g[G_INTEGRAL_Y] - law[XY_VEL_D] * g[G_FILTERED_AY]
     az = (g[G_AZ] if flying else 0.0) + law[Z_VEL_P] * ez + g[G_INTEGRAL_Z] - law[Z_VEL_D] * g[G_FILTERED_AZ]
@@ -475,9 +487,9 @@ def advance(
     g : float64[GUIDE]
         What the autopilot remembers, changed in place.
     law : float64[LAW]
-    errors : float64[n]
-        Grid index of the first take-off, then the error of the estimated height (estimate less truth, m) on
-        the grid from there on; a single number is an exact estimate.
+    errors : float64[n, 4]
+        A row with the grid index of the first take-off, then the errors of the estimate (estimate less truth:
+        height, m; velocity east, north, up, m/s) on the grid from there on; one row is an exact estimate.
     """
     # Read once: a look into the limits at every step costs a tenth of the speed.
     dt, capacity = law[DT], limits[ENERGY_LIMIT]
@@ -486,6 +498,7 @@ def advance(
     # With less, a wind that shakes the vehicle off its track could keep it going to and fro between states;
     # so it goes for the real one, whose estimate shakes.
     least_track = 0.0 if errs else LEAST_TRACK_M
+    stall_s = LONG_STALL_S if errs else STALL_S
     leg = counters[col.LEG_INDEX]
     row = route[leg]
     event = col.RAN
@@ -520,17 +533,18 @@ def advance(
                 state[col.POSITION_Z],
             )
             if errs:
-                error = errors[min(max(step // col.GRID - int(errors[0]), 0) + 1, len(errors) - 1)]
-                if abs(error - g[G_ERROR]) > RESET_M:
+                wrong = errors[min(max(step // col.GRID - int(errors[0, 0]), 0) + 1, len(errors) - 1)]
+                if abs(wrong[0] - g[G_ERROR]) > RESET_M:
                     # FlightTaskAuto goes on from the new estimate.
-                    g[G_Z] = state[col.POSITION_Z] + error
-                g[G_ERROR] = error
+                    g[G_Z] = state[col.POSITION_Z] + wrong[0]
+                for k in range(GUIDE - G_ERROR):
+                    g[G_ERROR + k] = wrong[k]
             if counters[col.ARRIVED] == 0 and g[G_INSIDE] < 0.0:
                 left = _left(row, state)
                 if left < PROGRESS * g[G_BEST] or g[G_CLOCK] < law[SPOOLUP] or g[G_GROUND] > 0.0:
                     g[G_BEST] = left
                     counters[col.MOVED_STEP] = step
-                elif (step - counters[col.MOVED_STEP]) * dt > STALL_S:
+                elif (step - counters[col.MOVED_STEP]) * dt > stall_s:
                     return col.STALLED
         kind = row[LEG_KIND]
         state[col.ENERGY_USED] += state[col.POWER] * dt

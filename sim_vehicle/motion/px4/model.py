@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sim_vehicle.airframe.estimate_errors import COLUMNS
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.legs import KEEP, LegKind
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sim_vehicle.airframe.height_errors import HeightErrors
+    from sim_vehicle.airframe.estimate_errors import EstimateErrors
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position, Route
     from sim_vehicle.weather.wind import Wind
@@ -131,35 +132,36 @@ class Px4Multirotor(Multirotor):
         self._radius_m = spec.acceptance_radius_m
         self._home_yaw_rad = yaw_rad
         self._guided = False
-        self._height_errors: HeightErrors | None = None
-        self._errors: NDArray[np.float64] = np.zeros(1)
+        self._estimate_errors: EstimateErrors | None = None
+        self._errors: NDArray[np.float64] = np.zeros((1, COLUMNS))
         self.guide: NDArray[np.float64] = np.zeros(kernel.GUIDE)
         self.guide[kernel.G_HEADING] = self.state[col.HEADING]
         self.guide[kernel.G_CLOCK] = -1.0
 
-    def estimate_height_with(self, errors: HeightErrors) -> None:
-        """Fly by an estimated height that is wrong, from the first take-off on."""
-        self._height_errors = errors
+    def estimate_with(self, errors: EstimateErrors) -> None:
+        """Fly by an estimate that is wrong, from the first take-off on."""
+        self._estimate_errors = errors
 
     @property
-    def height_error_m(self) -> float:
-        """Error of the estimated height now, estimate less truth."""
+    def estimate_error(self) -> tuple[float, float, float, float]:
+        """Errors of the estimate now: height (m), velocity east, north, up (m/s)."""
         if len(self._errors) == 1:
-            return 0.0
-        since = self.step // col.GRID - int(self._errors[0])
+            return 0.0, 0.0, 0.0, 0.0
+        since = self.step // col.GRID - int(self._errors[0, 0])
         self._draw_errors(since + 1)
-        return float(self._errors[since + 1])
+        height, east, north, up = self._errors[since + 1].tolist()
+        return height, east, north, up
 
     @property
     def draws_errors(self) -> bool:
-        """Whether its estimated height is wrong."""
-        return self._height_errors is not None
+        """Whether its estimate is wrong."""
+        return self._estimate_errors is not None
 
     def _draw_errors(self, count: int) -> None:
         """Know at least so many errors from the first take-off on."""
-        assert self._height_errors is not None
+        assert self._estimate_errors is not None
         if len(self._errors) <= count:
-            drawn = self._height_errors.first(2 * count + _ERRORS)
+            drawn = self._estimate_errors.first(2 * count + _ERRORS)
             self._errors = np.concatenate((self._errors[:1], drawn))
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
@@ -207,8 +209,9 @@ class Px4Multirotor(Multirotor):
         if g[kernel.G_CLOCK] < 0.0 and state[col.POSITION_Z] <= 0.0:
             if kinds[0] != LegKind.LAND:
                 g[kernel.G_CLOCK] = 0.0
-                if self._height_errors is not None and len(self._errors) == 1:
-                    self._errors = np.array([float(-(-self.step // col.GRID))])
+                if self._estimate_errors is not None and len(self._errors) == 1:
+                    self._errors = np.zeros((1, COLUMNS))
+                    self._errors[0, 0] = -(-self.step // col.GRID)
                     self._draw_errors(_ERRORS)
             g[kernel.G_LAUNCH] = 1.0
             if (
@@ -244,8 +247,9 @@ class Px4Multirotor(Multirotor):
         """Take over a vehicle in flight: trajectory and controllers begin as it moves."""
         g, state = self.guide, self.state
         g[kernel.G_X : kernel.G_INTEGRAL_X] = state[col.POSITION : col.HEADING]
-        g[kernel.G_ERROR] = self.height_error_m
+        g[kernel.G_ERROR : kernel.GUIDE] = self.estimate_error
         g[kernel.G_Z] += g[kernel.G_ERROR]
+        g[kernel.G_VX : kernel.G_AX] += g[kernel.G_ERROR_VX : kernel.GUIDE]
         thrust = state[col.ACCELERATION : col.HEADING] + self._law[kernel.DRAG] * (
             state[col.VELOCITY : col.ACCELERATION] - (state[col.WIND_EAST], state[col.WIND_NORTH], 0.0)
         )
@@ -338,7 +342,7 @@ class Px4Multirotor(Multirotor):
         event = MotionEvent.RAN
         while event is MotionEvent.RAN and self.step < end:
             steps = min(end - self.step, _ERRORS * col.GRID)
-            self._draw_errors((self.step + steps) // col.GRID - int(self._errors[0]) + 2)
+            self._draw_errors((self.step + steps) // col.GRID - int(self._errors[0, 0]) + 2)
             own = (self.guide, self._law, self._errors)
             event = self._run(kernel.advance, self._route, own, steps, stop_each)
         return event

@@ -189,10 +189,11 @@ def clamped(v: Vector, level: float, climb: float) -> Vector:
 
 
 @compiled
-def lookahead(place: Vector, begin: Vector, target: Vector, reach: float) -> Vector:
+def lookahead(place: Vector, begin: Vector, target: Vector, reach: float, endless: bool) -> Vector:
     """Return the point of the line from ``begin`` to ``target`` that is ``reach`` away and ahead.
 
-    The L1 guidance of PX4, in space. Past the target it is the target: PX4's runs ahead for ever.
+    The L1 guidance of PX4, in space. The line does not end at the target (``endless``); a vehicle whose
+    estimate is exact would follow it for ever, so for that one it does.
     """
     dx, dy, dz = target[0] - begin[0], target[1] - begin[1], target[2] - begin[2]
     size = sqrt(dx * dx + dy * dy + dz * dz)
@@ -200,7 +201,7 @@ def lookahead(place: Vector, begin: Vector, target: Vector, reach: float) -> Vec
         return begin
     dx, dy, dz = dx / size, dy / size, dz / size
     along = (place[0] - begin[0]) * dx + (place[1] - begin[1]) * dy + (place[2] - begin[2]) * dz
-    if along > size:
+    if along > size and not endless:
         return target
     x, y, z = begin[0] + along * dx, begin[1] + along * dy, begin[2] + along * dz
     off2 = (x - place[0]) ** 2 + (y - place[1]) ** 2 + (z - place[2]) ** 2

@@ -11,7 +11,7 @@ from recordings import compare, fly_recording, load_recording
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.airframe.height_errors import HeightErrors
+from sim_vehicle.airframe.estimate_errors import EstimateErrors
 from sim_vehicle.airframe.sensor_errors import SensorNoise
 from sim_vehicle.autopilot import flight_procedures, get_autopilot, with_autopilot
 from sim_vehicle.autopilot.px4.copter import return_height_m
@@ -116,63 +116,65 @@ def test_take_off_and_return_last_as_long_as_recorded(recorded):
 
 
 def lasted(recording, seed=None):
-    flight = fly_recording(recording, None, None if seed is None else HeightErrors(seed))
+    flight = fly_recording(recording, None, None if seed is None else EstimateErrors(seed))
     first, last = flight.window(recording.items)
     return last - first
 
 
-def test_jumps_of_its_height_hold_it_up_at_waypoints_of_half_a_metre():
+def test_errors_of_its_estimate_hold_it_up_at_waypoints_of_half_a_metre():
     """Recorded: 478 s from the first to the last waypoint; an exact estimate takes 415 s."""
     recording = load_recording(FLIGHTS / "px4-acceptance-half-metre.json")
     first, last = recording.flight.window(recording.items)
-    times = [lasted(recording, seed) for seed in range(6)]
-    assert np.mean(times) == pytest.approx(last - first, rel=0.08)
-    assert 3.0 < np.std(times) < 20.0
-    assert min(times) > lasted(recording) + 10.0
+    times = [lasted(recording, seed) for seed in range(12)]
+    assert np.mean(times) == pytest.approx(last - first, rel=0.05)
+    assert 8.0 < np.std(times) < 30.0
+    assert min(times) > lasted(recording) + 20.0
 
 
 @pytest.mark.parametrize("name", ["lawnmower-5", "random-10", "spiral-8"])
-def test_jumps_of_its_height_hardly_matter_at_waypoints_of_two_metres(recorded, name):
+def test_errors_of_its_estimate_hardly_matter_at_waypoints_of_two_metres(recorded, name):
     recording, _ = recorded[name]
     first, last = recording.flight.window(recording.items)
     for seed in range(3):
-        assert lasted(recording, seed) == pytest.approx(last - first, rel=0.02)
+        assert lasted(recording, seed) == pytest.approx(last - first, rel=0.03)
 
 
 def test_the_same_errors_make_the_same_flight_however_it_is_cut():
     def course(cuts, seed):
-        executor = MissionExecutor(QUAD, FRAME, height_errors=HeightErrors(seed))
+        executor = MissionExecutor(QUAD, FRAME, estimate_errors=EstimateErrors(seed))
         executor.load([TAKEOFF, speed(8.0), waypoint(60, 0), waypoint(60, 40), waypoint(0, 40)])
         executor.arm()
         executor.start()
         for until_s in cuts:
             executor.advance(until_s)
-        return executor.motion.snapshot(), executor.motion.height_error_m
+        return executor.motion.snapshot(), executor.motion.estimate_error
 
-    whole, error_m = course([180.0], 4)
-    assert course(np.arange(0.0, 180.1, 0.3), 4) == (whole, error_m)
+    whole, error = course([180.0], 4)
+    assert course(np.arange(0.0, 180.1, 0.3), 4) == (whole, error)
     assert course([180.0], 5)[0] != whole
-    assert error_m != 0.0
+    assert all(error)
 
 
-def test_telemetry_tells_the_believed_height_and_the_camera_the_true_one():
+def test_telemetry_tells_the_believed_height_and_velocity_and_the_camera_the_true_height():
     vehicle = SimVehicle(
         QUAD,
         GeoPoint(28.05, -82.15, 10.0),
         autopilot=get_autopilot("px4"),
-        noise=SensorNoise(seed=2, height_jumps=True),
+        noise=SensorNoise(seed=2, estimate_errors=True),
     )
     vehicle.pilot.load([TAKEOFF, waypoint(80, 0), waypoint(0, 0)])
     vehicle.pilot.controls.executor.arm()
     vehicle.pilot.controls.executor.start()
-    apart = []
+    apart, slips = [], []
     for tenth in range(600):
         vehicle.poll(tenth / 10.0)
         true, believed = vehicle.true_position_m, vehicle.state.sensed.believed_m
         assert true == vehicle.pilot.state.position_m
         assert believed[:2] == true[:2]
         apart.append(believed[2] - true[2])
+        slips.append(np.subtract(vehicle.state.velocity_m_s, vehicle.pilot.state.velocity_m_s))
     assert np.ptp(apart) > 0.9
+    assert 0.1 < np.std(slips, axis=0)[0] < 0.4
 
 
 def test_the_speed_of_a_long_leg_comes_up_slowly():

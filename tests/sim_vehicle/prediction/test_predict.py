@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.airframe.height_errors import HeightErrors
+from sim_vehicle.airframe.estimate_errors import EstimateErrors
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
@@ -273,7 +273,7 @@ def test_jumps_of_px4s_height_give_an_expected_time_and_an_interval():
     mission = Mission((takeoff, speed, *ways), GeoPoint(28.05, -82.15))
     exact = predict_flight(mission, spec)
     assert exact.duration_interval_s is None
-    (expected,) = expected_flights([mission], spec, height_jumps=True)
+    (expected,) = expected_flights([mission], spec, estimate_errors=True)
     assert expected.duration_interval_s is not None
     low_s, high_s = expected.duration_interval_s
     assert low_s < expected.duration_s < high_s
@@ -282,12 +282,12 @@ def test_jumps_of_px4s_height_give_an_expected_time_and_an_interval():
     frame = LocalFrame(28.05, -82.15)
     inside = 0
     for seed in range(20):
-        executor = MissionExecutor(spec, frame, height_errors=HeightErrors(seed))
+        executor = MissionExecutor(spec, frame, estimate_errors=EstimateErrors(seed))
         executor.load(mission.items)
         executor.arm()
         executor.start()
         done = [one for one in executor.fly_through(3600.0) if isinstance(one, MissionComplete)]
         inside += low_s <= done[0].time_s <= high_s
     assert inside >= 14
-    (again,) = expected_flights([mission], spec, height_jumps=True)
+    (again,) = expected_flights([mission], spec, estimate_errors=True)
     assert again.duration_s == expected.duration_s

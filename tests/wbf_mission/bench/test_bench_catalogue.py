@@ -58,7 +58,7 @@ def test_what_changes_a_run_changes_the_meaning_and_nothing_else_does(tmp_path):
         {"fields": ("tylcv",)},
         {"score_points": 10},
         {"wind_speed_m_s": 1.0},
-        {"vehicle": "quad", "height_jumps": True},
+        {"vehicle": "quad", "estimate_errors": True},
     ]
     others = {meaning_of(scenario_with(base, one)) for one in changes}
     assert meaning not in others

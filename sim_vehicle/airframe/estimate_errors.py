@@ -1,0 +1,112 @@
+"""Errors of PX4's estimate: a height that jumps while it settles and drifts, and velocities that are off.
+
+In all recorded flights of PX4 (v1.17, SIH) the estimated height jumps by 1 m and a little more, to and fro,
+in the first two minutes after arming. Later it only drifts. The estimated velocities are off all the time:
+the accelerometers of SIH are noisy, and the estimator follows the receiver with a time constant of 4 s only.
+The vehicle holds a wrong velocity until its position tells. Measured on eight flights of quadrotors, a rover
+and an aeroplane (the velocities on the six of quadrotors, as what they differ by from the rate of the
+estimated position):
+
+============================  ===================================================================
+jumps of the height           to the other side: 0.9 of them; size 1.0 m (tenth percentile 1.05 m,
+                              median 1.24 m, ninetieth 1.76 m); the last after 117 to 121 s
+time between jumps            median 0.2 to 0.4 s, mean 0.8 to 1.1 s, ninetieth percentile 2.2 s
+drift of the height           deviation 0.29 m; correlation 0.96 over 1 s, 0.63 over 5 s, 0.3 over 10 s
+horizontal velocity           deviation along an axis 0.22 m/s (0.14 to 0.28 in parts of flights), normally
+                              distributed; correlation 0.86 over 1 s, 0.66 over 2 s, 0.45 over 3 s, 0.1
+                              over 5 s; the same along and across the nose
+vertical velocity             deviation 0.11 m/s; correlation 0.77 over 1 s, 0.57 over 3 s, 0.38 over 5 s
+============================  ===================================================================
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geo.seeds import stream
+
+__all__ = ["COLUMNS", "GRID_S", "SETTLED_S", "EstimateErrors"]
+
+GRID_S = 0.1
+COLUMNS = 4
+"""Height, m; velocity east, north, up, m/s."""
+SETTLED_S = 119.0
+"""How long after the first take-off the estimated height jumps."""
+LEAST_LEVEL_M = 0.5
+"""Least distance of both sides of a jump from their middle."""
+LEVEL_SCALE_M = 0.15
+"""Mean of what is added to that, exponentially distributed."""
+MEDIAN_DWELL_S, DWELL_SIGMA = 0.35, 1.44
+"""Time between jumps, log-normally distributed."""
+DRIFT_M, DRIFT_S = 0.29, 3.8
+"""Standard deviation and time constant of the drift of the height, a second-order Gauss-Markov process."""
+VELOCITY_M_S, VELOCITY_S = 0.22, 1.6
+"""The same of the velocity along a horizontal axis."""
+CLIMB_M_S, CLIMB_S = 0.1, 2.3
+"""The same of the vertical velocity; a part of what was measured is the drift of the height."""
+
+
+@dataclass(frozen=True, slots=True)
+class EstimateErrors:
+    """The errors of one vehicle's estimate.
+
+    Parameters
+    ----------
+    seed : numpy.random.SeedSequence or int
+
+    Examples
+    --------
+    >>> errors = EstimateErrors(1)
+    >>> bool((errors.first(50) == errors.first(3000)[:50]).all())
+    True
+    """
+
+    seed: np.random.SeedSequence | int = 0
+
+    def first(self, count: int) -> NDArray[np.float64]:
+        """Return the first errors (estimate less truth) from the first take-off on, every `GRID_S`.
+
+        All processes begin at 0.
+
+        Parameters
+        ----------
+        count : int
+
+        Returns
+        -------
+        float64[count, COLUMNS]
+        """
+        errors = np.empty((count, COLUMNS))
+        errors[:, 0] = self._drift("height-drift", count, DRIFT_M, DRIFT_S)
+        jumps = self._jumps()[:count]
+        errors[: len(jumps), 0] += jumps
+        errors[:, 1] = self._drift("velocity-east", count, VELOCITY_M_S, VELOCITY_S)
+        errors[:, 2] = self._drift("velocity-north", count, VELOCITY_M_S, VELOCITY_S)
+        errors[:, 3] = self._drift("velocity-up", count, CLIMB_M_S, CLIMB_S)
+        return errors
+
+    def _drift(self, name: str, count: int, deviation: float, time_s: float) -> NDArray[np.float64]:
+        # Imported here: who has no errors needs no compiler.
+        from sim_vehicle.airframe.drift import follow_twice
+
+        decay = math.exp(-GRID_S / time_s)
+        # The stationary variance of two equal filters one after the other.
+        variance = (1.0 + decay * decay) / (1.0 - decay * decay) ** 3
+        noise = stream(self.seed, name).standard_normal(count)
+        return follow_twice(noise, decay, deviation / math.sqrt(variance))
+
+    def _jumps(self) -> NDArray[np.float64]:
+        random = stream(self.seed, "height-jumps")
+        jumps = np.zeros(round(SETTLED_S / GRID_S))
+        side, time_s = 1.0 if random.random() < 0.5 else -1.0, 0.0
+        while True:
+            time_s += max(GRID_S, MEDIAN_DWELL_S * math.exp(DWELL_SIGMA * random.standard_normal()))
+            first = round(time_s / GRID_S)
+            if first >= len(jumps):
+                return jumps
+            side = -side
+            jumps[first:] = side * (LEAST_LEVEL_M + LEVEL_SCALE_M * random.standard_exponential())

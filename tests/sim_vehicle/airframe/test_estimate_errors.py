@@ -1,0 +1,70 @@
+"""Errors of PX4's estimate: their size and memory, and that a seed decides them."""
+
+import numpy as np
+import pytest
+
+from sim_vehicle.airframe.estimate_errors import (
+    CLIMB_M_S,
+    DRIFT_M,
+    GRID_S,
+    SETTLED_S,
+    VELOCITY_M_S,
+    EstimateErrors,
+)
+from sim_vehicle.airframe.sensor_errors import SensorNoise
+
+SETTLED = round(SETTLED_S / GRID_S)
+
+
+def test_errors_of_the_height_have_the_recorded_size():
+    flights = np.array([EstimateErrors(seed).first(6000)[:, 0] for seed in range(60)])
+    early, late = flights[:, 100:SETTLED], flights[:, SETTLED + 300 :]
+    assert 0.45 < np.std(early) < 0.8
+    assert np.std(late) == pytest.approx(DRIFT_M, rel=0.1)
+    assert abs(np.mean(late)) < 0.05
+    # Recorded: 0.97 and 0.96 over one second, 0.65 and 0.60 over five, 0.40 and 0.19 over ten.
+    for seconds, correlation in ((1, 0.965), (5, 0.625), (10, 0.3)):
+        shift = round(seconds / GRID_S)
+        seen = np.mean(late[:, shift:] * late[:, :-shift]) / np.var(late)
+        assert seen == pytest.approx(correlation, abs=0.06)
+
+
+def test_jumps_are_as_large_and_frequent_as_recorded():
+    steps = np.concatenate([np.diff(EstimateErrors(seed).first(SETTLED)[:, 0]) for seed in range(20)])
+    jumps = np.abs(steps[np.abs(steps) > 0.5])
+    assert np.percentile(jumps, 10) == pytest.approx(1.05, abs=0.1)
+    assert np.median(jumps) == pytest.approx(1.24, abs=0.1)
+    # Recorded 0.8 to 1.1 s between two of them.
+    assert SETTLED_S * 20 / len(jumps) == pytest.approx(1.0, abs=0.25)
+    late = np.diff(EstimateErrors(3).first(6000)[SETTLED + 1 :, 0])
+    assert np.abs(late).max() < 0.1
+
+
+def test_errors_of_the_velocity_have_the_recorded_size_and_memory():
+    flights = np.array([EstimateErrors(seed).first(6000)[300:, 1:] for seed in range(60)])
+    east, north, up = np.moveaxis(flights, 2, 0)
+    for one, deviation in ((east, VELOCITY_M_S), (north, VELOCITY_M_S), (up, CLIMB_M_S)):
+        assert np.std(one) == pytest.approx(deviation, rel=0.05)
+        assert abs(np.mean(one)) < 0.05 * deviation
+    assert abs(np.corrcoef(east.ravel(), north.ravel())[0, 1]) < 0.05
+    # Recorded: 0.85, 0.66, 0.47 and 0.1 in the mean of both axes of six flights.
+    for seconds, correlation in ((1, 0.86), (2, 0.66), (3, 0.45), (5, 0.15)):
+        shift = round(seconds / GRID_S)
+        seen = np.mean(east[:, shift:] * east[:, :-shift]) / np.var(east)
+        assert seen == pytest.approx(correlation, abs=0.07)
+
+
+def test_a_seed_decides_the_errors_however_many_are_drawn():
+    few, many = EstimateErrors(7).first(500), EstimateErrors(7).first(4000)
+    assert few.tolist() == many[:500].tolist()
+    assert EstimateErrors(8).first(500).tolist() != few.tolist()
+
+
+def test_the_noise_of_a_vehicle_has_them_on_request():
+    assert SensorNoise(seed=5).of_estimate is None
+    first = SensorNoise(seed=5, estimate_errors=True)
+    second = first.of_vehicle(2)
+    assert first.is_off
+    assert second.of_estimate is not None
+    assert first.of_estimate is not None
+    assert second.of_estimate.first(300).tolist() != first.of_estimate.first(300).tolist()

@@ -115,7 +115,8 @@ def test_a_tour_of_a_vehicle_whose_turns_cost_time_keeps_the_way_home(budget: st
     assert len(first.path_m) > 1 and first.cost <= float(budget[:-1])
     assert np.hypot(*(first.path_m - first.position_m).T).max() > 1.0
     if budget == "70s":
-        assert result.flights[0].flight_time_s < 71.0
+        # It is priced with an exact estimate.
+        assert result.flights[0].flight_time_s < 1.03 * 70.0
 
 
 def test_equal_runs_are_equal_to_the_bit_and_load_again(tmp_path: Path) -> None:

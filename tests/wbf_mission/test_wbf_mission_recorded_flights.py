@@ -32,7 +32,7 @@ def flown(path, recording):
     return Flight(table[:, 0], table[:, 1:4], table[:, 4:7], pairs, table[-1, 0])
 
 
-# That with waypoints of half a metre needs the errors of PX4's height (tests of sim_vehicle/motion/px4).
+# Among waypoints of half a metre PX4's errors decide how long it takes (tests/sim_vehicle/motion/test_px4.py).
 HALF_METRE = "px4-acceptance-half-metre"
 NAMES = sorted(
     path.stem
@@ -58,8 +58,8 @@ def test_a_recorded_mission_from_the_command_line(name, tmp_path, capsys):
     assert result.p95_m < 2.5
     if name != BY_CHANCE:
         assert abs(result.time_error) < 0.02
-        # Over seven minutes in the wind a few seconds of drift leave little of it.
-        assert "wind" in name or result.correlation > 0.8
+        # Over seven minutes in the wind a few seconds of drift leave little of it, and PX4's errors some.
+        assert "wind" in name or result.correlation > (0.6 if recording.autopilot == "px4" else 0.8)
 
 
 def test_a_flight_with_jumps_of_the_height_is_predicted_and_kept_with_its_interval(tmp_path, capsys):

@@ -32,7 +32,7 @@ def flown(path, recording):
     return Flight(table[:, 0], table[:, 1:4], table[:, 4:7], pairs, table[-1, 0])
 
 
-# Among waypoints of half a metre PX4's errors decide how long it takes (tests/sim_vehicle/motion/test_px4.py).
+# Among waypoints of half a metre PX4's errors decide how long it takes: sim_vehicle/motion/test_px4.py.
 HALF_METRE = "px4-acceptance-half-metre"
 NAMES = sorted(
     path.stem

@@ -97,7 +97,7 @@ SHORT = 0.5
     LEG_HEIGHT_TOLERANCE,
     LEG_TURN_ANGLE,  # Angle to the next leg.
     LEG_SLOPE,  # Of a circular landing.
-    LEG_AT_ONCE,  # Whether it climbs at once, however far the way is.
+    LEG_AT_ONCE,  # Whether it is a return: it climbs at once, however far the way is.
     LEG_ON_CIRCLE,  # Whether the height is left for the circle.
 ) = range(18)
 LEG = 18

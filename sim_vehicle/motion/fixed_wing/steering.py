@@ -41,6 +41,7 @@ from sim_vehicle.motion.fixed_wing.layout import (
     LANDING_AIRSPEED,
     LAW,
     LEG_AIRSPEED,
+    LEG_AT_ONCE,
     LEG_CIRCLE_RADIUS,
     LEG_EXIT_X,
     LEG_EXIT_Y,
@@ -71,6 +72,7 @@ __all__ = ["circled", "circles", "leg_airspeed", "passed", "steer"]
 
 ALIGNED = 0.985
 AHEAD_OF_LANDING_M = 200.0
+_NEAR_CIRCLE = 3.0
 
 
 @compiled
@@ -155,6 +157,16 @@ def circles(state: Floats, row: Floats, arrived: bool) -> bool:
 
 
 @compiled
+def _comes_along_line(state: Floats, row: Floats, limits: Floats) -> bool:
+    """Tell whether ArduPlane comes to a circle of a mission along the line from the waypoint before.
+
+    It does until it is near the circle (``Plane::update_loiter``); a return comes to the circle at once.
+    """
+    of_mission = row[LEG_KIND] == CIRCLE and row[LEG_AT_ONCE] == 0.0
+    return bool(limits[LAW] != NPFG and of_mission and isnan(state[BEARING]) and state[DIRECT] == 0.0)
+
+
+@compiled
 def steer(
     state: Floats, row: Floats, arrived: bool, limits: Floats, wx: float, wy: float
 ) -> tuple[float, float, float]:
@@ -166,6 +178,10 @@ def steer(
         x, y, radius = row[LEG_X], row[LEG_Y], row[LEG_CIRCLE_RADIUS]
         if arrived and kind != CIRCULAR_LANDING:
             x, y, radius = state[CENTRE], state[CENTRE + 1], state[CENTRE_RADIUS]
+        elif _comes_along_line(state, row, limits):
+            east, north = state[col.POSITION_X] - x, state[col.POSITION_Y] - y
+            if east * east + north * north > _NEAR_CIRCLE * _NEAR_CIRCLE * radius * radius:
+                return _steer_line(state, row, limits, wx, wy)
         return _steer_circle(state, x, y, radius, limits, wx, wy), 0.0, 0.0
     if kind != TAKEOFF:
         return _steer_line(state, row, limits, wx, wy)

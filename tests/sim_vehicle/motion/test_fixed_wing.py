@@ -127,6 +127,17 @@ def test_arduplane_flies_as_recorded(name, recorded):
     assert both[1].radius_m == pytest.approx(both[0].radius_m, rel=0.15)
 
 
+def test_arduplane_comes_to_a_circle_of_a_mission_along_the_line(recorded):
+    recording, flight = recorded["arduplane-random-8"]
+    paths = []
+    for one in (recording.flight, flight):
+        _, last = one.window(recording.items)
+        paths.append(one.position_m[(one.time_s >= last) & (one.time_s <= last + 20.0), :2])
+    gap = np.hypot(*(paths[1][:, None] - paths[0][None]).transpose(2, 0, 1)).min(axis=1)
+    # On the way to the circle itself it was 40 m off.
+    assert gap.max() < 10.0
+
+
 def test_circles_of_arduplane_are_as_wide_as_recorded(recorded):
     recording, flight = recorded["arduplane-lawnmower-60"]
     # They come out wider than they are asked for: 91.4 m for 80 m.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import shapely
@@ -14,16 +15,18 @@ from mission.planners.path import COINCIDENT_M, Area, Points, distinct
 
 __all__ = ["Turns", "Waypoints"]
 
-# Legs shorter than so many radii, between rows or on a curve, are flown as they are.
-_LEAST_LEG = 0.75
+# Legs shorter than so many radii are flown as they are.
+_LEAST_LEG = 0.15
+# Shorter than so many they are not led along a curve, 40 degrees at most a point, nor from a row to the next:
+# between two longer ones there and back.
+_SHORT_LEG = 0.75
+_CURVED = math.cos(math.radians(40.0))
+_BACK = -math.cos(math.radians(30.0))
 # Nor are legs led at a corner between two that are longer than so many: what is cut off there is little, and
 # to stop for it costs a vehicle seconds.
 _LONG_LEG = 10.0
 # The lead is so much less than the radius: the vehicle turns a little before the corner and swings less wide.
 _BEFORE_M = 0.5
-# Three short legs in a row with corners as sharp as this, as in the middle of a spiral, lie within the radius
-# all at once: they are led, or none of them would be flown.
-_SHARP = math.cos(math.radians(75.0))
 # Where the path goes straight on, or nearly so, nothing is cut: 15 degrees.
 _STRAIGHT = math.cos(math.radians(15.0))
 
@@ -131,28 +134,31 @@ class Turns:
         length_m = np.hypot(steps[:, 0], steps[:, 1])
         # Who stands on the first point comes to it from nowhere.
         every = np.where((length_m < COINCIDENT_M)[:, None], 0.0, steps / np.maximum(length_m, 1e-9)[:, None])
-        unled = (length_m < _LEAST_LEG * self.radius_m) & ~self._curled(every, length_m)
-        along = np.where(unled[:, None], 0.0, every)
-        long = length_m > _LONG_LEG * self.radius_m
+        unled = (length_m < _LEAST_LEG * self.radius_m) | self._between_rows(every, length_m)
+        led = np.where(unled[:, None], 0.0, every)
         # To the first point leads no leg, if nobody knows where the vehicle comes from; from the last none.
         before = 0 if start_m is not None else 1
-        nowhere, near = np.zeros((1, 2)), np.zeros(1, np.bool_)
-        come = np.concatenate((nowhere[:before], along))
-        come_far = np.concatenate((near[:before], long))
-        go = np.concatenate((along[1 - before :], nowhere))
-        go_far = np.concatenate((long[1 - before :], near))
-        as_it_is = ((come * go).sum(axis=1) > _STRAIGHT) | (come_far & go_far)
-        come[as_it_is] = go[as_it_is] = 0.0
+        come, go = _at_both_ends(led, before)
+        come_far, go_far = _at_both_ends(length_m > _LONG_LEG * self.radius_m, before)
+        come_short, go_short = _at_both_ends(length_m < _SHORT_LEG * self.radius_m, before)
+        along = (come * go).sum(axis=1)
+        as_it_is, curved = (along > _STRAIGHT) | (come_far & go_far), along > _CURVED
+        come[as_it_is | (curved & come_short)] = go[as_it_is | (curved & go_short)] = 0.0
         # After the last point comes no corner.
         if len(every):
             come[-1] = every[-1]
         return come, go
 
-    def _curled(self, every: Points, length_m: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which legs are of three short ones in a row with sharp corners between them."""
-        short = (length_m < _LEAST_LEG * self.radius_m) & (length_m >= COINCIDENT_M)
-        sharp = short[:-1] & short[1:] & ((every[:-1] * every[1:]).sum(axis=1) < _SHARP)
-        curled = np.zeros(len(short), np.bool_)
-        for k in np.flatnonzero(sharp[:-1] & sharp[1:]).tolist():
-            curled[k : k + 3] = True
-        return curled
+    def _between_rows(self, every: Points, length_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which legs are the short way from the end of a row to the beginning of the next."""
+        between = length_m < _SHORT_LEG * self.radius_m
+        back = (every[:-2] * every[2:]).sum(axis=1) < _BACK
+        between[1:-1] &= back & ~between[:-2] & ~between[2:]
+        between[:1] = between[-1:] = False
+        return between
+
+
+def _at_both_ends(of_leg: NDArray[Any], before: int) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return what holds of the legs to and from each point; nothing of those that there are not."""
+    none = np.zeros((1, *of_leg.shape[1:]), of_leg.dtype)
+    return np.concatenate((none[:before], of_leg)), np.concatenate((of_leg[1 - before :], none))

@@ -46,7 +46,8 @@ _LATE_M = 3.0
 _LONGEST_S = 5.0
 # PSC_POSXY_P and WPNAV_ACCEL, from which ArduCopter works out where it would stop.
 _STOP_P_PER_S, _STOP_M_S2 = 1.0, 2.5
-_MOST_LEAVE_M = 12.0
+# What is told of the position is a little old, and at exactly that distance it would creep to the target.
+_LEAVE_SPARE_M, _MOST_LEAVE_M = 0.5, 12.0
 _FOREVER = 1_000_000
 _SILENT_S = 2.0
 _GUIDED_FLAG = float(m.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
@@ -429,7 +430,7 @@ class AsideChange(ChangeSession):
 
     def _leave_m(self) -> float:
         """Return from how far before the target the mission is gone on with: where it would stop there."""
-        return min(_stopping_m(self.request.monitor.state.ground_speed_m_s), _MOST_LEAVE_M)
+        return min(_stopping_m(self.request.monitor.state.ground_speed_m_s) + _LEAVE_SPARE_M, _MOST_LEAVE_M)
 
     # Back to the mission.
 

@@ -18,7 +18,7 @@ from sim_vehicle.autopilot.modes import Mode
 if TYPE_CHECKING:
     from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
 
-__all__ = ["Axis", "Setting", "StickLoss", "StickRules", "Sticks", "bits"]
+__all__ = ["Axis", "Setting", "StickLoss", "StickRules", "Sticks", "WingSticks", "bits"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +130,21 @@ class StickLoss:
 
 
 @dataclass(frozen=True, slots=True)
+class WingSticks:
+    """How far a fixed wing goes with its sticks.
+
+    Parameters
+    ----------
+    bank, pitch_up, pitch_down : Setting
+        Greatest angles, radians; ``pitch_down`` is negative.
+    """
+
+    bank: Setting
+    pitch_up: Setting
+    pitch_down: Setting
+
+
+@dataclass(frozen=True, slots=True)
 class StickRules:
     """How an autopilot flies by sticks.
 
@@ -151,6 +166,8 @@ class StickRules:
         RC_CHANNELS_OVERRIDE is taken, and only from the ground station that MAV_GCS_SYSID names (ArduPilot).
     drives : bool
         A rover: the vertical stick is the throttle, the one to the right steers.
+    wing : WingSticks or None
+        A fixed wing: the horizontal sticks ask for bank and pitch.
     pwm_half : float
         Microseconds from the middle of a channel to its end.
     """
@@ -166,6 +183,7 @@ class StickRules:
     without: frozenset[int] = field(default_factory=frozenset)
     overrides: bool = False
     drives: bool = False
+    wing: WingSticks | None = None
     pwm_half: float = 500.0
 
 

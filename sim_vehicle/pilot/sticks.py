@@ -15,6 +15,7 @@ from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.motion.legs import KEEP, Heading
 from sim_vehicle.pilot.failsafe import Reaction
 from sim_vehicle.pilot.notices import NoticeLog, RefusedError, Severity
+from sim_vehicle.pilot.stick_wing import StickWing
 
 if TYPE_CHECKING:
     from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
@@ -72,6 +73,7 @@ class StickPilot:
         self._heard_s = -math.inf
         self._moves = False
         self.lost = False
+        self._wing = StickWing(controls, parameters, rules.wing) if rules.wing is not None else None
         self._later: tuple[float, Reaction] | None = None
         self._left: Mode | None = None
 
@@ -123,7 +125,9 @@ class StickPilot:
                 self._notices.add(Severity.CRITICAL, loss.lost)
                 yield reaction
         if self._silence_s <= self._limit_s:
-            if self._rules.drives and self._moves and self._flies:
+            if self._wing is not None and not self._flies:
+                self._wing.forget()
+            elif (self._rules.drives or self._wing is not None) and self._moves and self._flies:
                 with suppress(RefusedError):
                     self._fly(self._sticks)
         elif not self.lost:
@@ -136,8 +140,10 @@ class StickPilot:
 
     @property
     def _action(self) -> Action:
+        """What the loss of the sticks demands in this mode."""
         loss = self._rules.loss
-        return loss.actions.get(int(loss.action.of(self._parameters)), Action.NONE)
+        action = loss.actions.get(int(loss.action.of(self._parameters)), Action.NONE)
+        return max(action, loss.in_stick_modes, key=_SEVERITY.__getitem__) if self._flies else action
 
     @property
     def _limit_s(self) -> float:
@@ -154,7 +160,7 @@ class StickPilot:
 
     def _lose(self) -> Iterator[Reaction]:
         loss, mode, controls, action = self._rules.loss, self._mode(), self._controls, self._action
-        if action is Action.NONE and not (self._flies and loss.in_stick_modes is not Action.NONE):
+        if action is Action.NONE:
             self._stop()
             return
         if controls.landed is LandedState.ON_GROUND:
@@ -166,8 +172,6 @@ class StickPilot:
             if loss.ignored:
                 self._notices.add(Severity.WARNING, loss.ignored.format(_NAMES.get(mode, mode.value)))
             return
-        if self._flies:
-            action = max(action, loss.in_stick_modes, key=_SEVERITY.__getitem__)
         if controls.state.phase in _REACHED.get(action, ()):
             return
         reaction = Reaction(action, Outcome.LINK_LOST, "sticks lost")
@@ -191,6 +195,10 @@ class StickPilot:
             self._drive(speed * rules.vertical.share(sticks.up), rules.turning.share(sticks.right))
             return
         forward, right = rules.level.share(sticks.forward), rules.level.share(sticks.right)
+        if self._wing is not None:
+            self._wing.fly(right, -forward)
+            self._moves = True
+            return
         up, turn = rules.vertical.share(sticks.up), rules.turning.share(sticks.turn)
         if controls.landed is LandedState.ON_GROUND and up <= 0.0:
             return

@@ -16,7 +16,7 @@ from sim_vehicle.autopilot.ardupilot.habits import HABITS
 from sim_vehicle.autopilot.ardupilot.parameters import copter_parameters, vehicle_parameters
 from sim_vehicle.autopilot.ardupilot.persona import COPTER_PERSONA, PLANE_PERSONA, ROVER_PERSONA
 from sim_vehicle.autopilot.ardupilot.rover import ARDUROVER
-from sim_vehicle.autopilot.ardupilot.sticks import COPTER_STICKS, ROVER_STICKS
+from sim_vehicle.autopilot.ardupilot.sticks import COPTER_STICKS, PLANE_STICKS, ROVER_STICKS
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.mission_rules import arduplane_landing
 from sim_vehicle.autopilot.reference_parameters import reference_parameters
@@ -63,6 +63,7 @@ ARDUPILOT = Autopilot(
                 procedures=ARDUPLANE,
                 habits=replace(HABITS, refuses_to_arm=arduplane_landing),
                 reference=partial(reference_parameters, "arduplane"),
+                sticks=PLANE_STICKS,
                 # Flown to, not turned before as within WP_RADIUS.
                 turns=Turns(2.0),
             ),

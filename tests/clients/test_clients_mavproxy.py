@@ -210,7 +210,7 @@ def test_the_log_of_a_flight_is_listed_and_downloaded(autopilot, number, session
     proxy.type("log list", "No logs")
 
 
-def test_plans_go_and_come_as_files(session, tmp_path):
+def test_plans_go_and_come_as_files(session, tools, tmp_path):
     flying, proxy = session("ardupilot")
     mission = write_waypoints(tmp_path / "mission.txt", flying.mission)
     proxy.type(f"wp ftpload {mission}", rf"Sent waypoint of length {len(flying.mission)} in")
@@ -223,6 +223,11 @@ def test_plans_go_and_come_as_files(session, tmp_path):
     (tmp_path / rally).write_text("QGC WPL 110\n" + "\t".join(map(str, row)) + "\n")
     proxy.type(f"rally ftpload {rally}", "Sent rally item of length 1 in")
     assert len(flying.vehicle._plans.server.plan(MissionType.RALLY).items) == 1
+    (tmp_path / "few.parm").write_text("WPNAV_SPEED 600\nFS_THR_ENABLE 3\n")
+    proxy.type("param ftpload few.parm", "Sending 2 params")
+    parameters = flying.vehicle.pilot.parameters
+    tools.wait_until(lambda: parameters.cruise_speed_m_s == pytest.approx(6.0), what="the speed")
+    assert parameters.stored["FS_THR_ENABLE"] == 3.0
     proxy.type("ftp list @SYS", "LIST: .* opcode:129 ")
 
 

@@ -11,12 +11,14 @@ from urllib.parse import parse_qsl
 
 from sim_vehicle.autopilot.mav_parameter import MavParameter
 
-__all__ = ["asked_for", "packed"]
+__all__ = ["asked_for", "packed", "unpacked"]
 
 _MAGIC, _MAGIC_WITH_DEFAULTS = 0x671B, 0x671C
 _HEADER = struct.Struct("<HHH")
 _INTEGERS = {8: (1, "<b"), 16: (2, "<h"), 32: (3, "<i")}
 _FLOAT = (4, "<f")
+_CODES = dict((*_INTEGERS.values(), _FLOAT))
+_LONGEST_NAME = 16
 _MOST = 65534
 
 
@@ -89,6 +91,39 @@ def packed(
         out += entry
         before = parameter.name
     return bytes(out)
+
+
+def unpacked(data: bytes) -> list[tuple[str, float]] | None:
+    """Read an upload: names and values in their order; None where it is damaged.
+
+    Its header has the length of the file in the place of the number of all parameters.
+
+    Examples
+    --------
+    >>> unpacked(bytes.fromhex("1b67 0100 0c00 01 20 414243 07"))
+    [('ABC', 7.0)]
+    """
+    if len(data) < _HEADER.size:
+        return None
+    magic, number, length = _HEADER.unpack_from(data)
+    if magic != _MAGIC or length != len(data):
+        return None
+    found: list[tuple[str, float]] = []
+    at, before = _HEADER.size, b""
+    for _ in range(number):
+        if at + 2 > length or data[at] not in _CODES:
+            return None
+        code = _CODES[data[at]]
+        common, rest = data[at + 1] & 15, (data[at + 1] >> 4) + 1
+        value_at = at + 2 + rest
+        name = before[:common] + data[at + 2 : value_at]
+        at = value_at + struct.calcsize(code)
+        if common > len(before) or common + rest > _LONGEST_NAME or at > length or not name.isascii():
+            return None
+        (value,) = struct.unpack_from(code, data, value_at)
+        found.append((name.decode("ascii"), float(value)))
+        before = name
+    return found
 
 
 def _common(one: str, other: str) -> int:

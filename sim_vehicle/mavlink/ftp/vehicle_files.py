@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from sim_vehicle.mavlink.ftp.files import FileTree, MadeFile, TakenFile
 from sim_vehicle.mavlink.ftp.metadata import GENERAL_PATH, PARAMETERS_PATH, metadata_files
-from sim_vehicle.mavlink.ftp.packed_parameters import packed
+from sim_vehicle.mavlink.ftp.packed_parameters import packed, unpacked
 from sim_vehicle.mavlink.ftp.packed_plan import PLAN_PATHS, pack_plan, unpack_plan
 
 if TYPE_CHECKING:
@@ -29,14 +29,15 @@ def vehicle_files(
 ) -> FileTree:
     """Return the tree of a vehicle; what takes time is made when it is first read."""
     made: dict[str, MadeFile] = {}
+    taken: dict[str, TakenFile] = {}
     if persona.packed_parameters:
         made["@PARAM/param.pck"] = lambda query, read_size: packed(
             parameters.table, parameters.value, parameters.default, query, read_size
         )
+        taken["@PARAM/param.pck"] = partial(_take_parameters, parameters)
     if persona.component_metadata:
         for path in (GENERAL_PATH, PARAMETERS_PATH):
             made[path] = _read_only(parameters, path)
-    taken: dict[str, TakenFile] = {}
     if persona.packed_plans:
         for mission_type, path in PLAN_PATHS.items():
             made[path] = partial(_packed_plan, plans, mission_type)
@@ -48,6 +49,13 @@ def vehicle_files(
         mounted={habits.directory: lambda: logs.files(by_date=habits.by_date)},
         taken=taken,
     )
+
+
+def _take_parameters(parameters: ParameterSet, data: bytes) -> bool:
+    values = unpacked(data)
+    for name, value in values or ():
+        parameters.change(name, value)
+    return values is not None
 
 
 def _packed_plan(plans: PlanReceiver, mission_type: MissionType, query: str, _read_size: int) -> bytes | None:

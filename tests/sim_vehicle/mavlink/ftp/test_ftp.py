@@ -14,6 +14,7 @@ from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.model import GeoPoint
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot
+from sim_vehicle.mavlink.ftp import packed_parameters
 from sim_vehicle.mavlink.ftp.files import FileTree
 from sim_vehicle.mavlink.ftp.packet import MOST_DATA, FtpError, Operation, Packet
 from sim_vehicle.mavlink.ftp.server import FtpServer
@@ -262,7 +263,7 @@ def test_a_part_of_the_parameters():
         one.ask(Operation.OPEN_TO_READ, f"@PARAM/param.pck?{query}")
         assert one.ask(Operation.READ, size=200) is FtpError.FAIL
         one.ask(Operation.TERMINATE)
-    assert one.ask(Operation.CREATE, "@PARAM/param.pck") is FtpError.PROTECTED
+    assert one.ask(Operation.REMOVE, "@PARAM/param.pck") is FtpError.PROTECTED
 
 
 def test_values_do_not_cross_from_one_read_to_the_next():
@@ -323,3 +324,38 @@ def test_the_list_of_logs_is_empty_and_says_so(name):
     answers = OfVehicle(name).vehicle.receive(m.MAVLink_log_request_list_message(1, 1, 0, 65535), 0.0)
     (entry,) = [answer for answer in answers if answer.get_type() == "LOG_ENTRY"]
     assert (entry.id, entry.num_logs, entry.last_log_num, entry.size) == (0, 0, 0, 0)
+
+
+def upload(*entries):
+    """Parameters as MAVProxy sends them, without common beginnings."""
+    body = b"".join(
+        bytes([kind, len(name) - 1 << 4]) + name + struct.pack(code, value)
+        for kind, code, name, value in entries
+    )
+    return struct.pack("<HHH", 0x671B, len(entries), 6 + len(body)) + body
+
+
+def put(client, path, data):
+    assert client.ask(Operation.CREATE, path) == b""
+    assert client.ask(Operation.WRITE, data) == b""
+    return client.ask(Operation.TERMINATE)
+
+
+def test_parameters_are_written_as_a_file():
+    server = OfVehicle("ardupilot")
+    data = upload((4, "<f", b"WPNAV_SPEED", 600.0), (1, "<b", b"FS_THR_ENABLE", 3), (2, "<h", b"NO_SUCH", 1))
+    client = Client(server)
+    assert put(client, "@PARAM/param.pck", data) == b""
+    pilot = server.vehicle.pilot
+    assert pilot.parameters.cruise_speed_m_s == pytest.approx(6.0)
+    assert pilot.parameters.stored["FS_THR_ENABLE"] == 3.0
+    for wrong in (b"", data[:-1], data[:6], data.replace(b"WPNAV", b"WPN\xffV")):
+        assert put(client, "@PARAM/param.pck", wrong) is FtpError.FAIL
+
+
+@given(st.binary(max_size=120))
+@settings(max_examples=200)
+def test_any_bytes_are_parameters_or_none(data):
+    head = struct.pack("<HHH", 0x671B, 3, 6 + len(data))
+    values = packed_parameters.unpacked(head + data)
+    assert values is None or len(values) == 3

@@ -225,9 +225,9 @@ def test_plans_go_and_come_as_files(session, tools, tmp_path):
     assert len(flying.vehicle._plans.server.plan(MissionType.RALLY).items) == 1
     (tmp_path / "few.parm").write_text("WPNAV_SPEED 600\nFS_THR_ENABLE 3\n")
     proxy.type("param ftpload few.parm", "Sending 2 params")
-    parameters = flying.vehicle.pilot.parameters
-    tools.wait_until(lambda: parameters.cruise_speed_m_s == pytest.approx(6.0), what="the speed")
-    assert parameters.stored["FS_THR_ENABLE"] == 3.0
+    value = flying.vehicle._parameters.value
+    tools.wait_until(lambda: value("WPNAV_SPEED") == 600.0, 10.0, what="the speed")
+    assert value("FS_THR_ENABLE") == 3.0
     proxy.type("ftp list @SYS", "LIST: .* opcode:129 ")
 
 

@@ -56,7 +56,7 @@ def test_what_is_nearly_straight_or_short_is_flown_as_it_is():
 
 
 def test_a_short_leg_with_a_corner_is_flown_to_its_end():
-    """So that a path that is changed in flight begins where it was meant to: all of it is within the radius."""
+    """So that a path that is changed in flight begins where it was meant to: all of it is near enough."""
     sent = PX4.waypoints(array((1, 0), (1, 6)), (0.0, 0.0))
     assert sent.points_m.tolist() == [[2.5, 0], [1, -1.5], [1, 7.5]]
     assert sent.of_point.tolist() == [0, 0, 1]

@@ -14,7 +14,7 @@ from enum import Enum
 import numpy as np
 
 from mission.link.codec.dialect import mavlink
-from mission.link.codec.frames import FrameReader, FrameWriter, valid_frame_end
+from mission.link.codec.frames import FrameWriter, decode_frame, valid_frame_end
 from mission.link.codec.signing import SETUP_SIGNING, Signing
 from sim_vehicle.component import NEVER, UNHEARD, Component, SaysMuch
 from sim_vehicle.errors import VehicleError
@@ -155,7 +155,6 @@ class Simulation:
         )
         self._tap = tap
         self._writers = [FrameWriter(c.system_id, c.component_id, signing=signing) for c in components]
-        self._reader = FrameReader()
         self._wanted = [c.wanted for c in components]
         self._addresses = [(c.system_id, c.component_id) for c in components]
         self._table: RoutingTable[int] = RoutingTable()
@@ -392,14 +391,16 @@ class Simulation:
 
     def _deliver(self) -> bool:
         """Hand over what has arrived, and the answers to it; False when the answers never end."""
-        inbox, components, feed, now_s = self._inbox, self._components, self._reader.feed, self.now_s
+        inbox, components, now_s = self._inbox, self._components, self.now_s
         for _ in range(_STEPS_AT_ONE_INSTANT):
             if not inbox:
                 return True
             ports, frame = inbox.popleft()
-            for message in feed(frame):
-                for port in ports:
-                    replies = components[port].receive(message, now_s)
-                    if replies:
-                        self._send(port, replies)
+            message = decode_frame(frame)
+            if message is None:
+                continue
+            for port in ports:
+                replies = components[port].receive(message, now_s)
+                if replies:
+                    self._send(port, replies)
         return False

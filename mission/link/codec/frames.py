@@ -32,7 +32,8 @@ _SIGNED = 0x01
 _SIGNATURE_BYTES = 13
 _V2_OVERHEAD = 12
 _V1_OVERHEAD = 8
-_HEADER = Struct("<BBBBBBBHB")
+_MARKER_V2 = bytes([_V2])
+_HEADER = Struct("<BBBBBB3s")  # what follows the marker
 _CRC = Struct("<H")
 _CODE = re.compile(r"\d*[a-zA-Z]")
 
@@ -84,18 +85,20 @@ def _sorter(message_type: Any) -> Callable[[tuple[Any, ...]], Sequence[Any]]:
 class _Kind:
     """What the fast path needs to know of one message type."""
 
-    __slots__ = ("crc_extra", "fields", "in_order", "make", "size", "text", "unpack")
+    __slots__ = ("crc_extra", "fields", "in_order", "make", "number", "pack", "size", "texts", "unpack")
 
     def __init__(self, message_type: Any) -> None:
         self.crc_extra = bytes([message_type.crc_extra])
         self.make = message_type
+        self.number: bytes = message_type.id.to_bytes(3, "little")
         self.size: int = message_type.unpacker.size
+        self.pack: Callable[..., bytes] = message_type.unpacker.pack
         self.unpack: Callable[[bytes], tuple[Any, ...]] = message_type.unpacker.unpack
         # An itemgetter of one index gives no tuple, and a single char is neither number nor text.
         several = len(message_type.orders) > 1 and "c" not in _codes(message_type)
         self.in_order = _sorter(message_type) if several else None
         self.fields = _reader(message_type) if several else None
-        self.text = "char" in message_type.fieldtypes
+        self.texts = tuple(k for k, kind in enumerate(message_type.fieldtypes) if kind == "char")
 
 
 class _Kinds(dict[int, "_Kind | None"]):
@@ -110,6 +113,7 @@ class _Kinds(dict[int, "_Kind | None"]):
 
 
 _KINDS = _Kinds()
+_CODEC: Any = mavlink.MAVLink(None)
 
 
 class FrameWriter:
@@ -153,21 +157,10 @@ class FrameWriter:
         if kind is None or kind.fields is None:
             frame = bytes(message.pack(codec))
         else:
-            payload = kind.make.unpacker.pack(*kind.fields(message)).rstrip(b"\0") or b"\0"
-            number = type(message).id
-            head = _HEADER.pack(
-                _V2,
-                len(payload),
-                0,
-                0,
-                sequence,
-                codec.srcSystem,
-                codec.srcComponent,
-                number & 0xFFFF,
-                number >> 16,
-            )
-            body = head + payload
-            frame = body + _CRC.pack(_crc(body[1:] + kind.crc_extra))
+            payload = kind.pack(*kind.fields(message)).rstrip(b"\0") or b"\0"
+            sender = (codec.srcSystem, codec.srcComponent)
+            body = _HEADER.pack(len(payload), 0, 0, sequence, *sender, kind.number) + payload
+            frame = _MARKER_V2 + body + _CRC.pack(_crc(body + kind.crc_extra))
         codec.seq = (sequence + 1) & 0xFF
         if self.signing is None:
             return frame
@@ -330,7 +323,7 @@ class FrameReader:
         message: Message | None = None
         wanted = self.wanted is None or number in self.wanted
         if wanted:
-            message = self._decode(frame, kind)
+            message = _decode(frame, kind, self.codec)
             if message is None:
                 self.bad_frames += 1
                 return True
@@ -345,31 +338,47 @@ class FrameReader:
             messages.append(message)
         return True
 
-    def _decode(self, frame: bytes, kind: _Kind) -> Message | None:
-        """Return the message of a frame whose checksum holds, None if its content is refused."""
-        in_order = kind.in_order
-        if in_order is None or frame[0] != _V2 or frame[2]:
-            try:
-                decoded: Message = self.codec.decode(bytearray(frame))
-            except (mavlink.MAVError, struct_error, ValueError):
-                return None
-            return decoded
-        size = kind.size
-        payload = frame[10:-2]
-        if len(payload) != size:
-            payload = payload[:size] if len(payload) > size else payload.ljust(size, b"\0")
-        values = in_order(kind.unpack(payload))
-        if kind.text:
-            values = [value.rstrip(b"\0") if isinstance(value, bytes) else value for value in values]
-        message: Any = kind.make(*values)
-        header = message._header
-        header.mlen, header.incompat_flags, header.compat_flags = frame[1], 0, frame[3]
-        header.seq, header.srcSystem, header.srcComponent = frame[4], frame[5], frame[6]
-        message._msgbuf = frame
-        message._payload = frame[10:-2]
-        message._crc = frame[-2] | frame[-1] << 8
-        made: Message = message
-        return made
+
+def decode_frame(frame: bytes) -> Message | None:
+    """Return the message of a whole frame whose checksum is known to hold.
+
+    That is one that a `FrameWriter` packed, a `FrameReader` told its tap, or `valid_frame_end` approved:
+    nothing is left to verify. None if the dialect lacks it or its content is refused.
+
+    Examples
+    --------
+    >>> frame = FrameWriter(1, 1).encode(mavlink.MAVLink_mission_ack_message(255, 190, 0))
+    >>> decode_frame(frame).get_type()
+    'MISSION_ACK'
+    """
+    kind = _KINDS[_message_id(frame, 0)]
+    return None if kind is None else _decode(frame, kind, _CODEC)
+
+
+def _decode(frame: bytes, kind: _Kind, codec: Any) -> Message | None:
+    """Return the message of a frame whose checksum holds, None if its content is refused."""
+    in_order = kind.in_order
+    if in_order is None or frame[0] != _V2 or frame[2]:
+        try:
+            decoded: Message = codec.decode(bytearray(frame))
+        except (mavlink.MAVError, struct_error, ValueError):
+            return None
+        return decoded
+    sent = frame[10:-2]
+    values = in_order(kind.unpack(sent[: kind.size].ljust(kind.size, b"\0")))
+    if kind.texts:
+        values = list(values)
+        for k in kind.texts:
+            values[k] = values[k].rstrip(b"\0")
+    message: Any = kind.make(*values)
+    header = message._header
+    header.mlen, header.incompat_flags, header.compat_flags = frame[1], 0, frame[3]
+    header.seq, header.srcSystem, header.srcComponent = frame[4], frame[5], frame[6]
+    message._msgbuf = frame
+    message._payload = sent
+    message._crc = frame[-2] | frame[-1] << 8
+    made: Message = message
+    return made
 
 
 def _frame_end(data: bytes, at: int) -> int:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from mission.link import FrameReader, FrameWriter, MavlinkEndpoint, SourceStatistics, memory_pair
 from mission.link.codec.dialect import mavlink
+from mission.link.codec.frames import decode_frame
 
 RANGES = {
     "b": (-(2**7), 2**7 - 1),
@@ -140,6 +141,15 @@ def test_any_payload_with_a_good_checksum_decodes_as_the_generated_codec_does(ki
     reference = mavlink.MAVLink(None).decode(bytearray(frame))
     assert repr(got.to_dict()) == repr(reference.to_dict())
     assert got.get_srcSystem() == 2
+    known = decode_frame(frame)
+    assert repr(known.to_dict()) == repr(reference.to_dict())
+    assert vars(known.get_header()) == vars(got.get_header())
+
+
+def test_a_whole_frame_of_an_unknown_message_has_none():
+    frame = bytearray(frames(1)[0])
+    frame[7:10] = b"\xff\xff\xff"
+    assert decode_frame(bytes(frame)) is None
 
 
 def test_frames_cut_anywhere_are_joined():

@@ -39,31 +39,6 @@ def test_every_id_means_what_it_always_meant():
     assert {one: meaning_of(load_scenario(one)) for one in scenario_ids()} == MEANINGS
 
 
-MEANINGS = {
-    "WBF/Miniberry-10-v1": "df31dcc75e4af7c040b65815",
-    "WBF/Miniberry-100-ArduCopter-Wind-v1": "7c3bb11771728abf9d3e917f",
-    "WBF/Miniberry-100-PX4-Wind-v1": "e4225f74712c95cd2efc3ec0",
-    "WBF/Miniberry-100-v1": "5d8584d547787c98a2b15296",
-    "WBF/Miniberry-30-ArduCopter-v1": "df8d8cfea7bbb6b7227281d5",
-    "WBF/Miniberry-30-Days-v1": "053e77fcdc594203439bc4dc",
-    "WBF/Miniberry-30-Leaves-v1": "d8bc408a831a7879fbf50874",
-    "WBF/Miniberry-30-Noisy-v1": "42f7ccb4cc4e1b74a9ef543b",
-    "WBF/Miniberry-30-PX4-v1": "adcc93aef630aaf7f8252cb6",
-    "WBF/Miniberry-30-Robots-2-v1": "cabd2f172a78e7d8654a8bc7",
-    "WBF/Miniberry-30-Robots-3-v1": "91682874fe6331c175f2498f",
-    "WBF/Miniberry-30-Robots-5-v1": "b45d68bde475db2afa8d96c5",
-    "WBF/Miniberry-30-Sweep-v1": "32aa95f094e9b8d9233b7d03",
-    "WBF/Miniberry-30-Wide-v1": "f61748dde62d6b7331c9ef59",
-    "WBF/Miniberry-30-v1": "6e23ad37c7a93b66db317104",
-    "WBF/Waterberry-v1": "5f47b466520c8fb070ff41e6",
-}
-
-
-def test_an_id_means_what_it_meant():
-    """The digests as they were before options were added that these scenarios leave as they were."""
-    assert {name: meaning_of(load_scenario(name)) for name in scenario_ids()} == MEANINGS
-
-
 @pytest.mark.parametrize("name", scenario_ids())
 def test_a_catalogued_scenario_is_flown_by_an_exact_estimate(name):
     assert not load_scenario(name).vehicle.estimate_errors

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
@@ -14,13 +16,14 @@ __all__ = ["CallsAhead", "Processes"]
 _T = TypeVar("_T")
 _POLL_S = 0.01
 _HAND_OVER_S = 5.0
+_LOOK_S = 2.0
 
 
 class Processes:
     """Processes of our own that make calls.
 
     They leave Ctrl-C to this one, and do not run the caller's script again, as those of the standard library
-    do.
+    do. When this one is killed they end, too, whatever they do.
 
     Parameters
     ----------
@@ -37,7 +40,7 @@ class Processes:
         from joblib.externals.loky import ProcessPoolExecutor
 
         self.most = 2 * workers
-        self._pool = ProcessPoolExecutor(workers, initializer=ignore_interrupts)
+        self._pool = ProcessPoolExecutor(workers, initializer=_begin, initargs=(os.getpid(),))
         self._open: set[Future[Any]] = set()
 
     def submit(self, function: Callable[..., _T], *arguments: Any) -> Future[_T]:
@@ -126,6 +129,19 @@ class CallsAhead(Generic[_T]):
         for arguments in self._arguments[self._submitted :][: self._processes.most - ahead]:
             self._futures[self._submitted] = self._processes.submit(self._function, *arguments)
             self._submitted += 1
+
+
+def _begin(parent: int) -> None:
+    """What a process of ours does first."""
+    ignore_interrupts()
+    threading.Thread(target=_end_with, args=(parent,), name="end with the parent", daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    """End this process soon after its parent; a killed one leaves its children to another parent."""
+    while os.getppid() == parent:
+        time.sleep(_LOOK_S)
+    os._exit(1)
 
 
 def _waits(future: Future[Any]) -> bool:

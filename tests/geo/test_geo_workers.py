@@ -105,3 +105,34 @@ def test_ctrl_c_ends_it_at_once_without_a_traceback(tmp_path):
     # Seldom loky warns of a semaphore that it cleans up itself.
     assert "Traceback" not in err
     assert "Error" not in err.replace("FileNotFoundError", "")
+
+
+KILLED = """
+import os, sys, time
+from geo.workers import CallsAhead
+
+def tell(seconds):
+    print(os.getpid(), flush=True)
+    time.sleep(seconds)
+
+if __name__ == "__main__":
+    calls = CallsAhead(tell, [(600.0,)] * 4)
+    calls.result(0)
+"""
+
+
+def test_processes_end_soon_after_one_that_was_killed(tmp_path):
+    (tmp_path / "script.py").write_text(KILLED)
+    process = subprocess.Popen(
+        [sys.executable, "script.py"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        env=unmeasured(PYTHONPATH=os.pathsep.join(sys.path)),
+    )
+    worker = int(process.stdout.readline())
+    os.kill(worker, 0)
+    process.kill()
+    # All processes hold an end of the pipe: it ends when they have ended.
+    process.communicate(timeout=60)

@@ -30,6 +30,14 @@ def test_a_long_name_leaves_room_for_the_numbers(capsys):
     assert max(map(len, told.splitlines())) <= FILE_WIDTH
 
 
+def test_a_number_is_never_broken(capsys):
+    interval = "-0.2840 (-0.3010 to -0.2670)"
+    rows = [["WBF/Miniberry-30-Sweep-v1 greedy:least_weight=0.35", *[interval] * 3, *["-0.2840"] * 9]] * 2
+    Output().table(None, ["planner", *["score over the run"] * 3, *["loss a cell"] * 9], rows)
+    told = capsys.readouterr().out
+    assert len(re.findall(r"-0\.2840 ", told)) >= 2 * 12
+
+
 def test_a_terminal_has_one_bar_for_each_thing():
     output = Output()
     output._stderr = Console(stderr=True, force_terminal=True, width=90)

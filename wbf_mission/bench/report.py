@@ -145,7 +145,9 @@ def _plot(scenario: str, found: Sequence[Standing], rows: Sequence[BenchRow], fo
     axes.set_xlabel("time, s")
     axes.set_ylabel("score, 0 is perfect")
     left_out = f" (the best {_MOST_LINES} of {len(found)})" if len(found) > _MOST_LINES else ""
-    axes.set_title(f"{scenario}: mean score, with its interval of 95 %{left_out}", fontsize=10, loc="left")
+    axes.set_title(
+        f"{scenario}: mean score, with Student's interval of 95 %{left_out}", fontsize=10, loc="left"
+    )
     axes.set_ylim(top=0.0)
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc="lower right")

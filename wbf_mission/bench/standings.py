@@ -17,7 +17,7 @@ _DRAWS = 2000
 _SEED = 0
 _PART_VALUES = 200_000
 _LEAST_ERROR = 1e-9
-_FEWEST_TO_RESAMPLE = 5
+_FEWEST_TO_RESAMPLE = 7
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +86,8 @@ def mean_interval(values: NDArray[np.float64]) -> Interval:
 
     The interval is that of Student's t with the distribution of t taken from resamples, so that it is right
     for few and for skewed values, too (B. Efron & R. Tibshirani, "An Introduction to the Bootstrap", 1993,
-    chapter 12.5); of fewer than five values, which have too few resamples, it is Student's.
+    chapter 12.5); of fewer than seven values, which have too few resamples, it is Student's: with one of five
+    far off the other would be many times too wide.
 
     Parameters
     ----------

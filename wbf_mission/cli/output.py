@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 
 _TELL_AFTER_S = {"training the estimator": 0.0, "planning": 5.0}
 FILE_WIDTH = 140  # columns of a table that goes to a file or a pipe
-_LONGEST_NAME = 60
+_LEAST_NAME, _LONGEST_NAME = 8, 60
+_LONGEST_WORD = 14
+_BESIDE_A_CELL = 3
 ProgressCallback = Callable[[str, float, float], None]
 
 
@@ -113,14 +115,18 @@ class Output:
         table = Table(
             title=printable(title) or None, title_justify="left", title_style="bold", show_lines=lines
         )
-        # Names stay in a line, unless that would leave no room for the numbers.
-        short = all(len(row[0]) <= _LONGEST_NAME for row in rows)
+        # Words and numbers are not broken: what is too wide is the name's, or is told in more lines.
+        least = [_longest_word([name, *(row[k] for row in rows)]) for k, name in enumerate(header)]
+        room = _stdout_width() - sum(least[1:]) - _BESIDE_A_CELL * len(header) - 1
+        longest = max((len(row[0]) for row in rows), default=0)
+        short = longest <= min(room, _LONGEST_NAME)
         for column, name in enumerate(header):
             table.add_column(
                 name,
                 justify="left" if left or column == 0 else "right",
                 no_wrap=column == 0 and short,
-                max_width=None if column or short else _LONGEST_NAME,
+                min_width=least[column] if column else min(longest, _LEAST_NAME),
+                max_width=None if column or short else max(min(room, _LONGEST_NAME), _LEAST_NAME),
                 overflow="fold",
             )
         for row in rows:
@@ -244,6 +250,18 @@ def _print_table(table: Table) -> None:
 
     with to_stdout():
         PlainConsole(sys.stdout, width=None if sys.stdout.isatty() else FILE_WIDTH).print(table)
+
+
+def _stdout_width() -> int:
+    from wbf_mission.cli.console import PlainConsole
+
+    return PlainConsole(sys.stdout).width if sys.stdout.isatty() else FILE_WIDTH
+
+
+def _longest_word(texts: list[str]) -> int:
+    """Return how wide the longest word is that is not broken in a table: numbers and short words."""
+    words = (len(word) for text in texts for word in text.split())
+    return max((width for width in words if width <= _LONGEST_WORD), default=1)
 
 
 @contextmanager

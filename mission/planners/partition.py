@@ -24,6 +24,7 @@ _WEIGHT_ROUNDS = 12
 _BALANCE_ROUNDS = 25
 _MOVED = 1e-3
 _LEAST_SHARE = 0.02
+_ROUNDING = 1e-8
 # The plastic number's: a sequence that fills the plane evenly (Roberts 2018, "R2").
 _EVEN = (0.7548776662466927, 0.5698402909980532)
 
@@ -319,8 +320,10 @@ def _connected(pieces: list[list[shapely.Polygon]]) -> list[list[shapely.Polygon
     largest = [max(each, key=lambda piece: piece.area) for each in pieces]
     loose = [piece for each, main in zip(pieces, largest, strict=True) for piece in each if piece is not main]
     parts: list[shapely.Geometry] = list(largest)
+    # Both sides of a border were cut on their own: they differ by rounding.
+    near_m = _ROUNDING * max(math.sqrt(piece.area) for piece in largest)
     for piece in sorted(loose, key=lambda one: -one.area):
-        borders = [shapely.length(shapely.intersection(piece, part)) for part in parts]
-        taker = int(np.argmax(borders))
-        parts[taker] = shapely.union(parts[taker], piece)
+        around = [shapely.intersection(piece.boundary, shapely.buffer(part, near_m)) for part in parts]
+        taker = int(np.argmax(shapely.length(around)))
+        parts[taker] = shapely.union(parts[taker], piece, grid_size=near_m)
     return [_polygons(part) for part in parts]

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from mission.errors import PlanningError
@@ -15,6 +15,7 @@ TWO_FIELDS = shapely.MultiPolygon([shapely.box(0.0, 0.0, 10.0, 10.0), shapely.bo
 @pytest.mark.parametrize("divide", PARTITIONS.values(), ids=PARTITIONS)
 @pytest.mark.parametrize("area", [FIELD, WITH_POND, TWO_FIELDS], ids=["field", "pond", "two fields"])
 @given(sizes=st.lists(st.floats(0.3, 1.0), min_size=1, max_size=6))
+@example(sizes=[0.3046875, 0.8984375, 0.3125])
 @settings(max_examples=6, deadline=None)
 def test_parts_are_the_whole_area_without_overlap(divide, area, sizes):
     parts = divide(area, sizes)

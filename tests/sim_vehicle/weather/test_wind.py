@@ -314,6 +314,7 @@ def test_heading_and_direction_over_ground_are_two_things():
     vehicle.pilot.controls.state = replace(
         vehicle.pilot.state, velocity_m_s=(11.0, 0.0, 0.0), yaw_rad=math.radians(70.0)
     )
+    vehicle.state.sense(1.0)
     position = message(vehicle, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
     assert (position.hdg, position.vx, position.vy) == (7000, 0, 1100)
     assert message(vehicle, mavlink.MAVLINK_MSG_ID_GPS_RAW_INT).cog == 9000

@@ -328,7 +328,8 @@ def test_the_same_flight_both_ways(autopilot, tmp_path):
         for way, r in flown.items()
     }
     assert len(seen["own"]) > 20
-    assert len(seen["own"] ^ seen["mavsdk"]) <= 0.1 * len(seen["own"])
+    # A camera that is triggered a moment later sees some of its images in the next cell.
+    assert len(seen["own"] ^ seen["mavsdk"]) <= 0.2 * len(seen["own"])
     for result in flown.values():
         truth = result.truth[:, result.observations.x, result.observations.y]
         assert (result.observations.values == truth.T).all()

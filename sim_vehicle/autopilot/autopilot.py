@@ -50,6 +50,8 @@ class Firmware:
         How it takes the corners of a path, and the acceptance radius that it can hold.
     sticks : StickRules, optional
         How it flies by sticks; without them they do nothing.
+    estimate_errs : bool
+        The errors of its estimate are known (`sim_vehicle.airframe.estimate_errors`).
     """
 
     title: str
@@ -62,6 +64,7 @@ class Firmware:
     habits: MissionHabits = field(default_factory=MissionHabits)
     turns: Turns = field(default_factory=Turns)
     sticks: StickRules | None = None
+    estimate_errs: bool = False
     reference: Callable[[], Sequence[MavParameter]] = tuple
 
     def parameters(self, spec: VehicleSpec, system_id: int) -> tuple[MavParameter, ...]:

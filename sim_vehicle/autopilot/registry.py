@@ -118,11 +118,9 @@ def flight_procedures(spec: VehicleSpec) -> FlightProcedures:
 
 
 def estimate_errs(spec: VehicleSpec) -> bool:
-    """Whether a vehicle can be flown by an estimate that errs as its autopilot's does: PX4's multirotors.
-
-    Procedures say so with an attribute ``estimate_errs``.
-    """
-    return bool(getattr(flight_procedures(spec), "estimate_errs", False))
+    """Whether a vehicle can be flown by an estimate that errs as its autopilot's does: PX4's multirotors."""
+    firmware = firmware_of(spec)
+    return firmware is not None and firmware.estimate_errs
 
 
 def fixed_wing_procedures(spec: VehicleSpec) -> FixedWingProcedures:

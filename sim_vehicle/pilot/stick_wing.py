@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.execution.state import LandedState
 
 if TYPE_CHECKING:
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
 __all__ = ["StickWing"]
 
-_GRAVITY = 9.80665
 _AHEAD_M, _AGAIN_M = 2000.0, 1000.0
 _LEAST_BANK_RAD = math.radians(1.5)
 _LOWEST_M, _WIDEST_M = 5.0, 1000.0
@@ -73,7 +73,7 @@ class StickWing:
         executor = controls.executor
         if turns:
             speed = controls.spec.cruise_speed_m_s
-            radius = min(speed**2 / (_GRAVITY * math.tan(abs(bank_rad))), _WIDEST_M)
+            radius = min(speed**2 / (GRAVITY_M_S2 * math.tan(abs(bank_rad))), _WIDEST_M)
             side = math.copysign(radius, bank_rad)
             centre = (x + side * math.cos(course), y - side * math.sin(course))
             controls.order(lambda: executor.orbit(*centre, height, side, speed))

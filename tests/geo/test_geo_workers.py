@@ -72,6 +72,19 @@ def test_it_is_given_up_while_calls_run_and_others_wait():
     calls.close()
 
 
+def started(folder, script):
+    (folder / "script.py").write_text(script)
+    return subprocess.Popen(
+        [sys.executable, "script.py"],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env=unmeasured(PYTHONPATH=os.pathsep.join(sys.path)),
+    )
+
+
 SCRIPT = """
 import sys, time
 from geo.workers import CallsAhead
@@ -88,16 +101,7 @@ if __name__ == "__main__":
 
 
 def test_ctrl_c_ends_it_at_once_without_a_traceback(tmp_path):
-    (tmp_path / "script.py").write_text(SCRIPT)
-    process = subprocess.Popen(
-        [sys.executable, "script.py"],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        env=unmeasured(PYTHONPATH=os.pathsep.join(sys.path)),
-    )
+    process = started(tmp_path, SCRIPT)
     assert process.stdout.readline() == "begun\n"
     os.killpg(process.pid, signal.SIGINT)
     out, err = process.communicate(timeout=120)
@@ -122,15 +126,7 @@ if __name__ == "__main__":
 
 
 def test_processes_end_soon_after_one_that_was_killed(tmp_path):
-    (tmp_path / "script.py").write_text(KILLED)
-    process = subprocess.Popen(
-        [sys.executable, "script.py"],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-        env=unmeasured(PYTHONPATH=os.pathsep.join(sys.path)),
-    )
+    process = started(tmp_path, KILLED)
     worker = int(process.stdout.readline())
     os.kill(worker, 0)
     process.kill()

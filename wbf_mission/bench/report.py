@@ -8,11 +8,10 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from wbf_mission.bench.page import Page, Picture, Section, Table
 from wbf_mission.bench.row import BenchRow
-from wbf_mission.bench.standings import Interval, Standing, standings
+from wbf_mission.bench.standings import Interval, Standing, standings, students_reach
 from wbf_mission.plots import LINE_COLOURS, new_figure, save_figure
 
 __all__ = [
@@ -140,8 +139,8 @@ def _plot(scenario: str, found: Sequence[Standing], rows: Sequence[BenchRow], fo
         means = scores.mean(axis=0)
         axes.plot(times_s, means, color=colour, label=f"{one.planner}, {one.estimator}")
         if len(own) >= _FEWEST_FOR_A_BAND:
-            error = scores.std(axis=0, ddof=1) / np.sqrt(len(own)) * stats.t.ppf(0.975, len(own) - 1)
-            axes.fill_between(times_s, means - error, means + error, color=colour, alpha=0.12, linewidth=0.0)
+            reach = students_reach(scores)
+            axes.fill_between(times_s, means - reach, means + reach, color=colour, alpha=0.12, linewidth=0.0)
     axes.set_xlabel("time, s")
     axes.set_ylabel("score, 0 is perfect")
     left_out = f" (the best {_MOST_LINES} of {len(found)})" if len(found) > _MOST_LINES else ""

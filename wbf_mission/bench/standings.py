@@ -11,7 +11,7 @@ from scipy import stats
 
 from wbf_mission.bench.row import BenchRow
 
-__all__ = ["Interval", "Standing", "mean_interval", "standings"]
+__all__ = ["Interval", "Standing", "mean_interval", "standings", "students_reach"]
 
 _DRAWS = 2000
 _SEED = 0
@@ -101,10 +101,10 @@ def mean_interval(values: NDArray[np.float64]) -> Interval:
     mean = float(values.mean())
     if count == 1:
         return Interval(mean, np.nan, np.nan)
-    error = values.std(ddof=1) / np.sqrt(count)
     if count < _FEWEST_TO_RESAMPLE:
-        reach = stats.t.ppf(0.975, count - 1) * error
-        return Interval(mean, float(mean - reach), float(mean + reach))
+        reach = float(students_reach(values))
+        return Interval(mean, mean - reach, mean + reach)
+    error = values.std(ddof=1) / np.sqrt(count)
     means, errors = np.empty(_DRAWS), np.empty(_DRAWS)
     for begin, part in _resamples(count):
         drawn = values[part]
@@ -116,6 +116,22 @@ def mean_interval(values: NDArray[np.float64]) -> Interval:
         return Interval(mean, mean, mean)
     low, high = np.quantile((means[usable] - mean) / errors[usable], [0.025, 0.975])
     return Interval(mean, float(mean - high * error), float(mean - low * error))
+
+
+def students_reach(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far Student's interval of 95 % reaches to both sides of a mean.
+
+    Parameters
+    ----------
+    values : float64[n, ...]
+        One value an environment, two at least.
+
+    Returns
+    -------
+    float64[...]
+    """
+    count = len(values)
+    return np.asarray(values.std(axis=0, ddof=1) / np.sqrt(count) * stats.t.ppf(0.975, count - 1))
 
 
 def standings(rows: Sequence[BenchRow]) -> list[Standing]:

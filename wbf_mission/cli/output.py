@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from rich.progress import Progress
     from rich.table import Table
 
+    from wbf_mission.cli.console import PlainConsole
+
 _TELL_AFTER_S = {"training the estimator": 0.0, "planning": 5.0}
 FILE_WIDTH = 140  # columns of a table that goes to a file or a pipe
 _LEAST_NAME, _LONGEST_NAME = 8, 60
@@ -117,7 +119,7 @@ class Output:
         )
         # Words and numbers are not broken: what is too wide is the name's, or is told in more lines.
         least = [_longest_word([name, *(row[k] for row in rows)]) for k, name in enumerate(header)]
-        room = _stdout_width() - sum(least[1:]) - _BESIDE_A_CELL * len(header) - 1
+        room = _stdout_console().width - sum(least[1:]) - _BESIDE_A_CELL * len(header) - 1
         longest = max((len(row[0]) for row in rows), default=0)
         short = longest <= min(room, _LONGEST_NAME)
         for column, name in enumerate(header):
@@ -246,16 +248,14 @@ def _encodable(value: Any) -> Any:
 
 
 def _print_table(table: Table) -> None:
-    from wbf_mission.cli.console import PlainConsole
-
     with to_stdout():
-        PlainConsole(sys.stdout, width=None if sys.stdout.isatty() else FILE_WIDTH).print(table)
+        _stdout_console().print(table)
 
 
-def _stdout_width() -> int:
+def _stdout_console() -> PlainConsole:
     from wbf_mission.cli.console import PlainConsole
 
-    return PlainConsole(sys.stdout).width if sys.stdout.isatty() else FILE_WIDTH
+    return PlainConsole(sys.stdout, width=None if sys.stdout.isatty() else FILE_WIDTH)
 
 
 def _longest_word(texts: list[str]) -> int:

@@ -46,6 +46,7 @@ _COPTER = Firmware(
     turns=Turns(2.0, leads=True),
     reference=partial(reference_parameters, "px4"),
     sticks=STICKS,
+    estimate_errs=True,
 )
 PX4 = Autopilot(
     name="px4",
@@ -64,6 +65,7 @@ PX4 = Autopilot(
                 turns=Turns(2.0),
                 reference=partial(reference_parameters, "px4", without=_OF_MULTIROTORS),
                 sticks=None,
+                estimate_errs=False,
             ),
             "rover": replace(
                 _COPTER,
@@ -73,6 +75,7 @@ PX4 = Autopilot(
                 turns=Turns(),
                 reference=partial(reference_parameters, "px4", without=_OF_MULTIROTORS),
                 sticks=None,
+                estimate_errs=False,
             ),
         }
     ),

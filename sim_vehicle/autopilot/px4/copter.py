@@ -30,8 +30,6 @@ class Px4MultirotorProcedures:
 
     name = "px4"
     parameters: Mapping[str, ParameterSpec] = PARAMETERS
-    estimate_errs = True
-    """The errors of its estimate are known (`sim_vehicle.airframe.estimate_errors`)."""
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
         """Return the vehicle with the speeds, heights and limits that its parameters say."""

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from geo import Farm, FarmGrid
 from geo.farms import get_farm
@@ -19,6 +18,7 @@ from wbf_mission.bench.paper.sheet import new_sheet, save_sheet
 from wbf_mission.bench.paper.shown import ShownRun
 from wbf_mission.bench.report import score_over_time
 from wbf_mission.bench.row import BenchRow
+from wbf_mission.bench.standings import students_reach
 from wbf_mission.path_plot import FLOWN
 from wbf_mission.plots import LAND, WORST_COLOURS, draw_farm
 from wbf_mission.scenario import Scenario
@@ -125,7 +125,7 @@ def plot_scores(
             means = scores.mean(axis=0)
             axes.plot(times_s, means, color=colour, label=planner, linewidth=1.6)
             if len(own) >= _FEWEST_FOR_A_BAND:
-                reach = scores.std(axis=0, ddof=1) / np.sqrt(len(own)) * stats.t.ppf(0.975, len(own) - 1)
+                reach = students_reach(scores)
                 axes.fill_between(
                     times_s, means - reach, means + reach, color=colour, alpha=0.13, linewidth=0.0
                 )

@@ -2,7 +2,7 @@
 
 ``all`` of pymavlink holds the common, standard, development and ArduPilot messages;
 `mission.link.codec.additions` adds what it lacks (opaque plan ids, PROTOCOL_VERSION, COMPONENT_METADATA,
-events).
+events); `mission.link.codec.lean` lets its messages be made without a header.
 """
 
 from typing import Any
@@ -10,8 +10,10 @@ from typing import Any
 from pymavlink.dialects.v20 import all as generated
 
 from mission.link.codec.additions import extend
+from mission.link.codec.lean import lighten
 
 extend(generated)
+lighten(generated)
 mavlink: Any = generated
 Message = generated.MAVLink_message
 

@@ -209,8 +209,8 @@ def test_the_private_attributes_are_those_of_the_pinned_pymavlink():
     for frame in frames(3):
         (ours,) = FrameReader().feed(frame)
         theirs = mavlink.MAVLink(None).decode(bytearray(frame))
-        assert vars(ours).keys() == vars(theirs).keys()
         assert vars(ours.get_header()) == vars(theirs.get_header())
+        assert vars(ours).keys() == vars(theirs).keys() - {"_signed"}  # which the class has
         assert bytes(ours._msgbuf) == bytes(theirs._msgbuf) == frame
         assert (ours._crc, bytes(ours._payload)) == (theirs._crc, frame[10:-2])
         values = [name for name in vars(ours) if name not in ("_header", "_msgbuf", "_payload", "_crc")]

@@ -11,6 +11,8 @@ import numpy as np
 from mission.model import Command
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
     from recordings import Flight
 
@@ -22,6 +24,9 @@ __all__ = ["Phases", "Turns", "phases", "turns"]
 _WAYPOINTS = frozenset({16, 82})
 _GROUND_M = 2.0
 _NEAR_M = 1.0
+# How far below its greatest height a flight may be on its way home and not yet descend: an estimated
+# height drifts by a metre and more.
+_LEVEL_M = 2.0
 _REST_M_S = 0.1
 _SMOOTH_S = 0.5
 _CORNER = np.radians(30.0)
@@ -61,7 +66,7 @@ class Phases:
 
 @dataclass(frozen=True, slots=True)
 class Turns:
-    """How a flight takes the corners of more than 30 degrees; medians of those without gaps in the samples.
+    """How a flight takes the corners of more than 30 degrees: medians.
 
     Parameters
     ----------
@@ -106,7 +111,7 @@ def phases(flight: Flight, items: tuple[MissionItem, ...], start_s: float, *, fl
     time_s = flight.time_s[after]
     if flies and not np.isnan(flight.end_s):
         high = height[after]
-        sinks = float(time_s[np.flatnonzero(high >= high.max() - _NEAR_M)[-1]])
+        sinks = float(time_s[np.flatnonzero(high >= high.max() - _LEVEL_M)[-1]])
         return Phases(takeoff, first - start_s, last - first, sinks - last, flight.end_s - sinks)
     distance = np.hypot(*flight.position_m[after, :2].T)
     if flies:
@@ -119,32 +124,50 @@ def phases(flight: Flight, items: tuple[MissionItem, ...], start_s: float, *, fl
     return Phases(takeoff, first - start_s, last - first, home, float("nan"))
 
 
-def turns(flight: Flight, items: tuple[MissionItem, ...], frame: LocalFrame) -> Turns:
-    """Return how a flight takes its corners, each from the middle of one leg to that of the next."""
+def turns(flights: Sequence[Flight], items: tuple[MissionItem, ...], frame: LocalFrame) -> list[Turns]:
+    """Return how flights take the corners that all of them show, without a gap about them."""
+    seen = [_corners(flight, items, frame) for flight in flights]
+    common = set.intersection(*(set(corners) for corners in seen))
+    if not common:
+        return [Turns(*[float("nan")] * 5) for _ in flights]
+    found = []
+    for corners in seen:
+        table = np.array([corners[i] for i in sorted(common)])
+        miss, overshoot, radius, turn_rate = np.median(table, axis=0).tolist()
+        found.append(Turns(miss, overshoot, float(table[:, 1].max()), radius, turn_rate))
+    return found
+
+
+def _corners(
+    flight: Flight, items: tuple[MissionItem, ...], frame: LocalFrame
+) -> dict[int, tuple[float, float, float, float]]:
+    """Return the four measures of each corner, from the middle of one leg to that of the next.
+
+    A corner is passed when the flight comes nearest to it: after a gap it is told late.
+    """
     seqs = [seq for seq, item in enumerate(items) if item.command in _WAYPOINTS]
     places = np.array([frame.from_wgs84(items[seq].x, items[seq].y) for seq in seqs])
     told = np.array([min((t for t, s in flight.reached if seq <= s), default=np.nan) for seq in seqs])
     rate, speed = _turning(flight)
-    found = []
+    found = {}
     for i, (before, after) in enumerate(pairwise(np.diff(places, axis=0)), start=1):
         if abs(np.arctan2(before[0] * after[1] - before[1] * after[0], before @ after)) < _CORNER:
             continue
-        if not _is_seen(flight, told[i]):
-            continue
         begin, end = 0.5 * (told[i - 1] + told[i]), 0.5 * (told[i] + told[i + 1])
         here = (flight.time_s >= begin) & (flight.time_s <= end)
-        leg = (flight.time_s >= begin) & (flight.time_s <= told[i + 1])
+        apart = np.hypot(*(flight.position_m[:, :2] - places[i]).T)
+        if not here.any() or not _is_seen(flight, flight.time_s[here][apart[here].argmin()]):
+            continue
+        onward = np.hypot(*(flight.position_m[:, :2] - places[i + 1]).T)
+        leg = np.flatnonzero((flight.time_s >= begin) & (flight.time_s <= told[i + 1]))
+        leg = leg[: onward[leg].argmin() + 1]
         across = np.array([after[1], -after[0]]) / np.hypot(*after)
         across *= np.sign(before @ across)
         beyond = (flight.position_m[leg, :2] - places[i]) @ across
-        miss = np.hypot(*(flight.position_m[here, :2] - places[i]).T).min()
         radius = _radius(flight.time_s[here], speed[here], rate[here])
-        found.append((miss, max(beyond.max(), 0.0), radius, np.degrees(rate[here].max())))
-    if not found:
-        return Turns(*[float("nan")] * 5)
-    table = np.array(found)
-    miss, overshoot, radius, turn_rate = np.median(table, axis=0).tolist()
-    return Turns(miss, overshoot, float(table[:, 1].max()), radius, turn_rate)
+        overshoot = max(float(beyond.max(initial=0.0)), 0.0)
+        found[i] = (float(apart[here].min()), overshoot, radius, float(np.degrees(rate[here].max())))
+    return found
 
 
 def _radius(

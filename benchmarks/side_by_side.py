@@ -164,7 +164,8 @@ def _phases(pair: Pair) -> list[str]:
 
 
 def _turns(pair: Pair) -> list[str]:
-    both = [astuple(turns(flight, pair.recording.items, pair.recording.frame)) for flight, _ in pair.both()]
+    flights = [flight for flight, _ in pair.both()]
+    both = [astuple(found) for found in turns(flights, pair.recording.items, pair.recording.frame)]
     units = "m", "m", "m", "m", "deg/s"
     cells = [_beside(values, unit) for values, unit in zip(zip(*both, strict=True), units, strict=True)]
     (recorded, _), (simulated, _) = pair.both()

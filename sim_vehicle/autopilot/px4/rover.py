@@ -20,21 +20,22 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.rover.model import RoverLimits
+    from sim_vehicle.motion.rover.model import RoverLimits, SihRover
 
 __all__ = ["PX4_ROVER"]
 
 _DIFFERENTIAL = 6.0
 _GRIP_M_S2 = 0.4 * GRAVITY_M_S2
-# The rover of the simulator (`sih.cpp`): force of full throttle, rolling resistance over weight, how soon it
-# turns as asked, wheel base, greatest angle of the wheels and cornering stiffness.
+# The rover of the simulator (`sih.cpp`): force of full throttle, rolling resistance over weight, wheel base,
+# greatest angle of the wheels and cornering stiffness. It lags behind its outputs only in those of its steps
+# of 4 ms in which new ones have come, and they come every 10 ms.
 _SIH_ROVER = 5.0
 _SIH_FORCE_N = 400.0
 _SIH_ROLLING = 0.3
-_SIH_STEERING_S = 0.08
 _SIH_WHEEL_BASE_M = 0.321
 _SIH_STEERING_RAD = math.radians(30.0)
 _SIH_STIFFNESS_N_RAD = 500.0
+_SIH_STEPS = 10.0 / 4.0
 PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
     {
         "CA_AIRFRAME": ParameterSpec(5.0, 5.0, 6.0, "", "5 Ackermann, 6 differential", integer=True),
@@ -52,6 +53,9 @@ PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
             0.174533, 0.001, 3.14159, "rad", "error at which it turns on the spot"
         ),
         "RD_TRANS_TRN_DRV": ParameterSpec(0.0872665, 0.001, 3.14159, "rad", "error at which it drives on"),
+        "RA_STR_RATE_LIM": ParameterSpec(
+            -1.0, -1.0, 1000.0, "deg/s", "change of the simulated rover's steering, -1: any"
+        ),
         "RO_ACCEL_LIM": ParameterSpec(-1.0, -1.0, 100.0, "m/s^2", "acceleration, -1: the vehicle's"),
         "RO_DECEL_LIM": ParameterSpec(-1.0, -1.0, 100.0, "m/s^2", "deceleration, -1: the vehicle's"),
         "RO_JERK_LIM": ParameterSpec(-1.0, -1.0, 100.0, "m/s^3", "jerk of slowing down, -1: any"),
@@ -66,12 +70,19 @@ PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
         "RO_YAW_P": ParameterSpec(
             0.0, 0.0, 100.0, "1/s", "rate of turning over error of heading, 0: the bend of pure pursuit"
         ),
+        "RO_YAW_RATE_CORR": ParameterSpec(
+            1.0, 0.01, 10000.0, "", "steering of the simulated rover over rate of turning, feed-forward"
+        ),
+        "RO_YAW_RATE_I": ParameterSpec(0.0, 0.0, 100.0, "", "the same, integrator"),
         "RO_YAW_RATE_LIM": ParameterSpec(0.0, 0.0, 10000.0, "deg/s", "rate of turning, 0: the vehicle's"),
+        "RO_YAW_RATE_P": ParameterSpec(0.0, 0.0, 100.0, "", "steering over error of the rate of turning"),
+        "SIH_IZZ": ParameterSpec(0.03, 0.0, 1000.0, "kg m^2", "moment of inertia of the simulated rover"),
         "SIH_KDV": ParameterSpec(1.0, 0.0, 1000.0, "N s^2/m^2", "drag of the simulated rover"),
         "SIH_KDW": ParameterSpec(0.025, 0.0, 100.0, "N m s", "damping of turns of the simulated rover"),
         "SIH_LOC_LAT0": ParameterSpec(47.397742, -90.0, 90.0, "deg", "latitude of the simulated rover"),
         "SIH_LOC_LON0": ParameterSpec(8.545594, -180.0, 180.0, "deg", "longitude of the simulated rover"),
         "SIH_MASS": ParameterSpec(1.0, 0.02, 1000.0, "kg", "mass of the simulated rover"),
+        "SIH_T_TAU": ParameterSpec(0.05, 0.001, 100.0, "s", "lag of the simulated rover"),
         "SIH_VEHICLE_TYPE": ParameterSpec(
             0.0, 0.0, 5.0, "", "5: the vehicle is the rover of PX4's simulator", integer=True
         ),
@@ -109,6 +120,7 @@ class Px4Rover(RoverProcedures):
         turn_rate = math.radians(rate) if rate > 0.0 else spec.yaw_rate_rad_s * 2.0
         radius = value["RA_WHEEL_BASE"] / math.tan(value["RA_MAX_STR_ANG"])
         accel = value["RO_YAW_ACCEL_LIM"]
+        cuts = not skid and value["RA_ACC_RAD_MAX"] > 0.0
         own = RoverLimits(
             speed_max=speed_max,
             acceleration=_own(value["RO_ACCEL_LIM"], spec.acceleration_m_s2),
@@ -124,7 +136,8 @@ class Px4Rover(RoverProcedures):
             pivot_end=min(value["RD_TRANS_TRN_DRV"], value["RD_TRANS_DRV_TRN"]),
             pivot_rate=math.radians(rate) if rate > 0.0 else spec.yaw_rate_rad_s,
             acceptance=value["NAV_ACC_RAD"],
-            corner_gain=value["RA_ACC_RAD_GAIN"] if not skid and value["RA_ACC_RAD_MAX"] > 0.0 else 0.0,
+            # The radius that counts at corners is that of the front wheels (wheel base over the sine).
+            corner_gain=value["RA_ACC_RAD_GAIN"] / math.cos(value["RA_MAX_STR_ANG"]) if cuts else 0.0,
             corner_max=max(value["RA_ACC_RAD_MAX"], value["NAV_ACC_RAD"]),
             passes=False,
             yaw_p=value["RO_YAW_P"],
@@ -133,24 +146,36 @@ class Px4Rover(RoverProcedures):
             corner_slows=value["RO_SPEED_RED"] if value["RO_SPEED_RED"] > 0.0 else -1.0,
             corner_least=radius * turn_rate,
             corner_most=value["RO_MAX_THR_SPEED"] or speed_max,
-            throttle_speed=value["RO_MAX_THR_SPEED"] or speed_max,
-            speed_p=value["RO_SPEED_P"],
-            speed_i=value["RO_SPEED_I"],
         )
-        return _simulated(own, value) if value["SIH_VEHICLE_TYPE"] == _SIH_ROVER else own
+        if value["SIH_VEHICLE_TYPE"] != _SIH_ROVER:
+            return own
+        # Its tyres hold in every turn.
+        return replace(own, lateral=math.inf, simulated=_simulated(own, value))
 
 
-def _simulated(law: RoverLimits, value: Mapping[str, float]) -> RoverLimits:
-    """Limits of the rover of PX4's simulator: what its motor gives, and tyres that hold in every turn."""
+def _simulated(law: RoverLimits, value: Mapping[str, float]) -> SihRover:
+    """Return the rover of PX4's simulator."""
+    from sim_vehicle.motion.rover.model import SihRover
+
     latitude, longitude = math.radians(value["SIH_LOC_LAT0"]), math.radians(value["SIH_LOC_LON0"])
     sine, cosine = math.sin(latitude), math.cos(latitude)
-    return replace(
-        law,
-        lateral=math.inf,
-        steering_s=_SIH_STEERING_S,
-        understeer=value["SIH_KDW"] / (_SIH_WHEEL_BASE_M * _SIH_STIFFNESS_N_RAD * _SIH_STEERING_RAD),
+    steer_speed = value["RA_STR_RATE_LIM"]
+    return SihRover(
+        throttle_speed=law.corner_most,
+        speed_p=value["RO_SPEED_P"],
+        speed_i=value["RO_SPEED_I"],
+        wheel_base=_SIH_WHEEL_BASE_M,
+        steer_max=_SIH_STEERING_RAD,
+        steer_speed=math.radians(steer_speed) if steer_speed > 0.0 else 1e5,
+        rate_ff=value["RO_YAW_RATE_CORR"],
+        rate_p=value["RO_YAW_RATE_P"],
+        rate_i=value["RO_YAW_RATE_I"],
         force=_SIH_FORCE_N / value["SIH_MASS"],
         friction=_SIH_ROLLING * GRAVITY_M_S2,
+        grip=_SIH_STIFFNESS_N_RAD / value["SIH_MASS"],
+        turn_grip=_SIH_STIFFNESS_N_RAD / value["SIH_IZZ"],
+        turn_damping=value["SIH_KDW"] / value["SIH_IZZ"],
+        actuator_s=value["SIH_T_TAU"] * _SIH_STEPS,
         drag=value["SIH_KDV"] / value["SIH_MASS"],
         north=(-sine * math.cos(longitude), -sine * math.sin(longitude), cosine),
         east=(-math.sin(longitude), math.cos(longitude), 0.0),

@@ -67,7 +67,7 @@ from sim_vehicle.motion.ardurover.layout import (
     TURN_ASKED,
     TURN_SPEED,
 )
-from sim_vehicle.motion.rover.kernel import SPEED, STOPPED, THROTTLE
+from sim_vehicle.motion.rover.layout import SPEED, STOPPED, THROTTLE
 
 Floats = NDArray[np.float64]
 

@@ -62,8 +62,9 @@ from sim_vehicle.motion.arducopter.scurve import (
 )
 from sim_vehicle.motion.ardurover.control import ask, centre, drive, look_along, steer
 from sim_vehicle.motion.ardurover.layout import DECEL, NEAR, PIVOT_ANGLE, PIVOTS, PIVOTS_NEXT
-from sim_vehicle.motion.rover.kernel import ENERGY_LIMIT, PATIENCE_S, SLOW_SHARE, STOPPED
-from sim_vehicle.motion.rover.kernel import SPEED as DRIVEN
+from sim_vehicle.motion.rover.kernel import PATIENCE_S, SLOW_SHARE
+from sim_vehicle.motion.rover.layout import ENERGY_LIMIT, STOPPED
+from sim_vehicle.motion.rover.layout import SPEED as DRIVEN
 from sim_vehicle.motion.rows import clear, copy
 from sim_vehicle.motion.rules import complete_leg, mark_track, wind_row
 from sim_vehicle.weather.gust_kernel import wind_at

@@ -15,7 +15,7 @@ from sim_vehicle.motion.arducopter.joining import follows, join
 from sim_vehicle.motion.ardurover import kernel
 from sim_vehicle.motion.ardurover import layout as on
 from sim_vehicle.motion.legs import KEEP, LegKind
-from sim_vehicle.motion.rover import kernel as wheels
+from sim_vehicle.motion.rover import layout as wheels
 from sim_vehicle.motion.rover.model import NOT_DRIVEN, Rover
 
 if TYPE_CHECKING:

@@ -1,8 +1,8 @@
 """The compiled motion of one ground vehicle: pure pursuit, turns within its radius or on the spot.
 
 The model is described in docs/fixed-wing-and-rover.md; pure pursuit is that of R. C. Coulter, "Implementation
-of the pure pursuit path tracking algorithm", CMU-RI-TR-92-01, 1992. State and counters begin as those of
-`sim_vehicle.motion.multirotor.kernel`.
+of the pure pursuit path tracking algorithm", CMU-RI-TR-92-01, 1992. A vehicle without a force of its own has
+the speed that is asked for and turns as it is asked to; PX4's simulated rover moves by `.sih`.
 """
 
 from __future__ import annotations
@@ -13,65 +13,54 @@ from geo.compiled import compiled
 from sim_vehicle.energy.power_kernels import rover_power
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.multirotor.kernel import Floats, Integers
-from sim_vehicle.motion.rules import complete_leg, mark_track, wind_row
-from sim_vehicle.weather.gust_kernel import wind_at
-
-# The state beyond the shared numbers: speed over ground, throttle (0 to 1), whether it turns on the spot,
-# beginning of the leg (two numbers), step at which a pause ends (infinity: none runs), heading and rate of
-# turning that are asked for, speed that is asked for and the integrator of its error.
-SPEED, THROTTLE, PIVOTING, BEGIN, PAUSE_END = 19, 20, 21, 22, 24
-YAW_ASKED, RATE_ASKED, SPEED_ASKED, SPEED_INTEGRAL = 25, 26, 27, 28
-STATE = 29
-
-# One leg.
-(
+from sim_vehicle.motion.rover.layout import (
+    ACCELERATION,
+    AHEAD_GAIN,
+    AHEAD_MAX,
+    AHEAD_MIN,
+    AT_ONCE,
+    BEGIN,
+    BRAKE,
+    DECELERATION,
+    ENERGY_LIMIT,
+    FORCE,
+    JERK,
+    LATERAL,
+    LEG_END_SPEED,
+    LEG_HEADING,
+    LEG_KIND,
+    LEG_NEAR,
+    LEG_PAUSE,
+    LEG_RADIUS,
+    LEG_SPEED,
     LEG_X,
     LEG_Y,
-    LEG_KIND,
-    LEG_RADIUS,  # Acceptance radius.
-    LEG_SPEED,
-    LEG_NEAR,  # Distance to notify at.
-    LEG_END_SPEED,  # Speed at its end.
-    LEG_PAUSE,
-    LEG_HEADING,  # Heading to keep.
-) = range(9)
-LEG = 9
-THROUGH, STOP, AT_ONCE, VELOCITY, BRAKE = 0.0, 1.0, 2.0, 3.0, 4.0
-
-# limits
-(
-    STEP_S,
-    SPEED_MAX,
-    ACCELERATION,
-    DECELERATION,
-    TURN_RADIUS,
-    TURN_RATE,
-    LATERAL,
-    STEERING_S,
-    AHEAD_GAIN,
-    AHEAD_MIN,
-    AHEAD_MAX,
+    PASSES,
+    PAUSE_END,
     PIVOT_BEGIN,
     PIVOT_END,
     PIVOT_RATE,
-    PASSES,
-    ENERGY_LIMIT,
-    YAW_P,  # Rate of turning over the error of the heading; 0: pure pursuit gives the bend itself.
+    PIVOTING,
+    RATE_ASKED,
+    SIDEWAYS,
+    SPEED,
+    SPEED_MAX,
+    STEERING_S,
+    STEP_S,
+    STOPPED,
+    THROTTLE,
+    THROUGH,
+    TURN_RADIUS,
+    TURN_RATE,
+    VELOCITY,
     YAW_ACCELERATION,
-    JERK,  # 0: speeds before a corner or a stop are those of the deceleration alone.
-    THROTTLE_SPEED,  # What full throttle is thought to give.
-    SPEED_P,
-    SPEED_I,
-    FORCE,  # Per mass, of full throttle; 0: the vehicle has the speed that is asked for.
-    FRICTION,  # Per mass.
-    UNDERSTEER,  # Seconds: by so much times the speed the tightest turn gets wider.
-    DRAG,  # Per mass, over the square of the speed along each axis of the Earth.
-    NORTH,  # Of the axes of the Earth, three numbers each.
-) = range(27)
-EAST = NORTH + 3
-LIMITS = EAST + 3
+    YAW_ASKED,
+    YAW_P,
+)
+from sim_vehicle.motion.rover.sih import move, steer, thought_speed, throttle
+from sim_vehicle.motion.rules import complete_leg, mark_track, wind_row
+from sim_vehicle.weather.gust_kernel import wind_at
 
-STOPPED = 0.05
 CREEP = 0.3
 PATIENCE_S = 60.0
 SLOW_SHARE = 0.1
@@ -124,8 +113,8 @@ def _speed_before(limits: Floats, way: float, end: float) -> float:
 
 
 @compiled
-def _turned_to(state: Floats, limits: Floats, bearing: float) -> float:
-    """Return the rate of turning towards a bearing, as PX4 asks for it.
+def _turned_to(state: Floats, limits: Floats, bearing: float, speed: float) -> float:
+    """Return the rate of turning towards a bearing, as PX4 asks for it at a speed.
 
     The heading that is asked for goes to the bearing as fast as the vehicle can turn, unless it is nearer to
     that; the rate is in proportion to its error and has a limited acceleration.
@@ -133,7 +122,7 @@ def _turned_to(state: Floats, limits: Floats, bearing: float) -> float:
     dt, yaw = limits[STEP_S], state[col.HEADING]
     fastest = limits[TURN_RATE]
     if limits[TURN_RADIUS] > 0.0:
-        fastest = min(fastest, state[SPEED] / limits[TURN_RADIUS])
+        fastest = min(fastest, speed / limits[TURN_RADIUS])
     gap = (bearing - state[YAW_ASKED] + pi) % (2.0 * pi) - pi
     state[YAW_ASKED] += min(max(gap, -fastest * dt), fastest * dt)
     error = (state[YAW_ASKED] - yaw + pi) % (2.0 * pi) - pi
@@ -147,36 +136,6 @@ def _turned_to(state: Floats, limits: Floats, bearing: float) -> float:
         state[RATE_ASKED] = turns
     state[RATE_ASKED] += min(max(rate - state[RATE_ASKED], -change), change)
     return float(state[RATE_ASKED])
-
-
-@compiled
-def _driven(state: Floats, limits: Floats, wanted: float) -> float:
-    """Return the speed that the throttle gives after a step.
-
-    The drag is that of PX4's simulator, which takes it along the axes of the Earth one by one: it depends on
-    where the vehicle drives to (`sih.cpp`, ``generate_rover_ackermann_dynamics``).
-    """
-    dt, speed = limits[STEP_S], state[SPEED]
-    change = (limits[ACCELERATION] if wanted >= speed else limits[DECELERATION]) * dt
-    asked = state[SPEED_ASKED] + min(max(wanted - state[SPEED_ASKED], -change), change)
-    if abs(asked - speed) > abs(wanted - speed):
-        asked = wanted
-    state[SPEED_ASKED] = asked
-    throttle = 0.0
-    if asked > 0.0:
-        error = asked - speed
-        state[SPEED_INTEGRAL] = min(max(state[SPEED_INTEGRAL] + limits[SPEED_I] * error * dt, -1.0), 1.0)
-        throttle = asked / limits[THROTTLE_SPEED] + limits[SPEED_P] * error + state[SPEED_INTEGRAL]
-        throttle = min(max(throttle, -1.0), 1.0)
-    else:
-        state[SPEED_INTEGRAL] = 0.0
-    state[THROTTLE] = throttle
-    north, east = cos(state[col.HEADING]), sin(state[col.HEADING])
-    axes = 0.0
-    for k in range(3):
-        axes += abs(north * limits[NORTH + k] + east * limits[EAST + k]) ** 3
-    pull = limits[FORCE] * throttle - limits[FRICTION] - limits[DRAG] * axes * speed * abs(speed)
-    return float(max(speed + pull * dt, 0.0))
 
 
 @compiled
@@ -211,7 +170,8 @@ def _tick(state: Floats, row: Floats, arrived: bool, limits: Floats, step: int) 
             if speed < STOPPED:
                 rate = min(max(PIVOT_GAIN * error, -limits[PIVOT_RATE]), limits[PIVOT_RATE])
         elif limits[YAW_P] > 0.0:
-            rate = _turned_to(state, limits, bearing)
+            pace = thought_speed(state, limits) if limits[FORCE] > 0.0 else speed
+            rate = _turned_to(state, limits, bearing, pace)
             sense = 1.0 if error > 0.0 else -1.0
             radius = max(limits[TURN_RADIUS], speed / limits[TURN_RATE])
             inside = not _may_turn(state, row, sense, radius)
@@ -219,8 +179,6 @@ def _tick(state: Floats, row: Floats, arrived: bool, limits: Floats, step: int) 
                 rate = 0.0
             if speed > 0.1:
                 most = limits[LATERAL] / speed
-                if limits[UNDERSTEER] > 0.0:
-                    most = min(most, speed / (limits[TURN_RADIUS] + limits[UNDERSTEER] * speed))
                 rate = min(max(rate, -most), most)
         elif wanted > 0.0 or speed > 0.0:
             sense = 1.0 if error > 0.0 else -1.0
@@ -237,25 +195,29 @@ def _tick(state: Floats, row: Floats, arrived: bool, limits: Floats, step: int) 
             if speed > 0.1:
                 bend = min(bend, limits[LATERAL] / (speed * speed))
             rate = sense * min(bend * speed, limits[TURN_RATE])
-    before = speed
+    before, aside = speed, state[SIDEWAYS]
     if limits[FORCE] > 0.0:
-        speed = _driven(state, limits, wanted)
+        throttle(state, limits, wanted)
+        steer(state, limits, rate)
+        move(state, limits)
+        speed = state[SPEED]
     else:
         change = limits[ACCELERATION] if wanted > speed else limits[DECELERATION]
         speed += min(max(wanted - speed, -change * dt), change * dt)
         state[THROTTLE] = speed / limits[SPEED_MAX]
+        state[col.HEADING_RATE] += (rate - state[col.HEADING_RATE]) * min(dt / limits[STEERING_S], 1.0)
     if speed < 1e-6:
         speed = 0.0
-    state[col.HEADING_RATE] += (rate - state[col.HEADING_RATE]) * min(dt / limits[STEERING_S], 1.0)
     if speed == 0.0 and state[PIVOTING] == 0.0:
         state[col.HEADING_RATE] = 0.0
     middle = yaw + 0.5 * state[col.HEADING_RATE] * dt
     state[col.HEADING] = (yaw + state[col.HEADING_RATE] * dt) % (2.0 * pi)
-    way = 0.5 * (before + speed) * dt
-    state[col.POSITION_X] += way * sin(middle)
-    state[col.POSITION_Y] += way * cos(middle)
-    state[col.PATH_LENGTH] += way
-    ve, vn = speed * sin(state[col.HEADING]), speed * cos(state[col.HEADING])
+    way, drift = 0.5 * (before + speed) * dt, 0.5 * (aside + state[SIDEWAYS]) * dt
+    state[col.POSITION_X] += way * sin(middle) + drift * cos(middle)
+    state[col.POSITION_Y] += way * cos(middle) - drift * sin(middle)
+    state[col.PATH_LENGTH] += sqrt(way * way + drift * drift)
+    aside, yaw = state[SIDEWAYS], state[col.HEADING]
+    ve, vn = speed * sin(yaw) + aside * cos(yaw), speed * cos(yaw) - aside * sin(yaw)
     state[col.ACCELERATION_X], state[col.ACCELERATION_Y] = (
         (ve - state[col.VELOCITY_X]) / dt,
         (vn - state[col.VELOCITY_Y]) / dt,

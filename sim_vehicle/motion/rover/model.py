@@ -12,7 +12,8 @@ from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.motion.columns import HEADING, POSITION, POSITION_Z
 from sim_vehicle.motion.compiled_motion import CompiledMotion
 from sim_vehicle.motion.legs import KEEP, LegKind
-from sim_vehicle.motion.rover import kernel as wheels
+from sim_vehicle.motion.rover import layout as wheels
+from sim_vehicle.motion.rover.kernel import advance
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,6 +26,50 @@ if TYPE_CHECKING:
 
 NOT_DRIVEN = (LegKind.TAKEOFF, LegKind.CLIMB, LegKind.DESCEND)
 """Legs that mean nothing on the ground."""
+
+
+@dataclass(frozen=True, slots=True)
+class SihRover:
+    """The rover of PX4's simulator and the loops that steer and drive it; see `sim_vehicle.motion.rover.sih`.
+
+    Parameters
+    ----------
+    throttle_speed, speed_p, speed_i : float
+        Throttle over speed, m/s and s/m.
+    wheel_base, steer_max, steer_speed : float
+        Metres; greatest angle of the wheels, rad, and its greatest change, rad/s.
+    rate_ff, rate_p, rate_i : float
+        Angle of the wheels over the rate of turning: of the feed-forward, s, and 1.
+    force, friction : float
+        Per mass: of full throttle and of rolling, m/s^2.
+    grip, turn_grip, turn_damping : float
+        Cornering stiffness over mass and over the moment of inertia, damping over that.
+    actuator_s : float
+        Time constant of its outputs.
+    drag : float
+        Per mass, over the square of the speed along each axis of the Earth, 1/m.
+    north, east : tuple of 3 floats
+        Those directions in the axes of the Earth.
+    """
+
+    throttle_speed: float
+    speed_p: float
+    speed_i: float
+    wheel_base: float
+    steer_max: float
+    steer_speed: float
+    rate_ff: float
+    rate_p: float
+    rate_i: float
+    force: float
+    friction: float
+    grip: float
+    turn_grip: float
+    turn_damping: float
+    actuator_s: float
+    drag: float
+    north: tuple[float, float, float]
+    east: tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,15 +102,8 @@ class RoverLimits:
     corner_slows, corner_least, corner_most : float
         A corner of 180 degrees takes such a share of the greatest speed, down to the least; a negative share:
         the speed is that which the lateral acceleration allows.
-    throttle_speed, speed_p, speed_i : float
-        Throttle over speed; used by a vehicle that has a force.
-    understeer : float
-        Seconds: by so much times the speed the tightest turn gets wider.
-    force, friction, drag : float
-        Per mass: of full throttle, of rolling, and over the square of the speed along each axis of the Earth.
-        A force of 0: the vehicle has the speed that is asked for.
-    north, east : tuple of 3 floats
-        Those directions in the axes of the Earth.
+    simulated : SihRover, optional
+        The vehicle; without one it has the speed that is asked for and turns as it is asked to.
     """
 
     speed_max: float
@@ -91,15 +129,7 @@ class RoverLimits:
     corner_slows: float = -1.0
     corner_least: float = 0.0
     corner_most: float = 0.0
-    throttle_speed: float = 1.0
-    speed_p: float = 0.0
-    speed_i: float = 0.0
-    understeer: float = 0.0
-    force: float = 0.0
-    friction: float = 0.0
-    drag: float = 0.0
-    north: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    east: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    simulated: SihRover | None = None
 
 
 class Rover(CompiledMotion):
@@ -116,7 +146,7 @@ class Rover(CompiledMotion):
         Heading at the start.
     """
 
-    _kernel = staticmethod(wheels.advance)
+    _kernel = staticmethod(advance)
     _state_size = wheels.STATE
     _energy_limit = wheels.ENERGY_LIMIT
 
@@ -273,17 +303,36 @@ class Rover(CompiledMotion):
             wheels.YAW_P: law.yaw_p,
             wheels.YAW_ACCELERATION: law.yaw_acceleration,
             wheels.JERK: law.jerk,
-            wheels.THROTTLE_SPEED: law.throttle_speed,
-            wheels.SPEED_P: law.speed_p,
-            wheels.SPEED_I: law.speed_i,
-            wheels.UNDERSTEER: law.understeer,
-            wheels.FORCE: law.force,
-            wheels.FRICTION: law.friction,
-            wheels.DRAG: law.drag,
             wheels.ENERGY_LIMIT: math.inf if spec.battery is None else spec.battery.capacity_wh * WH_J,
         }
         for index, value in by_name.items():
             numbers[index] = value
-        numbers[wheels.NORTH : wheels.EAST] = law.north
-        numbers[wheels.EAST : wheels.EAST + 3] = law.east
+        if law.simulated is not None:
+            _set_simulated(numbers, law.simulated, spec.step_s)
         return numbers
+
+
+def _set_simulated(numbers: NDArray[np.float64], rover: SihRover, step_s: float) -> None:
+    """Add the numbers of PX4's simulated rover to the limits."""
+    by_name = {
+        wheels.THROTTLE_SPEED: rover.throttle_speed,
+        wheels.SPEED_P: rover.speed_p,
+        wheels.SPEED_I: rover.speed_i,
+        wheels.WHEEL_BASE: rover.wheel_base,
+        wheels.STEER_MAX: rover.steer_max,
+        wheels.STEER_STEP: rover.steer_speed / rover.steer_max * step_s,
+        wheels.RATE_FF: rover.rate_ff,
+        wheels.RATE_P: rover.rate_p,
+        wheels.RATE_I: rover.rate_i,
+        wheels.FORCE: rover.force,
+        wheels.FRICTION: rover.friction,
+        wheels.GRIP: rover.grip,
+        wheels.TURN_GRIP: rover.turn_grip,
+        wheels.TURN_DAMPING: rover.turn_damping,
+        wheels.ACTUATOR_SHARE: -math.expm1(-step_s / rover.actuator_s),
+        wheels.DRAG: rover.drag,
+    }
+    for index, value in by_name.items():
+        numbers[index] = value
+    numbers[wheels.NORTH : wheels.EAST] = rover.north
+    numbers[wheels.EAST : wheels.EAST + 3] = rover.east

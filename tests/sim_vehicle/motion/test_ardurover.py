@@ -18,7 +18,7 @@ from sim_vehicle.execution.state import ItemReached
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.ardurover import layout as on
 from sim_vehicle.motion.legs import Leg, Route
-from sim_vehicle.motion.rover import kernel as wheels
+from sim_vehicle.motion.rover import layout as wheels
 
 FLIGHTS = Path(__file__).parents[2] / "data" / "flights"
 HOME = LocalFrame(28.05, -82.15)
@@ -51,7 +51,7 @@ def test_it_drives_as_the_recorded_one(recorded):
 
 def test_it_takes_corners_as_the_recorded_one(recorded):
     recording, flight = recorded
-    real, ours = (turns(one, recording.items, recording.frame) for one in (recording.flight, flight))
+    real, ours = turns((recording.flight, flight), recording.items, recording.frame)
     assert ours.miss_m == pytest.approx(real.miss_m, abs=0.15)
     assert ours.worst_overshoot_m == pytest.approx(real.worst_overshoot_m, abs=0.2)
     assert ours.radius_m == pytest.approx(real.radius_m, rel=0.05)

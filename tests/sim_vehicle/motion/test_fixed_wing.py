@@ -115,7 +115,7 @@ def test_arduplane_flies_as_recorded(name, recorded):
     assert abs(result.time_error) < 0.02
     assert result.mean_m < 3.0
     assert result.p95_m < 8.0
-    both = [turns(one, recording.items, recording.frame) for one in (recording.flight, flight)]
+    both = turns((recording.flight, flight), recording.items, recording.frame)
     assert both[1].overshoot_m == pytest.approx(both[0].overshoot_m, rel=0.15)
     assert both[1].worst_overshoot_m == pytest.approx(both[0].worst_overshoot_m, rel=0.15)
     before, after = (

@@ -5,12 +5,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from flight_measures import turns
 from recordings import compare, fly_recording, load_recording
 
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import flight_procedures, with_autopilot
+from sim_vehicle.motion.columns import HEADING_RATE, POSITION
 from sim_vehicle.motion.legs import Leg, Route
-from sim_vehicle.motion.rover import kernel as wheels
+from sim_vehicle.motion.rover import layout as wheels
+from sim_vehicle.motion.rover import sih
 
 RECORDING = Path(__file__).parents[2] / "data" / "flights" / "px4-rover-random-10.json"
 
@@ -37,14 +40,53 @@ def recording():
     return load_recording(RECORDING)
 
 
-def test_it_drives_as_the_recorded_one(recording):
-    flight = fly_recording(recording)
+@pytest.fixture(scope="module")
+def flight(recording):
+    return fly_recording(recording)
+
+
+def test_it_drives_as_the_recorded_one(recording, flight):
     result = compare(recording, flight)
     assert abs(result.time_error) < 0.01
     assert result.mean_m < 0.3
     assert result.p95_m < 0.6
     first, real = (one.window(recording.items)[0] for one in (flight, recording.flight))
     assert first == pytest.approx(real - 3.0, rel=0.03)
+
+
+def test_it_takes_the_corner_that_is_recorded_without_gaps_as_that_one(recording, flight):
+    real, ours = turns((recording.flight, flight), recording.items, recording.frame)
+    assert ours.miss_m == pytest.approx(real.miss_m, abs=0.1)
+    assert ours.radius_m == pytest.approx(real.radius_m, rel=0.15)
+    # Of the course, of which the recording has no sample for 0.3 s where it turns most quickly.
+    assert ours.rate_deg_s == pytest.approx(real.rate_deg_s, rel=0.2)
+
+
+def test_the_simulated_rover_turns_and_slips_as_its_tyres_let_it(recording):
+    spec = recording.spec()
+    motion = flight_procedures(spec).motion(spec, None, 0.0)
+    motion.fly(Route.through([Leg((0.0, -60.0, 0.0), 3.0, 0.5)]))
+    motion.advance(200)
+    motion.state[wheels.STEER] = motion.state[wheels.STEER_ASKED] = 1.0
+    base, angle, stiffness, damping, mass = 0.321, math.radians(30.0), 500.0, 10.0, 20.0
+    limits = motion._limits
+    limits[wheels.DRAG] = limits[wheels.FRICTION] = 0.0
+    for _ in range(300):
+        motion.state[wheels.SPEED] = 2.0
+        sih.move(motion.state, limits)
+    rate = 2.0 * angle / (base + damping * 2.0 / (stiffness * base))
+    assert motion.state[HEADING_RATE] == pytest.approx(rate, rel=1e-3)
+    # The turn is counted twice in the sideways speed (`sih.cpp`).
+    slip = 2.0 * (0.5 * angle - mass * 2.0 * rate / stiffness)
+    assert motion.state[wheels.SIDEWAYS] == pytest.approx(slip, rel=1e-3)
+
+
+def test_the_simulated_rover_stands_still_after_its_stop(recording):
+    _, states = drive(recording.spec(), (30.0, 5.0), speed=3.0)
+    end = states[-1]
+    assert end[wheels.SPEED] < wheels.STOPPED
+    assert end[wheels.SIDEWAYS] == pytest.approx(0.0, abs=1e-3)
+    assert math.hypot(end[POSITION] - 30.0, end[POSITION + 1] - 5.0) < 1.0
 
 
 def test_the_simulated_rover_is_faster_across_the_axes_of_the_earth(recording):

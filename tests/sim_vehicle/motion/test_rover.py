@@ -16,7 +16,7 @@ from sim_vehicle.execution.feasibility import check_mission
 from sim_vehicle.execution.state import BatteryDepleted, Disarmed, ItemReached, LandedState, MissionComplete
 from sim_vehicle.motion.legs import Leg, Route
 from sim_vehicle.motion.model import MotionEvent
-from sim_vehicle.motion.rover import kernel as wheels
+from sim_vehicle.motion.rover import layout as wheels
 from sim_vehicle.motion.rover.model import Rover
 from sim_vehicle.prediction.predict import predict_flight
 from sim_vehicle.weather.wind import Wind

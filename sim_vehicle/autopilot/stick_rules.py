@@ -168,6 +168,8 @@ class StickRules:
         A rover: the vertical stick is the throttle, the one to the right steers.
     wing : WingSticks or None
         A fixed wing: the horizontal sticks ask for bank and pitch.
+    landing_abort : Setting or None
+        Not 0: with the throttle all the way up a landing of the mission is broken off (ArduPlane).
     pwm_half : float
         Microseconds from the middle of a channel to its end.
     """
@@ -184,6 +186,7 @@ class StickRules:
     overrides: bool = False
     drives: bool = False
     wing: WingSticks | None = None
+    landing_abort: Setting | None = None
     pwm_half: float = 500.0
 
 

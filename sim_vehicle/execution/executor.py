@@ -406,6 +406,22 @@ class MissionExecutor:
         )
         self.follower.fly(legs, FlightPhase.LAND, AfterLastLeg.TOUCHDOWN)
 
+    def go_around(self, height_m: float | None = None) -> float:
+        """Break off the landing of the mission, climb, and begin it anew; return the height of the climb.
+
+        Parameters
+        ----------
+        height_m : float, optional
+            By default that of the landing item, or of the take-off.
+
+        Raises
+        ------
+        VehicleError
+            When no landing of the mission is flown.
+        """
+        self._ready("go around")
+        return self.sequencer.go_around(height_m)
+
     def set_speed(self, speed_m_s: float) -> None:
         """Set the ground speed until the mission sets another.
 

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 from mission.model import Command
 from sim_vehicle.epoch import EPOCH_UNIX_S
+from sim_vehicle.errors import VehicleError
+from sim_vehicle.execution.go_around import climb_leg, landing_start, restart
 from sim_vehicle.execution.items import (
     CAMERA_COMMANDS,
     CONDITIONS,
@@ -22,7 +24,7 @@ from sim_vehicle.execution.items import (
     time_of_day_wait_s,
 )
 from sim_vehicle.execution.leg_follower import Waiting
-from sim_vehicle.execution.leg_plan import AfterLastLeg
+from sim_vehicle.execution.leg_plan import AfterLastLeg, LegPlan
 from sim_vehicle.execution.return_points import ReturnPoints
 from sim_vehicle.execution.state import (
     CameraCommand,
@@ -33,10 +35,11 @@ from sim_vehicle.execution.state import (
     HomeMoved,
     ItemReached,
     LandedState,
+    LandingRestarted,
     MissionComplete,
     TargetReached,
 )
-from sim_vehicle.motion.legs import ALONG, KEEP, Leg
+from sim_vehicle.motion.legs import ALONG, KEEP, Leg, LegKind
 from sim_vehicle.motion.model import MotionEvent
 
 if TYPE_CHECKING:
@@ -45,7 +48,6 @@ if TYPE_CHECKING:
     from geo.frame import LocalFrame
     from mission.model import MissionItem
     from sim_vehicle.execution.leg_follower import LegFollower
-    from sim_vehicle.execution.leg_plan import LegPlan
     from sim_vehicle.motion.legs import Position
 
 _REPLAN_BEFORE = 64
@@ -241,15 +243,52 @@ class MissionSequencer:
             legs = [leg if leg.descends else replace(leg, speed_m_s=speed_m_s) for leg in left]
             follower.fly(legs, follower.phase, plan.after_last)
 
+    @property
+    def lands(self) -> bool:
+        """Whether a landing of the mission is flown."""
+        on_mission = self.follower.phase is FlightPhase.MISSION and 0 <= self.current_seq < len(self.items)
+        return on_mission and self.items[self.current_seq].command == Command.NAV_LAND
+
+    @property
+    def goes_around(self) -> bool:
+        """Whether a landing was broken off, and it still climbs."""
+        plan = self.follower.plan
+        return self.lands and plan is not None and plan.legs[0].kind is LegKind.TAKEOFF
+
+    def go_around(self, height_m: float | None = None) -> float:
+        """Break off the landing: climb straight ahead, then begin it anew; return the height.
+
+        Raises
+        ------
+        VehicleError
+            When no landing of the mission is flown.
+        """
+        follower = self.follower
+        if not self.lands or follower.landed is LandedState.ON_GROUND:
+            msg = "cannot go around: no landing of the mission is flown"
+            raise VehicleError(msg)
+        leg = climb_leg(
+            self.items, self.current_seq, follower.motion.position_m, self.settings.speed_m_s, height_m
+        )
+        plan = LegPlan()
+        plan.add(leg, self.current_seq)
+        follower.disarm_step = None
+        follower.motion.interrupt()
+        follower.begin(plan)
+        return leg.end_m[2]
+
+    def landing_start(self) -> int | None:
+        """Return the nearest item where a landing starts, None without one."""
+        return landing_start(self.items, self._positions, self.follower.motion.position_m)
+
     def landing_legs(self) -> list[Leg]:
         """The legs of the mission's own landing from here; none where it has none down to the ground."""
         follower = self.follower
-        starts = [seq for seq, item in enumerate(self.items) if item.command == Command.DO_LAND_START]
-        if not starts:
+        seq = self.landing_start()
+        if seq is None:
             return []
         spec, here = follower.spec, follower.motion.position_m
         legs: list[Leg] = []
-        seq = starts[0]
         settings = self.settings.copy()
         while True:
             _, seq = do_items(self.items, seq, settings, spec.top_speed_m_s)
@@ -360,6 +399,9 @@ class MissionSequencer:
         if climbed and self._goes_on_at is not None and not plan.done[leg] and seq >= 0:
             self._continue(self._following(seq - 1))
             return
+        if self.goes_around:
+            self._land_again(seq, time_s)
+            return
         if not final:
             if plan.after_last is AfterLastLeg.TOUCHDOWN and plan.legs[leg + 1].descends:
                 follower.descend()
@@ -379,6 +421,15 @@ class MissionSequencer:
                 self._complete_item()
             else:
                 self._target_reached()
+
+    def _land_again(self, seq: int, time_s: float) -> None:
+        """Begin anew a landing that was broken off."""
+        at = restart(self.items, self._positions, seq, self.follower.motion.position_m)
+        if at is None:
+            self._give_up("unable to restart the landing sequence", seq)
+            return
+        self.follower.tell(LandingRestarted(time_s, at))
+        self._continue(at)
 
     def _next_leg(self, plan: LegPlan, leg: int, time_s: float) -> None:
         """Go on to the next item of the plan, unless what lies between changes the plan."""

@@ -132,6 +132,14 @@ class HomeMoved:
 
 
 @dataclass(frozen=True, slots=True)
+class LandingRestarted:
+    """A landing that was broken off begins anew, at this item."""
+
+    time_s: float
+    seq: int
+
+
+@dataclass(frozen=True, slots=True)
 class MissionComplete:
     """The last mission item was completed."""
 
@@ -180,6 +188,7 @@ FlightEvent = (
     | CurrentChanged
     | CameraCommand
     | HomeMoved
+    | LandingRestarted
     | MissionComplete
     | CannotFly
     | TargetReached

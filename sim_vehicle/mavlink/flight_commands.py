@@ -101,15 +101,18 @@ def change_altitude(vehicle: CommandedVehicle, order: Order) -> None:
 
 def land_start(vehicle: CommandedVehicle, _order: Order) -> None:
     """DO_LAND_START: go on with the mission where its landing begins."""
-    seq = next(
-        (i for i, item in enumerate(vehicle.pilot.mission.items) if item.command == Command.DO_LAND_START),
-        None,
-    )
+    seq = vehicle.pilot.executor.sequencer.landing_start()
     if seq is None:
         msg = "Land start refused: the mission has none"
         raise RefusedError(msg)
     vehicle.pilot.set_current(seq)
     vehicle.pilot.set_mode(Mode.MISSION)
+
+
+def go_around(vehicle: CommandedVehicle, order: Order) -> None:
+    """DO_GO_AROUND (ArduPlane): break off the landing, climb to a height (0: the landing's own)."""
+    height = order.params[0]
+    vehicle.pilot.go_around(height if math.isfinite(height) and height > 0.0 else None)
 
 
 def set_home(vehicle: CommandedVehicle, order: Order) -> None:
@@ -136,6 +139,7 @@ FLIGHT_COMMANDS = {
     int(m.MAV_CMD_DO_ORBIT): orbit,
     int(m.MAV_CMD_DO_CHANGE_ALTITUDE): change_altitude,
     int(Command.DO_LAND_START): land_start,
+    int(m.MAV_CMD_DO_GO_AROUND): go_around,
     int(Command.DO_SET_HOME): set_home,
 }
 """MAV_CMD to what is done; what it refuses is a RefusedError."""

@@ -15,6 +15,7 @@ class Severity(IntEnum):
 
     CRITICAL = 2
     WARNING = 4
+    NOTICE = 5
     INFO = 6
 
 

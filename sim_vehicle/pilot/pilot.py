@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,7 @@ from sim_vehicle.execution.state import (
     FlightEvent,
     FlightPhase,
     LandedState,
+    LandingRestarted,
     MissionComplete,
     TargetReached,
     VehicleState,
@@ -520,6 +522,21 @@ class Pilot:
         self.mission.choose()
         self.controls.order(lambda: self.executor.set_current(seq))
 
+    def go_around(self, height_m: float | None = None) -> None:
+        """Break off the landing of the mission and climb, to begin it anew.
+
+        Raises
+        ------
+        RefusedError
+            When none is flown.
+        """
+
+        def climb() -> None:
+            top_m = self.executor.go_around(height_m)
+            self.note(Severity.NOTICE, f"Landing aborted, climbing to {top_m:.0f}m")
+
+        self.controls.order(climb)
+
     def set_speed(self, speed_m_s: float) -> None:
         """Change the ground speed; RefusedError beyond the vehicle's limit."""
         if not 0.0 < speed_m_s <= self.spec.top_speed_m_s:
@@ -556,8 +573,14 @@ class Pilot:
         RefusedError
             When it cannot be flown.
         """
-        if self._sticks is not None and (left := self._sticks.take(sticks, flown=flown)) is not None:
+        if self._sticks is None:
+            return
+        if (left := self._sticks.take(sticks, flown=flown)) is not None:
             self._turn_to(left)
+        if self._sticks.breaks_off_landing and not self.executor.sequencer.goes_around:
+            with suppress(RefusedError):  # it does not land
+                self.go_around()
+                self.note(Severity.INFO, "Landing aborted via throttle")
 
     # What goes wrong.
 
@@ -603,6 +626,11 @@ class Pilot:
     def _on_event(self, event: FlightEvent) -> None:
         if isinstance(event, TargetReached):
             self.modes.on_target_reached()
+        elif isinstance(event, LandingRestarted):
+            starts = self.mission.items[event.seq].command == Command.DO_LAND_START
+            how = "via DO_LAND_START:" if starts else "sequence at waypoint"
+            # Its number on the wire, where home is item 0.
+            self.note(Severity.NOTICE, f"Restarted landing {how} {event.seq + 1}")
         elif isinstance(event, MissionComplete):
             self.mission.complete = True
             self.note(Severity.INFO, "Mission complete")

@@ -32,6 +32,8 @@ _SEVERITY = {
 }
 # How far ahead of its nose a rover is steered to: the rate of its turn over this, in seconds.
 _STEERS_AHEAD_S = 0.5
+# ArduPlane takes 90 % and more for it (``Plane::update_flight_stage``).
+_FULL_THROTTLE = 0.8
 # Phases that are as much as an action, or more.
 _COMES_HOME = (FlightPhase.RETURN, FlightPhase.LAND)
 _REACHED = {Action.HOLD: _COMES_HOME, Action.RETURN: _COMES_HOME, Action.LAND: (FlightPhase.LAND,)}
@@ -133,6 +135,13 @@ class StickPilot:
         elif not self.lost:
             self.lost = True
             yield from self._lose()
+
+    @property
+    def breaks_off_landing(self) -> bool:
+        """Whether the throttle asks for a landing to be broken off."""
+        switch, sticks = self._rules.landing_abort, self._sticks
+        asks = sticks is not None and sticks.up >= _FULL_THROTTLE and self._mode() is Mode.MISSION
+        return asks and switch is not None and switch.of(self._parameters) != 0.0
 
     @property
     def _silence_s(self) -> float:

@@ -32,6 +32,14 @@ _CAPABILITIES = COMMON_CAPABILITIES | int(
 _STICKS = int(m.MAV_MODE_FLAG_STABILIZE_ENABLED | m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED)
 _GUIDED = _STICKS | int(m.MAV_MODE_FLAG_GUIDED_ENABLED)
 
+_UNSUPPORTED = frozenset(
+    int(command)
+    for command in (
+        m.MAV_CMD_DO_ORBIT,
+        m.MAV_CMD_DO_CHANGE_ALTITUDE,
+        m.MAV_CMD_DO_SET_ACTUATOR,
+    )
+)
 COPTER_PERSONA = Persona(
     identity=Identity(
         mav_autopilot=int(m.MAV_AUTOPILOT_ARDUPILOTMEGA),
@@ -68,14 +76,7 @@ COPTER_PERSONA = Persona(
     truth_message=int(m.MAVLINK_MSG_ID_SIM_STATE),
     gps_fix=6,
     refused_result=int(m.MAV_RESULT_FAILED),
-    unsupported=frozenset(
-        int(command)
-        for command in (
-            m.MAV_CMD_DO_ORBIT,
-            m.MAV_CMD_DO_CHANGE_ALTITUDE,
-            m.MAV_CMD_DO_SET_ACTUATOR,
-        )
-    ),
+    unsupported=_UNSUPPORTED | {int(m.MAV_CMD_DO_GO_AROUND)},
     int_only=frozenset({int(m.MAV_CMD_DO_REPOSITION)}),
     takeoff_needs_arming=True,
     packed_parameters=True,
@@ -117,6 +118,7 @@ PLANE_PERSONA = replace(
         after_takeoff=Mode.TAKEOFF,
         base=BaseModes(),
     ),
+    unsupported=_UNSUPPORTED,
 )
 ROVER_PERSONA = replace(
     COPTER_PERSONA,

@@ -60,6 +60,7 @@ PLANE_STICKS = StickRules(
         pitch_up=Setting("PTCH_LIM_MAX_DEG", 20.0, _DEGREE),
         pitch_down=Setting("PTCH_LIM_MIN_DEG", -25.0, _DEGREE),
     ),
+    landing_abort=Setting("LAND_ABORT_THR", 0.0),
     without=_BY_HAND,
     overrides=True,
     pwm_half=400.0,

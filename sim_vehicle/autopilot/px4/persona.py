@@ -84,6 +84,7 @@ def persona_of(mav_type: int) -> Persona:
             {
                 int(m.MAV_CMD_CONDITION_YAW),
                 int(m.MAV_CMD_DO_FENCE_ENABLE),
+                int(m.MAV_CMD_DO_GO_AROUND),
                 int(m.MAV_CMD_DO_PAUSE_CONTINUE),
                 int(m.MAV_CMD_DO_SET_MISSION_CURRENT),
                 int(m.MAV_CMD_DO_SET_RELAY),

@@ -354,3 +354,78 @@ def test_sticks_in_a_mission_do_not_move_a_fixed_wing():
     assert math.remainder(plane.course - before, 2.0 * math.pi) == pytest.approx(0.0, abs=0.15)
     plane.wait(10.0)
     assert plane.pilot.mode is Mode.MISSION, "FS_LONG_ACTN 0 goes on"
+
+
+GO_AROUND = 191
+
+
+def landing_plane():
+    """Return an ArduPlane that lands, 20 m above the ground."""
+    vehicle = SimVehicle(get_vehicle("fixed-wing"), POINT, autopilot=ARDUPILOT)
+    items = item(22, 0.0, 150.0, 40.0, 10.0), item(16, 0.0, -700.0, 40.0), item(21, 0.0, 0.0)
+    assert uploaded(vehicle, items)[0] == [m.MAV_MISSION_ACCEPTED]
+    vehicle.pilot.arm(force=True)
+    vehicle.pilot.start_mission()
+    fly_on(vehicle, lambda: vehicle.pilot.executor.sequencer.lands and height(vehicle) < 20.0)
+    return vehicle
+
+
+def height(vehicle):
+    return vehicle.pilot.state.position_m[2]
+
+
+def fly_on(vehicle, until, limit_s=400.0):
+    """Fly until something is so; return the texts on the way."""
+    told, end_s = [], vehicle.pilot.state.time_s + limit_s
+    while not until():
+        now_s = vehicle.pilot.state.time_s + 0.1
+        told += vehicle.poll(now_s)
+        assert now_s < end_s
+    return texts_of(told)
+
+
+def texts_of(told):
+    texts = [message.text for message in told if message.get_type() == "STATUSTEXT"]
+    return [text if isinstance(text, str) else text.decode() for text in texts]
+
+
+def answered(vehicle, message):
+    """Send a message; return the results and the texts that answer it."""
+    (crossed,) = FrameReader().feed(FrameWriter(255, 190).encode(message))
+    told = vehicle.receive(crossed, vehicle.pilot.state.time_s)
+    return [answer.result for answer in told if answer.get_type() == "COMMAND_ACK"], texts_of(told)
+
+
+def go_around(height_m=0.0):
+    return m.MAVLink_command_long_message(1, 1, GO_AROUND, 0, height_m, *[0.0] * 6)
+
+
+def test_arduplane_goes_around_by_command():
+    vehicle = landing_plane()
+    results, texts = answered(vehicle, go_around(55.0))
+    assert results == [m.MAV_RESULT_ACCEPTED]
+    texts += fly_on(vehicle, lambda: not vehicle.pilot.executor.sequencer.goes_around)
+    assert height(vehicle) == pytest.approx(55.0, abs=1.0)
+    assert "Landing aborted, climbing to 55m" in texts
+    texts += fly_on(vehicle, lambda: vehicle.pilot.executor.sequencer.lands)
+    assert "Restarted landing sequence at waypoint 2" in texts
+
+
+def test_only_arduplane_on_its_landing_goes_around():
+    vehicle = SimVehicle(get_vehicle("fixed-wing"), POINT, autopilot=ARDUPILOT)
+    assert answered(vehicle, go_around())[0] == [m.MAV_RESULT_FAILED]
+    for name, autopilot in (("quad", ARDUPILOT), ("rover", ARDUPILOT), ("fixed-wing", PX4)):
+        vehicle = SimVehicle(get_vehicle(name), POINT, autopilot=autopilot)
+        assert answered(vehicle, go_around())[0] == [m.MAV_RESULT_UNSUPPORTED]
+
+
+@pytest.mark.parametrize(
+    ("enabled", "throttle", "breaks_off"), [(1, 960, True), (1, 850, False), (0, 960, False)]
+)
+def test_full_throttle_breaks_off_a_landing_if_that_is_enabled(enabled, throttle, breaks_off):
+    vehicle = landing_plane()
+    vehicle.pilot.parameters.stored["LAND_ABORT_THR"] = float(enabled)
+    _, texts = answered(vehicle, m.MAVLink_manual_control_message(1, 0, 0, throttle, 0, 0))
+    assert vehicle.pilot.executor.sequencer.goes_around is breaks_off
+    texts += fly_on(vehicle, lambda: not vehicle.pilot.executor.sequencer.goes_around)
+    assert ("Landing aborted via throttle" in texts) is breaks_off

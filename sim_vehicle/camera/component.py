@@ -202,7 +202,7 @@ class LeafCameraComponent:
     def _take(self, exposures: Sequence[Exposure]) -> list[Message]:
         """Read the cells under the exposures and return the messages."""
         cells = [self._cell_under(exposure) for exposure in exposures]
-        values = self._camera.capture([x for x, _ in cells], [y for _, y in cells]).tolist()
+        values = self._camera.capture([x for x, _ in cells], [y for _, y in cells])
         messages: list[Message] = []
         for exposure, seen in zip(exposures, values, strict=True):
             image = self._memory.add(exposure, seen)

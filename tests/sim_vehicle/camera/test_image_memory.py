@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from sensors.fields import PAPER_FIELDS
@@ -16,7 +17,7 @@ HERE = Exposure(
     relative_altitude_mm=10_000,
     heading_cdeg=9000,
 )
-SEEN = [[1.0, 0.5, 0.25]]
+SEEN = np.array([[1.0, 0.5, 0.25]], np.float32)
 
 
 def filled(number: int) -> ImageMemory:
@@ -34,6 +35,19 @@ def test_the_last_images_are_kept_and_older_ones_are_not() -> None:
         3,
         RING_IMAGES + 2,
     ]
+
+
+def test_an_image_is_found_as_it_was_taken() -> None:
+    memory = ImageMemory(PAPER_FIELDS.names, 3)
+    readings = np.linspace(-0.1, 1.1, 27, dtype=np.float32).reshape(9, 3)
+    readings[4, 1] = np.nan
+    memory.add(HERE, readings - 1.0)
+    taken = memory.add(HERE._replace(time_us=2**40, longitude_e7=-1_800_000_000), readings)
+    found = memory.find(1.0)
+    assert found is not None
+    assert found[:2] == taken[:2]
+    assert np.array_equal(found.values, readings, equal_nan=True)
+    assert np.array_equal(taken.values, readings, equal_nan=True)
 
 
 @pytest.mark.parametrize("index", [-1.0, 0.5, 10.0, 2.0**31, math.inf, math.nan])

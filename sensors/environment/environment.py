@@ -6,7 +6,7 @@ import hashlib
 import operator
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeGuard
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from numpy.random import SeedSequence
 
     from geo.grid import FarmGrid
+
+_FEW = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -325,11 +327,9 @@ class Environment:
             If the day is not kept, or a cell lies outside the farm or is not given by integers.
         """
         self._check_day(day)
-        if is_one_cell(ix) and is_one_cell(iy):
-            # A camera asks so for each of its images.
-            x_cell, y_cell = ix.item(), iy.item()
-            if 0 <= x_cell < self.shape[0] and 0 <= y_cell < self.shape[1]:
-                return self._sample_one(day, x_cell, y_cell)
+        few = _few_cells(ix, iy, self.shape)
+        if few:  # a camera asks so for the images between two positions
+            return self._sample_few(day, few)
         x, y = np.broadcast_arrays(np.atleast_1d(ix), np.atleast_1d(iy))
         if x.ndim != 1 or x.dtype.kind not in "iu" or y.dtype.kind not in "iu":
             raise EnvironmentDataError("environment: cells to sample are not integers or lists of integers")
@@ -350,19 +350,30 @@ class Environment:
             samples[:, index] = level.cells(x, y)
         return samples
 
-    def _sample_one(self, day: int, x: int, y: int) -> NDArray[np.float32]:
-        """Return E at one cell of the farm, float32[1, n]: a tenth of the time that arrays take."""
-        sample = np.empty((1, len(self.fields)), np.float32)
-        for index, layer, table in self._diseases[day]:
-            sample[0, index] = table[layer.cell(x, y) & 0xFF]
-        for index, level in self._layers[day]:
-            sample[0, index] = level.cell(x, y)
-        return sample
+    def _sample_few(self, day: int, cells: list[tuple[int, int]]) -> NDArray[np.float32]:
+        """Return E at a few cells of the farm, float32[k, n]; one takes a fifth of what arrays take."""
+        samples = np.empty((len(cells), len(self.fields)), np.float32)
+        diseases, layers = self._diseases[day], self._layers[day]
+        for k, (x, y) in enumerate(cells):
+            for index, layer, table in diseases:
+                samples[k, index] = table[layer.cell(x, y) & 0xFF]
+            for index, level in layers:
+                samples[k, index] = level.cell(x, y)
+        return samples
 
 
-def is_one_cell(index: ArrayLike) -> TypeGuard[NDArray[np.integer]]:
-    """Return whether an index is an array of one integer."""
-    return isinstance(index, np.ndarray) and index.shape == (1,) and index.dtype.kind in "iu"
+def _few_cells(ix: ArrayLike, iy: ArrayLike, shape: tuple[int, int]) -> list[tuple[int, int]]:
+    """Return as numbers the cells of two arrays of a few integers; none for anything else."""
+    if not (isinstance(ix, np.ndarray) and isinstance(iy, np.ndarray)) or ix.ndim != 1 or ix.size > _FEW:
+        return []
+    if ix.shape != iy.shape or ix.dtype.kind not in "iu" or iy.dtype.kind not in "iu":
+        return []
+    width, height = shape
+    cells = list(zip(ix.tolist(), iy.tolist(), strict=True))
+    for x, y in cells:
+        if not (0 <= x < width and 0 <= y < height):
+            return []
+    return cells
 
 
 def _layer(name: str, array: NDArray[T], dtype: type[T], shape: tuple[int, int]) -> ArrayLayer[T]:

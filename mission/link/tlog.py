@@ -49,6 +49,7 @@ class TlogWriter:
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
         self.frames = 0
+        self._time_s, self._stamp = 0.0, bytes(_TIME.size)
         try:
             self._file = self.path.open("wb")
         except OSError as error:
@@ -57,7 +58,9 @@ class TlogWriter:
 
     def write(self, frame: bytes, time_s: float) -> None:
         """Add one frame; ``time_s`` is in seconds since 1970."""
-        self._file.write(tlog_record(frame, time_s))
+        if time_s != self._time_s:  # most frames are sent together with others
+            self._time_s, self._stamp = time_s, _stamp(time_s)
+        self._file.write(self._stamp + frame)
         self.frames += 1
 
     def write_all(self, log: FrameLog, begin_s: float) -> None:
@@ -126,7 +129,11 @@ def tlog_record(frame: bytes, time_s: float) -> bytes:
     >>> tlog_record(b"frame", 1.5)
     b'\x00\x00\x00\x00\x00\x16\xe3`frame'
     """
-    return _TIME.pack(max(0, round(time_s * 1e6))) + frame
+    return _stamp(time_s) + frame
+
+
+def _stamp(time_s: float) -> bytes:
+    return _TIME.pack(max(0, round(time_s * 1e6)))
 
 
 def read_tlog(path: Path | str) -> Iterator[tuple[float, Message]]:

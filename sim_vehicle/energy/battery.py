@@ -11,9 +11,8 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from sim_vehicle.airframe.power_spec import BatterySpec
@@ -29,8 +28,7 @@ _HEIGHT = (0.0, 0.301, 0.452, 0.495, 0.538, 0.559, 0.613, 0.645, 0.731, 0.806, 0
 _AVERAGE_S = 30.0
 
 
-@dataclass(frozen=True, slots=True)
-class BatteryState:
+class BatteryState(NamedTuple):
     """What a battery monitor would show.
 
     Parameters

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum, IntEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from mission.model import MissionItem
@@ -40,8 +40,7 @@ class FlightPhase(Enum):
         return self is FlightPhase.DEPLETED or self is FlightPhase.FALLING
 
 
-@dataclass(frozen=True, slots=True)
-class VehicleState:
+class VehicleState(NamedTuple):
     """The state of the vehicle at one time.
 
     Parameters

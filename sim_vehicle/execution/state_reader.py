@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def read_state(follower: LegFollower, current_seq: int) -> VehicleState:
     """Read the state of a vehicle that is at a mission item (-1 without a mission)."""
     motion = follower.motion
-    now = motion.snapshot()
+    now, time_s = motion.snapshot(), motion.time_s
     wind_x, wind_y = now.wind_m_s
     air = (now.velocity_m_s[0] - wind_x, now.velocity_m_s[1] - wind_y)
     airspeed = math.sqrt(air[0] * air[0] + air[1] * air[1])
@@ -28,9 +28,9 @@ def read_state(follower: LegFollower, current_seq: int) -> VehicleState:
     elif follower.landed is not LandedState.ON_GROUND and not follower.spec.is_ideal:
         roll, pitch = _attitude(follower, now, air, airspeed)
     meter = follower.battery_meter
-    battery = meter.read(motion.time_s, now.energy_j, now.power_w) if meter is not None else None
+    battery = meter.read(time_s, now.energy_j, now.power_w) if meter is not None else None
     return VehicleState(
-        time_s=motion.time_s,
+        time_s=time_s,
         position_m=now.position_m,
         velocity_m_s=now.velocity_m_s,
         acceleration_m_s2=now.acceleration_m_s2,

@@ -317,9 +317,11 @@ class Simulation:
             if message is UNHEARD:
                 self._writers[source].skip()
                 continue
-            message_id = type(message).id
-            target = getattr(message, "target_system", 0)
-            key = (source, message_id, target << 8 | getattr(message, "target_component", 0))
+            message_id, target = type(message).id, 0
+            key = (source, message_id, target)
+            if hasattr(message, "target_system"):
+                target = message.target_system
+                key = (source, message_id, target << 8 | getattr(message, "target_component", 0))
             ports = routes.get(key)
             if ports is None:
                 ports = routes[key] = self._route(*key)

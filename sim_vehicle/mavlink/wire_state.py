@@ -113,14 +113,12 @@ class WireState:
         position = self.pilot.state.position_m
         self.sensed = Sensed.exact(position) if self.errors is None else self.errors.sense(position, now_s)
         self.velocity_m_s = self.pilot.state.velocity_m_s
-        error_m, *errors_m_s = self.pilot.executor.motion.estimate_error
+        error_m, error_east, error_north, error_up = self.pilot.executor.motion.estimate_error
         if error_m != 0.0:
             east, north, up = self.sensed.believed_m
-            self.sensed = self.sensed._replace(believed_m=(east, north, up + error_m))
-            east, north, up = (
-                true + error for true, error in zip(self.velocity_m_s, errors_m_s, strict=True)
-            )
-            self.velocity_m_s = (east, north, up)
+            self.sensed = Sensed((east, north, up + error_m), *self.sensed[1:])
+            east, north, up = self.velocity_m_s
+            self.velocity_m_s = (east + error_east, north + error_north, up + error_up)
         self.position_e7 = self.e7_of(self.sensed.believed_m)
 
     def e7_of(self, position_m: tuple[float, float, float]) -> tuple[int, int, int]:

@@ -65,7 +65,7 @@ class CompiledMotion(ABC):
     @property
     def time_s(self) -> float:
         """Time since the start."""
-        return int(self.counters[col.STEP]) * self.step_s
+        return self.step * self.step_s
 
     @property
     def track_points(self) -> int:
@@ -75,7 +75,8 @@ class CompiledMotion(ABC):
     @property
     def step(self) -> int:
         """Steps since the start."""
-        return int(self.counters[col.STEP])
+        step: int = self.counters.item(col.STEP)
+        return step
 
     @property
     def leg(self) -> int:
@@ -140,7 +141,7 @@ class CompiledMotion(ABC):
         stop_each: bool,
     ) -> MotionEvent:
         """Call a kernel, with the arrays that are its own, until an event that is not the wind's."""
-        end = int(self.counters[col.STEP]) + max_steps
+        end = self.step + max_steps
         if route is None:
             return MotionEvent.RAN
         while True:
@@ -152,7 +153,7 @@ class CompiledMotion(ABC):
                 self._power,
                 self._wind.block,
                 self._wind.first,
-                end - int(self.counters[col.STEP]),
+                end - self.step,
                 stop_each,
                 self.arrivals,
                 self.track,

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from sim_vehicle.motion.legs import KEEP
 
@@ -28,8 +27,7 @@ class MotionEvent(IntEnum):
     NEAR = 5
 
 
-@dataclass(frozen=True, slots=True)
-class MotionState:
+class MotionState(NamedTuple):
     """How a vehicle moves at one time.
 
     Parameters

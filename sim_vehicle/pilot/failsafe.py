@@ -166,7 +166,9 @@ class Failsafe:
         controls, parameters = self._controls, self._parameters
         if controls.state.phase.is_lost:
             return
-        yield from self._check_battery()
+        level = self.battery.check()
+        if level > 0:
+            yield from self._warn_of_battery(level)
         if controls.position_ok is self._position_lost:
             yield from self._check_position()
         silent = self._silence_s() > parameters.link_timeout_s
@@ -178,10 +180,7 @@ class Failsafe:
     def _silence_s(self) -> float:
         return self._controls.now_s - self._last_gcs_s
 
-    def _check_battery(self) -> Iterator[Reaction]:
-        level = self.battery.check()
-        if level == 0:
-            return
+    def _warn_of_battery(self, level: int) -> Iterator[Reaction]:
         action = self.rules.battery_action(level, self._parameters)
         homing = self._controls.state.phase in (FlightPhase.RETURN, FlightPhase.LAND)
         acts = action not in (Action.NONE, Action.WARN) and not (homing and action is Action.RETURN)

@@ -147,7 +147,7 @@ class Px4Multirotor(Multirotor):
         """Errors of the estimate now: height (m), velocity east, north, up (m/s)."""
         if len(self._errors) == 1:
             return 0.0, 0.0, 0.0, 0.0
-        since = self.step // col.GRID - int(self._errors[0, 0])
+        since = self.step // col.GRID - int(self._errors.item(0, 0))
         self._draw_errors(since + 1)
         height, east, north, up = self._errors[since + 1].tolist()
         return height, east, north, up
@@ -338,13 +338,15 @@ class Px4Multirotor(Multirotor):
             own = (self.guide, self._law, self._errors)
             return self._run(kernel.advance, self._route, own, max_steps, stop_each)
         # Only errors that are drawn are flown with.
-        end = self.step + max_steps
+        step = self.step
+        end = step + max_steps
         event = MotionEvent.RAN
-        while event is MotionEvent.RAN and self.step < end:
-            steps = min(end - self.step, _ERRORS * col.GRID)
-            self._draw_errors((self.step + steps) // col.GRID - int(self._errors[0, 0]) + 2)
+        while event is MotionEvent.RAN and step < end:
+            steps = min(end - step, _ERRORS * col.GRID)
+            self._draw_errors((step + steps) // col.GRID - int(self._errors.item(0, 0)) + 2)
             own = (self.guide, self._law, self._errors)
             event = self._run(kernel.advance, self._route, own, steps, stop_each)
+            step = self.step
         return event
 
     def update_spec(self, spec: VehicleSpec) -> None:

@@ -8,6 +8,8 @@ from enum import Enum
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Protocol
 
+from sim_vehicle.autopilot.idle_disarm import IdleDisarm
+
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
 
@@ -119,14 +121,23 @@ class FailsafeRules:
         The loss of the ground station is told even where nothing is done about it.
     mission_goes_on_bit : int
         The bit of `failsafe_options` with which a mission goes on without a ground station; 0 is none.
-    preflight, arming : str
-        Texts before the reason that arming is refused: the check's, and that of the order.
-    armed, disarmed, landed : str
-        Texts when the motors start, stop by an order, and stop after a landing.
+    preflight : str
+        Before what fails when the checks are run without an order to arm.
+    arming_texts : tuple of str
+        What is said when an order to arm is refused; ``{}`` in the first is the reason.
+    armed, disarmed : str
+        Texts when the motors start, and stop by an order.
+    landed : tuple of str
+        Texts when they stop after a landing.
     fence_text, fence_clear, link_lost, link_regained, stream_lost, link_ignored : str
         Texts for the operator; ``fence_text`` and ``stream_lost`` have a ``{}`` for what follows.
     defaults : FailsafeDefaults
         Values with which the safety parameters start.
+    idle : IdleDisarm or None
+        When an armed vehicle that does not fly is disarmed; None is never.
+    any_mode_disarmed : bool
+        Any mode is entered while the vehicle is disarmed; what it lacks keeps it from arming. Otherwise a
+        mode is refused that could not be flown.
     """
 
     fence_actions: Mapping[int, Action]
@@ -141,7 +152,7 @@ class FailsafeRules:
     fences_setpoints: bool
     tells_link_loss: bool
     preflight: str
-    arming: str
+    arming_texts: tuple[str, ...]
     fence_text: str
     fence_clear: str
     link_lost: str
@@ -150,9 +161,11 @@ class FailsafeRules:
     defaults: FailsafeDefaults = FailsafeDefaults()
     mission_goes_on_bit: int = 0
     link_ignored: str = ""
+    idle: IdleDisarm | None = None
+    any_mode_disarmed: bool = False
     armed: str = "Armed by external command"
     disarmed: str = "Disarmed by external command"
-    landed: str = "Disarmed by landing"
+    landed: tuple[str, ...] = ("Disarmed by landing",)
 
     def fence_action(self, parameters: ActionParameters) -> Action:
         """Action after a breach of the fence."""

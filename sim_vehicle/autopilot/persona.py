@@ -32,6 +32,7 @@ COMMON_CAPABILITIES = int(
 )
 """MAV_PROTOCOL_CAPABILITY bits of what the simulated vehicle does under any autopilot."""
 _FIX_3D = 3
+_PX4_AUTO = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,10 +121,14 @@ class ModeTable:
         Further custom modes that are accepted, flown as another mode.
     base : BaseModes
         What the base mode of the heartbeat says of them.
-    failing : mapping of int to str
-        Further custom modes of the firmware that are never entered here, by number with their names.
-    fails : bool
-        A mode that is not entered is FAILED, with ArduPilot's texts; otherwise it is DENIED.
+    failing : frozenset of int
+        Further custom modes of the firmware that are never entered here.
+    names : mapping of int to str
+        The firmware's own names of its custom modes, for its texts.
+    refused_text : str
+        What is said of a mode that is not entered: ``{name}`` is its name, ``{reason}`` ArduCopter's reason.
+    unknown_text : str
+        What is said of a mode that there is not; ``{}`` is its number.
     orbit : int or None
         The custom mode that peers are told while circles are flown by command; None is that of the hold mode.
     main_and_sub : bool
@@ -136,8 +141,10 @@ class ModeTable:
     after_command: Mode
     aliases: Mapping[int, Mode] = field(default_factory=lambda: MappingProxyType({}))
     base: BaseModes = field(default_factory=BaseModes)
-    failing: Mapping[int, str] = field(default_factory=lambda: MappingProxyType({}))
-    fails: bool = False
+    failing: frozenset[int] = frozenset()
+    names: Mapping[int, str] = field(default_factory=lambda: MappingProxyType({}))
+    refused_text: str = "Mode {name} refused"
+    unknown_text: str = "Mode refused: unknown number {}"
     orbit: int | None = None
     main_and_sub: bool = False
 
@@ -150,6 +157,17 @@ class ModeTable:
             if number == custom_mode:
                 return mode
         return self.aliases.get(custom_mode)
+
+    def refusal(self, number: int, *, has_position: bool = True) -> str:
+        """What is said when the custom mode with this number is not entered."""
+        mode = self.mode_of(number)
+        name = self.names.get(number, number if mode is None else mode.value)
+        reason = "init failed" if has_position else "requires position"
+        return self.refused_text.format(name=name, reason=reason)
+
+    def ignores(self, number: int) -> bool:
+        """Whether a mode that there is not is passed over without a refusal, as PX4 does with main modes."""
+        return self.main_and_sub and number >> 16 & 255 != _PX4_AUTO
 
     def custom_mode_of(self, second: int, third: int) -> int:
         """Custom mode that parameters 2 and 3 of DO_SET_MODE name."""

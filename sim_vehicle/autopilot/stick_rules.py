@@ -10,15 +10,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot.failsafe_rules import Action
 from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.setting import Setting
 
-if TYPE_CHECKING:
-    from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
-
-__all__ = ["Axis", "Setting", "StickLoss", "StickRules", "Sticks", "WingSticks", "bits"]
+__all__ = ["Axis", "StickLoss", "StickRules", "Sticks", "WingSticks", "bits"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,28 +32,6 @@ class Sticks:
     right: float = 0.0
     up: float = 0.0
     turn: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Setting:
-    """A parameter of the autopilot.
-
-    Parameters
-    ----------
-    name : str
-    default : float
-        In its own unit.
-    scale : float
-        SI value per unit.
-    """
-
-    name: str
-    default: float
-    scale: float = 1.0
-
-    def of(self, parameters: RuntimeParameters) -> float:
-        """Its value now, in SI units."""
-        return self.scale * parameters.kept(self.name, self.default)
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +86,8 @@ class StickLoss:
         How long it holds before it does more than that (PX4).
     on_ground : Action
         What is done on the ground.
+    arming : Setting or None
+        A parameter with which a vehicle whose sticks are lost does not arm, unless it is 0 (ArduPilot).
     lost, delayed, ignored, regained : str
         Texts; ``delayed`` has a ``{}`` for the seconds, ``ignored`` for what goes on. Empty for none.
     """
@@ -123,6 +100,7 @@ class StickLoss:
     release: Setting | None = None
     delay: Setting | None = None
     on_ground: Action = Action.NONE
+    arming: Setting | None = None
     lost: str = ""
     delayed: str = ""
     ignored: str = ""
@@ -162,6 +140,8 @@ class StickRules:
         Vertical speeds; None and 0 are the vehicle's own.
     without : frozenset of int
         Custom modes that are flown as one of ``speeds``, but without sticks.
+    needed : frozenset of Mode
+        Modes that are not entered in flight, and in which the vehicle does not arm, without sticks (PX4).
     overrides : bool
         RC_CHANNELS_OVERRIDE is taken, and only from the ground station that MAV_GCS_SYSID names (ArduPilot).
     drives : bool
@@ -183,6 +163,7 @@ class StickRules:
     climb: Setting | None = None
     descent: Setting | None = None
     without: frozenset[int] = field(default_factory=frozenset)
+    needed: frozenset[Mode] = field(default_factory=frozenset)
     overrides: bool = False
     drives: bool = False
     wing: WingSticks | None = None

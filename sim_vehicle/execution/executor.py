@@ -203,6 +203,11 @@ class MissionExecutor:
             self.follower.touch_down()
         self.follower.stop_motors()
 
+    def stay_armed(self) -> None:
+        """Let the motors run on after a touch-down, until another order."""
+        if self.landed is LandedState.ON_GROUND and not self.phase.is_lost:
+            self.follower.disarm_step = None
+
     def start(self) -> None:
         """Begin the mission, or resume it at the current item.
 

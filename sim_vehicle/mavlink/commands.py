@@ -28,7 +28,6 @@ __all__ = ["HANDLERS", "CommandReceiver", "execute", "set_custom_mode"]
 
 _MOST_PEERS = 256
 _FIRST_FREE_SERVO, _LAST_SERVO = 5, 16
-_ASKING = frozenset(range(521, 529))
 _STANDARD_MODES = {
     1: Mode.HOLD,
     4: Mode.ALTITUDE,
@@ -48,18 +47,17 @@ INT_ONLY = Answer(int(m.MAV_RESULT_COMMAND_INT_ONLY))
 
 
 def execute(vehicle: CommandedVehicle, order: Order) -> tuple[Answer, str]:
-    """Do a command; returns the answer and, when it was refused, the reason."""
+    """Do a command; returns the answer and what is told when it was refused."""
     handler = HANDLERS.get(order.command)
     persona = vehicle.state.firmware.persona
     if handler is None or order.command in persona.unsupported:
-        asks = order.command in _ASKING  # peers ask for what may not be there; that is no order
-        return UNSUPPORTED, "" if asks else f"{command_name(order.command)} refused: not supported"
+        return UNSUPPORTED, ""
     if order.long and order.command in persona.int_only:
         return INT_ONLY, f"{command_name(order.command)} refused: send COMMAND_INT"
     try:
         return handler(vehicle, order), ""
     except RefusedError as refusal:
-        return (DENIED if refusal.denied else Answer(persona.refused_result)), str(refusal)
+        return (DENIED if refusal.denied else Answer(persona.refused_result)), refusal.told
 
 
 class CommandReceiver:
@@ -106,13 +104,23 @@ def set_custom_mode(vehicle: CommandedVehicle, number: int) -> None:
     modes = vehicle.state.firmware.persona.modes
     mode = modes.mode_of(number)
     if mode is None and number in modes.failing:
-        msg = f"Mode change to {modes.failing[number]} failed: init failed"
-        raise RefusedError(msg)
+        raise RefusedError(modes.refusal(number))
+    if mode is None and modes.ignores(number):
+        return
     if mode is None:
-        msg = f"No such mode {number}" if modes.fails else f"Mode refused: unknown number {number}"
-        raise RefusedError(msg, denied=not modes.fails)
-    vehicle.pilot.set_mode(mode)
+        raise RefusedError(modes.unknown_text.format(number))
+    _enter(vehicle, mode, number)
     vehicle.state.name_mode(number)
+
+
+def _enter(vehicle: CommandedVehicle, mode: Mode, number: int) -> None:
+    """Take a mode; what is told when it is refused is in the firmware's words, with this number's name."""
+    try:
+        vehicle.pilot.set_mode(mode)
+    except RefusedError as refusal:
+        has_position = vehicle.pilot.controls.position_ok
+        told = vehicle.state.firmware.persona.modes.refusal(number, has_position=has_position)
+        raise RefusedError(str(refusal), denied=refusal.denied, told=told) from None
 
 
 def _available_modes(persona: Persona, index: int) -> tuple[Message, ...]:
@@ -152,7 +160,7 @@ def _set_standard_mode(vehicle: CommandedVehicle, order: Order) -> Answer:
     mode = _STANDARD_MODES.get(order.number(1))
     if mode is None:
         return UNSUPPORTED
-    vehicle.pilot.set_mode(mode)
+    _enter(vehicle, mode, vehicle.state.firmware.persona.modes[mode])
     return ACCEPTED
 
 
@@ -172,7 +180,7 @@ def _takeoff(vehicle: CommandedVehicle, order: Order) -> Answer:
 
 def _mode(mode: Mode) -> Handler:
     def handler(vehicle: CommandedVehicle, _order: Order) -> Answer:
-        vehicle.pilot.set_mode(mode)
+        _enter(vehicle, mode, vehicle.state.firmware.persona.modes[mode])
         return ACCEPTED
 
     handler.__doc__ = f"Take the {mode.value} mode."

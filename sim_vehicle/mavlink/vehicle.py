@@ -520,7 +520,8 @@ class SimVehicle:
         try:
             set_custom_mode(self, message.custom_mode)
         except RefusedError as refusal:
-            self.say_warning(str(refusal))
+            if refusal.told:
+                self.say_warning(refusal.told)
 
     def _on_ping(self, message: m.MAVLink_ping_message) -> None:
         if message.target_system == 0 and message.target_component == 0:

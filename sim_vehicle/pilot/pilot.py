@@ -25,6 +25,7 @@ from sim_vehicle.execution.state import (
     Disarmed,
     FlightEvent,
     FlightPhase,
+    Landed,
     LandedState,
     LandingRestarted,
     MissionComplete,
@@ -36,6 +37,7 @@ from sim_vehicle.pilot.arming import ArmingChecks
 from sim_vehicle.pilot.controls import Controls
 from sim_vehicle.pilot.failsafe import Failsafe, Reaction
 from sim_vehicle.pilot.fence import Fence
+from sim_vehicle.pilot.idle_watch import IdleWatch
 from sim_vehicle.pilot.mission_status import MissionChange, MissionStatus
 from sim_vehicle.pilot.mode_control import ModeControl
 from sim_vehicle.pilot.notices import MissionState, Notice, NoticeLog, RefusedError, Severity
@@ -51,6 +53,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Pilot"]
 
+# Modes that end on the ground by themselves, where the autopilot disarms without waiting.
+_LANDS = (Mode.MISSION, Mode.RTL, Mode.LAND)
 _MODES = {Action.HOLD: Mode.HOLD, Action.RETURN: Mode.RTL, Action.LAND: Mode.LAND}
 
 
@@ -149,9 +153,15 @@ class Pilot:
             self.controls, self.mission, self.setpoints, habits, mode=mode, after_takeoff=after_takeoff
         )
 
-        self._sticks = None
+        self._sticks = flown = None
         if sticks is not None:
-            self._sticks = StickPilot(self.controls, parameters, sticks, self._notices, lambda: self.mode)
+            self._sticks = flown = StickPilot(
+                self.controls, parameters, sticks, self._notices, lambda: self.mode
+            )
+        self._idle = None
+        if rules.idle is not None:
+            down = (lambda: True) if flown is None else (lambda: flown.throttle_down)
+            self._idle = IdleWatch(self.controls, parameters, rules.idle, down)
 
     # What is known of the vehicle.
 
@@ -339,7 +349,7 @@ class Pilot:
         problem = self.mission.why_not
         if problem is not None and not self.mission.items:
             problem = self.habits.empty_mission_text or problem
-        reason = None if force else self.arming.why_not(self.mode, problem)
+        reason = None if force else self.arming.why_not(self.mode, problem) or self._mode_problem()
         if reason is None:
             try:
                 self.executor.arm()
@@ -348,9 +358,12 @@ class Pilot:
         if reason is not None:
             if not self.mission.started:
                 self._end(Outcome.ARMING_REFUSED, reason)
-            self.note(Severity.CRITICAL, f"{self._rules.preflight}: {reason}")
-            raise RefusedError(f"{self._rules.arming}: {reason}")
+            for text in self._rules.arming_texts:
+                self.note(Severity.CRITICAL, text.format(reason))
+            raise RefusedError(self._rules.arming_texts[0].format(reason), told="")
         self.failsafe.on_armed()
+        if self._idle is not None:
+            self._idle.on_armed()
         if self._sticks is not None:
             self._sticks.forget()
         self._end(Outcome.RUNNING, "")
@@ -359,6 +372,12 @@ class Pilot:
             self.modes.override(Mode.HOLD)
         elif self.mode in (Mode.MISSION, Mode.TAKEOFF):
             self._turn_to(self.mode)
+
+    def _mode_problem(self) -> str | None:
+        """Why the vehicle does not arm in its mode for want of sticks or setpoints; None when it does."""
+        if self.mode is Mode.GUIDED and self._rules.needs_stream and not self.setpoints.is_fresh:
+            return "No offboard signal"
+        return None if self._sticks is None else self._sticks.why_not_arm(self.mode)
 
     def disarm(self, *, force: bool = False) -> None:
         """Stop the motors; in the air only by force.
@@ -376,7 +395,7 @@ class Pilot:
             msg = "Disarming denied: not landed"
             raise RefusedError(msg) from None
         self.controls.refresh()
-        self._on_disarmed(self._rules.disarmed)
+        self._on_disarmed((self._rules.disarmed,))
 
     def set_mode(self, mode: Mode) -> None:
         """Change the mode; armed, the vehicle does it at once.
@@ -397,13 +416,17 @@ class Pilot:
 
     def _check_mode(self, mode: Mode) -> None:
         """Raise RefusedError for a mode that is not possible now."""
+        if self.state.phase.is_lost:
+            why = "battery empty" if self.state.phase is FlightPhase.DEPLETED else "falling"
+            raise RefusedError(f"Mode {mode.value} refused: {why}")
+        if self._rules.any_mode_disarmed and not self.armed:
+            return
         if mode is Mode.MISSION and self.mission.why_not is not None:
             raise RefusedError(f"Mission mode refused: {self.mission.why_not}")
         if mode is not Mode.MANUAL and not self.controls.position_ok:
             raise RefusedError(f"Mode {mode.value} refused: no position")
-        if self.state.phase.is_lost:
-            why = "battery empty" if self.state.phase is FlightPhase.DEPLETED else "falling"
-            raise RefusedError(f"Mode {mode.value} refused: {why}")
+        if self._sticks is not None and self._sticks.lacks(mode):
+            raise RefusedError(f"Mode {mode.value} refused: no sticks")
         if mode is Mode.GUIDED and self._rules.needs_stream and not self.setpoints.is_fresh:
             msg = "Mode guided refused: no setpoints"
             raise RefusedError(msg)
@@ -618,6 +641,10 @@ class Pilot:
                 for reaction in self._sticks.check():
                     self.failsafe.active = True
                     self._carry_out(reaction)
+            if self._idle is not None and self.armed and self._idle.is_over():
+                self.executor.disarm()
+                self.controls.refresh()
+                self._on_disarmed(self._idle.texts)
             mode = self.setpoints.expired() if self.mode is Mode.GUIDED else None
             if mode is not None:
                 self._turn_to(mode)
@@ -642,6 +669,10 @@ class Pilot:
             self.failsafe.give_up()
             self._end(Outcome.BATTERY_DEPLETED, f"battery empty at {event.time_s:.0f} s")
             self.note(Severity.CRITICAL, "Battery empty: coming down")
+        elif isinstance(event, Landed):
+            idle = self._rules.idle
+            if idle is not None and not idle.first_flight and self.mode not in _LANDS:
+                self.executor.stay_armed()
         elif isinstance(event, Disarmed):
             self._on_disarmed(self._rules.landed)
 
@@ -654,8 +685,9 @@ class Pilot:
         if self.armed and self.landed is not LandedState.ON_GROUND and self.mode is not Mode.LAND:
             self._turn_to(Mode.LAND if self.mode is Mode.RTL else Mode.RTL)
 
-    def _on_disarmed(self, text: str) -> None:
-        self.note(Severity.INFO, text)
+    def _on_disarmed(self, texts: tuple[str, ...]) -> None:
+        for text in texts:
+            self.note(Severity.INFO, text)
         mission = self.mission
         if mission.started and not self.outcome.is_over:
             if mission.complete:

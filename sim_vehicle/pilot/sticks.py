@@ -34,6 +34,8 @@ _SEVERITY = {
 _STEERS_AHEAD_S = 0.5
 # ArduPlane takes 90 % and more for it (``Plane::update_flight_stage``).
 _FULL_THROTTLE = 0.8
+# RC3_DZ, 30 microseconds of 500 above the end.
+_DOWN = -0.94
 # Phases that are as much as an action, or more.
 _COMES_HOME = (FlightPhase.RETURN, FlightPhase.LAND)
 _REACHED = {Action.HOLD: _COMES_HOME, Action.RETURN: _COMES_HOME, Action.LAND: (FlightPhase.LAND,)}
@@ -115,6 +117,27 @@ class StickPilot:
         if self._silence_s > self._rules.loss.timeout.of(self._parameters):
             self._sticks, self.lost = None, False
         self._later = self._left = None
+
+    @property
+    def heard(self) -> bool:
+        """Whether there are sticks."""
+        return self._sticks is not None and self._silence_s <= self._rules.loss.timeout.of(self._parameters)
+
+    @property
+    def throttle_down(self) -> bool:
+        """Whether the throttle stick is all the way down, or there is none."""
+        return not self.heard or (self._sticks is not None and self._sticks.up <= _DOWN)
+
+    def lacks(self, mode: Mode) -> bool:
+        """Whether a mode needs sticks, and there are none."""
+        return mode in self._rules.needed and not self.heard
+
+    def why_not_arm(self, mode: Mode) -> str | None:
+        """Why the vehicle does not arm; None when the sticks do not keep it from it."""
+        arming = self._rules.loss.arming
+        if arming is not None and arming.of(self._parameters) and self._sticks is not None and not self.heard:
+            return "Radio failsafe on"
+        return "No manual control input" if self.lacks(mode) else None
 
     def check(self) -> Iterator[Reaction]:
         """Steer on, and yield what the loss of the sticks demands."""

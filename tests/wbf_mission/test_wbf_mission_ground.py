@@ -9,6 +9,7 @@ from mission.model import Command, GeoPoint, Mission, MissionItem
 from mission.outcome import Outcome
 from mission.transfer import MissionServer
 from wbf_mission.ground.station import GroundStation
+from wbf_mission.ground.texts import TextLog
 from wbf_mission.outcome import Phase
 
 MISSION = Mission(
@@ -213,3 +214,14 @@ def test_another_vehicle_on_the_link_changes_nothing():
         message.pack(m.MAVLink(None, 9, 1))
         assert ground.receive(message, 2.0) == []
     assert (ground.phase, ground.battery.remaining, ground.texts) == before
+
+
+def test_px4s_last_word_on_arming_is_no_reason():
+    texts = TextLog()
+    generic = "Arming denied: Resolve system health failures first"
+    texts.note(generic, 0.0)
+    assert texts.last_warning("none") == generic
+    texts.note("Preflight Fail: No manual control input", 1.0)
+    texts.note(generic, 1.0)
+    assert texts.last_warning("none") == "Preflight Fail: No manual control input"
+    assert texts.last_warning("none", since=3) == "none"

@@ -73,7 +73,7 @@ def test_a_refusal_is_told_in_the_words_of_the_vehicle(capsys):
     with stand_in() as (url, made):
         made.vehicle.pilot.arming.block = "the propellers are off"
         text = command(capsys, url, "arm", code=5)
-        assert text == "error: system 1 refused arm: Arming denied: the propellers are off"
+        assert text == "error: system 1 refused arm: Preflight Fail: the propellers are off"
 
 
 def test_a_vehicle_that_is_not_there(capsys):

@@ -8,6 +8,7 @@ __all__ = ["TextLog"]
 
 _WARNING = 4  # MAV_SEVERITY_WARNING
 _MOST_TEXTS = 10_000
+_NO_REASON = "Arming denied: Resolve system health failures first"
 
 
 class TextLog:
@@ -55,6 +56,10 @@ class TextLog:
         return f"{failure}; the vehicle says: {said}" if said else failure
 
     def last_warning(self, otherwise: str, since: int = 0) -> str:
-        """The latest warning from the text with number `since` on; `otherwise` when there is none."""
+        """The latest warning from the text with number `since` on; `otherwise` when there is none.
+
+        PX4 ends its reasons not to arm with a text that gives none: that counts only where it is alone.
+        """
         warnings = [text for _, severity, text in self.texts[since:] if severity <= _WARNING]
-        return warnings[-1] if warnings else otherwise
+        reasons = [text for text in warnings if text != _NO_REASON]
+        return (reasons or warnings or [otherwise])[-1]

@@ -1,7 +1,7 @@
 """ArduPilot's failsafes: ArduCopter, ArduPlane, Rover.
 
 Source: ArduPilot parameter references (FENCE_ACTION, FS_GCS_ENABLE, FS_OPTIONS, BATT_FS_LOW_ACT,
-BATT_LOW_VOLT, GUID_TIMEOUT) and ArduCopter/events.cpp.
+BATT_LOW_VOLT, GUID_TIMEOUT), ArduCopter/events.cpp, AP_Arming.cpp and the AP_Arming of each vehicle.
 """
 
 from __future__ import annotations
@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from sim_vehicle.autopilot.failsafe_rules import FailsafeDefaults, FailsafeRules, actions_by_value
+from sim_vehicle.autopilot.idle_disarm import IdleDisarm
+from sim_vehicle.autopilot.setting import Setting
 
 __all__ = ["COPTER_RULES", "PLANE_RULES", "ROVER_RULES"]
 
@@ -26,7 +28,7 @@ COPTER_RULES = FailsafeRules(
     fences_setpoints=True,
     tells_link_loss=False,
     preflight="PreArm",
-    arming="Arm",
+    arming_texts=("Arm: {}",),
     fence_text="Fence breached: {}",
     fence_clear="Fence breach cleared",
     link_lost="GCS Failsafe",
@@ -49,7 +51,8 @@ COPTER_RULES = FailsafeRules(
     link_ignored="GCS Failsafe - Continuing Auto Mode",
     armed="Arming motors",
     disarmed="Disarming motors",
-    landed="Disarming motors",
+    landed=("Disarming motors",),
+    idle=IdleDisarm(Setting("DISARM_DELAY", 10.0), ("Disarming motors",)),
 )
 
 # ArduPlane's and Rover's own numbers; a low and a critical battery end the flight as the copter's do.
@@ -64,6 +67,10 @@ PLANE_RULES = replace(
     mission_goes_on_bit=0,
     battery_actions=(_PLANE_BATTERY, _PLANE_BATTERY, actions_by_value(WARN="0 1 2 3 4 5 6 7")),
     defaults=_PLANE_ROVER_DEFAULTS,
+    armed="Throttle armed",
+    disarmed="Throttle disarmed",
+    landed=("Throttle disarmed", "Auto disarmed"),
+    idle=None,
 )
 _ROVER_BATTERY = actions_by_value(WARN="0", RETURN="1 3 4", HOLD="2 6", TERMINATE="5")
 ROVER_RULES = replace(
@@ -73,4 +80,8 @@ ROVER_RULES = replace(
     mission_goes_on_bit=0,
     battery_actions=(_ROVER_BATTERY, _ROVER_BATTERY, actions_by_value(WARN="0 1 2 3 4 5 6 7")),
     defaults=_PLANE_ROVER_DEFAULTS,
+    armed="Throttle armed",
+    disarmed="Throttle disarmed",
+    landed=("Throttle disarmed",),
+    idle=None,
 )

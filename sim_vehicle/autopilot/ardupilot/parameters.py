@@ -33,6 +33,7 @@ def copter_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
     ceiling_cm = 100.0 * spec.max_altitude_m
     return [
         *vehicle_parameters(spec, system_id),
+        MavParameter("DISARM_DELAY", integer=True, value=10.0, stored=True, bits=8, low=0, high=127),
         MavParameter("FRAME_CLASS", integer=True, value=1),
         MavParameter("FRAME_TYPE", integer=True, value=1),
         MavParameter("FS_OPTIONS", "failsafe_options", integer=True, low=0, high=63),
@@ -59,7 +60,6 @@ def vehicle_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
     return [
         *_SAFETY,
         *_battery_parameters(spec),
-        MavParameter("DISARM_DELAY", "disarm_delay_s", integer=True, low=0, high=127),
         MavParameter("FENCE_TOTAL", integer=True),
         MavParameter("MIS_TOTAL", integer=True),
         MavParameter("RALLY_TOTAL", integer=True),

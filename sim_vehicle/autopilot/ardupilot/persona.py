@@ -63,8 +63,26 @@ COPTER_PERSONA = Persona(
         ),
         aliases=MappingProxyType({1: Mode.MANUAL, 17: Mode.HOLD, 21: Mode.RTL, 27: Mode.RTL}),
         # The manoeuvre of a pilot who flies by hand.
-        failing=MappingProxyType({14: "FLIP"}),
-        fails=True,
+        failing=frozenset({14}),
+        names=MappingProxyType(
+            {
+                0: "STABILIZE",
+                1: "ACRO",
+                2: "ALT_HOLD",
+                3: "AUTO",
+                4: "GUIDED",
+                5: "LOITER",
+                6: "RTL",
+                9: "LAND",
+                14: "FLIP",
+                16: "POSHOLD",
+                17: "BRAKE",
+                21: "SMART_RTL",
+                27: "AUTO RTL",
+            }
+        ),
+        refused_text="Mode change to {name} failed: {reason}",
+        unknown_text="No such mode {}",
         boot=Mode.MANUAL,
         after_takeoff=Mode.GUIDED,
         after_command=Mode.GUIDED,
@@ -114,7 +132,8 @@ PLANE_PERSONA = replace(
         aliases=MappingProxyType(
             {1: Mode.HOLD, 2: Mode.MANUAL, 3: Mode.MANUAL, 4: Mode.MANUAL, 5: Mode.MANUAL, 8: Mode.MANUAL}
         ),
-        failing=MappingProxyType({}),
+        failing=frozenset(),
+        refused_text="Flight mode change failed",
         after_takeoff=Mode.TAKEOFF,
         base=BaseModes(),
     ),
@@ -140,7 +159,8 @@ ROVER_PERSONA = replace(
                 Mode.LAND: 4,
             }
         ),
-        failing=MappingProxyType({}),
+        failing=frozenset(),
+        refused_text="Flight mode change failed",
         aliases=MappingProxyType({5: Mode.HOLD, 7: Mode.MANUAL, 12: Mode.RTL}),
         base=BaseModes(),
     ),

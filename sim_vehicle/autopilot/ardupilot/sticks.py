@@ -7,7 +7,8 @@ from types import MappingProxyType
 
 from sim_vehicle.autopilot.failsafe_rules import Action, actions_by_value
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.autopilot.stick_rules import Axis, Setting, StickLoss, StickRules, WingSticks, bits
+from sim_vehicle.autopilot.setting import Setting
+from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, WingSticks, bits
 
 __all__ = ["COPTER_STICKS", "PLANE_STICKS", "ROVER_STICKS"]
 
@@ -40,6 +41,7 @@ COPTER_STICKS = StickRules(
         # FS_OPTIONS.
         exceptions=bits(MISSION=1, GUIDED=4, LAND=8),
         on_ground=Action.DISARM,
+        arming=Setting("FS_THR_ENABLE", 1.0),
         lost="Radio Failsafe",
         ignored="Radio Failsafe - Continuing {}",
         regained="Radio Failsafe Cleared",
@@ -72,6 +74,7 @@ PLANE_STICKS = StickRules(
         in_stick_modes=Action.RETURN,
         release=_RELEASE,
         delay=Setting("FS_LONG_TIMEOUT", 5.0),
+        arming=Setting("THR_FAILSAFE", 1.0),
         delayed="RC Short Failsafe: switched to CIRCLE",
         lost="RC Long Failsafe: switched to RTL",
         regained="RC Failsafe Cleared",
@@ -92,6 +95,7 @@ ROVER_STICKS = StickRules(
         actions=actions_by_value(NONE="0", RETURN="1 3", HOLD="2 4 6", TERMINATE="5"),
         release=_RELEASE,
         exceptions=bits(),
+        arming=Setting("FS_THR_ENABLE", 1.0),
         lost="Radio Failsafe",
         regained="Radio Failsafe Cleared",
     ),

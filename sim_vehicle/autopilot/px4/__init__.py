@@ -11,7 +11,7 @@ from mission.planners.turns import Turns
 from mission.transfer import profile
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.px4.copter import PX4_MULTIROTOR
-from sim_vehicle.autopilot.px4.failsafe import RULES
+from sim_vehicle.autopilot.px4.failsafe import FIXED_WING_RULES, ROVER_RULES, RULES
 from sim_vehicle.autopilot.px4.fixed_wing import PX4_FIXED_WING
 from sim_vehicle.autopilot.px4.habits import HABITS
 from sim_vehicle.autopilot.px4.parameters import copter_parameters, fixed_wing_parameters, rover_parameters
@@ -58,8 +58,7 @@ PX4 = Autopilot(
                 _COPTER,
                 persona=persona_of(m.MAV_TYPE_FIXED_WING),
                 parameter_table=fixed_wing_parameters,
-                # PX4's defaults of its fixed wings: a mission has to land, and a return is no landing.
-                rules=replace(RULES, defaults=replace(RULES.defaults, mission_requirement=2)),
+                rules=FIXED_WING_RULES,
                 procedures=PX4_FIXED_WING,
                 takes_off=False,
                 turns=Turns(2.0),
@@ -71,6 +70,7 @@ PX4 = Autopilot(
                 _COPTER,
                 persona=persona_of(m.MAV_TYPE_GROUND_ROVER),
                 parameter_table=rover_parameters,
+                rules=ROVER_RULES,
                 procedures=PX4_ROVER,
                 turns=Turns(),
                 reference=partial(reference_parameters, "px4", without=_OF_MULTIROTORS),

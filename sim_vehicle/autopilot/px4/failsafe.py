@@ -1,13 +1,18 @@
 """PX4's failsafes.
 
-Source: PX4 parameter reference (GF_ACTION, NAV_DLL_ACT, COM_LOW_BAT_ACT, COM_OF_LOSS_T).
+Source: PX4 parameter reference (GF_ACTION, NAV_DLL_ACT, COM_LOW_BAT_ACT, COM_OF_LOSS_T),
+``Commander.cpp`` and ``UserModeIntention.cpp``.
 """
 
 from __future__ import annotations
 
-from sim_vehicle.autopilot.failsafe_rules import FailsafeRules, actions_by_value
+from dataclasses import replace
 
-__all__ = ["RULES"]
+from sim_vehicle.autopilot.failsafe_rules import FailsafeRules, actions_by_value
+from sim_vehicle.autopilot.idle_disarm import IdleDisarm
+from sim_vehicle.autopilot.setting import Setting
+
+__all__ = ["FIXED_WING_RULES", "ROVER_RULES", "RULES"]
 
 RULES = FailsafeRules(
     fence_actions=actions_by_value(NONE="0", WARN="1", HOLD="2", RETURN="3", TERMINATE="4", LAND="5"),
@@ -27,10 +32,18 @@ RULES = FailsafeRules(
     fences_setpoints=False,
     tells_link_loss=True,
     preflight="Preflight Fail",
-    arming="Arming denied",
+    arming_texts=("Preflight Fail: {}", "Arming denied: Resolve system health failures first"),
     fence_text="Geofence violated: {}",
     fence_clear="Geofence violation cleared",
     link_lost="Data link lost",
     link_regained="Data link regained",
     stream_lost="Offboard control lost: {}",
+    idle=IdleDisarm(
+        Setting("COM_DISARM_PRFLT", 10.0), ("Disarmed by auto preflight disarming",), first_flight=True
+    ),
+    any_mode_disarmed=True,
 )
+# PX4's defaults of its fixed wings: a mission has to land, and a return is no landing.
+FIXED_WING_RULES = replace(RULES, defaults=replace(RULES.defaults, mission_requirement=2))
+# An armed rover counts as one that drives.
+ROVER_RULES = replace(RULES, idle=None)

@@ -1,6 +1,7 @@
 """PX4 as its MAVLink peers see it.
 
-Sources: PX4 ``px4_custom_mode.h``, ``mavlink_main.cpp`` (rates) and what PX4 1.17 (SIH) was seen to do.
+Sources: PX4 ``px4_custom_mode.h``, ``mavlink_main.cpp`` (rates), ``Commander.cpp`` and ``ModeUtil`` (texts)
+and what PX4 1.17 (SIH) was seen to do.
 """
 
 from __future__ import annotations
@@ -59,6 +60,24 @@ _MODES = ModeTable(
     after_takeoff=Mode.HOLD,
     after_command=Mode.HOLD,
     orbit=px4_custom_mode(3, 1),
+    names=MappingProxyType(
+        {
+            px4_custom_mode(1): "Manual",
+            px4_custom_mode(2): "Altitude",
+            px4_custom_mode(3): "Position",
+            px4_custom_mode(4, 1): "Hold",
+            px4_custom_mode(4, 2): "Takeoff",
+            px4_custom_mode(4, 3): "Hold",
+            px4_custom_mode(4, 4): "Mission",
+            px4_custom_mode(4, 5): "Return",
+            px4_custom_mode(4, 6): "Land",
+            px4_custom_mode(5): "Acro",
+            px4_custom_mode(6): "Offboard",
+            px4_custom_mode(7): "Stabilized",
+        }
+    ),
+    refused_text="Switching to {name} is currently not available",
+    unknown_text="Unsupported auto mode",
     main_and_sub=True,
 )
 

@@ -7,13 +7,15 @@ from types import MappingProxyType
 
 from sim_vehicle.autopilot.failsafe_rules import Action, actions_by_value
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.autopilot.stick_rules import Axis, Setting, StickLoss, StickRules, bits
+from sim_vehicle.autopilot.setting import Setting
+from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, bits
 
 __all__ = ["STICKS"]
 
 _AXIS = Axis(0.1, 0.6)
 STICKS = StickRules(
     speeds=MappingProxyType({Mode.POSITION: Setting("MPC_VEL_MANUAL", 10.0)}),
+    needed=frozenset({Mode.POSITION, Mode.ALTITUDE, Mode.MANUAL}),
     level=_AXIS,
     vertical=_AXIS,
     turning=_AXIS,

@@ -131,7 +131,7 @@ def test_its_parameters_and_failsafe_rules_act(nimbus):
     arm = m.MAVLink_command_long_message(1, 1, 400, 0, 1.0, 0, 0, 0, 0, 0, 0)
     arm._header.srcSystem = 255
     texts = [message.text for message in vehicle.receive(arm, 60.0) if message.get_type() == "STATUSTEXT"]
-    assert any(text.startswith("Nimbus check: ") for text in texts), texts
+    assert any(text.startswith("Nimbus arming: ") for text in texts), texts
 
 
 def test_a_fleet_of_it_is_found_at_its_own_ports(nimbus):

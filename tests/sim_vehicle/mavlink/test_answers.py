@@ -81,12 +81,140 @@ def test_ardupilot_takes_auto_without_a_mission_and_does_not_arm():
     assert peer.result(300) == 4
 
 
-def test_auto_without_a_mission_is_refused_in_flight_and_by_px4():
+def test_auto_without_a_mission_is_refused_in_flight():
     peer = Peer("ardupilot")
     peer.fly()
     assert peer.result(176, 1.0, 3.0) == 4
     assert peer.vehicle.pilot.mode is Mode.GUIDED
-    assert Peer("px4").result(176, 1.0, 4.0, 4.0) == 1
+    assert peer.texts()[-1] == "Mode change to AUTO failed: init failed"
+    peer.vehicle.pilot.controls.position_ok = False
+    assert peer.result(176, 1.0, 5.0) == 4
+    assert peer.texts()[-1] == "Mode change to LOITER failed: requires position"
+    peer = Peer("px4")
+    peer.fly()
+    assert peer.result(176, 1.0, 4.0, 4.0) == 1
+    assert peer.texts()[-1] == "Switching to Mission is currently not available"
+
+
+def test_px4_takes_any_mode_on_the_ground_and_does_not_arm_in_it():
+    for main, sub, reason in (
+        (4.0, 4.0, "no mission"),
+        (6.0, 0.0, "No offboard signal"),
+        (4.0, 5.0, "mode return"),
+    ):
+        peer = Peer("px4")
+        assert peer.result(176, 1.0, main, sub) == 0
+        assert peer.result(400, 1.0) == 1
+        assert f"Preflight Fail: {reason}" in peer.texts()[0]
+        assert "".join(peer.texts()[-2:]) == "Arming denied: Resolve system health failures first"
+        assert not peer.vehicle.pilot.armed
+
+
+@pytest.mark.parametrize("mode", [1.0, 2.0, 3.0, 7.0], ids=["MANUAL", "ALTCTL", "POSCTL", "STABILIZED"])
+def test_px4_wants_sticks_in_the_modes_that_they_fly(mode):
+    peer = Peer("px4")
+    assert peer.result(176, 1.0, mode) == 0
+    assert peer.result(400, 1.0) == 1
+    assert peer.texts()[0] == "Preflight Fail: No manual control input"
+    peer.tell(sticks(z=0))
+    assert peer.result(400, 1.0) == 0
+    peer = Peer("px4")
+    peer.fly()
+    assert peer.result(176, 1.0, mode) == 1
+    names = {1.0: "Manual", 2.0: "Altitude", 3.0: "Position", 7.0: "Stabilized"}
+    assert peer.texts()[-1] == f"Switching to {names[mode]} is currently not available"
+    assert peer.vehicle.pilot.mode is Mode.HOLD
+    peer.tell(sticks())
+    assert peer.result(176, 1.0, mode) == 0
+
+
+@pytest.mark.parametrize(("kind", "texts"), [("rover", ["Throttle armed", "Throttle disarmed"])])
+def test_words_of_ardupilots_other_vehicles(kind, texts):
+    peer = Peer("ardupilot", kind)
+    assert (peer.result(400, 1.0), peer.result(400, 0.0)) == (0, 0)
+    assert peer.texts()[-2:] == texts
+
+
+def test_a_refused_arming_has_the_words_of_the_autopilot():
+    peer = Peer("ardupilot")
+    peer.vehicle.pilot.arming.block = "Compass not calibrated"
+    assert peer.result(400, 1.0) == 4
+    assert peer.texts() == ["Arm: Compass not calibrated"]
+    assert peer.of("STATUSTEXT")[-1].severity == 2
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_command_that_there_is_not_is_refused_without_a_word(autopilot):
+    peer = Peer(autopilot)
+    assert [peer.result(command) for command in (31010, 34 if autopilot == "ardupilot" else 224)] == [3, 3]
+    assert peer.texts() == []
+
+
+def test_a_vehicle_that_never_takes_off_is_disarmed():
+    peer = Peer("ardupilot")
+    assert peer.result(400, 1.0) == 0
+    peer.wait(9.5)
+    assert peer.vehicle.pilot.armed
+    peer.wait(1.0)
+    assert not peer.vehicle.pilot.armed
+    assert not peer.of("HEARTBEAT")[-1].base_mode & 128
+    assert peer.texts()[-1] == "Disarming motors"
+    peer = Peer("px4")
+    assert peer.result(400, 1.0) == 0
+    peer.wait(9.5)
+    assert peer.vehicle.pilot.armed
+    peer.wait(1.0)
+    assert not peer.vehicle.pilot.armed
+    assert peer.texts()[-1] == "Disarmed by auto preflight disarming"
+
+
+@pytest.mark.parametrize(("autopilot", "name"), [("ardupilot", "DISARM_DELAY"), ("px4", "COM_DISARM_PRFLT")])
+@pytest.mark.parametrize(("value", "armed"), [(3.0, False), (0.0, True), (30.0, True)])
+def test_the_time_on_the_ground_is_a_parameter(autopilot, name, value, armed):
+    peer = Peer(autopilot)
+    peer.vehicle.pilot.parameters.stored[name] = value
+    assert peer.result(400, 1.0) == 0
+    peer.wait(20.0)
+    assert peer.vehicle.pilot.armed is armed
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "kind"), [("px4", "rover"), ("ardupilot", "rover"), ("ardupilot", "fixed-wing")]
+)
+def test_rovers_and_arduplane_stay_armed(autopilot, kind):
+    peer = Peer(autopilot, kind)
+    assert peer.result(400, 1.0) == 0
+    peer.wait(40.0)
+    assert peer.vehicle.pilot.armed
+
+
+def test_arducopter_waits_while_the_throttle_stick_is_up():
+    peer = Peer("ardupilot")
+    assert peer.result(176, 1.0, 2.0) == 0
+    assert peer.result(400, 1.0) == 0
+    push(peer, 15.0, sticks(z=400))
+    assert peer.vehicle.pilot.armed
+    push(peer, 9.0, sticks(z=0))
+    assert peer.vehicle.pilot.armed
+    push(peer, 2.0, sticks(z=0))
+    assert not peer.vehicle.pilot.armed
+
+
+@pytest.mark.parametrize("kind", ["quad", "fixed-wing", "rover"])
+def test_ardupilot_does_not_arm_in_a_radio_failsafe(kind):
+    peer = Peer("ardupilot", kind)
+    peer.tell(sticks(z=0))
+    peer.wait(3.0)
+    assert peer.result(400, 1.0) == 4
+    assert peer.texts()[-1] == "Arm: Radio failsafe on"
+    peer.tell(sticks(z=0))
+    assert peer.result(400, 1.0) == 0
+    peer = Peer("ardupilot", kind)
+    name = "THR_FAILSAFE" if kind == "fixed-wing" else "FS_THR_ENABLE"
+    peer.vehicle.pilot.parameters.stored[name] = 0.0
+    peer.tell(sticks(z=0))
+    peer.wait(3.0)
+    assert peer.result(400, 1.0) == 0
 
 
 def test_ardupilots_flip_and_modes_that_there_are_not():
@@ -201,6 +329,7 @@ def sticks(x=0, y=0, z=500, r=0, target=1):
 def test_an_axis_that_the_sender_does_not_have_is_centred():
     peer = Peer("px4")
     peer.fly()
+    peer.tell(sticks())
     assert peer.result(176, 1.0, 3.0) == 0
     before = peer.vehicle.pilot.state.position_m
     none = 2**15 - 1
@@ -240,10 +369,12 @@ def test_sticks_move_px4_in_its_position_mode():
 def test_sticks_for_others_and_on_the_ground_do_nothing():
     peer = Peer("px4")
     assert peer.result(176, 1.0, 3.0) == 0
-    assert peer.result(400, 1.0) == 0
     peer.tell(sticks(x=1000))
-    peer.tell(sticks(z=1000, target=7))
-    peer.wait(2.0)
+    assert peer.result(400, 1.0) == 0
+    for _ in range(20):
+        peer.tell(sticks(x=1000))
+        peer.tell(sticks(z=1000, target=7))
+        peer.wait(0.1)
     assert peer.vehicle.pilot.state.position_m[2] == 0.0
     for _ in range(30):
         peer.tell(sticks(z=1000))
@@ -258,8 +389,13 @@ def flown_by_hand(autopilot, mode, kind="quad"):
         peer.fly()
     else:
         assert peer.result(400, 1.0) == 0
+    if autopilot == "px4":
+        peer.tell(sticks())
     assert peer.result(176, 1.0, mode) == 0
-    peer.wait(3.0)
+    if autopilot == "px4":
+        push(peer, 3.0, sticks())
+    else:
+        peer.wait(3.0)
     return peer
 
 
@@ -359,13 +495,16 @@ def test_sticks_do_nothing_in_arducopters_guided_and_brake_modes(mode):
     assert peer.vehicle.pilot.state.position_m == pytest.approx(before, abs=0.3)
 
 
-@pytest.mark.parametrize(("autopilot", "mode", "moves"), [("ardupilot", 5.0, True), ("px4", 3.0, False)])
-def test_overridden_channels_are_sticks_to_arducopter_only(autopilot, mode, moves):
-    peer = flown_by_hand(autopilot, mode)
+def test_overridden_channels_are_sticks_to_arducopter_only():
+    peer = flown_by_hand("ardupilot", 5.0)
     push(peer, 4.0, override(pitch=1250))
-    assert (ground_speed(peer) > 2.0) is moves
+    assert ground_speed(peer) > 2.0
     push(peer, 1.0, override(pitch=65535, roll=1500))
-    assert (ground_speed(peer) > 2.0) is moves, "the pitch is kept"
+    assert ground_speed(peer) > 2.0, "the pitch is kept"
+    peer = Peer("px4")
+    peer.fly()
+    push(peer, 1.0, override(pitch=1250))
+    assert peer.result(176, 1.0, 3.0) == 1, "PX4 hears none"
 
 
 def test_arducopter_listens_to_its_own_ground_station_only():
@@ -443,7 +582,9 @@ def test_the_parameters_of_the_sticks_are_the_firmwares_own(autopilot, kind):
     rules = firmware.sticks
     loss = rules.loss
     named = [*rules.speeds.values(), rules.turn_rate, rules.climb, rules.descent]
-    named += [loss.timeout, loss.action, loss.release, loss.delay]
+    named += [loss.timeout, loss.action, loss.release, loss.delay, loss.arming]
+    if firmware.rules.idle is not None:
+        named.append(firmware.rules.idle.delay)
     if rules.wing is not None:
         named += [rules.wing.bank, rules.wing.pitch_up, rules.wing.pitch_down]
     for setting in filter(None, named):

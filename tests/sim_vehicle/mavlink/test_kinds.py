@@ -133,8 +133,9 @@ def test_px4_refuses_a_fixed_wings_mission_without_a_landing_unless_told():
     assert results == [0]  # it is stored all the same
     assert "Mission rejected: Landing waypoint/pattern required." in "".join(texts)
     assert vehicle.pilot.mission_state is MissionState.NO_MISSION
+    vehicle.pilot.set_mode(Mode.MISSION)
     with pytest.raises(RefusedError, match="Landing waypoint"):
-        vehicle.pilot.set_mode(Mode.MISSION)
+        vehicle.pilot.arm()
     uploaded(vehicle, LANDS)
     assert vehicle.pilot.mission_state is MissionState.NOT_STARTED
     uploaded(vehicle, RETURNS)

@@ -164,7 +164,7 @@ def test_mavsdk_hears_why_arming_is_refused(sdk):
         wait_until(lambda: not telemetry.health().is_armable, what="not armable")
         with pytest.raises(ActionError):
             Action(system).arm()
-        wait_until(lambda: "Arming denied: compass not calibrated" in texts, what="status text")
+        wait_until(lambda: "Preflight Fail: compass not calibrated" in texts, what="status text")
         assert flying.vehicle.outcome is Outcome.ARMING_REFUSED
 
 

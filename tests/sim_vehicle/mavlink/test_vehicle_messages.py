@@ -191,17 +191,15 @@ def test_modes_by_command_and_by_message(autopilot, mode):
 
 def test_modes_that_do_not_exist_or_are_not_possible():
     peer = Peer()
-    assert peer.result(176, 1.0, 99.0) == 2
+    assert peer.result(176, 1.0, 99.0) == 0, "PX4 passes over a main mode that it does not know"
     assert peer.result(176, 0.0, 4.0, 3.0) == 2
-    assert peer.result(176, 1.0, 4.0, 4.0) == 1
+    assert peer.result(176, 1.0, 4.0, 40.0) == 1
     assert peer.result(176, NAN, NAN, NAN) == 2
     peer.tell(m.MAVLink_set_mode_message(1, 1, 12345))
     assert peer.texts() == [
-        "Mode refused: unknown number 6488064",
         "Mode refused: only custom modes are known",
-        "Mission mode refused: no mission",
+        "Unsupported auto mode",
         "Mode refused: only custom modes are known",
-        "Mode refused: unknown number 12345",
     ]
     assert peer.vehicle.pilot.mode is Mode.HOLD
 
@@ -311,7 +309,6 @@ def test_mission_start_pause_and_current_item():
     answers = peer.tell(m.MAVLink_mission_set_current_message(1, 1, 0))
     assert [(a.get_type(), a.seq) for a in answers] == [("MISSION_CURRENT", 0)]
     assert peer.result(224, 1.0) == 3, "PX4 takes the message only"
-    assert "DO_SET_MISSION_CURRENT refused: not supported" in peer.texts()
     peer.tell(m.MAVLink_mission_set_current_message(1, 1, 2))
     assert peer.vehicle.pilot.mission.current_seq == 2
     peer.tell(m.MAVLink_mission_set_current_message(1, 1, 77))

@@ -262,6 +262,11 @@ def test_a_vehicle_goes_no_farther_out_than_it_needs_to_stop(angle, speed, kind,
         assert watch.judge(rig.place, (0.0, 0.0))[0] is Breach.NONE
 
 
+def refuses_to_arm_in_mission(rig):
+    rig.pilot.set_mode(Mode.MISSION)
+    rig.pilot.arm()
+
+
 @BOTH
 def test_missions_and_targets_outside_the_fence_are_refused(autopilot):
     rig = Rig(autopilot, fence_enable=1)
@@ -272,8 +277,9 @@ def test_missions_and_targets_outside_the_fence_are_refused(autopilot):
     rig.run(0.2)
     assert any(text.startswith("Mission rejected: item 3") for text in rig.texts)
     with pytest.raises(RefusedError, match="outside the fence"):
-        rig.pilot.set_mode(Mode.MISSION)
+        rig.pilot.start_mission() if autopilot is ARDUPILOT else refuses_to_arm_in_mission(rig)
     rig.pilot.load([takeoff(), wp(20, 0), RTL])
+    rig.pilot.set_mode(Mode.HOLD)
     assert rig.pilot.mission.why_not is None
     rig.aloft()
     with pytest.raises(RefusedError, match="fence"):
@@ -289,12 +295,11 @@ def test_missions_and_targets_outside_the_fence_are_refused(autopilot):
 def test_no_arming_outside_the_fence(autopilot):
     rig = Rig(autopilot, fence_enable=1)
     rig.pilot.set_fence(zone(5002, SQUARE))
-    expected = "Arm: fence" if autopilot is ARDUPILOT else "Arming denied: fence"
+    expected = "Arm: fence" if autopilot is ARDUPILOT else "Preflight Fail: fence"
     with pytest.raises(RefusedError, match=expected):
         rig.pilot.arm()
     rig.run(0.2)
-    check = "PreArm: fence" if autopilot is ARDUPILOT else "Preflight Fail: fence"
-    assert any(text.startswith(check) for text in rig.texts)
+    assert any(text.startswith(expected) for text in rig.texts)
     assert not rig.health(1 << 28)
     rig.pilot.arm(force=True)
     assert rig.pilot.armed

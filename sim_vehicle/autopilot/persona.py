@@ -265,6 +265,8 @@ class Persona:
         All parameters can be read as one file (ArduPilot).
     packed_plans : bool
         Mission, fence and rally points can be read and written as a file each (ArduPilot).
+    system_files : bool
+        Files tell of the board and its tasks (ArduPilot's @SYS).
     component_metadata : bool
         COMPONENT_METADATA names files that describe the vehicle (PX4).
     tells_calibration : bool
@@ -293,6 +295,7 @@ class Persona:
     tells_remaining_time: bool = False
     packed_parameters: bool = False
     packed_plans: bool = False
+    system_files: bool = False
     component_metadata: bool = False
     tells_calibration: bool = False
     logs: LogHabits = LogHabits()

@@ -99,6 +99,7 @@ COPTER_PERSONA = Persona(
     takeoff_needs_arming=True,
     packed_parameters=True,
     packed_plans=True,
+    system_files=True,
     logs=LogHabits(
         "/APM/LOGS",
         first_number=1,

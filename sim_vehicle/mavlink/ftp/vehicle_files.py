@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 __all__ = ["general_metadata", "vehicle_files"]
 
+# The other files of @SYS tell of threads, memory, ports and storage of a board, which there is not.
+_TASKS_PATH = "@SYS/tasks.txt"
 # Vehicles of a fleet have almost equal tables; compressing one takes some hundredths of a second.
 _metadata = lru_cache(maxsize=16)(metadata_files)
 
@@ -42,6 +44,8 @@ def vehicle_files(
         for mission_type, path in PLAN_PATHS.items():
             made[path] = partial(_packed_plan, plans, mission_type)
             taken[path] = partial(_take_plan, plans, mission_type)
+    if persona.system_files:
+        made[_TASKS_PATH] = _task_info
     habits = persona.logs
     return FileTree(
         ("/", habits.directory),
@@ -49,6 +53,11 @@ def vehicle_files(
         mounted={habits.directory: lambda: logs.files(by_date=habits.by_date)},
         taken=taken,
     )
+
+
+def _task_info(query: str, _read_size: int) -> bytes | None:
+    """The statistics of a scheduler that runs no tasks: ArduPilot's header (``AP_Scheduler.cpp``) alone."""
+    return None if query else b"TasksV2\n"
 
 
 def _take_parameters(parameters: ParameterSet, data: bytes) -> bool:

@@ -190,4 +190,11 @@ def test_px4_has_no_such_files():
 def test_ardupilot_tells_nothing_of_a_system_that_it_does_not_have():
     one = Vehicle()
     assert one.ask(Operation.OPEN_TO_READ, b"@SYS/threads.txt") is FtpError.NOT_FOUND
-    assert one.ask(Operation.LIST, b"@SYS") is FtpError.NOT_FOUND
+    assert one.ask(Operation.CREATE, b"@SYS/tasks.txt") is FtpError.PROTECTED
+    assert Vehicle("px4").ask(Operation.LIST, b"@SYS") is FtpError.NOT_FOUND
+
+
+def test_ardupilots_scheduler_has_no_tasks_to_tell_of():
+    one = Vehicle()
+    assert one.ask(Operation.LIST, b"@SYS") == b"Ftasks.txt\t8\0"
+    assert one.read("@SYS/tasks.txt") == b"TasksV2\n"

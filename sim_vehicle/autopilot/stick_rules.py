@@ -7,15 +7,19 @@ Sources: PX4's ``Sticks.cpp``, ``failsafe.cpp`` and parameter reference; ArduCop
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot.failsafe_rules import Action
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.setting import Setting
 
-__all__ = ["Axis", "StickLoss", "StickRules", "Sticks", "WingSticks", "bits"]
+if TYPE_CHECKING:
+    from sim_vehicle.airframe.spec import VehicleSpec
+
+__all__ = ["Axis", "StickLoss", "StickRules", "Sticks", "TiltSticks", "WingSticks", "bits"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +127,44 @@ class WingSticks:
 
 
 @dataclass(frozen=True, slots=True)
+class TiltSticks:
+    """How a multirotor leans with its sticks.
+
+    Parameters
+    ----------
+    holds_height : frozenset of Mode
+        Modes in which the vertical stick is a climb rate, and the height is held without it.
+    by_throttle : frozenset of Mode
+        Modes in which it is the thrust.
+    by_rate : frozenset of int
+        Custom modes, flown as one of ``by_throttle``, in which the sticks are rates of turning.
+    lean : Setting
+        Greatest lean, radians.
+    roll_rate, pitch_rate, yaw_rate : Setting
+        Greatest rates of turning in ``by_rate``, radians a second.
+    hover_thrust, least_thrust, most_thrust : Setting
+        Thrust with the stick in the middle and at its ends.
+    hold_below : Setting
+        Vertical speed below which the height is held, m/s.
+    drag : callable
+        Drag over mass and airspeed (1/s) of a vehicle.
+    """
+
+    holds_height: frozenset[Mode]
+    by_throttle: frozenset[Mode]
+    by_rate: frozenset[int]
+    lean: Setting
+    roll_rate: Setting
+    pitch_rate: Setting
+    yaw_rate: Setting
+    hover_thrust: Setting
+    least_thrust: Setting
+    most_thrust: Setting
+    hold_below: Setting
+    drag: Callable[[VehicleSpec], float]
+
+
+@dataclass(frozen=True, slots=True)
 class StickRules:
     """How an autopilot flies by sticks.
 
@@ -150,6 +192,12 @@ class StickRules:
         A fixed wing: the horizontal sticks ask for bank and pitch.
     landing_abort : Setting or None
         Not 0: with the throttle all the way up a landing of the mission is broken off (ArduPlane).
+    tilt : TiltSticks or None
+        A multirotor that leans with its sticks in some modes, without a position to hold.
+    takeoff_stick : float
+        Where the vertical stick has to be for a vehicle that stands to take off.
+    throttle_middle : float
+        Where the middle of MANUAL_CONTROL's throttle is, 0 to 1000.
     pwm_half : float
         Microseconds from the middle of a channel to its end.
     """
@@ -168,6 +216,9 @@ class StickRules:
     drives: bool = False
     wing: WingSticks | None = None
     landing_abort: Setting | None = None
+    tilt: TiltSticks | None = None
+    takeoff_stick: float = 0.0
+    throttle_middle: float = 500.0
     pwm_half: float = 500.0
 
 

@@ -59,7 +59,7 @@ class StickReader:
             return self._of_channels(message, rules) if rules.overrides else None
         if message.target != self._system_id:
             return None
-        up = _axis(message.z) if rules.drives else _axis(message.z, middle=0.5 * _FULL)
+        up = _axis(message.z, middle=rules.throttle_middle)
         return Sticks(_axis(message.x), _axis(message.y), up, _axis(message.r))
 
     def _of_channels(

@@ -485,7 +485,12 @@ class SimVehicle:
         if sticks is None or rules is None:
             return
         try:
-            self.pilot.take_sticks(sticks, flown=self.state.custom_mode not in rules.without)
+            number = self.state.custom_mode
+            self.pilot.take_sticks(
+                sticks,
+                flown=number not in rules.without,
+                by_rate=rules.tilt is not None and number in rules.tilt.by_rate,
+            )
         except RefusedError as refusal:
             self.pilot.setpoints.complain(str(refusal))
 

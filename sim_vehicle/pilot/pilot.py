@@ -582,7 +582,7 @@ class Pilot:
         if self.mode is Mode.GUIDED and self.armed:
             self.setpoints.fly()
 
-    def take_sticks(self, sticks: Sticks, *, flown: bool = True) -> None:
+    def take_sticks(self, sticks: Sticks, *, flown: bool = True, by_rate: bool = False) -> None:
         """Fly as the sticks of the ground station say, in the modes that are flown so.
 
         Parameters
@@ -590,6 +590,8 @@ class Pilot:
         sticks : Sticks
         flown : bool
             Whether they move the vehicle in the mode as it was asked for.
+        by_rate : bool
+            Whether they are rates of turning there.
 
         Raises
         ------
@@ -598,7 +600,7 @@ class Pilot:
         """
         if self._sticks is None:
             return
-        if (left := self._sticks.take(sticks, flown=flown)) is not None:
+        if (left := self._sticks.take(sticks, flown=flown, by_rate=by_rate)) is not None:
             self._turn_to(left)
         if self._sticks.breaks_off_landing and not self.executor.sequencer.goes_around:
             with suppress(RefusedError):  # it does not land

@@ -15,11 +15,12 @@ from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.motion.legs import KEEP, Heading
 from sim_vehicle.pilot.failsafe import Reaction
 from sim_vehicle.pilot.notices import NoticeLog, RefusedError, Severity
+from sim_vehicle.pilot.stick_tilt import StickTilt
 from sim_vehicle.pilot.stick_wing import StickWing
 
 if TYPE_CHECKING:
     from sim_vehicle.autopilot.runtime_parameters import RuntimeParameters
-    from sim_vehicle.autopilot.stick_rules import StickRules
+    from sim_vehicle.autopilot.stick_rules import StickRules, TiltSticks
     from sim_vehicle.pilot.controls import Controls
 
 __all__ = ["StickPilot"]
@@ -78,10 +79,12 @@ class StickPilot:
         self._moves = False
         self.lost = False
         self._wing = StickWing(controls, parameters, rules.wing) if rules.wing is not None else None
+        self._tilt = StickTilt(controls, parameters, rules.tilt) if rules.tilt is not None else None
+        self._by_rate = False
         self._later: tuple[float, Reaction] | None = None
         self._left: Mode | None = None
 
-    def take(self, sticks: Sticks, *, flown: bool = True) -> Mode | None:
+    def take(self, sticks: Sticks, *, flown: bool = True, by_rate: bool = False) -> Mode | None:
         """Fly as the sticks say; centred ones stop the vehicle where it is.
 
         Parameters
@@ -89,6 +92,8 @@ class StickPilot:
         sticks : Sticks
         flown : bool
             Whether they move the vehicle in the mode as it was asked for.
+        by_rate : bool
+            Whether they are rates of turning there.
 
         Returns
         -------
@@ -102,6 +107,7 @@ class StickPilot:
         """
         self._heard_s = self._controls.now_s
         self._sticks = sticks if flown else Sticks()
+        self._by_rate = by_rate
         left, was_lost = self._left, self.lost
         self.lost, self._later, self._left = False, None, None
         if was_lost and self._rules.loss.regained:
@@ -152,7 +158,9 @@ class StickPilot:
         if self._silence_s <= self._limit_s:
             if self._wing is not None and not self._flies:
                 self._wing.forget()
-            elif (self._rules.drives or self._wing is not None) and self._moves and self._flies:
+            if self._tilt is not None and not self._leans:
+                self._tilt.forget()
+            if self._flies and (self._leans or (self._steers_on and self._moves)):
                 with suppress(RefusedError):
                     self._fly(self._sticks)
         elif not self.lost:
@@ -185,6 +193,17 @@ class StickPilot:
             return loss.timeout.of(self._parameters)
         release_s = loss.release.of(self._parameters)
         return math.inf if release_s < 0.0 else release_s
+
+    @property
+    def _steers_on(self) -> bool:
+        """Whether sticks that stay where they are have to be followed."""
+        return self._rules.drives or self._wing is not None
+
+    @property
+    def _leans(self) -> bool:
+        """Whether the sticks lean the vehicle in this mode."""
+        tilt, mode = self._rules.tilt, self._mode()
+        return tilt is not None and mode in tilt.holds_height | tilt.by_throttle
 
     @property
     def _flies(self) -> bool:
@@ -226,13 +245,16 @@ class StickPilot:
         if rules.drives:
             self._drive(speed * rules.vertical.share(sticks.up), rules.turning.share(sticks.right))
             return
+        if self._tilt is not None and rules.tilt is not None and self._leans:
+            self._lean(self._tilt, rules.tilt, sticks)
+            return
         forward, right = rules.level.share(sticks.forward), rules.level.share(sticks.right)
         if self._wing is not None:
             self._wing.fly(right, -forward)
             self._moves = True
             return
         up, turn = rules.vertical.share(sticks.up), rules.turning.share(sticks.turn)
-        if controls.landed is LandedState.ON_GROUND and up <= 0.0:
+        if controls.landed is LandedState.ON_GROUND and not (up > 0.0 and sticks.up > rules.takeoff_stick):
             return
         if not any((forward, right, up, turn)):
             self._stop()
@@ -242,6 +264,20 @@ class StickPilot:
         climb = up * self._vertical_speed(upward=up > 0.0)
         heading = Heading.turning(turn * rules.turn_rate.of(self._parameters)) if turn else KEEP
         self._steer((east, north, climb), heading)
+
+    def _lean(self, pilot: StickTilt, tilt: TiltSticks, sticks: Sticks) -> None:
+        """Lean with the sticks, and turn and climb as the mode does."""
+        rules, controls = self._rules, self._controls
+        climb = None
+        if self._mode() in tilt.holds_height:
+            share = rules.vertical.share(sticks.up)
+            climb = share * self._vertical_speed(upward=share > 0.0)
+            if controls.landed is LandedState.ON_GROUND and not sticks.up > rules.takeoff_stick:
+                return
+        turn_rate = (tilt.yaw_rate if self._by_rate else rules.turn_rate).of(self._parameters)
+        turn = rules.turning.share(sticks.turn)
+        heading = Heading.turning(turn * turn_rate) if turn else KEEP
+        pilot.fly(sticks, climb, heading, by_rate=self._by_rate)
 
     def _vertical_speed(self, *, upward: bool) -> float:
         """Return the speed of a stick that is moved all the way up or down."""

@@ -88,6 +88,7 @@ ROVER_STICKS = StickRules(
     turn_rate=Setting("ATC_STR_RAT_MAX", 120.0, math.radians(1.0)),
     overrides=True,
     drives=True,
+    throttle_middle=0.0,
     pwm_half=400.0,
     loss=StickLoss(
         timeout=Setting("FS_TIMEOUT", 1.5),

@@ -17,7 +17,7 @@ from sim_vehicle.autopilot.px4.habits import HABITS
 from sim_vehicle.autopilot.px4.parameters import copter_parameters, fixed_wing_parameters, rover_parameters
 from sim_vehicle.autopilot.px4.persona import persona_of
 from sim_vehicle.autopilot.px4.rover import PX4_ROVER
-from sim_vehicle.autopilot.px4.sticks import STICKS
+from sim_vehicle.autopilot.px4.sticks import COPTER_STICKS
 from sim_vehicle.autopilot.reference_parameters import reference_parameters
 
 __all__ = ["PX4"]
@@ -45,7 +45,7 @@ _COPTER = Firmware(
     # NAV_ACC_RAD. Less it cannot hold: the error of its height estimate, 0.55 m, counts in the radius.
     turns=Turns(2.0, leads=True),
     reference=partial(reference_parameters, "px4"),
-    sticks=STICKS,
+    sticks=COPTER_STICKS,
     estimate_errs=True,
 )
 PX4 = Autopilot(

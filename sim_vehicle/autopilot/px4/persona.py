@@ -55,7 +55,13 @@ _MODES = ModeTable(
             Mode.GUIDED: px4_custom_mode(6),
         }
     ),
-    aliases=MappingProxyType({px4_custom_mode(4, 1): Mode.HOLD, px4_custom_mode(7): Mode.MANUAL}),
+    aliases=MappingProxyType(
+        {
+            px4_custom_mode(4, 1): Mode.HOLD,
+            px4_custom_mode(5): Mode.MANUAL,
+            px4_custom_mode(7): Mode.MANUAL,
+        }
+    ),
     boot=Mode.HOLD,
     after_takeoff=Mode.HOLD,
     after_command=Mode.HOLD,

@@ -1,4 +1,9 @@
-"""PX4's sticks: joysticks by MANUAL_CONTROL (COM_RC_IN_MODE 1), on multirotors in position control."""
+"""PX4's sticks: joysticks by MANUAL_CONTROL (COM_RC_IN_MODE 1).
+
+Sources: PX4's ``Sticks.cpp``, ``StickTiltXY.cpp``, ``FlightTaskManualAltitude.cpp``,
+``mc_att_control_main.cpp``, ``MulticopterRateControl.cpp``, ``FixedWingModeManager.cpp`` and
+``mode_requirements.cpp``.
+"""
 
 from __future__ import annotations
 
@@ -7,19 +12,43 @@ from types import MappingProxyType
 
 from sim_vehicle.autopilot.failsafe_rules import Action, actions_by_value
 from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.persona import px4_custom_mode
 from sim_vehicle.autopilot.setting import Setting
-from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, bits
+from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, TiltSticks, bits
+from sim_vehicle.motion.px4.parameters import drag_of
 
-__all__ = ["STICKS"]
+__all__ = ["COPTER_STICKS"]
 
+_DEGREE = math.radians(1.0)
+_ACRO = px4_custom_mode(5)
 _AXIS = Axis(0.1, 0.6)
-STICKS = StickRules(
-    speeds=MappingProxyType({Mode.POSITION: Setting("MPC_VEL_MANUAL", 10.0)}),
+COPTER_STICKS = StickRules(
+    speeds=MappingProxyType(
+        {Mode.POSITION: Setting("MPC_VEL_MANUAL", 10.0), Mode.ALTITUDE: None, Mode.MANUAL: None}
+    ),
     needed=frozenset({Mode.POSITION, Mode.ALTITUDE, Mode.MANUAL}),
     level=_AXIS,
     vertical=_AXIS,
     turning=_AXIS,
-    turn_rate=Setting("MPC_MAN_Y_MAX", 150.0, math.radians(1.0)),
+    turn_rate=Setting("MPC_MAN_Y_MAX", 150.0, _DEGREE),
+    # Without a value of their own, the vehicle's vertical speeds.
+    climb=Setting("MPC_Z_VEL_MAX_UP", 0.0),
+    descent=Setting("MPC_Z_VEL_MAX_DN", 0.0),
+    takeoff_stick=0.3,
+    tilt=TiltSticks(
+        holds_height=frozenset({Mode.ALTITUDE}),
+        by_throttle=frozenset({Mode.MANUAL}),
+        by_rate=frozenset({_ACRO}),
+        lean=Setting("MPC_MAN_TILT_MAX", 35.0, _DEGREE),
+        roll_rate=Setting("MC_ACRO_R_MAX", 100.0, _DEGREE),
+        pitch_rate=Setting("MC_ACRO_P_MAX", 100.0, _DEGREE),
+        yaw_rate=Setting("MC_ACRO_Y_MAX", 100.0, _DEGREE),
+        hover_thrust=Setting("MPC_THR_HOVER", 0.6),
+        least_thrust=Setting("MPC_MANTHR_MIN", 0.08),
+        most_thrust=Setting("MPC_THR_MAX", 1.0),
+        hold_below=Setting("MPC_HOLD_MAX_Z", 0.6),
+        drag=drag_of,
+    ),
     loss=StickLoss(
         timeout=Setting("COM_RC_LOSS_T", 0.5),
         action=Setting("NAV_RCL_ACT", 2.0),

@@ -1,6 +1,7 @@
 """Words and answers of the two autopilots where users read them."""
 
 import math
+from dataclasses import fields
 
 import pytest
 
@@ -12,6 +13,7 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.mavlink.vehicle import SimVehicle
+from sim_vehicle.weather.wind import Wind
 
 HOME = GeoPoint(28.05, -82.15, 10.0)
 GROUND = FrameWriter(255, 190)
@@ -21,8 +23,8 @@ NAN = math.nan
 class Peer:
     """A vehicle and what it told."""
 
-    def __init__(self, autopilot, kind="quad"):
-        self.vehicle = SimVehicle(get_vehicle(kind), HOME, autopilot=get_autopilot(autopilot))
+    def __init__(self, autopilot, kind="quad", wind=None):
+        self.vehicle = SimVehicle(get_vehicle(kind), HOME, wind=wind, autopilot=get_autopilot(autopilot))
         self.now_s = 0.0
         self.told = self.vehicle.poll(0.0)
 
@@ -585,7 +587,97 @@ def test_the_parameters_of_the_sticks_are_the_firmwares_own(autopilot, kind):
     named += [loss.timeout, loss.action, loss.release, loss.delay, loss.arming]
     if firmware.rules.idle is not None:
         named.append(firmware.rules.idle.delay)
+    if rules.tilt is not None:
+        named += [getattr(rules.tilt, f.name) for f in fields(rules.tilt) if f.type == "Setting"]
     if rules.wing is not None:
         named += [rules.wing.bank, rules.wing.pitch_up, rules.wing.pitch_down]
     for setting in filter(None, named):
-        assert table[setting.name].value == setting.default, setting.name
+        assert setting.default in (0.0, table[setting.name].value), setting.name
+
+
+def lean(mode, seconds, message, wind=None, **stored):
+    """Fly a PX4 multirotor by hand in a mode that leans it."""
+    peer = Peer("px4", wind=wind)
+    peer.vehicle.pilot.parameters.stored.update(stored)
+    peer.fly()
+    peer.tell(sticks())
+    assert peer.result(176, 1.0, mode) == 0
+    push(peer, seconds, message)
+    return peer
+
+
+def test_px4_leans_with_the_sticks_and_holds_its_height_in_altitude_control():
+    peer = lean(2.0, 12.0, sticks(x=500))
+    pilot = peer.vehicle.pilot
+    height = pilot.state.position_m[2]
+    # Drag over mass is 1/s: the speed at which it balances half of g tan(MPC_MAN_TILT_MAX).
+    assert ground_speed(peer) == pytest.approx(0.5 * 9.81 * math.tan(math.radians(35.0)), rel=0.03)
+    push(peer, 4.0, sticks(x=500))
+    assert pilot.state.position_m[2] == pytest.approx(height, abs=0.3)
+    push(peer, 10.0, sticks())
+    assert ground_speed(peer) < 0.1, "in calm air drag stops it"
+    push(peer, 4.0, sticks(z=1000))
+    assert pilot.state.velocity_m_s[2] == pytest.approx(pilot.spec.climb_speed_m_s, abs=0.1)
+    pilot.parameters.settings.update(MPC_Z_VEL_MAX_UP=1.0, MPC_Z_VEL_MAX_DN=0.5)
+    push(peer, 4.0, sticks(z=1000))
+    assert pilot.state.velocity_m_s[2] == pytest.approx(1.0, abs=0.1)
+    push(peer, 4.0, sticks(z=0))
+    assert pilot.state.velocity_m_s[2] == pytest.approx(-0.5, abs=0.1)
+    peer = lean(2.0, 12.0, sticks(x=1000), MPC_MAN_TILT_MAX=10.0)
+    assert ground_speed(peer) == pytest.approx(9.81 * math.tan(math.radians(10.0)), rel=0.05)
+
+
+@pytest.mark.parametrize(("mode", "drifts"), [(2.0, True), (3.0, False)], ids=["ALTCTL", "POSCTL"])
+def test_px4_drifts_with_the_wind_where_no_position_is_held(mode, drifts):
+    peer = lean(mode, 12.0, sticks(), wind=Wind(4.0, 0.0))
+    east, north, _ = peer.vehicle.pilot.state.velocity_m_s
+    wind_m_s = peer.vehicle.pilot.state.wind_m_s[0]
+    assert wind_m_s > 2.0
+    assert east == pytest.approx(wind_m_s if drifts else 0.0, abs=0.3)
+    assert abs(north) < 0.3
+
+
+@pytest.mark.parametrize("mode", [1.0, 7.0], ids=["MANUAL", "STABILIZED"])
+def test_px4s_throttle_is_thrust_without_height_control(mode):
+    peer = lean(mode, 2.0, sticks())
+    pilot = peer.vehicle.pilot
+    assert abs(pilot.state.velocity_m_s[2]) < 0.3, "MPC_THR_HOVER in the middle"
+    push(peer, 4.0, sticks(x=1000))
+    assert ground_speed(peer) > 2.0
+    assert pilot.state.velocity_m_s[2] < -0.5, "it sinks as it leans"
+    peer = lean(mode, 2.0, sticks(z=800))
+    assert peer.vehicle.pilot.state.velocity_m_s[2] > 1.0
+    before = peer.vehicle.pilot.state.position_m[2]
+    push(peer, 3.0, sticks(z=200))
+    assert peer.vehicle.pilot.state.velocity_m_s[2] < -1.0
+    assert peer.vehicle.pilot.state.position_m[2] < before + 3.0
+
+
+def test_px4_keeps_its_lean_in_acro():
+    peer = lean(5.0, 0.3, sticks(x=500))
+    assert peer.of("HEARTBEAT")[-1].custom_mode == 5 << 16
+    push(peer, 5.0, sticks())
+    speed = ground_speed(peer)
+    assert speed > 1.0
+    peer = lean(7.0, 0.3, sticks(x=500))
+    push(peer, 5.0, sticks())
+    assert ground_speed(peer) < 0.3 * speed, "STABILIZED levels itself"
+
+
+def test_px4_takes_off_by_sticks_in_altitude_control():
+    peer = Peer("px4")
+    assert peer.result(176, 1.0, 2.0) == 0
+    peer.tell(sticks(z=0))
+    assert peer.result(400, 1.0) == 0
+    push(peer, 3.0, sticks(z=600))
+    assert peer.vehicle.pilot.state.position_m[2] == 0.0, "not before 65 % of the stick"
+    push(peer, 5.0, sticks(z=900))
+    assert peer.vehicle.pilot.state.position_m[2] > 3.0
+
+
+def test_px4_returns_when_sticks_that_lean_it_fall_silent():
+    peer = lean(2.0, 3.0, sticks(x=500))
+    peer.wait(1.0)
+    assert peer.vehicle.pilot.mode is Mode.HOLD
+    peer.wait(6.0)
+    assert peer.vehicle.pilot.mode is Mode.RTL

@@ -43,7 +43,7 @@ class Field:
 
     def sample(self, day: int, ix: np.ndarray, iy: np.ndarray) -> np.ndarray:
         """Return values that name their cell."""
-        return np.stack([ix, iy, np.full(len(ix), day)], axis=1).astype(np.float32)
+        return np.array([(x, y, day) for x, y in zip(ix.tolist(), iy.tolist(), strict=True)], np.float32)
 
 
 class Ground:

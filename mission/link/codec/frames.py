@@ -32,8 +32,7 @@ _SIGNED = 0x01
 _SIGNATURE_BYTES = 13
 _V2_OVERHEAD = 12
 _V1_OVERHEAD = 8
-_MARKER_V2 = bytes([_V2])
-_HEADER = Struct("<BBBBBB3s")  # what follows the marker
+_HEADER = Struct("<BBBBBBB3s")
 _CRC = Struct("<H")
 _CODE = re.compile(r"\d*[a-zA-Z]")
 
@@ -151,9 +150,10 @@ class FrameWriter:
             frame = bytes(message.pack(codec))
         else:
             payload = kind.pack(message).rstrip(b"\0") or b"\0"
-            sender = (codec.srcSystem, codec.srcComponent)
-            body = _HEADER.pack(len(payload), 0, 0, sequence, *sender, kind.number) + payload
-            frame = _MARKER_V2 + body + _CRC.pack(_crc(body + kind.crc_extra))
+            system_id, component_id = codec.srcSystem, codec.srcComponent
+            head = _HEADER.pack(_V2, len(payload), 0, 0, sequence, system_id, component_id, kind.number)
+            frame = head + payload
+            frame += _CRC.pack(_crc(frame[1:] + kind.crc_extra))
         codec.seq = (sequence + 1) & 0xFF
         if self.signing is None:
             return frame

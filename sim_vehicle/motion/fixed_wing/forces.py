@@ -15,7 +15,7 @@ from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion.fixed_wing import layout as at
 
-__all__ = ["drag", "energy_rate", "energy_rates"]
+__all__ = ["drag", "energy_rate"]
 
 Floats = NDArray[np.float64]
 _SLOW = 3.0
@@ -41,9 +41,3 @@ def energy_rate(limits: Floats, throttle: float, airspeed: float, load: float) -
     """Return the gain of energy over the weight, m/s: the climb at a steady airspeed."""
     force = limits[at.THRUST] * throttle - drag(limits, airspeed, load)
     return float(force * airspeed / GRAVITY_M_S2)
-
-
-@compiled
-def energy_rates(limits: Floats, airspeed: float, load: float) -> tuple[float, float]:
-    """Return the energy rates without and with full throttle."""
-    return energy_rate(limits, 0.0, airspeed, load), energy_rate(limits, 1.0, airspeed, load)

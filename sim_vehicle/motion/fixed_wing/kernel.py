@@ -40,6 +40,7 @@ from sim_vehicle.motion.fixed_wing.layout import (
     FLYING,
     GUIDANCE,
     LANDING,
+    LAST_KIND,
     LAW,
     LEG_CIRCLE_RADIUS,
     LEG_KIND,
@@ -57,9 +58,11 @@ from sim_vehicle.motion.fixed_wing.layout import (
     ROLLING,
     RUNNING,
     SINCE,
+    SLOPE,
     STEP_S,
     STOPPED_M_S,
     TAKEOFF,
+    TARGET,
     THROTTLE,
     THROTTLE_DEMAND,
     THROTTLE_LIMIT,
@@ -113,7 +116,13 @@ def _enter(state: Floats, route: Floats, leg: int, step: int, limits: Floats) ->
         state[DIRECT] = 1.0
     else:
         state[DIRECT] = 0.0
-    arduplane.begin_slope(state, row, limits)
+    if limits[LAW] == NPFG:
+        # After a take-off PX4 climbs at once (``calculateFirstOrderHoldAltitude``).
+        state[SLOPE] = 0.0 if state[LAST_KIND] == TAKEOFF else row[LEG_Z] - state[BEGIN + 2]
+        state[TARGET] = state[col.POSITION_Z]
+    else:
+        arduplane.begin_slope(state, row, limits)
+    state[LAST_KIND] = row[LEG_KIND]
     landing = row[LEG_KIND] in (LANDING, CIRCULAR_LANDING)
     if state[DOING] == FLARE or (state[DOING] == ROLLING and not landing):
         state[DOING] = FLYING if state[DOING] == FLARE else ON_GROUND

@@ -70,8 +70,14 @@ CENTRE, CENTRE_RADIUS = 35, 38
     FLARE_RATE,  # Climb rate then.
     FLARE_FOLLOWED,
     FLARE_IDEAL,
-) = range(39, 82)
-STATE = 82
+    LAST_KIND,  # Of the leg before.
+    # PX4's total energy control: the height that is followed and its rate, and the filtered energy rate over
+    # the weight.
+    REFERENCE,
+    REFERENCE_RATE,
+    TOTAL_RATE,
+) = range(39, 86)
+STATE = 86
 ON_GROUND, FLYING, FLARE, ROLLING = 0.0, 1.0, 2.0, 3.0
 LINING_UP, APPROACH, PREFLARE = 0.0, 1.0, 2.0
 # Slower than this it stands.
@@ -143,7 +149,14 @@ LINE, CIRCLE, TAKEOFF, LANDING, CIRCULAR_LANDING, FALL = 0.0, 1.0, 2.0, 3.0, 4.0
     RAMP_THROTTLE,
     ROTATION_S,  # From lift-off to the full climb.
     HEIGHT_AHEAD,  # Share of the rate of a demanded height that is followed without lag.
-) = range(38)
+    # Throttle of PX4's TECS.
+    LEVEL_THROTTLE,  # What it takes for level flight; the integrator gives the rest.
+    SINK_MIN,
+    TOTAL_INTEGRATOR,
+    TOTAL_DAMPING,
+    TOTAL_S,  # Time constant of the energy rate that is measured.
+    TOTAL_FOR_LOAD,
+) = range(44)
 # Then those of the airframe.
 (
     STEP_S,
@@ -159,9 +172,9 @@ LINE, CIRCLE, TAKEOFF, LANDING, CIRCULAR_LANDING, FALL = 0.0, 1.0, 2.0, 3.0, 4.0
     TRIM_CHANGE,  # Elevator, as an angle, over a change of the lift coefficient as in LIFT_SLOPE.
     ENERGY_LIMIT,
     THROTTLE_LIMIT,
-) = range(38, 51)
+) = range(44, 57)
 # And those of ArduPlane, in the order of `ArduPlaneControl`.
-CONTROL = 51
+CONTROL = 57
 (
     TIME_S,
     INTEGRATOR,

@@ -139,6 +139,11 @@ class FixedWingLimits:
         How long the throttle of a take-off roll rises, up to what, and from lift-off to the full climb.
     height_ahead : float
         Share of the rate of a demanded height that is followed without lag.
+    level_throttle, sink_min : float
+        What PX4 takes level flight to need, and the sink rate without throttle.
+    total_integrator, total_damping, total_s, total_for_load : float
+        PX4's throttle over what is missing of the energy rate: integral (1/s) and damping, the time constant
+        of the rate that is measured, and what one more load factor adds to it (m^2/s^3).
     """
 
     law: float
@@ -179,6 +184,12 @@ class FixedWingLimits:
     ramp_throttle: float = 1.0
     rotation_s: float = 0.0
     height_ahead: float = 1.0
+    level_throttle: float = 0.0
+    sink_min: float = 0.0
+    total_integrator: float = 0.0
+    total_damping: float = 0.0
+    total_s: float = 0.0
+    total_for_load: float = 0.0
 
     def tightest_m(self, airspeed_m_s: float) -> float:
         """Return the radius of a level turn at the bank limit.

@@ -25,7 +25,7 @@ from sim_vehicle.execution.state import (
     LandedState,
 )
 from sim_vehicle.motion.fixed_wing import layout as wing
-from sim_vehicle.motion.fixed_wing.forces import energy_rates
+from sim_vehicle.motion.fixed_wing.forces import energy_rate
 from sim_vehicle.motion.fixed_wing.model import FixedWing
 from sim_vehicle.motion.legs import Circle, Leg, LegKind, Route
 from sim_vehicle.motion.model import MotionEvent
@@ -146,10 +146,15 @@ def test_circles_of_arduplane_are_as_wide_as_recorded(recorded):
 
 
 def test_px4_flies_as_recorded_with_a_weak_motor(recorded):
-    result = compare(*recorded["px4-plane-random-8-land"])
-    assert abs(result.time_error) < 0.02
-    assert result.mean_m < 3.0
-    assert result.p95_m < 8.0
+    recording, flight = recorded["px4-plane-random-8-land"]
+    result = compare(recording, flight)
+    assert abs(result.time_error) < 0.01
+    assert result.mean_m < 1.6
+    assert result.p95_m < 4.0
+    # The integral of the throttle takes a minute to find what level flight takes.
+    assert result.correlation > 0.65
+    real, ours = (one.window(recording.items)[0] for one in (recording.flight, flight))
+    assert ours == pytest.approx(real - 3.0, rel=0.03)
 
 
 def test_px4_takes_off_and_lands_as_recorded(recorded):
@@ -159,11 +164,44 @@ def test_px4_takes_off_and_lands_as_recorded(recorded):
         for one, start in ((recording.flight, 3.0), (flight, 0.0))
     )
     assert ours.takeoff == pytest.approx(real.takeoff, rel=0.1)
+    assert ours.home == pytest.approx(real.home, rel=0.04)
     assert ours.landing == pytest.approx(real.landing, rel=0.1)
     assert flight.end_s == pytest.approx(recording.flight.end_s - 3.0, rel=0.02)
     # It touches down and stands beyond the landing point, as it follows the glide from above.
     ends = [one.position_m[one.time_s <= one.end_s][-1, :2] for one in (recording.flight, flight)]
     assert np.hypot(*(ends[1] - ends[0])) < 20.0
+
+
+def test_px4_finds_the_airspeed_slowly_where_it_does_not_know_the_throttle():
+    away = Leg((0.0, 9000.0, 60.0), 15.0, radius_m=1.0)
+    off = []
+    for throttle in (0.27, 0.6):
+        states = record(airborne(plane(FW_THR_TRIM=throttle), None, 60.0, away), 200.0)
+        off.append(states[:, wing.AIRSPEED] - 15.0)
+    known, thought = off
+    assert abs(known[600:]).max() < 0.1
+    # The error takes back a part of what is too much, the integral the rest in minutes.
+    assert 0.9 < thought[200:400].mean() < 1.5
+    assert 0.2 < thought[-1] < 0.5 * thought[300]
+
+
+def test_px4_follows_heights_as_its_reference_does():
+    legs = [Leg((0.0, y, z), 15.0, radius_m=1.0) for y, z in ((600.0, 60.0), (1400.0, 100.0))]
+    motion = airborne(plane(), None, 50.0, *legs)
+    states = record(motion, 100.0)
+    y, z = states[:, 1], states[:, 2]
+    # At once after the take-off, evenly on the next leg, up to a circle's radius before its end.
+    assert np.interp(300.0, y, z) == pytest.approx(60.0, abs=0.5)
+    # FW_T_ALT_TC, less FW_T_HRATE_FF of it, behind.
+    lag = 5.0 * (1.0 - 0.3) * 40.0 / 720.0 * 15.0
+    assert np.interp(0.5 * (600.0 + 1320.0), y, z) == pytest.approx(80.0 - lag, abs=1.0)
+    assert np.interp(1400.0, y, z) == pytest.approx(100.0, abs=1.0)
+    # Far down the rate comes up slowly: the reference sinks at FW_T_SINK_R_SP, the wing comes after.
+    motion = airborne(plane(), None, 100.0, circle(0.0, 900.0, 50.0, 80.0, 15.0, 9.0))
+    sinks = -record(motion, 20.0)[:, wing.CLIMB]
+    assert np.interp([4.0, 8.0, 18.0], 0.1 * np.arange(len(sinks)), sinks) == pytest.approx(
+        [1.3, 1.85, 2.0], abs=0.15
+    )
 
 
 def test_px4_reaches_the_height_of_item_31_on_its_circle():
@@ -384,7 +422,7 @@ def test_climbs_and_sinks_keep_their_limits(autopilot):
     if autopilot == "px4":
         assert states[:, wing.CLIMB].max() <= law.climb_max + 1e-6
     steady = states[len(states) // 5 : len(states) // 3]
-    most = [energy_rates(motion._limits, v, 1.0 / math.cos(b))[1] for v, b in
+    most = [energy_rate(motion._limits, 1.0, v, 1.0 / math.cos(b)) for v, b in
             steady[:, [wing.AIRSPEED, wing.BANK]]]  # fmt: skip
     expected = np.minimum(law.climb_rate, most)
     # What ArduPlane's throttle cannot give holds its demand back.
@@ -393,7 +431,7 @@ def test_climbs_and_sinks_keep_their_limits(autopilot):
     motion.fly(Route.through([circle(0.0, 300.0, 50.0, 80.0, speed)]))
     states = record(motion, 60.0)
     assert states[:, wing.CLIMB].min() >= -1.15 * law.sink_max - 1e-6
-    glide = energy_rates(motion._limits, speed, 1.0)[0]
+    glide = energy_rate(motion._limits, 0.0, speed, 1.0)
     assert states[:, wing.CLIMB].min() < -0.8 * min(law.sink_rate, -glide)
     assert states[:, wing.AIRSPEED].max() <= law.airspeed_max + 0.5
     assert np.all((states[:, wing.THROTTLE] >= 0.0) & (states[:, wing.THROTTLE] <= 1.0))
@@ -610,7 +648,7 @@ def test_without_a_battery_it_glides_down(autopilot):
     empty = next(event.time_s for event in events if isinstance(event, BatteryDepleted))
     down = next(event.time_s for event in events if isinstance(event, Disarmed))
     # A glide, not a fall.
-    assert 15.0 < down - empty < 90.0
+    assert 15.0 < down - empty < 120.0
 
 
 # Any mission

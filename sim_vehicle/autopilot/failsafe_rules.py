@@ -127,6 +127,8 @@ class FailsafeRules:
         What is said when an order to arm is refused; ``{}`` in the first is the reason.
     armed, disarmed : str
         Texts when the motors start, and stop by an order.
+    disarming_text : str
+        What is said when an order to disarm is refused in flight; empty for nothing.
     landed : tuple of str
         Texts when they stop after a landing.
     fence_text, fence_clear, link_lost, link_regained, stream_lost, link_ignored : str
@@ -165,6 +167,7 @@ class FailsafeRules:
     any_mode_disarmed: bool = False
     armed: str = "Armed by external command"
     disarmed: str = "Disarmed by external command"
+    disarming_text: str = "Disarming denied: not landed"
     landed: tuple[str, ...] = ("Disarmed by landing",)
 
     def fence_action(self, parameters: ActionParameters) -> Action:

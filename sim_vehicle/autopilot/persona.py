@@ -271,6 +271,8 @@ class Persona:
         COMPONENT_METADATA names files that describe the vehicle (PX4).
     tells_calibration : bool
         Texts tell how a calibration goes (PX4).
+    calibration_text : str
+        What is said when a calibration is refused, because the vehicle is armed; empty for nothing.
     logs : LogHabits
     """
 
@@ -298,4 +300,5 @@ class Persona:
     system_files: bool = False
     component_metadata: bool = False
     tells_calibration: bool = False
+    calibration_text: str = ""
     logs: LogHabits = LogHabits()

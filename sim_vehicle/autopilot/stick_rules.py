@@ -117,13 +117,19 @@ class WingSticks:
 
     Parameters
     ----------
-    bank, pitch_up, pitch_down : Setting
-        Greatest angles, radians; ``pitch_down`` is negative.
+    bank : Setting
+        Greatest angle, radians.
+    up, down : Setting
+        What the stick for the pitch asks for at its ends: pitch angles in radians, or vertical speeds in m/s;
+        the sign does not count.
+    by_rate : bool
+        ``up`` and ``down`` are vertical speeds.
     """
 
     bank: Setting
-    pitch_up: Setting
-    pitch_down: Setting
+    up: Setting
+    down: Setting
+    by_rate: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,19 +183,21 @@ class StickRules:
     level, vertical, turning : Axis
         Sticks for the horizontal movement, for climbing and for turning.
     turn_rate : Setting
-        Rate of a turn, radians a second.
+        Rate of a turn, radians a second; of a rover 0 is the vehicle's own.
     climb, descent : Setting or None
         Vertical speeds; None and 0 are the vehicle's own.
     without : frozenset of int
         Custom modes that are flown as one of ``speeds``, but without sticks.
     needed : frozenset of Mode
         Modes that are not entered in flight, and in which the vehicle does not arm, without sticks (PX4).
+    impossible : frozenset of Mode
+        Modes that are not entered at all in flight, and in which the vehicle does not arm (PX4).
     overrides : bool
         RC_CHANNELS_OVERRIDE is taken, and only from the ground station that MAV_GCS_SYSID names (ArduPilot).
     drives : bool
         A rover: the vertical stick is the throttle, the one to the right steers.
-    wing : WingSticks or None
-        A fixed wing: the horizontal sticks ask for bank and pitch.
+    wings : mapping of Mode to WingSticks
+        A fixed wing: the horizontal sticks ask for bank and pitch, in each mode that they fly.
     landing_abort : Setting or None
         Not 0: with the throttle all the way up a landing of the mission is broken off (ArduPlane).
     tilt : TiltSticks or None
@@ -212,9 +220,10 @@ class StickRules:
     descent: Setting | None = None
     without: frozenset[int] = field(default_factory=frozenset)
     needed: frozenset[Mode] = field(default_factory=frozenset)
+    impossible: frozenset[Mode] = field(default_factory=frozenset)
     overrides: bool = False
     drives: bool = False
-    wing: WingSticks | None = None
+    wings: Mapping[Mode, WingSticks] = field(default_factory=lambda: MappingProxyType({}))
     landing_abort: Setting | None = None
     tilt: TiltSticks | None = None
     takeoff_stick: float = 0.0

@@ -319,7 +319,7 @@ def _reboot(vehicle: CommandedVehicle, order: Order) -> Answer:
 def _calibrate(vehicle: CommandedVehicle, order: Order) -> Answer:
     if vehicle.pilot.armed:
         msg = "Calibration refused: armed"
-        raise RefusedError(msg)
+        raise RefusedError(msg, told=vehicle.state.firmware.persona.calibration_text)
     if order.number(1) == 1:
         vehicle.calibrate_gyro()
     return ACCEPTED

@@ -122,7 +122,8 @@ class ModeControl:
             controls.order(lambda: executor.takeoff(altitude_m))
         elif mode in (Mode.RTL, Mode.LAND):
             if on_ground:
-                return True
+                # A rover stands where it is, and stays armed.
+                return controls.spec.kind != "rover"
             controls.order(executor.return_home if mode is Mode.RTL else executor.land)
         elif not on_ground or controls.state.phase is not FlightPhase.GROUND:
             controls.order(executor.hold)

@@ -393,7 +393,7 @@ class Pilot:
             self.executor.disarm(force=force)
         except VehicleError:
             msg = "Disarming denied: not landed"
-            raise RefusedError(msg) from None
+            raise RefusedError(msg, told=self._rules.disarming_text) from None
         self.controls.refresh()
         self._on_disarmed((self._rules.disarmed,))
 

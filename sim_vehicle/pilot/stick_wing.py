@@ -1,7 +1,8 @@
 """Flies a fixed wing by sticks, roughly: circles of the bank that is asked for, and straight flight.
 
-The law is that of ArduPlane's fly-by-wire (FBWA): a stick to the right asks for a bank, one that is pulled
-for a pitch. It is flown at the cruise speed, whatever the throttle.
+The law is that of ArduPlane's fly-by-wire (FBWA) and of PX4's altitude control: a stick to the right asks
+for a bank, one that is pulled for a pitch or a climb rate. It is flown at the cruise speed, whatever the
+throttle.
 """
 
 from __future__ import annotations
@@ -33,13 +34,11 @@ class StickWing:
     controls : Controls
         The vehicle.
     parameters : RuntimeParameters
-    limits : WingSticks
     """
 
-    def __init__(self, controls: Controls, parameters: RuntimeParameters, limits: WingSticks) -> None:
+    def __init__(self, controls: Controls, parameters: RuntimeParameters) -> None:
         self._controls = controls
         self._parameters = parameters
-        self._limits = limits
         self._flown: tuple[int, int] | None = None
         self._from_m = (0.0, 0.0)
 
@@ -47,7 +46,7 @@ class StickWing:
         """Note that something else is flown now."""
         self._flown = None
 
-    def fly(self, bank: float, pitch: float) -> None:
+    def fly(self, limits: WingSticks, bank: float, pitch: float) -> None:
         """Fly with shares of the greatest bank and pitch, -1 to 1; on the ground nothing happens.
 
         Raises
@@ -61,12 +60,11 @@ class StickWing:
             return
         x, y, z = state.position_m
         asked = (round(bank / _STEP), round(pitch / _STEP))
-        bank_rad = bank * self._limits.bank.of(self._parameters)
+        bank_rad = bank * limits.bank.of(self._parameters)
         turns = abs(bank_rad) > _LEAST_BANK_RAD
         if asked == self._flown and (turns or math.dist(self._from_m, (x, y)) < _AGAIN_M):
             return
-        limit = self._limits.pitch_up if pitch > 0.0 else self._limits.pitch_down
-        slope = abs(pitch) * math.tan(limit.of(self._parameters))
+        slope = pitch * self._steepest(limits, upward=pitch > 0.0)
         height = min(max(z + _AHEAD_M * slope, _LOWEST_M), controls.spec.max_altitude_m)
         east, north, _ = state.velocity_m_s
         course = math.atan2(east, north)
@@ -81,3 +79,8 @@ class StickWing:
             target = (x + _AHEAD_M * math.sin(course), y + _AHEAD_M * math.cos(course))
             controls.order(lambda: executor.goto(*target, height))
         self._flown, self._from_m = asked, (x, y)
+
+    def _steepest(self, limits: WingSticks, *, upward: bool) -> float:
+        """Slope of the path with the stick at its end."""
+        end = abs((limits.up if upward else limits.down).of(self._parameters))
+        return end / self._controls.spec.cruise_speed_m_s if limits.by_rate else math.tan(end)

@@ -78,7 +78,7 @@ class StickPilot:
         self._heard_s = -math.inf
         self._moves = False
         self.lost = False
-        self._wing = StickWing(controls, parameters, rules.wing) if rules.wing is not None else None
+        self._wing = StickWing(controls, parameters) if rules.wings else None
         self._tilt = StickTilt(controls, parameters, rules.tilt) if rules.tilt is not None else None
         self._by_rate = False
         self._later: tuple[float, Reaction] | None = None
@@ -135,14 +135,16 @@ class StickPilot:
         return not self.heard or (self._sticks is not None and self._sticks.up <= _DOWN)
 
     def lacks(self, mode: Mode) -> bool:
-        """Whether a mode needs sticks, and there are none."""
-        return mode in self._rules.needed and not self.heard
+        """Whether a mode needs sticks, and there are none, or the vehicle has no such mode."""
+        return mode in self._rules.impossible or (mode in self._rules.needed and not self.heard)
 
     def why_not_arm(self, mode: Mode) -> str | None:
         """Why the vehicle does not arm; None when the sticks do not keep it from it."""
         arming = self._rules.loss.arming
         if arming is not None and arming.of(self._parameters) and self._sticks is not None and not self.heard:
             return "Radio failsafe on"
+        if mode in self._rules.impossible:
+            return "Mode not supported"
         return "No manual control input" if self.lacks(mode) else None
 
     def check(self) -> Iterator[Reaction]:
@@ -250,7 +252,7 @@ class StickPilot:
             return
         forward, right = rules.level.share(sticks.forward), rules.level.share(sticks.right)
         if self._wing is not None:
-            self._wing.fly(right, -forward)
+            self._wing.fly(rules.wings[self._mode()], right, -forward)
             self._moves = True
             return
         up, turn = rules.vertical.share(sticks.up), rules.turning.share(sticks.turn)
@@ -294,7 +296,8 @@ class StickPilot:
             self._stop()
             return
         share = speed_m_s / self._controls.spec.top_speed_m_s
-        rate = steering * share * self._rules.turn_rate.of(self._parameters)
+        most = self._rules.turn_rate.of(self._parameters) or self._controls.spec.yaw_rate_rad_s
+        rate = steering * share * most
         course = self._controls.state.yaw_rad + rate * _STEERS_AHEAD_S
         self._steer((speed_m_s * math.sin(course), speed_m_s * math.cos(course), 0.0), KEEP)
 

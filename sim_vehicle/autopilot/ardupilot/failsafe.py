@@ -51,6 +51,7 @@ COPTER_RULES = FailsafeRules(
     link_ignored="GCS Failsafe - Continuing Auto Mode",
     armed="Arming motors",
     disarmed="Disarming motors",
+    disarming_text="",
     landed=("Disarming motors",),
     idle=IdleDisarm(Setting("DISARM_DELAY", 10.0), ("Disarming motors",)),
 )

@@ -100,6 +100,7 @@ COPTER_PERSONA = Persona(
     packed_parameters=True,
     packed_plans=True,
     system_files=True,
+    calibration_text="Disarm to allow calibration",
     logs=LogHabits(
         "/APM/LOGS",
         first_number=1,

@@ -50,6 +50,11 @@ COPTER_STICKS = StickRules(
 _DEGREE = math.radians(1.0)
 # MANUAL, TRAINING, ACRO, AUTOTUNE.
 _BY_HAND = frozenset({0, 3, 4, 8})
+_WING = WingSticks(
+    bank=Setting("ROLL_LIMIT_DEG", 45.0, _DEGREE),
+    up=Setting("PTCH_LIM_MAX_DEG", 20.0, _DEGREE),
+    down=Setting("PTCH_LIM_MIN_DEG", -25.0, _DEGREE),
+)
 PLANE_STICKS = StickRules(
     # STABILIZE and FBWA, FBWB, CRUISE.
     speeds=MappingProxyType({Mode.MANUAL: None, Mode.ALTITUDE: None, Mode.POSITION: None}),
@@ -57,11 +62,7 @@ PLANE_STICKS = StickRules(
     vertical=Axis(0.075),
     turning=Axis(0.075),
     turn_rate=Setting("ROLL_LIMIT_DEG", 45.0, _DEGREE),
-    wing=WingSticks(
-        bank=Setting("ROLL_LIMIT_DEG", 45.0, _DEGREE),
-        pitch_up=Setting("PTCH_LIM_MAX_DEG", 20.0, _DEGREE),
-        pitch_down=Setting("PTCH_LIM_MIN_DEG", -25.0, _DEGREE),
-    ),
+    wings=MappingProxyType(dict.fromkeys((Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION), _WING)),
     landing_abort=Setting("LAND_ABORT_THR", 0.0),
     without=_BY_HAND,
     overrides=True,

@@ -17,7 +17,7 @@ from sim_vehicle.autopilot.px4.habits import HABITS
 from sim_vehicle.autopilot.px4.parameters import copter_parameters, fixed_wing_parameters, rover_parameters
 from sim_vehicle.autopilot.px4.persona import persona_of
 from sim_vehicle.autopilot.px4.rover import PX4_ROVER
-from sim_vehicle.autopilot.px4.sticks import COPTER_STICKS
+from sim_vehicle.autopilot.px4.sticks import COPTER_STICKS, FIXED_WING_STICKS, ROVER_STICKS
 from sim_vehicle.autopilot.reference_parameters import reference_parameters
 
 __all__ = ["PX4"]
@@ -63,7 +63,7 @@ PX4 = Autopilot(
                 takes_off=False,
                 turns=Turns(2.0),
                 reference=partial(reference_parameters, "px4", without=_OF_MULTIROTORS),
-                sticks=None,
+                sticks=FIXED_WING_STICKS,
                 estimate_errs=False,
             ),
             "rover": replace(
@@ -74,7 +74,7 @@ PX4 = Autopilot(
                 procedures=PX4_ROVER,
                 turns=Turns(),
                 reference=partial(reference_parameters, "px4", without=_OF_MULTIROTORS),
-                sticks=None,
+                sticks=ROVER_STICKS,
                 estimate_errs=False,
             ),
         }

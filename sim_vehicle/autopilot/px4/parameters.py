@@ -51,7 +51,11 @@ def copter_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
 
 def fixed_wing_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
     """Parameters of a fixed wing."""
-    return _common(spec, system_id, m.MAV_TYPE_FIXED_WING)
+    return [
+        *_common(spec, system_id, m.MAV_TYPE_FIXED_WING),
+        MavParameter("FW_MAN_P_MAX", value=30.0, stored=True, low=0.0, high=90.0, unit="deg"),
+        MavParameter("FW_MAN_R_MAX", value=45.0, stored=True, low=0.0, high=90.0, unit="deg"),
+    ]
 
 
 def rover_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:

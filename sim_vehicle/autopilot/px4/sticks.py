@@ -14,14 +14,24 @@ from sim_vehicle.autopilot.failsafe_rules import Action, actions_by_value
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.persona import px4_custom_mode
 from sim_vehicle.autopilot.setting import Setting
-from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, TiltSticks, bits
+from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, TiltSticks, WingSticks, bits
 from sim_vehicle.motion.px4.parameters import drag_of
 
-__all__ = ["COPTER_STICKS"]
+__all__ = ["COPTER_STICKS", "FIXED_WING_STICKS", "ROVER_STICKS"]
 
 _DEGREE = math.radians(1.0)
 _ACRO = px4_custom_mode(5)
 _AXIS = Axis(0.1, 0.6)
+_LOSS = StickLoss(
+    timeout=Setting("COM_RC_LOSS_T", 0.5),
+    action=Setting("NAV_RCL_ACT", 2.0),
+    actions=actions_by_value(NONE="0", HOLD="1", RETURN="2", LAND="3", TERMINATE="5", DISARM="6"),
+    exceptions=bits(MISSION=1, HOLD=2, TAKEOFF=2, LAND=2, RTL=2, GUIDED=4),
+    in_stick_modes=Action.RETURN,
+    delay=Setting("COM_FAIL_ACT_T", 5.0),
+    lost="Failsafe activated",
+    delayed="Failsafe activated: entering Hold for {:.0f} seconds",
+)
 COPTER_STICKS = StickRules(
     speeds=MappingProxyType(
         {Mode.POSITION: Setting("MPC_VEL_MANUAL", 10.0), Mode.ALTITUDE: None, Mode.MANUAL: None}
@@ -49,14 +59,38 @@ COPTER_STICKS = StickRules(
         hold_below=Setting("MPC_HOLD_MAX_Z", 0.6),
         drag=drag_of,
     ),
-    loss=StickLoss(
-        timeout=Setting("COM_RC_LOSS_T", 0.5),
-        action=Setting("NAV_RCL_ACT", 2.0),
-        actions=actions_by_value(NONE="0", HOLD="1", RETURN="2", LAND="3", TERMINATE="5", DISARM="6"),
-        exceptions=bits(MISSION=1, HOLD=2, TAKEOFF=2, LAND=2, RTL=2, GUIDED=4),
-        in_stick_modes=Action.RETURN,
-        delay=Setting("COM_FAIL_ACT_T", 5.0),
-        lost="Failsafe activated",
-        delayed="Failsafe activated: entering Hold for {:.0f} seconds",
-    ),
+    loss=_LOSS,
+)
+_WHOLE = Axis(0.0)
+_BY_HAND = WingSticks(
+    bank=Setting("FW_MAN_R_MAX", 45.0, _DEGREE),
+    up=Setting("FW_MAN_P_MAX", 30.0, _DEGREE),
+    down=Setting("FW_MAN_P_MAX", 30.0, _DEGREE),
+)
+_BY_HEIGHT = WingSticks(
+    bank=Setting("FW_R_LIM", 50.0, _DEGREE),
+    up=Setting("FW_T_CLMB_R_SP", 3.0),
+    down=Setting("FW_T_SINK_R_SP", 2.0),
+    by_rate=True,
+)
+FIXED_WING_STICKS = StickRules(
+    speeds=MappingProxyType({Mode.POSITION: None, Mode.ALTITUDE: None, Mode.MANUAL: None}),
+    needed=COPTER_STICKS.needed,
+    level=_WHOLE,
+    vertical=_WHOLE,
+    turning=_WHOLE,
+    turn_rate=Setting("FW_R_LIM", 50.0, _DEGREE),
+    wings=MappingProxyType({Mode.POSITION: _BY_HEIGHT, Mode.ALTITUDE: _BY_HEIGHT, Mode.MANUAL: _BY_HAND}),
+    loss=_LOSS,
+)
+ROVER_STICKS = StickRules(
+    speeds=MappingProxyType({Mode.POSITION: None, Mode.MANUAL: None}),
+    needed=frozenset({Mode.POSITION, Mode.MANUAL}),
+    impossible=frozenset({Mode.ALTITUDE}),
+    level=_AXIS,
+    vertical=_AXIS,
+    turning=_AXIS,
+    turn_rate=Setting("RO_YAW_RATE_LIM", 0.0, _DEGREE),
+    drives=True,
+    loss=_LOSS,
 )

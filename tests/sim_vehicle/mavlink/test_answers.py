@@ -576,11 +576,12 @@ def test_a_rover_is_driven_by_hand():
 
 @pytest.mark.parametrize(
     ("autopilot", "kind"),
-    [("px4", "quad"), ("ardupilot", "quad"), ("ardupilot", "rover"), ("ardupilot", "fixed-wing")],
+    [(autopilot, kind) for autopilot in ("px4", "ardupilot") for kind in ("quad", "rover", "fixed-wing")],
 )
 def test_the_parameters_of_the_sticks_are_the_firmwares_own(autopilot, kind):
-    firmware = Peer(autopilot, kind).vehicle.firmware
-    table = {p.name: p for p in firmware.parameters(get_vehicle(kind), 1)}
+    vehicle = Peer(autopilot, kind).vehicle
+    firmware = vehicle.firmware
+    table = {p.name: p for p in firmware.parameters(vehicle.pilot.spec, 1)}
     rules = firmware.sticks
     loss = rules.loss
     named = [*rules.speeds.values(), rules.turn_rate, rules.climb, rules.descent]
@@ -589,8 +590,8 @@ def test_the_parameters_of_the_sticks_are_the_firmwares_own(autopilot, kind):
         named.append(firmware.rules.idle.delay)
     if rules.tilt is not None:
         named += [getattr(rules.tilt, f.name) for f in fields(rules.tilt) if f.type == "Setting"]
-    if rules.wing is not None:
-        named += [rules.wing.bank, rules.wing.pitch_up, rules.wing.pitch_down]
+    for wing in rules.wings.values():
+        named += [wing.bank, wing.up, wing.down]
     for setting in filter(None, named):
         assert setting.default in (0.0, table[setting.name].value), setting.name
 
@@ -681,3 +682,49 @@ def test_px4_returns_when_sticks_that_lean_it_fall_silent():
     assert peer.vehicle.pilot.mode is Mode.HOLD
     peer.wait(6.0)
     assert peer.vehicle.pilot.mode is Mode.RTL
+
+
+def test_a_rover_is_driven_by_hand_under_px4():
+    peer = Peer("px4", "rover")
+    assert peer.result(176, 1.0, 1.0) == 0
+    assert peer.result(400, 1.0) == 1
+    peer.tell(sticks())
+    assert peer.result(400, 1.0) == 0
+    push(peer, 2.0, sticks())
+    assert ground_speed(peer) == 0.0, "the middle of the throttle is no speed"
+    yaw = peer.vehicle.pilot.state.yaw_rad
+    push(peer, 4.0, sticks(z=800))
+    assert ground_speed(peer) > 0.3
+    push(peer, 2.0, sticks(z=800, y=500))
+    assert math.remainder(peer.vehicle.pilot.state.yaw_rad - yaw, 2.0 * math.pi) > 0.1, "to the right"
+    assert peer.result(176, 1.0, 2.0) == 1, "a rover has no altitude control"
+    assert peer.texts()[-1] == "Switching to Altitude is currently not available"
+    peer.wait(1.0)
+    assert peer.vehicle.pilot.mode is Mode.HOLD
+    peer.wait(6.0)
+    assert peer.vehicle.pilot.mode is Mode.RTL
+
+
+def test_what_is_refused_while_the_vehicle_flies_has_the_autopilots_words():
+    peer = Peer("ardupilot")
+    peer.fly()
+    assert (peer.result(241, 1.0), peer.texts()[-1]) == (4, "Disarm to allow calibration")
+    before = len(peer.texts())
+    assert peer.result(400, 0.0) == 4
+    assert len(peer.texts()) == before, "ArduPilot says nothing"
+    peer = Peer("px4")
+    peer.fly()
+    before = len(peer.texts())
+    assert peer.result(241, 1.0) == 1
+    assert len(peer.texts()) == before
+    assert (peer.result(400, 0.0), peer.texts()[-1]) == (1, "Disarming denied: not landed")
+
+
+@pytest.mark.parametrize("command", [20, 21])
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_rover_that_is_home_stays_armed_when_it_is_sent_there(autopilot, command):
+    peer = Peer(autopilot, "rover")
+    assert peer.result(400, 1.0) == 0
+    assert peer.result(command) == 0
+    peer.wait(5.0)
+    assert peer.vehicle.pilot.armed

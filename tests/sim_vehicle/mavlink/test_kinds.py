@@ -279,12 +279,13 @@ def test_a_rover_that_rolls_out_without_power_still_tells_its_throttle(autopilot
 
 
 class Airborne:
-    """A fixed wing under ArduPlane, in the air by a mission."""
+    """A fixed wing in the air by a mission."""
 
-    def __init__(self):
+    def __init__(self, autopilot=ARDUPILOT):
         items = [item(22, 0.0, 200.0, 60.0), item(16, 0.0, 900.0, 60.0), item(16, 0.0, 2500.0, 60.0)]
-        self.vehicle = SimVehicle(get_vehicle("fixed-wing"), POINT, autopilot=ARDUPILOT)
+        self.vehicle = SimVehicle(get_vehicle("fixed-wing"), POINT, autopilot=autopilot)
         self.pilot = pilot = self.vehicle.pilot
+        pilot.parameters.mission_requirement = 0
         self.now_s = 0.0
         self.told = self.vehicle.poll(0.0)
         pilot.load(items)
@@ -355,6 +356,24 @@ def test_sticks_in_a_mission_do_not_move_a_fixed_wing():
     assert math.remainder(plane.course - before, 2.0 * math.pi) == pytest.approx(0.0, abs=0.15)
     plane.wait(10.0)
     assert plane.pilot.mode is Mode.MISSION, "FS_LONG_ACTN 0 goes on"
+
+
+@pytest.mark.parametrize("main_mode", [2.0, 3.0, 7.0], ids=["ALTCTL", "POSCTL", "STABILIZED"])
+def test_px4_banks_and_climbs_a_fixed_wing_by_sticks(main_mode):
+    plane = Airborne(PX4)
+    plane.wait(0.1, m.MAVLink_command_long_message(1, 1, 176, 0, 1.0, main_mode, 0, 0, 0, 0, 0))
+    assert plane.pilot.mode is Mode.MISSION, "not without sticks"
+    plane.wait(0.1, m.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0))
+    plane.wait(0.1, m.MAVLink_command_long_message(1, 1, 176, 0, 1.0, main_mode, 0, 0, 0, 0, 0))
+    assert plane.pilot.mode in (Mode.ALTITUDE, Mode.POSITION, Mode.MANUAL)
+    before = plane.course
+    plane.wait(4.0, m.MAVLink_manual_control_message(1, 0, 500, 500, 0, 0))
+    assert 0.15 < math.remainder(plane.course - before, 2.0 * math.pi) < 2.8, "to the right"
+    height = plane.pilot.state.position_m[2]
+    plane.wait(8.0, m.MAVLink_manual_control_message(1, -800, 0, 500, 0, 0))
+    assert plane.pilot.state.position_m[2] > height + 5.0, "pulled"
+    plane.wait(2.0)
+    assert plane.pilot.mode is Mode.HOLD
 
 
 GO_AROUND = 191

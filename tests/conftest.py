@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 
 from hypothesis import settings
 
@@ -11,6 +12,11 @@ settings.load_profile("ci" if os.environ.get("CI") else "default")
 
 # What a user's cache holds must not decide what a test sees.
 os.environ["WBF_MISSION_ENVIRONMENT_CACHE_MB"] = "0"
+
+# Where Python is told to write no bytecode, as in many images of containers, every worker would rewrite all tests
+# anew, and every process that tests start would compile the product.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # In the background of a shell or under nohup, tests and what they start would ignore Ctrl-C or a hang-up.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

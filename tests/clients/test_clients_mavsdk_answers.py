@@ -58,27 +58,61 @@ def test_actuators_and_the_origin_are_taken_and_failures_get_no_answer(px4):
     assert error.value.result.name == "TIMEOUT"
 
 
-def test_manual_control_flies(px4, tools):
-    import time
+@pytest.mark.parametrize("mode", ["position", "altitude"])
+def test_manual_control_flies(mode, connected, tools):
+    import threading
 
     from mavsdk.plugins.action import Action
-    from mavsdk.plugins.manual_control import ManualControl
+    from mavsdk.plugins.manual_control import ManualControl, ManualControlError
     from mavsdk.plugins.telemetry import Telemetry
 
-    flying, system = px4
+    # Sticks are lost after half a second of the vehicle's time.
+    flying, system = connected("px4", speed=2.0)
     telemetry, action, control = Telemetry(system), Action(system), ManualControl(system)
     tools.wait_until(telemetry.health_all_ok, what="health all ok")
     action.arm()
     action.takeoff()
     tools.wait_until(lambda: flying.vehicle.pilot.mode.value == "hold", what="the take-off")
-    control.set_manual_control_input(0.0, 0.0, 0.5, 0.0)
-    control.start_position_control()
-    start = flying.vehicle.pilot.state.position_m
+    begin = getattr(control, f"start_{mode}_control")
+    with pytest.raises(ManualControlError):
+        begin()
+    forward, done = [0.0], threading.Event()
 
-    def moved():
-        control.set_manual_control_input(0.6, 0.0, 0.5, 0.0)
-        time.sleep(0.02)
-        now = flying.vehicle.pilot.state.position_m
-        return abs(now[0] - start[0]) + abs(now[1] - start[1]) > 10.0
+    def push():
+        while not done.wait(0.02):
+            control.set_manual_control_input(forward[0], 0.0, 0.5, 0.0)
 
-    tools.wait_until(moved, what="the way by stick")
+    sticks = threading.Thread(target=push)
+    sticks.start()
+    try:
+        # The vehicle takes the mode only while it hears sticks.
+        control.set_manual_control_input(0.0, 0.0, 0.5, 0.0)
+        begin()
+        assert flying.vehicle.pilot.mode.value == mode
+        east, north, height = flying.vehicle.pilot.state.position_m
+        forward[0] = 0.6
+
+        def moved():
+            now = flying.vehicle.pilot.state.position_m
+            return abs(now[0] - east) + abs(now[1] - north) > 10.0
+
+        tools.wait_until(moved, what="the way by stick")
+        assert abs(flying.vehicle.pilot.state.position_m[2] - height) < 1.0
+    finally:
+        done.set()
+        sticks.join()
+    tools.wait_until(lambda: flying.vehicle.pilot.mode.value == "return", what="the return without sticks")
+
+
+def test_a_vehicle_that_is_armed_and_does_not_take_off_is_disarmed(px4, tools):
+    from mavsdk.plugins.action import Action
+    from mavsdk.plugins.telemetry import Telemetry
+
+    _, system = px4
+    telemetry, action = Telemetry(system), Action(system)
+    texts = []
+    telemetry.subscribe_status_text(lambda text, _: texts.append(text.text))
+    tools.wait_until(telemetry.health_all_ok, what="health all ok")
+    action.arm()
+    tools.wait_until(lambda: "Disarmed by auto preflight disarming" in texts, what="the text")
+    tools.wait_until(lambda: not telemetry.armed(), what="the heartbeat")

@@ -228,7 +228,7 @@ def test_plans_go_and_come_as_files(session, tools, tmp_path):
     value = flying.vehicle._parameters.value
     tools.wait_until(lambda: value("WPNAV_SPEED") == 600.0, 10.0, what="the speed")
     assert value("FS_THR_ENABLE") == 3.0
-    proxy.type("ftp list @SYS", "LIST: .* opcode:129 ")
+    proxy.type("ftp list @SYS", "tasks.txt")
 
 
 def test_a_vehicle_is_flown_by_typed_channels(session, tools):

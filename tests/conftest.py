@@ -13,8 +13,8 @@ settings.load_profile("ci" if os.environ.get("CI") else "default")
 # What a user's cache holds must not decide what a test sees.
 os.environ["WBF_MISSION_ENVIRONMENT_CACHE_MB"] = "0"
 
-# Where Python is told to write no bytecode, as in many images of containers, every worker would rewrite all tests
-# anew, and every process that tests start would compile the product.
+# Where Python is told to write no bytecode, as in many images of containers, every worker would rewrite all
+# tests anew, and every process that tests start would compile the product.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 

@@ -7,18 +7,18 @@ from numpy.typing import NDArray
 
 from geo.compiled import compiled
 
-__all__ = ["follow_twice"]
+__all__ = ["recur"]
 
 
 @compiled
-def follow_twice(noise: NDArray[np.float64], decay: float, drive: float) -> NDArray[np.float64]:
-    """Return two equal first-order recursions one after the other, from rest.
+def recur(noise: NDArray[np.float64], first: float, second: float, drive: float) -> NDArray[np.float64]:
+    """Return a second-order autoregressive recursion, from rest.
 
     Parameters
     ----------
     noise : float64[n]
-    decay : float
-        Of each recursion, over a step.
+    first, second : float
+        What the last value and the one before it are multiplied by.
     drive : float
         What the noise is multiplied by.
 
@@ -27,9 +27,8 @@ def follow_twice(noise: NDArray[np.float64], decay: float, drive: float) -> NDAr
     float64[n]
     """
     result = np.empty_like(noise)
-    inner = outer = 0.0
+    last = before = 0.0
     for k in range(len(noise)):
-        inner = decay * inner + drive * noise[k]
-        outer = decay * outer + inner
-        result[k] = outer
+        last, before = first * last + second * before + drive * noise[k], last
+        result[k] = last
     return result

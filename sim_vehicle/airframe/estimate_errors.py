@@ -2,19 +2,23 @@
 
 In all recorded flights of PX4 (v1.17, SIH) the estimated height jumps by 1 m and a little more, to and fro,
 in the first two minutes after arming. Later it only drifts. The estimated velocities are off all the time:
-the accelerometers of SIH are noisy, and the estimator follows the receiver with a time constant of 4 s only.
-The vehicle holds a wrong velocity until its position tells. Measured on eight flights of quadrotors, a rover
-and an aeroplane (the velocities on the six of quadrotors, as what they differ by from the rate of the
-estimated position):
+the accelerometers and gyroscopes of SIH are noisy, and the estimator follows the receiver slowly, like a
+Kalman filter of positions (damping 0.7). The vehicle holds a wrong velocity until its position tells. And it
+is pushed: a part of the error is one of the tilt, which moves the vehicle and not the estimate, and
+corrections move the estimate and not the vehicle. Measured on eight flights of quadrotors, a rover and an
+aeroplane (the velocities on the six of quadrotors, as what they differ by from the rate of the estimated
+position; the push on the two of them that tell attitudes):
 
 ============================  ===================================================================
 jumps of the height           to the other side: 0.9 of them; size 1.0 m (tenth percentile 1.05 m,
                               median 1.24 m, ninetieth 1.76 m); the last after 117 to 121 s
 time between jumps            median 0.2 to 0.4 s, mean 0.8 to 1.1 s, ninetieth percentile 2.2 s
 drift of the height           deviation 0.29 m; correlation 0.96 over 1 s, 0.63 over 5 s, 0.3 over 10 s
-horizontal velocity           deviation along an axis 0.22 m/s (0.14 to 0.28 in parts of flights), normally
-                              distributed; correlation 0.86 over 1 s, 0.66 over 2 s, 0.45 over 3 s, 0.1
-                              over 5 s; the same along and across the nose
+horizontal velocity           deviation along an axis 0.214 m/s (0.14 to 0.28 in parts of flights), normally
+                              distributed; correlation 0.70 over 2 s, 0.51 over 3 s, 0.2 over 5 s, 0 over
+                              8 s; the same along and across the nose, at any speed, turning and acceleration
+push                          acceleration of the estimate that neither thrust nor drag explain: -0.5 (and
+                              -0.53) 1/s times the error, and 0.62 to 0.78 of its change
 vertical velocity             deviation 0.11 m/s; correlation 0.77 over 1 s, 0.57 over 3 s, 0.38 over 5 s
 ============================  ===================================================================
 """
@@ -32,8 +36,8 @@ from geo.seeds import stream
 __all__ = ["COLUMNS", "GRID_S", "SETTLED_S", "EstimateErrors"]
 
 GRID_S = 0.1
-COLUMNS = 4
-"""Height, m; velocity east, north, up, m/s."""
+COLUMNS = 6
+"""Height, m; velocity east, north, up, m/s; push east, north, m/s^2."""
 SETTLED_S = 119.0
 """How long after the first take-off the estimated height jumps."""
 LEAST_LEVEL_M = 0.5
@@ -44,8 +48,10 @@ MEDIAN_DWELL_S, DWELL_SIGMA = 0.35, 1.44
 """Time between jumps, log-normally distributed."""
 DRIFT_M, DRIFT_S = 0.29, 3.8
 """Standard deviation and time constant of the drift of the height, a second-order Gauss-Markov process."""
-VELOCITY_M_S, VELOCITY_S = 0.22, 1.6
-"""The same of the velocity along a horizontal axis."""
+VELOCITY_M_S, VELOCITY_S, VELOCITY_DAMPING = 0.214, 2.25, 0.73
+"""The same of the velocity along a horizontal axis, and its damping: the others have 1."""
+PUSH_1_S, UNSEEN = 0.5, 0.3
+"""How much of the velocity's error, and of its change, pushes the vehicle unseen."""
 CLIMB_M_S, CLIMB_S = 0.1, 2.3
 """The same of the vertical velocity; a part of what was measured is the drift of the height."""
 
@@ -81,23 +87,29 @@ class EstimateErrors:
         float64[count, COLUMNS]
         """
         errors = np.empty((count, COLUMNS))
-        errors[:, 0] = self._drift("height-drift", count, DRIFT_M, DRIFT_S)
+        errors[:, 0] = self._drift("height-drift", count, DRIFT_M, DRIFT_S, 1.0)
         jumps = self._jumps()[:count]
         errors[: len(jumps), 0] += jumps
-        errors[:, 1] = self._drift("velocity-east", count, VELOCITY_M_S, VELOCITY_S)
-        errors[:, 2] = self._drift("velocity-north", count, VELOCITY_M_S, VELOCITY_S)
-        errors[:, 3] = self._drift("velocity-up", count, CLIMB_M_S, CLIMB_S)
+        errors[:, 1] = self._drift("velocity-east", count, VELOCITY_M_S, VELOCITY_S, VELOCITY_DAMPING)
+        errors[:, 2] = self._drift("velocity-north", count, VELOCITY_M_S, VELOCITY_S, VELOCITY_DAMPING)
+        errors[:, 3] = self._drift("velocity-up", count, CLIMB_M_S, CLIMB_S, 1.0)
+        change = np.diff(errors[:, 1:3], axis=0, prepend=0.0) / GRID_S
+        errors[:, 4:6] = -PUSH_1_S * errors[:, 1:3] - UNSEEN * change
         return errors
 
-    def _drift(self, name: str, count: int, deviation: float, time_s: float) -> NDArray[np.float64]:
+    def _drift(
+        self, name: str, count: int, deviation: float, time_s: float, damping: float
+    ) -> NDArray[np.float64]:
         # Imported here: who has no errors needs no compiler.
-        from sim_vehicle.airframe.drift import follow_twice
+        from sim_vehicle.airframe.drift import recur
 
-        decay = math.exp(-GRID_S / time_s)
-        # The stationary variance of two equal filters one after the other.
-        variance = (1.0 + decay * decay) / (1.0 - decay * decay) ** 3
+        # The poles of the process, sampled; the drive from the variance of an autoregression.
+        decay = math.exp(-damping * GRID_S / time_s)
+        first = 2.0 * decay * math.cos(math.sqrt(1.0 - damping * damping) * GRID_S / time_s)
+        second = -decay * decay
+        variance = (1.0 - second) / ((1.0 + second) * ((1.0 - second) ** 2 - first * first))
         noise = stream(self.seed, name).standard_normal(count)
-        return follow_twice(noise, decay, deviation / math.sqrt(variance))
+        return recur(noise, first, second, deviation / math.sqrt(variance))
 
     def _jumps(self) -> NDArray[np.float64]:
         random = stream(self.seed, "height-jumps")

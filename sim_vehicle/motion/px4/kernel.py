@@ -55,7 +55,7 @@ LEG = 16
 _TAKEOFF, _CLIMB, _DESCEND, _LAND, _SETPOINT = 1, 2, 4, 5, 9
 
 # What the autopilot remembers.
-GUIDE = 43
+GUIDE = 45
 (
     G_X,  # The trajectory: position, velocity, acceleration.
     G_Y,
@@ -95,6 +95,8 @@ G_TARGET, G_BEFORE, G_AFTER = 22, 25, 28
     G_ERROR_VX,
     G_ERROR_VY,
     G_ERROR_VZ,
+    G_PUSH_X,  # Acceleration that the estimate does not know, m/s^2.
+    G_PUSH_Y,
 ) = range(31, GUIDE)
 
 # law: the parameters as `sim_vehicle.motion.px4.model.law_of` puts them, SI units.
@@ -265,13 +267,16 @@ def _guide(g: Floats, row: Floats, law: Floats, px: float, py: float, pz: float,
     fastest = law[XY_VEL_MAX]
     wx, wy = min(max(wx, -fastest), fastest), min(max(wy, -fastest), fastest)
     wz = min(max(wz, -top), top)
-    # The trajectory waits for a vehicle that is behind it; on the average of a noisy estimate, half so for
-    # one that is beside it.
+    # The trajectory waits for a vehicle that is behind it; by an exact estimate, half so for one that is
+    # beside it, which is the average of a noisy one.
     ex, ey = g[G_X] - px, g[G_Y] - py
     speed2 = g[G_VX] * g[G_VX] + g[G_VY] * g[G_VY]
     lead = (ex * g[G_VX] + ey * g[G_VY]) / sqrt(speed2) if speed2 > 0.0 else 0.0
-    behind = 0.5 * (1.0 + lead / sqrt(lead * lead + NOISE_M * NOISE_M))
-    error = behind * sqrt(ex * ex + ey * ey + NOISE_M * NOISE_M)
+    if least_track == 0.0:
+        error = sqrt(ex * ex + ey * ey) if lead >= 0.0 else 0.0
+    else:
+        behind = 0.5 * (1.0 + lead / sqrt(lead * lead + NOISE_M * NOISE_M))
+        error = behind * sqrt(ex * ex + ey * ey + NOISE_M * NOISE_M)
     t = dt * (1.0 - min(error / law[ERR_MAX], 1.0))
     a = profile(g[G_VX], g[G_AX], wx, accel, jerk)
     b = profile(g[G_VY], g[G_AY], wy, accel, jerk)
@@ -368,17 +373,22 @@ def _turn(g: Floats, row: Floats, law: Floats, state: Floats) -> None:
 
 
 @compiled
-def _fly(g: Floats, law: Floats, state: Floats, wanted: Vector, lag: float, flying: bool) -> float:
+def _fly(
+    g: Floats, law: Floats, state: Floats, wanted: Vector, lag: float, flying: bool, turning: float
+) -> float:
     """Move the airframe by one step and return the length of it.
 
     The direction of the thrust follows as the attitude does (an angle controller over a rate that lags), its
-    size as the motors do; the drag is linear.
+    size as the motors do; the drag is linear. ``turning`` is the yaw rate (rad/s, clockwise) that the
+    attitude controller feeds forward about the vertical (``AttitudeControl``): it carries the tilt along.
     """
     dt = law[DT]
     size = sqrt(wanted[0] ** 2 + wanted[1] ** 2 + wanted[2] ** 2)
     scale = 1.0 / size if size > 1e-6 else 0.0
-    g[G_THRUST_RATE_X] += (law[ATTITUDE] * (wanted[0] * scale - g[G_THRUST_X]) - g[G_THRUST_RATE_X]) * lag
-    g[G_THRUST_RATE_Y] += (law[ATTITUDE] * (wanted[1] * scale - g[G_THRUST_Y]) - g[G_THRUST_RATE_Y]) * lag
+    ratex = law[ATTITUDE] * (wanted[0] * scale - g[G_THRUST_X]) + turning * g[G_THRUST_Y]
+    ratey = law[ATTITUDE] * (wanted[1] * scale - g[G_THRUST_Y]) - turning * g[G_THRUST_X]
+    g[G_THRUST_RATE_X] += (ratex - g[G_THRUST_RATE_X]) * lag
+    g[G_THRUST_RATE_Y] += (ratey - g[G_THRUST_RATE_Y]) * lag
     g[G_THRUST_X] += g[G_THRUST_RATE_X] * dt
     g[G_THRUST_Y] += g[G_THRUST_RATE_Y] * dt
     g[G_THRUST] += (size - g[G_THRUST]) * lag
@@ -386,8 +396,14 @@ def _fly(g: Floats, law: Floats, state: Floats, wanted: Vector, lag: float, flyi
     if flat2 > 0.9:
         shrink = sqrt(0.9 / flat2)
         g[G_THRUST_X], g[G_THRUST_Y], flat2 = g[G_THRUST_X] * shrink, g[G_THRUST_Y] * shrink, 0.9
-    ax = g[G_THRUST] * g[G_THRUST_X] - law[DRAG] * (state[col.VELOCITY_X] - state[col.WIND_EAST])
-    ay = g[G_THRUST] * g[G_THRUST_Y] - law[DRAG] * (state[col.VELOCITY_Y] - state[col.WIND_NORTH])
+    ax = (
+        g[G_THRUST] * g[G_THRUST_X] - law[DRAG] * (state[col.VELOCITY_X] - state[col.WIND_EAST]) + g[G_PUSH_X]
+    )
+    ay = (
+        g[G_THRUST] * g[G_THRUST_Y]
+        - law[DRAG] * (state[col.VELOCITY_Y] - state[col.WIND_NORTH])
+        + g[G_PUSH_Y]
+    )
     az = g[G_THRUST] * sqrt(1.0 - flat2) - GRAVITY_M_S2 - law[DRAG] * state[col.VELOCITY_Z]
     if state[col.POSITION_Z] <= 0.0 and (az <= 0.0 or state[col.VELOCITY_Z] < 0.0):
         if not flying:
@@ -487,9 +503,9 @@ def advance(
     g : float64[GUIDE]
         What the autopilot remembers, changed in place.
     law : float64[LAW]
-    errors : float64[n, 4]
-        A row with the grid index of the first take-off, then the errors of the estimate (estimate less truth:
-        height, m; velocity east, north, up, m/s) on the grid from there on; one row is an exact estimate.
+    errors : float64[n, COLUMNS]
+        A row with the grid index of the first take-off, then the errors of the estimate
+        (`sim_vehicle.airframe.estimate_errors`) on the grid from there on; one row is an exact estimate.
     """
     # Read once: a look into the limits at every step costs a tenth of the speed.
     dt, capacity = law[DT], limits[ENERGY_LIMIT]
@@ -574,7 +590,8 @@ def advance(
                 believed = state[col.POSITION_Z] + g[G_ERROR]
                 _guide(g, row, law, state[col.POSITION_X], state[col.POSITION_Y], believed, least_track)
                 wanted = _control(g, law, state, climb_limit, flying)
-                state[col.PATH_LENGTH] += _fly(g, law, state, wanted, lag, flying)
+                turning = state[col.HEADING_RATE] if errs else 0.0
+                state[col.PATH_LENGTH] += _fly(g, law, state, wanted, lag, flying, turning)
                 _turn(g, row, law, state)
         if counters[col.ARRIVED] == 0:
             # The navigator looks twenty times a second.

@@ -149,7 +149,7 @@ class Px4Multirotor(Multirotor):
             return 0.0, 0.0, 0.0, 0.0
         since = self.step // col.GRID - int(self._errors.item(0, 0))
         self._draw_errors(since + 1)
-        height, east, north, up = self._errors[since + 1].tolist()
+        height, east, north, up = self._errors[since + 1, :4].tolist()
         return height, east, north, up
 
     @property
@@ -247,9 +247,9 @@ class Px4Multirotor(Multirotor):
         """Take over a vehicle in flight: trajectory and controllers begin as it moves."""
         g, state = self.guide, self.state
         g[kernel.G_X : kernel.G_INTEGRAL_X] = state[col.POSITION : col.HEADING]
-        g[kernel.G_ERROR : kernel.GUIDE] = self.estimate_error
+        g[kernel.G_ERROR : kernel.G_PUSH_X] = self.estimate_error
         g[kernel.G_Z] += g[kernel.G_ERROR]
-        g[kernel.G_VX : kernel.G_AX] += g[kernel.G_ERROR_VX : kernel.GUIDE]
+        g[kernel.G_VX : kernel.G_AX] += g[kernel.G_ERROR_VX : kernel.G_PUSH_X]
         thrust = state[col.ACCELERATION : col.HEADING] + self._law[kernel.DRAG] * (
             state[col.VELOCITY : col.ACCELERATION] - (state[col.WIND_EAST], state[col.WIND_NORTH], 0.0)
         )

@@ -11,7 +11,7 @@ from recordings import compare, fly_recording, load_recording
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.airframe.estimate_errors import EstimateErrors
+from sim_vehicle.airframe.estimate_errors import COLUMNS, GRID_S, EstimateErrors
 from sim_vehicle.airframe.sensor_errors import SensorNoise
 from sim_vehicle.autopilot import flight_procedures, get_autopilot, with_autopilot
 from sim_vehicle.autopilot.px4.copter import return_height_m
@@ -137,6 +137,59 @@ def test_errors_of_its_estimate_hardly_matter_at_waypoints_of_two_metres(recorde
     first, last = recording.flight.window(recording.items)
     for seed in range(3):
         assert lasted(recording, seed) == pytest.approx(last - first, rel=0.03)
+
+
+class NoErrors(EstimateErrors):
+    """An estimate that could err, and does not."""
+
+    def first(self, count):
+        return np.zeros((count, COLUMNS))
+
+
+class Push(EstimateErrors):
+    """Nothing wrong but a vehicle that is pushed north with 0.5 m/s^2, from 20 s on."""
+
+    def first(self, count):
+        errors = np.zeros((count, COLUMNS))
+        errors[round(20.0 / GRID_S) :, 5] = 0.5
+        return errors
+
+
+def path(errors, *items):
+    executor = MissionExecutor(QUAD, FRAME, estimate_errors=errors)
+    executor.load([TAKEOFF, speed(8.0), *items])
+    executor.arm()
+    executor.start()
+    places, done = [], False
+    while not done:
+        done = any(isinstance(event, MissionComplete) for event in executor.advance(executor.time_s + 0.1))
+        places.append(executor.state().position_m[:2])
+    return np.array(places)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_turning_nose_carries_the_tilt_along(side):
+    """Recorded: 0.3 to 1 m aside after turns of 140 degrees and more, by the side to which the nose turns."""
+    items = waypoint(60, 0, radius=0.5), waypoint(0, 20.0 * side, radius=0.5)
+    leg = np.array([-60.0, 20.0 * side]) / np.hypot(60.0, 20.0)
+
+    def aside(errors):
+        places = path(errors, *items)
+        back = places[np.argmax(places[:, 0]) :] - (60.0, 0.0)
+        left = leg[0] * back[:, 1] - leg[1] * back[:, 0]
+        return np.mean(side * left[(back @ leg > 3.0) & (back @ leg < 12.0)])
+
+    assert aside(NoErrors()) - aside(None) > 0.1
+
+
+def test_a_push_that_the_estimate_does_not_know_moves_the_vehicle_until_the_controllers_hold_against_it():
+    items = waypoint(0, 0, radius=0.5), waypoint(150, 0, radius=0.5)
+    straight, pushed = path(NoErrors(), *items), path(Push(), *items)
+    both = min(len(straight), len(pushed))
+    aside = pushed[:both, 1] - straight[:both, 1]
+    assert (aside[:200] == 0.0).all()
+    assert 0.1 < aside.max() < 0.4
+    assert aside[-1] < 0.5 * aside.max()
 
 
 def test_the_same_errors_make_the_same_flight_however_it_is_cut():

@@ -110,15 +110,16 @@ def test_a_path_of_short_legs_costs_what_its_flight_takes(seed: int) -> None:
 
 @pytest.mark.parametrize("budget", ["70s", "60m"])
 def test_a_tour_of_a_vehicle_whose_turns_cost_time_keeps_the_way_home(budget: str) -> None:
-    scenario = Scenario(farm="miniberry-30", vehicle="quad", estimator="point", budget=budget, seed=5)
+    scenario = Scenario(
+        farm="miniberry-30", vehicle="quad", estimator="point", budget=budget, seed=5, estimate_errors=False
+    )
     result = fly(scenario, policy="orienteering")
     assert result.outcome is Outcome.COMPLETED
     first = result.decisions[0].changes[0]
     assert len(first.path_m) > 1 and first.cost <= float(budget[:-1])
     assert np.hypot(*(first.path_m - first.position_m).T).max() > 1.0
     if budget == "70s":
-        # It is priced with an exact estimate.
-        assert result.flights[0].flight_time_s < 1.03 * 70.0
+        assert result.flights[0].flight_time_s < 70.5
 
 
 def test_equal_runs_are_equal_to_the_bit_and_load_again(tmp_path: Path) -> None:
@@ -239,7 +240,7 @@ def test_a_policy_is_scored_as_often_as_a_planner() -> None:
 def test_a_vehicle_whose_turns_cost_time_uses_its_budget(policy: str, autopilot: str) -> None:
     # Of point observations there is always more to learn.
     options = {"policy": policy, "autopilot": autopilot, "budget": "3min", "estimator": "point"}
-    run = fly(scenario_with(QUAD, options))
+    run = fly(scenario_with(QUAD, {**options, "estimate_errors": False}))
     assert run.outcome is Outcome.COMPLETED
     assert 0.8 * 180.0 < run.flights[0].flight_time_s <= 181.0
     assert len(run.observations) > 200

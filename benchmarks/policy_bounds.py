@@ -155,7 +155,20 @@ def rows(
     return np.asarray(np.interp(scored, times, losses)) / weighed
 
 
-PLANS = (Rows(4, 4), Rows(5, 4), Rows(6, 4), Rows(8, 4), Rows(10, 4, True), Rows(12, 4, True))
+PLANS = {
+    "miniberry-30": (
+        Rows(2, 3),
+        Rows(3, 2),
+        Rows(3, 3),
+        Rows(3, 4),
+        Rows(4, 2),
+        Rows(4, 3),
+        Rows(4, 4),
+        Rows(5, 3),
+    ),
+    "miniberry-100": (Rows(4, 4), Rows(5, 4), Rows(6, 4), Rows(8, 4), Rows(10, 4, True), Rows(12, 4, True)),
+}
+"""Of each farm; denser and wider rows than these are worse."""
 
 
 def all_healthy(truth: NDArray[np.float32], masks: NDArray[np.bool_]) -> float:
@@ -214,7 +227,7 @@ def main() -> int:
         f"before take-off {charged:.4f}, or {healthy:.4f} if all is believed healthy; by the best fixed plan"
     )
     print(f"{'rows':<24}" + "".join(f"{f'{part:.0%} flown':>18}" for part in PARTS))
-    for flown in PLANS:
+    for flown in PLANS[case.farm]:
         texts = []
         for part in PARTS:
             losses = charged / healthy * np.array([rows(*one, steps, flown, part) for one in farms])

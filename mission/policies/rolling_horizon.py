@@ -52,7 +52,7 @@ class RollingHorizon(MapPolicy):
         spread: float = 4.5,
         beam: int = 8,
         interval: float = 5.0,
-        every: int = 5,
+        every: int = 2,
         least_s: float = 1.0,
         caution: float = 0.0,
         reach: float = 3.0,

@@ -27,7 +27,7 @@ import json
 import math
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -163,7 +163,13 @@ def diseases_alone(values: NDArray[np.floating]) -> NDArray[np.float32]:
     return seen
 
 
-def fly(case: Case, policy: Policy, seed: int, every: int | None = None) -> Run:
+def fly(
+    case: Case,
+    policy: Policy,
+    seed: int,
+    every: int | None = None,
+    make_robot: Callable[[int, PlanningRequest, float], Robot] = Robot,
+) -> Run:
     """Fly one environment.
 
     Parameters
@@ -174,6 +180,8 @@ def fly(case: Case, policy: Policy, seed: int, every: int | None = None) -> Run:
         Of the environment and of everything drawn.
     every : int, optional
         Ask after so many observations, whatever the policy wants.
+    make_robot : callable
+        Makes a robot of its system id, its request and the size of a cell in metres.
     """
     farm = get_farm(case.farm)
     grid = farm.grid()
@@ -183,7 +191,9 @@ def fly(case: Case, policy: Policy, seed: int, every: int | None = None) -> Run:
     weights = np.array(WEIGHTS.field[:2]) * cells
     estimator = make_estimator("epidemic", random_state=child_seed(seed, "estimator")).fit(grid)
     steps = round(STEPS_PER_CELL * farm.owner_cells) // case.vehicles
-    robots = [Robot(k + 1, request_of(farm, steps, seed, k), farm.cell_size_m) for k in range(case.vehicles)]
+    robots = [
+        make_robot(k + 1, request_of(farm, steps, seed, k), farm.cell_size_m) for k in range(case.vehicles)
+    ]
     scored = np.unique(np.round(np.arange(1, SCORED + 1) * steps / SCORED).astype(int))
     seen = Observations.empty()
     model = estimator.predict()

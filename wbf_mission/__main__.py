@@ -25,6 +25,9 @@ def main() -> None:
             code = run()
     except KeyboardInterrupt:
         code = signals.exit_code(130)
+    # CPython remembers an interrupt that came while it ran a string, as dataclasses do, and would end by the
+    # signal for it in place of the exit code. Running another string makes it forget.
+    exec("")  # noqa: S102
     sys.exit(code)
 
 

@@ -196,7 +196,8 @@ def test_it_hears_refusals_and_why(autopilot, ready, tools):
     action.takeoff()
     tools.wait_until(telemetry.in_air, what="in air")
     assert refused(action.disarm) in no
-    tools.wait_until(lambda: any("not landed" in t for t in texts), what="the second reason")
+    if not flying.is_ardupilot:  # which says nothing to it
+        tools.wait_until(lambda: any("not landed" in t for t in texts), what="the second reason")
     assert telemetry.armed()
     action.land()
 

@@ -52,11 +52,12 @@ def test_reach_tells_how_long_a_plan_explains_silence():
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 @pytest.mark.parametrize("vehicles", [1, 2])
 def test_the_map_of_a_fixed_plan_is_the_same_in_the_end(autopilot, vehicles):
-    # Behind each other, or the first vehicle would start beyond the least range.
+    # Behind each other, or the first vehicle would start beyond the least range; a PX4 lands up to a metre
+    # beside where it started.
     scenario = {**ROWS, "autopilot": autopilot, "vehicles": vehicles}
     whole = fly(Scenario(**scenario))
     for range_m in RANGES_M[vehicles - 1 :]:
-        limited = fly(Scenario(**scenario, radio_range_m=max(range_m, 4.5 * (vehicles - 1))))
+        limited = fly(Scenario(**scenario, radio_range_m=max(range_m, 5.5 * (vehicles - 1))))
         assert limited.outcome is Outcome.COMPLETED, limited.reason
         assert np.array_equal(limited.model.value, whole.model.value)
         assert limited.final_score == whole.final_score
@@ -155,7 +156,7 @@ def test_whatever_the_range_it_ends_at_home_within_its_battery(autopilot, range_
         altitude_m=3.0,
         autopilot=autopilot,
         vehicles=vehicles,
-        radio_range_m=max(range_m, 4.5 * (vehicles - 1)),
+        radio_range_m=max(range_m, 5.5 * (vehicles - 1)),
         seed=seed,
     )
     result = fly(scenario)

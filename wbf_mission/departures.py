@@ -15,11 +15,18 @@ _LATEST_S = 7200
 _STEP_S = 5
 
 
-def departure_delays(plans: Sequence[PlanResult], distance_m: float) -> list[int]:
+def departure_delays(plans: Sequence[PlanResult], distance_m: float, clearance_m: float = 0.0) -> list[int]:
     """Return how many seconds after the first start each vehicle starts.
 
     In their order each starts as soon as its predicted flight keeps the distance from those before it. The
     paper's robots, which have no size, start at once.
+
+    Parameters
+    ----------
+    plans : sequence of PlanResult
+    distance_m : float
+    clearance_m : float
+        How much nearer to each other two vehicles may be than they believe.
 
     Raises
     ------
@@ -33,7 +40,7 @@ def departure_delays(plans: Sequence[PlanResult], distance_m: float) -> list[int
         if not plan.vehicle.is_ideal:
             flight = _positions(plan)
             while any(
-                least_apart_m(other, flight, delay - begin) < distance_m + MARGIN_M
+                least_apart_m(other, flight, delay - begin) < distance_m + clearance_m + MARGIN_M
                 for other, begin in flights
             ):
                 delay += _STEP_S

@@ -12,6 +12,7 @@ from geo import Farm, get_farm
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.mavlink.fleet import SPACING_M
+from wbf_mission.clearance import clearance_m, ground_clearance_m, height_error_m
 from wbf_mission.planning import FlightTask, PlanResult, flight_builder, plan, plan_tasks
 from wbf_mission.planning.task import free_area
 from wbf_mission.progress import Progress, silent
@@ -98,8 +99,9 @@ def single_scenarios(scenario: Scenario) -> tuple[Scenario, ...]:
     """Return for each vehicle of a run the run of it alone, in the order of their system ids.
 
     With layers, each that flies does so higher than the one before it, on its way home, too: the autopilot
-    returns at the height of the layer. A vehicle that stands farther behind crosses the columns in which
-    those before it climb and land above all that they do there; they never come to its own.
+    returns at the height of the layer. Layers are as far apart as told, and farther by what the vehicles err
+    about their heights. A vehicle that stands farther behind crosses the columns in which those before it
+    climb and land above all that they do there; they never come to its own.
 
     Raises
     ------
@@ -108,20 +110,22 @@ def single_scenarios(scenario: Scenario) -> tuple[Scenario, ...]:
     """
     separation = scenario.vehicle.keeps
     layered = separation.kind == LAYERS and len(scenario.vehicle.fleet) > 1
-    lowest_m = 0.0
+    below_m, below_error_m = -math.inf, 0.0
     singles: list[Scenario] = []
     for name in scenario.vehicle.fleet:
         vehicle = replace(scenario.vehicle, name=name, vehicles=None)
         mission, spec = scenario.mission, get_vehicle(name)
         if layered and flies(spec):
-            height_m = max(flight_level(mission, vehicle).altitude_m, lowest_m)
+            error_m = height_error_m(vehicle, spec)
+            lowest_m = below_m + separation.metres + clearance_m(below_error_m, error_m)
+            height_m = max(flight_level(mission, vehicle).altitude_m, round(lowest_m, 2))
             if height_m > HIGHEST_M:
                 msg = (
                     f"separation layers: vehicle {len(singles) + 1} would fly at {height_m:g} m, above"
                     f" {HIGHEST_M:g} m; give thinner layers or a lower altitude"
                 )
                 raise ScenarioError(msg)
-            lowest_m = height_m + separation.metres
+            below_m, below_error_m = height_m, error_m
             mission = replace(mission, altitude_m=height_m)
             vehicle = replace(vehicle, parameters=_parameters(scenario, spec, height_m))
         parts = {part: getattr(scenario, part) for part in PARTS}
@@ -149,7 +153,7 @@ def _start_m(scenario: Scenario, farm: Farm, number: int) -> tuple[float, float]
     separation = scenario.vehicle.keeps
     spacing_m = SPACING_M
     if separation.kind in (LAYERS, DISTANCE):
-        spacing_m = max(SPACING_M, _ROW_FACTOR * separation.metres)
+        spacing_m = max(SPACING_M, _ROW_FACTOR * separation.metres) + ground_clearance_m(scenario.vehicle)
     home = np.asarray(farm.home_m)
     centre = free_area(farm).centroid
     away = home - (centre.x, centre.y)

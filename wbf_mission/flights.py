@@ -13,6 +13,7 @@ from sensors.camera.leaf_camera import Camera, LeafCamera, LeafCameraOptions
 from sensors.environment import Environment
 from sensors.fields import FieldSet
 from sensors.scoring.score import ScoreWeights
+from wbf_mission.clearance import ground_clearance_m
 from wbf_mission.deciding.loop import DecisionLoop, Knowledge
 from wbf_mission.deciding.record import DecisionRecord
 from wbf_mission.deciding.spacing import KeptDistance
@@ -284,7 +285,7 @@ class Flights:
         keeps = self.scenario.vehicle.keeps
         if keeps.kind != DISTANCE or len(plans) == 1:
             return [0.0] * len(plans)
-        return departure_delays(plans, keeps.metres)
+        return departure_delays(plans, keeps.metres, ground_clearance_m(self.scenario.vehicle))
 
     def _kept_distance(self, vehicles: Sequence[Vehicle]) -> KeptDistance | None:
         """Return the distance that vehicles keep in flight; None if they need not."""
@@ -299,6 +300,7 @@ class Flights:
                 for number, one in builders.items()
                 if not one.vehicle.is_ideal
             },
+            ground_clearance_m(self.scenario.vehicle),
         )
 
 

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from geo.seeds import stream
 
-__all__ = ["COLUMNS", "GRID_S", "SETTLED_S", "EstimateErrors"]
+__all__ = ["COLUMNS", "GRID_S", "HEIGHT_M", "SETTLED_S", "EstimateErrors"]
 
 GRID_S = 0.1
 COLUMNS = 6
@@ -48,6 +48,8 @@ MEDIAN_DWELL_S, DWELL_SIGMA = 0.35, 1.44
 """Time between jumps, log-normally distributed."""
 DRIFT_M, DRIFT_S = 0.29, 3.8
 """Standard deviation and time constant of the drift of the height, a second-order Gauss-Markov process."""
+HEIGHT_M = math.sqrt((LEAST_LEVEL_M + LEVEL_SCALE_M) ** 2 + LEVEL_SCALE_M**2 + DRIFT_M**2)
+"""Standard deviation of the height's error while it jumps, 0.73 m."""
 VELOCITY_M_S, VELOCITY_S, VELOCITY_DAMPING = 0.214, 2.25, 0.73
 """The same of the velocity along a horizontal axis, and its damping: the others have 1."""
 PUSH_1_S, UNSEEN = 0.5, 0.3

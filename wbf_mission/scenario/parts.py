@@ -196,7 +196,8 @@ class VehicleOptions(Part):
     separation: str = option(
         "layers:2m",
         "How the vehicles of a fleet keep apart: layers:METRES (each at a height of its own), distance:METRES"
-        " (at one height, later if need be), or none; the paper's robots need nothing",
+        " (at one height, later if need be), or none; farther by what they err about where they are;"
+        " the paper's robots need nothing",
         VEHICLE,
         needs_fleet=True,
         metavar="WAY",

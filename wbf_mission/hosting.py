@@ -173,6 +173,7 @@ def _aboard(sortie: Sortie) -> tuple[SimVehicle, LeafCameraComponent]:
         system_id=number.system_id,
         epoch_unix_s=EPOCH_UNIX_S,
         noise=noise_of(scenario.vehicle, scenario.seed, number.stream_names("navigation")),
+        sd_card=True,
     )
     camera = LeafCameraComponent(
         sortie.leaf_camera,

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from mission.link.codec.dialect import mavlink
 from mission.model import GLOBAL_FRAMES, Mission, MissionItem, MissionType
 from mission.transfer.profile import Profile, count_warning
 from mission.transfer.remark import Remark, Severity
 
-__all__ = ["area_remarks", "count_remarks", "frame_name"]
+__all__ = ["area_remarks", "count_remarks", "frame_name", "longer_plan_fix"]
 
 _POLYGON = frozenset({5001, 5002})
 _CIRCLES = frozenset({5003, 5004})
@@ -55,7 +57,9 @@ def _same_polygon(one: MissionItem, other: MissionItem) -> bool:
     return one.command == other.command and one.param1 == other.param1
 
 
-def count_remarks(mission: Mission, sent: int, profile: Profile) -> list[Remark]:
+def count_remarks(
+    mission: Mission, sent: int, profile: Profile, parameters: Mapping[str, float]
+) -> list[Remark]:
     """Tell plans that are longer than the autopilot, or many of its boards, can hold.
 
     Parameters
@@ -64,18 +68,52 @@ def count_remarks(mission: Mission, sent: int, profile: Profile) -> list[Remark]
     sent : int
         Items of the mission as it is sent.
     profile : Profile
+    parameters : mapping of str to float
+        Of the vehicle, as far as it told them.
     """
     found = []
     for kind in MissionType:
         count = sent if kind is MissionType.MISSION else len(mission.plan(kind))
-        fix = "fly the mission in parts" if kind is MissionType.MISSION else "send a shorter plan"
-        most, text = profile.capacity[kind], count_warning(profile, kind, count)
+        fix = longer_plan_fix(count, kind, profile)
+        most, warning = profile.most(kind), count_warning(profile, kind, count)
+        told = _told_room(profile, parameters) if kind is MissionType.MISSION else None
         if count > most:
             text = f"{count} items: {profile.name} holds at most {most}"
             found.append(Remark(kind, None, Severity.ERROR, text, fix))
-        elif text is not None:
-            found.append(Remark(kind, None, Severity.WARNING, text, fix))
+        elif told is not None and count > told[0]:
+            text = f"{count} items: this {profile.name} holds at most {told[0]} ({told[1]})"
+            found.append(Remark(kind, None, Severity.ERROR, text, fix))
+        elif warning is not None and (told is None or told[2]):
+            found.append(Remark(kind, None, Severity.WARNING, warning, fix))
     return found
+
+
+def _told_room(profile: Profile, parameters: Mapping[str, float]) -> tuple[int, str, bool] | None:
+    """Items of a mission that a vehicle surely does not exceed, why, and whether it may hold fewer."""
+    card = profile.card
+    if card is None or card.parameter not in parameters:
+        return None
+    kib = parameters[card.parameter]
+    most = profile.room(MissionType.MISSION, kib) if kib > 0.0 else card.largest_board - profile.home_at_zero
+    return most, f"{card.parameter} {kib:g}", kib <= 0.0
+
+
+def longer_plan_fix(count: int, mission_type: MissionType, profile: Profile) -> str:
+    """Tell what to do about a plan that is too long.
+
+    Examples
+    --------
+    >>> from mission.transfer.profile import ARDUPILOT
+    >>> longer_plan_fix(700, MissionType.MISSION, ARDUPILOT)
+    'set BRD_SD_MISSION to 11 and restart the vehicle, or fly the mission in parts'
+    """
+    if mission_type is not MissionType.MISSION:
+        return "send a shorter plan"
+    card, parts = profile.card, "fly the mission in parts"
+    kib = None if card is None else card.kib_for(count + profile.home_at_zero)
+    if card is None or kib is None:
+        return parts
+    return f"set {card.parameter} to {kib} and restart the vehicle, or {parts}"
 
 
 def frame_name(frame: int) -> str:

@@ -70,6 +70,48 @@ class NeededParameter:
 
 
 @dataclass(frozen=True, slots=True)
+class CardRoom:
+    """Room for a mission on an SD card in place of the board's own, as a parameter gives it at the start.
+
+    Source: ArduPilot ``StorageManager.cpp`` (attach_file) and ``AP_Mission.cpp``; the documentation of the
+    parameter tells the size of an item. All numbers of items count home.
+
+    Parameters
+    ----------
+    parameter : str
+        Its name; the value is in KiB, and 0 is no card.
+    largest_kib : int
+        The largest value that is documented.
+    largest_board : int
+        Items that the largest board holds without a card.
+    item_bytes, header_bytes, most_bytes : int
+        Of the file on the card.
+
+    Examples
+    --------
+    >>> room = CardRoom("BRD_SD_MISSION", 64, 1312)
+    >>> room.items(64), room.items(10), room.kib_for(682), room.kib_for(683), room.kib_for(5000)
+    (4368, 682, 10, 11, None)
+    """
+
+    parameter: str
+    largest_kib: int
+    largest_board: int
+    item_bytes: int = 15
+    header_bytes: int = 4
+    most_bytes: int = 0xFFFF
+
+    def items(self, kib: float) -> int:
+        """Return how many items a value of the parameter, above 0, has room for."""
+        return max(0, min(1024 * int(kib), self.most_bytes) - self.header_bytes) // self.item_bytes
+
+    def kib_for(self, items: int) -> int | None:
+        """Return the smallest value with room for so many items; None if there is none."""
+        kib = -(-(items * self.item_bytes + self.header_bytes) // 1024)
+        return kib if kib <= self.largest_kib and items <= self.items(kib) else None
+
+
+@dataclass(frozen=True, slots=True)
 class Profile:
     """One autopilot's habits.
 
@@ -137,7 +179,11 @@ class Profile:
     opaque_ids : bool
         Plans have ids.
     capacity : tuple of int
-        The most items that the autopilot's simulator takes, per plan, without home.
+        The most items that the autopilot's simulator takes, per plan, without home; see `room`.
+    card : CardRoom or None
+        Room for a longer mission.
+    space_text : str or None
+        What it says to a plan that is too long, None for nothing; takes the number of items with home.
     type_result : int
         ACK for a plan type that does not exist.
     partial_write : bool
@@ -198,6 +244,8 @@ class Profile:
     marks_current: bool = True
     opaque_ids: bool = True
     capacity: tuple[int, int, int] = (wire.MAX_ITEMS, wire.MAX_ITEMS, wire.MAX_ITEMS)
+    card: CardRoom | None = None
+    space_text: str | None = "Only {} items are supported"
     type_result: int = wire.INVALID
     partial_write: bool = False
     partial_result: int | None = wire.ERROR
@@ -209,6 +257,28 @@ class Profile:
     change_modes: Mapping[int, tuple[int, int]] | None = None
     change_failsafe: Mapping[int, tuple[NeededParameter, ...]] = field(default_factory=dict)
     dialect: Dialect = field(default_factory=Dialect)
+
+    def room(self, mission_type: MissionType, card_kib: float = 0.0) -> int:
+        """Return how many items of a plan the autopilot's simulator takes, without home.
+
+        Parameters
+        ----------
+        mission_type : MissionType
+        card_kib : float
+            Value of the parameter of `card`; 0 without a card.
+
+        Examples
+        --------
+        >>> ARDUPILOT.room(MissionType.MISSION), ARDUPILOT.room(MissionType.MISSION, 64)
+        (649, 4367)
+        """
+        if self.card is None or mission_type != MissionType.MISSION or card_kib <= 0.0:
+            return self.capacity[mission_type]
+        return self.card.items(card_kib) - self.home_at_zero
+
+    def most(self, mission_type: MissionType) -> int:
+        """Return how many items of a plan it takes with the largest card, without home."""
+        return self.room(mission_type, 0.0 if self.card is None else self.card.largest_kib)
 
 
 _YAW = frozenset({"param4"})
@@ -223,6 +293,7 @@ PX4 = Profile(
     range_result=None,
     int_frames=True,
     range_checked=False,
+    space_text=None,
     placed=PX4_PLACED,
     unplaced=PX4_UNPLACED,
     capacity=(wire.MAX_ITEMS - 1, wire.MAX_ITEMS, wire.MAX_ITEMS),
@@ -263,12 +334,14 @@ ARDUPILOT = Profile(
     checks_jumps=True,
     marks_current=False,
     opaque_ids=False,
-    capacity=(4366, 500, 100),
+    # 9758 bytes of a copter's 16 KiB of storage are for missions (StorageManager.cpp), 15 for each item.
+    capacity=(649, 500, 100),
+    card=CardRoom("BRD_SD_MISSION", 64, 1312),
     type_result=wire.UNSUPPORTED,
     partial_write=True,
     received_texts=("Flight plan received", "Fence received", "Rally points received"),
     timeout_text="Mission upload timeout",
-    usual_limits=(650, 200, None),
+    usual_limits=(649, 200, None),
     placed=ARDUPILOT_PLACED,
     unplaced=ARDUPILOT_UNPLACED,
     lossy=ARDUPILOT_LOSSY,
@@ -340,7 +413,8 @@ def count_warning(profile: Profile, mission_type: MissionType, number: int) -> s
     limit = profile.usual_limits[mission_type]
     if limit is None or number <= limit:
         return None
-    return f"{number} {mission_type.name.lower()} items: many {profile.name} boards hold only {limit}"
+    card = "" if profile.card is None or mission_type != MissionType.MISSION else " without an SD card"
+    return f"{number} {mission_type.name.lower()} items: many {profile.name} boards hold only {limit}{card}"
 
 
 def _shift_jump(item: MissionItem, by: int) -> MissionItem:

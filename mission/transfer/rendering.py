@@ -106,7 +106,7 @@ def render(
     for condition in profile.dialect.conditions:
         writer.check_condition(condition, parameters or {}, planned or {})
     items = tuple(item for _, item in writer.entries)
-    others = area_remarks(mission, profile) + count_remarks(mission, len(items), profile)
+    others = area_remarks(mission, profile) + count_remarks(mission, len(items), profile, parameters or {})
     found = sorted(
         _told_once(writer.remarks + others), key=lambda one: (one.plan, -1 if one.item is None else one.item)
     )

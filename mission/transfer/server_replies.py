@@ -74,8 +74,10 @@ class ServerReplies:
     def refuse_space(self, message: wire.CountMessage, sender: _Sender) -> Output:
         """Too many items."""
         mission_type = MissionType(message.mission_type)
-        text = f"Only {self._store.capacity[mission_type]} items are supported"
-        return self.ack(wire.NO_SPACE, mission_type, sender, StatusText(mission_type, _WARNING, text))
+        room = self._store.capacity[mission_type] + self._store.home_items(mission_type)
+        text = self._profile.space_text
+        said = () if text is None else (StatusText(mission_type, _WARNING, text.format(room)),)
+        return self.ack(wire.NO_SPACE, mission_type, sender, *said)
 
     def refuse_partial(self, message: wire.PartialMessage, sender: _Sender) -> Output:
         """No partial lists."""

@@ -15,7 +15,8 @@ from mission.transfer import wire
 from mission.transfer.client import ClientTransfer
 from mission.transfer.client_table import CLEARING, CONFIRMING, COUNTING, UPLOADING, ClientAction, ClientInput
 from mission.transfer.errors import LocalTransferError
-from mission.transfer.events import NOTHING, Output, PlanState, Progress, UploadComplete
+from mission.transfer.events import NOTHING, FailureReason, Output, PlanState, Progress, UploadComplete
+from mission.transfer.plan_remarks import longer_plan_fix
 from mission.transfer.profile import to_wire_order
 
 _I = ClientInput
@@ -237,6 +238,16 @@ class MissionUpload(ClientTransfer):
         if self._refused_item() is None:
             return "at the start"
         return f"after item {self._named_item()}, {len(self._wire) - self._unsent} of {len(self._wire)} sent"
+
+    def _fail_refused(self, message: wire.AckMessage) -> Output:
+        if message.type != wire.NO_SPACE or self.profile.card is None:
+            return super()._fail_refused(message)
+        fix = longer_plan_fix(len(self.items), self.mission_type, self.profile)
+        text = (
+            f"{self._what()} was refused: it has no space for {len(self._wire)} items (MAV_MISSION_NO_SPACE):"
+            f" {fix}"
+        )
+        return self._failed(FailureReason.REFUSED, text, message.type, tell=False)
 
     def _refused_item(self) -> int | None:
         own = self._last - (len(self._wire) - len(self.items))

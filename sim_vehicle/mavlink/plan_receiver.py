@@ -77,6 +77,7 @@ class PlanReceiver:
             home=state.home,
             validator=_check_item,
         )
+        self._attach_card()
 
     @property
     def mission(self) -> tuple[MissionItem, ...]:
@@ -128,8 +129,18 @@ class PlanReceiver:
         return self._take(self.server.poll(now_s), now_s) if self.next_deadline() <= now_s else []
 
     def restart(self, now_s: float) -> None:
-        """Forget the transfer that runs: the vehicle starts again."""
+        """Forget the transfer that runs."""
         self._take(self.server.restart(now_s), now_s)
+
+    def reboot(self, now_s: float) -> None:
+        """Forget the transfer that runs, and take the room for missions anew: the vehicle starts again."""
+        self.restart(now_s)
+        self._attach_card()
+
+    def _attach_card(self) -> None:
+        card = self._state.firmware.profile.card
+        if card is not None:
+            self.server.set_card(self._pilot.parameters.kept(card.parameter, 0.0))
 
     def next_deadline(self) -> float:
         """When `poll` has something to do."""

@@ -84,6 +84,9 @@ class SimVehicle:
         The host's, so that SETUP_SIGNING can change its key where it may.
     noise : SensorNoise, optional
         How wrong it believes to be where it is; exact without.
+    sd_card : bool
+        It starts with the largest room for missions on an SD card, where a parameter gives that
+        (BRD_SD_MISSION of ArduPilot).
 
     Attributes
     ----------
@@ -116,6 +119,7 @@ class SimVehicle:
         epoch_unix_s: float = EPOCH_UNIX_S,
         signing: Signing | None = None,
         noise: SensorNoise | None = None,
+        sd_card: bool = False,
     ) -> None:
         self.autopilot = get_autopilot() if autopilot is None else autopilot
         spec = adapt_vehicle(spec, self.autopilot)
@@ -154,6 +158,9 @@ class SimVehicle:
         self._reports = ItemReports(persona)
         self._calibration = GyroCalibration()
         self._sticks = StickReader(firmware.sticks, system_id, pilot.parameters)
+        card = firmware.profile.card
+        if sd_card and card is not None:
+            pilot.parameters.stored[card.parameter] = card.largest_kib
         self._plans = PlanReceiver(self.state, _AUTOPILOT, self._texts, self._reports)
         self._camera = CameraOrders(system_id, self.say_warning)
         self._commands = CommandReceiver(self)
@@ -428,7 +435,7 @@ class SimVehicle:
         for the ground station's side of it, a simplification of what autopilots do whose watchdog bites.
         """
         self.state.reboot()
-        self._plans.restart(self.state.now_us / 1e6)
+        self._plans.reboot(self.state.now_us / 1e6)
         if not self.pilot.armed:
             self.pilot.modes.override(self.firmware.persona.modes.boot)
         self.schedule = self._default_schedule()

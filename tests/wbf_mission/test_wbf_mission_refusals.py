@@ -1,6 +1,7 @@
 """What an upload tells when an autopilot would not take a plan, or does not: over real sockets."""
 
 import json
+from dataclasses import replace
 
 import pytest
 from stand_in import stand_in
@@ -73,7 +74,65 @@ def test_a_vehicle_that_is_full_is_heard(tmp_path, capsys):
         assert upload(tmp_path / "rows.json", mission, url) == 5
         err = capsys.readouterr().err.splitlines()[-1]
         assert "MAV_MISSION_NO_SPACE" in err
-        assert err.endswith("the vehicle says: Only 5 items are supported")
+        assert err.endswith("the vehicle says: Only 6 items are supported")
+
+
+def long_mission(number):
+    """The planned rows with waypoints in between, so many items in all."""
+    made = plan(ROWS).mission
+    first = made.items[2]
+    latitudes = (first.x + 2e-6 * (k % 2) for k in range(number - len(made.items)))
+    between = [replace(first, x=latitude) for latitude in latitudes]
+    return Mission((*made.items[:3], *between, *made.items[3:]), made.home)
+
+
+def set_card(made, kib):
+    """Set BRD_SD_MISSION and start the vehicle again, as its operator would."""
+    made.vehicle._parameters.change("BRD_SD_MISSION", kib)
+    made.vehicle.reboot()
+
+
+def test_a_mission_for_which_there_is_no_room_is_refused_before_it_is_sent(tmp_path, capsys):
+    path, mission = tmp_path / "long.json", long_mission(700)
+    with stand_in("ardupilot") as (url, made):
+        # Some boards have room without a card, so that it is asked: by the number of items alone.
+        assert upload(path, mission, url) == 5
+        err = capsys.readouterr().err.splitlines()[-1]
+        assert (
+            "it has no space for 701 items (MAV_MISSION_NO_SPACE): set BRD_SD_MISSION to 11 and restart"
+            in err
+        )
+        assert err.endswith("the vehicle says: Only 650 items are supported")
+        set_card(made, 10.0)
+        assert upload(path, mission, url) == 2
+        err = capsys.readouterr().err.splitlines()[-1]
+        assert (
+            "700 items: this ArduPilot holds at most 681 (BRD_SD_MISSION 10); set BRD_SD_MISSION to 11" in err
+        )
+        assert "nothing was sent" in err
+        assert held(made) == 0
+        set_card(made, 11.0)
+        assert upload(path, mission, url) == 0
+        assert held(made) == 700
+
+
+def test_an_own_flight_has_the_card_that_its_mission_needs(tmp_path, capsys):
+    path = tmp_path / "long.json"
+    write_mission(long_mission(700), path)
+    given = [
+        "fly",
+        "--farm",
+        "miniberry-10",
+        "--mission",
+        str(path),
+        "--autopilot",
+        "ardupilot",
+        "--no-files",
+    ]
+    assert main([*given, "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["outcome"] == "completed"
+    assert "many ArduPilot boards hold only 649 without an SD card; set BRD_SD_MISSION to 11" in err
 
 
 def test_what_the_vehicle_says_of_a_plan_that_it_stores_and_rejects_is_shown(tmp_path, capsys):

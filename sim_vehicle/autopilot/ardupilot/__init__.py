@@ -29,9 +29,11 @@ def _simulator_urls(index: int) -> tuple[str, ...]:
     return (f"tcpin:127.0.0.1:{5760 + 10 * index}",)
 
 
+# All but copters have 9842 bytes for missions (StorageManager.cpp): 655 items with home.
+_ROOMY_PROFILE = replace(profile.ARDUPILOT, capacity=(654, *profile.ARDUPILOT.capacity[1:]))
 # ArduPlane stores the acceptance and pass radii of waypoints, and the pitch of a take-off.
 _PLANE_PROFILE = replace(
-    profile.ARDUPILOT,
+    _ROOMY_PROFILE,
     lossy={
         **profile.ARDUPILOT.lossy,
         Command.NAV_WAYPOINT: frozenset({"param4"}),
@@ -71,7 +73,7 @@ ARDUPILOT = Autopilot(
                 title="Rover",
                 persona=ROVER_PERSONA,
                 rules=ROVER_RULES,
-                profile=profile.ARDUPILOT,
+                profile=_ROOMY_PROFILE,
                 parameter_table=vehicle_parameters,
                 procedures=ARDUROVER,
                 habits=HABITS,

@@ -89,7 +89,7 @@ def test_what_the_vehicle_says_is_heard_until_after_a_failure():
     MavlinkEndpoint(bench.vehicle.link, 9, 1).send(mavlink.MAVLink_statustext_message(4, b"somebody else"))
     with pytest.raises(RemoteTransferError, match="no space"):
         bench.driver.upload(PLAN, types=[MISSION])
-    assert [text for text, _ in bench.texts] == ["Only 5 items are supported"]
+    assert [text for text, _ in bench.texts] == ["Only 6 items are supported"]
 
 
 def test_a_plan_is_sent_as_the_autopilot_takes_it_or_not_at_all():

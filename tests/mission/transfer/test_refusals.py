@@ -104,8 +104,11 @@ def test_a_plan_that_is_too_long_is_refused_before_any_item():
     failed, texts = carry(VerifiedUpload(PLAN, home=HOME, profile=ARDUPILOT), server)
     assert failed.result == mavlink.MAV_MISSION_NO_SPACE
     assert failed.item is None
-    assert failed.text.startswith("upload of the mission was refused: it has no space for so many items")
-    assert [text.text for text in texts] == ["Only 5 items are supported"]
+    assert failed.text == (
+        "upload of the mission was refused: it has no space for 9 items (MAV_MISSION_NO_SPACE):"
+        " set BRD_SD_MISSION to 1 and restart the vehicle, or fly the mission in parts"
+    )
+    assert [text.text for text in texts] == ["Only 6 items are supported"]
 
 
 def test_a_refused_corner_of_a_fence_is_named():

@@ -273,15 +273,36 @@ def test_fence_and_rally_points(fence, rally, expected):
         (PX4, 500, None),
         (PX4, 501, "warning"),
         (PX4, 65_535, "error"),
-        (ARDUPILOT, 650, None),
-        (ARDUPILOT, 651, "warning"),
-        (ARDUPILOT, 4367, "error"),
-        (GENERIC, 4367, None),
+        (ARDUPILOT, 649, None),
+        (ARDUPILOT, 650, "warning"),
+        (ARDUPILOT, 4367, "warning"),
+        (ARDUPILOT, 4368, "error"),
+        (GENERIC, 4368, None),
     ],
 )
 def test_how_many_items_an_autopilot_holds(profile, count, severity):
     found = render(Mission((TAKEOFF,) + (THERE,) * (count - 1), HOME), profile)
     assert told(found) == ([] if severity is None else [(severity, None)])
+
+
+@pytest.mark.parametrize(
+    ("kib", "count", "severity"),
+    [
+        (0, 649, None),
+        (0, 650, "warning"),
+        (0, 1311, "warning"),
+        (0, 1312, "error"),
+        (11, 749, None),
+        (11, 750, "error"),
+    ],
+)
+def test_how_many_items_a_vehicle_holds_that_told_of_its_card(kib, count, severity):
+    mission = Mission((TAKEOFF,) + (THERE,) * (count - 1), HOME)
+    found = render(mission, ARDUPILOT, parameters={"BRD_SD_MISSION": float(kib)})
+    assert told(found) == ([] if severity is None else [(severity, None)])
+    if severity == "error":
+        assert f"(BRD_SD_MISSION {kib})" in found.errors[0].text
+        assert found.errors[0].fix.startswith(f"set BRD_SD_MISSION to {20 if kib == 0 else 12} and restart")
 
 
 KNOWN = st.sampled_from([16, 17, 18, 19, 20, 21, 22, 31, 82, 93, 112, 115, 177, 178, 189, 195, 201, 206, 214])

@@ -262,7 +262,7 @@ def test_counts_that_do_not_fit(server):
     small = MissionServer(1, capacity={MISSION: 2})
     output = small.receive(count(3), 0.0)
     assert short(output) == [("ACK", wire.NO_SPACE, GROUND)]
-    assert output.events[0].text == "Only 2 items are supported"
+    assert output.events == ()
     assert short(small.receive(count(2), 0.0)) == [("REQUEST_INT", 0, GROUND)]
     assert short(server.receive(count(1, kind=7), 0.0)) == [("ACK", wire.INVALID, GROUND)]
     output = server.receive(count(0), 0.0)
@@ -447,7 +447,7 @@ def test_ardupilot_clears_what_it_may(copter):
 def test_ardupilot_has_room_for_so_many(copter):
     output = copter.receive(count(60000), 0.0)
     assert short(output) == [("ACK", wire.NO_SPACE, GROUND)]
-    assert texts(output) == ["Only 4366 items are supported"]
+    assert texts(output) == ["Only 650 items are supported"]
 
 
 @pytest.mark.parametrize(

@@ -118,7 +118,7 @@ def test_profiles_and_warnings():
     assert (profile_for(12), profile_for(3), profile_for(0)) == (PX4, ARDUPILOT, GENERIC)
     assert count_warning(PX4, MissionType.MISSION, 500) is None
     assert "64" in count_warning(PX4, MissionType.FENCE, 65)
-    assert "650" in count_warning(ARDUPILOT, MissionType.MISSION, 651)
+    assert "only 649 without an SD card" in count_warning(ARDUPILOT, MissionType.MISSION, 650)
     assert count_warning(GENERIC, MissionType.MISSION, 60000) is None
 
 

@@ -728,3 +728,44 @@ def test_a_rover_that_is_home_stays_armed_when_it_is_sent_there(autopilot, comma
     assert peer.result(command) == 0
     peer.wait(5.0)
     assert peer.vehicle.pilot.armed
+
+
+def count(items):
+    return m.MAVLink_mission_count_message(1, 1, items, 0)
+
+
+def answers_to_count(peer, items):
+    """What the vehicle answers to a COUNT: types of messages, results, texts; it gives the upload up then."""
+    told = []
+    for answer in peer.tell(count(items)):
+        kind = answer.get_type()
+        told.append((kind, answer.type if kind == "MISSION_ACK" else getattr(answer, "text", None)))
+    peer.wait(10.0)
+    return told
+
+
+@pytest.mark.parametrize(("kind", "room"), [("quad", 650), ("wing", 655), ("rover", 655)])
+def test_ardupilot_has_room_for_so_many_items_without_a_card(kind, room):
+    """Home counts; 9758 or 9842 bytes of 15 for each item (StorageManager.cpp)."""
+    peer = Peer("ardupilot", kind)
+    assert answers_to_count(peer, room) == [("MISSION_REQUEST", None)]
+    refused = answers_to_count(peer, room + 1)
+    assert ("MISSION_ACK", m.MAV_MISSION_NO_SPACE) in refused
+    assert ("STATUSTEXT", f"Only {room} items are supported") in refused
+
+
+def test_ardupilots_card_is_read_when_it_starts():
+    peer = Peer("ardupilot")
+    peer.tell(m.MAVLink_param_set_message(1, 1, b"BRD_SD_MISSION", 20.0, m.MAV_PARAM_TYPE_INT16))
+    assert ("MISSION_ACK", m.MAV_MISSION_NO_SPACE) in answers_to_count(peer, 1365)
+    assert peer.result(m.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1.0) == 0
+    assert answers_to_count(peer, 1365) == [("MISSION_REQUEST", None)]
+    assert ("STATUSTEXT", "Only 1365 items are supported") in answers_to_count(peer, 1366)
+    peer.tell(m.MAVLink_param_set_message(1, 1, b"BRD_SD_MISSION", 64.0, m.MAV_PARAM_TYPE_INT16))
+    peer.result(m.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1.0)
+    assert ("STATUSTEXT", "Only 4368 items are supported") in answers_to_count(peer, 60_000)
+
+
+def test_px4_refuses_a_long_mission_without_a_word():
+    peer = Peer("px4")
+    assert answers_to_count(peer, 65_535) == [("MISSION_ACK", m.MAV_MISSION_NO_SPACE)]

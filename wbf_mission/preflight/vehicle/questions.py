@@ -33,6 +33,7 @@ class Meaning(Enum):
     FENCE_CEILING = "the ceiling"
     FENCE_RADIUS = "how far from home"
     LANDS_AS_MISSION = "whether a return flies the landing of the mission"
+    MISSION_CARD = "the room for a mission on an SD card"
     ACCELEROMETER = "the accelerometer's calibration"
     GYROSCOPE = "the gyroscope's calibration"
     COMPASS = "the compass's calibration"
@@ -87,6 +88,7 @@ _ARDUPILOT = (
     _question(Meaning.FENCE_TYPES, "FENCE_TYPE"),
     _question(Meaning.FENCE_CEILING, "FENCE_ALT_MAX"),
     _question(Meaning.FENCE_RADIUS, "FENCE_RADIUS"),
+    _question(Meaning.MISSION_CARD, "BRD_SD_MISSION"),
 )
 _ARDUCOPTER = (
     _question(Meaning.CRUISE_SPEED, "WP_SPD", ("WPNAV_SPEED", 0.01)),

@@ -24,7 +24,7 @@ __all__ = ["get_vehicle", "load_vehicle", "vehicle_names"]
 _DEFAULT = "quad"
 _BASE_OF_KIND = {"multirotor": "quad", "fixed-wing": "wing", "rover": "rover", "ideal": "ideal"}
 # A vehicle cannot have these from a file: its name is the file's, the others are set by who flies it.
-_NOT_IN_FILES = ("name", "autopilot", "parameters", "autopilot_parameters")
+_NOT_IN_FILES = ("name", "autopilot", "parameters", "return_margin_m", "autopilot_parameters")
 _PARAMETER = re.compile(r"[A-Z][A-Z0-9_]{0,15}")
 _PARTS = (BatterySpec, FixedWingAirframe, PublishedEndurance, *get_args(AnyPowerSpec))
 

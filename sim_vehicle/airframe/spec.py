@@ -56,6 +56,7 @@ _NO_LIMITS = (
     "disarm_delay_s",
     "linear_drag_1_s",
     "attitude_response_s",
+    "return_margin_m",
 )
 
 
@@ -143,6 +144,10 @@ class VehicleSpec:
         The one of its kind; None uses no energy.
     airframe : FixedWingAirframe or None
         Of a fixed wing; None is a typical one.
+    return_margin_m : float
+        How much farther from home than planned a return may begin: a return altitude that depends on the
+        distance is that of so much more. 0 for a vehicle that flies; where a way home is priced it is what
+        `sim_vehicle.autopilot.with_return_margin` says.
     autopilot_parameters : tuple of (str, tuple of (str, float))
         Per autopilot, the parameters for when it flies this vehicle, under their real names.
     published : PublishedEndurance or None
@@ -185,6 +190,7 @@ class VehicleSpec:
     battery: BatterySpec | None = None
     power: AnyPowerSpec | None = None
     airframe: FixedWingAirframe | None = None
+    return_margin_m: float = 0.0
     autopilot_parameters: tuple[tuple[str, tuple[tuple[str, float], ...]], ...] = ()
     published: PublishedEndurance | None = None
     description: str = ""
@@ -203,6 +209,9 @@ class VehicleSpec:
                 raise VehicleError(msg)
         if not 0.0 <= self.disarm_delay_s < 3600.0:
             msg = f"vehicle {self.name}: disarm_delay_s {self.disarm_delay_s} is outside 0..3600"
+            raise VehicleError(msg)
+        if not self.return_margin_m >= 0.0:
+            msg = f"vehicle {self.name}: return_margin_m {self.return_margin_m} must not be negative"
             raise VehicleError(msg)
         if self.battery is not None and self.power is None:
             msg = f"vehicle {self.name}: a battery needs a power model ([power])"

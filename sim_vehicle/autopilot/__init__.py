@@ -11,6 +11,7 @@ from sim_vehicle.autopilot.registry import (
     forget_autopilots,
     get_autopilot,
     with_autopilot,
+    with_return_margin,
 )
 
 __all__ = [
@@ -25,4 +26,5 @@ __all__ = [
     "forget_autopilots",
     "get_autopilot",
     "with_autopilot",
+    "with_return_margin",
 ]

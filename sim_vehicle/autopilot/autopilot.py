@@ -50,8 +50,9 @@ class Firmware:
         How it takes the corners of a path, and the acceptance radius that it can hold.
     sticks : StickRules, optional
         How it flies by sticks; without them they do nothing.
-    estimate_errs : bool
-        The errors of its estimate are known (`sim_vehicle.airframe.estimate_errors`).
+    strays_m : callable, optional
+        Given the vehicle, the standard deviation of how far the errors of its estimate carry it aside, along
+        a horizontal axis; without, its estimate is exact (`sim_vehicle.airframe.estimate_errors`).
     """
 
     title: str
@@ -64,7 +65,7 @@ class Firmware:
     habits: MissionHabits = field(default_factory=MissionHabits)
     turns: Turns = field(default_factory=Turns)
     sticks: StickRules | None = None
-    estimate_errs: bool = False
+    strays_m: Callable[[VehicleSpec], float] | None = None
     reference: Callable[[], Sequence[MavParameter]] = tuple
 
     def parameters(self, spec: VehicleSpec, system_id: int) -> tuple[MavParameter, ...]:

@@ -35,8 +35,11 @@ __all__ = [
     "forget_autopilots",
     "get_autopilot",
     "with_autopilot",
+    "with_return_margin",
 ]
 
+# Of what an estimate's errors carry a vehicle aside: so many are its margin to a step of the return altitude.
+_RETURN_DEVIATIONS = 3.0
 _NOT_INSTALLED = f"no package gives any in the entry points {AUTOPILOT_GROUP}: install wbf-mission again"
 
 
@@ -120,7 +123,27 @@ def flight_procedures(spec: VehicleSpec) -> FlightProcedures:
 def estimate_errs(spec: VehicleSpec) -> bool:
     """Whether a vehicle can be flown by an estimate that errs as its autopilot's does: PX4's multirotors."""
     firmware = firmware_of(spec)
-    return firmware is not None and firmware.estimate_errs
+    return firmware is not None and firmware.strays_m is not None
+
+
+def with_return_margin(spec: VehicleSpec) -> VehicleSpec:
+    """Vehicle as its way home is priced when its estimate errs: by the dearer side of a step near home.
+
+    PX4 returns at ``RTL_RETURN_ALT`` from beyond ``RTL_MIN_DIST``, and lower from nearer: who is carried over
+    that edge climbs and sinks 20 m more. ArduCopter's return altitude (``RTL_CONE_SLOPE``, ``RTL_CLIMB_MIN``)
+    grows steadily with the distance, and its estimate is exact.
+
+    Examples
+    --------
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
+    >>> flown = [with_autopilot(get_vehicle("quad"), name) for name in ("px4", "ardupilot")]
+    >>> [round(with_return_margin(one).return_margin_m, 2) for one in flown]
+    [0.64, 0.0]
+    """
+    firmware = firmware_of(spec)
+    if firmware is None or firmware.strays_m is None:
+        return spec
+    return replace(spec, return_margin_m=_RETURN_DEVIATIONS * firmware.strays_m(spec))
 
 
 def fixed_wing_procedures(spec: VehicleSpec) -> FixedWingProcedures:

@@ -5,13 +5,16 @@ import pytest
 from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as st
 
+from geo.farms import get_farm
 from mission.errors import PlanningError
 from mission.outcome import Outcome
 from mission.planners import PlanningRequest
 from mission.planners.budget import BatchBudget, LengthBudget
+from sim_vehicle.prediction.onward import InFlight
 from wbf_mission.flight import fly
 from wbf_mission.planning import MissionBuilder, plan
 from wbf_mission.planning.budget import flight_budget, make_budget
+from wbf_mission.planning.fares import onward_predictor
 from wbf_mission.scenario import Scenario
 from wbf_mission.weather import wind_of_run
 
@@ -156,6 +159,29 @@ def test_a_flight_budget_prices_many_paths_as_it_prices_one():
     assert request.costs([result.path_m]) == [request.cost(result.path_m)]
     plain = PlanningRequest(result.farm.owner_area, result.farm.home_m, LengthBudget(1000.0))
     assert plain.costs([path[1:] for path in paths]) == [plain.cost(path[1:]) for path in paths]
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_who_may_be_carried_over_an_edge_near_home_pays_for_the_dearer_side(autopilot):
+    # PX4 returns at 30 m from beyond 10 m (RTL_MIN_DIST); with an exact estimate it turns home from within.
+    farm = get_farm("miniberry-100")
+    x, y = farm.home_m
+    here = InFlight((x + 5.0, y), 10.0, (1.0, 0.0))
+    whole = [np.array([(x, y), (x + 5.0, y), (x + length_m, y)]) for length_m in (8.0, 10.1, 14.0)]
+    rests = [np.array([(x + length_m, y)]) for length_m in (8.0, 9.7, 14.0)]
+    costs = {}
+    for errs in (False, True):
+        scenario = Scenario(
+            farm="miniberry-100", planner="spiral", autopilot=autopilot, budget="5min", estimate_errors=errs
+        )
+        builder = MissionBuilder.of(scenario, farm)
+        seconds, _ = onward_predictor(builder).rest(here, rests)
+        costs[errs] = np.array([flight_budget(300.0, "s", builder).costs(whole), seconds])
+    dearer = costs[True] - costs[False]
+    if autopilot == "px4":
+        assert (dearer[:, 1] > 20.0).all()
+        dearer = dearer[:, [0, 2]]
+    assert not dearer.any()
 
 
 def test_too_much_wind_is_known_before_the_flight():

@@ -16,7 +16,13 @@ from mission.planners.path import Area, Points
 from mission.planners.turns import Turns, Waypoints
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.spec import VehicleSpec
-from sim_vehicle.autopilot import estimate_errs, firmware_of, fixed_wing_procedures, with_autopilot
+from sim_vehicle.autopilot import (
+    estimate_errs,
+    firmware_of,
+    fixed_wing_procedures,
+    with_autopilot,
+    with_return_margin,
+)
 from sim_vehicle.execution.fixed_wing_items import must_circle
 from sim_vehicle.prediction.battery_swaps import batteries_needed
 from sim_vehicle.prediction.flight import Prediction
@@ -86,6 +92,11 @@ class MissionBuilder:
             scenario.vehicle.estimate_errors and estimate_errs(vehicle),
         )
 
+    @property
+    def priced_vehicle(self) -> VehicleSpec:
+        """The vehicle by which ways home are priced: a promise holds on both sides of an edge near home."""
+        return with_return_margin(self.vehicle) if self.estimate_errors else self.vehicle
+
     def mission(self, path: PlannedPath, *, camera_on_approach: bool = False) -> Mission:
         """Return the mission that flies ``path``, with the camera on from its first point or before."""
         vehicle, farm = self.vehicle, self.farm
@@ -141,14 +152,15 @@ class MissionBuilder:
         """Predict the flights of several missions, to choose among them: as if the estimate were exact.
 
         That is eight times faster. With waypoints of two metres, as planned ones have, PX4's errors make a
-        flight up to 3 % longer.
+        flight up to 3 % longer; ways home near a step of the return altitude are those of its dearer side.
         """
         wind = wind_of(self.weather, self.level)
-        return expected_flights(missions, self.vehicle, wind=wind, threads=_threads())
+        return expected_flights(missions, self.priced_vehicle, wind=wind, threads=_threads())
 
     def batteries(self, mission: Mission, prediction: Prediction) -> int | None:
         """How many batteries ``mission`` needs (`sim_vehicle.prediction.battery_swaps.batteries_needed`)."""
-        return batteries_needed(mission, self.vehicle, prediction, wind=wind_of(self.weather, self.level))
+        wind = wind_of(self.weather, self.level)
+        return batteries_needed(mission, self.priced_vehicle, prediction, wind=wind)
 
 
 def flown_vehicle(vehicle: VehicleOptions) -> VehicleSpec:

@@ -118,7 +118,7 @@ class FlightFares:
 
 def onward_predictor(builder: MissionBuilder) -> OnwardPredictor:
     """Return what prices rests of a vehicle's paths."""
-    vehicle = builder.vehicle
+    vehicle = builder.priced_vehicle
     return OnwardPredictor(
         vehicle,
         builder.farm.frame,

@@ -10,7 +10,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.planners.turns import Turns
 from mission.transfer import profile
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
-from sim_vehicle.autopilot.px4.copter import PX4_MULTIROTOR
+from sim_vehicle.autopilot.px4.copter import PX4_MULTIROTOR, strays_m
 from sim_vehicle.autopilot.px4.failsafe import FIXED_WING_RULES, ROVER_RULES, RULES
 from sim_vehicle.autopilot.px4.fixed_wing import PX4_FIXED_WING
 from sim_vehicle.autopilot.px4.habits import HABITS
@@ -46,7 +46,7 @@ _COPTER = Firmware(
     turns=Turns(2.0, leads=True),
     reference=partial(reference_parameters, "px4"),
     sticks=COPTER_STICKS,
-    estimate_errs=True,
+    strays_m=strays_m,
 )
 PX4 = Autopilot(
     name="px4",
@@ -64,7 +64,7 @@ PX4 = Autopilot(
                 turns=Turns(2.0),
                 reference=partial(reference_parameters, "px4", without=_OF_MULTIROTORS),
                 sticks=FIXED_WING_STICKS,
-                estimate_errs=False,
+                strays_m=None,
             ),
             "rover": replace(
                 _COPTER,
@@ -75,7 +75,7 @@ PX4 = Autopilot(
                 turns=Turns(),
                 reference=partial(reference_parameters, "px4", without=_OF_MULTIROTORS),
                 sticks=ROVER_STICKS,
-                estimate_errs=False,
+                strays_m=None,
             ),
         }
     ),

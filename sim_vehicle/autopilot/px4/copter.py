@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from sim_vehicle.airframe.estimate_errors import carried_aside_m
 from sim_vehicle.airframe.parameters import ParameterSpec
 from sim_vehicle.airframe.spec import GRAVITY_M_S2
 from sim_vehicle.autopilot.flight_procedures import vertical_landing
@@ -100,7 +101,8 @@ class Px4MultirotorProcedures:
         x, y, z = last
         home_x, home_y, least = return_point
         cruise = spec.cruise_speed_m_s
-        height = return_height_m(spec, math.hypot(x - home_x, y - home_y), z, least)
+        distance = math.hypot(x - home_x, y - home_y) + spec.return_margin_m
+        height = return_height_m(spec, distance, z, least)
         legs: list[Leg] = []
         if z < height:
             legs.append(Leg((x, y, height), cruise, heading=KEEP, kind=LegKind.CLIMB))
@@ -140,6 +142,11 @@ def return_height_m(spec: VehicleSpec, distance_m: float, height_m: float, least
                 height = min(distance_m / math.tan(math.radians(min(max(angle, 1.0), 89.0))), most)
             height = max(height, 2.0 * radius)
     return max(min(height, most), height_m)
+
+
+def strays_m(spec: VehicleSpec) -> float:
+    """Return the standard deviation of how far the errors of its estimate carry it aside, along an axis."""
+    return carried_aside_m(value_of(spec, "MPC_XY_P"))
 
 
 PX4_MULTIROTOR = Px4MultirotorProcedures()

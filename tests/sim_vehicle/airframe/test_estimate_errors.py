@@ -1,8 +1,11 @@
 """Errors of PX4's estimate: their size and memory, and that a seed decides them."""
 
+import math
+
 import numpy as np
 import pytest
 
+from sim_vehicle.airframe.drift import recur
 from sim_vehicle.airframe.estimate_errors import (
     CLIMB_M_S,
     DRIFT_M,
@@ -10,6 +13,7 @@ from sim_vehicle.airframe.estimate_errors import (
     SETTLED_S,
     VELOCITY_M_S,
     EstimateErrors,
+    carried_aside_m,
 )
 from sim_vehicle.airframe.sensor_errors import SensorNoise
 
@@ -78,3 +82,12 @@ def test_the_noise_of_a_vehicle_has_them_on_request():
     assert second.of_estimate is not None
     assert first.of_estimate is not None
     assert second.of_estimate.first(300).tolist() != first.of_estimate.first(300).tolist()
+
+
+@pytest.mark.parametrize("gain_1_s", [0.5, 0.95, 2.0])
+def test_a_position_loop_is_carried_aside_as_far_as_told(gain_1_s):
+    errors = EstimateErrors(2).first(400_000)[:, 1]
+    keeps = math.exp(-gain_1_s * GRID_S)
+    aside = recur(errors, keeps, 0.0, (1.0 - keeps) / gain_1_s)
+    assert carried_aside_m(gain_1_s) == pytest.approx(aside[1000:].std(), rel=0.03)
+    assert carried_aside_m(0.0) == math.inf

@@ -399,6 +399,21 @@ def test_a_headwind_slows_and_a_storm_stops():
     assert "wind" in storm.reason
 
 
+def test_a_way_home_with_a_margin_is_that_of_so_much_farther():
+    heights = []
+    for margin_m in (0.0, 0.6):
+        vehicle = replace(QUAD, return_margin_m=margin_m)
+        climb = [
+            flight_procedures(vehicle).return_legs(vehicle, (d, 0.0, 1.0), 9.0, (0.0, 0.0, 0.0))[0].end_m
+            for d in (5.0, 9.5, 10.1)
+        ]
+        assert [(x, y) for x, y, _ in climb] == [(5.0, 0.0), (9.5, 0.0), (10.1, 0.0)]
+        heights.append([round(z, 6) for _, _, z in climb])
+    assert heights == [[5.0, 9.5, 30.0], [5.6, 30.0, 30.0]]
+    with pytest.raises(VehicleError, match="return_margin_m"):
+        replace(QUAD, return_margin_m=math.nan)
+
+
 def test_return_heights():
     assert return_height_m(QUAD, 50.0, 10.0) == 30.0
     assert return_height_m(QUAD, 50.0, 42.0) == 42.0

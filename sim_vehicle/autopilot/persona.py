@@ -131,6 +131,8 @@ class ModeTable:
         What is said of a mode that there is not; ``{}`` is its number.
     orbit : int or None
         The custom mode that peers are told while circles are flown by command; None is that of the hold mode.
+    own_hold : int or None
+        The custom mode in which the vehicle holds by its own decision; None is that of the hold mode.
     main_and_sub : bool
         DO_SET_MODE carries main and sub mode in parameters 2 and 3 (PX4), not the custom mode in parameter 2.
     """
@@ -146,6 +148,7 @@ class ModeTable:
     refused_text: str = "Mode {name} refused"
     unknown_text: str = "Mode refused: unknown number {}"
     orbit: int | None = None
+    own_hold: int | None = None
     main_and_sub: bool = False
 
     def __getitem__(self, mode: Mode) -> int:

@@ -204,6 +204,8 @@ class StickRules:
         A multirotor that leans with its sticks in some modes, without a position to hold.
     takeoff_stick : float
         Where the vertical stick has to be for a vehicle that stands to take off.
+    receiver : Sticks or None
+        The sticks of a radio receiver, which count until a ground station's are heard; None without one.
     throttle_middle : float
         Where the middle of MANUAL_CONTROL's throttle is, 0 to 1000.
     pwm_half : float
@@ -227,6 +229,7 @@ class StickRules:
     landing_abort: Setting | None = None
     tilt: TiltSticks | None = None
     takeoff_stick: float = 0.0
+    receiver: Sticks | None = None
     throttle_middle: float = 500.0
     pwm_half: float = 500.0
 

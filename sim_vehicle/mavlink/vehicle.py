@@ -319,10 +319,16 @@ class SimVehicle:
             return
         self.state.set_time(now_us)
         self._tick_s = now_s
-        events = self.pilot.advance(now_s)
+        events = self.pilot.advance(now_s, by_sticks=self._by_sticks)
         self.state.sense(now_s)
         for event in self._reports.merged(events, self._plans.mission):
             self._tell(event, now_s)
+
+    @property
+    def _by_sticks(self) -> bool:
+        """Whether sticks move the vehicle in the mode as peers are told it."""
+        rules = self.firmware.sticks
+        return rules is not None and self.state.custom_mode not in rules.without
 
     def _tell(self, event: FlightEvent, now_s: float) -> None:
         if isinstance(event, ItemReached):
@@ -492,11 +498,11 @@ class SimVehicle:
         if sticks is None or rules is None:
             return
         try:
-            number = self.state.custom_mode
+            by_rate = rules.tilt is not None and self.state.custom_mode in rules.tilt.by_rate
             self.pilot.take_sticks(
                 sticks,
-                flown=number not in rules.without,
-                by_rate=rules.tilt is not None and number in rules.tilt.by_rate,
+                flown=self._by_sticks,
+                by_rate=by_rate,
             )
         except RefusedError as refusal:
             self.pilot.setpoints.complain(str(refusal))

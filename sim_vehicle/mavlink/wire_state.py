@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 from mission.model import GeoPoint
 from sim_vehicle.airframe.sensor_errors import NavigationErrors, Sensed, SensorNoise
+from sim_vehicle.autopilot.modes import Mode
 
 if TYPE_CHECKING:
     from sim_vehicle.autopilot.autopilot import Firmware
-    from sim_vehicle.autopilot.modes import Mode
     from sim_vehicle.pilot.pilot import Pilot
 
 __all__ = ["WireState"]
@@ -91,7 +91,10 @@ class WireState:
         mode = self.pilot.mode
         if self._asked is not None and self._asked[0] is not mode:
             self._asked = None
-        return self.firmware.persona.modes[mode] if self._asked is None else self._asked[1]
+        modes = self.firmware.persona.modes
+        if mode is Mode.HOLD and self.pilot.modes.by_itself and modes.own_hold is not None:
+            return modes.own_hold
+        return modes[mode] if self._asked is None else self._asked[1]
 
     def forget_item(self, until_s: float) -> None:
         """Tell no item in MISSION_CURRENT until a time."""

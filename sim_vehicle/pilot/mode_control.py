@@ -39,6 +39,8 @@ class ModeControl:
     Attributes
     ----------
     mode : Mode
+    by_itself : bool
+        The vehicle took it by its own decision.
     takeoff_altitude_m : float or None
         Of the next take-off; None is the vehicle's own.
     """
@@ -54,6 +56,7 @@ class ModeControl:
         after_takeoff: Mode,
     ) -> None:
         self.mode = mode
+        self.by_itself = False
         self.takeoff_altitude_m: float | None = None
         self._controls = controls
         self._mission = mission
@@ -88,6 +91,7 @@ class ModeControl:
     def override(self, mode: Mode) -> None:
         """Take a mode in which something else is flown than the mode's own."""
         self._setpoints.forget()
+        self.by_itself = False
         if mode is not self.mode and self._controls.landed is not LandedState.ON_GROUND:
             sequencer = self._controls.executor.sequencer
             if mode in self._habits.forgets_speed_in:

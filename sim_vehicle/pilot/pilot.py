@@ -631,8 +631,20 @@ class Pilot:
 
     # Time, and what happens in it.
 
-    def advance(self, now_s: float) -> list[FlightEvent]:
-        """Fly up to a time; the events until then, in order."""
+    def advance(self, now_s: float, *, by_sticks: bool = False) -> list[FlightEvent]:
+        """Fly up to a time.
+
+        Parameters
+        ----------
+        now_s : float
+        by_sticks : bool
+            Whether sticks move the vehicle in the mode as it was asked for.
+
+        Returns
+        -------
+        list of FlightEvent
+            The events until then, in order.
+        """
         events = self.controls.advance(now_s)
         for event in events:
             self._on_event(event)
@@ -640,7 +652,7 @@ class Pilot:
             for reaction in self.failsafe.check():
                 self._carry_out(reaction)
             if self._sticks is not None:
-                for reaction in self._sticks.check():
+                for reaction in self._sticks.check(flown=by_sticks):
                     self.failsafe.active = True
                     self._carry_out(reaction)
             if self._idle is not None and self.armed and self._idle.is_over():
@@ -728,6 +740,8 @@ class Pilot:
             self._change_mode(mode)
         except RefusedError as refusal:
             self.note(Severity.WARNING, str(refusal))
+        else:
+            self.modes.by_itself = True
 
     def _change_mode(self, mode: Mode) -> None:
         if self.modes.change(mode):

@@ -147,9 +147,19 @@ class StickPilot:
             return "Mode not supported"
         return "No manual control input" if self.lacks(mode) else None
 
-    def check(self) -> Iterator[Reaction]:
-        """Steer on, and yield what the loss of the sticks demands."""
+    def check(self, *, flown: bool) -> Iterator[Reaction]:
+        """Steer on, and yield what the loss of the sticks demands.
+
+        Parameters
+        ----------
+        flown : bool
+            Whether sticks move the vehicle in the mode as it was asked for.
+        """
         if self._sticks is None:
+            receiver = self._rules.receiver
+            if receiver is not None and flown and self._flies and self._holds:
+                with suppress(RefusedError):
+                    self._fly(receiver)
             return
         loss = self._rules.loss
         if self._later is not None and self._controls.now_s >= self._later[0]:
@@ -206,6 +216,11 @@ class StickPilot:
         """Whether the sticks lean the vehicle in this mode."""
         tilt, mode = self._rules.tilt, self._mode()
         return tilt is not None and mode in tilt.holds_height | tilt.by_throttle
+
+    @property
+    def _holds(self) -> bool:
+        controls = self._controls
+        return controls.state.phase is FlightPhase.HOLD and controls.landed is LandedState.IN_AIR
 
     @property
     def _flies(self) -> bool:

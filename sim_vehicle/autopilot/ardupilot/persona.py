@@ -62,6 +62,7 @@ COPTER_PERSONA = Persona(
             }
         ),
         aliases=MappingProxyType({1: Mode.MANUAL, 17: Mode.HOLD, 21: Mode.RTL, 27: Mode.RTL}),
+        own_hold=17,
         # The manoeuvre of a pilot who flies by hand.
         failing=frozenset({14}),
         names=MappingProxyType(
@@ -134,6 +135,7 @@ PLANE_PERSONA = replace(
         aliases=MappingProxyType(
             {1: Mode.HOLD, 2: Mode.MANUAL, 3: Mode.MANUAL, 4: Mode.MANUAL, 5: Mode.MANUAL, 8: Mode.MANUAL}
         ),
+        own_hold=None,
         failing=frozenset(),
         refused_text="Flight mode change failed",
         after_takeoff=Mode.TAKEOFF,
@@ -161,6 +163,7 @@ ROVER_PERSONA = replace(
                 Mode.LAND: 4,
             }
         ),
+        own_hold=None,
         failing=frozenset(),
         refused_text="Flight mode change failed",
         aliases=MappingProxyType({5: Mode.HOLD, 7: Mode.MANUAL, 12: Mode.RTL}),

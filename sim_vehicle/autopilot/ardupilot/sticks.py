@@ -8,7 +8,7 @@ from types import MappingProxyType
 from sim_vehicle.autopilot.failsafe_rules import Action, actions_by_value
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.setting import Setting
-from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, WingSticks, bits
+from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, Sticks, WingSticks, bits
 
 __all__ = ["COPTER_STICKS", "PLANE_STICKS", "ROVER_STICKS"]
 
@@ -32,6 +32,8 @@ COPTER_STICKS = StickRules(
     climb=Setting("PILOT_SPEED_UP", 250.0, 0.01),
     descent=Setting("PILOT_SPEED_DN", 0.0, 0.01),
     without=frozenset({_BRAKE}),
+    # SITL's receiver has its throttle at 1000 microseconds (AP_RCProtocol_UDP.cpp).
+    receiver=Sticks(up=-1.0),
     overrides=True,
     loss=StickLoss(
         timeout=Setting("RC_FS_TIMEOUT", 1.0),

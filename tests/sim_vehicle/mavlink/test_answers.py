@@ -394,7 +394,7 @@ def flown_by_hand(autopilot, mode, kind="quad"):
     if autopilot == "px4":
         peer.tell(sticks())
     assert peer.result(176, 1.0, mode) == 0
-    if autopilot == "px4":
+    if autopilot == "px4" or kind == "quad":
         push(peer, 3.0, sticks())
     else:
         peer.wait(3.0)
@@ -473,6 +473,50 @@ def test_sticks_move_arducopter(mode):
     before = pilot.state.yaw_rad
     push(peer, 0.5, sticks(r=-300))
     assert math.remainder(pilot.state.yaw_rad - before, 2.0 * math.pi) < -0.1
+
+
+@pytest.mark.parametrize("order", [(176, 1.0, 5.0), (176, 1.0, 2.0), (176, 1.0, 16.0), (17,)])
+def test_arducopter_sinks_without_sticks_in_the_modes_that_they_fly(order):
+    """SITL's receiver has the throttle down: PILOT_SPEED_UP, as PILOT_SPEED_DN is 0; then DISARM_DELAY."""
+    peer = Peer("ardupilot")
+    peer.fly()
+    pilot = peer.vehicle.pilot
+    pilot.parameters.stored["PILOT_SPEED_UP"] = 120.0
+    east, north, height = pilot.state.position_m
+    assert peer.result(*order) == 0
+    peer.wait(4.0)
+    assert pilot.state.velocity_m_s[2] == pytest.approx(-1.2, abs=0.05)
+    assert pilot.state.position_m[:2] == pytest.approx((east, north), abs=0.5)
+    peer.wait(height / 1.2)
+    assert pilot.armed
+    assert pilot.state.position_m[2] == pytest.approx(0.0, abs=0.05)
+    peer.wait(15.0)
+    assert not pilot.armed
+    assert "Disarming motors" in peer.texts()
+
+
+def test_arducopter_holds_in_brake_and_with_the_throttle_in_the_middle():
+    peer = Peer("ardupilot")
+    peer.fly()
+    pilot = peer.vehicle.pilot
+    height = pilot.state.position_m[2]
+    assert peer.result(176, 1.0, 17.0) == 0
+    peer.wait(10.0)
+    assert pilot.state.position_m[2] == pytest.approx(height, abs=0.1)
+    push(peer, 1.0, sticks())
+    assert peer.result(176, 1.0, 5.0) == 0
+    push(peer, 10.0, sticks())
+    assert pilot.state.position_m[2] == pytest.approx(height, abs=0.2)
+
+
+def test_a_failsafe_that_holds_arducopter_does_so_in_brake():
+    peer = flown_by_hand("ardupilot", 5.0)
+    pilot = peer.vehicle.pilot
+    pilot.parameters.stored["FS_THR_ENABLE"] = 7.0
+    push(peer, 1.0, sticks())
+    peer.wait(10.0)
+    assert peer.of("HEARTBEAT")[-1].custom_mode == 17
+    assert pilot.state.velocity_m_s[2] == pytest.approx(0.0, abs=0.05)
 
 
 def test_sticks_take_arducopter_off_and_land_it():

@@ -140,6 +140,8 @@ class FailsafeRules:
     any_mode_disarmed : bool
         Any mode is entered while the vehicle is disarmed; what it lacks keeps it from arming. Otherwise a
         mode is refused that could not be flown.
+    restores_mode : bool
+        Disarmed, it goes back to the mode that was last asked for and in which it arms (PX4).
     """
 
     fence_actions: Mapping[int, Action]
@@ -165,6 +167,7 @@ class FailsafeRules:
     link_ignored: str = ""
     idle: IdleDisarm | None = None
     any_mode_disarmed: bool = False
+    restores_mode: bool = False
     armed: str = "Armed by external command"
     disarmed: str = "Disarmed by external command"
     disarming_text: str = "Disarming denied: not landed"

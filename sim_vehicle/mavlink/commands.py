@@ -180,7 +180,9 @@ def _takeoff(vehicle: CommandedVehicle, order: Order) -> Answer:
 
 def _mode(mode: Mode) -> Handler:
     def handler(vehicle: CommandedVehicle, _order: Order) -> Answer:
-        _enter(vehicle, mode, vehicle.state.firmware.persona.modes[mode])
+        number = vehicle.state.firmware.persona.modes[mode]
+        _enter(vehicle, mode, number)
+        vehicle.state.name_mode(number)
         return ACCEPTED
 
     handler.__doc__ = f"Take the {mode.value} mode."

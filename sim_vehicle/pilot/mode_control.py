@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 __all__ = ["ModeControl"]
 
+# PX4's ``mode_requirements.cpp`` (prevent_arming) and ``UserModeIntention.cpp``: not gone back to.
+_LEADS_DOWN_OR_UP = frozenset({Mode.RTL, Mode.LAND, Mode.TAKEOFF})
+
 
 class ModeControl:
     """Takes modes and gives the vehicle the orders that they stand for.
@@ -41,6 +44,8 @@ class ModeControl:
     mode : Mode
     by_itself : bool
         The vehicle took it by its own decision.
+    intended : Mode
+        The last one that was ordered, or followed from an order, and in which a vehicle arms.
     takeoff_altitude_m : float or None
         Of the next take-off; None is the vehicle's own.
     """
@@ -57,6 +62,7 @@ class ModeControl:
     ) -> None:
         self.mode = mode
         self.by_itself = False
+        self.intended = mode
         self.takeoff_altitude_m: float | None = None
         self._controls = controls
         self._mission = mission
@@ -78,14 +84,14 @@ class ModeControl:
         RefusedError
             When it cannot be done; the mode is as it was then.
         """
-        before = self.mode
+        before, intended = self.mode, self.intended
         self.override(mode)
         if not self._controls.armed:
             return False
         try:
             return self._fly(mode)
         except RefusedError:
-            self.mode = before
+            self.mode, self.intended = before, intended
             raise
 
     def override(self, mode: Mode) -> None:
@@ -103,6 +109,8 @@ class ModeControl:
             if self.mode is Mode.MISSION:
                 self._left = self._present_item
         self.mode = mode
+        if mode not in _LEADS_DOWN_OR_UP:
+            self.intended = mode
 
     @property
     def _present_item(self) -> tuple[tuple[MissionItem, ...], int]:
@@ -112,7 +120,7 @@ class ModeControl:
     def on_target_reached(self) -> None:
         """Go on to the mode that follows a take-off."""
         if self.mode is Mode.TAKEOFF:
-            self.mode = self._after_takeoff
+            self.mode = self.intended = self._after_takeoff
 
     def _fly(self, mode: Mode) -> bool:
         controls = self._controls

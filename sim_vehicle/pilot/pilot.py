@@ -652,7 +652,9 @@ class Pilot:
             for reaction in self.failsafe.check():
                 self._carry_out(reaction)
             if self._sticks is not None:
-                for reaction in self._sticks.check(flown=by_sticks):
+                # A failsafe may just have taken another mode, in which it holds.
+                flown = by_sticks and not self.modes.by_itself
+                for reaction in self._sticks.check(flown=flown):
                     self.failsafe.active = True
                     self._carry_out(reaction)
             if self._idle is not None and self.armed and self._idle.is_over():
@@ -677,6 +679,7 @@ class Pilot:
             self.note(Severity.INFO, "Mission complete")
             if self.armed and self.landed is LandedState.IN_AIR and not self.habits.stays_after_last:
                 self._turn_to(Mode.HOLD)
+                self.modes.intended = Mode.HOLD
         elif isinstance(event, CannotFly):
             self._give_up_mission(event)
         elif isinstance(event, BatteryDepleted):
@@ -711,13 +714,17 @@ class Pilot:
                 self._end(Outcome.FLIGHT_ABORTED, where)
         mission.started = False
         mission.judge_on_ground()
+        if self._rules.restores_mode:
+            self.modes.override(self.modes.intended)
 
     def _carry_out(self, reaction: Reaction) -> None:
         """Do what a safety function asks for."""
         self._end(reaction.outcome, reaction.reason)
         point_m = reaction.return_point_m
         if point_m is not None:
+            intended = self.modes.intended
             self.modes.override(Mode.HOLD)
+            self.modes.intended = intended
             self.controls.order(lambda: self.executor.return_home(point_m))
         elif reaction.action is Action.TERMINATE:
             self.terminate(reaction.reason)
@@ -736,12 +743,13 @@ class Pilot:
 
     def _turn_to(self, mode: Mode) -> None:
         """Take a mode by the vehicle's own decision; what is not possible is told."""
+        intended = self.modes.intended
         try:
             self._change_mode(mode)
         except RefusedError as refusal:
             self.note(Severity.WARNING, str(refusal))
         else:
-            self.modes.by_itself = True
+            self.modes.by_itself, self.modes.intended = True, intended
 
     def _change_mode(self, mode: Mode) -> None:
         if self.modes.change(mode):

@@ -122,6 +122,9 @@ class PilotWatch:
         kind = _kind(message)
         before, self.mode = self.mode, mode_name(*kind)
         if is_in_mission(*kind):
+            if not message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED:
+                # PX4 goes back to it when it is disarmed, also if it was taken out before.
+                return
             if self.somebody_else_flies:
                 self._held.append((now_s, f"back in its mission (mode {self.mode})"))
                 self.ended_by_restart = ""

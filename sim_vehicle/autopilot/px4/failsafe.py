@@ -42,6 +42,7 @@ RULES = FailsafeRules(
         Setting("COM_DISARM_PRFLT", 10.0), ("Disarmed by auto preflight disarming",), first_flight=True
     ),
     any_mode_disarmed=True,
+    restores_mode=True,
 )
 # PX4's defaults of its fixed wings: a mission has to land, and a return is no landing.
 FIXED_WING_RULES = replace(RULES, defaults=replace(RULES.defaults, mission_requirement=2))

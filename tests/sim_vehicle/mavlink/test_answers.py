@@ -813,3 +813,66 @@ def test_ardupilots_card_is_read_when_it_starts():
 def test_px4_refuses_a_long_mission_without_a_word():
     peer = Peer("px4")
     assert answers_to_count(peer, 65_535) == [("MISSION_ACK", m.MAV_MISSION_NO_SPACE)]
+
+
+def landed(peer):
+    peer.wait(90.0)
+    assert not peer.vehicle.pilot.armed
+    peer.wait(2.0)
+    return peer.of("HEARTBEAT")[-1].custom_mode
+
+
+@pytest.mark.parametrize("order", [m.MAV_CMD_NAV_LAND, m.MAV_CMD_NAV_RETURN_TO_LAUNCH])
+def test_px4_goes_back_to_the_mode_before_its_way_down_when_it_is_disarmed(order):
+    """``UserModeIntention.cpp``: to the last mode that was asked for and does not prevent arming."""
+    peer = flown_by_hand("px4", 3.0)
+    assert peer.result(order) == 0
+    push(peer, 1.0, sticks())
+    down = peer.vehicle.pilot.mode
+    assert down in (Mode.LAND, Mode.RTL)
+    push(peer, 60.0, sticks())
+    assert landed(peer) == 3 << 16
+
+
+def test_px4_holds_after_a_flight_that_began_with_a_take_off():
+    peer = Peer("px4")
+    peer.fly()
+    assert peer.result(m.MAV_CMD_NAV_LAND) == 0
+    assert landed(peer) == 4 << 16 | 3 << 24
+
+
+def test_px4_goes_back_to_offboard_after_a_failsafe_and_does_not_arm_there_without_a_stream():
+    peer = Peer("px4")
+    peer.fly()
+    hold = m.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, 1, 0x0FC7, 0, 0, 0, 0.0, 0, 0, 0, 0, 0, 0, 0
+    )
+    push(peer, 2.0, hold)
+    assert peer.result(176, 1.0, 6.0) == 0
+    push(peer, 1.0, hold)
+    peer.wait(5.0)
+    assert peer.vehicle.pilot.mode is Mode.RTL
+    assert landed(peer) == 6 << 16
+    assert peer.result(400, 1.0) == m.MAV_RESULT_TEMPORARILY_REJECTED
+    assert any("No offboard signal" in text for text in peer.texts())
+
+
+def test_ardupilot_stays_in_the_mode_in_which_it_has_landed():
+    peer = Peer("ardupilot")
+    peer.fly()
+    assert peer.result(m.MAV_CMD_NAV_LAND) == 0
+    assert landed(peer) == 9
+
+
+def test_a_fence_that_holds_arducopter_does_so_from_the_first_moment():
+    peer = Peer("ardupilot")
+    peer.fly()
+    pilot = peer.vehicle.pilot
+    pilot.parameters.fence_action, pilot.parameters.fence_enable = 4, 1
+    pilot.parameters.fence_radius_m = 30.0
+    pilot.apply_parameters()
+    height = pilot.state.position_m[2]
+    pilot.executor.steer((6.0, 0.0, 0.0))
+    peer.wait(20.0)
+    assert peer.of("HEARTBEAT")[-1].custom_mode == 17
+    assert pilot.state.position_m[2] == pytest.approx(height, abs=0.1)

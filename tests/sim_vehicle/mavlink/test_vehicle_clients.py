@@ -145,8 +145,9 @@ def test_mavsdk_takes_off_pauses_goes_and_lands(sdk):
         wait_until(lambda: abs(telemetry.heading().heading_deg - 90.0) < 0.5, what="heading")
         action.hold()
         action.land()
+        wait_until(lambda: telemetry.flight_mode() == FlightMode.LAND, what="land")
         wait_until(lambda: not telemetry.armed(), what="landing")
-        assert telemetry.flight_mode() == FlightMode.LAND
+        wait_until(lambda: telemetry.flight_mode() == FlightMode.HOLD, what="the mode before")
         assert telemetry.position().relative_altitude_m == pytest.approx(0.0, abs=0.1)
 
 

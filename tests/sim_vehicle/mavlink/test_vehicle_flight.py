@@ -327,7 +327,7 @@ def test_low_battery_returns_and_lands():
     assert vehicle.outcome is Outcome.BATTERY_LOW
     assert any("Battery low" in text for text in ground.texts())
     assert reason is StopReason.FINISHED
-    assert vehicle.pilot.mode is Mode.RTL
+    assert vehicle.pilot.mode is Mode.MISSION, "PX4 goes back to it"
     assert vehicle.pilot.state.position_m[:2] == pytest.approx((0.0, 0.0), abs=1.0)
 
 

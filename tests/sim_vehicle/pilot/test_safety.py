@@ -207,7 +207,7 @@ def test_the_fences_own_return_point_is_for_the_action_return_only(action, mode)
     rig.aloft()
     rig.drift(6.0, 0.0)
     before = rig.pilot.mode
-    rig.run(30.0)
+    rig.run(20.0)
     assert rig.place[0] > 50.0
     assert rig.pilot.mode is (mode or before)
     assert rig.pilot.failsafe.active is (mode is not None)

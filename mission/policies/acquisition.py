@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -119,6 +120,45 @@ class WithCoverage:
             far = 1.0 - np.exp(-((distance / np.float32(self.reach)) ** 4))
         far *= np.float32(self.caution)
         return worth + _weighted(situation, lambda _k, field: far if field.kind == "disease" else 0.0 * far)
+
+
+@dataclass(frozen=True, slots=True)
+class WithReach:
+    """An acquisition by which a reading of a smooth field saves the loss of all that it tells of.
+
+    Who flies over a continuous field with the correlation length l learns what lies beside the track, too: a
+    squared exponential process has only ``1 - exp(-d^2 / l^2)`` of its variance left at a distance d from it.
+    So a step along the track saves the loss of a swath that is ``sqrt(pi) l`` wide, not of its own cell. For
+    diseases the shares of a cell's neighbours say that.
+
+    Parameters
+    ----------
+    acquisition : Acquisition
+    strip : float
+        How wide a strip the searches of routes take a track to see, cells
+        (`mission.policies.chart.strip_width`).
+    beyond : int
+        Farms with no side longer than this many cells are left as they are: on small ones the first rows tell
+        the field, and flights end alike either way.
+    """
+
+    acquisition: Acquisition
+    strip: float
+    beyond: int
+
+    def __call__(self, situation: Situation, /) -> Worth:
+        """Return the worth of each cell."""
+        reach, widest = situation.model.reach, max(situation.model.shape)
+        if reach is None or widest <= self.beyond:
+            return self.acquisition(situation)
+        field = tuple(
+            weight if one.kind == "disease" else weight * self._swath(cells, widest)
+            for one, weight, cells in zip(situation.fields, situation.weights.field, reach, strict=True)
+        )
+        return self.acquisition(replace(situation, weights=replace(situation.weights, field=field)))
+
+    def _swath(self, reach: float, widest: int) -> float:
+        return max(1.0, min(math.sqrt(math.pi) * reach, widest) / self.strip)
 
 
 @dataclass(frozen=True, slots=True)

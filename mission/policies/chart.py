@@ -83,10 +83,7 @@ class Chart:
         """
         if self.block == 1:
             return fine
-        # Of a cell beside a long straight pass, what is left after all the cells of the pass.
-        beside = 1.0 - np.prod(1.0 - fine.astype(np.float64), axis=0)
-        beside[len(fine) // 2] = 1.0
-        return np.array([[min(1.0, float(beside.sum()) / self.block)]], np.float32)
+        return np.array([[min(1.0, strip_width(fine) / self.block)]], np.float32)
 
     def inside(self, start_m: tuple[float, float], points_m: Points) -> Points:
         """Return the points up to the first leg that would leave the area; the way into it is allowed."""
@@ -97,6 +94,14 @@ class Chart:
         if not shapely.covers(self.area, shapely.Point(start_m)):
             good[0] = True
         return points_m if good.all() else points_m[: int(np.argmin(good))]
+
+
+def strip_width(shares: NDArray[np.float32]) -> float:
+    """Return the worth of how many cells a long straight pass takes with each cell of its length."""
+    # Of a cell beside the pass, what is left after all the cells of the pass.
+    beside = 1.0 - np.prod(1.0 - shares.astype(np.float64), axis=0)
+    beside[len(shares) // 2] = 1.0
+    return float(beside.sum())
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,7 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from mission.policies.acquisition import Acquisition, Balanced, WithCoverage, make_acquisition
+from mission.policies.acquisition import Acquisition, Balanced, WithCoverage, WithReach, make_acquisition
+from mission.policies.chart import MOST_CELLS, strip_width
 from mission.policies.coordination import Coordination, make_coordination
 from mission.policies.decision import Decision
 from mission.policies.policy import Asking
@@ -59,9 +60,11 @@ class MapPolicy(ABC):
         least_weight: float,
         coordination: str | Coordination,
     ) -> None:
+        shares = neighbour_shares(share, spread, _RADIUS)
+        swept = WithReach(make_acquisition(acquisition), strip_width(shares), MOST_CELLS)
         self._steering = Steering(
-            Balanced(WithCoverage(make_acquisition(acquisition), caution, reach), least_weight),
-            neighbour_shares(share, spread, _RADIUS),
+            Balanced(WithCoverage(swept, caution, reach), least_weight),
+            shares,
             make_coordination(coordination),
         )
         self._every, self._least_s = int(every), float(least_s)

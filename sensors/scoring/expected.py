@@ -9,7 +9,11 @@ from sensors.scoring.score import ScoreWeights
 
 
 def loss_of_deviation(
-    uncertainty: NDArray[np.float32], weights: ScoreWeights, out: NDArray[np.float32] | None = None
+    uncertainty: NDArray[np.float32],
+    weights: ScoreWeights,
+    out: NDArray[np.float32] | None = None,
+    *,
+    first: int = 0,
 ) -> NDArray[np.float32]:
     """Return the expected loss of a mean that the truth lies around symmetrically.
 
@@ -25,6 +29,8 @@ def loss_of_deviation(
         The costs; the weights of the fields are not used.
     out : float32[n, W, H], optional
         Array to fill: on a large farm new memory takes longer than the sums.
+    first : int
+        Which field of the weights the first of the array is.
 
     Returns
     -------
@@ -36,7 +42,9 @@ def loss_of_deviation(
     >>> loss_of_deviation(np.full((3, 1, 1), 0.5, np.float32), PAPER_WEIGHTS).ravel().tolist()
     [1.375, 1.375, 0.25]
     """
-    costs = 0.5 * (np.array(weights.too_healthy) + np.array(weights.too_sick))
+    costs = (
+        0.5 * (np.array(weights.too_healthy) + np.array(weights.too_sick))[first : first + len(uncertainty)]
+    )
     loss: NDArray[np.float32] = np.square(uncertainty, out=out)
     loss *= costs.astype(np.float32)[:, None, None]
     return loss

@@ -175,17 +175,20 @@ class EpidemicEstimator(BaseEstimator):
             self._take_soil_readings(day, value[_SOIL])
         basis = self._basis
         names = tuple(field.name for field in self.fields.diseases)
+        # What is around a sick plant follows from its neighbours, not from a correlation.
+        reach = (*(0.0 for _ in names), self._soil.reach)
         if all(belief.whole for belief in self._beliefs):
             # They are there already: arrays that stay as they are cost nothing.
             kept = {name: _read_only(self._class_probabilities(name, basis)) for name in names}
             loss = _read_only(self._expected_loss(uncertainty, basis))
-            return InformationModel(value, uncertainty, probabilities=kept, loss_map=loss)
+            return InformationModel(value, uncertainty, probabilities=kept, loss_map=loss, reach=reach)
         probabilities = LazyProbabilities(names, lambda disease: self._class_probabilities(disease, basis))
         return InformationModel(
             value,
             uncertainty,
             probabilities=probabilities,
             loss_map=lambda: self._expected_loss(uncertainty, basis),
+            reach=reach,
         )
 
     def _take_soil_readings(self, day: int, value: NDArray[np.float32]) -> None:
@@ -207,7 +210,7 @@ class EpidemicEstimator(BaseEstimator):
         loss = np.empty_like(uncertainty)
         for k, belief in enumerate(self._beliefs):
             loss[k] = belief.expected_loss(*self._told(k))
-        loss[_SOIL] = loss_of_deviation(uncertainty, self.weights)[_SOIL]
+        loss_of_deviation(uncertainty[_SOIL:], self.weights, loss[_SOIL:], first=_SOIL)
         return loss
 
     def _told(self, k: int) -> tuple[int, NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:

@@ -95,6 +95,11 @@ class SoilField:
         The model.
     seed : int
         Of the simulated weather.
+
+    Attributes
+    ----------
+    reach : float
+        Correlation length, cells.
     """
 
     def __init__(self, shape: tuple[int, int], parameters: SoilParameters, seed: int) -> None:
@@ -105,6 +110,7 @@ class SoilField:
         small = shape[0] * shape[1] <= _SMALL_FARM_CELLS
         self._functions_an_axis = _FUNCTIONS if small else _MORE_FUNCTIONS
         lengths = [np.sqrt(2.0) * parameters.spread * side for side in parameters.hump_sides(shape)]
+        self.reach = float(np.sqrt(lengths[0] * lengths[1]))
         axes = [
             _Axis(cells, length, self._functions_an_axis)
             for cells, length in zip(shape, lengths, strict=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -246,6 +247,7 @@ class GaussianProcessEstimator(BaseEstimator):
             loss_map=lambda: (
                 loss_of_deviation(uncertainty, weights) if loss_of is None else loss_of(uncertainty)
             ),
+            reach=tuple(math.sqrt(one.length_x * one.length_y) for one in self.kernels_),
         )
 
     def _loss_of(self, uncertainty: _Values) -> _Values:

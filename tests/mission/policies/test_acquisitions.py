@@ -9,6 +9,7 @@ from mission.policies.acquisition import (
     ACQUISITIONS,
     Balanced,
     WithCoverage,
+    WithReach,
     expected_loss,
     make_acquisition,
     variance,
@@ -74,6 +75,24 @@ def test_coverage_grows_with_the_distance_from_what_was_seen_today():
     assert nothing(_situation(model))[TOMATO] == pytest.approx(0.5)
     yesterday = Observations([5], [8], [0.0], [5], [[1.0, 1.0, 0.4]])
     assert nothing(_situation(model, yesterday))[TOMATO] == pytest.approx(0.5)
+
+
+def test_a_pass_over_a_smooth_field_saves_the_loss_of_a_swath():
+    shape = get_farm("miniberry-10").grid().shape
+    model = InformationModel.uniform(shape, value=(1.0, 1.0, 0.4), uncertainty=0.5)
+    model.uncertainty[2] *= 2.0
+    told = _situation(model)
+    plain = variance(told)
+    diseases = variance(replace(told, weights=replace(told.weights, field=(*told.weights.field[:2], 0.0))))
+
+    def worth(reach, strip=2.0, beyond=9):
+        return WithReach(variance, strip, beyond)(replace(told, model=replace(told.model, reach=reach)))
+
+    swath = np.sqrt(np.pi) * 5.0 / 2.0
+    assert np.allclose(worth((3.0, 3.0, 5.0)), diseases + swath * (plain - diseases))
+    assert np.allclose(worth((3.0, 3.0, 500.0)), diseases + 10.0 / 2.0 * (plain - diseases))
+    for same in (worth((3.0, 3.0, 0.1)), worth((0.0, 0.0, 5.0), beyond=10), worth(None)):
+        assert np.array_equal(same, plain)
 
 
 def test_unknown_names_are_refused():

@@ -140,6 +140,8 @@ class FailsafeRules:
     any_mode_disarmed : bool
         Any mode is entered while the vehicle is disarmed; what it lacks keeps it from arming. Otherwise a
         mode is refused that could not be flown.
+    fence_refusal : str
+        What is said when a position is refused because of the fence; empty for nothing.
     restores_mode : bool
         Disarmed, it goes back to the mode that was last asked for and in which it arms (PX4).
     """
@@ -168,6 +170,7 @@ class FailsafeRules:
     idle: IdleDisarm | None = None
     any_mode_disarmed: bool = False
     restores_mode: bool = False
+    fence_refusal: str = ""
     armed: str = "Armed by external command"
     disarmed: str = "Disarmed by external command"
     disarming_text: str = "Disarming denied: not landed"

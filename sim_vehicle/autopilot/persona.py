@@ -17,6 +17,7 @@ __all__ = [
     "LogHabits",
     "ModeTable",
     "Persona",
+    "RefusalTexts",
     "px4_custom_mode",
 ]
 
@@ -221,6 +222,31 @@ class LogHabits:
 
 
 @dataclass(frozen=True, slots=True)
+class RefusalTexts:
+    """What a firmware says besides its answer to an order that it refuses; empty for nothing.
+
+    Sources: PX4's ``Commander.cpp`` and ``mavlink_mission.cpp``; ArduPilot's ``GCS_Common.cpp`` and
+    ``AP_Mission.cpp``.
+
+    Parameters
+    ----------
+    arming : str
+        To parameter 1 of COMPONENT_ARM_DISARM, which is ``{}``.
+    interval : str
+        To the interval of a message that there is not; ``{}`` is its number.
+    current_item : str
+        To MISSION_SET_CURRENT.
+    landing : str
+        To DO_LAND_START.
+    """
+
+    arming: str = ""
+    interval: str = ""
+    current_item: str = ""
+    landing: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Persona:
     """One firmware as its MAVLink peers see it.
 
@@ -276,6 +302,8 @@ class Persona:
         Texts tell how a calibration goes (PX4).
     calibration_text : str
         What is said when a calibration is refused, because the vehicle is armed; empty for nothing.
+    refusals : RefusalTexts
+        Its words when it refuses an order.
     logs : LogHabits
     """
 
@@ -304,4 +332,5 @@ class Persona:
     component_metadata: bool = False
     tells_calibration: bool = False
     calibration_text: str = ""
+    refusals: RefusalTexts = RefusalTexts()
     logs: LogHabits = LogHabits()

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import CommandMessage
 from mission.model import RELATIVE_FRAMES, Command
-from mission.transfer.wire import command_name
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.mavlink.camera_commands import CAMERA_COMMANDS
 from sim_vehicle.mavlink.flight_commands import FLIGHT_COMMANDS
@@ -53,7 +53,7 @@ def execute(vehicle: CommandedVehicle, order: Order) -> tuple[Answer, str]:
     if handler is None or order.command in persona.unsupported:
         return UNSUPPORTED, ""
     if order.long and order.command in persona.int_only:
-        return INT_ONLY, f"{command_name(order.command)} refused: send COMMAND_INT"
+        return INT_ONLY, ""
     try:
         return handler(vehicle, order), ""
     except RefusedError as refusal:
@@ -104,20 +104,31 @@ def set_custom_mode(vehicle: CommandedVehicle, number: int) -> None:
     modes = vehicle.state.firmware.persona.modes
     mode = modes.mode_of(number)
     if mode is None and number in modes.failing:
-        raise RefusedError(modes.refusal(number))
+        told = modes.refusal(number)
+        raise RefusedError(told, told=told)
     if mode is None and modes.ignores(number):
         return
     if mode is None:
-        raise RefusedError(modes.unknown_text.format(number))
+        told = modes.unknown_text.format(number)
+        raise RefusedError(told, told=told)
     _enter(vehicle, mode, number)
     vehicle.state.name_mode(number)
 
 
 def _enter(vehicle: CommandedVehicle, mode: Mode, number: int) -> None:
-    """Take a mode; what is told when it is refused is in the firmware's words, with this number's name."""
-    try:
+    """Take a mode."""
+    with _told_as(vehicle, number):
         vehicle.pilot.set_mode(mode)
+
+
+@contextmanager
+def _told_as(vehicle: CommandedVehicle, number: int | None) -> Iterator[None]:
+    """Tell in the firmware's words that the custom mode with this number is not entered; None for no mode."""
+    try:
+        yield
     except RefusedError as refusal:
+        if number is None:
+            raise
         has_position = vehicle.pilot.controls.position_ok
         told = vehicle.state.firmware.persona.modes.refusal(number, has_position=has_position)
         raise RefusedError(str(refusal), denied=refusal.denied, told=told) from None
@@ -138,8 +149,8 @@ def _available_modes(persona: Persona, index: int) -> tuple[Message, ...]:
 def _arm(vehicle: CommandedVehicle, order: Order) -> Answer:
     arm, force = order.params[0], order.number(2) == FORCE
     if arm not in (0.0, 1.0):
-        msg = f"Arming refused: parameter 1 is {arm:g}"
-        raise RefusedError(msg, denied=True)
+        vehicle.say_refusal(vehicle.state.firmware.persona.refusals.arming.format(arm))
+        return UNSUPPORTED
     if arm:
         vehicle.pilot.arm(force=force)
     else:
@@ -168,13 +179,15 @@ def _takeoff(vehicle: CommandedVehicle, order: Order) -> Answer:
     pilot = vehicle.pilot
     altitude = order.params[6]
     if vehicle.state.firmware.persona.takeoff_needs_arming and not pilot.armed:
-        vehicle.say_warning("Takeoff refused: not armed")
         return FAILED
     if vehicle.state.firmware.persona.takeoff_above_sea and order.frame not in RELATIVE_FRAMES:
         altitude -= vehicle.state.home.altitude_m
     if not altitude > 0.0:
         altitude = pilot.spec.takeoff_altitude_m
-    pilot.takeoff(altitude)
+    modes = vehicle.state.firmware.persona.modes
+    number = modes[Mode.TAKEOFF]
+    with _told_as(vehicle, None if number == modes[Mode.GUIDED] else number):
+        pilot.takeoff(altitude)
     return ACCEPTED
 
 
@@ -213,11 +226,12 @@ def _reposition(vehicle: CommandedVehicle, order: Order) -> Answer:
 
 def _mission_start(vehicle: CommandedVehicle, order: Order) -> Answer:
     first = order.number(1)
-    reason = vehicle.pilot.mission.why_not
-    if reason is not None:
-        msg = f"Mission start refused: {reason}"
-        raise RefusedError(msg)
-    vehicle.pilot.start_mission(vehicle.state.own_seq(first) if first > 0 else None)
+    with _told_as(vehicle, vehicle.state.firmware.persona.modes[Mode.MISSION]):
+        reason = vehicle.pilot.mission.why_not
+        if reason is not None:
+            msg = f"Mission start refused: {reason}"
+            raise RefusedError(msg)
+        vehicle.pilot.start_mission(vehicle.state.own_seq(first) if first > 0 else None)
     return ACCEPTED
 
 
@@ -260,9 +274,11 @@ def _get_home(vehicle: CommandedVehicle, _order: Order) -> Answer:
 
 def _set_interval(vehicle: CommandedVehicle, order: Order) -> Answer:
     message_id, interval = order.number(1, -1), order.params[1]
-    if message_id not in BUILDERS or math.isnan(interval) or abs(interval) > 1e10:
-        msg = f"Interval of message {message_id} refused"
-        raise RefusedError(msg, denied=True)
+    if message_id not in BUILDERS:
+        vehicle.say_refusal(vehicle.state.firmware.persona.refusals.interval.format(message_id))
+        return DENIED
+    if math.isnan(interval) or abs(interval) > 1e10:
+        return DENIED
     vehicle.schedule.set_interval(message_id, int(interval), vehicle.state.now_us)
     return ACCEPTED
 
@@ -273,8 +289,7 @@ def _get_interval(vehicle: CommandedVehicle, order: Order) -> Answer:
 
 def _interval_of(vehicle: CommandedVehicle, message_id: int) -> Answer:
     if not 0 <= message_id <= 65535:
-        msg = f"Interval of message {message_id} refused"
-        raise RefusedError(msg, denied=True)
+        return DENIED
     known = message_id in BUILDERS
     interval = vehicle.schedule.interval_us(message_id) if known else 0
     return Answer(messages=(m.MAVLink_message_interval_message(message_id, interval),))

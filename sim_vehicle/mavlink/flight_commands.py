@@ -104,7 +104,7 @@ def land_start(vehicle: CommandedVehicle, _order: Order) -> None:
     seq = vehicle.pilot.executor.sequencer.landing_start()
     if seq is None:
         msg = "Land start refused: the mission has none"
-        raise RefusedError(msg)
+        raise RefusedError(msg, told=vehicle.state.firmware.persona.refusals.landing)
     vehicle.pilot.set_current(seq)
     vehicle.pilot.set_mode(Mode.MISSION)
 

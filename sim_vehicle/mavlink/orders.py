@@ -110,8 +110,11 @@ class CommandedVehicle(Protocol):
     def reboot(self) -> None:
         """Start again."""
 
+    def say_refusal(self, text: str) -> None:
+        """Say why an order is refused; nothing where the autopilot has no words for it."""
+
     def say_warning(self, text: str) -> None:
-        """Tell the operator why something was refused."""
+        """Tell the operator something."""
 
 
 def order_of(message: CommandMessage) -> Order:

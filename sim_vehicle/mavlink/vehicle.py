@@ -398,6 +398,11 @@ class SimVehicle:
             else:
                 self._outbox.append(BUILDERS[message_id](self.state))
 
+    def say_refusal(self, text: str) -> None:
+        """Say why an order is refused; nothing where the autopilot has no words for it."""
+        if text:
+            self.say_warning(text)
+
     def say_warning(self, text: str) -> None:
         """Tell the operator why something was refused."""
         self.pilot.note(Severity.WARNING, text)
@@ -510,8 +515,8 @@ class SimVehicle:
     def _on_set_current(self, message: m.MAVLink_mission_set_current_message) -> None:
         try:
             self.pilot.set_current(self.state.own_seq(message.seq))
-        except RefusedError as refusal:
-            self.say_warning(str(refusal))
+        except RefusedError:
+            self.say_refusal(self.firmware.persona.refusals.current_item)
             return
         self._outbox += self.built(m.MAVLINK_MSG_ID_MISSION_CURRENT)
 
@@ -538,8 +543,7 @@ class SimVehicle:
         try:
             set_custom_mode(self, message.custom_mode)
         except RefusedError as refusal:
-            if refusal.told:
-                self.say_warning(refusal.told)
+            self.say_refusal(refusal.told)
 
     def _on_ping(self, message: m.MAVLink_ping_message) -> None:
         if message.target_system == 0 and message.target_component == 0:

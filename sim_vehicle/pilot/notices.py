@@ -62,11 +62,11 @@ class RefusedError(VehicleError):
         For the operator.
     denied : bool
         The order can never be taken as it is; False when it may be taken later.
-    told : str, optional
-        What the operator is told: the reason, unless the autopilot has other words; nothing when it is empty.
+    told : str
+        What the autopilot says besides its answer; empty for nothing, as most refusals are.
     """
 
-    def __init__(self, reason: str, *, denied: bool = False, told: str | None = None) -> None:
+    def __init__(self, reason: str, *, denied: bool = False, told: str = "") -> None:
         super().__init__(reason)
         self.denied = denied
-        self.told = reason if told is None else told
+        self.told = told

@@ -360,7 +360,7 @@ class Pilot:
                 self._end(Outcome.ARMING_REFUSED, reason)
             for text in self._rules.arming_texts:
                 self.note(Severity.CRITICAL, text.format(reason))
-            raise RefusedError(self._rules.arming_texts[0].format(reason), told="")
+            raise RefusedError(self._rules.arming_texts[0].format(reason))
         self.failsafe.on_armed()
         if self._idle is not None:
             self._idle.on_armed()
@@ -462,7 +462,8 @@ class Pilot:
             raise RefusedError(msg, denied=True)
         outside = self.failsafe.outside((x_m, y_m, altitude_m))
         if outside is not None:
-            raise RefusedError(f"Reposition refused by the fence: {outside}", denied=True)
+            msg = f"Reposition refused by the fence: {outside}"
+            raise RefusedError(msg, denied=True, told=self._rules.fence_refusal)
         guided = mode is Mode.GUIDED
         if guided:
             self._check_mode(Mode.HOLD)

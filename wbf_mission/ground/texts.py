@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import re
+
 from mission.link.codec.dialect import mavlink as m
 
 __all__ = ["TextLog"]
 
 _WARNING = 4  # MAV_SEVERITY_WARNING
 _MOST_TEXTS = 10_000
-_NO_REASON = "Arming denied: Resolve system health failures first"
+# What PX4 and ArduCopter end their reasons with, or say without any.
+_NO_REASON = re.compile(
+    r"Arming denied: Resolve system health failures first|Switching to .* is currently not available"
+    r"|Mode change to .* failed: init failed"
+)
 
 
 class TextLog:
@@ -58,8 +64,14 @@ class TextLog:
     def last_warning(self, otherwise: str, since: int = 0) -> str:
         """The latest warning from the text with number `since` on; `otherwise` when there is none.
 
-        PX4 ends its reasons not to arm with a text that gives none: that counts only where it is alone.
+        A text that gives no reason counts only where there is no other: autopilots say so after the reason.
+
+        >>> log = TextLog()
+        >>> log.note("Mission rejected: no take-off", 0.0)
+        >>> log.note("Switching to Mission is currently not available", 1.0)
+        >>> log.last_warning("refused")
+        'Mission rejected: no take-off'
         """
         warnings = [text for _, severity, text in self.texts[since:] if severity <= _WARNING]
-        reasons = [text for text in warnings if text != _NO_REASON]
+        reasons = [text for text in warnings if not _NO_REASON.fullmatch(text)]
         return (reasons or warnings or [otherwise])[-1]

@@ -18,6 +18,7 @@ from sim_vehicle.autopilot.persona import (
     LogHabits,
     ModeTable,
     Persona,
+    RefusalTexts,
 )
 
 __all__ = ["COPTER_PERSONA", "PLANE_PERSONA", "ROVER_PERSONA"]
@@ -102,6 +103,9 @@ COPTER_PERSONA = Persona(
     packed_plans=True,
     system_files=True,
     calibration_text="Disarm to allow calibration",
+    refusals=RefusalTexts(
+        interval="No ap_message for mavlink id ({})", landing="Unable to start landing sequence"
+    ),
     logs=LogHabits(
         "/APM/LOGS",
         first_number=1,

@@ -16,6 +16,7 @@ from sim_vehicle.autopilot.persona import (
     LogHabits,
     ModeTable,
     Persona,
+    RefusalTexts,
     px4_custom_mode,
 )
 
@@ -125,5 +126,8 @@ def persona_of(mav_type: int) -> Persona:
         tells_remaining_time=True,
         component_metadata=True,
         tells_calibration=True,
+        refusals=RefusalTexts(
+            arming="Unsupported ARM_DISARM param: {:.3f}", current_item="WPM: WP CURR CMD: Not in list"
+        ),
         logs=LogHabits("/fs/microsd/log", by_date=True),
     )

@@ -876,3 +876,66 @@ def test_a_fence_that_holds_arducopter_does_so_from_the_first_moment():
     peer.wait(20.0)
     assert peer.of("HEARTBEAT")[-1].custom_mode == 17
     assert pilot.state.position_m[2] == pytest.approx(height, abs=0.1)
+
+
+# What is refused, and what the real one says of it: PX4's Commander.cpp, navigator_main.cpp and
+# mavlink_receiver.cpp; ArduPilot's GCS_Common.cpp, GCS_MAVLink_Copter.cpp and AP_Mission.cpp.
+REFUSED = [
+    ("px4", (400, 2.0), m.MAV_RESULT_UNSUPPORTED, ["Unsupported ARM_DISARM param: 2.000"]),
+    ("px4", (300,), m.MAV_RESULT_TEMPORARILY_REJECTED, ["Switching to Mission is currently not available"]),
+    ("px4", (511, 9999.0, 1e6), m.MAV_RESULT_DENIED, []),
+    ("px4", (510, -1.0), m.MAV_RESULT_DENIED, []),
+    ("px4", (189,), m.MAV_RESULT_TEMPORARILY_REJECTED, []),
+    ("px4", (179, 0, 0, 0, 0, NAN, NAN, NAN), m.MAV_RESULT_DENIED, []),
+    ("px4", (246, 1.0), m.MAV_RESULT_TEMPORARILY_REJECTED, []),
+    ("ardupilot", (400, 2.0), m.MAV_RESULT_UNSUPPORTED, []),
+    ("ardupilot", (300,), m.MAV_RESULT_FAILED, ["Mode change to AUTO failed: init failed"]),
+    ("ardupilot", (511, 9999.0, 1e6), m.MAV_RESULT_DENIED, ["No ap_message for mavlink id (9999)"]),
+    ("ardupilot", (189,), m.MAV_RESULT_FAILED, ["Unable to start landing sequence"]),
+    ("ardupilot", (224, 9.0), m.MAV_RESULT_DENIED, []),
+    ("ardupilot", (193, 5.0), m.MAV_RESULT_DENIED, []),
+    ("ardupilot", (207, 7.0), m.MAV_RESULT_DENIED, []),
+    ("ardupilot", (246, 1.0), m.MAV_RESULT_FAILED, []),
+    ("ardupilot", (115, NAN), m.MAV_RESULT_DENIED, []),
+]
+
+
+@pytest.mark.parametrize(("autopilot", "order", "result", "texts"), REFUSED)
+def test_refused_commands_have_the_words_of_the_autopilot_or_none(autopilot, order, result, texts):
+    peer = Peer(autopilot)
+    peer.fly()
+    before = len(peer.texts())
+    assert peer.result(*order) == result
+    peer.wait(0.5)
+    assert peer.texts()[before:] == texts
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_position_outside_the_fence_is_refused_with_the_words_of_the_autopilot_or_none(autopilot):
+    peer = Peer(autopilot)
+    peer.fly()
+    pilot = peer.vehicle.pilot
+    pilot.parameters.fence_enable, pilot.parameters.fence_radius_m = 1, 30.0
+    pilot.apply_parameters()
+    before = len(peer.texts())
+    latitude, longitude = pilot.frame.to_wgs84(80.0, 0.0)
+    place = (round(latitude * 1e7), round(longitude * 1e7), 10.0)
+    order = m.MAVLink_command_int_message(1, 1, 6, 192, 0, 0, -1.0, 1.0, 0, NAN, *place)
+    (answer,) = [one for one in peer.tell(order) if one.get_type() == "COMMAND_ACK"]
+    assert answer.result == m.MAV_RESULT_DENIED
+    peer.wait(0.5)
+    assert peer.texts()[before:] == (["Reposition is outside geofence"] if autopilot == "px4" else [])
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_an_item_that_there_is_not_is_not_chosen_and_only_px4_says_so(autopilot):
+    peer = Peer(autopilot)
+    peer.tell(m.MAVLink_mission_set_current_message(1, 1, 7))
+    assert peer.texts() == (["WPM: WP CURR CMD: Not in list"] if autopilot == "px4" else [])
+
+
+def test_arducopters_take_off_before_arming_fails_without_a_word():
+    peer = Peer("ardupilot")
+    assert peer.result(176, 1.0, 4.0) == 0
+    assert peer.result(22, 0, 0, 0, 0, 0, 0, 10.0) == m.MAV_RESULT_FAILED
+    assert not peer.texts()

@@ -249,7 +249,8 @@ def test_orders_to_a_vehicle_that_is_not_armed(autopilot):
     peer = Peer(autopilot)
     missing = peer.result(300)
     assert missing == (1 if autopilot is PX4 else 4)
-    assert any("no mission" in text for text in peer.texts())
+    name = "Switching to Mission is" if autopilot is PX4 else "Mode change to AUTO failed"
+    assert any(name in text for text in peer.texts())
     peer.upload(tuple(map(_plain, SURVEY)))
     assert peer.result(300) == 0
     assert peer.vehicle.pilot.mode is Mode.MISSION
@@ -278,7 +279,7 @@ def test_refusals_have_the_autopilots_result_and_a_reason(autopilot):
 def test_ardupilot_takes_places_as_integers_only():
     peer = Peer(ARDUPILOT)
     assert peer.result(192, -1.0, 1.0, 0.0, 0.0, 28.05, -82.15, 10.0) == m.MAV_RESULT_COMMAND_INT_ONLY
-    assert "DO_REPOSITION refused: send COMMAND_INT" in peer.texts()
+    assert not peer.texts()
 
 
 @BOTH

@@ -375,7 +375,7 @@ def test_unfit_to_arm_is_visible_before():
 def test_mission_start_without_a_mission_is_refused():
     _vehicle, ground, _, _ = fly((), [(1.0, ARM), (1.5, START), (2.0, MISSION_MODE)], limit_s=4.0)
     assert ground.acks() == [(400, 0), (300, 1), (176, 1)]
-    assert any("no mission" in text for text in ground.texts())
+    assert ground.texts().count("Switching to Mission is currently not available") == 2
     assert ground.of("MISSION_CURRENT")[-1].mission_state == 1
 
 

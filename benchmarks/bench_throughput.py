@@ -17,10 +17,11 @@ from __future__ import annotations
 import argparse
 import resource
 import sys
-import tempfile
 import time
 from collections.abc import Sequence
 from typing import Any
+
+from scratch import scratch_folder
 
 from wbf_mission.bench.benchmark import benchmark
 from wbf_mission.bench.row import BenchRow
@@ -50,7 +51,7 @@ def swept(spec: BenchSpec, jobs: int) -> tuple[Sequence[BenchRow], float, dict[f
         if done in (total // 4, total):
             memory[done / total] = most_mb()
 
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch_folder() as folder:
         begin = spent_s()
         rows = benchmark(spec, out=folder, jobs=jobs, progress=note)
         return rows, spent_s() - begin, memory

@@ -21,13 +21,13 @@ import os
 import resource
 import subprocess
 import sys
-import tempfile
 import time
 from typing import Any
 
 import numpy as np
 from epidemic_estimator import DAY, PLANNERS, flown_cells
 from numpy.typing import NDArray
+from scratch import scratch_folder
 
 from geo.farms import get_farm
 from geo.seeds import child_seed
@@ -126,7 +126,7 @@ def main() -> int:
         small = land.width_cells * land.height_cells <= SMALL_CELLS
         planners = options.planners or ",".join(PLANNERS if small else ("spiral",))
         for name in options.estimators.split(";"):
-            with tempfile.TemporaryDirectory() as folder:
+            with scratch_folder() as folder:
                 command = [sys.executable, __file__, "--farms", farm, "--one", name, "--planners", planners]
                 command += ["--environments", str(len(seeds)), "--first-seed", str(seeds[0])]
                 done = subprocess.run(

@@ -25,7 +25,6 @@ import shutil
 import statistics
 import subprocess
 import sys
-import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +32,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import convolve2d
+from scratch import scratch_folder
 
 from geo.farms import get_farm
 from geo.grid import STRAWBERRY, TOMATO, FarmGrid
@@ -231,10 +231,10 @@ def main() -> None:
         f"{'cells':>12} {'1 core':>9} {f'{cores} cores':>9} {'peak GB':>8} {'reference':>11} "
         f"{'diseases':>10} {'soil':>10} {'1 core':>11} {f'{cores} cores':>11} {'soil diff':>9}"
     )
-    with tempfile.TemporaryDirectory(dir=arguments.directory) as folder:
+    with scratch_folder(arguments.directory) as folder:
         for size in arguments.sizes:
             days = max(1, arguments.reference_days)
-            print(measure(size, arguments.days, days, max(1, arguments.repeats), Path(folder)), flush=True)
+            print(measure(size, arguments.days, days, max(1, arguments.repeats), folder), flush=True)
     print(f"load at the end {load()}")
 
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import shutil
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ from typing import Any
 import numpy as np
 import zarr
 from numpy.typing import NDArray
+from scratch import scratch_folder
 from zarr.codecs import BloscCodec, Crc32cCodec, ZstdCodec
 
 from geo.farms import get_farm
@@ -157,9 +157,9 @@ def main() -> None:
     for day, out in zip(DAYS, days, strict=True):
         computed.append(timed(lambda day=day, out=out: course.compute(day, out))[0])  # type: ignore[misc]
     print(f"{'computed again':48} {0:8.1f} {0:8.3f} {np.mean(computed):8.3f} {'-':>10}")
-    with tempfile.TemporaryDirectory(dir=arguments.directory) as folder:
+    with scratch_folder(arguments.directory) as folder:
         for store in STORES:
-            print(measure(store, days, Path(folder)), flush=True)
+            print(measure(store, days, folder), flush=True)
 
 
 if __name__ == "__main__":

@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import argparse
 import sys
-import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from joblib import Parallel, delayed
+from scratch import scratch_folder
 
 from geo import get_farm
 from geo.atomic import atomic_write
@@ -57,13 +57,13 @@ def flights(farm: str, budget: str | None, planner: str, seed: int, speed_m_s: f
     path = PlannedPath(planned.path_m, planned.spacing_m, planner)
     constant_s = planned.length_m / speed_m_s
     rows = [_row(ideal, planner, "ideal", False, constant_s)]
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch_folder() as folder:
         for name, chosen in VEHICLES:
             scenario = scenario_with(replace(ideal, cruise_speed_m_s=speed_m_s), chosen)
             if chosen["vehicle"] == "fixed-wing":
                 scenario = replace(scenario, cruise_speed_m_s=None)
             mission = MissionBuilder.of(scenario, get_farm(farm)).mission(path)
-            file = Path(folder) / "path.plan"
+            file = folder / "path.plan"
             write_mission(mission, file)
             for wind in (False, True):
                 flown = replace(scenario, cruise_speed_m_s=None, budget=None)

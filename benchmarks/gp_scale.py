@@ -25,7 +25,6 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -34,6 +33,7 @@ from pathlib import Path
 import numpy as np
 from epidemic_estimator import flown_cells
 from numpy.typing import NDArray
+from scratch import scratch_folder
 
 from geo.farms import get_farm
 from geo.grid import FarmGrid
@@ -212,8 +212,8 @@ def whole_farm(path: Path) -> bool:
 
 def whole_farm_alone(environment: Environment, n: int) -> bool:
     """Run `whole_farm` in a process of its own."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "seen.parquet"
+    with scratch_folder() as folder:
+        path = folder / "seen.parquet"
         look(environment, rows_over_waterberry(n + 4000)[: n + UPDATE * UPDATES]).save(path)
         command = [sys.executable, __file__, "--observations", str(path)]
         return subprocess.run(command, check=False).returncode == 0

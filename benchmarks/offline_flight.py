@@ -14,12 +14,12 @@ import argparse
 import cProfile
 import pstats
 import sys
-import tempfile
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scratch import scratch_folder
 
 from geo.farms import get_farm
 from mission.link.codec.dialect import Message
@@ -180,8 +180,8 @@ def main() -> None:
     if unknown:
         parser.error(f"no survey {unknown[0]!r}; choose from {', '.join(SURVEYS)}")
     surveys = [SURVEYS[name] for name in options.survey or SURVEYS]
-    with tempfile.TemporaryDirectory() as folder:
-        tlog = Path(folder) / "flight.tlog"
+    with scratch_folder() as folder:
+        tlog = folder / "flight.tlog"
         fly(replace(surveys[0], rows=2), tlog, exact=options.exact)
         if options.profile:
             for survey in surveys:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scratch import end_on_signals
 
 from mission.planners.path import PlannedPath
 from mission.planners.request import PlanningRequest
@@ -37,6 +38,7 @@ class Worker:
         python = Path(os.environ[FOLDER]) / name / "bin" / "python"
         script = Path(os.environ[f"{FOLDER}_WORKERS"]) / f"{name}_worker.py"
         # Some libraries leave files where they run.
+        end_on_signals()
         self._folder = tempfile.TemporaryDirectory()
         self._process = subprocess.Popen(
             [python, script],

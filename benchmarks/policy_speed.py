@@ -23,9 +23,10 @@ import os
 import resource
 import subprocess
 import sys
-import tempfile
 import time
 from dataclasses import dataclass
+
+from scratch import scratch_folder
 
 from wbf_mission.flight import fly
 from wbf_mission.scenario import Scenario
@@ -74,7 +75,7 @@ def policy() -> Taken:
 
 def process(arguments: tuple[str, ...], cold: bool) -> Taken:
     """Run the command line in a process of its own."""
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch_folder() as folder:
         environment = {**os.environ, "XDG_CACHE_HOME": f"{folder}/cache"} if cold else dict(os.environ)
         command = [sys.executable, "-m", "wbf_mission", "fly", *arguments, "--json", "--quiet"]
         before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()

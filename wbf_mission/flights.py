@@ -176,8 +176,7 @@ class Flights:
         else:
             answer = loop.start([one.task.report() for one in vehicles])
             plans = tuple(
-                one.task.plan_of(answer.decision, decider.label, camera_on_approach=decider.steers)
-                for one in vehicles
+                one.task.plan_of(answer.decision, decider.label, steered=decider.steers) for one in vehicles
             )
             if decider.steers:
                 tasks = [one.task for one in vehicles]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from mission.errors import PlanningError
@@ -78,8 +78,10 @@ def build_mission(
     place of the return: ``DO_LAND_START``, ``NAV_LOITER_TO_ALT`` on a circle that touches the final approach,
     ``NAV_LAND`` at home.
 
-    Points closer than 1 cm to the one before are dropped, and legs are led on where the autopilot turns early
-    (`mission.planners.turns.Turns`); the heading is left to the vehicle.
+    Points closer than 1 cm to the one before are stays there: with a camera interval each is a hold (param1)
+    of one interval more, for one image more; with a camera distance, where staying shows nothing, they are
+    dropped. Legs are led on where the autopilot turns early (`mission.planners.turns.Turns`); the heading is
+    left to the vehicle.
 
     Parameters
     ----------
@@ -123,7 +125,10 @@ def build_mission(
     route = (turns or Turns()).waypoints(path.points_m, home_xy_m, avoid=avoid)
     points = route.points_m
     ending = 3 if pattern is not None else 1
-    count = len(points) + 2 + (2 if camera else 0) + (ending if return_home else 0)
+    holds_s = route.stays * (camera_interval_s or 0.0)
+    # The camera comes on at the first point, before the vehicle stays there: it is sent there once more.
+    twice = bool(holds_s[:1].any()) and not camera_on_approach
+    count = len(points) + twice + 2 + (2 if camera else 0) + (ending if return_home else 0)
     if count > MAX_ITEMS:
         msg = (
             f"planner {path.planner}: the path has {len(points)} points, a mission of {count} items; "
@@ -134,8 +139,12 @@ def build_mission(
     home_latitude, home_longitude = (float(value) for value in frame.to_wgs84(*home_xy_m))
     latitudes, longitudes = frame.to_wgs84(points[:, 0], points[:, 1])
     waypoints = [
-        MissionItem.waypoint(latitude, longitude, altitude_m, acceptance_radius_m=route.radius_m)
-        for latitude, longitude in zip(latitudes.tolist(), longitudes.tolist(), strict=True)
+        MissionItem.waypoint(
+            latitude, longitude, altitude_m, acceptance_radius_m=route.radius_m, hold_s=hold_s
+        )
+        for latitude, longitude, hold_s in zip(
+            latitudes.tolist(), longitudes.tolist(), holds_s.tolist(), strict=True
+        )
     ]
     relative = Frame.GLOBAL_RELATIVE_ALT
     takeoff = MissionItem(
@@ -150,6 +159,11 @@ def build_mission(
     if not return_home:
         end = ()
     first = (*start, waypoints[0]) if camera_on_approach else (waypoints[0], *start)
+    if twice:
+        assert camera_interval_s is not None
+        # That takes an interval, too.
+        again = replace(waypoints[0], param1=float(holds_s[0]) - camera_interval_s)
+        first = (replace(waypoints[0], param1=0.0), *start, again)
     return Mission(
         items=(takeoff, speed, *first, *waypoints[1:], *stop, *end),
         home=GeoPoint(home_latitude, home_longitude, frame.altitude_m),

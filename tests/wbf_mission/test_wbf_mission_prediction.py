@@ -1,5 +1,7 @@
 """What `plan` predicts against the whole simulated flight over MAVLink."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, assume, given, settings
@@ -7,8 +9,9 @@ from hypothesis import strategies as st
 
 from geo.farms import get_farm
 from mission.errors import PlanningError
+from mission.files import write_mission
 from mission.outcome import Outcome
-from mission.planners import PlanningRequest
+from mission.planners import PlannedPath, PlanningRequest, StepBudget
 from mission.planners.budget import BatchBudget, LengthBudget
 from sim_vehicle.prediction.onward import InFlight
 from wbf_mission.flight import fly
@@ -159,6 +162,30 @@ def test_a_flight_budget_prices_many_paths_as_it_prices_one():
     assert request.costs([result.path_m]) == [request.cost(result.path_m)]
     plain = PlanningRequest(result.farm.owner_area, result.farm.home_m, LengthBudget(1000.0))
     assert plain.costs([path[1:] for path in paths]) == [plain.cost(path[1:]) for path in paths]
+
+
+def ideal_looks(farm, path_m, folder):
+    """Fly a path as the ideal robot; return the cells that it looked at, and how many steps it took."""
+    scenario = Scenario(farm=farm.name, vehicle="ideal", planner="spiral", budget="20steps")
+    builder = MissionBuilder.of(scenario, farm)
+    mission = builder.mission(PlannedPath(path_m, None, "test"))
+    priced = StepBudget(20.0, farm.cell_size_m).cost(np.vstack((farm.home_m, path_m)))
+    assert builder.predict(mission).duration_s == priced * builder.vehicle.step_s
+    write_mission(mission, folder / "path.plan")
+    file = str(folder / "path.plan")
+    seen = fly(Scenario(farm=farm.name, vehicle="ideal", mission=file), estimator="point").observations
+    return Counter(zip(seen.x.tolist(), seen.y.tolist(), strict=True)), priced
+
+
+@pytest.mark.parametrize("at", [0, 1, 2])
+def test_the_ideal_robot_stays_and_looks_as_often_as_its_path_says(tmp_path, at):
+    farm = get_farm("miniberry-10")
+    cells = np.array([(3, 0), (3, 2), (5, 2)])
+    path_m = np.array(farm.home_m) + farm.cell_size_m * cells
+    looks, steps = ideal_looks(farm, path_m, tmp_path)
+    staying, longer = ideal_looks(farm, np.insert(path_m, at, [path_m[at]] * 2, axis=0), tmp_path)
+    assert longer == steps + 2
+    assert staying - looks == {tuple(cells[at].tolist()): 2} and not looks - staying
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])

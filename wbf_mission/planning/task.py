@@ -13,7 +13,7 @@ from geo import Crop, Farm
 from geo.seeds import sealed_seed
 from mission.planners import CropArea, PlannedPath, PlanningRequest, coverage
 from mission.planners.budget import LengthBudget
-from mission.planners.path import Area
+from mission.planners.path import Area, drop_coincident
 from mission.policies.decision import Decision
 from mission.policies.fares import GeometricFares
 from mission.policies.situation import Fares, Status, VehicleReport
@@ -108,7 +108,7 @@ class FlightTask:
         predictor, unit = onward_predictor(self.builder), self.request.budget.unit
         return lambda state: FlightFares(state, predictor, rough, unit)
 
-    def plan_of(self, decision: Decision, decided_by: str, *, camera_on_approach: bool = False) -> PlanResult:
+    def plan_of(self, decision: Decision, decided_by: str, *, steered: bool = False) -> PlanResult:
         """Return the plan that flies the path of this vehicle in a decision.
 
         Parameters
@@ -116,14 +116,16 @@ class FlightTask:
         decision : Decision
         decided_by : str
             Planner or policy, with its parameters.
-        camera_on_approach : bool
-            Whether the way to the first point is looked at, too: who changes paths in flight wants that.
+        steered : bool
+            Whether the path is changed in flight: then the way to the first point is looked at, too, and a
+            point that is named again is a joint of two pieces, not a stay.
         """
         spacing_m = decision.spacing_m.get(self.system_id)
         path = PlannedPath(decision.paths[self.system_id], spacing_m, decided_by)
         builder = self.builder
         farm = builder.farm
-        mission = builder.mission(path, camera_on_approach=camera_on_approach)
+        flown = replace(path, points_m=drop_coincident(path.points_m)) if steered else path
+        mission = builder.mission(flown, camera_on_approach=steered)
         prediction = builder.predict(mission)
         home = None if builder.vehicle.is_ideal else builder.home_m
         return PlanResult(

@@ -14,6 +14,8 @@ __all__ = ["COPTER_STICKS", "PLANE_STICKS", "ROVER_STICKS"]
 
 _BRAKE = 17
 _RELEASE = Setting("RC_OVERRIDE_TIME", 3.0)
+# RCn_DZ: 30 of the 400 microseconds to either side.
+_DEADZONE = Axis(0.075)
 COPTER_STICKS = StickRules(
     # Leaning with the sticks, as all but LOITER do, ends at the vehicle's greatest speed.
     speeds=MappingProxyType(
@@ -60,9 +62,9 @@ _WING = WingSticks(
 PLANE_STICKS = StickRules(
     # STABILIZE and FBWA, FBWB, CRUISE.
     speeds=MappingProxyType({Mode.MANUAL: None, Mode.ALTITUDE: None, Mode.POSITION: None}),
-    level=Axis(0.075),
-    vertical=Axis(0.075),
-    turning=Axis(0.075),
+    level=_DEADZONE,
+    vertical=_DEADZONE,
+    turning=_DEADZONE,
     turn_rate=Setting("ROLL_LIMIT_DEG", 45.0, _DEGREE),
     wings=MappingProxyType(dict.fromkeys((Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION), _WING)),
     landing_abort=Setting("LAND_ABORT_THR", 0.0),
@@ -85,9 +87,9 @@ PLANE_STICKS = StickRules(
 )
 ROVER_STICKS = StickRules(
     speeds=MappingProxyType({Mode.MANUAL: None, Mode.ALTITUDE: None, Mode.POSITION: None}),
-    level=Axis(0.075),
-    vertical=Axis(0.075),
-    turning=Axis(0.075),
+    level=_DEADZONE,
+    vertical=_DEADZONE,
+    turning=_DEADZONE,
     turn_rate=Setting("ATC_STR_RAT_MAX", 120.0, math.radians(1.0)),
     overrides=True,
     drives=True,

@@ -91,6 +91,31 @@ def test_interval_no_camera_and_no_return():
     assert [item.command for item in mission.items] == [22, 178, 16, 20]
 
 
+def holds(mission):
+    return [item.param1 for item in mission.items if item.command == Command.NAV_WAYPOINT]
+
+
+def test_points_named_again_are_stays_of_a_camera_that_counts_time():
+    points = [(0, 0), (0, 0), (0, 0), (5, 0), (5, 0), (9, 0)]
+    by_time = build_mission(planned(points), camera_interval_s=2.0, **ARGUMENTS)
+    # The camera comes on at the first point, to which the vehicle is sent once more: that takes an interval.
+    assert [item.command for item in by_time.items] == [22, 178, 16, 214, 16, 16, 16, 214, 20]
+    assert holds(by_time) == [0.0, 2.0, 2.0, 0.0]
+    before = build_mission(planned(points), camera_interval_s=2.0, camera_on_approach=True, **ARGUMENTS)
+    assert holds(before) == [4.0, 2.0, 0.0]
+    by_distance = build_mission(planned(points), camera_distance_m=0.5, **ARGUMENTS)
+    assert holds(by_distance) == [0.0, 0.0, 0.0]
+
+
+def test_led_legs_keep_the_stays_of_their_points():
+    rows = np.array([(0.0, 0.0), (30.0, 0.0), (30.0, 0.0), (30.0, 30.0), (30.0, 30.0), (30.0, 30.0)])
+    for leads in (False, True):
+        sent = Turns(2.0, leads=leads).waypoints(rows, (0.0, 0.0))
+        stays = [int(sent.stays[sent.of_point == k].sum()) for k in (0, 1, 3)]
+        assert stays == [0, 1, 2] and int(sent.stays.sum()) == 3
+        assert not Turns(2.0, leads=leads).waypoints(rows[:0]).stays.size
+
+
 def test_waypoints_have_the_radius_and_the_leads_that_the_autopilot_wants():
     path = planned([(0, 0), (30, 0), (30, 1), (0, 1)])
     mission = build_mission(path, turns=Turns(2.0, leads=True), **ARGUMENTS)

@@ -1,15 +1,16 @@
 """A run as a moving picture: truth, estimate and uncertainty of each field, and the vehicles, over time.
 
 The estimates are made again: a fresh estimator learns the observations in the order in which they came. So
-nothing has to be kept during a run.
+nothing has to be kept during a run. Of the truth and of each estimate only the means by pixels are kept.
 """
 
 from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from matplotlib.image import AxesImage
     from matplotlib.lines import Line2D
 
+    from sensors.environment.environment import Environment
     from wbf_mission.run_record import RunRecord
 
 MOST_FRAMES = 300
@@ -46,6 +48,8 @@ _COLUMNS = ("truth", "estimate", "uncertainty")
 # On truth and estimate a path is shown for so long, or since the frame before: what was seen is to be seen.
 _TAIL_S = 30.0
 _MARGIN = 0.02
+# About so many columns of cells of a large farm are read at a time.
+_STRIP_CELLS = 500
 _VEHICLES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#000000")
 
 _Floats = NDArray[np.float64]
@@ -209,18 +213,13 @@ def _estimates(
     farm, fields = record.farm, record.fields
     grid, cells = MapGrid.of(farm), farm.grid()
     masks = [field.mask(cells) for field in fields]
-    kept = {one.day: one.truth for one in record.days}
-    environment = None
+    environment = cache(partial(make_environment, record.scenario, farm))
     day, seen, truth = None, 0, list[_Floats]()
     known: tuple[list[_Floats], list[_Floats]] | None = None
     for moment in shown:
         if moment.day != day:
             day = moment.day
-            values = kept.get(day)
-            if values is None:
-                environment = environment or make_environment(record.scenario, farm)
-                values = environment.values(day)
-            truth = [_by_pixels(grid, mask, values[k]) for k, mask in enumerate(masks)]
+            truth = _truth(record, environment, grid, masks, day)
             with attribute_errors_to(estimator):
                 advance_estimator(estimator, day)
             known = None
@@ -229,11 +228,46 @@ def _estimates(
                 if moment.seen > seen:
                     estimator.partial_fit(record.observations[seen : moment.seen])
                     seen = moment.seen
-                model = estimator.predict()
-            value = [_by_pixels(grid, mask, model.value[k]) for k, mask in enumerate(masks)]
-            uncertainty = [_by_pixels(grid, mask, model.uncertainty[k]) for k, mask in enumerate(masks)]
-            known = value, uncertainty
+                known = _estimated(estimator, grid, masks)
         yield moment, (truth, *known)
+
+
+def _estimated(
+    estimator: Estimator, grid: MapGrid, masks: list[NDArray[np.bool_]]
+) -> tuple[list[_Floats], list[_Floats]]:
+    """Return what is believed, and how surely, by pixels; the model itself is let go."""
+    model = estimator.predict()
+    value, uncertainty = (
+        [_by_pixels(grid, mask, whole[k]) for k, mask in enumerate(masks)]
+        for whole in (model.value, model.uncertainty)
+    )
+    return value, uncertainty
+
+
+def _truth(
+    record: RunRecord,
+    environment: Callable[[], Environment],
+    grid: MapGrid,
+    masks: list[NDArray[np.bool_]],
+    day: int,
+) -> list[_Floats]:
+    """Return the truth of a day by pixels: of what the record holds, else of the environment in strips."""
+    kept = {one.day: one.truth for one in record.days}
+    if record.days and kept[record.days[-1].day] is None:
+        kept[record.days[-1].day] = record.truth
+    values = kept.get(day)
+    if values is not None:
+        return [_by_pixels(grid, mask, values[k]) for k, mask in enumerate(masks)]
+    pixels = [np.empty(grid.pixels) for _ in masks]
+    columns = max(1, _STRIP_CELLS // grid.pixel)
+    width, height = grid.shape
+    for first in range(0, grid.pixels[0], columns):
+        x = slice(first * grid.pixel, min((first + columns) * grid.pixel, width))
+        strip = replace(grid, shape=(x.stop - x.start, height))
+        values = environment().window(day, x, slice(None))
+        for k, mask in enumerate(masks):
+            pixels[k][first : first + columns] = _by_pixels(strip, mask[x], values[k])
+    return pixels
 
 
 def _by_pixels(grid: MapGrid, mask: NDArray[np.bool_], values: NDArray[np.float32]) -> _Floats:

@@ -10,7 +10,7 @@ import secrets
 import shutil
 import stat
 from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -90,11 +90,14 @@ class ResultFolder:
         *,
         plots: bool = True,
         animation: bool = False,
+        release: bool = False,
         progress: Progress | None = None,
     ) -> list[Path]:
         """Write everything that the run has, put the folder in its place, and return the files.
 
-        Ctrl-C while the pictures are drawn keeps the rest. The result of an interrupted flight goes beside an
+        With ``release`` truth and estimate leave the result once they are written: on a large farm the moving
+        picture, whose estimator takes as much, finds room there. Ctrl-C while the pictures are drawn keeps
+        the rest. The result of an interrupted flight goes beside an
         older result, into a folder whose name ends in ``.interrupted``.
 
         Raises
@@ -120,6 +123,9 @@ class ResultFolder:
             try:
                 for number, (name, job) in enumerate(jobs):
                     tell("writing results", number + 1, len(jobs) + 1)
+                    if release and name == ANIMATION:
+                        wait(arrays.values())
+                        result.truth = result.model = None
                     job(self._staging / name)
                     written.append(self._staging / name)
             except KeyboardInterrupt as error:

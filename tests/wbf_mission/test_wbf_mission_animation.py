@@ -1,17 +1,25 @@
 """Moving pictures of runs: what each frame shows, and that the estimates are made again."""
 
+import weakref
+from dataclasses import replace
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from geo.grid import FarmGrid
+from sensors.environment import Environment
 from sensors.estimators import make_estimator
+from sensors.observations import Observations
+from sensors.scoring.information import InformationModel
 from wbf_mission import animation
 from wbf_mission.animation import AnimationError, animate, moments
 from wbf_mission.cli.app import main
 from wbf_mission.flight import fly
 from wbf_mission.result import Result, load_result
+from wbf_mission.results import ResultFolder
 from wbf_mission.scenario import Scenario
 
 
@@ -107,3 +115,86 @@ def test_fly_animates_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert main([*options, "--animate", "--no-plots", "--out", str(tmp_path / "run")]) == 0
     with Image.open(tmp_path / "run" / "run.gif") as picture:
         assert 2 <= picture.n_frames <= 300
+
+
+class Forgetful:
+    """Returns new arrays with each estimate, and tells how many of them somebody still has."""
+
+    def __init__(self) -> None:
+        self.inner = make_estimator("point")
+        self.given: list[weakref.ref[np.ndarray]] = []
+
+    def fit(self, grid: FarmGrid, observations: Observations | None = None) -> Self:
+        self.inner.fit(grid, observations)
+        return self
+
+    def partial_fit(self, observations: Observations) -> Self:
+        self.inner.partial_fit(observations)
+        return self
+
+    def predict(self) -> InformationModel:
+        model = self.inner.predict().copy()
+        self.given += [weakref.ref(model.value), weakref.ref(model.uncertainty)]
+        return model
+
+    @property
+    def kept(self) -> int:
+        return sum(one() is not None for one in self.given)
+
+
+def test_no_estimate_of_the_whole_farm_is_kept_from_frame_to_frame(result: Result) -> None:
+    estimator = Forgetful().fit(result.farm.grid())
+    kept = [estimator.kept for _ in animation._estimates(result, estimator, moments(result, 12))]
+    assert len(estimator.given) >= 8 and kept == [0] * len(kept)
+
+
+def truths(record: Result) -> list[list[np.ndarray]]:
+    estimator = make_estimator("point").fit(record.farm.grid())
+    return [truth for _, (truth, _, _) in animation._estimates(record, estimator, moments(record, 8))]
+
+
+def test_a_truth_that_was_let_go_is_read_again_in_strips(
+    result: Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    estimator, shown = make_estimator("point"), moments(result, 8)
+    whole = [
+        truth for _, (truth, _, _) in animation._estimates(result, estimator.fit(result.farm.grid()), shown)
+    ]
+    lean = replace(
+        result, truth=None, model=None, days=tuple(replace(one, truth=None) for one in result.days)
+    )
+    widths = []
+    window = Environment.window
+
+    def noted(self: Environment, day: int, x: slice, y: slice) -> np.ndarray:
+        widths.append(x.stop - x.start)
+        return window(self, day, x, y)
+
+    monkeypatch.setattr(Environment, "window", noted)
+    monkeypatch.setattr(animation, "_STRIP_CELLS", 4)
+    again = [
+        truth for _, (truth, _, _) in animation._estimates(lean, estimator.fit(result.farm.grid()), shown)
+    ]
+    assert widths == [4, 4, 2] * 2
+    for one, other in zip(whole, again, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_truth_and_estimate_leave_the_result_before_the_animation_if_wanted(
+    result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held = []
+
+    def noted(record: Result, path: Path, **_: object) -> None:
+        held.append((record.truth, record.model))
+        path.touch()
+
+    monkeypatch.setattr(animation, "animate", noted)
+    for release in (False, True):
+        given = replace(result)
+        with ResultFolder(tmp_path / f"run{release}") as folder:
+            folder.write(given, plots=False, animation=True, release=release)
+        loaded = load_result(tmp_path / f"run{release}")
+        assert loaded.truth is not None and loaded.model is not None
+        np.testing.assert_array_equal(loaded.truth, result.truth)
+    assert held == [(result.truth, result.model), (None, None)]

@@ -186,7 +186,7 @@ def fly_command(
         flown_s, interrupted = process_age_s(), False
         try:
             if folder is not None:
-                folder.write(result, plots=plots, animation=animate, progress=progress)
+                folder.write(result, plots=plots, animation=animate, release=True, progress=progress)
         except KeyboardInterrupt:
             interrupted = True
     for warning in result.warnings:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Literal
 
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.reference_parameters import ParameterDetails
 
 __all__ = [
     "COMMON_CAPABILITIES",
@@ -296,8 +297,9 @@ class Persona:
         Mission, fence and rally points can be read and written as a file each (ArduPilot).
     system_files : bool
         Files tell of the board and its tasks (ArduPilot's @SYS).
-    component_metadata : bool
-        COMPONENT_METADATA names files that describe the vehicle (PX4).
+    component_metadata : callable, optional
+        What the files that COMPONENT_METADATA names tell of parameters, by their names (PX4); without it
+        there are none.
     tells_calibration : bool
         Texts tell how a calibration goes (PX4).
     calibration_text : str
@@ -329,7 +331,7 @@ class Persona:
     packed_parameters: bool = False
     packed_plans: bool = False
     system_files: bool = False
-    component_metadata: bool = False
+    component_metadata: Callable[[], Mapping[str, ParameterDetails]] | None = None
     tells_calibration: bool = False
     calibration_text: str = ""
     refusals: RefusalTexts = RefusalTexts()

@@ -429,9 +429,10 @@ class SimVehicle:
 
     def metadata(self) -> tuple[Message, ...]:
         """COMPONENT_METADATA; nothing where the autopilot has none."""
-        if not self.firmware.persona.component_metadata:
+        details = self.firmware.persona.component_metadata
+        if details is None:
             return ()
-        crc = checksum(general_metadata(self._parameters))
+        crc = checksum(general_metadata(self._parameters, details))
         return (m.MAVLink_component_metadata_message(self.state.boot_ms, crc, uri(GENERAL_PATH).encode()),)
 
     def calibrate_gyro(self) -> None:

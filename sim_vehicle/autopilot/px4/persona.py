@@ -6,6 +6,7 @@ and what PX4 1.17 (SIH) was seen to do.
 
 from __future__ import annotations
 
+from functools import partial
 from types import MappingProxyType
 
 from mission.link.codec.dialect import mavlink as m
@@ -19,8 +20,11 @@ from sim_vehicle.autopilot.persona import (
     RefusalTexts,
     px4_custom_mode,
 )
+from sim_vehicle.autopilot.reference_parameters import parameter_details
 
 __all__ = ["persona_of"]
+
+_DETAILS = partial(parameter_details, "px4")
 
 _RATES_HZ = MappingProxyType(
     {
@@ -124,7 +128,7 @@ def persona_of(mav_type: int) -> Persona:
         takeoff_above_sea=True,
         reposition_turns=True,
         tells_remaining_time=True,
-        component_metadata=True,
+        component_metadata=_DETAILS,
         tells_calibration=True,
         refusals=RefusalTexts(
             arming="Unsupported ARM_DISARM param: {:.3f}", current_item="WPM: WP CURR CMD: Not in list"

@@ -1,6 +1,7 @@
 """Component metadata: what a vehicle tells of itself in files.
 
-Formats: https://mavlink.io/en/services/component_metadata.html.
+Formats: https://mavlink.io/en/services/component_metadata.html, and ``parameter.schema.json`` of
+https://github.com/mavlink/mavlink/tree/master/component_metadata; the version that PX4 writes is 1.
 """
 
 from __future__ import annotations
@@ -8,8 +9,10 @@ from __future__ import annotations
 import json
 import lzma
 import math
+from collections.abc import Callable, Mapping
 
 from sim_vehicle.autopilot.mav_parameter import MavParameter
+from sim_vehicle.autopilot.reference_parameters import ParameterDetails
 from sim_vehicle.mavlink.ftp.server import checksum
 
 __all__ = ["GENERAL_PATH", "PARAMETERS_PATH", "metadata_files", "uri"]
@@ -21,9 +24,28 @@ _TYPE_PARAMETERS = 1
 _FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 6, "dict_size": 1 << 16}]
 
 
-def metadata_files(table: tuple[MavParameter, ...]) -> dict[str, bytes]:
-    """Return the files by path: the general one, which names the others, and that of the parameters."""
-    parameters = _compressed({"version": 1, "parameters": [_entry(parameter) for parameter in table]})
+def metadata_files(
+    table: tuple[MavParameter, ...],
+    defaults: tuple[float, ...],
+    details: Callable[[], Mapping[str, ParameterDetails]],
+) -> dict[str, bytes]:
+    """Return the files by path: the general one, which names the others, and that of the parameters.
+
+    Parameters
+    ----------
+    table : tuple of MavParameter
+    defaults : tuple of float
+        The value of each at the start, in its own unit.
+    details : callable
+        Returns what the autopilot tells of its parameters, by name; those without are told as the table has
+        them.
+    """
+    known = details()
+    entries = [
+        _entry(parameter, default, known.get(parameter.name))
+        for parameter, default in zip(table, defaults, strict=True)
+    ]
+    parameters = _compressed({"version": 1, "parameters": entries})
     types = [{"type": _TYPE_PARAMETERS, "uri": uri(PARAMETERS_PATH), "fileCrc": checksum(parameters)}]
     return {GENERAL_PATH: _compressed({"version": 1, "metadataTypes": types}), PARAMETERS_PATH: parameters}
 
@@ -39,19 +61,38 @@ def uri(path: str) -> str:
     return f"mftp:/{path}"
 
 
-def _entry(parameter: MavParameter) -> dict[str, object]:
+def _entry(parameter: MavParameter, default: float, details: ParameterDetails | None) -> dict[str, object]:
+    number: Callable[[float], float] = round if parameter.integer else float
     entry: dict[str, object] = {
         "name": parameter.name,
         "type": f"Int{parameter.bits}" if parameter.integer else "Float",
-        "default": round(parameter.value) if parameter.integer else parameter.value,
-        "group": parameter.name.split("_", 1)[0],
+        "default": number(default),
+        "group": details.group if details else parameter.name.split("_", 1)[0],
     }
-    for key, limit in (("min", parameter.low), ("max", parameter.high)):
+    ranged = details or parameter
+    for key, limit in (("min", ranged.low), ("max", ranged.high)):
         if math.isfinite(limit):
-            entry[key] = round(limit) if parameter.integer else limit
+            entry[key] = number(limit)
     if parameter.unit:
         entry["units"] = parameter.unit
+    if details:
+        entry |= _told(details, number)
     return entry
+
+
+def _told(details: ParameterDetails, number: Callable[[float], float]) -> dict[str, object]:
+    told: dict[str, object] = {}
+    if details.decimals is not None:
+        told["decimalPlaces"] = details.decimals
+    if details.increment is not None:
+        told["increment"] = number(details.increment)
+    if details.reboot:
+        told["rebootRequired"] = True
+    if details.values:
+        told["values"] = [{"value": number(value), "description": label} for value, label in details.values]
+    if details.bits:
+        told["bitmask"] = [{"index": bit, "description": label} for bit, label in details.bits]
+    return told
 
 
 def _compressed(value: object) -> bytes:

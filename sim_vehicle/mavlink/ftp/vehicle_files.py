@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from sim_vehicle.mavlink.ftp.files import FileTree, MadeFile, TakenFile
 from sim_vehicle.mavlink.ftp.metadata import GENERAL_PATH, PARAMETERS_PATH, metadata_files
@@ -14,11 +14,14 @@ from sim_vehicle.mavlink.ftp.packed_plan import PLAN_PATHS, pack_plan, unpack_pl
 if TYPE_CHECKING:
     from mission.model import MissionType
     from sim_vehicle.autopilot.persona import Persona
+    from sim_vehicle.autopilot.reference_parameters import ParameterDetails
     from sim_vehicle.mavlink.logs.flight_logs import FlightLogs
     from sim_vehicle.mavlink.parameters import ParameterSet
     from sim_vehicle.mavlink.plan_receiver import PlanReceiver
 
 __all__ = ["general_metadata", "vehicle_files"]
+
+Details: TypeAlias = "Callable[[], Mapping[str, ParameterDetails]]"
 
 # The other files of @SYS tell of threads, memory, ports and storage of a board, which there is not.
 _TASKS_PATH = "@SYS/tasks.txt"
@@ -37,9 +40,9 @@ def vehicle_files(
             parameters.table, parameters.value, parameters.default, query, read_size
         )
         taken["@PARAM/param.pck"] = partial(_take_parameters, parameters)
-    if persona.component_metadata:
+    if persona.component_metadata is not None:
         for path in (GENERAL_PATH, PARAMETERS_PATH):
-            made[path] = _read_only(parameters, path)
+            made[path] = _read_only(parameters, persona.component_metadata, path)
     if persona.packed_plans:
         for mission_type, path in PLAN_PATHS.items():
             made[path] = partial(_packed_plan, plans, mission_type)
@@ -76,10 +79,15 @@ def _take_plan(plans: PlanReceiver, mission_type: MissionType, data: bytes) -> b
     return plan is not None and plans.take_plan(mission_type, plan.items, plan.start)
 
 
-def general_metadata(parameters: ParameterSet) -> bytes:
+def general_metadata(parameters: ParameterSet, details: Details) -> bytes:
     """Return the file that COMPONENT_METADATA names."""
-    return _metadata(parameters.table)[GENERAL_PATH]
+    return _files(parameters, details)[GENERAL_PATH]
 
 
-def _read_only(parameters: ParameterSet, path: str) -> Callable[[str, int], bytes | None]:
-    return lambda query, _read_size: None if query else _metadata(parameters.table)[path]
+def _read_only(parameters: ParameterSet, details: Details, path: str) -> Callable[[str, int], bytes | None]:
+    return lambda query, _read_size: None if query else _files(parameters, details)[path]
+
+
+def _files(parameters: ParameterSet, details: Details) -> dict[str, bytes]:
+    defaults = tuple(parameters.default(parameter.name) for parameter in parameters.table)
+    return _metadata(parameters.table, defaults, details)

@@ -133,6 +133,5 @@ class ServerReplies:
     def refuse_clear_now(self, message: wire.MissionMessage, sender: _Sender) -> Output:
         """A plan in use."""
         if self._profile.busy_result == wire.DENIED:
-            said = self.status("Mission not cleared: it is in use")
-            return self.ack(wire.ERROR, message.mission_type, sender, said)
+            return self.ack(wire.ERROR, message.mission_type, sender)
         return self.say_busy()

@@ -225,6 +225,8 @@ class PlanReceiver:
             if flies and marked is not None and marked != pilot.mission.current_seq:
                 pilot.set_current(marked)
             return
+        if not event.complete and flies and tuple(event.items) == tuple(pilot.mission.items):
+            return  # the items were flown as they came
         bad = next((i for i, item in enumerate(event.items) if isinstance(item, UncheckedItem)), None)
         if bad is not None:
             pilot.load(())

@@ -939,3 +939,12 @@ def test_arducopters_take_off_before_arming_fails_without_a_word():
     assert peer.result(176, 1.0, 4.0) == 0
     assert peer.result(22, 0, 0, 0, 0, 0, 0, 10.0) == m.MAV_RESULT_FAILED
     assert not peer.texts()
+
+
+def test_ardupilot_refuses_to_clear_the_mission_that_it_flies_without_a_word():
+    peer = Peer("ardupilot")
+    peer.vehicle._plans.server.locked = True
+    peer.vehicle._show_changes = lambda: None  # it would unlock the mission, which is not flown
+    answers = peer.tell(m.MAVLink_mission_clear_all_message(1, 1, 0))
+    assert [one.get_type() for one in answers] == ["MISSION_ACK"]
+    assert answers[0].type == m.MAV_MISSION_ERROR

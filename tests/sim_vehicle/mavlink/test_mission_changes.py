@@ -359,7 +359,9 @@ def test_a_ground_station_that_falls_silent_leaves_ardupilot_a_mixed_list():
     assert shown(flight.pilot.mission.items) == mixed
     flight.wait(7.5)
     assert not flight.of("MISSION_ACK", at_s)
+    restarts = flight.texts().count(RESTARTED)
     flight.wait(0.6)
+    assert flight.texts().count(RESTARTED) == restarts, "what came is flown already"
     assert [a.type for a in flight.of("MISSION_ACK", at_s)] == [wire.OPERATION_CANCELLED]
     assert shown(flight.pilot.mission.items) == mixed, "never rolled back"
     flight.reaches(20, 220)

@@ -138,9 +138,12 @@ G_TARGET, G_BEFORE, G_AFTER = 22, 25, 28
     THRUST_LOW,
     THRUST_HIGH,
     LAND_TIME,
+    LAND_CLIMB,
     YAW_ERROR,
-) = range(38)
-LAW = 38
+) = range(39)
+LAW = 39
+# Once the vehicle is maybe landed, the land detector takes so many times more for a vertical movement.
+MAYBE_LANDED = 2.5
 
 # SIH: time constant of the motors; the rates of the body follow theirs about as fast.
 MOTOR_S = 0.05
@@ -243,10 +246,12 @@ def _guide(g: Floats, row: Floats, law: Floats, px: float, py: float, pz: float,
         size = sqrt(tx * tx + ty * ty)
         scale = level / size if size > 1e-9 else 0.0
         wx, wy = tx * scale, ty * scale
-        share = (pz - law[LAND_ALT2]) / max(law[LAND_ALT1] - law[LAND_ALT2], 1e-6)
+        # A distance sensor tells the height over the ground, whatever the estimate is off by.
+        above = pz - g[G_ERROR]
+        share = (above - law[LAND_ALT2]) / max(law[LAND_ALT1] - law[LAND_ALT2], 1e-6)
         share = min(max(share, 0.0), 1.0)
         wz = -(law[LAND_SPEED] + share * (law[MAX_DOWN] - law[LAND_SPEED]))
-        if pz <= law[LAND_ALT3]:
+        if above <= law[LAND_ALT3]:
             wz = -law[LAND_CRAWL]
     else:
         climb = climb_speed(place, target, after, law[ALT_RAD], top, limit, jerk)
@@ -569,7 +574,11 @@ def advance(
             for k in range(3, 9):
                 state[k] = 0.0
             state[col.HEADING_RATE] = 0.0
-            g[G_GROUND] += dt
+            # A vertical speed that is wrongly told is a movement: the stages begin anew.
+            maybe = g[G_GROUND] >= law[LAND_TIME] * (2.0 / 3.0)
+            still = abs(g[G_ERROR_VZ]) <= law[LAND_CLIMB] * (MAYBE_LANDED if maybe else 1.0)
+            # Landed is landed: what is told later does not delay the disarming.
+            g[G_GROUND] = g[G_GROUND] + dt if still or g[G_INSIDE] >= 0.0 else dt
         else:
             g[G_CLOCK] += dt
             if g[G_CLOCK] < law[SPOOLUP]:

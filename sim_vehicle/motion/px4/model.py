@@ -79,6 +79,7 @@ def law_of(spec: VehicleSpec, value: Callable[[str], float]) -> NDArray[np.float
         kernel.ALT_RAD: "NAV_MC_ALT_RAD",
         kernel.SPOOLUP: "COM_SPOOLUP_TIME",
         kernel.LAND_TIME: "LNDMC_TRIG_TIME",
+        kernel.LAND_CLIMB: "LNDMC_Z_VEL_MAX",
     }
     law = np.zeros(kernel.LAW)
     for index, name in names.items():

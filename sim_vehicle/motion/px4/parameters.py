@@ -70,6 +70,9 @@ PARAMETERS: Mapping[str, ParameterSpec] = MappingProxyType(
         "LNDMC_TRIG_TIME": ParameterSpec(
             1.0, 0.1, 10.0, "s", "time of each of the three stages of landing detection"
         ),
+        "LNDMC_Z_VEL_MAX": ParameterSpec(
+            0.25, 0.0, 10.0, "m/s", "vertical speed beyond which a vehicle on the ground moves"
+        ),
     }
 )
 # SIH_KDV over SIH_MASS of the SIH quadrotor (airframe 10040).

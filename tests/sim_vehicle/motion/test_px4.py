@@ -192,6 +192,66 @@ def test_a_push_that_the_estimate_does_not_know_moves_the_vehicle_until_the_cont
     assert aside[-1] < 0.5 * aside.max()
 
 
+class ToldClimb(EstimateErrors):
+    """A vertical speed that is told wrongly for a second, from `SINCE_S` on."""
+
+    SINCE_S, WRONG_M_S = 0.0, 0.0
+
+    def first(self, count):
+        errors = np.zeros((count, COLUMNS))
+        since = round(self.SINCE_S / GRID_S)
+        errors[since : since + round(1.0 / GRID_S), 3] = self.WRONG_M_S
+        return errors
+
+
+def landed_s(errors, spec=QUAD):
+    """Return when the vehicle touches the ground and when it disarms."""
+    executor = MissionExecutor(spec, FRAME, estimate_errors=errors)
+    executor.load([TAKEOFF, waypoint(20, 0), RETURN])
+    executor.arm()
+    executor.start()
+    up = []
+    while executor.armed:
+        executor.advance(executor.time_s + 0.1)
+        up.append(executor.state().position_m[2])
+    return 0.1 * (np.flatnonzero(np.array(up) > 0.0)[-1] + 2), executor.time_s
+
+
+@pytest.mark.parametrize(("wrong_m_s", "later_s"), [(0.2, 0.0), (-0.3, 2.0), (0.3, 2.0)])
+def test_a_told_vertical_speed_delays_the_land_detector(wrong_m_s, later_s):
+    touch_s, end_s = landed_s(NoErrors())
+    shaken = type("Shaken", (ToldClimb,), {"SINCE_S": touch_s + 1.0, "WRONG_M_S": wrong_m_s, "__slots__": ()})
+    assert landed_s(shaken())[1] - end_s == pytest.approx(later_s, abs=0.3)
+    calm = type("Calm", (ToldClimb,), {"SINCE_S": touch_s + 2.3, "WRONG_M_S": wrong_m_s, "__slots__": ()})
+    assert landed_s(calm())[1] == pytest.approx(end_s, abs=0.05)
+    assert landed_s(shaken(), quad(LNDMC_Z_VEL_MAX=0.5))[1] == pytest.approx(end_s, abs=0.05)
+
+
+class Offset(EstimateErrors):
+    """A height that is told 2 m too great."""
+
+    def first(self, count):
+        errors = np.zeros((count, COLUMNS))
+        errors[:, 0] = 2.0
+        return errors
+
+
+def test_a_landing_slows_down_by_the_height_over_the_ground():
+    def sinks_s(errors):
+        executor = MissionExecutor(QUAD, FRAME, estimate_errors=errors)
+        executor.load([TAKEOFF, waypoint(20, 0), RETURN])
+        executor.arm()
+        executor.start()
+        up = []
+        while executor.armed:
+            executor.advance(executor.time_s + 0.1)
+            up.append(executor.state().position_m[2])
+        heights = np.array(up)[np.argmax(up) :]
+        return 0.1 * (np.argmax(heights < 4.0) - np.argmax(heights < 11.0))
+
+    assert sinks_s(Offset()) == pytest.approx(sinks_s(NoErrors()), abs=0.15)
+
+
 def test_the_same_errors_make_the_same_flight_however_it_is_cut():
     def course(cuts, seed):
         executor = MissionExecutor(QUAD, FRAME, estimate_errors=EstimateErrors(seed))

@@ -184,7 +184,8 @@ def test_guided_flight_by_commands(autopilot, master):
     )  # fmt: skip
     connection.set_mode_rtl()
     connection.motors_disarmed_wait()
-    assert connection.flightmode in ("RTL", "LAND")
+    # PX4 goes back to the mode before its return.
+    assert connection.flightmode in (("RTL", "LAND") if ardupilot else ("RTL", "LAND", "LOITER"))
     position = receive(connection, "GLOBAL_POSITION_INT")
     # PX4's own estimate of the height jumps by a metre and more.
     assert abs(position.relative_alt) < (100 if ardupilot else 2500)
@@ -244,4 +245,4 @@ def test_requests_streams_and_refusals(autopilot, master):
     assert ordered(connection, 4242) == 3
     assert ordered(connection, 300) != 0, "there is no mission"
     text = receive(connection, "STATUSTEXT").text
-    assert "mission" in text.lower()
+    assert text.startswith(("Switching to Mission", "Mode change to AUTO failed"))

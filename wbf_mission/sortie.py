@@ -240,6 +240,9 @@ class Sortie:
             return Status.PILOTED
         if ground.changing:
             return Status.CHANGING
+        items = ground.mission.items
+        if self._item < len(items) and items[self._item].command == Command.NAV_TAKEOFF:
+            return Status.CLIMBING
         return Status.FLYING if self._rest else Status.RETURNING
 
     def _absence_s(self, silent_s: float) -> float:

@@ -74,7 +74,11 @@ class Learned:
         seen[situation.observations.x, situation.observations.y] = 1.0
         steerable = {one.system_id for one in situation.steerable}
         for one in situation.vehicles:
-            if one.system_id not in steerable and one.status in (Status.CHANGING, Status.SILENT):
+            if one.system_id not in steerable and one.status in (
+                Status.CLIMBING,
+                Status.CHANGING,
+                Status.SILENT,
+            ):
                 self._pass_over(seen, self._cells_of(situation, one.rest_m))
         paths = {}
         for vehicle in situation.steerable:

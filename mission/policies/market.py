@@ -32,6 +32,7 @@ _NAME = "market"
 _MOST_LEGS = 40
 _AT_CELLS = 0.5
 _SAME_M = 0.1
+_KEEP = (Status.READY, Status.CLIMBING, Status.CHANGING, Status.SILENT)
 
 
 class Market:
@@ -146,7 +147,7 @@ class Market:
         returned: list[Package] = []
         for vehicle in situation.vehicles:
             contract = self._contracts.get(vehicle.system_id)
-            if contract is None or vehicle.status in (Status.CHANGING, Status.SILENT, Status.READY):
+            if contract is None or vehicle.status in _KEEP:
                 continue
             # Of a vehicle that is lost nothing may be known any more: then what was known before holds.
             silent = vehicle.status is Status.LOST and not len(vehicle.rest_m)

@@ -43,6 +43,8 @@ class Status(Enum):
 
     READY = "ready"
     """On the ground at its start, before its flight."""
+    CLIMBING = "climbing"
+    """Taking off; its path can be changed when it is at its height: near the ground it goes straight up."""
     FLYING = "flying"
     """On its path; the path can be changed."""
     CHANGING = "changing"

@@ -152,8 +152,8 @@ class Steering:
 
 def _flies_on(vehicle: VehicleReport) -> bool:
     """Return whether a vehicle is going to see what its path leads over."""
-    flies = vehicle.status in (Status.READY, Status.FLYING, Status.CHANGING, Status.SILENT)
-    return flies and len(vehicle.rest_m) > 0
+    goes_on = (Status.READY, Status.CLIMBING, Status.FLYING, Status.CHANGING, Status.SILENT)
+    return vehicle.status in goes_on and len(vehicle.rest_m) > 0
 
 
 def far_route(problem: RouteProblem) -> list[Route]:

@@ -93,6 +93,25 @@ def test_a_quad_follows_within_its_budget(autopilot: str) -> None:
     assert max(np.hypot(*one.velocity_m_s) for one in flying) > 0.2
 
 
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_path_is_not_changed_before_the_vehicle_is_at_its_height(autopilot: str) -> None:
+    scenario = Scenario(
+        farm="miniberry-30",
+        vehicle="quad",
+        estimator="point",
+        budget="60s",
+        autopilot=autopilot,
+        estimate_errors=False,
+    )
+    policy = Wanderer(Asking(period_s=2.0))
+    result = fly(scenario, policy=policy)
+    assert result.outcome is Outcome.COMPLETED, result.reason
+    climbing = [one.vehicles[0].status is Status.CLIMBING for one in policy.situations[1:]]
+    assert any(outcome == "flown" for outcome, _ in changes_of(result)) and not any(climbing)
+    aside_m = np.hypot(result.track.x_m - result.track.x_m[0], result.track.y_m - result.track.y_m[0])
+    assert result.track.altitude_m[np.argmax(aside_m > 1.0)] > 9.5
+
+
 @pytest.mark.parametrize("seed", [2, 5])
 def test_a_path_of_short_legs_costs_what_its_flight_takes(seed: int) -> None:
     scenario = Scenario(

@@ -20,7 +20,7 @@ MARGIN_M = 1.0
 
 Positions = NDArray[np.float64]
 _WINDOW_S = 10
-_ALOFT = (Status.FLYING, Status.CHANGING, Status.SILENT, Status.RETURNING)
+_ALOFT = (Status.CLIMBING, Status.FLYING, Status.CHANGING, Status.SILENT, Status.RETURNING)
 
 
 def least_apart_m(first: Positions, second: Positions, later_s: float = 0.0) -> float:

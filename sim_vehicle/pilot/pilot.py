@@ -229,7 +229,8 @@ class Pilot:
             What that means to a vehicle that flies the mission.
         """
         mission, habits = self.mission, self.habits
-        flying = self.mode is Mode.MISSION and self.armed
+        # One that falls takes the list, as autopilots do that do not know, and flies nothing any more.
+        flying = self.mode is Mode.MISSION and self.armed and not self.state.phase.is_lost
         airborne = self.armed and self.landed is not LandedState.ON_GROUND
         seq = marked or 0
         if marked is None and airborne:

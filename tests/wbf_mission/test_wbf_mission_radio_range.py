@@ -106,12 +106,13 @@ def test_observations_come_when_it_is_in_range_again_and_not_before():
     result = fly(Scenario(**{**scenario, "budget": "120m"}, radio_range_m=6.0), policy=policy)
     assert result.outcome is Outcome.COMPLETED
     # Nobody is asked while nobody can be told: the questions, two seconds apart, have gaps.
-    gaps = [k for k, (a, b) in enumerate(pairwise(policy.situations)) if b.time_s - a.time_s > 4.0]
+    asked = policy.situations[1:]
+    gaps = [k for k, (a, b) in enumerate(pairwise(asked)) if b.time_s - a.time_s > 4.0]
     assert gaps
     for k in gaps:
-        if k + 2 >= len(policy.situations):
+        if k + 2 >= len(asked):
             continue
-        before, after = (policy.situations[i].observations.time_s for i in (k, k + 2))
+        before, after = (asked[i].observations.time_s for i in (k, k + 2))
         since = (result.observations.time_s > before[-1]) & (result.observations.time_s <= after.max())
         assert len(after) - len(before) == np.count_nonzero(since), "all that was seen meanwhile has come"
 
@@ -130,7 +131,8 @@ class NearAndFar(Watching):
 def test_a_vehicle_that_fails_beyond_the_range_is_lost_after_the_time_that_its_plan_explains():
     policy = NearAndFar()
     scenario = {key: value for key, value in ROWS.items() if key != "planner"}
-    fleet = Scenario(**{**scenario, "budget": "200m"}, vehicles=2, radio_range_m=7.0)
+    # Layers of exact vehicles are thin enough for that range.
+    fleet = Scenario(**{**scenario, "budget": "200m"}, vehicles=2, radio_range_m=7.0, estimate_errors=False)
     assert fly(fleet, policy=policy).outcome is Outcome.COMPLETED
     reports = [(one.time_s, one.vehicle(2)) for one in policy.situations]
     assert all(one.status is not Status.LOST for _, one in reports)

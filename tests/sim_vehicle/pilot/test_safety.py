@@ -455,6 +455,22 @@ def test_a_motor_that_fails(autopilot):
 
 
 @BOTH
+@pytest.mark.parametrize("items", [[takeoff(), wp(40, 0), RTL], []])
+def test_a_mission_that_comes_while_the_vehicle_falls_is_taken_and_not_flown(autopilot, items):
+    rig = Rig(autopilot)
+    rig.pilot.load([takeoff(), wp(70, 0), RTL])
+    rig.pilot.set_mode(Mode.MISSION)
+    rig.pilot.arm()
+    rig.pilot.start_mission()
+    rig.run(20.0)
+    rig.pilot.fail_motor()
+    rig.pilot.load(items)
+    assert rig.pilot.state.phase is FlightPhase.FALLING
+    rig.run(8.0)
+    assert rig.pilot.outcome is Outcome.CRASHED and not rig.pilot.armed
+
+
+@BOTH
 def test_rally_points_are_returned_to(autopilot):
     rig = Rig(autopilot)
     latitude, longitude = FRAME.to_wgs84(120.0, 0.0)

@@ -184,6 +184,9 @@ class Profile:
         Room for a longer mission.
     space_text : str or None
         What it says to a plan that is too long, None for nothing; takes the number of items with home.
+    item_text : str or None
+        What it says (MAV_SEVERITY_CRITICAL) when it refuses an item for what the item is, None for nothing;
+        with the ACK ERROR nothing is said either.
     type_result : int
         ACK for a plan type that does not exist.
     partial_write : bool
@@ -246,6 +249,7 @@ class Profile:
     capacity: tuple[int, int, int] = (wire.MAX_ITEMS, wire.MAX_ITEMS, wire.MAX_ITEMS)
     card: CardRoom | None = None
     space_text: str | None = "Only {} items are supported"
+    item_text: str | None = None
     type_result: int = wire.INVALID
     partial_write: bool = False
     partial_result: int | None = wire.ERROR
@@ -294,6 +298,7 @@ PX4 = Profile(
     int_frames=True,
     range_checked=False,
     space_text=None,
+    item_text="IGN MISSION_ITEM: Invalid item",
     placed=PX4_PLACED,
     unplaced=PX4_UNPLACED,
     capacity=(wire.MAX_ITEMS - 1, wire.MAX_ITEMS, wire.MAX_ITEMS),

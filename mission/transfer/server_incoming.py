@@ -22,7 +22,6 @@ from mission.transfer.server_replies import ServerReplies
 from mission.transfer.server_session import EndedUpload, ServerSession
 from mission.transfer.server_table import RECEIVING
 
-_WARNING = mavlink.MAV_SEVERITY_WARNING
 _CRITICAL = mavlink.MAV_SEVERITY_CRITICAL
 _INFO = mavlink.MAV_SEVERITY_INFO
 _Sender = tuple[int, int]
@@ -124,8 +123,9 @@ class IncomingPlan:
         session.ended = EndedUpload(sender, session.type, message.seq, None, session.verdict)
         text = f"item {message.seq}: {wire.result_text(session.verdict)}"
         failed = self._fail(FailureReason.REFUSED, text, session.verdict)
-        said = StatusText(session.type, _WARNING, f"Mission item {message.seq} rejected")
-        return self._replies.ack(session.verdict, session.type, sender, *failed, said)
+        told = None if session.verdict == wire.ERROR else self._profile.item_text
+        said = () if told is None else (StatusText(session.type, _CRITICAL, told),)
+        return self._replies.ack(session.verdict, session.type, sender, *failed, *said)
 
     def clear(self, message: wire.MissionMessage, sender: _Sender) -> Output:
         """Empty one plan or all."""

@@ -276,6 +276,8 @@ class Persona:
         Total in MISSION_CURRENT when there is no mission.
     refused_result : int
         MAV_RESULT of a command that cannot be done now.
+    armed_reboot_result : int
+        MAV_RESULT of an order to start again while it is armed.
     silent : frozenset of int
         MAV_CMDs that get no answer.
     unsupported : frozenset of int
@@ -321,6 +323,7 @@ class Persona:
     current_lag_s: float = 0.1
     no_mission_total: int = 0
     refused_result: int = int(m.MAV_RESULT_TEMPORARILY_REJECTED)
+    armed_reboot_result: int = int(m.MAV_RESULT_DENIED)
     silent: frozenset[int] = frozenset()
     unsupported: frozenset[int] = frozenset()
     int_only: frozenset[int] = frozenset()

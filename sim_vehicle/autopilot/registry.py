@@ -13,7 +13,7 @@ from sim_vehicle.airframe.autopilot_names import (
     NO_AUTOPILOT,
     autopilot_names,
 )
-from sim_vehicle.airframe.parameters import check_parameters
+from sim_vehicle.airframe.parameters import ParameterSpec, check_parameters
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.fixed_wing import FixedWingProcedures
 from sim_vehicle.autopilot.generic import GENERIC
@@ -190,8 +190,18 @@ def with_autopilot(
     merged = {**dict(spec.parameters_for(name)), **dict(before), **(parameters or {})}
     flown = replace(spec, autopilot=name, parameters=tuple(merged.items()))
     procedures = flight_procedures(flown)
-    check_parameters(flown, procedures.parameters)
+    check_parameters(flown, {**procedures.parameters, **_card_parameters(flown)})
     return procedures.fit(flown)
+
+
+def _card_parameters(spec: VehicleSpec) -> dict[str, ParameterSpec]:
+    """Return the parameter that gives room for missions, where the vehicle's autopilot has one."""
+    firmware = firmware_of(spec)
+    card = None if firmware is None else firmware.profile.card
+    if card is None:
+        return {}
+    text = "room for missions on the SD card"
+    return {card.parameter: ParameterSpec(0.0, 0.0, card.largest_kib, "KiB", text, integer=True)}
 
 
 def adapt_vehicle(spec: VehicleSpec, autopilot: Autopilot) -> VehicleSpec:

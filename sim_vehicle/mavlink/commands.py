@@ -326,8 +326,7 @@ def _camera(vehicle: CommandedVehicle, order: Order) -> Answer:
 
 def _reboot(vehicle: CommandedVehicle, order: Order) -> Answer:
     if vehicle.pilot.armed:
-        msg = "Reboot refused: armed"
-        raise RefusedError(msg)
+        return Answer(vehicle.state.firmware.persona.armed_reboot_result)
     if order.number(1) == 1:
         vehicle.reboot()
     return ACCEPTED

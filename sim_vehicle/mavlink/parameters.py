@@ -110,8 +110,7 @@ class ParameterSet:
         """Return what the vehicle has of a parameter: in SI units where it is one of its own values."""
         if parameter.field is not None:
             return float(getattr(self._values, parameter.field))
-        kept = self._values.stored if parameter.stored else self._values.settings
-        return kept.get(parameter.name, parameter.value)
+        return self._values.kept(parameter.name, parameter.value)
 
     def handle(self, message: ParameterMessage, now_s: float) -> list[Message]:
         """Answer PARAM_REQUEST_LIST, of which the rest follows in time, PARAM_REQUEST_READ and PARAM_SET."""

@@ -159,7 +159,7 @@ class SimVehicle:
         self._calibration = GyroCalibration()
         self._sticks = StickReader(firmware.sticks, system_id, pilot.parameters)
         card = firmware.profile.card
-        if sd_card and card is not None:
+        if sd_card and card is not None and card.parameter not in pilot.parameters.settings:
             pilot.parameters.stored[card.parameter] = card.largest_kib
         self._plans = PlanReceiver(self.state, _AUTOPILOT, self._texts, self._reports)
         self._camera = CameraOrders(system_id, self.say_warning)

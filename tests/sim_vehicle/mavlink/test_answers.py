@@ -10,8 +10,9 @@ from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.model import GeoPoint
 from mission.outcome import Outcome
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.autopilot import get_autopilot
+from sim_vehicle.autopilot import get_autopilot, with_autopilot
 from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.errors import VehicleError
 from sim_vehicle.mavlink.vehicle import SimVehicle
 from sim_vehicle.weather.wind import Wind
 
@@ -23,8 +24,9 @@ NAN = math.nan
 class Peer:
     """A vehicle and what it told."""
 
-    def __init__(self, autopilot, kind="quad", wind=None):
-        self.vehicle = SimVehicle(get_vehicle(kind), HOME, wind=wind, autopilot=get_autopilot(autopilot))
+    def __init__(self, autopilot, kind="quad", wind=None, spec=None):
+        spec = get_vehicle(kind) if spec is None else spec
+        self.vehicle = SimVehicle(spec, HOME, wind=wind, autopilot=get_autopilot(autopilot))
         self.now_s = 0.0
         self.told = self.vehicle.poll(0.0)
 
@@ -810,6 +812,66 @@ def test_ardupilots_card_is_read_when_it_starts():
     assert ("STATUSTEXT", "Only 4368 items are supported") in answers_to_count(peer, 60_000)
 
 
+def test_ardupilots_card_may_be_given_before_the_start():
+    spec = with_autopilot(get_vehicle("quad"), "ardupilot", {"BRD_SD_MISSION": 20.0})
+    peer = Peer("ardupilot", spec=spec)
+    assert answers_to_count(peer, 1365) == [("MISSION_REQUEST", None)]
+    assert ("STATUSTEXT", "Only 1365 items are supported") in answers_to_count(peer, 1366)
+    peer.tell(m.MAVLink_param_request_read_message(1, 1, b"BRD_SD_MISSION", -1))
+    assert peer.of("PARAM_VALUE")[-1].param_value == 20.0
+    peer.tell(m.MAVLink_param_set_message(1, 1, b"BRD_SD_MISSION", 0.0, m.MAV_PARAM_TYPE_INT16))
+    peer.result(m.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1.0)
+    assert ("STATUSTEXT", "Only 650 items are supported") in answers_to_count(peer, 1365)
+
+
+def test_a_drone_with_the_largest_card_takes_the_card_that_it_is_given():
+    spec = with_autopilot(get_vehicle("quad"), "ardupilot", {"BRD_SD_MISSION": 20.0})
+    drone = SimVehicle(spec, HOME, autopilot=get_autopilot("ardupilot"), sd_card=True)
+    assert drone.pilot.parameters.kept("BRD_SD_MISSION", 0.0) == 20.0
+
+
+@pytest.mark.parametrize(("name", "autopilot"), [("BRD_SD_MISSION", "px4"), ("BRD_SD_FENCES", "ardupilot")])
+def test_a_card_that_an_autopilot_has_not_is_refused(name, autopilot):
+    with pytest.raises(VehicleError, match=f"no parameter {name}"):
+        with_autopilot(get_vehicle("quad"), autopilot, {name: 64.0})
+
+
+def test_more_than_the_largest_card_is_refused():
+    with pytest.raises(VehicleError, match="give 0 to 64 KiB"):
+        with_autopilot(get_vehicle("quad"), "ardupilot", {"BRD_SD_MISSION": 65.0})
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "words"), [("px4", ["IGN MISSION_ITEM: Invalid item"]), ("ardupilot", [])]
+)
+def test_what_is_said_of_an_item_that_does_not_exist(autopilot, words):
+    """``mavlink_mission.cpp`` has one text for all of them, ``MissionItemProtocol.cpp`` none."""
+    peer = Peer(autopilot)
+    before = len(peer.texts())
+    peer.tell(count(2))
+    peer.tell(m.MAVLink_mission_item_int_message(1, 1, 0, 3, 999, 0, 1, 0, 0, 0, 0, 0, 0, 9.0))
+    peer.wait(0.1)
+    assert peer.texts()[before:] == words
+
+
+def test_px4_says_nothing_of_a_fence_corner_in_a_mission():
+    peer = Peer("px4")
+    before = len(peer.texts())
+    peer.tell(count(2))
+    peer.tell(m.MAVLink_mission_item_int_message(1, 1, 0, 3, 5001, 0, 1, 4, 0, 0, 0, 0, 0, 0.0))
+    assert [ack.type for ack in peer.of("MISSION_ACK")] == [m.MAV_MISSION_ERROR]
+    assert peer.texts()[before:] == []
+
+
+@pytest.mark.parametrize(("autopilot", "result"), [("px4", 2), ("ardupilot", 4)])
+@pytest.mark.parametrize("what", [1.0, 2.0, 3.0])
+def test_an_armed_vehicle_does_not_start_again(what, autopilot, result):
+    """``Commander.cpp``: denied, and not rejected for a time; ``GCS_Common.cpp``: failed."""
+    peer = Peer(autopilot)
+    assert peer.result(400, 1.0) == 0
+    assert peer.result(m.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, what) == result
+
+
 def test_px4_refuses_a_long_mission_without_a_word():
     peer = Peer("px4")
     assert answers_to_count(peer, 65_535) == [("MISSION_ACK", m.MAV_MISSION_NO_SPACE)]
@@ -887,7 +949,7 @@ REFUSED = [
     ("px4", (510, -1.0), m.MAV_RESULT_DENIED, []),
     ("px4", (189,), m.MAV_RESULT_TEMPORARILY_REJECTED, []),
     ("px4", (179, 0, 0, 0, 0, NAN, NAN, NAN), m.MAV_RESULT_DENIED, []),
-    ("px4", (246, 1.0), m.MAV_RESULT_TEMPORARILY_REJECTED, []),
+    ("px4", (246, 1.0), m.MAV_RESULT_DENIED, []),
     ("ardupilot", (400, 2.0), m.MAV_RESULT_UNSUPPORTED, []),
     ("ardupilot", (300,), m.MAV_RESULT_FAILED, ["Mode change to AUTO failed: init failed"]),
     ("ardupilot", (511, 9999.0, 1e6), m.MAV_RESULT_DENIED, ["No ap_message for mavlink id (9999)"]),

@@ -71,10 +71,10 @@ class NeededParameter:
 
 @dataclass(frozen=True, slots=True)
 class CardRoom:
-    """Room for a mission on an SD card in place of the board's own, as a parameter gives it at the start.
+    """Room for a plan on an SD card in place of the board's own, as a parameter gives it at the start.
 
-    Source: ArduPilot ``StorageManager.cpp`` (attach_file) and ``AP_Mission.cpp``; the documentation of the
-    parameter tells the size of an item. All numbers of items count home.
+    Source: ArduPilot ``StorageManager.cpp`` (attach_file), ``AP_Mission.cpp`` and ``AC_PolyFence_loader.cpp``
+    (max_items); the documentation of the parameter tells the size of an item. Numbers of items count home.
 
     Parameters
     ----------
@@ -182,6 +182,8 @@ class Profile:
         The most items that the autopilot's simulator takes, per plan, without home; see `room`.
     card : CardRoom or None
         Room for a longer mission.
+    fence_card : CardRoom or None
+        Room for a larger fence.
     space_text : str or None
         What it says to a plan that is too long, None for nothing; takes the number of items with home.
     item_text : str or None
@@ -248,6 +250,7 @@ class Profile:
     opaque_ids: bool = True
     capacity: tuple[int, int, int] = (wire.MAX_ITEMS, wire.MAX_ITEMS, wire.MAX_ITEMS)
     card: CardRoom | None = None
+    fence_card: CardRoom | None = None
     space_text: str | None = "Only {} items are supported"
     item_text: str | None = None
     type_result: int = wire.INVALID
@@ -262,6 +265,12 @@ class Profile:
     change_failsafe: Mapping[int, tuple[NeededParameter, ...]] = field(default_factory=dict)
     dialect: Dialect = field(default_factory=Dialect)
 
+    @property
+    def cards(self) -> dict[MissionType, CardRoom]:
+        """The plans that may be on a card."""
+        both = {MissionType.MISSION: self.card, MissionType.FENCE: self.fence_card}
+        return {kind: card for kind, card in both.items() if card is not None}
+
     def room(self, mission_type: MissionType, card_kib: float = 0.0) -> int:
         """Return how many items of a plan the autopilot's simulator takes, without home.
 
@@ -269,20 +278,24 @@ class Profile:
         ----------
         mission_type : MissionType
         card_kib : float
-            Value of the parameter of `card`; 0 without a card.
+            Value of the parameter of the plan's card; 0 without a card.
 
         Examples
         --------
         >>> ARDUPILOT.room(MissionType.MISSION), ARDUPILOT.room(MissionType.MISSION, 64)
         (649, 4367)
+        >>> ARDUPILOT.room(MissionType.FENCE), ARDUPILOT.room(MissionType.FENCE, 1)
+        (70, 128)
         """
-        if self.card is None or mission_type != MissionType.MISSION or card_kib <= 0.0:
+        card = self.cards.get(mission_type)
+        if card is None or card_kib <= 0.0:
             return self.capacity[mission_type]
-        return self.card.items(card_kib) - self.home_at_zero
+        return card.items(card_kib) - (self.home_at_zero and mission_type == MissionType.MISSION)
 
     def most(self, mission_type: MissionType) -> int:
         """Return how many items of a plan it takes with the largest card, without home."""
-        return self.room(mission_type, 0.0 if self.card is None else self.card.largest_kib)
+        card = self.cards.get(mission_type)
+        return self.room(mission_type, 0.0 if card is None else card.largest_kib)
 
 
 _YAW = frozenset({"param4"})
@@ -339,14 +352,16 @@ ARDUPILOT = Profile(
     checks_jumps=True,
     marks_current=False,
     opaque_ids=False,
-    # 9758 bytes of a copter's 16 KiB of storage are for missions (StorageManager.cpp), 15 for each item.
-    capacity=(649, 500, 100),
+    # Of a copter's 16 KiB of storage (StorageManager.cpp) 9758 bytes are for missions, 15 for each item; 560
+    # for the fence, 8 for each; 690 for rally points, 15 for each (50 on planes and rovers).
+    capacity=(649, 70, 50),
     card=CardRoom("BRD_SD_MISSION", 64, 1312),
+    fence_card=CardRoom("BRD_SD_FENCE", 64, 84, item_bytes=8, header_bytes=0),
     type_result=wire.UNSUPPORTED,
     partial_write=True,
     received_texts=("Flight plan received", "Fence received", "Rally points received"),
     timeout_text="Mission upload timeout",
-    usual_limits=(649, 200, None),
+    usual_limits=(649, 70, 46),
     placed=ARDUPILOT_PLACED,
     unplaced=ARDUPILOT_UNPLACED,
     lossy=ARDUPILOT_LOSSY,
@@ -418,7 +433,7 @@ def count_warning(profile: Profile, mission_type: MissionType, number: int) -> s
     limit = profile.usual_limits[mission_type]
     if limit is None or number <= limit:
         return None
-    card = "" if profile.card is None or mission_type != MissionType.MISSION else " without an SD card"
+    card = " without an SD card" if mission_type in profile.cards else ""
     return f"{number} {mission_type.name.lower()} items: many {profile.name} boards hold only {limit}{card}"
 
 

@@ -131,9 +131,9 @@ class MissionServer:
         """Return what a vehicle that overwrites in place would fly now, in the middle of an upload too."""
         return self._incoming.live(mission_type)
 
-    def set_card(self, kib: float) -> None:
-        """Take the room for missions from the parameter of `Profile.card`, as at a start of the vehicle."""
-        self._store.capacity[MissionType.MISSION] = self.profile.room(MissionType.MISSION, kib)
+    def set_card(self, mission_type: MissionType, kib: float) -> None:
+        """Take the room for a plan from the parameter of its card, as at a start of the vehicle."""
+        self._store.capacity[mission_type] = self.profile.room(mission_type, kib)
 
     def count(self, mission_type: MissionType) -> int:
         """Return how many items a download has (with home, where the autopilot counts it)."""

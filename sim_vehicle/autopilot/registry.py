@@ -195,13 +195,11 @@ def with_autopilot(
 
 
 def _card_parameters(spec: VehicleSpec) -> dict[str, ParameterSpec]:
-    """Return the parameter that gives room for missions, where the vehicle's autopilot has one."""
+    """Return the parameters that give room for plans, as far as the vehicle's autopilot has them."""
     firmware = firmware_of(spec)
-    card = None if firmware is None else firmware.profile.card
-    if card is None:
-        return {}
-    text = "room for missions on the SD card"
-    return {card.parameter: ParameterSpec(0.0, 0.0, card.largest_kib, "KiB", text, integer=True)}
+    cards = () if firmware is None else firmware.profile.cards.values()
+    text = "room on the SD card"
+    return {c.parameter: ParameterSpec(0.0, 0.0, c.largest_kib, "KiB", text, integer=True) for c in cards}
 
 
 def adapt_vehicle(spec: VehicleSpec, autopilot: Autopilot) -> VehicleSpec:

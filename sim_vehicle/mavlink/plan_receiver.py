@@ -77,7 +77,7 @@ class PlanReceiver:
             home=state.home,
             validator=_check_item,
         )
-        self._attach_card()
+        self._attach_cards()
 
     @property
     def mission(self) -> tuple[MissionItem, ...]:
@@ -133,14 +133,13 @@ class PlanReceiver:
         self._take(self.server.restart(now_s), now_s)
 
     def reboot(self, now_s: float) -> None:
-        """Forget the transfer that runs, and take the room for missions anew: the vehicle starts again."""
+        """Forget the transfer that runs, and take the room for plans anew: the vehicle starts again."""
         self.restart(now_s)
-        self._attach_card()
+        self._attach_cards()
 
-    def _attach_card(self) -> None:
-        card = self._state.firmware.profile.card
-        if card is not None:
-            self.server.set_card(self._pilot.parameters.kept(card.parameter, 0.0))
+    def _attach_cards(self) -> None:
+        for kind, card in self._state.firmware.profile.cards.items():
+            self.server.set_card(kind, self._pilot.parameters.kept(card.parameter, 0.0))
 
     def next_deadline(self) -> float:
         """When `poll` has something to do."""

@@ -85,8 +85,8 @@ class SimVehicle:
     noise : SensorNoise, optional
         How wrong it believes to be where it is; exact without.
     sd_card : bool
-        It starts with the largest room for missions on an SD card, where a parameter gives that
-        (BRD_SD_MISSION of ArduPilot).
+        It starts with the largest room for plans on an SD card, where a parameter gives that
+        (BRD_SD_MISSION and BRD_SD_FENCE of ArduPilot).
 
     Attributes
     ----------
@@ -158,9 +158,9 @@ class SimVehicle:
         self._reports = ItemReports(persona)
         self._calibration = GyroCalibration()
         self._sticks = StickReader(firmware.sticks, system_id, pilot.parameters)
-        card = firmware.profile.card
-        if sd_card and card is not None and card.parameter not in pilot.parameters.settings:
-            pilot.parameters.stored[card.parameter] = card.largest_kib
+        for card in firmware.profile.cards.values() if sd_card else ():
+            if card.parameter not in pilot.parameters.settings:
+                pilot.parameters.stored[card.parameter] = card.largest_kib
         self._plans = PlanReceiver(self.state, _AUTOPILOT, self._texts, self._reports)
         self._camera = CameraOrders(system_id, self.say_warning)
         self._commands = CommandReceiver(self)

@@ -29,8 +29,10 @@ def _simulator_urls(index: int) -> tuple[str, ...]:
     return (f"tcpin:127.0.0.1:{5760 + 10 * index}",)
 
 
-# All but copters have 9842 bytes for missions (StorageManager.cpp): 655 items with home.
-_ROOMY_PROFILE = replace(profile.ARDUPILOT, capacity=(654, *profile.ARDUPILOT.capacity[1:]))
+# StorageManager.cpp: copters have 690 bytes for rally points, of 15 each. All others have 9842 bytes for
+# missions, 655 items with home, 672 for the fence and 750 for rally points.
+_COPTER_PROFILE = replace(profile.ARDUPILOT, capacity=(649, 70, 46))
+_ROOMY_PROFILE = replace(profile.ARDUPILOT, capacity=(654, 84, 50))
 # ArduPlane stores the acceptance and pass radii of waypoints, and the pitch of a take-off.
 _PLANE_PROFILE = replace(
     _ROOMY_PROFILE,
@@ -49,7 +51,7 @@ ARDUPILOT = Autopilot(
                 title="ArduCopter",
                 persona=COPTER_PERSONA,
                 rules=COPTER_RULES,
-                profile=profile.ARDUPILOT,
+                profile=_COPTER_PROFILE,
                 parameter_table=copter_parameters,
                 procedures=ARDUCOPTER,
                 habits=HABITS,

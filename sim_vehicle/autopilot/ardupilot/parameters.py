@@ -59,7 +59,8 @@ def vehicle_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
     """
     return [
         *_SAFETY,
-        # KiB on the SD card for the mission, 0 for the board's own storage; read at the start.
+        # KiB on the SD card for the plan, 0 for the board's own storage; read at the start.
+        MavParameter("BRD_SD_FENCE", integer=True, value=0.0, stored=True, bits=16, low=0, high=64),
         MavParameter("BRD_SD_MISSION", integer=True, value=0.0, stored=True, bits=16, low=0, high=64),
         *_battery_parameters(spec),
         MavParameter("FENCE_TOTAL", integer=True),

@@ -776,14 +776,14 @@ def test_a_rover_that_is_home_stays_armed_when_it_is_sent_there(autopilot, comma
     assert peer.vehicle.pilot.armed
 
 
-def count(items):
-    return m.MAVLink_mission_count_message(1, 1, items, 0)
+def count(items, plan=m.MAV_MISSION_TYPE_MISSION):
+    return m.MAVLink_mission_count_message(1, 1, items, plan)
 
 
-def answers_to_count(peer, items):
+def answers_to_count(peer, items, plan=m.MAV_MISSION_TYPE_MISSION):
     """What the vehicle answers to a COUNT: types of messages, results, texts; it gives the upload up then."""
     told = []
-    for answer in peer.tell(count(items)):
+    for answer in peer.tell(count(items, plan)):
         kind = answer.get_type()
         told.append((kind, answer.type if kind == "MISSION_ACK" else getattr(answer, "text", None)))
     peer.wait(10.0)
@@ -798,6 +798,25 @@ def test_ardupilot_has_room_for_so_many_items_without_a_card(kind, room):
     refused = answers_to_count(peer, room + 1)
     assert ("MISSION_ACK", m.MAV_MISSION_NO_SPACE) in refused
     assert ("STATUSTEXT", f"Only {room} items are supported") in refused
+
+
+@pytest.mark.parametrize(("kind", "fence", "rally"), [("quad", 70, 46), ("wing", 84, 50), ("rover", 84, 50)])
+def test_ardupilot_has_room_for_so_much_of_a_fence_and_so_many_rally_points(kind, fence, rally):
+    """560 and 690 bytes, or 672 and 750 (StorageManager.cpp), of 8 for a corner and 15 for a rally point."""
+    peer = Peer("ardupilot", kind)
+    for plan, room in ((m.MAV_MISSION_TYPE_FENCE, fence), (m.MAV_MISSION_TYPE_RALLY, rally)):
+        assert answers_to_count(peer, room, plan) == [("MISSION_REQUEST", None)]
+        refused = answers_to_count(peer, room + 1, plan)
+        assert ("MISSION_ACK", m.MAV_MISSION_NO_SPACE) in refused
+        assert ("STATUSTEXT", f"Only {room} items are supported") in refused
+
+
+def test_ardupilots_fence_may_be_on_the_card():
+    spec = with_autopilot(get_vehicle("quad"), "ardupilot", {"BRD_SD_FENCE": 1.0})
+    peer = Peer("ardupilot", spec=spec)
+    assert answers_to_count(peer, 128, m.MAV_MISSION_TYPE_FENCE) == [("MISSION_REQUEST", None)]
+    refused = answers_to_count(peer, 129, m.MAV_MISSION_TYPE_FENCE)
+    assert ("STATUSTEXT", "Only 128 items are supported") in refused
 
 
 def test_ardupilots_card_is_read_when_it_starts():

@@ -181,22 +181,25 @@ class _Writer:
 
     def replace_unknown(self) -> None:
         """Replace or leave out the commands that the autopilot does not know, where that is the same."""
+        commands = {item.command for _, item in self.entries}
+        unknown = {command for command in commands if not self._knows(command)}
+        written = []
+        for number, item in self.entries:
+            substitute = self._dialect.substitutes.get(item.command) if item.command in unknown else None
+            made: MissionItem | None = item
+            if substitute is not None:
+                self._say(number, Severity.WARNING, substitute.text)
+                made = substitute.make(item)
+            if made is not None:
+                written.append((number, made))
+        self.entries = written
+        # A substitute may be the waypoint that takes the heading.
         turns = any(item.command == Command.CONDITION_YAW for _, item in self.entries)
         if turns and self._dialect.yaw_in_waypoints:
             self._fold_yaw()
         written = []
-        commands = {item.command for _, item in self.entries}
-        unknown = {command for command in commands if not self._knows(command)}
         for number, item in self.entries:
-            known = item.command not in unknown
-            substitute = None if known else self._dialect.substitutes.get(item.command)
-            if substitute is not None:
-                self._say(number, Severity.WARNING, substitute.text)
-                made = substitute.make(item)
-                if made is not None:
-                    written.append((number, made))
-                continue
-            if not known:
+            if item.command in unknown:
                 text = f"{self._profile.name} does not know this command"
                 fix = self._dialect.instead.get(item.command, "leave it out")
                 self._say(number, Severity.ERROR, text, fix)

@@ -325,6 +325,13 @@ ITEMS = st.lists(
 )
 
 
+def test_a_spline_that_is_sent_as_a_waypoint_takes_the_heading_before_it():
+    items = (MissionItem(115, 0, 90.0), MissionItem(82, 3, x=28.05, y=-82.15, z=9.0))
+    found = render(Mission(items, HOME), PX4, COPTER)
+    assert [(item.command, item.param4) for item in found.mission.items] == [(16, 90.0)]
+    assert not found.errors
+
+
 @given(ITEMS, st.sampled_from([PX4, ARDUPILOT]), st.sampled_from([COPTER, PLANE, ROVER]))
 def test_what_is_no_error_would_be_taken(items, profile, vehicle_type):
     """Judged as the vehicle's side does it, item by item."""

@@ -214,20 +214,23 @@ def test_plans_go_and_come_as_files(session, tools, tmp_path):
     flying, proxy = session("ardupilot")
     mission = write_waypoints(tmp_path / "mission.txt", flying.mission)
     proxy.type(f"wp ftpload {mission}", rf"Sent waypoint of length {len(flying.mission)} in")
-    held = flying.vehicle.pilot.mission.items
-    assert [item.command for item in held] == [item.command for item in flying.mission[1:]]
+    # MAVProxy says so when it has sent the last part, not when the vehicle has taken it.
+    mission_held = flying.vehicle.pilot.mission
+    tools.wait_until(lambda: len(mission_held.items) == len(flying.mission) - 1, 10.0, what="the mission")
+    assert [item.command for item in mission_held.items] == [item.command for item in flying.mission[1:]]
     proxy.type("wp ftp", "Saved waypoints to")
     rally = "rally.txt"
     home = flying.home
     row = [0, 0, 3, 5100, 0, 0, 0, 0, home.latitude_deg, home.longitude_deg + 1e-4, 12, 1]
     (tmp_path / rally).write_text("QGC WPL 110\n" + "\t".join(map(str, row)) + "\n")
     proxy.type(f"rally ftpload {rally}", "Sent rally item of length 1 in")
-    assert len(flying.vehicle._plans.server.plan(MissionType.RALLY).items) == 1
+    server = flying.vehicle._plans.server
+    tools.wait_until(lambda: len(server.plan(MissionType.RALLY).items) == 1, 10.0, what="the rally point")
     (tmp_path / "few.parm").write_text("WPNAV_SPEED 600\nFS_THR_ENABLE 3\n")
     proxy.type("param ftpload few.parm", "Sending 2 params")
     value = flying.vehicle._parameters.value
     tools.wait_until(lambda: value("WPNAV_SPEED") == 600.0, 10.0, what="the speed")
-    assert value("FS_THR_ENABLE") == 3.0
+    tools.wait_until(lambda: value("FS_THR_ENABLE") == 3.0, 10.0, what="the failsafe")
     proxy.type("ftp list @SYS", "tasks.txt")
 
 

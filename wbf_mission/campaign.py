@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo import Farm
+from mission.errors import PlanningError
 from mission.link.tlog import TlogWriter
 from sensors.camera.leaf_camera import LeafCameraOptions
 from sensors.environment import Environment
@@ -43,7 +44,8 @@ class Campaign:
     Every flight begins with full batteries and the whole budget, and draws anew: wind, errors of sensors, and
     planners that draw. A flight that goes wrong does not end the run. A vehicle that is lost for good
     (`Outcome.loses_vehicle`) does not fly again; when none is left, the days that remain are scored by what
-    is believed of them.
+    is believed of them. A flight that the policy does not find worth making is not made, after the first one;
+    what is believed holds for as long.
 
     Parameters
     ----------
@@ -101,6 +103,7 @@ class Campaign:
         self.watch = watch
         self._tell = tell
         self._next: PlannedFlight | None = None
+        self._scored_a_flight = 0
         self._flying: JointFlight | None = None
         self._gone: set[int] = set()
         self._log: TlogWriter | None = None
@@ -111,10 +114,14 @@ class Campaign:
         Raises
         ------
         WbfMissionError
-            If there is no path within the budget.
+            If there is no path within the budget, or the first flight is not worth making.
         """
-        self._next = self._all.plan(day, flight, self.evidence, self.decisions, self._gone)
-        return self._next.plans
+        planned = self._all.plan(day, flight, self.evidence, self.decisions, self._gone)
+        if not planned.sorties and not self.flights:
+            msg = f"{self._all.decider.name} finds nothing worth a flight: no vehicle has a path"
+            raise PlanningError(msg)
+        self._next = planned
+        return planned.plans
 
     @property
     def expected_readings(self) -> float:
@@ -153,6 +160,7 @@ class Campaign:
             self.plan(first)
         assert self.evidence.estimate is not None
         self.evidence.estimate.every = self._score_every(self.evidence.estimate)
+        self._scored_a_flight = max(1, round(self._expected_of_next / self.evidence.estimate.every))
         ahead = None if attendant is not None else self._ahead(environment, hosting)
         try:
             for day in range(first, first + self.scenario.farm.days):
@@ -224,6 +232,9 @@ class Campaign:
         attendant: Attendant | None,
     ) -> None:
         planned, self._next = self._planned(day, flight), None
+        if not planned.sorties:
+            self._stay()
+            return
 
         def began(flying: JointFlight) -> None:
             self._flying = flying
@@ -242,6 +253,12 @@ class Campaign:
             gone=self._gone,
         )
         self._end_flight()
+
+    def _stay(self) -> None:
+        """Leave out a flight that is not worth making."""
+        assert self.evidence.estimate is not None
+        self.evidence.estimate.hold(self._scored_a_flight, self.simulated_s)
+        self.watch.lap("estimate and score")
 
     def _planned(self, day: int, flight: int) -> PlannedFlight:
         """Return the next flight, planned now unless it was before."""

@@ -191,7 +191,8 @@ class RunEstimate:
     the estimator is raised by a later call; a run ends with `close`.
 
     The scored times of each flight are those of a run of this one flight: after each `every` observations of
-    it, and at its end. On later days, what is believed before anything was seen is scored first.
+    it, and at its end. Those of a flight that is not made are scored by what is believed (`hold`). On later
+    days, what is believed before anything was seen is scored first.
 
     Parameters
     ----------
@@ -290,6 +291,25 @@ class RunEstimate:
         if self._seen and (history.observations[-1:], history.days[-1:]) != ([self._seen], [self.day]):
             self._evaluate(time_s)
         self._seen_before = self._seen
+
+    def hold(self, times: int, time_s: float) -> None:
+        """Score what is believed as often as during a flight that is not made.
+
+        Parameters
+        ----------
+        times : int
+        time_s : float
+            Seconds since the beginning of the run.
+        """
+        self._catch_up()
+        if times < 1:
+            return
+        self._evaluate(time_s)
+        history, again = self.history, times - 1
+        history.entries += again * history.entries[-1:]
+        history.times_s += again * [time_s]
+        history.observations += again * [self._seen]
+        history.days += again * [self.day]
 
     def _hand_over(self, score_at_s: float | None = None) -> None:
         """Begin to learn what is held, and to score what is believed then if a time is given."""

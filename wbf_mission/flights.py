@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 
 from geo import Farm
 from geo.seeds import child_seed, stream
@@ -68,7 +69,7 @@ class PlannedFlight:
     loop : DecisionLoop
         Who is asked during it.
     sorties : tuple of (SortieNumber, Vehicle, PlanResult)
-        Of each vehicle.
+        Of each vehicle that flies; none if the flight is not worth making.
     times : tuple of float
         Who decides in flight begins with a short path: how many such paths the budget of each pays for.
     """
@@ -135,7 +136,7 @@ class Flights:
         decisions: list[DecisionRecord],
         gone: Collection[int] = (),
     ) -> PlannedFlight:
-        """Ask for the paths of a flight.
+        """Ask for the paths of a flight; vehicles whose paths have no points stay on the ground.
 
         Parameters
         ----------
@@ -170,14 +171,17 @@ class Flights:
             records=decisions,
             kept_distance=self._kept_distance(vehicles),
         )
-        times = (1.0,) * len(vehicles)
         if decider.mission is not None:
+            times = (1.0,) * len(vehicles)
             plans = (decider.mission,) * len(vehicles)
         else:
             answer = loop.start([one.task.report() for one in vehicles])
+            flies = [len(answer.decision.paths[one.task.system_id]) > 0 for one in vehicles]
+            numbers, vehicles = list(compress(numbers, flies)), list(compress(vehicles, flies))
             plans = tuple(
                 one.task.plan_of(answer.decision, decider.label, steered=decider.steers) for one in vehicles
             )
+            times = (1.0,) * len(vehicles)
             if decider.steers:
                 tasks = [one.task for one in vehicles]
                 times = tuple(

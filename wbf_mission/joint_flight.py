@@ -150,7 +150,7 @@ class JointFlight:
                 sortie.note_changes()
                 sortie.give_up_lost(self.now_s)
             self._decide()
-            if any(sortie.ground.phase is Phase.FLIGHT for sortie in self.sorties):
+            if self._is_flying():
                 longest_s = max(sortie.ground.flight_time_s for sortie in self.sorties)
                 self._tell("flying", longest_s, self._expected_s)
 
@@ -187,7 +187,8 @@ class JointFlight:
 
     def _stops(self, _now_s: float) -> bool:
         """Return whether there is something to do before the slice is over."""
-        if not self._decisions.asks_on_the_way:
+        # Before and after the flight nobody is asked: to stop for that again and again would stop the time.
+        if not self._decisions.asks_on_the_way or not self._is_flying():
             return self._is_over()
         mission_s = self._mission_s
         if not self._decisions.is_early(mission_s):
@@ -204,7 +205,7 @@ class JointFlight:
             event = Event.ENDING
         if self._decisions.lost(self.sorties, self.now_s):
             event = Event.LOST
-        if event is not None and any(sortie.ground.phase is Phase.FLIGHT for sortie in self.sorties):
+        if event is not None and self._is_flying():
             self._decisions.decide(event, self.sorties, self._mission_s, self.now_s)
             self._watch.lap("decide")
 
@@ -212,8 +213,14 @@ class JointFlight:
         """Return whether a path is about to end; True once for each."""
         return self._decisions.ending(self.sorties, self.now_s)
 
+    def _is_flying(self) -> bool:
+        for sortie in self.sorties:  # noqa: SIM110
+            if sortie.ground.phase is Phase.FLIGHT:
+                return True
+        return False
+
     def _is_over(self) -> bool:
-        # A loop: it is asked at each step of the vehicles, and `all` would make a generator for it.
+        # Loops here and above: they are asked at each step of the vehicles, and `all` would make a generator.
         for sortie in self.sorties:  # noqa: SIM110
             if not sortie.done:
                 return False

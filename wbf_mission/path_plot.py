@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from wbf_mission.deciding.record import DecisionRecord, PathChange
+from wbf_mission.deciding.record import PLANNED_PATH, DecisionRecord, PathChange
 from wbf_mission.flight_record import FlightRecord
 from wbf_mission.plots import draw_farm, new_figure, save_figure
 
@@ -125,7 +125,7 @@ def changes_flown(decisions: Sequence[DecisionRecord]) -> list[tuple[PathChange,
     found = []
     for record in decisions:
         for one in record.changes:
-            if one.outcome not in ("planned", "flown"):
+            if one.outcome not in (PLANNED_PATH, "flown"):
                 continue
             key = (record.day, record.flight, one.system_id)
             if one.outcome == "flown" and key in present:

@@ -15,7 +15,7 @@ from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from wbf_mission.day_record import DayRecord
-from wbf_mission.deciding.record import DecisionRecord
+from wbf_mission.deciding.record import STAYS, DecisionRecord
 from wbf_mission.estimation import ScoreHistory
 from wbf_mission.field_maps import FieldMap
 from wbf_mission.flight_record import FlightRecord
@@ -33,7 +33,8 @@ class RunRecord:
     ----------
     scenario : Scenario
     flights : tuple of FlightRecord
-        Of each vehicle in each flight of each day, at least one, in that order.
+        Of each vehicle in each flight of each day, at least one, in that order; none of those that were not
+        worth making (`stays`).
     observations : Observations
         What arrived from the cameras.
     truth, model : float32[n, W, H] and InformationModel, or None
@@ -96,11 +97,17 @@ class RunRecord:
         return f"day {one.day}, flight {one.flight}, vehicle {one.system_id}: {one.reason}"
 
     @property
+    def stays(self) -> int:
+        """How many flights of a vehicle were not made, because the policy did not find them worth it."""
+        return sum(change.outcome == STAYS for one in self.decisions for change in one.changes)
+
+    @property
     def _stopped_between(self) -> bool:
         """Whether the run was stopped between two flights."""
         farm = self.scenario.farm
         expected = farm.days * farm.flights_per_day * len(self.scenario.vehicle.fleet)
-        return len(self.flights) < expected and all(one.outcome.is_good for one in self.flights)
+        made = len(self.flights) + self.stays
+        return made < expected and all(one.outcome.is_good for one in self.flights)
 
     @property
     def _decisive(self) -> FlightRecord:
@@ -267,6 +274,7 @@ class RunRecord:
             "budget": self.plan.budget_text,
             "least_distance_m": self.least_distance_m,
             "flights": [one.summary() for one in self.flights],
+            "flights_not_made": self.stays,
             "by_day": self.by_day(),
             "decisions": [one.summary() for one in self.decisions],
             "transfer": _transfer_summary(self.transfers),

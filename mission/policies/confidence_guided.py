@@ -75,7 +75,8 @@ class ConfidenceGuided:
     def decide(self, situation: Situation) -> Decision:
         """Choose for every vehicle that has reached its waypoint."""
         decision = self._steering.decide(situation, self._search, "least certain")
-        self._targets |= {system_id: points[0] for system_id, points in decision.paths.items()}
+        paths = decision.paths.items()
+        self._targets |= {system_id: points[0] for system_id, points in paths if len(points)}
         return decision if decision.changes else GO_ON
 
     def _uncertainty(self, situation: Situation) -> Worth:

@@ -69,11 +69,11 @@ def check_policy(policy: str | Policy, **parameters: Any) -> PolicyCheck:
 
     It flies vehicles of one cell a step, alone and several, over areas with a pond and in two parts, from
     starts inside and outside, with budgets of steps and of metres with the way home. Every answer must name
-    only vehicles that can be steered, every vehicle has a path at the start, each path lies in the area of
-    its vehicle's task and costs no more than is left. The same flight twice has the same answers. On a farm
-    that differs only where nobody looked the answers are the same, too: whoever decides otherwise knows the
-    truth. It answers sensibly when nothing was seen, when all is known, and when a vehicle is lost. It leaves
-    what it is told and numpy's global generator alone.
+    only vehicles that can be steered, every vehicle has a path at the first start and is named at later ones,
+    each path lies in the area of its vehicle's task and costs no more than is left. The same flight twice has
+    the same answers. On a farm that differs only where nobody looked the answers are the same, too: whoever
+    decides otherwise knows the truth. It answers sensibly when nothing was seen, when all is known, and when
+    a vehicle is lost. It leaves what it is told and numpy's global generator alone.
 
     Parameters
     ----------
@@ -303,7 +303,7 @@ def _lies_inside(vehicle: VehicleReport, points: Points) -> bool:
 
 
 def _check_all_known(policy: Policy, truth: NDArray[np.float32], times: list[float]) -> None:
-    """Ask in flight, when nothing is left to be seen."""
+    """Ask in flight and before a later one, when nothing is left to be seen."""
     case = next(iter(_cases()))
     farm = get_farm(_FARM)
     x, y = (part.ravel().astype(np.int32) for part in np.indices(farm.grid().shape))
@@ -318,6 +318,13 @@ def _check_all_known(policy: Policy, truth: NDArray[np.float32], times: list[flo
     _answer(policy, situation, "all is known", times)
     nothing_left = replace(reports[0], spent=case.budget.limit)
     _answer(policy, replace(situation, vehicles=(nothing_left,)), "nothing left of the budget", times)
+    waiting = _Vehicle(1, _request(farm, case), farm.cell_size_m).report(started=False)
+    later = replace(situation, event=Event.START, time_s=0.0, vehicles=(waiting,))
+    answer = _answer(policy, later, "all is known before a later flight", times)
+    named = waiting.system_id in answer.paths
+    _require(
+        named, "all is known before a later flight", "vehicle 1 gets neither a path nor one without points"
+    )
 
 
 def _request(farm: Farm, case: _Case) -> PlanningRequest:

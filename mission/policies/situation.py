@@ -25,7 +25,7 @@ class Event(Enum):
     """Why a policy is asked."""
 
     START = "start"
-    """Nothing flies yet: every vehicle needs its first path."""
+    """Nothing flies yet: every vehicle needs its first path, or one without points to stay."""
     OBSERVATIONS = "observations"
     """The camera told something new."""
     WAYPOINT = "waypoint"

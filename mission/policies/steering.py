@@ -16,9 +16,10 @@ from mission.policies.chart import Chart, LegCosts
 from mission.policies.coordination import Bid, Coordination, Promised, sequential
 from mission.policies.decision import Alternative, Decision
 from mission.policies.route_search import take_leg
-from mission.policies.situation import Situation, Status, VehicleReport
+from mission.policies.situation import Event, Situation, Status, VehicleReport
 
 _LEAST_LEG = 1e-3
+_STAY: Points = np.empty((0, 2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +88,7 @@ class Steering:
     def decide(self, situation: Situation, search: Search, reason: str) -> Decision:
         """Find new routes for all vehicles that can be steered.
 
-        A vehicle for which nothing affordable is found goes on as before, at the start home.
+        A vehicle for which nothing affordable is found goes on as before; at the start it stays where it is.
         """
         worth = self.acquisition(situation)
         found: dict[int, list[Alternative]] = {}
@@ -115,6 +116,8 @@ class Steering:
 
         present = {one.system_id: one.rest_m for one in situation.vehicles if _flies_on(one)}
         paths = self.coordination(situation.steerable, present, bid)
+        if situation.event is Event.START:
+            paths = {one.system_id: paths.get(one.system_id, _STAY) for one in situation.steerable}
         alternatives = tuple(one for mine in found.values() for one in mine)
         return Decision(paths, reason=reason, alternatives=alternatives)
 

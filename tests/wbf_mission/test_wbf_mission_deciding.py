@@ -2,11 +2,13 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 import pytest
+from policy_situations import report
 
 from geo import get_farm
 from mission.policies.policy import Asking, FixedPlan
-from mission.policies.situation import Status
+from mission.policies.situation import Event, Status
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import PAPER_WEIGHTS
@@ -62,3 +64,20 @@ def test_who_wants_to_be_asked_is(asking):
     assert loop.asks_on_the_way
     assert loop.due([Told(1)], 0.0, 0) is None
     assert loop.due([Told(1, waypoints_reached=1)], 6.0, 3) is not None
+
+
+def test_what_was_known_before_the_flight_is_no_reason_to_ask():
+    count = np.arange(5)
+    seen = Observations(count, count, count.astype(float), np.full(5, 6), np.ones((5, 3)))
+    policy = FixedPlan("spiral")
+    often = type(
+        "Often",
+        (),
+        {"asking": Asking(observations=3), "decide": lambda _self, told: policy.decide(told), "start": None},
+    )()
+    farm = get_farm("miniberry-30")
+    knowledge = Knowledge(farm, 6, PAPER_FIELDS, PAPER_WEIGHTS, lambda: None, lambda: seen)
+    loop = DecisionLoop(often, "policy", knowledge, records=[])
+    loop.start([report(1)])
+    assert loop.due([Told(1)], 1.0, 7) is None
+    assert loop.due([Told(1)], 1.0, 8) is Event.OBSERVATIONS

@@ -11,6 +11,8 @@ from mission.outcome import Outcome
 from mission.policies.decision import GO_ON, Alternative, Decision
 from mission.policies.policy import Asking
 from mission.policies.situation import Event, Situation, Status
+from sim_vehicle.host.simulation import Impairment
+from wbf_mission.deciding.record import STAYS
 from wbf_mission.flight import fly
 from wbf_mission.result import Result, load_result
 from wbf_mission.scenario import Scenario, scenario_with
@@ -183,6 +185,64 @@ def test_without_a_first_path_nothing_flies() -> None:
         fly(IDEAL, policy=Wanderer(Asking(), lambda s: GO_ON))
 
 
+def test_without_anything_worth_a_first_flight_nothing_flies() -> None:
+    with pytest.raises(PlanningError, match=r"policy Wanderer finds nothing worth a flight"):
+        fly(IDEAL, policy=Wanderer(Asking(), lambda s: Decision({1: []})))
+
+
+def test_a_later_flight_that_is_not_worth_making_is_not_made(tmp_path: Path) -> None:
+    """The days go on, and what is believed holds for as long as the flight would have taken."""
+    flown: list[int] = []
+
+    def every_other(situation: Situation) -> Decision | None:
+        if situation.event is Event.START:
+            flown.append(situation.day)
+            return Decision({1: []}) if len(flown) % 2 == 0 else Decision({1: [[0.5, 0.5], [6.0, 6.0]]})
+        return GO_ON
+
+    options = {**IDEAL.to_dict(), "days": 2, "day": 5, "budget": "30steps", "flights_per_day": 2}
+    result = fly(
+        scenario_with(Scenario(**options), {"score_points": 5}), policy=Wanderer(Asking(), every_other)
+    )
+    assert result.outcome is Outcome.COMPLETED and not result.reason
+    assert [(one.day, one.flight) for one in result.flights] == [(5, 1), (6, 1)]
+    assert flown == [5, 5, 6, 6] and result.stays == 2
+    history = result.history
+    assert [one["flights"] for one in result.by_day()] == [1, 1]
+    for day in (5, 6):
+        of_day = history.of_day(day)
+        assert of_day.observations[-5:] == [of_day.observations[-1]] * 5
+        assert of_day.scores[-6:] == [of_day.scores[-1]] * 6, (
+            "the end of the flight, and five times of the other"
+        )
+    held = [one for record in result.decisions for one in record.changes if not len(one.path_m)]
+    assert [one.outcome for one in held] == [STAYS] * 2 and [one.cost for one in held] == [0.0] * 2
+    result.save(tmp_path / "run", plots=False)
+    again = load_result(tmp_path / "run")
+    assert again.outcome is Outcome.COMPLETED and again.summary()["flights_not_made"] == 2
+
+
+@pytest.mark.parametrize("policy", ["greedy", "rolling-horizon", "orienteering", "confidence-guided"])
+def test_days_go_on_where_nothing_is_left_to_gain(policy: str) -> None:
+    options = {"farm": "miniberry-10", "vehicle": "ideal", "estimator": "adaptive-disk", "budget": "100steps"}
+    result = fly(Scenario(**options, policy=policy, days=2, flights_per_day=3))
+    assert result.outcome is Outcome.COMPLETED
+    assert {one.day for one in result.flights} == {6, 7} and result.stays > 0
+    assert len(result.flights) + result.stays == 6
+
+
+def test_of_a_fleet_one_may_stay_in_the_first_flight() -> None:
+    def first_only(situation: Situation) -> Decision | None:
+        told.append(len(situation.vehicles))
+        return Decision({1: [[4.0, 4.0]], 2: []}) if situation.event is Event.START else GO_ON
+
+    told: list[int] = []
+    result = fly(scenario_with(IDEAL, {"vehicles": 2}), policy=Wanderer(Asking(period_s=5.0), first_only))
+    assert result.outcome is Outcome.COMPLETED
+    assert [one.system_id for one in result.flights] == [1] and result.stays == 1
+    assert told[0] == 2 and set(told[1:]) == {1}
+
+
 def test_home_at_once_is_flown() -> None:
     def homewards(situation: Situation) -> Decision | None:
         if situation.event is Event.START:
@@ -246,6 +306,13 @@ def test_a_policy_is_not_asked_more_often_than_it_wants() -> None:
     result = fly(IDEAL, policy=Wanderer(Asking(observations=1, least_s=6.0)))
     times = [record.time_s for record in result.decisions if record.event == "observations"]
     assert len(times) > 5 and min(np.diff(times)) > 5.99
+
+
+def test_images_that_are_fetched_after_the_flight_ask_nobody() -> None:
+    lossy = Impairment(loss=0.2)
+    result = fly(IDEAL, policy=Wanderer(Asking(observations=1)), impairment=lossy)
+    assert result.outcome is Outcome.COMPLETED
+    assert result.decisions[-1].observations < len(result.observations)
 
 
 def test_a_policy_is_scored_as_often_as_a_planner() -> None:

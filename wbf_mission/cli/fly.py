@@ -279,8 +279,11 @@ def _decision_rows(result: Result) -> dict[str, str]:
     """Return what the terminal tells of a policy's decisions; nothing of a planner's."""
     if result.scenario.mission.policy is None:
         return {}
+    from wbf_mission.deciding.record import PLANNED_PATH, STAYS
+
     records = result.decisions
-    changes = [one for record in records for one in record.changes if one.outcome != "planned"]
+    first_paths = (PLANNED_PATH, STAYS)
+    changes = [one for record in records for one in record.changes if one.outcome not in first_paths]
     flown = [one for one in changes if one.outcome == "flown"]
     delays = [
         one.effect_s - one.sent_s for one in flown if one.effect_s is not None and one.sent_s is not None
@@ -288,6 +291,8 @@ def _decision_rows(result: Result) -> dict[str, str]:
     told = f"{len(records)} questions, {len(flown)} of {len(changes)} changed paths flown"
     if delays:
         told += f", {sum(delays) / len(delays):.2f} s from decision to turn"
+    if result.stays:
+        told += f"; {result.stays} flights not worth making"
     refused = sum(bool(record.refused) for record in records)
     if refused:
         first = next(record.refused for record in records if record.refused)

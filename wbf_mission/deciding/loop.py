@@ -16,7 +16,7 @@ from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import ScoreWeights
 from wbf_mission.deciding.asking import Answer, ask
-from wbf_mission.deciding.record import DecisionRecord, PathChange
+from wbf_mission.deciding.record import PLANNED_PATH, STAYS, DecisionRecord, PathChange
 from wbf_mission.deciding.spacing import KeptDistance
 
 
@@ -128,24 +128,26 @@ class DecisionLoop:
         self._lost: frozenset[int] = frozenset()
 
     def start(self, vehicles: Sequence[VehicleReport]) -> Answer:
-        """Ask for the first paths.
+        """Ask for the first paths; a vehicle whose path has no points stays where it is.
 
         Raises
         ------
         PlanningError
-            If the policy fails, breaks a rule, or has no path for a vehicle.
+            If the policy fails, breaks a rule, or does not name a vehicle.
         """
         situation = self._knowledge.situation(Event.START, 0.0, vehicles, self._compute_s)
         answer = ask(self._policy, self._name, situation)
         for vehicle in situation.steerable:
-            if not len(answer.decision.paths.get(vehicle.system_id, ())):
+            if vehicle.system_id not in answer.decision.paths:
                 msg = f"{self._name} has no path for vehicle {vehicle.system_id}"
                 raise PlanningError(msg)
+        self._observations = len(situation.observations)
         record = self._note(Event.START, 0.0, situation, answer)
         for vehicle in situation.steerable:
             points = answer.decision.paths[vehicle.system_id]
             cost = answer.costs[vehicle.system_id]
-            record.changes.append(PathChange(vehicle.system_id, vehicle.position_m, points, cost, "planned"))
+            outcome = PLANNED_PATH if len(points) else STAYS
+            record.changes.append(PathChange(vehicle.system_id, vehicle.position_m, points, cost, outcome))
         return answer
 
     @property

@@ -96,6 +96,13 @@ class _Writer(_Rows):
         return super().decide(situation)
 
 
+class _Silent(_Rows):
+    """Says nothing before a later flight."""
+
+    def decide(self, situation):
+        return GO_ON if len(situation.observations) else super().decide(situation)
+
+
 class _NoDecision(_Rows):
     def decide(self, situation):
         return dict(super().decide(situation).paths)
@@ -121,6 +128,7 @@ class _Seer(_Rows):
         (_OverBudget(), "its path costs"),
         (_Outside(), "leaves the area"),
         (_NoPath(), "vehicle 1 has no path at the start"),
+        (_Silent(), "vehicle 1 gets neither a path nor one without points"),
         (_Strangers(), "vehicle 99: there is no such vehicle"),
         (_Restless(), "twice has different answers"),
         (_Drawer(), "global generator"),

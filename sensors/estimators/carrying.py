@@ -22,13 +22,14 @@ from sensors.dynamics.outbreak import simulate_outbreak, value_table
 from sensors.dynamics.soil import SoilParameters, simulate_coarse
 from sensors.fields import Field
 
-__all__ = ["Transition", "carried", "transition"]
+__all__ = ["Transition", "carried", "humidity_transition", "transition"]
 
 _LAND_CELLS = 64
 _OUTBREAKS = 100
 _WEATHERS = 64
 _SOIL_CELLS = 24
 _DAYS_AT_ONCE = 16
+_LEAST_CORRELATION = 1e-3
 _CLASSES = (0.0, 0.5, 1.0)
 _Floats = NDArray[np.float64]
 
@@ -63,6 +64,12 @@ class Transition:
     def __call__(self, values: NDArray[np.floating]) -> tuple[_Floats, _Floats]:
         """Return mean and variance of the later values after readings, float64[n] each."""
         return np.interp(values, self.readings, self.means), np.interp(values, self.readings, self.variances)
+
+    @property
+    def correlation(self) -> float:
+        """Correlation of the earlier and the later value, by the open variance: 0.001..1."""
+        known = 1.0 - float(self.variances.mean()) / self.spread if self.spread > 0.0 else 1.0
+        return float(np.sqrt(np.clip(known, _LEAST_CORRELATION**2, 1.0)))
 
     def doubt(self, variances: _Floats) -> _Floats:
         """Return which part of what is unknown without a reading is unknown still: 0..1."""
@@ -118,7 +125,7 @@ def transition(field: Field, grid: FarmGrid, earlier: int, later: int, seed: int
     if field.kind == "disease":
         hosts = int(np.count_nonzero(field.hosts(grid)))
         return _of_classes(field.epidemic, grid.shape, hosts, earlier, later, seed, field.name)
-    return _of_humidity(field.humidity, grid.shape, earlier, later, seed, field.name)
+    return humidity_transition(field.humidity, grid.shape, earlier, later, seed, field.name)
 
 
 @lru_cache(maxsize=64)
@@ -180,9 +187,15 @@ def _humidity(parameters: SoilParameters, shape: tuple[int, int], day: int, seed
     return fields
 
 
-def _of_humidity(
-    parameters: SoilParameters, shape: tuple[int, int], earlier: int, later: int, seed: int, name: str
+def humidity_transition(
+    parameters: SoilParameters,
+    shape: tuple[int, int],
+    earlier: int,
+    later: int,
+    seed: int,
+    name: str = "soil",
 ) -> Transition:
+    """Return what the humidity of an earlier day tells of that of a later one; see `transition`."""
     before, after = (_humidity(parameters, shape, day, seed, name) for day in (earlier, later))
     spread = float(after.var())
     if before.var() < 1e-12:

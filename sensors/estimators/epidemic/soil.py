@@ -24,6 +24,8 @@ from scipy.linalg import lapack
 
 from geo.seeds import stream
 from sensors.dynamics.soil import SoilParameters, simulate_coarse
+from sensors.estimators.carrying import humidity_transition
+from sensors.estimators.passing_day import Crowding, pass_day
 
 Floats = NDArray[np.float64]
 Cells = NDArray[np.integer]
@@ -45,7 +47,7 @@ _NOISE_ROUNDS = 3
 _LEAST_FOR_NOISE = 30
 _NOISE_GROWTH = 1.2
 _MOST_AT_ONCE = 256
-_KEPT_NOISES = 3
+_KEPT_DAYS = 3
 _SMALLEST_VARIANCE = 1e-4
 
 
@@ -84,8 +86,9 @@ def _soil_priors(
 class SoilField:
     """The posterior of the humidity of one farm.
 
-    Observations of earlier days count less: what falls and evaporates in between is taken as noise with the
-    variance of a day's rain.
+    Observations of earlier days count less, and are out of date together (`sensors.estimators.passing_day`).
+    Those after the first day count for less where they are many (`Crowding`): a day's change is small against
+    what was unknown at first, and what the model does not say of it weighs more.
 
     Parameters
     ----------
@@ -110,6 +113,7 @@ class SoilField:
         small = shape[0] * shape[1] <= _SMALL_FARM_CELLS
         self._functions_an_axis = _FUNCTIONS if small else _MORE_FUNCTIONS
         lengths = [np.sqrt(2.0) * parameters.spread * side for side in parameters.hump_sides(shape)]
+        self._lengths = float(lengths[0]), float(lengths[1])
         self.reach = float(np.sqrt(lengths[0] * lengths[1]))
         axes = [
             _Axis(cells, length, self._functions_an_axis)
@@ -119,13 +123,13 @@ class SoilField:
         smooth, rough = (np.outer(axes[0].spectrum[i], axes[1].spectrum[i]).ravel() for i in range(2))
         self._spectrum = (1.0 - _ROUGH_PART) * smooth + _ROUGH_PART * rough
         self._sums: dict[int, _Sums] = {}
+        self._crowding: dict[int, Crowding] = {}
         self._waiting: dict[int, list[tuple[Cells, Cells, Floats]]] = {}
         self._posterior: _Posterior | None = None
         self._known_before: dict[object, tuple[Floats, Floats]] = {}
+        self._noises: dict[object, float] = {}
         columns, rows = (part.ravel() for part in np.meshgrid(self._x.nodes, self._y.nodes, indexing="ij"))
         self._at_nodes = self._functions(columns, rows)
-        # Day, readings of that day and of others, and the noise that they gave.
-        self._noise_known = (-1, 0, 0, _FIRST_NOISE)
 
     def learn(
         self, x: NDArray[np.integer], y: NDArray[np.integer], days: NDArray[np.integer], values: Floats
@@ -138,16 +142,17 @@ class SoilField:
     def _take_in(self) -> None:
         """Add what was learned to the sums and to the posterior: many readings at once cost little more."""
         learned = []
-        for day, parts in self._waiting.items():
+        for day, parts in sorted(self._waiting.items()):
             x, y, values = (np.concatenate(column) for column in zip(*parts, strict=True))
+            weights = self._counted(day, x, y)
             sums = self._sums.setdefault(day, _Sums(1 + self._functions_an_axis**2))
             start = 0
             while start < len(x):
                 part = slice(start, start + min(_BATCH, sums.until_due))
                 functions = self._functions(x[part], y[part])
                 readings = values[part] - self._prior(day).mean
-                sums.add(functions, readings)
-                learned.append((day, functions, readings))
+                sums.add(functions, readings, weights[part])
+                learned.append((day, functions, readings, weights[part]))
                 start = part.stop
         self._waiting.clear()
         posterior = self._posterior
@@ -155,12 +160,19 @@ class SoilField:
             return
         if all(
             posterior.can_learn(day, len(readings)) and not posterior.is_outdated(day, self._noise_from(day))
-            for day, _, readings in learned
+            for day, _, readings, _ in learned
         ):
-            for _, functions, readings in learned:
-                posterior.learn(functions, readings)
+            for _, functions, readings, counted in learned:
+                posterior.learn(functions, readings, counted)
         else:
             self._posterior = None
+
+    def _counted(self, day: int, x: Cells, y: Cells) -> Floats:
+        """Return what each of a day's further readings counts for."""
+        if day <= min(self._sums, default=day):
+            return np.ones(len(x))
+        crowding = self._crowding.setdefault(day, Crowding(self._shape, self._lengths))
+        return crowding.weights(x, y)
 
     def fill(self, day: int, value: NDArray[np.float32], uncertainty: NDArray[np.float32]) -> float:
         """Write the posterior mean, within 0 .. 1, and standard deviation of a day into arrays [W, H].
@@ -174,7 +186,7 @@ class SoilField:
         prior = self._prior(day)
         posterior = self._posterior
         if posterior is None or posterior.is_outdated(day, self._noise_from(day)):
-            posterior = self._posterior = self._solve(day, prior)
+            posterior = self._posterior = self._solve(day)
         weights = posterior.weights
         table = (self._x.functions @ weights[1:].reshape(2 * (self._functions_an_axis,))).astype(np.float32)
         np.matmul(table, self._y.functions.T.astype(np.float32), out=value)
@@ -198,69 +210,78 @@ class SoilField:
         """Return from how many readings of a day its noise is estimated now; 0 if they are too few."""
         return self._sums[day].due.count if day in self._sums else 0
 
-    def _solve(self, day: int, prior: SoilPrior) -> _Posterior:
+    def _solve(self, day: int) -> _Posterior:
         """Estimate the noise of a day, and the functions' weights from all readings."""
-        noise = self._noise(day, prior)
-        precision, response = self._precision(day, prior, noise, {})
+        noise = self._noise(day)
+        sums = self._sums.get(day)
+        precision, response = self._precision(day, noise, None if sums is None else sums.now)
         covariance = _inverse(precision)
         return _Posterior(
             day, noise, self._noise_from(day), covariance, covariance @ response, self._at_nodes
         )
 
-    def _noise(self, day: int, prior: SoilPrior) -> float:
-        """Estimate the variance of the noise, from the readings up to the last count that was due."""
+    def _noise(self, day: int) -> float:
+        """Estimate the variance of a day's noise, from its readings up to the last count that was due."""
         noise = _FIRST_NOISE
         count = self._noise_from(day)
         if not count:
             return noise
-        others = sum(sums.now.count for seen, sums in self._sums.items() if seen != day)
-        if self._noise_known[:-1] == (day, count, others):
-            return self._noise_known[-1]
+        key = day, count, self._counts_before(day)
+        if key in self._noises:
+            return self._noises[key]
         today = self._sums[day].due
         for _ in range(_NOISE_ROUNDS - 1):
-            precision, response = self._precision(day, prior, noise, {day: today})
+            precision, response = self._precision(day, noise, today)
             covariance = _inverse(precision)
             weights = covariance @ response
             fitted = float(np.vdot(covariance, today.squares)) / noise
-            if count - fitted < 0.1 * count:
+            if today.weight - fitted < 0.1 * today.weight:
                 break
             left = today.power - 2.0 * weights @ today.response + weights @ today.squares @ weights
             # MacKay's rule: the data that the functions did not use up tell the noise.
-            noise = max(_LEAST_NOISE, float(left / (count - fitted)))
-        self._noise_known = day, count, others, noise
+            noise = max(_LEAST_NOISE, float(left / (today.weight - fitted)))
+        self._noises[key] = noise
         return noise
 
-    def _precision(
-        self, day: int, prior: SoilPrior, noise: float, instead: dict[int, _Totals]
-    ) -> tuple[Floats, Floats]:
-        """Return the weights' precision matrix, and it times their mean, from the totals of all days."""
-        before = np.concatenate([[prior.level], prior.shape * self._spectrum])
-        rain = (self._parameters.mean_rain**2) * self._parameters.rain_probability
-        precision, response = self._before(day, before, noise, rain)
-        for seen, sums in sorted(self._sums.items()):
-            if seen >= day:
-                totals = instead.get(seen, sums.now)
-                share = 1.0 / (noise + rain * abs(day - seen))
-                precision += share * totals.squares
-                response += share * totals.response
+    def _precision(self, day: int, noise: float, today: _Totals | None) -> tuple[Floats, Floats]:
+        """Return the precision of a day's weights, and it times their mean, by this and the days before."""
+        precision, response = (part.copy() for part in self._before(day))
+        if today is not None:
+            precision += today.squares / noise
+            response += today.response / noise
         return precision, response
 
-    def _before(self, day: int, before: Floats, noise: float, rain: float) -> tuple[Floats, Floats]:
-        """Return the part of the precision and of the response that is known before a day."""
-        earlier = sorted(item for item in self._sums.items() if item[0] < day)
-        key = day, noise, tuple((seen, sums.now.count) for seen, sums in earlier)
+    def _before(self, day: int) -> tuple[Floats, Floats]:
+        """Return the precision of a day's weights, and it times their mean, before it is observed."""
+        variances = self._variances(day)
+        last = max((seen for seen in self._sums if seen < day), default=None)
+        if last is None:
+            return np.diag(1.0 / variances), np.zeros(len(variances))
+        key = day, self._counts_before(day)
         known = self._known_before.pop(key, None)
         if known is None:
-            known = np.diag(1.0 / before), np.zeros(len(before))
-            for seen, sums in earlier:
-                share = 1.0 / (noise + rain * (day - seen))
-                known[0].__iadd__(share * sums.now.squares)
-                known[1].__iadd__(share * sums.now.response)
-        # The noise that is assumed at first, and the one that was found last, are asked for again and again.
+            precision, response = self._precision(last, self._noise(last), self._sums[last].now)
+            # In units of what was known of each day before anything was seen.
+            unit, later = np.sqrt(self._variances(last)), np.sqrt(variances)
+            step = humidity_transition(self._parameters, self._shape, last, day, self._seed)
+            precision, response = pass_day(
+                precision * np.outer(unit, unit), response * unit, step.correlation
+            )
+            known = precision / np.outer(later, later), response / later
         self._known_before[key] = known
-        while len(self._known_before) > _KEPT_NOISES:
+        while len(self._known_before) > _KEPT_DAYS:
             del self._known_before[next(iter(self._known_before))]
-        return known[0].copy(), known[1].copy()
+        return known
+
+    def _counts_before(self, day: int) -> tuple[tuple[int, int], ...]:
+        """Return the days before one with readings, and how many they have."""
+        return tuple((seen, sums.now.count) for seen, sums in sorted(self._sums.items()) if seen < day)
+
+    def _variances(self, day: int) -> Floats:
+        """Return the prior variances of a day's weights, float64[1 + functions^2]."""
+        prior = self._prior(day)
+        found: Floats = np.concatenate([[prior.level], prior.shape * self._spectrum])
+        return found
 
 
 class _Posterior:
@@ -303,12 +324,12 @@ class _Posterior:
         """Return whether it can take so many further readings of a day, without being made anew."""
         return day == self.day and count <= _MOST_AT_ONCE
 
-    def learn(self, functions: Floats, readings: Floats) -> None:
-        """Take further readings of its day."""
+    def learn(self, functions: Floats, readings: Floats, counted: Floats) -> None:
+        """Take further readings of its day, each for a part of one."""
         # Woodbury's identity.
         moved = self._covariance @ functions.T
         within = functions @ moved
-        within[np.diag_indices_from(within)] += self.noise
+        within[np.diag_indices_from(within)] += self.noise / counted
         gain = np.linalg.solve(within, moved.T)
         self.weights = self.weights + gain.T @ (readings - functions @ self.weights)
         self.variance -= np.einsum("ij,ji->i", self._at_nodes @ moved, gain @ self._at_nodes.T)
@@ -336,6 +357,7 @@ class _Totals:
     squares: Floats
     response: Floats
     power: float = 0.0
+    weight: float = 0.0
     count: int = 0
 
 
@@ -355,13 +377,17 @@ class _Sums:
         following = max(_LEAST_FOR_NOISE, int(_NOISE_GROWTH * self.due.count))
         return following - self.now.count
 
-    def add(self, functions: Floats, values: Floats) -> None:
-        """Add at most `until_due` readings."""
+    def add(self, functions: Floats, values: Floats, weights: Floats) -> None:
+        """Add at most `until_due` readings, each for a part of one."""
         due = len(values) == self.until_due
-        self.now.squares.__iadd__(functions.T @ functions)
-        self.now.response.__iadd__(functions.T @ values)
+        counted = weights[:, None] * functions
+        self.now.squares.__iadd__(counted.T @ functions)
+        self.now.response.__iadd__(counted.T @ values)
         self.now = replace(
-            self.now, power=self.now.power + float(values @ values), count=self.now.count + len(values)
+            self.now,
+            power=self.now.power + float(weights @ values**2),
+            weight=self.now.weight + float(weights.sum()),
+            count=self.now.count + len(values),
         )
         if due:
             self.due = replace(self.now, squares=self.now.squares.copy(), response=self.now.response.copy())

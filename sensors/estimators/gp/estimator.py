@@ -56,10 +56,11 @@ class GaussianProcessEstimator(BaseEstimator):
     what further observations reach, and the arrays that `predict` returns are the same ones at each call.
     Repeated observations of a cell on a day are independent looks.
 
-    *Days.* A reading of an earlier day is carried forward by the field's own dynamics, and what they leave
-    open is further noise (`sensors.estimators.carrying`); where kernels are learned from the observations, it
-    stays as it is, and the noise is what cells that were read twice changed by. What a cell showed before a
-    later day's reading counts no more.
+    *Days.* A reading of an earlier day is carried forward by the field's own dynamics
+    (`sensors.estimators.carrying`). What they leave open of a disease is further noise, and what a cell
+    showed before a later day's reading counts no more; the soil changes by smooth showers, so that its
+    readings are out of date together (`sensors.estimators.passing_day`). Where kernels are learned from the
+    observations, a reading stays as it is, and the noise is what cells that were read twice changed by.
 
     The uncertainty is the standard deviation of an observation, noise included, as in the paper: the noise is
     what a cell differs from its smooth neighbourhood by.
@@ -195,7 +196,12 @@ class GaussianProcessEstimator(BaseEstimator):
                     process.fit(self._fit_kernel)
         if self.latest_day_ is not None:
             for field, process in zip(self.fields, self._fields, strict=True):
-                process.carry_to(self.latest_day_, partial(self._carry, field, process, self.latest_day_))
+                smooth = field.kind == "continuous" and self.learn_from == "model"
+                process.carry_to(
+                    self.latest_day_,
+                    partial(self._carry, field, process, self.latest_day_),
+                    partial(self._correlation, field) if smooth else None,
+                )
         exact = not self._needs_local()
         for name, process in zip(self.fields.names, self._fields, strict=True):
             try:
@@ -285,6 +291,9 @@ class GaussianProcessEstimator(BaseEstimator):
         if self.learn_from == "observations":
             return values, np.full(len(values), process.change_a_day * (day - earlier))
         return transition(field, self.grid_, earlier, day, self.training_seed)(values)
+
+    def _correlation(self, field: Field, earlier: int, later: int) -> float:
+        return transition(field, self.grid_, earlier, later, self.training_seed).correlation
 
     def _fit_kernel(
         self, x: NDArray[np.int32], y: NDArray[np.int32], residuals: NDArray[np.float64]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.gp.posterior_exact import ExactPosterior
 from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel
+from sensors.estimators.passing_day import Crowding
 
 if TYPE_CHECKING:
     from sensors.estimators.gp.local import LocalPosterior, WholePosterior
@@ -27,6 +29,8 @@ _FIT_RUNS = 8
 KernelFit = Callable[[Cells, Cells, Floats], RbfKernel]
 Carry = Callable[[int, Floats], tuple[Floats, Floats]]
 """Takes an earlier day and readings of it; gives what they tell of the present day, and its variance."""
+Correlate = Callable[[int, int], float]
+"""Takes two days; gives the correlation of a smooth field on them."""
 
 
 class FieldProcess:
@@ -57,12 +61,14 @@ class FieldProcess:
         self._days = GrowingArray((), np.int32)
         self._day: int | None = None
         self._carry: Carry | None = None
+        self._correlate: Correlate | None = None
         self._superseded = np.zeros(0, np.bool_)
         self._changed, self._days_of_change = 0.0, 0
         self._fitted = 0
         self._conditioned = 0
         self._posterior: ExactPosterior | LocalPosterior | WholePosterior | None = None
-        self._made_for: tuple[RbfKernel, bool, int | None] | None = None
+        self._made_for: tuple[RbfKernel, bool | None, int | None] | None = None
+        self._crowding = self._no_crowd()
         self._written: tuple[object, float] | None = None
 
     def __len__(self) -> int:
@@ -74,9 +80,13 @@ class FieldProcess:
         self._values.append(values)
         self._days.append(days)
 
-    def carry_to(self, day: int, carry: Carry) -> None:
-        """Estimate this day: readings of earlier ones count by what they tell of it."""
-        self._day, self._carry = day, carry
+    def carry_to(self, day: int, carry: Carry, correlate: Correlate | None = None) -> None:
+        """Estimate this day: readings of earlier ones count by what they tell of it.
+
+        With `correlate` the field changes smoothly in space, so readings of a day are out of date together
+        (`sensors.estimators.passing_day`); without it, each for itself.
+        """
+        self._day, self._carry, self._correlate = day, carry, correlate
 
     def fit(self, fit_kernel: KernelFit) -> None:
         """Fit the kernel to the observations if that is due."""
@@ -103,6 +113,8 @@ class FieldProcess:
         numpy.linalg.LinAlgError
             If the covariance of the observations is singular.
         """
+        if self._update_smooth():
+            return
         posterior = self._posterior
         state = self.kernel, exact, self._day
         gone = self._newly_superseded()
@@ -118,6 +130,54 @@ class FieldProcess:
             self._conditioned = len(self)
         if not isinstance(posterior, ExactPosterior):
             posterior.solve()
+
+    def _update_smooth(self) -> bool:
+        """Bring the posterior of a field that changed smoothly since earlier readings up to date.
+
+        Returns
+        -------
+        bool
+            False if nothing was done: there are no such readings, or the kernel is too short for it.
+        """
+        days = self._days.array
+        if self._correlate is None or self._day is None or not (days < self._day).any():
+            return False
+        state = (self.kernel, None, self._day)
+        posterior = self._posterior
+        if self._made_for != state or (days[self._conditioned :] < self._day).any():
+            posterior = whole = self._whole_posterior()
+            if whole is None:
+                return False
+            self._posterior, self._made_for, self._conditioned = posterior, state, 0
+            earlier = np.unique(days[days < self._day]).tolist()
+            for day, following in pairwise([*earlier, self._day]):
+                x, y = self._cells.array[days == day].T
+                values = self._as_of_today(day, self._values.array[days == day])
+                # A day's change is small against what was unknown at first.
+                counted = None if day == earlier[0] else self._no_crowd().weights(x, y)
+                whole.condition(x, y, values, counted)
+                whole.pass_day(self._correlate(day, following))
+            self._crowding = self._no_crowd()
+        assert not isinstance(posterior, ExactPosterior | None)
+        further = np.arange(self._conditioned, len(self))
+        further = further[days[further] == self._day]
+        x, y = self._cells.array[further].T
+        posterior.condition(x, y, self._values.array[further], self._crowding.weights(x, y))
+        self._conditioned = len(self)
+        posterior.solve()
+        return True
+
+    def _no_crowd(self) -> Crowding:
+        return Crowding(self._shape, (self.kernel.length_x, self.kernel.length_y))
+
+    def _as_of_today(self, day: int, values: Floats) -> Floats:
+        """Return readings of an earlier day in today's units: as far from the mean as they were."""
+        assert self._carry is not None
+        assert self._correlate is not None
+        assert self._day is not None
+        mean = self.prior_mean(len(self))
+        expected, _ = self._carry(day, values)
+        return mean + (expected - mean) / self._correlate(day, self._day)
 
     def _newly_superseded(self) -> NDArray[np.intp]:
         """Find the readings whose cells were read again on a later day: they tell nothing more.
@@ -179,9 +239,12 @@ class FieldProcess:
         return self.kernel if self._posterior is None else self._posterior.kernel
 
     def write_all(self, value: NDArray[np.float32], uncertainty: NDArray[np.float32], *, clip: bool) -> None:
-        """Write the exact posterior's mean, and the deviation of an observation, into arrays [W, H]."""
+        """Write the posterior's mean, and the deviation of an observation, into other arrays [W, H]."""
         posterior = self._posterior
-        assert isinstance(posterior, ExactPosterior)
+        if not isinstance(posterior, ExactPosterior):
+            self._written = None
+            self.write_changes(value, uncertainty, clip=clip)
+            return
         mean = self.prior_mean(len(self))
         response, constant = posterior.response.reshape(2, *self._shape)
         value[:] = mean + response - mean * constant
@@ -211,16 +274,23 @@ class FieldProcess:
     def _new_posterior(self, exact: bool) -> ExactPosterior | LocalPosterior | WholePosterior:
         if exact:
             return ExactPosterior(self._shape, self.kernel)
+        whole = self._whole_posterior()
+        if whole is not None:
+            return whole
+        from sensors.estimators.gp.local import LEAST_NOISE, LocalPosterior
+
+        noise = max(self.kernel.noise, LEAST_NOISE * self.kernel.amplitude)
+        return LocalPosterior(self._shape, replace(self.kernel, noise=noise))
+
+    def _whole_posterior(self) -> WholePosterior | None:
+        """Return a posterior in functions over the whole farm; None if they would be too many."""
         # Compiled code is loaded only if it is used.
-        from sensors.estimators.gp.local import LEAST_NOISE, LocalPosterior, WholePosterior
+        from sensors.estimators.gp.local import WholePosterior
 
         spectrum = WholePosterior.spectrum_of_farm(
             self._shape, self.kernel, MOST_OBSERVATIONS, MOST_FUNCTIONS
         )
-        if spectrum is not None:
-            return WholePosterior(self._shape, self.kernel, spectrum)
-        noise = max(self.kernel.noise, LEAST_NOISE * self.kernel.amplitude)
-        return LocalPosterior(self._shape, replace(self.kernel, noise=noise))
+        return None if spectrum is None else WholePosterior(self._shape, self.kernel, spectrum)
 
 
 def due_fit(n: int) -> int:

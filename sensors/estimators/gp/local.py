@@ -19,6 +19,7 @@ from sensors.estimators.gp import tile as gp_tile
 from sensors.estimators.gp.lattice import NodeLattice
 from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel
 from sensors.estimators.gp.threads import in_parallel, one_blas_thread
+from sensors.estimators.passing_day import pass_day
 
 TILE_LENGTHS = 8.0
 REACH_LENGTHS = 7.0
@@ -260,6 +261,11 @@ class WholePosterior:
                 self._precision += found[begin][0] / self.kernel.noise
                 self._response += found[begin][1] / self.kernel.noise
         self._waiting = self._waiting or len(x) > 0
+
+    def pass_day(self, correlation: float) -> None:
+        """Go on to a later day, on which the field has this correlation with itself (0..1)."""
+        self._precision, self._response = pass_day(self._precision, self._response, correlation)
+        self._waiting = True
 
     def solve(self) -> None:
         """Bring the nodes up to date.

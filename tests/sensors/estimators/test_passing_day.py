@@ -1,0 +1,124 @@
+"""What a day does to the belief in a smooth field."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from geo.farms import get_farm
+from geo.seeds import stream
+from sensors.dynamics.soil import simulate_coarse
+from sensors.estimators import advance_estimator, make_estimator
+from sensors.estimators.passing_day import Crowding, pass_day
+from sensors.fields import PAPER_FIELDS
+from sensors.observations import Observations
+
+GRID = get_farm("miniberry-30").grid()
+SOIL = PAPER_FIELDS.index("soil")
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(1, 6), st.integers(0, 30), st.floats(0.0, 0.999), st.integers(0, 2**32 - 1))
+def test_a_day_is_the_prediction_of_a_kalman_filter(size, readings, correlation, seed):
+    rng = np.random.default_rng(seed)
+    seen = rng.normal(size=(readings, size))
+    precision, response = np.eye(size) + 50.0 * seen.T @ seen, rng.normal(size=(size, 2))
+    later, told = pass_day(precision, response, correlation)
+    covariance = np.linalg.inv(precision)
+    expected = correlation**2 * covariance + (1.0 - correlation**2) * np.eye(size)
+    np.testing.assert_allclose(np.linalg.inv(later), expected, atol=1e-8)
+    np.testing.assert_allclose(np.linalg.solve(later, told), correlation * covariance @ response, atol=1e-8)
+
+
+def test_without_readings_a_day_changes_nothing_and_without_correlation_it_forgets_all():
+    later, told = pass_day(np.eye(4), np.zeros(4), 0.9)
+    np.testing.assert_allclose(later, np.eye(4), atol=1e-12)
+    assert not told.any()
+    later, told = pass_day(1000.0 * np.eye(4), np.ones(4), 0.0)
+    np.testing.assert_allclose(later, np.eye(4), atol=1e-12)
+    assert not told.any()
+
+
+def test_each_weight_may_have_a_correlation_of_its_own():
+    kept = np.array([0.0, 0.5, 0.9])
+    later, told = pass_day(4.0 * np.eye(3), 4.0 * np.ones(3), kept)
+    np.testing.assert_allclose(np.diag(np.linalg.inv(later)), 1.0 - 0.75 * kept**2)
+    np.testing.assert_allclose(np.linalg.solve(later, told), kept)
+
+
+def test_the_more_readings_a_stretch_has_the_less_a_further_one_counts():
+    crowd = Crowding((100, 100), (40.0, 40.0))
+    x, y = np.array([3, 55, 4, 9, 10]), np.array([3, 55, 5, 9, 3])
+    assert crowd.weights(x, y).tolist() == [1.0, 1.0, 1.0 / 2, 1.0 / 3, 1.0]
+    assert crowd.weights(x, y).tolist() == [1.0 / 4, 1.0 / 2, 1.0 / 5, 1.0 / 6, 1.0 / 2]
+
+
+@given(st.lists(st.tuples(st.integers(0, 29), st.integers(0, 19)), max_size=60), st.integers(0, 60))
+def test_readings_count_alike_in_one_part_or_in_two(cells, cut):
+    x, y = np.array(cells, np.int32).reshape(-1, 2).T
+    whole = Crowding((30, 20), (20.0, 13.0)).weights(x, y)
+    parts = Crowding((30, 20), (20.0, 13.0))
+    found = np.concatenate([parts.weights(x[:cut], y[:cut]), parts.weights(x[cut:], y[cut:])])
+    assert found.tolist() == whole.tolist()
+
+
+@pytest.mark.parametrize("name", ["gp", "epidemic"])
+def test_the_day_after_many_readings_the_soil_is_as_uncertain_as_its_change_makes_it(name):
+    # Diseases are not observed; so nothing is trained for them.
+    estimator = make_estimator(name, **({"outbreaks": 50, "epochs": 2} if name == "epidemic" else {}))
+    rows = np.argwhere(np.ones(GRID.shape, np.bool_))[::2]
+    errors, stated = {6: [], 7: []}, {6: [], 7: []}
+    for number in range(12):
+        rng = stream(4100 + number, "test", "weather")
+        truth = simulate_coarse(PAPER_FIELDS["soil"].humidity, GRID.shape, (6, 7), max(GRID.shape), [rng])
+        x, y = rows.T
+        values = np.full((len(rows), 3), np.nan)
+        values[:, SOIL] = truth[0, 0, x, y]
+        times_s = np.arange(len(rows), dtype=float)
+        estimator.fit(GRID, Observations(x, y, times_s, np.full(len(rows), 6), values))
+        for day, field in zip((6, 7), truth[:, 0], strict=True):
+            advance_estimator(estimator, day)
+            model = estimator.predict()
+            errors[day].append(np.mean((model.value[SOIL] - field) ** 2))
+            stated[day].append(np.mean(model.uncertainty[SOIL] ** 2))
+    assert np.mean(errors[7]) > 5.0 * np.mean(errors[6])
+    assert 0.5 < np.mean(stated[7]) / np.mean(errors[7]) < 4.0
+
+
+@pytest.mark.parametrize("name", ["gp", "epidemic"])
+def test_readings_of_a_later_day_tell_how_the_farm_changed_where_none_were_made(name):
+    estimator = make_estimator(name, **({"outbreaks": 50, "epochs": 2} if name == "epidemic" else {}))
+    rows = np.argwhere(np.ones(GRID.shape, np.bool_))[::3]
+    x, y = rows.T
+    part = (x >= 10) & (x < 18)
+    before, after = [], []
+    for number in range(12):
+        rng = stream(4200 + number, "test", "weather")
+        truth = simulate_coarse(PAPER_FIELDS["soil"].humidity, GRID.shape, (6, 7), max(GRID.shape), [rng])
+
+        def seen(day, where, truth=truth[:, 0]):
+            values = np.full((where.sum(), 3), np.nan)
+            values[:, SOIL] = truth[day - 6, x[where], y[where]]
+            return Observations(x[where], y[where], np.zeros(where.sum()), np.full(where.sum(), day), values)
+
+        estimator.fit(GRID, seen(6, np.ones(len(x), np.bool_)))
+        advance_estimator(estimator, 7)
+        beside = np.s_[20:24]
+        before.append(np.mean((estimator.predict().value[SOIL, beside] - truth[1, 0, beside]) ** 2))
+        estimator.partial_fit(seen(7, part))
+        after.append(np.mean((estimator.predict().value[SOIL, beside] - truth[1, 0, beside]) ** 2))
+    assert np.mean(after) < 0.8 * np.mean(before)
+
+
+def test_a_reading_of_yesterday_that_arrives_late_counts_as_if_it_had_come_in_time():
+    rng = np.random.default_rng(8)
+    cells = rng.integers(0, 30, (60, 2))
+    values = np.full((60, 3), np.nan)
+    values[:, SOIL] = rng.uniform(0.4, 0.6, 60)
+    seen = Observations(*cells.T, np.arange(60.0), np.repeat([5, 6], 30), values)
+    in_time = make_estimator("gp").fit(GRID, seen).predict()
+    late = make_estimator("gp").fit(GRID, seen[10:])
+    late.predict()
+    found = late.partial_fit(seen[:10]).predict()
+    np.testing.assert_allclose(found.value[SOIL], in_time.value[SOIL], atol=1e-4)
+    np.testing.assert_allclose(found.uncertainty[SOIL], in_time.uncertainty[SOIL], atol=1e-4)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mission.planners.path import Points
-from mission.policies.packages import Package, Row
+from mission.policies.packages import SHORTEST_M, Package, Row
 
 _SAME_M = 0.1
 _ROW_POINTS = 2
@@ -95,17 +95,19 @@ class Contract:
         parts = [one.points_m[-left:] for one, left in self.ahead if one.package is not None]
         return np.concatenate(parts) if parts else NO_POINTS
 
-    def unflown(self, here_m: tuple[float, float]) -> list[Package]:
+    def unflown(self, here_m: tuple[float, float] | None = None) -> list[Package]:
         """Return the packages with the rows that are left of them; of a row, what is ahead of a place."""
         rows: dict[int, dict[int, Row]] = {}
         packages: dict[int, Package] = {}
         for stretch, left in self.ahead:
             if stretch.package is None:
                 continue
-            packages[stretch.package.number] = stretch.package
             row = stretch.package.rows[stretch.row]
-            if left < _ROW_POINTS:
+            if left < _ROW_POINTS and here_m is not None:
                 row = _rest_of(row, stretch.points_m[-1], here_m)
+            if np.hypot(*(row.ends_m[1] - row.ends_m[0])) <= SHORTEST_M:
+                continue
+            packages[stretch.package.number] = stretch.package
             rows.setdefault(stretch.package.number, {})[stretch.row] = row
         return [
             replace(package, rows=tuple(rows[number][k] for k in sorted(rows[number])))

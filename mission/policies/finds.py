@@ -52,6 +52,10 @@ class Finds:
         """Forget the run before."""
         self._known, self._numbers, self._offered = 0, 0, []
 
+    def begin_day(self) -> None:
+        """Offer what was offered on another day anew when it is found again."""
+        self._offered = []
+
     def next_number(self) -> int:
         """Return a number for a package that no other one of the run has."""
         self._numbers += 1

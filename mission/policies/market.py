@@ -99,6 +99,7 @@ class Market:
     def start(self) -> None:
         """Forget the run before."""
         self._finds.start()
+        self._day: int | None = None
         self._contracts: dict[int, Contract] = {}
         self._open: list[Package] = []
         self._terrains: dict[int, Terrain] = {}
@@ -108,6 +109,7 @@ class Market:
         """Sell what there is to be sold, if that changed."""
         spacing: dict[int, float] = {}
         if situation.event is Event.START:
+            self._begin_flight(situation.day)
             spacing = self._divide(situation)
             returned = True
         else:
@@ -123,6 +125,18 @@ class Market:
             return GO_ON
         reason = "first look" if spacing else "packages about finds" if found else "packages sold anew"
         return Decision(paths, reason=reason, spacing_m=spacing)
+
+    def _begin_flight(self, day: int) -> None:
+        """Keep of the flight before what is left of its fine packages, if it was on the same day."""
+        left = [*self._open]
+        for contract in self._contracts.values():
+            left += contract.unflown()
+        self._contracts, self._open = {}, []
+        if day == self._day:
+            self._open = [package for package in left if package.fine]
+        else:
+            self._finds.begin_day()
+        self._day = day
 
     def _divide(self, situation: Situation) -> dict[int, float]:
         """Offer the coarse packages of every area; return the distance of their rows for each vehicle."""

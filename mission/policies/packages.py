@@ -18,7 +18,8 @@ from mission.planners.path import Area, Points
 
 VARIANTS = 4
 """A package is flown from any of its four corners."""
-_SHORTEST_M = 1e-3
+SHORTEST_M = 1e-3
+"""A shorter row is none."""
 
 Box = tuple[float, float, float, float]
 """x_min, y_min, x_max, y_max."""
@@ -94,7 +95,7 @@ def rows_over(box_m: Box, flyable: Area, spacing_m: float) -> tuple[Row, ...]:
         About their distance from each other; those at the border are half as far from it.
     """
     low, high = np.array(box_m[:2]), np.array(box_m[2:])
-    along = int(np.argmax(high - low - np.array([0.0, _SHORTEST_M])))
+    along = int(np.argmax(high - low - np.array([0.0, SHORTEST_M])))
     across = 1 - along
     count = max(1, round(float(high[across] - low[across]) / spacing_m))
     middles = low[across] + (np.arange(count) + 0.5) * (high[across] - low[across]) / count
@@ -103,7 +104,7 @@ def rows_over(box_m: Box, flyable: Area, spacing_m: float) -> tuple[Row, ...]:
     ends[:, :, along] = low[along], high[along]
     rows: list[Row] = []
     for line, part in enumerate(shapely.intersection(shapely.linestrings(ends), flyable)):
-        pieces = [piece for piece in shapely.get_parts(part) if piece.length > _SHORTEST_M]
+        pieces = [piece for piece in shapely.get_parts(part) if piece.length > SHORTEST_M]
         corners = [np.array([piece.coords[0], piece.coords[-1]]) for piece in pieces]
         corners = [piece[np.argsort(piece[:, along], kind="stable")] for piece in corners]
         corners.sort(key=lambda piece: float(piece[0, along]))

@@ -30,6 +30,15 @@ def test_in_a_row_what_is_ahead_of_the_vehicle_is_left():
     assert len(left.rows) == 1 and left.rows[0].ends_m.tolist() == [[0.0, 3.0], [4.0, 3.0]]
 
 
+def test_at_the_end_of_a_row_nothing_of_it_is_left():
+    contract, package = _contract()
+    assert contract.follow(contract.points_m[1:])
+    (left,) = contract.unflown((10.0, 1.0))
+    assert [row.line for row in left.rows] == [package.rows[1].line]
+    assert contract.follow(contract.points_m[3:])
+    assert contract.unflown((0.0, 3.0)) == []
+
+
 def test_a_flown_package_leaves_nothing():
     contract, _ = _contract()
     assert contract.follow(contract.points_m[4:]) and contract.begun is None

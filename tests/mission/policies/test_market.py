@@ -31,11 +31,11 @@ def _flown(vehicle, path, points):
     return replace(known, spent=spent, rest_m=path[points:])
 
 
-def _seen(cells, value=0.0, begin=0, field=0):
+def _seen(cells, value=0.0, begin=0, field=0, day=6):
     values = np.ones((len(cells), 3))
     values[:, field] = value
     x, y = np.array(cells).T
-    return Observations(x, y, np.arange(begin, begin + len(cells)), np.full(len(cells), 6), values)
+    return Observations(x, y, np.arange(begin, begin + len(cells)), np.full(len(cells), day), values)
 
 
 def _passes(path, low, high, start=(0.0, 0.0)):
@@ -203,6 +203,32 @@ def test_the_way_home_is_kept():
     vehicles = _fleet(2, budget=budget)
     for k, path in Market().decide(situation(*vehicles)).paths.items():
         assert 40.0 < vehicles[k - 1].fares.rest([path])[0] <= 60.0
+
+
+def _about_finds(policy, vehicles, day, seen):
+    """Fly and show finds; return the first paths, whether fine packages were sold, and what was seen."""
+    first = policy.decide(replace(situation(*vehicles, seen=seen), day=day)).paths
+    flying = [_flown(one, first[one.system_id], 2) for one in vehicles]
+    finds = Observations.concatenate([seen, _seen([(20, 20), (21, 20)], begin=200, day=day)])
+    healthy = Observations.concatenate([finds, _seen([(1, 1)], 1.0, begin=300, day=day)])
+    for now in (finds, healthy):
+        answer = policy.decide(replace(situation(*flying, event=Event.OBSERVATIONS, seen=now), day=day))
+    return first, answer.reason == "packages about finds", healthy
+
+
+def test_each_flight_begins_with_a_first_look_and_each_day_with_finds_of_its_own():
+    policy, vehicles = Market(), _fleet(3)
+    first, sold, seen = _about_finds(policy, vehicles, 6, Observations.empty())
+    assert sold
+    again, sold, seen = _about_finds(policy, vehicles, 6, seen)
+    assert not sold, "they were offered on this day"
+    # What is left of the fine package is flown, too; of the first look nothing is sold twice.
+    rows = [row for path in again.values() for row in _rows(path)]
+    assert len({row.wkb for row in rows}) == len(rows)
+    later, sold, _ = _about_finds(policy, vehicles, 7, seen)
+    assert sold
+    for k, path in first.items():
+        assert [row.wkb for row in _rows(later[k])][:3] == [row.wkb for row in _rows(path)][:3]
 
 
 def test_parameters_out_of_range_are_refused():

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.planners.budget import LengthBudget, StepBudget
-from mission.planners.path import Points
+from mission.planners.path import Points, drop_coincident
 from mission.policies.situation import VehicleReport
 
 
@@ -37,9 +37,12 @@ class GeometricFares:
     position_m: tuple[float, float]
 
     def rest(self, paths_m: Sequence[Points]) -> list[float]:
-        """Return what rests of the path cost, from here through their points and home if that is paid for."""
+        """Return what rests of the path cost, from here through their points and home if that is paid for.
+
+        A point that is named again is a joint of two pieces, which takes no step: in flight it is no stay.
+        """
         here = np.asarray(self.position_m, dtype=np.float64)
-        return [self.budget.cost(np.vstack((here, np.reshape(path, (-1, 2))))) for path in paths_m]
+        return [self.budget.cost(np.vstack((here, drop_coincident(path)))) for path in paths_m]
 
     def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
         """Return what straight legs cost, float64[n, m], from n points to m others."""

@@ -315,6 +315,33 @@ def test_images_that_are_fetched_after_the_flight_ask_nobody() -> None:
     assert result.decisions[-1].observations < len(result.observations)
 
 
+def test_a_joint_of_two_pieces_of_a_path_takes_no_step() -> None:
+    """The robot flies on there, so a path may be as long as if each point were named once."""
+
+    def named(times: int) -> Result:
+        def eastwards(situation: Situation) -> Decision:
+            if situation.event is Event.START:
+                return Decision({1: [[0.15, 8.0]]})
+            if len(asked) > 0:
+                return GO_ON
+            vehicle = situation.vehicles[0]
+            asked.append(situation)
+            legs = np.arange(5.0, 5.0 * (vehicle.left // 5.0) + 1.0, 5.0) * situation.farm.cell_size_m
+            ends = np.array(vehicle.position_m) + np.outer(legs, (1.0, 0.0))
+            return Decision({1: np.repeat(ends, times, axis=0)})
+
+        asked: list[Situation] = []
+        return fly(
+            scenario_with(IDEAL, {"budget": "30steps"}), policy=Wanderer(Asking(observations=5), eastwards)
+        )
+
+    once, twice = named(1), named(2)
+    changes = [one for record in twice.decisions for one in record.changes]
+    assert changes[1].outcome == "flown" and not any(one.refused for one in twice.decisions)
+    np.testing.assert_array_equal(once.observations.x, twice.observations.x)
+    assert changes[1].cost == [one for record in once.decisions for one in record.changes][1].cost
+
+
 def test_a_policy_is_scored_as_often_as_a_planner() -> None:
     """It begins with a short path; the number of scored times follows from what the budget pays for."""
     short = Wanderer(Asking(observations=10))

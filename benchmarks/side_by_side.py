@@ -4,8 +4,8 @@
 
 The folder holds ``<autopilot>-<mission>.json`` and ``.csv.gz`` files (see `benchmarks/recordings.py`). Each
 is flown by the vehicle that stands for the recorded one, with the recorded parameters and wind. Vehicles
-whose estimate errs (PX4's multirotors) fly once for each seed: the time is the mean, with the deviation of a
-flight, and all else that of the flight whose time is in the middle.
+whose estimate errs (PX4's multirotors) fly once for each seed: times and phases are means, with the deviation
+of a flight, and all else that of the flight whose time is in the middle.
 """
 
 from __future__ import annotations
@@ -47,8 +47,7 @@ class Pair:
     stem: str
     recording: Recording
     spec: VehicleSpec
-    flight: Flight
-    times_s: tuple[float, ...]
+    flights: tuple[Flight, ...]
 
     @classmethod
     def of(cls, path: Path, seeds: int) -> Pair:
@@ -56,11 +55,18 @@ class Pair:
         recording = load_recording(path)
         spec = recording.spec()
         errors = [EstimateErrors(seed) for seed in range(seeds)] if estimate_errs(spec) else [None]
-        flights = [fly_recording(recording, spec, one) for one in errors]
-        spans = [flight.window(recording.items) for flight in flights]
-        times = [last - first for first, last in spans]
-        middle = sorted(range(len(times)), key=times.__getitem__)[len(times) // 2]
-        return cls(path.stem, recording, spec, flights[middle], tuple(times))
+        return cls(path.stem, recording, spec, tuple(fly_recording(recording, spec, one) for one in errors))
+
+    @property
+    def times_s(self) -> list[float]:
+        """How long each simulated flight took from the first to the last waypoint."""
+        return [last - first for first, last in (one.window(self.recording.items) for one in self.flights)]
+
+    @property
+    def flight(self) -> Flight:
+        """The simulated flight whose time is in the middle."""
+        times_s = self.times_s
+        return self.flights[sorted(range(len(times_s)), key=times_s.__getitem__)[len(times_s) // 2]]
 
     @property
     def vehicle(self) -> str:
@@ -98,7 +104,16 @@ def main() -> None:
                 corners.append((pair.stem, *_turns(pair)))
         except VehicleError as error:
             print(f"{pair.stem}: {error}", file=sys.stderr)
-    heads = "recording", "vehicle", "recorded", "simulated", "error", "path, mean", "path, 95 %", "speed, r"
+    heads: tuple[str, ...] = (
+        "recording",
+        "vehicle",
+        "recorded",
+        "simulated",
+        "error",
+        "path, mean",
+        "path, 95 %",
+        "speed, r",
+    )
     _table("First to last waypoint", heads, times)
     heads = (
         "recording",
@@ -155,12 +170,20 @@ def _times(pair: Pair, result: Comparison) -> tuple[str, ...]:
 
 
 def _phases(pair: Pair) -> list[str]:
-    flies = pair.spec.kind != "rover"
-    both = [
-        (*astuple(phases(flight, pair.recording.items, start_s, flies=flies)), flight.end_s - start_s)
-        for flight, start_s in pair.both()
+    def lasted(flight: Flight, start_s: float) -> tuple[float, ...]:
+        found = phases(flight, pair.recording.items, start_s, flies=pair.spec.kind != "rover")
+        return (*astuple(found), flight.end_s - start_s)
+
+    recorded = lasted(pair.recording.flight, START_S)
+    simulated = np.array([lasted(flight, 0.0) for flight in pair.flights])
+    cells = [_beside(values, "s") for values in zip(recorded, simulated.mean(axis=0).tolist(), strict=True)]
+    if len(simulated) == 1:
+        return cells
+    deviations = simulated.std(axis=0, ddof=1).tolist()
+    return [
+        cell if np.isnan(one) else cell.removesuffix(" s") + f" (+-{one:.1f}) s"
+        for cell, one in zip(cells, deviations, strict=True)
     ]
-    return [_beside(values, "s") for values in zip(*both, strict=True)]
 
 
 def _turns(pair: Pair) -> list[str]:

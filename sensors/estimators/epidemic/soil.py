@@ -1,14 +1,20 @@
 """Soil humidity as a smooth random field: the showers of the model, seen as a Gaussian process.
 
 A shower is a sum of normal densities at random positions. Such a field has a squared exponential covariance
-whose length is the square root of two times the humps' standard deviation. Its mean, its level's and its
-shape's variance on a day come from simulated weather. The process is written in a few smooth functions of x
-and of y (Solin & Särkkä 2020, "Hilbert space methods for reduced-rank Gaussian process regression"), so that
+whose length is the square root of two times the humps' standard deviation. Its mean in each place, its
+level's and its shape's variance on a day come from simulated weather: humps lie beyond two sides of the farm
+only, and near the others it is drier on average. The process is written in a few smooth functions of x and of
+y (Solin & Särkkä 2020, "Hilbert space methods for reduced-rank Gaussian process regression"), so that
 observations only add to the sums of a linear regression, and a farm of any size costs a product of narrow
 matrices.
 
 The humidity is cut at 1, and an edge like that is not smooth: two hundredths of the variance have about a
-third of the length. This share was chosen on simulated fields, where it made the posterior's deviations true.
+third of the length, and what remains differs from the functions by a small variance more. Neighbouring cells
+differ alike, so many readings within the wave length of the finest function do not average it out: a reading
+counts as noisier where more cells lie within that length, by the root of their number, halfway between errors
+that are all the same and independent ones. Without that, exact readings along a path say more and more of
+every derivative, and the field far away follows from how it bends here. Shares and variance were chosen on
+simulated fields, where they made the posterior's deviations true.
 """
 
 from __future__ import annotations
@@ -37,7 +43,7 @@ _BATCH = 8192
 _REACH = 1.5
 _ROUGH_PART = 0.02
 _ROUGH_LENGTH = 0.35
-_SIMULATED_FIELDS = 64
+_SIMULATED_FIELDS = 256
 _SIMULATED_CELLS = 32
 _SIMULATED_DAYS = 8
 _NODES = 21
@@ -49,13 +55,24 @@ _NOISE_GROWTH = 1.2
 _MOST_AT_ONCE = 256
 _KEPT_DAYS = 3
 _SMALLEST_VARIANCE = 1e-4
+_MISFIT = 5e-5
+_MEAN_NOISE = 1e-4
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class SoilPrior:
-    """Humidity of a day before anything is seen: its mean, and variances of the field's level and shape."""
+    """Humidity of a day before anything is seen, from simulated weather.
 
-    mean: float
+    Parameters
+    ----------
+    mean : float64[w, h]
+        The mean of each place, on few cells with the farm's proportions.
+    level, shape : float
+        How much of the variance around it is that of the mean over the farm, and the mean variance within
+        the farm.
+    """
+
+    mean: Floats
     level: float
     shape: float
 
@@ -76,11 +93,19 @@ def _soil_priors(
     days = range(_SIMULATED_DAYS * block, _SIMULATED_DAYS * (block + 1))
     priors = []
     for fields in simulate_coarse(parameters, shape, days, _SIMULATED_CELLS, rngs):
-        levels = fields.mean(axis=(1, 2))
-        shapes = float(fields.var(axis=(1, 2)).mean())
-        level = float(levels.var()) + _SMALLEST_VARIANCE
-        priors.append(SoilPrior(float(levels.mean()), level, shapes + _SMALLEST_VARIANCE))
+        mean = fields.mean(axis=0)
+        around = fields - mean
+        level = float(around.mean(axis=(1, 2)).var())
+        priors.append(SoilPrior(mean, level, float(around.var(axis=(1, 2)).mean())))
     return tuple(priors)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _WeightsPrior:
+    """The weights of the constant and of the functions before anything is seen: means and variances."""
+
+    mean: Floats
+    variance: Floats
 
 
 class SoilField:
@@ -128,6 +153,8 @@ class SoilField:
         self._posterior: _Posterior | None = None
         self._known_before: dict[object, tuple[Floats, Floats]] = {}
         self._noises: dict[object, float] = {}
+        self._priors: dict[int, _WeightsPrior] = {}
+        self._cells_alike = max(1.0, float(np.sqrt(self._x.shortest * self._y.shortest)))
         columns, rows = (part.ravel() for part in np.meshgrid(self._x.nodes, self._y.nodes, indexing="ij"))
         self._at_nodes = self._functions(columns, rows)
 
@@ -150,7 +177,7 @@ class SoilField:
             while start < len(x):
                 part = slice(start, start + min(_BATCH, sums.until_due))
                 functions = self._functions(x[part], y[part])
-                readings = values[part] - self._prior(day).mean
+                readings = values[part] - functions @ self._prior(day).mean
                 sums.add(functions, readings, weights[part])
                 learned.append((day, functions, readings, weights[part]))
                 start = part.stop
@@ -180,31 +207,56 @@ class SoilField:
         Returns
         -------
         float
-            The standard deviation of the noise: what a reading differs from the smooth field by.
+            The standard deviation of the noise that the readings show: what one differs from the smooth
+            field by.
         """
         self._take_in()
         prior = self._prior(day)
         posterior = self._posterior
         if posterior is None or posterior.is_outdated(day, self._noise_from(day)):
             posterior = self._posterior = self._solve(day)
-        weights = posterior.weights
+        weights = prior.mean + posterior.weights
         table = (self._x.functions @ weights[1:].reshape(2 * (self._functions_an_axis,))).astype(np.float32)
         np.matmul(table, self._y.functions.T.astype(np.float32), out=value)
-        value += np.float32(prior.mean + weights[0])
+        value += np.float32(weights[0])
         np.clip(value, 0.0, 1.0, out=value)
         shape = len(self._x.nodes), len(self._y.nodes)
-        deviation = np.sqrt(np.maximum(posterior.variance, 0.0) + posterior.noise).reshape(shape)
+        spread = max(posterior.shown, _MISFIT)
+        deviation = np.sqrt(np.maximum(posterior.variance, 0.0) + spread).reshape(shape)
         between = (self._x.between @ deviation).astype(np.float32)
         np.matmul(between, self._y.between.T.astype(np.float32), out=uncertainty)
-        return float(np.sqrt(posterior.noise))
+        return float(np.sqrt(posterior.shown))
 
-    def _prior(self, day: int) -> SoilPrior:
-        return soil_prior(self._parameters, self._shape, day, self._seed)
+    def _prior(self, day: int) -> _WeightsPrior:
+        if day not in self._priors:
+            self._priors[day] = self._weights_prior(day)
+        return self._priors[day]
+
+    def _weights_prior(self, day: int) -> _WeightsPrior:
+        """Write the prior of a day in the functions."""
+        prior = soil_prior(self._parameters, self._shape, day, self._seed)
+        places = (
+            (np.arange(few) + 0.5) * cells / few - 0.5
+            for few, cells in zip(prior.mean.shape, self._shape, strict=True)
+        )
+        along_x, along_y = (axis.at(where) for axis, where in zip((self._x, self._y), places, strict=True))
+        functions = _products(np.repeat(along_x, len(along_y), axis=0), np.tile(along_y, (len(along_x), 1)))
+        # The functions alone let the farm's mean vary, too: the constant has what they leave of that.
+        own = float(self._spectrum @ functions[:, 1:].mean(axis=0) ** 2)
+        everywhere = float(np.mean(functions[:, 1:] ** 2 @ self._spectrum))
+        shape = prior.shape / (everywhere - own) + _SMALLEST_VARIANCE
+        level = max(prior.level - shape * own, _SMALLEST_VARIANCE)
+        variance = np.concatenate([[level], shape * self._spectrum])
+        # The functions' likeliest weights under the mean field, which is read with little noise.
+        mean = np.zeros(len(variance))
+        mean[0] = prior.mean.mean()
+        precision = np.diag(1.0 / variance) + functions.T @ functions / _MEAN_NOISE
+        mean += np.linalg.solve(precision, functions.T @ (prior.mean.ravel() - mean[0]) / _MEAN_NOISE)
+        return _WeightsPrior(mean, variance)
 
     def _functions(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> Floats:
         """Return the constant and the functions' products at cells, float64[n, 1 + functions^2]."""
-        products = self._x.functions[x][:, :, None] * self._y.functions[y][:, None, :]
-        return np.concatenate([np.ones((len(x), 1)), products.reshape(len(x), -1)], axis=1)
+        return _products(self._x.functions[x], self._y.functions[y])
 
     def _noise_from(self, day: int) -> int:
         """Return from how many readings of a day its noise is estimated now; 0 if they are too few."""
@@ -212,16 +264,23 @@ class SoilField:
 
     def _solve(self, day: int) -> _Posterior:
         """Estimate the noise of a day, and the functions' weights from all readings."""
-        noise = self._noise(day)
+        shown = self._noise(day)
+        noise = max(shown, self._least_noise(day))
         sums = self._sums.get(day)
         precision, response = self._precision(day, noise, None if sums is None else sums.now)
         covariance = _inverse(precision)
         return _Posterior(
-            day, noise, self._noise_from(day), covariance, covariance @ response, self._at_nodes
+            day, noise, shown, self._noise_from(day), covariance, covariance @ response, self._at_nodes
         )
 
+    def _least_noise(self, day: int) -> float:
+        """Return the least variance that a day's readings are taken with."""
+        # After the first day, many readings near each other count for less already.
+        first = day <= min(self._sums, default=day)
+        return _MISFIT * float(np.sqrt(self._cells_alike)) if first else _MISFIT
+
     def _noise(self, day: int) -> float:
-        """Estimate the variance of a day's noise, from its readings up to the last count that was due."""
+        """Estimate the variance of the noise that a day's readings show, up to the last count due."""
         noise = _FIRST_NOISE
         count = self._noise_from(day)
         if not count:
@@ -253,16 +312,17 @@ class SoilField:
 
     def _before(self, day: int) -> tuple[Floats, Floats]:
         """Return the precision of a day's weights, and it times their mean, before it is observed."""
-        variances = self._variances(day)
+        variances = self._prior(day).variance
         last = max((seen for seen in self._sums if seen < day), default=None)
         if last is None:
             return np.diag(1.0 / variances), np.zeros(len(variances))
         key = day, self._counts_before(day)
         known = self._known_before.pop(key, None)
         if known is None:
-            precision, response = self._precision(last, self._noise(last), self._sums[last].now)
+            noise = max(self._noise(last), self._least_noise(last))
+            precision, response = self._precision(last, noise, self._sums[last].now)
             # In units of what was known of each day before anything was seen.
-            unit, later = np.sqrt(self._variances(last)), np.sqrt(variances)
+            unit, later = np.sqrt(self._prior(last).variance), np.sqrt(variances)
             step = humidity_transition(self._parameters, self._shape, last, day, self._seed)
             precision, response = pass_day(
                 precision * np.outer(unit, unit), response * unit, step.correlation
@@ -277,12 +337,6 @@ class SoilField:
         """Return the days before one with readings, and how many they have."""
         return tuple((seen, sums.now.count) for seen, sums in sorted(self._sums.items()) if seen < day)
 
-    def _variances(self, day: int) -> Floats:
-        """Return the prior variances of a day's weights, float64[1 + functions^2]."""
-        prior = self._prior(day)
-        found: Floats = np.concatenate([[prior.level], prior.shape * self._spectrum])
-        return found
-
 
 class _Posterior:
     """Mean and covariance of the functions' weights on a day, for a noise that stays.
@@ -291,12 +345,14 @@ class _Posterior:
     ----------
     day : int
     noise : float
-        Variance of the noise.
+        Variance of the noise that the readings are taken with.
+    shown : float
+        Variance of the noise that they show.
     noise_from : int
         From how many readings it was estimated.
     covariance : float64[functions, functions]
     weights : float64[functions]
-        Their mean.
+        Their mean, less the prior's.
     at_nodes : float64[nodes, functions]
         The functions where the variance is asked for.
 
@@ -306,10 +362,18 @@ class _Posterior:
     """
 
     def __init__(
-        self, day: int, noise: float, noise_from: int, covariance: Floats, weights: Floats, at_nodes: Floats
+        self,
+        day: int,
+        noise: float,
+        shown: float,
+        noise_from: int,
+        covariance: Floats,
+        weights: Floats,
+        at_nodes: Floats,
     ) -> None:
         self.day = day
         self.noise = noise
+        self.shown = shown
         self.noise_from = noise_from
         self.weights = weights
         self._covariance = covariance
@@ -393,20 +457,51 @@ class _Sums:
             self.due = replace(self.now, squares=self.now.squares.copy(), response=self.now.response.copy())
 
 
+def _products(along_x: Floats, along_y: Floats) -> Floats:
+    """Return the constant and the products of the functions of x and of y, float64[n, 1 + functions^2]."""
+    products = along_x[:, :, None] * along_y[:, None, :]
+    return np.concatenate([np.ones((len(along_x), 1)), products.reshape(len(along_x), -1)], axis=1)
+
+
 class _Axis:
-    """Sine functions along one axis of the farm, their prior variances, and nodes to interpolate between."""
+    """Sine functions along one axis of the farm, their prior variances, and nodes to interpolate between.
+
+    Parameters
+    ----------
+    cells : int
+        Length of the farm.
+    length : float
+        Correlation length, cells.
+    functions : int
+        Their number.
+
+    Attributes
+    ----------
+    functions : float64[cells, functions]
+    shortest : float
+        Half of the wave length of the last function, cells.
+    spectrum : float64[2, functions]
+        The variances of the smooth and of the rough part.
+    nodes : intp[nodes]
+    between : float64[cells, nodes]
+    """
 
     def __init__(self, cells: int, length: float, functions: int) -> None:
-        half = 0.5 * cells
-        reach = max(_REACH * half, 3.2 * length)
-        order = np.arange(1, functions + 1)
-        position = np.arange(cells) + 0.5 - half
-        frequency = np.pi * order / (2.0 * reach)
-        self.functions: Floats = np.sin(frequency * (position[:, None] + reach)) / np.sqrt(reach)
+        self._half = 0.5 * cells
+        self._reach = max(_REACH * self._half, 3.2 * length)
+        self._frequency = np.pi * np.arange(1, functions + 1) / (2.0 * self._reach)
+        self.functions = self.at(np.arange(cells))
+        self.shortest = float(np.pi / self._frequency[-1])
         # Spectral density of the squared exponential covariance, for the smooth and the rough part.
         scales = length * np.array([[1.0], [_ROUGH_LENGTH]])
-        self.spectrum: Floats = np.sqrt(2.0 * np.pi) * scales * np.exp(-0.5 * (scales * frequency) ** 2)
+        self.spectrum: Floats = np.sqrt(2.0 * np.pi) * scales * np.exp(-0.5 * (scales * self._frequency) ** 2)
         self.nodes = np.unique(np.linspace(0, cells - 1, min(cells, _NODES)).round().astype(np.intp))
         self.between: Floats = np.stack(
             [np.interp(np.arange(cells), self.nodes, unit) for unit in np.eye(len(self.nodes))], axis=1
         )
+
+    def at(self, places: NDArray[np.integer] | Floats) -> Floats:
+        """Return the functions in the middle of cells, or between, float64[n, functions]."""
+        position = places + 0.5 - self._half
+        values: Floats = np.sin(self._frequency * (position[:, None] + self._reach)) / np.sqrt(self._reach)
+        return values

@@ -654,6 +654,34 @@ def test_the_soil_is_a_smooth_field_with_true_deviations():
     assert 0.3 < np.mean(scaled) < 3.0
 
 
+def test_the_soil_is_drier_near_two_sides_before_anything_is_seen():
+    truths = np.mean([soil_of(seed) for seed in range(150)], axis=0)
+    value, deviation = np.empty((2, 30, 30), np.float32)
+    SoilField((30, 30), SoilParameters(), 0).fill(6, value, deviation)
+    assert truths[29, 29] - truths[0, 0] > 0.3
+    assert np.abs(value - truths).max() < 0.12
+    assert np.abs(value - truths).mean() < 0.03
+
+
+def test_exact_readings_of_every_cell_of_a_path_do_not_tell_all_of_the_farm():
+    # Where it is cut at 1 the humidity is not smooth, whatever exact readings nearby say of its slope.
+    shape = width, height = 600, 500
+    across, along = np.arange(width // 5, 4 * width // 5), np.arange(height // 5, 4 * height // 5)
+    x = np.concatenate([across, np.full(len(along), across[-1]), across[::-1]])
+    y = np.concatenate([np.full(len(across), along[0]), along, np.full(len(across), along[-1])])
+    errors, scaled = [], []
+    for seed in range(12):
+        truth = soil_of(seed, shape)
+        field = SoilField(shape, SoilParameters(), 0)
+        value, deviation = np.empty((2, *shape), np.float32)
+        field.learn(x, y, np.full(len(x), 6), truth[x, y].astype(float))
+        field.fill(6, value, deviation)
+        errors.append(np.mean((value - truth) ** 2))
+        scaled.append(np.mean(((value - truth) / deviation) ** 2))
+    assert np.mean(errors) < 0.027
+    assert np.mean(scaled) < 1.4
+
+
 def test_yesterdays_soil_counts_less_than_todays():
     field = SoilField((30, 30), SoilParameters(), 0)
     x, y = np.array([15, 15]), np.array([15, 15])

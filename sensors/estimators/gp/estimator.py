@@ -18,6 +18,7 @@ from sensors.estimators.base import LEARNING, BaseEstimator, Progress, Step, no_
 from sensors.estimators.carrying import transition
 from sensors.estimators.gp.field import FieldProcess
 from sensors.estimators.gp.posterior_exact import ExactPosterior
+from sensors.estimators.gp.posterior_windowed import MOST_CELLS as WINDOWED_CELLS
 from sensors.estimators.gp.rbf import RbfKernel, fit_kernel
 from sensors.estimators.gp.threads import one_blas_thread
 from sensors.fields import PAPER_FIELDS, Field, FieldSet
@@ -153,7 +154,10 @@ class GaussianProcessEstimator(BaseEstimator):
         models = 2 * len(self.fields) * 4 * cells
         exact = len(self.fields) * ExactPosterior.bytes_needed(n_observations, shape)
         local = self.method == "local" or (self.method == "auto" and exact > self.memory_limit_mb * 2**20)
-        return _LOCAL_BYTES_A_CELL * cells if local else models + exact
+        if not local:
+            return models + exact
+        windows = self._window_bytes * len(self.fields) if cells <= WINDOWED_CELLS else 0.0
+        return _LOCAL_BYTES_A_CELL * cells + round(windows)
 
     def prepare(self, days: Sequence[int], progress: Progress | None = None) -> Self:
         """Learn the priors of some days; see `BaseEstimator.prepare`."""
@@ -205,7 +209,7 @@ class GaussianProcessEstimator(BaseEstimator):
         exact = not self._needs_local()
         for name, process in zip(self.fields.names, self._fields, strict=True):
             try:
-                process.update(exact=exact)
+                process.update(exact=exact, window_bytes=self._window_bytes)
             except np.linalg.LinAlgError:
                 msg = (
                     f"gp: the covariance of {name} is singular; use a kernel or noise_bounds with more noise"
@@ -308,6 +312,11 @@ class GaussianProcessEstimator(BaseEstimator):
                 noise_bounds=self.noise_bounds,
                 amplitude_bounds=self.amplitude_bounds,
             )
+
+    @property
+    def _window_bytes(self) -> float:
+        """How much memory each field may take for windows of cells."""
+        return self.memory_limit_mb * 2**20 / len(self.fields) if self.method == "auto" else 0.0
 
     def _needs_local(self) -> bool:
         needed = sum(ExactPosterior.bytes_needed(len(p), self.grid_.shape) for p in self._fields) / 2**20

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from enum import Enum
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -12,8 +13,10 @@ from numpy.typing import NDArray
 
 from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.gp.posterior_exact import ExactPosterior
+from sensors.estimators.gp.posterior_windowed import WindowedPosterior
 from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel
 from sensors.estimators.passing_day import Crowding
+from sensors.scoring.tiles import tile_shape
 
 if TYPE_CHECKING:
     from sensors.estimators.gp.local import LocalPosterior, WholePosterior
@@ -31,6 +34,12 @@ Carry = Callable[[int, Floats], tuple[Floats, Floats]]
 """Takes an earlier day and readings of it; gives what they tell of the present day, and its variance."""
 Correlate = Callable[[int, int], float]
 """Takes two days; gives the correlation of a smooth field on them."""
+
+
+class _Way(Enum):
+    EXACT = "all cells for each observation"
+    WINDOWED = "windows of cells for each observation"
+    TILED = "tiles, or functions over the whole farm"
 
 
 class FieldProcess:
@@ -66,8 +75,8 @@ class FieldProcess:
         self._changed, self._days_of_change = 0.0, 0
         self._fitted = 0
         self._conditioned = 0
-        self._posterior: ExactPosterior | LocalPosterior | WholePosterior | None = None
-        self._made_for: tuple[RbfKernel, bool | None, int | None] | None = None
+        self._posterior: ExactPosterior | WindowedPosterior | LocalPosterior | WholePosterior | None = None
+        self._made_for: tuple[RbfKernel, _Way | None, int | None] | None = None
         self._crowding = self._no_crowd()
         self._written: tuple[object, float] | None = None
 
@@ -105,8 +114,15 @@ class FieldProcess:
             return self.mean
         return float(self._values.array[:count].mean()) if count else self._mean_before
 
-    def update(self, *, exact: bool) -> None:
+    def update(self, *, exact: bool, window_bytes: float = 0.0) -> None:
         """Bring the posterior up to date with observations and kernel.
+
+        Parameters
+        ----------
+        exact : bool
+            Whether all cells are kept for each observation.
+        window_bytes : float
+            Otherwise windows of them are, if these take no more memory.
 
         Raises
         ------
@@ -116,11 +132,12 @@ class FieldProcess:
         if self._update_smooth():
             return
         posterior = self._posterior
-        state = self.kernel, exact, self._day
+        way = self._way(exact, window_bytes)
+        state = self.kernel, way, self._day
         gone = self._newly_superseded()
         # What an exact posterior has taken cannot be taken away from it again.
         if posterior is None or self._made_for != state or (exact and (gone < self._conditioned).any()):
-            self._posterior = posterior = self._new_posterior(exact)
+            self._posterior = posterior = self._new_posterior(way)
             self._made_for = state
             self._conditioned = 0
         if self._conditioned < len(self):
@@ -128,8 +145,19 @@ class FieldProcess:
             self._take(posterior, further[~self._superseded[further]], 1.0)
             self._take(posterior, gone[gone < self._conditioned], -1.0)
             self._conditioned = len(self)
-        if not isinstance(posterior, ExactPosterior):
+        if not isinstance(posterior, ExactPosterior | WindowedPosterior):
             posterior.solve()
+
+    def _way(self, exact: bool, window_bytes: float) -> _Way:
+        """Return how the posterior of all readings is to be computed."""
+        if exact:
+            return _Way.EXACT
+        days = self._days.array
+        # What windows have taken cannot be taken away again, as readings are that a later day supersedes.
+        one_day = not len(days) or bool((days == days[0]).all())
+        if one_day and WindowedPosterior.fits(len(self), self._shape, self.kernel, window_bytes):
+            return _Way.WINDOWED
+        return _Way.TILED
 
     def _update_smooth(self) -> bool:
         """Bring the posterior of a field that changed smoothly since earlier readings up to date.
@@ -158,7 +186,7 @@ class FieldProcess:
                 whole.condition(x, y, values, counted)
                 whole.pass_day(self._correlate(day, following))
             self._crowding = self._no_crowd()
-        assert not isinstance(posterior, ExactPosterior | None)
+        assert not isinstance(posterior, ExactPosterior | WindowedPosterior | None)
         further = np.arange(self._conditioned, len(self))
         further = further[days[further] == self._day]
         x, y = self._cells.array[further].T
@@ -214,7 +242,7 @@ class FieldProcess:
 
     def _take(
         self,
-        posterior: ExactPosterior | LocalPosterior | WholePosterior,
+        posterior: ExactPosterior | WindowedPosterior | LocalPosterior | WholePosterior,
         which: NDArray[np.intp],
         sign: float,
     ) -> None:
@@ -241,7 +269,7 @@ class FieldProcess:
     def write_all(self, value: NDArray[np.float32], uncertainty: NDArray[np.float32], *, clip: bool) -> None:
         """Write the posterior's mean, and the deviation of an observation, into other arrays [W, H]."""
         posterior = self._posterior
-        if not isinstance(posterior, ExactPosterior):
+        if not isinstance(posterior, ExactPosterior | WindowedPosterior):
             self._written = None
             self.write_changes(value, uncertainty, clip=clip)
             return
@@ -266,17 +294,25 @@ class FieldProcess:
         posterior = self._posterior
         assert posterior is not None
         assert not isinstance(posterior, ExactPosterior)
+        if isinstance(posterior, WindowedPosterior):
+            self._written = None
+            self.write_all(value, uncertainty, clip=clip)
+            return np.ones(tile_shape(self._shape), np.bool_)
         state = (posterior, self.prior_mean(len(self)))
         whole = self._written != state
         self._written = state
         return posterior.lattice.write(state[1], clip=clip, whole=whole, value=value, uncertainty=uncertainty)
 
-    def _new_posterior(self, exact: bool) -> ExactPosterior | LocalPosterior | WholePosterior:
-        if exact:
+    def _new_posterior(
+        self, way: _Way
+    ) -> ExactPosterior | WindowedPosterior | LocalPosterior | WholePosterior:
+        if way is _Way.EXACT:
             return ExactPosterior(self._shape, self.kernel)
         whole = self._whole_posterior()
         if whole is not None:
             return whole
+        if way is _Way.WINDOWED:
+            return WindowedPosterior(self._shape, self.kernel)
         from sensors.estimators.gp.local import LEAST_NOISE, LocalPosterior
 
         noise = max(self.kernel.noise, LEAST_NOISE * self.kernel.amplitude)

@@ -1,6 +1,7 @@
 """The Gaussian process at scale: against the exact one, and what an update touches."""
 
 import copy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from sensors.estimators import check_estimator, make_estimator
 from sensors.estimators.gp.estimator import GaussianProcessEstimator
 from sensors.estimators.gp.local import LEAST_NOISE, LocalPosterior, Spectrum, WholePosterior
 from sensors.estimators.gp.posterior_exact import ExactPosterior
+from sensors.estimators.gp.posterior_windowed import LEAST_NOISE as WINDOWED_NOISE
+from sensors.estimators.gp.posterior_windowed import WindowedPosterior
 from sensors.estimators.gp.rbf import RbfKernel
 from sensors.estimators.gp.threads import in_parallel
 from sensors.estimators.gp.write import POINTS, lagrange_weights
@@ -305,3 +308,52 @@ def test_tiles_stay_near_the_exact_posterior_with_hardly_any_noise(share, bound,
     )
     right = exact.fit(grid_of(*shape), observe(x, y, values)).predict()
     assert np.abs(model.value - right.value).max() <= bound * np.sqrt(used.amplitude)
+
+
+@pytest.mark.parametrize("kernel", [SICK, RbfKernel(1.6, 1.7, WINDOWED_NOISE * 0.01, 0.01)])
+@pytest.mark.parametrize("gap", [1, 3])
+def test_windows_of_cells_give_the_exact_posterior(kernel, gap):
+    shape = (60, 50)
+    x, y = way(shape, 900, gap)
+    # Cells are read again, alone and within one batch.
+    x, y = np.concatenate([x, x[:40], x[:9], x[:9]]), np.concatenate([y, y[:40], y[:9], y[:9]])
+    values = drawn(kernel, shape)[x, y]
+    right, windows = ExactPosterior(shape, kernel), WindowedPosterior(shape, kernel)
+    for start in range(0, len(x), 31):
+        part = slice(start, start + 31)
+        weights = np.linspace(0.2, 1.0, len(x[part]))
+        for posterior in (right, windows):
+            posterior.condition(x[part], y[part], values[part], weights)
+    assert np.abs(windows.response[0] - right.response[0]).max() < 2e-4 * np.sqrt(kernel.amplitude)
+    assert np.abs(windows.response[1] - right.response[1]).max() < 2e-4
+    assert np.abs(windows.variance - right.variance).max() < 1e-8 * kernel.amplitude
+
+
+def test_windows_are_for_readings_of_one_day():
+    kernel = RbfKernel(1.2, 1.2, 0.003, 0.009)
+    few = {"kernel": kernel, "optimise": False, "clip": False}
+    shape = (60, 50)
+    x, y = way(shape, 400)
+    values = drawn(kernel, shape)[x, y]
+    estimator = GaussianProcessEstimator((1, 1, 1), memory_limit_mb=18.0, **few).fit(grid_of(*shape))
+    estimator.partial_fit(observe(x, y, values))
+    exact = GaussianProcessEstimator((1, 1, 1), memory_limit_mb=1e3, method="exact", **few)
+    right = exact.fit(grid_of(*shape), observe(x, y, values)).predict()
+    for _ in range(2):
+        model = estimator.predict()
+        assert isinstance(estimator._fields[0]._posterior, WindowedPosterior)
+        assert np.abs(model.value - right.value).max() < 1e-4 * np.sqrt(kernel.amplitude)
+        assert np.abs(model.uncertainty - right.uncertainty).max() < 1e-6
+    later = replace(observe(x[:50], y[:50], values[:50]), day=np.full(50, 7))
+    estimator.advance(7)
+    estimator.partial_fit(later)
+    estimator.predict()
+    assert isinstance(estimator._fields[0]._posterior, LocalPosterior)
+
+
+def test_without_room_for_windows_the_farm_is_solved_in_tiles():
+    shape = (60, 50)
+    assert not WindowedPosterior.fits(400, shape, SICK, 5e6)
+    assert WindowedPosterior.fits(400, shape, SICK, 1e7)
+    assert not WindowedPosterior.fits(1, (600, 500), SICK, 1e9)
+    assert not WindowedPosterior.fits(1, shape, RbfKernel(2.0, 2.0, 0.01, 1.0), 1e9)

@@ -51,8 +51,8 @@ def pass_day(precision: _Floats, response: _Floats, correlation: float | _Floats
 class Crowding:
     """How many readings each stretch of a farm has, and what a further one there counts for.
 
-    What a process with one length does not say of a day's change, as that soaked soil takes no more rain, is
-    the same for readings near each other. So the k-th one in a box a quarter of a length wide counts for
+    What a process with one length does not say of a field, as that soaked soil takes no more rain, is the
+    same for readings near each other. So the k-th one of a day in a box a quarter of a length wide counts for
     1 / k.
 
     Parameters

@@ -28,6 +28,7 @@ MOST_OBSERVATIONS = 1_000_000
 _FIRST_FIT = 16
 _FIT_POINTS = 512
 _FIT_RUNS = 8
+_LARGE_CELLS = 128
 
 KernelFit = Callable[[Cells, Cells, Floats], RbfKernel]
 Carry = Callable[[int, Floats], tuple[Floats, Floats]]
@@ -138,6 +139,7 @@ class FieldProcess:
         # What an exact posterior has taken cannot be taken away from it again.
         if posterior is None or self._made_for != state or (exact and (gone < self._conditioned).any()):
             self._posterior = posterior = self._new_posterior(way)
+            self._crowding = self._no_crowd()
             self._made_for = state
             self._conditioned = 0
         if self._conditioned < len(self):
@@ -181,8 +183,9 @@ class FieldProcess:
             for day, following in pairwise([*earlier, self._day]):
                 x, y = self._cells.array[days == day].T
                 values = self._as_of_today(day, self._values.array[days == day])
-                # A day's change is small against what was unknown at first.
-                counted = None if day == earlier[0] else self._no_crowd().weights(x, y)
+                # On small farms a day's change only is small against what the process does not say.
+                exactly = day == earlier[0] and not self._is_large
+                counted = None if exactly else self._no_crowd().weights(x, y)
                 whole.condition(x, y, values, counted)
                 whole.pass_day(self._correlate(day, following))
             self._crowding = self._no_crowd()
@@ -194,6 +197,18 @@ class FieldProcess:
         self._conditioned = len(self)
         posterior.solve()
         return True
+
+    def _counted(self, posterior: object, x: Cells, y: Cells) -> Floats | None:
+        """Return what each of today's further readings counts for: less where many are, on large farms."""
+        if not self._is_large or isinstance(posterior, ExactPosterior | WindowedPosterior):
+            return None
+        from sensors.estimators.gp.local import WholePosterior
+
+        return self._crowding.weights(x, y) if isinstance(posterior, WholePosterior) else None
+
+    @property
+    def _is_large(self) -> bool:
+        return max(self._shape) > _LARGE_CELLS
 
     def _no_crowd(self) -> Crowding:
         return Crowding(self._shape, (self.kernel.length_x, self.kernel.length_y))
@@ -252,7 +267,7 @@ class FieldProcess:
         x, y = self._cells.array[which].T
         values, days = self._values.array[which], self._days.array[which]
         if self._day is None or self._carry is None or (days == self._day).all():
-            posterior.condition(x, y, values)
+            posterior.condition(x, y, values, self._counted(posterior, x, y))
             return
         carried, weights = values.copy(), np.ones(len(values))
         for day in np.unique(days[days < self._day]).tolist():

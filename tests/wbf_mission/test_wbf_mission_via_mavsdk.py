@@ -357,6 +357,30 @@ def test_a_policy_changes_the_mission_of_a_px4_by_mavsdk():
     assert changes
 
 
+@pytest.mark.slow
+def test_an_item_that_a_px4_goes_on_from_at_once_is_chosen_once_by_mavsdk():
+    chosen = []
+
+    def choose(flight):
+        (sortie,) = flight.sorties
+        items = [int(one.command) for one in sortie.plan.mission.items]
+        distance = items.index(int(Command.DO_SET_CAM_TRIGG_DIST))
+        sortie.send([m.MAVLink_mission_set_current_message(1, 1, distance)])
+
+    with stand_in() as (url, made):
+        receive = made.vehicle.receive
+
+        def heard(message, now_s):
+            if message.get_type() == "MISSION_SET_CURRENT":
+                chosen.append(message.seq)
+            return receive(message, now_s)
+
+        made.vehicle.receive = heard
+        result = fly(scenario(), connect=LiveLink(url, Agreeing(act=choose), via=via_named("mavsdk")))
+    assert result.outcome is Outcome.COMPLETED
+    assert len(chosen) == 1
+
+
 def test_a_policy_is_not_offered_for_an_arducopter_by_mavsdk():
     with stand_in("ardupilot") as (url, made):
         with pytest.raises(LiveFlightError, match="leave out --via mavsdk") as error:

@@ -14,7 +14,6 @@ from mavsdk.plugins.mission_raw import MissionRaw
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import FrameReader, FrameWriter
-from mission.link.codec.typed import is_a
 from mission.model import Command
 from wbf_mission.ground.modes import Maneuver, maneuver_command
 from wbf_mission.live.via_mavsdk.call import Call
@@ -23,7 +22,6 @@ from wbf_mission.live.via_mavsdk.link import MavsdkLink
 __all__ = ["MavsdkOrders"]
 
 _Commanding = m.MAVLink_command_long_message | m.MAVLink_command_int_message
-_Orders = _Commanding | m.MAVLink_mission_set_current_message
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 # What the vehicle says of a refusal may come after it.
 _WORDS_S = 0.3
@@ -56,11 +54,13 @@ class _Order:
 class MavsdkOrders:
     """Carries out what a ground station would send to an autopilot; what comes of it is a COMMAND_ACK again.
 
-    Arming, return and landing go by the plugin action, the mission's start and the choice of an item by
-    mission_raw, PX4's hold by action. Every other command goes by mavlink_direct, which repeats it, too:
-    other modes (MAVSDK's hold of an ArduCopter is LOITER, in which it sinks without a stick), rates of
-    messages, and the start of an ArduCopter's mission, which takes off at MISSION_START only (MAVSDK's
-    start_mission chooses the mode).
+    Arming, return, landing and PX4's hold go by the plugin action, the mission's start by mission_raw.
+    Every other command goes by mavlink_direct, which repeats it, too: other modes (MAVSDK's hold of an
+    ArduCopter is LOITER, in which it sinks without a stick), rates of messages, and the start of an
+    ArduCopter's mission, which takes off at MISSION_START only (MAVSDK's start_mission chooses the mode).
+
+    MISSION_SET_CURRENT is not for MAVSDK: its set_current_mission_item sends it again at each MISSION_CURRENT
+    that names another item, without end if a vehicle goes on from a command to its next waypoint at once.
 
     Parameters
     ----------
@@ -94,16 +94,12 @@ class MavsdkOrders:
 
     def takes(self, message: Message) -> bool:
         """Return whether a message of the ground station is an order to the autopilot, and so for MAVSDK."""
-        if not isinstance(message, _Orders):
+        if not isinstance(message, _Commanding):
             return False
         return (message.target_system, message.target_component) == (self._system_id, _AUTOPILOT)
 
     def carry_out(self, message: Message) -> list[Message]:
         """Let MAVSDK do what a message asks for; return what can be answered at once."""
-        if is_a(message, m.MAVLink_mission_set_current_message):
-            begin = self._plugin(MissionRaw).set_current_mission_item_async
-            self._orders.append(_Order(0, "set_current_mission_item", Call(begin, message.seq)))
-            return []
         assert isinstance(message, _Commanding)
         if any(one.command == message.command for one in self._orders) and not _is_setting(message):
             # It is under way; MAVSDK repeats it by itself.
@@ -120,7 +116,7 @@ class MavsdkOrders:
                 self._judge(order, now_s)
             if order.result is not None and now_s >= order.due_s:
                 self._orders.remove(order)
-                if order.command and order.result >= 0:
+                if order.result >= 0:
                     done.append(self._ack(order.command, order.result))
         return done
 

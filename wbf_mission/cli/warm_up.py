@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import time
+from collections.abc import Callable
 
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output, duration
@@ -14,7 +15,21 @@ Example
 wbf-mission warm-up
 """
 
-_ESTIMATORS = ("adaptive-disk", "gp")  # those with compiled parts
+# Flights that go through what is compiled besides the vehicles' motion: a policy chooses among routes of its
+# own kind; `gp` takes the readings of a larger farm in windows first, then in tiles, which are scored apart.
+_FLIGHTS: dict[str, dict[str, str]] = {
+    "estimator adaptive-disk": {"planner": "spiral", "vehicle": "ideal", "estimator": "adaptive-disk"},
+    "estimator gp": {
+        "farm": "miniberry-100",
+        "planner": "spiral",
+        "vehicle": "ideal",
+        "estimator": "gp",
+        "budget": "6000steps",
+    },
+    "estimator epidemic, policy greedy": {"policy": "greedy", "estimator": "epidemic"},
+    "policy rolling-horizon": {"policy": "rolling-horizon", "vehicle": "ideal"},
+    "policy orienteering": {"policy": "orienteering", "vehicle": "ideal"},
+}
 _TRAINED_IN = "WBF/Miniberry-10-v1"
 
 
@@ -24,15 +39,11 @@ def warm_up_command(json: options.Json = False, quiet: options.Quiet = False) ->
     What is compiled is kept in the user's cache; a second warm-up has nothing to do but to look.
     """
     from sim_vehicle.prediction.compile_ahead import compile_all
-    from wbf_mission.flight import fly
-    from wbf_mission.scenario import Scenario
 
     output = Output(as_json=json, quiet=quiet)
     steps = _Steps(output)
     compile_all(lambda what, _done, _total: steps.begin(what))
-    for estimator in _ESTIMATORS:
-        steps.begin(f"estimator {estimator}")
-        fly(Scenario(farm="miniberry-10", planner="spiral", vehicle="ideal", estimator=estimator))
+    fly_all(steps.begin)
     if importlib.util.find_spec("gymnasium") is not None:
         steps.begin("training environments")
         _step_batched()
@@ -41,6 +52,22 @@ def warm_up_command(json: options.Json = False, quiet: options.Quiet = False) ->
     rows = {what: duration(seconds) for what, seconds in steps.seconds.items()}
     values = {"seconds": steps.seconds, "wall_time_s": wall_time_s}
     output.result(values, {**rows, "together": duration(wall_time_s)}, title="Ready")
+
+
+def fly_all(told: Callable[[str], None]) -> None:
+    """Fly what goes through everything that is compiled besides the vehicles' motion.
+
+    Parameters
+    ----------
+    told : callable
+        Takes the name of each flight before it is made.
+    """
+    from wbf_mission.flight import fly
+    from wbf_mission.scenario import Scenario
+
+    for what, given in _FLIGHTS.items():
+        told(what)
+        fly(Scenario(**{"farm": "miniberry-10", **given}))
 
 
 def _step_batched() -> None:

@@ -1,0 +1,44 @@
+"""After ``wbf-mission warm-up`` flights with estimators and policies do not wait for the compiler."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+FLIGHTS = """
+import json
+from geo.compiled import compile_notices
+from wbf_mission import Scenario, fly
+from wbf_mission.cli.warm_up import fly_all
+
+first, later = [], []
+with compile_notices(first.append):
+    fly_all(lambda what: None)
+with compile_notices(later.append):
+    fly(Scenario(farm="miniberry-30", policy="greedy", estimator="epidemic", budget="1min"))
+    fly(Scenario(farm="miniberry-30", policy="rolling-horizon", estimator="gp", vehicle="ideal"))
+    fly(Scenario(farm="miniberry-30", policy="orienteering", vehicles=2, vehicle="ideal"))
+    fly(Scenario(farm="miniberry-30", planner="spiral", estimator="adaptive-disk", vehicle="ideal", seed=1))
+    larger = {"farm": "miniberry-100", "budget": "6000steps"}
+    fly(Scenario(**larger, planner="lawnmower", estimator="gp", vehicle="ideal"))
+print(json.dumps([first, [one for one in later if not one.startswith("sim_vehicle.")]]))
+"""
+
+
+@pytest.mark.slow
+def test_nothing_is_left_to_compile(tmp_path):
+    if os.environ.get("NUMBA_DISABLE_JIT"):
+        pytest.skip("nothing is compiled")
+    done = subprocess.run(
+        [sys.executable, "-c", FLIGHTS],
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    first, later = json.loads(done.stdout)
+    for compiled in ("windows.take_observations", "tile.solve_tiles", "tour_search.search_tour"):
+        assert any(compiled in one for one in first), compiled
+    assert later == []

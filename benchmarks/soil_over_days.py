@@ -78,9 +78,7 @@ def measured(name: str, farm: str, seed: int) -> NDArray[np.float64]:
         advance_estimator(estimator, day)
         for j, moment in enumerate(MOMENTS):
             if moment == "end":
-                cells = (
-                    rows(shape, 12, 0.03, 0.97, 0.02, 0.98) if k == 0 else rows(shape, 6, 0.4, 0.6, 0.4, 0.6)
-                )
+                cells = rows(shape, *(WHOLE if k == 0 else MIDDLE))
                 values = np.full((len(cells), len(PAPER_FIELDS)), np.nan)
                 values[:, SOIL] = at(day, cells)
                 time_s = np.arange(len(cells), dtype=np.float64)

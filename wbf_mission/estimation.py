@@ -298,12 +298,11 @@ class RunEstimate:
         Parameters
         ----------
         times : int
+            At least one.
         time_s : float
             Seconds since the beginning of the run.
         """
         self._catch_up()
-        if times < 1:
-            return
         self._evaluate(time_s)
         history, again = self.history, times - 1
         history.entries += again * history.entries[-1:]

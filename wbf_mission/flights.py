@@ -175,7 +175,7 @@ class Flights:
             times = (1.0,) * len(vehicles)
             plans = (decider.mission,) * len(vehicles)
         else:
-            answer = loop.start([one.task.report() for one in vehicles])
+            answer = loop.start([one.task.report(steered=decider.steers) for one in vehicles])
             flies = [len(answer.decision.paths[one.task.system_id]) > 0 for one in vehicles]
             numbers, vehicles = list(compress(numbers, flies)), list(compress(vehicles, flies))
             plans = tuple(

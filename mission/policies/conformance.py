@@ -203,8 +203,10 @@ class _Flight:
         policy.start()
         answer = self._ask(Event.START, 0, times)
         for vehicle in self._vehicles:
-            named = vehicle.system_id in answer.paths and len(answer.paths[vehicle.system_id])
-            _require(bool(named), case.name, f"vehicle {vehicle.system_id} has no path at the start")
+            named = vehicle.system_id in answer.paths
+            _require(named, case.name, f"vehicle {vehicle.system_id} is not named at the start")
+        self._vehicles = [one for one in self._vehicles if len(one.rest)]
+        _require(bool(self._vehicles), case.name, "no vehicle has a path at the start of the first flight")
         asking, fresh, step = policy.asking, 0, 0
         lose_at = round(_LOST_AFTER * case.budget.limit / self._step_cost) if case.loses_one else -1
         while any(len(one.rest) and not one.lost for one in self._vehicles):

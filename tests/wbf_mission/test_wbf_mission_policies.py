@@ -342,6 +342,24 @@ def test_a_joint_of_two_pieces_of_a_path_takes_no_step() -> None:
     assert changes[1].cost == [one for record in once.decisions for one in record.changes][1].cost
 
 
+def test_a_joint_of_the_first_path_costs_no_step_either() -> None:
+    def flown(times: int) -> Result:
+        def decide(situation: Situation) -> Decision:
+            if situation.event is not Event.START:
+                return GO_ON
+            cell_m = situation.farm.cell_size_m
+            there = np.array([[(0.5 + 4 * k % 8) * cell_m, 0.5 * cell_m] for k in range(6)])
+            return Decision({1: np.repeat(there, times, axis=0)})
+
+        # Six stays more would not fit.
+        shorter = scenario_with(IDEAL, {"budget": "24steps"})
+        return fly(shorter, policy=Wanderer(Asking(observations=500), decide))
+
+    once, twice = flown(1), flown(2)
+    assert once.decisions[0].changes[0].cost == twice.decisions[0].changes[0].cost
+    np.testing.assert_array_equal(once.observations.x, twice.observations.x)
+
+
 def test_a_policy_is_scored_as_often_as_a_planner() -> None:
     """It begins with a short path; the number of scored times follows from what the budget pays for."""
     short = Wanderer(Asking(observations=10))

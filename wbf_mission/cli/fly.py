@@ -292,7 +292,7 @@ def _decision_rows(result: Result) -> dict[str, str]:
     if delays:
         told += f", {sum(delays) / len(delays):.2f} s from decision to turn"
     if result.stays:
-        told += f"; {result.stays} flights not worth making"
+        told += f"; {result.stays} flight{'s' if result.stays > 1 else ''} not worth making"
     refused = sum(bool(record.refused) for record in records)
     if refused:
         first = next(record.refused for record in records if record.refused)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.planners.budget import LengthBudget, StepBudget
-from mission.planners.path import Points
+from mission.planners.path import Points, drop_coincident
 from mission.planners.request import PlanningRequest
 from mission.policies.fares import GeometricFares
 from sim_vehicle.airframe.spec import VehicleSpec
@@ -66,14 +66,18 @@ class StartFares:
     ----------
     request : PlanningRequest
     builder : MissionBuilder
+    steered : bool
+        Whether the paths are changed in flight: then a point that is named again is no stay
+        (`FlightTask.plan_of`).
     """
 
     request: PlanningRequest
     builder: MissionBuilder
+    steered: bool = False
 
     def rest(self, paths_m: Sequence[Points]) -> list[float]:
         """Return what whole flights cost; one without points costs nothing."""
-        flown = [path for path in paths_m if len(path)]
+        flown = [drop_coincident(path) if self.steered else path for path in paths_m if len(path)]
         costs = iter(self.request.costs(flown) if flown else ())
         return [next(costs) if len(path) else 0.0 for path in paths_m]
 

@@ -84,8 +84,14 @@ class FlightTask:
         """Return the same task for another flight of the run, for which its planner draws anew."""
         return replace(self, request=replace(self.request, seed=_planner_seed(self.seed, number)))
 
-    def report(self) -> VehicleReport:
-        """Return the vehicle as it stands at its start, ready for its first path."""
+    def report(self, *, steered: bool = False) -> VehicleReport:
+        """Return the vehicle as it stands at its start, ready for its first path.
+
+        Parameters
+        ----------
+        steered : bool
+            Whether that will be changed in flight; see `plan_of`.
+        """
         return VehicleReport(
             self.system_id,
             self.request,
@@ -95,7 +101,7 @@ class FlightTask:
             age_s=0.0,
             spent=0.0,
             rest_m=np.empty((0, 2)),
-            fares=StartFares(self.request, self.builder),
+            fares=StartFares(self.request, self.builder, steered),
             battery=None if self.builder.vehicle.battery is None else 1.0,
         )
 

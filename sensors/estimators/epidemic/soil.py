@@ -150,6 +150,8 @@ class SoilField:
         self._sums: dict[int, _Sums] = {}
         self._crowding: dict[int, Crowding] = {}
         self._waiting: dict[int, list[tuple[Cells, Cells, Floats]]] = {}
+        # The readings of the first day, which count in full, until an earlier day comes.
+        self._first: list[tuple[Cells, Cells, Floats]] = []
         self._posterior: _Posterior | None = None
         self._known_before: dict[object, tuple[Floats, Floats]] = {}
         self._noises: dict[object, float] = {}
@@ -169,8 +171,11 @@ class SoilField:
     def _take_in(self) -> None:
         """Add what was learned to the sums and to the posterior: many readings at once cost little more."""
         learned = []
+        self._give_way()
         for day, parts in sorted(self._waiting.items()):
             x, y, values = (np.concatenate(column) for column in zip(*parts, strict=True))
+            if day <= min(self._sums, default=day):
+                self._first.append((x, y, values))
             weights = self._counted(day, x, y)
             sums = self._sums.setdefault(day, _Sums(1 + self._functions_an_axis**2))
             start = 0
@@ -193,6 +198,16 @@ class SoilField:
                 posterior.learn(functions, readings, counted)
         else:
             self._posterior = None
+
+    def _give_way(self) -> None:
+        """Take the readings of the first day anew if there are some of an earlier one now."""
+        first, earliest = min(self._sums, default=None), min(self._waiting, default=None)
+        if first is None or earliest is None or earliest >= first:
+            return
+        self._waiting[first] = self._first + self._waiting.get(first, [])
+        self._first = []
+        del self._sums[first]
+        self._posterior = None
 
     def _counted(self, day: int, x: Cells, y: Cells) -> Floats:
         """Return what each of a day's further readings counts for."""

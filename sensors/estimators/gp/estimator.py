@@ -18,6 +18,7 @@ from sensors.estimators.base import LEARNING, BaseEstimator, Progress, Step, no_
 from sensors.estimators.carrying import transition
 from sensors.estimators.gp.field import FieldProcess
 from sensors.estimators.gp.posterior_exact import ExactPosterior
+from sensors.estimators.gp.posterior_windowed import GROWING
 from sensors.estimators.gp.posterior_windowed import MOST_CELLS as WINDOWED_CELLS
 from sensors.estimators.gp.rbf import RbfKernel, fit_kernel
 from sensors.estimators.gp.threads import one_blas_thread
@@ -52,10 +53,12 @@ class GaussianProcessEstimator(BaseEstimator):
     1: ``amplitude_bounds=(1, 1)``.)
 
     *Posterior.* Exact, an observation costs O(observations x cells) (`ExactPosterior`). When that would need
-    more memory than allowed, it is computed tile by tile from the observations around, or, for kernels that
-    are long against the farm, in sine functions (`sensors.estimators.gp.local`); an update then touches only
-    what further observations reach, and the arrays that `predict` returns are the same ones at each call.
-    Repeated observations of a cell on a day are independent looks.
+    more memory than allowed, a field with a short kernel keeps a window of cells for each observation as long
+    as these fit (`WindowedPosterior`), and is then computed tile by tile from the observations around; one
+    with a kernel that is long against the farm is written in sine functions (`sensors.estimators.gp.local`).
+    The arrays that `predict` returns are then the same ones at each call. Repeated observations of a cell on
+    a day are independent looks; but readings of the soil near each other count for less on farms of more than
+    128 cells, and everywhere on later days (`sensors.estimators.passing_day.Crowding`).
 
     *Days.* A reading of an earlier day is carried forward by the field's own dynamics
     (`sensors.estimators.carrying`). What they leave open of a disease is further noise, and what a cell
@@ -84,7 +87,8 @@ class GaussianProcessEstimator(BaseEstimator):
     method : {"auto", "exact", "local"}
         See above.
     memory_limit_mb : float
-        What the exact posterior may take, in MiB.
+        What the rows of the exact posterior, or those of windows, may take, in MiB. Windows grow, and take up
+        to 2.5 times that for the moment in which they do.
     learn_from : {"model", "observations"}
         What mean and kernel are learned from. A kernel fitted to one flight, which rarely meets a sick plant,
         is too sure of what the flight has not seen (``docs/decisions/0009-gaussian-process-at-scale.md``);
@@ -156,7 +160,7 @@ class GaussianProcessEstimator(BaseEstimator):
         local = self.method == "local" or (self.method == "auto" and exact > self.memory_limit_mb * 2**20)
         if not local:
             return models + exact
-        windows = self._window_bytes * len(self.fields) if cells <= WINDOWED_CELLS else 0.0
+        windows = GROWING * self._window_bytes * len(self.fields) if cells <= WINDOWED_CELLS else 0.0
         return _LOCAL_BYTES_A_CELL * cells + round(windows)
 
     def prepare(self, days: Sequence[int], progress: Progress | None = None) -> Self:
@@ -177,8 +181,8 @@ class GaussianProcessEstimator(BaseEstimator):
         healthy = [1.0 if field.kind == "disease" else None for field in self.fields]
         means = healthy if self.prior_mean is None else tuple(self.prior_mean)
         self._fields = [
-            FieldProcess(grid.shape, mean, before, self.kernel)
-            for mean, before in zip(means, self.fields.defaults, strict=True)
+            FieldProcess(grid.shape, mean, before, self.kernel, is_patchy=field.kind == "continuous")
+            for field, mean, before in zip(self.fields, means, self.fields.defaults, strict=True)
         ]
         self.kernels_ = [self.kernel] * len(self.fields)
         self._learned_day: int | None = None

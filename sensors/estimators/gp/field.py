@@ -56,16 +56,26 @@ class FieldProcess:
         The mean without observations, if `mean` is None.
     kernel : RbfKernel
         The kernel.
+    is_patchy : bool
+        Whether what a kernel does not say of the field is the same for readings near each other, as that
+        soaked soil takes no more rain: on large farms they count for less then (`Crowding`).
     """
 
     def __init__(
-        self, shape: tuple[int, int], mean: float | None, mean_before: float, kernel: RbfKernel
+        self,
+        shape: tuple[int, int],
+        mean: float | None,
+        mean_before: float,
+        kernel: RbfKernel,
+        *,
+        is_patchy: bool = False,
     ) -> None:
         self.kernel = kernel
         self.mean = mean
         self._first_kernel = kernel
         self._mean_before = mean_before
         self._shape = shape
+        self._crowds = is_patchy and max(shape) > _LARGE_CELLS
         self._cells = GrowingArray((2,), np.int32)
         self._values = GrowingArray((), np.float64)
         self._days = GrowingArray((), np.int32)
@@ -77,7 +87,7 @@ class FieldProcess:
         self._fitted = 0
         self._conditioned = 0
         self._posterior: ExactPosterior | WindowedPosterior | LocalPosterior | WholePosterior | None = None
-        self._made_for: tuple[RbfKernel, _Way | None, int | None] | None = None
+        self._made_for: tuple[RbfKernel, _Way | None, int | None, float | None] | None = None
         self._crowding = self._no_crowd()
         self._written: tuple[object, float] | None = None
 
@@ -134,7 +144,7 @@ class FieldProcess:
             return
         posterior = self._posterior
         way = self._way(exact, window_bytes)
-        state = self.kernel, way, self._day
+        state = self.kernel, way, self._day, None
         gone = self._newly_superseded()
         # What an exact posterior has taken cannot be taken away from it again.
         if posterior is None or self._made_for != state or (exact and (gone < self._conditioned).any()):
@@ -172,7 +182,8 @@ class FieldProcess:
         days = self._days.array
         if self._correlate is None or self._day is None or not (days < self._day).any():
             return False
-        state = (self.kernel, None, self._day)
+        # Readings of earlier days are taken as far from the mean as they were.
+        state = (self.kernel, None, self._day, self.prior_mean(len(self)))
         posterior = self._posterior
         if self._made_for != state or (days[self._conditioned :] < self._day).any():
             posterior = whole = self._whole_posterior()
@@ -184,7 +195,7 @@ class FieldProcess:
                 x, y = self._cells.array[days == day].T
                 values = self._as_of_today(day, self._values.array[days == day])
                 # On small farms a day's change only is small against what the process does not say.
-                exactly = day == earlier[0] and not self._is_large
+                exactly = day == earlier[0] and not self._crowds
                 counted = None if exactly else self._no_crowd().weights(x, y)
                 whole.condition(x, y, values, counted)
                 whole.pass_day(self._correlate(day, following))
@@ -199,16 +210,12 @@ class FieldProcess:
         return True
 
     def _counted(self, posterior: object, x: Cells, y: Cells) -> Floats | None:
-        """Return what each of today's further readings counts for: less where many are, on large farms."""
-        if not self._is_large or isinstance(posterior, ExactPosterior | WindowedPosterior):
+        """Return what each of today's further readings counts for: less where many are, if they crowd."""
+        if not self._crowds or isinstance(posterior, ExactPosterior | WindowedPosterior):
             return None
         from sensors.estimators.gp.local import WholePosterior
 
         return self._crowding.weights(x, y) if isinstance(posterior, WholePosterior) else None
-
-    @property
-    def _is_large(self) -> bool:
-        return max(self._shape) > _LARGE_CELLS
 
     def _no_crowd(self) -> Crowding:
         return Crowding(self._shape, (self.kernel.length_x, self.kernel.length_y))
@@ -270,6 +277,10 @@ class FieldProcess:
             posterior.condition(x, y, values, self._counted(posterior, x, y))
             return
         carried, weights = values.copy(), np.ones(len(values))
+        today = days == self._day
+        counted = self._counted(posterior, x[today], y[today])
+        if counted is not None:
+            weights[today] = counted
         for day in np.unique(days[days < self._day]).tolist():
             of_day = days == day
             carried[of_day], variance = self._carry(day, values[of_day])
@@ -287,6 +298,8 @@ class FieldProcess:
         if not isinstance(posterior, ExactPosterior | WindowedPosterior):
             self._written = None
             self.write_changes(value, uncertainty, clip=clip)
+            # Those arrays are not the ones of the calls for what has changed: these have seen nothing of it.
+            self._written = None
             return
         mean = self.prior_mean(len(self))
         response, constant = posterior.response.reshape(2, *self._shape)

@@ -3,8 +3,8 @@
 `LocalPosterior` is for kernels that are short against the farm: tiles of about eight length scales are solved
 one by one, each from the observations in it and within seven lengths around it. `WholePosterior` is for
 kernels that are long against it: the process is written in sine functions over the whole farm, and
-observations add to sums. Neither thins or averages observations; only repeated ones of a cell are taken
-together, which is exact.
+observations add to sums. Neither thins or averages observations, and repeated ones of a cell are taken
+together, which is exact; an observation may be told to count for less (`weights`).
 """
 
 from __future__ import annotations
@@ -264,7 +264,8 @@ class WholePosterior:
 
     def pass_day(self, correlation: float) -> None:
         """Go on to a later day, on which the field has this correlation with itself (0..1)."""
-        self._precision, self._response = pass_day(self._precision, self._response, correlation)
+        with one_blas_thread():
+            self._precision, self._response = pass_day(self._precision, self._response, correlation)
         self._waiting = True
 
     def solve(self) -> None:

@@ -64,6 +64,21 @@ class _NoPath(_Rows):
         return GO_ON
 
 
+class _StaysAtHome(_Rows):
+    def decide(self, situation):
+        return Decision({one.system_id: np.empty((0, 2)) for one in situation.steerable})
+
+
+class _LastOneStays(_Rows):
+    """Of a fleet, the last vehicle has nothing to do that is worth it."""
+
+    def decide(self, situation):
+        plan = super().decide(situation)
+        if situation.event is not Event.START or len(plan.paths) < 2:
+            return plan
+        return Decision({**plan.paths, max(plan.paths): np.empty((0, 2))})
+
+
 class _Strangers(_Rows):
     def decide(self, situation):
         plan = super().decide(situation)
@@ -127,7 +142,8 @@ class _Seer(_Rows):
     [
         (_OverBudget(), "its path costs"),
         (_Outside(), "leaves the area"),
-        (_NoPath(), "vehicle 1 has no path at the start"),
+        (_NoPath(), "vehicle 1 is not named at the start"),
+        (_StaysAtHome(), "no vehicle has a path at the start of the first flight"),
         (_Silent(), "vehicle 1 gets neither a path nor one without points"),
         (_Strangers(), "vehicle 99: there is no such vehicle"),
         (_Restless(), "twice has different answers"),
@@ -140,6 +156,10 @@ class _Seer(_Rows):
 def test_the_kit_finds_what_is_wrong(policy, text):
     with pytest.raises(AssertionError, match=text):
         check_policy(policy)
+
+
+def test_of_a_fleet_one_may_stay():
+    assert check_policy(_LastOneStays()).decisions > 0
 
 
 def test_what_is_no_policy_is_refused():

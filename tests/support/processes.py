@@ -30,6 +30,18 @@ def command(*words):
     return [sys.executable, "-m", "wbf_mission", *map(str, words)]
 
 
+def compiled_by(code, folder):
+    """Run Python code that prints JSON in a process that finds nothing compiled; return what it printed."""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "NUMBA_CACHE_DIR": str(folder)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return json.loads(done.stdout)
+
+
 def wait_until(condition, what, limit_s=LONG_S):
     """Wait until a condition holds, and return what it returned."""
     end_s = time.monotonic() + limit_s

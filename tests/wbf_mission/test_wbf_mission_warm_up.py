@@ -1,11 +1,9 @@
 """After ``wbf-mission warm-up`` flights with estimators and policies do not wait for the compiler."""
 
-import json
 import os
-import subprocess
-import sys
 
 import pytest
+from processes import compiled_by
 
 FLIGHTS = """
 import json
@@ -31,14 +29,7 @@ print(json.dumps([first, [one for one in later if not one.startswith("sim_vehicl
 def test_nothing_is_left_to_compile(tmp_path):
     if os.environ.get("NUMBA_DISABLE_JIT"):
         pytest.skip("nothing is compiled")
-    done = subprocess.run(
-        [sys.executable, "-c", FLIGHTS],
-        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    first, later = json.loads(done.stdout)
+    first, later = compiled_by(FLIGHTS, tmp_path)
     for compiled in ("windows.take_observations", "tile.solve_tiles", "tour_search.search_tour"):
         assert any(compiled in one for one in first), compiled
     assert later == []

@@ -174,7 +174,7 @@ class SoilField:
         self._give_way()
         for day, parts in sorted(self._waiting.items()):
             x, y, values = (np.concatenate(column) for column in zip(*parts, strict=True))
-            if day <= min(self._sums, default=day):
+            if self._is_first(day):
                 self._first.append((x, y, values))
             weights = self._counted(day, x, y)
             sums = self._sums.setdefault(day, _Sums(1 + self._functions_an_axis**2))
@@ -209,9 +209,13 @@ class SoilField:
         del self._sums[first]
         self._posterior = None
 
+    def _is_first(self, day: int) -> bool:
+        """Return whether no day before it has readings."""
+        return day <= min(self._sums, default=day)
+
     def _counted(self, day: int, x: Cells, y: Cells) -> Floats:
         """Return what each of a day's further readings counts for."""
-        if day <= min(self._sums, default=day):
+        if self._is_first(day):
             return np.ones(len(x))
         crowding = self._crowding.setdefault(day, Crowding(self._shape, self._lengths))
         return crowding.weights(x, y)
@@ -291,8 +295,7 @@ class SoilField:
     def _least_noise(self, day: int) -> float:
         """Return the least variance that a day's readings are taken with."""
         # After the first day, many readings near each other count for less already.
-        first = day <= min(self._sums, default=day)
-        return _MISFIT * float(np.sqrt(self._cells_alike)) if first else _MISFIT
+        return _MISFIT * float(np.sqrt(self._cells_alike)) if self._is_first(day) else _MISFIT
 
     def _noise(self, day: int) -> float:
         """Estimate the variance of the noise that a day's readings show, up to the last count due."""

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.estimators.append_buffer import GrowingArray
+from sensors.estimators.gp.posterior_by_cell import CellPosterior
 from sensors.estimators.gp.posterior_exact import ExactPosterior
 from sensors.estimators.gp.posterior_windowed import WindowedPosterior
 from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel
@@ -86,7 +87,7 @@ class FieldProcess:
         self._changed, self._days_of_change = 0.0, 0
         self._fitted = 0
         self._conditioned = 0
-        self._posterior: ExactPosterior | WindowedPosterior | LocalPosterior | WholePosterior | None = None
+        self._posterior: CellPosterior | LocalPosterior | WholePosterior | None = None
         self._made_for: tuple[RbfKernel, _Way | None, int | None, float | None] | None = None
         self._crowding = self._no_crowd()
         self._written: tuple[object, float] | None = None
@@ -157,7 +158,7 @@ class FieldProcess:
             self._take(posterior, further[~self._superseded[further]], 1.0)
             self._take(posterior, gone[gone < self._conditioned], -1.0)
             self._conditioned = len(self)
-        if not isinstance(posterior, ExactPosterior | WindowedPosterior):
+        if not isinstance(posterior, CellPosterior):
             posterior.solve()
 
     def _way(self, exact: bool, window_bytes: float) -> _Way:
@@ -200,7 +201,7 @@ class FieldProcess:
                 whole.condition(x, y, values, counted)
                 whole.pass_day(self._correlate(day, following))
             self._crowding = self._no_crowd()
-        assert not isinstance(posterior, ExactPosterior | WindowedPosterior | None)
+        assert not isinstance(posterior, CellPosterior | None)
         further = np.arange(self._conditioned, len(self))
         further = further[days[further] == self._day]
         x, y = self._cells.array[further].T
@@ -211,7 +212,7 @@ class FieldProcess:
 
     def _counted(self, posterior: object, x: Cells, y: Cells) -> Floats | None:
         """Return what each of today's further readings counts for: less where many are, if they crowd."""
-        if not self._crowds or isinstance(posterior, ExactPosterior | WindowedPosterior):
+        if not self._crowds or isinstance(posterior, CellPosterior):
             return None
         from sensors.estimators.gp.local import WholePosterior
 
@@ -264,7 +265,7 @@ class FieldProcess:
 
     def _take(
         self,
-        posterior: ExactPosterior | WindowedPosterior | LocalPosterior | WholePosterior,
+        posterior: CellPosterior | LocalPosterior | WholePosterior,
         which: NDArray[np.intp],
         sign: float,
     ) -> None:
@@ -295,7 +296,7 @@ class FieldProcess:
     def write_all(self, value: NDArray[np.float32], uncertainty: NDArray[np.float32], *, clip: bool) -> None:
         """Write the posterior's mean, and the deviation of an observation, into other arrays [W, H]."""
         posterior = self._posterior
-        if not isinstance(posterior, ExactPosterior | WindowedPosterior):
+        if not isinstance(posterior, CellPosterior):
             self._written = None
             self.write_changes(value, uncertainty, clip=clip)
             # Those arrays are not the ones of the calls for what has changed: these have seen nothing of it.
@@ -322,7 +323,7 @@ class FieldProcess:
         posterior = self._posterior
         assert posterior is not None
         assert not isinstance(posterior, ExactPosterior)
-        if isinstance(posterior, WindowedPosterior):
+        if isinstance(posterior, CellPosterior):
             self._written = None
             self.write_all(value, uncertainty, clip=clip)
             return np.ones(tile_shape(self._shape), np.bool_)
@@ -331,9 +332,7 @@ class FieldProcess:
         self._written = state
         return posterior.lattice.write(state[1], clip=clip, whole=whole, value=value, uncertainty=uncertainty)
 
-    def _new_posterior(
-        self, way: _Way
-    ) -> ExactPosterior | WindowedPosterior | LocalPosterior | WholePosterior:
+    def _new_posterior(self, way: _Way) -> CellPosterior | LocalPosterior | WholePosterior:
         if way is _Way.EXACT:
             return ExactPosterior(self._shape, self.kernel)
         whole = self._whole_posterior()

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from sensors.estimators.gp.posterior_by_cell import CellPosterior
 from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel, solve_lower
 
 _BLOCK_ROWS = 128
@@ -52,33 +53,11 @@ def merge_repeated(
     return (distinct >> 32).astype(np.int32), (distinct & 0xFFFFFFFF).astype(np.int32), means, noise / count
 
 
-class ExactPosterior:
-    """Mean and variance over all cells given the observations so far.
-
-    The prior mean is not fixed here: the posterior mean under a constant prior mean m is
-    ``m + response[0] - m * response[1]``.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Width and height in cells.
-    kernel : RbfKernel
-        The covariance.
-
-    Attributes
-    ----------
-    response : float64[2, W * H]
-        What the observed values, and a constant of one, give under a zero prior mean.
-    variance : float64[W * H]
-        Variance of the smooth part.
-    """
+class ExactPosterior(CellPosterior):
+    """Mean and variance over all cells given the observations so far; see `CellPosterior`."""
 
     def __init__(self, shape: tuple[int, int], kernel: RbfKernel) -> None:
-        cells = shape[0] * shape[1]
-        self.shape = shape
-        self.kernel = kernel
-        self.response = np.zeros((2, cells))
-        self.variance = np.full(cells, kernel.amplitude)
+        super().__init__(shape, kernel)
         self._blocks: list[Floats] = []
         self._rows_in_last = _BLOCK_ROWS
 

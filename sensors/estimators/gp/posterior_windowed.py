@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from sensors.estimators.append_buffer import GrowingArray
+from sensors.estimators.gp.posterior_by_cell import CellPosterior
 from sensors.estimators.gp.posterior_exact import merge_repeated
 from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel
 
@@ -28,28 +29,11 @@ GROWING = 2.5
 """An array that grows has room for half as much again, and is copied to another when that is full."""
 
 
-class WindowedPosterior:
-    """Mean and variance over all cells given the observations so far.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Width and height in cells.
-    kernel : RbfKernel
-        The covariance.
-
-    Attributes
-    ----------
-    response, variance
-        As of `sensors.estimators.gp.posterior_exact.ExactPosterior`.
-    """
+class WindowedPosterior(CellPosterior):
+    """Mean and variance over all cells given the observations so far; see `CellPosterior`."""
 
     def __init__(self, shape: tuple[int, int], kernel: RbfKernel) -> None:
-        cells = shape[0] * shape[1]
-        self.shape = shape
-        self.kernel = kernel
-        self.response = np.zeros((2, cells))
-        self.variance = np.full(cells, kernel.amplitude)
+        super().__init__(shape, kernel)
         reach_x, reach_y = _reach(kernel)
         start = np.zeros(1, np.int32)
         self._along_x = kernel.amplitude * kernel.along_x(start, np.arange(reach_x + 1))[0]

@@ -3,10 +3,9 @@
 import importlib.util
 import json
 import os
-import subprocess
-import sys
 
 import pytest
+from processes import compiled_by
 
 from sim_vehicle.prediction import compile_ahead
 from wbf_mission import flight
@@ -37,14 +36,7 @@ print(json.dumps([first, later]))
 def test_nothing_is_left_to_compile(tmp_path):
     if os.environ.get("NUMBA_DISABLE_JIT"):
         pytest.skip("nothing is compiled")
-    done = subprocess.run(
-        [sys.executable, "-c", COMPILED],
-        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    first, later = json.loads(done.stdout)
+    first, later = compiled_by(COMPILED, tmp_path)
     assert any("batch_kernel.advance" in one for one in first)
     assert later == []
 

@@ -80,7 +80,7 @@ class Result(RunRecord):
 
         return animate(self, Path(path), frames=frames, estimator=estimator, progress=progress)
 
-    def save(self, path: str | Path, *, plots: bool = True, force: bool = False) -> Path:
+    def save(self, path: str | Path, *, plots: bool = True, overwrite: bool = False) -> Path:
         """Save everything into a folder, from where `wbf_mission.load_result` loads an equal result.
 
         The files are written beside the folder first and take its place when they are complete.
@@ -91,7 +91,7 @@ class Result(RunRecord):
             The folder; its own parents are made.
         plots : bool
             Whether pictures are drawn among the files.
-        force : bool
+        overwrite : bool
             Replace the result of another run, or write among other files.
 
         Raises
@@ -101,7 +101,7 @@ class Result(RunRecord):
         OSError
             If a file cannot be written.
         """
-        with ResultFolder(Path(path), scenario=self.scenario.to_dict(), force=force) as folder:
+        with ResultFolder(Path(path), scenario=self.scenario.to_dict(), overwrite=overwrite) as folder:
             folder.write(self, plots=plots)
         return Path(path)
 

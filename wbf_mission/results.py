@@ -50,7 +50,7 @@ class ResultFolder:
         Files that the run reads: the folder must not hold one of them.
     scenario : dict, optional
         The options of the run, as of `Scenario.to_dict`: an older result of the same run is replaced.
-    force : bool
+    overwrite : bool
         Replace any older result, and write into a folder that holds other files (which stay).
 
     Raises
@@ -65,11 +65,11 @@ class ResultFolder:
         *,
         inputs: Iterable[str | Path | None] = (),
         scenario: dict[str, Any] | None = None,
-        force: bool = False,
+        overwrite: bool = False,
     ) -> None:
         self.path = path
         """Where the result is or will be."""
-        _check_target(path, inputs, scenario, force=force)
+        _check_target(path, inputs, scenario, overwrite=overwrite)
         target = path.resolve()
         self._staging = target.parent / f".{target.name[:40]}-{secrets.token_hex(6)}"
 
@@ -115,7 +115,7 @@ class ResultFolder:
         tell("writing results", 0, len(jobs) + 1)
         if result.outcome is Outcome.INTERRUPTED and (self.path / RECORD).is_file():
             self.path = self.path.with_name(f"{self.path.name}.interrupted")
-            _check_target(self.path, (), None, force=(self.path / RECORD).is_file())
+            _check_target(self.path, (), None, overwrite=(self.path / RECORD).is_file())
         interrupted = None
         with ThreadPoolExecutor(1) as pool:
             arrays = write_arrays(result, self._staging, pool)
@@ -199,7 +199,7 @@ def run_name(scenario: Scenario) -> str:
 
 
 def _check_target(
-    path: Path, inputs: Iterable[str | Path | None], scenario: dict[str, Any] | None, *, force: bool
+    path: Path, inputs: Iterable[str | Path | None], scenario: dict[str, Any] | None, *, overwrite: bool
 ) -> None:
     target = path.resolve()
     for one in inputs:
@@ -217,13 +217,15 @@ def _check_target(
     if not path.is_dir():
         msg = f"{path}: is a file, not a folder for the results; give another name"
         raise ResultError(msg)
-    if force or not any(path.iterdir()):
+    if overwrite or not any(path.iterdir()):
         return
     if not (path / RECORD).is_file():
-        msg = f"{path}: holds other files and no result; give another folder, or force to write into it"
+        what = "holds other files and no result; give another folder, or write among them"
+        msg = f"{path}: {what} (--overwrite, overwrite=True)"
         raise ResultError(msg)
     if scenario is None or _scenario_in(path) != msgspec.json.decode(msgspec.json.encode(scenario)):
-        msg = f"{path}: holds the result of another run; give another folder, or force to replace it"
+        what = "holds the result of another run; give another folder, or replace it"
+        msg = f"{path}: {what} (--overwrite, overwrite=True)"
         raise ResultError(msg)
 
 

@@ -197,7 +197,17 @@ def test_an_output_is_never_what_is_read(capsys, tmp_path, monkeypatch):
         ["farm", "save", "my.geojson", "--out", "my.geojson"],
         ["sim", "--no-camera", "--duration", "1", "--tlog", "old.plan"],
         ["sim", "--no-camera", "--duration", "1", "--ready-file", "old.plan"],
-        ["sim", "--no-camera", "--duration", "1", "--farm", "my.geojson", "--force", "--tlog", "my.geojson"],
+        [
+            "sim",
+            "--no-camera",
+            "--duration",
+            "1",
+            "--farm",
+            "my.geojson",
+            "--overwrite",
+            "--tlog",
+            "my.geojson",
+        ],
     ):
         refused(capsys, tmp_path, *arguments)
     assert (tmp_path / "my.geojson").read_bytes() == before

@@ -42,13 +42,13 @@ def test_a_log_is_not_written_over_something_else(tmp_path: Path, capsys: pytest
     plan, log = tmp_path / "old.plan", tmp_path / "old.tlog"
     plan.write_text("mine")
     log.write_bytes(b"older")
-    assert "--force" in refused(capsys, *SIM, "--tlog", str(plan))
+    assert "--overwrite" in refused(capsys, *SIM, "--tlog", str(plan))
     assert plan.read_text() == "mine"
     # What cannot begin leaves an older log.
     refused(capsys, *SIM, "--tlog", str(log), "--listen", "carrier-pigeon:1")
     assert log.read_bytes() == b"older"
     assert main([*SIM, "--tlog", str(log)]) == 0
-    assert main([*SIM, "--tlog", str(plan), "--force"]) == 0
+    assert main([*SIM, "--tlog", str(plan), "--overwrite"]) == 0
     assert len(list(read_tlog(log))) > 1
     assert len(list(read_tlog(plan))) > 1
 
@@ -81,10 +81,10 @@ def test_a_run_that_cannot_be_leaves_an_older_result(
     assert {path: path.read_bytes() for path in Path("run").iterdir()} == before
     if wrong != ["--seed", "4"]:
         refused(capsys, *FLY, "--farm", "miniberry-10", *wrong)
-        refused(capsys, *FLY, "--farm", "miniberry-10", "--out", "new", "--force", *wrong)
+        refused(capsys, *FLY, "--farm", "miniberry-10", "--out", "new", "--overwrite", *wrong)
     else:
         assert "another run" in error
-        assert main([*FLY, "--farm", "miniberry-10", "--out", "run", "--force", *wrong]) == 0
+        assert main([*FLY, "--farm", "miniberry-10", "--out", "run", "--overwrite", *wrong]) == 0
         assert load_result("run").scenario.seed == 4
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
@@ -97,8 +97,8 @@ def test_fly_does_not_take_the_mission_that_it_was_given(
     assert main(["plan", "--farm", "miniberry-10", "--budget", "60m", "--out", "b/plan.plan", "-q"]) == 0
     before = Path("b/plan.plan").read_bytes()
     arguments = ["fly", "--farm", "miniberry-10", "--mission", "b/plan.plan", "--out", "b"]
-    for force in ([], ["--force"]):
-        assert "which the run reads" in refused(capsys, *arguments, *force)
+    for overwrite in ([], ["--overwrite"]):
+        assert "which the run reads" in refused(capsys, *arguments, *overwrite)
     assert Path("b/plan.plan").read_bytes() == before
     assert [path.name for path in Path("b").iterdir()] == ["plan.plan"]
 
@@ -143,12 +143,33 @@ def test_only_files_of_missions_and_farms_are_replaced(
     save = ["farm", "save", "miniberry-10", "-q", "--out"]
     download = ["download", "--connect", "udpin:127.0.0.1:0", "--wait", "0.1", "-q", "--out"]
     for arguments in ([*plan, "package.json"], [*save, "farm.json"], [*download, "notes.txt"]):
-        assert "--force" in refused(capsys, *arguments)
+        assert "--overwrite" in refused(capsys, *arguments)
         assert Path(arguments[-1]).read_text() == "mine"
-    for arguments in ([*plan, "rows.plan"], [*plan, "package.json", "--force"], [*save, "farm.geojson"]):
+    for arguments in ([*plan, "rows.plan"], [*plan, "package.json", "--overwrite"], [*save, "farm.geojson"]):
         assert main(arguments) == 0
-        assert json.loads(Path([one for one in arguments if one != "--force"][-1]).read_text())
-    assert main([*download, "notes.txt", "--force"]) == 3
+        assert json.loads(Path([one for one in arguments if one != "--overwrite"][-1]).read_text())
+    assert main([*download, "notes.txt", "--overwrite"]) == 3
+    assert Path("notes.txt").read_text() == "mine"
+
+
+def test_force_replaces_nothing_and_overwrite_flies_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("notes.txt").write_text("mine")
+    for arguments in (
+        ["download", "--connect", "udpin:127.0.0.1:0", "--out", "notes.txt"],
+        ["farm", "save", "miniberry-10", "--out", "notes.txt"],
+        [*SIM, "--tlog", "notes.txt"],
+    ):
+        assert "has no --force: --overwrite replaces" in refused(capsys, *arguments, "--force")
+    assert main([*FLY, "--farm", "miniberry-10", "--out", "run"]) == 0
+    capsys.readouterr()
+    other = [*FLY, "--farm", "miniberry-10", "--out", "run", "--seed", "4"]
+    assert "--overwrite" in refused(capsys, *other, "--force")
+    assert load_result("run").scenario.seed != 4
+    assert "No such option: --overwrite" in refused(capsys, "upload", "notes.txt", "--overwrite")
+    assert "No such option: --force" in refused(capsys, "farm", "show", "miniberry-10", "--force")
     assert Path("notes.txt").read_text() == "mine"
 
 

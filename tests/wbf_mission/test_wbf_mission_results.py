@@ -80,7 +80,7 @@ def test_class_probabilities_are_kept_where_the_estimator_has_them(result: Resul
     assert again.summary() == flown.summary()
     assert result.model is not None and result.model.probabilities is None
     # An older result of the run is replaced by one without them.
-    fly(SMALL).save(tmp_path / "run", plots=False, force=True)
+    fly(SMALL).save(tmp_path / "run", plots=False, overwrite=True)
     assert not list((tmp_path / "run").glob("probabilities_*"))
 
 
@@ -147,33 +147,33 @@ def test_an_older_result_is_replaced_only_by_a_whole_one(
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
-def test_what_is_not_ours_or_of_another_run_needs_force(result: Result, tmp_path: Path) -> None:
+def test_what_is_not_ours_or_of_another_run_needs_overwrite(result: Result, tmp_path: Path) -> None:
     other = tmp_path / "other"
     other.mkdir()
     (other / "letter.txt").write_text("dear")
     with pytest.raises(ResultError, match="holds other files") as caught:
         result.save(other, plots=False)
-    assert "--" not in str(caught.value)
+    assert "(--overwrite, overwrite=True)" in str(caught.value)
     assert [path.name for path in other.iterdir()] == ["letter.txt"]
-    result.save(other, plots=False, force=True)
+    result.save(other, plots=False, overwrite=True)
     assert (other / "letter.txt").read_text() == "dear"
     different = scenario_with(result.scenario, {"seed": 4}).to_dict()
     with pytest.raises(ResultError, match="another run"):
         ResultFolder(other, scenario=different)
-    ResultFolder(other, scenario=different, force=True)
+    ResultFolder(other, scenario=different, overwrite=True)
     taken = tmp_path / "file"
     taken.write_text("x")
     with pytest.raises(ResultError, match="is a file"):
-        result.save(taken, force=True)
+        result.save(taken, overwrite=True)
 
 
 def test_an_input_is_never_written_over(tmp_path: Path) -> None:
     mission = tmp_path / "b" / "plan.plan"
     mission.parent.mkdir()
     write_mission(fly(SMALL).plan.mission, mission)
-    for force in (False, True):
+    for overwrite in (False, True):
         with pytest.raises(ResultError, match="which the run reads"):
-            ResultFolder(mission.parent, inputs=[None, mission], force=force)
+            ResultFolder(mission.parent, inputs=[None, mission], overwrite=overwrite)
     assert [path.name for path in mission.parent.iterdir()] == ["plan.plan"]
 
 

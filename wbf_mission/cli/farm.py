@@ -11,7 +11,7 @@ import typer
 from wbf_mission.cli import options
 from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.output import Output, distance, duration
-from wbf_mission.cli.targets import Force, refuse_overwrite
+from wbf_mission.cli.targets import Overwrite, refuse_overwrite
 from wbf_mission.scenario import FarmOptions
 
 app = typer.Typer(
@@ -143,14 +143,14 @@ def draw_command(
 def save_command(
     farm: FarmArgument,
     out: Annotated[Path, typer.Option(help="GeoJSON file.")],
-    force: Force = False,
+    overwrite: Overwrite = False,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> None:
     """Save a farm as GeoJSON, a start for a farm file of your own."""
     from geo import get_farm, save_farm
 
-    refuse_overwrite(out, [farm], suffixes=(".geojson",), force=force)
+    refuse_overwrite(out, [farm], suffixes=(".geojson",), overwrite=overwrite)
     _require_suffix(out, ".geojson", ".json")
     shown = get_farm(farm)
     save_farm(shown, out)

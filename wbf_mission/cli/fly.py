@@ -12,6 +12,7 @@ import typer
 
 from wbf_mission.cli import options, signals
 from wbf_mission.cli.output import Output, distance, duration
+from wbf_mission.cli.targets import Force
 from wbf_mission.exit_codes import ExitCode, exit_code_of_flight
 from wbf_mission.scenario import (
     CameraOptions,
@@ -115,15 +116,15 @@ def fly_command(
             rich_help_panel="What to run",
         ),
     ] = True,
-    force: Annotated[
+    overwrite: Annotated[
         bool,
         typer.Option(
-            "--force",
-            help="Replace the result of another run in the folder, or write among other files; with --connect"
-            " fly though the preflight check finds errors.",
-            rich_help_panel="Output",
+            "--overwrite",
+            help="Replace the result of another run in the folder, or write among other files.",
+            rich_help_panel=options.OUTPUT_PANEL,
         ),
     ] = False,
+    force: Force = False,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> int:
@@ -163,7 +164,7 @@ def fly_command(
             inputs += [chosen.mission.file, chosen.vehicle.name]
             path = out or Path("runs") / run_name(chosen)
             folder = stack.enter_context(
-                ResultFolder(path, inputs=inputs, scenario=resolved(chosen).to_dict(), force=force)
+                ResultFolder(path, inputs=inputs, scenario=resolved(chosen).to_dict(), overwrite=overwrite)
             )
         if folder is not None and live is None:
             stack.enter_context(

@@ -11,6 +11,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from wbf_mission.cli.targets import TargetError
 from wbf_mission.exit_codes import ExitCode
 
 __all__ = ["HelpCommand", "HelpGroup"]
@@ -46,6 +47,17 @@ def _write_epilog(command: Any, formatter: Any) -> None:
 
 class HelpCommand(TyperCommand):
     """A command whose help shows its options by panel."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the arguments; who wants to replace a file with ``--force`` is told what does it."""
+        try:
+            return super().parse_args(ctx, args)
+        except typer.TyperException as error:
+            wanted = getattr(error, "option_name", None)
+            if wanted == "--force" and any("--overwrite" in one.opts for one in self.params):
+                msg = f"{ctx.command_path} has no --force: --overwrite replaces a file that is there"
+                raise TargetError(msg) from None
+            raise
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write arguments and options."""

@@ -24,7 +24,8 @@ from wbf_mission.scenario.option import CompoundFlag, Option, Part, default_of, 
 from wbf_mission.scenario.parts import RUN
 from wbf_mission.scenario.scenario import all_options
 
-_OUTPUT = "Output"
+OUTPUT_PANEL = "Output"
+CHECK_PANEL = "What is checked"
 
 
 def complete(kind: str) -> Callable[[str], list[str]]:
@@ -97,8 +98,10 @@ ScenarioFile = Annotated[
         show_default=False,
     ),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.", rich_help_panel=_OUTPUT)]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no notes.", rich_help_panel=_OUTPUT)]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.", rich_help_panel=OUTPUT_PANEL)]
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", help="No progress, no notes.", rich_help_panel=OUTPUT_PANEL)
+]
 
 LINK_PANEL = "The vehicle's link"
 LINKS = "udpin:, udpout:, tcp: or tcpin:HOST:PORT, or serial:DEVICE:BAUD."

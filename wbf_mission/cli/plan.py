@@ -9,7 +9,7 @@ import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output, distance, duration
-from wbf_mission.cli.targets import MISSION_SUFFIXES, Force, refuse_overwrite
+from wbf_mission.cli.targets import MISSION_SUFFIXES, Overwrite, refuse_overwrite
 from wbf_mission.scenario import CameraOptions, FarmOptions, MissionOptions, VehicleOptions, WeatherOptions
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def plan_command(
             show_default=False,
         ),
     ] = None,
-    force: Force = False,
+    overwrite: Overwrite = False,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> None:
@@ -78,7 +78,7 @@ def plan_command(
     inputs = [given.file, chosen.farm.name, *chosen.farm.fields, chosen.mission.file, *chosen.vehicle.names]
     files = _files(out, len(chosen.vehicle.fleet))
     for path in files:
-        refuse_overwrite(path, inputs, suffixes=MISSION_SUFFIXES, force=force)
+        refuse_overwrite(path, inputs, suffixes=MISSION_SUFFIXES, overwrite=overwrite)
         if path is not None:
             writer_for(path)
     with output.progress() as progress:

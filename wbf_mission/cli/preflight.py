@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from wbf_mission.preflight.run import Circumstances, Preflight
     from wbf_mission.preflight.vehicle.snapshot import VehicleSnapshot
 
-CHECK_PANEL = "What is checked"
 CHECKED = options.scenario_options(
     VehicleOptions,
     WeatherOptions,
@@ -39,7 +38,7 @@ ObstacleFarm = Annotated[
     typer.Option(
         help="Farm whose obstacles count: a name or a GeoJSON file.  [default: none]",
         autocompletion=options.complete("farm"),
-        rich_help_panel=CHECK_PANEL,
+        rich_help_panel=options.CHECK_PANEL,
         show_default=False,
     ),
 ]
@@ -48,7 +47,7 @@ Margin = Annotated[
     typer.Option(
         help="Metres that the flown path stays away from fence and obstacles.",
         parser=options.number,
-        rich_help_panel=CHECK_PANEL,
+        rich_help_panel=options.CHECK_PANEL,
     ),
 ]
 CameraInterval = Annotated[
@@ -56,7 +55,7 @@ CameraInterval = Annotated[
     typer.Option(
         help="The camera's shortest interval between images, s.  [default: 0.01, the leaf camera's]",
         parser=options.number,
-        rich_help_panel=CHECK_PANEL,
+        rich_help_panel=options.CHECK_PANEL,
         show_default=False,
     ),
 ]

@@ -13,7 +13,7 @@ import typer
 
 from wbf_mission.cli import options, signals
 from wbf_mission.cli.output import Output, duration
-from wbf_mission.cli.targets import Force, refuse_overwrite
+from wbf_mission.cli.targets import Overwrite, refuse_overwrite
 from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import CameraOptions, FarmOptions, ScenarioError, VehicleOptions, WeatherOptions
 from wbf_mission.scenario.option import options_of
@@ -79,7 +79,7 @@ def sim_command(
             show_default=False,
         ),
     ] = None,
-    force: Force = False,
+    overwrite: Overwrite = False,
     ready_file: Annotated[
         Path | None,
         typer.Option(
@@ -114,8 +114,8 @@ def sim_command(
     _check_camera(given, camera=chosen.camera)
     scenario = given.change(base)
     inputs = [given.file, scenario.farm.name, scenario.vehicle.name]
-    refuse_overwrite(tlog, inputs, suffixes=(".tlog",), force=force)
-    refuse_overwrite(ready_file, [*inputs, tlog], suffixes=("", ".ready", ".txt"), force=force)
+    refuse_overwrite(tlog, inputs, suffixes=(".tlog",), overwrite=overwrite)
+    refuse_overwrite(ready_file, [*inputs, tlog], suffixes=("", ".ready", ".txt"), overwrite=overwrite)
     homes = [parse_home(text) for text in chosen.home]
     check_vehicles(faults, range(1, (chosen.count or len(homes) or 1) + 1))
     with output.progress() as progress:

@@ -9,18 +9,31 @@ from typing import Annotated
 import typer
 
 from geo.errors import WbfMissionError
+from wbf_mission.cli import options
 
-__all__ = ["MISSION_SUFFIXES", "Force", "TargetError", "refuse_overwrite"]
+__all__ = ["MISSION_SUFFIXES", "Force", "Overwrite", "TargetError", "refuse_overwrite"]
 
 MISSION_SUFFIXES = (".plan", ".waypoints", ".wpl", ".kml")
 """Of files that hold nothing but missions; a .json, .txt or .geojson may hold anything."""
 
+Overwrite = Annotated[
+    bool,
+    typer.Option(
+        "--overwrite",
+        help="Replace an existing file of any kind, not only of ours.",
+        rich_help_panel=options.OUTPUT_PANEL,
+    ),
+]
+"""Replaces files that are there; `Force` does not."""
 Force = Annotated[
     bool,
     typer.Option(
-        "--force", help="Replace an existing file of any kind, not only of ours.", rich_help_panel="Output"
+        "--force",
+        help="Go on in spite of errors that the preflight check finds.",
+        rich_help_panel=options.CHECK_PANEL,
     ),
 ]
+"""Does what has errors; `Overwrite` does not."""
 
 
 class TargetError(WbfMissionError, ValueError):
@@ -32,7 +45,7 @@ def refuse_overwrite(
     inputs: Iterable[str | Path | None] = (),
     *,
     suffixes: tuple[str, ...] = (),
-    force: bool = False,
+    overwrite: bool = False,
 ) -> None:
     """Refuse an output that is one of the inputs, a file of another kind, a folder, or in no folder.
 
@@ -45,7 +58,7 @@ def refuse_overwrite(
     suffixes : tuple of str
         Suffixes, in lower case, of what the command writes: an existing file with another one is somebody
         else's. Empty: any.
-    force : bool
+    overwrite : bool
         Replace an existing file of another kind; an input is never replaced.
 
     Raises
@@ -71,7 +84,7 @@ def refuse_overwrite(
         if given is not None and Path(given).exists() and out.samefile(given):
             msg = f"{out}: this is the file that is read; give another name for the output"
             raise TargetError(msg)
-    if not force and suffixes and out.is_file() and out.suffix.lower() not in suffixes:
+    if not overwrite and suffixes and out.is_file() and out.suffix.lower() not in suffixes:
         kinds = " or ".join(one for one in suffixes if one)
-        msg = f"{out}: a file that is already there and is no {kinds}; give another name, or --force"
+        msg = f"{out}: a file that is already there and is no {kinds}; give another name, or --overwrite"
         raise TargetError(msg)

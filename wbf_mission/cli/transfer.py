@@ -10,7 +10,6 @@ import typer
 from wbf_mission.cli import options
 from wbf_mission.cli.output import Output, duration
 from wbf_mission.cli.preflight import (
-    CHECK_PANEL,
     CHECKED,
     CameraInterval,
     Margin,
@@ -20,7 +19,7 @@ from wbf_mission.cli.preflight import (
     circumstances_of,
     fitted_circumstances,
 )
-from wbf_mission.cli.targets import MISSION_SUFFIXES, Force, refuse_overwrite
+from wbf_mission.cli.targets import MISSION_SUFFIXES, Force, Overwrite, refuse_overwrite
 from wbf_mission.exit_codes import ExitCode
 
 Connect = Annotated[str, options.link("The vehicle", required=True)]
@@ -47,14 +46,7 @@ def upload_command(
     farm: ObstacleFarm = None,
     margin: Margin = 2.0,
     camera_interval: CameraInterval = None,
-    force: Annotated[
-        bool,
-        typer.Option(
-            "--force",
-            help="Send it though the preflight check finds errors.",
-            rich_help_panel=CHECK_PANEL,
-        ),
-    ] = False,
+    force: Force = False,
     connect: Connect = "udpin:127.0.0.1:14550",
     system_id: options.SystemId = None,
     wait: options.Wait = 10.0,
@@ -119,7 +111,7 @@ def download_command(
     system_id: options.SystemId = None,
     wait: options.Wait = 10.0,
     via: options.Via = "own",
-    force: Force = False,
+    overwrite: Overwrite = False,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> None:
@@ -129,7 +121,7 @@ def download_command(
     from wbf_mission.live.via import via_named
 
     output = Output(as_json=json, quiet=quiet)
-    refuse_overwrite(out, suffixes=MISSION_SUFFIXES, force=force)
+    refuse_overwrite(out, suffixes=MISSION_SUFFIXES, overwrite=overwrite)
     writer_for(out)
     with output.progress() as progress:
         mission, report = download(

@@ -18,12 +18,13 @@ from wbf_mission.ground.guard import FailsafeGuard
 from wbf_mission.ground.texts import TextLog
 from wbf_mission.ground.vehicle_state import VehicleMonitor
 
-__all__ = ["ChangeOutcome", "ChangeRecord", "ChangeRequest", "ChangeSession", "check_change"]
+__all__ = ["FLOWN_TO", "ChangeOutcome", "ChangeRecord", "ChangeRequest", "ChangeSession", "check_change"]
 
 _RETURNS = frozenset({int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_LAND)})
 CAMERA = frozenset({int(Command.DO_SET_CAM_TRIGG_DIST), int(Command.DO_SET_CAM_TRIGG_INTERVAL)})
 _DO = frozenset({178, 195, 197, 201, 203, 205, 206, 214, 530, 2000, 2001})
-_FLOWN_TO = frozenset({16, 17, 18, 19, 31, 82})
+FLOWN_TO = frozenset({16, 17, 18, 19, 31, 82})
+"""MAV_CMDs of the items that lie on the path."""
 _FARTHEST_DEG = 1.0
 _HIGHEST_M = 10_000.0
 _SAME_M = 2.0
@@ -260,7 +261,7 @@ def check_change(new: Mission, resume_at: int, old: Mission) -> None:
     if not 0 <= resume_at < len(items):
         msg = f"mission: item {resume_at + 1} to go on with does not exist; there are {len(items)} items"
         raise MissionError(msg)
-    if items[resume_at].command not in _FLOWN_TO | _RETURNS or not (
+    if items[resume_at].command not in FLOWN_TO | _RETURNS or not (
         items[resume_at].has_position or items[resume_at].command in _RETURNS
     ):
         msg = (
@@ -307,7 +308,7 @@ def next_flown_to(items: tuple[MissionItem, ...], index: int) -> int:
     following = index + 1
     while following < len(items) and is_command(items[following]):
         following += 1
-    known = following < len(items) and items[following].command in _FLOWN_TO | _RETURNS
+    known = following < len(items) and items[following].command in FLOWN_TO | _RETURNS
     return following if known else index
 
 

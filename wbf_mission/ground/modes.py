@@ -19,6 +19,7 @@ __all__ = [
     "ModeError",
     "ModeNumbers",
     "arming_mode",
+    "end_modes",
     "is_in_mission",
     "maneuver_command",
     "maneuver_modes",
@@ -143,6 +144,25 @@ def maneuver_modes(kind: Maneuver, autopilot: int, vehicle_type: int) -> frozens
     if autopilot == m.MAV_AUTOPILOT_PX4:
         return frozenset({_PX4_HOLD})
     return frozenset({_ARDUPILOT_HOLD.get(vehicle_type, _COPTER_HOLD)})
+
+
+def end_modes(autopilot: int, vehicle_type: int, last_command: int) -> frozenset[str]:
+    """Return the names of the modes that a mission leads to when it is over, besides its own.
+
+    PX4 flies a return that ends a mission in the mode for that, and holds after another last item.
+    ArduCopter stays in AUTO; ArduPlane returns and ArduRover holds.
+
+    Examples
+    --------
+    >>> [sorted(end_modes(12, 2, command)) for command in (20, 16)], sorted(end_modes(3, 2, 20))
+    ([['RTL'], ['LOITER']], [])
+    """
+    if autopilot == m.MAV_AUTOPILOT_PX4:
+        returns = last_command == Command.NAV_RETURN_TO_LAUNCH
+        return frozenset({"RTL"} if returns else {_PX4_HOLD})
+    if autopilot == m.MAV_AUTOPILOT_ARDUPILOTMEGA and vehicle_type in _ARDUPILOT_HOLD:
+        return frozenset({"RTL", _ARDUPILOT_HOLD[vehicle_type]})
+    return frozenset()
 
 
 def is_in_mission(autopilot: int, vehicle_type: int, base_mode: int, custom_mode: int) -> bool:

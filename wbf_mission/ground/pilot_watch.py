@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Collection
+
 from mission.link.codec.dialect import mavlink as m
 from wbf_mission.ground.modes import Maneuver, is_in_mission, maneuver_modes, mode_name
 
@@ -9,6 +12,8 @@ __all__ = ["PilotWatch"]
 
 _TAKEN = "taken out of its mission"
 _RESTARTED = "its autopilot has started again"
+_DOUBT_S = 5.0
+"""Messages of one moment may come in any order, up to 3 s late, and the first of each may be lost."""
 _SHOWS = {Maneuver.HOLD: "holds", Maneuver.RETURN: "returns", Maneuver.LAND: "lands"}
 
 
@@ -27,6 +32,8 @@ class PilotWatch:
         How the vehicle showed that it does that; empty while it does not.
     ended_by_restart : str
         How the vehicle came up after a restart that ended its mission; empty if none did.
+    mission_over : bool
+        Whether the vehicle has told that it has flown its mission to the end.
     """
 
     def __init__(self) -> None:
@@ -37,6 +44,14 @@ class PilotWatch:
         self.obeyed = self.ended_by_restart = ""
         self._held: list[tuple[float, str]] = []
         self._restarted = False
+        self.mission_over = False
+        self._over_s = -math.inf
+        self._doubt: tuple[float, str] | None = None
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether it is not known yet if the mission's own end or somebody else chose the flight mode."""
+        return self._doubt is not None
 
     @property
     def somebody_else_flies(self) -> bool:
@@ -45,8 +60,8 @@ class PilotWatch:
 
     @property
     def taken_out(self) -> bool:
-        """Whether the vehicle was taken out of its mission, by somebody else or by us."""
-        return self._in_mission is False or self.ordered is not None
+        """Whether the vehicle was taken out of its mission, by somebody else or by us, or may have been."""
+        return self._in_mission is False or self.ordered is not None or self.in_doubt
 
     @property
     def ended_mission(self) -> bool:
@@ -65,6 +80,7 @@ class PilotWatch:
         *,
         expects_change: bool,
         unsure: bool = False,
+        ends_in: Collection[str] = (),
     ) -> None:
         """Take a HEARTBEAT of the vehicle in flight.
 
@@ -77,12 +93,47 @@ class PilotWatch:
         unsure : bool
             It was silent, and has not told its clock since: what it does may come from a restart. What
             happened is told by `settle` or `on_restart`.
+        ends_in : collection of str
+            Flight modes to which the mission's own end leads. Such a mode is left open until the vehicle
+            tells that its mission is over, or five seconds have passed.
         """
-        self._follow(message, now_s, expects_change=expects_change)
+        self._follow(message, now_s, expects_change=expects_change or self.mission_over, ends_in=ends_in)
         if self._restarted:
             self._tell_restart(message, now_s)
         elif not unsure:
             self.settle()
+
+    def on_mission_end(self, now_s: float) -> None:
+        """Note that the vehicle tells that it has flown its mission to the end, in whatever message."""
+        self.mission_over, self._over_s, self._doubt = True, now_s, None
+
+    def on_mission_goes_on(self, now_s: float) -> None:
+        """Note that the vehicle tells of items left to fly: what told of an end before is outdated then.
+
+        What was sent before the end may come after it.
+        """
+        if self._in_mission and now_s > self._over_s + _DOUBT_S:
+            self.mission_over = False
+
+    def on_new_mission(self) -> None:
+        """Forget an end: it was that of another list of items."""
+        self.mission_over = False
+
+    def poll(self, now_s: float, *, unsure: bool = False) -> None:
+        """Settle a doubt that has lasted long enough: the mission did not end by itself.
+
+        With ``unsure`` (see `on_heartbeat`) that is not told yet.
+        """
+        if now_s >= self.next_deadline():
+            assert self._doubt is not None
+            self._held.append(self._doubt)
+            self._doubt, self._in_mission = None, False
+        if not unsure and not self._restarted:
+            self.settle()
+
+    def next_deadline(self) -> float:
+        """When `poll` has something to do."""
+        return math.inf if self._doubt is None else self._doubt[0] + _DOUBT_S
 
     def order(self, ordered: Maneuver | None) -> None:
         """Note what is ordered; None for nothing any more."""
@@ -110,6 +161,7 @@ class PilotWatch:
         """Tell of a restart in one line, in place of what it changed."""
         out = bool(self._held) and self._in_mission is False
         self._restarted = False
+        self._doubt = None
         self._held.clear()
         disarmed = not message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED
         text = _RESTARTED + f": mode {self.mode}" * (out or disarmed) + ", motors off" * disarmed
@@ -117,7 +169,14 @@ class PilotWatch:
             self.ended_by_restart = text
         self.events.append((now_s, text))
 
-    def _follow(self, message: m.MAVLink_heartbeat_message, now_s: float, *, expects_change: bool) -> None:
+    def _follow(
+        self,
+        message: m.MAVLink_heartbeat_message,
+        now_s: float,
+        *,
+        expects_change: bool,
+        ends_in: Collection[str],
+    ) -> None:
         """Follow the mode."""
         kind = _kind(message)
         before, self.mode = self.mode, mode_name(*kind)
@@ -130,7 +189,7 @@ class PilotWatch:
                 self.ended_by_restart = ""
             if self._in_mission is False:
                 self.order(None)
-            self._in_mission = True
+            self._in_mission, self._doubt = True, None
             return
         if self.ordered is not None:
             self._look_for_obedience(self.ordered, kind)
@@ -139,10 +198,19 @@ class PilotWatch:
             return
         # Before the mission's mode was seen for the first time nobody has left it.
         if expects_change or self._in_mission is None:
+            self._doubt = None
             return
         if self._in_mission:
-            self._held.append((now_s, f"{_TAKEN}: mode {self.mode}"))
-            self._in_mission = False
+            taken = (now_s, f"{_TAKEN}: mode {self.mode}")
+            if self.mode in ends_in:
+                self._doubt = self._doubt or taken
+                self.poll(now_s, unsure=True)
+                return
+            # A doubt is settled by a mode to which no mission leads.
+            self._held.append(self._doubt or taken)
+            if self._doubt is not None:
+                self._held.append((now_s, f"mode {self.mode}"))
+            self._in_mission, self._doubt = False, None
         elif before != self.mode:
             self._held.append((now_s, f"mode {self.mode}"))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -26,7 +27,14 @@ from mission.transfer import (
 from mission.transfer.making import OWN_TRANSFERS, TransferMaker
 from mission.transfer.wire import ground_heartbeat
 from sensors.camera.wire import ObservationAssembler
-from wbf_mission.ground.change import ChangeRecord, ChangeRequest, ChangeSession, check_change, leads_home
+from wbf_mission.ground.change import (
+    FLOWN_TO,
+    ChangeRecord,
+    ChangeRequest,
+    ChangeSession,
+    check_change,
+    leads_home,
+)
 from wbf_mission.ground.change_aside import AsideChange
 from wbf_mission.ground.change_whole import WholeListChange
 from wbf_mission.ground.clearance import Clearance, Stage
@@ -35,7 +43,7 @@ from wbf_mission.ground.failures import FailureWatch
 from wbf_mission.ground.guard import FailsafeGuard
 from wbf_mission.ground.images import ImageFetch
 from wbf_mission.ground.link_state import LinkReport, LinkState
-from wbf_mission.ground.modes import Maneuver, arming_mode, maneuver_command
+from wbf_mission.ground.modes import Maneuver, arming_mode, end_modes, maneuver_command
 from wbf_mission.ground.orders import Answer, Order, result_name
 from wbf_mission.ground.pilot_watch import PilotWatch
 from wbf_mission.ground.texts import TextLog
@@ -49,10 +57,14 @@ GROUND_COMPONENT_ID = int(m.MAV_COMP_ID_MISSIONPLANNER)
 _HEARTBEAT_S = 1.0
 _CONTACT_S = 30.0
 _READY_S = 180.0
-_STATE_S = 2.5
+_STATE_S, _STATE_BEHIND_LINK_S = 2.5, 5.0
+"""The state of the mission is told so long after the disarming."""
 _CLOCK_S = 5.0
 """After a silence the vehicle tells its clock within this time and some round trips."""
 _COMPLETE = 5  # MISSION_STATE_COMPLETE
+_REPEATS_S = 12.0
+"""PX4 reports an item ten times more, once a second; after a change that may be one of the old list."""
+_FINISHED = re.compile(r"Mission (?:finished|complete)", re.IGNORECASE)
 _STREAM_HZ = 4
 _FAST = (int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT), int(m.MAVLINK_MSG_ID_ATTITUDE))
 _FAST_US = 100_000
@@ -160,6 +172,7 @@ class GroundStation:
         self._monitor = VehicleMonitor()
         self._contact = ContactWatch()
         self._back_s, self._unsure_s = math.inf, -math.inf
+        self._changed_s = -math.inf
         self._change: ChangeSession | None = None
         self._guard: FailsafeGuard | None = None
         self.battery_before = Battery()
@@ -192,6 +205,7 @@ class GroundStation:
             self._handlers[m.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS] = self._on_capture_status
         if clearance is not None:
             self._handlers[m.MAVLINK_MSG_ID_SYSTEM_TIME] = self._on_system_time
+            self._handlers[m.MAVLINK_MSG_ID_MISSION_ITEM_REACHED] = self._on_reached
         # Of a real vehicle every frame tells how good the link is.
         self.wanted: frozenset[int] | None = None if clearance is not None else frozenset(self._handlers)
 
@@ -291,8 +305,13 @@ class GroundStation:
             maker=self._maker,
             round_trip=self._round_trip,
         )
-        self._change = _WAYS[self.changes_aside](request)
+        self._change, self._changed_s = _WAYS[self.changes_aside](request), now_s
+        self.pilot.on_new_mission()
         return self._after_change(self._change.start(now_s))
+
+    @property
+    def _state_s(self) -> float:
+        return _STATE_S if self.clearance is None else _STATE_BEHIND_LINK_S
 
     def _guard_of(self, profile: Profile) -> FailsafeGuard | None:
         """Return what has to be set before the vehicle leaves its mission; the same one for a flight."""
@@ -346,10 +365,12 @@ class GroundStation:
             out += self._repeat_order(self._order, now_s)
         if self._change is not None and self.phase is Phase.FLIGHT and now_s >= self._change.next_deadline():
             out += self._after_change(self._change.poll(now_s))
+        self.pilot.poll(now_s, unsure=now_s < self._unsure_s)
         if (
             self.phase is Phase.FLIGHT
             and self._disarmed_s is not None
-            and now_s >= max(self._disarmed_s + _STATE_S, self._unsure_s)
+            and not self.pilot.in_doubt
+            and now_s >= max(self._disarmed_s + self._state_s, self._unsure_s)
         ):
             self._land(*self._why_aborted(), now_s)
         if self._fetch is not None and self._fetches and now_s >= self._fetch.due_s:
@@ -363,7 +384,7 @@ class GroundStation:
         """When `poll` has something to do."""
         if self.done:
             return math.inf
-        deadline_s = self._heartbeat_s
+        deadline_s = min(self._heartbeat_s, self.pilot.next_deadline())
         if self.clearance is not None:
             deadline_s = min(deadline_s, self.link.next_deadline())
         if self.phase is Phase.WAIT:
@@ -429,7 +450,7 @@ class GroundStation:
         change = self._change
         if change is not None and change.record is not None and change.record not in self.changes[-1:]:
             self.changes.append(change.record)
-            self.mission = change.held
+            self.mission, self._changed_s = change.held, change.record.ended_s
         return out
 
     # What arrives.
@@ -453,8 +474,14 @@ class GroundStation:
         if self.phase is Phase.FLIGHT:
             self._failures.on_heartbeat(message, len(self.texts) - self._texts_before)
             if self.clearance is not None:
-                changes, unsure = self.changing or self.flies_home, now_s < self._unsure_s
-                self.pilot.on_heartbeat(message, now_s, expects_change=changes, unsure=unsure)
+                last = int(self.mission.items[-1].command) if self.mission.items else 0
+                self.pilot.on_heartbeat(
+                    message,
+                    now_s,
+                    expects_change=self.changing or self.flies_home,
+                    unsure=now_s < self._unsure_s,
+                    ends_in=end_modes(message.autopilot, message.type, last),
+                )
         if self.phase is Phase.CONTACT:
             self._autopilot = message.autopilot
             self.phase = Phase.UPLOAD
@@ -492,8 +519,36 @@ class GroundStation:
             state = self._monitor.state
             if state.item is not None:
                 self._progress = f" at item {state.item + 1} of {state.total or len(self.mission.items)}"
+                if self._flies_mission and self._leads_on(state.item):
+                    self.pilot.on_mission_goes_on(now_s)
+            self._look_for_end(now_s)
             if self.phase is Phase.FLIGHT and self._mission_state == _COMPLETE and self._ends_when_complete():
                 self._complete(now_s)
+        return []
+
+    @property
+    def _flies_mission(self) -> bool:
+        """Whether what the vehicle tells now is of the mission as it is."""
+        return self.phase is Phase.FLIGHT and self._armed and not self.changing
+
+    def _leads_on(self, item: int) -> bool:
+        """Return whether something is left to fly to from an item on, before the way home."""
+        return any(one.command in FLOWN_TO for one in self.mission.items[item:])
+
+    def _look_for_end(self, now_s: float) -> None:
+        """See in MISSION_CURRENT that the mission is over; after a landing ArduPilot always says so."""
+        item = self._monitor.state.item
+        if self._flies_mission and (
+            self._mission_state == _COMPLETE or (item is not None and not self._leads_on(item))
+        ):
+            self.pilot.on_mission_end(now_s)
+
+    def _on_reached(self, message: m.MAVLink_mission_item_reached_message, now_s: float) -> list[Message]:
+        """Note that the last item that is flown to was reached; PX4 says so before it names the next one."""
+        if self._is_vehicle(message) and self._flies_mission and now_s > self._changed_s + _REPEATS_S:
+            item = message.seq - (1 if profile_for(self._autopilot).home_at_zero else 0)
+            if 0 <= item < len(self.mission.items) and not self._leads_on(item + 1):
+                self.pilot.on_mission_end(now_s)
         return []
 
     def _ends_when_complete(self) -> bool:
@@ -573,6 +628,8 @@ class GroundStation:
             self._texts.on_text(message, now_s)
             if self.clearance is not None:
                 self.clearance.on_text(message.text)
+            if self._flies_mission and _FINISHED.match(message.text):
+                self.pilot.on_mission_end(now_s)
         return []
 
     def _on_image(self, message: Message, now_s: float) -> list[Message]:  # noqa: ARG002
@@ -662,9 +719,7 @@ class GroundStation:
     def flies_home(self) -> bool:
         """Whether no waypoint is left of the mission."""
         item = self._monitor.state.item
-        return item is None or not any(
-            one.command == Command.NAV_WAYPOINT for one in self.mission.items[item:]
-        )
+        return self.pilot.mission_over or item is None or not self._leads_on(item)
 
     def maneuver(self, kind: Maneuver, now_s: float) -> list[Message]:
         """Take the vehicle out of its mission: the operator wants it to hold, to return or to land.
@@ -684,6 +739,12 @@ class GroundStation:
             raise NotFlyingError(msg)
         if self.pilot.somebody_else_flies:
             msg = f"somebody else flies the vehicle (mode {self.pilot.mode}); nothing is ordered"
+            raise NotFlyingError(msg)
+        if self.pilot.in_doubt:
+            msg = (
+                f"the vehicle left its mission (mode {self.pilot.mode}); whether that was its end or somebody"
+                " else shows within 5 s; nothing is ordered until then"
+            )
             raise NotFlyingError(msg)
         self._change = None
         self.pilot.order(kind)

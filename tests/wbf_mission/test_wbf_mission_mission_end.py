@@ -1,0 +1,212 @@
+"""Did a PX4 end its mission by itself, or did a pilot take it out? Messages come in any order, late or not."""
+
+from typing import Any
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from mission.link.codec.dialect import mavlink as m
+from mission.model import Command, GeoPoint, Mission, MissionItem
+from mission.outcome import Outcome
+from mission.transfer import MissionServer
+from wbf_mission.ground.clearance import Clearance
+from wbf_mission.ground.modes import Maneuver
+from wbf_mission.ground.station import GroundStation, NotFlyingError
+from wbf_mission.outcome import Phase
+
+WAYPOINTS = tuple(MissionItem.waypoint(28.05 + 1e-4 * k, -82.15, 5.0) for k in range(1, 4))
+TAKEOFF = MissionItem(Command.NAV_TAKEOFF, 3, param4=None, x=28.05, y=-82.15, z=5.0)
+HOMEWARD = Mission(
+    (TAKEOFF, *WAYPOINTS, MissionItem(Command.NAV_RETURN_TO_LAUNCH)), GeoPoint(28.05, -82.15, 30.0)
+)
+STAYING = Mission((TAKEOFF, *WAYPOINTS), HOMEWARD.home)
+MISSION, HOLD, RTL = (4 << 16 | sub << 24 for sub in (4, 3, 5))
+ACTIVE, PAUSED, COMPLETE = 3, 4, 5
+END_S, MOMENT_S = 40.0, 1.0
+
+
+def from_vehicle(message: Any) -> Any:
+    message.pack(m.MAVLink(None, 1, 1))
+    return message
+
+
+def beat(mode: int, *, armed: bool = True) -> Any:
+    return m.MAVLink_heartbeat_message(2, 12, 157 if armed else 29, mode, 4, 3)
+
+
+def current(seq: int, state: int) -> Any:
+    return m.MAVLink_mission_current_message(seq, 5, state, 1 if state == ACTIVE else 2)
+
+
+def flying(mission: Mission) -> GroundStation:
+    """A ground station whose vehicle has just begun its mission, before 10 s."""
+    ground = GroundStation(mission, clearance=Clearance((1, 1), agreed=True))
+    server = MissionServer(1, 1)
+    queue = ground.receive(from_vehicle(beat(HOLD, armed=False)), 1.0)
+    while queue:
+        replies: list[Any] = []
+        for message in queue:
+            message.pack(m.MAVLink(None, 255, 190))
+            replies += server.receive(message, 1.0).messages
+        queue = [out for reply in replies for out in ground.receive(from_vehicle(reply), 1.0)]
+    bit = m.MAV_SYS_STATUS_PREARM_CHECK
+    ground.receive(
+        from_vehicle(m.MAVLink_sys_status_message(bit, bit, bit, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)), 2.0
+    )
+    for tenth in range(20, 25):
+        for message in ground.poll(tenth / 10):
+            if message.get_type() == "COMMAND_LONG" and ground.phase is not Phase.FLIGHT:
+                queue = [m.MAVLink_command_ack_message(message.command, 0)]
+                while queue:
+                    for out in ground.receive(from_vehicle(queue.pop()), tenth / 10):
+                        queue.append(m.MAVLink_command_ack_message(out.command, 0))
+    assert ground.phase is Phase.FLIGHT, ground.reason
+    return ground
+
+
+def each_second(begin_s: float, end_s: float, *made: Any) -> list[tuple[float, Any]]:
+    return [(begin_s + k, make()) for k in range(int(end_s - begin_s)) for make in made]
+
+
+def until_moment() -> list[tuple[float, Any]]:
+    """A PX4 on its way to its last waypoint."""
+    return [
+        *each_second(10.5, END_S, lambda: beat(MISSION)),
+        *each_second(11.0, END_S, lambda: current(2, ACTIVE)),
+        *[(20.0 + k, m.MAVLink_mission_item_reached_message(1)) for k in range(11)],
+        *each_second(30.2, END_S, lambda: m.MAVLink_mission_item_reached_message(2)),
+        *each_second(30.3, END_S, lambda: current(3, ACTIVE)),
+    ]
+
+
+def normal_end(down_s: float) -> list[tuple[float, Any]]:
+    """As a real one ends its mission with a return."""
+    texts = [b"Mission finished\t", b"Returning to launch\t"]
+    down_s += END_S
+    return [
+        (END_S, m.MAVLink_mission_item_reached_message(4)),
+        *[(END_S, m.MAVLink_statustext_message(6, text)) for text in texts],
+        (END_S + 0.3, beat(RTL)),
+        (END_S + 0.33, current(4, ACTIVE)),
+        *each_second(END_S + 1.0, END_S + 11.0, lambda: m.MAVLink_mission_item_reached_message(4)),
+        *each_second(END_S + 1.3, down_s, lambda: beat(RTL)),
+        *each_second(END_S + 1.33, down_s, lambda: current(4, PAUSED)),
+        *each_second(down_s, down_s + 8.0, lambda: beat(HOLD, armed=False), lambda: current(0, COMPLETE)),
+    ]
+
+
+def pilots_end(down_s: float, *modes: int) -> list[tuple[float, Any]]:
+    """As one that a pilot takes out between its last two waypoints, and that lands then."""
+    down_s += END_S
+    return [
+        *[(END_S + 0.2 * k, beat(mode)) for k, mode in enumerate(modes)],
+        *each_second(END_S + 0.2, END_S + 1.2, lambda: m.MAVLink_mission_item_reached_message(2)),
+        *each_second(END_S + 1.0, down_s, lambda: beat(modes[-1]), lambda: current(3, PAUSED)),
+        *each_second(down_s, down_s + 8.0, lambda: beat(HOLD, armed=False), lambda: current(3, PAUSED)),
+    ]
+
+
+def arrivals(sent: list[tuple[float, Any]], late: list[float], lost: set[int]) -> list[tuple[float, Any]]:
+    """The messages as they arrive: each late by its own time, and some of the moment itself not at all."""
+    came = []
+    for number, (time_s, message) in enumerate(sorted(sent, key=lambda one: one[0])):
+        of_moment = END_S <= time_s < END_S + MOMENT_S
+        if not (of_moment and number % 8 in lost):
+            came.append((time_s + late[number % len(late)], message))
+    return sorted(came, key=lambda one: one[0])
+
+
+def flown(mission: Mission, came: list[tuple[float, Any]], *, orders: bool = False) -> GroundStation:
+    ground = flying(mission)
+    now_s = 10.0
+    for time_s, message in came:
+        while now_s < time_s:
+            now_s = min(time_s, max(ground.next_deadline(), now_s + 0.05))
+            ground.poll(now_s)
+        if not ground.done:
+            ground.receive(from_vehicle(message), time_s)
+    for tenth in range(100):
+        ground.poll(now_s + tenth / 10)
+    return ground
+
+
+lates = st.lists(st.floats(0.0, 3.0), min_size=1, max_size=13)
+losses = st.sets(st.integers(0, 7))
+downs = st.integers(6, 20)
+
+
+@settings(max_examples=60, deadline=None)
+@given(lates, losses, downs)
+@example([0.0], set(), 30)
+@example([0.0], {0, 1, 2, 3}, 30)
+@example([3.0, 0.0], set(), 6)
+@example([0.0, 3.0], set(), 9)  # the state comes 3 s after the disarming
+def test_a_mission_that_ends_by_itself_is_completed(late, lost, down_s):
+    ground = flown(HOMEWARD, arrivals(until_moment() + normal_end(down_s), late, lost))
+    assert (ground.outcome, ground.reason) == (Outcome.COMPLETED, "")
+    assert not [text for _, text in ground.pilot.events if "taken out" in text]
+
+
+@settings(max_examples=60, deadline=None)
+@given(lates, losses, downs, st.sampled_from([(RTL,), (HOLD,), (HOLD, RTL), (RTL, HOLD)]))
+@example([0.0], set(), 6, (RTL,))
+@example([1.0, 0.0, 0.0, 2.0, 2.0, 1.0], set(), 6, (RTL,))  # a silence before it, nothing after it
+def test_a_mission_that_a_pilot_takes_out_is_not(late, lost, down_s, modes):
+    ground = flown(HOMEWARD, arrivals(until_moment() + pilots_end(down_s, *modes), late, lost))
+    assert ground.outcome is Outcome.PILOT_TOOK_OVER
+    assert ground.reason.startswith("taken out of its mission: mode")
+
+
+@settings(max_examples=50, deadline=None)
+@given(lates, losses)
+def test_a_mission_that_leads_nowhere_ends_in_hold(late, lost):
+    ends = [
+        (END_S, m.MAVLink_mission_item_reached_message(3)),
+        (END_S, m.MAVLink_statustext_message(6, b"Mission finished, loitering\t")),
+        (END_S + 0.3, beat(HOLD)),
+        (END_S + 0.33, current(3, COMPLETE)),
+        *each_second(END_S + 1.3, END_S + 20.0, lambda: beat(HOLD), lambda: current(0, COMPLETE)),
+    ]
+    ground = flown(STAYING, arrivals(until_moment() + ends, late, lost))
+    assert ground.outcome is Outcome.COMPLETED
+
+
+def test_nothing_is_ordered_while_it_is_not_known_who_chose_the_mode():
+    ground = flying(HOMEWARD)
+    ground.receive(from_vehicle(beat(MISSION)), 11.0)
+    ground.receive(from_vehicle(current(2, ACTIVE)), 11.1)
+    ground.receive(from_vehicle(beat(RTL)), 20.0)
+    assert ground.pilot.taken_out and not ground.pilot.somebody_else_flies
+    with pytest.raises(NotFlyingError, match=r"left its mission \(mode RTL\).*shows within 5 s"):
+        ground.maneuver(Maneuver.HOLD, 20.5)
+    ground.receive(from_vehicle(m.MAVLink_mission_item_reached_message(4)), 21.0)
+    assert not ground.pilot.taken_out and ground.flies_home
+    assert ground.maneuver(Maneuver.HOLD, 21.5)
+
+
+def test_a_pilots_return_is_told_when_nothing_speaks_for_an_end():
+    ground = flying(HOMEWARD)
+    ground.receive(from_vehicle(beat(MISSION)), 11.0)
+    ground.receive(from_vehicle(current(2, ACTIVE)), 11.1)
+    ground.receive(from_vehicle(beat(RTL)), 20.0)
+    ground.poll(24.9)
+    assert ground.pilot.events == []
+    ground.poll(25.0)
+    assert ground.pilot.events == [(20.0, "taken out of its mission: mode RTL")]
+    assert ground.pilot.somebody_else_flies
+    ground.receive(from_vehicle(beat(MISSION)), 30.0)
+    assert not ground.pilot.taken_out
+
+
+def test_what_an_older_flight_of_the_same_list_told_is_outdated():
+    ground = flying(HOMEWARD)
+    ground.receive(from_vehicle(current(4, COMPLETE)), 10.5)
+    ground.receive(from_vehicle(beat(MISSION)), 11.0)
+    ground.receive(from_vehicle(current(4, COMPLETE)), 11.1)
+    assert ground.flies_home
+    for second in range(12, 20):
+        ground.receive(from_vehicle(current(1, ACTIVE)), float(second))
+    assert not ground.flies_home
+    ground.receive(from_vehicle(beat(HOLD)), 20.0)
+    assert ground.pilot.somebody_else_flies

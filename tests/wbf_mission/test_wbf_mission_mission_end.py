@@ -1,4 +1,4 @@
-"""Did a PX4 end its mission by itself, or did a pilot take it out? Messages come in any order, late or not."""
+"""Did a PX4 end its mission by itself, or did a pilot take it out? Messages come late, or in any order."""
 
 from typing import Any
 
@@ -50,6 +50,8 @@ def flying(mission: Mission) -> GroundStation:
             message.pack(m.MAVLink(None, 255, 190))
             replies += server.receive(message, 1.0).messages
         queue = [out for reply in replies for out in ground.receive(from_vehicle(reply), 1.0)]
+    there = m.MAVLink_global_position_int_message(1500, 280500000, -821500000, 0, 0, 0, 0, 0, 0)
+    ground.receive(from_vehicle(there), 1.5)
     bit = m.MAV_SYS_STATUS_PREARM_CHECK
     ground.receive(
         from_vehicle(m.MAVLink_sys_status_message(bit, bit, bit, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)), 2.0

@@ -13,7 +13,6 @@ from wbf_mission.ground.modes import Maneuver
 from wbf_mission.ground.station import NotFlyingError
 from wbf_mission.ground.telling import doing
 from wbf_mission.outcome import Phase
-from wbf_mission.preflight.checks.standing import FARTHEST_M
 
 if TYPE_CHECKING:
     from wbf_mission.joint_flight import JointFlight
@@ -24,7 +23,7 @@ __all__ = ["Operator"]
 _STATUS_S = 5.0
 _SILENCE_S = 5.0
 _OBEYS_S = 5.0
-_STARTING = (Phase.MODE, Phase.ARM, Phase.START)
+_STARTING = (Phase.ARM, Phase.START)
 _QUESTION = "[h]old, [r]eturn, [l]eave it flying, [c]ontinue? Ctrl-C again leaves it flying"
 _CHOICES = {"h": Maneuver.HOLD, "r": Maneuver.RETURN}
 
@@ -76,7 +75,7 @@ class Operator:
         self._tell_obedience(sortie, flight.now_s)
         if self._stopping:
             self._take_choice(flight)
-        self._output.show_bars(not self._stopping and ground.phase is not Phase.READY)
+        self._output.show_bars(not self._stopping and ground.phase not in (Phase.MODE, Phase.READY))
 
     def _on_signal(self, sortie: Sortie, now_s: float) -> None:
         """Ask what is to become of the vehicle; before the flight, and without a terminal, just leave."""
@@ -112,17 +111,9 @@ class Operator:
         self._ordered_s = None
 
     def _prepare(self, sortie: Sortie) -> None:
-        """Ask for the start once the vehicle can arm; refuse it where the plan is not for here."""
+        """Ask for the start once the vehicle can arm."""
         clearance = sortie.ground.clearance
         assert clearance is not None
-        if sortie.ground.vehicle_state.heard_s > float("-inf"):
-            away_m = start_distance_m(sortie)
-            if away_m > FARTHEST_M:
-                clearance.refuse()
-                self._output.warn(
-                    f"the vehicle stands {distance(away_m)} from the start of its plan: not started"
-                )
-                return
         if clearance.stage is not Stage.ASKING:
             return
         if not self._asked:
@@ -175,13 +166,6 @@ class Operator:
                 else "the vehicle is heard again"
             )
             self._output.warn(text)
-
-
-def start_distance_m(sortie: Sortie) -> float:
-    """Return how far a vehicle is from where its plan starts."""
-    x_m, y_m = sortie.ground.vehicle_state.position_m(sortie.plan.farm.frame)
-    start_x_m, start_y_m = sortie.task.request.start_xy_m
-    return float(((x_m - start_x_m) ** 2 + (y_m - start_y_m) ** 2) ** 0.5)
 
 
 def status_line(sortie: Sortie, now_s: float) -> str:

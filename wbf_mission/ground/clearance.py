@@ -9,8 +9,10 @@ from enum import Enum
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 
-__all__ = ["Clearance", "Stage"]
+__all__ = ["FARTHEST_M", "Clearance", "Stage"]
 
+FARTHEST_M = 300.0
+"""A vehicle that stands farther from the start of its plan is not started."""
 _PREARM = int(m.MAV_SYS_STATUS_PREARM_CHECK)
 _ASK_AGAIN_S = 5.0
 _STATUS_US = 1_000_000
@@ -32,7 +34,8 @@ class Clearance:
     """Waits for the vehicle's own checks, then for the operator.
 
     The vehicle's word is the bit PREARM_CHECK of the healthy parts in SYS_STATUS, as ArduPilot and PX4 send
-    it. An autopilot that does not know the bit is taken as ready once it tells where it is.
+    it, in the mode in which it is to arm: in others it may not need a position. An autopilot that does not
+    know the bit is taken as ready; none is before it knows where it is.
 
     Parameters
     ----------
@@ -46,11 +49,14 @@ class Clearance:
     stage : Stage
     reasons : list of str
         Why the vehicle would not arm, in its own words, the latest last.
+    told : int
+        How often it gave a reason.
     """
 
     def __init__(self, vehicle: tuple[int, int], *, agreed: bool = False) -> None:
         self.stage = Stage.CHECKING
         self.reasons: list[str] = []
+        self.told = 0
         self._due_s = -math.inf
         self._vehicle = vehicle
         self._agreed = agreed
@@ -76,12 +82,12 @@ class Clearance:
         return math.inf if self.stage is Stage.ASKING else -math.inf
 
     def on_sys_status(self, message: m.MAVLink_sys_status_message, *, has_position: bool) -> None:
-        """Take what the vehicle says of itself; whether it told where it is."""
+        """Take what the vehicle says of itself; whether it knows where it is."""
         if self.stage not in (Stage.CHECKING, Stage.ASKING):
             return
         knows = bool(message.onboard_control_sensors_present & _PREARM)
         healthy = bool(message.onboard_control_sensors_health & _PREARM)
-        if healthy or (not knows and has_position):
+        if has_position and (healthy or not knows):
             self.stage = Stage.GRANTED if self._agreed else Stage.ASKING
         else:
             self.stage = Stage.CHECKING
@@ -91,7 +97,13 @@ class Clearance:
         match = _REASON.match(text)
         if match is not None:
             reason = match.group(1).strip()
+            self.told += 1
             self.reasons = [*(one for one in self.reasons if one != reason), reason][-_MOST_REASONS:]
+
+    def check_again(self, now_s: float) -> None:
+        """Begin again after the vehicle has refused to arm; the operator's word still counts."""
+        self.stage = Stage.CHECKING
+        self._due_s = now_s
 
     def agree(self) -> None:
         """The operator agrees; what the vehicle says still counts."""

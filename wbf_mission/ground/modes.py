@@ -19,6 +19,7 @@ __all__ = [
     "ModeError",
     "ModeNumbers",
     "arming_mode",
+    "arming_mode_name",
     "end_modes",
     "is_in_mission",
     "maneuver_command",
@@ -99,17 +100,23 @@ def mode_named(autopilot: int, vehicle_type: int, name: str) -> ModeNumbers:
     return known[wanted]
 
 
-def arming_mode(autopilot: int, vehicle_type: int) -> ModeNumbers | None:
-    """Return the mode in which a vehicle arms without a stick; None where it may arm in any.
+def arming_mode_name(autopilot: int, vehicle_type: int) -> str | None:
+    """Return the name of the mode in which a vehicle arms without a stick; None where it may arm in any.
 
     ArduCopter arms neither in AUTO nor, with the throttle down, in modes that hold the height; PX4 does not
     without a radio control in those that want sticks. QGroundControl chooses in the same way.
     """
     if autopilot == m.MAV_AUTOPILOT_PX4:
-        return mode_named(autopilot, vehicle_type, _PX4_HOLD)
+        return _PX4_HOLD
     if autopilot == m.MAV_AUTOPILOT_ARDUPILOTMEGA and vehicle_type not in _ARDUPILOT_HOLD:
-        return mode_named(autopilot, vehicle_type, "GUIDED")
+        return "GUIDED"
     return None
+
+
+def arming_mode(autopilot: int, vehicle_type: int) -> ModeNumbers | None:
+    """Return the numbers of that mode."""
+    name = arming_mode_name(autopilot, vehicle_type)
+    return None if name is None else mode_named(autopilot, vehicle_type, name)
 
 
 def maneuver_command(kind: Maneuver, autopilot: int, vehicle_type: int) -> tuple[int, tuple[float, ...]]:

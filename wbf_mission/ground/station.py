@@ -37,13 +37,19 @@ from wbf_mission.ground.change import (
 )
 from wbf_mission.ground.change_aside import AsideChange
 from wbf_mission.ground.change_whole import WholeListChange
-from wbf_mission.ground.clearance import Clearance, Stage
+from wbf_mission.ground.clearance import FARTHEST_M, Clearance, Stage
 from wbf_mission.ground.contact import ContactWatch
 from wbf_mission.ground.failures import FailureWatch
 from wbf_mission.ground.guard import FailsafeGuard
 from wbf_mission.ground.images import ImageFetch
 from wbf_mission.ground.link_state import LinkReport, LinkState
-from wbf_mission.ground.modes import Maneuver, arming_mode, end_modes, maneuver_command
+from wbf_mission.ground.modes import (
+    Maneuver,
+    arming_mode,
+    arming_mode_name,
+    end_modes,
+    maneuver_command,
+)
 from wbf_mission.ground.orders import Answer, Order, result_name
 from wbf_mission.ground.pilot_watch import PilotWatch
 from wbf_mission.ground.texts import TextLog
@@ -57,6 +63,12 @@ GROUND_COMPONENT_ID = int(m.MAV_COMP_ID_MISSIONPLANNER)
 _HEARTBEAT_S = 1.0
 _CONTACT_S = 30.0
 _READY_S = 180.0
+_AGAIN_S = 3.0
+_LAST_WORDS_S = 0.5
+"""ArduPilot says why after its answer."""
+_MODE_SHOWN_S = 2.5
+_MODE_SETTLES_S = 1.0
+"""So long after its mode has changed the vehicle's own checks may be those for the mode before."""
 _STATE_S, _STATE_BEHIND_LINK_S = 2.5, 5.0
 """The state of the mission is told so long after the disarming."""
 _CLOCK_S = 5.0
@@ -168,6 +180,9 @@ class GroundStation:
         self.clearance = clearance
         self.pilot = PilotWatch()
         self._ready_s = math.inf
+        self._refusal: tuple[str, float] | None = None
+        self._mode_s = self._again_s = -math.inf
+        self._reasons_before = 0
         self._started_boot_s = 0.0
         self._monitor = VehicleMonitor()
         self._contact = ContactWatch()
@@ -206,6 +221,9 @@ class GroundStation:
         if clearance is not None:
             self._handlers[m.MAVLINK_MSG_ID_SYSTEM_TIME] = self._on_system_time
             self._handlers[m.MAVLINK_MSG_ID_MISSION_ITEM_REACHED] = self._on_reached
+            self._handlers[m.MAVLINK_MSG_ID_GPS_RAW_INT] = self._on_fix
+            self._handlers[m.MAVLINK_MSG_ID_EKF_STATUS_REPORT] = self._on_estimate
+            self._handlers[m.MAVLINK_MSG_ID_ESTIMATOR_STATUS] = self._on_estimate
         # Of a real vehicle every frame tells how good the link is.
         self.wanted: frozenset[int] | None = None if clearance is not None else frozenset(self._handlers)
 
@@ -359,6 +377,8 @@ class GroundStation:
             out += self._after_upload(self._uploads.poll(now_s), now_s)
         if self.phase is Phase.WAIT and now_s >= self._arm_s:
             out += self._arm(now_s)
+        if self._refusal is not None and now_s >= self._refusal[1]:
+            self._after_refusal(self._refusal[0], now_s)
         if self.phase is Phase.READY:
             out += self._clear(now_s)
         if self._order is not None and now_s >= self._order.due_s:
@@ -389,6 +409,8 @@ class GroundStation:
             deadline_s = min(deadline_s, self.link.next_deadline())
         if self.phase is Phase.WAIT:
             deadline_s = min(deadline_s, self._arm_s)
+        if self._refusal is not None:
+            deadline_s = min(deadline_s, self._refusal[1])
         if self.phase is Phase.READY and self.clearance is not None:
             deadline_s = min(deadline_s, self.clearance.next_deadline())
         if self._order is not None:
@@ -609,12 +631,27 @@ class GroundStation:
             self._tracks.on_truth(message, now_s, flying=self.phase is Phase.FLIGHT)
         return []
 
-    def _on_sys_status(self, message: m.MAVLink_sys_status_message, now_s: float) -> list[Message]:  # noqa: ARG002
+    def _on_sys_status(self, message: m.MAVLink_sys_status_message, now_s: float) -> list[Message]:
         if self._is_vehicle(message) and self.phase is Phase.FLIGHT:
             self._failures.on_sys_status(message)
         if self._is_vehicle(message) and self.clearance is not None:
-            has_position = self._monitor.position_heard_s > -math.inf
-            self.clearance.on_sys_status(message, has_position=has_position)
+            settled = now_s >= self._mode_s + _MODE_SETTLES_S
+            if self.phase is not Phase.MODE and settled and now_s >= self._again_s:
+                self.clearance.on_sys_status(message, has_position=self._monitor.knows_position)
+        return []
+
+    def _on_fix(self, message: m.MAVLink_gps_raw_int_message, now_s: float) -> list[Message]:  # noqa: ARG002
+        if self._is_vehicle(message):
+            self._monitor.on_fix(message)
+        return []
+
+    def _on_estimate(
+        self,
+        message: m.MAVLink_ekf_status_report_message | m.MAVLink_estimator_status_message,
+        now_s: float,  # noqa: ARG002
+    ) -> list[Message]:
+        if self._is_vehicle(message):
+            self._monitor.on_estimate(message)
         return []
 
     def _on_battery(self, message: m.MAVLink_battery_status_message, now_s: float) -> list[Message]:  # noqa: ARG002
@@ -666,7 +703,8 @@ class GroundStation:
             return []
         self._order = None
         if self.phase is Phase.MODE:
-            return self._arm(now_s)
+            self.phase, self._mode_s = Phase.READY, now_s
+            return []
         if self.phase is Phase.ARM:
             return self._give_order(Phase.START, m.MAV_CMD_MISSION_START, now_s, 0.0, 0.0)
         if self.phase is Phase.START:
@@ -692,7 +730,8 @@ class GroundStation:
         elif self._uploads.done and self._start_delay_s > 0.0:
             self.phase, self._arm_s = Phase.WAIT, now_s + self._start_delay_s
         elif self._uploads.done and self.clearance is not None:
-            self.phase, self._ready_s = Phase.READY, now_s + _READY_S
+            self._ready_s = now_s + _READY_S
+            out += self._choose_mode(now_s)
         elif self._uploads.done:
             out += self._arm(now_s)
         return out
@@ -706,14 +745,41 @@ class GroundStation:
         elif clearance.stage is Stage.CHECKING and now_s >= self._ready_s:
             why = "; ".join(clearance.reasons) or f"it did not say that it can arm in {_READY_S:.0f} s"
             self._end(Outcome.ARMING_REFUSED, why, now_s)
+        elif clearance.stage is not Stage.CHECKING and self._away_m > FARTHEST_M:
+            text = f"the vehicle stands {self._away_m:.0f} m from the start of its plan"
+            self._end(Outcome.NOT_STARTED, text, now_s)
+        elif clearance.stage is Stage.GRANTED and self._is_in_other_mode(now_s):
+            clearance.check_again(now_s)
+            return self._choose_mode(now_s)
         elif clearance.stage is Stage.GRANTED:
-            mode = arming_mode(self._autopilot, self._monitor.vehicle_type)
-            if mode is None:
-                return self._arm(now_s)
-            return self._give_order(Phase.MODE, m.MAV_CMD_DO_SET_MODE, now_s, mode.base, mode.main, mode.sub)
+            self._texts_before, self._reasons_before = len(self.texts), clearance.told
+            return self._arm(now_s)
         elif clearance.stage is Stage.ASKING:
             self._ready_s = now_s + _READY_S
         return clearance.poll(now_s)
+
+    def _choose_mode(self, now_s: float) -> list[Message]:
+        """Choose the mode in which the vehicle arms, if it has one, and wait until it can."""
+        mode = arming_mode(self._autopilot, self._monitor.vehicle_type)
+        if mode is None or not self._is_in_other_mode(now_s):
+            self.phase = Phase.READY
+            return []
+        return self._give_order(Phase.MODE, m.MAV_CMD_DO_SET_MODE, now_s, mode.base, mode.main, mode.sub)
+
+    def _is_in_other_mode(self, now_s: float) -> bool:
+        """Return whether the vehicle shows another mode than that in which it arms."""
+        name = arming_mode_name(self._autopilot, self._monitor.vehicle_type)
+        shown = now_s >= self._mode_s + _MODE_SHOWN_S
+        return name is not None and shown and self._monitor.mode != name
+
+    @property
+    def _away_m(self) -> float:
+        """How far the vehicle stands from home of its plan; 0 where it is not known."""
+        home = self.mission.home
+        if home is None or not self._monitor.knows_position:
+            return 0.0
+        frame = LocalFrame(home.latitude_deg, home.longitude_deg)
+        return math.hypot(*self._monitor.state.position_m(frame))
 
     @property
     def flies_home(self) -> bool:
@@ -776,9 +842,24 @@ class GroundStation:
             self.pilot.order(None)
             self._texts.note(f"{why}: the vehicle did not take the order", now_s)
             return
-        outcome = Outcome.ARMING_REFUSED if self.phase is Phase.ARM else Outcome.MISSION_REJECTED
         self._order = None
+        if self.clearance is not None and self.phase in (Phase.MODE, Phase.ARM):
+            self._refusal = why, now_s + _LAST_WORDS_S
+            return
+        outcome = Outcome.ARMING_REFUSED if self.phase is Phase.ARM else Outcome.MISSION_REJECTED
         self._end(outcome, self._texts.last_warning(why), now_s)
+
+    def _after_refusal(self, why: str, now_s: float) -> None:
+        """Wait and ask again where the vehicle gives a reason that may pass; for so long as it may take."""
+        clearance = self.clearance
+        assert clearance is not None
+        self._refusal = None
+        if clearance.told > self._reasons_before and now_s < self._ready_s:
+            self.phase, self._again_s = Phase.READY, now_s + _AGAIN_S
+            clearance.check_again(now_s)
+            return
+        outcome = Outcome.ARMING_REFUSED if self.phase is Phase.ARM else Outcome.MISSION_REJECTED
+        self._end(outcome, self._texts.last_warning(why, self._texts_before), now_s)
 
     def _why_aborted(self) -> tuple[Outcome, str]:
         """Outcome and reason of a flight that ended before its mission was complete."""

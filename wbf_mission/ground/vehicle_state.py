@@ -93,6 +93,7 @@ class VehicleState:
         return math.hypot(*self.velocity_m_s[:2])
 
 
+_POSITION_KNOWN, _POSITION_HELD = int(m.EKF_POS_HORIZ_ABS), int(m.EKF_CONST_POS_MODE)
 _LANDED_UNKNOWN = 0  # MAV_LANDED_STATE_UNDEFINED
 _NO_MISSION = 1  # MISSION_STATE_NO_MISSION
 # MISSION_CURRENT.mission_mode; 0 is unknown, 1 in the mission.
@@ -124,6 +125,8 @@ class VehicleMonitor:
         self._heartbeat: m.MAVLink_heartbeat_message | None = None
         self._position: m.MAVLink_global_position_int_message | None = None
         self._current: m.MAVLink_mission_current_message | None = None
+        self._fix: int | None = None
+        self._estimate: int | None = None
         self.battery = Battery()
         self.flies: bool | None = None
         self.clock = BootClock()
@@ -138,6 +141,29 @@ class VehicleMonitor:
         """Take position, velocity and heading."""
         self._position, self.position_heard_s = message, now_s
         self._boot_ms = self.clock.take(message.time_boot_ms, now_s)
+
+    def on_fix(self, message: m.MAVLink_gps_raw_int_message) -> None:
+        """Take the kind of fix."""
+        self._fix = message.fix_type
+
+    def on_estimate(
+        self, message: m.MAVLink_ekf_status_report_message | m.MAVLink_estimator_status_message
+    ) -> None:
+        """Take what its estimator knows; the lower bits mean the same in both messages."""
+        self._estimate = message.flags
+
+    @property
+    def knows_position(self) -> bool:
+        """Whether it knows where it is, as far as it tells: by its estimator, else by its fix.
+
+        ArduPilot tells positions, also 0/0, before that.
+        """
+        position = self._position
+        if position is None or position.lat == position.lon == 0:
+            return False
+        if self._estimate is not None:
+            return self._estimate & (_POSITION_KNOWN | _POSITION_HELD) == _POSITION_KNOWN
+        return self._fix is None or self._fix >= m.GPS_FIX_TYPE_3D_FIX
 
     def on_mission_current(self, message: m.MAVLink_mission_current_message, now_s: float) -> None:
         """Take the item and the mission's id."""

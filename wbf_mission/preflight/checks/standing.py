@@ -7,12 +7,13 @@ from collections.abc import Iterator
 from geo.frame import LocalFrame
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Frame
+from wbf_mission.ground.clearance import FARTHEST_M
 from wbf_mission.preflight.checks.legs import PLACED
 from wbf_mission.preflight.finding import Concern, Finding, Measure, Severity
 from wbf_mission.preflight.subject import Subject
+from wbf_mission.preflight.vehicle.snapshot import VehicleSnapshot
 
 __all__ = [
-    "FARTHEST_M",
     "check_battery_now",
     "check_estimator",
     "check_firmware",
@@ -21,8 +22,6 @@ __all__ = [
     "check_readiness",
 ]
 
-FARTHEST_M = 300.0
-"""A vehicle that stands farther from the start of its plan is not started."""
 _FAR_M = 30.0
 _HEIGHT_M = 10.0
 _FIX_3D = 3
@@ -163,9 +162,9 @@ def check_battery_now(subject: Subject) -> Iterator[Finding]:
 
 def check_place(subject: Subject) -> Iterator[Finding]:
     """How far the vehicle stands from home of the plan, and how much higher or lower."""
-    position = None if subject.snapshot is None else subject.snapshot.position
-    home = subject.mission.home
-    if position is None or home is None or (subject.snapshot is not None and subject.snapshot.armed):
+    snapshot, home = subject.snapshot, subject.mission.home
+    position = None if snapshot is None or snapshot.armed or _is_unsettled(snapshot) else snapshot.position
+    if position is None or home is None:
         return
     frame = LocalFrame(home.latitude_deg, home.longitude_deg)
     x, y = frame.from_wgs84(position.latitude_deg, position.longitude_deg)
@@ -191,6 +190,13 @@ def check_place(subject: Subject) -> Iterator[Finding]:
             "give heights above home, or correct the home of the plan",
             Measure.at_most("difference in height", abs(higher_m), _HEIGHT_M, "m"),
         )
+
+
+def _is_unsettled(snapshot: VehicleSnapshot) -> bool:
+    """Return whether the vehicle itself says that it does not know yet where it is."""
+    if snapshot.estimator_flags is None:
+        return snapshot.gps is not None and snapshot.gps.fix < _FIX_3D
+    return not snapshot.estimator_flags & m.ESTIMATOR_POS_HORIZ_ABS
 
 
 def _finding(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from geo.texts import parse_number
+from geo.texts import one_line, parse_number
 from wbf_mission.scenario import Scenario, ScenarioError, read_table, scenario_from_table, take_faults
 from wbf_mission.scenario.option import Part, option, options_of
 from wbf_mission.scenario.parts import CAMERA, VEHICLE
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["SimOptions", "load_sim", "parse_speed"]
 
 LINKS = "Links and time"
+_BOOTS = ("warm", "cold")
 _SLOWEST, _FASTEST = 0.01, 10_000.0
 
 
@@ -41,6 +42,13 @@ class SimOptions(Part):
         VEHICLE,
         default="the farm's home",
         metavar="LAT,LON",
+    )
+    boot: str = option(
+        "warm",
+        "warm: the autopilot is up and can arm; cold: it boots when it is first spoken to, and can arm some"
+        " 40 s later (ArduCopter)",
+        VEHICLE,
+        metavar="KIND",
     )
     spacing_m: float = option(4.0, "Between vehicles that share a home", VEHICLE, low=0.0, high=1000.0)
     listen: tuple[str, ...] = option(
@@ -70,7 +78,10 @@ class SimOptions(Part):
     camera: bool = option(True, "Carry the leaf camera", CAMERA)
 
     def check(self) -> None:
-        """Refuse speeds and durations that cannot be."""
+        """Refuse speeds, durations and kinds of boot that cannot be."""
+        if self.boot not in _BOOTS:
+            msg = f"boot {one_line(str(self.boot), 40)!r} is unknown: give {' or '.join(_BOOTS)}"
+            raise ScenarioError(msg)
         parse_speed(self.speed)
         if self.duration_s is not None and not 0.0 < self.duration_s < 1e9:
             msg = f"duration {self.duration_s} is out of range: give a positive number of simulated seconds"

@@ -101,6 +101,7 @@ def make_components(
     homes: Sequence[tuple[GeoPoint, float]] = (),
     spacing_m: float = SPACING_M,
     with_camera: bool = True,
+    cold: bool = False,
     progress: Callable[[str, float, float], None] | None = None,
 ) -> Simulated:
     """Make vehicles, each with its camera.
@@ -117,6 +118,8 @@ def make_components(
         Between vehicles that share a home.
     with_camera : bool
         Without cameras no environment is generated.
+    cold : bool
+        The autopilots boot when they are first spoken to; otherwise they are up.
 
     Raises
     ------
@@ -137,6 +140,7 @@ def make_components(
         noise=noise_of(scenario.vehicle, scenario.seed),
         spacing_m=spacing_m,
         epoch_unix_s=EPOCH_UNIX_S,
+        cold=cold,
     )
     if progress is not None:
         progress("preparing the vehicle", 0.0, 1.0)

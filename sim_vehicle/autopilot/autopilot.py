@@ -14,6 +14,7 @@ from sim_vehicle.errors import VehicleError
 if TYPE_CHECKING:
     from mission.transfer.profile import Profile
     from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.autopilot.cold_boot import ColdBoot
     from sim_vehicle.autopilot.failsafe_rules import FailsafeRules
     from sim_vehicle.autopilot.flight_procedures import FlightProcedures
     from sim_vehicle.autopilot.persona import Persona
@@ -44,6 +45,8 @@ class Firmware:
         A mission that begins on the ground needs no take-off item.
     habits : MissionHabits
         How it takes a mission that is changed while it flies.
+    cold_boot : ColdBoot, optional
+        How it comes up, where that is known.
     reference : callable, optional
         Returns all parameters that the real firmware has; those not named otherwise are only kept.
     turns : Turns
@@ -63,6 +66,7 @@ class Firmware:
     procedures: FlightProcedures
     takes_off: bool = False
     habits: MissionHabits = field(default_factory=MissionHabits)
+    cold_boot: ColdBoot | None = None
     turns: Turns = field(default_factory=Turns)
     sticks: StickRules | None = None
     strays_m: Callable[[VehicleSpec], float] | None = None

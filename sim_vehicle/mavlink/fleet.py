@@ -93,6 +93,7 @@ class Fleet:
         Each vehicle has its own errors of this size.
     spacing_m : float
     epoch_unix_s : float
+    cold : bool
         See `SimVehicle`.
 
     Attributes
@@ -123,6 +124,7 @@ class Fleet:
         noise: SensorNoise | None = None,
         spacing_m: float = SPACING_M,
         epoch_unix_s: float = EPOCH_UNIX_S,
+        cold: bool = False,
     ) -> None:
         given = 1 if isinstance(home, GeoPoint) else len(home)
         number = given if count is None else count
@@ -148,6 +150,7 @@ class Fleet:
                 system_id=system,
                 yaw_deg=heading,
                 epoch_unix_s=epoch_unix_s,
+                cold=cold,
             )
             for system, (position, heading) in enumerate(positions, 1)
         )

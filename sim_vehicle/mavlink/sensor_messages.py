@@ -31,14 +31,17 @@ UNUSED = 65535
 # attitude, velocities, positions and height above ground; without a position only what the sensors give
 _ESTIMATES_OK = 1 | 2 | 4 | 8 | 16 | 32 | 256 | 512
 _ESTIMATES_BLIND = 1 | 4 | 32
+_FIX_3D = 3
 
 
 def gps_raw_int(source: WireState) -> Message:
     """GPS_RAW_INT."""
     state = source.pilot.state
     position = source.position_e7
-    if not source.pilot.controls.position_ok:
-        return m.MAVLink_gps_raw_int_message(source.unix_us, 1, 0, 0, 0, UNUSED, UNUSED, UNUSED, UNUSED, 0)
+    boot = source.boot
+    if not source.pilot.controls.position_ok or (boot is not None and boot.fix < _FIX_3D):
+        fix = 1 if boot is None else min(boot.fix, 1)
+        return m.MAVLink_gps_raw_int_message(source.unix_us, fix, 0, 0, 0, UNUSED, UNUSED, UNUSED, UNUSED, 0)
     east, north, _ = state.velocity_m_s
     east_m, north_m, up_m = source.sensed.gps_m
     eph, epv, horizontal_mm, vertical_mm = 70, 90, 500, 800
@@ -122,6 +125,9 @@ def ekf_status_report(source: WireState) -> Message:
     """EKF_STATUS_REPORT."""
     ok = source.pilot.controls.position_ok
     flags = _ESTIMATES_OK if ok else _ESTIMATES_BLIND
+    boot, cold = source.boot, source.firmware.cold_boot
+    if cold is not None and boot is not None and not boot.knows_position:
+        flags = cold.blind_flags
     return m.MAVLink_ekf_status_report_message(flags, 0.1, 0.1, 0.1, 0.1, 0.0)
 
 

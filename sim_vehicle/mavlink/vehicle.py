@@ -19,9 +19,11 @@ from sim_vehicle.airframe.sensor_errors import NavigationErrors, SensorNoise
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import adapt_vehicle, get_autopilot
 from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
+from sim_vehicle.autopilot.cold_boot import ColdBoot
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.component import NEVER, UNHEARD
 from sim_vehicle.epoch import EPOCH_UNIX_S
+from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.items import NAV_COMMANDS
 from sim_vehicle.execution.state import CameraCommand, FlightEvent, HomeMoved, ItemReached
 from sim_vehicle.mavlink import setpoint_messages
@@ -87,6 +89,8 @@ class SimVehicle:
     sd_card : bool
         It starts with the largest room for plans on an SD card, where a parameter gives that
         (BRD_SD_MISSION and BRD_SD_FENCE of ArduPilot).
+    cold : bool
+        It boots when it is first spoken to, as the autopilot does; otherwise it is up already.
 
     Attributes
     ----------
@@ -96,6 +100,11 @@ class SimVehicle:
         Message intervals.
     state : WireState
         What it tells of itself: clocks, position, plans.
+
+    Raises
+    ------
+    VehicleError
+        If it is not known how this autopilot boots.
 
     Examples
     --------
@@ -120,11 +129,16 @@ class SimVehicle:
         signing: Signing | None = None,
         noise: SensorNoise | None = None,
         sd_card: bool = False,
+        cold: bool = False,
     ) -> None:
         self.autopilot = get_autopilot() if autopilot is None else autopilot
         spec = adapt_vehicle(spec, self.autopilot)
         firmware = self.autopilot.for_vehicle(spec.kind)
         persona = firmware.persona
+        self._boots = firmware.cold_boot if cold else None
+        if cold and self._boots is None:
+            msg = f"how {self.autopilot.title} boots on a {spec.kind} is not known: leave the cold boot out"
+            raise VehicleError(msg)
         self.system_id = system_id
         self.component_id = _AUTOPILOT
         self.pilot = pilot = Pilot(
@@ -147,7 +161,7 @@ class SimVehicle:
         self.schedule = self._default_schedule()
         self._heard: frozenset[int] | None = None
         self.has_camera = False
-        self._was_in_mission = False
+        self._was_in_mission = self._spoken_to = False
         self._signing = signing
         self._tick_s = 0.0
         self._outbox: list[Message] = []
@@ -246,6 +260,11 @@ class SimVehicle:
         handle = self._handlers.get(type(message).id)
         if handle is None or not self._is_mine(message):
             return []
+        if not self._spoken_to:
+            self._spoken_to = True
+            if self._boots is not None:
+                self.state.set_time(round(now_s * 1e6))
+                self.state.reboot()
         if not is_a(message, m.MAVLink_heartbeat_message):
             self._advance(now_s)
             handle(message)
@@ -272,8 +291,10 @@ class SimVehicle:
         for text in self._calibration.poll(now_s):
             self.pilot.note(Severity.INFO, text)
         self._show_changes()
-        outbox, heard = self._outbox, self._heard
+        outbox, heard, boot = self._outbox, self._heard, self.state.boot
         for message_id in self.schedule.due(self.state.now_us):
+            if boot is not None and message_id in boot.untold:
+                continue
             is_heard = heard is None or message_id in heard
             outbox.append(BUILDERS[message_id](self.state) if is_heard else UNHEARD)
         return self._sent()
@@ -319,10 +340,23 @@ class SimVehicle:
             return
         self.state.set_time(now_us)
         self._tick_s = now_s
+        if self._boots is not None:
+            self._boot(self._boots)
         events = self.pilot.advance(now_s, by_sticks=self._by_sticks)
         self.state.sense(now_s)
         for event in self._reports.merged(events, self._plans.mission):
             self._tell(event, now_s)
+
+    def _boot(self, boots: ColdBoot) -> None:
+        """Come up further, and say so."""
+        before = self.state.boot
+        stage = self.state.boot = boots.at(self.state.boot_ms / 1e3 if self._spoken_to else 0.0)
+        self.pilot.arming.block = boots.problem(stage, self.pilot.mode)
+        if before is not None and stage is not before:
+            if stage.text:
+                self.pilot.note(Severity.INFO, stage.text)
+            for message_id in before.untold - stage.untold:
+                self._outbox += self.built(message_id)
 
     @property
     def _by_sticks(self) -> bool:

@@ -10,6 +10,7 @@ from sim_vehicle.autopilot.modes import Mode
 
 if TYPE_CHECKING:
     from sim_vehicle.autopilot.autopilot import Firmware
+    from sim_vehicle.autopilot.cold_boot import BootStage
     from sim_vehicle.pilot.pilot import Pilot
 
 __all__ = ["WireState"]
@@ -47,6 +48,8 @@ class WireState:
         Home, in the same units.
     plan_ids : tuple of 3 ints
         Opaque ids of mission, fence and rally points.
+    boot : BootStage or None
+        How far it has come up, of a vehicle that boots; None of one that is up.
     """
 
     def __init__(
@@ -73,6 +76,7 @@ class WireState:
         self.position_e7 = self.home_e7
         self.velocity_m_s = (0.0, 0.0, 0.0)
         self.plan_ids = (0, 0, 0)
+        self.boot: BootStage | None = None
         self.now_us = 0
         self.boot_ms = 0
         self.unix_us = round(epoch_unix_s * 1e6)
@@ -123,6 +127,8 @@ class WireState:
             east, north, up = self.velocity_m_s
             self.velocity_m_s = (east + error_east, north + error_north, up + error_up)
         self.position_e7 = self.e7_of(self.sensed.believed_m)
+        if self.boot is not None and not self.boot.tells_place:
+            self.position_e7 = (0, 0, self.position_e7[2])
 
     def e7_of(self, position_m: tuple[float, float, float]) -> tuple[int, int, int]:
         """A position about home in the units of the wire; its height counts from the sea."""

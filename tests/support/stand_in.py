@@ -23,13 +23,14 @@ def stand_in(
     *,
     camera=False,
     count=None,
+    cold=False,
     speed=6.0,
     system_faults=(),
     listen="tcpin:127.0.0.1:0",
     **more,
 ):
     """Serve a simulated vehicle from another thread, over TCP by default; yields its address and it."""
-    made = make_components(scenario(autopilot=autopilot, **more), with_camera=camera, count=count)
+    made = make_components(scenario(autopilot=autopilot, **more), with_camera=camera, count=count, cold=cold)
     with Server(made.components, [listen], speed=speed, faults=system_faults) as server:
         thread = threading.Thread(target=server.run, daemon=True)
         thread.start()

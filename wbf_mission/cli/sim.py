@@ -125,6 +125,7 @@ def sim_command(
             homes=homes,
             spacing_m=chosen.spacing_m,
             with_camera=chosen.camera,
+            cold=chosen.boot == "cold",
             progress=progress,
         )
     cleanup = ExitStack()

@@ -744,6 +744,9 @@ class GroundStation:
             self._end(Outcome.NOT_STARTED, "the operator did not let it start", now_s)
         elif clearance.stage is Stage.CHECKING and now_s >= self._ready_s:
             why = "; ".join(clearance.reasons) or f"it did not say that it can arm in {_READY_S:.0f} s"
+            if self._again_s > -math.inf:
+                # Asked, it has refused: its last word counts.
+                why = self._texts.last_warning(why, self._texts_before)
             self._end(Outcome.ARMING_REFUSED, why, now_s)
         elif clearance.stage is not Stage.CHECKING and self._away_m > FARTHEST_M:
             text = f"the vehicle stands {self._away_m:.0f} m from the start of its plan"

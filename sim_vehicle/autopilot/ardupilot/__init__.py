@@ -12,7 +12,7 @@ from mission.transfer import profile
 from sim_vehicle.autopilot.ardupilot.copter import ARDUCOPTER
 from sim_vehicle.autopilot.ardupilot.failsafe import COPTER_RULES, PLANE_RULES, ROVER_RULES
 from sim_vehicle.autopilot.ardupilot.fixed_wing import ARDUPLANE
-from sim_vehicle.autopilot.ardupilot.habits import HABITS
+from sim_vehicle.autopilot.ardupilot.habits import COLD_BOOT, HABITS
 from sim_vehicle.autopilot.ardupilot.parameters import copter_parameters, vehicle_parameters
 from sim_vehicle.autopilot.ardupilot.persona import COPTER_PERSONA, PLANE_PERSONA, ROVER_PERSONA
 from sim_vehicle.autopilot.ardupilot.rover import ARDUROVER
@@ -55,6 +55,7 @@ ARDUPILOT = Autopilot(
                 parameter_table=copter_parameters,
                 procedures=ARDUCOPTER,
                 habits=HABITS,
+                cold_boot=COLD_BOOT,
                 reference=partial(reference_parameters, "arducopter"),
                 sticks=COPTER_STICKS,
             ),

@@ -1,0 +1,205 @@
+"""A vehicle that boots when it is spoken to, as ArduCopter does, and one that refuses to arm at first."""
+
+import re
+
+import pytest
+from stand_in import scenario, stand_in
+
+from geo.errors import WbfMissionError
+from mission.link.codec.dialect import mavlink as m
+from mission.model import Command, GeoPoint, Mission, MissionItem
+from mission.outcome import Outcome
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.autopilot import get_autopilot
+from sim_vehicle.host.simulation import Simulation
+from sim_vehicle.mavlink import SimVehicle
+from wbf_mission.flight import fly
+from wbf_mission.ground.clearance import Clearance
+from wbf_mission.ground.station import GroundStation
+from wbf_mission.ground.vehicle_state import VehicleMonitor
+from wbf_mission.live.link import LiveLink
+from wbf_mission.outcome import Phase
+
+HOME = GeoPoint(28.05, -82.15, 30.0)
+MISSION = Mission(
+    (
+        MissionItem(Command.NAV_TAKEOFF, 3, z=5.0),
+        MissionItem.waypoint(28.0501, -82.15, 5.0),
+        MissionItem(Command.NAV_RETURN_TO_LAUNCH),
+    ),
+    HOME,
+)
+
+
+class Log:
+    """What a vehicle sends, with the time on its own clock."""
+
+    system_id, component_id = 250, 1
+    wanted = None
+
+    def __init__(self):
+        self.heard = []
+
+    def receive(self, message, now_s):
+        if message.get_srcSystem() == 1:
+            self.heard.append((now_s, message))
+        return []
+
+    def poll(self, now_s):
+        return []
+
+    def next_deadline(self):
+        return float("inf")
+
+    def of(self, kind):
+        return [(time_s, one) for time_s, one in self.heard if one.get_type() == kind]
+
+
+class Nobody:
+    """An attendant who has agreed beforehand, as --yes does, and looks on."""
+
+    def tend(self, flight):
+        pass
+
+
+def flown(mission=MISSION, *, home=HOME, cold=True):
+    vehicle = SimVehicle(get_vehicle("quad"), home, autopilot=get_autopilot("ardupilot"), cold=cold)
+    ground, log = GroundStation(mission, clearance=Clearance((1, 1), agreed=True)), Log()
+    Simulation([vehicle, ground, log]).run(lambda _now_s: ground.done, limit_s=400.0)
+    return ground, log
+
+
+def test_a_copter_that_boots_is_waited_for_and_flies():
+    ground, log = flown()
+    assert (ground.outcome, ground.reason) == (Outcome.COMPLETED, "")
+    assert ground.started_s is not None and 40.0 <= ground.started_s < 50.0
+    (armed_s, _) = next(one for one in log.of("HEARTBEAT") if one[1].base_mode & 128)
+    assert armed_s >= 40.0
+    assert not [one for _, one in log.of("COMMAND_ACK") if one.command == 400 and one.result]
+
+
+def test_it_boots_in_the_order_and_at_the_times_of_a_real_one():
+    _, log = flown()
+    places = log.of("GLOBAL_POSITION_INT")
+    first_s, first = places[0]
+    assert 8.5 <= first_s < 9.0 and (first.lat, first.lon) == (0, 0)
+    assert 10.0 <= next(time_s for time_s, one in places if one.lat) < 10.5
+    fixes = [(time_s, one.fix_type) for time_s, one in log.of("GPS_RAW_INT")]
+    assert [kind for k, (_, kind) in enumerate(fixes) if not k or kind != fixes[k - 1][1]] in (
+        [0, 6],
+        [0, 1, 6],
+    )
+    flags = log.of("EKF_STATUS_REPORT")
+    assert flags[0][1].flags == 167
+    assert 40.0 <= next(time_s for time_s, one in flags if one.flags & 16) < 41.0
+    texts = [(time_s, one.text) for time_s, one in log.of("STATUSTEXT")]
+    for due_s, text in ((20.0, "EKF3 IMU0 origin set"), (40.0, "EKF3 IMU0 is using GPS")):
+        assert due_s <= next(time_s for time_s, said in texts if said == text) < due_s + 1.0
+    assert 20.0 <= log.of("HOME_POSITION")[0][0] < 21.0
+    reasons = list(dict.fromkeys(said for _, said in texts if said.startswith("PreArm")))
+    assert reasons[0] == "PreArm: Accels inconsistent"
+    assert {said for time_s, said in texts if said.startswith("PreArm") and time_s > 24.0} <= {
+        "PreArm: Need Position Estimate"
+    }
+
+
+def test_the_check_of_another_mode_says_nothing_of_a_position():
+    vehicle = SimVehicle(get_vehicle("quad"), HOME, autopilot=get_autopilot("ardupilot"), cold=True)
+    log = Log()
+    simulation = Simulation([vehicle, log])
+
+    def order(command, *params):
+        simulation.send(
+            log, [m.MAVLink_command_long_message(1, 1, command, 0, *params, *[0.0] * (7 - len(params)))]
+        )
+        simulation.run(limit_s=1.0)
+        return log.of("COMMAND_ACK")[-1][1].result
+
+    order(m.MAV_CMD_SET_MESSAGE_INTERVAL, 1, 250_000)
+    simulation.run(limit_s=29.0)
+    assert log.of("SYS_STATUS")[-1][1].onboard_control_sensors_health & m.MAV_SYS_STATUS_PREARM_CHECK
+    assert order(m.MAV_CMD_DO_SET_MODE, 1, 4) == m.MAV_RESULT_ACCEPTED
+    assert not log.of("SYS_STATUS")[-1][1].onboard_control_sensors_health & m.MAV_SYS_STATUS_PREARM_CHECK
+    assert order(m.MAV_CMD_COMPONENT_ARM_DISARM, 1) == m.MAV_RESULT_FAILED
+    assert log.of("STATUSTEXT")[-1][1].text == "Arm: Need Position Estimate"
+    simulation.run(limit_s=10.0)
+    assert order(m.MAV_CMD_COMPONENT_ARM_DISARM, 1) == m.MAV_RESULT_ACCEPTED
+
+
+def test_one_that_stands_elsewhere_is_not_started_once_it_knows_where():
+    ground, _ = flown(home=GeoPoint(28.06, -82.15, 30.0))
+    assert ground.outcome is Outcome.NOT_STARTED
+    assert ground.reason == "the vehicle stands 1108 m from the start of its plan"
+    assert ground.ended_s is not None and ground.ended_s > 40.0
+
+
+def test_the_whole_job_with_one_that_boots():
+    with stand_in("ardupilot", cold=True, speed=10.0) as (url, _):
+        result = fly(scenario(), connect=LiveLink(url, Nobody(), agreed=True))
+    assert result.outcome is Outcome.COMPLETED
+
+
+def test_a_cold_boot_that_is_not_known_is_refused():
+    with pytest.raises(WbfMissionError, match="how PX4 boots on a multirotor is not known"):
+        SimVehicle(get_vehicle("quad"), HOME, autopilot=get_autopilot("px4"), cold=True)
+
+
+class Stubborn(SimVehicle):
+    """A copter whose own check passes, and that refuses to arm so often."""
+
+    refusals, asked = 0, 0
+
+    def receive(self, message, now_s):
+        arms = message.get_type() == "COMMAND_LONG" and (message.command, message.param1) == (400, 1.0)
+        if arms and self.asked < self.refusals:
+            self.asked += 1
+            # The reason comes after the answer.
+            return [
+                m.MAVLink_command_ack_message(400, m.MAV_RESULT_FAILED),
+                m.MAVLink_statustext_message(2, f"Arm: Reason {self.asked}".encode()),
+            ]
+        return super().receive(message, now_s)
+
+
+@pytest.mark.parametrize(
+    ("refusals", "outcome", "reason"),
+    [(3, Outcome.COMPLETED, ""), (1000, Outcome.ARMING_REFUSED, r"Arm: Reason \d\d")],
+)
+def test_a_refusal_that_may_pass_is_asked_again_for_a_while(refusals, outcome, reason):
+    vehicle = Stubborn(get_vehicle("quad"), HOME, autopilot=get_autopilot("ardupilot"))
+    vehicle.refusals = refusals
+    ground = GroundStation(MISSION, clearance=Clearance((1, 1), agreed=True))
+    Simulation([vehicle, ground]).run(lambda _now_s: ground.done, limit_s=400.0)
+    assert ground.outcome is outcome
+    assert re.fullmatch(reason, ground.reason), ground.reason
+    assert vehicle.asked >= 3
+    assert ground.phase is Phase.DONE and ground.ended_s is not None and ground.ended_s < 250.0
+
+
+def test_a_position_counts_with_an_estimate_or_a_fix():
+    monitor = VehicleMonitor()
+
+    def at(lat, lon):
+        monitor.on_position(m.MAVLink_global_position_int_message(0, lat, lon, 0, 0, 0, 0, 0, 0), 1.0)
+
+    def fix(kind):
+        monitor.on_fix(m.MAVLink_gps_raw_int_message(0, kind, 1, 1, 0, 0, 0, 0, 0, 9))
+
+    def estimate(flags):
+        monitor.on_estimate(m.MAVLink_ekf_status_report_message(flags, 0, 0, 0, 0, 0))
+
+    assert not monitor.knows_position
+    at(0, 0)
+    assert not monitor.knows_position
+    at(280500000, -821500000)
+    assert monitor.knows_position, "it tells nothing else"
+    fix(1)
+    assert not monitor.knows_position
+    fix(3)
+    assert monitor.knows_position
+    estimate(167)
+    assert not monitor.knows_position, "a fix is no estimate"
+    estimate(831)
+    assert monitor.knows_position
+    fix(0)
+    assert monitor.knows_position, "by something else than satellites"

@@ -169,7 +169,8 @@ class JointFlight:
                 if left is not None:
                     msg = f"interrupted: {left}"
                     raise NotStartedError(msg)
-                why = f"left as it flew after {self.now_s:.0f} s: {doing(sortie.ground, self.now_s)}"
+                seconds = sortie.ground.flight_time_s
+                why = f"left as it flew after {seconds:.0f} s: {doing(sortie.ground, self.now_s)}"
             sortie.ground.interrupt(Outcome.INTERRUPTED, why, self.now_s)
         self.learn()
 

@@ -339,9 +339,8 @@ class Sortie:
         """Return what the flight gave."""
         ground, battery = self.ground, self.plan.vehicle.battery
         used = None
-        if battery is not None and ground.battery.consumed_wh is not None:
-            before_wh = ground.battery_before.consumed_wh or 0.0
-            used = (ground.battery.consumed_wh - before_wh) / battery.capacity_wh
+        if battery is not None:
+            used = ground.battery.used_since(ground.battery_before, battery.capacity_wh)
         frame = self.plan.farm.frame
         return FlightRecord(
             day=self.number.day,

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["HANDLERS", "CommandReceiver", "execute", "set_custom_mode"]
 
 _MOST_PEERS = 256
+_HEARTBEAT_US = 1e6
 _FIRST_FREE_SERVO, _LAST_SERVO = 5, 16
 _STANDARD_MODES = {
     1: Mode.HOLD,
@@ -278,6 +279,9 @@ def _set_interval(vehicle: CommandedVehicle, order: Order) -> Answer:
         vehicle.say_refusal(vehicle.state.firmware.persona.refusals.interval.format(message_id))
         return DENIED
     if math.isnan(interval) or abs(interval) > 1e10:
+        return DENIED
+    if message_id == m.MAVLINK_MSG_ID_HEARTBEAT and not 0.0 <= interval <= _HEARTBEAT_US:
+        # Who is not heard is lost to its peers.
         return DENIED
     vehicle.schedule.set_interval(message_id, int(interval), vehicle.state.now_us)
     return ACCEPTED

@@ -3,8 +3,9 @@
 import pytest
 
 from mission.link.codec.dialect import mavlink as m
+from wbf_mission.exit_codes import ExitCode, exit_code_of
 from wbf_mission.live.commanding import CommandSession
-from wbf_mission.live.errors import VehicleRefusedError, VehicleSilentError
+from wbf_mission.live.errors import MotorsStandError, VehicleRefusedError, VehicleSilentError
 from wbf_mission.live.wishes import Wish
 
 PX4, ARDUPILOT = m.MAV_AUTOPILOT_PX4, m.MAV_AUTOPILOT_ARDUPILOTMEGA
@@ -205,3 +206,29 @@ def test_another_vehicle_is_named():
     vehicle.beats(system_id=4)
     assert vehicle.session.vehicle is None
     assert "only system 1 (ArduPilot), system 4 (ArduPilot)" in str(vehicle.session.search.failure("x", 2.0))
+
+
+def test_a_mission_starts_the_motors_of_a_px4_only_where_that_was_said():
+    vehicle = Vehicle("mission", autopilot=PX4)
+    vehicle.beats()
+    assert isinstance(vehicle.session.error, MotorsStandError)
+    assert "the motors stand still; PX4 starts them and takes off" in str(vehicle.session.error)
+    assert vehicle.commands(m.MAV_CMD_MISSION_START) == []
+    assert exit_code_of(vehicle.session.error) is ExitCode.BAD_INPUT
+    for given in ({"arms": True}, {"autopilot": ARDUPILOT}, {"armed": True}):
+        vehicle = Vehicle("mission", autopilot=given.get("autopilot", PX4))
+        vehicle.session = CommandSession(Wish("mission", arms=given.get("arms", False)))
+        vehicle.beats(armed=given.get("armed", False))
+        assert len(vehicle.commands(m.MAV_CMD_MISSION_START)) == 1
+
+
+def test_who_is_refused_in_auto_is_told_where_it_arms():
+    vehicle = Vehicle("arm")
+    vehicle.beats(mode=3)
+    vehicle.warns("Arm: AUTO mode not armable")
+    vehicle.answers(400, m.MAV_RESULT_FAILED)
+    vehicle.passes(1.0)
+    assert str(vehicle.session.error) == (
+        "system 1 refused arm: Arm: AUTO mode not armable;"
+        " it arms in GUIDED: give the order mode GUIDED first"
+    )

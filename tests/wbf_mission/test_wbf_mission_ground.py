@@ -10,6 +10,7 @@ from mission.outcome import Outcome
 from mission.transfer import MissionServer
 from wbf_mission.ground.station import GroundStation
 from wbf_mission.ground.texts import TextLog
+from wbf_mission.ground.vehicle_state import Battery, VehicleMonitor
 from wbf_mission.outcome import Phase
 
 MISSION = Mission(
@@ -225,3 +226,28 @@ def test_px4s_last_word_on_arming_is_no_reason():
     texts.note(generic, 1.0)
     assert texts.last_warning("none") == "Preflight Fail: No manual control input"
     assert texts.last_warning("none", since=3) == "none"
+
+
+def test_control_characters_of_a_text_are_not_told() -> None:
+    log = TextLog()
+    log.on_text(m.MAVLink_statustext_message(6, b"Mission finished\t"), 1.0)
+    log.on_text(m.MAVLink_statustext_message(4, b"x" * 50, 7, 0), 2.0)
+    log.on_text(m.MAVLink_statustext_message(4, b"y\x1b\t", 7, 1), 2.1)
+    assert [text for _, _, text in log.texts] == ["Mission finished", "x" * 50 + "y"]
+
+
+def test_a_battery_is_told_by_sys_status_where_nothing_else_tells_it() -> None:
+    def status(percent: int) -> Any:
+        return m.MAVLink_sys_status_message(0, 0, 0, 0, 0, 0, percent, 0, 0, 0, 0, 0, 0)
+
+    monitor = VehicleMonitor()
+    monitor.on_sys_status(status(-1))
+    assert monitor.battery == Battery()
+    monitor.on_sys_status(status(80))
+    before = monitor.battery
+    monitor.on_sys_status(status(55))
+    assert before == Battery(0.8)
+    assert monitor.battery.used_since(before, 50.0) == pytest.approx(0.25)
+    monitor.on_battery(m.MAVLink_battery_status_message(0, 0, 0, 0, [65535] * 10, -1, -1, -1, 54))
+    monitor.on_sys_status(status(80))
+    assert monitor.battery == Battery(0.54), "BATTERY_STATUS counts first"

@@ -237,3 +237,20 @@ def test_a_battery_that_is_too_small_for_a_thousand_patches_is_told_as_that(
     assert main([*command, "--budget", "400Wh"]) == 2
     _, error = capsys.readouterr().err.splitlines()
     assert re.search(r"cannot be flown: the battery is empty after \d+ s, at item \d+", error), error
+
+
+def test_a_file_for_ardupilot_holds_no_nan(tmp_path: Path) -> None:
+    for autopilot, has_nan in (("px4", True), ("ardupilot", False)):
+        path = tmp_path / f"{autopilot}.waypoints"
+        words = [
+            "--farm",
+            "miniberry-10",
+            "--planner",
+            "spiral",
+            "--autopilot",
+            autopilot,
+            "--budget",
+            "2min",
+        ]
+        assert main(["plan", *words, "--out", str(path), "-q"]) == 0
+        assert ("NaN" in path.read_text()) is has_nan

@@ -17,6 +17,7 @@ from wbf_mission.exit_codes import ExitCode
 
 if TYPE_CHECKING:
     from wbf_mission.live.watching import FleetWatch
+    from wbf_mission.live.wishes import Wish
 
 MONITOR_EXAMPLES = """
 Examples
@@ -31,6 +32,8 @@ Examples
 wbf-mission command udpin:127.0.0.1:14550 arm
 
 wbf-mission command udpin:127.0.0.1:14550 takeoff 10
+
+wbf-mission command udpin:127.0.0.1:14550 mission --arm
 
 wbf-mission command tcp:127.0.0.1:5760 mode LOITER
 """
@@ -179,19 +182,37 @@ def command_command(
         ),
     ],
     value: Annotated[str, typer.Argument(help="What the order takes.", show_default=False)] = "",
+    arm: Annotated[
+        bool, typer.Option("--arm", help="The order mission may start the motors of a PX4 and take off.")
+    ] = False,
     system_id: options.SystemId = None,
     wait: options.Wait = 10.0,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> None:
     """Give a vehicle one order, and wait until it shows that it obeys."""
-    from sim_vehicle.host.server import Server
-    from sim_vehicle.host.simulation import StopReason
-    from wbf_mission.live.commanding import CommandSession
+    from wbf_mission.live.errors import MotorsStandError
     from wbf_mission.live.wishes import Wish
 
     output = Output(as_json=json, quiet=quiet)
-    session = CommandSession(Wish(order, value), system_id=system_id)
+    try:
+        _give(Wish(order, value, arm), url, system_id, wait, output)
+    except MotorsStandError:
+        if not sys.stdin.isatty():
+            raise
+        output.note("the motors stand still: the vehicle starts them and takes off; start the motors? [y/N]")
+        if sys.stdin.readline().strip().lower() not in ("y", "yes"):
+            raise
+        _give(Wish(order, value, arms=True), url, system_id, wait, output)
+
+
+def _give(wish: Wish, url: str, system_id: int | None, wait: float, output: Output) -> None:
+    """Give an order over a link of its own, and tell what came of it."""
+    from sim_vehicle.host.server import Server
+    from sim_vehicle.host.simulation import StopReason
+    from wbf_mission.live.commanding import CommandSession
+
+    session = CommandSession(wish, system_id=system_id)
     with Server([session], [url]) as server:
         reason = server.run(until=lambda _now_s: session.vehicle is not None, limit_s=wait)
         if reason is StopReason.FINISHED:
@@ -205,6 +226,11 @@ def command_command(
         output.note(f"vehicle: {text}")
     if session.error is not None:
         raise session.error
-    done = {"system_id": session.vehicle[0], "order": order, "value": value or None, "mode": session.mode}
-    told = f"{order} {value}".strip()
+    done = {
+        "system_id": session.vehicle[0],
+        "order": wish.order,
+        "value": wish.value or None,
+        "mode": session.mode,
+    }
+    told = f"{wish.order} {wish.value}".strip()
     output.result(done, {"vehicle": f"system {session.vehicle[0]}", "done": told, "mode": session.mode})

@@ -66,7 +66,7 @@ def plan_command(
     quiet: options.Quiet = False,
 ) -> None:
     """Plan a mission within a budget and say what it takes: length, time, coverage, battery."""
-    from mission.files import write_mission, writer_for
+    from mission.files import Firmware, write_mission, writer_for
     from mission.transfer import Severity
     from wbf_mission.fleet import plan_fleet
     from wbf_mission.flight import check_flight
@@ -92,7 +92,7 @@ def plan_command(
         output.note(f"note: {note}")
     for result, path in zip(results, files, strict=True):
         if path is not None:
-            write_mission(result.mission, path)
+            write_mission(result.mission, path, firmware=Firmware(result.mav_autopilot))
     told = [
         {**result.summary(), "file": str(path) if path else None}
         for result, path in zip(results, files, strict=True)

@@ -632,6 +632,8 @@ class GroundStation:
         return []
 
     def _on_sys_status(self, message: m.MAVLink_sys_status_message, now_s: float) -> list[Message]:
+        if self._is_vehicle(message):
+            self._monitor.on_sys_status(message)
         if self._is_vehicle(message) and self.phase is Phase.FLIGHT:
             self._failures.on_sys_status(message)
         if self._is_vehicle(message) and self.clearance is not None:

@@ -10,6 +10,7 @@ __all__ = ["TextLog"]
 
 _WARNING = 4  # MAV_SEVERITY_WARNING
 _MOST_TEXTS = 10_000
+_CONTROL = re.compile(r"[\x00-\x1f\x7f]")
 # What PX4 and ArduCopter end their reasons with, or say without any.
 _NO_REASON = re.compile(
     r"Arming denied: Resolve system health failures first|Switching to .* is currently not available"
@@ -33,11 +34,13 @@ class TextLog:
     def on_text(self, message: m.MAVLink_statustext_message, now_s: float) -> None:
         """Take a STATUSTEXT: a new text, or the next piece of the last one."""
         number, chunk = message.id, message.chunk_seq
+        # PX4 ends a text that it sends as an event, too, with a tab.
+        said = _CONTROL.sub("", message.text)
         if self.texts and number and (number, chunk - 1) == self._chunk:
             began_s, severity, text = self.texts[-1]
-            self.texts[-1] = (began_s, severity, text + message.text)
+            self.texts[-1] = (began_s, severity, text + said)
         elif len(self.texts) < _MOST_TEXTS:
-            self.texts.append((now_s, message.severity, message.text))
+            self.texts.append((now_s, message.severity, said))
         self._chunk = (number, chunk)
 
     def note(self, text: str, now_s: float) -> None:

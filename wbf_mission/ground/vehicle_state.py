@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from geo.frame import LocalFrame
@@ -34,6 +34,24 @@ class Battery:
 
     remaining: float | None = None
     consumed_wh: float | None = None
+
+    def used_since(self, before: Battery, capacity_wh: float) -> float | None:
+        """Return what was used since an earlier state, as a fraction: by the energy, else by what is left.
+
+        Examples
+        --------
+        >>> Battery(0.9, 10.0).used_since(Battery(1.0, 2.0), 80.0)
+        0.1
+        >>> Battery(0.5).used_since(Battery(0.75), 80.0)
+        0.25
+        >>> Battery(0.5).used_since(Battery(), 80.0) is None
+        True
+        """
+        if self.consumed_wh is not None:
+            return (self.consumed_wh - (before.consumed_wh or 0.0)) / capacity_wh
+        if self.remaining is None or before.remaining is None:
+            return None
+        return before.remaining - self.remaining
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,6 +146,7 @@ class VehicleMonitor:
         self._fix: int | None = None
         self._estimate: int | None = None
         self.battery = Battery()
+        self._has_battery = False
         self.flies: bool | None = None
         self.clock = BootClock()
         self._boot_ms = 0
@@ -178,10 +197,16 @@ class VehicleMonitor:
         """Take what is left of the battery, and what was used; a negative number tells nothing."""
         remaining, consumed_wh = self.battery.remaining, self.battery.consumed_wh
         if message.battery_remaining >= 0:
+            self._has_battery = True
             remaining = message.battery_remaining / 100.0
         if message.energy_consumed >= 0:
             consumed_wh = message.energy_consumed * 100.0 / 3600.0
         self.battery = Battery(remaining, consumed_wh)
+
+    def on_sys_status(self, message: m.MAVLink_sys_status_message) -> None:
+        """Take what is left of the battery from a vehicle that tells nothing of it otherwise."""
+        if message.battery_remaining >= 0 and not self._has_battery:
+            self.battery = replace(self.battery, remaining=message.battery_remaining / 100.0)
 
     @property
     def boot_s(self) -> float:

@@ -10,6 +10,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.transfer.vehicles import VehicleSearch
 from mission.transfer.wire import ground_heartbeat
 from wbf_mission.ground.link_state import LinkState
+from wbf_mission.ground.modes import arming_mode_name
 from wbf_mission.ground.orders import Answer, Order, result_name
 from wbf_mission.ground.station import GROUND_COMPONENT_ID, GROUND_SYSTEM_ID
 from wbf_mission.ground.texts import TextLog
@@ -116,7 +117,7 @@ class CommandSession:
             out += self._ask_for_streams(self.vehicle)
         if self._refusal is not None:
             if now_s >= self._refusal[1]:
-                reason = self._said or f"{self._refusal[0]}; it says no reason"
+                reason = (self._said or f"{self._refusal[0]}; it says no reason") + self._advice
                 self._fail(VehicleRefusedError(f"{self._name} refused {self._wish}: {reason}"))
         elif self._step is None:
             out += self._begin(now_s)
@@ -160,6 +161,14 @@ class CommandSession:
     def _said(self) -> str:
         """What the vehicle warned of last since it was given the order; empty for nothing."""
         return self._texts.last_warning("", self._texts_before)
+
+    @property
+    def _advice(self) -> str:
+        """What to do where it refused to arm in a mode in which it does not; empty for nothing."""
+        name = arming_mode_name(self._heard.autopilot, self._heard.vehicle_type)
+        if self._wish.order != "arm" or not self._heard.in_mission or name is None:
+            return ""
+        return f"; it arms in {name}: give the order mode {name} first"
 
     @property
     def _trip_s(self) -> float:

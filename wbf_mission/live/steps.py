@@ -11,7 +11,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.transfer import profile_for
 from wbf_mission.ground.modes import Maneuver, maneuver_command, maneuver_modes, mode_named
 from wbf_mission.ground.vehicle_state import VehicleMonitor
-from wbf_mission.live.errors import VehicleRefusedError
+from wbf_mission.live.errors import MotorsStandError, VehicleRefusedError
 from wbf_mission.live.wishes import Wish
 
 __all__ = ["OFF_GROUND_M", "Step", "is_ready", "step_of"]
@@ -65,6 +65,8 @@ def step_of(wish: Wish, vehicle: tuple[int, int], heard: VehicleMonitor) -> Step
     ------
     VehicleRefusedError
         If the vehicle, as it is now, could not carry it out.
+    MotorsStandError
+        If it would start its motors, and the wish does not say so.
     ModeError
         If it has no mode of that name.
     """
@@ -77,6 +79,12 @@ def step_of(wish: Wish, vehicle: tuple[int, int], heard: VehicleMonitor) -> Step
     if wish.order == "takeoff":
         return _takeoff(wish, vehicle[0], heard)
     if wish.order == "mission":
+        if heard.autopilot == m.MAV_AUTOPILOT_PX4 and not heard.state.armed and not wish.arms:
+            msg = (
+                f"system {vehicle[0]}: {wish}: the motors stand still; PX4 starts them and takes off at this"
+                " order: give --arm, too, if it may"
+            )
+            raise MotorsStandError(msg)
         return Step(lambda one: one.in_mission, int(m.MAV_CMD_MISSION_START))
     if wish.order == "set-item":
         return _set_item(wish, vehicle, heard)

@@ -35,6 +35,8 @@ class Wish:
         One of `ORDERS`.
     value : str
         What it takes; empty for nothing.
+    arms : bool
+        It may start motors that stand, though it is no order to arm.
 
     Raises
     ------
@@ -51,6 +53,7 @@ class Wish:
 
     order: str
     value: str = ""
+    arms: bool = False
 
     def __post_init__(self) -> None:
         if self.order not in ORDERS:

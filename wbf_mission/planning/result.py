@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from geo import Farm
 from mission.model import Mission
-from mission.transfer import GENERIC, Rendered, Severity, render
+from mission.transfer import GENERIC, PX4, Rendered, Severity, render
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import firmware_of
 from sim_vehicle.prediction.flight import Prediction
@@ -83,6 +83,12 @@ class PlanResult:
             return render(self.mission, GENERIC)
         mav_type = firmware.persona.identity.mav_type
         return render(self.mission, firmware.profile, mav_type, planned=dict(self.vehicle.parameters))
+
+    @property
+    def mav_autopilot(self) -> int:
+        """MAV_AUTOPILOT for whom the mission is meant; PX4 for a vehicle of none, whose rules are its own."""
+        firmware = firmware_of(self.vehicle)
+        return PX4.autopilot if firmware is None else firmware.persona.identity.mav_autopilot
 
     @property
     def warnings(self) -> list[str]:

@@ -585,3 +585,15 @@ def test_any_parameters_of_any_command_are_answered(autopilot, number, params):
     peer = Peer(autopilot)
     answers = peer.order(number, *params)
     assert sum(a.get_type() == "COMMAND_ACK" for a in answers) == 1
+
+
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
+@pytest.mark.parametrize("interval_us", [-1.0, 1e9])
+def test_no_interval_silences_the_heartbeat(autopilot, interval_us):
+    peer = Peer(autopilot)
+    assert peer.result(511, m.MAVLINK_MSG_ID_HEARTBEAT, interval_us) == m.MAV_RESULT_DENIED
+    assert peer.result(511, m.MAVLINK_MSG_ID_HEARTBEAT, 500_000) == m.MAV_RESULT_ACCEPTED
+    peer.result(511, m.MAVLINK_MSG_ID_HEARTBEAT, interval_us)
+    peer.told.clear()
+    peer.wait(5.0)
+    assert sum(one.get_type() == "HEARTBEAT" for one in peer.told) >= 9

@@ -41,6 +41,7 @@ from mission.transfer.events import (
     UploadComplete,
     UploadVerified,
 )
+from mission.transfer.profile import Profile
 from mission.transfer.round_trip import RoundTrip
 from mission.transfer.upload import MissionUpload
 
@@ -229,7 +230,7 @@ class VerifiedUpload:
         if self._refusal is not None:
             if self._upload.profile.atomic:
                 return Output(events=(replace(self._refusal, vehicle_plan=PlanState.OLD),))
-            text = f"{self._refusal.text}; {self._held(received.items)}"
+            text = f"{self._refusal.text}; {told_of_held(self.items, received.items, self._upload.profile)}"
             return Output(events=(replace(self._refusal, text=text),))
         number = len(self.differences)
         plan = self.mission_type.name.lower()
@@ -243,14 +244,15 @@ class VerifiedUpload:
         )
         return Output(events=(TransferFailed(self.mission_type, FailureReason.DIFFERENT, text, None, state),))
 
-    def _held(self, items: tuple[MissionItem, ...]) -> str:
-        """Return what a vehicle that overwrites in place holds after a refusal."""
-        new = 0
-        for one, other in zip(self.items, items, strict=False):
-            if compare_plans((one,), (other,), self._upload.profile):
-                break
-            new += 1
-        if not items:
-            return "the vehicle now holds no items"
-        told = "none" if not new else "all" if new == len(items) else f"the first {new}"
-        return f"the vehicle now holds {len(items)} items, {told} as sent: upload again before flying"
+
+def told_of_held(sent: Sequence[MissionItem], held: Sequence[MissionItem], profile: Profile) -> str:
+    """Return what a vehicle that overwrites in place holds after a refusal, in words."""
+    new = 0
+    for one, other in zip(sent, held, strict=False):
+        if compare_plans((one,), (other,), profile):
+            break
+        new += 1
+    if not held:
+        return "the vehicle now holds no items"
+    told = "none" if not new else "all" if new == len(held) else f"the first {new}"
+    return f"the vehicle now holds {len(held)} items, {told} as sent: upload again before flying"

@@ -185,6 +185,7 @@ def test_monitor_hears_nobody(capsys):
 
 def test_an_empty_mission_is_not_started(capsys):
     with stand_in() as (url, made):
-        text = command(capsys, url, "mission", code=5)
+        assert "the motors stand still" in command(capsys, url, "mission", code=2)
+        text = command(capsys, url, "mission", "--arm", code=5)
         assert "refused mission" in text
         assert made.vehicle.outcome is Outcome.RUNNING

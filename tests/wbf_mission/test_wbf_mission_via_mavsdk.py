@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 import tty
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -196,6 +197,18 @@ def test_a_refusal_is_told_in_the_words_of_both():
         upload(plans_about(made.vehicle.home), url, open_driver=driver("mavsdk"))
     assert str(error.value).startswith("upload of the fence failed: MAVSDK says ")
     assert exit_code_of(error.value) is ExitCode.REFUSED
+
+
+def test_a_refused_list_says_what_a_vehicle_that_overwrites_in_place_holds_now():
+    faults = ("final-ack-error=5",)
+    with stand_in("ardupilot", system_faults=faults) as (url, made):
+        with pytest.raises(RemoteTransferError) as error:
+            upload(
+                replace(plans_about(made.vehicle.home), fence=(), rally=()), url, open_driver=driver("mavsdk")
+            )
+        held = len(made.vehicle.pilot.mission.items)
+    assert f"the vehicle now holds {held} items, all as sent: upload again before flying" in str(error.value)
+    assert held > 1
 
 
 def test_a_vehicle_that_does_not_answer_an_upload():

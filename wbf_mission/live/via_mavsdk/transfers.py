@@ -32,6 +32,7 @@ from mission.transfer import (
 )
 from mission.transfer.events import NOTHING, Event
 from mission.transfer.profile import from_wire_order
+from mission.transfer.verified import told_of_held
 from wbf_mission.live.via_mavsdk.call import Call
 from wbf_mission.live.via_mavsdk.link import MavsdkLink
 
@@ -253,6 +254,7 @@ class MavsdkUpload(_Transfer):
         self._plan = plan
         self._reading = reading
         self._verified = False
+        self._refused: TransferFailed | None = None
         self._first_s = 0.0
 
     def start(self, now_s: float) -> Output:
@@ -281,8 +283,12 @@ class MavsdkUpload(_Transfer):
         if result is MissionRawResult.SUCCESS:
             self.confirmed_s = now_s
         elif _REASONS.get(result) is not FailureReason.TIMEOUT:
-            return self._fail(result, now_s)
-        # After a timeout the vehicle may hold the plan all the same: reading it tells.
+            state = PlanState.OLD if self._profile.atomic else PlanState.UNKNOWN
+            self._refused = self._failure(f"upload of the {self._plan_name}", result, state)
+            if self._profile.atomic:
+                return self._finish(now_s, self._refused)
+        # What a vehicle that overwrites in place holds after a refusal is to be told. After a timeout it may
+        # hold the plan all the same: reading it tells.
         self._reading.start(now_s)
         return NOTHING
 
@@ -303,15 +309,16 @@ class MavsdkUpload(_Transfer):
         count, spent_s = len(self._plan.items), end_s - self._first_s
         return TransferStatistics(self.mission_type, count, 0, 0, 0, spent_s, self._verified)
 
-    def _fail(self, result: MissionRawResult, now_s: float) -> Output:
-        state = PlanState.OLD if self._profile.atomic else PlanState.UNKNOWN
-        return self._finish(now_s, self._failure(f"upload of the {self._plan_name}", result, state))
-
     def _after_reading(self, read: Output, now_s: float) -> Output:
         """Compare what was read with what was sent."""
         if not read.events:
             return NOTHING
         end = read.events[-1]
+        if self._refused is not None:
+            held = "what the vehicle holds now could not be read"
+            if isinstance(end, DownloadComplete):
+                held = told_of_held(self._plan.items, end.items, self._profile)
+            return self._finish(now_s, replace(self._refused, text=f"{self._refused.text}; {held}"))
         if isinstance(end, TransferFailed):
             text = f"the {self._plan_name} was sent but not verified: {end.text}"
             return self._finish(now_s, replace(end, text=text, vehicle_plan=PlanState.UNKNOWN))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wbf_mission.bench.page import Page, Picture, Section, Table
 from wbf_mission.bench.row import BenchRow
-from wbf_mission.bench.standings import Interval, Standing, standings, students_reach
+from wbf_mission.bench.standings import Interval, Standing, apart, standings, students_reach
 from wbf_mission.plots import LINE_COLOURS, new_figure, save_figure
 
 __all__ = [
@@ -96,6 +96,7 @@ def write_report(rows: Sequence[BenchRow], folder: Path, *, title: str) -> list[
         If one cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    rows = apart(rows)
     found = standings(rows)
     scenarios = list(dict.fromkeys(one.scenario for one in found))
     sections = [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import platform
 import time
 import traceback
@@ -18,6 +19,7 @@ from wbf_mission.bench.spec import BenchRun
 from wbf_mission.flight import fly
 from wbf_mission.flight_memory import memory_of_process
 from wbf_mission.run_record import RunRecord
+from wbf_mission.scenario import Scenario
 from wbf_mission.version import __version__
 
 __all__ = ["BenchRow", "Floats", "as_floats", "failed_row", "fly_run"]
@@ -70,6 +72,10 @@ class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         Seconds of flight, the score and the losses at the scored times.
     versions : dict
         Of what flew it.
+    codes : dict
+        Digests of that (`wbf_mission.bench.spec.BenchRun`); empty in rows of old stores, which did not tell.
+    bad_answers : dict
+        How many answers of the policy were not flown, or came too late, by what was wrong with them.
     """
 
     key: str
@@ -95,6 +101,8 @@ class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     scores: Floats = msgspec.field(default_factory=_no_floats)
     history: dict[str, Floats] = {}
     versions: dict[str, str] = {}
+    codes: dict[str, str] = {}
+    bad_answers: dict[str, int] = {}
 
 
 def fly_run(run: BenchRun) -> BenchRow:
@@ -107,7 +115,7 @@ def fly_run(run: BenchRun) -> BenchRow:
     """
     wall_s, cpu_s = time.perf_counter(), time.process_time()
     try:
-        result = fly(run.scenario, memory=memory_of_process())
+        result = fly(_fresh(run.scenario), memory=memory_of_process())
     except WbfMissionError as error:
         return failed_row(run, str(error))
     except MemoryError:
@@ -119,6 +127,14 @@ def fly_run(run: BenchRun) -> BenchRow:
     if result.outcome is Outcome.INTERRUPTED:
         raise KeyboardInterrupt
     return _row(run, result, time.perf_counter() - wall_s, time.process_time() - cpu_s)
+
+
+def _fresh(scenario: Scenario) -> Scenario:
+    """Return the scenario with copies of a user's objects: a run is not to see what those before it left."""
+    try:
+        return copy.deepcopy(scenario)
+    except Exception:  # an object that cannot be copied is flown as it is
+        return scenario
 
 
 def failed_row(run: BenchRun, cause: str) -> BenchRow:
@@ -161,6 +177,7 @@ def _which(run: BenchRun) -> dict[str, Any]:
         "planner": run.planner,
         "estimator": run.estimator,
         "seed": run.seed,
+        "codes": run.codes,
     }
 
 

@@ -6,12 +6,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from msgspec import structs
 from numpy.typing import NDArray
 from scipy import stats
 
 from wbf_mission.bench.row import BenchRow
 
-__all__ = ["Interval", "Standing", "mean_interval", "standings", "students_reach"]
+__all__ = ["Interval", "Standing", "apart", "mean_interval", "standings", "students_reach"]
 
 _DRAWS = 2000
 _SEED = 0
@@ -134,8 +135,46 @@ def students_reach(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(values.std(axis=0, ddof=1) / np.sqrt(count) * stats.t.ppf(0.975, count - 1))
 
 
+_NAMED = (
+    ("scenario", "code"),
+    ("scenario", "scenario"),
+    ("planner", "planner"),
+    ("estimator", "estimator"),
+)
+
+
+def apart(rows: Sequence[BenchRow]) -> Sequence[BenchRow]:
+    """Return rows in which what has the same name is the same.
+
+    Where a name stands for several things, because the program, a file or a user's code changed between runs
+    or an object has other parameters, the beginning of the digest is added to it. Rows that need nothing of
+    this are given back as they are.
+    """
+    for name, key in _NAMED:
+        digests: dict[str, set[str]] = {}
+        for row in rows:
+            digests.setdefault(getattr(row, name), set()).add(_code(row, key))
+        several = {label for label, codes in digests.items() if len(codes) > 1}
+        if several:
+            rows = [
+                structs.replace(row, **{name: f"{getattr(row, name)} [{_code(row, key)[:8]}]"})
+                if getattr(row, name) in several
+                else row
+                for row in rows
+            ]
+    return rows
+
+
+def _code(row: BenchRow, key: str) -> str:
+    return row.codes.get(key, "built in" if row.codes else "unknown")
+
+
 def standings(rows: Sequence[BenchRow]) -> list[Standing]:
-    """Return the standing of each planner with each estimator, by scenario, the best score first."""
+    """Return the standing of each planner with each estimator, by scenario, the best score first.
+
+    Rows of different code do not stand in one table, see `apart`.
+    """
+    rows = apart(rows)
     found = []
     for scenario in sorted({row.scenario for row in rows}):
         here = [row for row in rows if row.scenario == scenario]

@@ -59,6 +59,7 @@ def test_a_row_has_what_the_run_gave(rows):
     assert (one.observations, one.decisions) == (33, 1)
     assert one.cpu_time_s > 0.0
     assert set(one.versions) == {"wbf-mission", "python", "numpy"}
+    assert set(one.codes) == {"code", "scenario"}
 
 
 def test_the_environment_of_a_seed_is_shared(rows):

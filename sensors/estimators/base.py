@@ -69,6 +69,29 @@ class Estimator(Protocol):
         ...
 
 
+_OUTSIDE = 1e-4
+
+
+def model_fault(model: object) -> str | None:
+    """Return what is wrong with what an estimator's ``predict`` returned, in one line; None if nothing is."""
+    if not isinstance(model, InformationModel):
+        what = _KINDS.get(type(model), f"a {type(model).__name__}")
+        return f"predict returned {what}, not an InformationModel"
+    low, high = float(model.value.min()), float(model.value.max())
+    if not (np.isfinite(low) and np.isfinite(high)):
+        return "predict returned a value that is not finite"
+    if low < -_OUTSIDE or high > 1.0 + _OUTSIDE:
+        worst = low if low < -_OUTSIDE else high
+        return f"predict returned the value {worst:.4g}; values are 0 to 1 (numpy.clip them)"
+    least = float(model.uncertainty.min())
+    if not least >= 0.0:
+        return f"predict returned the uncertainty {least:.4g}; it is 0 or more"
+    return None
+
+
+_KINDS = {type(None): "None", np.ndarray: "an array"}
+
+
 class BaseEstimator(ABC):
     """The part that all our estimators share: the farm, checks of the observations, parameters by name.
 

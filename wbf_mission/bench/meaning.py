@@ -11,7 +11,6 @@ import dis
 import hashlib
 import importlib
 import sys
-import sysconfig
 from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
@@ -23,6 +22,7 @@ import numpy as np
 import shapely
 
 from geo import Farm
+from geo.blame import PACKAGES, is_users_file
 from geo.farms import get_farm
 from sensors.field_files import field_to_table, load_field_set
 from sim_vehicle.airframe.catalog import get_vehicle
@@ -30,7 +30,6 @@ from wbf_mission.scenario import Scenario
 
 __all__ = ["built_in_digest", "digest", "is_own", "meaning_of", "own_digest"]
 
-PACKAGES = ("geo", "mission", "sensors", "sim_vehicle", "wbf_mission")
 _SOURCES = frozenset({".py", ".csv", ".npz"})
 
 _ROWS = ("planner", "policy", "estimator", "seed")
@@ -108,8 +107,7 @@ def is_own(module: str | None) -> bool:
     file = _file_of(name)
     if file is None:
         return name in sys.modules
-    installed = {"site-packages", "dist-packages"} & set(file.parts)
-    return not installed and not file.is_relative_to(sysconfig.get_path("stdlib"))
+    return is_users_file(str(file))
 
 
 def _file_of(module: str) -> Path | None:

@@ -62,6 +62,21 @@ def _behind(found: Sequence[Standing]) -> Table:
     return Table("Behind the best, in pairs of runs on the same environment", ("run", "mean", "95 %"), rows)
 
 
+def _bad_answers(found: Sequence[Standing]) -> Table:
+    """Return how many answers of a scenario's policies were not flown or came too late."""
+    kinds = list(dict.fromkeys(kind for one in found for kind in one.bad_answers))
+    rows = tuple(
+        (
+            f"{one.planner}, {one.estimator}",
+            str(one.decisions),
+            *(str(one.bad_answers.get(kind, 0)) for kind in kinds),
+        )
+        for one in found
+        if one.bad_answers
+    )
+    return Table("Answers that were not flown, or came too late", ("policy, estimator", "all", *kinds), rows)
+
+
 def score_over_time(rows: Sequence[BenchRow]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return times and, at each, the score of each run as it stood then.
 
@@ -122,6 +137,7 @@ def _section(scenario: str, found: Sequence[Standing], good: Sequence[BenchRow],
     tables = (
         standing_table("Scores over the run and at its end", found),
         _behind(found),
+        _bad_answers(found),
         _flown(good),
         _costs(good),
     )

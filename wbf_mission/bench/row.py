@@ -5,14 +5,13 @@ from __future__ import annotations
 import copy
 import platform
 import time
-import traceback
 from array import array
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import msgspec
 import numpy as np
 
+from geo.blame import told_error
 from geo.errors import WbfMissionError
 from mission.outcome import Outcome
 from wbf_mission.bench.spec import BenchRun
@@ -121,9 +120,7 @@ def fly_run(run: BenchRun) -> BenchRow:
     except MemoryError:
         return failed_row(run, "not enough memory")
     except Exception as error:  # a planner or estimator of somebody's: the other runs go on
-        last = traceback.extract_tb(error.__traceback__)[-1]
-        where = f"{Path(last.filename).name}:{last.lineno}"
-        return failed_row(run, f"{type(error).__name__}: {error} ({where})")
+        return failed_row(run, told_error(error))
     if result.outcome is Outcome.INTERRUPTED:
         raise KeyboardInterrupt
     return _row(run, result, time.perf_counter() - wall_s, time.process_time() - cpu_s)
@@ -144,13 +141,16 @@ def failed_row(run: BenchRun, cause: str) -> BenchRow:
 
 def _row(run: BenchRun, result: RunRecord, wall_s: float, cpu_s: float) -> BenchRow:
     summary, history = result.summary(), result.history
-    good = result.outcome.is_good
+    good = result.outcome.is_good and not result.policy_failed
+    why = f"{result.outcome.value}: {result.reason}"
+    if result.outcome.is_good:
+        why = result.warnings[0] if result.policy_failed else ""
     names = result.fields.names
     losses = history.field_losses
     return BenchRow(
         **_which(run),
         outcome=result.outcome.value,
-        error=None if good else f"{result.outcome.value}: {result.reason}",
+        error=None if good else why,
         score=_finite(summary["score"]),
         final_score=_finite(summary["final_score"]),
         losses={name: one for name, one in summary["losses"].items() if one is not None},
@@ -160,6 +160,7 @@ def _row(run: BenchRun, result: RunRecord, wall_s: float, cpu_s: float) -> Bench
         flight_time_s=_finite(summary["flight_time_s"]),
         predicted_time_s=_finite(summary["predicted_time_s"]),
         decisions=len(result.decisions),
+        bad_answers=result.bad_answers,
         wall_time_s=wall_s,
         cpu_time_s=cpu_s,
         timings_s=dict(result.timings_s),

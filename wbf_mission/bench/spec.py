@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
+from geo.blame import PACKAGES
 from geo.installed import entry_points
 from mission.planners.registry import ENTRY_POINT_GROUP as PLANNERS
 from mission.policies.policy import Policy
@@ -16,7 +17,7 @@ from mission.policies.registry import ENTRY_POINT_GROUP as POLICIES
 from mission.policies.registry import make_policy
 from sensors.estimators.base import ENTRY_POINT_GROUP as ESTIMATORS
 from sensors.field_files import load_field_set
-from wbf_mission.bench.meaning import PACKAGES, built_in_digest, digest, meaning_of, own_digest
+from wbf_mission.bench.meaning import built_in_digest, digest, meaning_of, own_digest
 from wbf_mission.estimation import estimator_of
 from wbf_mission.names import names_of
 from wbf_mission.planning import planner_of

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -53,6 +54,10 @@ class Standing:
         Seeds on which it has the best score; shared ones in parts.
     wall_time_s, cpu_time_s : float
         Of a run, in the mean.
+    decisions : int
+        Answers of the policy in all runs.
+    bad_answers : dict
+        How many of these were not flown or came too late, by what was wrong; also in runs that failed of it.
     """
 
     scenario: str
@@ -68,6 +73,8 @@ class Standing:
     wins: float
     wall_time_s: float
     cpu_time_s: float
+    decisions: int
+    bad_answers: dict[str, int]
 
 
 def _resamples(count: int) -> Iterator[tuple[int, NDArray[np.int64]]]:
@@ -210,6 +217,8 @@ def standings(rows: Sequence[BenchRow]) -> list[Standing]:
                     wins=float(wins[k]),
                     wall_time_s=float(np.mean([row.wall_time_s for row in good])) if good else np.nan,
                     cpu_time_s=float(np.mean([row.cpu_time_s for row in good])) if good else np.nan,
+                    decisions=sum(row.decisions or 0 for row in all_of),
+                    bad_answers=dict(sum((Counter(row.bad_answers) for row in all_of), Counter[str]())),
                 )
             )
         found += sorted(group, key=lambda one: (np.isnan(one.score.mean), -one.score.mean))

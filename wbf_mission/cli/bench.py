@@ -398,6 +398,13 @@ def _tell_failures(output: Output, rows: Sequence[BenchRow]) -> None:
     for row in failures[:_FAILURES_SHOWN]:
         where = f"{row.scenario}, {row.planner}, {row.estimator}, seed {row.seed}"
         output.warn(f"{where}: {row.error}")
+    bad = [row for row in rows if row.bad_answers and row.error is None]
+    if bad:
+        names = ", ".join(sorted({row.planner for row in bad}))
+        told = (
+            "answers were not flown or came too late, at most a tenth of a run's; 'bench report --out' counts"
+        )
+        output.warn(f"{names}: in {len(bad)} runs {told} them")
     if len(failures) > _FAILURES_SHOWN:
         output.warn(f"{len(failures) - _FAILURES_SHOWN} more runs failed; 'bench report --json' names them")
 

@@ -159,7 +159,7 @@ class RunRecord:
 
     @property
     def policy_failed(self) -> bool:
-        """Whether more than a tenth of the policy's answers were bad: the run does not tell how good it is."""
+        """Whether more than a tenth of the policy's answers were bad: the run tells nothing of it."""
         return sum(self.bad_answers.values()) > MOST_BAD * len(self.decisions)
 
     def _answers_told(self) -> str | None:

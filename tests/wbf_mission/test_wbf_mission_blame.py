@@ -54,7 +54,7 @@ def policy_file(folder, answer):
         ("return 1 / 0", "crashed"),
         ("return Decision({1: [[np.nan, 1.0]]})", "not finite"),
         ("return Decision({1: [1.0, 2.0, 3.0]})", "no points"),
-        ("return Decision({1: [[-9.0, 0.0]]})", "outside the area"),
+        ("return Decision({1: [[-0.1, situation.vehicles[0].position_m[1]]]})", "outside the area"),
         ("return Decision({1: np.tile([[0.5, 0.5], [2.0, 2.0]], (40, 1))})", "over the budget"),
         ("return Decision({7: [[1.0, 1.0]]})", "wrong vehicle"),
         ("return 3", "no Decision"),
@@ -66,11 +66,13 @@ def test_bad_answers_are_counted_and_too_many_are_a_failure(tmp_path, answer, ki
     spec = BenchSpec.of(TEN, planners=[policy], estimators=["point"], seeds=1)
     (row,) = benchmark(spec, out=tmp_path / "rows")
     bad = row.decisions - 1
-    assert row.bad_answers == {kind: bad}
+    (most, count), *_ = row.bad_answers.items()
+    assert (most, sum(row.bad_answers.values())) == (kind, bad)
+    assert count > 0.5 * bad
     assert row.outcome == "completed"
-    assert f"policy Mine: {bad} of {row.decisions} answers were bad: {bad} {kind}" in row.error
+    assert f"policy Mine: {bad} of {row.decisions} answers were bad: {count} {kind}" in row.error
     (standing,) = standings([row])
-    assert (standing.failed, standing.runs, standing.bad_answers) == (1, 0, {kind: bad})
+    assert (standing.failed, standing.runs, standing.bad_answers) == (1, 0, row.bad_answers)
     write_report([row], tmp_path / "report", title="t")
     page = (tmp_path / "report" / "report.md").read_text()
     assert "Answers that were not flown, or came too late" in page
@@ -85,9 +87,8 @@ def test_a_few_bad_answers_are_a_warning(tmp_path, capsys):
     summary = json.loads(capsys.readouterr().out)
     assert (summary["bad_answers"], summary["policy_failed"]) == ({"crashed": 1}, False)
     (told,) = summary["warnings"]
-    assert (
-        "1 crashed; first: policy Mine failed: ZeroDivisionError: division by zero (mine.py, line 18)" in told
-    )
+    cause = "ZeroDivisionError: division by zero (mine.py, line 18)"
+    assert f"1 crashed; first: policy Mine failed: {cause}" in told
 
 
 def test_a_policy_that_crashes_always_is_not_good(tmp_path, capsys):
@@ -138,20 +139,17 @@ def test_estimates_that_are_none_are_told_in_one_line(tmp_path, capsys, answer, 
     assert err.count("\n") == 1
 
 
-@pytest.mark.parametrize("text", ["start", "asking"])
-def test_an_error_beside_the_decisions_is_the_users_too(tmp_path, capsys, text):
-    answer = "return GO_ON"
-    name = policy_file(tmp_path, answer)
-    code = (tmp_path / "mine.py").read_text()
-    code = (
-        code.replace("self.count = 0", "1 / 0")
-        if text == "start"
-        else code.replace("Asking(period_s=2.0)", "3")
-    )
-    (tmp_path / "mine.py").write_text(code)
+@pytest.mark.parametrize(
+    ("good", "bad", "words"),
+    [
+        ("self.count = 0", "1 / 0", "ZeroDivisionError: division by zero (mine.py, line 12)"),
+        ("Asking(period_s=2.0)", "3", "asking is 3, not an Asking"),
+    ],
+)
+def test_an_error_beside_the_decisions_is_the_users_too(tmp_path, capsys, good, bad, words):
+    name = policy_file(tmp_path, "return GO_ON")
+    (tmp_path / "mine.py").write_text((tmp_path / "mine.py").read_text().replace(good, bad))
     assert main([*FLY, "--policy", name]) == 2
     err = capsys.readouterr().err
     assert "mistake in wbf-mission" not in err
-    assert (
-        "ZeroDivisionError: division by zero (mine.py, line 12)" if text == "start" else "asking is 3"
-    ) in err
+    assert words in err

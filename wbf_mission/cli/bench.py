@@ -401,10 +401,8 @@ def _tell_failures(output: Output, rows: Sequence[BenchRow]) -> None:
     bad = [row for row in rows if row.bad_answers and row.error is None]
     if bad:
         names = ", ".join(sorted({row.planner for row in bad}))
-        told = (
-            "answers were not flown or came too late, at most a tenth of a run's; 'bench report --out' counts"
-        )
-        output.warn(f"{names}: in {len(bad)} runs {told} them")
+        told = "answers were not flown or came too late"
+        output.warn(f"{names}: in {len(bad)} runs {told}; 'bench report --out' counts them")
     if len(failures) > _FAILURES_SHOWN:
         output.warn(f"{len(failures) - _FAILURES_SHOWN} more runs failed; 'bench report --json' names them")
 

@@ -42,7 +42,8 @@ class Decision:
     ----------
     paths : mapping of int to float64[n, 2]
         By system id the points to fly through from now on, in metres of the farm frame; the vehicle then
-        flies home. No points: fly home now; at the start: do not fly. Vehicles that are not named go on.
+        flies home. No points: fly home now (a vehicle whose mission does not lead home, the ideal robot, ends
+        where it is); at the start: do not fly. Vehicles that are not named go on.
     reason : str
         Why, in a few words, for the record.
     alternatives : tuple of Alternative

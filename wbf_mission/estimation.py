@@ -370,7 +370,7 @@ def believed(estimator: Estimator) -> InformationModel:
     with attribute_errors_to(estimator):
         model = estimator.predict()
     if type(estimator).__module__.partition(".")[0] not in PACKAGES:
-        fault = model_fault(model)
+        fault = model_fault(estimator, model)
         if fault is not None:
             msg = f"estimator {type(estimator).__name__}: {fault}"
             raise EstimatorError(msg)

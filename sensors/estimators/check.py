@@ -90,7 +90,7 @@ class _Subject:
 
     def model(self, seen: Observations | None) -> InformationModel:
         model = self.fresh().fit(self.grid, seen).predict()
-        fault = model_fault(model)
+        fault = model_fault(self._estimator, model)
         self.require(fault is None, str(fault))
         return model
 
@@ -99,7 +99,7 @@ class _Subject:
             raise AssertionError(f"{self.name}: {text}")
 
     def require_form(self, model: InformationModel, when: str) -> None:
-        fault = model_fault(model)
+        fault = model_fault(self._estimator, model)
         self.require(fault is None, f"{when}: {fault}")
         for name, array in (("value", model.value), ("uncertainty", model.uncertainty)):
             shape = (len(self.fields), *SHAPE)

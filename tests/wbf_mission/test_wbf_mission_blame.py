@@ -122,7 +122,10 @@ def test_a_check_blames_the_users_line(tmp_path, capsys, command):
         ("return None", "predict returned None, not an InformationModel"),
         ("return model.value", "predict returned an array, not an InformationModel"),
         ("return InformationModel(model.value + np.float32(0.5), model.uncertainty)", "values are 0 to 1"),
-        ("return InformationModel(model.value, model.uncertainty - np.float32(2))", "it is 0 or more"),
+        (
+            "return InformationModel(model.value, model.uncertainty - np.float32(2))",
+            "is negative in some cell",
+        ),
         ("return InformationModel(model.value * np.float32('nan'), model.uncertainty)", "not finite"),
         ("return 1 / 0", "ZeroDivisionError: division by zero (mine.py, line 9)"),
     ],
